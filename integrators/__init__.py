@@ -1,0 +1,173 @@
+"""Geometric integrators for the symmetric Lagrange top, behind one interface.
+
+    from integrators import LagrangeTop, integrate
+    trajectory = integrate(LagrangeTop(alpha=1.0), y0, h=0.1, steps=10_000, method="backlund", every=10)
+    trajectory.t, trajectory.y, trajectory.invariants(), trajectory.work
+
+`METHODS` lists what there is; `exact` is the closed-form solution they are all judged by.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from integrators import exact
+from integrators.interface import (
+    INVARIANTS,
+    Array,
+    Method,
+    StepError,
+    Stepper,
+    Work,
+    check_count,
+    check_state,
+    check_step,
+)
+from integrators.registry import METHODS, available
+from integrators.top import TOPS, LagrangeTop, NamedTop
+
+__all__ = [
+    "INVARIANTS",
+    "METHODS",
+    "TOPS",
+    "LagrangeTop",
+    "Method",
+    "NamedTop",
+    "StepError",
+    "Stepper",
+    "Trajectory",
+    "Work",
+    "available",
+    "exact",
+    "integrate",
+    "prepare",
+    "two_point",
+]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """What `integrate` returns: times (N,), states (N, 6), and the work it took."""
+
+    top: LagrangeTop
+    method: str
+    t: Array
+    y: Array
+    work: Work
+
+    def invariants(self) -> Array:
+        """H, J3, C1, C2 along the trajectory, shape (N, 4)."""
+        return self.top.invariants(self.y)
+
+
+def prepare(top: LagrangeTop, y0: ArrayLike, h: float, method: str | Method = "backlund", **options: Any) -> Stepper:
+    """A stepper for `method` with step h; everything slow (compilation, λ(h)) happens here, once.
+
+    Raises
+    ------
+    ValueError : a state, step or option that makes no sense; the message names the argument.
+    StepError : the method cannot be prepared for this top and step.
+    """
+    found, state = _look_up(top, y0, method)
+    h = check_step(h)
+    _check_options(found, found.prepare, options)
+    start = perf_counter()
+    stepper = found.prepare(top, state, h, **options)
+    stepper.work.setup_seconds = perf_counter() - start
+    return stepper
+
+
+def integrate(
+    top: LagrangeTop,
+    y0: ArrayLike,
+    h: float | None = None,
+    steps: int | None = None,
+    method: str | Method = "backlund",
+    every: int | None = None,
+    t: ArrayLike | None = None,
+    **options: Any,
+) -> Trajectory:
+    """Follow the top from y0.
+
+    Either `h` and `steps`, recording every `every` steps (default: only the start and the end), or `t`, any
+    output times from 0: then the method's dense output is used, or, for the exact Bäcklund map, one map
+    for each time (a jump, not a sequence of steps).
+
+    Parameters
+    ----------
+    top : LagrangeTop. y0 : (6,), initial (J, x). h : step, negative runs backwards. steps : number of steps.
+    method : a name in METHODS, or a Method. every : must divide `steps`. options : the method's own.
+
+    Raises
+    ------
+    ValueError : bad input; the message names the argument. StepError : the method failed.
+    """
+    found, state = _look_up(top, y0, method)
+    if t is not None:
+        for name, given in (("h", h), ("steps", steps), ("every", every)):
+            if given is not None:
+                raise ValueError(f"give either t or h and steps; got t and {name}")
+        return _evaluate(found, top, state, t, options)
+    if h is None or steps is None:
+        raise ValueError("give h and steps, or output times t")
+    steps = check_count(steps, "steps")
+    every = max(steps, 1) if every is None else check_count(every, "every", least=1)
+    if steps % every:
+        raise ValueError(f"every = {every} does not divide steps = {steps}")
+    stepper = prepare(top, state, h, found, **options)
+    y = stepper.record(state, steps, every)
+    return Trajectory(top, found.name, every * float(h) * np.arange(len(y)), y, stepper.work)
+
+
+def two_point(top: LagrangeTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
+    """One step of the two-point Bäcklund transformation with parameters λ and λ̄, any λ with Im λ > 0.
+
+    `sheet` = 1 takes the branch of √Q(λ) continuous from +√C1 along the segment from 0 to λ; −1 the other
+    one, which is the inverse map. Shape (6,). Source: MATHEMATICS in the report; paper, section 5.5.
+    """
+    from integrators.methods import backlund
+
+    return backlund.two_point(top, check_state(y, "y"), lam, sheet)
+
+
+def _look_up(top: LagrangeTop, y0: ArrayLike, method: str | Method) -> tuple[Method, Array]:
+    if not isinstance(top, LagrangeTop):
+        raise ValueError(f"top must be a LagrangeTop; got {type(top).__name__}")
+    if not isinstance(method, Method):
+        try:
+            method = METHODS[method]
+        except KeyError as error:
+            raise ValueError(f"method: {error.args[0]}") from None
+    if not available(method):
+        raise StepError(method.name, f"needs the package {method.requires}, which is not installed here")
+    return method, check_state(y0)
+
+
+def _check_options(method: Method, function: Callable, options: dict[str, Any]) -> None:
+    from integrators.interface import keyword_options
+
+    known = keyword_options(function)
+    for name in options:
+        if name not in known:
+            close = difflib.get_close_matches(name, known, n=1)
+            hint = f"; did you mean {close[0]!r}?" if close else ""
+            offered = ", ".join(known) if known else "none"
+            raise ValueError(f"unknown option {name!r} of {method.name}{hint} Its options: {offered}")
+
+
+def _evaluate(method: Method, top: LagrangeTop, y0: Array, t: ArrayLike, options: dict[str, Any]) -> Trajectory:
+    if method.evaluate is None:
+        raise ValueError(f"t: {method.name} steps on a grid only; give h and steps")
+    times = np.asarray(t)
+    if times.ndim != 1 or times.dtype.kind not in "iuf" or not np.all(np.isfinite(times)):
+        raise ValueError("t must be a one-dimensional array of finite real times")
+    _check_options(method, method.evaluate, options)
+    y, work = method.evaluate(top, y0, times.astype(float), **options)
+    return Trajectory(top, method.name, times.astype(float), y, work)

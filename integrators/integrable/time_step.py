@@ -1,0 +1,345 @@
+"""λ(h): the Bäcklund parameter for which one two-point step is the exact flow over time h.
+
+Notation: Q(u) = C1 + 2 C2 u + 2H u² + 2 alpha J3 u³ + alpha² u⁴, a point (λ, m) of the curve m² = Q(λ) in the upper
+half-plane, λ = R + iη. One step is flow(T) followed by the rotation R3(Θ) about e3, where
+
+    T = 2 Im ∫_0^λ du/√Q        Θ = 2 alpha Im ∫_0^λ u du/√Q.
+
+λ(h) solves T = h, Θ = 0. For small h that is a power series. Larger times come from *time doubling*, which is exact
+and needs neither a branch nor an iteration: two steps with (λ, m) are one with (λ', m'), where (the group law of the
+curve with its two points at infinity glued; proof below)
+
+    g  = Q'(λ)/(2m)      a1 = Re m/η      b0 = Re g/(2η)      b1 = (a1 + Im g)/(2η²)
+    λ' = R − b0/b1 + iη'                  η' = √(2 a1 b1 + alpha²)/b1
+    m' = i(a1 v − Im m) − b1 η'(v² + η²)  v  = λ' − R
+
+Proof. The real cubic A(u) with A(λ) = i m, A'(λ) = i g makes A − i√Q vanish twice at (λ, m) and at (λ̄, −m̄); its
+values at the two points at infinity are equal, so its divisor is trivial also for the rotation about e3. A² + Q has
+degree six and is b1² |u − λ|⁴ (u − λ')(u − λ̄'): comparing coefficients gives the formula. b1 falls to zero exactly
+at twice the step = the nutation period, where λ' goes to infinity.
+
+All of it runs in double-double arithmetic, because T must come out right to the last bit of λ: an error of one ulp in
+the time step is a phase error that grows for ever.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from integrators.integrable.double_double import (
+    add,
+    cadd,
+    cdiv,
+    cmul,
+    cscale,
+    dd,
+    div,
+    mul,
+    neg,
+    scale,
+    sqrt,
+    sub,
+    two_prod,
+)
+from integrators.loops import jit
+
+SERIES = 14  # terms of the power series of 1/√Q
+START = 2.0**-9  # times up to this (in units of 1/(|J| + √(|alpha||x|))) start from the series
+TINY_BRANCH = 1e-25  # |m|² below this: the homoclinic orbit has reached the sleeping top to all digits
+
+
+@jit
+def spectral_polynomial(alpha, y):
+    """Coefficients of Q as five double-doubles, from doubles taken as exact."""
+    J1, J2, J3, x1, x2, x3 = y
+    c1 = add(add(two_prod(x1, x1), two_prod(x2, x2)), two_prod(x3, x3))
+    c2 = add(add(two_prod(x1, J1), two_prod(x2, J2)), two_prod(x3, J3))
+    j2 = add(add(two_prod(J1, J1), two_prod(J2, J2)), two_prod(J3, J3))
+    h2 = add(j2, scale(two_prod(alpha, x3), 2.0))
+    return c1, scale(c2, 2.0), h2, scale(two_prod(alpha, J3), 2.0), two_prod(alpha, alpha)
+
+
+@jit
+def horner(q, u):
+    """Q(u) for complex double-double u."""
+    r = (q[4], dd(0.0))
+    for k in range(3, -1, -1):
+        r = cadd(cmul(r, u), (q[k], dd(0.0)))
+    return r
+
+
+@jit
+def horner_derivative(q, u):
+    """Q'(u) for complex double-double u."""
+    r = (scale(q[4], 4.0), dd(0.0))
+    for k in range(3, 0, -1):
+        c = mul(q[k], dd(float(k)))
+        r = cadd(cmul(r, u), (c, dd(0.0)))
+    return r
+
+
+@jit
+def double_time(q, lam, m):
+    """(λ, m) of twice the time; see the module's docstring."""
+    R, eta = lam
+    g = cdiv(horner_derivative(q, lam), (scale(m[0], 2.0), scale(m[1], 2.0)))
+    a1 = div(m[0], eta)
+    b0 = div(scale(g[0], 0.5), eta)
+    b1 = div(scale(add(a1, g[1]), 0.5), mul(eta, eta))
+    eta2 = div(sqrt(add(scale(mul(a1, b1), 2.0), q[4])), b1)
+    v = (neg(div(b0, b1)), eta2)
+    w = cscale(cadd(cmul(v, v), (mul(eta, eta), dd(0.0))), neg(mul(b1, eta2)))
+    # i(a1 v − Im m)
+    m2 = (sub(w[0], mul(a1, v[1])), add(w[1], sub(mul(a1, v[0]), m[1])))
+    return (add(R, v[0]), eta2), m2
+
+
+@jit
+def series(q, terms):
+    """Coefficients g_k of 1/√Q = Σ g_k u^k, rows of double-doubles; from 2 Q f' = −Q' f."""
+    g = np.empty((terms, 2))
+    g[0, 0], g[0, 1] = div(dd(1.0), sqrt(q[0]))
+    for n in range(1, terms):
+        s = dd(0.0)
+        for k in range(1, min(n, 4) + 1):
+            s = add(s, mul(mul(q[k], (g[n - k, 0], g[n - k, 1])), dd(k / 2.0 + (n - k))))
+        g[n, 0], g[n, 1] = neg(div(s, mul(q[0], dd(float(n)))))
+    return g
+
+
+@jit
+def moments(g, u):
+    """F = ∫_0^u du/√Q and G = ∫_0^u u du/√Q from the series."""
+    F = G = (dd(0.0), dd(0.0))
+    for k in range(len(g) - 1, -1, -1):
+        gk = (g[k, 0], g[k, 1])
+        F = cadd(cmul(F, u), (div(gk, dd(k + 1.0)), dd(0.0)))
+        G = cadd(cmul(G, u), (div(gk, dd(k + 2.0)), dd(0.0)))
+    return cmul(F, u), cmul(cmul(G, u), u)
+
+
+@jit
+def start(q, h, terms, iterations):
+    """(λ, m) for a small time h > 0: T = h and Θ = 0 in their power series, solved by Newton's method."""
+    root = sqrt(q[0])
+    g = series(q, terms)
+    lam = (dd(0.0), scale(mul(root, h), 0.5))
+    for _ in range(iterations):
+        F, G = moments(g, lam)
+        b = sub(scale(h, 0.5), F[1])
+        a = div(sub(neg(G[1]), mul(lam[0], b)), lam[1])
+        step = cscale((a, b), root)  # √Q(λ) ≈ √C1: contracts by |λ| each time
+        lam = cadd(lam, step)
+        if abs(step[0][0]) + abs(step[1][0]) < 1e-30 * lam[1][0]:
+            break
+    return lam, csqrt_near(horner(q, lam), (root, dd(0.0)), 7)
+
+
+@jit
+def csqrt_near(z, guess, iterations):
+    """The square root of z close to `guess`, by Newton's method."""
+    r = guess
+    for _ in range(iterations):
+        c = cdiv(z, r)
+        r = (scale(add(r[0], c[0]), 0.5), scale(add(r[1], c[1]), 0.5))
+    return r
+
+
+@jit
+def parameter(q, h):
+    """(λ, m) with T = h, Θ = 0, for 0 < h < nutation period; all are (complex) double-doubles."""
+    doublings = 0
+    while h[0] > START:
+        h = scale(h, 0.5)
+        doublings += 1
+    lam, m = start(q, h, SERIES, 12)
+    for _ in range(doublings):
+        if m[0][0] * m[0][0] + m[1][0] * m[1][0] < TINY_BRANCH * TINY_BRANCH * q[0][0]:
+            break
+        lam, m = double_time(q, lam, m)
+    return lam, m
+
+
+@jit
+def cubic_root(c, z):
+    """Newton's method in double-double for the cubic c3 z³ + c2 z² + c1 z + c0, from a double close to the root."""
+    z = dd(z)
+    for _ in range(60):
+        f = add(mul(add(mul(add(mul(c[3], z), c[2]), z), c[1]), z), c[0])
+        d = add(mul(add(mul(scale(c[3], 3.0), z), scale(c[2], 2.0)), z), c[1])
+        if f[0] == 0.0 or d[0] == 0.0:
+            break
+        step = div(f, d)
+        z = sub(z, step)
+        if abs(step[0]) <= 1e-31 * abs(z[0]):
+            break
+    return z
+
+
+@jit
+def nutation_roots(q, alpha, J3):
+    """z1 >= z2 >= z3, the roots of the cubic of nutation; z = alpha x3 moves in [z3, z2].
+
+    z'² = 2z³ − 2H z² + 2 alpha (C2 J3 − alpha C1) z + alpha² (C1 (2H − J3²) − C2²): no division by alpha, either
+    sign of it.
+    """
+    c1, c2 = q[0], scale(q[1], 0.5)
+    linear = sub(mul(two_prod(alpha, J3), c2), mul(q[4], c1))
+    constant = mul(q[4], sub(mul(c1, sub(q[2], two_prod(J3, J3))), mul(c2, c2)))
+    f = (constant, scale(linear, 2.0), neg(q[2]), dd(2.0))
+    # z1 from the right, where the cubic is convex: Newton's method descends monotonically
+    bound = max(abs(f[2][0]), math.sqrt(abs(f[1][0])), abs(f[0][0]) ** (1.0 / 3.0))
+    z1 = cubic_root(f, 2.0 * bound + 1e-300)
+    # z2 and z3 from the quadratic left over: their mean, their product, half their distance
+    mean = scale(add(f[2], scale(z1, 2.0)), -0.25)
+    product = sub(linear, scale(mul(z1, mean), 2.0))
+    half = sqrt(sub(mul(mean, mean), product))
+    return z1, add(mean, half), sub(mean, half)
+
+
+@jit
+def nutation_period(q, alpha, J3):
+    """π/agm(√((z1 − z3)/2), √((z1 − z2)/2)), a double-double; inf on the separatrix and where nothing moves."""
+    z1, z2, z3 = nutation_roots(q, alpha, J3)
+    x, y = sqrt(scale(sub(z1, z3), 0.5)), sqrt(scale(sub(z1, z2), 0.5))
+    if x[0] <= 0.0 or y[0] <= 0.0:
+        return math.inf, 0.0
+    for _ in range(40):
+        if abs(x[0] - y[0]) <= 1e-16 * x[0]:
+            break
+        x, y = scale(add(x, y), 0.5), sqrt(mul(x, y))
+    mean = scale(add(x, y), 0.5)  # the next step would change it by the square of what is left
+    return div((3.141592653589793, 1.2246467991473532e-16), mean)
+
+
+@jit
+def two_point_dd(alpha, y, lam, m):
+    """One two-point step in double-double: y is a 6-tuple of double-doubles. Same formula as the fast kernel."""
+    J1, J2, J3, x1, x2, x3 = y
+    R, eta = lam
+    a = dd(alpha)
+    lam2 = add(mul(R, R), mul(eta, eta))
+    S = add(J3, scale(mul(a, R), 2.0))
+    z = mul(eta, sub(x3, mul(a, lam2)))
+    E = add(mul(m[0], R), mul(eta, m[1]))
+    etaS = mul(eta, S)
+    P3 = add(mul(R, J3), mul(a, sub(mul(R, R), mul(eta, eta))))
+    n1 = add(sub(add(mul(m[0], x1), mul(E, J1)), mul(etaS, x2)), mul(z, J2))
+    n2 = sub(add(add(mul(m[0], x2), mul(E, J2)), mul(etaS, x1)), mul(z, J1))
+    n3 = add(mul(m[0], add(x3, P3)), mul(eta, sub(mul(m[1], S), sub(mul(x1, J2), mul(x2, J1)))))
+    r = div(eta, sqrt(add(add(mul(n1, n1), mul(n2, n2)), mul(n3, n3))))
+    w1, w2, w3 = mul(n1, r), mul(n2, r), mul(n3, r)
+    a2 = scale(a, 2.0)
+    d1, d2 = neg(mul(a2, w2)), mul(a2, w1)
+    s1, s2, s3 = add(scale(J1, 2.0), d1), add(scale(J2, 2.0), d2), scale(J3, 2.0)
+    return (
+        add(J1, d1),
+        add(J2, d2),
+        J3,
+        add(add(x1, mul(R, d1)), sub(mul(s2, w3), mul(s3, w2))),
+        add(add(x2, mul(R, d2)), sub(mul(s3, w1), mul(s1, w3))),
+        add(x3, sub(mul(s1, w2), mul(s2, w1))),
+    )
+
+
+@jit
+def precession(q, alpha, y, period):
+    """cos and sin (double-doubles) of the angle about e3 by which the top turns in one nutation period."""
+    lam, m = parameter(q, scale(period, 0.5))
+    s = (dd(y[0]), dd(y[1]), dd(y[2]), dd(y[3]), dd(y[4]), dd(y[5]))
+    e = two_point_dd(alpha, two_point_dd(alpha, s, lam, m), lam, m)
+    k = 0 if y[0] * y[0] + y[1] * y[1] > y[3] * y[3] + y[4] * y[4] else 3
+    a1, a2, b1, b2 = (s[0], s[1], e[0], e[1]) if k == 0 else (s[3], s[4], e[3], e[4])
+    c = add(mul(a1, b1), mul(a2, b2))
+    d = sub(mul(a1, b2), mul(a2, b1))
+    n = sqrt(add(mul(c, c), mul(d, d)))
+    if n[0] == 0.0:  # on the vertical: no angle to speak of
+        return dd(1.0), dd(0.0)
+    return div(c, n), div(d, n)
+
+
+@jit
+def power(c, s, k):
+    """(cos kP, sin kP) from (cos P, sin P)."""
+    z = (c, s) if k >= 0 else (c, neg(s))
+    r = (dd(1.0), dd(0.0))
+    k = abs(k)
+    while k > 0:
+        if k & 1:
+            r = cmul(r, z)
+        z = cmul(z, z)
+        k >>= 1
+    return r
+
+
+@jit
+def time_step(q, period, turn, h):
+    """Bäcklund parameters of the exact flow over time h on a torus, any h with |h| < 1e15 periods.
+
+    The torus: `q` its spectral polynomial, its nutation `period`, and `turn` = (cos, sin) of its precession per
+    nutation (read only where |h| > period/2). Returns (λ, m, rotation): first the two-point step with (λ, m), then
+    the rotation (cos, sin) about e3; all double-doubles. h is taken modulo the period to [−T/2, T/2], where |λ|
+    stays moderate; a negative remainder is the inverse step, (λ, −m). η = 0 says that the rotation is all.
+    """
+    turns = 0.0
+    r = dd(h)
+    if period[0] < math.inf:
+        turns = np.rint(h / period[0])
+        if turns != 0.0:
+            r = sub(r, mul(period, dd(turns)))
+    rotation = (dd(1.0), dd(0.0))
+    if turns != 0.0:
+        rotation = power(turn[0], turn[1], int(turns))
+    if r[0] == 0.0:
+        return (dd(0.0), dd(0.0)), (dd(1.0), dd(0.0)), rotation
+    if r[0] > 0.0:
+        lam, m = parameter(q, r)
+    else:
+        lam, m = parameter(q, neg(r))
+        m = (neg(m[0]), neg(m[1]))
+    return lam, m, rotation
+
+
+@jit
+def torus(alpha, y, longest):
+    """(q, period, turn) of the torus of y for time steps of size up to `longest`; see `time_step`."""
+    q = spectral_polynomial(alpha, y)
+    period = nutation_period(q, alpha, y[2])
+    turn = (dd(1.0), dd(0.0))
+    if longest > 0.25 * period[0]:
+        turn = precession(q, alpha, y, period)
+    return q, period, turn
+
+
+@jit
+def flow(alpha, y, times):
+    """The exact states (n, 6) at any times, one two-point map away from y each, in double-double throughout."""
+    longest = 0.0
+    for t in times:
+        longest = max(longest, abs(t))
+    q, period, turn = torus(alpha, y, longest)
+    start_state = (dd(y[0]), dd(y[1]), dd(y[2]), dd(y[3]), dd(y[4]), dd(y[5]))
+    out = np.empty((len(times), 6))
+    for i in range(len(times)):
+        lam, m, rotation = time_step(q, period, turn, times[i])
+        s = start_state
+        if lam[1][0] > 0.0:
+            s = two_point_dd(alpha, s, lam, m)
+        c, d = rotation
+        out[i, 0], out[i, 1] = sub(mul(c, s[0]), mul(d, s[1]))[0], add(mul(d, s[0]), mul(c, s[1]))[0]
+        out[i, 3], out[i, 4] = sub(mul(c, s[3]), mul(d, s[4]))[0], add(mul(d, s[3]), mul(c, s[4]))[0]
+        out[i, 2], out[i, 5] = s[2][0], s[5][0]
+    return out
+
+
+@jit
+def curve_point(alpha, y, R, eta, guess_re, guess_im):
+    """Q and m = √Q(λ) in double-double at any double λ = R + iη, on the branch of a guess good to a few digits."""
+    q = spectral_polynomial(alpha, y)
+    Q = horner(q, (dd(R), dd(eta)))
+    m = (dd(guess_re), dd(guess_im))
+    if guess_re * guess_re + guess_im * guess_im > 0.0:
+        m = csqrt_near(Q, m, 4)
+    return q, m

@@ -1,0 +1,450 @@
+"""The two-point Bäcklund transformation of Kuznetsov, Petrera and Ragnisco as a real, pole-free integrator.
+
+One step with the point (λ, m) of the spectral curve m² = Q(λ), λ = R + iη, and with a(λ) = x + λJ + λ² alpha e3 = p + iq:
+
+    w = 2η (Re m p + Im m q − p×q) / (|m|² + |p|² + |q|²),   |w| = η
+    J̃ = J + 2 alpha e3 × w        x̃ = x + R (J̃ − J) + (J + J̃) × w
+
+(paper, section 5.5, in real form; the second line is the coefficient of u in M(u)L(u) = L̃(u)M(u) with
+M(u) = u − R + i w·σ.) The map conserves H, J3, C1 and C2, is Poisson and symmetric. The denominator is linear in x3,
+it is |m|² + … − 4 alpha η² x3, so that a step costs one division and about forty other operations. Both updates are
+increments of size O(h), so nothing cancels for small h.
+
+Three records: `backlund` chooses λ(h) on the torus of the initial state, which makes the step the exact flow over h;
+`backlund_paper` takes λ = i h √C1/2, the paper's own time step; `backlund_textbook` is the complex form of the paper's
+MATLAB program with the same λ, kept to show what the real form gains.
+
+Round-off: constants are computed in double-double and rounded once, which pushes every step the same way. Every `pin`
+steps the state is moved back onto its own invariants (H, C1, C2) by the smallest correction, ~1e-16 in size.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import numpy as np
+
+from integrators.integrable import time_step as ts
+from integrators.integrable.double_double import add, dd, div, mul, scale, sub
+from integrators.interface import Array, Method, StepError, Work, check_count
+from integrators.loops import FixedStepper, jit
+from integrators.top import LagrangeTop
+
+# places of the constants
+MR, E, ETA_S, ETA_B, ETA, K, G0, G1, ALPHA2, R, J3_2, COS, SIN, ALPHA, H, C1, C2, H_LO, C1_LO, C2_LO = range(20)
+MI_ETA, P3, Q3, MM_Q3, ETA2_J, CLOSE = range(20, 26)
+
+OFF_TORUS = 1e-11  # relative distance of an invariant from the prepared torus that is no longer round-off
+RIDGE = 2.0**-14  # see `pin`
+CLOSE_TO_ROOT = 2.0**-6  # see `close_step`; twice the time per step from here on
+
+
+@jit
+def step(s, c, tally):
+    """One two-point map."""
+    J1, J2, J3, x1, x2, x3 = s
+    r = 1.0 / (c[G0] - c[G1] * x3)
+    z = c[ETA] * x3 - c[ETA_B]
+    w1 = ((c[MR] * x1 + c[E] * J1) - (c[ETA_S] * x2 - z * J2)) * r
+    w2 = ((c[MR] * x2 + c[E] * J2) + (c[ETA_S] * x1 - z * J1)) * r
+    w3 = ((c[MR] * x3 + c[K]) - c[ETA] * (x1 * J2 - x2 * J1)) * r
+    return increments(s, c, w1, w2, w3)
+
+
+@jit
+def close_step(s, c, tally):
+    """The same map where λ is close to a root of Q and the orbit comes close to the unstable sleeping top.
+
+    There m, p and q are all small, and the denominator must be summed from their squares to keep its digits.
+    """
+    J1, J2, J3, x1, x2, x3 = s
+    p1 = x1 + c[R] * J1
+    p2 = x2 + c[R] * J2
+    p3 = x3 + c[P3]
+    n = c[MM_Q3] + ((p1 * p1 + p2 * p2) + p3 * p3) + c[ETA2_J] * (J1 * J1 + J2 * J2)
+    r = 2.0 * c[ETA] / n
+    z = c[ETA] * x3 - c[ETA_B]
+    w1 = ((c[MR] * p1 + c[MI_ETA] * J1) - (c[ETA_S] * x2 - z * J2)) * r
+    w2 = ((c[MR] * p2 + c[MI_ETA] * J2) + (c[ETA_S] * x1 - z * J1)) * r
+    w3 = ((c[MR] * p3 + c[Q3]) - c[ETA] * (x1 * J2 - x2 * J1)) * r
+    return increments(s, c, w1, w2, w3)
+
+
+@jit
+def increments(s, c, w1, w2, w3):
+    J1, J2, J3, x1, x2, x3 = s
+    d1 = -c[ALPHA2] * w2
+    d2 = c[ALPHA2] * w1
+    K1 = J1 + d1
+    K2 = J2 + d2
+    s1 = J1 + K1
+    s2 = J2 + K2
+    y1 = x1 + (c[R] * d1 + (s2 * w3 - c[J3_2] * w2))
+    y2 = x2 + (c[R] * d2 + (c[J3_2] * w1 - s1 * w3))
+    y3 = x3 + (s1 * w2 - s2 * w1)
+    return K1, K2, J3, y1, y2, y3
+
+
+@jit
+def rotate(s, c):
+    """Turn J and x about e3: what whole nutations amount to."""
+    J1, J2, J3, x1, x2, x3 = s
+    a, b = c[COS], c[SIN]
+    return a * J1 - b * J2, b * J1 + a * J2, J3, a * x1 - b * x2, b * x1 + a * x2, x3
+
+
+@jit
+def step_and_turn(s, c, tally):
+    return rotate(step(s, c, tally), c)
+
+
+@jit
+def close_step_and_turn(s, c, tally):
+    return rotate(close_step(s, c, tally), c)
+
+
+@jit
+def turn(s, c, tally):
+    return rotate(s, c)
+
+
+@jit
+def pin(s, c):
+    """Back onto (H, C1, C2) by the smallest change of J1, J2, x1, x2, x3: one Newton step.
+
+    The Gram matrix of the gradients is singular at regular precession and on the vertical, and nearly so close to
+    them, where a residual of one ulp would be answered by a correction of many. A small ridge leaves such directions
+    alone; pins are frequent, so elsewhere nothing is lost by correcting 99.99 % at a time.
+    """
+    J1, J2, J3, x1, x2, x3 = s
+    alpha = c[ALPHA]
+    jj = J1 * J1 + J2 * J2
+    xx = x1 * x1 + x2 * x2
+    xj = x1 * J1 + x2 * J2
+    # residuals of H, C1/2, C2
+    r1 = (0.5 * (jj + J3 * J3) + alpha * x3 - c[H]) - c[H_LO]
+    r2 = 0.5 * ((xx + x3 * x3 - c[C1]) - c[C1_LO])
+    r3 = (xj + x3 * J3 - c[C2]) - c[C2_LO]
+    # Gram matrix ((a, b, d), (b, e, f), (d, f, g)) and its LDLᵀ solve
+    a = jj + alpha * alpha
+    b = alpha * x3
+    d = xj + alpha * J3
+    e = xx + x3 * x3
+    f = xj + x3 * J3
+    g = xx + jj + J3 * J3
+    ridge = RIDGE * (a + e + g)
+    a += ridge
+    e += ridge
+    g += ridge
+    l1 = b / a
+    l2 = d / a
+    e -= l1 * b
+    f -= l1 * d
+    g -= l2 * d
+    l3 = f / e
+    g -= l3 * f
+    r2 -= l1 * r1
+    r3 -= l2 * r1 + l3 * r2
+    p3 = r3 / g
+    p2 = r2 / e - l3 * p3
+    p1 = r1 / a - l1 * p2 - l2 * p3
+    return (
+        J1 - (p1 * J1 + p3 * x1),
+        J2 - (p1 * J2 + p3 * x2),
+        J3,
+        x1 - (p2 * x1 + p3 * J1),
+        x2 - (p2 * x2 + p3 * J2),
+        x3 - (p1 * alpha + p2 * x3 + p3 * J3),
+    )
+
+
+@jit
+def constants(alpha, y, q, highest, lam, m, rotation):
+    """The constants of `step`, computed in double-double and rounded once."""
+    c = np.zeros(26)
+    R_, eta = lam
+    mr, mi = m
+    a = dd(alpha)
+    J3 = dd(y[2])
+    norm = add(mul(R_, R_), mul(eta, eta))  # |λ|²
+    S = add(J3, scale(mul(a, R_), 2.0))
+    if eta[0] > 0.0:
+        c[MR] = mr[0]
+        c[E] = add(mul(mr, R_), mul(eta, mi))[0]
+        c[ETA_S] = mul(eta, S)[0]
+        c[ETA_B] = mul(eta, mul(a, norm))[0]
+        c[ETA] = eta[0]
+        p3 = add(mul(R_, J3), mul(a, sub(mul(R_, R_), mul(eta, eta))))
+        c[K] = add(mul(mr, p3), mul(eta, mul(mi, S)))[0]
+        # |m|² + |p|² + |q|² = n − 4 alpha η² x3
+        n = add(add(mul(mr, mr), mul(mi, mi)), add(q[0], mul(R_, q[1])))
+        n = add(n, mul(norm, add(add(q[2], mul(R_, q[3])), mul(norm, q[4]))))
+        c[G0] = div(scale(n, 0.5), eta)[0]
+        c[G1] = scale(mul(a, eta), 2.0)[0]
+        c[MI_ETA] = mul(mi, eta)[0]
+        c[P3] = p3[0]
+        c[Q3] = mul(eta, mul(mi, S))[0]
+        q3 = mul(eta, S)
+        c[MM_Q3] = add(add(mul(mr, mr), mul(mi, mi)), mul(q3, q3))[0]
+        c[ETA2_J] = mul(eta, eta)[0]
+        # the smallest denominator on the orbit, against |p|² + |q|² that cancel in it
+        least = sub(n, scale(mul(mul(eta, eta), highest), 4.0))
+        c[CLOSE] = least[0] < CLOSE_TO_ROOT * n[0]
+    c[ALPHA2] = 2.0 * alpha
+    c[R] = R_[0]
+    c[J3_2] = 2.0 * y[2]
+    c[COS], c[SIN] = rotation[0][0], rotation[1][0]
+    c[ALPHA] = alpha
+    c[H], c[H_LO] = scale(q[2], 0.5)
+    c[C1], c[C1_LO] = q[0]
+    c[C2], c[C2_LO] = scale(q[1], 0.5)
+    return c
+
+
+@jit
+def exact_constants(alpha, y, h):
+    """Constants for the exact time step h, and whether the rotation is needed."""
+    q, period, angle = ts.torus(alpha, y, abs(h))
+    lam, m, rotation = ts.time_step(q, period, angle, h)
+    highest = ts.nutation_roots(q, alpha, y[2])[1]
+    return constants(alpha, y, q, highest, lam, m, rotation), abs(h) > 0.5 * period[0]
+
+
+class Units:
+    """Powers of two that bring |x| and |J| + √(|alpha||x|) to order one: changing units is exact."""
+
+    def __init__(self, top: LagrangeTop, y0: Array, h: float):
+        rate, size, _ = top.scales(y0)
+        self.length = math.frexp(size)[1]
+        self.rate = math.frexp(rate)[1] if rate > 0 else -math.frexp(h)[1]
+        self.exponents = np.array([-self.rate] * 3 + [-self.length] * 3)
+        self.alpha = math.ldexp(top.alpha, self.length - 2 * self.rate)
+
+    def enter(self, y: Array) -> Array:
+        return np.ldexp(y, self.exponents)
+
+    def leave(self, y: Array) -> Array:
+        return np.ldexp(y, -self.exponents)
+
+    def time(self, t: float) -> float:
+        return math.ldexp(t, self.rate)
+
+    def parameter(self, lam: complex) -> complex:
+        """λ has the units of x/J."""
+        shift = self.rate - self.length
+        return complex(math.ldexp(lam.real, shift), math.ldexp(lam.imag, shift))
+
+
+class TorusStepper(FixedStepper):
+    """A fixed-step kernel whose constants hold on one torus only: other states are refused."""
+
+    def __init__(self, name: str, h: float, units: Units, state: Array, *args, **kwargs):
+        self.scaled = LagrangeTop(units.alpha)
+        self.home = self.scaled.invariants(state)
+        self.units = units
+        super().__init__(name, h, *args, enter=self._enter, leave=units.leave, **kwargs)
+
+    def _enter(self, y: Array) -> Array:
+        state = self.units.enter(y)
+        if not np.all(np.abs(self.scaled.invariants(state) - self.home) <= OFF_TORUS * 4.0):
+            raise StepError(self.name, "the state is not on the torus this step was prepared for", h=self.h)
+        return state
+
+
+def _stepper(name: str, h: float, units: Units, state: Array, c: Array, kernel, pin_every: int) -> FixedStepper:
+    if not np.all(np.isfinite(c[:G0])) or np.any(np.isnan(c)):
+        raise StepError(name, "no Bäcklund parameter was found for this step", h=h)
+    finish, block = (pin, pin_every) if pin_every else (None, 1 << 16)
+    return TorusStepper(name, h, units, state, c, kernel, finish, block)
+
+
+def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = 8, lam: complex | None = None) -> FixedStepper:
+    """The exact step over h, any h ≠ 0; or, with `lam`, the two-point map of that parameter.
+
+    Parameters
+    ----------
+    pin : steps between two corrections onto the invariants, 0 for none.
+    lam : λ with Im λ > 0. The map is then a time step of T(λ) and a turn about e3, and h only labels the steps;
+        h < 0 takes the inverse map.
+    """
+    pin = check_count(pin, "pin")
+    if lam is not None:
+        return _plain("backlund", top, y0, h, lam, pin)
+    units = Units(top, y0, h)
+    state, span = units.enter(y0), units.time(h)
+    check_span("backlund", h, span)
+    c, turns = exact_constants(units.alpha, tuple(state), span)
+    if c[ETA] == 0.0:
+        kernel = turn
+    elif c[CLOSE]:
+        kernel = close_step_and_turn if turns else close_step
+    else:
+        kernel = step_and_turn if turns else step
+    return _stepper("backlund", h, units, state, c, kernel, pin)
+
+
+def prepare_paper(top: LagrangeTop, y0: Array, h: float, *, pin: int = 8) -> FixedStepper:
+    """The two-point map with the paper's time step, λ = i h √C1/2: second order, T = h + O(h³)."""
+    size = math.hypot(*y0[3:])
+    return _plain("backlund_paper", top, y0, h, complex(0.0, abs(h) * size / 2), check_count(pin, "pin"))
+
+
+def _plain(name: str, top: LagrangeTop, y0: Array, h: float, lam: complex, pin_every: int) -> FixedStepper:
+    units = Units(top, y0, h)
+    state = units.enter(y0)
+    lam = units.parameter(check_parameter(lam))
+    c = plain_constants(units.alpha, state, lam, -1 if h < 0 else 1)
+    return _stepper(name, h, units, state, c, close_step if c[CLOSE] else step, pin_every)
+
+
+def check_parameter(lam: complex, name: str = "lam") -> complex:
+    """λ as a finite complex number in the upper half-plane."""
+    try:
+        lam = complex(lam)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be a complex number; got {lam!r}") from None
+    if not (math.isfinite(lam.real) and math.isfinite(lam.imag)) or lam.imag <= 0:
+        raise ValueError(f"{name} must be finite with a positive imaginary part; got {lam}")
+    return lam
+
+
+def check_span(name: str, h: float, span: float) -> None:
+    if not abs(span) < 1e15:
+        raise StepError(name, "|h| is over 1e15 times the time scale of the top: its phase is beyond double", h=h)
+
+
+def plain_constants(alpha: float, state: Array, lam: complex, sheet: int) -> Array:
+    """Constants for any λ: m = √Q(λ), continuous from +√C1 along the segment from 0 to λ (sheet 1)."""
+    q, (re, im) = ts.curve_point(alpha, tuple(state), lam.real, lam.imag, *branch_guess(alpha, state, lam))
+    m = (re, im) if sheet > 0 else ((-re[0], -re[1]), (-im[0], -im[1]))
+    one, zero = (1.0, 0.0), (0.0, 0.0)
+    highest = ts.nutation_roots(q, alpha, state[2])[1]
+    return constants(alpha, tuple(state), q, highest, ((lam.real, 0.0), (lam.imag, 0.0)), m, (one, zero))
+
+
+def branch_guess(alpha: float, state: Array, lam: complex) -> tuple[float, float]:
+    """√Q(λ) in double on the branch continuous from √C1: √C1 Π √(1 − λ/u) over the roots u of Q.
+
+    Along the segment each factor runs from 1 straight to 1 − λ/u and meets the cut of the principal root only if
+    the segment runs through u itself.
+    """
+    q = ts.spectral_polynomial(alpha, tuple(state))
+    coefficients = np.array([c[0] for c in q])[::-1]
+    product = complex(math.sqrt(coefficients[-1]))
+    for root in np.roots(np.trim_zeros(coefficients, "f")):
+        product *= np.sqrt(1 - lam / root)
+    return product.real, product.imag
+
+
+def two_point(top: LagrangeTop, y: Array, lam: complex, sheet: int = 1) -> Array:
+    """One step of the map with any λ; see `integrators.two_point`."""
+    if sheet not in (1, -1):
+        raise ValueError(f"sheet must be 1 or -1; got {sheet!r}")
+    units = Units(top, y, 1.0)
+    state = units.enter(y)
+    c = plain_constants(units.alpha, state, units.parameter(check_parameter(lam)), sheet)
+    return units.leave(np.array(close_step(tuple(state), c, np.zeros(4, dtype=np.int64))))
+
+
+def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
+    """Jumps: one two-point map from y0 to each output time, whatever the distance."""
+    units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
+    spans = np.array([units.time(t) for t in times])
+    for t, span in zip(times, spans, strict=True):
+        check_span("backlund", float(t), float(span))
+    y = units.leave(ts.flow(units.alpha, tuple(units.enter(y0)), spans))
+    y[times == 0.0] = y0
+    if not np.all(np.isfinite(y)):
+        raise StepError("backlund", "no Bäcklund parameter was found for one of the times")
+    return y, Work(steps=len(times))
+
+
+# ------------------------------------------------------------------------------ the paper's MATLAB program
+
+ALL = frozenset({"H", "J3", "C1", "C2"})
+SOURCE = "Kuznetsov, Petrera, Ragnisco, J. Phys. A 37 (2004) 8495, section 5.5"
+
+
+@jit
+def textbook_step(s, c, tally):
+    """The loop body of the paper's program (section 5.7), complex, with its divisions; s = (J3, J-, J+, x3, x-, x+)."""
+    J3, Jm, Jp, x3, xm, xp = s
+    alpha, l1, l2, mu1, mu2 = c[0], c[1], c[2], c[3], c[4]
+    B1 = Jm * l1 + xm
+    B2 = Jm * l2 + xm
+    A1 = (alpha - mu1) * l1 * l1 + J3 * l1 + x3
+    A2 = (alpha + mu2) * l2 * l2 + J3 * l2 + x3
+    x = A1 / B1
+    X = (l2 - l1) * B1 * B2 / (B1 * A2 - B2 * A1)
+    # M(u) = u + M0; J̃ = J + [M0, alpha σ3], x̃ = x + M0 J − J̃ M0
+    a, b = -l1 + x * X, X
+    c_, d = -x * x * X + (l1 - l2) * x, -l2 - x * X
+    Km = Jm - 2.0 * alpha * b
+    Kp = Jp + 2.0 * alpha * c_
+    y3 = x3 + a * J3 + b * Jp - (J3 * a + Km * c_)
+    ym = xm + a * Jm - b * J3 - (J3 * b + Km * d)
+    yp = xp + c_ * J3 + d * Jp - (Kp * a - J3 * c_)
+    return J3, Km, Kp, y3, ym, yp
+
+
+def to_complex(y: Array) -> Array:
+    J1, J2, J3, x1, x2, x3 = np.moveaxis(np.asarray(y, dtype=complex), -1, 0)
+    return np.stack((J3, J1 - 1j * J2, J1 + 1j * J2, x3, x1 - 1j * x2, x1 + 1j * x2), axis=-1)
+
+
+def to_real(s: Array) -> Array:
+    J3, Jm, Jp, x3, xm, xp = np.moveaxis(s, -1, 0)
+    half = ((Jm + Jp) / 2, 1j * (Jm - Jp) / 2, J3, (xm + xp) / 2, 1j * (xm - xp) / 2, x3)
+    return np.stack([v.real for v in half], axis=-1)
+
+
+def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | None = None) -> FixedStepper:
+    """The paper's program with λ = i h √C1/2 (or `lam`), μ frozen at the start, nothing pinned."""
+    if lam is None:
+        lam = complex(0.0, abs(h) * math.hypot(*y0[3:]) / 2)
+    lam = check_parameter(lam)
+    _, m = ts.curve_point(top.alpha, tuple(y0), lam.real, lam.imag, *branch_guess(top.alpha, y0, lam))
+    mu = -complex(m[0][0], m[1][0]) / lam**2  # the program's μ on the forward sheet
+    mu = mu if h > 0 else -mu
+    c = np.array([top.alpha, lam, lam.conjugate(), mu, mu.conjugate()])
+    return FixedStepper("backlund_textbook", h, c, textbook_step, enter=to_complex, leave=to_real)
+
+
+EXACT = Method(
+    name="backlund",
+    label="Bäcklund, exact λ(h)",
+    family="backlund",
+    order=None,
+    symmetric=True,
+    poisson=True,
+    conserves=ALL,
+    control="step",
+    source=SOURCE + "; λ(h) by time doubling, this project",
+    prepare=prepare_exact,
+    evaluate=evaluate_exact,
+)
+PAPER = Method(
+    name="backlund_paper",
+    label="Bäcklund, paper's λ",
+    family="backlund",
+    order=2,
+    symmetric=True,
+    poisson=True,
+    conserves=ALL,
+    control="step",
+    source=SOURCE,
+    prepare=prepare_paper,
+)
+TEXTBOOK = Method(
+    name="backlund_textbook",
+    label="Bäcklund, paper's program",
+    family="backlund",
+    order=2,
+    symmetric=True,
+    poisson=True,
+    conserves=ALL,
+    control="step",
+    source=SOURCE + " and the program of section 5.7",
+    prepare=prepare_textbook,
+)

@@ -1,0 +1,69 @@
+"""METHODS: every method by name, in legend order, loaded when first asked for.
+
+A method that lives in somebody else's package joins through the entry-point group `lagrange_bench.methods`
+(name = registry key, value = `package.module:METHOD`).
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import importlib.util
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from importlib.metadata import EntryPoint, entry_points
+
+from integrators.interface import Method
+
+GROUP = "lagrange_bench.methods"
+
+BUILT_IN = {
+    "backlund": "integrators.methods.backlund:EXACT",
+    "backlund_paper": "integrators.methods.backlund:PAPER",
+    "backlund_textbook": "integrators.methods.backlund:TEXTBOOK",
+    "taylor": "integrators.methods.taylor:NATURAL",
+    "taylor_fixed": "integrators.methods.taylor:FIXED",
+    "rk45": "integrators.methods.rk45:NATURAL",
+    "rk45_fixed": "integrators.methods.rk45:FIXED",
+    "implicit_midpoint": "integrators.methods.implicit_midpoint:METHOD",
+}
+
+
+class Registry(Mapping[str, Method]):
+    """Name → Method. Listing the names imports nothing."""
+
+    @cached_property
+    def _entries(self) -> dict[str, EntryPoint]:
+        entries = {name: EntryPoint(name, value, GROUP) for name, value in BUILT_IN.items()}
+        for entry in sorted(entry_points(group=GROUP), key=lambda e: e.name):
+            if entry.name in entries:
+                raise ValueError(f"plug-in {entry.value} takes the name {entry.name!r}, which is in use")
+            entries[entry.name] = entry
+        return entries
+
+    def __getitem__(self, name: str) -> Method:
+        if name not in self._entries:
+            close = difflib.get_close_matches(str(name), self._entries, n=1)
+            hint = f"; did you mean {close[0]!r}?" if close else ""
+            raise KeyError(f"unknown method {name!r}{hint} Known: {', '.join(self._entries)}")
+        entry = self._entries[name]
+        method = entry.load()
+        if not isinstance(method, Method):
+            raise TypeError(f"{entry.value} is a {type(method).__name__}, not an integrators.Method")
+        if method.name != name:
+            raise ValueError(f"{entry.value} calls itself {method.name!r} but is registered as {name!r}")
+        return method
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._entries)
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+
+METHODS = Registry()
+
+
+def available(method: Method) -> bool:
+    """Whether the package a method needs is installed here."""
+    return method.requires is None or importlib.util.find_spec(method.requires) is not None

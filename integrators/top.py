@@ -1,0 +1,213 @@
+"""The symmetric Lagrange top: equations, Poisson structure, invariants, named initial states.
+
+State y = (J1, J2, J3, x1, x2, x3): angular momentum and axis in the rest frame, units as the user likes
+(alpha has the units of J²/x). With e3 pointing up and alpha > 0 the top's weight acts along -e3:
+
+    J' = alpha e3 × x        x' = J × x                                        (paper, equation 1.1)
+    H = |J|²/2 + alpha x3,   J3,   C1 = |x|²,   C2 = x·J
+
+This is f' = {f, H} with the Lie-Poisson bracket of e(3): {J1,J2} = J3, {J1,x2} = x3, {x,x} = 0 (cyclic).
+`alpha` is any real number, |x| any positive one: nothing here assumes |x| = 1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LagrangeTop:
+    """A symmetric heavy top with weight parameter `alpha` (m g l / A for a real one). Hashable, picklable."""
+
+    alpha: float = 1.0
+
+    def __post_init__(self):
+        alpha = self.alpha
+        if isinstance(alpha, (bool, str, complex)):
+            raise ValueError(f"alpha must be a real number; got {alpha!r}")
+        try:
+            alpha = float(alpha)
+        except (TypeError, ValueError):
+            raise ValueError(f"alpha must be a real number; got {alpha!r}") from None
+        if not math.isfinite(alpha):
+            raise ValueError(f"alpha must be finite; got {alpha}")
+        object.__setattr__(self, "alpha", alpha)
+
+    def rhs(self, y: ArrayLike) -> Array:
+        """Time derivative of states (..., 6)."""
+        J1, J2, J3, x1, x2, x3 = np.moveaxis(np.asarray(y, dtype=float), -1, 0)
+        derivative = (-self.alpha * x2, self.alpha * x1, 0.0 * J3)
+        derivative += (J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1)
+        return np.stack(derivative, axis=-1)
+
+    def jacobian(self, y: ArrayLike) -> Array:
+        """Derivative of `rhs`, shape (6, 6), at one state (6,)."""
+        y = np.asarray(y, dtype=float)
+        D = np.zeros((6, 6))
+        D[:3, 3:] = self.alpha * hat((0.0, 0.0, 1.0))
+        D[3:, :3] = -hat(y[3:])
+        D[3:, 3:] = hat(y[:3])
+        return D
+
+    def poisson(self, y: ArrayLike) -> Array:
+        """The tensor P (6, 6) with {f, g} = ∇f·P∇g at one state (6,)."""
+        y = np.asarray(y, dtype=float)
+        P = np.zeros((6, 6))
+        P[:3, :3] = -hat(y[:3])
+        P[:3, 3:] = P[3:, :3] = -hat(y[3:])
+        return P
+
+    def invariants(self, y: ArrayLike) -> Array:
+        """H, J3, C1 = |x|², C2 = x·J of states (..., 6); shape (..., 4)."""
+        J1, J2, J3, x1, x2, x3 = np.moveaxis(np.asarray(y, dtype=float), -1, 0)
+        H = (J1 * J1 + J2 * J2 + J3 * J3) / 2 + self.alpha * x3
+        return np.stack((H, J3, x1 * x1 + x2 * x2 + x3 * x3, x1 * J1 + x2 * J2 + x3 * J3), axis=-1)
+
+    def gradients(self, y: ArrayLike) -> Array:
+        """Gradients of H, J3, C1, C2 as rows, shape (4, 6), at one state (6,)."""
+        y = np.asarray(y, dtype=float)
+        J, x = y[:3], y[3:]
+        G = np.zeros((4, 6))
+        G[0, :3], G[0, 5] = J, self.alpha
+        G[1, 2] = 1.0
+        G[2, 3:] = 2 * x
+        G[3, :3], G[3, 3:] = x, J
+        return G
+
+    def scales(self, y: ArrayLike) -> tuple[float, float, float]:
+        """Scales of J, of x and of time that errors are judged by.
+
+        (|J| + √(|alpha||x|), |x|, 1/(|J| + √(|alpha||x|))); the time is inf for a top at rest without weight.
+        """
+        y = np.asarray(y, dtype=float)
+        size = math.hypot(*y[3:])
+        rate = math.hypot(*y[:3]) + math.sqrt(abs(self.alpha)) * math.sqrt(size)
+        return rate, size, (1.0 / rate if rate > 0 else math.inf)
+
+    def invariant_scales(self, y: ArrayLike) -> Array:
+        """Sizes of the terms in H, J3, C1, C2 at one state: what relative drift and ulps refer to; shape (4,)."""
+        y = np.asarray(y, dtype=float)
+        J, x = math.hypot(*y[:3]), math.hypot(*y[3:])
+        rate = J + math.sqrt(abs(self.alpha) * x)
+        return np.array((J * J / 2 + abs(self.alpha) * x, rate, x * x, x * rate))
+
+    @classmethod
+    def from_physical(
+        cls,
+        *,
+        mass: float,
+        distance: float,
+        gravity: float,
+        A: float,
+        C: float,
+        angles: tuple[float, float, float],
+        rates: tuple[float, float, float],
+    ) -> tuple[LagrangeTop, Array]:
+        """A heavy symmetric top in SI units and its state.
+
+        Parameters
+        ----------
+        mass : kg. distance : m, from the fixed point to the centre of mass along the axis. gravity : m/s².
+        A, C : kg m², moments of inertia about the fixed point, across and along the axis.
+        angles : rad, (theta, phi, psi): inclination of the axis to the upward vertical, precession, spin.
+        rates : rad/s, their time derivatives.
+
+        Returns
+        -------
+        top with alpha = m g l / A (1/s²), and y0 with J = M/A (1/s), |x| = 1. The equations use time in s.
+        psi itself does not enter (the top is symmetric); its rate does.
+        """
+        values = {"mass": mass, "distance": distance, "gravity": gravity, "A": A, "C": C}
+        for name, value in values.items():
+            if not math.isfinite(value):
+                raise ValueError(f"{name} must be finite; got {value}")
+        for name in ("mass", "A", "C"):
+            if values[name] <= 0:
+                raise ValueError(f"{name} must be positive; got {values[name]}")
+        if C > 2 * A:
+            raise ValueError(f"C = {C} > 2 A = {2 * A}: no rigid body has such moments of inertia")
+        if len(angles) != 3 or len(rates) != 3 or not all(math.isfinite(v) for v in (*angles, *rates)):
+            raise ValueError("angles and rates must be three finite numbers each: (theta, phi, psi)")
+        theta, phi, _ = angles
+        theta_rate, phi_rate, psi_rate = rates
+        st, ct, sp, cp = math.sin(theta), math.cos(theta), math.sin(phi), math.cos(phi)
+        axis = np.array((st * cp, st * sp, ct))
+        node = np.array((-sp, cp, 0.0))  # theta grows by turning about this
+        spin = psi_rate + phi_rate * ct  # angular velocity about the axis
+        across = np.array((0.0, 0.0, phi_rate)) - phi_rate * ct * axis
+        J = theta_rate * node + across + (C / A) * spin * axis
+        return cls(mass * gravity * distance / A), np.concatenate((J, axis))
+
+
+def hat(v: ArrayLike) -> Array:
+    """The matrix of v× ."""
+    a, b, c = np.asarray(v, dtype=float)
+    return np.array(((0.0, -c, b), (c, 0.0, -a), (-b, a, 0.0)))
+
+
+@dataclass(frozen=True)
+class NamedTop:
+    """A top with a name and an initial state, stored as the doubles they are."""
+
+    name: str
+    label: str
+    alpha: float
+    y0: tuple[float, float, float, float, float, float]
+    note: str
+
+    @property
+    def top(self) -> LagrangeTop:
+        return LagrangeTop(self.alpha)
+
+    @property
+    def state(self) -> Array:
+        return np.array(self.y0)
+
+
+# Where a state must lie exactly on a special orbit, every number is a short binary fraction, chosen so that the
+# defining identity holds without any rounding; |x| = 5/4 then takes the place of 1.
+TOPS: dict[str, NamedTop] = {
+    t.name: t
+    for t in (
+        NamedTop("figure1", "paper, Figure 1", 3.345, (2.34, 6.4, 8.0, 1.219, -0.78, 6.77),
+                 "alpha and initial data of the paper's Figure 1; |x| = 6.92"),
+        NamedTop("figure2", "paper, Figure 2", 1.0, (3.4, -4.6, -6.2, -2.19, 0.89, 0.77),
+                 "alpha and initial data of the paper's Figure 2; |x| = 2.49"),
+        NamedTop("generic", "generic unit top", 1.0, (0.3, -0.4, 1.2, 0.48, 0.6, 0.64),
+                 "|x| = 1 up to round-off, all four invariants of the same size"),
+        NamedTop("fast", "fast top", 1.0, (3.0, -4.0, 12.0, 0.48, 0.6, 0.64),
+                 "|J|² = 169 alpha |x|: small, rapid nutation"),
+        NamedTop("slow", "slow top", 1.0, (0.05, -0.0625, 0.1, 0.8, 0.36, -0.48),
+                 "|J|² = 0.02 alpha |x|: nearly a spherical pendulum"),
+        NamedTop("near_regular", "near regular precession", 1.0, (1.5, 0.0009765625, 2.5, 0.75, 0.0, 1.0),
+                 "regular precession with a kick of 2^-10"),
+        NamedTop("regular", "regular precession", 1.0, (1.5, 0.0, 2.5, 0.75, 0.0, 1.0),
+                 "J = e3/2 + 2x: the axis turns about e3 at rate 1/2 without nutation, exactly"),
+        NamedTop("sleeping_stable", "sleeping, stable", 1.0, (0.0, 0.0, 3.0, 0.0, 0.0, 1.0),
+                 "upright, J3² = 9 > 4 alpha |x|: an equilibrium"),
+        NamedTop("sleeping_unstable", "sleeping, unstable", 1.0, (0.0, 0.0, 1.0, 0.0, 0.0, 1.0),
+                 "upright, J3² = 1 < 4 alpha |x|: an unstable equilibrium"),
+        NamedTop("hanging", "hanging", 1.0, (0.0, 0.0, 1.0, 0.0, 0.0, -1.0),
+                 "straight down: a stable equilibrium"),
+        NamedTop("near_separatrix", "near the separatrix", 1.0, (2.0009765625, 0.0, 1.0, 1.0, 0.0, -0.75),
+                 "the homoclinic state with a kick of 2^-10"),
+        NamedTop("homoclinic", "homoclinic", 1.0, (2.0, 0.0, 1.0, 1.0, 0.0, -0.75),
+                 "H = J3²/2 + alpha |x| and C2 = J3 |x| exactly: falls back to the unstable sleeping top"),
+        NamedTop("planar", "planar pendulum, swinging", 1.0, (1.0, 0.0, 0.0, 0.0, 0.6, -0.8),
+                 "J3 = C2 = 0, swings in a plane"),
+        NamedTop("planar_rotation", "planar pendulum, rotating", 1.0, (2.5, 0.0, 0.0, 0.0, 0.6, -0.8),
+                 "J3 = C2 = 0, goes over the top, through both poles"),
+        NamedTop("through_pole", "through the pole", 1.0, (0.5, 1.0, 1.0, 1.0, 0.0, 0.75),
+                 "C2 = J3 |x| exactly: the axis passes through the upper pole"),
+        NamedTop("weightless", "no gravity", 0.0, (0.3, -0.4, 1.2, 0.48, 0.6, 0.64),
+                 "alpha = 0: x turns uniformly about the constant J"),
+        NamedTop("inverted", "negative alpha", -1.0, (0.3, -0.4, 1.2, 0.48, 0.6, 0.64),
+                 "the generic unit top with gravity reversed"),
+    )
+}  # fmt: skip
