@@ -14,8 +14,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from integrators.top import LagrangeTop
-
 Array = NDArray[np.float64]
 
 INVARIANTS = ("H", "J3", "C1", "C2")

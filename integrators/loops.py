@@ -3,18 +3,16 @@
 A compiled method is a pair of Numba functions on six scalars: `step(s, c, tally) -> s` and, where a method
 pins its state, `finish(s, c) -> s`, called after every `block` steps and at the end of a call. `c` is the
 method's array of constants, `tally` counts (see below). State lives in registers; nothing is allocated.
-
-Fused multiply-add contraction and fastmath are off: the same bits on every IEEE machine.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache
 
-import numba
 import numpy as np
 
+from integrators.compiled import compiled
 from integrators.interface import Array, StepError, Work
 
 # places in `tally`
@@ -22,15 +20,12 @@ ITERATIONS, RHS_EVALS, FAILURE, FAILED_AT = range(4)
 
 INTERRUPTIBLE = 1 << 22  # steps in one compiled call, at most: Ctrl-C is seen between two of them
 
-jit = numba.njit(error_model="numpy", nogil=True, fastmath=False, no_cfunc_wrapper=True)
-inline = numba.njit(error_model="numpy", nogil=True, fastmath=False, inline="always")
 
-
-@lru_cache(maxsize=None)
+@cache
 def compile_loops(step: Callable, finish: Callable | None, block: int) -> tuple[Callable, Callable]:
     """Compiled (advance, record) for one kernel; each kernel is compiled once per process."""
 
-    @jit
+    @compiled
     def advance(y, n, c, tally):
         s = (y[0], y[1], y[2], y[3], y[4], y[5])
         done = 0
@@ -46,7 +41,7 @@ def compile_loops(step: Callable, finish: Callable | None, block: int) -> tuple[
                 s = finish(s, c)
         y[0], y[1], y[2], y[3], y[4], y[5] = s
 
-    @jit
+    @compiled
     def record(y, every, c, tally, out):
         # Pins fall on multiples of `block` counted from the start of the call, whatever `every` is, so a
         # recorded run and an unrecorded one go through the same states.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from integrators.loops import jit
+from integrators.compiled import jit
 
 SPLITTER = 134217729.0  # 2^27 + 1
 

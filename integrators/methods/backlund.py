@@ -1,6 +1,6 @@
 """The two-point Bäcklund transformation of Kuznetsov, Petrera and Ragnisco as a real, pole-free integrator.
 
-One step with the point (λ, m) of the spectral curve m² = Q(λ), λ = R + iη, and with a(λ) = x + λJ + λ² alpha e3 = p + iq:
+One step with the point (λ, m) of the spectral curve m² = Q(λ), λ = R + iη; a(λ) = x + λJ + λ² alpha e3 = p + iq:
 
     w = 2η (Re m p + Im m q − p×q) / (|m|² + |p|² + |q|²),   |w| = η
     J̃ = J + 2 alpha e3 × w        x̃ = x + R (J̃ − J) + (J + J̃) × w
@@ -21,14 +21,14 @@ steps the state is moved back onto its own invariants (H, C1, C2) by the smalles
 from __future__ import annotations
 
 import math
-from functools import partial
 
 import numpy as np
 
+from integrators.compiled import jit
 from integrators.integrable import time_step as ts
 from integrators.integrable.double_double import add, dd, div, mul, scale, sub
 from integrators.interface import Array, Method, StepError, Work, check_count
-from integrators.loops import FixedStepper, jit
+from integrators.loops import FixedStepper
 from integrators.top import LagrangeTop
 
 # places of the constants

@@ -1,0 +1,53 @@
+"""How this project compiles: one decorator, and a cache of machine code that cannot go stale.
+
+Fused multiply-add contraction and fastmath are off: the same bits on every IEEE machine. Numba's own cache only
+notices a change in the file of the function itself, not in the functions it calls; so ours lives in a folder named by
+a digest of all compiled sources, in the user's cache directory (LAGRANGE_BENCH_CACHE moves it, empty switches it off).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+
+
+@cache
+def _folder() -> str | None:
+    home = os.environ.get("LAGRANGE_BENCH_CACHE")
+    if home is None:
+        home = os.path.join(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "lagrange-bench")
+    if not home:
+        return None
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source in sorted(Path(__file__).parent.rglob("*.py")):
+        digest.update(source.read_bytes())
+    folder = os.path.join(home, digest.hexdigest()[:16])
+    try:
+        os.makedirs(folder, exist_ok=True)
+    except OSError:
+        return None
+    return folder if os.access(folder, os.W_OK) else None
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """Compile without caching: for functions that close over others."""
+    return numba.njit(error_model="numpy", nogil=True, fastmath=False, no_cfunc_wrapper=True)(function)
+
+
+def jit(function: Callable[..., Any]) -> Any:
+    """Compile a module-level function; its machine code is kept for the next process."""
+    folder = _folder()
+    if folder is None:
+        return compiled(function)
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = folder  # read while decorating, so other packages keep their own place
+    try:
+        return numba.njit(error_model="numpy", nogil=True, fastmath=False, no_cfunc_wrapper=True, cache=True)(function)
+    finally:
+        numba.config.CACHE_DIR = before
