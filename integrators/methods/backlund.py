@@ -363,7 +363,7 @@ def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Wo
 # ------------------------------------------------------------------------------ the paper's MATLAB program
 
 ALL = frozenset({"H", "J3", "C1", "C2"})
-SOURCE = "Kuznetsov, Petrera, Ragnisco, J. Phys. A 37 (2004) 8495, section 5.5"
+SOURCE = "Kuznetsov, Petrera, Ragnisco, J. Phys. A 37 (2004) 8495, arXiv nlin/0403028, section 5.5"
 
 
 @jit

@@ -1,0 +1,42 @@
+# Two commands do everything, each by itself, in a fresh clone: `make bench` and `make test`.
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: help bench test lint full report clean
+
+help:
+	@echo "make bench   set up, run the quick profile (< 3 minutes), write report/index.html"
+	@echo "make test    set up, run the tests (< 5 minutes)"
+	@echo "make full    set up, run the full profile (about an hour), write report/index.html"
+	@echo "make report  draw the committed reference run again, computing nothing"
+	@echo "make lint    ruff and mypy"
+	@echo "make clean   remove what the commands above made, results of your own excepted"
+
+bench: .venv/ready
+	$(BIN)/lagrange-bench run --profile quick; status=$$?; \
+	$(BIN)/lagrange-bench report --results results/local/quick && exit $$status
+
+full: .venv/ready
+	$(BIN)/lagrange-bench run --profile full; status=$$?; \
+	$(BIN)/lagrange-bench report --results results/local/full && exit $$status
+
+report: .venv/ready
+	$(BIN)/lagrange-bench report
+
+test: .venv/ready
+	$(BIN)/python -m pytest -n auto --dist worksteal -q
+
+lint: .venv/ready
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+.venv/ready: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed; set PYTHON=…")'
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
+	@touch $@
+
+clean:
+	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf report/index.html report/figures report/tables
