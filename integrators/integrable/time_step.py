@@ -28,6 +28,7 @@ import math
 
 import numpy as np
 
+from integrators.compiled import jit
 from integrators.integrable.double_double import (
     add,
     cadd,
@@ -43,7 +44,6 @@ from integrators.integrable.double_double import (
     sub,
     two_prod,
 )
-from integrators.compiled import jit
 
 SERIES = 14  # terms of the power series of 1/√Q
 START = 2.0**-9  # times up to this (in units of 1/(|J| + √(|alpha||x|))) start from the series

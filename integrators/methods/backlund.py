@@ -6,9 +6,10 @@ One step with the point (λ, m) of the spectral curve m² = Q(λ), λ = R + iη;
     J̃ = J + 2 alpha e3 × w        x̃ = x + R (J̃ − J) + (J + J̃) × w
 
 (paper, section 5.5, in real form; the second line is the coefficient of u in M(u)L(u) = L̃(u)M(u) with
-M(u) = u − R + i w·σ.) The map conserves H, J3, C1 and C2, is Poisson and symmetric. The denominator is linear in x3,
-it is |m|² + … − 4 alpha η² x3, so that a step costs one division and about forty other operations. Both updates are
-increments of size O(h), so nothing cancels for small h.
+M(u) = u − R + i w·σ.) The map conserves H, J3, C1 and C2, is Poisson and symmetric; no denominator can vanish. A step
+costs one division and about sixty other operations. Both updates are increments of size O(h), so nothing cancels for
+small h, and the denominator is summed from squares, which keeps |w| = η to the last bit however close λ comes to a
+root of Q.
 
 Three records: `backlund` chooses λ(h) on the torus of the initial state, which makes the step the exact flow over h;
 `backlund_paper` takes λ = i h √C1/2, the paper's own time step; `backlund_textbook` is the complex form of the paper's
@@ -26,56 +27,35 @@ import numpy as np
 
 from integrators.compiled import jit
 from integrators.integrable import time_step as ts
-from integrators.integrable.double_double import add, dd, div, mul, scale, sub
+from integrators.integrable.double_double import add, dd, mul, scale, sub
 from integrators.interface import Array, Method, StepError, Work, check_count
 from integrators.loops import FixedStepper
 from integrators.top import LagrangeTop
 
 # places of the constants
-MR, E, ETA_S, ETA_B, ETA, K, G0, G1, ALPHA2, R, J3_2, COS, SIN, ALPHA, H, C1, C2, H_LO, C1_LO, C2_LO = range(20)
-MI_ETA, P3, Q3, MM_Q3, ETA2_J, CLOSE = range(20, 26)
+R, ETA, ETA_2, ETA2, ETA_S, ETA_B, MR, MI_ETA, MI_Q3, MM_Q3, P3, ALPHA_2, J3_2 = range(13)
+COS, SIN, ALPHA, H, C1, C2, H_LO, C1_LO, C2_LO = range(13, 22)
 
 OFF_TORUS = 1e-11  # relative distance of an invariant from the prepared torus that is no longer round-off
 RIDGE = 2.0**-14  # see `pin`
-CLOSE_TO_ROOT = 2.0**-6  # see `close_step`; twice the time per step from here on
+FAR = 4.0  # |λ|, in units of |x| and |J| + √(|alpha||x|), from which `far_step` loses less than `step`
 
 
 @jit
 def step(s, c, tally):
-    """One two-point map."""
-    J1, J2, J3, x1, x2, x3 = s
-    r = 1.0 / (c[G0] - c[G1] * x3)
-    z = c[ETA] * x3 - c[ETA_B]
-    w1 = ((c[MR] * x1 + c[E] * J1) - (c[ETA_S] * x2 - z * J2)) * r
-    w2 = ((c[MR] * x2 + c[E] * J2) + (c[ETA_S] * x1 - z * J1)) * r
-    w3 = ((c[MR] * x3 + c[K]) - c[ETA] * (x1 * J2 - x2 * J1)) * r
-    return increments(s, c, w1, w2, w3)
-
-
-@jit
-def close_step(s, c, tally):
-    """The same map where λ is close to a root of Q and the orbit comes close to the unstable sleeping top.
-
-    There m, p and q are all small, and the denominator must be summed from their squares to keep its digits.
-    """
+    """One two-point map, for |λ| of order one or less."""
     J1, J2, J3, x1, x2, x3 = s
     p1 = x1 + c[R] * J1
     p2 = x2 + c[R] * J2
     p3 = x3 + c[P3]
-    n = c[MM_Q3] + ((p1 * p1 + p2 * p2) + p3 * p3) + c[ETA2_J] * (J1 * J1 + J2 * J2)
-    r = 2.0 * c[ETA] / n
+    n = c[MM_Q3] + ((p1 * p1 + p2 * p2) + p3 * p3) + c[ETA2] * (J1 * J1 + J2 * J2)
+    r = c[ETA_2] / n
     z = c[ETA] * x3 - c[ETA_B]
     w1 = ((c[MR] * p1 + c[MI_ETA] * J1) - (c[ETA_S] * x2 - z * J2)) * r
     w2 = ((c[MR] * p2 + c[MI_ETA] * J2) + (c[ETA_S] * x1 - z * J1)) * r
-    w3 = ((c[MR] * p3 + c[Q3]) - c[ETA] * (x1 * J2 - x2 * J1)) * r
-    return increments(s, c, w1, w2, w3)
-
-
-@jit
-def increments(s, c, w1, w2, w3):
-    J1, J2, J3, x1, x2, x3 = s
-    d1 = -c[ALPHA2] * w2
-    d2 = c[ALPHA2] * w1
+    w3 = ((c[MR] * p3 + c[MI_Q3]) - c[ETA] * (x1 * J2 - x2 * J1)) * r
+    d1 = -c[ALPHA_2] * w2
+    d2 = c[ALPHA_2] * w1
     K1 = J1 + d1
     K2 = J2 + d2
     s1 = J1 + K1
@@ -84,6 +64,29 @@ def increments(s, c, w1, w2, w3):
     y2 = x2 + (c[R] * d2 + (c[J3_2] * w1 - s1 * w3))
     y3 = x3 + (s1 * w2 - s2 * w1)
     return K1, K2, J3, y1, y2, y3
+
+
+@jit
+def far_step(s, c, tally):
+    """The same map for large |λ|, where the increments of x would cancel: w made exactly long, x turned about it."""
+    J1, J2, J3, x1, x2, x3 = s
+    p3 = x3 + c[P3]
+    z = c[ETA] * x3 - c[ETA_B]
+    n1 = (c[MR] * (x1 + c[R] * J1) + c[MI_ETA] * J1) - (c[ETA_S] * x2 - z * J2)
+    n2 = (c[MR] * (x2 + c[R] * J2) + c[MI_ETA] * J2) + (c[ETA_S] * x1 - z * J1)
+    n3 = (c[MR] * p3 + c[MI_Q3]) - c[ETA] * (x1 * J2 - x2 * J1)
+    r = c[ETA] / math.sqrt(n1 * n1 + n2 * n2 + n3 * n3)
+    w1 = n1 * r
+    w2 = n2 * r
+    w3 = n3 * r
+    f = 2.0 / (c[R] * c[R] + (w1 * w1 + w2 * w2 + w3 * w3))  # exactly orthogonal, whatever the rounding of w
+    v1 = w2 * x3 - w3 * x2
+    v2 = w3 * x1 - w1 * x3
+    v3 = w1 * x2 - w2 * x1
+    y1 = x1 + f * ((w2 * v3 - w3 * v2) + c[R] * v1)
+    y2 = x2 + f * ((w3 * v1 - w1 * v3) + c[R] * v2)
+    y3 = x3 + f * ((w1 * v2 - w2 * v1) + c[R] * v3)
+    return J1 - c[ALPHA_2] * w2, J2 + c[ALPHA_2] * w1, J3, y1, y2, y3
 
 
 @jit
@@ -97,11 +100,6 @@ def rotate(s, c):
 @jit
 def step_and_turn(s, c, tally):
     return rotate(step(s, c, tally), c)
-
-
-@jit
-def close_step_and_turn(s, c, tally):
-    return rotate(close_step(s, c, tally), c)
 
 
 @jit
@@ -160,39 +158,27 @@ def pin(s, c):
 
 
 @jit
-def constants(alpha, y, q, highest, lam, m, rotation):
-    """The constants of `step`, computed in double-double and rounded once."""
-    c = np.zeros(26)
+def constants(alpha, y, q, lam, m, rotation):
+    """The constants of a step, computed in double-double and rounded once."""
+    c = np.zeros(22)
     R_, eta = lam
     mr, mi = m
     a = dd(alpha)
     J3 = dd(y[2])
-    norm = add(mul(R_, R_), mul(eta, eta))  # |λ|²
-    S = add(J3, scale(mul(a, R_), 2.0))
-    if eta[0] > 0.0:
-        c[MR] = mr[0]
-        c[E] = add(mul(mr, R_), mul(eta, mi))[0]
-        c[ETA_S] = mul(eta, S)[0]
-        c[ETA_B] = mul(eta, mul(a, norm))[0]
-        c[ETA] = eta[0]
-        p3 = add(mul(R_, J3), mul(a, sub(mul(R_, R_), mul(eta, eta))))
-        c[K] = add(mul(mr, p3), mul(eta, mul(mi, S)))[0]
-        # |m|² + |p|² + |q|² = n − 4 alpha η² x3
-        n = add(add(mul(mr, mr), mul(mi, mi)), add(q[0], mul(R_, q[1])))
-        n = add(n, mul(norm, add(add(q[2], mul(R_, q[3])), mul(norm, q[4]))))
-        c[G0] = div(scale(n, 0.5), eta)[0]
-        c[G1] = scale(mul(a, eta), 2.0)[0]
-        c[MI_ETA] = mul(mi, eta)[0]
-        c[P3] = p3[0]
-        c[Q3] = mul(eta, mul(mi, S))[0]
-        q3 = mul(eta, S)
-        c[MM_Q3] = add(add(mul(mr, mr), mul(mi, mi)), mul(q3, q3))[0]
-        c[ETA2_J] = mul(eta, eta)[0]
-        # the smallest denominator on the orbit, against |p|² + |q|² that cancel in it
-        least = sub(n, scale(mul(mul(eta, eta), highest), 4.0))
-        c[CLOSE] = least[0] < CLOSE_TO_ROOT * n[0]
-    c[ALPHA2] = 2.0 * alpha
+    S = add(J3, scale(mul(a, R_), 2.0))  # q = η (J1, J2, S)
+    q3 = mul(eta, S)
     c[R] = R_[0]
+    c[ETA] = eta[0]
+    c[ETA_2] = 2.0 * eta[0]
+    c[ETA2] = mul(eta, eta)[0]
+    c[ETA_S] = q3[0]
+    c[ETA_B] = mul(eta, mul(a, add(mul(R_, R_), mul(eta, eta))))[0]
+    c[MR] = mr[0]
+    c[MI_ETA] = mul(mi, eta)[0]
+    c[MI_Q3] = mul(mi, q3)[0]
+    c[MM_Q3] = add(add(mul(mr, mr), mul(mi, mi)), mul(q3, q3))[0]
+    c[P3] = add(mul(R_, J3), mul(a, sub(mul(R_, R_), mul(eta, eta))))[0]
+    c[ALPHA_2] = 2.0 * alpha
     c[J3_2] = 2.0 * y[2]
     c[COS], c[SIN] = rotation[0][0], rotation[1][0]
     c[ALPHA] = alpha
@@ -207,8 +193,7 @@ def exact_constants(alpha, y, h):
     """Constants for the exact time step h, and whether the rotation is needed."""
     q, period, angle = ts.torus(alpha, y, abs(h))
     lam, m, rotation = ts.time_step(q, period, angle, h)
-    highest = ts.nutation_roots(q, alpha, y[2])[1]
-    return constants(alpha, y, q, highest, lam, m, rotation), abs(h) > 0.5 * period[0]
+    return constants(alpha, y, q, lam, m, rotation), abs(h) > 0.5 * period[0]
 
 
 class Units:
@@ -253,9 +238,9 @@ class TorusStepper(FixedStepper):
 
 
 def _stepper(name: str, h: float, units: Units, state: Array, c: Array, kernel, pin_every: int) -> FixedStepper:
-    if not np.all(np.isfinite(c[:G0])) or np.any(np.isnan(c)):
+    if not np.all(np.isfinite(c)):
         raise StepError(name, "no Bäcklund parameter was found for this step", h=h)
-    finish, block = (pin, pin_every) if pin_every else (None, 1 << 16)
+    finish, block = (pin, pin_every) if pin_every else (None, 1 << 62)
     return TorusStepper(name, h, units, state, c, kernel, finish, block)
 
 
@@ -275,12 +260,7 @@ def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = 8, lam: c
     state, span = units.enter(y0), units.time(h)
     check_span("backlund", h, span)
     c, turns = exact_constants(units.alpha, tuple(state), span)
-    if c[ETA] == 0.0:
-        kernel = turn
-    elif c[CLOSE]:
-        kernel = close_step_and_turn if turns else close_step
-    else:
-        kernel = step_and_turn if turns else step
+    kernel = turn if c[ETA] == 0.0 else step_and_turn if turns else step
     return _stepper("backlund", h, units, state, c, kernel, pin)
 
 
@@ -295,7 +275,7 @@ def _plain(name: str, top: LagrangeTop, y0: Array, h: float, lam: complex, pin_e
     state = units.enter(y0)
     lam = units.parameter(check_parameter(lam))
     c = plain_constants(units.alpha, state, lam, -1 if h < 0 else 1)
-    return _stepper(name, h, units, state, c, close_step if c[CLOSE] else step, pin_every)
+    return _stepper(name, h, units, state, c, far_step if abs(lam) > FAR else step, pin_every)
 
 
 def check_parameter(lam: complex, name: str = "lam") -> complex:
@@ -319,8 +299,7 @@ def plain_constants(alpha: float, state: Array, lam: complex, sheet: int) -> Arr
     q, (re, im) = ts.curve_point(alpha, tuple(state), lam.real, lam.imag, *branch_guess(alpha, state, lam))
     m = (re, im) if sheet > 0 else ((-re[0], -re[1]), (-im[0], -im[1]))
     one, zero = (1.0, 0.0), (0.0, 0.0)
-    highest = ts.nutation_roots(q, alpha, state[2])[1]
-    return constants(alpha, tuple(state), q, highest, ((lam.real, 0.0), (lam.imag, 0.0)), m, (one, zero))
+    return constants(alpha, tuple(state), q, ((lam.real, 0.0), (lam.imag, 0.0)), m, (one, zero))
 
 
 def branch_guess(alpha: float, state: Array, lam: complex) -> tuple[float, float]:
@@ -343,8 +322,10 @@ def two_point(top: LagrangeTop, y: Array, lam: complex, sheet: int = 1) -> Array
         raise ValueError(f"sheet must be 1 or -1; got {sheet!r}")
     units = Units(top, y, 1.0)
     state = units.enter(y)
-    c = plain_constants(units.alpha, state, units.parameter(check_parameter(lam)), sheet)
-    return units.leave(np.array(close_step(tuple(state), c, np.zeros(4, dtype=np.int64))))
+    lam = units.parameter(check_parameter(lam))
+    c = plain_constants(units.alpha, state, lam, sheet)
+    kernel = far_step if abs(lam) > FAR else step
+    return units.leave(np.array(kernel(tuple(state), c, np.zeros(5))))
 
 
 def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:

@@ -1,0 +1,59 @@
+"""The initial states of the experiments, by name: the named tops, and sixteen generic ones for statistics."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+
+from integrators.top import TOPS, Array, LagrangeTop
+
+RANDOM = tuple(f"random{i:02d}" for i in range(16))
+
+
+def find(name: str) -> tuple[LagrangeTop, Array]:
+    """Top and initial state of a named top or of "random00" … "random15".
+
+    The random ones have alpha in [0.3, 2], each J in [-2, 2] and |x| in [0.5, 2]; the generator is Python's own,
+    whose `random()` never changes.
+    """
+    if name in TOPS:
+        return TOPS[name].top, TOPS[name].state
+    if name not in RANDOM:
+        raise ValueError(f"unknown state {name!r}; known: {', '.join((*TOPS, *RANDOM))}")
+    draw = random.Random(name)  # seeded by the text itself, through SHA-512
+    J = [draw.uniform(-2, 2) for _ in range(3)]
+    x = np.array([draw.uniform(-1, 1) for _ in range(3)])
+    alpha, size = draw.uniform(0.3, 2), draw.uniform(0.5, 2)
+    return LagrangeTop(alpha), np.array([*J, *(x * (size / np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])))])
+
+
+def log_counts(last: int, per_octave: int) -> list[int]:
+    """Whole numbers from 1 to `last`, `per_octave` to each doubling (as far as there are so many), and `last`."""
+    counts = {round(2 ** (k / per_octave)) for k in range(per_octave * last.bit_length() + 1)}
+    return sorted(n for n in counts | {last} if n <= last)
+
+
+def sample(top: LagrangeTop, y0: Array, method: str, h: float, counts: list[int], **options) -> tuple[Array, Array]:
+    """States of `method` at the times counts·h, (N,) and (N, 6); the start is not among them.
+
+    A method that steps by h is advanced from count to count. One that chooses its own steps runs through in
+    one go, with dense output: restarting it at every sample would change what it does.
+    """
+    from integrators import METHODS, integrate, prepare
+
+    times = h * np.array(counts, dtype=float)
+    if METHODS[method].control == "tolerance":
+        return times, integrate(top, y0, t=times, method=method, **options).y
+    stepper = prepare(top, y0, h, method, **options)
+    states, done, y = [], 0, y0
+    for n in counts:
+        y = stepper.advance(y, n - done)
+        states.append(y)
+        done = n
+    return times, np.array(states)
+
+
+def rounded(value: float, digits: int = 5) -> float:
+    """To `digits` significant digits: what a figure can show, and a journal should store."""
+    return float(f"{value:.{digits - 1}e}")
