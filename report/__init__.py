@@ -1,0 +1,1 @@
+"""The report: reads stored rows, writes one page, figures and tables."""

@@ -1,0 +1,91 @@
+"""`python -m report` and `lagrange-bench report`: the page, the figures and the tables of what is stored."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+LARGE = 8_000_000  # bytes of a page that is slow on a phone
+
+
+@dataclass(frozen=True)
+class Made:
+    """What was written, from what, and what the reader should know."""
+
+    page: Path
+    results: Path
+    errors: list[str]  # what could not be drawn; the page says so too
+    notes: list[str]
+
+    @property
+    def exit_code(self) -> int:
+        return 1 if self.errors else 0
+
+
+def make(results: Path | None = None, output: Path | None = None) -> Made:
+    """The report of `results`, or of the ones at hand, in `output` or its usual place.
+
+    Raises
+    ------
+    OSError : there is no such folder of results, or `output` cannot be written.
+    """
+    from report import page
+
+    results, notes = _find(results)
+    report = page.assemble(results)
+    path = page.write(report, output or default_output()).resolve()
+    size = path.stat().st_size
+    if size > LARGE:
+        notes.append(f"the page is large: {size / 1e6:.1f} MB; draw dense figures with rasterized=True")
+    return Made(path, results, report.errors, notes)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Returns the exit code: 0, 1 if a part could not be drawn (the page says which), 2 for wrong usage."""
+    parser = argparse.ArgumentParser(prog="lagrange-bench report", description="Draw what is stored; compute nothing.")
+    parser.add_argument("--results", type=Path, metavar="DIR", help="where the results are (default: the reference)")
+    parser.add_argument("--output", type=Path, metavar="DIR", help="where index.html, figures and tables go")
+    options = parser.parse_args(argv)
+    try:
+        made = make(options.results, options.output)
+    except OSError as error:
+        what = f"{error.strerror}: {error.filename}" if error.strerror else str(error)
+        print(f"error: {what}", file=sys.stderr)
+        return 2
+    for line in [*made.notes, *(f"not drawn: {error}" for error in made.errors)]:
+        print(line, file=sys.stderr)
+    print(made.page)
+    return made.exit_code
+
+
+def default_output() -> Path:
+    """The folder report/ of a checkout; ./report-output for an installed package."""
+    from experiments.provenance import checkout
+
+    root = checkout()
+    return Path("report-output") if root is None else root / "report"
+
+
+def _find(chosen: Path | None) -> tuple[Path, list[str]]:
+    """The folder asked for; else the reference results; else the local ones computed last, and a word about it."""
+    from experiments.store import default_results
+
+    if chosen is not None:
+        if not chosen.is_dir():
+            raise FileNotFoundError(f"no such folder of results: {chosen}")
+        return chosen, []
+    reference, local = default_results(), default_results("full")
+    if any(reference.glob("*.jsonl")):
+        return reference, []
+    journals = [] if local == reference else sorted(local.parent.glob("*/*.jsonl"))
+    if not journals:
+        return reference, [f"nothing is stored in {reference}: the page has no data"]
+    newest = max(journals, key=lambda path: path.stat().st_mtime).parent
+    return newest, [f"nothing is stored in {reference}: showing {newest}"]
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

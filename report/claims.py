@@ -1,0 +1,181 @@
+"""What the project says, each with the check of stored rows that can refute it.
+
+A check is a function of one experiment's rows. Where the rows to judge are missing the answer is "no data", never
+a pass; a cell that failed refutes every claim about it.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a check found. `passed` None: there is nothing to judge by, `note` says why."""
+
+    value: Any
+    bound: Any
+    passed: bool | None
+    note: str = ""
+
+    @property
+    def word(self) -> str:
+        return {True: "pass", False: "fail", None: "no data"}[self.passed]
+
+
+Check = Callable[[pd.DataFrame], Verdict]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One sentence of the README or the paper, and how to check it."""
+
+    id: str
+    text: str
+    experiment: str
+    check: Check
+    command: str = ""  # how to check it; default: the full run of the experiment, and its report
+
+
+class NoData(LookupError):
+    """The rows a claim needs are not there; the message says which."""
+
+
+class CellFailed(RuntimeError):
+    """A claim is about cells that failed: it does not hold."""
+
+
+def judge(claim: Claim, rows: pd.DataFrame) -> tuple[Verdict, str | None]:
+    """The verdict on a claim, and what went wrong in the check itself (None: nothing)."""
+    if rows.empty:
+        return Verdict(None, None, None, f"nothing of {claim.experiment} is stored"), None
+    try:
+        verdict = claim.check(rows)
+    except NoData as missing:
+        return Verdict(None, None, None, str(missing)), None
+    except KeyError as missing:
+        return Verdict(None, None, None, f"{claim.experiment} has no column {missing}"), None
+    except Exception as error:  # a mistake in one check must not take the page with it
+        reason = f"{type(error).__name__}: {error}"
+        return Verdict(None, None, None, f"the check itself failed: {reason}"), f"claim {claim.id}: {reason}"
+    passed = verdict.passed
+    return replace(verdict, passed=None if passed is None else bool(passed)), None  # a NumPy bool is not a bool
+
+
+# ---------------------------------------------------------------- checks to choose from
+
+
+def values(rows: pd.DataFrame, *columns: str, **where: Any) -> np.ndarray:
+    """Values of measured columns in the rows with the given fields (a tuple or a list: any of them), in one array.
+
+    Raises
+    ------
+    NoData : no such rows or column. CellFailed : a cell they would come from failed.
+    """
+    chosen = select(rows, **where)
+    if chosen.empty:
+        raise NoData("no rows" + (f" with {_said(where)}" if where else ""))
+    failed = chosen[_failed(chosen)]
+    if len(failed):
+        raise CellFailed(f"{len(failed)} of {len(chosen)} failed: {failed['failure'].iloc[0]}")
+    if missing := [name for name in columns if name not in chosen]:
+        raise NoData(f"no column {missing[0]!r}")
+    return np.asarray(chosen[list(columns)], dtype=float)
+
+
+def _failed(rows: pd.DataFrame) -> pd.Series:
+    return rows["status"] == "failed" if "status" in rows else pd.Series(False, index=rows.index)
+
+
+def select(rows: pd.DataFrame, **where: Any) -> pd.DataFrame:
+    """Rows with the given fields. A failed cell has no measured fields, so there its cell's fields decide."""
+    keep = pd.Series(True, index=rows.index)
+    for name, wanted in where.items():
+        if name not in rows:
+            raise NoData(f"no column {name!r}")
+        hit = rows[name].isin(wanted if isinstance(wanted, (tuple, list, set)) else [wanted])
+        keep &= hit | (_failed(rows) & rows[name].isna())
+    return rows[keep]
+
+
+def within(bound: float, *columns: str, **where: Any) -> Check:
+    """Every |value| of the columns is ≤ bound; NaN is not."""
+    return compare(lambda rows: float(np.max(np.abs(values(rows, *columns, **where)))), operator.le, bound)
+
+
+def at_most(bound: float, *columns: str, **where: Any) -> Check:
+    """Every value of the columns is ≤ bound; NaN is not."""
+    return compare(lambda rows: float(np.max(values(rows, *columns, **where))), operator.le, bound)
+
+
+def at_least(bound: float, *columns: str, **where: Any) -> Check:
+    """Every value of the columns is ≥ bound; NaN is not."""
+    return compare(lambda rows: float(np.min(values(rows, *columns, **where))), operator.ge, bound)
+
+
+def ratio_at_least(bound: float, column: str, top: dict[str, Any], bottom: dict[str, Any]) -> Check:
+    """The median of a column in the rows `top` is at least `bound` times that in the rows `bottom`."""
+
+    def ratio(rows: pd.DataFrame) -> float:
+        return float(np.median(values(rows, column, **top)) / np.median(values(rows, column, **bottom)))
+
+    return compare(ratio, operator.ge, bound)
+
+
+def on(derive: Callable[[pd.DataFrame], pd.DataFrame], check: Check) -> Check:
+    """The check of what an experiment makes of its rows, a table of it for instance."""
+    return lambda rows: check(derive(rows))
+
+
+def compare(measure: Callable[[pd.DataFrame], float], holds: Callable[..., bool], bound: float) -> Check:
+    """The check `holds(measure(rows), bound)`; a failed cell refutes it."""
+
+    def check(rows: pd.DataFrame) -> Verdict:
+        try:
+            value = measure(rows)
+        except CellFailed as failure:
+            return Verdict(None, bound, False, str(failure))
+        return Verdict(value, bound, bool(holds(value, bound)))
+
+    return check
+
+
+def _said(where: dict[str, Any]) -> str:
+    return ", ".join(f"{name} = {wanted}" for name, wanted in where.items())
+
+
+# ---------------------------------------------------------------- the claims
+
+
+def _drift_verdicts(rows: pd.DataFrame) -> pd.DataFrame:
+    from experiments import drift
+
+    return _table(drift.tables(rows), "verdicts")
+
+
+def _table(tables: dict[str, pd.DataFrame], name: str) -> pd.DataFrame:
+    if name not in tables:
+        raise NoData(f"no table {name!r}")
+    return tables[name]
+
+
+CLAIMS: list[Claim] = [
+    Claim(
+        "backlund-invariants",
+        "The exact Bäcklund step keeps all four invariants at round-off, on every top.",
+        "drift",
+        within(1e-11, "H", "J3", "C1", "C2", part="time", method="backlund"),
+    ),
+    Claim(
+        "rk45-drifts",
+        "Runge-Kutta with fixed steps loses energy steadily: the measurement can tell a drifting method.",
+        "drift",
+        on(_drift_verdicts, at_least(0.75, "exponent", method="rk45_fixed", invariant="H")),
+    ),
+]

@@ -1,0 +1,268 @@
+"""From stored rows to one offline page, and to figures and tables as files. Nothing here integrates."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+
+import jinja2
+import pandas as pd
+from markupsafe import Markup
+
+from experiments import EXPERIMENTS, load
+from experiments.store import Store, StoreError
+from report import claims, figures, style, tables
+
+HERE = Path(__file__).parent
+LONG = 14  # rows beyond which a table is folded
+FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table of the environment; then the packages
+SUFFIXES = (".svg", ".md", ".tex", ".csv")
+SHOW = "lagrange-bench report --results results/local/full"  # what a full run in a checkout has stored
+MEASURED_WHEN = ("key", "seconds", "utc", "dirty")
+
+
+@dataclass
+class DrawnFigure:
+    name: str
+    document: str
+    caption: str
+
+
+@dataclass
+class DrawnTable:
+    name: str
+    frame: pd.DataFrame
+    caption: str
+
+
+@dataclass
+class Section:
+    """One experiment as stored and drawn."""
+
+    experiment: str
+    title: str = ""
+    about: str = ""
+    rows: pd.DataFrame = field(default_factory=pd.DataFrame)
+    figures: list[DrawnFigure] = field(default_factory=list)
+    tables: list[DrawnTable] = field(default_factory=list)
+    failures: pd.DataFrame = field(default_factory=pd.DataFrame)
+    provenance: pd.DataFrame = field(default_factory=pd.DataFrame)
+    notes: list[str] = field(default_factory=list)  # damaged lines of the journal
+    errors: list[str] = field(default_factory=list)  # of the drawing
+
+    @property
+    def command(self) -> str:
+        return f"lagrange-bench run {self.experiment} --profile full"
+
+    @property
+    def redraw(self) -> str:
+        return f"{self.command} && {SHOW}"
+
+    @property
+    def measured(self) -> str:
+        """How many cells, when, how long, from which commit."""
+        p = self.provenance
+        if p.empty:
+            return ""
+        commits = p["commit"].fillna("unknown").str.slice(0, 12) + p["dirty"].map({True: " with changes"}).fillna("")
+        first, last = p["utc"].min()[:10], p["utc"].max()[:10]
+        days = first if first == last else f"{first} to {last}"
+        failed = f", {len(self.failures)} failed" if len(self.failures) else ""
+        seconds = tables.show(float(p["seconds"].sum()))
+        return f"{len(p)} cells{failed}; {days}, {seconds} s of computing; commit {', '.join(sorted(set(commits)))}"
+
+    @property
+    def failed(self) -> pd.DataFrame:
+        """The failed cells: their fields, and one column for the error."""
+        errors = [name for name in self.failures.columns if name.startswith("error_")]
+        error = self.failures["error_type"] + ": " + self.failures["error_message"]
+        return self.failures.drop(columns=["key", *errors]).assign(error=error)
+
+    def file(self, name: str) -> str:
+        """Name of the file, without suffix, of a figure or table."""
+        return re.sub(r"[^\w.-]+", "-", f"{self.experiment}_{name}")
+
+
+@dataclass
+class Judged:
+    claim: claims.Claim
+    verdict: claims.Verdict
+    command: str
+
+
+@dataclass
+class Report:
+    """Everything the page shows."""
+
+    sections: list[Section]
+    claims: list[Judged]
+    errors: list[str]  # what could not be drawn or checked; the page shows each in its place
+
+
+# ---------------------------------------------------------------- what others call
+
+
+def build(results: Path, output: Path) -> Path:
+    """Writes `output/index.html`, `figures/*.svg` and `tables/*`; the path of the page.
+
+    What cannot be drawn is said on the page; `assemble` and `write` apart also tell the caller.
+    """
+    return write(assemble(results), output)
+
+
+def write_experiment(experiment: str, results: Path, output: Path) -> list[Path]:
+    """Draws one experiment's figures and tables into `output`; raises whatever drawing raises."""
+    module, section = load(experiment), Section(experiment, rows=Store(results).rows(experiment))
+    section.figures, section.tables = _figures(module, section.rows), _tables(module, section.rows)
+    return _write_files(section, Path(output))
+
+
+def assemble(results: Path) -> Report:
+    """Everything the page shows, from the journals in `results`; never raises for a part that cannot be drawn."""
+    others = sorted(path.stem for path in Path(results).glob("*.jsonl") if path.stem not in EXPERIMENTS)
+    sections = [_section(experiment, Store(results)) for experiment in (*EXPERIMENTS, *others)]
+    rows = {section.experiment: section.rows for section in sections}
+    errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
+    judged = []
+    for claim in claims.CLAIMS:
+        verdict, error = claims.judge(claim, rows.get(claim.experiment, pd.DataFrame()))
+        judged.append(Judged(claim, verdict, claim.command or Section(claim.experiment).redraw))
+        errors += [error] if error else []
+    return Report(sections, judged, errors)
+
+
+def write(report: Report, output: Path) -> Path:
+    """Writes a report, each file whole or not at all; files of figures and tables that are no more are removed."""
+    output = Path(output)
+    written = [path for section in report.sections for path in _write_files(section, output)]
+    prefixes = tuple(f"{section.experiment}_" for section in report.sections)
+    for old in [*output.glob("figures/*.svg"), *output.glob("tables/*.*")]:
+        if old.name.startswith(prefixes) and old.suffix in SUFFIXES and old not in written:
+            old.unlink()
+    return _write(output / "index.html", html(report))
+
+
+# ---------------------------------------------------------------- from a journal to a section
+
+
+def _section(experiment: str, store: Store) -> Section:
+    section = Section(experiment, title=experiment.replace("_", " ").capitalize())
+    try:
+        module = load(experiment)
+        title, _, about = (module.__doc__ or section.title).strip().partition("\n")
+        section.title, section.about = title.rstrip("."), about.strip()
+    except Exception as error:  # its rows are still told about
+        section.errors.append(f"cannot be loaded: {_said(error)}")
+        module = None
+    try:
+        section.notes = [note.replace(f"{store.folder}{os.sep}", "") for note in store.read(experiment)[1]]
+        section.rows, section.failures = store.rows(experiment), store.failures(experiment)
+        section.provenance = store.provenance(experiment)
+    except StoreError as error:
+        section.errors.append(str(error).replace(f"{store.folder}{os.sep}", ""))
+    if module is None or section.rows.empty:
+        return section
+    try:
+        section.figures = _figures(module, section.rows)
+    except Exception as error:
+        section.errors.append(f"figures cannot be drawn: {_said(error)}")
+    try:
+        section.tables = _tables(module, section.rows)
+    except Exception as error:
+        section.errors.append(f"tables cannot be made: {_said(error)}")
+    return section
+
+
+def _figures(module: ModuleType, rows: pd.DataFrame) -> list[DrawnFigure]:
+    with style.apply():
+        drawn = module.draw(rows.copy())
+        return [DrawnFigure(name, figures.svg(f), getattr(f, "caption", "")) for name, f in drawn.items()]
+
+
+def _tables(module: ModuleType, rows: pd.DataFrame) -> list[DrawnTable]:
+    made = module.tables(rows.copy())
+    return [DrawnTable(name, tables.flat(t), t.attrs.get("caption", "")) for name, t in made.items()]
+
+
+def _said(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
+
+
+# ---------------------------------------------------------------- to files
+
+
+def _write_files(section: Section, output: Path) -> list[Path]:
+    written = []
+    for figure in section.figures:
+        written.append(_write(output / "figures" / f"{section.file(figure.name)}.svg", figure.document))
+    for table in section.tables:
+        path = output / "tables" / section.file(table.name)
+        for suffix, text in (
+            (".md", tables.markdown(table.frame)),
+            (".tex", tables.latex(table.frame, table.caption)),
+            (".csv", tables.csv(table.frame)),
+        ):
+            written.append(_write(path.with_name(path.name + suffix), text))
+    return written
+
+
+def _write(path: Path, text: str) -> Path:
+    """Writes a file whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return path
+
+
+# ---------------------------------------------------------------- to HTML
+
+
+def html(report: Report) -> str:
+    """The page as text."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(HERE),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters.update(show=tables.show, cells=tables.cells)
+    template = environment.get_template("template.html.j2")
+    parts = {name: Markup((HERE / f"page.{name}").read_text(encoding="utf-8")) for name in ("css", "js")}
+    passed = [judged.verdict.word for judged in report.claims]
+    return template.render(
+        report=report,
+        headline=next((section for section in report.sections if section.figures), None),
+        counts={word: passed.count(word) for word in ("pass", "fail", "no data")},
+        environment=environment_facts(report.sections),
+        long=LONG,
+        svg=lambda section, figure: Markup(
+            figures.inline(figure.document, section.file(figure.name), figure.caption or section.title)
+        ),
+        **parts,
+    )
+
+
+def environment_facts(sections: list[Section]) -> list[tuple[str, str]]:
+    """(fact, value) of where the rows come from; where experiments differ, each value names its own."""
+    values: dict[str, dict[str, list[str]]] = {}
+    for section in sections:
+        for fact in section.provenance.columns.drop(list(MEASURED_WHEN), errors="ignore"):
+            for value in section.provenance[fact].astype(object).map(tables.show).unique():
+                values.setdefault(fact, {}).setdefault(value, []).append(section.experiment)
+    facts = [*(fact for fact in FACTS if fact in values), *(fact for fact in values if fact not in FACTS)]
+    return [(fact, _joined(values[fact])) for fact in facts]
+
+
+def _joined(values: dict[str, list[str]]) -> str:
+    if len(values) == 1:
+        return next(iter(values))
+    return "; ".join(f"{value} ({', '.join(names)})" for value, names in values.items())

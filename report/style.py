@@ -1,0 +1,251 @@
+"""One look for every figure: sizes, fonts, and method name → label, colour, marker, line style.
+
+Colours go by family (Okabe-Ito, safe for colour-blind readers), shades, markers and dashes by the place of a method
+within its family, so a figure also reads in grey. A method nobody registered gets a grey of its own, always the same.
+
+Text in SVG files is drawn as outlines (`svg.fonttype: path`): a figure looks the same on a phone, in print and in a
+journal's production line, none of which has DejaVu Sans. The price is about 30 kB a figure.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+import matplotlib
+import matplotlib.figure
+import numpy as np
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.transforms import blended_transform_factory
+
+WIDTHS = {"column": 3.4, "page": 7.0}  # inches: one and two columns of a journal page
+INK, FAINT = "#222222", "#6b6b6b"
+
+# family → (colours, markers), used in registry order within the family
+FAMILIES: dict[str, tuple[Sequence[str], Sequence[str]]] = {
+    "backlund": (("#0072B2", "#56B4E9", "#003B5C", "#7D9BD1"), ("o", "s", "D", "h")),
+    "taylor": (("#009E73", "#5DC3A1", "#00503A"), ("^", "v", "<")),
+    "runge-kutta": (("#D55E00", "#E69F00", "#8A3A00", "#F2A97E"), ("X", "P", "p", "8")),
+    "implicit": (("#CC79A7", "#7B2E5E", "#E3B4CE"), ("d", "*", "H")),
+    "splitting": (("#8C7A00", "#C9B400", "#544900"), (">", "4", "3")),
+}
+STRANGERS = (("#5A5A5A", "#8F8F8F", "#333333", "#B0B0B0"), ("+", "x", "1", "2"))
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
+
+RC: Any = {
+    "svg.hashsalt": "lagrange-bench",  # ids in an SVG depend on its content only: same rows, same bytes
+    "svg.fonttype": "path",
+    "savefig.dpi": 200,  # of what is rasterized inside an SVG
+    "font.family": "DejaVu Sans",  # comes with matplotlib, so every machine lays out the same figure
+    "font.size": 8,
+    "axes.labelsize": 8,
+    "axes.titlesize": 8.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.titlepad": 5,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7.5,
+    "legend.frameon": False,
+    "legend.handlelength": 2.4,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": FAINT,
+    "xtick.color": FAINT,
+    "ytick.color": FAINT,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "axes.prop_cycle": cycler(color=["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#5A5A5A"]),
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.width": 0.4,
+    "ytick.minor.width": 0.4,
+    "xtick.major.size": 3,
+    "ytick.major.size": 3,
+    "xtick.minor.size": 1.5,
+    "ytick.minor.size": 1.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 4,
+    "lines.markeredgewidth": 0.8,
+    "lines.solid_capstyle": "round",
+    "axes.formatter.use_mathtext": True,
+    "axes.formatter.limits": (-3, 4),
+}
+
+
+class Figure(matplotlib.figure.Figure):
+    """A matplotlib figure with the sentence that goes below it. Belongs to no pyplot, so nothing leaks."""
+
+    caption: str = ""
+
+
+@contextmanager
+def apply() -> Iterator[None]:
+    """The style, whatever the reader's own matplotlibrc says. Draw and save inside."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(RC)
+        yield
+
+
+def figure(width: str | float = "page", height: float | None = None, **subplots: Any) -> tuple[Figure, Any]:
+    """A figure and its axes, as `Figure.subplots(**subplots)` gives them.
+
+    width : "column" (3.4 in), "page" (7 in) or inches. height : inches; default: the width's share of each row of axes.
+    """
+    inches = WIDTHS[width] if isinstance(width, str) else width
+    if height is None:
+        rows, columns = subplots.get("nrows", 1), subplots.get("ncols", 1)
+        height = 0.4 + rows * min(0.68 * inches / columns, 3.2)
+    fig = Figure(figsize=(inches, height), layout="constrained")
+    return fig, fig.subplots(**subplots)
+
+
+# ---------------------------------------------------------------- methods
+
+
+def of(method: str) -> dict[str, Any]:
+    """label, color, marker, linestyle of a method: keywords for `Axes.plot`."""
+    return dict(_methods().get(method) or _stranger(method))
+
+
+def label(method: str) -> str:
+    """What a legend, an axis or a table cell calls a method."""
+    return str(of(method)["label"])
+
+
+def ordered(methods: Iterable[str]) -> list[str]:
+    """Distinct names in legend order: the registry's, then the unknown ones by name."""
+    known = list(_methods())
+    return sorted(set(methods), key=lambda name: (known.index(name) if name in known else len(known), name))
+
+
+@cache
+def _methods() -> dict[str, dict[str, Any]]:
+    from integrators.registry import METHODS
+
+    styles: dict[str, dict[str, Any]] = {}
+    members: dict[str, int] = {}
+    for name in METHODS:
+        try:
+            method = METHODS[name]
+        except Exception:  # a method that cannot be loaded here may still have rows: it is drawn as a stranger
+            styles[name] = _stranger(name)
+            continue
+        place = members.setdefault(method.family, 0)
+        members[method.family] += 1
+        if method.family in FAMILIES:
+            styles[name] = _style(method.label, *FAMILIES[method.family], place)
+        else:
+            styles[name] = {**_stranger(name), "label": method.label}
+    return styles
+
+
+def _stranger(name: str) -> dict[str, Any]:
+    return _style(name, *STRANGERS, hashlib.sha256(name.encode()).digest()[0])
+
+
+def _style(text: str, colours: Sequence[str], markers: Sequence[str], place: int) -> dict[str, Any]:
+    def pick(options: Sequence[Any]) -> Any:
+        return options[place % len(options)]
+
+    return {"label": text, "color": pick(colours), "marker": pick(markers), "linestyle": pick(DASHES)}
+
+
+# ---------------------------------------------------------------- marks and labels
+
+
+def label_end(ax: Axes, fontsize: float = 7) -> None:
+    """Write each labelled line's name at its right end, pushed apart so that none overlap. Call it last."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    figure.draw_without_rendering()  # limits and layout are known only after this
+    lines = [line for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
+    ends = [(line, end) for line in lines if (end := _last_point(ax, line)) is not None]
+    gap = 1.25 * fontsize * figure.dpi / 72 / ax.get_window_extent().height
+    ends.sort(key=lambda pair: pair[1][1])
+    for (line, (x, y)), place in zip(ends, _spread([y for _, (_, y) in ends], gap), strict=True):
+        ax.annotate(
+            str(line.get_label()), xy=(x, y), xytext=(1.04, place), xycoords="axes fraction", fontsize=fontsize,
+            color=line.get_color(), va="center", annotation_clip=False,
+            arrowprops={"arrowstyle": "-", "color": line.get_color(), "lw": 0.4, "shrinkA": 1, "shrinkB": 2},
+        )  # fmt: skip
+
+
+def _last_point(ax: Axes, line: Any) -> tuple[float, float] | None:
+    """The last finite point of a line, in fractions of the axes, held inside them; None if there is none."""
+    data = np.column_stack([np.asarray(v, dtype=float) for v in line.get_data()])
+    with np.errstate(all="ignore"):
+        points = ax.transAxes.inverted().transform(ax.transData.transform(data))
+    points = points[np.isfinite(points).all(axis=1)]
+    return None if len(points) == 0 else (float(np.clip(points[-1][0], 0, 1)), float(np.clip(points[-1][1], 0, 1)))
+
+
+def _spread(places: Sequence[float], gap: float) -> list[float]:
+    """Ascending places in [0, 1] moved as little as needed to lie `gap` apart: runs that overlap share their mean."""
+    runs: list[list[float]] = []
+    for place in places:
+        runs.append([place])
+        while len(runs) > 1 and _centre(runs[-1], gap) - _centre(runs[-2], gap) < gap * len(runs[-2] + runs[-1]) / 2:
+            last = runs.pop()
+            runs[-1] += last
+    return [_centre(run, gap) + gap * (i - (len(run) - 1) / 2) for run in runs for i in range(len(run))]
+
+
+def _centre(run: Sequence[float], gap: float) -> float:
+    half = min(gap * (len(run) - 1) / 2, 0.5)  # a run stays inside the axes if it can
+    return float(np.clip(sum(run) / len(run), half, 1 - half))
+
+
+def legend_below(fig: matplotlib.figure.Figure) -> None:
+    """One legend for all axes, each name once, below them, in as many columns as fit. The figure grows by it."""
+    entries: dict[str, Any] = {}
+    for ax in fig.axes:
+        for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
+            entries.setdefault(text, handle)
+    places = {of(name)["label"]: i for i, name in enumerate(_methods())}
+    texts = sorted(entries, key=lambda text: places.get(text, len(places)))
+    handles = [entries[text] for text in texts]
+    for columns in range(len(texts), 0, -1):
+        legend = fig.legend(handles, texts, loc="outside lower center", ncols=columns, columnspacing=1.4)
+        size = legend.get_window_extent()
+        if columns == 1 or size.width <= 0.92 * fig.bbox.width:
+            fig.set_figheight(fig.get_figheight() + size.height / fig.dpi)
+            return
+        legend.remove()
+
+
+def failure_marks(ax: Axes, x: Iterable[float], method: str | None = None, *, row: int = 0) -> None:
+    """A cross at the top of the axes for every x at which a method failed; `row` 1, 2, … go further down."""
+    positions = list(x)
+    if not positions:
+        return
+    colour = of(method)["color"] if method else INK
+    first = all(line.get_label() != "failed" for line in ax.get_lines())
+    ax.plot(
+        positions, [0.97 - 0.05 * row] * len(positions), linestyle="none", marker="x", markersize=5, color=colour,
+        markeredgewidth=1.2, clip_on=False, zorder=5, label="failed" if first else "_failed",
+        transform=blended_transform_factory(ax.transData, ax.transAxes),
+    )  # fmt: skip
+
+
+def slope_guide(ax: Axes, exponent: float, anchor: tuple[float, float], span: float = 10.0, text: str = "") -> None:
+    """A thin line y ∝ x^exponent on log-log axes from `anchor` over a factor `span` in x, with its name."""
+    x0, y0 = anchor
+    x1, y1 = x0 * span, y0 * span**exponent
+    ax.plot([x0, x1], [y0, y1], color=FAINT, linewidth=0.7, linestyle=(0, (1, 1)), marker="none", label="_guide")
+    ax.annotate(
+        text or f"slope {exponent:g}", (x1, y1), (2, 0), textcoords="offset points", fontsize=6.5, color=FAINT,
+        va="center",
+    ).set_in_layout(False)  # fmt: skip

@@ -1,0 +1,184 @@
+"""Tables as HTML cells, Markdown, LaTeX (booktabs) and CSV. CSV holds every digit, the others what a reader needs."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+import pandas as pd
+
+MISSING = "–"
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+GROUP = "\N{NARROW NO-BREAK SPACE}"
+
+TEX_SPECIAL = {
+    **{c: "\\" + c for c in "&%$#_{}"},
+    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
+    "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", "\n": " ", "\r": " ",
+    "[": "{[}", "*": "{*}",  # a row that starts with one would become an argument of the \\ before it
+    "–": "--", "—": "---", "\N{NO-BREAK SPACE}": "~", GROUP: r"\,", "…": r"\ldots{}",
+}  # fmt: skip
+GREEK = {
+    "α": "alpha", "β": "beta", "γ": "gamma", "δ": "delta", "ε": "varepsilon", "θ": "theta", "κ": "kappa",
+    "λ": "lambda", "μ": "mu", "ν": "nu", "π": "pi", "ρ": "rho", "σ": "sigma", "τ": "tau", "φ": "varphi", "χ": "chi",
+    "ψ": "psi", "ω": "omega", "Γ": "Gamma", "Δ": "Delta", "Θ": "Theta", "Λ": "Lambda", "Φ": "Phi", "Ω": "Omega",
+}  # fmt: skip
+TEX_MATH = {
+    **{c: "\\" + name for c, name in GREEK.items()},
+    "×": r"\times", "·": r"\cdot", "±": r"\pm", "−": "-", "≤": r"\leq", "≥": r"\geq", "≠": r"\neq", "≈": r"\approx",
+    "∝": r"\propto", "∞": r"\infty", "→": r"\to", "∂": r"\partial", "∇": r"\nabla", "°": r"{}^{\circ}",
+    "½": r"\frac{1}{2}", "√": r"\surd",
+    **{c: f"{{}}^{{{d}}}" for c, d in zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-", strict=True)},
+    **{c: f"{{}}_{{{d}}}" for c, d in zip("₀₁₂₃₄₅₆₇₈₉", "0123456789", strict=True)},
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell of a table: what is read, what it is sorted by, and which side it keeps to."""
+
+    text: str
+    sort: str
+    numeric: bool
+
+
+def flat(frame: pd.DataFrame) -> pd.DataFrame:
+    """The frame with columns named by plain strings, and its index as columns unless that only counts rows."""
+    counts = frame.index.names == [None] and pd.api.types.is_integer_dtype(frame.index.dtype)
+    frame = frame.reset_index(drop=counts)
+    names = [" ".join(map(str, name)) if isinstance(name, tuple) else str(name) for name in frame.columns]
+    return frame.set_axis([name.strip() for name in names], axis="columns")
+
+
+def cells(frame: pd.DataFrame) -> list[list[Cell]]:
+    """The rows of a frame, for the page."""
+    pads = _pads(frame)
+    return [[_cell(value, pad) for value, pad in zip(row, pads, strict=True)] for row in _rows(frame)]
+
+
+def markdown(frame: pd.DataFrame) -> str:
+    """A pipe table."""
+    sides = [":--" if side == "l" else "--:" for side in _sides(frame)]
+    pads = _pads(frame)
+    body = [[show(value, pad) for value, pad in zip(row, pads, strict=True)] for row in _rows(frame)]
+    lines = [[str(name) for name in frame.columns], sides, *body]
+    return "".join("| " + " | ".join(_markdown_text(text) for text in line) + " |\n" for line in lines)
+
+
+def latex(frame: pd.DataFrame, caption: str = "") -> str:
+    r"""A `tabular` to be \input into a table float; needs the package booktabs."""
+    head, pads = [_tex_text(str(name)) for name in frame.columns], _pads(frame)
+    body = [[tex(value, pad) for value, pad in zip(row, pads, strict=True)] for row in _rows(frame)]
+    lines = [
+        "% written by lagrange-bench report; needs \\usepackage{booktabs}",
+        *([f"% {' '.join(caption.split())}"] if caption else []),
+        rf"\begin{{tabular}}{{@{{}}{''.join(_sides(frame))}@{{}}}}",
+        r"\toprule",
+        " & ".join(head) + r" \\",
+        r"\midrule",
+        *(" & ".join(row) + r" \\" for row in body),
+        r"\bottomrule",
+        r"\end{tabular}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def csv(frame: pd.DataFrame) -> str:
+    """Comma separated values with every digit; a missing value is an empty field."""
+    return str(frame.to_csv(index=False, lineterminator="\n"))
+
+
+# ---------------------------------------------------------------- one value
+
+
+def show(value: Any, pad: bool = False) -> str:
+    """A value for a reader: three significant digits, powers of ten written out. pad : zeros at the end stay."""
+    if not _is_number(value):
+        return _word(value)
+    mantissa, exponent = _digits(value, pad)
+    power = "" if exponent is None else f"×10{str(exponent).translate(SUPERSCRIPT)}"
+    return mantissa.replace("-", "−").replace(" ", GROUP) + power
+
+
+def tex(value: Any, pad: bool = False) -> str:
+    """A value for LaTeX, as `show`."""
+    if not _is_number(value):
+        return _tex_text(_word(value))
+    mantissa, exponent = _digits(value, pad)
+    power = "" if exponent is None else rf"\times10^{{{exponent}}}"
+    return f"${mantissa.replace(' ', chr(92) + ',').replace('∞', chr(92) + 'infty')}{power}$"
+
+
+def _digits(value: Any, pad: bool) -> tuple[str, int | None]:
+    """Mantissa and power of ten, in ASCII but for ∞; whole numbers in groups of three."""
+    if isinstance(value, numbers.Integral):
+        whole = int(value)
+        return (f"{whole:,}".replace(",", " ") if abs(whole) >= 10_000 else str(whole)), None
+    value = float(value)
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞", None
+    if value == 0:
+        return "0", None
+    mantissa, power = f"{value:.2e}".split("e")
+    exponent = int(power)
+    scientific = not -3 <= exponent < 4
+    decimal = mantissa if scientific else f"{float(f'{value:.2e}'):.{max(0, 2 - exponent)}f}"
+    if not pad and "." in decimal:
+        decimal = decimal.rstrip("0").rstrip(".")
+    return decimal, exponent if scientific else None
+
+
+def _pads(frame: pd.DataFrame) -> list[bool]:
+    """Per column: does a number in it need all three digits, so that the others show theirs too?"""
+    return [any(_needs_all(value) for value in frame.iloc[:, i].array) for i in range(frame.shape[1])]
+
+
+def _needs_all(value: Any) -> bool:
+    if not _is_number(value) or isinstance(value, numbers.Integral) or math.isinf(value):
+        return False
+    return f"{float(value):.2e}".split("e")[0][-1] != "0"
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, numbers.Real) and not _is_bool(value) and not pd.isna(value)
+
+
+def _is_bool(value: Any) -> bool:
+    return isinstance(value, bool) or getattr(getattr(value, "dtype", None), "kind", "") == "b"
+
+
+def _word(value: Any) -> str:
+    if _is_bool(value):
+        return "yes" if value else "no"
+    return MISSING if value is None or (pd.api.types.is_scalar(value) and pd.isna(value)) else str(value)
+
+
+def _cell(value: Any, pad: bool) -> Cell:
+    if _is_number(value):
+        return Cell(show(value, pad), repr(float(value)), True)
+    return Cell(show(value), "" if show(value) == MISSING else show(value), False)
+
+
+def _rows(frame: pd.DataFrame) -> list[tuple[Any, ...]]:
+    """Row by row with each column's own types (iterating over a frame's rows would turn whole numbers into floats)."""
+    return list(zip(*(frame.iloc[:, i].array for i in range(frame.shape[1])), strict=True))
+
+
+def _sides(frame: pd.DataFrame) -> list[str]:
+    columns = [[v for v in frame.iloc[:, i].array if show(v) != MISSING] for i in range(frame.shape[1])]
+    return ["r" if column and all(map(_is_number, column)) else "l" for column in columns]
+
+
+def _markdown_text(text: str) -> str:
+    return " ".join(text.replace("|", r"\|").split())
+
+
+def _tex_text(text: str) -> str:
+    parts = []
+    for is_math, run in groupby(text, key=TEX_MATH.__contains__):
+        translated = "".join((TEX_MATH if is_math else TEX_SPECIAL).get(c, c) for c in run)
+        parts.append(f"${translated}$" if is_math else translated)
+    return "".join(parts)

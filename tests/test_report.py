@@ -1,0 +1,266 @@
+"""The report shows what is stored, all of it, offline, the same bytes every time; and says what it cannot show."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+from html.parser import HTMLParser
+from types import ModuleType
+
+import matplotlib
+import numpy as np
+import pandas as pd
+import pytest
+
+from experiments import store
+from report import claims, page, style
+from report.__main__ import main
+from report.claims import Claim
+
+NASTY = "50 % of a_b & <script>alert(1)</script> | α"
+
+
+def toy(name: str, draw, make_tables) -> ModuleType:
+    module = ModuleType(name, f"Toy {name}: does it show?\n\nAbout {name}.")
+
+    def forbidden(*_):
+        raise AssertionError("the report must not measure")
+
+    module.VERSION, module.cells, module.measure = 1, forbidden, forbidden
+    module.draw, module.tables = draw, make_tables
+    return module
+
+
+def draw_good(rows):
+    drawn = {}
+    for name in ("first", "second"):
+        fig, ax = style.figure("column")
+        for method in style.ordered(rows.method):
+            chosen = rows[rows.method == method]
+            ax.loglog(chosen.h, chosen.drift, **style.of(method))
+            style.failure_marks(ax, chosen[chosen.status == "failed"].h, method)
+        ax.fill_between([1e-2, 1], 1e-9, 1e-8, hatch="/", clip_on=True)
+        style.legend_below(fig)
+        fig.caption = f"The {name} caption, {NASTY}"
+        drawn[name] = fig
+    return drawn
+
+
+def make_tables(rows):
+    drift = rows[rows.status == "done"][["method", "h", "drift"]].rename(columns={"drift": "max_drift & more"})
+    return {"all": drift, "median": rows.groupby("method")[["drift"]].median().assign(note=NASTY)}
+
+
+def draw_broken(rows):
+    raise ZeroDivisionError("<b>no luck</b>")
+
+
+def outcome(rows=(), message=None):
+    error = message and {"type": "StepError", "message": message, "traceback": "Traceback …"}
+    status = "failed" if message else "done"
+    return {"status": status, "rows": list(rows), "error": error, "warnings": [], "seconds": 0.5}
+
+
+CLAIMS = [
+    Claim("holds", "Drift stays small.", "toy.good", claims.within(1e-3, "drift", method="backlund")),
+    Claim("refuted", "Drift stays tiny.", "toy.good", claims.within(1e-30, "drift", method="backlund")),
+    Claim("failed", "A method that failed is fine.", "toy.good", claims.within(1e9, "drift", method="rk45")),
+    Claim("absent", "Nobody measured this.", "toy.good", claims.within(1.0, "colour", method="backlund")),
+    Claim("unstored", "Nothing is stored.", "toy.empty", claims.at_most(1.0, "drift")),
+]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Results of three toys: one in order (with a failed cell and a torn line), one that cannot be drawn, one empty."""
+    folder = tmp_path_factory.mktemp("results")
+    journals = store.Store(folder)
+    for name in ("toy.good", "toy.broken"):
+        for i, method in enumerate(("backlund", "rk45", "somebody_elses")):
+            for j, h in enumerate((0.01, 0.1, 1.0)):
+                bad = "Newton gave up <here>" if (method, h) == ("rk45", 1.0) else None
+                done = outcome([{"drift": 1e-12 * h**i}], bad)
+                journals.append(store.make_record(name, 1, 3 * i + j, {"method": method, "h": h}, **done))
+    with (folder / "toy.good.jsonl").open("ab") as file:
+        file.write(b'{"torn')
+    with pytest.MonkeyPatch.context() as patch:
+        for name, draw in (("toy.good", draw_good), ("toy.broken", draw_broken), ("toy.empty", draw_broken)):
+            patch.setitem(sys.modules, name, toy(name, draw, make_tables))
+        patch.setattr(page, "EXPERIMENTS", ("toy.good", "toy.broken", "toy.empty"))
+        patch.setattr(claims, "CLAIMS", CLAIMS)
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def report(results):
+    return page.assemble(results)
+
+
+@pytest.fixture
+def text(report, tmp_path):
+    """The page; it is in tmp_path/out."""
+    return page.write(report, tmp_path / "out").read_text(encoding="utf-8")
+
+
+class Elements(HTMLParser):
+    """Every element's attributes, and the text outside style and script."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.attributes, self.tags, self.words = [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += attrs
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def test_page_is_one_offline_file_with_every_figure_and_table(text, tmp_path):
+    found = Elements(text)
+    assert found.tags.count("svg") == 2
+    assert sorted(p.name for p in (tmp_path / "out" / "figures").iterdir()) == [
+        "toy.good_first.svg",
+        "toy.good_second.svg",
+    ]
+    assert {p.suffix for p in (tmp_path / "out" / "tables").iterdir()} == {".md", ".tex", ".csv"}
+    for name, value in found.attributes:
+        if name in ("src", "href", "xlink:href", "action", "poster", "srcset"):
+            assert value.startswith(("#", "data:")), (name, value)
+    assert not {"link", "iframe", "object", "embed", "img"} & set(found.tags)
+    assert not re.search(r"@import|url\((?!#)", text)
+    assert set(re.findall(r"https?://[^\s\"'<]*", text)) <= {
+        "http://www.w3.org/2000/svg",
+        "http://www.w3.org/1999/xlink",
+    }
+
+
+def test_ids_are_unique_and_every_reference_has_its_target(text):
+    ids = [value for name, value in Elements(text).attributes if name == "id"]
+    assert len(ids) == len(set(ids))
+    targets = set(re.findall(r'href="#([^"]+)"', text)) | set(re.findall(r"url\(#([^)]+)\)", text))
+    assert targets <= set(ids)
+    assert any(target.startswith("toy.good_second-") for target in targets), "the figures use no ids: a vacuous test"
+
+
+def test_same_rows_same_bytes(results, tmp_path, monkeypatch):
+    first = page.build(results, tmp_path / "a").parent
+    moved = shutil.copytree(results, tmp_path / "moved")
+    monkeypatch.setitem(matplotlib.rcParams, "lines.linewidth", 7.0)  # the reader's own taste
+    second = page.build(moved, tmp_path / "b").parent
+    files = sorted(p.relative_to(first) for p in first.rglob("*") if p.is_file())
+    assert len(files) == 1 + 2 + 12
+    assert files == sorted(p.relative_to(second) for p in second.rglob("*") if p.is_file())
+    for file in files:
+        assert (first / file).read_bytes() == (second / file).read_bytes(), file
+
+
+def test_what_is_missing_is_said_in_its_place(report, text):
+    sections = {part.split('"')[0]: part for part in text.split('<section id="')[1:]}
+    assert "ZeroDivisionError: &lt;b&gt;no luck&lt;/b&gt;" in sections["toy.broken"]
+    assert "toy.broken_median" in sections["toy.broken"], "the tables do not need the figures"
+    assert "No data" in sections["toy.empty"]
+    assert "toy.good.jsonl, line 10: cut off while it was written" in sections["toy.good"]
+    assert "StepError: Newton gave up &lt;here&gt;" in sections["failures"]
+    assert "numpy" in sections["environment"]
+    assert np.__version__ in sections["environment"]
+    assert report.errors == ["toy.broken: figures cannot be drawn: ZeroDivisionError: <b>no luck</b>"]
+
+
+def test_text_from_results_is_escaped(text):
+    assert "<script>alert" not in text
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in text
+    assert Elements(text).tags.count("script") == 1
+
+
+def test_no_results_at_all(tmp_path):
+    report = page.assemble(tmp_path)
+    text = page.write(report, tmp_path / "out").read_text(encoding="utf-8")
+    assert text.count("nothing of this experiment is stored") == len(page.EXPERIMENTS)
+    assert {judged.verdict.passed for judged in report.claims} == {None}
+
+
+def test_a_journal_of_another_schema_costs_only_its_section(results, tmp_path, monkeypatch):
+    with monkeypatch.context() as future:
+        future.setattr(store, "SCHEMA", 99)
+        store.Store(tmp_path).append(store.make_record("toy.broken", 1, 0, {}, **outcome([{"drift": 1.0}])))
+    (error,) = page.assemble(tmp_path).errors
+    assert error.startswith("toy.broken: toy.broken.jsonl, line 1: written with schema 99"), error
+
+
+def test_files_of_figures_that_are_no_more_go_and_others_stay(report, tmp_path):
+    (tmp_path / "figures").mkdir()
+    for name in ("toy.good_gone.svg", "toy.good_notes.txt", "mine.svg"):
+        (tmp_path / "figures" / name).write_text("x")
+    page.write(report, tmp_path)
+    left = {p.name for p in (tmp_path / "figures").iterdir()}
+    assert left == {"toy.good_first.svg", "toy.good_second.svg", "toy.good_notes.txt", "mine.svg"}
+
+
+def test_a_write_that_fails_leaves_the_old_page(report, tmp_path, monkeypatch):
+    index = page.write(report, tmp_path)
+    before = index.read_bytes()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(page.os, "replace", full)
+    with pytest.raises(OSError, match="No space"):
+        page.write(report, tmp_path)
+    assert index.read_bytes() == before
+    assert not list(tmp_path.rglob(".*"))
+
+
+def test_write_experiment_draws_one_and_raises_what_drawing_raises(results, tmp_path):
+    written = page.write_experiment("toy.good", results, tmp_path)
+    assert len(written) == 2 + 2 * 3
+    assert all(path.is_file() for path in written)
+    with pytest.raises(ZeroDivisionError):
+        page.write_experiment("toy.broken", results, tmp_path)
+
+
+def test_command_line(results, tmp_path, capsys):
+    assert main(["--results", str(results), "--output", str(tmp_path / "out")]) == 1, "a toy cannot be drawn"
+    out, err = capsys.readouterr()
+    assert out == f"{(tmp_path / 'out' / 'index.html').resolve()}\n"
+    assert "not drawn: toy.broken" in err
+    assert main(["--results", str(tmp_path / "nowhere"), "--output", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    (tmp_path / "file").write_text("")
+    assert main(["--results", str(results), "--output", str(tmp_path / "file")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_verdicts(report, text):
+    verdicts = {judged.claim.id: judged.verdict for judged in report.claims}
+    assert {name: verdict.word for name, verdict in verdicts.items()} == {
+        "holds": "pass",
+        "refuted": "fail",
+        "failed": "fail",
+        "absent": "no data",
+        "unstored": "no data",
+    }
+    assert "1 of 3 failed: StepError" in verdicts["failed"].note
+    assert "colour" in verdicts["absent"].note
+    for words in ("1 pass", "2 fail", "2 no data", "run</span> <span>toy.good</span>"):
+        assert words in text
+
+
+def test_three_formats_of_a_table(text, tmp_path):
+    path = tmp_path / "out" / "tables"
+    whole = pd.read_csv(path / "toy.good_all.csv")
+    assert list(whole.columns) == ["method", "h", "max_drift & more"]
+    assert whole["max_drift & more"].tolist() == [1e-12 * h**i for i in range(3) for h in (0.01, 0.1, 1.0)][:5] + [
+        1e-12 * h**2 for h in (0.01, 0.1, 1.0)
+    ]
+    assert pd.read_csv(path / "toy.good_median.csv").note[0] == NASTY
+    lines = (path / "toy.good_median.md").read_text(encoding="utf-8").splitlines()
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {4}
+    tex = (path / "toy.good_median.tex").read_text(encoding="utf-8")
+    for rule in (r"\toprule", r"\midrule", r"\bottomrule", r"\begin{tabular}{@{}lrl@{}}"):
+        assert rule in tex
+    assert r"50 \% of a\_b \& \textless{}script\textgreater{}alert(1)" in tex
+    assert r"somebody\_elses" in tex

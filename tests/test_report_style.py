@@ -1,0 +1,98 @@
+"""Numbers, tables and figures as a reader sees them."""
+
+from __future__ import annotations
+
+import io
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.text import Text
+
+from report import figures, style, tables
+
+
+@pytest.mark.parametrize(
+    ("value", "text", "tex"),
+    [
+        (0.0, "0", "$0$"),
+        (-0.0, "0", "$0$"),
+        (1, "1", "$1$"),
+        (1234567, "1\u202f234\u202f567", r"$1\,234\,567$"),
+        (0.125, "0.125", "$0.125$"),
+        (99.96, "100", "$100$"),
+        (1234.5, "1230", "$1230$"),
+        (9999.9, "1×10⁴", r"$1\times10^{4}$"),
+        (-1.234e-5, "−1.23×10⁻⁵", r"$-1.23\times10^{-5}$"),
+        (5e-324, "4.94×10⁻³²⁴", r"$4.94\times10^{-324}$"),
+        (float("-inf"), "−∞", r"$-\infty$"),
+        (float("nan"), "–", "--"),
+        (None, "–", "--"),
+        (np.bool_(True), "yes", "yes"),
+        (np.int64(7), "7", "$7$"),
+        ("λ² [a] \\", "λ² [a] \\", r"$\lambda{}^{2}$ {[}a] \textbackslash{}"),
+    ],
+)
+def test_values(value, text, tex):
+    assert tables.show(value) == text
+    assert tables.tex(value) == tex
+
+
+def test_a_column_that_needs_three_digits_shows_three():
+    frame = pd.DataFrame({"e": [1.5e-9, 2.25e-9], "h": [0.5, 0.25], "n": [1, 20000]})
+    assert [[cell.text for cell in row] for row in tables.cells(frame)] == [
+        ["1.50×10⁻⁹", "0.5", "1"],
+        ["2.25×10⁻⁹", "0.25", "20\u202f000"],
+    ]
+    assert pd.read_csv(io.StringIO(tables.csv(frame))).equals(frame)
+
+
+# ---------------------------------------------------------------- style
+
+
+def test_a_method_looks_the_same_everywhere_and_unlike_its_family():
+    assert style.of("not_registered") == style.of("not_registered")
+    assert style.of("not_registered")["label"] == "not_registered"
+    assert style.ordered(["zeta", "rk45", "backlund", "alpha", "rk45"]) == ["backlund", "rk45", "alpha", "zeta"]
+    for colours, markers in style.FAMILIES.values():
+        assert len(set(colours)) == len(colours) <= len(markers) + 1
+
+
+def test_labels_at_the_ends_do_not_overlap():
+    with style.apply():
+        fig, ax = style.figure("column")
+        for i in range(6):
+            ax.plot([0, 1], [0, 1 + i / 100], label=f"line {i}")
+        ax.plot([], [], label="empty")
+        style.label_end(ax)
+        fig.draw_without_rendering()
+        boxes = sorted((Text.get_window_extent(text) for text in ax.texts), key=lambda box: box.y0)
+    assert len(boxes) == 6
+    assert all(below.y1 <= above.y0 + 0.5 for below, above in pairwise(boxes))
+    assert all(box.x1 <= fig.bbox.x1 for box in boxes)
+
+
+def test_legend_fits_below_and_names_each_once():
+    with style.apply():
+        fig, axes = style.figure("column", ncols=2)
+        for ax in axes:
+            for i in range(7):
+                ax.plot([0, 1], [0, i], label=f"a method with a long name {i}")
+            style.failure_marks(ax, [0.5, 0.7])
+            style.failure_marks(ax, [])
+        style.legend_below(fig)
+        fig.draw_without_rendering()
+        (legend,) = fig.legends
+        assert legend.get_window_extent().width <= fig.bbox.width
+    assert [text.get_text() for text in legend.get_texts()].count("failed") == 1
+    assert len(legend.get_texts()) == 8
+
+
+def test_dense_figures_are_stored_as_pixels():
+    with style.apply():
+        fig, ax = style.figure("column")
+        ax.plot(*np.random.default_rng(0).normal(size=(2, 30_000)), ".")
+        document = figures.svg(fig)
+    assert "data:image/png" in document
+    assert len(document) < 300_000
