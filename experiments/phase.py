@@ -3,7 +3,8 @@
 A method that conserves every invariant can still be anywhere on the torus. The error against the exact solution is
 split along the two flows of the torus: a time error (nutation phase) and an angle error (precession phase); what is
 left is drift off the torus. Against h the slope of these errors is the measured order; against time they split into a
-constant frequency shift and a residual. Times are in units of 1/(|J| + √(|alpha||x|)).
+constant frequency shift and a residual. A third part holds the exact Bäcklund step to its promise, on every named
+top and on two hundred others. Times are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations
@@ -26,7 +27,10 @@ RTOLS = {"quick": (1e-4, 1e-8), "full": tuple(10.0**-k for k in range(3, 13))}
 LONG = {"quick": (0.25, 10**4), "full": (0.25, 4 * 10**6)}  # step and number of steps of the runs against time
 LONG_SLOW = {"quick": 10**3, "full": 4 * 10**4}  # the same for SciPy, a thousand times slower per step
 LONG_STATES = {"quick": ("generic",), "full": ("generic", "figure1", "near_separatrix")}
-KNOBS = ("h", "tol", "rtol")
+PROMISE_STEPS = 2000  # real steps, of each of these sizes
+PROMISE_H = (0.03, 0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 7.0, 11.0)
+PROMISE_RANDOM = {"quick": 16, "full": 200}
+UNSTABLE_SPAN = 20.0  # on the homoclinic orbit the promise ends here: errors grow exponentially
 
 
 def cells(profile: str) -> list[dict]:
@@ -41,6 +45,8 @@ def cells(profile: str) -> list[dict]:
         steps = LONG_SLOW[profile] if method == "rk45" else steps
         for state in LONG_STATES[profile]:
             listed.append({"part": "time", "method": method, "state": state, "h": h, "steps": steps})
+    for state in (*TOPS, *(f"random{i:03d}" for i in range(PROMISE_RANDOM[profile]))):
+        listed.append({"part": "promise", "method": "backlund", "state": state})
     return listed
 
 
@@ -55,6 +61,8 @@ def _knobs(method: str, control: str, profile: str) -> list[dict]:
 def measure(cell: dict) -> list[dict]:
     top, y0 = find(cell["state"])
     rate, _, unit = top.scales(y0)
+    if cell["part"] == "promise":
+        return [_promise(top, y0, h, cell["state"]) for h in PROMISE_H]
     options = {name: cell[name] for name in ("tol", "rtol") if name in cell}
     if "rtol" in options:
         options["atol"] = options["rtol"] * 1e-3
@@ -90,7 +98,38 @@ def _off_torus(top, truth, split, name) -> np.ndarray:
     return split[name] * np.linalg.norm(scaled, axis=1)
 
 
+def promised(top, y0, t, state) -> np.ndarray:
+    """The promise of the exact step: (1e-13 + 1e-15 t) max(1, 1e-3/k'²), k'² = (e1 − e2)/(e1 − e3), t scaled.
+
+    Half an ulp in y0 moves the period by ε/k'²: near the separatrix that is what the data are worth. On the
+    homoclinic orbit itself a perturbation grows like exp(κt), κ² = alpha |x| − J3²/4.
+    """
+    base = 1e-13 + 1e-15 * np.abs(t)
+    if state == "homoclinic":
+        rate, size, unit = top.scales(y0)
+        return base * np.exp(np.sqrt(top.alpha * size - y0[2] ** 2 / 4) * t * unit)
+    e1, e2, e3 = exact.roots(top, y0)
+    gap = e1 - e2 if top.alpha >= 0 else e2 - e3  # between the root out of reach and the motion
+    close = gap / (e1 - e3) if np.isfinite(e1 - e3) and e1 > e3 else 1.0
+    return base * (max(1.0, 1e-3 / close) if close > 0 else np.inf)
+
+
+def _promise(top, y0, h, state) -> dict:
+    """The largest error over the promise, at twenty places of 2000 real steps of size h."""
+    unit = top.scales(y0)[2]
+    steps = PROMISE_STEPS
+    if state == "homoclinic":
+        steps = max(int(UNSTABLE_SPAN / unit / h), 1)
+    counts = sorted({max(steps * k // 20, 1) for k in range(1, 21)})
+    times, states = sample(top, y0, "backlund", h * unit, counts)
+    error = metrics.scaled_error(top, y0, states, exact.solution(top, y0, times))
+    share = error / promised(top, y0, times / unit, state)
+    return {"h": h, "error": rounded(np.max(error)), "share": rounded(np.max(share))}
+
+
 # ------------------------------------------------------------------------------------------ what the rows say
+
+SMALL = 0.1  # errors up to here are split to first order in earnest
 
 
 def orders(rows: pd.DataFrame) -> pd.DataFrame:
@@ -120,29 +159,39 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def shifts(rows: pd.DataFrame) -> pd.DataFrame:
-    """Frequency shift and residual of the runs against time."""
+    """Frequency shift and residual of the runs against time, fitted while the error is small."""
     rows = rows[(rows.part == "time") & (rows.status == "done")]
     table = []
     for (method, state), run in rows.groupby(["method", "state"], sort=False):
+        last = run.error.iloc[-1]
+        run = run[(run.error > SMALL).cumsum() == 0]
         t = run.t.to_numpy()
         nutation, precession = (metrics.frequency_shift(t, run[name].to_numpy()) for name in ("time", "angle"))
         table.append(
             {
                 "method": method,
                 "state": state,
-                "length of run": float(t[-1]),
+                "fitted up to t": float(t[-1]) if len(t) else np.nan,
                 "relative time shift": nutation.slope,
                 "time residual": nutation.residual_size,
                 "precession shift": precession.slope,
                 "angle residual": precession.residual_size,
-                "error at the end": float(run.error.iloc[-1]),
+                "error at the end of the run": last,
             }
         )
     return pd.DataFrame(table)
 
 
+def promise(rows: pd.DataFrame) -> pd.DataFrame:
+    """The worst of the exact step over all tops, for each h."""
+    rows = rows[(rows.part == "promise") & (rows.status == "done")]
+    worst = rows.loc[rows.groupby("h").share.idxmax()] if len(rows) else rows
+    table = worst[["h", "state", "error", "share"]].reset_index(drop=True)
+    return table.rename(columns={"state": "worst top", "share": "error / promise"})
+
+
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return {"orders": orders(rows), "frequency_shifts": shifts(rows)}
+    return {"orders": orders(rows), "frequency_shifts": shifts(rows), "promise": promise(rows)}
 
 
 def draw(rows: pd.DataFrame) -> dict:

@@ -1,31 +1,33 @@
-"""The initial states of the experiments, by name: the named tops, and sixteen generic ones for statistics."""
+"""The initial states of the experiments, by name: the named tops, and generic ones for statistics."""
 
 from __future__ import annotations
 
+import math
 import random
+import re
 
 import numpy as np
 
 from integrators.top import TOPS, Array, LagrangeTop
 
-RANDOM = tuple(f"random{i:02d}" for i in range(16))
+RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
 
 
 def find(name: str) -> tuple[LagrangeTop, Array]:
-    """Top and initial state of a named top or of "random00" … "random15".
+    """Top and initial state of a named top or of "random000" … "random999".
 
     The random ones have alpha in [0.3, 2], each J in [-2, 2] and |x| in [0.5, 2]; the generator is Python's own,
     whose `random()` never changes.
     """
     if name in TOPS:
         return TOPS[name].top, TOPS[name].state
-    if name not in RANDOM:
-        raise ValueError(f"unknown state {name!r}; known: {', '.join((*TOPS, *RANDOM))}")
+    if not re.fullmatch(r"random\d{3}", name):
+        raise ValueError(f"unknown state {name!r}; known: {', '.join(TOPS)}, random000 … random999")
     draw = random.Random(name)  # seeded by the text itself, through SHA-512
     J = [draw.uniform(-2, 2) for _ in range(3)]
     x = np.array([draw.uniform(-1, 1) for _ in range(3)])
     alpha, size = draw.uniform(0.3, 2), draw.uniform(0.5, 2)
-    return LagrangeTop(alpha), np.array([*J, *(x * (size / np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])))])
+    return LagrangeTop(alpha), np.array([*J, *(x * (size / math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])))])
 
 
 def log_counts(last: int, per_octave: int) -> list[int]:
