@@ -63,7 +63,7 @@ def draw(rows: pd.DataFrame) -> dict:
 
 
 def _draw_orbits(rows: pd.DataFrame, style):
-    fig, axes = style.figure("page", 3.6, ncols=2, subplot_kw={"projection": "3d"})
+    fig, axes = style.figure("page", 3.9, ncols=2, subplot_kw={"projection": "3d"})
     for ax, (figure, (state, re, im, steps)) in zip(axes, FIGURES.items(), strict=True):
         points = rows[(rows.figure == figure) & (rows.method == "backlund")]
         x = points[["x1", "x2", "x3"]].to_numpy()
@@ -75,8 +75,9 @@ def _draw_orbits(rows: pd.DataFrame, style):
         if figure == 1:
             ax.plot(*x.T, color="#E69F00", linewidth=0.5, rasterized=True)
         ax.plot(*x.T, ".", color="#0072B2", markersize=1.3, rasterized=True)
-        ax.set_box_aspect((1, 1, 1))
-        ax.set_title(f"Figure {figure}: λ = {complex(re, im):g}".replace("j", "i").replace("0+", "", 1))
+        ax.set_box_aspect((1, 1, 1), zoom=0.86)
+        real = f"{re:g} + " if re else ""
+        ax.set_title(f"Figure {figure}: λ = {real}{im:g}i", y=1.0)
         ax.set_xlabel("x1")
         ax.set_ylabel("x2")
         ax.set_zlabel("x3")

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from integrators import exact
+from integrators import body, exact
+from integrators.body import HeavyTop
 from integrators.interface import (
     INVARIANTS,
     Array,
@@ -37,6 +38,7 @@ __all__ = [
     "INVARIANTS",
     "METHODS",
     "TOPS",
+    "HeavyTop",
     "LagrangeTop",
     "Method",
     "NamedTop",
@@ -61,13 +63,22 @@ class Trajectory:
     t: Array
     y: Array
     work: Work
+    attitude: Array | None = None  # (N, 4) unit quaternions, scalar first, body to rest frame; see `body`
 
     def invariants(self) -> Array:
         """H, J3, C1, C2 along the trajectory, shape (N, 4)."""
         return self.top.invariants(self.y)
 
+    def euler_angles(self) -> Array:
+        """(theta, phi, psi) of the body, rad, shape (N, 3); needs `integrate(…, attitude=True)`."""
+        if self.attitude is None:
+            raise ValueError("the attitude was not followed: integrate(…, attitude=True)")
+        return body.to_euler(self.attitude)
 
-def prepare(top: LagrangeTop, y0: ArrayLike, h: float, method: str | Method = "backlund", **options: Any) -> Stepper:
+
+def prepare(
+    top: LagrangeTop | HeavyTop, y0: ArrayLike, h: float, method: str | Method = "backlund", **options: Any
+) -> Stepper:
     """A stepper for `method` with step h; everything slow (compilation, λ(h)) happens here, once.
 
     Raises
@@ -75,6 +86,7 @@ def prepare(top: LagrangeTop, y0: ArrayLike, h: float, method: str | Method = "b
     ValueError : a state, step or option that makes no sense; the message names the argument.
     StepError : the method cannot be prepared for this top and step.
     """
+    top = top.top if isinstance(top, HeavyTop) else top
     found, state = _look_up(top, y0, method)
     h = check_step(h)
     _check_options(found, found.prepare, options)
@@ -85,13 +97,14 @@ def prepare(top: LagrangeTop, y0: ArrayLike, h: float, method: str | Method = "b
 
 
 def integrate(
-    top: LagrangeTop,
+    top: LagrangeTop | HeavyTop,
     y0: ArrayLike,
     h: float | None = None,
     steps: int | None = None,
     method: str | Method = "backlund",
     every: int | None = None,
     t: ArrayLike | None = None,
+    attitude: bool | ArrayLike = False,
     **options: Any,
 ) -> Trajectory:
     """Follow the top from y0.
@@ -102,16 +115,20 @@ def integrate(
 
     Parameters
     ----------
-    top : LagrangeTop. y0 : (6,), initial (J, x). h : step, negative runs backwards. steps : number of steps.
-    method : a name in METHODS, or a Method. every : must divide `steps`. options : the method's own.
+    top : LagrangeTop, or HeavyTop (time in s then). y0 : (6,), initial (J, x). h : step, negative runs backwards.
+    steps : number of steps. method : a name in METHODS, or a Method. every : must divide `steps`.
+    attitude : follow the whole body too: True, or its initial attitude as a unit quaternion (4,), scalar first; the
+    body is that of a HeavyTop, or one with equal moments of inertia. options : the method's own.
 
     Raises
     ------
     ValueError : bad input; the message names the argument. StepError : the method failed.
     """
+    heavy, top = (top, top.top) if isinstance(top, HeavyTop) else (None, top)
     found, state = _look_up(top, y0, method)
+    wanted = attitude is not False and attitude is not None
     if t is not None:
-        for name, given in (("h", h), ("steps", steps), ("every", every)):
+        for name, given in (("h", h), ("steps", steps), ("every", every), ("attitude", attitude if wanted else None)):
             if given is not None:
                 raise ValueError(f"give either t or h and steps; got t and {name}")
         return _evaluate(found, top, state, t, options)
@@ -122,8 +139,12 @@ def integrate(
     if steps % every:
         raise ValueError(f"every = {every} does not divide steps = {steps}")
     stepper = prepare(top, state, h, found, **options)
+    g0 = body.check_attitude(attitude, state) if wanted else None
     y = stepper.record(state, steps, every)
-    return Trajectory(top, found.name, every * float(h) * np.arange(len(y)), y, stepper.work)
+    g = None
+    if g0 is not None:
+        g = body.follow(found, top, state, float(h), steps, every, g0, heavy.own_spin(state) if heavy else 0.0)
+    return Trajectory(top, found.name, every * float(h) * np.arange(len(y)), y, stepper.work, g)
 
 
 def two_point(top: LagrangeTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
@@ -139,7 +160,7 @@ def two_point(top: LagrangeTop, y: ArrayLike, lam: complex, sheet: int = 1) -> A
 
 def _look_up(top: LagrangeTop, y0: ArrayLike, method: str | Method) -> tuple[Method, Array]:
     if not isinstance(top, LagrangeTop):
-        raise ValueError(f"top must be a LagrangeTop; got {type(top).__name__}")
+        raise ValueError(f"top must be a LagrangeTop or a HeavyTop; got {type(top).__name__}")
     if not isinstance(method, Method):
         try:
             method = METHODS[method]

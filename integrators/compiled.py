@@ -15,6 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 
 @cache
@@ -51,3 +54,19 @@ def jit(function: Callable[..., Any]) -> Any:
         return numba.njit(error_model="numpy", nogil=True, fastmath=False, no_cfunc_wrapper=True, cache=True)(function)
     finally:
         numba.config.CACHE_DIR = before
+
+
+@intrinsic
+def stack(typingctx, size):
+    """An uninitialised array of float64 on the stack, for a kernel's scratch: `size` is a literal, indices unchecked.
+
+    Not in the constants of a kernel: two threads may share those.
+    """
+    if not isinstance(size, types.IntegerLiteral):
+        raise numba.errors.TypingError("the size of a stack array must be a constant")
+    count = size.literal_value
+
+    def generate(context, builder, signature, args):
+        return cgutils.alloca_once(builder, context.get_value_type(types.float64), size=count)
+
+    return types.CPointer(types.float64)(size), generate

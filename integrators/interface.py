@@ -76,6 +76,7 @@ class Method:
     source: str  # citation, equation numbers
     prepare: Callable[..., Stepper]  # (top, y0, h, **options): everything slow happens here, once
     evaluate: Callable[..., tuple[Array, Work]] | None = None  # (top, y0, times, **options): dense output or jumps
+    attitude: Callable[..., Array] | None = None  # (top, y0, h, n, every, g0) -> unit quaternions, see `body`
     requires: str | None = None  # a package that may be missing on some platforms
     options: tuple[str, ...] = field(init=False)  # keyword options of `prepare`
 

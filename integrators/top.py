@@ -123,26 +123,10 @@ class LagrangeTop:
         top with alpha = m g l / A (1/s²), and y0 with J = M/A (1/s), |x| = 1. The equations use time in s.
         psi itself does not enter (the top is symmetric); its rate does.
         """
-        values = {"mass": mass, "distance": distance, "gravity": gravity, "A": A, "C": C}
-        for name, value in values.items():
-            if not math.isfinite(value):
-                raise ValueError(f"{name} must be finite; got {value}")
-        for name in ("mass", "A", "C"):
-            if values[name] <= 0:
-                raise ValueError(f"{name} must be positive; got {values[name]}")
-        if C > 2 * A:
-            raise ValueError(f"C = {C} > 2 A = {2 * A}: no rigid body has such moments of inertia")
-        if len(angles) != 3 or len(rates) != 3 or not all(math.isfinite(v) for v in (*angles, *rates)):
-            raise ValueError("angles and rates must be three finite numbers each: (theta, phi, psi)")
-        theta, phi, _ = angles
-        theta_rate, phi_rate, psi_rate = rates
-        st, ct, sp, cp = math.sin(theta), math.cos(theta), math.sin(phi), math.cos(phi)
-        axis = np.array((st * cp, st * sp, ct))
-        node = np.array((-sp, cp, 0.0))  # theta grows by turning about this
-        spin = psi_rate + phi_rate * ct  # angular velocity about the axis
-        across = np.array((0.0, 0.0, phi_rate)) - phi_rate * ct * axis
-        J = theta_rate * node + across + (C / A) * spin * axis
-        return cls(mass * gravity * distance / A), np.concatenate((J, axis))
+        from integrators.body import HeavyTop
+
+        body = HeavyTop(mass, distance, gravity, A, C)
+        return body.top, body.state(angles, rates)
 
 
 def hat(v: ArrayLike) -> Array:

@@ -1,4 +1,4 @@
-"""What the project says, each with the check of stored rows that can refute it.
+"""How a claim is checked against stored rows; `promises` has the claims themselves.
 
 A check is a function of one experiment's rows. Where the rows to judge are missing the answer is "no data", never
 a pass; a cell that failed refutes every claim about it.
@@ -148,34 +148,3 @@ def compare(measure: Callable[[pd.DataFrame], float], holds: Callable[..., bool]
 
 def _said(where: dict[str, Any]) -> str:
     return ", ".join(f"{name} = {wanted}" for name, wanted in where.items())
-
-
-# ---------------------------------------------------------------- the claims
-
-
-def _drift_verdicts(rows: pd.DataFrame) -> pd.DataFrame:
-    from experiments import drift
-
-    return _table(drift.tables(rows), "verdicts")
-
-
-def _table(tables: dict[str, pd.DataFrame], name: str) -> pd.DataFrame:
-    if name not in tables:
-        raise NoData(f"no table {name!r}")
-    return tables[name]
-
-
-CLAIMS: list[Claim] = [
-    Claim(
-        "backlund-invariants",
-        "The exact Bäcklund step keeps all four invariants at round-off, on every top.",
-        "drift",
-        within(1e-11, "H", "J3", "C1", "C2", part="time", method="backlund"),
-    ),
-    Claim(
-        "rk45-drifts",
-        "Runge-Kutta with fixed steps loses energy steadily: the measurement can tell a drifting method.",
-        "drift",
-        on(_drift_verdicts, at_least(0.75, "exponent", method="rk45_fixed", invariant="H")),
-    ),
-]

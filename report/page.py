@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from experiments import EXPERIMENTS, load
 from experiments.store import Store, StoreError
-from report import claims, figures, style, tables
+from report import claims, figures, promises, style, tables
 
 HERE = Path(__file__).parent
 LONG = 14  # rows beyond which a table is folded
@@ -127,7 +127,7 @@ def assemble(results: Path) -> Report:
     rows = {section.experiment: section.rows for section in sections}
     errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
     judged = []
-    for claim in claims.CLAIMS:
+    for claim in promises.CLAIMS:
         verdict, error = claims.judge(claim, rows.get(claim.experiment, pd.DataFrame()))
         judged.append(Judged(claim, verdict, claim.command or Section(claim.experiment).redraw))
         errors += [error] if error else []

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from experiments import EXPERIMENTS
-from report import claims
+from report import claims, promises
 from report.claims import Claim, NoData, Verdict
 
 
@@ -45,8 +45,8 @@ def test_a_broken_check_is_no_data_and_is_reported():
 
 
 def test_claims_of_the_project_can_be_judged_by_nothing():
-    assert len({claim.id for claim in claims.CLAIMS}) == len(claims.CLAIMS)
-    for claim in claims.CLAIMS:
+    assert len({claim.id for claim in promises.CLAIMS}) == len(promises.CLAIMS)
+    for claim in promises.CLAIMS:
         assert claim.experiment in EXPERIMENTS
         verdict, error = claims.judge(claim, pd.DataFrame())
         assert (verdict.passed, error) == (None, None)

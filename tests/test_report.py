@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from experiments import store
-from report import claims, page, style
+from report import claims, page, promises, style
 from report.__main__ import main
 from report.claims import Claim
 
@@ -88,7 +88,7 @@ def results(tmp_path_factory):
         for name, draw in (("toy.good", draw_good), ("toy.broken", draw_broken), ("toy.empty", draw_broken)):
             patch.setitem(sys.modules, name, toy(name, draw, make_tables))
         patch.setattr(page, "EXPERIMENTS", ("toy.good", "toy.broken", "toy.empty"))
-        patch.setattr(claims, "CLAIMS", CLAIMS)
+        patch.setattr(promises, "CLAIMS", CLAIMS)
         yield folder
 
 

@@ -26,10 +26,11 @@ import math
 import numpy as np
 
 from integrators.compiled import jit
+from integrators.integrable import attitude as at
 from integrators.integrable import time_step as ts
 from integrators.integrable.double_double import add, dd, mul, scale, sub
 from integrators.interface import Array, Method, StepError, Work, check_count
-from integrators.loops import FixedStepper
+from integrators.loops import FAILURE, FixedStepper
 from integrators.top import LagrangeTop
 
 # places of the constants
@@ -42,8 +43,8 @@ FAR = 4.0  # |λ|, in units of |x| and |J| + √(|alpha||x|), from which `far_st
 
 
 @jit
-def step(s, c, tally):
-    """One two-point map, for |λ| of order one or less."""
+def direction(s, c):
+    """w, the vector about which the step turns; |w| = η."""
     J1, J2, J3, x1, x2, x3 = s
     p1 = x1 + c[R] * J1
     p2 = x2 + c[R] * J2
@@ -54,6 +55,14 @@ def step(s, c, tally):
     w1 = ((c[MR] * p1 + c[MI_ETA] * J1) - (c[ETA_S] * x2 - z * J2)) * r
     w2 = ((c[MR] * p2 + c[MI_ETA] * J2) + (c[ETA_S] * x1 - z * J1)) * r
     w3 = ((c[MR] * p3 + c[MI_Q3]) - c[ETA] * (x1 * J2 - x2 * J1)) * r
+    return w1, w2, w3
+
+
+@jit
+def step(s, c, tally):
+    """One two-point map, for |λ| of order one or less."""
+    J1, J2, J3, x1, x2, x3 = s
+    w1, w2, w3 = direction(s, c)
     d1 = -c[ALPHA_2] * w2
     d2 = c[ALPHA_2] * w1
     K1 = J1 + d1
@@ -341,6 +350,36 @@ def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Wo
     return y, Work(steps=len(times))
 
 
+@jit
+def attitude_loop(y, g, c, spin, rows, stride):
+    """Attitudes after every `stride` steps, (rows + 1, 4), along the orbit of y."""
+    out = np.empty((rows + 1, 4))
+    s = (y[0], y[1], y[2], y[3], y[4], y[5])
+    q = (g[0], g[1], g[2], g[3])
+    tally = np.zeros(5)
+    out[0] = g
+    for row in range(1, rows + 1):
+        for _ in range(stride):
+            q = at.turn_with(q, (s[3], s[4], s[5]), c[R], direction(s, c), spin)
+            s = step(s, c, tally)
+        s = pin(s, c)
+        out[row, 0], out[row, 1], out[row, 2], out[row, 3] = q
+    return out
+
+
+def attitude_exact(top: LagrangeTop, y0: Array, h: float, n: int, every: int, g0: Array) -> Array:
+    """Attitude of the frame that turns with J at 0, every·h, …, n·h; (n//every + 1, 4). Exact, see `attitude`."""
+    units = Units(top, y0, h)
+    state = units.enter(y0)
+    period = ts.torus(units.alpha, tuple(state), 0.0)[1][0]
+    # whole nutations have no λ of their own: steps of at most half of one
+    parts = max(1, math.ceil(2 * abs(units.time(h)) / period))
+    span = units.time(h) / parts
+    c, _ = exact_constants(units.alpha, tuple(state), span)
+    spin = at.step_spin(units.alpha, tuple(state), span)
+    return attitude_loop(state, g0, c, spin, n // every, every * parts)
+
+
 # ------------------------------------------------------------------------------ the paper's MATLAB program
 
 ALL = frozenset({"H", "J3", "C1", "C2"})
@@ -356,8 +395,12 @@ def textbook_step(s, c, tally):
     B2 = Jm * l2 + xm
     A1 = (alpha - mu1) * l1 * l1 + J3 * l1 + x3
     A2 = (alpha + mu2) * l2 * l2 + J3 * l2 + x3
+    below = B1 * A2 - B2 * A1
+    if B1 == 0.0 or below == 0.0:
+        tally[FAILURE] = 1
+        return s
     x = A1 / B1
-    X = (l2 - l1) * B1 * B2 / (B1 * A2 - B2 * A1)
+    X = (l2 - l1) * B1 * B2 / below
     # M(u) = u + M0; J̃ = J + [M0, alpha σ3], x̃ = x + M0 J − J̃ M0
     a, b = -l1 + x * X, X
     c_, d = -x * x * X + (l1 - l2) * x, -l2 - x * X
@@ -389,7 +432,10 @@ def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | No
     mu = -complex(m[0][0], m[1][0]) / lam**2  # the program's μ on the forward sheet
     mu = mu if h > 0 else -mu
     c = np.array([top.alpha, lam, lam.conjugate(), mu, mu.conjugate()])
-    return FixedStepper("backlund_textbook", h, c, textbook_step, enter=to_complex, leave=to_real)
+    failures = {1: "B(λ) = J- λ + x- vanishes, as it does for a vertical top, and the program divides by it"}
+    return FixedStepper(
+        "backlund_textbook", h, c, textbook_step, enter=to_complex, leave=to_real, failures=failures
+    )
 
 
 EXACT = Method(
@@ -404,6 +450,7 @@ EXACT = Method(
     source=SOURCE + "; λ(h) by time doubling, this project",
     prepare=prepare_exact,
     evaluate=evaluate_exact,
+    attitude=attitude_exact,
 )
 PAPER = Method(
     name="backlund_paper",

@@ -1,0 +1,35 @@
+"""Experiments: each file asks one question, measures rows, and draws them."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+from types import ModuleType
+
+EXPERIMENTS = ("drift", "phase", "cost", "work_precision", "paper")
+
+
+def load(name: str) -> ModuleType:
+    """The module of an experiment: one of EXPERIMENTS, or the dotted path of a module of your own.
+
+    Raises
+    ------
+    ValueError : no such experiment, or the module lacks a part of the protocol.
+    """
+    if name in EXPERIMENTS:
+        path = f"experiments.{name}"
+    elif "." in name:
+        path = name
+    else:
+        close = difflib.get_close_matches(name, EXPERIMENTS, n=1)
+        hint = f"; did you mean {close[0]!r}?" if close else ""
+        raise ValueError(f"unknown experiment {name!r}{hint} Known: {', '.join(EXPERIMENTS)}")
+    try:
+        module = importlib.import_module(path)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{path}.".startswith(f"{error.name}."):
+            raise  # the experiment is there; something it imports is not
+        raise ValueError(f"unknown experiment {name!r}: {error}") from None
+    if missing := [part for part in ("VERSION", "cells", "measure", "draw", "tables") if not hasattr(module, part)]:
+        raise ValueError(f"experiment {name!r} ({module.__file__}) lacks {', '.join(missing)}")
+    return module

@@ -1,0 +1,93 @@
+"""Where a result comes from: commit, versions, machine, time. Never fails, and never names the host or the user."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import tomllib
+from datetime import UTC, datetime
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+# a result is stored under these versions: a change of any of them measures afresh
+DECISIVE = ("numpy", "scipy", "numba", "heyoka", "mpmath", "lagrange-bench")
+PACKAGES = (*DECISIVE, "llvmlite", "pandas", "matplotlib")
+
+
+def provenance() -> dict[str, object]:
+    """Flat dict of facts; everything but the time is looked up once per process."""
+    return {"utc": datetime.now(UTC).isoformat(timespec="seconds"), **_unchanging()}
+
+
+def version(package: str) -> str | None:
+    """Installed version, None if it is not installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+@cache
+def checkout() -> Path | None:
+    """Root of the source tree this package was imported from; None for an installed wheel."""
+    root = Path(__file__).resolve().parent.parent
+    try:
+        project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]["name"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return root if project == "lagrange-bench" else None
+
+
+def usable_cores() -> int:
+    """Cores this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@cache
+def _unchanging() -> dict[str, object]:
+    commit, dirty = _git_state()
+    return {
+        "commit": commit,
+        "dirty": dirty,
+        "python": platform.python_version(),
+        **{package: version(package) for package in PACKAGES},
+        "platform": f"{platform.system()} {platform.machine()}",
+        "cpu": _cpu_model(),
+        "cores": usable_cores(),
+    }
+
+
+def _git_state() -> tuple[str | None, bool | None]:
+    """Commit of the checkout, and whether its sources differ from it. Results do not count: a run writes them."""
+    root = checkout()
+    if root is None or not (root / ".git").exists():
+        return None, None
+    commit = _output("git", "-C", str(root), "rev-parse", "--verify", "HEAD")
+    changes = _output("git", "-C", str(root), "status", "--porcelain", "--", ".", ":(exclude)results")
+    return commit, None if changes is None else changes != ""
+
+
+def _cpu_model() -> str | None:
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    if platform.system() == "Darwin":
+        return _output("sysctl", "-n", "machdep.cpu.brand_string")
+    return platform.processor() or None
+
+
+def _output(*command: str) -> str | None:
+    """Standard output of a command; None if it is missing, fails or hangs."""
+    environment = {**os.environ, "GIT_OPTIONAL_LOCKS": "0"}  # looking must not write to the repository
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=10, env=environment, check=False)
+    except (OSError, ValueError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None

@@ -1,0 +1,313 @@
+"""Results on disk: one journal per experiment, `<experiment>.jsonl`, one line per finished cell, only ever appended to.
+
+A line is a JSON object with its own SHA-256, written whole, flushed and synced before the next cell is started.
+A run that is killed loses at most the cells it was computing. A line that was cut off, or damaged later, is
+reported and skipped; it is never repaired in place. Of several records of a cell the last that succeeded counts.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import json
+import math
+import numbers
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from experiments import provenance
+
+try:
+    import fcntl
+except ImportError:  # no file locks on this platform: one process per store then
+    fcntl = None  # type: ignore[assignment]
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Record = dict[str, Any]
+
+SCHEMA = 1  # of the records; the envelope (one JSON object a line, "schema", "sha256") is the same in all
+ADDED = ("key", "status", "failure")  # columns `rows` adds to those of a cell
+
+
+class StoreError(RuntimeError):
+    """Results cannot be written or read; the message names the folder and what to do."""
+
+
+def default_results(profile: str | None = None) -> Path:
+    """Where results are if nobody says: of a run with this profile, or (None) the ones the report shows.
+
+    In a checkout results/local/<profile> and results/reference. For an installed package ./results/<profile>,
+    and the fullest of those there are: two profiles in one folder would be drawn into one figure.
+    """
+    root = provenance.checkout()
+    if root is not None:
+        return root / "results" / "reference" if profile is None else root / "results" / "local" / profile
+    results = Path("results")
+    if profile is None:
+        profile = "full" if (results / "full").is_dir() or not (results / "quick").is_dir() else "quick"
+    return results / profile
+
+
+# ---------------------------------------------------------------- records
+
+
+def cell_key(experiment: str, version: int, cell: Mapping[str, Any]) -> str:
+    """SHA-256 of everything a cell's rows depend on: experiment, its VERSION, the cell, the packages' versions."""
+    content = {"experiment": experiment, "version": version, "cell": clean(cell), "packages": _packages()}
+    return _digest(content)
+
+
+def make_record(experiment: str, version: int, position: int, cell: Mapping[str, Any], **outcome: Any) -> Record:
+    """A record without its SHA-256. `position` of the cell among the experiment's cells: the order of `rows`.
+
+    outcome : status ("done" or "failed"), rows, error (None or a dict), warnings, seconds.
+    """
+    key = cell_key(experiment, version, cell)
+    head = {"schema": SCHEMA, "key": key, "experiment": experiment, "version": version, "position": position}
+    return {**head, "cell": clean(cell), **outcome, "provenance": provenance.provenance()}
+
+
+def clean_rows(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> list[Record]:
+    """Rows as they will be stored.
+
+    Raises
+    ------
+    TypeError : a value is not a scalar. ValueError : a row contradicts its cell or uses a name of ADDED.
+    """
+    cleaned = []
+    for row in rows:
+        row = clean(row)
+        for name, value in row.items():
+            if name in ADDED:
+                raise ValueError(f"row field {name!r}: the store has one of this name")
+            if name in cell and value != clean(cell[name]):
+                raise ValueError(f"row field {name!r} is {value!r}, in the cell it is {cell[name]!r}")
+            if isinstance(value, list) or (isinstance(value, dict) and set(value) != {"float"}):
+                raise TypeError(f"row field {name!r} must be a scalar; got a {type(value).__name__}")
+        cleaned.append(row)
+    return cleaned
+
+
+def clean(value: Any) -> Any:
+    """`value` in plain JSON types: NumPy scalars become Python's, tuples lists, NaN and ±inf {"float": "nan"}."""
+    if value is None or isinstance(value, str):
+        return None if value is None else str(value)
+    if isinstance(value, Mapping):
+        if set(value) == {"float"}:
+            return dict(value)  # cleaned before
+        if bad := [name for name in value if not isinstance(name, str)]:
+            raise TypeError(f"field names must be strings; got {bad[0]!r}")
+        return {name: clean(content) for name, content in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [clean(content) for content in value]
+    if isinstance(value, bool) or getattr(getattr(value, "dtype", None), "kind", "") == "b":
+        return bool(value)
+    if isinstance(value, numbers.Integral):
+        return int(value)
+    if isinstance(value, numbers.Real):
+        return float(value) if math.isfinite(value) else {"float": repr(float(value))}
+    raise TypeError(f"cannot store {value!r} of type {type(value).__name__}: not a JSON scalar")
+
+
+def restore(value: Any) -> Any:
+    """Undoes what `clean` does to NaN and ±inf."""
+    if isinstance(value, dict):
+        return float(value["float"]) if set(value) == {"float"} else {k: restore(v) for k, v in value.items()}
+    return [restore(v) for v in value] if isinstance(value, list) else value
+
+
+@cache
+def _packages() -> dict[str, str | None]:
+    return {package: provenance.version(package) for package in provenance.DECISIVE}
+
+
+def _canonical(value: Any) -> str:
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(_canonical(value).encode("ascii")).hexdigest()
+
+
+# ---------------------------------------------------------------- the store
+
+
+class Store:
+    """The journals in one folder. Nothing is read or created before it is asked for."""
+
+    def __init__(self, folder: str | Path):
+        self.folder = Path(folder)
+
+    def path(self, experiment: str) -> Path:
+        return self.folder / f"{experiment}.jsonl"
+
+    def check_writable(self) -> None:
+        """Creates the folder and a file in it, for a moment; StoreError if that cannot be done."""
+        probe = self.folder / f".probe-{os.getpid()}"
+        with self._explained():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            try:
+                with probe.open("wb") as file:
+                    file.write(bytes(4096))
+                    file.flush()
+                    os.fsync(file.fileno())
+            finally:
+                probe.unlink(missing_ok=True)
+
+    def append(self, record: Record) -> None:
+        """Adds one record to its experiment's journal, all or nothing; on return it is on the disk."""
+        line = _canonical({**record, "sha256": _digest(record)}).encode("ascii") + b"\n"
+        flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0)
+        with self._explained():
+            file = os.open(self.path(record["experiment"]), flags, 0o644)
+            try:
+                with _locked(file, exclusive=True):
+                    _append(file, line)
+            finally:
+                os.close(file)
+
+    def read(self, experiment: str) -> tuple[list[Record], list[str]]:
+        """Every record of an experiment, oldest first, and what is wrong with the lines that are none."""
+        path = self.path(experiment)
+        try:
+            with path.open("rb") as file, _locked(file.fileno(), exclusive=False):
+                lines = file.read().split(b"\n")
+        except FileNotFoundError:
+            return [], []
+        except OSError as error:
+            raise StoreError(f"cannot read {path}: {error.strerror}") from error
+        records, problems = [], []
+        for number, line in enumerate(lines, start=1):
+            record = _parse(line)
+            if record is not None and record["schema"] != SCHEMA:
+                raise StoreError(
+                    f"{path}, line {number}: written with schema {record['schema']}, this version reads {SCHEMA}: "
+                    "update lagrange-bench, or choose another folder with --results"
+                )
+            if record is not None:
+                records.append(record)
+            elif line:
+                what = "cut off while it was written" if number == len(lines) else "damaged"
+                problems.append(f"{path}, line {number}: {what}; skipped, its cell counts as not computed")
+        return records, problems
+
+    def done(self, experiment: str) -> set[str]:
+        """Keys of the cells that need not be computed again."""
+        return {record["key"] for record in self.read(experiment)[0] if record["status"] == "done"}
+
+    def latest(self, experiment: str) -> list[Record]:
+        """One record per cell of the newest VERSION stored, in the order of the experiment's cells.
+
+        The environment that measured a cell last wins; within it, a success over any failure, the later over the
+        earlier.
+        """
+        records, _ = self.read(experiment)
+        newest = max((record["version"] for record in records), default=0)
+        chosen: dict[str, Record] = {}
+        for record in records:
+            if record["version"] == newest:
+                cell = _canonical(record["cell"])
+                old = chosen.get(cell)
+                if old and old["key"] == record["key"] and (old["status"], record["status"]) == ("done", "failed"):
+                    continue
+                chosen[cell] = record
+        return [chosen[cell] for cell in sorted(chosen, key=lambda cell: (chosen[cell]["position"], cell))]
+
+    def rows(self, experiment: str) -> pd.DataFrame:
+        """What was measured: each row with the fields of its cell, and `key`, `status`, `failure`.
+
+        A failed cell is one row with status "failed" and the error's message; its measured columns are missing.
+        Everywhere else status is "done" and `failure` is missing.
+        """
+        import pandas as pd
+
+        table = []
+        for record in self.latest(experiment):
+            failure = record["error"] and f"{record['error']['type']}: {record['error']['message']}"
+            added = {"key": record["key"], "status": record["status"], "failure": failure}
+            for row in record["rows"] if record["status"] == "done" else [{}]:
+                table.append(restore({**record["cell"], **row, **added}))
+        return pd.DataFrame(table, columns=None if table else list(ADDED))
+
+    def failures(self, experiment: str) -> pd.DataFrame:
+        """The cells that failed: their fields, `key`, `error_type`, `error_message` and `error_traceback`."""
+        import pandas as pd
+
+        table = []
+        for record in self.latest(experiment):
+            if record["status"] == "failed":
+                error = {f"error_{name}": text for name, text in record["error"].items()}
+                table.append(restore({**record["cell"], "key": record["key"], **error}))
+        return pd.DataFrame(table)
+
+    def provenance(self, experiment: str) -> pd.DataFrame:
+        """Where each cell's rows come from: `key`, `seconds` and the facts of `provenance.provenance`."""
+        import pandas as pd
+
+        latest = self.latest(experiment)
+        return pd.DataFrame([{"key": r["key"], "seconds": r["seconds"], **r["provenance"]} for r in latest])
+
+    @contextlib.contextmanager
+    def _explained(self) -> Iterator[None]:
+        """Turns an OSError into a StoreError that says what to do."""
+        advice = {
+            errno.ENOSPC: "free some space",
+            errno.EDQUOT: "free some of your quota",
+            errno.EFBIG: "raise the limit on file sizes (ulimit -f)",
+            errno.EROFS: "the file system is read-only",
+            errno.EACCES: "no permission to write there",
+        }
+        try:
+            yield
+        except OSError as error:
+            reason = error.strerror or str(error)
+            hint = f"{advice[error.errno]}, or " if error.errno in advice else ""
+            raise StoreError(
+                f"cannot write results to {self.folder}: {reason}. To go on: {hint}choose another folder with "
+                "--results DIR, and run the same command again. What was stored before is kept."
+            ) from error
+
+
+def _parse(line: bytes) -> Record | None:
+    """The record in a line; None if it is not a JSON object that matches its SHA-256."""
+    try:
+        record = json.loads(line)
+        digest = record.pop("sha256")
+        return record if digest == _digest(record) and "schema" in record else None
+    except (ValueError, AttributeError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def _append(file: int, line: bytes) -> None:
+    """Writes a line at the end of an open journal, on a fresh line; takes back what it wrote if that fails."""
+    size = os.fstat(file).st_size
+    if size:
+        os.lseek(file, size - 1, os.SEEK_SET)
+        if os.read(file, 1) != b"\n":
+            line = b"\n" + line  # the last writer was cut off
+    try:
+        written = os.write(file, line)
+        while written < len(line):  # a full disk takes a part first, and says why only when asked again
+            written += os.write(file, line[written:])
+        os.fsync(file)
+    except OSError:
+        with contextlib.suppress(OSError):  # where this fails too, the torn line is skipped by every reader
+            os.ftruncate(file, size)
+        raise
+
+
+@contextlib.contextmanager
+def _locked(file: int, exclusive: bool) -> Iterator[None]:
+    """Holds a lock on an open file where the platform and the file system know locks."""
+    if fcntl is None:
+        yield
+        return
+    with contextlib.suppress(OSError):  # some network file systems have none
+        fcntl.flock(file, fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH)
+    yield  # closing the file releases it

@@ -1,0 +1,40 @@
+"""`python -m report.readme`: writes the claims, with what was found, into the README between its two marks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from report import page, tables
+
+ROOT = Path(__file__).resolve().parents[1]
+BEGIN = "<!-- claims: written by `python -m report.readme`, checked by tests/test_readme.py -->"
+END = "<!-- end of claims -->"
+WORDS = {True: "holds", False: "**refuted**", None: "no data"}
+
+
+def claims_table(results: Path) -> str:
+    """The claims as a Markdown table: sentence, what was found, bound, verdict, command."""
+    lines = ["| claim | found | bound | | check |", "|---|---|---|---|---|"]
+    for judged in page.assemble(results).claims:
+        verdict = judged.verdict
+        found, bound = ("" if v is None else tables.show(v) for v in (verdict.value, verdict.bound))
+        text = judged.claim.text.replace("|", "\\|")
+        lines.append(f"| {text} | {found} | {bound} | {WORDS[verdict.passed]} | `{judged.command}` |")
+    return "\n".join(lines)
+
+
+def with_claims(readme: str, results: Path) -> str:
+    """The README with its claims written anew."""
+    head, rest = readme.split(BEGIN)
+    _, tail = rest.split(END)
+    return f"{head}{BEGIN}\n\n{claims_table(results)}\n\n{END}{tail}"
+
+
+def main() -> None:
+    path = ROOT / "README.md"
+    path.write_text(with_claims(path.read_text(encoding="utf-8"), ROOT / "results" / "reference"), encoding="utf-8")
+    print(path)
+
+
+if __name__ == "__main__":
+    main()

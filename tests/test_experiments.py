@@ -1,0 +1,86 @@
+"""Every experiment at a tiny size: measured, stored, and drawn from what was stored."""
+
+import pandas as pd
+import pytest
+
+from experiments import EXPERIMENTS, cost, load
+from experiments.store import Store, make_record
+from integrators import METHODS, available
+from report import style
+
+SMALL = {"steps": 64, "span": 8.0}
+STATES = ("generic", "figure1", "random000", "random001", "random002", "random003")
+
+
+def tiny(name):
+    """A few cells of the quick profile, made small: every part, every method that is available, one or two states."""
+    chosen, seen = [], {}
+    for cell in load(name).cells("quick"):
+        if cell.get("state", "generic") not in STATES and name != "paper":
+            continue
+        method = cell.get("method")
+        if (method and not available(METHODS[method])) or cell.get("part") == "start":
+            continue
+        key = (cell.get("part"), method, cell.get("state"), cell.get("span"), cell.get("figure"))
+        seen[key] = seen.get(key, 0) + 1
+        if seen[key] <= 3:
+            chosen.append({**cell, **{k: v for k, v in SMALL.items() if k in cell}})
+    return [dict(pairs) for pairs in dict.fromkeys(tuple(cell.items()) for cell in chosen)]
+
+
+@pytest.fixture(autouse=True)
+def short_race(monkeypatch):
+    monkeypatch.setattr(cost, "HEADLINE_TIME", 100.0)
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_measured_stored_and_drawn(name, tmp_path):
+    module, store = load(name), Store(tmp_path)
+    for position, cell in enumerate(tiny(name)):
+        outcome = {"status": "done", "rows": module.measure(cell), "error": None, "warnings": [], "seconds": 0.0}
+        store.append(make_record(name, module.VERSION, position, cell, **outcome))
+    rows = store.rows(name)
+    assert len(rows) > 0
+    assert (rows.status == "done").all()
+    with style.apply():
+        figures = module.draw(rows)
+        assert figures
+        for figure in figures.values():
+            figure.draw_without_rendering()
+            assert figure.caption
+    tables = module.tables(rows)
+    assert tables
+    assert all(isinstance(table, pd.DataFrame) and len(table) for table in tables.values())
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_a_cell_that_failed_is_drawn_too(name, tmp_path):
+    """One cell measured, the others failed: figures and tables still come out."""
+    module, store = load(name), Store(tmp_path)
+    error = {"type": "StepError", "message": "no", "traceback": ""}
+    for position, cell in enumerate(tiny(name)):
+        done = position % 2 == 0 and cell.get("part") != "headline"
+        outcome = {"rows": module.measure(cell), "status": "done", "error": None} if done else {
+            "rows": [], "status": "failed", "error": error}  # fmt: skip
+        store.append(make_record(name, module.VERSION, position, cell, **outcome, warnings=[], seconds=0.0))
+    rows = store.rows(name)
+    assert (rows.status == "failed").any()
+    with style.apply():
+        for figure in module.draw(rows).values():
+            figure.draw_without_rendering()
+    module.tables(rows)
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_profiles(name):
+    """Cells are JSON-able, different, and the quick profile is the smaller one."""
+    module = load(name)
+    quick, full = module.cells("quick"), module.cells("full")
+    assert len(quick) <= len(full)
+    assert len({str(sorted(cell.items())) for cell in full}) == len(full)
+
+
+def test_what_a_fresh_process_needs():
+    """The probe of the cost experiment, once: a fresh process imports, compiles and steps."""
+    rows = cost.measure({"part": "start", "method": "rk45_fixed", "cached": True})
+    assert 0 < rows[0]["second_s"] <= rows[0]["first_s"]

@@ -1,0 +1,58 @@
+"""Cells that do as they are told.
+
+The list of cells is JSON in the environment variable TOY_CELLS; a cell's field "do" says what measuring it does.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+import warnings
+
+import numpy as np
+
+VERSION = 1
+
+
+def cells(profile):
+    return json.loads(os.environ["TOY_CELLS"])
+
+
+def measure(cell):
+    i = cell["i"]
+    match cell["do"]:
+        case "square":
+            time.sleep(cell.get("seconds", 0.0))
+        case "raise":
+            raise ArithmeticError(f"cell {i} was told to")
+        case "exit":
+            raise SystemExit(3)
+        case "die":
+            os._exit(3)
+        case "segfault":
+            os.kill(os.getpid(), signal.SIGSEGV)
+        case "compiled loop":  # like a long call into compiled code: no signal handler in Python runs
+            signal.pthread_sigmask(signal.SIG_BLOCK, set(signal.Signals) - {signal.SIGKILL, signal.SIGTERM})
+            time.sleep(60)
+        case "warn":
+            warnings.warn("toy warning", RuntimeWarning, stacklevel=1)
+            print("chatter on stdout")
+            sys.stdout.flush()
+        case "bad row":
+            return [{"vector": np.zeros(3)}]
+        case "fail until there":
+            if not os.path.exists(cell["file"]):
+                raise FileNotFoundError(cell["file"])
+    facts = {"process": os.getpid(), "started": time.monotonic(), "threads": os.environ["OMP_NUM_THREADS"]}
+    return [{"square": np.float64(i * i), "odd": np.bool_(i % 2)} | (facts if cell.get("facts") else {})]
+
+
+def draw(rows):
+    return {}
+
+
+def tables(rows):
+    return {}
