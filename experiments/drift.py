@@ -2,8 +2,8 @@
 
 Every method follows the named tops and sixteen generic ones; the relative error of each invariant is recorded at
 log-spaced times. How its root-mean-square over the sixteen grows, error ~ t^p, gives the verdict: bounded (p near 0),
-a random walk of round-off (p near 1/2, Brouwer's law, the best an unpinned method can do) or biased (p near 1). A
-second part varies h (or the tolerance) at a fixed length of run. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
+a random walk of round-off (p near 1/2, Brouwer's law) or biased (p near 1). A second part varies h (or the tolerance)
+at a fixed length of run. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ def cells(profile: str) -> list[dict]:
         steps = LENGTHS.get(method, SHORT)[full]
         for state in (*TOPS, *RANDOM):
             listed.append({"part": "time", "method": method, "state": state, "h": STEP, "steps": steps})
-    steps, tolerances = AGAINST_H[profile]
+    sizes, tolerances = AGAINST_H[profile]
     for method in METHODS:
-        knobs = [{"h": 1.0, "tol": tol} for tol in tolerances] if "taylor" == method else [{"h": h} for h in steps]
+        knobs = [{"h": 1.0, "tol": tol} for tol in tolerances] if method == "taylor" else [{"h": h} for h in sizes]
         if method == "rk45":
             knobs = [{"h": 1.0, "rtol": tol} for tol in tolerances]
         for state in H_STATES:

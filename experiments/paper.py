@@ -64,7 +64,7 @@ def draw(rows: pd.DataFrame) -> dict:
 
 def _draw_orbits(rows: pd.DataFrame, style):
     fig, axes = style.figure("page", 3.9, ncols=2, subplot_kw={"projection": "3d"})
-    for ax, (figure, (state, re, im, steps)) in zip(axes, FIGURES.items(), strict=True):
+    for ax, (figure, (state, re, im, _)) in zip(axes, FIGURES.items(), strict=True):
         points = rows[(rows.figure == figure) & (rows.method == "backlund")]
         x = points[["x1", "x2", "x3"]].to_numpy()
         size = float(np.linalg.norm(find(state)[1][3:]))

@@ -144,7 +144,7 @@ def integrate(
     g = None
     if g0 is not None:
         g = body.follow(found, top, state, float(h), steps, every, g0, heavy.own_spin(state) if heavy else 0.0)
-    return Trajectory(top, found.name, every * float(h) * np.arange(len(y)), y, stepper.work, g)
+    return Trajectory(top, found.name, np.arange(len(y), dtype=np.float64) * (every * float(h)), y, stepper.work, g)
 
 
 def two_point(top: LagrangeTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
@@ -171,7 +171,7 @@ def _look_up(top: LagrangeTop, y0: ArrayLike, method: str | Method) -> tuple[Met
     return method, check_state(y0)
 
 
-def _check_options(method: Method, function: Callable, options: dict[str, Any]) -> None:
+def _check_options(method: Method, function: Callable[..., Any], options: dict[str, Any]) -> None:
     from integrators.interface import keyword_options
 
     known = keyword_options(function)

@@ -33,7 +33,7 @@ class HeavyTop:
     A: float
     C: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("mass", "distance", "gravity", "A", "C"):
             object.__setattr__(self, name, check_real(getattr(self, name), name))
         for name in ("mass", "A", "C"):

@@ -19,6 +19,10 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+config: Any = numba.config  # its attributes are made at run time
+njit: Any = numba.njit  # its types know fewer options than it has
+OPTIONS = {"error_model": "numpy", "nogil": True, "fastmath": False, "no_cfunc_wrapper": True}
+
 
 @cache
 def _folder() -> str | None:
@@ -40,7 +44,7 @@ def _folder() -> str | None:
 
 def compiled(function: Callable[..., Any]) -> Any:
     """Compile without caching: for functions that close over others."""
-    return numba.njit(error_model="numpy", nogil=True, fastmath=False, no_cfunc_wrapper=True)(function)
+    return njit(**OPTIONS)(function)
 
 
 def jit(function: Callable[..., Any]) -> Any:
@@ -48,12 +52,12 @@ def jit(function: Callable[..., Any]) -> Any:
     folder = _folder()
     if folder is None:
         return compiled(function)
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = folder  # read while decorating, so other packages keep their own place
+    before = config.CACHE_DIR
+    config.CACHE_DIR = folder  # read while decorating, so other packages keep their own place
     try:
-        return numba.njit(error_model="numpy", nogil=True, fastmath=False, no_cfunc_wrapper=True, cache=True)(function)
+        return njit(**OPTIONS, cache=True)(function)
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before
 
 
 @intrinsic

@@ -22,13 +22,13 @@ INVARIANTS = ("H", "J3", "C1", "C2")
 class StepError(RuntimeError):
     """A method could not take a step: it says which method, which h, where and why."""
 
-    def __init__(self, method: str, reason: str, *, h: float | None = None, step: int | None = None):
+    def __init__(self, method: str, reason: str, *, h: float | None = None, step: int | None = None) -> None:
         at = "" if h is None else f" at h = {h:g}"
         where = "" if step is None else f", step {step}"
         super().__init__(f"{method}{at}{where}: {reason}")
         self.method, self.reason, self.h, self.step = method, reason, h, step
 
-    def __reduce__(self):  # keyword-only arguments do not survive the default pickling of exceptions
+    def __reduce__(self) -> tuple[Any, ...]:  # keyword-only arguments do not survive the default pickling of exceptions
         return _rebuild_step_error, (self.method, self.reason, self.h, self.step)
 
 
@@ -80,7 +80,7 @@ class Method:
     requires: str | None = None  # a package that may be missing on some platforms
     options: tuple[str, ...] = field(init=False)  # keyword options of `prepare`
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.control not in ("step", "tolerance"):
             raise ValueError(f"control must be 'step' or 'tolerance', not {self.control!r}")
         if unknown := self.conserves - set(INVARIANTS):
@@ -117,10 +117,10 @@ def check_state(y0: Any, name: str = "y0") -> Array:
 
 def check_step(h: Any, name: str = "h") -> float:
     """`h` as a finite float that is not zero."""
-    h = check_real(h, name)
-    if h == 0.0:
+    step = check_real(h, name)
+    if step == 0.0:
         raise ValueError(f"{name} must not be 0")
-    return h
+    return step
 
 
 def check_real(value: Any, name: str) -> float:
@@ -128,12 +128,12 @@ def check_real(value: Any, name: str) -> float:
     if isinstance(value, (bool, str, bytes, complex)):
         raise ValueError(f"{name} must be a real number; got {value!r}")
     try:
-        value = float(value)
+        number = float(value)
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} must be a real number; got {value!r}") from None
-    if not np.isfinite(value):
-        raise ValueError(f"{name} must be finite; got {value}")
-    return value
+    if not np.isfinite(number):
+        raise ValueError(f"{name} must be finite; got {number}")
+    return number
 
 
 def check_count(n: Any, name: str, least: int = 0) -> int:

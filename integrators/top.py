@@ -27,7 +27,7 @@ class LagrangeTop:
 
     alpha: float = 1.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         alpha = self.alpha
         if isinstance(alpha, (bool, str, complex)):
             raise ValueError(f"alpha must be a real number; got {alpha!r}")
@@ -42,9 +42,8 @@ class LagrangeTop:
     def rhs(self, y: ArrayLike) -> Array:
         """Time derivative of states (..., 6)."""
         J1, J2, J3, x1, x2, x3 = np.moveaxis(np.asarray(y, dtype=float), -1, 0)
-        derivative = (-self.alpha * x2, self.alpha * x1, 0.0 * J3)
-        derivative += (J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1)
-        return np.stack(derivative, axis=-1)
+        turned = (J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1)
+        return np.stack((-self.alpha * x2, self.alpha * x1, 0.0 * J3, *turned), axis=-1)
 
     def jacobian(self, y: ArrayLike) -> Array:
         """Derivative of `rhs`, shape (6, 6), at one state (6,)."""

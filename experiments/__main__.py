@@ -1,0 +1,279 @@
+"""The command line, `lagrange-bench` or `python -m experiments`. Imports nothing slow before it knows what is asked.
+
+Exit codes: 0 done; 1 a method, a cell or a claim failed; 2 bad input, or a file that cannot be read or written;
+130 interrupted (Ctrl-C); 141 the reader of stdout went away.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import errno
+import importlib
+import json
+import os
+import re
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from experiments import EXPERIMENTS, integrate
+
+INTRODUCTION = """\
+Benchmarks of geometric integrators for the symmetric Lagrange top, judged by its exact solution."""
+
+EPILOGUE = """\
+examples:
+  lagrange-bench run --profile quick            measure everything, in less than three minutes
+  lagrange-bench report                         figures, tables and the page of the published results
+  lagrange-bench integrate --top figure1 --h 0.1 --steps 10000
+
+Each command explains itself: lagrange-bench COMMAND --help. Data and JSON go to stdout, everything else to stderr.
+
+exit codes: 0 done · 1 a method, a cell or a claim failed · 2 bad input or a file problem · 130 interrupted"""
+
+METHODS = """\
+List the integration methods and what they claim: order, symmetry, Poisson map, invariants kept at round-off."""
+
+METHODS_EXAMPLES = """\
+examples:
+  lagrange-bench methods
+  lagrange-bench methods --verbose              with sources and options (for integrate --option)
+  lagrange-bench methods --json | jq -r '.[] | select(.poisson) | .name'
+
+A method of your own package joins through the entry-point group lagrange_bench.methods (name = package.module:METHOD);
+lagrange-bench check tests what it claims."""
+
+TOPS = """\
+List the named tops: weight parameter alpha, initial state (J1, J2, J3, x1, x2, x3), kind of motion, nutation period."""
+
+TOPS_EXAMPLES = """\
+The equations are J' = alpha e3 × x, x' = J × x; units are yours, alpha has those of J²/x. A period is inf where x3 is
+constant and unstable, or on the separatrix (null in JSON).
+
+examples:
+  lagrange-bench tops
+  lagrange-bench tops --json | jq '.[] | select(.regime == "elliptic") | .name'
+  lagrange-bench integrate --top near_separatrix --h 0.1 --steps 1000"""
+
+RUN = """\
+Measure the cells of experiments that are not stored yet, each kept as soon as it is done. A run that was stopped is
+continued, and failed cells are tried again, by the same command."""
+
+RUN_EXAMPLES = """\
+examples:
+  lagrange-bench run                            everything, quick: less than three minutes on two cores
+  lagrange-bench run cost --profile full        one experiment as published; leave the machine alone meanwhile
+  lagrange-bench run drift phase --results /scratch/top --jobs 8
+
+An experiment of your own is named by its module: lagrange-bench run my_package.my_experiment"""
+
+REPORT = """\
+Turn stored results into one offline page (index.html), figures (SVG) and tables (Markdown, LaTeX, CSV)."""
+
+REPORT_EXAMPLES = """\
+examples:
+  lagrange-bench report                                        the published results
+  lagrange-bench report --results results/local/quick          your own run
+  lagrange-bench report --results /scratch/top --output /tmp/page"""
+
+CHECK = """\
+Test what a method claims: its order, symmetry, Poisson map, invariants, and the contract of a stepper. Prints a verdict
+per claim: pass, fail or no data. For your own method before you publish it, too."""
+
+CHECK_EXAMPLES = """\
+examples:
+  lagrange-bench check backlund
+  lagrange-bench check implicit_midpoint --quick
+  lagrange-bench check my_package.my_method:METHOD     no entry point needed; the current folder is searched too"""
+
+
+class Help(argparse.HelpFormatter):
+    """Fills paragraphs to the width of the terminal, but leaves indented lines as they are."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        blocks = text.split("\n\n")
+        return "\n\n".join(b if "\n  " in b else super(Help, self)._fill_text(b, width, indent) for b in blocks)
+
+
+class Parser(argparse.ArgumentParser):
+    """Says in one line what is wrong, and where to read on."""
+
+    def __init__(self, **settings: Any):
+        super().__init__(**settings, formatter_class=Help, allow_abbrev=False)
+
+    def print_help(self, file: Any = None) -> None:
+        _emit(self.format_help().rstrip())  # argparse's own hides a full disk
+
+    def error(self, message: str) -> NoReturn:
+        raise ValueError(f"{message} (see {self.prog} --help)")
+
+
+def parser() -> Parser:
+    """The command line; every command names the function that carries it out."""
+    top = Parser(prog="lagrange-bench", description=INTRODUCTION, epilog=EPILOGUE)
+    top.add_argument("--version", action="store_true", help="print the version and stop")
+    commands = top.add_subparsers(metavar="COMMAND", title="commands")
+
+    def add(name: str, summary: str, description: str, examples: str, function: str) -> argparse.ArgumentParser:
+        command = commands.add_parser(name, help=summary, description=description, epilog=examples)
+        command.set_defaults(function=function)
+        command.add_argument("--json", action="store_true", help="print JSON, and nothing else, on stdout")
+        return command
+
+    methods = add("methods", "the integrators and what they claim", METHODS, METHODS_EXAMPLES, "commands:methods")
+    methods.add_argument("--verbose", action="store_true", help="also print where each method comes from, its options")
+    add("tops", "the named tops", TOPS, TOPS_EXAMPLES, "commands:tops")
+    _add_run(add("run", "measure what is missing", RUN, RUN_EXAMPLES, "commands:run"))
+    _add_report(add("report", "page, figures and tables of results", REPORT, REPORT_EXAMPLES, "commands:report"))
+    summary = "follow one top with one method"
+    integrate.add_options(add("integrate", summary, integrate.DESCRIPTION, integrate.EXAMPLES, "integrate:integrate"))
+    check = add("check", "test what a method claims", CHECK, CHECK_EXAMPLES, "commands:check")
+    check.add_argument("method", metavar="METHOD", help="a name (see lagrange-bench methods) or package.module:METHOD")
+    check.add_argument("--quick", action="store_true", help="fewer and shorter runs, for while you are developing")
+    return top
+
+
+def _add_run(command: argparse.ArgumentParser) -> None:
+    known = ", ".join(EXPERIMENTS)
+    command.add_argument("experiments", nargs="*", metavar="EXPERIMENT", help=f"{known} (default: all of them)")
+    profiles = ("quick", "full")
+    text = "quick: everything, coarsely; full: the published numbers (default: quick)"
+    command.add_argument("--profile", choices=profiles, default="quick", help=text)
+    text = "where results are stored, and looked for (default: results/local/PROFILE of the source tree, or "
+    text += "./results/PROFILE)"
+    command.add_argument("--results", type=Path, metavar="DIR", help=text)
+    text = "worker processes; timings always run one at a time (default: one per usable core)"
+    command.add_argument("--jobs", type=positive, metavar="N", help=text)
+    command.add_argument("--quiet", action="store_true", help="no progress on stderr")
+
+
+def _add_report(command: argparse.ArgumentParser) -> None:
+    text = "what lagrange-bench run stored (default: results/reference, the published ones; else your latest run)"
+    command.add_argument("--results", type=Path, metavar="DIR", help=text)
+    text = "where the page goes; it is created (default: report/ of the source tree, or ./report-output)"
+    command.add_argument("--output", type=Path, metavar="DIR", help=text)
+
+
+def positive(text: str) -> int:
+    """A whole number from 1 on."""
+    try:
+        number = int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be a whole number; got {text!r}") from None
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"must be at least 1; got {number}")
+    return number
+
+
+# ---------------------------------------------------------------- running a command
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs one command and returns the exit code; what went wrong is one line on stderr."""
+    try:
+        return _run(sys.argv[1:] if argv is None else list(argv))
+    except KeyboardInterrupt:
+        return _say("interrupted", 130)
+    except BrokenPipeError:
+        return 141
+    except MemoryError:
+        return _say("error: out of memory: record fewer states (--every)", 1)
+    except OSError as error:
+        path = "" if error.filename is None else f"{error.filename}: "
+        return _say(f"error: {path}{error.strerror or error}", 2)
+    except (ValueError, RuntimeError) as error:
+        expected = _exit_code(error)
+        if expected is None or sys.flags.dev_mode:  # python -X dev -m experiments: for developers
+            raise
+        return _say(f"error: {error}", expected)
+
+
+def _run(argv: list[str]) -> int:
+    for stream in (sys.stdout, sys.stderr):  # a terminal without λ shows \u03bb; it is no reason to stop
+        with contextlib.suppress(AttributeError):
+            stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+    try:
+        options = parser().parse_args(_join_negative(argv))
+    except SystemExit as done:  # --help
+        return int(done.code or 0)
+    if options.version:
+        from experiments.provenance import version
+
+        _emit(f"lagrange-bench {version('lagrange-bench') or '(not installed)'}")
+        return 0
+    if not hasattr(options, "function"):
+        raise ValueError("give a command: methods, tops, run, report, integrate or check (see lagrange-bench --help)")
+    with _stdout_for_data_only() if options.json else contextlib.nullcontext():
+        answer = _function(options.function)(options)
+    _emit(json.dumps(answer.data, allow_nan=False) if options.json else answer.text)
+    return int(answer.code)
+
+
+def _function(path: str) -> Callable[[argparse.Namespace], Any]:
+    module, name = path.split(":")
+    function: Callable[[argparse.Namespace], Any] = getattr(importlib.import_module(f"experiments.{module}"), name)
+    return function
+
+
+def _join_negative(argv: list[str]) -> list[str]:
+    """`--h -1e-3` as `--h=-1e-3`: argparse takes what starts with a minus for an option, not for its value."""
+    joined: list[str] = []
+    for word in argv:
+        if joined and re.match(r"-\.?\d", word) and re.fullmatch(r"--[a-z]+", joined[-1]):
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined
+
+
+def _exit_code(error: Exception) -> int | None:
+    """2 for bad input and unusable files, 1 for a method that failed, None for what nobody expected."""
+    from experiments.store import StoreError
+
+    if isinstance(error, (ValueError, StoreError)):
+        return 2
+    interface = sys.modules.get("integrators.interface")
+    return 1 if interface is not None and isinstance(error, interface.StepError) else None
+
+
+def _say(message: str, code: int) -> int:
+    with contextlib.suppress(OSError):
+        print(f"lagrange-bench: {message}", file=sys.stderr, flush=True)
+    return code
+
+
+def _emit(text: str) -> None:
+    """Print on stdout, now: a full disk or a closed pipe can still be answered for."""
+    if not text:
+        return
+    try:
+        print(text, flush=True)
+    except OSError as error:
+        with contextlib.suppress(OSError, ValueError):  # the interpreter would fail on what is buffered, at exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise OSError(error.errno, error.strerror, "standard output") from error
+
+
+@contextlib.contextmanager
+def _stdout_for_data_only() -> Iterator[None]:
+    """What anybody prints meanwhile, compiled libraries too, goes to stderr."""
+    with contextlib.redirect_stdout(sys.stderr):
+        try:
+            saved = os.dup(1)
+            os.dup2(2, 1)
+        except OSError as error:
+            if error.errno != errno.EBADF:
+                raise
+            yield  # no such streams here, so nothing to protect
+            return
+        try:
+            yield
+        finally:
+            os.dup2(saved, 1)
+            os.close(saved)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

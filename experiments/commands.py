@@ -1,0 +1,204 @@
+"""What the commands of the command line do, but for `integrate`, which has a file of its own."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import importlib
+import math
+import shlex
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from integrators import Method
+
+CONDA_FORGE = "conda install -c conda-forge {}"
+YES_NO = {True: "yes", False: "no", None: "?"}
+
+
+class Answer(NamedTuple):
+    """What a command prints, as text or with --json as data, and the exit code."""
+
+    text: str
+    data: Any
+    code: int = 0
+
+
+# ---------------------------------------------------------------- methods and tops
+
+
+def methods(options: argparse.Namespace) -> Answer:
+    """Every method in legend order; one that cannot be loaded is listed with the reason."""
+    from integrators import INVARIANTS, METHODS, available
+
+    data: list[dict[str, Any]] = []
+    for name in METHODS:
+        try:
+            method = METHODS[name]
+        except Exception as error:  # somebody else's package: whatever is wrong with it, the others are still there
+            data.append({"name": name, "error": f"{type(error).__name__}: {error}"})
+            continue
+        fields = ("label", "family", "order", "symmetric", "poisson", "control", "requires", "source")
+        claims = {field: getattr(method, field) for field in fields}
+        kept = [invariant for invariant in INVARIANTS if invariant in method.conserves]
+        more = {"conserves": kept, "available": available(method), "options": list(method.options)}
+        data.append({"name": name, **claims, **more})
+    header = ("name", "label", "family", "order", "symmetric", "Poisson", "conserves", "control", "available")
+    lines = [*table([header, *map(_method_row, data)]), *_method_notes(data)]
+    if options.verbose:
+        for claims in data:
+            known = ", ".join(claims.get("options") or ["none"])
+            lines += ["", claims["name"], f"  source:  {claims.get('source', '?')}", f"  options: {known}"]
+    return Answer("\n".join(lines), data)
+
+
+def _method_row(claims: dict[str, Any]) -> tuple[str, ...]:
+    if "error" in claims:
+        return (claims["name"], *"-------", "no")
+    order = "exact" if claims["order"] is None else str(claims["order"])
+    symmetric, poisson, here = (YES_NO[claims[field]] for field in ("symmetric", "poisson", "available"))
+    kept = " ".join(claims["conserves"]) or "-"
+    return claims["name"], claims["label"], claims["family"], order, symmetric, poisson, kept, claims["control"], here
+
+
+def _method_notes(data: list[dict[str, Any]]) -> list[str]:
+    """What is missing, once for each package, and how to get it."""
+    missing: dict[str, list[str]] = {}
+    for claims in data:
+        if claims.get("available") is False:
+            missing.setdefault(claims["requires"], []).append(claims["name"])
+    notes = [f"{', '.join(names)}: {how_to_get(package)}" for package, names in missing.items()]
+    return notes + [f"{claims['name']}: cannot be loaded: {claims['error']}" for claims in data if "error" in claims]
+
+
+def how_to_get(package: str) -> str:
+    """Where a package that is not installed here comes from."""
+    return f"{package} is not installed here; it comes with {CONDA_FORGE.format(package)} (on Linux also with pip)"
+
+
+def tops(options: argparse.Namespace) -> Answer:
+    """The named tops."""
+    from integrators import TOPS, exact
+
+    data, rows = [], [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "motion", "nutation", "note")]
+    for named in TOPS.values():
+        kind, period = exact.regime(named.top, named.state), exact.nutation_period(named.top, named.state)
+        state = ",".join(f"{v:.10g}" for v in named.y0)
+        rows.append((named.name, f"{named.alpha:g}", state, kind, f"{period:.4g}", named.note))
+        facts = {"regime": kind, "nutation_period": plain(period), "label": named.label, "note": named.note}
+        data.append({"name": named.name, "alpha": named.alpha, "state": list(named.y0), **facts})
+    return Answer("\n".join(table(rows)), data)
+
+
+# ---------------------------------------------------------------- run, report, check
+
+
+def run(options: argparse.Namespace) -> Answer:
+    """Compute what is missing and say what to do next."""
+    from experiments import EXPERIMENTS, engine
+    from experiments.store import default_results
+
+    if any("." in name for name in options.experiments):
+        search_current_folder()
+    results = options.results or default_results(options.profile)
+    names = options.experiments or EXPERIMENTS
+    summary = engine.run(names, options.profile, results, options.jobs, show=not options.quiet)
+    following = f"next: lagrange-bench report --results {shlex.quote(str(results))}"
+    if summary.exit_code:
+        following += "\nthe same command again computes the failed cells once more"
+    return Answer(f"{summary}\n{following}", summary.as_dict(), summary.exit_code)
+
+
+def report(options: argparse.Namespace) -> Answer:
+    """Build the page from stored results, and say what could not be drawn."""
+    from report.__main__ import make
+
+    made = make(options.results, options.output)
+    for line in [*(f"not drawn: {error}" for error in made.errors), *made.notes]:
+        print(line, file=sys.stderr)
+    data = {"page": str(made.page), "results": str(made.results), "not_drawn": made.errors, "notes": made.notes}
+    return Answer(str(made.page), data, made.exit_code)
+
+
+def check(options: argparse.Namespace) -> Answer:
+    """Test the claims of one method; one that fails makes exit code 1."""
+    from experiments import check as checks
+
+    method = find_method(options.method)
+    verdicts = checks.check(method, quick=options.quick)
+    rows = [("verdict", "claim", "measured", "bound", "how")]
+    for verdict in verdicts:
+        measured = "" if verdict.measured is None else f"{verdict.measured:.3g}"
+        rows.append((verdict.word, verdict.claim, measured, verdict.bound, " ".join(verdict.how.split())))
+    failed = [verdict.claim for verdict in verdicts if verdict.passed is False]
+    held = sum(verdict.passed is True for verdict in verdicts)
+    sum_up = f"{method.name} ({method.label}): {held} claims hold, {len(failed)} fail"
+    sum_up += f": {', '.join(failed)}" if failed else ""
+    listed = [{**asdict(verdict), "verdict": verdict.word} for verdict in verdicts]
+    data = {"method": method.name, "passed": not failed, "verdicts": plain(listed)}
+    return Answer("\n".join([*table(rows), "", sum_up]), data, 1 if failed else 0)
+
+
+# ---------------------------------------------------------------- shared
+
+
+def find_method(name: str) -> Method:
+    """The method of a registry name or of `package.module:METHOD`.
+
+    Raises
+    ------
+    ValueError : there is none, or it cannot be loaded here; the message says why.
+    """
+    from integrators import METHODS, Method, available
+
+    try:
+        if ":" in name:
+            search_current_folder()
+            module, _, attribute = name.partition(":")
+            method = getattr(importlib.import_module(module), attribute)
+        else:
+            method = METHODS[name]
+    except KeyError as error:
+        raise ValueError(str(error.args[0])) from None
+    except Exception as error:  # importing somebody else's module may raise anything
+        raise ValueError(f"method {name} cannot be loaded: {type(error).__name__}: {error}") from error
+    if not isinstance(method, Method):
+        raise ValueError(f"method {name} is a {type(method).__name__}, not an integrators.Method")
+    if not available(method):
+        raise ValueError(f"method {name}: {how_to_get(str(method.requires))}")
+    return method
+
+
+def search_current_folder() -> None:
+    """Find modules in the current folder, as `python -m` does; after everything that is installed."""
+    if "" not in sys.path and str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))
+
+
+def closest(name: str, known: Iterable[str]) -> str:
+    """A question for who mistyped a name; empty if nothing is near."""
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def table(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines with aligned columns."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def plain(value: Any) -> Any:
+    """`value` for JSON: arrays become lists, NaN and infinities null."""
+    if isinstance(value, dict):
+        return {str(key): plain(content) for key, content in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [plain(content) for content in value]
+    if isinstance(value, complex):
+        return str(value)
+    return None if isinstance(value, float) and not math.isfinite(value) else value

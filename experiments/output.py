@@ -1,0 +1,208 @@
+"""A trajectory summed up in words, kept in a file, and drawn. Files appear whole or not at all."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from experiments import metrics, provenance
+from experiments.commands import table
+from integrators import INVARIANTS, Trajectory, exact
+from integrators.interface import Array
+
+if TYPE_CHECKING:
+    from integrators import Method
+    from report.style import Figure
+
+COLUMNS = ("t", "J1", "J2", "J3", "x1", "x2", "x3")
+CHORD = 0.3  # rad between two recorded directions of the axis; beyond, a line between them would say too much
+
+
+# ---------------------------------------------------------------- words
+
+
+def judge(trajectory: Trajectory, y0: Array) -> dict[str, Any]:
+    """Invariants, their drift relative to `invariant_scales`, and the error against the exact solution."""
+    top, y = trajectory.top, np.vstack([y0, trajectory.y])
+    invariants, drift = top.invariants(y), metrics.relative_drift(top.invariants(y), top.invariant_scales(y0))
+    try:
+        errors = metrics.scaled_error(top, y0, trajectory.y, exact.solution(top, y0, trajectory.t))
+        judged: dict[str, Any] = {"final": errors[-1], "largest": errors.max(), "note": ""}
+    except ValueError as error:  # beyond what doubles resolve: the method has an answer, the truth has none
+        judged = {"final": None, "largest": None, "note": str(error)}
+    return {
+        "t_final": trajectory.t[-1],
+        "y_final": trajectory.y[-1],
+        "recorded": len(trajectory.t),
+        "invariants": {
+            name: {"start": first, "final": last, "drift": final, "largest_drift": largest}
+            for name, first, last, final, largest in zip(
+                INVARIANTS, invariants[0], invariants[-1], drift[-1], np.abs(drift).max(axis=0), strict=True
+            )
+        },
+        "error": judged,
+    }
+
+
+def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str) -> str:
+    """What `integrate` prints."""
+    top, work, error = trajectory.top, data["work"], data["error"]
+    settings = "".join(f", {key} = {value}" for key, value in data["options"].items())
+    grid = "given times" if data["h"] is None else f"h = {data['h']:g}, {data['steps']} steps"
+    count = data["recorded"]
+    head = [
+        f"top     {data['top'] or 'of your own'}: alpha = {top.alpha:.10g}, {exact.regime(top, y0)}, "
+        f"nutation period {exact.nutation_period(top, y0):.6g}",
+        f"method  {data['method']}: {label}{settings}",
+        f"times   {grid}, up to t = {data['t_final']:.10g}, {count} state{'' if count == 1 else 's'} recorded",
+    ]
+    states = [
+        ("", *(f" {name}" for name in COLUMNS[1:])),
+        ("start", *_exactly(y0)),
+        ("end", *_exactly(trajectory.y[-1])),
+    ]
+    rows = [("invariant", "start", "end", "drift at the end", "largest recorded")]
+    for name, v in data["invariants"].items():
+        rows.append((name, *_exactly((v["start"], v["final"])), f"{v['drift']:+.1e}", f"{v['largest_drift']:.1e}"))
+    if error["note"]:
+        judged = f"error   no exact solution to compare with: {error['note']}"
+    else:
+        judged = f"error   {error['final']:.1e} at the end, {error['largest']:.1e} the largest recorded, against the "
+        judged += "exact solution (relative to the sizes of J and x)"
+    counts = f"work    {work['steps']} steps, {work['rhs_evals']} right-hand sides, {work['iterations']} iterations, "
+    counts += f"{work['rejected']} rejected; {data['seconds']:.3g} s in all, compilation included, "
+    counts += f"{work['setup_seconds']:.3g} s of it to prepare"
+    return "\n".join([*head, "", *table(states), "", *table(rows), "", judged, counts])
+
+
+def _exactly(values: Any) -> tuple[str, ...]:
+    """The shortest decimals that are these doubles, minus signs apart."""
+    return tuple(f"{'' if value < 0 else ' '}{value!r}" for value in map(float, values))
+
+
+# ---------------------------------------------------------------- files
+
+
+def check_target(flag: str, path: Path, suffixes: tuple[str, ...]) -> None:
+    """ValueError naming `flag` if the file could not be written, as far as that can be known before."""
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f"{flag} {path}: the name must end in {' or '.join(suffixes)}")
+    folder = path.parent
+    if not folder.is_dir():
+        raise ValueError(f"{flag} {path}: there is no folder {folder}")
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{flag} {path}: this is not a file")
+    if not os.access(folder, os.W_OK):
+        raise ValueError(f"{flag} {path}: no permission to write in {folder.resolve()}")
+
+
+def save(path: Path, trajectory: Trajectory, facts: dict[str, Any]) -> None:
+    """Write times, states and metadata as CSV or NPZ, every double exactly."""
+    version = f"lagrange-bench {provenance.version('lagrange-bench')}"
+    metadata = {"program": version, **facts, **provenance.provenance()}
+    if path.suffix.lower() == ".npz":
+        buffer = io.BytesIO()
+        np.savez(buffer, t=trajectory.t, y=trajectory.y, metadata=np.array(json.dumps(metadata)))
+        _replace(path, buffer.getvalue())
+        return
+    lines = [f"# {key}: {json.dumps(value, ensure_ascii=False)}" for key, value in metadata.items()]
+    lines.append(",".join(COLUMNS))
+    rows = np.column_stack([trajectory.t, trajectory.y]).tolist()
+    lines += [",".join(map(repr, row)) for row in rows]
+    _replace(path, ("\n".join(lines) + "\n").encode())
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Write a file beside the old one, then put it in its place, and say so; OSError naming `path` if that fails."""
+    target = path.resolve()  # of a link: what it points to
+    existed, temporary = target.exists(), target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    try:
+        try:
+            with temporary.open("xb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, target)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise OSError(error.errno, f"cannot be written: {error.strerror}", str(path)) from error
+    print(f"{'replaced' if existed else 'written'}: {path}", file=sys.stderr)
+
+
+# ---------------------------------------------------------------- a drawing
+
+
+def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -> None:
+    """Draw where the axis went on its sphere and write the picture."""
+    from report import figures, style
+
+    suffix, buffer = path.suffix.lower(), io.BytesIO()
+    with style.apply():
+        figure = sphere(trajectory, method, name)
+        if suffix == ".svg":
+            buffer.write(figures.svg(figure).encode())
+        else:
+            metadata = {"CreationDate": None} if suffix == ".pdf" else {"Software": None}
+            figure.savefig(buffer, format=suffix[1:], metadata=metadata)
+    _replace(path, buffer.getvalue())
+
+
+def sphere(trajectory: Trajectory, method: Method, name: str | None) -> Figure:
+    """The axis x on the sphere of radius |x|, seen from outside; what is behind the sphere is pale."""
+    from report import style
+
+    x, radius = trajectory.y[:, 3:], float(np.linalg.norm(trajectory.y[0, 3:]))
+    elevation, azimuth = np.radians(22), np.radians(-55)
+    view = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    kind = {"projection": "3d", "proj_type": "ortho", "computed_zorder": False}
+    figure, ax = style.figure(4.2, 4.2, subplot_kw=kind)
+    ax.view_init(22, -55)
+    for circle in _graticule(radius, view):
+        ax.plot(*_parts(circle, view, front=True), color="#cfcfcf", linewidth=0.4, zorder=2)
+    colour = style.of(method.name)["color"]
+    for front, pale, order in ((False, 0.35, 1), (True, 1.0, 3)):
+        look = {"linestyle": "-", "linewidth": 0.9} if _dense(x) else {"linestyle": "none", "marker": ".", "ms": 3}
+        ax.plot(*_parts(x, view, front), color=colour, alpha=pale, zorder=order, **look)
+    for state, marker, text in ((x[0], "o", "start"), (x[-1], "s", "end")):
+        fill = colour if text == "start" else "white"
+        ax.plot(*state[:, None], marker, color=colour, markerfacecolor=fill, ms=5, zorder=4, label=text, ls="none")
+    ax.set(xlabel="$x_1$", ylabel="$x_2$", zlabel="$x_3$ (up)")
+    ax.set_box_aspect((1, 1, 1), zoom=0.88)  # leaves room for the labels, which the layout engine does not see
+    ax.set(xlim=(-radius, radius), ylim=(-radius, radius), zlim=(-radius, radius))
+    ax.locator_params(nbins=5)
+    times = f"t = {trajectory.t[0]:g} … {trajectory.t[-1]:g}, {len(x)} states"
+    ax.set_title(f"Axis of the top{f' “{name}”' if name else ''}, |x| = {radius:.4g}\n{method.label}, {times}")
+    figure.legend(loc="outside lower center", ncols=2)
+    figure.caption = "The axis x in the rest frame, in units of the initial state; pale where it is behind the sphere."
+    return figure
+
+
+def _graticule(radius: float, view: Array) -> list[Array]:
+    """Meridians and parallels every 30 degrees and the outline, (n, 3) each."""
+    around, half = np.linspace(0, 2 * np.pi, 121), np.linspace(-np.pi / 2, np.pi / 2, 61)
+    curves = [(np.cos(b) * np.cos(around), np.cos(b) * np.sin(around), 0 * around + np.sin(b)) for b in half[10:51:10]]
+    curves += [(np.cos(half) * np.cos(a), np.cos(half) * np.sin(a), np.sin(half)) for a in around[:-1:10]]
+    right = np.cross((0.0, 0.0, 1.0), view) / np.hypot(*view[:2])
+    outline = np.outer(np.cos(around), right) + np.outer(np.sin(around), np.cross(view, right)) + 1e-9 * view
+    return [radius * curve for curve in [outline, *(np.stack(curve, axis=-1) for curve in curves)]]
+
+
+def _parts(points: Array, view: Array, front: bool) -> Array:
+    """Coordinates (3, n) of a curve, NaN where it is on the other side; the segments across the edge are kept."""
+    here = (points @ view >= 0) == front
+    here[1:] |= here[:-1].copy()
+    return np.where(here, points.T, np.nan)
+
+
+def _dense(x: Array) -> bool:
+    """Whether recorded directions are so close that lines between them stay near the sphere."""
+    unit = x / np.linalg.norm(x, axis=1, keepdims=True)
+    chords = np.linalg.norm(np.diff(unit, axis=0), axis=1)
+    return bool(chords.max(initial=0.0) < CHORD)
