@@ -36,5 +36,5 @@ def test_every_command_of_the_readme_exists():
     named = set(re.findall(r"python -m experiments\.(\w+)", TEXT)) | set(re.findall(r"lagrange-bench run (\w+)", TEXT))
     assert named <= set(EXPERIMENTS)
     makefile = (readme.ROOT / "Makefile").read_text(encoding="utf-8")
-    for target in re.findall(r"`?make (\w+)`?", TEXT):
+    for target in re.findall(r"(?:`|^ +)make (\w+)", TEXT, re.MULTILINE):
         assert f"\n{target}:" in makefile
