@@ -1,4 +1,4 @@
-"""The only time loops of the project.
+"""The only time loop of the project.
 
 A compiled method is a pair of Numba functions on six scalars: `step(s, c, tally) -> s` and, where a method
 pins its state, `finish(s, c) -> s`, called after every `block` steps and at the end of a call. `c` is the
@@ -13,60 +13,47 @@ from functools import cache
 import numpy as np
 
 from integrators.compiled import compiled
-from integrators.interface import Array, StepError, Work
+from integrators.interface import Array, StepError, Work, check_count
 
-# places in `tally`
-ITERATIONS, RHS_EVALS, FAILURE, FAILED_AT = range(4)
+# places in `tally`; a kernel that fails puts a code into FAILURE and what it could not reduce into RESIDUAL
+ITERATIONS, RHS_EVALS, FAILURE, FAILED_AT, RESIDUAL = range(5)
 
-INTERRUPTIBLE = 1 << 22  # steps in one compiled call, at most: Ctrl-C is seen between two of them
+INTERRUPTIBLE = 1 << 20  # steps in one compiled call, at most: Ctrl-C is seen between two of them
 
 
 @cache
-def compile_loops(step: Callable, finish: Callable | None, block: int) -> tuple[Callable, Callable]:
-    """Compiled (advance, record) for one kernel; each kernel is compiled once per process."""
+def compile_loop(step: Callable, finish: Callable | None) -> Callable:
+    """The loop around one kernel, compiled once per process."""
 
     @compiled
-    def advance(y, n, c, tally):
+    def run(y, first, last, total, every, block, c, tally, out):
+        # From step number `first` to `last` of `total`. Rows and pins fall on multiples of `every` and of `block`,
+        # counted from the start of the whole run: however it is divided, and whatever is recorded, it goes
+        # through the same states.
         s = (y[0], y[1], y[2], y[3], y[4], y[5])
-        done = 0
-        while done < n:
-            chunk = min(block, n - done)
-            for i in range(chunk):
+        i = first
+        row = i // every
+        next_row = (row + 1) * every
+        next_pin = (i // block + 1) * block
+        while i < last:
+            stop = min(last, next_row, next_pin)
+            for k in range(i, stop):
                 s = step(s, c, tally)
                 if tally[FAILURE] != 0:
-                    tally[FAILED_AT] += done + i
+                    tally[FAILED_AT] = k
                     return
-            done += chunk
-            if finish is not None:
+            i = stop
+            if finish is not None and (i == next_pin or i == total):
                 s = finish(s, c)
+            if i == next_pin:
+                next_pin += block
+            if i == next_row:
+                row += 1
+                next_row += every
+                out[row, 0], out[row, 1], out[row, 2], out[row, 3], out[row, 4], out[row, 5] = s
         y[0], y[1], y[2], y[3], y[4], y[5] = s
 
-    @compiled
-    def record(y, every, c, tally, out):
-        # Pins fall on multiples of `block` counted from the start of the call, whatever `every` is, so a
-        # recorded run and an unrecorded one go through the same states.
-        s = (y[0], y[1], y[2], y[3], y[4], y[5])
-        until_pin = block
-        for row in range(out.shape[0]):
-            for i in range(every):
-                s = step(s, c, tally)
-                if tally[FAILURE] != 0:
-                    tally[FAILED_AT] += row * every + i
-                    return
-                if finish is not None:
-                    until_pin -= 1
-                    if until_pin == 0:
-                        s = finish(s, c)
-                        until_pin = block
-            for k in range(6):
-                out[row, k] = s[k]
-        if finish is not None and until_pin != block:
-            s = finish(s, c)
-            for k in range(6):
-                out[out.shape[0] - 1, k] = s[k]
-        y[0], y[1], y[2], y[3], y[4], y[5] = s
-
-    return advance, record
+    return run
 
 
 class FixedStepper:
@@ -83,54 +70,55 @@ class FixedStepper:
         constants: Array,
         step: Callable,
         finish: Callable | None = None,
-        block: int = 1 << 16,
+        block: int = 1 << 62,
         *,
         enter: Callable[[Array], Array] = np.array,
-        leave: Callable[[Array], Array] = np.array,
+        leave: Callable[[Array], Array] = np.asarray,
         rhs_per_step: int = 0,
         failures: dict[int, str] | None = None,
     ):
         self.name, self.h, self.constants, self.block = name, h, constants, block
         self.enter, self.leave = enter, leave
         self.rhs_per_step, self.failures = rhs_per_step, failures or {}
-        self._advance, self._record = compile_loops(step, finish, block)
+        self._run = compile_loop(step, finish)
         self.work = Work()
+        self._run(
+            np.zeros(6, constants.dtype), 0, 0, 0, 1, 1, constants, np.zeros(5), np.empty((1, 6), constants.dtype)
+        )
 
     def advance(self, y: Array, n: int) -> Array:
-        state = self.enter(y)
-        tally = np.zeros(4, dtype=np.int64)
-        stride = max(1, INTERRUPTIBLE // self.block) * self.block
-        for done in range(0, n, stride):
-            tally[FAILED_AT] = done
-            self._advance(state, min(stride, n - done), self.constants, tally)
-            self._check(tally)
-        return self._leave(state, n, tally)
+        return self.record(y, n, max(n, 1))[-1]
 
     def record(self, y: Array, n: int, every: int) -> Array:
+        check_grid(n, every)
         state = self.enter(y)
-        tally = np.zeros(4, dtype=np.int64)
         out = np.empty((n // every + 1, 6), dtype=state.dtype)
         out[0] = state
-        # a stride of whole rows and whole blocks keeps the pins where one undivided call would put them
-        rows = max(1, INTERRUPTIBLE // (every * self.block)) * self.block
-        for row in range(1, len(out), rows):
-            tally[FAILED_AT] = (row - 1) * every
-            self._record(state, every, self.constants, tally, out[row : row + rows])
-            self._check(tally)
-        result = self._leave(out, n, tally)
-        result[0] = y
-        return result
-
-    def _check(self, tally: Array) -> None:
-        if code := int(tally[FAILURE]):
-            reason = self.failures.get(code, f"failure code {code}")
-            raise StepError(self.name, reason, h=self.h, step=int(tally[FAILED_AT]))
-
-    def _leave(self, state: Array, n: int, tally: Array) -> Array:
+        tally = np.zeros(5)
+        for first in range(0, n, INTERRUPTIBLE):
+            last = min(first + INTERRUPTIBLE, n)
+            self._run(state, first, last, n, every, self.block, self.constants, tally, out)
+            self._check(state, last, tally)
         self.work.steps += n
         self.work.iterations += int(tally[ITERATIONS])
         self.work.rhs_evals += int(tally[RHS_EVALS]) + n * self.rhs_per_step
-        state = self.leave(state)
+        result = self.leave(out)
+        result[0] = y
+        return result
+
+    def _check(self, state: Array, last: int, tally: Array) -> None:
+        if code := int(tally[FAILURE]):
+            reason = self.failures.get(code, f"failure code {code}")
+            if tally[RESIDUAL]:
+                reason += f" (residual {tally[RESIDUAL]:.1e})"
+            raise StepError(self.name, reason, h=self.h, step=int(tally[FAILED_AT]))
         if not np.all(np.isfinite(state)):
-            raise StepError(self.name, "the state left the range of floating-point numbers", h=self.h)
-        return state
+            reason = "the state left the range of floating-point numbers in this step or before it"
+            raise StepError(self.name, reason, h=self.h, step=last)
+
+
+def check_grid(n: int, every: int) -> None:
+    """ValueError unless n steps can be recorded every `every` of them."""
+    check_count(n, "n")
+    if n % check_count(every, "every", least=1):
+        raise ValueError(f"every = {every} does not divide n = {n}")

@@ -433,9 +433,7 @@ def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | No
     mu = mu if h > 0 else -mu
     c = np.array([top.alpha, lam, lam.conjugate(), mu, mu.conjugate()])
     failures = {1: "B(λ) = J- λ + x- vanishes, as it does for a vertical top, and the program divides by it"}
-    return FixedStepper(
-        "backlund_textbook", h, c, textbook_step, enter=to_complex, leave=to_real, failures=failures
-    )
+    return FixedStepper("backlund_textbook", h, c, textbook_step, enter=to_complex, leave=to_real, failures=failures)
 
 
 EXACT = Method(

@@ -1,0 +1,200 @@
+"""The implicit midpoint rule ỹ = y + h f((y + ỹ)/2), solved to round-off.
+
+The midpoint (J̄, x̄) satisfies J̄ = J + (h/2) alpha e3×x̄ and x̄ = x + (h/2) J̄×x̄. J̄3 = J3 is known, and for given v = (h/2) J̄ the
+second equation is a Cayley transform: x̄ = x + d, d = (v×x + v×(v×x))/(1 + |v|²). What is left is one equation for
+(v1, v2), v = F(v), and F contracts by L = h²|alpha||x|/4: the Cayley transform and its inverse lengthen nothing. So for L < 1
+the step is unique. For any h the elimination of J̄1, J̄2, x̄1, x̄2 leaves one cubic for x̄3, with all its real roots in
+[−|x|, |x|]; where it has three, the step is not defined and a StepError says so.
+
+All four invariants are linear or quadratic and kept (every Gauss method does); the map is symmetric, not Poisson.
+
+Round-off. Written as x̃ = x + d + v×x̄, a relative error of 1 + |v|² (whose constant part v3² is rounded the same way in every
+step) does not change |x̃| to first order; as x + 2d it does, and |x|² drifts in proportion to time. The iteration goes
+on until it stagnates: what a tolerance leaves has a direction, and drifts too.
+
+Sources: Hairer, Lubich & Wanner, Geometric Numerical Integration, sections II.1.1 and IV.2.1; reduction and cubic: this project.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from integrators.compiled import jit
+from integrators.interface import Array, Method, StepError
+from integrators.loops import FAILURE, ITERATIONS, RESIDUAL, FixedStepper
+from integrators.top import LagrangeTop
+
+ALPHA, H, LARGE = range(3)  # places of the constants
+LIMIT = 500  # iterations; the fixed point takes 5 to 20, Newton 3 to 6
+NOT_CONVERGED, NOT_UNIQUE = 1, 2
+FAILURES = {
+    NOT_CONVERGED: f"the midpoint equation is not solved after {LIMIT} iterations; take a smaller |h| or solver='newton'",
+    NOT_UNIQUE: "the midpoint equation has three solutions; take a smaller |h|",
+}
+# Below this contraction the fixed point is as quick as Newton and stagnates within half an ulp of the solution; above
+# it stops an ulp or more short of it, on the side it comes from.
+WEAK = 2.0**-8
+LONGEST = 1e6  # of |h|, in time scales of the top: x̄ ~ x/h is a difference that loses as many digits as h has
+
+
+@jit
+def cayley(x1, x2, x3, v1, v2, v3):
+    """u = v×x, d = (1 − v×)⁻¹ u and q = 1/(1 + |v|²)."""
+    u1 = v2 * x3 - v3 * x2
+    u2 = v3 * x1 - v1 * x3
+    u3 = v1 * x2 - v2 * x1
+    q = 1.0 / (1.0 + ((v1 * v1 + v2 * v2) + v3 * v3))
+    d1 = q * (u1 + (v2 * u3 - v3 * u2))
+    d2 = q * (u2 + (v3 * u1 - v1 * u3))
+    d3 = q * (u3 + (v1 * u2 - v2 * u1))
+    return u1, u2, u3, d1, d2, d3, q
+
+
+@jit
+def newton_correction(x1, x2, x3, v1, v2, v3, q, k, r1, r2):
+    """(1 − F')⁻¹ r at v, where x̄ = (x1, x2, x3); δx̄ = q (b + v×b + v (v·b)) for b = δv×x̄, δF = k e3×δx̄."""
+    t = v3 * x2 - v2 * x3
+    a1 = q * (v2 * x2 + v3 * x3 + v1 * t)
+    a2 = q * (v2 * t - x3 - v1 * x2)
+    t = v1 * x3 - v3 * x1
+    b1 = q * (x3 - v2 * x1 + v1 * t)
+    b2 = q * (v3 * x3 + v1 * x1 + v2 * t)
+    m11, m12, m21, m22 = 1.0 + k * a2, k * b2, -k * a1, 1.0 - k * b1
+    r = 1.0 / (m11 * m22 - m12 * m21)
+    return (m22 * r1 - m12 * r2) * r, (m11 * r2 - m21 * r1) * r
+
+
+@jit
+def solve(s, c, tally, newton, v1, v2):
+    """The step from a first guess of v1, v2."""
+    J1, J2, J3, x1, x2, x3 = s
+    half = 0.5 * c[H]
+    kick = half * c[ALPHA]
+    v3 = half * J3
+    # a change that has stopped falling is round-off only if it is this small
+    small = 2.0**-45 * (abs(v1) + abs(v2) + abs(half * kick) * (abs(x1) + abs(x2) + abs(x3)))
+    size = last = math.inf
+    for i in range(LIMIT):
+        u1, u2, u3, d1, d2, d3, q = cayley(x1, x2, x3, v1, v2, v3)
+        r1 = half * (J1 - kick * (x2 + d2)) - v1
+        r2 = half * (J2 + kick * (x1 + d1)) - v2
+        size = abs(r1) + abs(r2)
+        if size == 0.0 or (size >= last and size <= small):
+            tally[ITERATIONS] += i + 1
+            break
+        last = size
+        if newton:
+            r1, r2 = newton_correction(x1 + d1, x2 + d2, x3 + d3, v1, v2, v3, q, half * kick, r1, r2)
+        v1 += r1
+        v2 += r2
+    else:
+        tally[FAILURE] = NOT_CONVERGED
+        tally[RESIDUAL] = size
+    e1 = u1 + (v2 * d3 - v3 * d2)  # v × x̄, equal to d but for round-off
+    e2 = u2 + (v3 * d1 - v1 * d3)
+    e3 = u3 + (v1 * d2 - v2 * d1)
+    kick *= 2.0
+    return (
+        J1 - kick * (x2 + 0.5 * (d2 + e2)),
+        J2 + kick * (x1 + 0.5 * (d1 + e1)),
+        J3,
+        (x1 + d1) + e1,
+        (x2 + d2) + e2,
+        (x3 + d3) + e3,
+    )
+
+
+@jit
+def explicit_guess(s, c):
+    J1, J2, _, x1, x2, _ = s
+    half = 0.5 * c[H]
+    return half * (J1 - half * c[ALPHA] * x2), half * (J2 + half * c[ALPHA] * x1)
+
+
+@jit
+def cubic_guess(s, c, tally):
+    """v1, v2 from the root z = x̄3 of ((1 − az)² + b²)(z − x3) + gz + k, where x̄1 + i x̄2 = (X − i half Jz)/(1 − az − ib)."""
+    J1, J2, J3, x1, x2, x3 = s
+    half = 0.5 * c[H]
+    a, b = half * half * c[ALPHA], half * J3
+    turn = J1 * x2 - J2 * x1
+    g = half * (half * (J1 * J1 + J2 * J2) - a * turn)
+    k = a * (x1 * x1 + x2 * x2) - half * (turn + b * (J1 * x1 + J2 * x2))
+    # three solutions: the cubic falls from above zero to below between two turning points
+    p2, p1 = -a * (2.0 + a * x3), 1.0 + b * b + 2.0 * a * x3 + g
+    w = p2 * p2 - 3.0 * a * a * p1
+    if w > 0.0:
+        left = (-p2 - math.sqrt(w)) / (3.0 * a * a)
+        right = (-p2 + math.sqrt(w)) / (3.0 * a * a)
+        if cubic(left, a, b, x3, g, k)[0] > 0.0 and cubic(right, a, b, x3, g, k)[0] < 0.0:
+            tally[FAILURE] = NOT_UNIQUE
+    high = 1.001 * math.sqrt(x1 * x1 + x2 * x2 + x3 * x3)
+    low, z = -high, x3
+    for _ in range(200):
+        value, slope = cubic(z, a, b, x3, g, k)
+        low, high = (low, z) if value > 0.0 else (z, high)
+        new = z - value / slope
+        if not low < new < high:
+            new = 0.5 * (low + high)
+        if new == z or high - low <= 2.0**-50 * abs(z):
+            break
+        z = new
+    u = 1.0 - a * z
+    r = 1.0 / (u * u + b * b)
+    n1, n2 = x1 + half * J2 * z, x2 - half * J1 * z
+    y1, y2 = (n1 * u - n2 * b) * r, (n2 * u + n1 * b) * r
+    return half * J1 - a * y2, half * J2 + a * y1
+
+
+@jit
+def cubic(z, a, b, x3, g, k):
+    u = 1.0 - a * z
+    w = u * u + b * b
+    return w * (z - x3) + g * z + k, w - 2.0 * a * u * (z - x3) + g
+
+
+@jit
+def fixed_point_step(s, c, tally):
+    v1, v2 = explicit_guess(s, c)
+    return solve(s, c, tally, False, v1, v2)
+
+
+@jit
+def newton_step(s, c, tally):
+    v1, v2 = cubic_guess(s, c, tally) if c[LARGE] else explicit_guess(s, c)
+    return solve(s, c, tally, True, v1, v2)
+
+
+def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
+    """Iterates every step until it stagnates.
+
+    Parameters
+    ----------
+    solver : "fixed_point", which contracts for h²|alpha||x| < 4; "newton", for any h for which the step is
+        unique; "auto": the fixed point for h²|alpha||x| < 1/64, else Newton.
+    """
+    if solver not in ("auto", "fixed_point", "newton"):
+        raise ValueError(f"solver must be 'auto', 'fixed_point' or 'newton'; got {solver!r}")
+    if not abs(h) <= LONGEST * top.scales(y0)[2]:
+        raise StepError("implicit_midpoint", f"|h| is over {LONGEST:g} times the time scale of the top", h=h)
+    contraction = 0.25 * h * h * abs(top.alpha) * math.hypot(*y0[3:])
+    fixed = solver == "fixed_point" or (solver == "auto" and contraction < WEAK)
+    c = np.array((top.alpha, h, contraction >= 0.25))
+    kernel = fixed_point_step if fixed else newton_step
+    return FixedStepper("implicit_midpoint", h, c, kernel, failures=FAILURES)
+
+
+METHOD = Method(
+    name="implicit_midpoint",
+    label="Implicit midpoint",
+    family="implicit",
+    order=2,
+    symmetric=True,
+    poisson=False,
+    conserves=frozenset({"H", "J3", "C1", "C2"}),
+    control="step",
+    source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.1 and IV.2.1",
+    prepare=prepare,
+)
