@@ -142,7 +142,7 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
         if method not in METHODS or METHODS[method].control != "step":
             continue
         for state, points in group.groupby("state", sort=False):
-            fit = metrics.order(points.h.to_numpy(), points.error.to_numpy(), floor=1e-14)
+            fit = metrics.order(points.h.to_numpy(), points.error.to_numpy(), floor=1e-14, saturation=1e-3)
             table.append(
                 {
                     "method": method,

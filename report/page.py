@@ -17,6 +17,7 @@ from experiments.store import Store, StoreError
 from report import claims, figures, promises, style, tables
 
 HERE = Path(__file__).parent
+HEADLINE = "phase"  # error against the step: what is new here, in one figure
 LONG = 14  # rows beyond which a table is folded
 FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table of the environment; then the packages
 SUFFIXES = (".svg", ".md", ".tex", ".csv")
@@ -240,7 +241,7 @@ def html(report: Report) -> str:
     passed = [judged.verdict.word for judged in report.claims]
     return template.render(
         report=report,
-        headline=next((section for section in report.sections if section.figures), None),
+        headline=_headline(report.sections),
         counts={word: passed.count(word) for word in ("pass", "fail", "no data")},
         environment=environment_facts(report.sections),
         long=LONG,
@@ -249,6 +250,12 @@ def html(report: Report) -> str:
         ),
         **parts,
     )
+
+
+def _headline(sections: list[Section]) -> Section | None:
+    """The section whose first figure opens the page: HEADLINE's, or the first that has any."""
+    drawn = [section for section in sections if section.figures]
+    return next((section for section in drawn if section.experiment == HEADLINE), drawn[0] if drawn else None)
 
 
 def environment_facts(sections: list[Section]) -> list[tuple[str, str]]:
