@@ -22,7 +22,7 @@ def load(name: str) -> ModuleType:
         path = name
     else:
         close = difflib.get_close_matches(name, EXPERIMENTS, n=1)
-        hint = f"; did you mean {close[0]!r}?" if close else ""
+        hint = f"; did you mean {close[0]!r}?" if close else "."
         raise ValueError(f"unknown experiment {name!r}{hint} Known: {', '.join(EXPERIMENTS)}")
     try:
         module = importlib.import_module(path)

@@ -80,7 +80,7 @@ examples:
 
 CHECK = """\
 Test what a method claims: its order, symmetry, Poisson map, invariants, and the contract of a stepper. Prints a verdict
-per claim: pass, fail or no data. For your own method before you publish it, too."""
+per claim: pass, fail or not judged. For your own method before you publish it, too."""
 
 CHECK_EXAMPLES = """\
 examples:
@@ -240,7 +240,7 @@ def _exit_code(error: Exception) -> int | None:
 
 def _say(message: str, code: int) -> int:
     with contextlib.suppress(OSError):
-        print(f"lagrange-bench: {message}", file=sys.stderr, flush=True)
+        print("lagrange-bench:", " ".join(message.split()), file=sys.stderr, flush=True)
     return code
 
 

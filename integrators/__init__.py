@@ -178,7 +178,7 @@ def _check_options(method: Method, function: Callable[..., Any], options: dict[s
     for name in options:
         if name not in known:
             close = difflib.get_close_matches(name, known, n=1)
-            hint = f"; did you mean {close[0]!r}?" if close else ""
+            hint = f"; did you mean {close[0]!r}?" if close else "."
             offered = ", ".join(known) if known else "none"
             raise ValueError(f"unknown option {name!r} of {method.name}{hint} Its options: {offered}")
 

@@ -7,6 +7,7 @@ a digest of all compiled sources, in the user's cache directory (LAGRANGE_BENCH_
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 from collections.abc import Callable
@@ -55,9 +56,22 @@ def jit(function: Callable[..., Any]) -> Any:
     before = config.CACHE_DIR
     config.CACHE_DIR = folder  # read while decorating, so other packages keep their own place
     try:
-        return njit(**OPTIONS, cache=True)(function)
+        dispatcher = njit(**OPTIONS, cache=True)(function)
     finally:
         config.CACHE_DIR = before
+    _forgive_full_disk(dispatcher._cache)
+    return dispatcher
+
+
+def _forgive_full_disk(cached: Any) -> None:
+    """What cannot be kept for the next process is compiled there again: no reason for this one to fail."""
+    save = cached.save_overload
+
+    def save_if_possible(signature: Any, data: Any) -> None:
+        with contextlib.suppress(OSError):
+            save(signature, data)
+
+    cached.save_overload = save_if_possible
 
 
 @intrinsic

@@ -44,7 +44,7 @@ class Registry(Mapping[str, Method]):
     def __getitem__(self, name: str) -> Method:
         if name not in self._entries:
             close = difflib.get_close_matches(str(name), self._entries, n=1)
-            hint = f"; did you mean {close[0]!r}?" if close else ""
+            hint = f"; did you mean {close[0]!r}?" if close else "."
             raise KeyError(f"unknown method {name!r}{hint} Known: {', '.join(self._entries)}")
         entry = self._entries[name]
         method = entry.load()
