@@ -43,9 +43,10 @@ def compile_loop(step: Callable, finish: Callable | None) -> Callable:
                     tally[FAILED_AT] = k
                     return
             i = stop
-            if finish is not None and (i == next_pin or i == total):
+            due = i == next_pin
+            if finish is not None and (due or i == total):
                 s = finish(s, c)
-            if i == next_pin:
+            if due:
                 next_pin += block
             if i == next_row:
                 row += 1
