@@ -8,6 +8,7 @@ import importlib
 import math
 import shlex
 import sys
+import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from integrators import Method
 
-CONDA_FORGE = "conda install -c conda-forge {}"
+CONDA_NAMES = {"heyoka": "heyoka.py"}  # where conda-forge calls a package otherwise
 YES_NO = {True: "yes", False: "no", None: "?"}
 
 
@@ -77,7 +78,8 @@ def _method_notes(data: list[dict[str, Any]]) -> list[str]:
 
 def how_to_get(package: str) -> str:
     """Where a package that is not installed here comes from."""
-    return f"{package} is not installed here; it comes with {CONDA_FORGE.format(package)} (on Linux also with pip)"
+    command = f"conda install -c conda-forge {CONDA_NAMES.get(package, package)}"
+    return f"{package} is not installed here; it comes with {command} (on Linux also with pip)"
 
 
 def tops(options: argparse.Namespace) -> Answer:
@@ -143,6 +145,20 @@ def check(options: argparse.Namespace) -> Answer:
     return Answer("\n".join([*table(rows), "", sum_up]), data, 1 if failed else 0)
 
 
+def errata(options: argparse.Namespace) -> Answer:
+    """Every misprint of the paper with the residual of the formula as printed and as corrected."""
+    from experiments import errata as paper
+
+    found = paper.measure(options.points, options.seed)
+    rows = [("section", "equation", "residual", "", "formula")]
+    for e in found:
+        rows.append((e.section, e.equation, f"{e.printed:.1e}", "printed", e.printed_text))
+        rows.append(("", "", f"{e.corrected:.1e}", "corrected", e.corrected_text))
+    sum_up = f"{len(found)} misprints at {options.points} random points each: the smallest residual as printed, the "
+    sum_up += "largest as corrected"
+    return Answer("\n".join([*table(rows), "", sum_up]), plain([asdict(e) for e in found]))
+
+
 # ---------------------------------------------------------------- shared
 
 
@@ -187,8 +203,14 @@ def closest(name: str, known: Iterable[str]) -> str:
 
 def table(rows: Sequence[Sequence[str]]) -> list[str]:
     """Lines with aligned columns."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    widths = [max(map(_width, column)) for column in zip(*rows, strict=True)]
+    padded = ([cell + " " * (width - _width(cell)) for cell, width in zip(row, widths, strict=True)] for row in rows)
+    return ["  ".join(row).rstrip() for row in padded]
+
+
+def _width(text: str) -> int:
+    """Columns of a terminal: the tilde of J̃ takes none."""
+    return sum(not unicodedata.combining(character) for character in text)
 
 
 def plain(value: Any) -> Any:
