@@ -88,6 +88,19 @@ examples:
   lagrange-bench check implicit_midpoint --quick
   lagrange-bench check my_package.my_method:METHOD     no entry point needed; the current folder is searched too"""
 
+ERRATA = """\
+List the misprints of the paper the Bäcklund methods come from. Each formula is evaluated as printed and as corrected, at
+random complex points; what it misses by is printed beside it."""
+
+ERRATA_EXAMPLES = """\
+examples:
+  lagrange-bench errata
+  lagrange-bench errata --points 100 --seed 7
+  lagrange-bench errata --json | jq -r '.[] | select(.section == "5.5") | .corrected_text'
+
+alpha, J1 … x3, λ, μ, x, X as in the paper, J̃ for the image; ℓ = x·J, C1 = |x|². The list is the ERRATA of each module
+of integrators.integrable, where the corrected formulas are."""
+
 
 class Help(argparse.HelpFormatter):
     """Fills paragraphs to the width of the terminal, but leaves indented lines as they are."""
@@ -132,6 +145,10 @@ def parser() -> Parser:
     check = add("check", "test what a method claims", CHECK, CHECK_EXAMPLES, "commands:check")
     check.add_argument("method", metavar="METHOD", help="a name (see lagrange-bench methods) or package.module:METHOD")
     check.add_argument("--quick", action="store_true", help="fewer and shorter runs, for while you are developing")
+    summary = "misprints of the paper, printed and corrected"
+    errata = add("errata", summary, ERRATA, ERRATA_EXAMPLES, "commands:errata")
+    errata.add_argument("--points", type=positive, default=8, metavar="N", help="random points for each (default: 8)")
+    errata.add_argument("--seed", type=int, default=0, metavar="N", help="of the points (default: 0)")
     return top
 
 
@@ -204,7 +221,9 @@ def _run(argv: list[str]) -> int:
         _emit(f"lagrange-bench {version('lagrange-bench') or '(not installed)'}")
         return 0
     if not hasattr(options, "function"):
-        raise ValueError("give a command: methods, tops, run, report, integrate or check (see lagrange-bench --help)")
+        raise ValueError(
+            "give a command: methods, tops, run, report, integrate, check or errata (see lagrange-bench --help)"
+        )
     with _stdout_for_data_only() if options.json else contextlib.nullcontext():
         answer = _function(options.function)(options)
     _emit(json.dumps(answer.data, allow_nan=False) if options.json else answer.text)

@@ -23,6 +23,8 @@ EPS = float(np.finfo(float).eps)
 
 ORDER_STATES = tuple(f"random{i:03d}" for i in range(8))
 STATES = ("generic", "figure1", "random000", "random001")
+SPANS = (0.1, 0.5, 3.0)  # the last is out of reach of any series; a method need not be defined there, but if it is …
+AT = "h = 0.1, 0.5, 3, 4 states"
 TOLERANCE = 0.15  # of a measured order
 FLOOR, CEILING = 1e-12, 1e-2  # of one-step errors an order is read from: above round-off, below saturation
 POINTS = 8  # the smallest steps above the floor
@@ -74,7 +76,10 @@ def order(method: Method, quick: bool) -> Iterator[Verdict]:
     both signs of h, because the next term of the error, of relative size h, has another sign in each and drops out. So
     order 20 can be read off in doubles.
     """
-    if method.order is None or method.control == "tolerance":
+    if method.order is None:
+        return
+    if method.control == "tolerance":
+        yield Verdict(f"order {method.order}", None, None, "", "h is only the output grid")
         return
     spans = 2.0 ** np.arange(2, -18, -0.125)
     errors = one_step_errors(method, ORDER_STATES, spans)
@@ -139,36 +144,45 @@ def run_error(method: Method, name: str, span: float, n: int) -> float:
 def symmetric(method: Method, quick: bool) -> Iterator[Verdict]:
     """A step of −h undoes a step of h."""
     if not method.symmetric:
+        yield Verdict("symmetric", None, None, "", "not claimed")
         return
     worst = 0.0
     for name in STATES:
         top, y0 = states.find(name)
-        for span in (0.1, 0.5, 1.0):
+        for span in SPANS:
             h = span * top.scales(y0)[2]
-            there = prepared(method, top, y0, h).advance(y0, 1)
-            back = prepared(method, top, there, -h).advance(there, 1)
+            try:
+                there = prepared(method, top, y0, h).advance(y0, 1)
+                back = prepared(method, top, there, -h).advance(there, 1)
+            except StepError:
+                if span < 1:
+                    raise
+                continue
             worst = max(worst, float(metrics.scaled_error(top, y0, back, y0)))
     bound = 256 * EPS  # two steps of some hundred roundings; a method of order 8 that is not symmetric misses it by far
-    yield Verdict(
-        "symmetric", worst <= bound, worst, f"≤ {bound:.1e}", "a step and its inverse, h = 0.1, 0.5, 1, 4 states"
-    )
+    yield Verdict("symmetric", worst <= bound, worst, f"≤ {bound:.1e}", f"a step and its inverse, {AT}")
 
 
 def poisson(method: Method, quick: bool) -> Iterator[Verdict]:
     """D P(y) Dᵀ = P(ỹ) for the derivative D of one step."""
     if not method.poisson:
+        yield Verdict("Poisson map", None, None, "", "not claimed")
         return
-    worst, bound = 0.0, 1e-9
+    worst, bound = 0.0, 1e-8
     for name in STATES[:2] if quick else STATES:
         top, y0 = states.find(name)
-        for span in (0.25, 1.0):
+        for span in SPANS:
             h = span * top.scales(y0)[2]
 
             def step(y: Array, top: LagrangeTop = top, h: float = h) -> Array:
                 return prepared(method, top, y, h).advance(y, 1)
 
-            worst = max(worst, metrics.poisson_defect(step, top, y0).defect)
-    how = "‖D P(y) Dᵀ − P(ỹ)‖, central differences of order 6, h = 0.25, 1"
+            try:
+                worst = max(worst, metrics.poisson_defect(step, top, y0).defect)
+            except StepError:
+                if span < 1:
+                    raise
+    how = f"‖D P(y) Dᵀ − P(ỹ)‖, D by central differences of order 6, {AT}"
     yield Verdict("Poisson map", worst <= bound, worst, f"≤ {bound:g}", how)
 
 
@@ -176,26 +190,26 @@ def conserves(method: Method, quick: bool) -> Iterator[Verdict]:
     """The invariants the record names stay at round-off for small and large h; the others are only reported."""
     n = 10_000 if quick else 100_000
     if method.control == "tolerance":
-        n //= 100  # its steps are not ours to count, and an interpreted one takes 30 µs
+        n //= 500  # of many natural steps each, perhaps interpreted ones
     worst = np.zeros(4)
     for name in STATES:
         top, y0 = states.find(name)
-        for span in (0.1, 0.5, 2.0):
+        for span in SPANS:
             try:
                 y = prepared(method, top, y0, span * top.scales(y0)[2]).record(y0, n, n // 10)
             except StepError:
-                if span < 1:  # a method need not be defined for every large h
+                if span < 1:
                     raise
                 continue
             drift = np.abs(metrics.relative_drift(top.invariants(y), top.invariant_scales(y0)))
             worst = np.maximum(worst, np.max(drift, axis=0))
     bound = 8 * EPS * n  # a rounding that goes the same way in every step
-    how = f"largest error over {n} steps, h = 0.1, 0.5, 2, {len(STATES)} states"
-    for name, drift in zip(INVARIANTS, worst, strict=True):
+    how = f"largest error over {n} steps, {AT}"
+    for name, error in zip(INVARIANTS, worst.tolist(), strict=True):
         if name in method.conserves:
-            yield Verdict(f"conserves {name}", bool(drift <= bound), float(drift), f"≤ {bound:.1e}", how)
+            yield Verdict(f"conserves {name}", error <= bound, error, f"≤ {bound:.1e}", how)
         else:
-            yield Verdict(f"conserves {name}", None, float(drift), "", "not claimed; " + how)
+            yield Verdict(f"conserves {name}", None, error, "", "not claimed; " + how)
 
 
 # ---------------------------------------------------------------- behaviour

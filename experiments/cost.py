@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from experiments import engine, metrics, timing
-from experiments.states import find, rounded
+from experiments.states import find, options_of, rounded
 from integrators import METHODS, exact, integrate, prepare
 
 VERSION = 1
@@ -54,9 +54,7 @@ def measure(cell: dict) -> list[dict]:
 def _measure_step(cell: dict) -> list[dict]:
     top, y0 = find(STATE)
     unit = top.scales(y0)[2]
-    options = {name: cell[name] for name in ("tol", "rtol") if name in cell}
-    if "rtol" in options:
-        options["atol"] = options["rtol"] * 1e-3
+    options = options_of(cell)
     h = cell.get("h", 1.0) * unit
     stepper = prepare(top, y0, h, cell["method"], **options)
     compiled = METHODS[cell["method"]].control == "step"

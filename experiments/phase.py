@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from experiments import engine, metrics
-from experiments.states import find, log_counts, rounded, sample
+from experiments.states import find, log_counts, options_of, rounded, sample
 from integrators import exact
 from integrators.top import TOPS
 
@@ -29,6 +29,7 @@ LONG_SLOW = {"quick": 10**3, "full": 4 * 10**4}  # the same for SciPy, a thousan
 LONG_STATES = {"quick": ("generic",), "full": ("generic", "figure1", "near_separatrix")}
 PROMISE_STEPS = 2000  # real steps, of each of these sizes
 PROMISE_H = (0.03, 0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 7.0, 11.0)
+PROMISE_TURNS = (0.25, 0.49, 0.5, 1.0, 1.5)  # and of these fractions of the nutation period
 PROMISE_RANDOM = {"quick": 16, "full": 200}
 UNSTABLE_SPAN = 20.0  # on the homoclinic orbit the promise ends here: errors grow exponentially
 
@@ -62,10 +63,8 @@ def measure(cell: dict) -> list[dict]:
     top, y0 = find(cell["state"])
     rate, _, unit = top.scales(y0)
     if cell["part"] == "promise":
-        return [_promise(top, y0, h, cell["state"]) for h in PROMISE_H]
-    options = {name: cell[name] for name in ("tol", "rtol") if name in cell}
-    if "rtol" in options:
-        options["atol"] = options["rtol"] * 1e-3
+        return [_promise(top, y0, h, cell["state"]) for h in _promise_steps(top, y0)]
+    options = options_of(cell)
     if cell["part"] == "h":
         h = cell.get("h", 1.0)
         n = max(round(SPAN / h), 1)
@@ -112,6 +111,11 @@ def promised(top, y0, t, state) -> np.ndarray:
     gap = e1 - e2 if top.alpha >= 0 else e2 - e3  # between the root out of reach and the motion
     close = gap / (e1 - e3) if np.isfinite(e1 - e3) and e1 > e3 else 1.0
     return base * (max(1.0, 1e-3 / close) if close > 0 else np.inf)
+
+
+def _promise_steps(top, y0) -> list[float]:
+    period = exact.nutation_period(top, y0) * top.scales(y0)[0]
+    return [*PROMISE_H, *(period * part for part in PROMISE_TURNS if np.isfinite(period))]
 
 
 def _promise(top, y0, h, state) -> dict:
@@ -185,8 +189,10 @@ def shifts(rows: pd.DataFrame) -> pd.DataFrame:
 def promise(rows: pd.DataFrame) -> pd.DataFrame:
     """The worst of the exact step over all tops, for each h."""
     rows = rows[(rows.part == "promise") & (rows.status == "done")]
-    worst = rows.loc[rows.groupby("h").share.idxmax()] if len(rows) else rows
-    table = worst[["h", "state", "error", "share"]].reset_index(drop=True)
+    rows = rows.assign(step=rows.h.where(rows.h.isin(PROMISE_H)).map("{:g}".format, na_action="ignore"))
+    rows["step"] = rows.step.fillna("fractions of the nutation period")
+    worst = rows.loc[rows.groupby("step", sort=False).share.idxmax()] if len(rows) else rows
+    table = worst[["step", "state", "error", "share"]].reset_index(drop=True)
     return table.rename(columns={"state": "worst top", "share": "error / promise"})
 
 

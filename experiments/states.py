@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 import re
+from typing import Any
 
 import numpy as np
 
@@ -54,6 +55,12 @@ def sample(top: LagrangeTop, y0: Array, method: str, h: float, counts: list[int]
         states.append(y)
         done = n
     return times, np.array(states)
+
+
+def options_of(cell: dict[str, Any]) -> dict[str, Any]:
+    """The options a cell sets: a tolerance, and SciPy's atol a thousandth of its rtol; the interval between pins."""
+    options: dict[str, Any] = {name: cell[name] for name in ("tol", "rtol", "pin") if name in cell}
+    return {**options, "atol": options["rtol"] * 1e-3} if "rtol" in options else options
 
 
 def rounded(value: float, digits: int = 5) -> float:

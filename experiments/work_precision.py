@@ -1,9 +1,9 @@
 """Work against precision: what does an error cost, over a short and over a long run?
 
 Each method runs with a range of steps or tolerances; the error is the largest over the last fifth of the run, against
-the exact solution, relative to the scales of J and x. Wall time is that of one compiled run without set-up; set-up is
-in a column of its own. "Evaluations" are right-hand sides, for methods that have any. Times are in units of
-1/(|J| + √(|alpha||x|)).
+the exact solution, relative to the scales of J and x. Wall time is the least of two or more compiled runs without
+set-up; set-up is in a column of its own. The implicit midpoint rule is solved to round-off in every step. "Evaluations"
+are right-hand sides, for methods that have any. Times are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from experiments import engine, metrics, timing
-from experiments.states import find, rounded, sample
+from experiments.states import find, options_of, rounded, sample
 from integrators import METHODS, exact, prepare
 from integrators.top import TOPS
 
@@ -25,7 +25,8 @@ SPANS = {"quick": (100.0, 10_000.0), "full": (100.0, 100_000.0)}
 STEPS = {"quick": (2.0, 0.5, 0.125, 2.0**-5), "full": tuple(2.0 ** (-k / 2) for k in range(-4, 17))}
 TOLERANCES = {"quick": (1e-4, 1e-8, 1e-12), "full": tuple(10.0**-k for k in range(2, 16))}
 SLOW = 10_000.0  # SciPy's RK45 goes no further than this in time with tolerances below 1e-6: minutes a run
-LONG_RUN = 0.3  # s; a run as long as this is timed by itself, not repeated
+LONG_RUN = 0.3  # s; shorter runs are repeated to fill a sample. All are timed three times, the longest twice
+LONGEST_RUN = 5.0
 
 
 def cells(profile: str) -> list[dict]:
@@ -50,21 +51,19 @@ def _knobs(method: str, profile: str, span: float) -> list[dict]:
 def measure(cell: dict) -> list[dict]:
     top, y0 = find(cell["state"])
     unit = top.scales(y0)[2]
-    options = {name: cell[name] for name in ("tol", "rtol") if name in cell}
-    if "rtol" in options:
-        options["atol"] = options["rtol"] * 1e-3
+    options = options_of(cell)
     method = METHODS[cell["method"]]
     n = round(cell["span"] / cell["h"]) if method.control == "step" else 16
     h = cell["span"] * unit / n
     stepper = prepare(top, y0, h, method, **options)
     stepper.advance(y0, 1)  # compiles
     before = (stepper.work.steps, stepper.work.rhs_evals, stepper.work.iterations)
-    start = perf_counter()
-    stepper.advance(y0, n)
-    seconds = perf_counter() - start
+    seconds = [_seconds(stepper, y0, n)]
     after = (stepper.work.steps, stepper.work.rhs_evals, stepper.work.iterations)
-    if seconds < LONG_RUN:
-        seconds = timing.time_call(lambda: stepper.advance(y0, n), min_time=0.005, repeats=5).min
+    if seconds[0] < LONG_RUN:
+        seconds = list(timing.time_call(lambda: stepper.advance(y0, n), min_time=0.005, repeats=3).samples)
+    else:
+        seconds += [_seconds(stepper, y0, n) for _ in range(2 if seconds[0] < LONGEST_RUN else 1)]
     times, states = sample(top, y0, method.name, h, sorted({max(n * k // 16, 1) for k in (13, 14, 15, 16)}), **options)
     error = metrics.scaled_error(top, y0, states, exact.solution(top, y0, times))
     steps, evals, iterations = (b - a for a, b in zip(before, after, strict=True))
@@ -72,13 +71,20 @@ def measure(cell: dict) -> list[dict]:
     return [
         {
             "error": rounded(float(np.max(error))),
-            "seconds": rounded(seconds),
+            "seconds": rounded(min(seconds)),
+            "samples": len(seconds),
             "setup_seconds": rounded(min(setups)),
             "steps": steps,
             "evals": evals,
             "iterations": iterations,
         }
     ]
+
+
+def _seconds(stepper, y0, n) -> float:
+    start = perf_counter()
+    stepper.advance(y0, n)
+    return perf_counter() - start
 
 
 # ------------------------------------------------------------------------------------------ what the rows say

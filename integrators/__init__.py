@@ -143,25 +143,33 @@ def integrate(
     y = stepper.record(state, steps, every)
     g = None
     if g0 is not None:
-        g = body.follow(found, top, state, float(h), steps, every, g0, heavy.own_spin(state) if heavy else 0.0)
+        own_spin = heavy.own_spin(state) if heavy else 0.0
+        g = body.follow(found, top, y, float(h), every, g0, own_spin, options)
     return Trajectory(top, found.name, np.arange(len(y), dtype=np.float64) * (every * float(h)), y, stepper.work, g)
 
 
-def two_point(top: LagrangeTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
+def two_point(top: LagrangeTop | HeavyTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
     """One step of the two-point Bäcklund transformation with parameters λ and λ̄, any λ with Im λ > 0.
 
     `sheet` = 1 takes the branch of √Q(λ) continuous from +√C1 along the segment from 0 to λ; −1 the other
-    one, which is the inverse map. Shape (6,). Source: MATHEMATICS in the report; paper, section 5.5.
+    one, which is the inverse map. Shape (6,). Source: paper, section 5.5; docs/exact-step.md.
+
+    Raises
+    ------
+    ValueError : y, λ or sheet make no sense. StepError : the image is beyond the range of doubles.
     """
     from integrators.methods import backlund
 
+    top = top.top if isinstance(top, HeavyTop) else top
+    _check_top(top)
     return backlund.two_point(top, check_state(y, "y"), lam, sheet)
 
 
 def _look_up(top: LagrangeTop, y0: ArrayLike, method: str | Method) -> tuple[Method, Array]:
-    if not isinstance(top, LagrangeTop):
-        raise ValueError(f"top must be a LagrangeTop or a HeavyTop; got {type(top).__name__}")
+    _check_top(top)
     if not isinstance(method, Method):
+        if not isinstance(method, str):
+            raise ValueError(f"method must be a name in METHODS or a Method; got {method!r}")
         try:
             method = METHODS[method]
         except KeyError as error:
@@ -169,6 +177,11 @@ def _look_up(top: LagrangeTop, y0: ArrayLike, method: str | Method) -> tuple[Met
     if not available(method):
         raise StepError(method.name, f"needs the package {method.requires}, which is not installed here")
     return method, check_state(y0)
+
+
+def _check_top(top: LagrangeTop) -> None:
+    if not isinstance(top, LagrangeTop):
+        raise ValueError(f"top must be a LagrangeTop or a HeavyTop; got {type(top).__name__}")
 
 
 def _check_options(method: Method, function: Callable[..., Any], options: dict[str, Any]) -> None:

@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from integrators.interface import Array, StepError, check_real
+from integrators.interface import Array, Method, StepError, check_real
 from integrators.top import LagrangeTop
+
+PARTED = 1e-6  # of the axis: state and attitude are followed apart, and agree to round-off on a stable orbit
 
 
 @dataclass(frozen=True)
@@ -83,8 +85,8 @@ class HeavyTop:
 
 
 def _three(values: ArrayLike, name: str) -> tuple[float, float, float]:
-    v = np.asarray(values, dtype=float)
-    if v.shape != (3,) or not np.all(np.isfinite(v)):
+    v = np.asarray(values)
+    if v.shape != (3,) or v.dtype.kind not in "iuf" or not np.all(np.isfinite(v)):
         raise ValueError(f"{name} must be three finite numbers (theta, phi, psi); got {values!r}")
     return float(v[0]), float(v[1]), float(v[2])
 
@@ -147,11 +149,21 @@ def check_attitude(g0: Any, y0: Array) -> Array:
     return g
 
 
-def follow(method: Any, top: LagrangeTop, y0: Array, h: float, n: int, every: int, g0: Array, spin: float) -> Array:
-    """Attitudes (n//every + 1, 4) of the frame that turns with J plus `spin` about the axis, rad per unit of time."""
+def follow(
+    method: Method, top: LagrangeTop, y: Array, h: float, every: int, g0: Array, spin: float, options: dict[str, Any]
+) -> Array:
+    """Attitudes (N, 4) along the recorded states y (N, 6), `every` steps of h apart.
+
+    Those of the frame that turns with J, as the method follows it, and on top of it `spin` about the axis, rad per
+    unit of time.
+    """
     if method.attitude is None:
         raise StepError(method.name, "does not follow the body's attitude; backlund and taylor do", h=h)
-    g = method.attitude(top, y0, h, n, every, g0)
+    g = method.attitude(top, y[0], h, every * (len(y) - 1), every, g0, **options)
+    axis = product(product(g, (0, 0, 0, 1)), g * (1, -1, -1, -1))[:, 1:]
+    apart = np.max(np.abs(axis - y[:, 3:] / np.linalg.norm(y[:, 3:], axis=1, keepdims=True)))
+    if not apart < PARTED:
+        raise StepError(method.name, f"attitude and state have parted by {apart:.1e}: the orbit is unstable", h=h)
     half = spin * h * every * np.arange(len(g)) / 2
     own = np.stack((np.cos(half), 0 * half, 0 * half, np.sin(half)), axis=-1)
     return product(g, own)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+MOST = 2**62  # of anything that is counted
 INVARIANTS = ("H", "J3", "C1", "C2")
 
 
@@ -38,7 +39,7 @@ def _rebuild_step_error(method: str, reason: str, h: float | None, step: int | N
 
 @dataclass
 class Work:
-    """What a stepper has done so far. Set-up (compilation excluded) is counted apart from stepping."""
+    """What a stepper has done so far. Set-up is counted apart, with the compilation of a kernel's first use."""
 
     steps: int = 0  # internal steps: one per h for control "step", natural steps for control "tolerance"
     rhs_evals: int = 0  # right-hand sides, or their equivalent where a method has any
@@ -125,7 +126,7 @@ def check_step(h: Any, name: str = "h") -> float:
 
 def check_real(value: Any, name: str) -> float:
     """`value` as a finite float."""
-    if isinstance(value, (bool, str, bytes, complex)):
+    if isinstance(value, (bool, np.bool_, str, bytes, complex)):
         raise ValueError(f"{name} must be a real number; got {value!r}")
     try:
         number = float(value)
@@ -142,4 +143,6 @@ def check_count(n: Any, name: str, least: int = 0) -> int:
         raise ValueError(f"{name} must be a whole number; got {n!r}")
     if n < least:
         raise ValueError(f"{name} must be at least {least}; got {n}")
+    if n > MOST:
+        raise ValueError(f"{name} must be at most {MOST}; got {n}")
     return int(n)

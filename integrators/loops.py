@@ -1,7 +1,8 @@
 """The only time loop of the project.
 
 A compiled method is a pair of Numba functions on six scalars: `step(s, c, tally) -> s` and, where a method
-pins its state, `finish(s, c) -> s`, called after every `block` steps and at the end of a call. `c` is the
+pins its state, `pin(s, c) -> s`, called before every `block` steps, the first of a call included: what a call returns
+has been stepped since it was pinned. `c` is the
 method's array of constants, `tally` counts (see below). State lives in registers; nothing is allocated.
 """
 
@@ -22,20 +23,24 @@ INTERRUPTIBLE = 1 << 20  # steps in one compiled call, at most: Ctrl-C is seen b
 
 
 @cache
-def compile_loop(step: Callable, finish: Callable | None) -> Callable:
+def compile_loop(step: Callable, pin: Callable | None) -> Callable:
     """The loop around one kernel, compiled once per process."""
 
     @compiled
-    def run(y, first, last, total, every, block, c, tally, out):
-        # From step number `first` to `last` of `total`. Rows and pins fall on multiples of `every` and of `block`,
+    def run(y, first, last, every, block, c, tally, out):
+        # From step number `first` to `last`. Rows and pins fall on multiples of `every` and of `block`,
         # counted from the start of the whole run: however it is divided, and whatever is recorded, it goes
         # through the same states.
         s = (y[0], y[1], y[2], y[3], y[4], y[5])
         i = first
         row = i // every
         next_row = (row + 1) * every
-        next_pin = (i // block + 1) * block
+        next_pin = (i + block - 1) // block * block
         while i < last:
+            if i == next_pin:
+                next_pin += block
+                if pin is not None:
+                    s = pin(s, c)
             stop = min(last, next_row, next_pin)
             for k in range(i, stop):
                 s = step(s, c, tally)
@@ -43,11 +48,6 @@ def compile_loop(step: Callable, finish: Callable | None) -> Callable:
                     tally[FAILED_AT] = k
                     return
             i = stop
-            due = i == next_pin
-            if finish is not None and (due or i == total):
-                s = finish(s, c)
-            if due:
-                next_pin += block
             if i == next_row:
                 row += 1
                 next_row += every
@@ -70,7 +70,7 @@ class FixedStepper:
         h: float,
         constants: Array,
         step: Callable,
-        finish: Callable | None = None,
+        pin: Callable | None = None,
         block: int = 1 << 62,
         *,
         enter: Callable[[Array], Array] = np.array,
@@ -81,11 +81,9 @@ class FixedStepper:
         self.name, self.h, self.constants, self.block = name, h, constants, block
         self.enter, self.leave = enter, leave
         self.rhs_per_step, self.failures = rhs_per_step, failures or {}
-        self._run = compile_loop(step, finish)
+        self._run = compile_loop(step, pin)
         self.work = Work()
-        self._run(
-            np.zeros(6, constants.dtype), 0, 0, 0, 1, 1, constants, np.zeros(5), np.empty((1, 6), constants.dtype)
-        )
+        self._run(np.zeros(6, constants.dtype), 0, 0, 1, 1, constants, np.zeros(5), np.empty((1, 6), constants.dtype))
 
     def advance(self, y: Array, n: int) -> Array:
         return self.record(y, n, max(n, 1))[-1]
@@ -98,7 +96,7 @@ class FixedStepper:
         tally = np.zeros(5)
         for first in range(0, n, INTERRUPTIBLE):
             last = min(first + INTERRUPTIBLE, n)
-            self._run(state, first, last, n, every, self.block, self.constants, tally, out)
+            self._run(state, first, last, every, self.block, self.constants, tally, out)
             self._check(state, last, tally)
         self.work.steps += n
         self.work.iterations += int(tally[ITERATIONS])

@@ -19,6 +19,7 @@ GROUP = "lagrange_bench.methods"
 
 BUILT_IN = {
     "backlund": "integrators.methods.backlund:EXACT",
+    "backlund_unpinned": "integrators.methods.backlund:UNPINNED",
     "backlund_paper": "integrators.methods.backlund:PAPER",
     "backlund_textbook": "integrators.methods.backlund:TEXTBOOK",
     "taylor": "integrators.methods.taylor:NATURAL",

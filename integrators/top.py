@@ -29,11 +29,11 @@ class LagrangeTop:
 
     def __post_init__(self) -> None:
         alpha = self.alpha
-        if isinstance(alpha, (bool, str, complex)):
+        if isinstance(alpha, (bool, np.bool_, str, bytes, complex)):
             raise ValueError(f"alpha must be a real number; got {alpha!r}")
         try:
             alpha = float(alpha)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ValueError(f"alpha must be a real number; got {alpha!r}") from None
         if not math.isfinite(alpha):
             raise ValueError(f"alpha must be finite; got {alpha}")
@@ -91,10 +91,9 @@ class LagrangeTop:
 
     def invariant_scales(self, y: ArrayLike) -> Array:
         """Sizes of the terms in H, J3, C1, C2 at one state: what relative drift and ulps refer to; shape (4,)."""
-        y = np.asarray(y, dtype=float)
-        J, x = math.hypot(*y[:3]), math.hypot(*y[3:])
-        rate = J + math.sqrt(abs(self.alpha) * x)
-        return np.array((J * J / 2 + abs(self.alpha) * x, rate, x * x, x * rate))
+        rate, size, _ = self.scales(y)
+        J = math.hypot(*np.asarray(y, dtype=float)[:3])
+        return np.array((J * J / 2 + abs(self.alpha) * size, rate, size * size, size * rate))
 
     @classmethod
     def from_physical(

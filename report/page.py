@@ -1,4 +1,8 @@
-"""From stored rows to one offline page, and to figures and tables as files. Nothing here integrates."""
+"""From stored rows to one offline page, and to figures and tables as files. Nothing here integrates.
+
+The one list that is not stored, the errata of the paper, is evaluated while the page is built: at fixed random points, by
+formulas, and printed in powers of ten, so that the same bytes come out every time.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,7 @@ import jinja2
 import pandas as pd
 from markupsafe import Markup
 
-from experiments import EXPERIMENTS, load
+from experiments import EXPERIMENTS, errata, load
 from experiments.store import Store, StoreError
 from report import claims, figures, promises, style, tables
 
@@ -100,6 +104,7 @@ class Report:
 
     sections: list[Section]
     claims: list[Judged]
+    errata: pd.DataFrame  # misprints of the paper
     errors: list[str]  # what could not be drawn or checked; the page shows each in its place
 
 
@@ -132,7 +137,9 @@ def assemble(results: Path) -> Report:
         verdict, error = claims.judge(claim, rows.get(claim.experiment, pd.DataFrame()))
         judged.append(Judged(claim, verdict, claim.command or Section(claim.experiment).redraw))
         errors += [error] if error else []
-    return Report(sections, judged, errors)
+    misprints, error = _errata()
+    errors += [error] if error else []
+    return Report(sections, judged, misprints, errors)
 
 
 def write(report: Report, output: Path) -> Path:
@@ -186,6 +193,20 @@ def _figures(module: ModuleType, rows: pd.DataFrame) -> list[DrawnFigure]:
 def _tables(module: ModuleType, rows: pd.DataFrame) -> list[DrawnTable]:
     made = module.tables(rows.copy())
     return [DrawnTable(name, tables.flat(t), t.attrs.get("caption", "")) for name, t in made.items()]
+
+
+def _errata() -> tuple[pd.DataFrame, str | None]:
+    """The misprints of the paper with the magnitudes of their residuals, or why there are none."""
+    names = ("section", "equation", "as printed", "misses by", "corrected", "then misses by")
+    try:
+        found = errata.measure()
+    except Exception as error:
+        return pd.DataFrame(columns=names), f"errata: cannot be evaluated: {_said(error)}"
+    rows = []
+    for e in found:
+        printed, corrected = errata.magnitude(e.printed), errata.magnitude(e.corrected)
+        rows.append((e.section, e.equation, e.printed_text, printed, e.corrected_text, corrected))
+    return pd.DataFrame(rows, columns=names), None
 
 
 def _said(error: Exception) -> str:
@@ -245,6 +266,8 @@ def html(report: Report) -> str:
         counts={word: passed.count(word) for word in ("pass", "fail", "no data")},
         environment=environment_facts(report.sections),
         long=LONG,
+        points=errata.POINTS,
+        seed=errata.SEED,
         svg=lambda section, figure: Markup(
             figures.inline(figure.document, section.file(figure.name), figure.caption or section.title)
         ),

@@ -17,7 +17,7 @@ TIMES = (0.03, 0.1, 0.5, 2.0, 5.0, 11.0)  # steps, in units of 1/(|J| + √(|alp
 
 def complementary_modulus(top, y):
     """k'² = (e1 − e2)/(e1 − e3)."""
-    z1, z2, z3 = (z[0] for z in ts.nutation_roots(ts.spectral_polynomial(top.alpha, tuple(y)), top.alpha, y[2]))
+    z1, z2, z3 = (z[0] for z in ts.nutation_roots(top.alpha, tuple(y)))
     return (z1 - z2) / (z1 - z3) if z1 > z3 else 1.0
 
 

@@ -5,7 +5,11 @@ import resource
 import subprocess
 import sys
 
-STEP = "from integrators import TOPS, integrate; t = TOPS['generic']; print(integrate(t.top, t.state, 0.1, 10, 'rk45_fixed').y[-1])"
+STEP = """
+from integrators import TOPS, integrate
+named = TOPS["generic"]
+print(integrate(named.top, named.state, 0.1, 10, "rk45_fixed").y[-1])
+"""
 
 
 def run(folder, **limits):

@@ -19,7 +19,7 @@ import math
 
 from integrators.compiled import jit
 from integrators.integrable import time_step as ts
-from integrators.integrable.double_double import add, cdiv, cmul, dd, div, mul, neg, scale, sqrt, sub
+from integrators.integrable.double_double import add, cmul, dd, div, mul, neg, scale, sqrt, sub
 
 
 @jit
@@ -33,10 +33,7 @@ def unit(z):
 def doubled_spin(q, lam, m, spin):
     """exp(iχ/2) of twice the time, from λ, m and exp(iχ/2) of once."""
     R, eta = lam
-    g = cdiv(ts.horner_derivative(q, lam), (scale(m[0], 2.0), scale(m[1], 2.0)))
-    a1 = div(m[0], eta)
-    b0 = div(scale(g[0], 0.5), eta)
-    b1 = div(scale(add(a1, g[1]), 0.5), mul(eta, eta))
+    a1, b0, b1 = ts.cubic(q, lam, m)
     norm = add(mul(R, R), mul(eta, eta))
     at_zero = sub(mul(sub(b0, mul(b1, R)), norm), add(m[1], mul(a1, R)))
     return cmul(cmul(spin, spin), unit((at_zero, neg(sqrt(q[0])))))

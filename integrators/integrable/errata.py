@@ -26,6 +26,7 @@ MODULES = (
     "one_point",
     "generating_functions",
     "two_point",
+    "interpolating_flow",
     "gaudin",
 )
 

@@ -60,18 +60,29 @@ def step(s, c, tally):
 
 
 @jit
-def far_step(s, c, tally):
-    """The same map for large |λ|, where the increments of x would cancel: w made exactly long, x turned about it."""
+def long_direction(s, c):
+    """w once more, made exactly as long as η: where p, q and m vanish together, its denominator has no digits left."""
     J1, J2, J3, x1, x2, x3 = s
     p3 = x3 + c[P3]
     z = c[ETA] * x3 - c[ETA_B]
     n1 = (c[MR] * (x1 + c[R] * J1) + c[MI_ETA] * J1) - (c[ETA_S] * x2 - z * J2)
     n2 = (c[MR] * (x2 + c[R] * J2) + c[MI_ETA] * J2) + (c[ETA_S] * x1 - z * J1)
     n3 = (c[MR] * p3 + c[MI_Q3]) - c[ETA] * (x1 * J2 - x2 * J1)
-    r = c[ETA] / math.sqrt(n1 * n1 + n2 * n2 + n3 * n3)
-    w1 = n1 * r
-    w2 = n2 * r
-    w3 = n3 * r
+    n = math.sqrt(n1 * n1 + n2 * n2 + n3 * n3)
+    if n > 0.0:
+        r = c[ETA] / n
+        return n1 * r, n2 * r, n3 * r
+    return 0.0, 0.0, c[ETA]  # the unstable sleeping top with λ the root itself: about the vertical
+
+
+@jit
+def turning_step(s, c, tally):
+    """The same map with w made exactly long and x turned about it; half as dear again.
+
+    For large |λ|, where the increments of x would cancel, and for λ close to a root of Q.
+    """
+    J1, J2, J3, x1, x2, x3 = s
+    w1, w2, w3 = long_direction(s, c)
     f = 2.0 / (c[R] * c[R] + (w1 * w1 + w2 * w2 + w3 * w3))  # exactly orthogonal, whatever the rounding of w
     v1 = w2 * x3 - w3 * x2
     v2 = w3 * x1 - w1 * x3
@@ -93,6 +104,11 @@ def rotate(s, c):
 @jit
 def step_and_turn(s, c, tally):
     return rotate(step(s, c, tally), c)
+
+
+@jit
+def turning_step_and_turn(s, c, tally):
+    return rotate(turning_step(s, c, tally), c)
 
 
 @jit
@@ -190,17 +206,12 @@ def exact_constants(alpha, y, h):
 
 
 @jit
-def attitude_loop(y, g, c, spin, rows, stride):
-    """Attitudes after every `stride` steps, (rows + 1, 4), along the orbit of y."""
-    out = np.empty((rows + 1, 4))
-    s = (y[0], y[1], y[2], y[3], y[4], y[5])
-    q = (g[0], g[1], g[2], g[3])
+def attitude_loop(s, g, c, spin, steps, block):
+    """(state, attitude) after so many steps; pinned before every `block` of them."""
     tally = np.zeros(5)
-    out[0] = g
-    for row in range(1, rows + 1):
-        for _ in range(stride):
-            q = at.turn_with(q, (s[3], s[4], s[5]), c[R], direction(s, c), spin)
-            s = step(s, c, tally)
-        s = pin(s, c)
-        out[row, 0], out[row, 1], out[row, 2], out[row, 3] = q
-    return out
+    for i in range(steps):
+        if i % block == 0:
+            s = pin(s, c)
+        g = at.turn_with(g, (s[3], s[4], s[5]), c[R], long_direction(s, c), spin)
+        s = turning_step(s, c, tally)
+    return s, g

@@ -81,13 +81,18 @@ def horner_derivative(q, u):
 
 
 @jit
+def cubic(q, lam, m):
+    """a1, b0, b1 of A = (−Im m + a1 v) + (b0 + b1 v)(v² + η²), v = u − R: A(λ) = i m, A'(λ) = i Q'(λ)/(2m)."""
+    g = cdiv(horner_derivative(q, lam), (scale(m[0], 2.0), scale(m[1], 2.0)))
+    a1 = div(m[0], lam[1])
+    return a1, div(scale(g[0], 0.5), lam[1]), div(scale(add(a1, g[1]), 0.5), mul(lam[1], lam[1]))
+
+
+@jit
 def double_time(q, lam, m):
     """(λ, m) of twice the time; see the module's docstring."""
     R, eta = lam
-    g = cdiv(horner_derivative(q, lam), (scale(m[0], 2.0), scale(m[1], 2.0)))
-    a1 = div(m[0], eta)
-    b0 = div(scale(g[0], 0.5), eta)
-    b1 = div(scale(add(a1, g[1]), 0.5), mul(eta, eta))
+    a1, b0, b1 = cubic(q, lam, m)
     eta2 = div(sqrt(add(scale(mul(a1, b1), 2.0), q[4])), b1)
     v = (neg(div(b0, b1)), eta2)
     w = cscale(cadd(cmul(v, v), (mul(eta, eta), dd(0.0))), neg(mul(b1, eta2)))
@@ -179,30 +184,36 @@ def cubic_root(c, z):
 
 
 @jit
-def nutation_roots(q, alpha, J3):
-    """z1 >= z2 >= z3, the roots of the cubic of nutation; z = alpha x3 moves in [z3, z2].
+def nutation_roots(alpha, y):
+    """z1 >= z2 >= z3, the roots of the cubic of nutation, less z at y; z = alpha x3 moves in [z3, z2].
 
-    z'² = 2z³ − 2H z² + 2 alpha (C2 J3 − alpha C1) z + alpha² (C1 (2H − J3²) − C2²): no division by alpha, either
-    sign of it.
+    With ζ = z − z(y), ζ'² = 2ζ³ + (4 alpha x3 − |J|²) ζ² + 2 alpha x3'' ζ + alpha² x3'², coefficients at y: each keeps
+    its digits where all roots come together, at the marginal sleeping top. Either sign of alpha, and 0.
     """
-    c1, c2 = q[0], scale(q[1], 0.5)
-    linear = sub(mul(two_prod(alpha, J3), c2), mul(q[4], c1))
-    constant = mul(q[4], sub(mul(c1, sub(q[2], two_prod(J3, J3))), mul(c2, c2)))
-    f = (constant, scale(linear, 2.0), neg(q[2]), dd(2.0))
-    # z1 from the right, where the cubic is convex: Newton's method descends monotonically
-    bound = max(abs(f[2][0]), math.sqrt(abs(f[1][0])), abs(f[0][0]) ** (1.0 / 3.0))
-    z1 = cubic_root(f, 2.0 * bound + 1e-300)
-    # z2 and z3 from the quadratic left over: their mean, their product, half their distance
-    mean = scale(add(f[2], scale(z1, 2.0)), -0.25)
-    product = sub(linear, scale(mul(z1, mean), 2.0))
+    J1, J2, J3, x1, x2, x3 = y
+    slope = sub(two_prod(J1, x2), two_prod(J2, x1))
+    xx = add(two_prod(x1, x1), two_prod(x2, x2))
+    xj = add(two_prod(x1, J1), two_prod(x2, J2))
+    jj = add(two_prod(J1, J1), two_prod(J2, J2))
+    a = dd(alpha)
+    curvature = sub(sub(mul(dd(J3), xj), mul(dd(x3), jj)), mul(a, xx))
+    c2 = sub(sub(scale(two_prod(alpha, x3), 4.0), two_prod(J3, J3)), jj)
+    c1 = scale(mul(a, curvature), 2.0)
+    c0 = mul(mul(a, slope), mul(a, slope))
+    # ζ1 from the right, where the cubic is convex: Newton's method descends monotonically
+    bound = max(abs(c2[0]), math.sqrt(abs(c1[0])), abs(c0[0]) ** (1.0 / 3.0))
+    z1 = cubic_root((c0, c1, c2, dd(2.0)), 2.0 * bound + 1e-300)
+    # ζ2 and ζ3 from the quadratic left over: their mean, their product, half their distance
+    mean = scale(add(c2, scale(z1, 2.0)), -0.25)
+    product = sub(scale(c1, 0.5), scale(mul(z1, mean), 2.0))
     half = sqrt(sub(mul(mean, mean), product))
     return z1, add(mean, half), sub(mean, half)
 
 
 @jit
-def nutation_period(q, alpha, J3):
+def nutation_period(alpha, y):
     """π/agm(√((z1 − z3)/2), √((z1 − z2)/2)), a double-double; inf on the separatrix and where nothing moves."""
-    z1, z2, z3 = nutation_roots(q, alpha, J3)
+    z1, z2, z3 = nutation_roots(alpha, y)
     x, y = sqrt(scale(sub(z1, z3), 0.5)), sqrt(scale(sub(z1, z2), 0.5))
     if x[0] <= 0.0 or y[0] <= 0.0:
         return math.inf, 0.0
@@ -306,7 +317,7 @@ def time_step(q, period, turn, h):
 def torus(alpha, y, longest):
     """(q, period, turn) of the torus of y for time steps of size up to `longest`; see `time_step`."""
     q = spectral_polynomial(alpha, y)
-    period = nutation_period(q, alpha, y[2])
+    period = nutation_period(alpha, y)
     turn = (dd(1.0), dd(0.0))
     if longest > 0.25 * period[0]:
         turn = precession(q, alpha, y, period)

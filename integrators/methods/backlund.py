@@ -16,6 +16,7 @@ steps the state is moved back onto its own invariants (H, C1, C2) by the smalles
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -23,22 +24,35 @@ from integrators.compiled import jit
 from integrators.integrable import attitude as at
 from integrators.integrable import time_step as ts
 from integrators.integrable.real_map import (
+    C1,
     ETA,
+    MI_ETA,
+    MR,
+    R,
     attitude_loop,
     constants,
     exact_constants,
-    far_step,
     pin,
     step,
     step_and_turn,
     turn,
+    turning_step,
+    turning_step_and_turn,
 )
 from integrators.interface import Array, Method, StepError, Work, check_count
 from integrators.loops import FAILURE, FixedStepper
 from integrators.top import LagrangeTop
 
 OFF_TORUS = 1e-11  # relative distance of an invariant from the prepared torus that is no longer round-off
-FAR = 4.0  # |λ|, in units of |x| and |J| + √(|alpha||x|), from which `far_step` loses less than `step`
+FAR = 4.0  # |λ|, in units of |x| and |J| + √(|alpha||x|), from which `turning_step` loses less than `step`
+MOST_PARTS = 10**8  # some seconds, not to be interrupted
+CLOSE = 1e-2  # |m|²/C1 below which it does so too: λ is close to a root of Q
+
+
+def ldexp(number: float, exponent: int) -> float:
+    """number · 2^exponent; beyond the largest double ±inf, which the checks of what follows refuse."""
+    with np.errstate(over="ignore"):
+        return float(np.ldexp(number, max(min(exponent, 4000), -4000)))
 
 
 class Units:
@@ -49,7 +63,7 @@ class Units:
         self.length = math.frexp(size)[1]
         self.rate = math.frexp(rate)[1] if rate > 0 else -math.frexp(h)[1]
         self.exponents = np.array([-self.rate] * 3 + [-self.length] * 3)
-        self.alpha = math.ldexp(top.alpha, self.length - 2 * self.rate)
+        self.alpha = ldexp(top.alpha, self.length - 2 * self.rate)
 
     def enter(self, y: Array) -> Array:
         return np.ldexp(y, self.exponents)
@@ -58,12 +72,12 @@ class Units:
         return np.ldexp(y, -self.exponents)
 
     def time(self, t: float) -> float:
-        return math.ldexp(t, self.rate)
+        return ldexp(t, self.rate)
 
     def parameter(self, lam: complex) -> complex:
         """λ has the units of x/J."""
         shift = self.rate - self.length
-        return complex(math.ldexp(lam.real, shift), math.ldexp(lam.imag, shift))
+        return complex(ldexp(lam.real, shift), ldexp(lam.imag, shift))
 
 
 class TorusStepper(FixedStepper):
@@ -82,14 +96,30 @@ class TorusStepper(FixedStepper):
         return state
 
 
-def _stepper(name: str, h: float, units: Units, state: Array, c: Array, kernel, pin_every: int) -> FixedStepper:
+def kernel(c: Array, turns: bool) -> Any:
+    """The form of the step that loses least with these constants, with or without the rotation after it."""
+    if c[ETA] == 0.0:
+        return turn
+    close = c[MR] ** 2 + (c[MI_ETA] / c[ETA]) ** 2 < CLOSE * c[C1]
+    if close or math.hypot(c[R], c[ETA]) > FAR:
+        return turning_step_and_turn if turns else turning_step
+    return step_and_turn if turns else step
+
+
+def _stepper(name: str, h: float, units: Units, state: Array, c: Array, turns: bool, pin_every: int) -> FixedStepper:
+    check_constants(name, c, h)
+    back, block = (pin, pin_every) if pin_every else (None, 1 << 62)
+    return TorusStepper(name, h, units, state, c, kernel(c, turns), back, block)
+
+
+def check_constants(name: str, c: Array, h: float | None = None) -> None:
     if not np.all(np.isfinite(c)):
-        raise StepError(name, "no Bäcklund parameter was found for this step", h=h)
-    finish, block = (pin, pin_every) if pin_every else (None, 1 << 62)
-    return TorusStepper(name, h, units, state, c, kernel, finish, block)
+        raise StepError(name, "no Bäcklund parameter within the range of doubles was found", h=h)
 
 
-def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = 8, lam: complex | None = None) -> FixedStepper:
+def prepare_exact(
+    top: LagrangeTop, y0: Array, h: float, *, pin: int = 8, lam: complex | None = None, name: str = "backlund"
+) -> FixedStepper:
     """The exact step over h, any h ≠ 0; or, with `lam`, the two-point map of that parameter.
 
     Parameters
@@ -100,13 +130,17 @@ def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = 8, lam: c
     """
     pin = check_count(pin, "pin")
     if lam is not None:
-        return _plain("backlund", top, y0, h, lam, pin)
+        return _plain(name, top, y0, h, lam, pin)
     units = Units(top, y0, h)
     state, span = units.enter(y0), units.time(h)
-    check_span("backlund", h, span)
+    check_span(name, h, span)
     c, turns = exact_constants(units.alpha, tuple(state), span)
-    kernel = turn if c[ETA] == 0.0 else step_and_turn if turns else step
-    return _stepper("backlund", h, units, state, c, kernel, pin)
+    return _stepper(name, h, units, state, c, turns, pin)
+
+
+def prepare_unpinned(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
+    """The exact step over h with nothing pinned: what the map does by itself."""
+    return prepare_exact(top, y0, h, pin=0, name="backlund_unpinned")
 
 
 def prepare_paper(top: LagrangeTop, y0: Array, h: float, *, pin: int = 8) -> FixedStepper:
@@ -120,7 +154,7 @@ def _plain(name: str, top: LagrangeTop, y0: Array, h: float, lam: complex, pin_e
     state = units.enter(y0)
     lam = units.parameter(check_parameter(lam))
     c = plain_constants(units.alpha, state, lam, -1 if h < 0 else 1)
-    return _stepper(name, h, units, state, c, far_step if abs(lam) > FAR else step, pin_every)
+    return _stepper(name, h, units, state, c, False, pin_every)
 
 
 def check_parameter(lam: complex, name: str = "lam") -> complex:
@@ -153,11 +187,12 @@ def branch_guess(alpha: float, state: Array, lam: complex) -> tuple[float, float
     Along the segment each factor runs from 1 straight to 1 − λ/u and meets the cut of the principal root only if
     the segment runs through u itself.
     """
-    q = ts.spectral_polynomial(alpha, tuple(state))
-    coefficients = np.array([c[0] for c in q])[::-1]
-    product = complex(math.sqrt(coefficients[-1]))
-    for root in np.roots(np.trim_zeros(coefficients, "f")):
-        product *= np.sqrt(1 - lam / root)
+    q = [c[0] for c in ts.spectral_polynomial(alpha, tuple(state))]
+    while abs(q[-1]) < 1e-60 * q[0]:  # roots far beyond any λ that keeps digits, and beyond what np.roots can do
+        q.pop()
+    product = complex(math.sqrt(q[0]))
+    for inverse in np.roots(q):  # ascending coefficients: the inverses of the roots of Q
+        product *= np.sqrt(1 - lam * inverse)
     return product.real, product.imag
 
 
@@ -167,10 +202,12 @@ def two_point(top: LagrangeTop, y: Array, lam: complex, sheet: int = 1) -> Array
         raise ValueError(f"sheet must be 1 or -1; got {sheet!r}")
     units = Units(top, y, 1.0)
     state = units.enter(y)
-    lam = units.parameter(check_parameter(lam))
-    c = plain_constants(units.alpha, state, lam, sheet)
-    kernel = far_step if abs(lam) > FAR else step
-    return units.leave(np.array(kernel(tuple(state), c, np.zeros(5))))
+    c = plain_constants(units.alpha, state, units.parameter(check_parameter(lam)), sheet)
+    check_constants("two_point", c)
+    image = units.leave(np.array(kernel(c, False)(tuple(state), c, np.zeros(5))))
+    if not np.all(np.isfinite(image)):
+        raise StepError("two_point", "the image is beyond the range of doubles")
+    return image
 
 
 def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
@@ -186,17 +223,27 @@ def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Wo
     return y, Work(steps=len(times))
 
 
-def attitude_exact(top: LagrangeTop, y0: Array, h: float, n: int, every: int, g0: Array) -> Array:
-    """Attitude of the frame that turns with J at 0, every·h, …, n·h; (n//every + 1, 4). Exact, see `attitude`."""
+def attitude_exact(
+    top: LagrangeTop, y0: Array, h: float, n: int, every: int, g0: Array, *, pin: int = 8, lam: complex | None = None
+) -> Array:
+    """Attitude of the frame that turns with J at 0, every·h, …, n·h, (n//every + 1, 4); exact, see `integrable.attitude`."""
+    if lam is not None:
+        raise ValueError("lam: the attitude is that of the exact step; it cannot be followed for another parameter")
     units = Units(top, y0, h)
-    state = units.enter(y0)
-    period = ts.torus(units.alpha, tuple(state), 0.0)[1][0]
+    state = tuple(units.enter(y0))
+    span = units.time(h)
+    check_span("backlund", h, span)
     # whole nutations have no λ of their own: steps of at most half of one
-    parts = max(1, math.ceil(2 * abs(units.time(h)) / period))
-    span = units.time(h) / parts
-    c, _ = exact_constants(units.alpha, tuple(state), span)
-    spin = at.step_spin(units.alpha, tuple(state), span)
-    return attitude_loop(state, g0, c, spin, n // every, every * parts)
+    parts = max(1, math.ceil(2 * abs(span) / ts.torus(units.alpha, state, 0.0)[1][0]))
+    if every * parts > MOST_PARTS:
+        raise StepError("backlund", f"the attitude is followed by half nutations, at most {MOST_PARTS} a row", h=h)
+    c, _ = exact_constants(units.alpha, state, span / parts)
+    spin = at.step_spin(units.alpha, state, span / parts)
+    g, out = tuple(g0), [g0]
+    for _ in range(n // every):
+        state, g = attitude_loop(state, g, c, spin, every * parts, check_count(pin, "pin") or 1 << 62)
+        out.append(np.array(g))
+    return np.array(out)
 
 
 # ------------------------------------------------------------------------------ the paper's MATLAB program
@@ -244,15 +291,26 @@ def to_real(s: Array) -> Array:
 
 def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | None = None) -> FixedStepper:
     """The paper's program with λ = i h √C1/2 (or `lam`), μ frozen at the start, nothing pinned."""
+    units = Units(top, y0, h)
+    state = units.enter(y0)
     if lam is None:
         lam = complex(0.0, abs(h) * math.hypot(*y0[3:]) / 2)
-    lam = check_parameter(lam)
-    _, m = ts.curve_point(top.alpha, tuple(y0), lam.real, lam.imag, *branch_guess(top.alpha, y0, lam))
-    mu = -complex(m[0][0], m[1][0]) / lam**2  # the program's μ on the forward sheet
+    lam = units.parameter(check_parameter(lam))
+    _, m = ts.curve_point(units.alpha, tuple(state), lam.real, lam.imag, *branch_guess(units.alpha, state, lam))
+    with np.errstate(all="ignore"):
+        mu = -np.complex128(complex(m[0][0], m[1][0])) / np.complex128(lam) ** 2  # μ on the forward sheet
     mu = mu if h > 0 else -mu
-    c = np.array([top.alpha, lam, lam.conjugate(), mu, mu.conjugate()])
+    c = np.array([units.alpha, lam, lam.conjugate(), mu, mu.conjugate()])
+    check_constants("backlund_textbook", c, h)
+
+    def enter(y: Array) -> Array:
+        return to_complex(units.enter(y))
+
+    def leave(s: Array) -> Array:
+        return units.leave(to_real(s))
+
     failures = {1: "B(λ) = J- λ + x- vanishes, as it does for a vertical top, and the program divides by it"}
-    return FixedStepper("backlund_textbook", h, c, textbook_step, enter=to_complex, leave=to_real, failures=failures)
+    return FixedStepper("backlund_textbook", h, c, textbook_step, enter=enter, leave=leave, failures=failures)
 
 
 EXACT = Method(
@@ -268,6 +326,18 @@ EXACT = Method(
     prepare=prepare_exact,
     evaluate=evaluate_exact,
     attitude=attitude_exact,
+)
+UNPINNED = Method(
+    name="backlund_unpinned",
+    label="Bäcklund, exact, not pinned",
+    family="backlund",
+    order=None,
+    symmetric=True,
+    poisson=True,
+    conserves=ALL,
+    control="step",
+    source=SOURCE + "; λ(h) by time doubling, this project",
+    prepare=prepare_unpinned,
 )
 PAPER = Method(
     name="backlund_paper",

@@ -11,6 +11,7 @@ Source: Dormand & Prince, J. Comput. Appl. Math. 6 (1980) 19, table 2; error est
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction as F
 
 import numpy as np
@@ -44,13 +45,17 @@ LEAST_RTOL = 100 * np.finfo(float).eps  # SciPy raises a smaller rtol to this
 @jit
 def rhs(alpha, y):
     J1, J2, J3, x1, x2, x3 = y
-    return np.array((-alpha * x2, alpha * x1, 0.0, J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1))
+    f = np.array((-alpha * x2, alpha * x1, 0.0, J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1))
+    if not math.isfinite(f.sum()):  # SciPy would try steps of NaN for ever
+        raise OverflowError
+    return f
 
 
 def prepare(top: LagrangeTop, y0: Array, h: float, *, rtol: float = 1e-9, atol: float = 1e-12) -> DenseStepper:
     """Natural steps with the local error kept below atol + rtol |y_i|, root mean square over the components."""
-    rhs(top.alpha, y0)  # compile
-    return DenseStepper("rk45", h, _runner(top, rtol, atol))
+    run = _runner(top, rtol, atol)
+    rhs(0.0, np.zeros(6))  # compile
+    return DenseStepper("rk45", h, run)
 
 
 def evaluate(
@@ -68,10 +73,12 @@ def _runner(top: LagrangeTop, rtol: float, atol: float) -> Run:
         raise ValueError(f"atol must not be negative; got {atol:g}")
 
     def run(y: Array, grid: Array, work: Work) -> Array:
-        if not np.all(np.isfinite(y)):
-            raise StepError("rk45", "the state is not finite")
-        with np.errstate(all="ignore"):  # an overflow ends in an error of its own
-            return _integrate(RK45(lambda t, y: rhs(top.alpha, y), 0.0, y, grid[-1], rtol=rtol, atol=atol), grid, work)
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                solver = RK45(lambda t, y: rhs(top.alpha, y), 0.0, y, grid[-1], rtol=rtol, atol=atol)
+                return _integrate(solver, grid, work)
+        except OverflowError:
+            raise StepError("rk45", "the state left the range of floating-point numbers", step=work.steps) from None
 
     return run
 

@@ -113,13 +113,15 @@ def _check(ta: Any, outcome: Any, steps: int) -> bool:
     """Whether heyoka stopped for its limit of steps; StepError unless that or the end of the run is the reason."""
     import heyoka as hy
 
-    if outcome not in (hy.taylor_outcome.time_limit, hy.taylor_outcome.step_limit):
-        raise StepError("taylor", f"heyoka: {outcome.name} at t = {ta.time:g}", step=steps)
-    return bool(outcome == hy.taylor_outcome.step_limit)
+    if outcome == hy.taylor_outcome.time_limit:
+        return False
+    if outcome == hy.taylor_outcome.step_limit:
+        return True
+    raise StepError("taylor", f"heyoka: {outcome.name} at t = {ta.time:g}", step=steps)
 
 
-@lru_cache(maxsize=1)
-def compile_body() -> Any:
+@lru_cache(maxsize=8)
+def compile_body(tol: float, high_accuracy: bool) -> Any:
     """heyoka's integrator for (J, x) and the quaternion g of the frame that turns with J, g' = J g/2."""
     import heyoka as hy
 
@@ -129,12 +131,24 @@ def compile_body() -> Any:
     equations += [(x1, J2 * x3 - J3 * x2), (x2, J3 * x1 - J1 * x3), (x3, J1 * x2 - J2 * x1)]
     equations += [(a, -0.5 * (J1 * b + J2 * c + J3 * d)), (b, 0.5 * (J1 * a + J2 * d - J3 * c))]
     equations += [(c, 0.5 * (J2 * a + J3 * b - J1 * d)), (d, 0.5 * (J3 * a + J1 * c - J2 * b))]
-    return hy.taylor_adaptive(equations, [1.0] * 10, pars=[1.0], compact_mode=False)
+    return hy.taylor_adaptive(
+        equations, [1.0] * 10, pars=[1.0], tol=tol, high_accuracy=high_accuracy, compact_mode=False
+    )
 
 
-def attitude(top: LagrangeTop, y0: Array, h: float, n: int, every: int, g0: Array) -> Array:
+def attitude(
+    top: LagrangeTop,
+    y0: Array,
+    h: float,
+    n: int,
+    every: int,
+    g0: Array,
+    *,
+    tol: float = EPS,
+    high_accuracy: bool = False,
+) -> Array:
     """Attitude of the frame that turns with J at 0, every·h, …, n·h, (n//every + 1, 4): integrated alongside."""
-    ta = copy.deepcopy(compile_body())
+    ta = copy.deepcopy(compile_body(tol, bool(high_accuracy)))
     ta.pars[0] = top.alpha
     ta.state[:] = np.concatenate((y0, g0))
     outcome, _, _, steps, _, out = ta.propagate_grid(h * every * np.arange(n // every + 1.0))
