@@ -90,7 +90,7 @@ examples:
 
 ERRATA = """\
 List the misprints of the paper the Bäcklund methods come from. Each formula is evaluated as printed and as corrected, at
-random complex points; what it misses by is printed beside it."""
+random points; what it misses by is printed beside it."""
 
 ERRATA_EXAMPLES = """\
 examples:

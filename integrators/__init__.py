@@ -145,7 +145,7 @@ def integrate(
     if g0 is not None:
         own_spin = heavy.own_spin(state) if heavy else 0.0
         g = body.follow(found, top, y, float(h), every, g0, own_spin, options)
-    return Trajectory(top, found.name, np.arange(len(y), dtype=np.float64) * (every * float(h)), y, stepper.work, g)
+    return Trajectory(top, found.name, float(h) * (every * np.arange(len(y), dtype=np.float64)), y, stepper.work, g)
 
 
 def two_point(top: LagrangeTop | HeavyTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:

@@ -174,8 +174,7 @@ def real_form(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1) -> Numbers:
     """The real map, λ1 = λ and λ2 = λ̄ (5.5.11) with μ2 = −μ̄1, Im λ > 0: `pole_free`, real for a real state."""
     check_upper(lam)
     image = pole_free(top, y, lam, lam.conjugate(), sheet)
-    real = all(getattr(v, "imag", None) == 0 and not isinstance(v, complex) for v in np.ravel(y))
-    if not real:
+    if not all(getattr(v, "imag", None) == 0 and not isinstance(v, complex) for v in np.ravel(y)):
         return image
     return image.real if image.dtype != object else np.reshape([v.real for v in image.ravel()], image.shape)
 
@@ -239,8 +238,8 @@ def _component(rng: Random, name: str, real: bool, printed: bool) -> float:
     form, of, place = (real_generators, components, REAL) if real else (explicit, ladder, LADDER)
     value, right = (of(image)[place.index(name)] for image in (form(top, y, first, second), truth))
     value = _as_printed(top, y, first, second)[real][name] if printed else value
-    x, X = parameters(top, y, first, second)
-    return float(abs(value - right) / ((1 + abs(x)) * (1 + abs(X)) * (1 + np.max(np.abs(truth)))))
+    x, _ = parameters(top, y, first, second)
+    return float(abs(value - right) / ((1 + abs(x)) * (1 + np.max(np.abs(truth)))))
 
 
 def _reality(rng: Random, sign: int) -> float:

@@ -63,13 +63,16 @@ class Units:
         self.length = math.frexp(size)[1]
         self.rate = math.frexp(rate)[1] if rate > 0 else -math.frexp(h)[1]
         self.exponents = np.array([-self.rate] * 3 + [-self.length] * 3)
+        self.moderate = bool(np.all(np.abs(self.exponents) < 1000))  # then 2^exponent is a double, and quicker
+        self.factors = np.ldexp(1.0, np.clip(self.exponents, -1000, 1000))
         self.alpha = ldexp(top.alpha, self.length - 2 * self.rate)
 
     def enter(self, y: Array) -> Array:
-        return np.ldexp(y, self.exponents)
+        return y * self.factors if self.moderate else np.ldexp(y, self.exponents)
 
     def leave(self, y: Array) -> Array:
-        return np.ldexp(y, -self.exponents)
+        with np.errstate(over="ignore"):  # what leaves the range of doubles is refused as a state
+            return y / self.factors if self.moderate else np.ldexp(y, -self.exponents)
 
     def time(self, t: float) -> float:
         return ldexp(t, self.rate)
@@ -117,9 +120,7 @@ def check_constants(name: str, c: Array, h: float | None = None) -> None:
         raise StepError(name, "no Bäcklund parameter within the range of doubles was found", h=h)
 
 
-def prepare_exact(
-    top: LagrangeTop, y0: Array, h: float, *, pin: int = 8, lam: complex | None = None, name: str = "backlund"
-) -> FixedStepper:
+def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = 8, lam: complex | None = None) -> FixedStepper:
     """The exact step over h, any h ≠ 0; or, with `lam`, the two-point map of that parameter.
 
     Parameters
@@ -129,24 +130,33 @@ def prepare_exact(
         h < 0 takes the inverse map.
     """
     pin = check_count(pin, "pin")
-    if lam is not None:
-        return _plain(name, top, y0, h, lam, pin)
-    units = Units(top, y0, h)
-    state, span = units.enter(y0), units.time(h)
-    check_span(name, h, span)
-    c, turns = exact_constants(units.alpha, tuple(state), span)
-    return _stepper(name, h, units, state, c, turns, pin)
+    return _exact("backlund", top, y0, h, pin) if lam is None else _plain("backlund", top, y0, h, lam, pin)
 
 
 def prepare_unpinned(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     """The exact step over h with nothing pinned: what the map does by itself."""
-    return prepare_exact(top, y0, h, pin=0, name="backlund_unpinned")
+    return _exact("backlund_unpinned", top, y0, h, 0)
+
+
+def _exact(name: str, top: LagrangeTop, y0: Array, h: float, pin_every: int) -> FixedStepper:
+    units = Units(top, y0, h)
+    state, span = units.enter(y0), units.time(h)
+    check_span(name, h, span)
+    c, turns = exact_constants(units.alpha, tuple(state), span)
+    return _stepper(name, h, units, state, c, turns, pin_every)
 
 
 def prepare_paper(top: LagrangeTop, y0: Array, h: float, *, pin: int = 8) -> FixedStepper:
     """The two-point map with the paper's time step, λ = i h √C1/2: second order, T = h + O(h³)."""
-    size = math.hypot(*y0[3:])
-    return _plain("backlund_paper", top, y0, h, complex(0.0, abs(h) * size / 2), check_count(pin, "pin"))
+    return _plain("backlund_paper", top, y0, h, papers_parameter("backlund_paper", y0, h), check_count(pin, "pin"))
+
+
+def papers_parameter(name: str, y0: Array, h: float) -> complex:
+    """λ = i h √C1/2, for |h|: h < 0 takes the inverse map."""
+    eta = abs(h) / 2 * math.hypot(*y0[3:])
+    if not 0.0 < eta < math.inf:
+        raise StepError(name, f"λ = i h √C1/2 is {eta} i: beyond the range of doubles", h=h)
+    return complex(0.0, eta)
 
 
 def _plain(name: str, top: LagrangeTop, y0: Array, h: float, lam: complex, pin_every: int) -> FixedStepper:
@@ -188,12 +198,15 @@ def branch_guess(alpha: float, state: Array, lam: complex) -> tuple[float, float
     the segment runs through u itself.
     """
     q = [c[0] for c in ts.spectral_polynomial(alpha, tuple(state))]
+    if not all(map(math.isfinite, q)):
+        return math.nan, math.nan  # refused with the constants it ends in
     while abs(q[-1]) < 1e-60 * q[0]:  # roots far beyond any λ that keeps digits, and beyond what np.roots can do
         q.pop()
     product = complex(math.sqrt(q[0]))
-    for inverse in np.roots(q):  # ascending coefficients: the inverses of the roots of Q
-        product *= np.sqrt(1 - lam * inverse)
-    return product.real, product.imag
+    with np.errstate(all="ignore"):  # what overflows is refused with the constants it ends in
+        for inverse in np.roots(q):  # ascending coefficients: the inverses of the roots of Q
+            product *= np.sqrt(1 - lam * inverse)
+    return float(product.real), float(product.imag)
 
 
 def two_point(top: LagrangeTop, y: Array, lam: complex, sheet: int = 1) -> Array:
@@ -293,9 +306,8 @@ def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | No
     """The paper's program with λ = i h √C1/2 (or `lam`), μ frozen at the start, nothing pinned."""
     units = Units(top, y0, h)
     state = units.enter(y0)
-    if lam is None:
-        lam = complex(0.0, abs(h) * math.hypot(*y0[3:]) / 2)
-    lam = units.parameter(check_parameter(lam))
+    lam = papers_parameter("backlund_textbook", y0, h) if lam is None else check_parameter(lam)
+    lam = units.parameter(lam)
     _, m = ts.curve_point(units.alpha, tuple(state), lam.real, lam.imag, *branch_guess(units.alpha, state, lam))
     with np.errstate(all="ignore"):
         mu = -np.complex128(complex(m[0][0], m[1][0])) / np.complex128(lam) ** 2  # μ on the forward sheet

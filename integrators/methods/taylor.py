@@ -3,6 +3,8 @@
 `taylor` is heyoka's adaptive integrator as it is meant to be used: natural steps, unrolled machine code
 (`compact_mode=False`), one call for a whole run; h is only the output grid, which its dense output fills. A step clamped to
 h would be a straw man: the order follows from the tolerance, the step from the decay of the coefficients.
+heyoka's tolerance is relative above norm 1 and absolute below: a state much smaller than 1 wants other units. A state so
+large that its twentieth power overflows ends in a StepError (not in `taylor_fixed`, whose coefficients carry powers of h).
 alpha is a runtime parameter, so heyoka compiles once per (tol, high_accuracy) and process.
 
 `taylor_fixed` sums the same series at a fixed h. It is a recurrence compiled here and not heyoka's `write_tc` with
