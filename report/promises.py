@@ -128,6 +128,13 @@ CLAIMS = [
         at_most(1.05, "adapter_ratio", part="headline"),
     ),
     Claim(
+        "magnet",
+        "The real map of the Gaudin magnet keeps every |s_j| and every H_j within 1e-12 of the size of its terms over "
+        "more than 10⁵ steps, for 8 spins.",
+        "gaudin",
+        long_enough(10**5, within(1e-12, "spins", "hamiltonians", part="time", n=8, variant=("order 2", "exact"))),
+    ),
+    Claim(
         "program-loses-digits",
         "On the data of the paper's Figure 2 its program loses at least seven digits of |x|² …",
         "paper",
