@@ -197,7 +197,7 @@ def _start(options: argparse.Namespace) -> tuple[str | None, LagrangeTop, np.nda
         raise ValueError(f"give only one of {' and '.join(given)}")
     if options.alpha is not None and options.state is None:
         raise ValueError("--alpha belongs to --state J1,J2,J3,x1,x2,x3; a named top has its own")
-    from integrators import TOPS, LagrangeTop
+    from integrators import TOPS, HeavyTop, LagrangeTop
     from integrators.interface import check_state
 
     if options.state is not None:
@@ -207,7 +207,8 @@ def _start(options: argparse.Namespace) -> tuple[str | None, LagrangeTop, np.nda
         values = dict(options.physical)
         angles, rates = (tuple(values.pop(d + angle) for angle in ("theta", "phi", "psi")) for d in ("", "d"))
         try:
-            return None, *LagrangeTop.from_physical(**values, angles=angles, rates=rates)
+            heavy = HeavyTop(**values)
+            return None, heavy.top, heavy.state(angles, rates)
         except ValueError as error:
             raise ValueError(f"--physical: {error}") from None
     name = options.top or "generic"

@@ -95,37 +95,6 @@ class LagrangeTop:
         J = math.hypot(*np.asarray(y, dtype=float)[:3])
         return np.array((J * J / 2 + abs(self.alpha) * size, rate, size * size, size * rate))
 
-    @classmethod
-    def from_physical(
-        cls,
-        *,
-        mass: float,
-        distance: float,
-        gravity: float,
-        A: float,
-        C: float,
-        angles: tuple[float, float, float],
-        rates: tuple[float, float, float],
-    ) -> tuple[LagrangeTop, Array]:
-        """A heavy symmetric top in SI units and its state.
-
-        Parameters
-        ----------
-        mass : kg. distance : m, from the fixed point to the centre of mass along the axis. gravity : m/s².
-        A, C : kg m², moments of inertia about the fixed point, across and along the axis.
-        angles : rad, (theta, phi, psi): inclination of the axis to the upward vertical, precession, spin.
-        rates : rad/s, their time derivatives.
-
-        Returns
-        -------
-        top with alpha = m g l / A (1/s²), and y0 with J = M/A (1/s), |x| = 1. The equations use time in s.
-        psi itself does not enter (the top is symmetric); its rate does.
-        """
-        from integrators.body import HeavyTop
-
-        body = HeavyTop(mass, distance, gravity, A, C)
-        return body.top, body.state(angles, rates)
-
 
 def hat(v: ArrayLike) -> Array:
     """The matrix of v× ."""

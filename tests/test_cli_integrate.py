@@ -16,7 +16,7 @@ import integrators
 from experiments import __main__ as cli
 from experiments import output
 from experiments.integrate import EXAMPLES, option
-from integrators import METHODS, TOPS, LagrangeTop
+from integrators import METHODS, TOPS, HeavyTop
 
 SHORT = ("integrate", "--h", "0.1", "--steps", "20")
 
@@ -87,8 +87,8 @@ def test_where_a_trajectory_starts(answer):
     names = [d + angle for d in ("", "d") for angle in ("theta", "phi", "psi")]
     words = ",".join(f"{k}={v!r}" for k, v in {**numbers, **dict(zip(names, (*angles, *rates), strict=True))}.items())
     data = answer("integrate", "--physical", words, "--times", "0,1e-3")
-    top, y0 = LagrangeTop.from_physical(**numbers, angles=angles, rates=rates)
-    assert (data["alpha"], data["y0"]) == (top.alpha, y0.tolist())
+    heavy = HeavyTop(**numbers)
+    assert (data["alpha"], data["y0"]) == (heavy.top.alpha, heavy.state(angles, rates).tolist())
 
 
 def test_times(answer):
