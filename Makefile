@@ -7,7 +7,7 @@ BIN := .venv/bin
 help:
 	@echo "make bench   set up, run the quick profile (< 3 minutes), write report/index.html"
 	@echo "make test    set up, run the tests (< 5 minutes)"
-	@echo "make full    set up, run the full profile (about an hour), write report/index.html"
+	@echo "make full    set up, run the full profile (about 25 minutes), write report/index.html"
 	@echo "make report  draw the committed reference run again, computing nothing"
 	@echo "make lint    ruff and mypy"
 	@echo "make clean   remove what the commands above made, results of your own excepted"
