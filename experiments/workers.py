@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -29,6 +30,7 @@ from experiments.store import clean_rows, restore
 # read by the numerical libraries when they are imported
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS")
 TRACEBACK = 4000  # characters kept of a traceback, from its end
+HOME = f"{Path(__file__).resolve().parents[1]}{os.sep}"
 
 
 @dataclass(frozen=True)
@@ -201,6 +203,7 @@ def compute(experiment: str, cell: dict[str, Any]) -> Outcome:
 
 
 def _failure(type_: str, message: str, trace: str, seconds: float) -> Outcome:
+    trace = trace.replace(HOME, "")  # where the suite lies is nobody's business, and differs between machines
     error = {"type": type_, "message": message, "traceback": trace[-TRACEBACK:]}
     return {"status": "failed", "rows": [], "error": error, "warnings": [], "seconds": round(seconds, 3)}
 

