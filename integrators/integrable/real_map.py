@@ -5,6 +5,7 @@ With the point (λ, m) of the curve m² = Q(λ), λ = R + iη, and a(λ) = x + �
     w = 2η (Re m p + Im m q − p×q)/(|m|² + |p|² + |q|²),   |w| = η                       `direction`
     J̃ = J + 2 alpha e3 × w        x̃ = x + R (J̃ − J) + (J + J̃) × w                       `step`
 
+The denominator vanishes only at the unstable sleeping top with λ on the double root of Q; see `long_direction`.
 States are in units that make |x| and |J| + √(|alpha||x|) of order one. The constants of a torus and a step are one array.
 """
 

@@ -1,13 +1,13 @@
 """The two-point Bäcklund transformation of Kuznetsov, Petrera and Ragnisco as a real, pole-free integrator.
 
-The map conserves H, J3, C1 and C2, is Poisson and symmetric, and has no denominator that could vanish; the formula is in
-`integrable.real_map`. A step costs one division and about sixty other operations. Both updates are increments of size
-O(h), so nothing cancels for small h, and the denominator is summed from squares, which keeps |w| = η to the last bit
-however close λ comes to a root of Q.
+The map conserves H, J3, C1 and C2, is Poisson and symmetric; the formula is in `integrable.real_map`. A step costs one
+division and about sixty other operations, its updates are increments of size O(h), so nothing cancels for small h. A
+second form takes over where λ is large, or close to a root of Q.
 
-Three records: `backlund` chooses λ(h) on the torus of the initial state, which makes the step the exact flow over h;
-`backlund_paper` takes λ = i h √C1/2, the paper's own time step; `backlund_textbook` is the complex form of the paper's
-MATLAB program with the same λ, kept to show what the real form gains.
+Four records: `backlund` chooses λ(h) on the torus of the initial state, which makes the step the exact flow over h;
+`backlund_unpinned` is the same without the correction below; `backlund_paper` takes λ = i h √C1/2, the paper's own time
+step; `backlund_textbook` is the complex form of the paper's MATLAB program with the same λ, kept to show what the real
+form gains.
 
 Round-off: constants are computed in double-double and rounded once, which pushes every step the same way. Every `pin`
 steps the state is moved back onto its own invariants (H, C1, C2) by the smallest correction, ~1e-16 in size.
