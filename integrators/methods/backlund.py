@@ -9,8 +9,8 @@ Four records: `backlund` chooses λ(h) on the torus of the initial state, which 
 step; `backlund_textbook` is the complex form of the paper's MATLAB program with the same λ, kept to show what the real
 form gains.
 
-Round-off: constants are computed in double-double and rounded once, which pushes every step the same way. Every `pin`
-steps the state is moved back onto its own invariants (H, C1, C2) by the smallest correction, ~1e-16 in size.
+Round-off: constants are computed in double-double and rounded once; what is left is a random walk. Every `pin` steps
+the state is moved back onto its own invariants (H, C1, C2) by the smallest correction, ~1e-16 in size.
 """
 
 from __future__ import annotations
