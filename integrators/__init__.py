@@ -9,7 +9,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
@@ -30,6 +29,8 @@ from integrators.interface import (
     check_count,
     check_state,
     check_step,
+    keyword_options,
+    suggestion,
 )
 from integrators.registry import METHODS, available
 from integrators.top import TOPS, LagrangeTop, NamedTop
@@ -185,15 +186,13 @@ def _check_top(top: LagrangeTop) -> None:
 
 
 def _check_options(method: Method, function: Callable[..., Any], options: dict[str, Any]) -> None:
-    from integrators.interface import keyword_options
-
     known = keyword_options(function)
     for name in options:
         if name not in known:
-            close = difflib.get_close_matches(name, known, n=1)
-            hint = f"; did you mean {close[0]!r}?" if close else "."
             offered = ", ".join(known) if known else "none"
-            raise ValueError(f"unknown option {name!r} of {method.name}{hint} Its options: {offered}")
+            raise ValueError(
+                f"unknown option {name!r} of {method.name}{suggestion(name, known)} Its options: {offered}"
+            )
 
 
 def _evaluate(method: Method, top: LagrangeTop, y0: Array, t: ArrayLike, options: dict[str, Any]) -> Trajectory:

@@ -6,8 +6,9 @@ Tests read the claims and check them; experiments only ever see a `Stepper`.
 
 from __future__ import annotations
 
+import difflib
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -93,6 +94,12 @@ def keyword_options(function: Callable[..., Any]) -> tuple[str, ...]:
     """Names of the keyword-only parameters: the options a user may set."""
     parameters = inspect.signature(function).parameters.values()
     return tuple(p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY)
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """What follows an unknown name in a message: the known one it is close to, if any."""
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f"; did you mean {close[0]!r}?" if close else "."
 
 
 # ---------------------------------------------------------------- checking what a user passes in

@@ -1,4 +1,4 @@
-"""The only time loop of the project.
+"""The time loop of every compiled method.
 
 A compiled method is a pair of Numba functions on six scalars: `step(s, c, tally) -> s` and, where a method
 pins its state, `pin(s, c) -> s`, called before every `block` steps, the first of a call included: what a call returns
@@ -19,6 +19,7 @@ from integrators.interface import Array, StepError, Work, check_count
 # places in `tally`; a kernel that fails puts a code into FAILURE and what it could not reduce into RESIDUAL
 ITERATIONS, RHS_EVALS, FAILURE, FAILED_AT, RESIDUAL = range(5)
 
+NEVER = 1 << 62  # a block no run reaches the end of
 INTERRUPTIBLE = 1 << 20  # steps in one compiled call, at most: Ctrl-C is seen between two of them
 
 
@@ -71,7 +72,7 @@ class FixedStepper:
         constants: Array,
         step: Callable,
         pin: Callable | None = None,
-        block: int = 1 << 62,
+        block: int = NEVER,
         *,
         enter: Callable[[Array], Array] = np.array,
         leave: Callable[[Array], Array] = np.asarray,

@@ -6,14 +6,13 @@ A method that lives in somebody else's package joins through the entry-point gro
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import importlib.util
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 
-from integrators.interface import Method
+from integrators.interface import Method, suggestion
 
 GROUP = "lagrange_bench.methods"
 
@@ -44,9 +43,9 @@ class Registry(Mapping[str, Method]):
 
     def __getitem__(self, name: str) -> Method:
         if name not in self._entries:
-            close = difflib.get_close_matches(str(name), self._entries, n=1)
-            hint = f"; did you mean {close[0]!r}?" if close else "."
-            raise KeyError(f"unknown method {name!r}{hint} Known: {', '.join(self._entries)}")
+            raise KeyError(
+                f"unknown method {name!r}{suggestion(str(name), self._entries)} Known: {', '.join(self._entries)}"
+            )
         entry = self._entries[name]
         method = entry.load()
         if not isinstance(method, Method):

@@ -1,7 +1,36 @@
-"""heyoka keeps compiled code on disk; the tests use a folder of their own, not the user's."""
+"""What several test files use: a cache folder for heyoka that is not the user's, and the command line in this process."""
 
+import json
 import os
 import tempfile
 
+import pytest
+
+from experiments import __main__ as cli
+
 _folder = tempfile.TemporaryDirectory(prefix="heyoka-")
 os.environ["HEYOKA_CACHE_DIR"] = _folder.name
+
+
+@pytest.fixture
+def run(capsys):
+    """run(*words) -> (exit code, stdout, stderr)."""
+
+    def call(*words):
+        code = cli.main([str(word) for word in words])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture
+def answer(run):
+    """answer(*words) -> the JSON on stdout of a command that succeeds."""
+
+    def call(*words):
+        code, out, err = run(*words, "--json")
+        assert code == 0, err
+        return json.loads(out)
+
+    return call

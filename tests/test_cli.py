@@ -23,30 +23,6 @@ HERE = Path(__file__).resolve().parent
 SHORT = ("integrate", "--h", "0.1", "--steps", "20")
 
 
-@pytest.fixture
-def run(capsys):
-    """run(*words) -> (exit code, stdout, stderr)."""
-
-    def call(*words):
-        code = cli.main([str(word) for word in words])
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
-
-
-@pytest.fixture
-def answer(run):
-    """answer(*words) -> the JSON on stdout of a command that succeeds."""
-
-    def call(*words):
-        code, out, err = run(*words, "--json")
-        assert code == 0, err
-        return json.loads(out)
-
-    return call
-
-
 def process(*words, **settings):
     command = [sys.executable, "-m", "experiments", *words]
     settings = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 60, **settings}

@@ -13,36 +13,11 @@ import pytest
 from test_cli import examples
 
 import integrators
-from experiments import __main__ as cli
 from experiments import output
 from experiments.integrate import EXAMPLES, option
 from integrators import METHODS, TOPS, HeavyTop
 
 SHORT = ("integrate", "--h", "0.1", "--steps", "20")
-
-
-@pytest.fixture
-def run(capsys):
-    """run(*words) -> (exit code, stdout, stderr)."""
-
-    def call(*words):
-        code = cli.main([str(word) for word in words])
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
-
-
-@pytest.fixture
-def answer(run):
-    """answer(*words) -> the JSON on stdout of a command that succeeds."""
-
-    def call(*words):
-        code, out, err = run(*words, "--json")
-        assert code == 0, err
-        return json.loads(out)
-
-    return call
 
 
 @pytest.mark.parametrize("words", examples(EXAMPLES), ids=" ".join)

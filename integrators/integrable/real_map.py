@@ -168,6 +168,19 @@ def pin(s, c):
 
 
 @jit
+def on_torus(s, c, tolerance):
+    """Whether the invariants of a state are those the constants were made for."""
+    J1, J2, J3, x1, x2, x3 = s
+    H_ = 0.5 * (J1 * J1 + J2 * J2 + J3 * J3) + c[ALPHA] * x3
+    return (
+        abs(H_ - c[H]) <= tolerance
+        and abs(2.0 * J3 - c[J3_2]) <= 2.0 * tolerance
+        and abs(x1 * x1 + x2 * x2 + x3 * x3 - c[C1]) <= tolerance
+        and abs(x1 * J1 + x2 * J2 + x3 * J3 - c[C2]) <= tolerance
+    )
+
+
+@jit
 def constants(alpha, y, q, lam, m, rotation):
     """The constants of a step, computed in double-double and rounded once."""
     c = np.zeros(22)

@@ -319,7 +319,7 @@ def torus(alpha, y, longest):
     q = spectral_polynomial(alpha, y)
     period = nutation_period(alpha, y)
     turn = (dd(1.0), dd(0.0))
-    if longest > 0.25 * period[0]:
+    if longest > 0.49 * period[0]:
         turn = precession(q, alpha, y, period)
     return q, period, turn
 

@@ -16,6 +16,7 @@ the state is moved back onto its own invariants (H, C1, C2) by the smallest corr
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ from integrators.integrable.real_map import (
     attitude_loop,
     constants,
     exact_constants,
+    on_torus,
     pin,
     step,
     step_and_turn,
@@ -40,13 +42,13 @@ from integrators.integrable.real_map import (
     turning_step_and_turn,
 )
 from integrators.interface import Array, Method, StepError, Work, check_count
-from integrators.loops import FAILURE, FixedStepper
+from integrators.loops import FAILURE, NEVER, FixedStepper
 from integrators.top import LagrangeTop
 
-OFF_TORUS = 1e-11  # relative distance of an invariant from the prepared torus that is no longer round-off
+OFF_TORUS = 4e-11  # distance of an invariant from the prepared torus, in scaled units, that is no longer round-off
 FAR = 4.0  # |λ|, in units of |x| and |J| + √(|alpha||x|), from which `turning_step` loses less than `step`
-MOST_PARTS = 10**8  # some seconds, not to be interrupted
 CLOSE = 1e-2  # |m|²/C1 below which it does so too: λ is close to a root of Q
+MOST_PARTS = 10**8  # steps of an attitude between two rows: some seconds, not to be interrupted
 
 
 def ldexp(number: float, exponent: int) -> float:
@@ -86,15 +88,13 @@ class Units:
 class TorusStepper(FixedStepper):
     """A fixed-step kernel whose constants hold on one torus only: other states are refused."""
 
-    def __init__(self, name: str, h: float, units: Units, state: Array, *args, **kwargs):
-        self.scaled = LagrangeTop(units.alpha)
-        self.home = self.scaled.invariants(state)
+    def __init__(self, name: str, h: float, units: Units, *args, **kwargs):
         self.units = units
         super().__init__(name, h, *args, enter=self._enter, leave=units.leave, **kwargs)
 
     def _enter(self, y: Array) -> Array:
         state = self.units.enter(y)
-        if not np.all(np.abs(self.scaled.invariants(state) - self.home) <= OFF_TORUS * 4.0):
+        if not on_torus(state, self.constants, OFF_TORUS):
             raise StepError(self.name, "the state is not on the torus this step was prepared for", h=self.h)
         return state
 
@@ -109,10 +109,10 @@ def kernel(c: Array, turns: bool) -> Any:
     return step_and_turn if turns else step
 
 
-def _stepper(name: str, h: float, units: Units, state: Array, c: Array, turns: bool, pin_every: int) -> FixedStepper:
+def _stepper(name: str, h: float, units: Units, c: Array, turns: bool, pin_every: int) -> FixedStepper:
     check_constants(name, c, h)
-    back, block = (pin, pin_every) if pin_every else (None, 1 << 62)
-    return TorusStepper(name, h, units, state, c, kernel(c, turns), back, block)
+    back, block = (pin, pin_every) if pin_every else (None, NEVER)
+    return TorusStepper(name, h, units, c, kernel(c, turns), back, block)
 
 
 def check_constants(name: str, c: Array, h: float | None = None) -> None:
@@ -143,7 +143,7 @@ def _exact(name: str, top: LagrangeTop, y0: Array, h: float, pin_every: int) -> 
     state, span = units.enter(y0), units.time(h)
     check_span(name, h, span)
     c, turns = exact_constants(units.alpha, tuple(state), span)
-    return _stepper(name, h, units, state, c, turns, pin_every)
+    return _stepper(name, h, units, c, turns, pin_every)
 
 
 def prepare_paper(top: LagrangeTop, y0: Array, h: float, *, pin: int = 8) -> FixedStepper:
@@ -164,7 +164,7 @@ def _plain(name: str, top: LagrangeTop, y0: Array, h: float, lam: complex, pin_e
     state = units.enter(y0)
     lam = units.parameter(check_parameter(lam))
     c = plain_constants(units.alpha, state, lam, -1 if h < 0 else 1)
-    return _stepper(name, h, units, state, c, False, pin_every)
+    return _stepper(name, h, units, c, False, pin_every)
 
 
 def check_parameter(lam: complex, name: str = "lam") -> complex:
@@ -252,9 +252,10 @@ def attitude_exact(
         raise StepError("backlund", f"the attitude is followed by half nutations, at most {MOST_PARTS} a row", h=h)
     c, _ = exact_constants(units.alpha, state, span / parts)
     spin = at.step_spin(units.alpha, state, span / parts)
+    block = check_count(pin, "pin") or NEVER
     g, out = tuple(g0), [g0]
     for _ in range(n // every):
-        state, g = attitude_loop(state, g, c, spin, every * parts, check_count(pin, "pin") or 1 << 62)
+        state, g = attitude_loop(state, g, c, spin, every * parts, block)
         out.append(np.array(g))
     return np.array(out)
 
@@ -339,39 +340,21 @@ EXACT = Method(
     evaluate=evaluate_exact,
     attitude=attitude_exact,
 )
-UNPINNED = Method(
+UNPINNED = replace(
+    EXACT,
     name="backlund_unpinned",
     label="Bäcklund, exact, not pinned",
-    family="backlund",
-    order=None,
-    symmetric=True,
-    poisson=True,
-    conserves=ALL,
-    control="step",
-    source=SOURCE + "; λ(h) by time doubling, this project",
     prepare=prepare_unpinned,
+    evaluate=None,
+    attitude=None,
 )
-PAPER = Method(
-    name="backlund_paper",
-    label="Bäcklund, paper's λ",
-    family="backlund",
-    order=2,
-    symmetric=True,
-    poisson=True,
-    conserves=ALL,
-    control="step",
-    source=SOURCE,
-    prepare=prepare_paper,
+PAPER = replace(
+    UNPINNED, name="backlund_paper", label="Bäcklund, paper's λ", order=2, source=SOURCE, prepare=prepare_paper
 )
-TEXTBOOK = Method(
+TEXTBOOK = replace(
+    PAPER,
     name="backlund_textbook",
     label="Bäcklund, paper's program",
-    family="backlund",
-    order=2,
-    symmetric=True,
-    poisson=True,
-    conserves=ALL,
-    control="step",
     source=SOURCE + " and the program of section 5.7",
     prepare=prepare_textbook,
 )
