@@ -191,7 +191,7 @@ def conserves(method: Method, quick: bool) -> Iterator[Verdict]:
     n = 10_000 if quick else 100_000
     if method.control == "tolerance":
         n //= 500  # of many natural steps each, perhaps interpreted ones
-    worst = np.zeros(4)
+    worst, own = np.zeros(4), dict.fromkeys(method.keeps, 0.0)
     for name in STATES:
         top, y0 = states.find(name)
         for span in SPANS:
@@ -203,6 +203,9 @@ def conserves(method: Method, quick: bool) -> Iterator[Verdict]:
                 continue
             drift = np.abs(metrics.relative_drift(top.invariants(y), top.invariant_scales(y0)))
             worst = np.maximum(worst, np.max(drift, axis=0))
+            for quantity, value in method.keeps.items():
+                values, size = value(top, span * top.scales(y0)[2], y)
+                own[quantity] = max(own[quantity], float(np.max(np.abs(values - values[0]))) / size)
     bound = 8 * EPS * n  # a rounding that goes the same way in every step
     how = f"largest error over {n} steps, {AT}"
     for name, error in zip(INVARIANTS, worst.tolist(), strict=True):
@@ -210,6 +213,8 @@ def conserves(method: Method, quick: bool) -> Iterator[Verdict]:
             yield Verdict(f"conserves {name}", error <= bound, error, f"≤ {bound:.1e}", how)
         else:
             yield Verdict(f"conserves {name}", None, error, "", "not claimed; " + how)
+    for name, error in own.items():
+        yield Verdict(f"conserves {name}", error <= bound, error, f"≤ {bound:.1e}", how)
 
 
 # ---------------------------------------------------------------- behaviour

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import uuid
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -44,12 +45,12 @@ def _folder() -> str | None:
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """Compile without caching: for functions that close over others."""
+    """Compile without caching."""
     return njit(**OPTIONS)(function)
 
 
 def jit(function: Callable[..., Any]) -> Any:
-    """Compile a module-level function; its machine code is kept for the next process."""
+    """Compile a function of this package; its machine code is kept for the next process."""
     folder = _folder()
     if folder is None:
         return compiled(function)
@@ -60,7 +61,23 @@ def jit(function: Callable[..., Any]) -> Any:
     finally:
         config.CACHE_DIR = before
     _forgive_full_disk(dispatcher._cache)
+    if function.__closure__ is None:
+        # Numba's random name for a function is part of the key of every closure over it: one name for all processes
+        dispatcher._set_uuid(_lasting_name(f"{folder} {function.__module__}.{function.__qualname__}"))
     return dispatcher
+
+
+def _lasting_name(text: str) -> str:
+    return str(uuid.uuid5(uuid.NAMESPACE_OID, text))
+
+
+def jit_over(*kernels: Any) -> Callable[[Callable[..., Any]], Any]:
+    """The decorator for a function that closes over `kernels`: cached if they all are this package's own.
+
+    Of another package's functions the digest knows nothing: what closes over them is compiled in every process.
+    """
+    ours = all(k is None or k.py_func.__module__.startswith("integrators.") for k in kernels)
+    return jit if ours else compiled
 
 
 def _forgive_full_disk(cached: Any) -> None:
@@ -88,3 +105,6 @@ def stack(typingctx, size):
         return cgutils.alloca_once(builder, context.get_value_type(types.float64), size=count)
 
     return types.CPointer(types.float64)(size), generate
+
+
+stack._set_uuid(_lasting_name("stack"))

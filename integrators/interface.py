@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 MOST = 2**62  # of anything that is counted
 INVARIANTS = ("H", "J3", "C1", "C2")
+ENGINES = ("numba", "heyoka", "scipy", "python")
+FAMILIES = ("backlund", "closed-form", "taylor", "runge-kutta", "splitting", "integrable", "implicit", "lie-group")
 
 
 class StepError(RuntimeError):
@@ -63,13 +65,16 @@ class Stepper(Protocol):
         ...
 
 
+Quantity = Callable[[Any, float, Array], tuple[Array, float]]
+
+
 @dataclass(frozen=True)
 class Method:
     """What a method claims. Every field is read by a test, a legend or a table."""
 
     name: str  # registry key, the name in every table
     label: str  # what a legend shows
-    family: str  # colour and grouping: "backlund", "taylor", "runge-kutta", "implicit", …
+    family: str  # colour and grouping: one of FAMILIES, or a plug-in's own
     order: int | None  # None: exact in time
     symmetric: bool  # step(-h) undoes step(h)
     poisson: bool  # one step is a Poisson map
@@ -80,14 +85,29 @@ class Method:
     evaluate: Callable[..., tuple[Array, Work]] | None = None  # (top, y0, times, **options): dense output or jumps
     attitude: Callable[..., Array] | None = None  # (top, y0, h, n, every, g0) -> unit quaternions, see `body`
     requires: str | None = None  # a package that may be missing on some platforms
+    engine: str = "numba"  # what takes the steps: "numba" compiled here · "heyoka" · "scipy" and "python" interpreted
+    # what else is kept at round-off for every h, a modified energy say: name → function of (top, h, states (N, 6))
+    # that returns its values (N,) and the size of its terms at the first state
+    keeps: Mapping[str, Quantity] = field(default_factory=dict, hash=False)
+    # of `conserves` and `keeps`: those whose round-off grows faster than a random walk, and why
+    biased: Mapping[str, str] = field(default_factory=dict, hash=False)
     options: tuple[str, ...] = field(init=False)  # keyword options of `prepare`
 
     def __post_init__(self) -> None:
         if self.control not in ("step", "tolerance"):
             raise ValueError(f"control must be 'step' or 'tolerance', not {self.control!r}")
+        if self.engine not in ENGINES:
+            raise ValueError(f"engine must be one of {', '.join(ENGINES)}; got {self.engine!r}")
         if unknown := self.conserves - set(INVARIANTS):
             raise ValueError(f"conserves names unknown invariants: {sorted(unknown)}")
+        if unclaimed := sorted(set(self.biased) - self.conserves - set(self.keeps)):
+            raise ValueError(f"biased names what is not claimed: {unclaimed}")
         object.__setattr__(self, "options", keyword_options(self.prepare))
+
+    @property
+    def knob(self) -> str:
+        """The option that trades work for precision: "tol" or "rtol" for control "tolerance", else "h"."""
+        return "h" if self.control == "step" else next(name for name in self.options if name in ("tol", "rtol"))
 
 
 def keyword_options(function: Callable[..., Any]) -> tuple[str, ...]:

@@ -13,11 +13,13 @@ from functools import cache
 
 import numpy as np
 
-from integrators.compiled import compiled
+from integrators.compiled import jit_over
 from integrators.interface import Array, StepError, Work, check_count
 
-# places in `tally`; a kernel that fails puts a code into FAILURE and what it could not reduce into RESIDUAL
-ITERATIONS, RHS_EVALS, FAILURE, FAILED_AT, RESIDUAL = range(5)
+# places in `tally`; a kernel that fails puts a code into FAILURE and what it could not reduce into RESIDUAL; from MEMORY on
+# there are SIZE - MEMORY numbers, zero at the start of a call, for what a kernel carries from step to step (compensation)
+ITERATIONS, RHS_EVALS, FAILURE, FAILED_AT, RESIDUAL, MEMORY = range(6)
+SIZE = 24
 
 NEVER = 1 << 62  # a block no run reaches the end of
 INTERRUPTIBLE = 1 << 20  # steps in one compiled call, at most: Ctrl-C is seen between two of them
@@ -25,9 +27,9 @@ INTERRUPTIBLE = 1 << 20  # steps in one compiled call, at most: Ctrl-C is seen b
 
 @cache
 def compile_loop(step: Callable, pin: Callable | None) -> Callable:
-    """The loop around one kernel, compiled once per process."""
+    """The loop around one kernel."""
 
-    @compiled
+    @jit_over(step, pin)
     def run(y, first, last, every, block, c, tally, out):
         # From step number `first` to `last`. Rows and pins fall on multiples of `every` and of `block`,
         # counted from the start of the whole run: however it is divided, and whatever is recorded, it goes
@@ -84,7 +86,9 @@ class FixedStepper:
         self.rhs_per_step, self.failures = rhs_per_step, failures or {}
         self._run = compile_loop(step, pin)
         self.work = Work()
-        self._run(np.zeros(6, constants.dtype), 0, 0, 1, 1, constants, np.zeros(5), np.empty((1, 6), constants.dtype))
+        self._run(
+            np.zeros(6, constants.dtype), 0, 0, 1, 1, constants, np.zeros(SIZE), np.empty((1, 6), constants.dtype)
+        )
 
     def advance(self, y: Array, n: int) -> Array:
         return self.record(y, n, max(n, 1))[-1]
@@ -94,7 +98,7 @@ class FixedStepper:
         state = self.enter(y)
         out = np.empty((n // every + 1, 6), dtype=state.dtype)
         out[0] = state
-        tally = np.zeros(5)
+        tally = np.zeros(SIZE)
         for first in range(0, n, INTERRUPTIBLE):
             last = min(first + INTERRUPTIBLE, n)
             self._run(state, first, last, every, self.block, self.constants, tally, out)

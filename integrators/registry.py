@@ -17,15 +17,23 @@ from integrators.interface import Method, suggestion
 GROUP = "lagrange_bench.methods"
 
 BUILT_IN = {
+    # backlund
     "backlund": "integrators.methods.backlund:EXACT",
     "backlund_unpinned": "integrators.methods.backlund:UNPINNED",
     "backlund_paper": "integrators.methods.backlund:PAPER",
     "backlund_textbook": "integrators.methods.backlund:TEXTBOOK",
+    # closed-form
+    # taylor
     "taylor": "integrators.methods.taylor:NATURAL",
     "taylor_fixed": "integrators.methods.taylor:FIXED",
+    # runge-kutta
     "rk45": "integrators.methods.rk45:NATURAL",
     "rk45_fixed": "integrators.methods.rk45:FIXED",
+    # splitting
+    # integrable
+    # implicit
     "implicit_midpoint": "integrators.methods.implicit_midpoint:METHOD",
+    # lie-group
 }
 
 

@@ -155,6 +155,7 @@ NATURAL = Method(
     source=f"scipy.integrate.RK45; {SOURCE}",
     prepare=prepare,
     evaluate=evaluate,
+    engine="scipy",
 )
 
 FIXED = Method(

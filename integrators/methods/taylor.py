@@ -218,6 +218,7 @@ NATURAL = Method(
     evaluate=evaluate,
     attitude=attitude,
     requires="heyoka",
+    engine="heyoka",
 )
 
 FIXED = Method(
