@@ -50,8 +50,11 @@ def compiled(function: Callable[..., Any]) -> Any:
 
 
 def jit(function: Callable[..., Any]) -> Any:
-    """Compile a function of this package; its machine code is kept for the next process."""
-    folder = _folder()
+    """Compile a function of this package; its machine code is kept for the next process.
+
+    With NUMBA_DISABLE_JIT=1 in the environment it stays a Python function, and computes the same bits.
+    """
+    folder = None if config.DISABLE_JIT else _folder()
     if folder is None:
         return compiled(function)
     before = config.CACHE_DIR
@@ -76,6 +79,8 @@ def jit_over(*kernels: Any) -> Callable[[Callable[..., Any]], Any]:
 
     Of another package's functions the digest knows nothing: what closes over them is compiled in every process.
     """
+    if config.DISABLE_JIT:
+        return compiled
     ours = all(k is None or k.py_func.__module__.startswith("integrators.") for k in kernels)
     return jit if ours else compiled
 
@@ -91,20 +96,31 @@ def _forgive_full_disk(cached: Any) -> None:
     cached.save_overload = save_if_possible
 
 
-@intrinsic
-def stack(typingctx, size):
-    """An uninitialised array of float64 on the stack, for a kernel's scratch: `size` is a literal, indices unchecked.
-
-    Not in the constants of a kernel: two threads may share those.
-    """
-    if not isinstance(size, types.IntegerLiteral):
-        raise numba.errors.TypingError("the size of a stack array must be a constant")
-    count = size.literal_value
-
-    def generate(context, builder, signature, args):
-        return cgutils.alloca_once(builder, context.get_value_type(types.float64), size=count)
-
-    return types.CPointer(types.float64)(size), generate
+def named_intrinsic(function: Callable[..., Any]) -> Any:
+    """An intrinsic whose name is the same in all processes, as `jit` has it."""
+    made: Any = intrinsic(function)
+    made._set_uuid(_lasting_name(f"{function.__module__}.{function.__qualname__}"))
+    return made
 
 
-stack._set_uuid(_lasting_name("stack"))
+if config.DISABLE_JIT:
+
+    def stack(size):
+        return [0.0] * size
+
+else:
+
+    @named_intrinsic
+    def stack(typingctx, size):
+        """An uninitialised array of float64 on the stack, for a kernel's scratch: `size` is a literal, indices unchecked.
+
+        Not in the constants of a kernel: two threads may share those.
+        """
+        if not isinstance(size, types.IntegerLiteral):
+            raise numba.errors.TypingError("the size of a stack array must be a constant")
+        count = size.literal_value
+
+        def generate(context, builder, signature, args):
+            return cgutils.alloca_once(builder, context.get_value_type(types.float64), size=count)
+
+        return types.CPointer(types.float64)(size), generate
