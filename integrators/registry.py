@@ -30,10 +30,23 @@ BUILT_IN = {
     "rk45": "integrators.methods.rk45:NATURAL",
     "rk45_fixed": "integrators.methods.rk45:FIXED",
     # splitting
+    "strang": "integrators.methods.splitting:STRANG",
+    "takahashi_imada": "integrators.methods.splitting:TAKAHASHI_IMADA",
+    "blanes_moan4": "integrators.methods.splitting:BLANES_MOAN4",
+    "force_gradient4": "integrators.methods.splitting:FORCE_GRADIENT4",
+    "blanes_moan6": "integrators.methods.splitting:BLANES_MOAN6",
+    "force_gradient6": "integrators.methods.splitting:FORCE_GRADIENT6",
+    "kahan_li6": "integrators.methods.splitting:KAHAN_LI6",
+    "kahan_li8": "integrators.methods.splitting:KAHAN_LI8",
+    "sofroniou_spaletta10": "integrators.methods.splitting:SOFRONIOU_SPALETTA10",
     # integrable
+    "kahan": "integrators.methods.kahan:METHOD",
+    "bobenko_suris": "integrators.methods.bobenko_suris:METHOD",
     # implicit
     "implicit_midpoint": "integrators.methods.implicit_midpoint:METHOD",
     # lie-group
+    "rkmk4": "integrators.methods.lie_group:RKMK4",
+    "commutator_free4": "integrators.methods.lie_group:COMMUTATOR_FREE4",
 }
 
 

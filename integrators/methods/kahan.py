@@ -1,0 +1,116 @@
+"""The discretisation of Kahan, Hirota and Kimura: every product is polarised, xy → (x ỹ + x̃ y)/2.
+
+    (J̃ − J)/h = alpha e3 × (x + x̃)/2        (x̃ − x)/h = (J̃×x + J×x̃)/2
+
+The new state enters linearly and y, ỹ change places under h → −h: the step is explicit, birational and symmetric. With
+eps = alpha h²/4 and W = J + (h/2) alpha e3×x the third equation for d = x̃ − x gives d3, and two equations are left,
+
+    d = h W×x + (h/2) W×d + eps (x3 d1 − x1 d3, x3 d2 − x2 d3, 0).
+
+It is known as integrable in the frame of the body. In the rest frame it keeps J3 and
+
+    e     = J1² + J2² + 2 alpha x3 − eps alpha (x1² + x2²)        ρ = (h/2) r0
+    r0    = x·J / (1 − eps x3)                                   κ = (|x|² + ρ²) / (1 + |(h/2) J + eps ρ e3|²)
+
+which tend to 2H − J3², C2 and C1, and the volume dJ dx/[(1 − eps x3)(|x|² + ρ²)]. e is twice the energy that the map of Bobenko
+and Suris keeps, less J3². H, C1 and C2 oscillate, and the map is not Poisson for the bracket of the top.
+
+Where eps x3 ≥ 1 or the determinant of the step is not positive, a pole of the map has been passed, and orbits no longer follow
+the top: such steps are refused.
+
+Round-off is a random walk because no product is formed of constants alone: (h/2) J3 or alpha h²/4 would err the same way in
+every step, and e and r0 would drift in proportion to time. Hence k (J3 − …) and k (alpha k x3), with k = h/2.
+
+Sources: Kimura & Hirota, J. Phys. Soc. Japan 69 (2000) 3193; Petrera, Pfadler & Suris, Regul. Chaotic Dyn. 16 (2011) 245
+(body frame). Rest frame, e, r0, κ and the volume: this project; the tests prove them in rational arithmetic.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from integrators.compiled import jit
+from integrators.interface import Array, Method
+from integrators.loops import FAILURE, FixedStepper
+from integrators.methods.backlund import Units
+from integrators.top import LagrangeTop
+
+HALF, KICK = range(2)  # places of the constants h/2 and alpha h/2
+BEYOND = 1
+FAILURES = {BEYOND: "the orbit or the step has passed a pole of the map, as for h² alpha x3 ≥ 4; take a smaller |h|"}
+
+
+@jit
+def step(s, c, tally):
+    J1, J2, J3, x1, x2, x3 = s
+    k, kick = c[HALF], c[KICK]
+    W1, W2 = J1 - kick * x2, J2 + kick * x1
+    v1, v2 = k * J1, k * J2
+    w1, w2 = k * W1, k * W2
+    # a d1 + b d2 = h g1, −f d1 + g d2 = h g2: d3 = h (W×x)3 + w1 d2 − w2 d1 is eliminated
+    near = 1.0 - k * (kick * x3)
+    a, b = near + v2 * w2, k * (J3 - v2 * W1)
+    f, g = k * (J3 + v1 * W2), near + v1 * w1
+    det = a * g + b * f
+    if not (near > 0.0 and det > 0.0):
+        tally[FAILURE] = BEYOND
+        return s
+    u3 = W1 * x2 - W2 * x1
+    g1 = (W2 * x3 - J3 * x2) + v2 * u3
+    g2 = (J3 * x1 - W1 * x3) - v1 * u3
+    r = (2.0 * k) / det
+    d1 = r * (g * g1 - b * g2)
+    d2 = r * (a * g2 + f * g1)
+    d3 = (2.0 * k) * u3 + (w1 * d2 - w2 * d1)
+    return J1 - kick * (2.0 * x2 + d2), J2 + kick * (2.0 * x1 + d1), J3, x1 + d1, x2 + d2, x3 + d3
+
+
+def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
+    """Any h up to a pole of the map."""
+    units = Units(top, y0, h)
+    half = units.time(h) / 2
+    c = np.array((half, half * units.alpha))
+    return FixedStepper("kahan", h, c, step, enter=units.enter, leave=units.leave, failures=FAILURES)
+
+
+# ------------------------------------------------------------------------------------ what the map keeps
+
+
+def e(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
+    """J1² + J2² + 2 alpha x3 − alpha² h²/4 (x1² + x2²)."""
+    J1, J2, _, x1, x2, x3 = y.T
+    kick = h / 2 * top.alpha
+    rate, length, _ = top.scales(y[0])
+    values = J1 * J1 + J2 * J2 + 2 * top.alpha * x3 - kick * kick * (x1 * x1 + x2 * x2)
+    return values, rate * rate + (kick * length) ** 2
+
+
+def r0(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
+    """x·J/(1 − eps x3)."""
+    near = 1 - h * h / 4 * top.alpha * y[:, 5]
+    rate, length, _ = top.scales(y[0])
+    return np.sum(y[:, :3] * y[:, 3:], axis=1) / near, length * rate / abs(near[0])
+
+
+def kappa(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
+    """(|x|² + ρ²)/(1 + |(h/2) J + eps ρ e3|²): a quotient of sums of squares, its own size."""
+    rho = h / 2 * r0(top, h, y)[0]
+    v = h / 2 * y[:, :3]
+    v[:, 2] += h * h / 4 * top.alpha * rho
+    values = (np.sum(y[:, 3:] ** 2, axis=1) + rho**2) / (1 + np.sum(v * v, axis=1))
+    return values, float(values[0])
+
+
+METHOD = Method(
+    name="kahan",
+    label="Kahan–Hirota–Kimura",
+    family="integrable",
+    order=2,
+    symmetric=True,
+    poisson=False,
+    conserves=frozenset({"J3"}),
+    control="step",
+    source="Kimura and Hirota, J. Phys. Soc. Japan 69 (2000) 3193; in the rest frame: this project",
+    prepare=prepare,
+    keeps={"e": e, "r0": r0, "kappa": kappa},
+)
