@@ -44,23 +44,23 @@ def _folder() -> str | None:
     return folder if os.access(folder, os.W_OK) else None
 
 
-def compiled(function: Callable[..., Any]) -> Any:
+def compiled(function: Callable[..., Any], **more: Any) -> Any:
     """Compile without caching."""
-    return njit(**OPTIONS)(function)
+    return njit(**OPTIONS, **more)(function)
 
 
-def jit(function: Callable[..., Any]) -> Any:
+def jit(function: Callable[..., Any], **more: Any) -> Any:
     """Compile a function of this package; its machine code is kept for the next process.
 
     With NUMBA_DISABLE_JIT=1 in the environment it stays a Python function, and computes the same bits.
     """
     folder = None if config.DISABLE_JIT else _folder()
     if folder is None:
-        return compiled(function)
+        return compiled(function, **more)
     before = config.CACHE_DIR
     config.CACHE_DIR = folder  # read while decorating, so other packages keep their own place
     try:
-        dispatcher = njit(**OPTIONS, cache=True)(function)
+        dispatcher = njit(**OPTIONS, **more, cache=True)(function)
     finally:
         config.CACHE_DIR = before
     _forgive_full_disk(dispatcher._cache)
@@ -68,6 +68,11 @@ def jit(function: Callable[..., Any]) -> Any:
         # Numba's random name for a function is part of the key of every closure over it: one name for all processes
         dispatcher._set_uuid(_lasting_name(f"{folder} {function.__module__}.{function.__qualname__}"))
     return dispatcher
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """`jit`, and the code goes wherever it is called: for short kernels, where a call costs as much as the work."""
+    return jit(function, forceinline=True)
 
 
 def _lasting_name(text: str) -> str:

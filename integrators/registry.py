@@ -23,8 +23,12 @@ BUILT_IN = {
     "backlund_paper": "integrators.methods.backlund:PAPER",
     "backlund_textbook": "integrators.methods.backlund:TEXTBOOK",
     # closed-form
+    "addition_theorem": "integrators.methods.addition_theorem:METHOD",
+    "theta_functions": "integrators.methods.theta_functions:METHOD",
     # taylor
     "taylor": "integrators.methods.taylor:NATURAL",
+    "taylor_accurate": "integrators.methods.taylor:ACCURATE",
+    "taylor_compact": "integrators.methods.taylor:COMPACT",
     "taylor_fixed": "integrators.methods.taylor:FIXED",
     # runge-kutta
     "rk45": "integrators.methods.rk45:NATURAL",
@@ -44,6 +48,11 @@ BUILT_IN = {
     "bobenko_suris": "integrators.methods.bobenko_suris:METHOD",
     # implicit
     "implicit_midpoint": "integrators.methods.implicit_midpoint:METHOD",
+    "collective_midpoint": "integrators.methods.collective_midpoint:METHOD",
+    "gauss4": "integrators.methods.gauss:GAUSS4",
+    "gauss6": "integrators.methods.gauss:GAUSS6",
+    "gauss8": "integrators.methods.gauss:GAUSS8",
+    "gauss12": "integrators.methods.gauss:GAUSS12",
     # lie-group
     "rkmk4": "integrators.methods.lie_group:RKMK4",
     "commutator_free4": "integrators.methods.lie_group:COMMUTATOR_FREE4",

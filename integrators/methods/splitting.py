@@ -1,0 +1,436 @@
+"""Splittings: compositions of the two exact flows of H = |J|²/2 + alpha x3.
+
+    A(t), of |J|²/2:    x turns about the constant J at rate |J|
+    B(t), of alpha x3:  J += t alpha e3×x with constant x, a kick
+
+Both are Poisson maps that keep J3, |x|² and x·J, and so is whatever is composed of them; H oscillates. A scheme is a
+list of coefficients, first letter … last letter; all are palindromes, and the maps symmetric. Two properties of this H
+are used. It is quadratic in J, so [B,[B,[B,A]]] = 0, and coefficients for Runge-Kutta-Nyström equations apply. And
+[B,[A,B]] and [B,[B,[A,[A,B]]]] depend on x3 only, through |e3×x|²: a kick with force gradients costs a few operations,
+
+    kick(b, c, d):  J += h alpha (b + 2c alpha h² x3 − 2d (alpha h²)² (|x|² − 3x3²)) e3×x,
+
+the exact flow of hB b + h³c [B,[A,B]] + h⁵d [B,[B,[A,[A,B]]]].
+
+Taken n times, a scheme ends every step with the flow that begins the next. So the loop runs over a conjugate map, in which
+the two are one, and `enter` and `leave` of the stepper apply the first flow and its inverse. The processor of Takahashi
+and Imada goes the same way.
+
+Rotation. With v = (t/2) J, z = |v|² and u = v×x, p = v×u, r = v×p, the rotation by 2|v| is
+
+    x + 2u + 2p + r + a(z) u + b(z) p,    a = sin(2√z)/√z − 2 + z,   b = (1 − cos 2√z)/z − 2,
+
+in which r takes the place of −zu: what is left of an error in z (v3² is rounded the same way in every step) is then a
+change of the angle, and the length of x is kept to higher order. a and b are small, of order z, and so are their errors.
+Beyond 2|v| = 1 the turn is made in 2, 4, 8, … equal parts. No library function is called: the bits are the same everywhere.
+
+Sources: with each scheme. McLachlan & Quispel, Acta Numerica 11 (2002) 341, for splittings; López-Marcos, Sanz-Serna &
+Skeel, SIAM J. Sci. Comput. 18 (1997) 223, for processing; the rotation and the processor: this project.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from integrators.compiled import inlined, jit
+from integrators.interface import Array, Method, StepError, suggestion
+from integrators.loops import FAILURE, MEMORY, SIZE, FixedStepper
+from integrators.top import LagrangeTop
+
+# ------------------------------------------------------------------------------------ schemes
+
+
+class Scheme(NamedTuple):
+    """Coefficients of one step; `a` of the rotations and `b`, `c`, `d` of the kicks, all palindromes."""
+
+    order: int
+    first: str  # letter: "A" rotation, "B" kick
+    a: tuple[float, ...]
+    b: tuple[float, ...]
+    source: str
+    c: tuple[float, ...] = ()
+    d: tuple[float, ...] = ()
+    processor: float = 0.0  # g: the scheme is exp(gh²[A,B]) · letters · exp(−gh²[A,B])
+    nystrom: bool = False  # of this order only because [B,[B,[B,A]]] = 0
+
+
+def mirror(half: tuple[float, ...], n: int) -> tuple[float, ...]:
+    """A palindrome of n numbers from its first half, the middle one included."""
+    return (*half, *half[: n // 2][::-1])
+
+
+def palindrome(first: tuple[float, ...], n: int) -> tuple[float, ...]:
+    """A palindrome of n numbers with sum 1 from all of its first half but the last, or middle, one."""
+    rest = math.fsum((1.0, *(-2 * w for w in first)))
+    return mirror((*first, rest if n % 2 else rest / 2), n)
+
+
+def composition(order: int, source: str, first: tuple[float, ...]) -> Scheme:
+    """Strang steps of lengths w h: `first` are all w before the middle one."""
+    w = palindrome(first, 2 * len(first) + 1)
+    return Scheme(order, "B", w, tuple((p + q) / 2 for p, q in zip((0.0, *w), (*w, 0.0), strict=True)), source)
+
+
+YOSHIDA = "Yoshida, Phys. Lett. A 150 (1990) 262"
+KAHAN_LI = "Kahan and Li, Math. Comp. 66 (1997) 1089"
+BLANES_MOAN = "Blanes and Moan, J. Comput. Appl. Math. 142 (2002) 313"
+OMELYAN = "Omelyan, Mryglod and Folk, Comput. Phys. Commun. 146 (2002) 188"
+GRADIENTS = "Omelyan, Mryglod and Folk, Phys. Rev. E 66 (2002) 026701"
+
+SCHEMES = {
+    "strang": composition(2, "Strang, SIAM J. Numer. Anal. 5 (1968) 506", ()),
+    "takahashi_imada": Scheme(
+        4, "B", (1.0,), (1 / 2, 1 / 2), "Takahashi and Imada, J. Phys. Soc. Japan 53 (1984) 3765",
+        c=(1 / 48, 1 / 48), processor=1 / 12,
+    ),
+    "triple_jump4": composition(4, YOSHIDA, (1 / (2 - 2 ** (1 / 3)),)),
+    "suzuki4": composition(4, "Suzuki, Phys. Lett. A 146 (1990) 319", (1 / (4 - 4 ** (1 / 3)),) * 2),
+    "mclachlan4": Scheme(
+        4, "A",
+        palindrome((0.4051886183952523, -0.2871440408165241), 6),
+        palindrome((-0.0410958904109589, 0.288135593220339), 5),
+        "McLachlan, SIAM J. Sci. Comput. 16 (1995) 151, SB3A",
+    ),
+    "vefrl4": Scheme(
+        4, "B", palindrome((0.5209433391039899,), 4), palindrome((0.164498651557576, 1.235692651138917), 5), OMELYAN,
+    ),
+    "pefrl4": Scheme(
+        4, "A", palindrome((0.1786178958448091, -0.0662645826698185), 5), palindrome((0.7123418310626054,), 4), OMELYAN,
+    ),
+    "blanes_moan4": Scheme(
+        4, "B",
+        palindrome((0.245298957184271, 0.604872665711080), 6),
+        palindrome((0.0829844064174052, 0.396309801498368, -0.0390563049223486), 7),
+        f"{BLANES_MOAN}, SRKN6b",
+    ),
+    "blanes_moan4_general": Scheme(
+        4, "B",
+        palindrome((0.209515106613362, -0.143851773179818), 6),
+        palindrome((0.0792036964311957, 0.353172906049774, -0.0420650803577195), 7),
+        f"{BLANES_MOAN}, S6",
+    ),
+    "chin4": Scheme(
+        4, "B", (1 / 2, 1 / 2), (1 / 6, 2 / 3, 1 / 6), "Chin, Phys. Lett. A 226 (1997) 344, scheme A",
+        c=(0.0, 1 / 72, 0.0),
+    ),
+    # two conditions for a1, b1, c1, c2: b1 and c1 are the ones of least error of degree 5
+    "force_gradient4": Scheme(
+        4, "B",
+        palindrome((0.27377798630646189,), 3),
+        palindrome((0.080868,), 4),
+        f"class of {GRADIENTS}; coefficients: this project",
+        c=mirror((0.000232, 0.0029821796916614993), 4),
+    ),
+    "yoshida6": composition(
+        6, f"{YOSHIDA}, solution A",
+        (0.78451361047755726381949763, 0.23557321335935813368479318, -1.17767998417887100694641568),
+    ),
+    "kahan_li6": composition(
+        6, KAHAN_LI,
+        (0.39216144400731413927925056, 0.33259913678935943859974864, -0.70624617255763935980996482,
+         0.08221359629355080023149045),
+    ),
+    "blanes_moan6_general": Scheme(
+        6, "B",
+        palindrome((0.148816447901042, -0.132385865767784, 0.067307604692185, 0.432666402578175), 10),
+        palindrome((0.0502627644003922, 0.413514300428344, 0.0450798897943977, -0.188054853819569, 0.541960678450780), 11),
+        f"{BLANES_MOAN}, S10",
+    ),
+    "blanes_moan6_11": Scheme(
+        6, "B",
+        palindrome((0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928), 11),
+        palindrome((0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807,
+                    -0.0115113874206879), 12),
+        f"{BLANES_MOAN}, SRKN11b", nystrom=True,
+    ),
+    "blanes_moan6": Scheme(
+        6, "A",
+        palindrome((0.0378593198406116, 0.102635633102435, -0.0258678882665587, 0.314241403071447, -0.130144459517415,
+                    0.106417700369543, -0.00879424312851058), 15),
+        palindrome((0.09171915262446165, 0.183983170005006, -0.05653436583288827, 0.004914688774712854,
+                    0.143761127168358, 0.328567693746804), 14),
+        f"{BLANES_MOAN}, SRKN14a", nystrom=True,
+    ),
+    "force_gradient6": Scheme(
+        6, "A",
+        palindrome((0.10951155775140214, 0.44517150809552086), 5),
+        palindrome((0.26872220820482184,), 4),
+        f"class of {GRADIENTS}; coefficients: this project",
+        c=mirror((0.0008056816670964243, 0.003955911930041659), 4),
+        d=mirror((1.935749212896712e-05, 5.0722352657284275e-05), 4), nystrom=True,
+    ),
+    "suzuki_umeno8": composition(
+        8, "Suzuki and Umeno, Springer Proc. Phys. 76 (1993) 74",
+        (0.74167036435061295344822780, -0.40910082580003159399730010, 0.19075471029623837995387626,
+         -0.57386247111608226665638773, 0.29906418130365592384446354, 0.33462491824529818378495798,
+         0.31529309239676659663205666),
+    ),
+    "kahan_li8": composition(
+        8, KAHAN_LI,
+        (0.13020248308889008087881763, 0.56116298177510838456196441, -0.38947496264484728640807860,
+         0.15884190655515560089621075, -0.39590389413323757733623154, 0.18453964097831570709183254,
+         0.25837438768632204729397911, 0.29501172360931029887096624),
+    ),
+    "sofroniou_spaletta10": composition(
+        10, "Sofroniou and Spaletta, Optim. Methods Softw. 20 (2005) 597",
+        (0.07879572252168641, 0.3130961034151085, 0.027918383235078066, -0.22959284159390708, 0.13096206107716488,
+         -0.2697334056545107, 0.07497334315589144, 0.1119934239998102, 0.36613344954622673, -0.3991056301360359,
+         0.10308739852747108, 0.41143087395589023, -0.0048663605831352616, -0.3920333537086399, 0.05194250296244965,
+         0.050665090759924494, 0.049674370639729876),
+    ),
+}  # fmt: skip
+
+
+# ------------------------------------------------------------------------------------ kernels
+
+A, B, C, D, STRIDE = range(5)  # places in each group of constants: one rotation, one kick
+PART = 0.25  # z = (angle/2)² of a turn made at once: an angle of 1
+MOST = 128.0**2  # z beyond which no turn is made: an angle of 256
+TOO_FAR = 1
+FAILURES = {TOO_FAR: "the axis turns by more than 256 radians in one part of the step; take a smaller |h|"}
+
+
+@inlined
+def small_coefficients(z):
+    """a/z and b/z of the rotation, 0 <= z <= 1/4; a and b to 3e-19.
+
+    Least squares, one coefficient rounded after the other, so that the next ones mend what its rounding does: the rounded
+    polynomials keep |x|² to 2e-19.
+    """
+    z2 = z * z
+    z4 = z2 * z2
+    a = (-0.3333333333333333 + 0.2666666666666631 * z) + z2 * (-0.025396825396671374 + 0.001410934741425644 * z)
+    b = (-0.6666666666666666 + 0.08888888888888634 * z) + z2 * (-0.006349206349141372 + 0.00028218694802735093 * z)
+    a += z4 * ((-5.1306691152203537e-05 + 1.315420958644531e-06 * z) - 2.470580985210812e-08 * z2)
+    b += z4 * ((-8.55111385492195e-06 + 1.8791375066112914e-07 * z) - 3.08449838086915e-09 * z2)
+    return a, b
+
+
+@inlined
+def turn(x1, x2, x3, v1, v2, v3, a, b, z):
+    """Change of x by the rotation about v, |v|² = z; a and b stand for a/z and b/z."""
+    u1, u2, u3 = v2 * x3 - v3 * x2, v3 * x1 - v1 * x3, v1 * x2 - v2 * x1
+    p1, p2, p3 = v2 * u3 - v3 * u2, v3 * u1 - v1 * u3, v1 * u2 - v2 * u1
+    r1, r2, r3 = v2 * p3 - v3 * p2, v3 * p1 - v1 * p3, v1 * p2 - v2 * p1
+    return (
+        (2.0 * (u1 + p1) + r1) + (a * (z * u1) + b * (z * p1)),
+        (2.0 * (u2 + p2) + r2) + (a * (z * u2) + b * (z * p2)),
+        (2.0 * (u3 + p3) + r3) + (a * (z * u3) + b * (z * p3)),
+    )
+
+
+@inlined
+def add(x, lost, change, compensated):
+    """x + change, and what was lost in it (Knuth's sum of two, exact)."""
+    if not compensated:
+        return x + change, lost
+    change += lost
+    y = x + change
+    back = y - x
+    return y, (x - (y - back)) + (change - back)
+
+
+@inlined
+def compose(s, c, tally, gradients, compensated):
+    """One step: rotation and kick for each group of constants; `gradients` 0, 1 or 2 terms in each kick."""
+    J1, J2, J3, x1, x2, x3 = s
+    k1 = k2 = l1 = l2 = l3 = 0.0
+    if compensated:
+        k1, k2, l1, l2, l3 = tally[MEMORY], tally[MEMORY + 1], tally[MEMORY + 2], tally[MEMORY + 3], tally[MEMORY + 4]
+    for i in range(0, c.size, STRIDE):
+        v1, v2, v3 = c[i + A] * J1, c[i + A] * J2, c[i + A] * J3
+        z = (v1 * v1 + v2 * v2) + v3 * v3
+        parts = 1
+        if z > PART:
+            if not z <= MOST:
+                tally[FAILURE] = TOO_FAR
+                return s
+            while z > PART:
+                v1, v2, v3, z, parts = 0.5 * v1, 0.5 * v2, 0.5 * v3, 0.25 * z, 2 * parts
+        a, b = small_coefficients(z)
+        d1, d2, d3 = turn(x1, x2, x3, v1, v2, v3, a, b, z)
+        x1, l1 = add(x1, l1, d1, compensated)
+        x2, l2 = add(x2, l2, d2, compensated)
+        x3, l3 = add(x3, l3, d3, compensated)
+        for _ in range(1, parts):
+            d1, d2, d3 = turn(x1, x2, x3, v1, v2, v3, a, b, z)
+            x1, l1 = add(x1, l1, d1, compensated)
+            x2, l2 = add(x2, l2, d2, compensated)
+            x3, l3 = add(x3, l3, d3, compensated)
+        kick = c[i + B]
+        if gradients > 0:
+            kick += c[i + C] * x3
+        if gradients > 1:
+            kick += c[i + D] * ((x1 * x1 + x2 * x2) - 2.0 * (x3 * x3))
+        J1, k1 = add(J1, k1, -(kick * x2), compensated)
+        J2, k2 = add(J2, k2, kick * x1, compensated)
+    if compensated:
+        tally[MEMORY], tally[MEMORY + 1], tally[MEMORY + 2], tally[MEMORY + 3], tally[MEMORY + 4] = k1, k2, l1, l2, l3
+    return J1, J2, J3, x1, x2, x3
+
+
+@inlined
+def plain(s, c, tally):
+    return compose(s, c, tally, 0, False)
+
+
+@inlined
+def gradient(s, c, tally):
+    return compose(s, c, tally, 1, False)
+
+
+@inlined
+def two_gradients(s, c, tally):
+    return compose(s, c, tally, 2, False)
+
+
+@inlined
+def plain_compensated(s, c, tally):
+    return compose(s, c, tally, 0, True)
+
+
+@inlined
+def gradient_compensated(s, c, tally):
+    return compose(s, c, tally, 1, True)
+
+
+@inlined
+def two_gradients_compensated(s, c, tally):
+    return compose(s, c, tally, 2, True)
+
+
+KERNELS = (plain, gradient, two_gradients), (plain_compensated, gradient_compensated, two_gradients_compensated)
+
+
+@inlined
+def process(s, g):
+    """The exact flow of [A,B] for a time 2g/alpha. Its Hamiltonian is alpha (x2 J1 − x1 J2), linear in J.
+
+    x runs along its meridian: with D = cosh σ + (x3/|x|) sinh σ and σ = 2g|x|, (x1, x2) becomes (x1, x2)/D and x3
+    (x3 cosh σ + |x| sinh σ)/D. Here sinh(σ/2) = g|x| in place of σ/2. That makes all of it algebraic, and is a change
+    of time of relative order g²|x|²: |x| being a Casimir function, the map is still Poisson, and still even in h.
+    """
+    J1, J2, J3, x1, x2, x3 = s
+    w1, w2, w3 = g * x1, g * x2, g * x3
+    square = (w1 * w1 + w2 * w2) + w3 * w3
+    twice, cosh = 2.0 * math.sqrt(1.0 + square), 1.0 + 2.0 * square
+    D = cosh + twice * w3
+    z = cosh * x3 + twice * ((w1 * x1 + w2 * x2) + w3 * x3)
+    return D * J1 - twice * J3 * w1, D * J2 - twice * J3 * w2, J3, x1 / D, x2 / D, z / D
+
+
+@jit
+def map_rows(rows, before, flow, after, tally):
+    """Of each row, in place: the flow of [A,B], one rotation and one kick, the flow of [A,B]."""
+    for row in rows:
+        s = process((row[0], row[1], row[2], row[3], row[4], row[5]), before)
+        s = process(compose(s, flow, tally, 2, False), after)
+        row[0], row[1], row[2], row[3], row[4], row[5] = s
+
+
+# ------------------------------------------------------------------------------------ steppers
+
+
+def groups(scheme: Scheme) -> tuple[Array, Array]:
+    """The step that is repeated, as groups (a, b, c, d) of a rotation and a kick, and the flow that begins the scheme.
+
+    A B A … B A becomes (A² B)(A B) …, entered by A⁻¹; B A B … A B becomes (A B) … (A B²), entered by B.
+    """
+    none = (0.0,) * len(scheme.b)
+    rotations, kicks = np.array(scheme.a), np.column_stack((scheme.b, scheme.c or none, scheme.d or none))
+    first = np.zeros(STRIDE)
+    if scheme.first == "A":
+        first[A] = -rotations[0]
+        rotations = np.append(rotations[0] + rotations[-1], rotations[1:-1])
+    else:
+        first[B:] = kicks[0]
+        kicks = np.vstack((kicks[1:-1], kicks[0] + kicks[-1]))
+    return np.column_stack((rotations, kicks)), first
+
+
+class SplittingStepper(FixedStepper):
+    """Runs over the conjugate of a scheme; states enter and leave through its first flow and its processor."""
+
+    def __init__(self, name: str, top: LagrangeTop, h: float, scheme: Scheme, compensated: bool):
+        steps, first = groups(scheme)
+        with np.errstate(all="ignore"):
+            force = np.float64(top.alpha) * h  # the size of a kick; its gradients come with factors alpha h²
+            scales = np.array((0.5 * h, force, 2.0 * force * (force * h), -2.0 * force * (force * h) ** 2))
+            constants = np.where(steps == 0.0, 0.0, steps * scales).ravel()
+            self._first = np.where(first == 0.0, 0.0, first * scales)
+            self._processor = float(0.5 * scheme.processor * force * h)
+        if not (np.all(np.isfinite(constants)) and np.isfinite(self._processor)):
+            raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
+        kernel = KERNELS[compensated][bool(scheme.c) + bool(scheme.d)]
+        super().__init__(
+            name, h, constants, kernel, enter=self._enter, leave=self._leave, rhs_per_step=len(steps), failures=FAILURES
+        )
+        self._map(np.zeros((1, 6)), 0.0, self._first, 0.0)  # compile
+
+    def _enter(self, y: Array) -> Array:
+        return self._map(np.array(y)[None], self._processor, self._first, 0.0)[0]
+
+    def _leave(self, rows: Array) -> Array:
+        return self._map(rows, 0.0, -self._first, -self._processor)
+
+    def _map(self, rows: Array, before: float, flow: Array, after: float) -> Array:
+        tally = np.zeros(SIZE)
+        map_rows(rows, before, flow, after, tally)
+        if tally[FAILURE] or not np.all(np.isfinite(rows)):
+            left = "the state left the range of floating-point numbers"
+            raise StepError(self.name, FAILURES.get(int(tally[FAILURE]), left), h=self.h)
+        return rows
+
+
+def prepare(name: str, top: LagrangeTop, y0: Array, h: float, *, compensated: bool = False) -> SplittingStepper:
+    """`compensated`: what rounding takes from a sum is kept for the next one, from step to step within a call."""
+    return _stepper(name, name, top, h, compensated)
+
+
+def prepare_any(
+    top: LagrangeTop, y0: Array, h: float, *, scheme: str = "strang", compensated: bool = False
+) -> SplittingStepper:
+    """Any of SCHEMES by name, whatever its order; `compensated` as in `prepare`."""
+    if scheme not in SCHEMES:
+        raise ValueError(f"unknown scheme {scheme!r}{suggestion(str(scheme), SCHEMES)} Known: {', '.join(SCHEMES)}")
+    return _stepper("strang", scheme, top, h, compensated)
+
+
+def _stepper(name: str, scheme: str, top: LagrangeTop, h: float, compensated: bool) -> SplittingStepper:
+    if not isinstance(compensated, (bool, np.bool_)):
+        raise ValueError(f"compensated must be True or False; got {compensated!r}")
+    return SplittingStepper(name, top, h, SCHEMES[scheme], bool(compensated))
+
+
+# ------------------------------------------------------------------------------------ records
+
+
+def _record(name: str, label: str) -> Method:
+    return Method(
+        name=name,
+        label=label,
+        family="splitting",
+        order=SCHEMES[name].order,
+        symmetric=True,
+        poisson=True,
+        conserves=frozenset({"J3", "C1", "C2"}),
+        control="step",
+        source=SCHEMES[name].source,
+        prepare=partial(prepare, name),
+    )
+
+
+STRANG = replace(_record("strang", "Strang"), prepare=prepare_any)
+TAKAHASHI_IMADA = _record("takahashi_imada", "Takahashi–Imada, processed")
+BLANES_MOAN4 = _record("blanes_moan4", "Blanes–Moan 4")
+FORCE_GRADIENT4 = _record("force_gradient4", "Force gradient 4")
+FORCE_GRADIENT6 = _record("force_gradient6", "Force gradient 6")
+BLANES_MOAN6 = _record("blanes_moan6", "Blanes–Moan 6")
+KAHAN_LI6 = _record("kahan_li6", "Kahan–Li 6")
+KAHAN_LI8 = _record("kahan_li8", "Kahan–Li 8")
+SOFRONIOU_SPALETTA10 = _record("sofroniou_spaletta10", "Sofroniou–Spaletta 10")
