@@ -67,7 +67,7 @@ def test_any_output_times(name):
     assert integrate(GENERIC.top, GENERIC.state, t=[], method=name).y.shape == (0, 6)
 
 
-@pytest.mark.parametrize("name", ["taylor", "rk45"])
+@pytest.mark.parametrize("name", ["taylor", "taylor_accurate", "taylor_compact", "rk45"])
 def test_dense_output_is_the_same_at_any_times_and_on_a_grid(name):
     record = method(name)
     grid = prepare(GENERIC.top, GENERIC.state, -0.3, name).record(GENERIC.state, 100, 5)
@@ -142,6 +142,92 @@ def test_taylor_says_what_heyoka_says():
         with pytest.raises(StepError, match=r"taylor at h = 0\.1, step 0: heyoka: err_nf_state"):
             call(np.full(6, np.nan))
     assert np.all(np.isfinite(stepper.advance(GENERIC.state, 1)))  # and is none the worse for it
+
+
+@pytest.mark.parametrize(
+    ("name", "high_accuracy", "compact_mode"), [("taylor_accurate", True, False), ("taylor_compact", False, True)]
+)
+def test_taylor_variants_are_heyokas_switches(name, high_accuracy, compact_mode):
+    """The bits of heyoka with that switch, which are not those of `taylor`; both name themselves."""
+    record = method(name)
+    ta = copy.deepcopy(taylor.compile_integrator(EPS, high_accuracy, compact_mode))
+    assert (ta.high_accuracy, ta.compact_mode) == (high_accuracy, compact_mode)
+    ta.time, ta.state[:], ta.pars[0] = 0.0, GENERIC.state, GENERIC.alpha
+    ta.propagate_until(500 * 0.1)
+    y = prepare(GENERIC.top, GENERIC.state, 0.1, name).advance(GENERIC.state, 500)
+    assert np.array_equal(y, ta.state)
+    assert not np.array_equal(y, prepare(GENERIC.top, GENERIC.state, 0.1, "taylor").advance(GENERIC.state, 500))
+    assert record.options == ("tol",)
+    with pytest.raises(StepError, match=f"^{name} at"):
+        prepare(GENERIC.top, GENERIC.state, 0.1, name).advance(np.full(6, np.nan), 1)
+    with pytest.raises(ValueError, match="tol"):
+        prepare(GENERIC.top, GENERIC.state, 0.1, name, tol=0.0)
+
+
+def many_tops(n):
+    draw = np.random.default_rng(n)
+    return draw.normal(size=n), draw.normal(size=(n, 6))
+
+
+@pytest.mark.parametrize(("n", "width"), [(1, 4), (4, 4), (11, 4), (3, 1), (5, None)])
+@pytest.mark.parametrize("times", [[7.0], [0.0, 0.5, 2.0, 7.0], [-0.5, -7.0], [0.0], []])
+def test_taylor_batch_is_each_top_for_itself(n, width, times):
+    """Each with its own alpha; n need not be a multiple of the width. Other code than one top's: round-off."""
+    method("taylor")
+    alphas, Y0 = many_tops(n)
+    states = taylor.propagate_batch(alphas, Y0, times, batch_size=width)
+    assert states.shape == (len(times), n, 6)
+    for i in range(n):
+        top = LagrangeTop(alphas[i])
+        alone = METHODS["taylor"].evaluate(top, Y0[i], np.array(times, dtype=float))[0]
+        if times:
+            assert np.max(metrics.scaled_error(top, Y0[i], states[:, i], alone)) < 2e-14
+        if times and times[0] == 0.0:
+            assert np.array_equal(states[0, i], Y0[i])
+
+
+def test_taylor_batch_in_pieces_changes_no_bit(monkeypatch):
+    method("taylor")
+    alphas, Y0 = many_tops(6)
+    whole = [taylor.propagate_batch(alphas, Y0, t, batch_size=4) for t in ([30.0], [10.0, 20.0, 30.0])]
+    monkeypatch.setattr(taylor, "INTERRUPTIBLE", 7)
+    for states, t in zip(whole, ([30.0], [10.0, 20.0, 30.0]), strict=True):
+        assert np.array_equal(taylor.propagate_batch(alphas, Y0, t, batch_size=4), states)
+
+
+def test_taylor_batch_meets_its_tolerance_and_its_own_alpha():
+    """Negative control: with the alphas the other way round the states are others."""
+    method("taylor")
+    alphas, Y0 = many_tops(5)
+    loose = taylor.propagate_batch(alphas, Y0, [20.0], tol=1e-6)
+    tight, other = (taylor.propagate_batch(a, Y0, [20.0]) for a in (alphas, alphas[::-1]))
+    for i, alpha in enumerate(alphas):
+        top = LagrangeTop(alpha)
+        truth = exact.solution(top, Y0[i], [20.0])[0]
+        assert metrics.scaled_error(top, Y0[i], tight[0, i], truth) < 1e-12
+        assert 1e-10 < metrics.scaled_error(top, Y0[i], loose[0, i], truth) < 1e-3
+        assert i == 2 or metrics.scaled_error(top, Y0[i], other[0, i], truth) > 1e-3
+
+
+def test_taylor_batch_says_which_top_failed():
+    method("taylor")
+    alphas, Y0 = many_tops(6)
+    Y0[5] *= 1e200  # its series overflows
+    for times in ([1.0], [0.5, 1.0]):
+        with pytest.raises(StepError, match=r"taylor.*heyoka: err_nf_state, top 5 of the batch"):
+            taylor.propagate_batch(alphas, Y0, times, batch_size=4)
+    for wrong in (
+        {"alphas": alphas[:5]},
+        {"Y0": Y0[0]},
+        {"Y0": np.full((6, 6), np.nan)},
+        {"times": [1.0, -1.0]},
+        {"times": [1.0, 1.0]},
+        {"times": [np.inf]},
+        {"batch_size": 0},
+        {"tol": 2.0},
+    ):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            taylor.propagate_batch(**({"alphas": alphas, "Y0": Y0, "times": [1.0]} | wrong))
 
 
 # ---------------------------------------------------------------- Runge-Kutta

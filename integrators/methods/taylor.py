@@ -5,7 +5,10 @@
 h would be a straw man: the order follows from the tolerance, the step from the decay of the coefficients.
 heyoka's tolerance is relative above norm 1 and absolute below: a state much smaller than 1 wants other units. A state so
 large that its twentieth power overflows ends in a StepError (not in `taylor_fixed`, whose coefficients carry powers of h).
-alpha is a runtime parameter, so heyoka compiles once per (tol, high_accuracy) and process.
+alpha is a runtime parameter, so heyoka compiles once per process for each tolerance and variant.
+
+`taylor_accurate` adds compensated summation of the series, `taylor_compact` the machine code heyoka makes for large systems
+(loops over tables instead of unrolled; slower here). `propagate_batch` runs many tops at once, one in each SIMD lane.
 
 `taylor_fixed` sums the same series at a fixed h. It is a recurrence compiled here and not heyoka's `write_tc` with
 `update_d_output`: that is a Python call per step, 1 µs against 0.3 µs of arithmetic, and heyoka is not to be had everywhere.
@@ -20,10 +23,13 @@ Source: Jorba & Zou, Exp. Math. 14 (2005) 99; Biscani & Izzo, MNRAS 504 (2021) 2
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from integrators.compiled import jit, stack
 from integrators.dense import DenseStepper, Run, at_times
@@ -42,44 +48,70 @@ SCRATCH = 8 * (MAX_ORDER + 1)
 
 def prepare(top: LagrangeTop, y0: Array, h: float, *, tol: float = EPS, high_accuracy: bool = False) -> DenseStepper:
     """Natural steps with the local error kept below `tol` (relative above norm 1); `high_accuracy`: compensated sums."""
-    return DenseStepper("taylor", h, _runner(top, tol, high_accuracy))
+    return DenseStepper("taylor", h, _runner("taylor", top, tol, high_accuracy))
 
 
 def evaluate(
     top: LagrangeTop, y0: Array, times: Array, *, tol: float = EPS, high_accuracy: bool = False
 ) -> tuple[Array, Work]:
     """Dense output at any times; options as in `prepare`."""
-    return at_times("taylor", _runner(top, tol, high_accuracy), y0, times)
+    return at_times("taylor", _runner("taylor", top, tol, high_accuracy), y0, times)
 
 
-@lru_cache(maxsize=64)
-def compile_integrator(tol: float, high_accuracy: bool) -> Any:
-    """heyoka's integrator for one tolerance. It has a state: take a copy."""
+def variant(name: str, high_accuracy: bool = False, compact_mode: bool = False) -> tuple[Callable, Callable]:
+    """`prepare` and `evaluate` of a method that sets heyoka's switches for good."""
+
+    def prepare(top: LagrangeTop, y0: Array, h: float, *, tol: float = EPS) -> DenseStepper:
+        return DenseStepper(name, h, _runner(name, top, tol, high_accuracy, compact_mode))
+
+    def evaluate(top: LagrangeTop, y0: Array, times: Array, *, tol: float = EPS) -> tuple[Array, Work]:
+        return at_times(name, _runner(name, top, tol, high_accuracy, compact_mode), y0, times)
+
+    return prepare, evaluate
+
+
+def equations() -> list[Any]:
+    """The equations of motion in heyoka's symbols, alpha its first runtime parameter."""
     import heyoka as hy
 
     hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
     J1, J2, J3, x1, x2, x3 = hy.make_vars("J1", "J2", "J3", "x1", "x2", "x3")
     alpha = hy.par[0]
-    equations = [(J1, -alpha * x2), (J2, alpha * x1), (J3, hy.expression(0.0))]
-    equations += [(x1, J2 * x3 - J3 * x2), (x2, J3 * x1 - J1 * x3), (x3, J1 * x2 - J2 * x1)]
+    moments = [(J1, -alpha * x2), (J2, alpha * x1), (J3, hy.expression(0.0))]
+    return [*moments, (x1, J2 * x3 - J3 * x2), (x2, J3 * x1 - J1 * x3), (x3, J1 * x2 - J2 * x1)]
+
+
+@lru_cache(maxsize=64)
+def compile_integrator(tol: float, high_accuracy: bool, compact_mode: bool = False) -> Any:
+    """heyoka's integrator for one tolerance. It has a state: take a copy."""
+    import heyoka as hy
+
     return hy.taylor_adaptive(
-        equations, [1.0] * 6, pars=[1.0], tol=tol, high_accuracy=high_accuracy, compact_mode=False
+        equations(), [1.0] * 6, pars=[1.0], tol=tol, high_accuracy=high_accuracy, compact_mode=compact_mode
     )
 
 
-def _runner(top: LagrangeTop, tol: float, high_accuracy: bool) -> Run:
+def check_tolerance(tol: Any) -> float:
     tol = check_real(tol, "tol")
     if not EPS <= tol <= 1:
         raise ValueError(f"tol must be between {EPS:.3g} (machine epsilon) and 1; got {tol:g}")
+    return tol
+
+
+def _runner(name: str, top: LagrangeTop, tol: float, high_accuracy: bool, compact_mode: bool = False) -> Run:
+    tol = check_tolerance(tol)
     if not isinstance(high_accuracy, (bool, np.bool_)):
         raise ValueError(f"high_accuracy must be True or False; got {high_accuracy!r}")
-    ta = copy.deepcopy(compile_integrator(tol, bool(high_accuracy)))
+    ta = copy.deepcopy(compile_integrator(tol, bool(high_accuracy), compact_mode))
     ta.pars[0] = top.alpha
 
     def run(y: Array, grid: Array, work: Work) -> Array:
         ta.time = 0.0
         ta.state[:] = y
-        out, steps = _until(ta, grid[0]) if len(grid) == 1 else _on_grid(ta, y, grid)
+        try:
+            out, steps = _until(ta, grid[0]) if len(grid) == 1 else _on_grid(ta, y, grid)
+        except StepError as error:
+            raise StepError(name, error.reason, step=error.step) from None
         work.steps += steps
         work.rhs_evals += steps * ta.order
         return out
@@ -127,15 +159,11 @@ def compile_body(tol: float, high_accuracy: bool) -> Any:
     """heyoka's integrator for (J, x) and the quaternion g of the frame that turns with J, g' = J g/2."""
     import heyoka as hy
 
-    hy.set_logger_level_critical()
-    J1, J2, J3, x1, x2, x3, a, b, c, d = hy.make_vars("J1", "J2", "J3", "x1", "x2", "x3", "a", "b", "c", "d")
-    equations = [(J1, -hy.par[0] * x2), (J2, hy.par[0] * x1), (J3, hy.expression(0.0))]
-    equations += [(x1, J2 * x3 - J3 * x2), (x2, J3 * x1 - J1 * x3), (x3, J1 * x2 - J2 * x1)]
-    equations += [(a, -0.5 * (J1 * b + J2 * c + J3 * d)), (b, 0.5 * (J1 * a + J2 * d - J3 * c))]
-    equations += [(c, 0.5 * (J2 * a + J3 * b - J1 * d)), (d, 0.5 * (J3 * a + J1 * c - J2 * b))]
-    return hy.taylor_adaptive(
-        equations, [1.0] * 10, pars=[1.0], tol=tol, high_accuracy=high_accuracy, compact_mode=False
-    )
+    system = equations()
+    J1, J2, J3, a, b, c, d = hy.make_vars("J1", "J2", "J3", "a", "b", "c", "d")
+    system += [(a, -0.5 * (J1 * b + J2 * c + J3 * d)), (b, 0.5 * (J1 * a + J2 * d - J3 * c))]
+    system += [(c, 0.5 * (J2 * a + J3 * b - J1 * d)), (d, 0.5 * (J3 * a + J1 * c - J2 * b))]
+    return hy.taylor_adaptive(system, [1.0] * 10, pars=[1.0], tol=tol, high_accuracy=high_accuracy, compact_mode=False)
 
 
 def attitude(
@@ -158,6 +186,93 @@ def attitude(
     g = out[:, 6:]
     unit: Array = g / np.linalg.norm(g, axis=1, keepdims=True)
     return unit
+
+
+# ------------------------------------------------------------------------------------ many tops at once, heyoka
+
+
+def propagate_batch(
+    alphas: ArrayLike, Y0: ArrayLike, times: ArrayLike, tol: float = EPS, batch_size: int | None = None
+) -> Array:
+    """States (len(times), n, 6) of n tops, `alphas` (n,) and initial states Y0 (n, 6), each on natural steps of its own.
+
+    `batch_size` tops share one SIMD register, by default as many as the processor has lanes for; `times` lead away from 0
+    (which may be among them) in one direction. A single top in a batch of one is `taylor` up to round-off.
+    """
+    alphas, Y0, times = (np.asarray(a, dtype=np.float64) for a in (alphas, Y0, times))
+    if Y0.ndim != 2 or Y0.shape[1] != 6 or not np.all(np.isfinite(Y0)):
+        raise ValueError(f"Y0 must be finite states (n, 6); got shape {Y0.shape}")
+    n = len(Y0)
+    if alphas.shape != (n,) or not np.all(np.isfinite(alphas)):
+        raise ValueError(f"alphas must be {n} finite numbers, one for each state; got shape {alphas.shape}")
+    if times.ndim != 1 or not np.all(np.isfinite(times)):
+        raise ValueError("times must be a one-dimensional array of finite numbers")
+    steps = np.diff(times, prepend=0.0)
+    if not (np.all(steps[1:] > 0) and np.all(times >= 0)) and not (np.all(steps[1:] < 0) and np.all(times <= 0)):
+        raise ValueError("times must lead away from 0 in one direction, each once")
+    tol = check_tolerance(tol)
+    width = recommended_width() if batch_size is None else check_count(batch_size, "batch_size", least=1)
+    out = np.empty((len(times), n, 6))
+    moving = times != 0.0
+    out[~moving] = Y0
+    if not np.any(moving) or n == 0:
+        return out
+    ta = copy.deepcopy(compile_batch(tol, width))
+    for first in range(0, n, width):
+        places = np.minimum(np.arange(first, first + width), n - 1)  # the last top fills up the last register
+        ta.set_time(0.0)
+        ta.pars[:] = alphas[places]
+        ta.state[:] = Y0[places].T
+        states = _batch_on_grid(ta, times[moving], first)
+        out[moving, first : first + width] = states.transpose(0, 2, 1)[:, : n - first]
+    if not np.all(np.isfinite(out)):
+        raise StepError("taylor", "in a batch, a state left the range of floating-point numbers")
+    return out
+
+
+def recommended_width() -> int:
+    """Doubles in a SIMD register of this machine."""
+    import heyoka as hy
+
+    return int(hy.recommended_simd_size())
+
+
+@lru_cache(maxsize=16)
+def compile_batch(tol: float, width: int) -> Any:
+    """heyoka's integrator for `width` tops at once. It has a state: take a copy."""
+    import heyoka as hy
+
+    return hy.taylor_adaptive_batch(
+        equations(), np.ones((6, width)), pars=np.ones((1, width)), tol=tol, compact_mode=False
+    )
+
+
+def _batch_on_grid(ta: Any, times: Array, first: int) -> Array:
+    """States (len(times), 6, width) from the present one, at time 0; `first` is the number of the first top."""
+    start = ta.state.copy()
+    for limit in ({"max_steps": INTERRUPTIBLE}, {"callback": lambda ta: True}):  # as in `_on_grid`
+        ta.set_time(0.0)
+        ta.state[:] = start
+        if len(times) == 1:
+            ta.propagate_until(np.full(ta.batch_size, times[0]), **limit)
+            states: Array = ta.state.copy()[None]
+        else:
+            grid = np.repeat(np.concatenate(((0.0,), times))[:, None], ta.batch_size, axis=1)
+            states = ta.propagate_grid(grid, **limit)[1][1:]
+        if not _limited(ta, first):
+            break
+    return states
+
+
+def _limited(ta: Any, first: int) -> bool:
+    """Whether a lane stopped for the limit of steps; StepError if one stopped for a reason of its own."""
+    import heyoka as hy
+
+    good = (hy.taylor_outcome.time_limit, hy.taylor_outcome.step_limit, hy.taylor_outcome.success)
+    for lane, (outcome, _, _, steps) in enumerate(ta.propagate_res):
+        if outcome not in good:
+            raise StepError("taylor", f"heyoka: {outcome.name}, top {first + lane} of the batch", step=steps)
+    return any(result[0] != hy.taylor_outcome.time_limit for result in ta.propagate_res)
 
 
 # ------------------------------------------------------------------------------------ fixed steps, compiled
@@ -219,6 +334,26 @@ NATURAL = Method(
     attitude=attitude,
     requires="heyoka",
     engine="heyoka",
+)
+
+ACCURATE_PREPARE, ACCURATE_EVALUATE = variant("taylor_accurate", high_accuracy=True)
+ACCURATE = replace(
+    NATURAL,
+    name="taylor_accurate",
+    label="Taylor (heyoka), compensated",
+    prepare=ACCURATE_PREPARE,
+    evaluate=ACCURATE_EVALUATE,
+    attitude=None,
+)
+
+COMPACT_PREPARE, COMPACT_EVALUATE = variant("taylor_compact", compact_mode=True)
+COMPACT = replace(
+    NATURAL,
+    name="taylor_compact",
+    label="Taylor (heyoka), compact code",
+    prepare=COMPACT_PREPARE,
+    evaluate=COMPACT_EVALUATE,
+    attitude=None,
 )
 
 FIXED = Method(

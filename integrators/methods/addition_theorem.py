@@ -1,0 +1,329 @@
+"""The exact time-h map in rational form, by the addition theorems of Weierstrass' and Lamé's functions.
+
+In the closed-form solution Y(t) = alpha x3/2 satisfies Y'² = 4Y³ − 2HY² + G1 Y + G0, so Y = ℘ + H/6; and J+ = J1 + iJ2 obeys
+J+' = i alpha x+ and, freed of a rotation, Lamé's equation: u = J+ e^{−i J3 t/2}, u'' = (2Y − J3²/4) u. Over a step h,
+
+    u(t + h) = M11 u + M12 u',    μ = (Y'(h) − Y'(t)) / (2 (Y(h) − Y(t)))
+    M11 = −c1 (Y(h) − J3²/4 + Y(t)) − c0 μ        M12 = c0 + c1 μ        Y(t + h) = μ² − Y(t) − Y(h) + H/2,
+
+where Y(h) and the constants c1 = −φ(h)/3, c0 = φ'(h)/3 belong to the torus: Y(h) is the solution with the pole at h = 0,
+φ that of Lamé's equation with φ ~ h² there. (M12 is an elliptic function of t with simple poles where Y(t) or Y(t + h) has
+its own, hence linear in μ; the rest follows from M' = A(t + h) M − M A(t), A = (0, 1; 2Y − J3²/4, 0).) On real orbits
+Y(h) > Y(t): the one denominator does not vanish. The familiar form, x+(t + h)/x+(t) as a quotient of elliptic functions,
+divides by x+, which vanishes where the axis passes a pole; and ℘ in place of Y loses the digits of H/6 in a fast top.
+
+Written for x3, x+ = x1 + ix2 and J+ nothing divides by alpha. With p = 1/Y(h), n = −p', χ = φ/p,
+e = (n x3 − p x3')/(2 − alpha p x3), all updates are increments of size h, and h = 0, p = 0 is a regular point.
+
+Off the torus the map is not the flow and leads further off, exponentially. So the state is moved back onto H, C1 and C2 every
+few steps, in every step if h is long. And where a long step takes Y(h) close to the orbit's largest Y(t), which it can only
+near the separatrix, the denominator loses the digits of x3: such steps are refused.
+
+Set-up, in double-double: p and φ from their power series at h/2^k, then k doublings, t = h in the formulas above. h is taken
+modulo the nutation period; a whole period is a rotation about e3.
+
+Sources: Whittaker & Watson, A Course of Modern Analysis, 20.3 and 23.7; DLMF 23.10, 29.2; matrix form: this project.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from integrators.compiled import jit
+from integrators.integrable import time_step as ts
+from integrators.integrable.double_double import add, cadd, cmul, cscale, dd, div, mul, neg, scale, sqrt, sub
+from integrators.integrable.real_map import ALPHA, C1, C1_LO, C2, C2_LO, H_LO, J3_2, H
+from integrators.integrable.real_map import pin as onto_torus
+from integrators.interface import Array, Method, StepError, check_count
+from integrators.loops import NEVER, FixedStepper
+from integrators.methods.backlund import TorusStepper, Units, check_span
+from integrators.top import LagrangeTop
+
+# places of the constants, behind those of the torus; complex ones take two
+HALF_N, HALF_P, HALF_ALPHA_P, HALF_ALPHA, D0, D1, D2 = range(C2_LO + 1, C2_LO + 8)
+G, GX, GE, GE_X, K1, K2, K3, L = range(C2_LO + 8, C2_LO + 24, 2)
+SIZE = L + 2
+
+TERMS = 9  # of the power series in h²
+START = 2.0**-8  # times up to this, in units of 1/(|J| + √(|alpha||x|)) up to a factor two, start from the series
+
+LONG = 0.5  # |h|, in the same units, from which the state is moved back onto its torus in every step
+LEAST = 1e-3  # of 1 − Y(t)/Y(h): the map loses at most some four digits
+
+ZERO, ONE = (0.0, 0.0), (1.0, 0.0)
+
+
+@jit
+def step(s, c, tally):
+    """The map; (a, b) stands for a + ib."""
+    J1, J2, J3, x1, x2, x3 = s
+    v = J1 * x2 - J2 * x1  # x3'
+    r = 1.0 / (1.0 - c[HALF_ALPHA_P] * x3)
+    e = (c[HALF_N] * x3 - c[HALF_P] * v) * r
+    d = (c[D0] + c[HALF_ALPHA] * (e * e)) + ((c[D1] + c[D2] * x3) * x3 - c[HALF_N] * v) * r
+    z = x3 + d
+    # J+ += a J+ − alpha k x+,  x+ += b x+ + f J+
+    a1 = (c[G] + c[GE] * e) + c[L + 1] * x3
+    a2 = (c[G + 1] + c[GE + 1] * e) - c[L] * x3
+    b1 = (c[GX] + c[GE_X] * e) + c[L + 1] * z
+    b2 = (c[GX + 1] + c[GE_X + 1] * e) - c[L] * z
+    k1 = c[K1] + c[L] * e
+    k2 = c[K1 + 1] + c[L + 1] * e
+    f1 = k1 * x3 + (c[K2] * d - c[K3] * v)
+    f2 = k2 * x3 + (c[K2 + 1] * d - c[K3 + 1] * v)
+    return (
+        J1 + ((a1 * J1 - a2 * J2) - c[ALPHA] * (k1 * x1 - k2 * x2)),
+        J2 + ((a1 * J2 + a2 * J1) - c[ALPHA] * (k1 * x2 + k2 * x1)),
+        J3,
+        x1 + ((b1 * x1 - b2 * x2) + (f1 * J1 - f2 * J2)),
+        x2 + ((b1 * x2 + b2 * x1) + (f1 * J2 + f2 * J1)),
+        z,
+    )
+
+
+# ------------------------------------------------------------------------------------ constants, in double-double
+
+
+@jit
+def cubic(alpha, y):
+    """The torus: H, J3, C1, C2; c1, c0 of x3'² = 2 alpha x3³ − 2H x3² + c1 x3 + c0; G1 = alpha c1/2, G0 = alpha² c0/4."""
+    q = ts.spectral_polynomial(alpha, y)
+    H_, m, C1_, C2_, a = scale(q[2], 0.5), dd(y[2]), q[0], scale(q[1], 0.5), dd(alpha)
+    c1 = scale(sub(mul(C2_, m), mul(a, C1_)), 2.0)
+    c0 = sub(mul(C1_, sub(q[2], mul(m, m))), mul(C2_, C2_))
+    return H_, m, C1_, C2_, c1, c0, scale(mul(a, c1), 0.5), scale(mul(mul(a, a), c0), 0.25)
+
+
+@jit
+def bracket(p, H_, G1, G0):
+    """p'²/p = 4 − 2Hp + G1 p² + G0 p³."""
+    return add(dd(4.0), mul(p, add(scale(H_, -2.0), mul(p, add(G1, mul(p, G0))))))
+
+
+@jit
+def product(a, b, j, low):
+    """Coefficient j of the product of two series whose coefficients start at `low`."""
+    s = dd(0.0)
+    for i in range(low, j - low + 1):
+        s = add(s, mul((a[i, 0], a[i, 1]), (b[j - i, 0], b[j - i, 1])))
+    return s
+
+
+@jit
+def start(torus, h):
+    """p, p', φ, φ' and e^{i J3 h/2} for a small time: power series in h², from p'' and p φ'' = (2 − J3² p/4) φ."""
+    H_, m, C1_, C2_, c1, c0, G1, G0 = torus
+    quarter = scale(mul(m, m), 0.25)
+    p, f, pp = np.zeros((TERMS + 1, 2)), np.zeros((TERMS + 1, 2)), np.zeros((TERMS + 1, 2))
+    p[1, 0] = f[1, 0] = 1.0
+    for j in range(1, TERMS):
+        pp[j, 0], pp[j, 1] = product(p, p, j, 1)
+        s = add(scale(mul(H_, (p[j, 0], p[j, 1])), -2.0), mul(mul(dd(1.5), G1), (pp[j, 0], pp[j, 1])))
+        s = add(s, scale(mul(G0, product(p, pp, j, 1)), 2.0))
+        p[j + 1, 0], p[j + 1, 1] = div(s, dd((2.0 * j + 2.0) * (2.0 * j + 1.0)))
+        s = mul(quarter, product(p, f, j + 1, 1))
+        for i in range(2, j + 2):
+            k = j + 2 - i
+            s = add(s, mul(mul((p[i, 0], p[i, 1]), (f[k, 0], f[k, 1])), dd(2.0 * k * (2.0 * k - 1.0))))
+        f[j + 1, 0], f[j + 1, 1] = neg(div(s, dd((2.0 * j + 2.0) * (2.0 * j + 1.0) - 2.0)))
+    hh = mul(h, h)
+    P = dP = F = dF = ZERO
+    for j in range(TERMS, 0, -1):
+        P, F = add(mul(P, hh), (p[j, 0], p[j, 1])), add(mul(F, hh), (f[j, 0], f[j, 1]))
+        dP = add(mul(dP, hh), mul((p[j, 0], p[j, 1]), dd(2.0 * j)))
+        dF = add(mul(dF, hh), mul((f[j, 0], f[j, 1]), dd(2.0 * j)))
+    angle = scale(mul(m, h), 0.5)
+    turn = (ONE, ZERO)
+    for k in range(TERMS + 4, 0, -1):  # exp(i angle) = 1 + i angle/1 (1 + i angle/2 (…))
+        a = div(angle, dd(float(k)))
+        turn = (sub(ONE, mul(a, turn[1])), mul(a, turn[0]))
+    return mul(P, hh), mul(dP, h), mul(F, hh), mul(dF, h), turn
+
+
+@jit
+def double_time(torus, p, dp, f, df, turn):
+    """The same at twice the time: t = h in the formulas of the module's docstring."""
+    H_, m, C1_, C2_, c1, c0, G1, G0 = torus
+    quarter = scale(mul(m, m), 0.25)
+    Hp, pp = mul(H_, p), mul(p, p)
+    Y = div(ONE, p)
+    dY = neg(div(dp, pp))
+    mu = neg(div(add(sub(dd(3.0), Hp), scale(mul(G1, pp), 0.25)), dp))  # Y''/(2Y')
+    B = bracket(p, H_, G1, G0)
+    p3 = mul(pp, p)
+    G11 = add(scale(mul(G1, G1), 0.0625), scale(mul(H_, G0), 0.5))
+    N = sub(ONE, sub(add(scale(mul(G1, pp), 0.5), scale(mul(G0, p3), 2.0)), mul(G11, mul(pp, pp))))
+    dN = add(neg(add(mul(G1, p), mul(mul(dd(6.0), G0), pp))), scale(mul(G11, p3), 4.0))
+    dpB = add(sub(dd(4.0), scale(Hp, 4.0)), add(mul(mul(dd(3.0), G1), pp), scale(mul(G0, p3), 4.0)))
+    p2 = div(mul(p, B), N)
+    dp2 = scale(mul(dp, div(sub(mul(dpB, N), mul(mul(p, B), dN)), mul(N, N))), 0.5)
+    V = sub(scale(Y, 2.0), quarter)
+    V2 = add(Y, sub(div(ONE, p2), quarter))
+    ff, fd, d2 = mul(f, f), scale(mul(f, df), 2.0), mul(df, df)
+    third = dd(3.0)
+    f2 = div(add(sub(mul(V, ff), mul(mu, fd)), d2), third)
+    df2 = div(sub(sub(mul(V2, fd), mul(mu, d2)), mul(ff, sub(mul(mu, V), dY))), third)
+    return p2, dp2, f2, df2, cmul(turn, turn)
+
+
+@jit
+def functions(torus, h):
+    """p, p', φ, φ' and e^{i J3 h/2} for |h| up to half a nutation period."""
+    doublings = 0
+    while abs(h[0]) > START:
+        h = scale(h, 0.5)
+        doublings += 1
+    p, dp, f, df, turn = start(torus, h)
+    for _ in range(doublings):
+        p, dp, f, df, turn = double_time(torus, p, dp, f, df, turn)
+    return p, dp, f, df, turn
+
+
+@jit
+def times_i(z):
+    return neg(z[1]), z[0]
+
+
+@jit
+def coefficients(alpha, torus, values, turn):
+    """All that a step needs, as double-doubles: real numbers, then complex ones, the latter turned about e3 by `turn`."""
+    H_, m, C1_, C2_, c1, c0, G1, G0 = torus
+    p, dp, f, df, own_turn = values
+    eps = cmul(own_turn, turn)
+    X, dX = ONE, ZERO  # χ = φ/p and its derivative
+    if p[0] != 0.0:
+        X = div(f, p)
+        dX = div(sub(df, mul(dp, X)), p)
+    third = div(ONE, dd(3.0))
+    a, half_m = dd(alpha), scale(m, 0.5)
+    k1, k0 = neg(mul(f, third)), mul(df, third)  # c1 and c0 of M
+    S = add(scale(mul(dp, X), 0.5), mul(mul(p, dX), third))
+    pp = mul(p, p)
+    inner = sub(ONE, mul(p, mul(add(scale(mul(m, m), 0.25), H_), third)))
+    inner = add(inner, mul(scale(mul(pp, add(G1, mul(p, G0))), 0.5), third))
+    a0 = add(mul(X, inner), scale(mul(mul(dX, dp), third), 0.5))
+    mS = mul(half_m, S)
+    reals = (
+        scale(dp, -0.5),
+        scale(p, 0.5),
+        scale(mul(a, p), 0.5),
+        scale(a, 0.5),
+        mul(p, add(scale(c1, 0.25), scale(mul(mul(a, c0), p), 0.125))),
+        sub(scale(bracket(p, H_, G1, G0), 0.5), dd(2.0)),
+        mul(a, p),
+    )
+    minus_one = (dd(-1.0), ZERO)
+    g = cadd(cmul(eps, (a0, neg(mS))), minus_one)
+    gx = cadd(cmul(eps, (a0, mS)), minus_one)
+    ge = cscale(cmul(eps, (k0, mul(half_m, k1))), scale(a, -0.5))
+    ge_x = cscale(cmul(eps, (k0, neg(mul(half_m, k1)))), scale(a, -0.5))
+    minus_i_eps = (eps[1], neg(eps[0]))
+    first = cscale(minus_i_eps, S)
+    second = cscale(cmul(minus_i_eps, (k0, mul(half_m, k1))), dd(0.5))
+    third_ = cscale(minus_i_eps, scale(k1, 0.5))
+    return reals, (g, gx, ge, ge_x, first, second, third_, cscale(third_, a))
+
+
+@jit
+def step_dd(alpha, reals, complexes, z, Jp, xp):
+    """`step` in double-double on x3 = z, J+ and x+."""
+    half_n, half_p, half_ap, half_a, d0, d1, d2 = reals
+    g, gx, ge, ge_x, k1, k2, k3, l = complexes
+    v = sub(mul(Jp[0], xp[1]), mul(Jp[1], xp[0]))
+    r = sub(ONE, mul(half_ap, z))
+    e = div(sub(mul(half_n, z), mul(half_p, v)), r)
+    d = div(sub(mul(add(d1, mul(d2, z)), z), mul(half_n, v)), r)
+    d = add(add(d0, mul(half_a, mul(e, e))), d)
+    new = add(z, d)
+    il = (l[1], neg(l[0]))  # −i l
+    a = cadd(cadd(g, cscale(ge, e)), cscale(il, z))
+    b = cadd(cadd(gx, cscale(ge_x, e)), cscale(il, new))
+    k = cadd(k1, cscale(l, e))
+    f = cadd(cscale(k, z), cadd(cscale(k2, d), cscale(k3, neg(v))))
+    return (
+        new,
+        cadd(Jp, cadd(cmul(a, Jp), cscale(cmul(k, xp), dd(-alpha)))),
+        cadd(xp, cadd(cmul(b, xp), cmul(f, Jp))),
+    )
+
+
+@jit
+def precession(alpha, y, torus, period):
+    """(cos, sin) of the rotation about e3 that a whole nutation amounts to: two halves of it, from y."""
+    values = functions(torus, scale(period, 0.5))
+    reals, complexes = coefficients(alpha, torus, values, (ONE, ZERO))
+    z, Jp, xp = dd(y[5]), (dd(y[0]), dd(y[1])), (dd(y[3]), dd(y[4]))
+    before = Jp if y[0] * y[0] + y[1] * y[1] > y[3] * y[3] + y[4] * y[4] else xp
+    for _ in range(2):
+        z, Jp, xp = step_dd(alpha, reals, complexes, z, Jp, xp)
+    after = Jp if y[0] * y[0] + y[1] * y[1] > y[3] * y[3] + y[4] * y[4] else xp
+    w = cmul(after, (before[0], neg(before[1])))
+    n = add(mul(w[0], w[0]), mul(w[1], w[1]))
+    if n[0] == 0.0:  # on the vertical: no angle to speak of
+        return ONE, ZERO
+    n = sqrt(n)
+    return div(w[0], n), div(w[1], n)
+
+
+@jit
+def constants(alpha, y, h):
+    """The constants of `step` on the torus of y, computed in double-double and rounded once; and the least denominator."""
+    torus = cubic(alpha, y)
+    period = ts.nutation_period(alpha, y)
+    turn, r, turns = (ONE, ZERO), dd(h), 0.0
+    if abs(h) > 0.5 * period[0]:
+        turns = np.rint(h / period[0])
+    if turns != 0.0:
+        r = sub(r, mul(period, dd(turns)))
+        c, s = precession(alpha, y, torus, period)
+        turn = ts.power(c, s, int(turns))
+    reals, complexes = coefficients(alpha, torus, functions(torus, r), turn)
+    c = np.zeros(SIZE)
+    c[ALPHA], c[J3_2] = alpha, 2.0 * y[2]
+    c[H], c[H_LO] = torus[0]
+    c[C1], c[C1_LO] = torus[2]
+    c[C2], c[C2_LO] = torus[3]
+    k = HALF_N
+    for number in reals:
+        c[k] = number[0]
+        k += 1
+    for number in complexes:
+        c[k], c[k + 1] = number[0][0], number[1][0]
+        k += 2
+    least = 1.0
+    if abs(r[0]) > 1.0:  # before that no unstable orbit has had the time
+        least -= c[HALF_P] * (alpha * y[5] + ts.nutation_roots(alpha, y)[1][0])
+    return c, least
+
+
+def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) -> FixedStepper:
+    """The exact step over h.
+
+    Parameters
+    ----------
+    pin : steps between two corrections onto the invariants, 0 for none (then round-off grows exponentially). By default 8,
+        and 1 if |h| is about 1/(|J| + √(|alpha||x|)) or longer.
+    """
+    name = "addition_theorem"
+    units = Units(top, y0, h)
+    state, span = units.enter(y0), units.time(h)
+    check_span(name, h, span)
+    block = (8 if abs(span) < LONG else 1) if pin is None else check_count(pin, "pin")
+    c, least = constants(units.alpha, tuple(state), span)
+    if not (least >= LEAST and np.all(np.isfinite(c))):
+        raise StepError(name, "h is too long so near the separatrix: the denominator of the map nearly vanishes", h=h)
+    return TorusStepper(name, h, units, c, step, onto_torus if block else None, block or NEVER)
+
+
+METHOD = Method(
+    name="addition_theorem",
+    label="Addition theorem",
+    family="closed-form",
+    order=None,
+    symmetric=True,
+    poisson=True,
+    conserves=frozenset({"H", "J3", "C1", "C2"}),
+    control="step",
+    source="Whittaker and Watson, A Course of Modern Analysis, 20.3 and 23.7; matrix form: this project",
+    prepare=prepare,
+)

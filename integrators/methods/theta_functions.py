@@ -1,0 +1,555 @@
+"""The closed-form solution evaluated at any time from theta functions, compiled: no state is carried from step to step.
+
+With m = J3, l = x·J, s = |x| and ζ = alpha (x3(t) − x3(0)), ζ'² = 2 (ζ − ζ1)(ζ − ζ2)(ζ − ζ3), so ζ goes to and fro between ζ3 and
+ζ2 as ζ3 + (ζ2 − ζ3) sn²(w, k), w = κ (t − t0), κ² = (ζ1 − ζ3)/2, k² = (ζ2 − ζ3)/(ζ1 − ζ3). Three quantities are linear in ζ,
+
+    |J+|² = 2 (ζ_J − ζ)     |A|² = s − x3 = (ζ_A − ζ)/alpha     |B|² = s + x3 = (ζ − ζ_B)/alpha     ζ_B ≤ ζ3, ζ2 ≤ ζ_J, ζ_A ≤ ζ1
+
+and J+ = F_J e^{i(ψ + m (t − t0)/2)}, x+ = i F_A F_B e^{iψ} with |F| as given and (arg F)' = alpha D/|ζ_F − ζ|, where
+
+    D_J = (l − m x_J)/2 (x_J: where J+ would vanish)     D_A = (m s − l)/2     D_B = (m s + l)/2.
+
+Hence F = const e^{iλ(t − t0)} θ2(v − iσβ)/θ4(v), v = πw/2K, σ = sign D, for F_J and F_A, θ1 instead of θ2 for F_B; β from
+w = K + iη or iη, where ζ = ζ_F. For k² > 1/2 the same functions of the complementary modulus (Jacobi's imaginary
+transformation), which are regular on the separatrix: θ4(σb + iV)/θ2(iV) and −i θ1(σb + iV)/θ2(iV), V = πw/2K', b = πη/2K'.
+Either way the nome is at most e^−π and four terms are enough. Poles of the axis and zeros of J+ are zeros of entire functions.
+
+The period, by the arithmetic-geometric mean, and the precession per period, a complete integral of the third kind by the
+same means, are double-doubles, found with + − × ÷ √ alone; whole periods are taken off t before anything is rounded.
+What remains is in doubles: errors stay at round-off for any t, up to the conditioning of the orbit itself.
+
+This is a formula and no stepping kernel: it may call sin, cos and exp. A step is one evaluation, at t = n h from the state the
+run began with; `evaluate` takes any times. The truth the methods are judged by (`integrators.exact`) rests on mpmath's
+constants; it shares nothing with this file.
+
+Sources: Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477; DLMF 19.8.7, 19.25, 20.7.30-33, 22.2.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from integrators.compiled import jit
+from integrators.integrable.double_double import add, dd, div, mul, neg, scale, sqrt, sub, two_prod
+from integrators.integrable.time_step import cubic_root
+from integrators.interface import Array, Method, StepError, Work
+from integrators.loops import FAILURE, MEMORY, FixedStepper
+from integrators.methods.backlund import Units, check_span
+from integrators.top import LagrangeTop
+
+# places of the constants
+KIND, H, TIME_0, PERIOD, PERIOD_LO, TURN, TURN_LO, CLOCK, BARRIER, NOME, SIGN = range(11)
+RATE_J, RATE_X, SIZE_J, SIZE_X, SIZE_A2, SIZE_B2, PSI_RE, PSI_IM, J3 = range(11, 20)
+START = 20  # the initial state
+TERMS = 4
+COS_J, SIN_J, COS_A, SIN_A, COS_B, SIN_B, THETA = range(26, 26 + 7 * TERMS, TERMS)
+SIZE = THETA + TERMS
+
+REST, FREE, DIRECT, TRANSFORMED, TOO_UPRIGHT = range(5)
+NOT_FINITE, TOO_LATE = 1, 2
+LATEST = 1e15  # times, in units of 1/(|J| + √(|alpha||x|)), whose doubles still say something about the phase
+FAILURES = {
+    NOT_FINITE: "the closed form left the range of floating-point numbers",
+    TOO_LATE: f"n |h| is over {LATEST:g} times the time scale of the top: its phase is beyond double",
+}
+WEIGHTLESS = 2.0**-100  # alpha in units of the orbit that makes no difference to a double for any admissible time
+UPRIGHT = (
+    1e-40  # of J+ and x+, in units of the orbit: with less, the squares of their squares leave the range of doubles
+)
+TWO_PI = (6.283185307179586, 2.4492935982947064e-16)
+ZERO, ONE, TWO = (0.0, 0.0), (1.0, 0.0), (2.0, 0.0)
+
+
+# ------------------------------------------------------------------------------------ evaluation
+
+
+@jit
+def reduced(t, c):
+    """Whole periods n since t0 and the time r in [−T/2, T/2] left over, n T subtracted in double-double."""
+    if c[PERIOD] == math.inf:
+        return 0.0, t + c[TIME_0]
+    n = np.rint((t + c[TIME_0]) / c[PERIOD])
+    p, e = two_prod(n, c[PERIOD])
+    return n, ((t - p) - (e + n * c[PERIOD_LO])) + c[TIME_0]
+
+
+@jit
+def turned(n, c):
+    """The angle of n whole periods about e3, in (−π, π]."""
+    p, e = two_prod(n, c[TURN])
+    return TWO_PI[0] * ((p - np.rint(p)) + (e + n * c[TURN_LO]))
+
+
+@jit
+def direct(v, c):
+    """θ2(v − iσβ)/θ4(v) for J+ and A, θ1(v − iσβ)/θ4(v) for B, each up to a constant."""
+    z = complex(math.cos(v), math.sin(v))
+    zz = z * z
+    J = A = B = complex(0.0, 0.0)
+    theta, even, sign = 1.0, complex(1.0, 0.0), 1.0
+    for n in range(TERMS):
+        J += complex(c[COS_J + n] * z.real, c[SIN_J + n] * z.imag)
+        A += complex(c[COS_A + n] * z.real, c[SIN_A + n] * z.imag)
+        B += complex(c[COS_B + n] * z.imag, -(c[SIN_B + n] * z.real)) * sign
+        z *= zz
+        even *= zz
+        sign = -sign
+        theta += c[THETA + n] * even.real
+    return J / theta, A / theta, B / theta
+
+
+@jit
+def transformed(v, c):
+    """θ4(σb + iV)/θ2(iV) for J+ and A, −i θ1(σb + iV)/θ2(iV) for B; all sums times e^−|V|."""
+    V = abs(v)
+    q, decay = c[NOME], math.exp(-V)
+    u = math.exp(2.0 * (V - c[BARRIER])) if q > 0.0 else 0.0  # q e^2V
+    d2 = decay * decay
+    J, A, B = complex(decay, 0.0), complex(decay, 0.0), complex(0.0, 0.0)
+    theta = 0.0
+    grow, fall, power, tail = 1.0, 1.0, 1.0, d2  # u^n, e^−2nV, q^(n²), q^n e^−(2n+2)V
+    q_n = 1.0
+    for n in range(TERMS):
+        if n > 0:  # q^(n²) cosh, sinh of 2nV
+            x, y = grow * power / q_n, power * fall
+            even, odd = decay * (x + y), decay * (x - y)
+            J += complex(c[COS_J + n] * even, c[SIN_J + n] * odd)
+            A += complex(c[COS_A + n] * even, c[SIN_A + n] * odd)
+        # q^(n²+n) cosh, sinh of (2n+1)V
+        x, y = power * grow, power * tail
+        theta += x + y
+        B += complex(c[COS_B + n] * (x - y), c[SIN_B + n] * (x + y))
+        grow *= u
+        fall *= d2
+        q_n *= q
+        tail *= q * d2
+        power *= q_n * q_n / q if q > 0.0 else 0.0
+        if power == 0.0:
+            break
+    if v < 0.0:
+        J, A, B = J.conjugate(), A.conjugate(), -B.conjugate()
+    return J / theta, A / theta, B / theta
+
+
+@jit
+def factors(r, c):
+    return direct(c[CLOCK] * r, c) if c[KIND] == DIRECT else transformed(c[CLOCK] * r, c)
+
+
+@jit
+def unit(angle):
+    return complex(math.cos(angle), math.sin(angle))
+
+
+@jit
+def model(n, r, c):
+    """J+, x+ and x3 for ψ = 0."""
+    J, A, B = factors(r, c)
+    turn = turned(n, c)
+    x3 = 0.5 * (c[SIZE_B2] * (B.real * B.real + B.imag * B.imag) - c[SIZE_A2] * (A.real * A.real + A.imag * A.imag))
+    AB = A * B
+    x = complex(-AB.imag, AB.real) * unit(turn + c[RATE_X] * r) * c[SIZE_X]
+    return J * unit(turn + c[RATE_J] * r) * c[SIZE_J], x, x3
+
+
+@jit
+def position(t, c):
+    """The state at time t."""
+    k = START
+    s = c[k], c[k + 1], c[k + 2], c[k + 3], c[k + 4], c[k + 5]
+    if c[KIND] == REST or t == 0.0:
+        return s
+    if c[KIND] == FREE:
+        return about(s, t, c)
+    n, r = reduced(t, c)
+    J, x, x3 = model(n, r, c)
+    psi = complex(c[PSI_RE], c[PSI_IM])
+    J *= psi
+    x *= psi
+    return J.real, J.imag, c[J3], c[SIGN] * x.real, c[SIGN] * x.imag, c[SIGN] * x3
+
+
+@jit
+def about(s, t, c):
+    """x turned about the constant J; c[CLOCK] = |J|."""
+    J1, J2, J3_, x1, x2, x3 = s
+    n, r = reduced(t, c)
+    angle, rate = c[CLOCK] * r, c[CLOCK]
+    e1, e2, e3 = J1 / rate, J2 / rate, J3_ / rate
+    half = math.sin(0.5 * angle)
+    a, b = math.sin(angle), 2.0 * half * half
+    v1, v2, v3 = e2 * x3 - e3 * x2, e3 * x1 - e1 * x3, e1 * x2 - e2 * x1
+    return (
+        J1,
+        J2,
+        J3_,
+        x1 + (a * v1 + b * (e2 * v3 - e3 * v2)),
+        x2 + (a * v2 + b * (e3 * v1 - e1 * v3)),
+        x3 + (a * v3 + b * (e1 * v2 - e2 * v1)),
+    )
+
+
+@jit
+def step(s, c, tally):
+    """The state at the next multiple of h since the start of the run; of the state before only the number is used."""
+    n = tally[MEMORY] + 1.0
+    tally[MEMORY] = n
+    t = n * c[H]
+    if abs(t) > LATEST:
+        tally[FAILURE] = TOO_LATE
+        return s
+    z = position(t, c)
+    if not abs(z[5]) < math.inf:
+        tally[FAILURE] = NOT_FINITE
+    return z
+
+
+@jit
+def positions(times, c):
+    out = np.empty((len(times), 6))
+    for i in range(len(times)):
+        s = position(times[i], c)
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4], out[i, 5] = s
+    return out
+
+
+# ------------------------------------------------------------------------------------ constants
+
+
+@jit
+def pair(product, total):
+    """The numbers with this product, not above zero, and this sum; neither loses a digit."""
+    half = scale(total, 0.5)
+    root = sqrt(sub(mul(half, half), product))
+    return add(half, root), sub(half, root)
+
+
+@jit
+def largest_root(c0, c1, c2):
+    """Of 2z³ + c2 z² + c1 z + c0, which is convex there: Newton's method descends to it."""
+    bound = max(abs(c2[0]), math.sqrt(abs(c1[0])), abs(c0[0]) ** (1.0 / 3.0))
+    return cubic_root((c0, c1, c2, TWO), 2.0 * bound + 1e-300)
+
+
+@jit
+def roots(alpha, y):
+    """ζ1, ζ2, ζ3, ζ_J, ζ_A, ζ_B and alpha D_J, alpha D_A, alpha D_B, double-doubles; alpha > 0."""
+    J1, J2, m, x1, x2, x3 = y
+    a, m_ = dd(alpha), dd(m)
+    jj = add(two_prod(J1, J1), two_prod(J2, J2))
+    xx = add(two_prod(x1, x1), two_prod(x2, x2))
+    xj = add(two_prod(x1, J1), two_prod(x2, J2))
+    slope = sub(two_prod(J1, x2), two_prod(J2, x1))
+    s = sqrt(add(xx, two_prod(x3, x3)))
+    if x3 >= 0.0:
+        up = add(s, dd(x3))
+        down = div(xx, up)
+    else:
+        down = sub(s, dd(x3))
+        up = div(xx, down)
+    zJ, zA, zB = scale(jj, 0.5), mul(a, down), neg(mul(a, up))
+    half_a = scale(a, 0.5)
+    dJ = scale(sub(mul(a, xj), mul(m_, zJ)), 0.5)
+    dA = mul(half_a, sub(mul(m_, down), xj))
+    dB = mul(half_a, add(mul(m_, up), xj))
+    # The cubic of ξ = ζ_A − ζ: ζ1 and ζ2 lie on either side of ξ = 0, so where they are close they keep their digits.
+    h0 = sub(jj, scale(zA, 2.0))
+    c2 = add(h0, sub(mul(m_, m_), scale(mul(a, s), 4.0)))
+    c1 = scale(add(mul(mul(a, s), h0), scale(mul(m_, dA), 2.0)), -2.0)
+    c0 = scale(mul(dA, dA), 4.0)
+    far = largest_root(c0, c1, c2)
+    product = neg(div(scale(c0, 0.5), far))
+    x2_, x1_ = pair(product, div(sub(scale(c1, 0.5), product), far))
+    z1, z2, z3 = sub(zA, x1_), sub(zA, x2_), sub(zA, far)
+    if x2_[0] - x1_[0] >= far[0] - x2_[0]:
+        # The cubic of ζ: the same holds for ζ2 and ζ3.
+        c2 = sub(scale(two_prod(alpha, x3), 4.0), add(jj, mul(m_, m_)))
+        c1 = scale(mul(a, sub(sub(mul(m_, xj), mul(dd(x3), jj)), mul(a, xx))), 2.0)
+        c0 = mul(mul(a, slope), mul(a, slope))
+        z1 = largest_root(c0, c1, c2)
+        product = neg(div(scale(c0, 0.5), z1))
+        z2, z3 = pair(product, div(sub(scale(c1, 0.5), product), z1))
+    return z1, z2, z3, zJ, zA, zB, dJ, dA, dB
+
+
+@jit
+def carlson(x, y, z):
+    """R_F (DLMF 19.16.1) by duplication, at most one argument zero."""
+    for _ in range(60):
+        mean = (x + y + z) / 3.0
+        if max(abs(x - mean), abs(y - mean), abs(z - mean)) < 2e-3 * mean:
+            break
+        a, b, d = math.sqrt(x), math.sqrt(y), math.sqrt(z)
+        shift = a * b + b * d + d * a
+        x, y, z = 0.25 * (x + shift), 0.25 * (y + shift), 0.25 * (z + shift)
+    X, Y = (mean - x) / mean, (mean - y) / mean
+    Z = -X - Y
+    e2, e3 = X * Y - Z * Z, X * Y * Z
+    series = 1.0 - e2 / 10.0 + e3 / 14.0 + e2 * e2 / 24.0 - 3.0 * e2 * e3 / 44.0
+    return (series - 5.0 * e2 * e2 * e2 / 208.0 + 3.0 * e3 * e3 / 104.0 + e2 * e2 * e3 / 16.0) / math.sqrt(mean)
+
+
+@jit
+def above(z1, z2, z3, z, d):
+    """z − ζ2 and ζ1 − z for ζ2 ≤ z ≤ ζ1, where 2 (ζ1 − z)(z − ζ2)(z − ζ3) = 4 d²: the smaller from the product."""
+    low, high = sub(z, z2), sub(z1, z)
+    rest = scale(sub(z, z3), 0.5)
+    if low[0] < high[0]:
+        low = div(mul(d, d), mul(high, rest))
+    elif low[0] > 0.0:
+        high = div(mul(d, d), mul(low, rest))
+    return low, high
+
+
+@jit
+def side(d, low, high):
+    """σ: the sign of D, 0 for a factor with a real zero (ζ_F = ζ2), 1 for one with D = 0 and none (ζ_F = ζ1)."""
+    if d[0] == 0.0:
+        return 0.0 if low[0] < high[0] or low[0] <= 0.0 else 1.0
+    return math.copysign(1.0, d[0])
+
+
+@jit
+def period_and_turn(z1, z2, z3, J, low, high, dJ, m):
+    """The period T and the precession in it over 2π, as double-doubles; `J`, `low`, `high` = ζ_J − ζ3, ζ_J − ζ2, ζ1 − ζ_J.
+
+    (arg F_J)' = dJ/(ζ_J − ζ) over a period is (2 dJ/κJ) Π(n, k), n = (ζ2 − ζ3)/J; where n is close to 1, and J+ close to 0 when
+    ζ = ζ2, Π(n) = K − Π(k²/n) + (κJ/|2 dJ|) π instead (DLMF 19.7.9).
+    """
+    a, g = sqrt(scale(sub(z1, z3), 0.5)), sqrt(scale(sub(z1, z2), 0.5))
+    if g[0] <= 0.0:
+        return (math.inf, 0.0), ZERO
+    close = low[0] < high[0]
+    p = sqrt(scale(high, 0.5)) if close else mul(a, sqrt(div(low, J)))
+    total, Q = ONE, ONE
+    for _ in range(60):
+        ag, pp = mul(a, g), mul(p, p)
+        bottom = add(pp, ag)
+        Q = scale(mul(Q, div(sub(pp, ag), bottom)), 0.5)
+        total = add(total, Q)
+        done = abs(a[0] - g[0]) <= 1e-16 * a[0] and abs(Q[0]) < 1e-33
+        p = div(scale(bottom, 0.5), p)
+        a, g = scale(add(a, g), 0.5), sqrt(ag)
+        if done:
+            break
+    T = div(scale(TWO_PI, 0.5), a)
+    half = scale(T, 0.5)
+    turn = mul(dd(m), half)
+    if close:
+        turn = sub(turn, mul(mul(div(dJ, high), half), total))
+    else:
+        turn = add(turn, mul(mul(div(dJ, J), half), add(TWO, mul(div(sub(z2, z3), low), total))))
+    turn = div(turn, TWO_PI)
+    if close:
+        turn = add(turn, dd(0.5))
+    return T, sub(turn, dd(np.rint(turn[0])))
+
+
+@jit
+def nome(squared, complementary):
+    """q of k² and k'², k² <= 1/2 (DLMF 19.5.5 and its next terms)."""
+    k = math.sqrt(complementary)
+    root = math.sqrt(k)
+    e = 0.5 * squared / ((1.0 + k) * (1.0 + root) * (1.0 + root))
+    e4 = e * e * e * e
+    return e * (1.0 + e4 * (2.0 + e4 * (15.0 + e4 * 150.0)))
+
+
+@jit
+def direct_series(c, cos_at, sin_at, sigma, eta, K):
+    """Coefficients q^(n²+n) cosh and σ sinh of (2n+1)β, over cosh β, with η' = K' − η for `eta`; returns d arg/dv."""
+    q = c[NOME]
+    grow = math.exp(-math.pi * eta / K)  # q e^2β
+    fall = q / grow if sigma != 0.0 else 1.0  # e^−2β
+    y = grow + q * fall
+    even, even_before = 1.0, 1.0
+    odd = sigma * (1.0 - fall) / (1.0 + fall)
+    odd_before = -odd
+    top, bottom, power = 0.0, 0.0, q  # q^(2n+1)
+    for n in range(TERMS):
+        c[cos_at + n], c[sin_at + n] = even, odd
+        top += (2.0 * n + 1.0) * odd
+        bottom += even
+        even, even_before = power * (y * even - power * even_before), even
+        odd, odd_before = power * (y * odd - power * odd_before), odd
+        power *= q * q
+    return top / bottom
+
+
+@jit
+def transformed_series(c, cos_at, sin_at, sigma, b, odd):
+    """Coefficients of a factor, ± cos and −σ sin of 2nb or, `odd`, of (2n+1)b; returns d arg/dV."""
+    top, bottom, sign = 0.0, 1.0, 1.0
+    for n in range(TERMS):
+        angle = (2.0 * n + 1.0) * b if odd else 2.0 * n * b
+        c[cos_at + n], c[sin_at + n] = sign * math.cos(angle), -sigma * sign * math.sin(angle)
+        if n > 0:
+            q = c[NOME] ** (n * n)
+            top -= 4.0 * n * sign * q * math.sin(2.0 * n * b)
+            bottom += 2.0 * sign * q * math.cos(2.0 * n * b)
+        sign = -sign
+    return sigma * top / bottom
+
+
+@jit
+def agm(a, g):
+    while abs(a - g) > 1e-8 * a:
+        a, g = 0.5 * (a + g), math.sqrt(a * g)
+    return 0.5 * (a + g)
+
+
+@jit
+def constants(alpha, y, h):
+    """Everything `position` needs for the motion through y at t = 0."""
+    c = np.zeros(SIZE)
+    J1, J2, m, x1, x2, x3 = y
+    c[H], c[J3], c[PERIOD] = h, m, math.inf
+    for k in range(6):
+        c[START + k] = y[k]
+    if abs(alpha) < WEIGHTLESS:
+        rate = sqrt(add(add(two_prod(J1, J1), two_prod(J2, J2)), two_prod(m, m)))
+        c[KIND] = FREE if rate[0] > 0.0 else REST
+        if rate[0] > 0.0:
+            c[CLOCK] = rate[0]
+            c[PERIOD], c[PERIOD_LO] = div(TWO_PI, rate)
+        return c
+    off = max(max(abs(J1), abs(J2)), max(abs(x1), abs(x2)))
+    if off == 0.0:
+        return c
+    if off < UPRIGHT:
+        c[KIND] = TOO_UPRIGHT
+        return c
+    c[SIGN] = 1.0
+    if alpha < 0.0:  # the mirror image
+        c[SIGN], alpha, x1, x2, x3 = -1.0, -alpha, -x1, -x2, -x3
+    d1, d2, d3, dzJ, dzA, dzB, ddJ, ddA, ddB = roots(alpha, (J1, J2, m, x1, x2, x3))
+    J_low, J_high = above(d1, d2, d3, dzJ, ddJ)
+    A_low, A_high = above(d1, d2, d3, dzA, ddA)
+    T, turn = period_and_turn(d1, d2, d3, sub(dzJ, d3), J_low, J_high, ddJ, m)
+    c[PERIOD], c[PERIOD_LO] = T
+    c[TURN], c[TURN_LO] = turn
+    # from here on doubles do
+    z12, z13, z23 = sub(d1, d2)[0], sub(d1, d3)[0], sub(d2, d3)[0]
+    J2_, J1_, J3_ = max(J_low[0], 0.0), max(J_high[0], 0.0), sub(dzJ, d3)[0]  # distances of ζ_J from ζ2, ζ1, ζ3
+    A2_, A1_, A3_ = max(A_low[0], 0.0), max(A_high[0], 0.0), sub(dzA, d3)[0]
+    B3_, B2_, B1_ = max(sub(d3, dzB)[0], 0.0), sub(d2, dzB)[0], sub(d1, dzB)[0]
+    sJ, sA = side(ddJ, J_low, J_high), side(ddA, A_low, A_high)
+    sB = math.copysign(1.0, ddB[0]) if ddB[0] != 0.0 and B3_ > 0.0 else 0.0
+    kappa = math.sqrt(0.5 * z13)
+    K_ = 0.5 * math.pi / agm(1.0, math.sqrt(z23 / z13))  # K', K and w at t = 0
+    K = 0.5 * math.pi / agm(1.0, math.sqrt(z12 / z13)) if z12 > 0.0 else math.inf
+    w = 0.0
+    if d3[0] < 0.0:
+        w = math.sqrt(-d3[0]) * carlson(max(d2[0], 0.0), d1[0] * z23 / z13, z23)
+    slope = J1 * x2 - J2 * x1
+    c[TIME_0] = math.copysign(w, slope) / kappa
+    if z23 <= z12:
+        c[KIND] = DIRECT
+        c[NOME] = nome(z23 / z13, z12 / z13)
+        c[CLOCK] = 0.5 * math.pi * kappa / K
+        eJ = math.sqrt(J1_) * carlson(J2_, J3_ * z12 / z13, z12) if sJ != 0.0 else K_
+        eA = math.sqrt(A1_) * carlson(A2_, A3_ * z12 / z13, z12) if sA != 0.0 else K_
+        eB = math.sqrt(z13) * carlson(B3_, B2_, B1_) if sB != 0.0 else K_
+        gJ = direct_series(c, COS_J, SIN_J, sJ, eJ, K)
+        gA = direct_series(c, COS_A, SIN_A, sA, eA, K)
+        gB = direct_series(c, COS_B, SIN_B, sB, eB, K)
+        for n in range(TERMS):
+            c[THETA + n] = 2.0 * (-1.0) ** (n + 1) * c[NOME] ** ((n + 1) * (n + 1))
+    else:
+        c[KIND] = TRANSFORMED
+        c[NOME] = nome(z12 / z13, z23 / z13)
+        c[CLOCK] = 0.5 * math.pi * kappa / K_
+        c[BARRIER] = 0.5 * math.pi * K / K_
+        scale_ = 0.5 * math.pi / K_
+        bJ = bA = bB = 0.0
+        if sJ != 0.0:
+            bJ = scale_ * math.sqrt(J2_ * z13) * carlson(J1_ * z23, z23 * z12, J3_ * z12)
+        if sA != 0.0:
+            bA = scale_ * math.sqrt(A2_ * z13) * carlson(A1_ * z23, z23 * z12, A3_ * z12)
+        if sB != 0.0:
+            bB = scale_ * math.sqrt(B3_) * carlson(z23, z23 * B1_ / z13, B2_)
+        gJ = transformed_series(c, COS_J, SIN_J, sJ, bJ, False)
+        gA = transformed_series(c, COS_A, SIN_A, sA, bA, False)
+        gB = transformed_series(c, COS_B, SIN_B, sB, bB, True)
+    c[RATE_J] = 0.5 * m + (ddJ[0] / J3_ - c[CLOCK] * gJ)
+    c[RATE_X] = (ddA[0] / A3_ - c[CLOCK] * gA) + (ddB[0] / B2_ - c[CLOCK] * gB)
+    # sizes: of J+ and A where x3 is smallest, of B where it is largest; then the phase, from the initial state
+    J, A, B = factors(0.0, c)
+    c[SIZE_J] = math.sqrt(2.0 * J3_) / abs(J)
+    c[SIZE_A2] = A3_ / alpha / (A.real * A.real + A.imag * A.imag)
+    J, A, B = factors(0.5 * c[PERIOD], c)
+    c[SIZE_B2] = B2_ / alpha / (B.real * B.real + B.imag * B.imag)
+    c[SIZE_X] = math.sqrt(c[SIZE_A2] * c[SIZE_B2])
+    n, r = reduced(0.0, c)
+    J, x, z = model(n, r, c)
+    length = x1 * x1 + x2 * x2 + x3 * x3
+    weight = J1 * J1 + J2 * J2 + m * m + alpha * math.sqrt(length)
+    psi = J.conjugate() * complex(J1, J2) * length + x.conjugate() * complex(x1, x2) * weight
+    c[PSI_RE], c[PSI_IM] = psi.real / abs(psi), psi.imag / abs(psi)
+    return c
+
+
+# ------------------------------------------------------------------------------------ the method
+
+
+def found_constants(units: Units, y: Array, span: float, h: float | None = None) -> Array:
+    c: Array = constants(units.alpha, tuple(units.enter(y)), span)
+    if c[KIND] == TOO_UPRIGHT:
+        reason = f"J and x are off the vertical, but by less than {UPRIGHT:g} of their size: the closed form underflows"
+        raise StepError("theta_functions", reason, h=h)
+    if np.any(np.isnan(c)):
+        raise StepError("theta_functions", "the constants of the closed form are beyond the range of doubles", h=h)
+    return c
+
+
+class ThetaStepper(FixedStepper):
+    """Every step is evaluated from the state the run began with, whichever that is."""
+
+    def __init__(self, top: LagrangeTop, y0: Array, h: float):
+        self.units = Units(top, y0, h)
+        self.span = self.units.time(h)
+        check_span("theta_functions", h, self.span)
+        c = self.constants_of(y0, h)
+        super().__init__(
+            "theta_functions", h, c, step, enter=self.units.enter, leave=self.units.leave, failures=FAILURES
+        )
+
+    def constants_of(self, y: Array, h: float) -> Array:
+        return found_constants(self.units, y, self.span, h)
+
+    def record(self, y: Array, n: int, every: int) -> Array:
+        self.constants = self.constants_of(y, self.h)
+        return super().record(y, n, every)
+
+
+def prepare(top: LagrangeTop, y0: Array, h: float) -> ThetaStepper:
+    """Evaluates the closed form at every multiple of h."""
+    return ThetaStepper(top, y0, h)
+
+
+def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
+    """The states at any times, one evaluation each."""
+    units = Units(top, y0, 1.0)
+    with np.errstate(over="ignore"):
+        scaled = np.ldexp(times, units.rate)
+    for t, span in zip(times, scaled, strict=True):
+        check_span("theta_functions", t, span)
+    c = found_constants(units, y0, 0.0)
+    return units.leave(positions(scaled, c)), Work(steps=len(times))
+
+
+METHOD = Method(
+    name="theta_functions",
+    label="Theta functions",
+    family="closed-form",
+    order=None,
+    symmetric=True,
+    poisson=True,
+    conserves=frozenset({"H", "J3", "C1", "C2"}),
+    control="step",
+    source="Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477",
+    prepare=prepare,
+    evaluate=evaluate,
+)
