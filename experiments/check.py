@@ -29,6 +29,7 @@ TOLERANCE = 0.15  # of a measured order
 EXACT = 1e-12  # an error below this over some hundred steps is round-off
 FLOOR, CEILING = 1e-14, 1e-2  # of one-step errors an order is read from: above round-off, below saturation
 POINTS = 8  # the smallest steps above the floor
+NEAR, STEEPER = 0.25, 1.25  # steps longer than this, in time scales, may show a slope up to that much above the order
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,8 @@ def order(method: Method, quick: bool) -> Iterator[Verdict]:
 
     Of one step and not of many, because round-off does not accumulate then; as the geometric mean over states and over
     both signs of h, because the next term of the error, of relative size h, has another sign in each and drops out. So
-    order 20 can be read off in doubles.
+    order 20 can be read off in doubles. Not always: where the leading term is made very small (Verner's formulas), the next
+    ones show as long as the error is above round-off, and the slope is steeper than the order. Then it is not judged.
     """
     if method.order is None:
         return
@@ -96,7 +98,8 @@ def order(method: Method, quick: bool) -> Iterator[Verdict]:
     how = (
         f"one step against the exact solution, h from {spans[usable[-1]]:.2g} to {spans[usable[0]]:.2g}, ± h, 8 states"
     )
-    yield Verdict(claim, abs(p - method.order) <= TOLERANCE, p, bound, how)
+    hidden = spans[usable[-1]] > NEAR and TOLERANCE < p - method.order < STEEPER
+    yield Verdict(claim, None if hidden else abs(p - method.order) <= TOLERANCE, p, bound, how)
 
 
 def one_step_errors(method: Method, names: tuple[str, ...], spans: Array) -> Array:
@@ -191,7 +194,7 @@ def conserves(method: Method, quick: bool) -> Iterator[Verdict]:
     """The invariants the record names stay at round-off for small and large h; the others are only reported."""
     n = 10_000 if quick else 100_000
     if method.control == "tolerance":
-        n //= 500  # of many natural steps each, perhaps interpreted ones
+        n = n // 500 if method.engine != "scipy" else max(n // 2500, 10)  # of many natural steps each
     worst, own = np.zeros(4), dict.fromkeys(method.keeps, 0.0)
     for name in STATES:
         top, y0 = states.find(name)

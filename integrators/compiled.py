@@ -66,7 +66,7 @@ def jit(function: Callable[..., Any], **more: Any) -> Any:
     _forgive_full_disk(dispatcher._cache)
     if function.__closure__ is None:
         # Numba's random name for a function is part of the key of every closure over it: one name for all processes
-        dispatcher._set_uuid(_lasting_name(f"{folder} {function.__module__}.{function.__qualname__}"))
+        dispatcher._set_uuid(lasting_name(f"{folder} {function.__module__}.{function.__qualname__}"))
     return dispatcher
 
 
@@ -75,8 +75,20 @@ def inlined(function: Callable[..., Any]) -> Any:
     return jit(function, forceinline=True)
 
 
-def _lasting_name(text: str) -> str:
+def lasting_name(text: str) -> str:
     return str(uuid.uuid5(uuid.NAMESPACE_OID, text))
+
+
+def jit_as(name: str) -> Callable[[Callable[..., Any]], Any]:
+    """The decorator `jit` for a function that a factory makes; `name` tells it from its siblings, in all processes."""
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        dispatcher = jit(function)
+        if not config.DISABLE_JIT:
+            dispatcher._set_uuid(lasting_name(f"{_folder()} {function.__module__}.{name}"))
+        return dispatcher
+
+    return decorate
 
 
 def jit_over(*kernels: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -104,7 +116,7 @@ def _forgive_full_disk(cached: Any) -> None:
 def named_intrinsic(function: Callable[..., Any]) -> Any:
     """An intrinsic whose name is the same in all processes, as `jit` has it."""
     made: Any = intrinsic(function)
-    made._set_uuid(_lasting_name(f"{function.__module__}.{function.__qualname__}"))
+    made._set_uuid(lasting_name(f"{function.__module__}.{function.__qualname__}"))
     return made
 
 
@@ -112,6 +124,13 @@ if config.DISABLE_JIT:
 
     def stack(size):
         return [0.0] * size
+
+    def column(array, place, count, stride):
+        return tuple(array[place + k * stride] for k in range(count))
+
+    def put_column(array, place, values, stride):
+        for k, value in enumerate(values):
+            array[place + k * stride] = value
 
 else:
 
@@ -129,3 +148,38 @@ else:
             return cgutils.alloca_once(builder, context.get_value_type(types.float64), size=count)
 
         return types.CPointer(types.float64)(size), generate
+
+    @named_intrinsic
+    def column(typingctx, array, place, count, stride):
+        """array[place], array[place + stride], … as a tuple; `count` and `stride` are literals, places unchecked.
+
+        Between these loads and the stores below LLVM sees constant distances only: a loop over neighbouring places
+        becomes SIMD code without any test for overlaps.
+        """
+        if not (isinstance(count, types.IntegerLiteral) and isinstance(stride, types.IntegerLiteral)):
+            raise numba.errors.TypingError("count and stride must be constants")
+        number, distance = count.literal_value, stride.literal_value
+
+        def generate(context, builder, signature, args):
+            data = context.make_array(signature.args[0])(context, builder, args[0]).data
+            places = [builder.add(args[1], args[1].type(k * distance)) for k in range(number)]
+            loaded = [builder.load(builder.gep(data, [place])) for place in places]
+            return context.make_tuple(builder, signature.return_type, loaded)
+
+        return types.UniTuple(array.dtype, number)(array, types.int64, count, stride), generate
+
+    @named_intrinsic
+    def put_column(typingctx, array, place, values, stride):
+        """array[place], array[place + stride], … = values, a tuple; see `column`."""
+        if not isinstance(stride, types.IntegerLiteral):
+            raise numba.errors.TypingError("stride must be a constant")
+        distance = stride.literal_value
+
+        def generate(context, builder, signature, args):
+            data = context.make_array(signature.args[0])(context, builder, args[0]).data
+            for k in range(len(signature.args[2])):
+                place = builder.add(args[1], args[1].type(k * distance))
+                builder.store(builder.extract_value(args[2], k), builder.gep(data, [place]))
+            return context.get_dummy_value()
+
+        return types.none(array, types.int64, values, stride), generate

@@ -8,18 +8,20 @@ method's array of constants, `tally` counts (see below). State lives in register
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from integrators.compiled import jit_over
+from integrators.compiled import column, jit_over, put_column
 from integrators.interface import Array, StepError, Work, check_count
 
 # places in `tally`; a kernel that fails puts a code into FAILURE and what it could not reduce into RESIDUAL; from MEMORY on
 # there are SIZE - MEMORY numbers, zero at the start of a call, for what a kernel carries from step to step (compensation)
 ITERATIONS, RHS_EVALS, FAILURE, FAILED_AT, RESIDUAL, MEMORY = range(6)
-SIZE = 24
+SIZE = 32
 
 NEVER = 1 << 62  # a block no run reaches the end of
 INTERRUPTIBLE = 1 << 20  # steps in one compiled call, at most: Ctrl-C is seen between two of them
@@ -126,3 +128,142 @@ def check_grid(n: int, every: int) -> None:
     check_count(n, "n")
     if n % check_count(every, "every", least=1):
         raise ValueError(f"every = {every} does not divide n = {n}")
+
+
+# ------------------------------------------------------------------------------------ many tops at once
+
+compiling = threading.Lock()
+LANES = 32  # tops that take a step together: some SIMD registers full, so that none waits for a result of its own
+
+
+@cache
+def compile_lanes(step: Callable, pin: Callable | None, size: int) -> Callable:
+    """The loop around one kernel for LANES tops at a time, each with `size` constants of its own.
+
+    The kernel must be free of loops and of `tally`; then the loop over the lanes is SIMD code. No bit of a top depends on
+    its lane or on its neighbours, and all bits are those of `compile_loop`.
+    """
+    width = 6 + size
+
+    @jit_over(step, pin)
+    def run(lanes, first, last, every, block, tops, units, out):
+        # `lanes` holds blocks of `width` columns: the state and the constants of LANES tops. They are the `tops` of `out`,
+        # −1 for a lane that is not used; a row of `out` is a state times `units`, the first that after `every` steps.
+        tally = np.zeros(SIZE)
+        for b in range(len(tops) // LANES):
+            origin = b * width * LANES
+            i = first
+            row = i // every
+            next_row = (row + 1) * every
+            next_pin = (i + block - 1) // block * block
+            while i < last:
+                if i == next_pin:
+                    next_pin += block
+                    if pin is not None:
+                        for j in range(LANES):
+                            s = column(lanes, origin + j, 6, LANES)
+                            c = column(lanes, origin + 6 * LANES + j, size, LANES)
+                            put_column(lanes, origin + j, pin(s, c), LANES)
+                stop = min(last, next_row, next_pin)
+                for _ in range(i, stop):
+                    for j in range(LANES):
+                        s = column(lanes, origin + j, 6, LANES)
+                        c = column(lanes, origin + 6 * LANES + j, size, LANES)
+                        put_column(lanes, origin + j, step(s, c, tally), LANES)
+                i = stop
+                if i == next_row:
+                    for j in range(LANES):
+                        top = tops[b * LANES + j]
+                        if top >= 0:
+                            for k in range(6):
+                                out[row, top, k] = lanes[origin + k * LANES + j] * units[top, k]
+                    row += 1
+                    next_row += every
+
+    return run
+
+
+def run_lanes(
+    kernel: tuple[Callable, Callable | None, int],
+    states: Array,
+    constants: Array,
+    tops: NDArray[np.int64],
+    units: Array,
+    steps: int,
+    every: int,
+    out: Array,
+    stopped: Callable[[], bool],
+) -> None:
+    """Takes the `tops` among `states` (m, 6) through `steps` steps of a kernel (step, pin, steps between two pins).
+
+    `constants` (m, size) are those of each top. Rows of `out` (steps // every, m, 6) are the states times `units` (m, 6)
+    after every, 2 every, … steps. Ends early, its rows unfinished, once `stopped()`.
+    """
+    step, pin, block = kernel
+    count = -(-len(tops) // LANES)
+    places = np.resize(tops, count * LANES)  # tops over again in the lanes left over: their numbers do no harm
+    columns = np.concatenate((states, constants), axis=1)[places]
+    lanes = np.ascontiguousarray(columns.reshape(count, LANES, -1).transpose(0, 2, 1)).ravel()
+    places[len(tops) :] = -1
+    with compiling:  # once, not in every thread
+        run = compile_lanes(step, pin, constants.shape[1])
+        run(lanes, 0, 0, 1, 1, places, units, out)
+    stride = max(1, INTERRUPTIBLE * 4 // len(places))
+    for first in range(0, steps, stride):
+        if stopped():
+            return
+        run(lanes, first, min(first + stride, steps), every, block, places, units, out)
+
+
+# places in `walk`: where a run on natural steps is, so that it can be resumed, and what it has done
+TIME, STEP, ROW, TAKEN, REJECTED, INTERPOLATED, STUCK, WALK = range(8)  # WALK: the size of it
+SHRINK, GROW = 1.0 / 3.0, 6.0  # a step is at least this many times, and at most this many times, the one before
+
+
+@cache
+def compile_natural_loop(trial: Callable, interpolant: Callable, value: Callable) -> Callable:
+    """The loop around a kernel that controls its own error.
+
+    `trial(s, h, c) -> (new, error, growth, slopes)`: the step is taken if error ≤ 1, and the next is growth·h;
+    `interpolant(s, new, h, c, slopes)` prepares what `value(interpolant, theta)` evaluates at s + theta h, 0 < theta < 1.
+    """
+
+    @jit_over(trial, interpolant, value)
+    def run(y, grid, most, c, walk, out):
+        # Up to `most` natural steps towards the last time of `grid`; rows of `out` where a step passes their times. Every h is
+        # the difference of two times, so that times do not add up roundings.
+        s = (y[0], y[1], y[2], y[3], y[4], y[5])
+        t, h, row, end = walk[TIME], walk[STEP], int(walk[ROW]), grid[-1]
+        fresh = True  # not the repetition of a rejected step
+        while row < len(grid) and (most > 0 or not fresh):
+            most -= 1
+            last = abs(1.01 * h) >= abs(end - t)  # no tiny step at the end
+            ahead = end if last else t + h
+            h = ahead - t
+            if abs(h) <= 2.0**-50 * abs(t):
+                walk[STUCK] = 1.0
+                break
+            new, error, growth, slopes = trial(s, h, c)
+            if error <= 1.0:
+                if abs(grid[row]) < abs(ahead):
+                    walk[INTERPOLATED] += 1.0
+                    f = interpolant(s, new, h, c, slopes)
+                    while abs(grid[row]) < abs(ahead):
+                        at = value(f, (grid[row] - t) / h)
+                        out[row, 0], out[row, 1], out[row, 2], out[row, 3], out[row, 4], out[row, 5] = at
+                        row += 1
+                s, t = new, ahead
+                if grid[row] == t:
+                    out[row, 0], out[row, 1], out[row, 2], out[row, 3], out[row, 4], out[row, 5] = s
+                    row += 1
+                walk[TAKEN] += 1.0
+                h *= min(growth, GROW) if fresh else min(growth, 1.0)
+                fresh = True
+            else:
+                walk[REJECTED] += 1.0
+                h *= growth if SHRINK < growth < 1.0 else SHRINK  # the latter if the error is not a number
+                fresh = False
+        walk[TIME], walk[STEP], walk[ROW] = t, h, row
+        y[0], y[1], y[2], y[3], y[4], y[5] = s
+
+    return run

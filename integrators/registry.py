@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 
-from integrators.interface import Method, suggestion
+from integrators.interface import Method, StepError, suggestion
 
 GROUP = "lagrange_bench.methods"
 
@@ -31,8 +31,14 @@ BUILT_IN = {
     "taylor_compact": "integrators.methods.taylor:COMPACT",
     "taylor_fixed": "integrators.methods.taylor:FIXED",
     # runge-kutta
-    "rk45": "integrators.methods.rk45:NATURAL",
-    "rk45_fixed": "integrators.methods.rk45:FIXED",
+    "rk4": "integrators.methods.runge_kutta:CLASSICAL",
+    "rk45_fixed": "integrators.methods.runge_kutta:FIFTH",
+    "dop853_fixed": "integrators.methods.runge_kutta:EIGHTH",
+    "verner9_fixed": "integrators.methods.runge_kutta:NINTH",
+    "verner9_projected": "integrators.methods.runge_kutta:PROJECTED",
+    "dop853": "integrators.methods.dop853:METHOD",
+    "rk45": "integrators.methods.scipy_ivp:RK45",
+    "scipy_dop853": "integrators.methods.scipy_ivp:DOP853",
     # splitting
     "strang": "integrators.methods.splitting:STRANG",
     "takahashi_imada": "integrators.methods.splitting:TAKAHASHI_IMADA",
@@ -53,6 +59,8 @@ BUILT_IN = {
     "gauss6": "integrators.methods.gauss:GAUSS6",
     "gauss8": "integrators.methods.gauss:GAUSS8",
     "gauss12": "integrators.methods.gauss:GAUSS12",
+    "lsoda": "integrators.methods.scipy_ivp:LSODA",
+    "radau": "integrators.methods.scipy_ivp:RADAU",
     # lie-group
     "rkmk4": "integrators.methods.lie_group:RKMK4",
     "commutator_free4": "integrators.methods.lie_group:COMMUTATOR_FREE4",
@@ -92,6 +100,25 @@ class Registry(Mapping[str, Method]):
 
 
 METHODS = Registry()
+
+
+def find_method(method: str | Method) -> Method:
+    """The method of that name, or the method itself, if it can run here.
+
+    Raises
+    ------
+    ValueError : no such method. StepError : the package it needs is not installed.
+    """
+    if not isinstance(method, Method):
+        if not isinstance(method, str):
+            raise ValueError(f"method must be a name in METHODS or a Method; got {method!r}")
+        try:
+            method = METHODS[method]
+        except KeyError as error:
+            raise ValueError(f"method: {error.args[0]}") from None
+    if not available(method):
+        raise StepError(method.name, f"needs the package {method.requires}, which is not installed here")
+    return method
 
 
 def available(method: Method) -> bool:

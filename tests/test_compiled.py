@@ -39,5 +39,5 @@ def test_a_second_process_finds_the_code_of_the_first(tmp_path):
     kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}
     second = run(tmp_path)
     assert first.stdout == second.stdout
-    assert len(kept) > 3
+    assert len(kept) >= 3  # the step, the addition in it, the loop around it
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")} == kept

@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.integrate import RK45
 
 from experiments import check, metrics
 from integrators import METHODS, TOPS, LagrangeTop, StepError, available, exact, integrate, methods, prepare
 from integrators.interface import Work
-from integrators.methods import implicit_midpoint, rk45, taylor
+from integrators.methods import implicit_midpoint, taylor
 
 GENERIC = TOPS["generic"]
 EPS = np.finfo(float).eps
@@ -67,7 +66,9 @@ def test_any_output_times(name):
     assert integrate(GENERIC.top, GENERIC.state, t=[], method=name).y.shape == (0, 6)
 
 
-@pytest.mark.parametrize("name", ["taylor", "taylor_accurate", "taylor_compact", "rk45"])
+@pytest.mark.parametrize(
+    "name", ["taylor", "taylor_accurate", "taylor_compact", "dop853", "rk45", "scipy_dop853", "lsoda", "radau"]
+)
 def test_dense_output_is_the_same_at_any_times_and_on_a_grid(name):
     record = method(name)
     grid = prepare(GENERIC.top, GENERIC.state, -0.3, name).record(GENERIC.state, 100, 5)
@@ -228,49 +229,6 @@ def test_taylor_batch_says_which_top_failed():
     ):
         with pytest.raises(ValueError, match=next(iter(wrong))):
             taylor.propagate_batch(**({"alphas": alphas, "Y0": Y0, "times": [1.0]} | wrong))
-
-
-# ---------------------------------------------------------------- Runge-Kutta
-
-
-def test_tableau_is_scipys():
-    """And satisfies the row-sum and quadrature conditions exactly, as fractions."""
-    for row, ours in enumerate(rk45.A, start=1):
-        assert np.array_equal(RK45.A[row, :row], np.array(ours, dtype=float))
-        assert float(sum(ours)) == RK45.C[row]
-    assert np.array_equal(RK45.B, np.array(rk45.B, dtype=float))
-    c = [0, *(sum(row) for row in rk45.A)]
-    for k in range(5):
-        assert sum(b * x**k for b, x in zip(rk45.B, c, strict=True)) == rk45.F(1, k + 1)
-
-
-def test_rk45_fixed_steps_as_scipy_does():
-    """One step of SciPy's own formula, with an h it accepts at once. Sums in another order: a few ulp."""
-    y0, h = GENERIC.state, 0.01
-    solver = RK45(lambda t, y: GENERIC.top.rhs(y), 0.0, y0, 1.0, first_step=h, rtol=1e-3, atol=1e-3)
-    solver.step()
-    assert solver.t == h
-    y = prepare(GENERIC.top, y0, h, "rk45_fixed").advance(y0, 1)
-    assert metrics.scaled_error(GENERIC.top, y0, y, solver.y) < 4 * EPS
-
-
-def test_rk45_counts_what_it_does(monkeypatch):
-    calls = []
-    plain = rk45.rhs
-    monkeypatch.setattr(rk45, "rhs", lambda alpha, y: calls.append(1) or plain(alpha, y))
-    stepper = prepare(GENERIC.top, GENERIC.state, 1.0, "rk45", rtol=1e-6)
-    calls.clear()
-    stepper.advance(GENERIC.state, 20)
-    work = stepper.work
-    assert work.rhs_evals == len(calls) == 2 + 6 * (work.steps + work.rejected)
-    assert work.rejected > 0
-
-
-def test_rk45_says_what_scipy_says():
-    """y' = y² leaves for infinity at t = 1: the step shrinks below the spacing of numbers."""
-    solver = RK45(lambda t, y: y * y, 0.0, [1.0], 2.0, rtol=1e-12)
-    with pytest.raises(StepError, match=r"rk45, step \d+: SciPy: Required step size .* \(t = 1\)"):
-        rk45._integrate(solver, np.array([2.0]), Work())
 
 
 # ---------------------------------------------------------------- implicit midpoint

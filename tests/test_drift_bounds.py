@@ -50,8 +50,8 @@ TABLE = [
 def test_drift(method, options, invariants, h, n, bound, why):
     if not available(METHODS[method]):
         pytest.skip("not installed")
-    if method in ("rk45", "taylor"):
-        n = min(n, 1000)
+    if METHODS[method].control == "tolerance":
+        n = min(n, 200 if METHODS[method].engine == "scipy" else 1000)
     for name in FEW:
         top, y0 = states.find(name)
         rows = prepare(top, y0, h * top.scales(y0)[2], method, **options).record(y0, n, n // 20)

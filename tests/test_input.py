@@ -156,7 +156,7 @@ def test_unknown_options():
     text = refused(r"^unknown option 'rtoll' of rk45", prepare, TOP, Y0, 0.1, "rk45", rtoll=1e-3)
     assert "did you mean 'rtol'?" in text
     assert "rtol, atol" in text
-    refused(r"^unknown option 'tol' of rk45_fixed.*none", prepare, TOP, Y0, 0.1, "rk45_fixed", tol=1e-3)
+    refused(r"^unknown option 'tol' of backlund_unpinned.*none", prepare, TOP, Y0, 0.1, "backlund_unpinned", tol=1e-3)
     refused(r"^unknown option 'solver' of rk45", integrate, TOP, Y0, t=[1.0], method="rk45", solver="newton")
 
 

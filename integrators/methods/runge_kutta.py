@@ -1,0 +1,253 @@
+"""Explicit Runge-Kutta formulas at a fixed step, compiled: RK4, Dormand-Prince 5, DOP853, Verner 9, and Verner 9 projected.
+
+A formula is a tableau of coefficients; the step is written out from it, with nothing for coefficients that vanish. Of the
+invariants only J3, whose derivative vanishes, is kept; the others drift, and the phase error grows like t².
+
+`verner9_projected` moves the state after every step to the nearest point, in units where |x| and |J| + √(|alpha||x|) are of
+order one, with the H, C1 and C2 it was prepared with: z + Gᵀλ with G Gᵀ λ = g, where g is what H, |x|²/2 and x·J lack and the
+rows of G are their gradients; a second Newton step only if the first was longer than √TINY. Where the gradients depend on
+each other (regular precession, a vertical or hanging top) only part of g can be corrected: of G Gᵀ the Schur complement of |x|²,
+which never vanishes, is damped by DAMPING, so the round-off u of an invariant moves the state by u/(2√DAMPING) at most, and what
+is left undone is no larger than DAMPING.
+
+`compensated` carries what the addition of the increment to the state rounds away to the next step.
+
+Sources: the tableaux's; projection: Hairer, Lubich & Wanner, Geometric Numerical Integration (2006), section IV.4; damping:
+Levenberg, Q. Appl. Math. 2 (1944) 164; compensated summation with the exact error of a sum: Knuth, The Art of Computer
+Programming 2, section 4.2.2, theorem B.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from integrators.compiled import jit, jit_as
+from integrators.interface import Array, Method, StepError
+from integrators.loops import FAILURE, MEMORY, RESIDUAL, FixedStepper
+from integrators.methods.backlund import Units
+from integrators.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Row, Tableau
+from integrators.top import LagrangeTop
+from integrators.unroll import unrolled
+
+ALPHA, H, ENERGY, C1, C2 = range(5)  # places of the constants
+DAMPING = 2.0**-46
+TINY = 2.0**-50  # square of a correction after which what is left is round-off
+LIMIT = 10  # Newton steps
+OFF_TORUS = 4e-11  # distance of an invariant from the prepared torus, in scaled units, that is no longer round-off
+NOT_CONVERGED = 1
+FAILURES = {NOT_CONVERGED: f"the projection is not done after {LIMIT} Newton steps; take a smaller |h|"}
+
+
+# ------------------------------------------------------------------------------------ any tableau, written out
+
+
+def weigh(weights: tuple[float, ...], slopes: Any) -> Any:
+    """Σ w_j k_j of slopes (J1, J2, x1, x2, x3)."""
+    terms = [tuple(w * k for k in slope) for w, slope in zip(weights, slopes, strict=True) if w]
+    total = terms[0]
+    for term in terms[1:]:
+        total = tuple(t + k for t, k in zip(total, term, strict=True))
+    return total
+
+
+def slopes_of(rows: tuple[tuple[float, ...], ...], s: Any, alpha: Any, h: Any, slopes: Any = ()) -> Any:
+    """All h f(u_i), J3 left out: of the state, unless `slopes` has it and more, and of u_i = s + Σ a_ij h f(u_j) for each row."""
+    J1, J2, J3, x1, x2, x3 = s
+    kick, spin = h * alpha, h * J3
+
+    def slope(u):
+        J1, J2, x1, x2, x3 = u
+        P1, P2 = h * J1, h * J2
+        return -kick * x2, kick * x1, P2 * x3 - spin * x2, spin * x1 - P1 * x3, P1 * x2 - P2 * x1
+
+    y = J1, J2, x1, x2, x3
+    slopes = list(slopes) or [slope(y)]
+    for row in rows:
+        slopes.append(slope(tuple(a + d for a, d in zip(y, weigh(row, slopes), strict=True))))
+    return tuple(slopes)
+
+
+def floats(row: Row) -> tuple[float, ...]:
+    return tuple(float(a) for a in row)
+
+
+def increment_of(tableau: Tableau) -> Any:
+    """(s, alpha, h) → what the formula adds to J1, J2, x1, x2, x3."""
+    a, b = tuple(map(floats, tableau.a)), floats(tableau.b)
+
+    @unrolled(f"increment {tableau.name}")
+    def increment(s, alpha, h):
+        return weigh(b, slopes_of(a, s, alpha, h))
+
+    return increment
+
+
+# ------------------------------------------------------------------------------------ adding the increment
+
+
+@jit
+def plain(s, d, c, tally):
+    J1, J2, J3, x1, x2, x3 = s
+    return J1 + d[0], J2 + d[1], J3, x1 + d[2], x2 + d[3], x3 + d[4]
+
+
+@jit
+def add(y, d, tally, place):
+    """y + (d + what the last sum lost); what this one loses, exactly, is kept."""
+    d += tally[place]
+    total = y + d
+    kept = total - d
+    tally[place] = (y - kept) + (d - (total - kept))
+    return total
+
+
+@jit
+def compensated(s, d, c, tally):
+    J1, J2, J3, x1, x2, x3 = s
+    return (
+        add(J1, d[0], tally, MEMORY),
+        add(J2, d[1], tally, MEMORY + 1),
+        J3,
+        add(x1, d[2], tally, MEMORY + 2),
+        add(x2, d[3], tally, MEMORY + 3),
+        add(x3, d[4], tally, MEMORY + 4),
+    )
+
+
+@jit
+def products(J1, J2, J3, x1, x2, x3):
+    """J1² + J2², J1x1 + J2x2, |x|², x·J."""
+    t = J1 * x1 + J2 * x2
+    return J1 * J1 + J2 * J2, t, (x1 * x1 + x2 * x2) + x3 * x3, t + J3 * x3
+
+
+@jit
+def lack(c, j, J3, x3, xx, xJ):
+    """What H, |x|²/2 and x·J are short of."""
+    return c[ENERGY] - (0.5 * (j + J3 * J3) + c[ALPHA] * x3), 0.5 * (c[C1] - xx), c[C2] - xJ
+
+
+@jit
+def projected(s, d, c, tally):
+    J1, J2, J3, x1, x2, x3 = plain(s, d, c, tally)
+    alpha = c[ALPHA]
+    for _ in range(LIMIT):
+        j, t, a22, a23 = products(J1, J2, J3, x1, x2, x3)
+        g1, g2, g3 = lack(c, j, J3, x3, a22, a23)
+        # G Gᵀ; gradients by (J1, J2, x1, x2, x3): (J1, J2, 0, 0, alpha), (0, 0, x), (x1, x2, J)
+        a11, a33 = j + alpha * alpha, (a22 - x3 * x3) + (j + J3 * J3)
+        a12, a13 = alpha * x3, t + alpha * J3
+        # a22 times the Schur complement of a22, and its right-hand side
+        u1, u3, u = a22 * a11 - a12 * a12 + DAMPING, a22 * a33 - a23 * a23 + DAMPING, a22 * a13 - a12 * a23
+        b1, b3 = a22 * g1 - a12 * g2, a22 * g3 - a23 * g2
+        r, q = 1.0 / (u1 * u3 - u * u), 1.0 / a22
+        l1, l3 = (u3 * b1 - u * b3) * r, (u1 * b3 - u * b1) * r
+        l2 = (g2 - (a12 * l1 + a23 * l3)) * q
+        J1, J2, x1, x2, x3 = (
+            J1 + (l1 * J1 + l3 * x1),
+            J2 + (l1 * J2 + l3 * x2),
+            x1 + (l2 * x1 + l3 * J1),
+            x2 + (l2 * x2 + l3 * J2),
+            x3 + (l1 * alpha + (l2 * x3 + l3 * J3)),
+        )
+        square = l1 * g1 + l2 * g2 + l3 * g3
+        if square <= TINY:
+            break
+    else:
+        tally[FAILURE] = NOT_CONVERGED
+        tally[RESIDUAL] = square
+    return J1, J2, J3, x1, x2, x3
+
+
+def kernel(tableau: Tableau, finish: Callable[..., Any]) -> Callable[..., Any]:
+    """The step of a formula; `finish` adds the increment to the state."""
+    increment = increment_of(tableau)
+
+    @jit_as(f"{tableau.name} {finish.__name__}")
+    def step(s, c, tally):
+        return finish(s, increment(s, c[ALPHA], c[H]), c, tally)
+
+    return step
+
+
+# ------------------------------------------------------------------------------------ methods
+
+
+def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
+    kernels = {False: kernel(tableau, plain), True: kernel(tableau, compensated)}
+
+    def prepare(top: LagrangeTop, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
+        """`compensated`: carry the rounding error of the state along, at most a few per cent dearer."""
+        if not isinstance(compensated, (bool, np.bool_)):
+            raise ValueError(f"compensated must be True or False; got {compensated!r}")
+        step = kernels[bool(compensated)]
+        return FixedStepper(name, h, np.array((top.alpha, h)), step, rhs_per_step=tableau.stages)
+
+    return Method(
+        name=name,
+        label=label,
+        family="runge-kutta",
+        order=tableau.order,
+        symmetric=False,
+        poisson=False,
+        conserves=frozenset({"J3"}),
+        control="step",
+        source=source,
+        prepare=prepare,
+    )
+
+
+VERNER = "Verner, Numer. Algorithms 53 (2010) 383, most efficient 9(8)"
+
+CLASSICAL = fixed("rk4", "RK4", RK4, "Kutta, Z. Math. Phys. 46 (1901) 435")
+FIFTH = fixed(
+    "rk45_fixed", "RK45, fixed step", DORMAND_PRINCE, "Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19"
+)
+EIGHTH = fixed(
+    "dop853_fixed",
+    "DOP853, fixed step",
+    DOP853,
+    "Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5",
+)
+NINTH = fixed("verner9_fixed", "Verner 9, fixed step", VERNER9, VERNER)
+
+projected_step = kernel(VERNER9, projected)
+
+
+def prepare_projected(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
+    """Back onto the H, C1 and C2 of y0 after every step."""
+    name, units = "verner9_projected", Units(top, y0, h)
+    c = np.zeros(5)
+    c[ALPHA], c[H] = units.alpha, units.time(h)
+
+    def lacking(state: Array) -> tuple[float, float, float]:
+        j, _, xx, xJ = products(*state)
+        g1, g2, g3 = lack(c, j, state[2], state[5], xx, xJ)
+        return g1, g2, g3
+
+    def enter(y: Array) -> Array:
+        state = units.enter(y)
+        if not max(map(abs, lacking(state))) <= OFF_TORUS:
+            raise StepError(name, "the state is not on the torus this step was prepared for", h=h)
+        return state
+
+    g1, g2, g3 = lacking(units.enter(y0))
+    c[ENERGY], c[C1], c[C2] = -g1, -2.0 * g2, -g3
+    if not np.isfinite(c).all():
+        raise StepError(name, "the top, its state or h is beyond the range of doubles", h=h)
+    leave, stages = units.leave, VERNER9.stages
+    return FixedStepper(name, h, c, projected_step, enter=enter, leave=leave, rhs_per_step=stages, failures=FAILURES)
+
+
+PROJECTED = replace(
+    NINTH,
+    name="verner9_projected",
+    label="Verner 9, projected",
+    conserves=frozenset({"H", "J3", "C1", "C2"}),
+    source=f"{VERNER}; Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), IV.4",
+    prepare=prepare_projected,
+)

@@ -1,0 +1,203 @@
+"""SciPy's integrators on their natural steps: RK45, DOP853, LSODA and Radau; h is only the output grid, which dense output fills.
+
+They are used as they stand, with a compiled right-hand side and, for the two implicit ones, a compiled Jacobian. Of the 5 to
+150 µs of a step nearly all is interpretation: `rk45_fixed` and `dop853` show what the formulas cost without it. J3, whose
+derivative vanishes, is kept.
+
+The local error is kept below atol + rtol |y_i|, root mean square over the components. Radau's estimate is of third order: it
+achieves more than it is asked for, hence a default of its own. The two implicit ones work in units, powers of two, in which |x|
+and |J| + √(|alpha||x|) are of order one: on tops of extreme size Radau would hardly move, and LSODA not start.
+
+SciPy counts the right-hand sides. Rejected steps follow from the number of stages for the explicit pairs; for LSODA and Radau
+from the times, one and three to a trial, at which they ask for a right-hand side (a repetition with a fresh Jacobian is the same
+trial).
+
+LSODA tells of a failure by a warning; here it becomes the reason of the StepError. Before SciPy 1.17 it is Fortran with one
+state for the whole process, and may print to standard output when a step vanishes beside t; so threads take turns, which
+the filter of warnings, one for the process too, asks for anyway.
+
+Sources: Dormand & Prince, J. Comput. Appl. Math. 6 (1980) 19; Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations
+I (1993), II.5; Petzold, SIAM J. Sci. Stat. Comput. 4 (1983) 136; Hairer & Wanner, Solving Ordinary Differential Equations II
+(1996), IV.8; Virtanen et al., Nature Methods 17 (2020) 261.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import warnings
+from typing import Any
+
+import numpy as np
+import scipy.integrate
+from scipy.linalg import LinAlgWarning
+
+from integrators.compiled import jit
+from integrators.dense import DenseStepper, Run, at_times
+from integrators.interface import Array, Method, StepError, Work
+from integrators.methods.backlund import Units
+from integrators.methods.dop853 import check_tolerances
+from integrators.top import LagrangeTop
+
+IN_TURNS = threading.Lock()
+
+
+@jit
+def rhs(alpha, y):
+    J1, J2, J3, x1, x2, x3 = y
+    f = np.array((-alpha * x2, alpha * x1, 0.0, J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1))
+    if not math.isfinite(f.sum()):  # SciPy would try steps of NaN for ever
+        raise OverflowError
+    return f
+
+
+@jit
+def jacobian(alpha, y):
+    J1, J2, J3, x1, x2, x3 = y
+    return np.array(
+        (
+            (0.0, 0.0, 0.0, 0.0, -alpha, 0.0),
+            (0.0, 0.0, 0.0, alpha, 0.0, 0.0),
+            (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            (0.0, x3, -x2, 0.0, -J3, J2),
+            (-x3, 0.0, x1, J3, 0.0, -J1),
+            (x2, -x1, 0.0, -J2, J1, 0.0),
+        )
+    )
+
+
+class Solver:
+    """One of SciPy's classes under the name of a method. `times`, of an implicit one: how many a trial asks for."""
+
+    def __init__(self, name: str, scipys: Any, times: int = 0):
+        self.name, self.scipys, self.times = name, scipys, times
+
+    def runner(self, top: LagrangeTop, rtol: float, atol: float) -> Run:
+        rtol, atol = check_tolerances(rtol, atol)
+        rhs(0.0, np.zeros(6))  # compile
+        jacobian(0.0, np.zeros(6))
+        follow = self.implicit if self.times else self.explicit
+
+        def run(y: Array, grid: Array, work: Work) -> Array:
+            try:
+                with np.errstate(all="ignore"):
+                    return follow(top, y, grid, work, rtol, atol)
+            except OverflowError:
+                reason = "the state left the range of floating-point numbers"
+            except (ArithmeticError, ValueError, Warning) as error:
+                reason = f"SciPy: {error}"
+            raise StepError(self.name, reason, step=work.steps)
+
+        return run
+
+    def explicit(self, top: LagrangeTop, y: Array, grid: Array, work: Work, rtol: float, atol: float) -> Array:
+        solver = self.scipys(lambda t, y: rhs(top.alpha, y), 0.0, y, grid[-1], rtol=rtol, atol=atol)
+        return self.steps(solver, grid, work)
+
+    def implicit(self, top: LagrangeTop, y: Array, grid: Array, work: Work, rtol: float, atol: float) -> Array:
+        units = Units(top, y, float(grid[-1]))
+        times = np.array([units.time(t) for t in grid.tolist()])
+        tried: set[float] = set()
+
+        def f(t: float, y: Array) -> Any:
+            tried.add(t)
+            return rhs(units.alpha, y)
+
+        def jac(t: float, y: Array) -> Any:
+            return jacobian(units.alpha, y)
+
+        with IN_TURNS, warnings.catch_warnings():
+            warnings.filterwarnings("error", message="lsoda")
+            warnings.filterwarnings("error", category=LinAlgWarning)
+            small = units.enter(np.full(6, atol))
+            solver = self.scipys(f, 0.0, units.enter(y), times[-1], jac=jac, rtol=rtol, atol=small)
+            return units.leave(self.steps(solver, times, work, tried))
+
+    def steps(self, solver: Any, grid: Array, work: Work, tried: set[float] | None = None) -> Array:
+        out = np.empty((len(grid), 6))
+        size, done = np.abs(grid), 0
+        while solver.status == "running":
+            evaluations, start = solver.nfev, solver.t
+            if tried is None:
+                message = solver.step()
+                work.rejected += (solver.nfev - evaluations) // solver.n_stages - 1
+            else:
+                tried.clear()
+                message = solver.step()
+                work.rejected += max(-(-len(tried - {start}) // self.times) - 1, 0)
+            if solver.status == "failed" or solver.t == start:
+                at = f" (t = {solver.t:g})" if tried is None else ""  # else in other units
+                raise StepError(self.name, f"SciPy: {message or 'no progress'}{at}", step=work.steps)
+            work.steps += 1
+            reached = int(np.searchsorted(size[:-1], abs(solver.t), side="right"))
+            if reached > done:
+                out[done:reached] = solver.dense_output()(grid[done:reached]).T
+                done = reached
+        out[-1] = solver.y  # the last step ends at the last time: no interpolation
+        work.rhs_evals += solver.nfev
+        return out
+
+
+def natural(
+    solver: Solver, label: str, family: str, order: int, source: str, tolerances: tuple[float, float] = (1e-9, 1e-12)
+) -> Method:
+    """The record of a solver; `tolerances` are its defaults, rtol and atol."""
+    relative, absolute = tolerances
+
+    def prepare(
+        top: LagrangeTop, y0: Array, h: float, *, rtol: float = relative, atol: float = absolute
+    ) -> DenseStepper:
+        """Natural steps with the local error kept below atol + rtol |y_i|."""
+        return DenseStepper(solver.name, h, solver.runner(top, rtol, atol))
+
+    def evaluate(
+        top: LagrangeTop, y0: Array, times: Array, *, rtol: float = relative, atol: float = absolute
+    ) -> tuple[Array, Work]:
+        """Dense output at any times; options as in `prepare`."""
+        return at_times(solver.name, solver.runner(top, rtol, atol), y0, times)
+
+    return Method(
+        name=solver.name,
+        label=label,
+        family=family,
+        order=order,
+        symmetric=False,
+        poisson=False,
+        conserves=frozenset({"J3"}),
+        control="tolerance",
+        source=f"scipy.integrate.{solver.scipys.__name__}; {source}",
+        prepare=prepare,
+        evaluate=evaluate,
+        engine="scipy",
+    )
+
+
+RK45 = natural(
+    Solver("rk45", scipy.integrate.RK45),
+    "RK45 (SciPy)",
+    "runge-kutta",
+    5,
+    "Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19",
+)
+DOP853 = natural(
+    Solver("scipy_dop853", scipy.integrate.DOP853),
+    "DOP853 (SciPy)",
+    "runge-kutta",
+    8,
+    "Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5",
+)
+LSODA = natural(
+    Solver("lsoda", scipy.integrate.LSODA, times=1),
+    "LSODA (SciPy)",
+    "implicit",
+    12,  # the highest of its Adams formulas; BDF up to 5
+    "Petzold, SIAM J. Sci. Stat. Comput. 4 (1983) 136",
+)
+RADAU = natural(
+    Solver("radau", scipy.integrate.Radau, times=3),
+    "Radau (SciPy)",
+    "implicit",
+    5,
+    "Hairer and Wanner, Solving Ordinary Differential Equations II (1996), IV.8",
+    tolerances=(1e-7, 1e-10),
+)
