@@ -11,6 +11,7 @@ import contextlib
 import errno
 import importlib
 import json
+import math
 import os
 import re
 import sys
@@ -59,15 +60,54 @@ examples:
 
 RUN = """\
 Measure the cells of experiments that are not stored yet, each kept as soon as it is done. A run that was stopped is
-continued, and failed cells are tried again, by the same command."""
+continued, and failed cells are tried again, by the same command. A cell that hangs or crashes fails alone."""
 
 RUN_EXAMPLES = """\
 examples:
   lagrange-bench run                            everything, quick: less than three minutes on two cores
   lagrange-bench run cost --profile full        one experiment as published; leave the machine alone meanwhile
   lagrange-bench run drift phase --results /scratch/top --jobs 8
+  lagrange-bench run drift --scheduler tcp://head:8786      on the workers of a Dask scheduler
+  lagrange-bench run drift --shard 3/100 --no-timings       a hundredth of the cells, for one of a hundred jobs
+
+Timing cells are measured on this machine, one at a time, after all others, whatever --jobs and --scheduler say; with
+--no-timings not at all. Needs for --scheduler: pip install 'lagrange-bench[cluster]' (docs/cluster.md).
 
 An experiment of your own is named by its module: lagrange-bench run my_package.my_experiment"""
+
+MERGE = """\
+Gather the results of several folders, of the shards of a run say, in one: append what it has not yet. Damaged lines are
+left behind. Of two records of one cell the one merged last counts."""
+
+MERGE_EXAMPLES = """\
+examples:
+  lagrange-bench merge shard-* --results all
+  lagrange-bench merge /mnt/cluster/top --results results/local/full"""
+
+COMPARE = """\
+Compare two stores cell by cell: which were added, removed or changed, and by how much in each column. Everything but
+times must be equal; --times tests those too, each method's over all its cells, by Wilcoxon's signed-rank test."""
+
+COMPARE_EXAMPLES = """\
+examples:
+  lagrange-bench compare results/reference results/local/full
+  lagrange-bench compare before after --times               is the new code slower?
+  lagrange-bench compare here there --rtol 1e-3 --atol 1e-12     of two kinds of machine
+
+exit codes: 0 the same · 1 not the same · 2 no such results"""
+
+VERIFY = """\
+Compute some of the cells of a store again, here and now, and compare: what a compiled method did to the invariants, and
+all counts, bit by bit; what a library or the exact solution has a part in, to its round-off; times not at all."""
+
+VERIFY_EXAMPLES = """\
+examples:
+  lagrange-bench verify                              sixty cells of the published results
+  lagrange-bench verify --sample 10000 --longest 60 --seed 1      all of them: a quarter of an hour
+  lagrange-bench verify results/local/quick --sample 20 --json
+
+The sample is drawn in turn from every part and method of every experiment. exit codes: 0 the same · 1 changed · 2 no
+such results, or an experiment's VERSION is newer than they are"""
 
 REPORT = """\
 Turn stored results into one offline page (index.html), figures (SVG) and tables (Markdown, LaTeX, CSV)."""
@@ -140,6 +180,11 @@ def parser() -> Parser:
     add("tops", "the named tops", TOPS, TOPS_EXAMPLES, "commands:tops")
     _add_run(add("run", "measure what is missing", RUN, RUN_EXAMPLES, "commands:run"))
     _add_report(add("report", "page, figures and tables of results", REPORT, REPORT_EXAMPLES, "commands:report"))
+    merge = add("merge", "gather results of several folders", MERGE, MERGE_EXAMPLES, "commands:merge")
+    merge.add_argument("folders", nargs="+", type=Path, metavar="DIR", help="folders that runs wrote to")
+    merge.add_argument("--results", type=Path, metavar="DIR", required=True, help="where to; created if need be")
+    _add_compare(add("compare", "what two results differ in", COMPARE, COMPARE_EXAMPLES, "commands:compare"))
+    _add_verify(add("verify", "compute stored cells again", VERIFY, VERIFY_EXAMPLES, "commands:verify"))
     summary = "follow one top with one method"
     integrate.add_options(add("integrate", summary, integrate.DESCRIPTION, integrate.EXAMPLES, "integrate:integrate"))
     check = add("check", "test what a method claims", CHECK, CHECK_EXAMPLES, "commands:check")
@@ -163,6 +208,37 @@ def _add_run(command: argparse.ArgumentParser) -> None:
     command.add_argument("--results", type=Path, metavar="DIR", help=text)
     text = "worker processes; timings always run one at a time (default: one per usable core)"
     command.add_argument("--jobs", type=positive, metavar="N", help=text)
+    text = "a cell that takes longer fails, and the rest goes on (default: 300 in the quick, 3600 in the full profile)"
+    command.add_argument("--time-limit", type=seconds, metavar="SECONDS", help=text)
+    text = "only every N-th cell of each experiment, starting with the I-th; I counts from 0"
+    command.add_argument("--shard", type=shard, metavar="I/N", default=(0, 1), help=text)
+    text = "compute on a Dask cluster: the address tcp://HOST:PORT of its scheduler, or local:N for one with N workers "
+    text += "here, for the time of the run"
+    command.add_argument("--scheduler", type=scheduler, metavar="ADDRESS", help=text)
+    command.add_argument("--no-timings", action="store_true", help="leave out the timing cells")
+    command.add_argument("--quiet", action="store_true", help="no progress on stderr")
+
+
+def _add_compare(command: argparse.ArgumentParser) -> None:
+    command.add_argument("old", type=Path, metavar="OLD", help="results: a folder that lagrange-bench run wrote to")
+    command.add_argument("new", type=Path, metavar="NEW", help="other results")
+    text = "relative difference allowed, where the absolute one is not (default: 0)"
+    command.add_argument("--rtol", type=tolerance, metavar="R", default=0.0, help=text)
+    command.add_argument("--atol", type=tolerance, metavar="A", default=0.0, help="absolute difference (default: 0)")
+    command.add_argument("--times", action="store_true", help="test times too")
+    text = "a ratio of times up to 1 + R is called the same (default: 0.1)"
+    command.add_argument("--threshold", type=tolerance, metavar="R", default=0.1, help=text)
+
+
+def _add_verify(command: argparse.ArgumentParser) -> None:
+    text = "results (default: the published ones)"
+    command.add_argument("folder", nargs="?", type=Path, metavar="DIR", help=text)
+    text = "how many cells (default: 60, less than a minute on two cores)"
+    command.add_argument("--sample", type=positive, metavar="N", default=60, help=text)
+    command.add_argument("--seed", type=int, metavar="N", default=0, help="another sample (default: 0)")
+    text = "leave out cells that took longer when they were stored (default: 3)"
+    command.add_argument("--longest", type=seconds, metavar="SECONDS", default=3.0, help=text)
+    command.add_argument("--jobs", type=positive, metavar="N", help="worker processes (default: one per usable core)")
     command.add_argument("--quiet", action="store_true", help="no progress on stderr")
 
 
@@ -171,6 +247,9 @@ def _add_report(command: argparse.ArgumentParser) -> None:
     command.add_argument("--results", type=Path, metavar="DIR", help=text)
     text = "where the page goes; it is created (default: report/ of the source tree, or ./report-output)"
     command.add_argument("--output", type=Path, metavar="DIR", help=text)
+
+
+LONGEST = 1e7  # s, of a --time-limit: four months
 
 
 def positive(text: str) -> int:
@@ -182,6 +261,46 @@ def positive(text: str) -> int:
     if number < 1:
         raise argparse.ArgumentTypeError(f"must be at least 1; got {number}")
     return number
+
+
+def seconds(text: str) -> float:
+    """A length of time that is worth waiting for."""
+    try:
+        number = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be a number of seconds; got {text!r}") from None
+    if not 0 < number <= LONGEST:
+        raise argparse.ArgumentTypeError(f"must be positive and at most {LONGEST:g}; got {text}")
+    return number
+
+
+def tolerance(text: str) -> float:
+    """A number that is not negative."""
+    try:
+        number = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be a number; got {text!r}") from None
+    if not 0 <= number < math.inf:
+        raise argparse.ArgumentTypeError(f"must be finite and not negative; got {text}")
+    return number
+
+
+def shard(text: str) -> tuple[int, int]:
+    """(I, N) of "I/N", 0 ≤ I < N."""
+    found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text)
+    if found is None or not int(found[1]) < int(found[2]):
+        raise argparse.ArgumentTypeError(f"must be I/N with 0 <= I < N, as 0/4 … 3/4; got {text!r}")
+    return int(found[1]), int(found[2])
+
+
+def scheduler(text: str) -> str:
+    """The address of a Dask scheduler, or local:N."""
+    from experiments.cluster import check_address
+
+    try:
+        return check_address(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 # ---------------------------------------------------------------- running a command
@@ -222,7 +341,8 @@ def _run(argv: list[str]) -> int:
         return 0
     if not hasattr(options, "function"):
         raise ValueError(
-            "give a command: methods, tops, run, report, integrate, check or errata (see lagrange-bench --help)"
+            "give a command: methods, tops, run, report, merge, compare, verify, integrate, check or errata (see "
+            "lagrange-bench --help)"
         )
     with _stdout_for_data_only() if options.json else contextlib.nullcontext():
         answer = _function(options.function)(options)
@@ -251,7 +371,8 @@ def _exit_code(error: Exception) -> int | None:
     """2 for bad input and unusable files, 1 for a method that failed, None for what nobody expected."""
     from experiments.store import StoreError
 
-    if isinstance(error, (ValueError, StoreError)):
+    cluster = sys.modules.get("experiments.cluster")
+    if isinstance(error, (ValueError, StoreError)) or (cluster and isinstance(error, cluster.ClusterError)):
         return 2
     interface = sys.modules.get("integrators.interface")
     return 1 if interface is not None and isinstance(error, interface.StepError) else None

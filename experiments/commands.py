@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import importlib
+import json
 import math
 import shlex
 import sys
@@ -108,11 +109,123 @@ def run(options: argparse.Namespace) -> Answer:
         search_current_folder()
     results = options.results or default_results(options.profile)
     names = options.experiments or EXPERIMENTS
-    summary = engine.run(names, options.profile, results, options.jobs, show=not options.quiet)
+    where = {"shard": options.shard, "scheduler": options.scheduler, "timings": not options.no_timings}
+    limit, show = options.time_limit, not options.quiet
+    summary = engine.run(names, options.profile, results, options.jobs, show, time_limit=limit, **where)
     following = f"next: lagrange-bench report --results {shlex.quote(str(results))}"
     if summary.exit_code:
         following += "\nthe same command again computes the failed cells once more"
     return Answer(f"{summary}\n{following}", summary.as_dict(), summary.exit_code)
+
+
+def merge(options: argparse.Namespace) -> Answer:
+    """Append to one store what others have and it has not."""
+    from experiments.store import Store, StoreError
+
+    target = Store(options.results)
+    for folder in options.folders:
+        if not Store(folder).experiments():
+            raise StoreError(f"no results in {folder}: give folders that lagrange-bench run wrote to")
+    rows, data, damaged = [("from", "experiment", "records added", "damaged lines left out")], [], 0
+    for folder in options.folders:
+        for experiment, (added, torn) in target.merge(Store(folder)).items():
+            rows.append((str(folder), experiment, str(added), str(torn)))
+            data.append({"from": str(folder), "experiment": experiment, "added": added, "damaged": torn})
+            damaged += torn
+    note = "\nthe cells of damaged lines count as not computed: the run that made them computes them again"
+    text = "\n".join([*table(rows), f"results: {options.results}"])
+    return Answer(text + (note if damaged else ""), {"results": str(options.results), "merged": data})
+
+
+def compare(options: argparse.Namespace) -> Answer:
+    """What two stores differ in; exit code 1 if in anything."""
+    from experiments import compare as stores
+
+    tolerance = {"rtol": options.rtol, "atol": options.atol}
+    found = stores.compare(options.old, options.new, **tolerance, times=options.times, threshold=options.threshold)
+    rows: list[tuple[str, ...]] = [("experiment", "cells old", "new", "same", "added", "removed", "changed")]
+    for name, c in found.experiments.items():
+        counts = (c.old, c.new, c.same, len(c.added), len(c.removed), len(c.changed))
+        rows.append((name, *map(str, counts)))
+    lines = table(rows)
+    for name, c in found.experiments.items():
+        lines += [*_listed(name, "removed", c.removed), *_listed(name, "added", c.added), *_changed(name, c.changed)]
+    if options.times:
+        lines += ["", *_times(found.times, options.threshold)]
+    lines += [*found.notes, "the same" if found.same else "not the same"]
+    cells = {
+        name: {**vars(c), "changed": [_change(cell, differing) for cell, differing in c.changed]}
+        for name, c in found.experiments.items()
+    }
+    data = {"same": found.same, "experiments": cells, "times": [asdict(t) for t in found.times], "notes": found.notes}
+    return Answer("\n".join(lines), plain(data), 0 if found.same else 1)
+
+
+def verify(options: argparse.Namespace) -> Answer:
+    """Compute stored cells again; exit code 1 if rows changed."""
+    from experiments import compare as stores
+    from experiments.store import default_results
+
+    folder = options.folder or default_results()
+    more = {"longest": options.longest, "jobs": options.jobs, "show": not options.quiet}
+    found = stores.verify(folder, options.sample, options.seed, **more)
+    by_experiment: dict[str, list[Any]] = {}
+    for name, cell, differing in found.changed:
+        by_experiment.setdefault(name, []).append((cell, differing))
+    lines = [line for name, changed in by_experiment.items() for line in _changed(name, changed)]
+    sum_up = f"{found.cells} cells computed again: {found.identical} identical, {found.close} within the tolerance of "
+    sum_up += f"libraries, {len(found.changed)} changed"
+    data = {
+        **{name: getattr(found, name) for name in ("cells", "identical", "close", "notes")},
+        "changed": [{"experiment": name, **_change(cell, differing)} for name, cell, differing in found.changed],
+    }
+    return Answer("\n".join([*lines, *found.notes, sum_up]), plain(data), 1 if found.changed else 0)
+
+
+MOST = 10  # cells listed of a kind
+
+
+def _listed(experiment: str, what: str, cells: Sequence[dict[str, Any]]) -> list[str]:
+    lines = [f"{what}: {experiment} {json.dumps(cell, ensure_ascii=False)}" for cell in cells[:MOST]]
+    return lines + ([f"… and {len(cells) - MOST} more {what} in {experiment}"] if len(cells) > MOST else [])
+
+
+def _changed(experiment: str, changed: Sequence[tuple[dict[str, Any], dict[str, Any]]]) -> list[str]:
+    """By how much, column by column; then the first few cells."""
+    if not changed:
+        return []
+    rows: list[tuple[str, ...]] = [("column", "cells", "rows", "largest difference", "relative", "old", "new")]
+    for column in dict.fromkeys(name for _, differing in changed for name in differing):
+        found = [differing[column] for _, differing in changed if column in differing]
+        worst = max(found, key=lambda difference: difference.relative)
+        sizes = (f"{max(difference.absolute for difference in found):.1e}", f"{worst.relative:.1e}")
+        counts = (str(len(found)), str(sum(difference.rows for difference in found)))
+        rows.append((column, *counts, *sizes, _short(worst.old), _short(worst.new)))
+    return [
+        "",
+        f"changed in {experiment}:",
+        *table(rows),
+        *_listed(experiment, "changed", [cell for cell, _ in changed]),
+    ]
+
+
+def _change(cell: dict[str, Any], differing: dict[str, Any]) -> dict[str, Any]:
+    return {"cell": cell, "columns": {column: asdict(difference) for column, difference in differing.items()}}
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= 60 else f"{text[:57]}…"
+
+
+def _times(tested: Sequence[Any], threshold: float) -> list[str]:
+    different = [group for group in tested if group.verdict != "same"]
+    rows: list[tuple[str, ...]] = [("times", "method", "column", "cells", "pairs", "new/old", "p", "verdict")]
+    for g in different:
+        counts = (str(g.cells), str(g.pairs), f"{g.ratio:.3f}", f"{g.p:.1e}")
+        rows.append((g.experiment, g.method, g.column, *counts, g.verdict))
+    sum_up = f"{len(tested)} groups of times, {len(different)} differ by more than {threshold:.0%} and significantly"
+    return [*(table(rows) if different else []), sum_up]
 
 
 def report(options: argparse.Namespace) -> Answer:

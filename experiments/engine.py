@@ -1,7 +1,7 @@
 """Runs what is missing of an experiment's cells and stores each as it is finished.
 
-Accuracy cells in parallel, then timing cells one at a time. A cell that fails becomes a record with its error; a run
-that is stopped, in whatever way, is continued by the same command.
+Accuracy cells in parallel, here or on a cluster; then timing cells one at a time, always here. A cell that fails becomes
+a record with its error; a run that is stopped, in whatever way, is continued by the same command.
 """
 
 from __future__ import annotations
@@ -9,9 +9,10 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
+from itertools import compress, islice
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,9 @@ from experiments.workers import Outcome, Task
 __all__ = ["EXPERIMENTS", "PROFILES", "Summary", "Tally", "load", "main", "run"]
 
 PROFILES = ("quick", "full")
+TIME_LIMITS = {"quick": 300.0, "full": 3600.0}  # s for one cell; the longest take 20 s and 40 s on two idle cores
+
+Shard = tuple[int, int]  # (i, n): the cells whose place in the experiment's list leaves the remainder i modulo n
 
 
 @dataclass
@@ -31,7 +35,7 @@ class Tally:
     cells: int = 0
     computed: int = 0
     stored: int = 0  # before this run
-    unavailable: int = 0  # their method needs a package that is not installed here
+    unavailable: int = 0  # skipped: their method needs a package that is not installed here, or no timings were asked
     failed: int = 0
     seconds: float = 0.0  # sum over the cells computed or failed now
 
@@ -72,7 +76,16 @@ class Summary:
 
 
 def run(
-    experiments: Sequence[str], profile: str, results: str | Path, jobs: int | None = None, show: bool = True
+    experiments: Sequence[str],
+    profile: str,
+    results: str | Path,
+    jobs: int | None = None,
+    show: bool = True,
+    *,
+    time_limit: float | None = None,
+    shard: Shard = (0, 1),
+    scheduler: str | None = None,
+    timings: bool = True,
 ) -> Summary:
     """Computes the cells of some experiments that are not stored in `results` yet.
 
@@ -80,84 +93,135 @@ def run(
     ----------
     experiments : names in EXPERIMENTS, or dotted paths of modules. profile : "quick" or "full".
     jobs : worker processes; default: one per usable core. show : progress on stderr.
+    time_limit : s; a cell that takes longer fails. Default: TIME_LIMITS[profile].
+    shard : (i, n): of each experiment only every n-th cell, starting with cell i.
+    scheduler : of Dask, "tcp://host:port" or "local:N": accuracy cells are computed there. Timing cells never are.
+    timings : whether to compute timing cells.
 
     Raises
     ------
-    ValueError : no such experiment or profile. StoreError : `results` cannot be written or read; nothing is lost.
+    ValueError : no such experiment, profile or scheduler. StoreError : `results` cannot be written or read; nothing is
+    lost. ClusterError : the scheduler went away, or its workers would give other rows.
     KeyboardInterrupt : Ctrl-C; the workers are gone, what was finished is stored, and stderr says so.
     """
     if profile not in PROFILES:
         raise ValueError(f"profile must be one of {', '.join(PROFILES)}; got {profile!r}")
     if jobs is not None and jobs < 1:
         raise ValueError(f"jobs must be at least 1; got {jobs}")
+    if time_limit is not None and not time_limit > 0:
+        raise ValueError(f"time_limit must be positive; got {time_limit}")
+    if not 0 <= shard[0] < shard[1]:
+        raise ValueError(f"shard must be (i, n) with 0 <= i < n; got {shard}")
+    limit = TIME_LIMITS[profile] if time_limit is None else time_limit
     store, summary = Store(results), Summary(Path(results), profile)
-    tasks = [_tasks(name, profile) for name in dict.fromkeys(experiments)]
     store.check_writable()  # before anything is computed
-    missing = [task for listed in tasks for task in _missing(listed, store, summary)]
-    totals = {name: sum(task.experiment == name for task in missing) for name in summary.tallies}
-    with progress.follow({name: total for name, total in totals.items() if total}, show) as bar:
+    plans = [_plan(name, profile, shard, store, summary, timings) for name in dict.fromkeys(experiments)]
+    with progress.follow({plan.experiment: plan.missing for plan in plans if plan.missing}, show) as bar:
 
         def begin(task: Task) -> None:
             bar.begin(task.experiment)
 
-        def finish(task: Task, outcome: Outcome) -> None:
+        def finish(outcomes: Sequence[tuple[Task, Outcome]]) -> None:
             with workers.interrupt_held_back():  # stored and counted, or neither
-                store.append(make_record(task.experiment, task.version, task.position, task.cell, **outcome))
-                _count(summary, task, outcome)
-            bar.advance(task.experiment, outcome["status"] == "failed")
+                store.append(*(make_record(t.experiment, t.version, t.position, t.cell, **o) for t, o in outcomes))
+                for task, outcome in outcomes:
+                    _count(summary, task, outcome)
+            for task, outcome in outcomes:
+                bar.advance(task.experiment, outcome["status"] == "failed")
 
         try:
-            accuracy = [task for task in missing if not task.cell.get("timing")]
-            workers.compute_all(accuracy, jobs or provenance.usable_cores(), begin, finish)
-            workers.compute_all([task for task in missing if task.cell.get("timing")], 1, begin, finish)
+            if any(any(plan.accuracy) for plan in plans):
+                with _executor(scheduler, jobs or provenance.usable_cores(), limit, experiments) as executor:
+                    workers.compute_all((t for p in plans for t in p.tasks(p.accuracy)), executor, begin, finish)
+            if any(any(plan.timing) for plan in plans):
+                if scheduler:
+                    summary.notes.append("timing cells ran one at a time on this machine, not on the scheduler's")
+                with workers.Local(1, limit) as executor:
+                    workers.compute_all((t for p in plans for t in p.tasks(p.timing)), executor, begin, finish)
         except KeyboardInterrupt:
-            finished = sum(tally.computed for tally in summary.tallies.values())
-            message = f"\ninterrupted: {finished} of {len(missing)} cells are stored in {summary.results}"
+            finished, missing = sum(t.computed for t in summary.tallies.values()), sum(plan.missing for plan in plans)
+            message = f"\ninterrupted: {finished} of {missing} cells are stored in {summary.results}"
             print(f"{message}; run the same command again to resume", file=sys.stderr, flush=True)
             raise
     return summary
 
 
-def _tasks(experiment: str, profile: str) -> list[Task]:
-    """The cells of an experiment, in its order.
+def _executor(scheduler: str | None, jobs: int, limit: float, experiments: Sequence[str]) -> Any:
+    """Context manager of the executor of the accuracy cells."""
+    if scheduler is None:
+        return workers.Local(jobs, limit, ahead=jobs)
+    from experiments import cluster
+
+    return cluster.Cluster(scheduler, limit, experiments)
+
+
+# ---------------------------------------------------------------- which cells
+
+
+@dataclass
+class _Plan:
+    """What is missing of one experiment. The cells are listed again to be computed: they are never all in memory."""
+
+    experiment: str
+    profile: str
+    shard: Shard
+    accuracy: bytearray = field(default_factory=bytearray)  # of each cell of the shard: to be computed?
+    timing: bytearray = field(default_factory=bytearray)
+
+    @property
+    def missing(self) -> int:
+        return sum(self.accuracy) + sum(self.timing)
+
+    def cells(self) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Position and content of every cell of the shard, in the experiment's order."""
+        numbered = enumerate(load(self.experiment).cells(self.profile))
+        return ((position, clean(cell)) for position, cell in islice(numbered, self.shard[0], None, self.shard[1]))
+
+    def tasks(self, chosen: bytearray) -> Iterator[Task]:
+        version = load(self.experiment).VERSION
+        for position, cell in compress(self.cells(), chosen):
+            yield Task(self.experiment, version, position, cell)
+
+
+def _plan(experiment: str, profile: str, shard: Shard, store: Store, summary: Summary, timings: bool) -> _Plan:
+    """Finds the cells to compute now, and enters the others in the summary.
 
     Raises
     ------
     ValueError : two cells are equal, or a field has a name the store adds.
     """
-    module = load(experiment)
-    cells = [clean(cell) for cell in module.cells(profile)]
+    plan, version = _Plan(experiment, profile, shard), load(experiment).VERSION
+    tally = summary.tallies[experiment] = Tally()
+    done, problems = store.done(experiment)
+    summary.notes += problems
     seen = set()
-    for cell in cells:
-        key = cell_key(experiment, module.VERSION, cell)
+    for _, cell in plan.cells():
+        tally.cells += 1
+        key = bytes.fromhex(cell_key(experiment, version, cell))
         if key in seen:
             raise ValueError(f"experiment {experiment!r} lists the cell {cell} twice")
         if taken := set(ADDED) & set(cell):
             raise ValueError(f"experiment {experiment!r}: cell field {taken.pop()!r}: the store has one of this name")
         seen.add(key)
-    return [Task(experiment, module.VERSION, position, cell) for position, cell in enumerate(cells)]
-
-
-def _missing(tasks: list[Task], store: Store, summary: Summary) -> list[Task]:
-    """Of the tasks of one experiment those to compute now; enters the others in the summary."""
-    if not tasks:
-        return []
-    experiment = tasks[0].experiment
-    tally = summary.tallies[experiment] = Tally(cells=len(tasks))
-    records, problems = store.read(experiment)
-    summary.notes += problems
-    done = {record["key"] for record in records if record["status"] == "done"}
-    missing = []
-    for task in tasks:
-        if cell_key(experiment, task.version, task.cell) in done:
+        missing, timed = False, bool(cell.get("timing"))
+        if key in done:
             tally.stored += 1
-        elif package := _lacks(task.cell.get("method")):
+        elif package := _lacks(cell.get("method")):
             tally.unavailable += 1
-            note = f"skipped: {task.cell['method']} needs {package}, which is not installed here"
-            summary.notes += [note] if note not in summary.notes else []
+            _note(summary, f"skipped: {cell['method']} needs {package}, which is not installed here")
+        elif timed and not timings:
+            tally.unavailable += 1
+            _note(summary, f"skipped: the timing cells of {experiment}, as told")
         else:
-            missing.append(task)
-    return missing
+            missing = True
+        plan.accuracy.append(missing and not timed)
+        plan.timing.append(missing and timed)
+    return plan
+
+
+def _note(summary: Summary, note: str) -> None:
+    if note not in summary.notes:
+        summary.notes.append(note)
 
 
 @cache

@@ -14,6 +14,7 @@ import json
 import math
 import numbers
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -33,6 +34,9 @@ Record = dict[str, Any]
 
 SCHEMA = 1  # of the records; the envelope (one JSON object a line, "schema", "sha256") is the same in all
 ADDED = ("key", "status", "failure")  # columns `rows` adds to those of a cell
+SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of the row fields that may be lists of numbers: raw timings
+
+BLOCK = 4096  # records merged at a time
 
 
 class StoreError(RuntimeError):
@@ -66,11 +70,12 @@ def cell_key(experiment: str, version: int, cell: Mapping[str, Any]) -> str:
 def make_record(experiment: str, version: int, position: int, cell: Mapping[str, Any], **outcome: Any) -> Record:
     """A record without its SHA-256. `position` of the cell among the experiment's cells: the order of `rows`.
 
-    outcome : status ("done" or "failed"), rows, error (None or a dict), warnings, seconds.
+    outcome : status ("done" or "failed"), rows, error (None or a dict), warnings, seconds; provenance if it was not
+    computed on this machine.
     """
     key = cell_key(experiment, version, cell)
     head = {"schema": SCHEMA, "key": key, "experiment": experiment, "version": version, "position": position}
-    return {**head, "cell": clean(cell), **outcome, "provenance": provenance.provenance()}
+    return {"provenance": provenance.provenance(), **head, "cell": clean(cell), **outcome}
 
 
 def clean_rows(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> list[Record]:
@@ -78,7 +83,8 @@ def clean_rows(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> li
 
     Raises
     ------
-    TypeError : a value is not a scalar. ValueError : a row contradicts its cell or uses a name of ADDED.
+    TypeError : a value is not a scalar, nor a list of numbers under a name like `samples_ns`. ValueError : a row
+    contradicts its cell or uses a name of ADDED.
     """
     cleaned = []
     for row in rows:
@@ -88,6 +94,8 @@ def clean_rows(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> li
                 raise ValueError(f"row field {name!r}: the store has one of this name")
             if name in cell and value != clean(cell[name]):
                 raise ValueError(f"row field {name!r} is {value!r}, in the cell it is {cell[name]!r}")
+            if isinstance(value, list) and SAMPLES.search(name) and all(type(v) in (int, float) for v in value):
+                continue
             if isinstance(value, list) or (isinstance(value, dict) and set(value) != {"float"}):
                 raise TypeError(f"row field {name!r} must be a scalar; got a {type(value).__name__}")
         cleaned.append(row)
@@ -120,6 +128,23 @@ def restore(value: Any) -> Any:
     if isinstance(value, dict):
         return float(value["float"]) if set(value) == {"float"} else {k: restore(v) for k, v in value.items()}
     return [restore(v) for v in value] if isinstance(value, list) else value
+
+
+def latest(records: Sequence[Record]) -> list[Record]:
+    """Of the records of an experiment one per cell of the newest VERSION, in the order of the experiment's cells.
+
+    The environment that measured a cell last wins; within it, a success over any failure, the later over the earlier.
+    """
+    newest = max((record["version"] for record in records), default=0)
+    chosen: dict[str, Record] = {}
+    for record in records:
+        if record["version"] == newest:
+            cell = _canonical(record["cell"])
+            old = chosen.get(cell)
+            if old and old["key"] == record["key"] and (old["status"], record["status"]) == ("done", "failed"):
+                continue
+            chosen[cell] = record
+    return [chosen[cell] for cell in sorted(chosen, key=lambda cell: (chosen[cell]["position"], cell))]
 
 
 @cache
@@ -160,64 +185,122 @@ class Store:
             finally:
                 probe.unlink(missing_ok=True)
 
-    def append(self, record: Record) -> None:
-        """Adds one record to its experiment's journal, all or nothing; on return it is on the disk."""
-        line = _canonical({**record, "sha256": _digest(record)}).encode("ascii") + b"\n"
+    def append(self, *records: Record) -> None:
+        """Adds records to their journals, all or nothing for each journal; on return they are on the disk."""
+        journals: dict[str, list[bytes]] = {}
+        for record in records:
+            line = _canonical({**record, "sha256": _digest(record)}).encode("ascii") + b"\n"
+            journals.setdefault(record["experiment"], []).append(line)
+        for experiment, lines in journals.items():
+            self._append(experiment, b"".join(lines))
+
+    def _append(self, experiment: str, lines: bytes) -> None:
         flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0)
+        path = self.path(experiment)
         with self._explained():
-            file = os.open(self.path(record["experiment"]), flags, 0o644)
+            new = not path.exists()
+            file = os.open(path, flags, 0o644)
             try:
                 with _locked(file, exclusive=True):
-                    _append(file, line)
+                    _append(file, lines)
             finally:
                 os.close(file)
+        if new:
+            _sync_folder(self.folder)
+
+    def experiments(self) -> list[str]:
+        """Names of the experiments that have a journal here."""
+        try:
+            return sorted(path.stem for path in self.folder.glob("*.jsonl"))
+        except OSError as error:
+            raise StoreError(f"cannot read {self.folder}: {error.strerror}") from error
+
+    def lines(self, experiment: str) -> Iterator[tuple[int, bytes, Record | None]]:
+        """Each line of a journal: its number, the line, and the record in it; None if it is damaged.
+
+        One line is in memory at a time. What is appended after the first was asked for is not seen.
+
+        Raises
+        ------
+        StoreError : the journal cannot be read, or has records of another schema.
+        """
+        path = self.path(experiment)
+        try:
+            with path.open("rb") as file:
+                with _locked(file.fileno(), exclusive=False):  # nobody is in the middle of a line
+                    size = os.fstat(file.fileno()).st_size
+                number = 0
+                while size > 0 and (line := file.readline(size)):
+                    number, size = number + 1, size - len(line)
+                    record = _parse(line)
+                    if record is not None and record["schema"] != SCHEMA:
+                        raise StoreError(
+                            f"{path}, line {number}: written with schema {record['schema']}, this version reads "
+                            f"{SCHEMA}: update lagrange-bench, or choose another folder with --results"
+                        )
+                    if record is not None or line != b"\n":
+                        yield number, line, record
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise StoreError(f"cannot read {path}: {error.strerror}") from error
 
     def read(self, experiment: str) -> tuple[list[Record], list[str]]:
         """Every record of an experiment, oldest first, and what is wrong with the lines that are none."""
-        path = self.path(experiment)
-        try:
-            with path.open("rb") as file, _locked(file.fileno(), exclusive=False):
-                lines = file.read().split(b"\n")
-        except FileNotFoundError:
-            return [], []
-        except OSError as error:
-            raise StoreError(f"cannot read {path}: {error.strerror}") from error
         records, problems = [], []
-        for number, line in enumerate(lines, start=1):
-            record = _parse(line)
-            if record is not None and record["schema"] != SCHEMA:
-                raise StoreError(
-                    f"{path}, line {number}: written with schema {record['schema']}, this version reads {SCHEMA}: "
-                    "update lagrange-bench, or choose another folder with --results"
-                )
+        for number, line, record in self.lines(experiment):
             if record is not None:
                 records.append(record)
-            elif line:
-                what = "cut off while it was written" if number == len(lines) else "damaged"
-                problems.append(f"{path}, line {number}: {what}; skipped, its cell counts as not computed")
+            else:
+                problems.append(self._problem(experiment, number, line))
         return records, problems
 
-    def done(self, experiment: str) -> set[str]:
-        """Keys of the cells that need not be computed again."""
-        return {record["key"] for record in self.read(experiment)[0] if record["status"] == "done"}
+    def _problem(self, experiment: str, number: int, line: bytes) -> str:
+        what = "damaged" if line.endswith(b"\n") else "cut off while it was written"
+        return f"{self.path(experiment)}, line {number}: {what}; skipped, its cell counts as not computed"
+
+    def done(self, experiment: str) -> tuple[set[bytes], list[str]]:
+        """Keys of the cells that need not be computed again, and what is wrong with the lines that are no record."""
+        keys, problems = set(), []
+        for number, line, record in self.lines(experiment):
+            if record is None:
+                problems.append(self._problem(experiment, number, line))
+            elif record["status"] == "done":
+                keys.add(bytes.fromhex(record["key"]))
+        return keys, problems
+
+    def merge(self, other: Store) -> dict[str, tuple[int, int]]:
+        """Appends the records of another store that are not here yet: experiment → (how many, damaged lines left out).
+
+        Records are taken as they are, in their order: of several of one cell the last
+        counts, so the store merged last wins.
+        """
+        if self.folder.resolve() == other.folder.resolve():
+            raise ValueError(f"{other.folder} cannot be merged into itself")
+        self.check_writable()
+        merged = {}
+        for experiment in other.experiments():
+            here = {_identity(line) for _, line, record in self.lines(experiment) if record is not None}
+            found: list[bytes] = []
+            added = damaged = 0
+            for _, line, record in other.lines(experiment):
+                if record is None:
+                    damaged += 1
+                elif (identity := _identity(line)) not in here:
+                    here.add(identity)
+                    found.append(line.rstrip(b"\n") + b"\n")
+                    added += 1
+                if len(found) >= BLOCK:
+                    self._append(experiment, b"".join(found))
+                    found.clear()
+            if found:
+                self._append(experiment, b"".join(found))
+            merged[experiment] = (added, damaged)
+        return merged
 
     def latest(self, experiment: str) -> list[Record]:
-        """One record per cell of the newest VERSION stored, in the order of the experiment's cells.
-
-        The environment that measured a cell last wins; within it, a success over any failure, the later over the
-        earlier.
-        """
-        records, _ = self.read(experiment)
-        newest = max((record["version"] for record in records), default=0)
-        chosen: dict[str, Record] = {}
-        for record in records:
-            if record["version"] == newest:
-                cell = _canonical(record["cell"])
-                old = chosen.get(cell)
-                if old and old["key"] == record["key"] and (old["status"], record["status"]) == ("done", "failed"):
-                    continue
-                chosen[cell] = record
-        return [chosen[cell] for cell in sorted(chosen, key=lambda cell: (chosen[cell]["position"], cell))]
+        """One record per cell of the newest VERSION stored, in the order of the experiment's cells; see `latest`."""
+        return latest(self.read(experiment)[0])
 
     def rows(self, experiment: str) -> pd.DataFrame:
         """What was measured: each row with the fields of its cell, and `key`, `status`, `failure`.
@@ -284,8 +367,12 @@ def _parse(line: bytes) -> Record | None:
         return None
 
 
+def _identity(line: bytes) -> bytes:
+    return hashlib.sha256(line.rstrip(b"\n")).digest()
+
+
 def _append(file: int, line: bytes) -> None:
-    """Writes a line at the end of an open journal, on a fresh line; takes back what it wrote if that fails."""
+    """Writes lines at the end of an open journal, on a fresh line; takes back what it wrote if that fails."""
     size = os.fstat(file).st_size
     if size:
         os.lseek(file, size - 1, os.SEEK_SET)
@@ -302,6 +389,16 @@ def _append(file: int, line: bytes) -> None:
         raise
 
 
+def _sync_folder(folder: Path) -> None:
+    """Puts the name of a new file on the disk too, where folders can be synced."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
 @contextlib.contextmanager
 def _locked(file: int, exclusive: bool) -> Iterator[None]:
     """Holds a lock on an open file where the platform and the file system know locks."""
@@ -310,4 +407,8 @@ def _locked(file: int, exclusive: bool) -> Iterator[None]:
         return
     with contextlib.suppress(OSError):  # some network file systems have none
         fcntl.flock(file, fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH)
-    yield  # closing the file releases it
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_UN)

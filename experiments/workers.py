@@ -1,28 +1,31 @@
-"""Fresh worker processes: they compute cells one thread each, and their death is a result, not an accident.
+"""Cells in processes of their own, one thread each: their death or their hanging is a result, not an accident.
 
-A cell is a pure function of its fields, so a worker needs nothing but the experiment's name and the cell.
+A cell is a pure function of its fields, so a process needs nothing but the experiment's name and the cell. Here cells
+are run by `Local`, on a cluster by `cluster.Cluster`; on both each is computed by `Slots.compute`, with the same rows.
 """
 
 from __future__ import annotations
 
+import faulthandler
 import multiprocessing
 import os
+import queue
 import signal
 import threading
 import traceback
 import warnings
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
+from itertools import islice
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, Protocol
 
 from experiments import load
 from experiments.store import clean_rows, restore
@@ -31,9 +34,11 @@ from experiments.store import clean_rows, restore
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS")
 TRACEBACK = 4000  # characters kept of a traceback, from its end
 HOME = f"{Path(__file__).resolve().parents[1]}{os.sep}"
+DIED = "WorkerDied"
+GRACE = 30.0  # s the parent of a hanging cell has to end it
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Task:
     """One cell to compute."""
 
@@ -44,105 +49,221 @@ class Task:
 
 
 Outcome = dict[str, Any]  # status, rows, error, warnings, seconds
-Finish = Callable[[Task, Outcome], None]
+Finish = Callable[[Sequence[tuple[Task, Outcome]]], None]
 
 
-def compute_all(tasks: Iterable[Task], jobs: int, begin: Callable[[Task], None], finish: Finish) -> None:
-    """Computes every task in `jobs` fresh processes and calls `finish(task, outcome)` here as each is done.
+class Executor(Protocol):
+    """Something that computes tasks, several at a time."""
 
-    A task that takes its process down with it costs its neighbours in the pool nothing: all that were in
-    flight run again, each in a process of its own, and the one that dies alone is the culprit.
+    @property
+    def room(self) -> bool:
+        """Whether to hand over more now."""
+        ...
+
+    @property
+    def size(self) -> int:
+        """How many tasks to hand over in one go."""
+        ...
+
+    def submit(self, tasks: list[Task]) -> None:
+        """Hands over tasks, without waiting."""
+        ...
+
+    def finished(self) -> list[tuple[Task, Outcome]]:
+        """Waits for some of the tasks handed over, and returns their outcomes."""
+        ...
+
+
+def compute_all(tasks: Iterable[Task], executor: Executor, begin: Callable[[Task], None], finish: Finish) -> None:
+    """Computes every task and calls `finish` here with a handful of outcomes as soon as it is there.
+
+    `tasks` is read as it is needed. A cell whose process died is computed once more in the end, with no other beside
+    it: the process may have been killed from outside, or for want of memory. The second death is the cell's own.
     """
-    waiting = deque(tasks)
-    while waiting:
-        suspects, reason = _until_broken(waiting, min(jobs, len(waiting)), begin, finish)
-        if len(suspects) == 1:
-            finish(suspects[0], _failure("WorkerDied", reason, "", 0.0))
+    suspects: list[Task] = []
+    for outcomes in _stream(iter(tasks), executor, begin):
+        suspects += [task for task, outcome in outcomes if died(outcome)]
+        if good := [(task, outcome) for task, outcome in outcomes if not died(outcome)]:
+            finish(good)
+    for suspect in suspects:
+        for outcomes in _stream(iter([suspect]), executor, begin):
+            finish(outcomes)
+
+
+def _stream(
+    tasks: Iterator[Task], executor: Executor, begin: Callable[[Task], None]
+) -> Iterator[list[tuple[Task, Outcome]]]:
+    """Outcomes as they come; as many tasks are out at a time as the executor has room for, so memory is bounded."""
+    out = 0
+    while True:
+        while executor.room and (handful := list(islice(tasks, executor.size))):
+            executor.submit(handful)
+            out += len(handful)
+            for task in handful:
+                begin(task)
+        if not out:
+            return
+        outcomes = executor.finished()
+        out -= len(outcomes)
+        yield outcomes
+
+
+def died(outcome: Outcome) -> bool:
+    """Whether the process of the cell ended before the cell did."""
+    return outcome["status"] == "failed" and outcome["error"]["type"] == DIED
+
+
+# ---------------------------------------------------------------- on this machine
+
+
+class Local:
+    """`jobs` cells at a time on this machine, and `ahead` more that wait, so that no process waits for the store.
+
+    Left through an exception (Ctrl-C), the processes are killed.
+    """
+
+    size = 1
+
+    def __init__(self, jobs: int, limit: float | None = None, ahead: int = 0):
+        self._jobs, self._ahead, self._limit, self._slots, self._out = jobs, ahead, limit, Slots(), 0
+        self._done: queue.SimpleQueue[tuple[Task, Future[Outcome]]] = queue.SimpleQueue()
+
+    def __enter__(self) -> Local:
+        if hasattr(signal, "pthread_sigmask"):
+            resource_tracker.ensure_running()  # multiprocessing's helper; starting it unblocks the signal
+        self._threads = ThreadPoolExecutor(self._jobs, initializer=_block_interrupts)
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is not None:
+            self._slots.kill()
+        self._threads.shutdown(wait=True, cancel_futures=True)
+        self._slots.close()
+
+    @property
+    def room(self) -> bool:
+        return self._out < self._jobs + self._ahead
+
+    def submit(self, tasks: list[Task]) -> None:
+        (task,) = tasks
+        self._out += 1
+        future = self._threads.submit(self._slots.compute, task.experiment, task.cell, self._limit)
+        future.add_done_callback(lambda done: self._done.put((task, done)))
+
+    def finished(self) -> list[tuple[Task, Outcome]]:
+        found = [self._done.get()]
+        while not self._done.empty():  # also what was finished while the last were stored
+            found.append(self._done.get())
+        self._out -= len(found)
+        return [(task, future.result()) for task, future in found]
+
+
+def _block_interrupts() -> None:
+    """In a thread: Ctrl-C is for the main one, and processes started here inherit the blocked signal."""
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+
+
+class Slots:
+    """Processes that compute one cell at a time each and are used again; as many as there are callers at a time."""
+
+    def __init__(self) -> None:
+        self._idle: list[_Slot] = []
+        self._all: set[_Slot] = set()
+        self._lock, self._killed = threading.Lock(), False
+
+    def compute(self, experiment: str, cell: dict[str, Any], limit: float | None) -> Outcome:
+        """The outcome of a cell, whatever it does to its process; `limit` is in seconds, None for no limit."""
+        slot, start = self._take(), perf_counter()
+        try:
+            with self._lock:
+                if self._killed:
+                    raise BrokenProcessPool
+                future = slot.submit(experiment, cell, limit)
+            outcome = future.result(limit)
+        except TimeoutError:
+            slot.kill()
+            reason = f"not done after {limit:g} s, so its process was ended; --time-limit SECONDS allows more"
+            outcome = failure("TimeLimit", reason, "", perf_counter() - start)
+        except BrokenProcessPool:
+            outcome = failure(DIED, slot.reason(), "", perf_counter() - start)
         else:
-            for suspect in suspects:
-                compute_all([suspect], 1, begin, finish)
+            self._idle.append(slot)
+            return outcome
+        slot.close()
+        self._all.discard(slot)
+        return outcome
 
-
-def _until_broken(
-    waiting: deque[Task], jobs: int, begin: Callable[[Task], None], finish: Finish
-) -> tuple[list[Task], str]:
-    """Computes tasks until none is left or a process dies; returns those in flight then, and how it died.
-
-    No more than `jobs` are submitted at a time: the suspects are few.
-    """
-    running: dict[Future[Outcome], Task] = {}
-    broken = False
-    with _pool(jobs) as pool:
-        while not broken and (waiting or running):
-            while waiting and len(running) < jobs and not broken:
-                try:
-                    future = pool.submit(waiting[0])
-                except BrokenProcessPool:  # died between two tasks
-                    broken = True
-                else:
-                    running[future] = waiting.popleft()
-                    begin(running[future])
-            wait(running, return_when=FIRST_COMPLETED)
-            # what finished before the death counts; the rest of a broken pool is done too, with this exception
-            for future in [future for future in running if future.done()]:
-                if isinstance(future.exception(), BrokenProcessPool):
-                    broken = True
-                else:
-                    finish(running.pop(future), future.result())
-    return list(running.values()), pool.reason()
-
-
-# ---------------------------------------------------------------- the pool
-
-
-@dataclass
-class _Pool:
-    executor: ProcessPoolExecutor
-    others: set[BaseProcess]
-    processes: set[BaseProcess] = field(default_factory=set)
-
-    def submit(self, task: Task) -> Future[Outcome]:
-        # processes start in here; they inherit the blocked signal, and are stopped by us, not by the terminal
-        with interrupt_held_back():
-            future = self.executor.submit(compute, task.experiment, task.cell)
-        self.look()
-        return future
-
-    def look(self) -> None:
-        self.processes |= set(multiprocessing.active_children()) - self.others
+    def _take(self) -> _Slot:
+        try:
+            return self._idle.pop()
+        except IndexError:
+            slot = _Slot()
+            self._all.add(slot)
+            return slot
 
     def kill(self) -> None:
-        self.look()
-        for process in self.processes:
-            process.kill()
+        """Ends every process, even within a compiled call; what is being computed becomes a failure."""
+        with self._lock:
+            self._killed = True
+            for slot in list(self._all):
+                slot.kill()
+
+    def close(self) -> None:
+        """Waits for the processes to end; nothing may be being computed."""
+        for slot in self._all:
+            slot.close()
+        self._all.clear()
+        self._idle.clear()
+
+
+class _Slot:
+    """One fresh process."""
+
+    def __init__(self) -> None:
+        self._executor = _executor()
+        self._process: BaseProcess | None = None
+
+    def submit(self, *what: Any) -> Future[Outcome]:
+        """Starts `compute(*what)`."""
+        with _STARTING, _one_thread_each():  # the process is started in here
+            others = set(multiprocessing.active_children())
+            try:
+                future = self._executor.submit(compute, *what)
+            except BrokenProcessPool:  # it died between two cells
+                self._executor.shutdown()
+                self._executor, self._process = _executor(), None
+                future = self._executor.submit(compute, *what)
+            if self._process is None:
+                self._process = (set(multiprocessing.active_children()) - others).pop()
+        return future
+
+    def kill(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+
+    def close(self) -> None:
+        self._executor.shutdown(wait=True, cancel_futures=True)
 
     def reason(self) -> str:
-        """How the process that died first did: the executor terminates the rest."""
-        codes = [process.exitcode for process in self.processes if process.exitcode not in (None, 0, -signal.SIGTERM)]
-        if not codes or codes[0] is None:
+        """How the process died."""
+        self._executor.shutdown()  # waits for its end
+        code = None if self._process is None else self._process.exitcode
+        if code is None:
             return "the worker process died"
-        if codes[0] > 0:
-            return f"the worker process ended itself with exit code {codes[0]}"
+        if code >= 0:
+            return f"the worker process ended itself with exit code {code}"
         try:
-            return f"the worker process was killed by {signal.Signals(-codes[0]).name}"
+            return f"the worker process was killed by {signal.Signals(-code).name}"
         except ValueError:
-            return f"the worker process was killed by signal {-codes[0]}"
+            return f"the worker process was killed by signal {-code}"
 
 
-@contextmanager
-def _pool(jobs: int) -> Iterator[_Pool]:
-    """`jobs` fresh processes; left through an exception (Ctrl-C) they are killed, even within a compiled call."""
-    spawn = multiprocessing.get_context("spawn")
-    with _one_thread_each():
-        executor = ProcessPoolExecutor(jobs, mp_context=spawn, initializer=_start_worker)
-        pool = _Pool(executor, others=set(multiprocessing.active_children()))
-        try:
-            yield pool
-        except BaseException:
-            pool.kill()
-            raise
-        finally:
-            executor.shutdown(wait=True, cancel_futures=True)
+_STARTING = threading.Lock()  # one process is started at a time: whose it is, and its environment, are not confused
+
+
+def _executor() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"), initializer=_start_worker)
 
 
 @contextmanager
@@ -185,10 +306,15 @@ def interrupt_held_back() -> Iterator[None]:
 # ---------------------------------------------------------------- inside a worker
 
 
-def compute(experiment: str, cell: dict[str, Any]) -> Outcome:
-    """Measures one cell. Whatever is raised becomes part of the outcome; warnings are collected."""
+def compute(experiment: str, cell: dict[str, Any], limit: float | None = None) -> Outcome:
+    """Measures one cell. Whatever is raised becomes part of the outcome; warnings are collected.
+
+    `limit` is kept by the parent; here it only ends a process that lost its parent within a compiled call.
+    """
     start = perf_counter()
     try:
+        if limit is not None:
+            faulthandler.dump_traceback_later(limit + GRACE, exit=True)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("default")
             module = load(experiment)
@@ -196,13 +322,16 @@ def compute(experiment: str, cell: dict[str, Any]) -> Outcome:
                 _restrain(cell["method"])
             rows = clean_rows(cell, list(module.measure(restore(cell))))
     except BaseException as error:  # also SystemExit: it must end neither the worker nor the run
-        return _failure(type(error).__name__, str(error), traceback.format_exc(), perf_counter() - start)
+        return failure(type(error).__name__, str(error), traceback.format_exc(), perf_counter() - start)
+    finally:
+        faulthandler.cancel_dump_traceback_later()
     messages = sorted({f"{warning.category.__name__}: {warning.message}" for warning in caught})
     outcome = {"status": "done", "rows": rows, "error": None, "warnings": messages[:5]}
     return {**outcome, "seconds": round(perf_counter() - start, 3)}
 
 
-def _failure(type_: str, message: str, trace: str, seconds: float) -> Outcome:
+def failure(type_: str, message: str, trace: str, seconds: float) -> Outcome:
+    """The outcome of a cell that has no rows."""
     trace = trace.replace(HOME, "")  # where the suite lies is nobody's business, and differs between machines
     error = {"type": type_, "message": message, "traceback": trace[-TRACEBACK:]}
     return {"status": "failed", "rows": [], "error": error, "warnings": [], "seconds": round(seconds, 3)}

@@ -17,8 +17,20 @@ from experiments import __main__ as cli
 from experiments import check, engine
 from integrators import METHODS, TOPS, registry
 
-COMMANDS = ("methods", "tops", "run", "report", "integrate", "check")
-SLOW = ("numpy", "numba", "scipy", "matplotlib", "pandas", "heyoka", "mpmath", "rich", "jinja2", "multiprocessing")
+COMMANDS = ("methods", "tops", "run", "report", "merge", "compare", "verify", "integrate", "check")
+SLOW = (
+    "numpy",
+    "numba",
+    "scipy",
+    "matplotlib",
+    "pandas",
+    "heyoka",
+    "mpmath",
+    "rich",
+    "jinja2",
+    "multiprocessing",
+    "distributed",
+)
 HERE = Path(__file__).resolve().parent
 SHORT = ("integrate", "--h", "0.1", "--steps", "20")
 
@@ -79,6 +91,21 @@ BAD = [  # words, what the line must name
     ("run --jobs 0", "--jobs"),
     ("run --jobs two", "--jobs"),
     ("run --profile slow", "--profile"),
+    ("run --time-limit 0", "--time-limit"),
+    ("run --time-limit inf", "--time-limit"),
+    ("run --time-limit soon", "--time-limit"),
+    ("run --shard 3/3", "--shard"),
+    ("run --shard 3", "--shard"),
+    ("run --scheduler head", "--scheduler"),
+    ("run --scheduler local:0", "--scheduler"),
+    ("merge results/reference", "--results"),
+    ("merge /no/such/folder --results /no/such/other", "/no/such/folder"),
+    ("compare results/reference", "NEW"),
+    ("compare results/reference /no/such/folder", "/no/such/folder"),
+    ("compare a b --rtol -1", "--rtol"),
+    ("compare a b --rtol x", "--rtol"),
+    ("verify /no/such/folder", "/no/such/folder"),
+    ("verify --sample 0", "--sample"),
     ("report --results /no/such/folder", "/no/such/folder"),
     ("integrate", "--h"),
     ("integrate --h 0.1", "--steps"),
@@ -270,8 +297,8 @@ def test_run(run, toy, tmp_path, monkeypatch):
 def test_run_takes_all_experiments_by_default(run, monkeypatch):
     asked = {}
 
-    def instead(names, profile, results, jobs, show):
-        asked.update(names=names, profile=profile, results=results, jobs=jobs, show=show)
+    def instead(names, profile, results, jobs, show, **more):
+        asked.update(names=names, profile=profile, results=results, jobs=jobs, show=show, **more)
         return engine.Summary(results, profile)
 
     monkeypatch.setattr(engine, "run", instead)
@@ -279,6 +306,11 @@ def test_run_takes_all_experiments_by_default(run, monkeypatch):
     assert asked["names"] == engine.EXPERIMENTS
     assert (asked["profile"], asked["jobs"], asked["show"]) == ("full", None, True)
     assert asked["results"].name == "full"
+    asked_nothing = {"time_limit": None, "shard": (0, 1), "scheduler": None, "timings": True}
+    assert {name: asked[name] for name in asked_nothing} == asked_nothing
+    assert run("run", "--time-limit", "9", "--shard", "2/5", "--scheduler", "local:2", "--no-timings")[0] == 0
+    asked_this = {"time_limit": 9.0, "shard": (2, 5), "scheduler": "local:2", "timings": False}
+    assert {name: asked[name] for name in asked_this} == asked_this
 
 
 def test_run_stopped_or_without_a_place(run, monkeypatch, tmp_path):

@@ -5,25 +5,21 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
-import random
 import signal
 import subprocess
 import sys
 import threading
 import time
 import types
-from pathlib import Path
 
 import pytest
+from faults import HERE, TOY, comparable, nobody_left, session, squares, wait_for_lines
 
 import report
 from experiments import engine, progress, workers
 from experiments.store import Store, StoreError
 from integrators import registry
 from integrators.interface import Method
-
-HERE = Path(__file__).resolve().parent
-TOY = "toys.behaviour"
 
 
 @pytest.fixture
@@ -37,10 +33,6 @@ def toy(monkeypatch, tmp_path):
 
     run.store = Store(tmp_path)
     return run
-
-
-def squares(*numbers, **fields):
-    return [{"do": "square", "i": i, **fields} for i in numbers]
 
 
 def tally(summary):
@@ -99,6 +91,43 @@ def test_warnings_and_chatter_are_kept_out_of_the_way(toy, capfd):
     assert "chatter" in streams.err
     assert "toy warning" not in streams.err
     assert toy.store.read(TOY)[0][0]["warnings"] == ["RuntimeWarning: toy warning"]
+
+
+def test_shards_are_disjoint_and_complete(toy, tmp_path):
+    cells = squares(*range(10)) + squares(10, 11, timing=True)
+    for i in range(5):
+        assert tally(toy(cells, shard=(i, 5))).cells == (3 if i < 2 else 2)
+    assert len(toy.store.read(TOY)[0]) == 12
+    assert toy.store.rows(TOY)["i"].tolist() == list(range(12))
+    assert tally(toy(cells)).stored == 12
+
+
+def test_timings_can_be_left_out(toy):
+    summary = toy(squares(1) + squares(2, 3, timing=True), timings=False)
+    assert (tally(summary).computed, tally(summary).unavailable, summary.exit_code) == (1, 2, 0)
+    assert summary.notes == ["skipped: the timing cells of toys.behaviour, as told"]
+    assert tally(toy(squares(1) + squares(2, 3, timing=True))).computed == 2
+
+
+def test_cells_are_not_held_in_memory(toy, monkeypatch):
+    """However many cells there are, few exist at a time: the list is a generator, read as cells are finished."""
+    alive, most = set(), [0]
+
+    class Cell(dict):
+        def __del__(self):
+            alive.discard(id(self))
+
+    def cells(profile):
+        for i in range(300):
+            cell = Cell(do="square", i=i)
+            alive.add(id(cell))
+            most[0] = max(most[0], len(alive))
+            yield cell
+            del cell
+
+    monkeypatch.setattr(engine.load(TOY), "cells", cells)
+    assert tally(toy([])).computed == 300
+    assert most[0] < 10
 
 
 # ---------------------------------------------------------------- cells that fail
@@ -167,63 +196,6 @@ def start(cells, results, jobs=2):
     environment = {**os.environ, "TOY_CELLS": json.dumps(cells), "PYTHONPATH": str(HERE)}
     command = [sys.executable, "-c", RUN, "--results", str(results), "--jobs", str(jobs)]
     return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True)
-
-
-def wait_for_lines(path, count):
-    for _ in range(600):
-        if path.exists() and path.read_bytes().count(b"\n") >= count:
-            return
-        time.sleep(0.02)
-    raise AssertionError(f"{path} never had {count} lines")
-
-
-def session(leader):
-    """Processes of a session that are alive."""
-    alive = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                state, _, _, number = (entry / "stat").read_text().rpartition(")")[2].split()[:4]
-            except OSError:
-                continue
-            if int(number) == leader and state != "Z":
-                alive.append(entry.name)
-    return alive
-
-
-def nobody_left(leader):
-    for _ in range(100):
-        if not session(leader):
-            return True
-        time.sleep(0.05)
-    return False
-
-
-def comparable(results, name=TOY):
-    """What does not depend on when and how often a run was stopped."""
-    return [{**r, "seconds": 0, "provenance": {}} for r in Store(results).latest(name)]
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="looks for left-over processes in /proc")
-def test_kill_and_resume(toy, tmp_path):
-    cells = squares(*range(24), seconds=0.04) + squares(*range(24, 28), timing=True)
-    random_ = random.Random(7)
-    for lines in sorted(random_.sample(range(1, 24), 3)):
-        run = start(cells, tmp_path / "killed")
-        wait_for_lines(tmp_path / "killed" / f"{TOY}.jsonl", lines)
-        time.sleep(random_.uniform(0, 0.05))
-        run.kill()  # SIGKILL: no handler, no clean-up
-        run.communicate()
-        assert run.returncode == -signal.SIGKILL
-        assert nobody_left(run.pid)  # workers notice that they are alone
-    unfinished = comparable(tmp_path / "killed")
-    assert 0 < len(unfinished) < len(cells)
-    run = start(cells, tmp_path / "killed")
-    assert "28" in run.communicate(timeout=60)[1]
-    assert run.returncode == 0
-    toy(cells)
-    assert comparable(tmp_path / "killed") == comparable(tmp_path)
-    assert unfinished != comparable(tmp_path)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for left-over processes in /proc")
@@ -301,11 +273,11 @@ def test_two_runs_into_one_store(tmp_path):
 def test_a_disk_that_fills_up_stops_the_run_and_loses_nothing(toy, monkeypatch):
     real, calls = Store.append, []
 
-    def append(self, record):
-        calls.append(record)
+    def append(self, *records):
+        calls.append(records)
         if len(calls) > 2:
             raise StoreError("full")
-        real(self, record)
+        real(self, *records)
 
     with monkeypatch.context() as patch:
         patch.setattr(Store, "append", append)
@@ -314,8 +286,9 @@ def test_a_disk_that_fills_up_stops_the_run_and_loses_nothing(toy, monkeypatch):
             toy([*squares(1, 2, 3), {"do": "compiled loop", "i": 9}, *squares(4, 5, 6)])
         assert time.monotonic() - before < 10
     assert multiprocessing.active_children() == []
-    assert len(toy.store.latest(TOY)) == 2
-    assert tally(toy(squares(1, 2, 3, 4, 5, 6))).computed == 4
+    confirmed = sum(map(len, calls[:2]))
+    assert len(toy.store.latest(TOY)) == confirmed < 6
+    assert tally(toy(squares(1, 2, 3, 4, 5, 6))).computed == 6 - confirmed
 
 
 def test_a_folder_that_cannot_be_written_is_found_first(toy, monkeypatch, tmp_path):
@@ -343,8 +316,10 @@ def test_names(toy, tmp_path, monkeypatch):
         engine.load("half.broken")
     with pytest.raises(ValueError, match="profile"):
         engine.run([TOY], "fast", tmp_path)
-    with pytest.raises(ValueError, match="jobs"):
-        engine.run([TOY], "quick", tmp_path, jobs=0)
+    for wrong in ({"jobs": 0}, {"time_limit": 0.0}, {"shard": (2, 2)}, {"scheduler": "nowhere"}):
+        monkeypatch.setenv("TOY_CELLS", json.dumps(squares(1)))
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            engine.run([TOY], "quick", tmp_path, **wrong)
 
 
 @pytest.mark.parametrize(("cells", "match"), [(squares(1, 1), "twice"), (squares(1, status=0), "'status'")])

@@ -176,7 +176,7 @@ def test_the_last_success_counts(tmp_path):
     assert table["i"].tolist() == [1, 2]  # in the order of the cells
     assert table["square"].tolist() == [9, 4]
     assert results.failures("toy").empty
-    assert len(results.done("toy")) == 2
+    assert len(results.done("toy")[0]) == 2
 
 
 def test_a_new_environment_replaces_even_by_failure(tmp_path, monkeypatch):
@@ -184,7 +184,7 @@ def test_a_new_environment_replaces_even_by_failure(tmp_path, monkeypatch):
     results = Store(tmp_path)
     results.append(record(1))
     monkeypatch.setattr(store, "_packages", lambda: {"numpy": "99"})
-    assert store.cell_key("toy", 1, {"i": 1}) not in results.done("toy")
+    assert bytes.fromhex(store.cell_key("toy", 1, {"i": 1})) not in results.done("toy")[0]
     results.append(record(1, "failed"))
     assert results.rows("toy")["status"].tolist() == ["failed"]
 
@@ -215,7 +215,7 @@ def test_nothing_stored(tmp_path):
     assert results.rows("toy").empty
     assert {"key", "status", "failure"} <= set(results.rows("toy").columns)
     assert results.failures("toy").empty
-    assert results.done("toy") == set()
+    assert results.done("toy") == (set(), [])
     assert not results.folder.exists()
 
 

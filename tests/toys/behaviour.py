@@ -37,6 +37,9 @@ def measure(cell):
         case "compiled loop":  # like a long call into compiled code: no signal handler in Python runs
             signal.pthread_sigmask(signal.SIG_BLOCK, set(signal.Signals) - {signal.SIGKILL, signal.SIGTERM})
             time.sleep(60)
+        case "wrong clock":
+            time.time = lambda: -1e9
+            time.time_ns = lambda: -(10**18)
         case "warn":
             warnings.warn("toy warning", RuntimeWarning, stacklevel=1)
             print("chatter on stdout")
