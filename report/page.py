@@ -18,7 +18,7 @@ from markupsafe import Markup
 
 from experiments import EXPERIMENTS, errata, load
 from experiments.store import Store, StoreError
-from report import claims, figures, promises, style, tables
+from report import claims, fairness, figures, live, promises, style, tables
 
 HERE = Path(__file__).parent
 HEADLINE = "phase"  # error against the step: what is new here, in one figure
@@ -104,6 +104,7 @@ class Report:
 
     sections: list[Section]
     claims: list[Judged]
+    fairness: fairness.Fairness
     errata: pd.DataFrame  # misprints of the paper
     errors: list[str]  # what could not be drawn or checked; the page shows each in its place
 
@@ -132,14 +133,23 @@ def assemble(results: Path) -> Report:
     sections = [_section(experiment, Store(results)) for experiment in (*EXPERIMENTS, *others)]
     rows = {section.experiment: section.rows for section in sections}
     errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
-    judged = []
+    judged, wrong = judge(rows)
+    errors += wrong
+    fair, error = _fairness(rows)
+    errors += [error] if error else []
+    misprints, error = _errata()
+    errors += [error] if error else []
+    return Report(sections, judged, fair, misprints, errors)
+
+
+def judge(rows: dict[str, pd.DataFrame]) -> tuple[list[Judged], list[str]]:
+    """Every claim by the rows of its experiment, and what went wrong in the checks themselves."""
+    judged, errors = [], []
     for claim in promises.CLAIMS:
         verdict, error = claims.judge(claim, rows.get(claim.experiment, pd.DataFrame()))
         judged.append(Judged(claim, verdict, claim.command or Section(claim.experiment).redraw))
         errors += [error] if error else []
-    misprints, error = _errata()
-    errors += [error] if error else []
-    return Report(sections, judged, misprints, errors)
+    return judged, errors
 
 
 def write(report: Report, output: Path) -> Path:
@@ -193,6 +203,14 @@ def _figures(module: ModuleType, rows: pd.DataFrame) -> list[DrawnFigure]:
 def _tables(module: ModuleType, rows: pd.DataFrame) -> list[DrawnTable]:
     made = module.tables(rows.copy())
     return [DrawnTable(name, tables.flat(t), t.attrs.get("caption", "")) for name, t in made.items()]
+
+
+def _fairness(rows: dict[str, pd.DataFrame]) -> tuple[fairness.Fairness, str | None]:
+    """What the page says of the conditions, or why it says nothing."""
+    try:
+        return fairness.assemble(rows), None
+    except Exception as error:  # rows of another version, say: no reason to lose the page
+        return fairness.Fairness([], pd.DataFrame()), f"fairness: cannot be told: {_said(error)}"
 
 
 def _errata() -> tuple[pd.DataFrame, str | None]:
@@ -259,6 +277,7 @@ def html(report: Report) -> str:
     environment.filters.update(show=tables.show, cells=tables.cells)
     template = environment.get_template("template.html.j2")
     parts = {name: Markup((HERE / f"page.{name}").read_text(encoding="utf-8")) for name in ("css", "js")}
+    parts["css"] += Markup((live.HERE / "live.css").read_text(encoding="utf-8"))
     passed = [judged.verdict.word for judged in report.claims]
     return template.render(
         report=report,
@@ -271,6 +290,8 @@ def html(report: Report) -> str:
         svg=lambda section, figure: Markup(
             figures.inline(figure.document, section.file(figure.name), figure.caption or section.title)
         ),
+        live=live.script(),
+        library=live.library(),
         **parts,
     )
 

@@ -1,7 +1,11 @@
 """One look for every figure: sizes, fonts, and method name → label, colour, marker, line style.
 
-Colours go by family (Okabe-Ito, safe for colour-blind readers), shades, markers and dashes by the place of a method
-within its family, so a figure also reads in grey. A method nobody registered gets a grey of its own, always the same.
+Colours go by family (the hues of Okabe and Ito, safe for colour-blind readers, yellow and orange darkened so that
+text in them can be read), shades, markers and dashes by the place of a method within its family, so a figure also
+reads in grey. A method nobody registered gets a grey of its own, always the same.
+
+Forty lines in one panel are not readable. Either every family has a panel of its own (`by_family`), or all are thin
+but the best of each (`thin`, `bold`); lines are named where they end (`label_ends`), not in a legend.
 
 Text in SVG files is drawn as outlines (`svg.fonttype: path`): a figure looks the same on a phone, in print and in a
 journal's production line, none of which has DejaVu Sans. The price is about 30 kB a figure.
@@ -10,8 +14,8 @@ journal's production line, none of which has DejaVu Sans. The price is about 30 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import cache
 from typing import Any
 
@@ -27,12 +31,27 @@ INK, FAINT = "#222222", "#6b6b6b"
 
 # family → (colours, markers), used in registry order within the family
 FAMILIES: dict[str, tuple[Sequence[str], Sequence[str]]] = {
-    "backlund": (("#0072B2", "#56B4E9", "#003B5C", "#7D9BD1"), ("o", "s", "D", "h")),
-    "taylor": (("#009E73", "#5DC3A1", "#00503A"), ("^", "v", "<")),
-    "runge-kutta": (("#D55E00", "#E69F00", "#8A3A00", "#F2A97E"), ("X", "P", "p", "8")),
-    "implicit": (("#CC79A7", "#7B2E5E", "#E3B4CE"), ("d", "*", "H")),
-    "splitting": (("#8C7A00", "#C9B400", "#544900"), (">", "4", "3")),
+    "backlund": (("#0072B2", "#3F93CF", "#003B5C", "#7D9BD1"), ("o", "s", "D", "h")),
+    "closed-form": (("#1A1A1A", "#6E6E6E", "#454545"), ("o", "s", "D")),
+    "taylor": (("#009E73", "#00503A", "#45B894", "#2E7D5B", "#4FA98A"), ("^", "v", "<", ">", "o", "s")),
+    "runge-kutta": (("#D55E00", "#8A3A00", "#E8742E", "#B04C00", "#5C2700"), ("X", "P", "p", "8", "o", "s", "D")),
+    "splitting": (("#C78900", "#7A5400", "#DB9400", "#4D3500", "#A8770F"), (">", "o", "s", "D", "^", "v", "<")),
+    "integrable": (("#1E95CC", "#0F5C80", "#3AA0DA"), ("p", "o", "s", "D")),
+    "implicit": (("#C0649A", "#7B2E5E", "#D07AAE", "#A0437C", "#54183E"), ("d", "o", "s", "H", "^", "v")),
+    "lie-group": (("#8C8000", "#544D00", "#A39700"), ("h", "o", "s", "D")),
 }
+TITLES = {
+    "backlund": "Bäcklund maps",
+    "closed-form": "closed form",
+    "taylor": "Taylor series",
+    "runge-kutta": "explicit Runge–Kutta",
+    "splitting": "splitting",
+    "integrable": "integrable discretisations",
+    "implicit": "implicit, multistep",
+    "lie-group": "Lie group",
+}
+OTHERS = "others"  # methods no longer registered, and families of plug-ins
+REFERENCE = "backlund"  # in grey in every panel of small multiples
 STRANGERS = (("#5A5A5A", "#8F8F8F", "#333333", "#B0B0B0"), ("+", "x", "1", "2"))
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 
@@ -131,6 +150,37 @@ def ordered(methods: Iterable[str]) -> list[str]:
     return sorted(set(methods), key=lambda name: (known.index(name) if name in known else len(known), name))
 
 
+def family(method: str) -> str:
+    """The family a method is drawn with: its own if that has colours here, else OTHERS."""
+    return _families().get(method, OTHERS)
+
+
+def thin(method: str) -> dict[str, Any]:
+    """A method in the background: the colour of its family, no name."""
+    return {"color": of(method)["color"], "linewidth": 0.55, "alpha": 0.5, "label": "_thin"}
+
+
+def bold(method: str) -> dict[str, Any]:
+    """The best of a family: what `label_ends` names."""
+    return {**of(method), "color": _main_colour(method), "linestyle": "-", "linewidth": 1.9, "marker": "none"}
+
+
+def _main_colour(method: str) -> str:
+    name = family(method)
+    return FAMILIES[name][0][0] if name in FAMILIES else str(of(method)["color"])
+
+
+@cache
+def _families() -> dict[str, str]:
+    from integrators.registry import METHODS
+
+    found = {}
+    for name in METHODS:
+        with suppress(Exception):  # a method that cannot be loaded here: one of the others
+            found[name] = METHODS[name].family
+    return {name: group for name, group in found.items() if group in FAMILIES}
+
+
 @cache
 def _methods() -> dict[str, dict[str, Any]]:
     from integrators.registry import METHODS
@@ -166,21 +216,65 @@ def _style(text: str, colours: Sequence[str], markers: Sequence[str], place: int
 # ---------------------------------------------------------------- marks and labels
 
 
+Line = Callable[[Axes, str, dict[str, Any]], None]  # draws one method into a panel, with this look
+
+
+def by_family(
+    methods: Iterable[str], line: Line, xlabel: str, ylabel: str, ylim: tuple[float, float]
+) -> tuple[Figure, list[Axes]]:
+    """Small multiples: a panel for each family that has any of the methods, two to a row, the reference grey in each."""
+    names = ordered(methods)
+    groups = [group for group in (*FAMILIES, OTHERS) if any(family(name) == group for name in names)]
+    columns = min(len(groups), 2)
+    rows = -(-len(groups) // columns)
+    size: dict[str, Any] = {"nrows": rows, "ncols": columns, "sharex": True, "sharey": True, "squeeze": False}
+    fig, grid = figure("page", 0.45 + 1.75 * rows, **size)
+    for ax, group in zip(grid.flat, groups, strict=False):
+        if group != family(REFERENCE) and REFERENCE in names:
+            line(
+                ax, REFERENCE, {"color": "#a5a5a5", "linewidth": 2.2, "marker": "o", "label": "_reference", "zorder": 1}
+            )
+        for name in names:
+            if family(name) == group:
+                line(ax, name, of(name))
+        ax.set_title(TITLES.get(group, group))
+        ax.set_ylim(ylim)
+    for ax in grid.flat[len(groups) :]:
+        ax.remove()
+    for column in grid.T:
+        last = [ax for ax in column if ax.figure is not None][-1]
+        last.set_xlabel(xlabel)
+        last.tick_params(labelbottom=True)
+    for ax in grid[:, 0]:
+        ax.set_ylabel(ylabel)
+    return fig, list(grid.flat[: len(groups)])
+
+
 def label_end(ax: Axes, fontsize: float = 7) -> None:
     """Write each labelled line's name at its right end, pushed apart so that none overlap. Call it last."""
     figure = ax.get_figure(root=True)
     assert figure is not None
+    label_ends(figure, [ax], fontsize)
+
+
+def label_ends(figure: Any, panels: Iterable[Axes], fontsize: float = 6.5) -> None:
+    """`label_end` of several panels, laid out once."""
     figure.draw_without_rendering()  # limits and layout are known only after this
-    lines = [line for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
-    ends = [(line, end) for line in lines if (end := _last_point(ax, line)) is not None]
-    gap = 1.25 * fontsize * figure.dpi / 72 / ax.get_window_extent().height
-    ends.sort(key=lambda pair: pair[1][1])
-    for (line, (x, y)), place in zip(ends, _spread([y for _, (_, y) in ends], gap), strict=True):
-        ax.annotate(
-            str(line.get_label()), xy=(x, y), xytext=(1.04, place), xycoords="axes fraction", fontsize=fontsize,
-            color=line.get_color(), va="center", annotation_clip=False,
-            arrowprops={"arrowstyle": "-", "color": line.get_color(), "lw": 0.4, "shrinkA": 1, "shrinkB": 2},
-        )  # fmt: skip
+    for ax in panels:
+        lines = [line for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
+        lines = [line for line in lines if line.get_label() != "failed"]
+        ends = [(line, end) for line in lines if (end := _last_point(ax, line)) is not None]
+        gap = 1.25 * fontsize * figure.dpi / 72 / ax.get_window_extent().height
+        ends.sort(key=lambda pair: pair[1][1])
+        for (line, (x, y)), place in zip(ends, _spread([y for _, (_, y) in ends], gap), strict=True):
+            ax.annotate(
+                str(line.get_label()), xy=(x, y), xytext=(1.05, place), xycoords="axes fraction", fontsize=fontsize,
+                color=line.get_color(), va="center", annotation_clip=False,
+                arrowprops={
+                    "arrowstyle": "-", "color": line.get_color(), "lw": 0.4, "shrinkA": 1, "shrinkB": 2,
+                    "relpos": (0, 0.5),  # from the left of the name: from its middle it would cross the others
+                },
+            )  # fmt: skip
 
 
 def _last_point(ax: Axes, line: Any) -> tuple[float, float] | None:
@@ -237,6 +331,15 @@ def failure_marks(ax: Axes, x: Iterable[float], method: str | None = None, *, ro
         positions, [0.97 - 0.05 * row] * len(positions), linestyle="none", marker="x", markersize=5, color=colour,
         markeredgewidth=1.2, clip_on=False, zorder=5, label="failed" if first else "_failed",
         transform=blended_transform_factory(ax.transData, ax.transAxes),
+    )  # fmt: skip
+
+
+def failed_label(ax: Axes, method: str, why: str = "failed") -> None:
+    """A line of text in the panel for a method that has nothing else to show there."""
+    above = sum(text.get_gid() == "failed" for text in ax.texts)
+    ax.text(
+        0.02, 0.97 - 0.09 * above, f"× {label(method)}: {why}", color=of(method)["color"], fontsize=6.5, va="top",
+        transform=ax.transAxes, gid="failed",
     )  # fmt: skip
 
 

@@ -1,0 +1,183 @@
+"""What was done so that no method is handicapped, with the numbers that show it. Reads stored rows and records of methods."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from integrators.compiled import OPTIONS
+from integrators.interface import Method
+from integrators.registry import METHODS
+from report import tables
+
+ENGINES = {
+    "numba": "compiled here (Numba)",
+    "heyoka": "compiled by heyoka (LLVM)",
+    "scipy": "SciPy, interpreted",
+    "python": "interpreted",
+}
+
+
+class Fairness(NamedTuple):
+    """Sentences under a heading each, and a table with a row for each method."""
+
+    rules: list[tuple[str, str]]
+    methods: pd.DataFrame
+
+
+def assemble(rows: dict[str, pd.DataFrame]) -> Fairness:
+    """From the rows of all experiments, by name; what is not stored is not said."""
+    cost, work = (rows.get(name, pd.DataFrame()) for name in ("cost", "work_precision"))
+    records = {}
+    for name in METHODS:
+        try:
+            records[name] = METHODS[name]
+        except Exception:  # somebody else's method that cannot be loaded here
+            continue
+    step, start = (_part(cost, part) for part in ("step", "start"))
+    return Fairness(_rules(records, step, start, work), _methods(records, step, start))
+
+
+def _part(cost: pd.DataFrame, part: str) -> pd.DataFrame:
+    return cost[(cost.part == part) & (cost.status == "done")] if "part" in cost else pd.DataFrame()
+
+
+def _rules(
+    records: dict[str, Method], step: pd.DataFrame, start: pd.DataFrame, work: pd.DataFrame
+) -> list[tuple[str, str]]:
+    engines = [record.engine for record in records.values()]
+    many = ", ".join(f"{engines.count(e)} {text}" for e, text in ENGINES.items() if e in engines)
+    flags = "off" if not OPTIONS["fastmath"] else "on"
+    compensated = [name for name, record in records.items() if {"compensated", "high_accuracy"} & set(record.options)]
+    return [
+        ("Compiled or not.", f"{many}. {_interpretation(step)}"),
+        (
+            "The same flags.",
+            f"Fused multiply-add and fast-math are {flags} for everything compiled here, rotations and kicks use no "
+            "library sine; heyoka and SciPy run as they come.",
+        ),
+        ("Set-up and compilation apart.", _start(start, step)),
+        (
+            "What an evaluation is.",
+            "A right-hand side or a force, counted where a method has any: stages of Runge-Kutta, kicks of a splitting, orders "
+            "of a Taylor step, stages times iterations of an implicit step. Explicit maps and closed forms have none and are "
+            "compared by time only.",
+        ),
+        (
+            "Tolerances are not errors.",
+            "A tolerance bounds what one step does, the error of a run can be ten or a thousand times as large. Methods are "
+            "compared at the error they reach against the exact solution, never at equal tolerances or equal steps.",
+        ),
+        ("Each at its best step.", _sweep(work)),
+        (
+            "The efficient frontier.",
+            "Marked are the runs no other run beats in both time and error. Set-up is counted in one column and not in the "
+            "other: over short runs it decides.",
+        ),
+        (
+            "Final state, one trajectory.",
+            "What is timed is the state at the end. Fixed steps give every step for the price of storing it, a jump of the "
+            "exact map or a theta function any one time, Taylor and Runge-Kutta methods dense output at an extra price. "
+            "Latency of one trajectory, not throughput of many.",
+        ),
+        (
+            "Summation.",
+            "No method adds with compensation unless its label says so"
+            + (f"; an option adds it to {', '.join(compensated)}." if compensated else ".")
+            + " Nonlinear equations are iterated until they stagnate, with no tolerance to tune.",
+        ),
+        (
+            "The same data.",
+            "All start from the same doubles as the exact solution. |x| is not 1 on the sixteen random tops: a formula that "
+            "takes it for granted would be seen.",
+        ),
+    ]
+
+
+def _interpretation(step: pd.DataFrame) -> str:
+    """The price of interpretation: one formula, compiled and not."""
+    if step.empty or not {"rk45", "rk45_fixed"} <= set(step.method):
+        return ""
+    least = step.groupby("method").ns_per_step.min()
+    return (
+        f"A step of the pair of Dormand and Prince takes {tables.show(float(least['rk45']) / 1000)} µs in SciPy and "
+        f"{tables.show(float(least['rk45_fixed']))} ns compiled: a factor of {least['rk45'] / least['rk45_fixed']:.0f} that is "
+        "no property of the method. So each interpreted method stands beside a compiled relative, and its runs are shorter."
+    )
+
+
+def _start(start: pd.DataFrame, step: pd.DataFrame) -> str:
+    said = "Compilation is never in a time; it is in the table of the cost experiment"
+    if not start.empty:
+        first = start[start.cached == False].set_index("method").first_s  # noqa: E712, an object column
+        said += (
+            f" (first use with nothing cached: {tables.show(float(first.median()))} s in the median, "
+            f"{tables.show(float(first.max()))} s for {first.idxmax()})"
+        )
+    if step.empty:
+        return f"{said}."
+    setup = step.groupby("method").setup_us.min()
+    least, most, ours = (tables.show(float(us)) for us in (setup.min(), setup.max(), setup.get("backlund", np.nan)))
+    return (
+        f"{said}. Set-up of a stepper once compiled, which every new torus or step pays, is in a column of its own: "
+        f"{least} to {most} µs, {ours} µs for the exact Bäcklund step with its λ(h).{_copying(setup)}"
+    )
+
+
+def _copying(setup: pd.Series) -> str:
+    """A handicap of one method that is of our making: it is told, and the ensemble of the cost experiment is without it."""
+    if "taylor" not in setup:
+        return ""
+    return (
+        f" The {tables.show(float(setup['taylor']))} µs of heyoka are a copy of its integrator, so that no two steppers share "
+        "one; who uses one integrator for all tops saves them, as the ensembles of the cost experiment do."
+    )
+
+
+def _sweep(work: pd.DataFrame) -> str:
+    said = "Every method runs with the same list of steps (or tolerances), from coarse to fine"
+    if "stopped" not in work:
+        return f"{said}, and is judged at the one that is cheapest for the error asked for."
+    last = work.groupby(["span", "state", "method"], sort=False).tail(1).stopped
+    limits = ", ".join(
+        f"{tables.show(float(limit))} s at t = {tables.show(float(span))}"
+        for span, limit in sorted(work.groupby("span").longest.max().items())
+    )
+    call = tables.show(1e6 * float(work.seconds.min()))
+    return (
+        f"{said}; a curve ends where the error falls no more ({int((last == 'round-off').sum())} of {len(last)} curves) or "
+        f"one run would take too long ({int((last == 'too long').sum())}), with the same limits for all: {limits}. A run is one "
+        f"call from Python, which takes {call} µs or more whoever is called. Each is judged at the step that is cheapest for "
+        "the error asked for."
+    )
+
+
+def _methods(records: dict[str, Method], step: pd.DataFrame, start: pd.DataFrame) -> pd.DataFrame:
+    table = []
+    for name, record in records.items():
+        row: dict[str, Any] = {
+            "method": name,
+            "family": record.family,
+            "engine": ENGINES[record.engine],
+            "order": record.order or "exact",
+            "knob": record.knob,
+            "options": _options(record),
+        }
+        mine = step[step.method == name] if len(step) else step
+        evals = mine.evals_per_step.min() if len(mine) else np.nan
+        row["evaluations per step"] = (float(evals) if evals else "none") if len(mine) else None
+        row["ns per step"] = float(mine.ns_per_step.min()) if len(mine) else None
+        row["set-up, µs"] = float(mine.setup_us.min()) if len(mine) else None
+        fresh = start[(start.method == name) & (start.cached == False)] if len(start) else start  # noqa: E712
+        row["first use, nothing cached, s"] = float(fresh.first_s.iloc[0]) if len(fresh) else None
+        table.append(row)
+    return pd.DataFrame(table)
+
+
+def _options(record: Method) -> str:
+    """The options and their values in every run of the report, the knob excepted."""
+    parameters = inspect.signature(record.prepare).parameters
+    return ", ".join(f"{name} = {parameters[name].default}" for name in record.options if name != record.knob)

@@ -1,0 +1,211 @@
+"use strict";
+
+// The Lagrange top in the browser: the real form of the two-point Bäcklund map with λ(h) by time doubling, three other
+// integrators, and the invariants. The formulas are those of integrators/integrable (real_map, time_step), in plain
+// doubles; tests/test_browser.py compares the states with Python's. A state is [J1, J2, J3, x1, x2, x3].
+
+const Top = (() => {
+  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+  const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+  const split = (y) => [y.slice(0, 3), y.slice(3)];
+
+  // complex numbers are pairs
+  const mul = (a, b) => [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]];
+  const add = (a, b) => [a[0] + b[0], a[1] + b[1]];
+  const scale = (a, r) => [a[0] * r, a[1] * r];
+  const div = (a, b) => scale(mul(a, [b[0], -b[1]]), 1 / (b[0] * b[0] + b[1] * b[1]));
+  const root = (z) => {
+    const r = Math.hypot(z[0], z[1]);
+    const re = Math.sqrt(0.5 * (r + Math.abs(z[0])));
+    if (re === 0) return [0, 0];
+    const im = (0.5 * z[1]) / re;
+    return z[0] >= 0 ? [re, im] : im >= 0 ? [im, re] : [-im, -re];
+  };
+
+  // H, J3, C1, C2
+  function invariants(alpha, y) {
+    const [J, x] = split(y);
+    return [0.5 * dot(J, J) + alpha * x[2], J[2], dot(x, x), dot(x, J)];
+  }
+
+  // coefficients of Q(u) = C1 + 2 C2 u + 2H u² + 2 alpha J3 u³ + alpha² u⁴
+  function spectralPolynomial(alpha, y) {
+    const [H, J3, C1, C2] = invariants(alpha, y);
+    return [C1, 2 * C2, 2 * H, 2 * alpha * J3, alpha * alpha];
+  }
+
+  const horner = (q, u) => q.reduceRight((r, c) => add(mul(r, u), [c, 0]), [0, 0]);
+  const derivative = (q) => q.slice(1).map((c, k) => c * (k + 1));
+
+  // of the two square roots of Q(λ) the one continuous from +√C1 along the segment from 0
+  function branch(q, lambda) {
+    let m = [Math.sqrt(q[0]), 0];
+    for (let k = 1; k <= 256; k++) {
+      const r = root(horner(q, scale(lambda, k / 256)));
+      m = r[0] * m[0] + r[1] * m[1] >= 0 ? r : scale(r, -1);
+    }
+    return m;
+  }
+
+  // (λ, m) for a time h > 0 of at most an eighth of the top's own: the power series of ∫du/√Q, solved by Newton's method
+  function start(q, h) {
+    const terms = 28, size = Math.sqrt(q[0]), g = [1 / size];
+    for (let n = 1; n < terms; n++) {
+      let s = 0;
+      for (let k = 1; k <= Math.min(n, 4); k++) s += q[k] * g[n - k] * (k / 2 + (n - k));
+      g.push(-s / (q[0] * n));
+    }
+    let lambda = [0, 0.5 * size * h];
+    for (let i = 0; i < 20; i++) {
+      let F = [0, 0], G = [0, 0];
+      for (let k = terms - 1; k >= 0; k--) {
+        F = add(mul(F, lambda), [g[k] / (k + 1), 0]);
+        G = add(mul(G, lambda), [g[k] / (k + 2), 0]);
+      }
+      F = mul(F, lambda);
+      G = mul(mul(G, lambda), lambda);
+      const b = 0.5 * h - F[1], a = -(G[1] + lambda[0] * b) / lambda[1];
+      lambda = add(lambda, scale([a, b], size));
+      if (Math.abs(a) + Math.abs(b) < 1e-17 * lambda[1]) break;
+    }
+    return { lambda, m: branch(q, lambda) };
+  }
+
+  // (λ, m) of twice the time: the group law of the spectral curve
+  function doubled(q, { lambda, m }) {
+    const [R, eta] = lambda;
+    const g = div(horner(derivative(q), lambda), scale(m, 2));
+    const a1 = m[0] / eta, b0 = (0.5 * g[0]) / eta, b1 = (0.5 * (a1 + g[1])) / (eta * eta);
+    const eta2 = Math.sqrt(2 * a1 * b1 + q[4]) / b1, v = [-b0 / b1, eta2];
+    const w = scale(add(mul(v, v), [eta * eta, 0]), -b1 * eta2);
+    return { lambda: [R + v[0], eta2], m: [w[0] - a1 * v[1], w[1] + a1 * v[0] - m[1]] };
+  }
+
+  // (λ, m) with time h, for 0 < h < nutation period
+  function parameter(q, h, unit) {
+    let doublings = 0;
+    while (h > unit / 8) { h /= 2; doublings++; }
+    let point = start(q, h);
+    while (doublings--) point = doubled(q, point);
+    return point;
+  }
+
+  // π/agm(√((z1 − z3)/2), √((z1 − z2)/2)) of the roots of the cubic of nutation, z = alpha x3; Infinity on a separatrix
+  function nutationPeriod(alpha, y) {
+    const [J, x] = split(y), slope = J[0] * x[1] - J[1] * x[0];
+    const xj = x[0] * J[0] + x[1] * J[1], xx = x[0] * x[0] + x[1] * x[1], jj = J[0] * J[0] + J[1] * J[1];
+    const c2 = 4 * alpha * x[2] - J[2] * J[2] - jj, c1 = 2 * alpha * (J[2] * xj - x[2] * jj - alpha * xx);
+    const c0 = (alpha * slope) ** 2;
+    let z1 = 2 * Math.max(Math.abs(c2), Math.sqrt(Math.abs(c1)), Math.cbrt(c0)) + 1e-300;
+    for (let i = 0; i < 100; i++) {
+      const next = z1 - (((2 * z1 + c2) * z1 + c1) * z1 + c0) / ((6 * z1 + 2 * c2) * z1 + c1);
+      if (!(next < z1)) break;
+      z1 = next;
+    }
+    const mean = -0.25 * (c2 + 2 * z1), half = Math.sqrt(Math.max(mean * mean - (0.5 * c1 - 2 * z1 * mean), 0));
+    let a = Math.sqrt(0.5 * (z1 - mean + half)), b = Math.sqrt(Math.max(0.5 * (z1 - mean - half), 0));
+    if (!(a > 0 && b > 0)) return Infinity;
+    for (let i = 0; i < 60 && Math.abs(a - b) > 1e-15 * a; i++) [a, b] = [0.5 * (a + b), Math.sqrt(a * b)];
+    return (2 * Math.PI) / (a + b);
+  }
+
+  const scaleOfTime = (alpha, y) => 1 / (Math.hypot(...y.slice(0, 3)) + Math.sqrt(Math.abs(alpha) * Math.hypot(...y.slice(3))));
+
+  // The two-point map of a point (λ, m) of the curve
+  function twoPoint(alpha, y, lambda, m) {
+    const [J, x] = split(y), [R, eta] = lambda, r2 = R * R - eta * eta;
+    const p = [x[0] + R * J[0], x[1] + R * J[1], x[2] + R * J[2] + alpha * r2];
+    const q = [eta * J[0], eta * J[1], eta * (J[2] + 2 * alpha * R)];
+    const n = cross(p, q);
+    let w = [0, 1, 2].map((i) => m[0] * p[i] + m[1] * q[i] - n[i]);
+    w = w.map((c) => (c * eta) / Math.hypot(...w)); // as long as η: the denominator loses its digits close to a root of Q
+    const K = [J[0] - 2 * alpha * w[1], J[1] + 2 * alpha * w[0], J[2]];
+    const u = cross(w, x), v = cross(w, u), f = 2 / (R * R + dot(w, w));
+    return [...K, ...[0, 1, 2].map((i) => x[i] + f * (v[i] + R * u[i]))];
+  }
+
+  function turned(y, c, s) {
+    return [c * y[0] - s * y[1], s * y[0] + c * y[1], y[2], c * y[3] - s * y[4], s * y[3] + c * y[4], y[5]];
+  }
+
+  // cos and sin of the precession in one nutation period: two steps of half of it
+  function precession(alpha, y, q, period, unit) {
+    const { lambda, m } = parameter(q, 0.5 * period, unit);
+    const e = twoPoint(alpha, twoPoint(alpha, y, lambda, m), lambda, m);
+    const k = y[0] ** 2 + y[1] ** 2 > y[3] ** 2 + y[4] ** 2 ? 0 : 3;
+    const z = [y[k] * e[k] + y[k + 1] * e[k + 1], y[k] * e[k + 1] - y[k + 1] * e[k]], n = Math.hypot(...z);
+    return n > 0 ? scale(z, 1 / n) : [1, 0];
+  }
+
+  // The exact flow over h, any sign and size, as a map of the torus of y
+  function exactStep(alpha, y, h) {
+    const q = spectralPolynomial(alpha, y), unit = scaleOfTime(alpha, y), period = nutationPeriod(alpha, y);
+    const turns = Number.isFinite(period) ? Math.round(h / period) : 0;
+    let rest = h - turns * period, turn = [1, 0];
+    if (turns === 0) rest = h;
+    else {
+      const one = precession(alpha, y, q, period, unit), angle = turns * Math.atan2(one[1], one[0]);
+      turn = [Math.cos(angle), Math.sin(angle)];
+    }
+    const { lambda, m } = parameter(q, Math.abs(rest), unit), sheet = rest < 0 ? scale(m, -1) : m;
+    const still = Math.abs(rest) < 1e-15 * Math.abs(h);
+    return { lambda, m: sheet, turns, step: (s) => turned(still ? s : twoPoint(alpha, s, lambda, sheet), ...turn) };
+  }
+
+  // The map of any λ with Im λ > 0: a time step of T(λ) and a turn about e3
+  function freeStep(alpha, y, lambda, h = 1) {
+    const m = branch(spectralPolynomial(alpha, y), lambda), sheet = h < 0 ? scale(m, -1) : m;
+    return { lambda, m: sheet, turns: 0, step: (s) => twoPoint(alpha, s, lambda, sheet) };
+  }
+
+  const slope = (alpha, y) => {
+    const [J, x] = split(y);
+    return [-alpha * x[1], alpha * x[0], 0, ...cross(J, x)];
+  };
+  const along = (y, h, k) => y.map((c, i) => c + h * k[i]);
+
+  // Rivals: y → y after h
+  const rivals = {
+    rk4: (alpha, h) => (y) => {
+      const k1 = slope(alpha, y), k2 = slope(alpha, along(y, h / 2, k1));
+      const k3 = slope(alpha, along(y, h / 2, k2)), k4 = slope(alpha, along(y, h, k3));
+      return y.map((c, i) => c + (h / 6) * (k1[i] + 2 * k2[i] + 2 * k3[i] + k4[i]));
+    },
+    implicit_midpoint: (alpha, h) => (y) => {
+      let z = along(y, h, slope(alpha, y)), change = Infinity;
+      for (let i = 0; i < 500; i++) {
+        const next = along(y, h, slope(alpha, y.map((c, k) => 0.5 * (c + z[k]))));
+        const size = Math.max(...next.map((c, k) => Math.abs(c - z[k])));
+        z = next;
+        if (size === 0 || (size >= change && size < 1e-12)) return z;
+        change = size;
+      }
+      return z.map(() => NaN); // the fixed point does not contract: the step is too long
+    },
+    strang: (alpha, h) => (y) => {
+      const J = [y[0] - 0.5 * h * alpha * y[4], y[1] + 0.5 * h * alpha * y[3], y[2]], x = y.slice(3);
+      const size = Math.hypot(...J), angle = h * size;
+      const s = size > 0 ? Math.sin(angle) / size : h, c = size > 0 ? 2 * (Math.sin(angle / 2) / size) ** 2 : 0.5 * h * h;
+      const u = cross(J, x), v = cross(J, u), z = x.map((a, i) => a + s * u[i] + c * v[i]);
+      return [J[0] - 0.5 * h * alpha * z[1], J[1] + 0.5 * h * alpha * z[0], J[2], ...z];
+    },
+  };
+
+  // The step of a method from y: exact λ(h), the paper's λ = i h √C1/2, or a rival
+  function stepper(method, alpha, y, h) {
+    if (method === "backlund") return exactStep(alpha, y, h);
+    if (method === "backlund_paper") return freeStep(alpha, y, [0, 0.5 * Math.abs(h) * Math.hypot(...y.slice(3))], h);
+    return { step: rivals[method](alpha, h) };
+  }
+
+  // y and its images, `steps` of them
+  function iterate(step, y, steps) {
+    const states = [y];
+    for (let i = 0; i < steps; i++) states.push(step(states[i]));
+    return states;
+  }
+
+  return { exactStep, freeStep, invariants, iterate, nutationPeriod, scaleOfTime, stepper, rivals: Object.keys(rivals) };
+})();
+
+if (typeof module !== "undefined") module.exports = Top;
