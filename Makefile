@@ -2,13 +2,14 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help bench test lint full report clean
+.PHONY: help bench test lint full report docs clean
 
 help:
 	@echo "make bench   set up, run the quick profile (< 3 minutes), write report/index.html"
 	@echo "make test    set up, run the tests (< 5 minutes)"
 	@echo "make full    set up, run the full profile (about 25 minutes), write report/index.html"
 	@echo "make report  draw the committed reference run again, computing nothing"
+	@echo "make docs    write the reference of all modules to build/docs, to be read offline"
 	@echo "make lint    ruff and mypy"
 	@echo "make clean   remove what the commands above made, results of your own excepted"
 
@@ -25,6 +26,9 @@ report: .venv/ready
 
 test: .venv/ready
 	$(BIN)/python -m pytest -n auto --dist worksteal -q
+
+docs: .venv/ready
+	$(BIN)/python docs/reference.py
 
 lint: .venv/ready
 	$(BIN)/ruff check .

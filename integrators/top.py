@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,12 +24,23 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LagrangeTop:
-    """A symmetric heavy top with weight parameter `alpha` (m g l / A for a real one). Hashable, picklable."""
+    """A symmetric heavy top with weight parameter `alpha` (m g l / A for a real one). Hashable, picklable.
+
+    For `integrate_ensemble` alone `alpha` may be an array (n,), one number for each of n tops; `rhs` and `invariants`
+    take states (..., n, 6) then, and everything else says no.
+    """
 
     alpha: float = 1.0
 
+    if TYPE_CHECKING:
+
+        def __init__(self, alpha: float | NDArray[Any] = 1.0) -> None: ...
+
     def __post_init__(self) -> None:
         alpha = self.alpha
+        if isinstance(alpha, np.ndarray) and alpha.ndim == 1:
+            object.__setattr__(self, "alpha", _check_alphas(alpha))
+            return
         if isinstance(alpha, (bool, np.bool_, str, bytes, complex)):
             raise ValueError(f"alpha must be a real number; got {alpha!r}")
         try:
@@ -38,6 +50,12 @@ class LagrangeTop:
         if not math.isfinite(alpha):
             raise ValueError(f"alpha must be finite; got {alpha}")
         object.__setattr__(self, "alpha", alpha)
+
+    def single(self) -> float:
+        """alpha; ValueError if there are many."""
+        if isinstance(self.alpha, np.ndarray):
+            raise ValueError(f"top holds {len(self.alpha)} values of alpha, which only integrate_ensemble takes")
+        return self.alpha
 
     def rhs(self, y: ArrayLike) -> Array:
         """Time derivative of states (..., 6)."""
@@ -49,7 +67,7 @@ class LagrangeTop:
         """Derivative of `rhs`, shape (6, 6), at one state (6,)."""
         y = np.asarray(y, dtype=float)
         D = np.zeros((6, 6))
-        D[:3, 3:] = self.alpha * hat((0.0, 0.0, 1.0))
+        D[:3, 3:] = self.single() * hat((0.0, 0.0, 1.0))
         D[3:, :3] = -hat(y[3:])
         D[3:, 3:] = hat(y[:3])
         return D
@@ -73,7 +91,7 @@ class LagrangeTop:
         y = np.asarray(y, dtype=float)
         J, x = y[:3], y[3:]
         G = np.zeros((4, 6))
-        G[0, :3], G[0, 5] = J, self.alpha
+        G[0, :3], G[0, 5] = J, self.single()
         G[1, 2] = 1.0
         G[2, 3:] = 2 * x
         G[3, :3], G[3, 3:] = x, J
@@ -86,7 +104,7 @@ class LagrangeTop:
         """
         y = np.asarray(y, dtype=float)
         size = math.hypot(*y[3:])
-        rate = math.hypot(*y[:3]) + math.sqrt(abs(self.alpha)) * math.sqrt(size)
+        rate = math.hypot(*y[:3]) + math.sqrt(abs(self.single())) * math.sqrt(size)
         return rate, size, (1.0 / rate if rate > 0 else math.inf)
 
     def invariant_scales(self, y: ArrayLike) -> Array:
@@ -94,6 +112,16 @@ class LagrangeTop:
         rate, size, _ = self.scales(y)
         J = math.hypot(*np.asarray(y, dtype=float)[:3])
         return np.array((J * J / 2 + abs(self.alpha) * size, rate, size * size, size * rate))
+
+
+def _check_alphas(alpha: NDArray[Any]) -> Array:
+    if alpha.dtype.kind not in "iuf":
+        raise ValueError(f"alpha must be real numbers; got dtype {alpha.dtype}")
+    alphas = np.array(alpha, dtype=np.float64)
+    if not np.isfinite(alphas).all():
+        raise ValueError("alpha must be finite")
+    alphas.flags.writeable = False
+    return alphas
 
 
 def hat(v: ArrayLike) -> Array:
@@ -114,10 +142,12 @@ class NamedTop:
 
     @property
     def top(self) -> LagrangeTop:
+        """The top."""
         return LagrangeTop(self.alpha)
 
     @property
     def state(self) -> Array:
+        """The initial state (6,), a fresh array."""
         return np.array(self.y0)
 
 

@@ -1,0 +1,334 @@
+"""What the documents show is what happens: their code runs, their links resolve, their commands exist.
+
+Every ```python block of a tutorial is executed, all of a page in one namespace and an empty folder, and so is every
+line of an ```sh block. A block ```text directly below shows what is printed, and must be that to the letter; ```text
+varies shows what differs from machine to machine. A Python block that starts with `# name.py` is that file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import inspect
+import io
+import json
+import math
+import random
+import re
+import shlex
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import integrators
+from experiments import EXPERIMENTS, states
+from experiments import __main__ as cli
+from integrators import TOPS, LagrangeTop, exact, prepare, two_point
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+EXECUTED = [*sorted((DOCS / "tutorials").glob("*.md")), DOCS / "adding-a-top.md", DOCS / "adding-an-experiment.md"]
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+NOTEBOOK = DOCS / "notebook" / "the-top.ipynb"
+
+
+# ---------------------------------------------------------------- running a page
+
+
+@dataclass(frozen=True)
+class Block:
+    """One fenced block: its language with what follows it, its text, the line it starts on, what is shown below it."""
+
+    kind: str
+    text: str
+    line: int
+    shown: str | None = None  # None: nothing, or what varies
+    varies: bool = False
+
+
+def blocks(page: str) -> list[Block]:
+    """The fenced blocks of a page, each with the ```text block directly below it."""
+    found: list[Block] = []
+    end = 0
+    for match in re.finditer(r"^```(\w+(?: \w+)?)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL):
+        kind, text = match.groups()
+        if kind.startswith("text"):
+            assert found
+            assert not page[end : match.start()].strip(), f"output of nothing: {text!r}"
+            above, varies = found.pop(), kind == "text varies"
+            found.append(Block(above.kind, above.text, above.line, None if varies else text, varies))
+        else:
+            found.append(Block(kind, text, page.count("\n", 0, match.start()) + 1))
+        end = match.end()
+    return found
+
+
+def execute(page: Path) -> list[tuple[Block, str]]:
+    """Runs the blocks of a page in the current folder; what each printed."""
+    scope: dict = {"__name__": "__main__"}
+    done = []
+    for block in blocks(page.read_text(encoding="utf-8")):
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            if block.kind == "python":
+                if file := re.match(r"# ([\w/]+\.py)\n", block.text):
+                    Path(file[1]).parent.mkdir(exist_ok=True)
+                    Path(file[1]).write_text(block.text, encoding="utf-8")
+                else:  # empty lines in front, so that a traceback names the line of the page
+                    exec(compile("\n" * block.line + block.text, str(page), "exec"), scope)
+            elif block.kind == "sh":
+                for line in filter(None, block.text.splitlines()):
+                    program, *words = shlex.split(line, comments=True)
+                    assert program == "lagrange-bench", f"{page.name}: only lagrange-bench is run; `console` is not"
+                    assert cli.main(words) == 0, line
+        done.append((block, printed.getvalue()))
+    return done
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty current folder whose modules are found, and forgotten afterwards."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    before = set(sys.modules)
+    yield tmp_path
+    for module in set(sys.modules) - before:
+        if str(tmp_path) in str(getattr(sys.modules[module], "__file__", "")):
+            del sys.modules[module]
+
+
+@pytest.mark.parametrize("page", EXECUTED, ids=lambda page: page.stem)
+def test_pages_print_what_they_show(page, folder):
+    for block, printed in execute(page):
+        where = f"{page.name}, line {block.line}"
+        if block.shown is not None:
+            assert printed.rstrip() == block.shown.rstrip(), where
+        elif block.kind == "python":
+            assert bool(printed.strip()) == block.varies, f"{where}: prints what is not shown"
+
+
+def test_a_page_that_lies_is_found_out(folder):
+    page = folder / "page.md"
+    page.write_text(
+        "```python\nx = 1\nprint(x + 1)\n```\n\n```text\n3\n```\n\n```python\nx / 0\n```\n", encoding="utf-8"
+    )
+    (first, second) = blocks(page.read_text(encoding="utf-8"))
+    assert (first.shown, second.shown, second.line) == ("3\n", None, 10)
+    with pytest.raises(ZeroDivisionError) as caught:
+        execute(page)
+    assert caught.traceback[-1].lineno + 1 == 11
+    page.write_text("```sh\nlagrange-bench methods --no-such-option\n```\n", encoding="utf-8")
+    with pytest.raises(AssertionError, match="no-such-option"):
+        execute(page)
+
+
+# ---------------------------------------------------------------- links and commands
+
+
+def slug(heading: str) -> str:
+    """The anchor a forge makes of a heading."""
+    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_links_resolve(page):
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if re.match(r"https?:|mailto:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        there = (page.parent / path).resolve() if path else page
+        assert there.exists(), target
+        if anchor:
+            headings = re.findall(r"^#+ (.*)$", there.read_text(encoding="utf-8"), re.MULTILINE)
+            assert anchor in map(slug, headings), target
+
+
+def commands() -> dict[str, set[str]]:
+    """Every command with its options, as argparse knows them; "" for the program itself."""
+    top = cli.parser()
+    (sub,) = (action for action in top._actions if action.dest == "==SUPPRESS==" or hasattr(action, "_name_parser_map"))
+    parsers = {"": top, **sub.choices}
+    return {name: {o for action in p._actions for o in action.option_strings} for name, p in parsers.items()}
+
+
+def unknown(text: str) -> list[str]:
+    """What a page says of `lagrange-bench` that is not so."""
+    known, wrong = commands(), []
+    for mention in re.findall(r"lagrange-bench +([^`\n|&#…]*)", text):
+        words = re.findall(r"\S+", mention)
+        if not words or not re.fullmatch(r"-?-?[a-z]\w*", words[0]):
+            continue  # no command: prose, or a placeholder
+        command = words[0] if not words[0].startswith("-") else ""
+        wrong += [] if command in known else [words[0]]
+        for word in words:
+            if re.match(r"--?[a-z]", word) and word.partition("=")[0].rstrip(".,;:)") not in known.get(command, ()):
+                wrong.append(f"{command} {word}")
+        if command == "run":
+            named = [w for w in words[1:2] if re.fullmatch(r"[a-z_]+", w)]
+            wrong += [f"run {w}" for w in named if w not in EXPERIMENTS and w not in ("my_study",)]
+    everything = set().union(*known.values())
+    for option in re.findall(r"`(--[a-z][\w-]*)[^`]*`", text):
+        wrong += [] if option in everything else [option]
+    return wrong
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_commands_exist(page):
+    text = page.read_text(encoding="utf-8")
+    assert unknown(text) == []
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for target in re.findall(r"(?:`|^ +|^)make (\w+)(?:`| {2,}|$)", text, re.MULTILINE):
+        assert f"\n{target}:" in makefile, target
+    for test in re.findall(r"`(?:test_\w+\.)?(test_\w+)`", text):
+        assert any(f"def {test}(" in code for code in sources()) or (ROOT / "tests" / f"{test}.py").exists(), test
+    for file in re.findall(r"`((?:tests|experiments|integrators|report|docs)/[\w/.-]+)`", text):
+        assert (ROOT / file).exists(), file
+
+
+def sources() -> list[str]:
+    return [path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py")]
+
+
+def test_an_unknown_command_is_found_out():
+    assert unknown("`lagrange-bench run drift --profile full` and `lagrange-bench --version`") == []
+    assert unknown(
+        "    lagrange-bench dance\n`lagrange-bench run drift --fast`, `lagrange-bench run drfit`, `--no-such`"
+    ) == [
+        "dance",
+        "run --fast",
+        "run drfit",
+        "--no-such",
+    ]
+
+
+# ---------------------------------------------------------------- reference
+
+
+def public():
+    """(name, thing) of every function, class and module a user imports, and of what is in them."""
+    for name in integrators.__all__:
+        thing = getattr(integrators, name)
+        if not (inspect.isroutine(thing) or inspect.isclass(thing) or inspect.ismodule(thing)):
+            continue  # a table
+        yield name, thing
+        inner = () if inspect.isroutine(thing) else getattr(thing, "__all__", vars(thing))
+        for key in (key for key in inner if not key.startswith("_")):
+            member = vars(thing)[key]
+            member = member.fget if isinstance(member, property) else member
+            if inspect.isroutine(member) or inspect.isclass(member):
+                yield f"{name}.{key}", member
+
+
+def test_everything_public_has_a_docstring():
+    found = dict(public())
+    assert len(found) > 30
+    assert [name for name, thing in found.items() if not written(thing)] == []
+
+
+def written(thing) -> bool:
+    """Whether it has a docstring of its own, not the signature that dataclasses make up."""
+    text = thing.__doc__ or ""
+    return bool(text.strip()) and not text.startswith(f"{getattr(thing, '__name__', '')}(")
+
+
+@pytest.mark.skipif(importlib.util.find_spec("pdoc") is None, reason="needs pdoc: pip install 'lagrange-bench[docs]'")
+def test_the_reference_is_written_without_a_warning(tmp_path):
+    """In a process of its own, in which kernels are Python functions. No page asks the network for anything."""
+    words = [sys.executable, str(DOCS / "reference.py"), str(tmp_path)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    pages = list(tmp_path.rglob("*.html"))
+    assert {"integrators.html", "exact.html", "two_point.html", "drift.html"} <= {page.name for page in pages}
+    for page in pages:
+        fetched = re.findall(
+            r"(?:src=|<link[^>]*href=|url\(|@import )[\"']?https?://[^\"')\s]+", page.read_text(encoding="utf-8")
+        )
+        assert fetched == [], page.name
+
+
+# ---------------------------------------------------------------- the notebook
+
+
+def test_the_notebook_shows_what_its_source_does():
+    """Cells as in the source, texts as when run, one picture for each figure. If not: python docs/notebook/build.py."""
+    import matplotlib.pyplot as plt
+
+    spec = importlib.util.spec_from_file_location("build_notebook", NOTEBOOK.with_name("build.py"))
+    build = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(build)
+    stored = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
+    assert NOTEBOOK.stat().st_size < 300_000
+    assert (stored["nbformat"], stored["nbformat_minor"]) == (4, 5)
+    assert len({cell["id"] for cell in stored["cells"]}) == len(stored["cells"])
+    assert [(cell["cell_type"], "".join(cell["source"])) for cell in stored["cells"]] == build.cells()
+    try:
+        fresh = build.notebook()
+    finally:
+        plt.close("all")
+    for old, new in zip(stored["cells"], fresh["cells"], strict=True):
+        kinds = [[o["output_type"] for o in cell.get("outputs", [])] for cell in (old, new)]
+        assert kinds[0] == kinds[1]
+        texts = [[o["text"] for o in cell.get("outputs", []) if "text" in o] for cell in (old, new)]
+        assert texts[0] == texts[1]
+
+
+# ---------------------------------------------------------------- what docs/exact-step.md says and no other test shows
+
+
+def turned(y, angle):
+    c, s = math.cos(angle), math.sin(angle)
+    J1, J2, J3, x1, x2, x3 = y
+    return np.array((c * J1 - s * J2, s * J1 + c * J2, J3, c * x1 - s * x2, s * x1 + c * x2, x3))
+
+
+def read_off(top, y, image):
+    """λ from two states, by linear equations; (3)."""
+    d, s, moved = image[:3] - y[:3], image[:3] + y[:3], image[3:] - y[3:]
+    w = np.array((d[1], -d[0], 0.0)) / (2 * top.alpha)
+    rest = (moved - np.cross(s, w))[:2]
+    R, w[2] = np.linalg.solve(((d[0], s[1]), (d[1], -s[0])), rest)
+    return complex(R, np.linalg.norm(w))
+
+
+def test_two_states_of_a_torus_are_one_step_apart():
+    """Any translation (T, Θ) of any torus is one step, and the linear equations find it; on the other sheet it is not."""
+    draw, sheets = random.Random(3), {1: 0, -1: 0}
+    for _ in range(300):
+        top, y = LagrangeTop(draw.uniform(-2, 2)), np.array([draw.gauss(0, 1) for _ in range(6)])
+        T = draw.uniform(-1, 1) * exact.nutation_period(top, y)
+        image = turned(exact.solution(top, y, T), draw.uniform(0, 2 * math.pi))
+        lam = read_off(top, y, image)
+        errors = {sheet: np.max(np.abs(two_point(top, y, lam, sheet) - image)) for sheet in sheets}
+        found = min(errors, key=errors.get)
+        assert errors[found] < 1e-10
+        assert errors[-found] > 1e-4
+        sheets[found] += 1
+    assert min(sheets.values()) > 100
+
+
+@pytest.mark.parametrize("sheet", [1, -1])
+@pytest.mark.parametrize("angle", [0.3, 1.5, 2.5])
+def test_far_away_a_step_is_a_turn(angle, sheet):
+    """|λ| → ∞ with m ≈ ± alpha λ²: T = 0, Θ = ± 2 arg λ."""
+    top, y = TOPS["generic"].top, TOPS["generic"].state
+    image = two_point(top, y, 1e9 * complex(math.cos(angle), math.sin(angle)), sheet)
+    assert np.max(np.abs(image - turned(y, sheet * 2 * angle))) < 1e-7
+
+
+def test_what_one_long_step_rounds():
+    """Tens of ulps of C1 at half a nutation period; at a tenth of it a few."""
+    worst = {0.499: 0.0, 0.05: 0.0}
+    for name in (*TOPS, *states.RANDOM):
+        top, y0 = states.find(name)
+        period = exact.nutation_period(top, y0)
+        for share in worst if math.isfinite(period) else ():
+            y = prepare(top, y0, share * period, pin=0).record(y0, 300, 1)
+            steps = np.abs(np.diff(top.invariants(y)[:, 2])) / np.spacing(y0[3:] @ y0[3:])
+            worst[share] = max(worst[share], float(np.max(steps)))
+    assert 10 < worst[0.499] < 100
+    assert worst[0.05] < 10
