@@ -2,7 +2,8 @@
 
 Timing cells run one at a time in one process; samples are calibrated and repeated, the minimum is the figure to quote.
 Compilation is timed in fresh processes, once with nothing cached and once as the next process finds it. The headline
-runs the exact Bäcklund step and heyoka in turn, over the same time, from the same state.
+runs the exact Bäcklund step and heyoka in turn, over the same time, from the same state. Ensembles are many tops, each
+of which needs a λ(h) of its own.
 """
 
 from __future__ import annotations
@@ -17,38 +18,47 @@ import numpy as np
 import pandas as pd
 
 from experiments import engine, metrics, timing
-from experiments.states import find, options_of, rounded
-from integrators import METHODS, exact, integrate, prepare
+from experiments.states import find, interpreted, knobs, options_of, rounded
+from integrators import METHODS, Method, exact, integrate, prepare
 
-VERSION = 1
+VERSION = 2
 
 STATE = "generic"
-STEPS = {"quick": (1 / 16, 1.0), "full": tuple(2.0**k for k in range(-8, 3))}
-TOLERANCES = {"quick": (1e-6, 1e-12), "full": tuple(10.0**-k for k in range(3, 15))}
+STEPS = {"quick": (1 / 16, 1.0), "full": tuple(2.0**k for k in range(-8, 3, 2))}
+TOLERANCES = {"quick": (1e-6, 1e-12), "full": (1e-3, 1e-6, 1e-9, 1e-12, 1e-14)}
 ROUNDS = {"quick": 1, "full": 3}
+REPEATS = {"quick": 3, "full": 5}
 START = {"quick": ("backlund", "taylor", "implicit_midpoint"), "full": ()}  # none: all
 HEADLINE_TIME = 1e6
 HEADLINE_STEPS = {"quick": (0.5,), "full": (0.125, 0.5, 0.95, 2.5)}  # in nutation periods
+ENSEMBLE = 512  # tops, each with a torus of its own
+ENSEMBLE_SPANS = (1.0, 10.0, 100.0)
+# h in one call of `advance`, so that a call costs nothing beside it: fixed steps, own steps, interpreted, implicit too
+CALL = {"step": 20_000, "tolerance": 1000, "interpreted": 100, "implicit": 10}
 
 
 def cells(profile: str) -> list[dict]:
     listed: list[dict] = []
     for round_ in range(ROUNDS[profile]):
-        for method in METHODS:
-            knobs = [{"h": h} for h in STEPS[profile]]
-            if METHODS[method].control == "tolerance":
-                name = "rtol" if method.startswith("rk45") else "tol"
-                knobs = [{name: tol} for tol in TOLERANCES[profile] if name == "tol" or tol > 1e-13]
-            listed += [{"part": "step", "method": method, "round": round_, **knob} for knob in knobs]
-    for method in START[profile] or METHODS:
-        listed += [{"part": "start", "method": method, "cached": cached} for cached in (False, True)]
+        for name, method in METHODS.items():
+            for knob in knobs(method, STEPS[profile], TOLERANCES[profile]):
+                cell = {"part": "step", "method": name, "round": round_, "repeats": REPEATS[profile], **knob}
+                listed.append(cell)
+    listed += [{"part": "start", "method": method} for method in START[profile] or METHODS]
     for fraction in HEADLINE_STEPS[profile]:
         listed.append({"part": "headline", "method": "taylor", "fraction": fraction})
+    listed += [{"part": "ensemble", "method": "taylor", "span": span} for span in ENSEMBLE_SPANS]
     return [{"timing": True, **cell} for cell in listed]
 
 
 def measure(cell: dict) -> list[dict]:
-    return {"step": _measure_step, "start": _measure_start, "headline": _measure_headline}[cell["part"]](cell)
+    parts = {
+        "step": _measure_step,
+        "start": _measure_start,
+        "headline": _measure_headline,
+        "ensemble": _measure_ensemble,
+    }
+    return parts[cell["part"]](cell)
 
 
 def _measure_step(cell: dict) -> list[dict]:
@@ -57,14 +67,13 @@ def _measure_step(cell: dict) -> list[dict]:
     options = options_of(cell)
     h = cell.get("h", 1.0) * unit
     stepper = prepare(top, y0, h, cell["method"], **options)
-    compiled = METHODS[cell["method"]].control == "step"
-    n = 20_000 if compiled else 100 if cell["method"].startswith("rk45") else 1000
+    n = CALL[_kind(METHODS[cell["method"]])]
     stepper.advance(y0, 10)
     before = (stepper.work.steps, stepper.work.rhs_evals, stepper.work.iterations, stepper.work.rejected)
     stepper.advance(y0, n)
     after = (stepper.work.steps, stepper.work.rhs_evals, stepper.work.iterations, stepper.work.rejected)
     steps, evals, iterations, rejected = (b - a for a, b in zip(before, after, strict=True))
-    timed = timing.time_call(lambda: stepper.advance(y0, n), repeats=5)
+    timed = timing.time_call(lambda: stepper.advance(y0, n), repeats=cell["repeats"])
     setups = [prepare(top, y0, h, cell["method"], **options).work.setup_seconds for _ in range(5)]
     return [
         {
@@ -81,17 +90,17 @@ def _measure_step(cell: dict) -> list[dict]:
     ]
 
 
+def _kind(method: Method) -> str:
+    if interpreted(method):
+        return "implicit" if method.family == "implicit" else "interpreted"
+    return method.control
+
+
 PROBE = """
 import json, sys, time
 start = time.perf_counter()
 from integrators import TOPS, prepare
 imported = time.perf_counter()
-if sys.argv[2] == "cold" and sys.argv[1].startswith("taylor"):
-    try:
-        import heyoka
-        heyoka.llvm_state.set_diskcache_enabled(False)
-    except ImportError:
-        pass
 named = TOPS["generic"]
 seconds = []
 for _ in range(2):
@@ -103,16 +112,18 @@ print(json.dumps({"import_s": imported - start, "first_s": seconds[0], "second_s
 
 
 def _measure_start(cell: dict) -> list[dict]:
-    """Import, first and second use in a fresh process; "cached": as a second process finds the caches."""
+    """Import, first and second use in a fresh process: with empty caches, and as the next process finds them."""
+    rows = []
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, "LAGRANGE_BENCH_CACHE": folder, "HEYOKA_CACHE_DIR": folder}
-        kinds = ("warm", "warm") if cell["cached"] else ("cold",)
-        for kind in kinds:
-            command = [sys.executable, "-c", PROBE, cell["method"], kind]
+        for cached in (False, True):
+            command = [sys.executable, "-c", PROBE, cell["method"]]
             done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
             if done.returncode:
                 raise RuntimeError(f"the probe process failed: {done.stderr.strip().splitlines()[-1:]}")
-    return [{name: rounded(value) for name, value in json.loads(done.stdout.splitlines()[-1]).items()}]
+            measured = json.loads(done.stdout.splitlines()[-1])
+            rows.append({"cached": cached, **{name: rounded(value) for name, value in measured.items()}})
+    return rows
 
 
 def _measure_headline(cell: dict) -> list[dict]:
@@ -150,8 +161,27 @@ def _measure_headline(cell: dict) -> list[dict]:
     ]
 
 
+def _measure_ensemble(cell: dict) -> list[dict]:
+    """Many tops to one time each, set-up counted: heyoka one by one and in batches, the exact step in one jump."""
+    from integrators.methods import taylor
+
+    tops, states = zip(*(find(f"random{i:03d}") for i in range(ENSEMBLE)), strict=True)
+    t = cell["span"] * float(np.median([top.scales(y)[2] for top, y in zip(tops, states, strict=True)]))
+    alphas, Y0, times = np.array([top.alpha for top in tops]), np.array(states), np.array([t])
+
+    reused = raw_heyoka(tops[0], states[0])  # one integrator for all: a stepper of its own for each is a copy of 1 ms
+
+    runs = {
+        "batch": lambda: taylor.propagate_batch(alphas, Y0, times),
+        "heyoka": lambda: [reused(t, top.alpha, y) for top, y in zip(tops, states, strict=True)],
+        "backlund": lambda: [prepare(top, y, t, "backlund").advance(y, 1) for top, y in zip(tops, states, strict=True)],
+    }
+    timed = timing.interleave(runs, repeats=3)
+    return [{f"{name}_us_per_top": rounded(timed.timings[name].min / ENSEMBLE * 1e6) for name in runs}]
+
+
 def raw_heyoka(top, y0):
-    """heyoka with nothing around it: the function t → state, as its documentation would have it written."""
+    """heyoka with nothing around it: the function t → state, as its documentation would have it written; of any top."""
     import heyoka as hy
 
     J1, J2, J3, x1, x2, x3 = hy.make_vars("J1", "J2", "J3", "x1", "x2", "x3")
@@ -165,9 +195,10 @@ def raw_heyoka(top, y0):
     ]
     ta = hy.taylor_adaptive(system, list(y0), pars=[top.alpha], compact_mode=False)
 
-    def run(t):
+    def run(t, alpha=top.alpha, y=y0):
         ta.time = 0.0
-        ta.state[:] = y0
+        ta.pars[0] = alpha
+        ta.state[:] = y
         outcome = ta.propagate_until(t)[0]
         if outcome != hy.taylor_outcome.time_limit:
             raise RuntimeError(f"heyoka stopped: {outcome}")
@@ -204,43 +235,54 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     if not headline.empty:
         columns = ["h", "steps", "backlund_s", "heyoka_s", "ratio", "adapter_ratio", "backlund_error", "heyoka_error"]
         found["headline"] = headline[["fraction", *columns]].rename(columns={"fraction": "h / nutation period"})
+    ensemble = good[good.part == "ensemble"]
+    if not ensemble.empty:
+        columns = ["batch_us_per_top", "heyoka_us_per_top", "backlund_us_per_top"]
+        found["ensemble"] = ensemble[["span", *columns]].rename(columns={"span": "t"})
+        found["ensemble"].attrs["caption"] = (
+            f"{ENSEMBLE} tops, each on a torus of its own, to the time t: µs per top, set-up counted; heyoka in batches and one "
+            "by one, one integrator for all; the exact Bäcklund step in one jump"
+        )
     return found
 
 
 def draw(rows: pd.DataFrame) -> dict:
     from report import style
 
-    steps = rows[rows.part == "step"]
-    if steps.empty:
-        return {}
-    fig, (left, right) = style.figure("page", 3.4, ncols=2)
-    for method in style.ordered(steps.method):
-        chosen = steps[(steps.method == method) & (steps.status == "done")]
-        if chosen.empty:
-            continue
-        if chosen.h.notna().any():
-            best = chosen.groupby("h")[["ns_per_step", "ns_per_time"]].min()
-            left.loglog(best.index, best.ns_per_step, **style.of(method))
-            right.loglog(best.index, best.ns_per_time, **style.of(method))
-        else:
-            level = chosen.ns_per_time
-            right.axhspan(
-                level.min(), level.max(), color=style.of(method)["color"], alpha=0.25, label=None, linewidth=0
-            )
-            right.annotate(
-                style.label(method), (0.98, float(level.max())), (0, -2), textcoords="offset points",
-                xycoords=("axes fraction", "data"), fontsize=7, va="top", ha="right",
-            )  # fmt: skip
-    for ax, text in ((left, "ns per step"), (right, "ns per unit of time")):
-        ax.set_xlabel("step h · (|J| + √(α|x|))")
-        ax.set_ylabel(text)
-    left.set_ylim(10, 1000)
-    style.legend_below(fig)
+    steps = rows[(rows.part == "step") & (rows.status == "done")]
+    return {} if steps.empty else {"steps": _draw_steps(steps, style)}
+
+
+PRICES = {"ns_per_step": "ns per step", "ns_per_time": "ns per unit of time", "setup_us": "set-up of a stepper, µs"}
+
+
+def _draw_steps(steps: pd.DataFrame, style):
+    """A line for each method, by family, and within it from cheap to dear: no legend, no two labels in one place."""
+    level = steps.groupby("method").ns_per_step.min()
+    families = [*style.FAMILIES, style.OTHERS]
+    names = sorted(level.index, key=lambda name: (families.index(style.family(name)), level[name]))
+    fig, axes = style.figure("page", 0.9 + 0.155 * len(names), ncols=len(PRICES), sharey=True)
+    places = np.arange(len(names))[::-1]
+    for ax, (column, text) in zip(axes, PRICES.items(), strict=True):
+        found = steps.groupby("method")[column].agg(["min", "max"]).loc[names]
+        colours = [style.bold(name)["color"] for name in names]
+        ax.hlines(places, found["min"], found["max"], colors=colours, linewidth=2.2, alpha=0.35)
+        ax.scatter(found["min"], places, c=colours, s=14, zorder=3)
+        ax.set_xscale("log")
+        ax.set_xlabel(text)
+        for first, second in zip(range(len(names) - 1), range(1, len(names)), strict=True):
+            if style.family(names[first]) != style.family(names[second]):
+                ax.axhline(places[first] - 0.5, color="#d5d5d5", linewidth=0.6)
+    axes[0].set_yticks(places, [style.label(name) for name in names])
+    for tick, name in zip(axes[0].get_yticklabels(), names, strict=True):
+        tick.set_color(style.bold(name)["color"])
+    axes[0].set_ylim(-0.7, len(names) - 0.3)
     fig.caption = (
-        "Left: time per step against h; implicit methods iterate more at larger h. Right: time per unit of time; the "
-        "bands are the methods that choose their own steps, over the tolerances tried. Minima of repeated samples."
+        "What a step, a unit of time and a set-up cost, by family: the dot is the least of all step sizes or tolerances "
+        "tried, the bar reaches to the most. One trajectory; minima of repeated samples, compilation not included. Per "
+        "unit of time, at the largest step tried, a method may be worth nothing: see work_precision."
     )
-    return {"steps": fig}
+    return fig
 
 
 if __name__ == "__main__":

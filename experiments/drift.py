@@ -1,9 +1,10 @@
-"""Drift: do H, J3, C1 and C2 stay where they were?
+"""Drift: do H, J3, C1 and C2 stay where they were, and what else a method claims to keep?
 
-Every method follows the named tops and sixteen generic ones; the relative error of each invariant is recorded at
+Every method follows sixteen generic tops and the named ones; the relative error of each invariant is recorded at
 log-spaced times. How its root-mean-square over the sixteen grows, error ~ t^p, gives the verdict: bounded (p near 0),
-a random walk of round-off (p near 1/2, Brouwer's law) or biased (p near 1). A second part varies h (or the tolerance)
-at a fixed length of run. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
+a random walk of round-off (p near 1/2, Brouwer's law) or biased (p near 1). Quantities a method keeps of its own, a
+modified energy say, are followed beside the four. A second part varies h at a fixed length of run. Times and steps
+are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations
@@ -12,32 +13,20 @@ import numpy as np
 import pandas as pd
 
 from experiments import engine, metrics
-from experiments.states import RANDOM, find, log_counts, options_of, rounded, sample
+from experiments.states import RANDOM, affordable, find, log_counts, options_of, rounded, sample
+from integrators.interface import INVARIANTS
 from integrators.top import TOPS
 
-VERSION = 1
+VERSION = 2
 
-INVARIANTS = ("H", "J3", "C1", "C2")
+KEPT = "kept: "  # before the name of a quantity of a method's own, in the name of its column
 STEP = 0.125  # of the runs against time
-# method: (steps of STEP in the quick, in the full profile); bounded by what a run costs, see the cost experiment
-LENGTHS = {
-    "backlund": (10**5, 10**7),
-    "backlund_unpinned": (10**5, 10**7),
-    "backlund_paper": (10**5, 10**7),
-    "backlund_textbook": (10**5, 10**7),
-    "taylor": (10**5, 10**7),
-    "taylor_fixed": (10**5, 10**7),
-    "rk45": (2 * 10**3, 5 * 10**4),
-    "rk45_fixed": (10**5, 10**7),
-    "implicit_midpoint": (10**5, 10**7),
-}
-SHORT = (10**5, 10**7)  # a method that joins from outside is taken for a compiled one
-AGAINST_H = {  # steps tried, in the same units; and tolerances, for methods that have one
-    "quick": ((1 / 16, 1 / 4, 1.0), (1e-6, 1e-9, 1e-12)),
-    "full": (tuple(2.0**k for k in range(-6, 3)), tuple(10.0**k for k in range(-13, -3))),
-}
+STEPS = (10**5, 10**7)  # their number in the quick, in the full profile
+NAMED = ("generic", "figure1", "through_pole", "near_separatrix")  # of the named tops, those of the quick profile
+SIZES = {"quick": (1 / 16, 1 / 4, 1.0), "full": tuple(2.0**k for k in range(-6, 3))}  # steps tried against h
 SPAN = {"quick": 10**3, "full": 10**4}  # length of the runs against h
-H_STATES = ("generic", "figure1")
+H_STATES = {"quick": ("generic",), "full": ("generic", "figure1")}
+FLOOR = 16 * 2.0**-52  # sixteen ulps: an error that never exceeds this is round-off, whatever its slope
 
 
 def cells(profile: str) -> list[dict]:
@@ -45,59 +34,68 @@ def cells(profile: str) -> list[dict]:
 
     full = profile == "full"
     listed = []
-    for method in METHODS:
-        steps = LENGTHS.get(method, SHORT)[full]
-        for state in (*TOPS, *RANDOM):
-            listed.append({"part": "time", "method": method, "state": state, "h": STEP, "steps": steps})
-    sizes, tolerances = AGAINST_H[profile]
-    for method in METHODS:
-        knobs = [{"h": 1.0, "tol": tol} for tol in tolerances] if method == "taylor" else [{"h": h} for h in sizes]
-        if method == "rk45":
-            knobs = [{"h": 1.0, "rtol": tol} for tol in tolerances]
-        for state in H_STATES:
-            for knob in knobs:
-                span = SPAN[profile] // 10 if method == "rk45" else SPAN[profile]
-                listed.append({"part": "h", "method": method, "state": state, "span": span, **knob})
+    # state by state, so that two workers do not compile the same method at the same time
+    for state in (*RANDOM, *(TOPS if full else NAMED)):
+        for name, method in METHODS.items():
+            steps = affordable(method, STEPS[full], full)
+            if state in TOPS and method.order is not None:  # only who is exact in time goes all the way on each of them
+                steps //= 10
+            listed.append({"part": "time", "method": name, "state": state, "h": STEP, "steps": steps})
+    for state in H_STATES[profile]:
+        for name in (name for name, method in METHODS.items() if method.control == "step"):
+            for h in SIZES[profile]:
+                listed.append({"part": "h", "method": name, "state": state, "span": SPAN[profile], "h": h})
     return listed
 
 
 def measure(cell: dict) -> list[dict]:
     top, y0 = find(cell["state"])
     rate, _, unit = top.scales(y0)
+    h = cell["h"] * unit
     steps = cell["steps"] if cell["part"] == "time" else round(cell["span"] / cell["h"])
-    counts = log_counts(steps, per_octave=4)
-    options = options_of(cell)
-    times, states = sample(top, y0, cell["method"], cell["h"] * unit, counts, **options)
-    invariants = top.invariants(np.vstack((y0, states)))
-    drift = metrics.relative_drift(invariants, top.invariant_scales(y0))[1:]
+    times, states = sample(top, y0, cell["method"], h, log_counts(steps, per_octave=4), **options_of(cell))
+    drift = errors(cell["method"], top, h, np.vstack((y0, states)))
     if cell["part"] == "h":
-        return [{name: rounded(np.max(np.abs(drift[:, i]))) for i, name in enumerate(INVARIANTS)}]
-    return [
-        {"t": rounded(t * rate), **{name: rounded(e) for name, e in zip(INVARIANTS, errors, strict=True)}}
-        for t, errors in zip(times, drift, strict=True)
-    ]
+        return [{name: rounded(np.max(np.abs(error))) for name, error in drift.items()}]
+    columns = {"t": times * rate, **drift}
+    return [{name: rounded(value[i]) for name, value in columns.items()} for i in range(len(times))]
+
+
+def errors(name: str, top, h: float, states: np.ndarray) -> dict[str, np.ndarray]:
+    """Relative errors of the four invariants, and of what the method keeps of its own, after the first state."""
+    from integrators import METHODS
+
+    drift = metrics.relative_drift(top.invariants(states), top.invariant_scales(states[0]))
+    found = dict(zip(INVARIANTS, drift[1:].T, strict=True))
+    for own, quantity in METHODS[name].keeps.items():
+        values, size = quantity(top, h, states)
+        found[KEPT + own] = (values[1:] - values[0]) / size
+    return found
 
 
 # ------------------------------------------------------------------------------------------ what the rows say
 
 
 def against_time(rows: pd.DataFrame) -> pd.DataFrame:
-    """Per method and invariant: claimed or not, exponent with interval, largest error, verdict; the sixteen states."""
+    """Per method and quantity: claimed or not, exponent with interval, largest error, verdict; the sixteen states."""
     from integrators import METHODS
 
     rows = rows[(rows.part == "time") & (rows.status == "done") & rows.state.isin(RANDOM)]
+    own = [name for name in rows.columns if name.startswith(KEPT)]
     table = []
     for method, group in rows.groupby("method", sort=False):
-        for name in INVARIANTS:
-            errors = group.pivot(index="state", columns="t_index", values=name).to_numpy()
-            t = np.sort(group.groupby("t_index").t.median().to_numpy())
-            growth = metrics.growth_exponent(t, errors)
-            largest = float(np.max(np.abs(errors)))
-            claimed = method in METHODS and name in METHODS[method].conserves
+        record = METHODS.get(method)
+        t = np.sort(group.groupby("t_index").t.median().to_numpy())
+        for name in (*INVARIANTS, *(column for column in own if group[column].notna().any())):
+            found = group.pivot(index="state", columns="t_index", values=name).to_numpy(dtype=float)
+            growth = metrics.growth_exponent(t, found)
+            largest = float(np.max(np.abs(found)))
+            quantity = name.removeprefix(KEPT)
+            claimed = record is not None and (name.startswith(KEPT) or name in record.conserves)
             table.append(
                 {
                     "method": method,
-                    "invariant": name,
+                    "invariant": quantity,
                     "claimed": claimed,
                     "largest relative error": largest,
                     "length of run": float(t[-1]),
@@ -105,12 +103,10 @@ def against_time(rows: pd.DataFrame) -> pd.DataFrame:
                     "low": growth.low,
                     "high": growth.high,
                     "verdict": metrics.verdict(*growth, largest, floor=FLOOR),
+                    "biased, as the method says": record.biased.get(quantity, "") if record else "",
                 }
             )
     return pd.DataFrame(table)
-
-
-FLOOR = 16 * 2.0**-52  # sixteen ulps: an error that never exceeds this is round-off, whatever its slope
 
 
 def indexed(rows: pd.DataFrame) -> pd.DataFrame:
@@ -126,10 +122,17 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     if timed.empty:
         return {}
     worst = timed.assign(worst=timed[list(INVARIANTS)].abs().max(axis=1))
-    named = worst[worst.state.isin(TOPS)].pivot_table(
-        index="state", columns="method", values="worst", aggfunc="max", sort=False
+    named = worst[worst.state.isin(TOPS)]
+    wide = named.pivot_table(index="method", columns="state", values="worst", aggfunc="max", sort=False)
+    wide.insert(0, "steps", named.groupby("method").steps.max())
+    verdicts = against_time(rows)
+    verdicts.attrs["caption"] = (
+        "How each invariant's error grows: sixteen generic tops. Quantities that are no invariant of the top are what "
+        "the method keeps of its own"
     )
-    return {"verdicts": against_time(rows), "named_tops": named.reset_index()}
+    wide = wide.reset_index()
+    wide.attrs["caption"] = "Largest relative error of H, J3, C1 and C2 on the named tops"
+    return {"verdicts": verdicts, "named_tops": wide}
 
 
 def draw(rows: pd.DataFrame) -> dict:
@@ -137,69 +140,70 @@ def draw(rows: pd.DataFrame) -> dict:
 
     rows = indexed(rows)
     figures = {}
-    timed = rows[(rows.part == "time")]
-    if not timed.empty:
-        figures["time"] = _draw_time(timed, style)
+    timed = rows[(rows.part == "time") & rows.state.isin(RANDOM)]
+    if (timed.status == "done").any():
+        figures["time"] = _draw_time(timed, style, ["H"], "energy H")
+        figures["casimirs"] = _draw_time(timed, style, ["C1", "C2"], "the larger of C1 and C2")
     swept = rows[rows.part == "h"]
     if not swept.empty:
         figures["h"] = _draw_h(swept, style)
     return figures
 
 
-def _draw_time(rows: pd.DataFrame, style):
-    fig, axes = style.figure("page", 5.2, nrows=2, ncols=2, sharex=True, sharey=True)
-    chosen = rows[rows.state.isin(RANDOM)]
-    for ax, name in zip(axes.flat, INVARIANTS, strict=True):
-        for method in style.ordered(chosen.method):
-            good = chosen[(chosen.method == method) & (chosen.status == "done")]
-            if good.empty:
-                continue
-            groups = good.groupby("t_index")
-            t = groups.t.median().to_numpy()
-            rms = np.sqrt(groups[name].apply(lambda e: np.mean(np.square(e))).to_numpy())
-            ax.loglog(t, np.where(rms > 0, rms, np.nan), **{**style.of(method), "marker": "none"})
-        if np.any(chosen[name].fillna(0)):
-            style.slope_guide(ax, 0.5, (1e3, 3e-14), 100, "√t")
-            style.slope_guide(ax, 1.0, (1e3, 1e-10), 100, "t")
+def _draw_time(rows: pd.DataFrame, style, names: list[str], what: str):
+    runs = {}
+    for method, good in rows[rows.status == "done"].groupby("method", sort=False):
+        groups = good.groupby("t_index")
+        rms = np.max([np.sqrt(groups[name].apply(lambda e: np.mean(np.square(e)))) for name in names], axis=0)
+        runs[method] = (groups.t.median().to_numpy(), np.where(rms > 0, rms, np.nan))
+
+    def line(ax, method, look):
+        if method in runs:
+            ax.loglog(*runs[method], **{**look, "marker": "none"})
         else:
-            ax.text(0.5, 0.5, "exactly constant, every method", transform=ax.transAxes, ha="center", color=style.INK)
-        ax.set_title({"H": "energy H", "J3": "vertical momentum J3", "C1": "C1 = |x|²", "C2": "C2 = x·J"}[name])
+            style.failed_label(ax, method)
+
+    fig, axes = style.by_family(rows.method, line, "time · (|J| + √(α|x|))", "RMS error of 16 tops", (1e-17, 1.0))
+    for ax in axes:
         ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
-    axes[0, 0].set_ylim(bottom=1e-17)
-    for ax in axes[1]:
-        ax.set_xlabel("time · (|J| + √(α|x|))")
-    for ax in axes[:, 0]:
-        ax.set_ylabel("relative error, RMS of 16 tops")
-    style.legend_below(fig)
+        style.slope_guide(ax, 0.5, (1e2, 3e-16), 100, "√t")
+        style.slope_guide(ax, 1.0, (1e2, 1e-13), 100, "t")
+    style.label_ends(fig, axes)
     fig.caption = (
-        "Relative error of each invariant against time, root mean square over sixteen generic tops, step 1/8. The "
-        "grey line is one ulp. `backlund` and `backlund_paper` are moved back onto their invariants every eighth step, the "
-        "others never."
+        f"Relative error of {what} against time, root mean square over sixteen generic tops, step 1/8, one panel for "
+        f"each family of methods; in grey the exact Bäcklund step. The thin line is one ulp."
+        + (" J3, which is constant in every stage of nearly all, is in the table." if names == ["H"] else "")
     )
     return fig
 
 
 def _draw_h(rows: pd.DataFrame, style):
-    fig, axes = style.figure("page", 3.4, ncols=2, sharey=True)
+    state = "generic"
     rows = rows.assign(worst=rows[list(INVARIANTS)].max(axis=1))
-    for ax, state in zip(axes, H_STATES, strict=True):
-        for method in style.ordered(rows.method):
-            chosen = rows[(rows.method == method) & (rows.state == state)]
-            if "tol" in chosen and chosen.tol.notna().any():
-                continue
-            if "rtol" in chosen and chosen.rtol.notna().any():
-                continue
-            chosen = chosen.sort_values("h")
-            ax.loglog(chosen.h, chosen.worst.clip(lower=1e-17), **style.of(method))
-            style.failure_marks(ax, chosen[chosen.status == "failed"].h, method)
-        ax.set_title(TOPS[state].label)
-        ax.set_xlabel("step h · (|J| + √(α|x|))")
-    axes[0].set_ylabel("largest relative error of H, J3, C1, C2")
-    style.legend_below(fig)
+
+    def line(ax, method, look):
+        chosen = rows[(rows.method == method) & (rows.state == state)].sort_values("h")
+        good = chosen[chosen.status == "done"]
+        if not good.empty:
+            ax.loglog(good.h, good.worst.clip(lower=1e-17), **look)
+        style.failure_marks(ax, chosen[chosen.status == "failed"].h, method)
+
+    stepping = _stepping(rows)
+    fig, axes = style.by_family(
+        stepping, line, "step h · (|J| + √(α|x|))", "largest error of H, J3, C1, C2", (1e-17, 1.0)
+    )
+    style.label_ends(fig, axes)
     fig.caption = (
-        "The worst of the four invariants over a run of fixed length, against the step. Crosses: the method failed."
+        f"The worst of the four invariants over a run of fixed length on “{TOPS[state].label}”, against the step; in grey "
+        "the exact Bäcklund step. Crosses: the method failed."
     )
     return fig
+
+
+def _stepping(rows: pd.DataFrame) -> list[str]:
+    """The methods whose step was varied, not a tolerance."""
+    tolerances = [name for name in ("tol", "rtol") if name in rows]
+    return list(rows[rows[tolerances].isna().all(axis=1)].method.unique())
 
 
 if __name__ == "__main__":

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import random
 import re
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
+from integrators.interface import Method
 from integrators.top import TOPS, Array, LagrangeTop
 
 RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
@@ -57,10 +59,38 @@ def sample(top: LagrangeTop, y0: Array, method: str, h: float, counts: list[int]
     return times, np.array(states)
 
 
+KNOBS = ("h", "tol", "rtol")
+LEAST_RTOL = 1e-13  # of the sweeps: SciPy takes no less than 100 eps
+
+
+def interpreted(method: Method) -> bool:
+    """Whether every step goes through the Python interpreter: a thousand times the price of a compiled one."""
+    return method.engine in ("scipy", "python")
+
+
+def affordable(method: Method, steps: int, full: bool) -> int:
+    """Steps of a long run: `steps`, but interpreted ones are limited, implicit ones of these to a tenth of that."""
+    if not interpreted(method):
+        return steps
+    limit = 20_000 if full else 2_000
+    return min(steps, limit // 10 if method.family == "implicit" else limit)
+
+
+def knobs(method: Method, steps: Iterable[float], tolerances: Iterable[float]) -> list[dict[str, float]]:
+    """What a sweep sets, one cell field each: the step, or the tolerance where the method has one."""
+    if method.knob == "h":
+        return [{"h": h} for h in steps]
+    return [{method.knob: tol} for tol in tolerances if method.knob == "tol" or tol > 0.99 * LEAST_RTOL]
+
+
 def options_of(cell: dict[str, Any]) -> dict[str, Any]:
-    """The options a cell sets: a tolerance, and SciPy's atol a thousandth of its rtol; the interval between pins."""
+    """The options a cell sets: a tolerance, and an atol of a thousandth of an rtol; the interval between pins."""
+    from integrators import METHODS
+
     options: dict[str, Any] = {name: cell[name] for name in ("tol", "rtol", "pin") if name in cell}
-    return {**options, "atol": options["rtol"] * 1e-3} if "rtol" in options else options
+    if "rtol" in options and "atol" in METHODS[cell["method"]].options:
+        options["atol"] = options["rtol"] * 1e-3
+    return options
 
 
 def rounded(value: float, digits: int = 5) -> float:

@@ -1,9 +1,11 @@
-"""Work against precision: what does an error cost, over a short and over a long run?
+"""Work against precision: what does an error cost, over short, long and very long runs?
 
-Each method runs with a range of steps or tolerances; the error is the largest over the last fifth of the run, against
-the exact solution, relative to the scales of J and x. Wall time is the least of two or more compiled runs without
-set-up; set-up is in a column of its own. The implicit midpoint rule is solved to round-off in every step. "Evaluations"
-are right-hand sides, for methods that have any. Times are in units of 1/(|J| + √(|alpha||x|)).
+Each method runs with ever smaller steps or tolerances, from the coarsest on, until one run would take longer than the
+limit of its length (told from a short one) or the error has stopped falling: that is where its curve ends, no matter
+whose it is. The error is the largest at four places of the last fifth of the run, against the exact solution,
+relative to the scales of J and x. Wall time is the least of several compiled runs; set-up, the λ(h) of a torus for
+instance, is in a column of its own and is counted or not, as a table says. Nonlinear equations are solved to round-off.
+"Evaluations" are right-hand sides, for methods that have any. Times are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations
@@ -14,71 +16,109 @@ import numpy as np
 import pandas as pd
 
 from experiments import engine, metrics, timing
-from experiments.states import find, options_of, rounded, sample
+from experiments.states import KNOBS, find, knobs, options_of, rounded, sample
 from integrators import METHODS, exact, prepare
+from integrators.interface import StepError
 from integrators.top import TOPS
 
-VERSION = 1
+VERSION = 2
 
-STATES = {"quick": ("generic",), "full": ("generic", "figure1")}
-SPANS = {"quick": (100.0, 10_000.0), "full": (100.0, 100_000.0)}
-STEPS = {"quick": (2.0, 0.5, 0.125, 2.0**-5), "full": tuple(2.0 ** (-k / 2) for k in range(-4, 17))}
-TOLERANCES = {"quick": (1e-4, 1e-8, 1e-12), "full": tuple(10.0**-k for k in range(2, 16))}
-SLOW = 10_000.0  # SciPy's RK45 goes no further than this in time with tolerances below 1e-6: minutes a run
-LONG_RUN = 0.3  # s; shorter runs are repeated to fill a sample. All are timed three times, the longest twice
-LONGEST_RUN = 5.0
+# span: (states, steps to an octave, decades of tolerance between two, longest run in s)
+SPANS: dict[str, dict[float, tuple[tuple[str, ...], int, int, float]]] = {
+    "quick": {100.0: (("generic",), 1, 3, 0.1), 10_000.0: (("generic",), 1, 3, 0.15)},
+    "full": {
+        10.0: (("generic", "figure1"), 2, 1, 0.1),
+        100.0: (("generic", "figure1"), 2, 1, 0.6),
+        10_000.0: (("generic", "figure1"), 2, 1, 1.5),
+        1_000_000.0: (("generic",), 1, 2, 5.0),
+    },
+}
+COARSEST, FINEST = 16.0, 2.0**-24  # steps; nobody gets to the last
+LOOSEST, TIGHTEST = 2, 15  # decades of tolerance
+USEFUL = 0.1  # an error above this is no solution: its time is not measured
+FLOOR_RUNS = 3  # runs in a row that do not lower the least error so far end a curve
+SAMPLE = 0.005  # s, the least length of a timing sample; longer runs are timed a second time only
 
 
 def cells(profile: str) -> list[dict]:
     listed = []
-    for span in SPANS[profile]:
-        for state in STATES[profile]:
-            for method in METHODS:
-                for knob in _knobs(method, profile, span):
-                    listed.append({"timing": True, "method": method, "state": state, "span": span, **knob})
+    for span, (states, per_octave, decades, longest) in SPANS[profile].items():
+        sweep = {"per_octave": per_octave, "decades": decades, "longest": longest}
+        for state in states:
+            listed += [{"timing": True, "method": name, "state": state, "span": span, **sweep} for name in METHODS]
     return listed
 
 
-def _knobs(method: str, profile: str, span: float) -> list[dict]:
-    if METHODS[method].control == "step":
-        return [{"h": h} for h in STEPS[profile]]
-    if method.startswith("rk45"):
-        least = 1e-6 if span > SLOW else 1e-9 if span > 1000 else 1e-13
-        return [{"rtol": tol} for tol in TOLERANCES[profile] if tol > 0.99 * least]
-    return [{"tol": tol} for tol in TOLERANCES[profile]]
-
-
 def measure(cell: dict) -> list[dict]:
+    """The whole curve of one method: a row for each step or tolerance, the last one says why there are no more."""
+    method = METHODS[cell["method"]]
+    steps = COARSEST * 2.0 ** -np.arange(0, np.log2(COARSEST / FINEST) + 0.01, 1 / cell["per_octave"])
+    tolerances = 10.0 ** -np.arange(LOOSEST, TIGHTEST + 0.5, cell["decades"])
+    rows: list[dict] = []
+    least, in_vain = np.inf, 0
+    for knob in knobs(method, steps[steps <= cell["span"]].tolist(), tolerances.tolist()):
+        try:
+            row = _run({**cell, **knob})
+        except StepError as refusal:  # of a step too large or a tolerance too small: the curve goes on without it
+            row = {"stopped": "refused", "reason": refusal.reason}
+        error = row.get("error", np.inf)
+        in_vain = 0 if error < 0.9 * least or least > USEFUL else in_vain + 1
+        least = min(least, error)
+        if in_vain == FLOOR_RUNS:
+            row["stopped"] = "round-off"
+        rows.append({**{name: rounded(value) for name, value in knob.items()}, **row})
+        if row.get("stopped") in ("too long", "round-off"):
+            break
+    return rows
+
+
+def _run(cell: dict) -> dict:
+    """One run: its error, and its time if the error is useful."""
     top, y0 = find(cell["state"])
     unit = top.scales(y0)[2]
     options = options_of(cell)
     method = METHODS[cell["method"]]
-    n = round(cell["span"] / cell["h"]) if method.control == "step" else 16
+    n = round(cell["span"] / cell["h"]) if method.knob == "h" else 16
     h = cell["span"] * unit / n
     stepper = prepare(top, y0, h, method, **options)
-    stepper.advance(y0, 1)  # compiles
+    setups = [stepper.work.setup_seconds]
+    predicted = _predicted(cell, method, stepper, h, n, options)
+    if predicted > cell["longest"]:
+        return {"stopped": "too long", "predicted": rounded(predicted)}
+    counts = sorted({max(n * k // 16, 1) for k in (13, 14, 15, 16)})
+    times, states = sample(top, y0, method.name, h, counts, **options)
+    with np.errstate(over="ignore"):  # of a step much too large
+        error = float(np.max(metrics.scaled_error(top, y0, states, exact.solution(top, y0, times))))
+    if not np.isfinite(error):
+        return {"stopped": "refused", "reason": "the error is beyond the range of doubles"}
+    if error > USEFUL:
+        return {"error": rounded(error)}
     before = (stepper.work.steps, stepper.work.rhs_evals, stepper.work.iterations)
     seconds = [_seconds(stepper, y0, n)]
     after = (stepper.work.steps, stepper.work.rhs_evals, stepper.work.iterations)
-    if seconds[0] < LONG_RUN:
-        seconds = list(timing.time_call(lambda: stepper.advance(y0, n), min_time=0.005, repeats=3).samples)
-    else:
-        seconds += [_seconds(stepper, y0, n) for _ in range(2 if seconds[0] < LONGEST_RUN else 1)]
-    times, states = sample(top, y0, method.name, h, sorted({max(n * k // 16, 1) for k in (13, 14, 15, 16)}), **options)
-    error = metrics.scaled_error(top, y0, states, exact.solution(top, y0, times))
-    steps, evals, iterations = (b - a for a, b in zip(before, after, strict=True))
-    setups = [prepare(top, y0, h, method, **options).work.setup_seconds for _ in range(3)]
-    return [
-        {
-            "error": rounded(float(np.max(error))),
-            "seconds": rounded(min(seconds)),
-            "samples": len(seconds),
-            "setup_seconds": rounded(min(setups)),
-            "steps": steps,
-            "evals": evals,
-            "iterations": iterations,
-        }
-    ]
+    if seconds[0] < 20 * SAMPLE:
+        seconds += timing.time_call(lambda: stepper.advance(y0, n), min_time=SAMPLE, repeats=3).samples
+    elif seconds[0] < 0.5:
+        seconds.append(_seconds(stepper, y0, n))
+    setups += [prepare(top, y0, h, method, **options).work.setup_seconds for _ in range(3)]
+    counted = zip(("steps", "evals", "iterations"), before, after, strict=True)
+    return {
+        "error": rounded(error),
+        "seconds": rounded(min(seconds)),
+        "samples": len(seconds),
+        "setup_seconds": rounded(min(setups)),
+        **{name: b - a for name, a, b in counted},
+    }
+
+
+def _predicted(cell: dict, method, stepper, h: float, n: int, options: dict) -> float:
+    """Seconds of the whole run, from a short one."""
+    top, y0 = find(cell["state"])
+    trial = max(cell["span"] / 2**14, min(cell["span"], 10.0))
+    if method.knob == "h":
+        steps = max(round(n * trial / cell["span"]), 1)
+        return _seconds(stepper, y0, steps) * n / steps
+    return _seconds(prepare(top, y0, trial * top.scales(y0)[2], method, **options), y0, 1) * cell["span"] / trial
 
 
 def _seconds(stepper, y0, n) -> float:
@@ -89,72 +129,212 @@ def _seconds(stepper, y0, n) -> float:
 
 # ------------------------------------------------------------------------------------------ what the rows say
 
-TARGETS = (1e-3, 1e-6, 1e-9, 1e-12)
+TARGETS = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+
+
+def useful(rows: pd.DataFrame) -> pd.DataFrame:
+    """The runs that were timed, with the time that counts set-up."""
+    good = rows[(rows.status == "done") & rows.error.notna() & rows.seconds.notna()]
+    return good.assign(total=good.seconds + good.setup_seconds, family=good.method.map(_family))
+
+
+def _family(name: str) -> str:
+    return METHODS[name].family if name in METHODS else "others"
+
+
+def best(good: pd.DataFrame, target: float, price: str = "seconds") -> pd.DataFrame:
+    """Of every method the cheapest run with an error of at most `target`, cheapest method first."""
+    reached = good[good.error <= target]
+    return reached.loc[reached.groupby("method")[price].idxmin()].sort_values(price)
 
 
 def cheapest(rows: pd.DataFrame) -> pd.DataFrame:
-    """For each run and target error: the least time of every method that reaches it, best first."""
-    good = rows[(rows.status == "done") & rows.error.notna()]
+    """For each run and target error the cheapest method, the next, and the next of another family; set-up or not."""
+    table = []
+    for (span, state), group in useful(rows).groupby(["span", "state"], sort=False):
+        for target in TARGETS:
+            for counted, price in (("no", "seconds"), ("yes", "total")):
+                found = best(group, target, price)
+                if found.empty:
+                    continue
+                first = found.iloc[0]
+                second = found.iloc[1:2]
+                other = found[found.family != first.family].iloc[:1]
+                table.append(
+                    {
+                        "span": span,
+                        "state": state,
+                        "error at most": target,
+                        "set-up counted": counted,
+                        "cheapest": first.method,
+                        "seconds": first[price],
+                        **_beside(second, first[price], price, "next", "times as long"),
+                        **_beside(other, first[price], price, "next family's best", "times as long as that"),
+                        "reached by": f"{len(found)} of {rows.method.nunique()}",
+                    }
+                )
+    return pd.DataFrame(table)
+
+
+def _beside(row: pd.DataFrame, seconds: float, price: str, name: str, ratio: str) -> dict:
+    if row.empty:
+        return {name: "", ratio: np.nan}
+    return {name: row.method.iloc[0], ratio: row[price].iloc[0] / seconds}
+
+
+def ratios(rows: pd.DataFrame) -> pd.DataFrame:
+    """Each method at its best step: how many times as long as the cheapest it takes, for each length and error."""
+    good = useful(rows)
     table = []
     for (span, state), group in good.groupby(["span", "state"], sort=False):
+        found = {target: best(group, target).set_index("method").seconds for target in TARGETS}
+        for method in dict.fromkeys(group.method):
+            times = {f"{t:g}": found[t].get(method, np.nan) / found[t].min() for t in TARGETS if len(found[t])}
+            least = float(group[group.method == method].error.min())
+            table.append({"method": method, "span": span, "state": state, **times, "smallest error": least})
+    return pd.DataFrame(table)
+
+
+def best_steps(rows: pd.DataFrame) -> pd.DataFrame:
+    """Each method at its best step, in seconds: the knob, what it costs, and what it counts."""
+    table = []
+    for (span, state), group in useful(rows).groupby(["span", "state"], sort=False):
         for target in TARGETS:
-            reached = group[group.error <= target]
-            best = reached.loc[reached.groupby("method").seconds.idxmin()].sort_values("seconds")
-            if best.empty:
-                continue
-            first = best.iloc[0]
-            second = best.iloc[1] if len(best) > 1 else None
-            table.append(
-                {
-                    "span": span,
-                    "state": state,
-                    "error at most": target,
-                    "cheapest": first.method,
-                    "seconds": first.seconds,
-                    "next": "" if second is None else second.method,
-                    "times as long": np.nan if second is None else second.seconds / first.seconds,
-                    "not reached by": ", ".join(m for m in dict.fromkeys(group.method) if m not in set(best.method)),
-                }
-            )
+            found = best(group, target)
+            front = set(found.iloc[metrics.pareto_front(found.seconds, found.error)].method)
+            for run in found.itertuples():
+                set_to = {name: getattr(run, name, np.nan) for name in KNOBS}
+                knob = ", ".join(f"{name} = {value:.3g}" for name, value in set_to.items() if np.isfinite(value))
+                table.append(
+                    {
+                        "span": span,
+                        "state": state,
+                        "error at most": target,
+                        "method": run.method,
+                        "with": knob,
+                        "error": run.error,
+                        "seconds": run.seconds,
+                        "set-up, s": run.setup_seconds,
+                        "evaluations": run.evals,
+                        "on the frontier": run.method in front,
+                    }
+                )
+    return pd.DataFrame(table)
+
+
+def ends(rows: pd.DataFrame) -> pd.DataFrame:
+    """Where each curve ends, and why."""
+    if "stopped" not in rows:
+        return pd.DataFrame()
+    table = []
+    for (span, state, method), run in rows.groupby(["span", "state", "method"], sort=False):
+        last = run.iloc[-1]
+        why = {"round-off": "the error falls no more", "too long": f"over {last.longest:g} s"}.get(last.stopped)
+        table.append(
+            {
+                "span": span,
+                "state": state,
+                "method": method,
+                "runs": int(run.error.notna().sum()),
+                "smallest error": float(run.error.min()),
+                "ends because": why or (run.failure.iloc[-1] if last.status == "failed" else "tightest tolerance"),
+            }
+        )
     return pd.DataFrame(table)
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    columns = ["method", "state", "span", "h", "tol", "rtol", "error", "seconds", "setup_seconds", "steps", "evals"]
-    good = rows[rows.status == "done"]
-    return {"cheapest": cheapest(rows), "runs": good[[c for c in columns if c in good]].reset_index(drop=True)}
+    made = {"cheapest": cheapest(rows), "ratios": ratios(rows), "best_steps": best_steps(rows), "ends": ends(rows)}
+    captions = {
+        "cheapest": "The cheapest method for each length of run and error, and the next, with set-up counted and not",
+        "ratios": "Each method at its best step: times as long as the cheapest, set-up not counted",
+        "best_steps": "Each method at its best step or tolerance",
+        "ends": "Where each curve ends: only the limit of time, the same for all, or round-off ends one",
+    }
+    for name, table in made.items():
+        table.attrs["caption"] = captions[name]
+    return {name: table for name, table in made.items() if len(table)}
 
 
 def draw(rows: pd.DataFrame) -> dict:
     from report import style
 
-    figures = {"time": _draw(rows, style, "seconds", "wall time of the run, s")}
-    if (rows.evals > 0).any():
-        figures["evaluations"] = _draw(rows[~(rows.evals == 0)], style, "evals", "right-hand side evaluations")
+    rows = rows[rows.state == rows.state.iloc[0]]
+    good = useful(rows)
+    if good.empty:
+        return {}
+    figures = {"time": _draw_frontier(good, style)}
+    for span in sorted(set(rows.span)):
+        figures[f"t{span:.0f}"] = _draw_families(rows[rows.span == span], good[good.span == span], style, span)
     return figures
 
 
-def _draw(rows: pd.DataFrame, style, column: str, label: str):
-    spans, states = sorted(set(rows.span)), list(dict.fromkeys(rows.state))
-    fig, axes = style.figure(
-        "page", 0.6 + 2.6 * len(states), nrows=len(states), ncols=len(spans), sharey=True, squeeze=False
-    )
-    for line, state in zip(axes, states, strict=True):
-        for ax, span in zip(line, spans, strict=True):
-            here = rows[(rows.span == span) & (rows.state == state)]
-            for method in style.ordered(here.method):
-                chosen = here[(here.method == method) & (here.status == "done")]
-                ax.loglog(chosen[column], chosen.error.clip(lower=1e-17), **style.of(method))
-            ax.set_title(f"{TOPS[state].label}, t = {span:g}")
-            ax.set_ylim(1e-16, 30)
-        line[0].set_ylabel("error at the end")
-    for ax in axes[-1]:
-        ax.set_xlabel(label)
-    style.legend_below(fig)
+def champions(good: pd.DataFrame) -> list[str]:
+    """Of each family the method that is its cheapest at the most of the target errors."""
+    wins: dict[str, dict[str, int]] = {}
+    for target in TARGETS:
+        for family, group in best(good, target).groupby("family", sort=False):
+            of_family = wins.setdefault(str(family), {})
+            name = group.method.iloc[0]
+            of_family[name] = of_family.get(name, 0) + 1
+    return [max(of_family, key=lambda name: of_family[name]) for of_family in wins.values()]
+
+
+def _curve(good: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
+    """Of one method the runs that no other of its own beats in both time and error."""
+    good = good.iloc[metrics.pareto_front(good.seconds, good.error)]
+    return good.seconds, good.error.clip(lower=1e-17)
+
+
+def _draw_frontier(good: pd.DataFrame, style):
+    spans = sorted(set(good.span))
+    columns = min(len(spans), 2)
+    size = {"nrows": -(-len(spans) // columns), "ncols": columns, "sharey": True, "squeeze": False}
+    fig, grid = style.figure("page", 0.4 + 2.7 * size["nrows"], **size)
+    for ax, span in zip(grid.flat, spans, strict=False):
+        here = good[good.span == span]
+        chosen = champions(here)
+        for method in style.ordered(here.method):
+            run = here[here.method == method]
+            ax.loglog(*_curve(run), **(style.bold(method) if method in chosen else style.thin(method)))
+        front = here.iloc[metrics.pareto_front(here.seconds, here.error)]
+        ax.loglog(front.seconds, front.error, color=style.INK, marker="o", markersize=4.5, linestyle=(0, (1, 1.2)),
+                  markerfacecolor="none", linewidth=0.8, zorder=6, label="_frontier")  # fmt: skip
+        ax.set_title(f"t = {span:g}")
+        ax.set_ylim(1e-16, 1)
+    for ax in grid.flat[len(spans) :]:
+        ax.remove()
+    for ax in grid[-1]:
+        ax.set_xlabel("wall time of the run, s")
+    for ax in grid[:, 0]:
+        ax.set_ylabel("error at the end")
+    style.label_ends(fig, list(grid.flat[: len(spans)]))
     fig.caption = (
-        f"Error at the end of the run against {label}; each point is one step size or tolerance. Down and to the left "
-        "is better. " + ("Set-up and compilation are not included." if column == "seconds" else "")
-    ).strip()
+        f"Error at the end of the run against its wall time on “{TOPS[good.state.iloc[0]].label}”; down and to the left is "
+        "better. Of each method the runs that no other of its own beats; thin in the colour of its family, and of each "
+        "family the one that is cheapest at most errors bold and named. Circles: the efficient frontier, runs that no other "
+        "run beats in both. Set-up and compilation are not included here; the tables count set-up too."
+    )
+    return fig
+
+
+def _draw_families(rows: pd.DataFrame, good: pd.DataFrame, style, span: float):
+    chosen = champions(good)
+
+    def line(ax, method, look):
+        run = good[good.method == method]
+        if run.empty:
+            style.failed_label(ax, method, "not within the limits")
+        else:
+            width = {"linewidth": 2.0} if method in chosen else {}
+            ax.loglog(*_curve(run), **{**width, **look})
+
+    fig, axes = style.by_family(rows.method, line, "wall time of the run, s", "error at the end", (1e-16, 1))
+    style.label_ends(fig, axes)
+    fig.caption = (
+        f"Error against wall time, t = {span:g}, a panel for each family, its best bold; in grey the exact Bäcklund step. "
+        "Each point is one step size or tolerance; runs that another of the same method beats in both are left out."
+    )
     return fig
 
 

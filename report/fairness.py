@@ -123,17 +123,7 @@ def _start(start: pd.DataFrame, step: pd.DataFrame) -> str:
     least, most, ours = (tables.show(float(us)) for us in (setup.min(), setup.max(), setup.get("backlund", np.nan)))
     return (
         f"{said}. Set-up of a stepper once compiled, which every new torus or step pays, is in a column of its own: "
-        f"{least} to {most} µs, {ours} µs for the exact Bäcklund step with its λ(h).{_copying(setup)}"
-    )
-
-
-def _copying(setup: pd.Series) -> str:
-    """A handicap of one method that is of our making: it is told, and the ensemble of the cost experiment is without it."""
-    if "taylor" not in setup:
-        return ""
-    return (
-        f" The {tables.show(float(setup['taylor']))} µs of heyoka are a copy of its integrator, so that no two steppers share "
-        "one; who uses one integrator for all tops saves them, as the ensembles of the cost experiment do."
+        f"{least} to {most} µs, {ours} µs for the exact Bäcklund step with its λ(h)."
     )
 
 

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from experiments import EXPERIMENTS
+from integrators import METHODS
 from report import claims, promises
 from report.claims import Claim, NoData, Verdict
 
@@ -52,3 +53,72 @@ def test_claims_of_the_project_can_be_judged_by_nothing():
         assert (verdict.passed, error) == (None, None)
         with pytest.raises((NoData, KeyError, AttributeError)):
             claim.check(pd.DataFrame())
+
+
+# ---------------------------------------------------------------- claims about all methods at once
+
+
+def verdicts(**changes):
+    """A table of drift verdicts in which every method keeps what it claims, but for `changes` to one of them."""
+    rows = [
+        {"method": name, "invariant": "C1", "claimed": True, "exponent": 0.5, "verdict": "random walk", REASON: ""}
+        for name in METHODS
+    ]
+    rows[3].update(changes)
+    return pd.DataFrame(rows)
+
+
+REASON = "biased, as the method says"
+
+
+@pytest.mark.parametrize(
+    ("changes", "passed"),
+    [
+        ({}, True),
+        ({"exponent": 0.8}, False),
+        ({"exponent": 0.8, "claimed": False}, True),
+        ({"exponent": 0.8, REASON: "a rounded constant"}, True),
+        ({"exponent": np.nan, "verdict": "failed"}, False),
+        ({"exponent": np.nan}, False),
+        ({"exponent": 0.9, "verdict": "round-off"}, True),
+    ],
+)
+def test_a_growing_error_must_be_called_biased(monkeypatch, changes, passed):
+    monkeypatch.setattr(promises, "table", lambda *_: lambda rows: rows)
+    verdict = promises.kept_as_claimed(verdicts(**changes))
+    assert verdict.passed is passed
+    assert ("called biased" in verdict.note) == (REASON in changes)
+
+
+def test_a_method_nobody_measured_is_no_data(monkeypatch):
+    monkeypatch.setattr(promises, "table", lambda *_: lambda rows: rows)
+    with pytest.raises(NoData, match="not measured: backlund"):
+        promises.kept_as_claimed(verdicts().iloc[1:])
+
+
+def races(seconds, setup=0.0):
+    """Runs of all methods with an error of 1e-13: the Bäcklund map in `seconds`, the others in 1."""
+    rows = [
+        {"method": name, "status": "done", "span": 10.0, "state": "generic", "error": 1e-13, "seconds": 1.0}
+        for name in METHODS
+    ]
+    runs = pd.DataFrame(rows).assign(setup_seconds=0.0)
+    runs.loc[runs.method.str.startswith("backlund"), ["seconds", "setup_seconds"]] = (seconds, setup)
+    return runs
+
+
+def test_who_leads_is_told_with_set_up_and_without():
+    def lead(rows, price, longest):
+        return promises.lead((10.0,), price, longest)(rows)
+
+    assert lead(races(0.1), "total", True).passed
+    assert lead(races(0.1), "total", True).value == pytest.approx(10)
+    assert not lead(races(0.1, setup=2.0), "total", True).passed
+    assert lead(races(0.1, setup=2.0), "seconds", True).passed
+    assert lead(races(0.1, setup=2.0), "total", False).passed
+    assert not lead(races(2.0), "total", True).passed
+    short = races(0.1)
+    short.loc[short.method.str.startswith("backlund"), "error"] = 1e-3  # others reach what it does not
+    assert lead(short, "total", True).value == 0.0
+    with pytest.raises(NoData, match="t = 20"):
+        promises.lead((20.0,), "total", True)(races(0.1))

@@ -14,7 +14,8 @@ import pandas as pd
 import pytest
 
 from experiments import store
-from report import claims, page, promises, style
+from integrators import METHODS
+from report import claims, fairness, page, promises, style
 from report.__main__ import main
 from report.claims import Claim
 
@@ -103,6 +104,11 @@ def text(report, tmp_path):
     return page.write(report, tmp_path / "out").read_text(encoding="utf-8")
 
 
+def markup(text):
+    """The page without what is between its script tags: there `url(` and `href="#` are text of a program."""
+    return re.sub(r"(<script[^>]*>).*?(</script>)", r"\1\2", text, flags=re.DOTALL)
+
+
 class Elements(HTMLParser):
     """Every element's attributes, and the text outside style and script."""
 
@@ -131,8 +137,11 @@ def test_page_is_one_offline_file_with_every_figure_and_table(text, tmp_path):
         if name in ("src", "href", "xlink:href", "action", "poster", "srcset"):
             assert value.startswith(("#", "data:")), (name, value)
     assert not {"link", "iframe", "object", "embed", "img"} & set(found.tags)
-    assert not re.search(r"@import|url\((?!#)", text)
-    assert set(re.findall(r"https?://[^\s\"'<]*", text)) <= {
+    assert not re.search(r"@import|url\((?!#)", markup(text))
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
+    assert "default-src 'none'" in policy, "what a script might ask for, a browser would not let it have"
+    assert "connect-src" not in policy
+    assert set(re.findall(r"https?://[^\s\"'<]*", markup(text))) <= {
         "http://www.w3.org/2000/svg",
         "http://www.w3.org/1999/xlink",
     }
@@ -141,7 +150,8 @@ def test_page_is_one_offline_file_with_every_figure_and_table(text, tmp_path):
 def test_ids_are_unique_and_every_reference_has_its_target(text):
     ids = [value for name, value in Elements(text).attributes if name == "id"]
     assert len(ids) == len(set(ids))
-    targets = set(re.findall(r'href="#([^"]+)"', text)) | set(re.findall(r"url\(#([^)]+)\)", text))
+    plain = markup(text)
+    targets = set(re.findall(r'href="#([^"]+)"', plain)) | set(re.findall(r"url\(#([^)]+)\)", plain))
     assert targets <= set(ids)
     assert any(target.startswith("toy.good_second-") for target in targets), "the figures use no ids: a vacuous test"
 
@@ -173,7 +183,7 @@ def test_what_is_missing_is_said_in_its_place(report, text):
 def test_text_from_results_is_escaped(text):
     assert "<script>alert" not in text
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in text
-    assert Elements(text).tags.count("script") == 1
+    assert Elements(text).tags.count("script") == text.count("<script") == 2, "the tables' and the live top's own"
 
 
 def test_no_results_at_all(tmp_path):
@@ -247,6 +257,46 @@ def test_verdicts(report, text):
     assert "colour" in verdicts["absent"].note
     for words in ("1 pass", "2 fail", "2 no data", "run</span> <span>toy.good</span>"):
         assert words in text
+
+
+def test_fairness_tells_every_method_and_needs_no_rows(report, text):
+    methods = report.fairness.methods.set_index("method")
+    assert list(methods.index) == list(METHODS)
+    assert methods.engine["rk45"] == "SciPy, interpreted"
+    assert methods.engine["backlund"].startswith("compiled")
+    assert '<section id="fairness">' in text
+    assert "no property of the method" not in text, "nothing of the cost experiment is stored"
+
+
+def test_fairness_says_what_the_rows_say():
+    cost = pd.DataFrame(
+        {
+            "part": "step",
+            "status": "done",
+            "method": ["backlund", "rk45", "rk45_fixed"],
+            "ns_per_step": [20.0, 36000.0, 40.0],
+            "evals_per_step": [0.0, 6.1, 6.0],
+            "setup_us": [60.0, 4.0, 3.0],
+        }
+    )
+    work = pd.DataFrame(
+        {
+            "method": ["a", "a", "b", "b"],
+            "span": 100.0,
+            "state": "generic",
+            "longest": 1.0,
+            "seconds": [1e-5, np.nan, 2e-5, 4e-5],
+            "stopped": [None, "too long", "refused", None],
+        }
+    )
+    rules, methods = fairness.assemble({"cost": cost, "work_precision": work})
+    said = dict(rules)
+    assert "a factor of 900 " in said["Compiled or not."]
+    assert "60 µs for the exact" in said["Set-up and compilation apart."]
+    assert "falls no more (0 of 2 curves) or one run would take too long (1)" in said["Each at its best step."]
+    methods = methods.set_index("method")
+    assert methods["evaluations per step"]["backlund"] == "none"
+    assert methods["evaluations per step"]["rk45_fixed"] == 6.0
 
 
 def test_three_formats_of_a_table(text, tmp_path):

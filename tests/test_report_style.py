@@ -10,6 +10,8 @@ import pandas as pd
 import pytest
 from matplotlib.text import Text
 
+from integrators import METHODS
+from integrators.interface import FAMILIES
 from report import figures, style, tables
 
 
@@ -57,6 +59,44 @@ def test_a_method_looks_the_same_everywhere_and_unlike_its_family():
     assert style.ordered(["zeta", "rk45", "backlund", "alpha", "rk45"]) == ["backlund", "rk45", "alpha", "zeta"]
     for colours, markers in style.FAMILIES.values():
         assert len(set(colours)) == len(colours) <= len(markers) + 1
+
+
+def test_every_family_has_colours_and_a_title():
+    assert set(style.FAMILIES) == set(FAMILIES) == set(style.TITLES)
+    for name in METHODS:
+        assert style.family(name) in FAMILIES
+    assert style.family("not_registered") == style.OTHERS
+    for family in FAMILIES:  # no two methods of a panel look the same
+        looks = [
+            (look["color"], look["marker"], str(look["linestyle"]))
+            for name in METHODS
+            if style.family(name) == family and (look := style.of(name))
+        ]
+        assert len(set(looks)) == len(looks), family
+
+
+def test_small_multiples_show_every_method_once_and_name_it_apart_from_the_others():
+    def line(ax, method, look):
+        if method == "rk45":
+            style.failed_label(ax, method)
+        else:
+            ax.loglog([1, 10], [1e-9, 1e-9 * (1 + len(method))], **look)
+
+    names = [*METHODS, "not_registered"]
+    with style.apply():
+        fig, axes = style.by_family(reversed(names), line, "x", "y", (1e-16, 1))
+        style.label_ends(fig, axes)
+        fig.draw_without_rendering()
+        texts = [text for ax in axes for text in ax.texts]
+        assert sorted(text.get_text() for text in texts) == sorted(
+            f"× {style.label(name)}: failed" if name == "rk45" else style.label(name) for name in names
+        )
+        for ax in axes:
+            boxes = sorted((Text.get_window_extent(text) for text in ax.texts), key=lambda box: box.y0)
+            ends = [box for box in boxes if box.x0 > ax.bbox.x1]
+            assert all(below.y1 <= above.y0 + 0.5 for below, above in pairwise(ends))
+            assert all(box.x1 <= fig.bbox.x1 for box in boxes)
+        assert len(axes) == len({style.family(name) for name in names})
 
 
 def test_labels_at_the_ends_do_not_overlap():
