@@ -21,7 +21,7 @@ import math
 
 import numpy as np
 
-from integrators.compiled import jit
+from integrators.compiled import inlined
 from integrators.interface import Array, Method, StepError
 from integrators.loops import FAILURE, ITERATIONS, RESIDUAL, FixedStepper
 from integrators.top import LagrangeTop
@@ -39,7 +39,7 @@ WEAK = 2.0**-8
 LONGEST = 1e6  # of |h|, in time scales of the top: x̄ ~ x/h is a difference that loses as many digits as h has
 
 
-@jit
+@inlined
 def cayley(x1, x2, x3, v1, v2, v3):
     """u = v×x, d = (1 − v×)⁻¹ u and q = 1/(1 + |v|²)."""
     u1 = v2 * x3 - v3 * x2
@@ -52,7 +52,7 @@ def cayley(x1, x2, x3, v1, v2, v3):
     return u1, u2, u3, d1, d2, d3, q
 
 
-@jit
+@inlined
 def newton_correction(x1, x2, x3, v1, v2, v3, q, k, r1, r2):
     """(1 − F')⁻¹ r at v, where x̄ = (x1, x2, x3); δx̄ = q (b + v×b + v (v·b)) for b = δv×x̄, δF = k e3×δx̄."""
     t = v3 * x2 - v2 * x3
@@ -66,7 +66,7 @@ def newton_correction(x1, x2, x3, v1, v2, v3, q, k, r1, r2):
     return (m22 * r1 - m12 * r2) * r, (m11 * r2 - m21 * r1) * r
 
 
-@jit
+@inlined
 def solve(s, c, tally, newton, v1, v2):
     """The step from a first guess of v1, v2."""
     J1, J2, J3, x1, x2, x3 = s
@@ -106,14 +106,14 @@ def solve(s, c, tally, newton, v1, v2):
     )
 
 
-@jit
+@inlined
 def explicit_guess(s, c):
     J1, J2, _, x1, x2, _ = s
     half = 0.5 * c[H]
     return half * (J1 - half * c[ALPHA] * x2), half * (J2 + half * c[ALPHA] * x1)
 
 
-@jit
+@inlined
 def cubic_guess(s, c, tally):
     """v1, v2 from the root z = x̄3 of ((1 − az)² + b²)(z − x3) + gz + k, where x̄1 + i x̄2 = (X − i half Jz)/(1 − az − ib)."""
     J1, J2, J3, x1, x2, x3 = s
@@ -148,20 +148,20 @@ def cubic_guess(s, c, tally):
     return half * J1 - a * y2, half * J2 + a * y1
 
 
-@jit
+@inlined
 def cubic(z, a, b, x3, g, k):
     u = 1.0 - a * z
     w = u * u + b * b
     return w * (z - x3) + g * z + k, w - 2.0 * a * u * (z - x3) + g
 
 
-@jit
+@inlined
 def fixed_point_step(s, c, tally):
     v1, v2 = explicit_guess(s, c)
     return solve(s, c, tally, False, v1, v2)
 
 
-@jit
+@inlined
 def newton_step(s, c, tally):
     v1, v2 = cubic_guess(s, c, tally) if c[LARGE] else explicit_guess(s, c)
     return solve(s, c, tally, True, v1, v2)

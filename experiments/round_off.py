@@ -1,0 +1,456 @@
+"""Round-off: the same map written in different ways, and what each of them lets drift.
+
+In exact arithmetic all forms of a method here are one map; what differs is rounding. Sixteen generic tops take ten
+million steps with each: how do the errors of H, C1 and C2 grow (exponent ½: a random walk, 1: a bias), how far is the
+phase off, and what does a step cost? A second part takes a thousand million steps of the exact Bäcklund map beside heyoka, which
+gets the same wall time. Steps and times are in units of 1/(|J| + √(|alpha||x|)).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from experiments import engine, metrics, timing
+from experiments.states import RANDOM, find, log_counts, rounded
+from integrators import exact, prepare
+from integrators.compiled import compiled
+from integrators.integrable import real_map
+from integrators.integrable.real_map import ALPHA, ALPHA_2, ETA, ETA2, MI_ETA, MR, P3, R
+from integrators.loops import MEMORY, NEVER, FixedStepper
+from integrators.methods import backlund
+
+VERSION = 1
+
+SIZES = (0.125, 1.0)
+STEPS = {"quick": (2 * 10**4,), "full": (10**7, 2 * 10**6)}  # for each size
+LONG = {"quick": 10**6, "full": 10**9}
+LONG_STATE = "generic"
+INVARIANTS = ("H", "C1", "C2")
+
+
+# ---------------------------------------------------------------- forms of the Bäcklund step
+
+
+@compiled
+def direction(p, q, mr, mi, factor):
+    """factor (Re m p + Im m q − p×q)."""
+    return (
+        factor * ((mr * p[0] + mi * q[0]) - (p[1] * q[2] - p[2] * q[1])),
+        factor * ((mr * p[1] + mi * q[1]) - (p[2] * q[0] - p[0] * q[2])),
+        factor * ((mr * p[2] + mi * q[2]) - (p[0] * q[1] - p[1] * q[0])),
+    )
+
+
+@compiled
+def curve(s, c):
+    """p and q of a(λ) = p + iq."""
+    J1, J2, J3, x1, x2, x3 = s
+    p = (x1 + c[R] * J1, x2 + c[R] * J2, x3 + c[P3])
+    return p, (c[ETA] * J1, c[ETA] * J2, c[ETA] * (J3 + c[ALPHA_2] * c[R]))
+
+
+@compiled
+def squares(p, q):
+    return ((p[0] * p[0] + p[1] * p[1]) + p[2] * p[2]) + ((q[0] * q[0] + q[1] * q[1]) + q[2] * q[2])
+
+
+@compiled
+def incremented(s, w, c):
+    J1, J2, J3, x1, x2, x3 = s
+    d1, d2 = -c[ALPHA_2] * w[1], c[ALPHA_2] * w[0]
+    s1, s2, s3 = J1 + (J1 + d1), J2 + (J2 + d2), J3 + J3
+    y1 = x1 + (c[R] * d1 + (s2 * w[2] - s3 * w[1]))
+    y2 = x2 + (c[R] * d2 + (s3 * w[0] - s1 * w[2]))
+    return J1 + d1, J2 + d2, J3, y1, y2, x3 + (s1 * w[1] - s2 * w[0])
+
+
+@compiled
+def corrected_m(s, c, tally):
+    """m is brought up to date in every step, m ← (m + a·a/m)/2; it is kept in the tally, m = 0 says not yet."""
+    p, q = curve(s, c)
+    mr, mi = tally[MEMORY], tally[MEMORY + 1]
+    if mr == 0.0 and mi == 0.0:
+        mr, mi = c[MR], c[MI_ETA] / c[ETA]
+    re = ((p[0] * p[0] + p[1] * p[1]) + p[2] * p[2]) - ((q[0] * q[0] + q[1] * q[1]) + q[2] * q[2])
+    im = 2.0 * ((p[0] * q[0] + p[1] * q[1]) + p[2] * q[2])
+    r = 1.0 / (mr * mr + mi * mi)
+    mr, mi = 0.5 * (mr + (re * mr + im * mi) * r), 0.5 * (mi + (im * mr - re * mi) * r)
+    tally[MEMORY], tally[MEMORY + 1] = mr, mi
+    w = direction(p, q, mr, mi, 2.0 * c[ETA] / ((mr * mr + mi * mi) + squares(p, q)))
+    return incremented(s, w, c)
+
+
+@compiled
+def constant_denominator(s, c, tally):
+    """|m|² + |p|² + |q|² from what it is on the torus, a constant less 4 alpha η² x3: the last constant is that one."""
+    p, q = curve(s, c)
+    n = c[-1] - 4.0 * c[ALPHA] * c[ETA2] * s[5]
+    return incremented(s, direction(p, q, c[MR], c[MI_ETA] / c[ETA], 2.0 * c[ETA] / n), c)
+
+
+@compiled
+def assigned(s, c, tally):
+    """x̃ = ((R² − η²) x + 2 (w·x) w + 2R w×x)/|λ|²: the rotation as a matrix, x assigned and not incremented."""
+    J1, J2, J3, x1, x2, x3 = s
+    w1, w2, w3 = real_map.direction(s, c)
+    r = 1.0 / (c[R] * c[R] + c[ETA2])
+    a, b, d = (c[R] * c[R] - c[ETA2]) * r, 2.0 * ((w1 * x1 + w2 * x2) + w3 * x3) * r, 2.0 * c[R] * r
+    y1 = a * x1 + (b * w1 + d * (w2 * x3 - w3 * x2))
+    y2 = a * x2 + (b * w2 + d * (w3 * x1 - w1 * x3))
+    y3 = a * x3 + (b * w3 + d * (w1 * x2 - w2 * x1))
+    return J1 - c[ALPHA_2] * w2, J2 + c[ALPHA_2] * w1, J3, y1, y2, y3
+
+
+@compiled
+def two_sum(a, b):
+    """a + b and what it rounded off."""
+    s = a + b
+    t = s - a
+    return s, (a - (s - t)) + (b - t)
+
+
+@compiled
+def compensated(s, c, tally):
+    """The increments of `real_map.step`; what an addition rounds off goes into the next one."""
+    J1, J2, J3, x1, x2, x3 = s
+    w1, w2, w3 = real_map.direction(s, c)
+    d1, d2 = -c[ALPHA_2] * w2, c[ALPHA_2] * w1
+    s1, s2, s3 = J1 + (J1 + d1), J2 + (J2 + d2), J3 + J3
+    e1 = c[R] * d1 + (s2 * w3 - s3 * w2)
+    e2 = c[R] * d2 + (s3 * w1 - s1 * w3)
+    e3 = s1 * w2 - s2 * w1
+    K1, tally[MEMORY] = two_sum(J1, d1 + tally[MEMORY])
+    K2, tally[MEMORY + 1] = two_sum(J2, d2 + tally[MEMORY + 1])
+    y1, tally[MEMORY + 2] = two_sum(x1, e1 + tally[MEMORY + 2])
+    y2, tally[MEMORY + 3] = two_sum(x2, e2 + tally[MEMORY + 3])
+    y3, tally[MEMORY + 4] = two_sum(x3, e3 + tally[MEMORY + 4])
+    return K1, K2, J3, y1, y2, y3
+
+
+def exact_map(kernel: Callable[..., Any], pin: int = 0) -> Callable[..., FixedStepper]:
+    """Builder of a stepper with exact λ(h), this kernel, and a pin every so many steps."""
+
+    def build(top, y0, h):
+        units = backlund.Units(top, y0, h)
+        state = units.enter(y0)
+        c, turns = real_map.exact_constants(units.alpha, state, units.time(h))
+        assert not turns  # the forms here leave the rotation out
+        p, q = curve.py_func(tuple(state), c)
+        n = c[MR] ** 2 + (c[MI_ETA] / c[ETA]) ** 2 + squares.py_func(p, q) + 4 * c[ALPHA] * c[ETA2] * state[5]
+        back, block = (real_map.pin, pin) if pin else (None, NEVER)
+        return FixedStepper("form", h, np.append(c, n), kernel, back, block, enter=units.enter, leave=units.leave)
+
+    return build
+
+
+def program(top, y0, h):
+    """The paper's program with the exact λ(h)."""
+    units = backlund.Units(top, y0, h)
+    c, _ = real_map.exact_constants(units.alpha, units.enter(y0), units.time(h))
+    shift = units.length - units.rate
+    return prepare(top, y0, h, "backlund_textbook", lam=complex(math.ldexp(c[R], shift), math.ldexp(c[ETA], shift)))
+
+
+# ---------------------------------------------------------------- good and bad forms of two rivals
+
+
+@compiled
+def midpoint_equation(s, c, tally, tolerance, doubled):
+    """The midpoint rule by plain iteration to a tolerance, 0 for stagnation; x̃ = 2x̄ − x or x̃ = x + h J̄×x̄."""
+    J1, J2, J3, x1, x2, x3 = s
+    alpha, h = c[0], c[1]
+    y1, y2, y3 = x1, x2, x3
+    last = math.inf
+    for _ in range(200):
+        K1 = J1 - 0.5 * h * alpha * y2
+        K2 = J2 + 0.5 * h * alpha * y1
+        z1 = x1 + 0.5 * h * (K2 * y3 - J3 * y2)
+        z2 = x2 + 0.5 * h * (J3 * y1 - K1 * y3)
+        z3 = x3 + 0.5 * h * (K1 * y2 - K2 * y1)
+        change = abs(z1 - y1) + abs(z2 - y2) + abs(z3 - y3)
+        y1, y2, y3 = z1, z2, z3
+        if change <= tolerance or (change >= last and change < 1e-14):
+            break
+        last = change
+    K1, K2 = J1 - 0.5 * h * alpha * y2, J2 + 0.5 * h * alpha * y1
+    L1, L2 = J1 - h * alpha * y2, J2 + h * alpha * y1
+    if doubled:
+        return L1, L2, J3, 2.0 * y1 - x1, 2.0 * y2 - x2, 2.0 * y3 - x3
+    return L1, L2, J3, x1 + h * (K2 * y3 - J3 * y2), x2 + h * (J3 * y1 - K1 * y3), x3 + h * (K1 * y2 - K2 * y1)
+
+
+@compiled
+def midpoint_to_a_tolerance(s, c, tally):
+    return midpoint_equation(s, c, tally, 1e-12, False)
+
+
+@compiled
+def midpoint_doubled(s, c, tally):
+    return midpoint_equation(s, c, tally, 0.0, True)
+
+
+@compiled
+def strang_as_a_matrix(s, c, tally):
+    """Kick, rotation x ← cos θ x + sin θ n×x + (1 − cos θ)(n·x) n, kick: as textbooks write it."""
+    J1, J2, J3, x1, x2, x3 = s
+    half, h = 0.5 * c[1] * c[0], c[1]
+    J1, J2 = J1 - half * x2, J2 + half * x1
+    size = math.sqrt((J1 * J1 + J2 * J2) + J3 * J3)
+    n1, n2, n3 = J1 / size, J2 / size, J3 / size
+    a, b = math.cos(h * size), math.sin(h * size)
+    d = (1.0 - a) * ((n1 * x1 + n2 * x2) + n3 * x3)
+    x1, x2, x3 = (
+        a * x1 + (b * (n2 * x3 - n3 * x2) + d * n1),
+        a * x2 + (b * (n3 * x1 - n1 * x3) + d * n2),
+        a * x3 + (b * (n1 * x2 - n2 * x1) + d * n3),
+    )
+    return J1 - half * x2, J2 + half * x1, J3, x1, x2, x3
+
+
+def kernel_of(kernel: Callable[..., Any]) -> Callable[..., FixedStepper]:
+    return lambda top, y0, h: FixedStepper("form", h, np.array((top.alpha, h)), kernel)
+
+
+def method(name: str, **options: Any) -> Callable[..., Any]:
+    return lambda top, y0, h: prepare(top, y0, h, name, **options)
+
+
+# name in tables → (method it is a form of, builder)
+FORMS: dict[str, tuple[str, Callable[..., Any]]] = {
+    "paper's program": ("backlund", program),
+    "x assigned": ("backlund", exact_map(assigned)),
+    "constant denominator": ("backlund", exact_map(constant_denominator)),
+    "corrected m": ("backlund", exact_map(corrected_m)),
+    "increments": ("backlund", exact_map(real_map.step)),
+    "x turned": ("backlund", exact_map(real_map.turning_step)),
+    "compensated": ("backlund", exact_map(compensated)),
+    "pinned, every 1024": ("backlund", exact_map(real_map.step, 1024)),
+    "pinned, every 64": ("backlund", exact_map(real_map.step, 64)),
+    "pinned, every 8": ("backlund", exact_map(real_map.step, 8)),
+    "pinned, every step": ("backlund", exact_map(real_map.step, 1)),
+    "midpoint, tolerance 1e-12": ("implicit_midpoint", kernel_of(midpoint_to_a_tolerance)),
+    "midpoint, 2x̄ − x": ("implicit_midpoint", kernel_of(midpoint_doubled)),
+    "midpoint, as registered": ("implicit_midpoint", method("implicit_midpoint")),
+    "Strang, matrix of sines": ("strang", kernel_of(strang_as_a_matrix)),
+    "Strang, as registered": ("strang", method("strang")),
+    "Strang, compensated": ("strang", method("strang", compensated=True)),
+}
+
+
+# ---------------------------------------------------------------- cells
+
+
+def cells(profile: str) -> list[dict]:
+    sizes = SIZES[: len(STEPS[profile])]
+    listed: list[dict] = [
+        {"part": "drift", "form": form, "state": state, "h": h, "steps": steps}
+        for h, steps in zip(sizes, STEPS[profile], strict=True)
+        for form in FORMS
+        if h == SIZES[0] or FORMS[form][0] == "backlund"
+        for state in RANDOM
+    ]
+    listed += [{"part": "cost", "timing": True, "h": h} for h in sizes]
+    listed.append({"part": "long", "timing": True, "state": LONG_STATE, "h": SIZES[0], "steps": LONG[profile]})
+    return listed
+
+
+def measure(cell: dict) -> list[dict]:
+    return {"drift": _drift, "cost": _cost, "long": _long}[cell["part"]](cell)
+
+
+def _follow(top, y0, stepper, h: float, counts: list[int]) -> list[dict]:
+    y, done, states = y0, 0, []
+    for n in counts:
+        y = stepper.advance(y, n - done)
+        done = n
+        states.append(y)
+    return judged(top, y0, h * np.array(counts, dtype=float), np.array(states))
+
+
+def judged(top, y0, times, states) -> list[dict]:
+    """Relative errors of the invariants; time and angle phase, and the whole error, in scaled units."""
+    rate = top.scales(y0)[0]
+    truth = exact.solution(top, y0, times)
+    split = metrics.phase_split(top, truth, states - truth)
+    drift = metrics.relative_drift(top.invariants(np.vstack((y0, states))), top.invariant_scales(y0))[1:]
+    columns = {"t": times * rate, "H": drift[:, 0], "C1": drift[:, 2], "C2": drift[:, 3]}
+    columns |= {"time": split["time"] * rate, "angle": split["angle"]}
+    columns["error"] = metrics.scaled_error(top, y0, states, truth)
+    return [{name: rounded(values[i]) for name, values in columns.items()} for i in range(len(times))]
+
+
+def _drift(cell: dict) -> list[dict]:
+    top, y0 = find(cell["state"])
+    h = cell["h"] * top.scales(y0)[2]
+    stepper = FORMS[cell["form"]][1](top, y0, h)
+    return _follow(top, y0, stepper, h, log_counts(cell["steps"], per_octave=4))
+
+
+def _cost(cell: dict) -> list[dict]:
+    """All forms in turn in one process."""
+    top, y0 = find(LONG_STATE)
+    h, n = cell["h"] * top.scales(y0)[2], 20_000
+    forms = {name: build for name, (of, build) in FORMS.items() if cell["h"] == SIZES[0] or of == "backlund"}
+    runs = {name: partial(build(top, y0, h).advance, y0, n) for name, build in forms.items()}
+    timed = timing.interleave(runs, min_time=0.01, repeats=7).timings
+    return [
+        {"form": name, "ns_per_step": rounded(t.min / n * 1e9), "ns_per_step_median": rounded(t.median / n * 1e9)}
+        for name, t in timed.items()
+    ]
+
+
+def _long(cell: dict) -> list[dict]:
+    """The exact Bäcklund map over all steps; then heyoka, on its natural steps, for as long a time on the clock."""
+    top, y0 = find(cell["state"])
+    h = cell["h"] * top.scales(y0)[2]
+    counts = log_counts(cell["steps"], per_octave=1)
+    stepper = prepare(top, y0, h, "backlund")
+    stepper.advance(y0, 1000)
+    start = perf_counter()
+    rows = [{"method": "backlund", **row} for row in _follow(top, y0, stepper, h, counts)]
+    allowed = perf_counter() - start
+    try:
+        natural = _heyoka(top, y0)
+    except ImportError:
+        return rows
+    times, states, clock, t = [], [], 0.0, 16 * h
+    start = perf_counter()
+    while clock < allowed and t <= counts[-1] * h:
+        states.append(natural(t))
+        times.append(t)
+        clock = perf_counter() - start
+        t *= 2
+    return rows + [{"method": "taylor", **row} for row in judged(top, y0, np.array(times), np.array(states))]
+
+
+def _heyoka(top, y0) -> Callable[[float], Any]:
+    """heyoka carried on from time to time; a last step shortened at each doubling of the time changes nothing of note."""
+    from integrators.methods.taylor import EPS, integrator_here
+
+    ta = integrator_here(EPS, False)
+    ta.time, ta.state[:], ta.pars[0] = 0.0, y0, top.alpha
+
+    def until(t: float) -> Any:
+        ta.propagate_until(t)
+        return ta.state.copy()
+
+    return until
+
+
+# ------------------------------------------------------------------------------------------ what the rows say
+
+
+def forms(rows: pd.DataFrame) -> pd.DataFrame:
+    """For each form and step: largest error and exponent of every invariant, the phase error, nanoseconds a step."""
+    drift = rows[(rows.part == "drift") & (rows.status == "done")].copy()
+    drift["place"] = drift.groupby("key", sort=False).cumcount()
+    cost = rows[(rows.part == "cost") & (rows.status == "done")]
+    table = []
+    for (h, form), group in drift.groupby(["h", "form"], sort=False):
+        t = np.sort(group.groupby("place").t.median().to_numpy())
+        row: dict[str, Any] = {"form": form, "h": h, "steps": group.steps.max()}
+        for name in INVARIANTS:
+            errors = group.pivot(index="state", columns="place", values=name).to_numpy()
+            growth = metrics.growth_exponent(t, errors)
+            row[f"largest error of {name}"] = float(np.abs(errors).max())
+            row[f"exponent of {name}"] = growth.p
+            row[f"{name} low"], row[f"{name} high"] = growth.low, growth.high
+        last = group[group.place == group.place.max()]
+        row["phase error / t"] = float(np.sqrt(np.mean(np.square(last.time / last.t))))
+        found = cost[(cost.form == form) & (cost.h == h)]
+        row["ns per step"] = float(found.ns_per_step.min()) if len(found) else np.nan
+        table.append(row)
+    return pd.DataFrame(table)
+
+
+def long_runs(rows: pd.DataFrame) -> pd.DataFrame:
+    """Where the long runs end: time reached in the same wall time, error, invariants."""
+    rows = rows[(rows.part == "long") & (rows.status == "done")]
+    last = rows.loc[rows.groupby("method", sort=False).t.idxmax()] if len(rows) else rows
+    return last[["method", "t", "error", "time", "angle", *INVARIANTS]].reset_index(drop=True)
+
+
+def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    found = {}
+    if (rows.part == "drift").any():
+        found["forms"] = forms(rows)
+    if (rows.part == "long").any():
+        found["long_run"] = long_runs(rows)
+    return found
+
+
+def draw(rows: pd.DataFrame) -> dict:
+    from report import style
+
+    figures = {}
+    if (rows.part == "drift").any():
+        figures["forms"] = _draw_forms(rows, style)
+    if (rows.part == "long").any():
+        figures["long_run"] = _draw_long(rows[rows.part == "long"], style)
+    return figures
+
+
+def _draw_forms(rows: pd.DataFrame, style):
+    from matplotlib import colormaps
+
+    drift = rows[(rows.part == "drift") & (rows.status == "done") & (rows.h == SIZES[0])].copy()
+    drift["place"] = drift.groupby("key", sort=False).cumcount()
+    drift["worst"] = drift[list(INVARIANTS)].abs().max(axis=1)
+    drift["phase"] = drift.time.abs()
+    shades = colormaps["viridis"]
+    kinds = {"backlund": "Bäcklund, exact λ(h)", "implicit_midpoint": "Implicit midpoint", "strang": "Strang splitting"}
+    fig, axes = style.figure("page", 4.9, nrows=2, ncols=3, sharex=True, sharey="row")
+    for column, (of, title) in enumerate(kinds.items()):
+        names = [form for form in FORMS if FORMS[form][0] == of and (drift.form == form).any()]
+        for i, form in enumerate(names):
+            groups = drift[drift.form == form].groupby("place")
+            t = groups.t.median()
+            look = {"color": shades(i / len(names)), "label": form, "marker": "none"}
+            for ax, name in zip(axes[:, column], ("worst", "phase"), strict=True):
+                if of == "strang" and name == "worst":
+                    rms = np.sqrt(groups[["C1", "C2"]].apply(lambda e: np.mean(np.square(e.to_numpy()).max(axis=1))))
+                else:
+                    rms = np.sqrt(groups[name].apply(lambda e: np.mean(np.square(e))))
+                ax.loglog(t, rms.where(rms > 0), **look)
+        axes[0, column].set_title(title)
+        axes[1, column].set_xlabel("time · (|J| + √(α|x|))")
+        axes[0, column].legend(fontsize=5.5, loc="upper left")
+    axes[0, 0].set_ylabel("largest error of H, C1, C2")
+    axes[1, 0].set_ylabel("time (phase) error · rate")
+    fig.caption = (
+        "The same maps in different forms: worst relative error of the invariants (above; of Strang splitting C1 and C2, "
+        "since H is not kept) and phase error (below; for the methods on the right that of the method itself), root mean "
+        "square over sixteen tops, h = 1/8."
+    )
+    return fig
+
+
+def _draw_long(rows: pd.DataFrame, style):
+    fig, (left, right) = style.figure("page", 2.9, ncols=2)
+    for name in style.ordered(rows.method):
+        run = rows[(rows.method == name) & (rows.status == "done")].sort_values("t")
+        worst = run[list(INVARIANTS)].abs().max(axis=1)
+        left.loglog(run.t, run.error, **style.of(name))
+        right.loglog(run.t, worst.where(worst > 0), **style.of(name))
+    left.set_ylabel("error against the exact solution")
+    right.set_ylabel("worst error of H, C1, C2")
+    for ax in (left, right):
+        ax.set_xlabel("time · (|J| + √(α|x|))")
+    style.slope_guide(left, 1.0, (1e3, 1e-12), 100, "t")
+    style.slope_guide(left, 1.5, (1e3, 1e-11), 100, "t^1.5, Brouwer")
+    style.legend_below(fig)
+    fig.caption = (
+        "The exact Bäcklund map over the longest run, and heyoka for as long on the clock, on its natural steps."
+    )
+    return fig
+
+
+if __name__ == "__main__":
+    raise SystemExit(engine.main("round_off"))
