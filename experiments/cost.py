@@ -79,6 +79,7 @@ def _measure_step(cell: dict) -> list[dict]:
         {
             "ns_per_step": rounded(timed.min / steps * 1e9),
             "ns_per_step_median": rounded(timed.median / steps * 1e9),
+            "samples_ns": [rounded(sample / steps * 1e9) for sample in timed.samples],
             "ns_per_time": rounded(timed.min / (n * h) * 1e9),
             "steps_per_time": rounded(steps / (n * h)),
             "evals_per_step": rounded(evals / steps),

@@ -301,7 +301,12 @@ def _cost(cell: dict) -> list[dict]:
     runs = {name: partial(build(top, y0, h).advance, y0, n) for name, build in forms.items()}
     timed = timing.interleave(runs, min_time=0.01, repeats=7).timings
     return [
-        {"form": name, "ns_per_step": rounded(t.min / n * 1e9), "ns_per_step_median": rounded(t.median / n * 1e9)}
+        {
+            "form": name,
+            "ns_per_step": rounded(t.min / n * 1e9),
+            "ns_per_step_median": rounded(t.median / n * 1e9),
+            "samples_ns": [rounded(sample / n * 1e9) for sample in t.samples],
+        }
         for name, t in timed.items()
     ]
 

@@ -105,7 +105,7 @@ def _run(cell: dict) -> dict:
     return {
         "error": rounded(error),
         "seconds": rounded(min(seconds)),
-        "samples": len(seconds),
+        "seconds_samples": [rounded(sample) for sample in seconds],
         "setup_seconds": rounded(min(setups)),
         **{name: b - a for name, a, b in counted},
     }

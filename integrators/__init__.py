@@ -9,7 +9,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -19,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from integrators import body, exact
 from integrators.body import HeavyTop
+from integrators.ensemble import integrate_ensemble
 from integrators.interface import (
     INVARIANTS,
     Array,
@@ -27,12 +27,12 @@ from integrators.interface import (
     Stepper,
     Work,
     check_count,
+    check_options,
     check_state,
     check_step,
-    keyword_options,
-    suggestion,
+    check_times,
 )
-from integrators.registry import METHODS, available
+from integrators.registry import METHODS, available, find_method
 from integrators.top import TOPS, LagrangeTop, NamedTop
 
 __all__ = [
@@ -50,6 +50,7 @@ __all__ = [
     "available",
     "exact",
     "integrate",
+    "integrate_ensemble",
     "prepare",
     "two_point",
 ]
@@ -90,7 +91,7 @@ def prepare(
     top = top.top if isinstance(top, HeavyTop) else top
     found, state = _look_up(top, y0, method)
     h = check_step(h)
-    _check_options(found, found.prepare, options)
+    check_options(found.name, found.prepare, options)
     start = perf_counter()
     stepper = found.prepare(top, state, h, **options)
     stepper.work.setup_seconds = perf_counter() - start
@@ -168,39 +169,19 @@ def two_point(top: LagrangeTop | HeavyTop, y: ArrayLike, lam: complex, sheet: in
 
 def _look_up(top: LagrangeTop, y0: ArrayLike, method: str | Method) -> tuple[Method, Array]:
     _check_top(top)
-    if not isinstance(method, Method):
-        if not isinstance(method, str):
-            raise ValueError(f"method must be a name in METHODS or a Method; got {method!r}")
-        try:
-            method = METHODS[method]
-        except KeyError as error:
-            raise ValueError(f"method: {error.args[0]}") from None
-    if not available(method):
-        raise StepError(method.name, f"needs the package {method.requires}, which is not installed here")
-    return method, check_state(y0)
+    return find_method(method), check_state(y0)
 
 
 def _check_top(top: LagrangeTop) -> None:
     if not isinstance(top, LagrangeTop):
         raise ValueError(f"top must be a LagrangeTop or a HeavyTop; got {type(top).__name__}")
-
-
-def _check_options(method: Method, function: Callable[..., Any], options: dict[str, Any]) -> None:
-    known = keyword_options(function)
-    for name in options:
-        if name not in known:
-            offered = ", ".join(known) if known else "none"
-            raise ValueError(
-                f"unknown option {name!r} of {method.name}{suggestion(name, known)} Its options: {offered}"
-            )
+    top.single()
 
 
 def _evaluate(method: Method, top: LagrangeTop, y0: Array, t: ArrayLike, options: dict[str, Any]) -> Trajectory:
     if method.evaluate is None:
         raise ValueError(f"t: {method.name} steps on a grid only; give h and steps")
-    times = np.asarray(t)
-    if times.ndim != 1 or times.dtype.kind not in "iuf" or not np.all(np.isfinite(times)):
-        raise ValueError("t must be a one-dimensional array of finite real times")
-    _check_options(method, method.evaluate, options)
-    y, work = method.evaluate(top, y0, times.astype(float), **options)
-    return Trajectory(top, method.name, times.astype(float), y, work)
+    times = check_times(t)
+    check_options(method.name, method.evaluate, options)
+    y, work = method.evaluate(top, y0, times, **options)
+    return Trajectory(top, method.name, times, y, work)

@@ -56,7 +56,7 @@ def solution(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None)
     Source: `integrators.orbit`. The first call for a (top, y0) takes about 5 ms, up to 100 ms if the sizes in y0 differ
     enormously; then it is 0.3 ms a call and 1 μs a time. With digits=30 it is 0.5 ms a time.
     """
-    key = (top.alpha, tuple(check_state(y0).tolist()))
+    key = (top.single(), tuple(check_state(y0).tolist()))
     if digits is None:
         times = check_times(t)
         y = in_doubles(*prepared(*key), np.atleast_1d(times))
@@ -122,7 +122,7 @@ def find(alpha: float, y0: tuple[float, ...], digits: int) -> Orbit:
 
 
 def orbit_of(top: LagrangeTop, y0: ArrayLike) -> Orbit:
-    return find(top.alpha, tuple(check_state(y0).tolist()), DIGITS)
+    return find(top.single(), tuple(check_state(y0).tolist()), DIGITS)
 
 
 @dataclass(frozen=True)

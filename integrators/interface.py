@@ -84,6 +84,10 @@ class Method:
     prepare: Callable[..., Stepper]  # (top, y0, h, **options): everything slow happens here, once
     evaluate: Callable[..., tuple[Array, Work]] | None = None  # (top, y0, times, **options): dense output or jumps
     attitude: Callable[..., Array] | None = None  # (top, y0, h, n, every, g0) -> unit quaternions, see `body`
+    # many tops in one call, (n,) alphas and (n, 6) states: (alphas, Y0, h, steps, every, out, stopped, **options) and
+    # (alphas, Y0, times, out, **options) → the tops done, a mask; see `ensemble`
+    advance_many: Callable[..., NDArray[np.bool_]] | None = None
+    evaluate_many: Callable[..., NDArray[np.bool_]] | None = None
     requires: str | None = None  # a package that may be missing on some platforms
     engine: str = "numba"  # what takes the steps: "numba" compiled here · "heyoka" · "scipy" and "python" interpreted
     # what else is kept at round-off for every h, a modified energy say: name → function of (top, h, states (N, 6))
@@ -149,6 +153,23 @@ def check_step(h: Any, name: str = "h") -> float:
     if step == 0.0:
         raise ValueError(f"{name} must not be 0")
     return step
+
+
+def check_times(t: Any) -> Array:
+    """`t` as a one-dimensional array of finite floats."""
+    times = np.asarray(t)
+    if times.ndim != 1 or times.dtype.kind not in "iuf" or not np.all(np.isfinite(times)):
+        raise ValueError("t must be a one-dimensional array of finite real times")
+    return times.astype(np.float64)
+
+
+def check_options(name: str, function: Callable[..., Any], options: Mapping[str, Any]) -> None:
+    """ValueError for an option that `function`, of the method `name`, does not have."""
+    known = keyword_options(function) if options else ()
+    for option in options:
+        if option not in known:
+            offered = ", ".join(known) if known else "none"
+            raise ValueError(f"unknown option {option!r} of {name}{suggestion(option, known)} Its options: {offered}")
 
 
 def check_real(value: Any, name: str) -> float:

@@ -137,8 +137,8 @@ LANES = 32  # tops that take a step together: some SIMD registers full, so that 
 
 
 @cache
-def compile_lanes(step: Callable, pin: Callable | None, size: int) -> Callable:
-    """The loop around one kernel for LANES tops at a time, each with `size` constants of its own.
+def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int) -> Callable:
+    """The loop around one kernel for `lanes` tops at a time, each with `size` constants of its own.
 
     The kernel must be free of loops and of `tally`; then the loop over the lanes is SIMD code. No bit of a top depends on
     its lane or on its neighbours, and all bits are those of `compile_loop`.
@@ -146,12 +146,12 @@ def compile_lanes(step: Callable, pin: Callable | None, size: int) -> Callable:
     width = 6 + size
 
     @jit_over(step, pin)
-    def run(lanes, first, last, every, block, tops, units, out):
-        # `lanes` holds blocks of `width` columns: the state and the constants of LANES tops. They are the `tops` of `out`,
-        # −1 for a lane that is not used; a row of `out` is a state times `units`, the first that after `every` steps.
+    def run(columns, first, last, every, block, tops, units, out):
+        # `columns` holds blocks of `width` columns of `lanes` numbers: states and constants. They are those of the `tops`
+        # of `out`, −1 for a lane that is not used; a row of `out` is a state times `units`, the first after `every` steps.
         tally = np.zeros(SIZE)
-        for b in range(len(tops) // LANES):
-            origin = b * width * LANES
+        for b in range(len(tops) // lanes):
+            origin = b * width * lanes
             i = first
             row = i // every
             next_row = (row + 1) * every
@@ -160,23 +160,23 @@ def compile_lanes(step: Callable, pin: Callable | None, size: int) -> Callable:
                 if i == next_pin:
                     next_pin += block
                     if pin is not None:
-                        for j in range(LANES):
-                            s = column(lanes, origin + j, 6, LANES)
-                            c = column(lanes, origin + 6 * LANES + j, size, LANES)
-                            put_column(lanes, origin + j, pin(s, c), LANES)
+                        for j in range(lanes):
+                            s = column(columns, origin + j, 6, lanes)
+                            c = column(columns, origin + 6 * lanes + j, size, lanes)
+                            put_column(columns, origin + j, pin(s, c), lanes)
                 stop = min(last, next_row, next_pin)
                 for _ in range(i, stop):
-                    for j in range(LANES):
-                        s = column(lanes, origin + j, 6, LANES)
-                        c = column(lanes, origin + 6 * LANES + j, size, LANES)
-                        put_column(lanes, origin + j, step(s, c, tally), LANES)
+                    for j in range(lanes):
+                        s = column(columns, origin + j, 6, lanes)
+                        c = column(columns, origin + 6 * lanes + j, size, lanes)
+                        put_column(columns, origin + j, step(s, c, tally), lanes)
                 i = stop
                 if i == next_row:
-                    for j in range(LANES):
-                        top = tops[b * LANES + j]
+                    for j in range(lanes):
+                        top = tops[b * lanes + j]
                         if top >= 0:
                             for k in range(6):
-                                out[row, top, k] = lanes[origin + k * LANES + j] * units[top, k]
+                                out[row, top, k] = columns[origin + k * lanes + j] * units[top, k]
                     row += 1
                     next_row += every
 
@@ -193,6 +193,7 @@ def run_lanes(
     every: int,
     out: Array,
     stopped: Callable[[], bool],
+    lanes: int = LANES,
 ) -> None:
     """Takes the `tops` among `states` (m, 6) through `steps` steps of a kernel (step, pin, steps between two pins).
 
@@ -200,19 +201,19 @@ def run_lanes(
     after every, 2 every, … steps. Ends early, its rows unfinished, once `stopped()`.
     """
     step, pin, block = kernel
-    count = -(-len(tops) // LANES)
-    places = np.resize(tops, count * LANES)  # tops over again in the lanes left over: their numbers do no harm
-    columns = np.concatenate((states, constants), axis=1)[places]
-    lanes = np.ascontiguousarray(columns.reshape(count, LANES, -1).transpose(0, 2, 1)).ravel()
+    count = -(-len(tops) // lanes)
+    places = np.resize(tops, count * lanes)  # tops over again in the lanes left over: their numbers do no harm
+    rows = np.concatenate((states[places], constants[places]), axis=1)
+    columns = np.ascontiguousarray(rows.reshape(count, lanes, -1).transpose(0, 2, 1)).ravel()
     places[len(tops) :] = -1
     with compiling:  # once, not in every thread
-        run = compile_lanes(step, pin, constants.shape[1])
-        run(lanes, 0, 0, 1, 1, places, units, out)
+        run = compile_lanes(step, pin, constants.shape[1], lanes)
+        run(columns, 0, 0, 1, 1, places, units, out)
     stride = max(1, INTERRUPTIBLE * 4 // len(places))
     for first in range(0, steps, stride):
         if stopped():
             return
-        run(lanes, first, min(first + stride, steps), every, block, places, units, out)
+        run(columns, first, min(first + stride, steps), every, block, places, units, out)
 
 
 # places in `walk`: where a run on natural steps is, so that it can be resumed, and what it has done

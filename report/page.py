@@ -160,7 +160,7 @@ def write(report: Report, output: Path) -> Path:
     for old in [*output.glob("figures/*.svg"), *output.glob("tables/*.*")]:
         if old.name.startswith(prefixes) and old.suffix in SUFFIXES and old not in written:
             old.unlink()
-    return _write(output / "index.html", html(report))
+    return write_file(output / "index.html", html(report))
 
 
 # ---------------------------------------------------------------- from a journal to a section
@@ -237,7 +237,7 @@ def _said(error: Exception) -> str:
 def _write_files(section: Section, output: Path) -> list[Path]:
     written = []
     for figure in section.figures:
-        written.append(_write(output / "figures" / f"{section.file(figure.name)}.svg", figure.document))
+        written.append(write_file(output / "figures" / f"{section.file(figure.name)}.svg", figure.document))
     for table in section.tables:
         path = output / "tables" / section.file(table.name)
         for suffix, text in (
@@ -245,16 +245,16 @@ def _write_files(section: Section, output: Path) -> list[Path]:
             (".tex", tables.latex(table.frame, table.caption)),
             (".csv", tables.csv(table.frame)),
         ):
-            written.append(_write(path.with_name(path.name + suffix), text))
+            written.append(write_file(path.with_name(path.name + suffix), text))
     return written
 
 
-def _write(path: Path, text: str) -> Path:
+def write_file(path: Path, content: str | bytes) -> Path:
     """Writes a file whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+        temporary.write_bytes(content if isinstance(content, bytes) else content.encode())
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)

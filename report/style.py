@@ -16,7 +16,9 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import matplotlib
@@ -27,6 +29,8 @@ from matplotlib.axes import Axes
 from matplotlib.transforms import blended_transform_factory
 
 WIDTHS = {"column": 3.4, "page": 7.0}  # inches: one and two columns of a journal page
+TALLEST = 9.2  # inches: what a journal page holds
+_FORCED: ContextVar[str | None] = ContextVar("width of every figure", default=None)
 INK, FAINT = "#222222", "#6b6b6b"
 
 # family → (colours, markers), used in registry order within the family
@@ -58,6 +62,7 @@ DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2
 RC: Any = {
     "svg.hashsalt": "lagrange-bench",  # ids in an SVG depend on its content only: same rows, same bytes
     "svg.fonttype": "path",
+    "pdf.fonttype": 42,  # TrueType, which journals ask for
     "savefig.dpi": 200,  # of what is rasterized inside an SVG
     "font.family": "DejaVu Sans",  # comes with matplotlib, so every machine lays out the same figure
     "font.size": 8,
@@ -107,28 +112,90 @@ class Figure(matplotlib.figure.Figure):
     """A matplotlib figure with the sentence that goes below it. Belongs to no pyplot, so nothing leaks."""
 
     caption: str = ""
+    stacked: Any = None  # the panels as they would be side by side, where they are on top of each other
 
 
 @contextmanager
-def apply() -> Iterator[None]:
-    """The style, whatever the reader's own matplotlibrc says. Draw and save inside."""
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(RC)
-        yield
+def apply(width: str | None = None) -> Iterator[None]:
+    """The style, whatever the reader's own matplotlibrc says. Draw and save inside.
+
+    width : "column" or "page", of every figure drawn inside; None leaves it to who draws.
+    """
+    if width is not None and width not in WIDTHS:
+        raise ValueError(f"width must be one of {', '.join(WIDTHS)}, got {width!r}")
+    before = _FORCED.set(width)
+    try:
+        with matplotlib.rc_context():
+            matplotlib.rcdefaults()
+            matplotlib.rcParams.update(RC)
+            yield
+    finally:
+        _FORCED.reset(before)
 
 
 def figure(width: str | float = "page", height: float | None = None, **subplots: Any) -> tuple[Figure, Any]:
     """A figure and its axes, as `Figure.subplots(**subplots)` gives them.
 
     width : "column" (3.4 in), "page" (7 in) or inches. height : inches; default: the width's share of each row of axes.
+    Where `apply` forces another width, a figure meant for a page has its panels one below the other in a column.
     """
     inches = WIDTHS[width] if isinstance(width, str) else width
+    rows, columns = subplots.get("nrows", 1), subplots.get("ncols", 1)
     if height is None:
-        rows, columns = subplots.get("nrows", 1), subplots.get("ncols", 1)
         height = 0.4 + rows * min(0.68 * inches / columns, 3.2)
-    fig = Figure(figsize=(inches, height), layout="constrained")
-    return fig, fig.subplots(**subplots)
+    forced = _FORCED.get()
+    if forced is None or WIDTHS[forced] == inches:
+        fig = Figure(figsize=(inches, height), layout="constrained")
+        return fig, fig.subplots(**subplots)
+    panels, each = rows * columns, height / rows
+    if forced == "page":
+        fig = Figure(figsize=(WIDTHS[forced], min(height, TALLEST)), layout="constrained")
+        return fig, fig.subplots(**subplots)
+    if columns == 1 or each * panels > 1.6 * TALLEST:  # a list of many rows: narrower, but not shorter
+        fig = Figure(figsize=(WIDTHS[forced], min(height, TALLEST)), layout="constrained")
+        return fig, fig.subplots(**subplots)
+    fig = Figure(figsize=(WIDTHS[forced], min(each * panels, TALLEST)), layout="constrained")
+    fig.stacked = _stack(fig, **subplots)
+    squeezed = fig.stacked if not subplots.get("squeeze", True) else np.squeeze(fig.stacked)
+    return fig, squeezed if squeezed.ndim else squeezed.item()
+
+
+def _stack(fig: Figure, nrows: int = 1, ncols: int = 1, subplot_kw: Any = None, **more: Any) -> Any:
+    """Axes as `Figure.subplots` makes them, but all in one column; what they share they share."""
+    grid = np.empty((nrows, ncols), dtype=object)
+    for i in range(nrows):
+        for j in range(ncols):
+            firsts = {True: grid[0, 0], "all": grid[0, 0], "row": grid[i, 0], "col": grid[0, j]}
+            shared = {name: firsts.get(more.get(name)) for name in ("sharex", "sharey")}
+            grid[i, j] = fig.add_subplot(nrows * ncols, 1, i * ncols + j + 1, **shared, **(subplot_kw or {}))
+    return grid
+
+
+def finish(fig: matplotlib.figure.Figure) -> None:
+    """Gives panels on top of each other the labels they had from their neighbours. Call it before saving."""
+    grid = getattr(fig, "stacked", None)
+    if grid is None:
+        return
+    fig.stacked = None  # type: ignore[attr-defined]
+    left = [ax for ax in grid.flat if ax.figure is not None]
+    for row in grid:
+        for ax in row[1:]:
+            if ax in left and not ax.get_ylabel():
+                ax.set_ylabel(row[0].get_ylabel())
+    for column in grid.T:
+        named = [ax for ax in column if ax in left and ax.get_xlabel()]
+        for ax in column:
+            if ax in left and named and not ax.get_xlabel():
+                ax.set_xlabel(named[-1].get_xlabel())
+    if len(left) < grid.size:  # close the gaps of panels that were taken out
+        fig.set_figheight(fig.get_figheight() * len(left) / grid.size)
+        places = fig.add_gridspec(len(left), 1)
+        for i, ax in enumerate(left):
+            ax.set_subplotspec(places[i])
+    for ax, below in pairwise(left):  # on one scale of x, the lowest panel names it for all
+        if ax.get_shared_x_axes().joined(ax, below) and ax.get_xlabel() == below.get_xlabel():
+            ax.set_xlabel("")
+            ax.tick_params(labelbottom=False)
 
 
 # ---------------------------------------------------------------- methods
@@ -225,7 +292,7 @@ def by_family(
     """Small multiples: a panel for each family that has any of the methods, two to a row, the reference grey in each."""
     names = ordered(methods)
     groups = [group for group in (*FAMILIES, OTHERS) if any(family(name) == group for name in names)]
-    columns = min(len(groups), 2)
+    columns = 1 if _FORCED.get() == "column" else min(len(groups), 2)
     rows = -(-len(groups) // columns)
     size: dict[str, Any] = {"nrows": rows, "ncols": columns, "sharex": True, "sharey": True, "squeeze": False}
     fig, grid = figure("page", 0.45 + 1.75 * rows, **size)
@@ -259,7 +326,11 @@ def label_end(ax: Axes, fontsize: float = 7) -> None:
 
 def label_ends(figure: Any, panels: Iterable[Axes], fontsize: float = 6.5) -> None:
     """`label_end` of several panels, laid out once."""
-    figure.draw_without_rendering()  # limits and layout are known only after this
+    engine = figure.get_layout_engine()
+    if engine is None:
+        figure.draw_without_rendering()
+    else:
+        engine.execute(figure)  # limits and layout are known only after this
     for ax in panels:
         lines = [line for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
         lines = [line for line in lines if line.get_label() != "failed"]

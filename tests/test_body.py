@@ -72,7 +72,7 @@ def test_the_axis_is_carried_along(name, h):
     run = integrate(named.top, named.state, h * unit, 100, every=10, attitude=True)
     axis = body.product(body.product(run.attitude, (0, 0, 0, 1)), run.attitude * (1, -1, -1, -1))[:, 1:]
     x = run.y[:, 3:]
-    promise = 1e-13 + 1e-15 * 100 * abs(h)  # of the exact step, see test_backlund
+    promise = 2 * (1e-13 + 1e-15 * 100 * abs(h))  # of the exact step, see test_backlund; g and y are two runs of it
     assert np.max(np.abs(axis - x / np.linalg.norm(x, axis=1, keepdims=True))) < promise
 
 

@@ -19,7 +19,7 @@ import math
 
 from integrators.compiled import jit
 from integrators.integrable import time_step as ts
-from integrators.integrable.double_double import add, cmul, dd, div, mul, neg, scale, sqrt, sub
+from integrators.integrable.double_double import add, cmul, dd, div, mul, neg, sqrt, sub
 
 
 @jit
@@ -40,17 +40,17 @@ def doubled_spin(q, lam, m, spin):
 
 
 @jit
-def first_spin(q, lam, terms):
+def first_spin(q, lam):
     """exp(iχ/2) for a small time, from its power series: −√C1 Im Σ_{k>0} g_k λ^k/k is small, −arg λ is exact."""
-    g = ts.series(q, terms)
+    g = ts.series(q)
     s = (dd(0.0), dd(0.0))
-    for k in range(terms - 1, 0, -1):
+    for k in range(len(g) - 1, 0, -1):
         term = (div((g[k, 0], g[k, 1]), dd(float(k))), dd(0.0))
         s = cmul((add(s[0], term[0]), s[1]), lam)
     small = neg(mul(sqrt(q[0]), s[1]))
     # cos and sin of an angle of order λ by their series
     c, d, term = dd(1.0), dd(0.0), dd(1.0)
-    for k in range(1, terms + 4):
+    for k in range(1, len(g) + 4):
         term = div(mul(term, small), dd(float(k)))
         signed = neg(term) if k & 2 else term
         if k & 1:
@@ -64,12 +64,9 @@ def first_spin(q, lam, terms):
 @jit
 def spin_parameter(q, h):
     """(λ, m, exp(iχ/2)) of the exact step over 0 < h < nutation period."""
-    doublings = 0
-    while h[0] > ts.START:
-        h = scale(h, 0.5)
-        doublings += 1
-    lam, m = ts.start(q, h, ts.SERIES, 12)
-    spin = first_spin(q, lam, ts.SERIES)
+    h, doublings = ts.halved(q, h)
+    lam, m = ts.start(q, h)
+    spin = first_spin(q, lam)
     for _ in range(doublings):
         spin = doubled_spin(q, lam, m, spin)
         lam, m = ts.double_time(q, lam, m)

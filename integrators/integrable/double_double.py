@@ -76,13 +76,17 @@ def scale(a, s):
 
 
 @jit
+def times(a, b):
+    """a times a double."""
+    p, e = two_prod(a[0], b)
+    return quick(p, e + a[1] * b)
+
+
+@jit
 def div(a, b):
     q = a[0] / b[0]
-    r = sub(a, mul(b, (q, 0.0)))
-    q2 = r[0] / b[0]
-    r = sub(r, mul(b, (q2, 0.0)))
-    q, q2 = quick(q, q2)
-    return add((q, q2), (r[0] / b[0], 0.0))
+    p, e = two_prod(q, b[0])
+    return quick(q, ((((a[0] - p) - e) + a[1]) - q * b[1]) / b[0])  # a − q b is small: a double is enough of it
 
 
 @jit
@@ -91,10 +95,8 @@ def sqrt(a):
     if a[0] <= 0.0:
         return 0.0, 0.0
     x = math.sqrt(a[0])
-    r = sub(a, two_prod(x, x))
-    x, y = quick(x, r[0] / (2.0 * x))
-    r = sub(a, mul((x, y), (x, y)))
-    return add((x, y), (r[0] / (2.0 * x), 0.0))
+    p, e = two_prod(x, x)
+    return quick(x, (((a[0] - p) - e) + a[1]) / (2.0 * x))
 
 
 # complex numbers are pairs (real, imaginary) of double-doubles

@@ -16,7 +16,10 @@ curve with its two points at infinity glued; proof below)
 Proof. The real cubic A(u) with A(λ) = i m, A'(λ) = i g makes A − i√Q vanish twice at (λ, m) and at (λ̄, −m̄); its
 values at the two points at infinity are equal, so its divisor is trivial also for the rotation about e3. A² + Q has
 degree six and is b1² |u − λ|⁴ (u − λ')(u − λ̄'): comparing coefficients gives the formula. b1 falls to zero exactly
-at twice the step = the nutation period, where λ' goes to infinity.
+at twice the step = the nutation period, where λ' goes to infinity. With one division and one root after g it reads
+
+    b = Re m + η Im g    e = η Re g/b    f = alpha² η⁴/b    s = √((Re m + f)/b)
+    λ' = R − ηe + 2iηs   m' = s(2 Re m + 4f − b(1 + e²)) + i(e(3 Re m + 4f) − Im m)                    `double_time`
 
 All of it runs in double-double arithmetic, because T must come out right to the last bit of λ: an error of one ulp in
 the time step is a phase error that grows for ever.
@@ -25,6 +28,7 @@ the time step is a phase error that grows for ever.
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import numpy as np
 
@@ -34,20 +38,35 @@ from integrators.integrable.double_double import (
     cadd,
     cdiv,
     cmul,
-    cscale,
     dd,
     div,
     mul,
     neg,
+    quick,
     scale,
     sqrt,
     sub,
+    times,
     two_prod,
 )
 
-SERIES = 14  # terms of the power series of 1/√Q
-START = 2.0**-9  # times up to this (in units of 1/(|J| + √(|alpha||x|))) start from the series
+SERIES = 20  # terms of the power series of 1/√Q
+EXACT = 10  # of them in double-double; the others are below 1e-16 of the sum
+START = 2.0**-4  # times up to this, in units of 1/(|J| + √(|alpha||x|)), start from the series
 TINY_BRANCH = 1e-25  # |m|² below this: the homoclinic orbit has reached the sleeping top to all digits
+
+
+def _weights():
+    """1 − k/2n as double-doubles, [n, k]."""
+    w = np.zeros((SERIES, 5, 2))
+    for n in range(1, SERIES):
+        for k in range(1, min(n, 4) + 1):
+            exact = Fraction(2 * n - k, 2 * n)
+            w[n, k] = float(exact), float(exact - Fraction(float(exact)))
+    return w
+
+
+WEIGHTS = _weights()
 
 
 @jit
@@ -81,65 +100,127 @@ def horner_derivative(q, u):
 
 
 @jit
+def slope(q, lam, m):
+    """g = Q'(λ)/(2m)."""
+    R, eta = lam
+    t, r = scale(R, 2.0), add(mul(R, R), mul(eta, eta))
+    b2 = add(mul(q[3], dd(3.0)), mul(t, scale(q[4], 4.0)))
+    b1 = add(scale(q[2], 2.0), sub(mul(t, b2), mul(r, scale(q[4], 4.0))))
+    d = add(q[1], sub(mul(R, b1), mul(r, b2))), mul(eta, b1)  # Q'(λ): a real polynomial, divided by (u − λ)(u − λ̄)
+    n = scale(add(mul(m[0], m[0]), mul(m[1], m[1])), 2.0)
+    re, im = cmul(d, (m[0], neg(m[1])))
+    return div(re, n), div(im, n)
+
+
+@jit
 def cubic(q, lam, m):
     """a1, b0, b1 of A = (−Im m + a1 v) + (b0 + b1 v)(v² + η²), v = u − R: A(λ) = i m, A'(λ) = i Q'(λ)/(2m)."""
-    g = cdiv(horner_derivative(q, lam), (scale(m[0], 2.0), scale(m[1], 2.0)))
-    a1 = div(m[0], lam[1])
-    return a1, div(scale(g[0], 0.5), lam[1]), div(scale(add(a1, g[1]), 0.5), mul(lam[1], lam[1]))
+    g, eta = slope(q, lam, m), lam[1]
+    a1 = div(m[0], eta)
+    return a1, div(scale(g[0], 0.5), eta), div(scale(add(a1, g[1]), 0.5), mul(eta, eta))
 
 
 @jit
 def double_time(q, lam, m):
     """(λ, m) of twice the time; see the module's docstring."""
-    R, eta = lam
-    a1, b0, b1 = cubic(q, lam, m)
-    eta2 = div(sqrt(add(scale(mul(a1, b1), 2.0), q[4])), b1)
-    v = (neg(div(b0, b1)), eta2)
-    w = cscale(cadd(cmul(v, v), (mul(eta, eta), dd(0.0))), neg(mul(b1, eta2)))
-    # i(a1 v − Im m)
-    m2 = (sub(w[0], mul(a1, v[1])), add(w[1], sub(mul(a1, v[0]), m[1])))
-    return (add(R, v[0]), eta2), m2
+    eta = lam[1]
+    g = slope(q, lam, m)
+    eta2 = mul(eta, eta)
+    b = add(m[0], mul(eta, g[1]))
+    r = div(dd(1.0), b)
+    e = mul(mul(eta, g[0]), r)
+    f = mul(mul(q[4], mul(eta2, eta2)), r)
+    c = add(m[0], f)
+    s = sqrt(mul(c, r))
+    re = mul(s, sub(scale(add(c, f), 2.0), mul(b, add(mul(e, e), dd(1.0)))))
+    im = sub(mul(e, add(times(c, 3.0), f)), m[1])
+    return (sub(lam[0], mul(eta, e)), scale(mul(eta, s), 2.0)), (re, im)
 
 
 @jit
-def series(q, terms):
-    """Coefficients g_k of 1/√Q = Σ g_k u^k, rows of double-doubles; from 2 Q f' = −Q' f."""
-    g = np.empty((terms, 2))
-    g[0, 0], g[0, 1] = div(dd(1.0), sqrt(q[0]))
-    for n in range(1, terms):
+def series(q):
+    """g_k of 1/√Q = Σ g_k u^k, from 2 Q f' = −Q' f: rows of double-doubles, the last SERIES − EXACT of doubles."""
+    g = np.empty((SERIES, 2))
+    one = div(dd(1.0), q[0])
+    p = (dd(1.0), mul(q[1], one), mul(q[2], one), mul(q[3], one), mul(q[4], one))
+    g[0, 0], g[0, 1] = sqrt(one)
+    for n in range(1, EXACT):
         s = dd(0.0)
-        for k in range(1, min(n, 4) + 1):
-            s = add(s, mul(mul(q[k], (g[n - k, 0], g[n - k, 1])), dd(k / 2.0 + (n - k))))
-        g[n, 0], g[n, 1] = neg(div(s, mul(q[0], dd(float(n)))))
+        for k in range(min(n, 4), 0, -1):
+            weight = (WEIGHTS[n, k, 0], WEIGHTS[n, k, 1])
+            s = sub(s, mul(mul(p[k], weight), (g[n - k, 0], g[n - k, 1])))
+        g[n, 0], g[n, 1] = s
+    for n in range(EXACT, SERIES):
+        t = 0.0
+        for k in range(4, 0, -1):
+            t -= WEIGHTS[n, k, 0] * p[k][0] * g[n - k, 0]
+        g[n, 0], g[n, 1] = t, 0.0
     return g
 
 
 @jit
-def moments(g, u):
-    """F = ∫_0^u du/√Q and G = ∫_0^u u du/√Q from the series."""
-    F = G = (dd(0.0), dd(0.0))
-    for k in range(len(g) - 1, -1, -1):
-        gk = (g[k, 0], g[k, 1])
-        F = cadd(cmul(F, u), (div(gk, dd(k + 1.0)), dd(0.0)))
-        G = cadd(cmul(G, u), (div(gk, dd(k + 2.0)), dd(0.0)))
-    return cmul(F, u), cmul(cmul(G, u), u)
+def rough_moments(g, R, eta):
+    """Im F and Im G of λ = R + iη, in double; F = ∫_0^λ du/√Q, G = ∫_0^λ u du/√Q."""
+    t, r = 2.0 * R, R * R + eta * eta
+    f1 = f2 = d1 = d2 = 0.0
+    for k in range(SERIES - 1, -1, -1):
+        f1, f2 = g[k, 0] / (k + 1.0) + (t * f1 - r * f2), f1
+        d1, d2 = g[k, 0] / (k + 2.0) + (t * d1 - r * d2), d1
+    return eta * f1, eta * (t * d1 - r * d2)
 
 
 @jit
-def start(q, h, terms, iterations):
-    """(λ, m) for a small time h > 0: T = h and Θ = 0 in their power series, solved by Newton's method."""
-    root = sqrt(q[0])
-    g = series(q, terms)
-    lam = (dd(0.0), scale(mul(root, h), 0.5))
-    for _ in range(iterations):
-        F, G = moments(g, lam)
-        b = sub(scale(h, 0.5), F[1])
-        a = div(sub(neg(G[1]), mul(lam[0], b)), lam[1])
-        step = cscale((a, b), root)  # √Q(λ) ≈ √C1: contracts by |λ| each time
-        lam = cadd(lam, step)
-        if abs(step[0][0]) + abs(step[1][0]) < 1e-30 * lam[1][0]:
+def moments(g, R, eta):
+    """The same in double-double, for doubles R and η."""
+    t, r = 2.0 * R, add(two_prod(R, R), two_prod(eta, eta))
+    h1 = h2 = e1 = e2 = 0.0
+    for k in range(SERIES - 1, EXACT - 1, -1):
+        h1, h2 = g[k, 0] / (k + 1.0) + (t * h1 - r[0] * h2), h1
+        e1, e2 = g[k, 0] / (k + 2.0) + (t * e1 - r[0] * e2), e1
+    f1, f2, d1, d2 = dd(h1), dd(h2), dd(e1), dd(e2)
+    for k in range(EXACT - 1, -1, -1):
+        gk = (g[k, 0], g[k, 1])
+        f1, f2 = add(div(gk, dd(k + 1.0)), sub(times(f1, t), mul(r, f2))), f1
+        d1, d2 = add(div(gk, dd(k + 2.0)), sub(times(d1, t), mul(r, d2))), d1
+    return times(f1, eta), times(sub(times(d1, t), mul(r, d2)), eta)
+
+
+@jit
+def start(q, h):
+    """(λ, m) for a small time h > 0: T = h and Θ = 0 in their power series, by Newton's method.
+
+    In double up to its last step, which doubles the digits: then only the residual needs to be known to all of them.
+    """
+    g = series(q)
+    half = scale(h, 0.5)
+    mr, mi = math.sqrt(q[0][0]), 0.0
+    eta = half[0] * mr
+    R = g[1, 0] / g[0, 0] * eta * eta / 3.0
+    for i in range(4):
+        # m = √Q(λ), a step of Newton's method; Q by division by (u − λ)(u − λ̄)
+        t, r = 2.0 * R, R * R + eta * eta
+        b3 = q[3][0] + t * q[4][0]
+        b2 = q[2][0] + (t * b3 - r * q[4][0])
+        b1 = q[1][0] + (t * b2 - r * b3)
+        re, im = q[0][0] + (R * b1 - r * b2), eta * b1
+        s = 0.5 / (mr * mr + mi * mi)
+        mr, mi = 0.5 * mr + (re * mr + im * mi) * s, 0.5 * mi + (im * mr - re * mi) * s
+        if i == 3:
             break
-    return lam, csqrt_near(horner(q, lam), (root, dd(0.0)), 7)
+        F, G = rough_moments(g, R, eta)
+        b = half[0] - F
+        a = -(G + R * b) / eta
+        R += a * mr - b * mi
+        eta += a * mi + b * mr
+    F2, G2 = moments(g, R, eta)
+    b = sub(half, F2)[0]
+    a = -(G2[0] + R * b) / eta
+    lam = quick(R, a * mr - b * mi), quick(eta, a * mi + b * mr)
+    Q = horner(q, lam)
+    m = cmul((dd(mr), dd(mi)), (dd(mr), dd(mi)))
+    re, im = sub(Q[0], m[0])[0], sub(Q[1], m[1])[0]
+    s = 0.5 / (mr * mr + mi * mi)
+    return lam, (quick(mr, (re * mr + im * mi) * s), quick(mi, (im * mr - re * mi) * s))
 
 
 @jit
@@ -153,13 +234,27 @@ def csqrt_near(z, guess, iterations):
 
 
 @jit
+def rate(q):
+    """|J| + √(|alpha||x|), at most three times too large."""
+    weight = math.sqrt(math.sqrt(q[4][0] * q[0][0]))
+    return math.sqrt(max(0.0, q[2][0] + 2.0 * weight * weight)) + weight
+
+
+@jit
+def halved(q, h):
+    """h/2^k with the least k that is in reach of the series, and k."""
+    k = 0
+    while h[0] * rate(q) > START:
+        h = scale(h, 0.5)
+        k += 1
+    return h, k
+
+
+@jit
 def parameter(q, h):
     """(λ, m) with T = h, Θ = 0, for 0 < h < nutation period; all are (complex) double-doubles."""
-    doublings = 0
-    while h[0] > START:
-        h = scale(h, 0.5)
-        doublings += 1
-    lam, m = start(q, h, SERIES, 12)
+    h, doublings = halved(q, h)
+    lam, m = start(q, h)
     for _ in range(doublings):
         if m[0][0] * m[0][0] + m[1][0] * m[1][0] < TINY_BRANCH * TINY_BRANCH * q[0][0]:
             break
@@ -169,18 +264,28 @@ def parameter(q, h):
 
 @jit
 def cubic_root(c, z):
-    """Newton's method in double-double for the cubic c3 z³ + c2 z² + c1 z + c0, from a double close to the root."""
-    z = dd(z)
+    """The largest root of c3 z³ + c2 z² + c1 z + c0, c3 > 0, all real, from a double on its right.
+
+    Newton's method falls onto it monotonically: in double as long as the steps are well above round-off, then with the
+    polynomial in double-double; at a double root, where each step only halves the error, to 1e-17 too.
+    """
+    for _ in range(200):
+        f = ((c[3][0] * z + c[2][0]) * z + c[1][0]) * z + c[0][0]
+        d = (3.0 * c[3][0] * z + 2.0 * c[2][0]) * z + c[1][0]
+        if f <= 0.0 or f <= 1e-5 * d * abs(z):
+            break
+        z -= f / d
+    root = dd(z)
     for _ in range(60):
-        f = add(mul(add(mul(add(mul(c[3], z), c[2]), z), c[1]), z), c[0])
-        d = add(mul(add(mul(scale(c[3], 3.0), z), scale(c[2], 2.0)), z), c[1])
+        f = add(mul(add(mul(add(mul(c[3], root), c[2]), root), c[1]), root), c[0])
+        d = add(mul(add(mul(scale(c[3], 3.0), root), scale(c[2], 2.0)), root), c[1])
         if f[0] == 0.0 or d[0] == 0.0:
             break
-        step = div(f, d)
-        z = sub(z, step)
-        if abs(step[0]) <= 1e-31 * abs(z[0]):
+        step = f[0] / d[0]
+        root = add(root, dd(-step))
+        if abs(step) <= 1e-20 * abs(root[0]):
             break
-    return z
+    return root
 
 
 @jit
@@ -218,10 +323,11 @@ def nutation_period(alpha, y):
     if x[0] <= 0.0 or y[0] <= 0.0:
         return math.inf, 0.0
     for _ in range(40):
-        if abs(x[0] - y[0]) <= 1e-16 * x[0]:
+        if abs(x[0] - y[0]) <= 1e-8 * x[0]:
             break
         x, y = scale(add(x, y), 0.5), sqrt(mul(x, y))
-    mean = scale(add(x, y), 0.5)  # the next step would change it by the square of what is left
+    mean, half = scale(add(x, y), 0.5), 0.5 * sub(x, y)[0]
+    mean = add(mean, dd(-0.25 * half * half / mean[0]))  # what is left of agm(mean + half, mean − half), to half⁴
     return div((3.141592653589793, 1.2246467991473532e-16), mean)
 
 

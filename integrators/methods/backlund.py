@@ -1,7 +1,7 @@
 """The two-point Bäcklund transformation of Kuznetsov, Petrera and Ragnisco as a real, pole-free integrator.
 
 The map conserves H, J3, C1 and C2, is Poisson and symmetric; the formula is in `integrable.real_map`. A step costs one
-division and about sixty other operations, its updates are increments of size O(h), so nothing cancels for small h. A
+division and about eighty other operations, its updates are increments of size O(h), so nothing cancels for small h. A
 second form takes over where λ is large, or close to a root of Q.
 
 Four records: `backlund` chooses λ(h) on the torus of the initial state, which makes the step the exact flow over h;
@@ -16,65 +16,69 @@ the state is moved back onto its own invariants (H, C1, C2) by the smallest corr
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from integrators.compiled import jit
 from integrators.integrable import attitude as at
 from integrators.integrable import time_step as ts
 from integrators.integrable.real_map import (
-    C1,
-    ETA,
-    MI_ETA,
-    MR,
-    R,
+    C2_LO,
+    KERNELS,
+    LARGEST_SPAN,
+    MODERATE,
     attitude_loop,
     constants,
     exact_constants,
+    exponents,
+    form,
+    many_constants,
+    many_jumps,
     on_torus,
-    pin,
-    step,
-    step_and_turn,
-    turn,
-    turning_step,
-    turning_step_and_turn,
 )
+from integrators.integrable.real_map import pin as onto_torus
 from integrators.interface import Array, Method, StepError, Work, check_count
-from integrators.loops import FAILURE, NEVER, FixedStepper
+from integrators.loops import FAILURE, NEVER, FixedStepper, run_lanes
 from integrators.top import LagrangeTop
 
+FEW = 4  # tops below which one after the other is quicker than a block of lanes
 OFF_TORUS = 4e-11  # distance of an invariant from the prepared torus, in scaled units, that is no longer round-off
-FAR = 4.0  # |λ|, in units of |x| and |J| + √(|alpha||x|), from which `turning_step` loses less than `step`
-CLOSE = 1e-2  # |m|²/C1 below which it does so too: λ is close to a root of Q
 MOST_PARTS = 10**8  # steps of an attitude between two rows: some seconds, not to be interrupted
 
 
 def ldexp(number: float, exponent: int) -> float:
     """number · 2^exponent; beyond the largest double ±inf, which the checks of what follows refuse."""
-    with np.errstate(over="ignore"):
-        return float(np.ldexp(number, max(min(exponent, 4000), -4000)))
+    try:
+        return math.ldexp(number, exponent)
+    except OverflowError:
+        return math.copysign(math.inf, number)
 
 
 class Units:
     """Powers of two that bring |x| and |J| + √(|alpha||x|) to order one: changing units is exact."""
 
     def __init__(self, top: LagrangeTop, y0: Array, h: float):
-        rate, size, _ = top.scales(y0)
-        self.length = math.frexp(size)[1]
-        self.rate = math.frexp(rate)[1] if rate > 0 else -math.frexp(h)[1]
-        self.exponents = np.array([-self.rate] * 3 + [-self.length] * 3)
-        self.moderate = bool(np.all(np.abs(self.exponents) < 1000))  # then 2^exponent is a double, and quicker
-        self.factors = np.ldexp(1.0, np.clip(self.exponents, -1000, 1000))
+        self.rate, self.length = exponents(top.alpha, tuple(y0.tolist()), h)
+        self.moderate = max(abs(self.rate), abs(self.length)) < MODERATE
+        if self.moderate:
+            rates, lengths = math.ldexp(1.0, -self.rate), math.ldexp(1.0, -self.length)
+            self.factors = np.array((rates, rates, rates, lengths, lengths, lengths))
         self.alpha = ldexp(top.alpha, self.length - 2 * self.rate)
+
+    @property
+    def exponents(self) -> list[int]:
+        return [-self.rate] * 3 + [-self.length] * 3
 
     def enter(self, y: Array) -> Array:
         return y * self.factors if self.moderate else np.ldexp(y, self.exponents)
 
     def leave(self, y: Array) -> Array:
         with np.errstate(over="ignore"):  # what leaves the range of doubles is refused as a state
-            return y / self.factors if self.moderate else np.ldexp(y, -self.exponents)
+            return y / self.factors if self.moderate else np.ldexp(y, [-n for n in self.exponents])
 
     def time(self, t: float) -> float:
         return ldexp(t, self.rate)
@@ -99,24 +103,14 @@ class TorusStepper(FixedStepper):
         return state
 
 
-def kernel(c: Array, turns: bool) -> Any:
-    """The form of the step that loses least with these constants, with or without the rotation after it."""
-    if c[ETA] == 0.0:
-        return turn
-    close = c[MR] ** 2 + (c[MI_ETA] / c[ETA]) ** 2 < CLOSE * c[C1]
-    if close or math.hypot(c[R], c[ETA]) > FAR:
-        return turning_step_and_turn if turns else turning_step
-    return step_and_turn if turns else step
-
-
 def _stepper(name: str, h: float, units: Units, c: Array, turns: bool, pin_every: int) -> FixedStepper:
     check_constants(name, c, h)
-    back, block = (pin, pin_every) if pin_every else (None, NEVER)
-    return TorusStepper(name, h, units, c, kernel(c, turns), back, block)
+    back, block = (onto_torus, pin_every) if pin_every else (None, NEVER)
+    return TorusStepper(name, h, units, c, KERNELS[form(c, turns)], back, block)
 
 
 def check_constants(name: str, c: Array, h: float | None = None) -> None:
-    if not np.all(np.isfinite(c)):
+    if not np.isfinite(c).all():
         raise StepError(name, "no Bäcklund parameter within the range of doubles was found", h=h)
 
 
@@ -142,7 +136,7 @@ def _exact(name: str, top: LagrangeTop, y0: Array, h: float, pin_every: int) -> 
     units = Units(top, y0, h)
     state, span = units.enter(y0), units.time(h)
     check_span(name, h, span)
-    c, turns = exact_constants(units.alpha, tuple(state), span)
+    c, turns = exact_constants(units.alpha, tuple(state.tolist()), span)
     return _stepper(name, h, units, c, turns, pin_every)
 
 
@@ -179,7 +173,7 @@ def check_parameter(lam: complex, name: str = "lam") -> complex:
 
 
 def check_span(name: str, h: float, span: float) -> None:
-    if not abs(span) < 1e15:
+    if not abs(span) < LARGEST_SPAN:
         raise StepError(name, "|h| is over 1e15 times the time scale of the top: its phase is beyond double", h=h)
 
 
@@ -217,7 +211,7 @@ def two_point(top: LagrangeTop, y: Array, lam: complex, sheet: int = 1) -> Array
     state = units.enter(y)
     c = plain_constants(units.alpha, state, units.parameter(check_parameter(lam)), sheet)
     check_constants("two_point", c)
-    image = units.leave(np.array(kernel(c, False)(tuple(state), c, np.zeros(5))))
+    image = units.leave(np.array(KERNELS[form(c, False)](tuple(state), c, np.zeros(5))))
     if not np.all(np.isfinite(image)):
         raise StepError("two_point", "the image is beyond the range of doubles")
     return image
@@ -234,6 +228,48 @@ def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Wo
     if not np.all(np.isfinite(y)):
         raise StepError("backlund", "no Bäcklund parameter was found for one of the times")
     return y, Work(steps=len(times))
+
+
+def advance_many(
+    alphas: Array,
+    Y0: Array,
+    h: float,
+    steps: int,
+    every: int,
+    out: Array,
+    stopped: Callable[[], bool],
+    *,
+    pin: int = 8,
+    lam: complex | None = None,
+) -> NDArray[np.bool_]:
+    """The exact steps of many tops, each with λ(h) and constants of its own; options as in `prepare_exact`."""
+    pin = check_count(pin, "pin")
+    n = len(Y0)
+    if lam is not None:
+        check_parameter(lam)
+    if lam is not None or n < FEW:  # one by one: λ is another in the units of each top, and a block wants to be filled
+        return np.zeros(n, dtype=bool)
+    states, units, forms = np.empty((n, 6)), np.empty((n, 6)), np.empty(n, dtype=np.int64)
+    c = np.empty((n, C2_LO + 1))
+    many_constants(alphas, Y0, h, states, c, units, forms)
+    back, block = (onto_torus, pin) if pin else (None, NEVER)
+    for number in range(len(KERNELS)):
+        tops = np.flatnonzero(forms == number)
+        if len(tops):
+            run_lanes((KERNELS[number], back, block), states, c, tops, units, steps, every, out, stopped)
+    done: NDArray[np.bool_] = forms >= 0
+    return done
+
+
+def advance_many_unpinned(*arguments: Any) -> NDArray[np.bool_]:
+    return advance_many(*arguments, pin=0)
+
+
+def evaluate_many(alphas: Array, Y0: Array, times: Array, out: Array) -> NDArray[np.bool_]:
+    """Jumps: one two-point map from each top's initial state to each output time."""
+    done = np.empty(len(Y0), dtype=bool)
+    many_jumps(alphas, Y0, times, out, done)
+    return done
 
 
 def attitude_exact(
@@ -267,6 +303,13 @@ SOURCE = "Kuznetsov, Petrera, Ragnisco, J. Phys. A 37 (2004) 8495, arXiv nlin/04
 
 
 @jit
+def quotient(a, b):
+    """a/b as schools teach it: compilers and the interpreter have each another way, and other bits."""
+    size = b.real * b.real + b.imag * b.imag
+    return complex((a.real * b.real + a.imag * b.imag) / size, (a.imag * b.real - a.real * b.imag) / size)
+
+
+@jit
 def textbook_step(s, c, tally):
     """The loop body of the paper's program (section 5.7), complex, with its divisions; s = (J3, J-, J+, x3, x-, x+)."""
     J3, Jm, Jp, x3, xm, xp = s
@@ -279,8 +322,8 @@ def textbook_step(s, c, tally):
     if B1 == 0.0 or below == 0.0:
         tally[FAILURE] = 1
         return s
-    x = A1 / B1
-    X = (l2 - l1) * B1 * B2 / below
+    x = quotient(A1, B1)
+    X = quotient((l2 - l1) * B1 * B2, below)
     # M(u) = u + M0; J̃ = J + [M0, alpha σ3], x̃ = x + M0 J − J̃ M0
     a, b = -l1 + x * X, X
     c_, d = -x * x * X + (l1 - l2) * x, -l2 - x * X
@@ -339,6 +382,8 @@ EXACT = Method(
     prepare=prepare_exact,
     evaluate=evaluate_exact,
     attitude=attitude_exact,
+    advance_many=advance_many,
+    evaluate_many=evaluate_many,
 )
 UNPINNED = replace(
     EXACT,
@@ -347,9 +392,17 @@ UNPINNED = replace(
     prepare=prepare_unpinned,
     evaluate=None,
     attitude=None,
+    advance_many=advance_many_unpinned,
+    evaluate_many=None,
 )
 PAPER = replace(
-    UNPINNED, name="backlund_paper", label="Bäcklund, paper's λ", order=2, source=SOURCE, prepare=prepare_paper
+    UNPINNED,
+    name="backlund_paper",
+    label="Bäcklund, paper's λ",
+    order=2,
+    source=SOURCE,
+    prepare=prepare_paper,
+    advance_many=None,
 )
 TEXTBOOK = replace(
     PAPER,

@@ -1,0 +1,385 @@
+"""Ensembles: what a step of one top costs among thousands, each with an alpha, a torus and a λ(h) of its own.
+
+The scalar step is held against its bound: a chain of as many additions, products and divisions, each waiting for the last,
+as lie between one state and the next. Its SIMD form is timed against the number of tops, of lanes and of threads; set-up
+(λ(h) and all constants, in double-double) against h; memory against the arrays of states. The rivals, heyoka in batch mode
+and the splittings, cover the same time with the same tops: nanoseconds for a top and a unit of time, set-up included,
+against the error. Output far away by one jump is a row of its own. Times are in the units of the tops themselves:
+alpha in [0.3, 2], each J in [−2, 2], |x| in [0.5, 2].
+"""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Callable
+from time import perf_counter
+
+import numpy as np
+import pandas as pd
+
+from experiments import engine, metrics, timing
+from experiments.states import options_of, rounded
+from integrators import METHODS, LagrangeTop, exact, integrate_ensemble, prepare
+from integrators.compiled import compiled
+from integrators.ensemble import usable_cores
+from integrators.integrable import real_map
+from integrators.interface import Array
+from integrators.loops import LANES, run_lanes
+
+VERSION = 1
+
+STEP = 0.1
+BUDGET = {"quick": 1e6, "full": 2e7}  # steps of a top in one sample of throughput
+TOPS = {"quick": (32, 1024, 4096), "full": (1, 8, 32, 128, 1024, 8192, 65_536, 262_144)}
+WIDTHS = {"quick": (8, 32), "full": (8, 16, 32, 64, 128, 256)}
+FEW = 8  # steps of the runs that measure set-up, memory and growth
+MANY = {"quick": (1000, 10_000, 100_000), "full": (10_000, 100_000, 1_000_000, 10_000_000)}
+SETUP = {"quick": (0.1, 1.0, 10.0), "full": (0.001, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)}
+SPAN = {"quick": 100.0, "full": 10_000.0}  # time the rivals cover
+RIVALS = {"quick": {"backlund": 64, "taylor": 16}, "full": {"backlund": 256, "taylor": 64}}  # tops they do it with
+JUDGED = 8  # the first tops: their error is measured, and methods that take them one by one take no more
+KNOBS: dict[str, dict[str, tuple[float, ...]]] = {
+    "quick": {"backlund": (1.0,), "taylor": (2.3e-16,), "blanes_moan6": (0.1,)},
+    "full": {
+        "backlund": (0.1, 0.25, 1.0, 4.0),
+        "taylor": (1e-3, 1e-6, 1e-9, 1e-12, 2.3e-16),
+        "strang": (0.01, 0.05),
+        "force_gradient4": (0.05, 0.1, 0.2),
+        "blanes_moan6": (0.05, 0.1, 0.2, 0.5),
+        "kahan_li8": (0.05, 0.1, 0.2, 0.4),
+    },
+}
+
+
+def cells(profile: str) -> list[dict]:
+    cores = usable_cores()
+    listed: list[dict] = [{"part": "bound"}]
+    for tops in TOPS[profile]:
+        listed.append({"part": "tops", "tops": tops, "threads": 1, "budget": BUDGET[profile]})
+        if cores > 1 and tops >= 1024:
+            listed.append({"part": "tops", "tops": tops, "threads": cores, "budget": BUDGET[profile]})
+    listed += [{"part": "lanes", "lanes": lanes} for lanes in WIDTHS[profile]]
+    listed += [{"part": "setup", "h": h} for h in SETUP[profile]]
+    listed += [{"part": "many", "tops": tops} for tops in MANY[profile]]
+    for method, knobs in KNOBS[profile].items():
+        name = "h" if METHODS[method].control == "step" else METHODS[method].knob
+        for knob in knobs:
+            tops = RIVALS[profile].get(method, JUDGED)
+            run = {"part": "rival", "method": method, "tops": tops, "span": SPAN[profile]}
+            listed.append({**run, name: knob})
+    listed.append({"part": "jump", "method": "backlund", "tops": JUDGED, "span": SPAN[profile]})
+    return [{"timing": True, **cell} for cell in listed]
+
+
+def measure(cell: dict) -> list[dict]:
+    return [MEASURES[cell["part"]](cell)]
+
+
+def alphas_and_states(n: int) -> tuple[Array, Array]:
+    """n tops, the same ones every time."""
+    generator = np.random.default_rng(20040328)
+    Y = generator.uniform(-2, 2, (n, 6))
+    Y[:, 3:] *= (generator.uniform(0.5, 2, n) / np.linalg.norm(Y[:, 3:], axis=1))[:, None]
+    return generator.uniform(0.3, 2, n), Y
+
+
+# ---------------------------------------------------------------- the scalar step and its bound
+
+
+@compiled
+def step_chain(x, a, b):
+    """Five additions, three products, one division, in the order of the longest chain of `real_map.step`."""
+    y = x + a
+    y = y * y
+    y = y + a
+    y = y + a
+    y = b / y
+    y = y * b
+    y = y + a
+    y = y * b
+    return y + a
+
+
+@compiled
+def pin_chain(x, a, b):
+    """The same for `real_map.pin`: eleven additions, six products, one division."""
+    y = x * x
+    y = y + a
+    y = y + a
+    y = y + a
+    y = y + a
+    y = y + a
+    y = y * b
+    y = y + a
+    y = y * b
+    y = y - a
+    y = y * b
+    y = y + a
+    y = y + a
+    y = b / y
+    y = y * b
+    y = y * b
+    y = y + a
+    return a - y
+
+
+@compiled
+def chains(n, block, x, a, b):
+    """n steps, with a pin before every `block` of them if that is not 0."""
+    if block == 0:
+        for _ in range(n):
+            x = step_chain(x, a, b)
+        return x
+    for _ in range(n // block):
+        x = pin_chain(x, a, b)
+        for _ in range(block):
+            x = step_chain(x, a, b)
+    return x
+
+
+def _measure_bound(cell: dict) -> dict:
+    """The scalar step and the chain in turn, so that both meet the same machine."""
+    (alpha,), (y0,) = alphas_and_states(1)
+    one, n, block = LagrangeTop(alpha), 80_000, 8
+    pinned, free = prepare(one, y0, STEP), prepare(one, y0, STEP, "backlund_unpinned")
+    functions = {
+        "pinned": lambda: pinned.advance(y0, n),
+        "pinned_bound": lambda: chains(n, block, 0.7, 0.9, 0.8),
+        "free": lambda: free.advance(y0, n),
+        "free_bound": lambda: chains(n, 0, 0.7, 0.9, 0.8),
+    }
+    timed = timing.interleave(functions, repeats=9)
+    row = {f"{name}_ns": rounded(t.min / n * 1e9) for name, t in timed.timings.items()}
+    for name in ("pinned", "free"):
+        row[f"{name}_ratio"] = rounded(timed.timings[name].min / timed.timings[f"{name}_bound"].min)
+    return row
+
+
+# ---------------------------------------------------------------- many tops
+
+
+def _measure_tops(cell: dict) -> dict:
+    """Steps of a long run: what set-up costs is taken off by the difference to a run of one step."""
+    alphas, Y = alphas_and_states(cell["tops"])
+    top = LagrangeTop(alphas)
+    steps = max(2000, round(cell["budget"] / cell["tops"]))
+
+    def run(n):
+        return integrate_ensemble(top, Y, STEP, n, threads=cell["threads"])
+
+    timed = timing.interleave({"long": lambda: run(steps), "short": lambda: run(1)}, repeats=5)
+    long, short = timed.timings["long"].min, timed.timings["short"].min
+    per_step = (long - short) / (steps - 1) / cell["tops"] * 1e9
+    return {
+        "steps": steps,
+        "ns_per_step": rounded(per_step),
+        "ns_per_step_and_core": rounded(per_step * min(cell["threads"], usable_cores())),
+        "setup_us": rounded(short / cell["tops"] * 1e6),
+    }
+
+
+def _measure_lanes(cell: dict) -> dict:
+    n, steps = 1024, 1000
+    alphas, Y = alphas_and_states(n)
+    states, units, c = np.empty((n, 6)), np.empty((n, 6)), np.empty((n, real_map.C2_LO + 1))
+    forms, out = np.empty(n, dtype=np.int64), np.empty((1, n, 6))
+    real_map.many_constants(alphas, Y, STEP, states, c, units, forms)
+    tops, row = np.flatnonzero(forms == 0), {}
+    for name, kernel in (("pinned", (real_map.step, real_map.pin, 8)), ("free", (real_map.step, None, 1 << 62))):
+
+        def run(kernel=kernel, steps=steps):
+            run_lanes(kernel, states, c, tops, units, steps, steps, out, lambda: False, cell["lanes"])
+
+        seconds = timing.time_call(run, repeats=9).min
+        row[f"{name}_ns_per_step"] = rounded(seconds / steps / len(tops) * 1e9)
+    return {"tops": len(tops), **row}
+
+
+def _measure_setup(cell: dict) -> dict:
+    n = 4096
+    alphas, Y = alphas_and_states(n)
+    top = LagrangeTop(alphas)
+    arrays = np.empty((n, 6)), np.empty((n, real_map.C2_LO + 1)), np.empty((n, 6)), np.empty(n, dtype=np.int64)
+    alone = timing.time_call(lambda: real_map.many_constants(alphas, Y, cell["h"], *arrays), repeats=5).min
+    whole = timing.time_call(lambda: integrate_ensemble(top, Y, cell["h"], 1, threads=1), repeats=5).min
+    return {"tops": n, "setup_us": rounded(alone / n * 1e6), "first_step_us": rounded(whole / n * 1e6)}
+
+
+def _measure_many(cell: dict) -> dict:
+    """Seconds and memory of few steps of very many tops; memory beyond Y0 in units of one array of states."""
+    alphas, Y = alphas_and_states(cell["tops"])
+    top = LagrangeTop(alphas)
+    integrate_ensemble(LagrangeTop(alphas[:1]), Y[:1], STEP, 1)
+    samples = []
+    for _ in range(2):  # too long for more
+        start = perf_counter()
+        integrate_ensemble(top, Y, STEP, FEW)
+        samples.append(perf_counter() - start)
+    seconds = min(samples)
+    tracemalloc.start()
+    try:
+        integrate_ensemble(top, Y, STEP, FEW)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    return {
+        "steps": FEW,
+        "threads": usable_cores(),
+        "seconds": rounded(seconds),
+        "us_per_top": rounded(seconds / cell["tops"] * 1e6),
+        "memory": rounded(1 + peak / Y.nbytes),  # Y0 and what is new
+    }
+
+
+# ---------------------------------------------------------------- rivals
+
+
+def _measure_rival(cell: dict) -> dict:
+    alphas, Y = alphas_and_states(cell["tops"])
+    span, h = cell["span"], cell.get("h", cell["span"])
+    steps, options = round(span / h), options_of(cell)
+    if cell["method"] != "backlund" and cell["method"] != "taylor":
+        alphas, Y = alphas[:JUDGED], Y[:JUDGED]  # one by one: no matter how many
+
+    top = LagrangeTop(alphas)
+
+    def run() -> Array:
+        return integrate_ensemble(top, Y, span / steps, steps, cell["method"], threads=1, **options)
+
+    return _judged(run, alphas, Y, span)
+
+
+def _measure_jump(cell: dict) -> dict:
+    alphas, Y = alphas_and_states(cell["tops"])
+    top = LagrangeTop(alphas)
+    return _judged(lambda: integrate_ensemble(top, Y, t=[cell["span"]], threads=1)[0], alphas, Y, cell["span"])
+
+
+def _judged(run: Callable[[], Array], alphas: Array, Y: Array, span: float) -> dict:
+    """Cost on one core, and the errors of the first tops."""
+    end, errors = run(), []
+    for alpha, y0, y in list(zip(alphas, Y, end, strict=True))[:JUDGED]:
+        one = LagrangeTop(alpha)
+        errors.append(float(metrics.scaled_error(one, y0, y, exact.solution(one, y0, span))))
+    seconds = timing.time_call(run, repeats=3).min
+    per_top = seconds / len(Y)
+    return {
+        "error": rounded(float(np.median(errors))),
+        "largest_error": rounded(max(errors)),
+        "us_per_top": rounded(per_top * 1e6),
+        "ns_per_time": rounded(per_top / span * 1e9),
+    }
+
+
+MEASURES = {
+    "bound": _measure_bound,
+    "tops": _measure_tops,
+    "lanes": _measure_lanes,
+    "setup": _measure_setup,
+    "many": _measure_many,
+    "rival": _measure_rival,
+    "jump": _measure_jump,
+}
+
+
+# ------------------------------------------------------------------------------------------ what the rows say
+
+
+def rivals(rows: pd.DataFrame) -> pd.DataFrame:
+    """Every run of the rivals; how many times the cost of the cheapest exact step that is no less accurate."""
+    runs = rows[rows.part == "rival"].copy()
+    if runs.empty:
+        return runs
+    exact_steps = runs[runs.method == "backlund"]
+
+    def times(run: pd.Series) -> float:
+        as_good = exact_steps[exact_steps.error <= run.error]
+        return rounded(run.ns_per_time / as_good.ns_per_time.min(), 3) if len(as_good) else float("nan")
+
+    runs["times the exact step"] = [times(run) for _, run in runs.iterrows()]
+    columns = ["method", *(name for name in ("h", "tol") if name in runs), "error", "largest_error", "us_per_top"]
+    return runs[[*columns, "ns_per_time", "times the exact step"]].dropna(axis=1, how="all")
+
+
+def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    good = rows[rows.status == "done"]
+    wanted = {
+        "bound": ["pinned_ns", "pinned_bound_ns", "pinned_ratio", "free_ns", "free_bound_ns", "free_ratio"],
+        "tops": ["tops", "threads", "steps", "ns_per_step", "ns_per_step_and_core", "setup_us"],
+        "lanes": ["lanes", "pinned_ns_per_step", "free_ns_per_step"],
+        "setup": ["h", "setup_us", "first_step_us"],
+        "many": ["tops", "steps", "threads", "seconds", "us_per_top", "memory"],
+        "jump": ["span", "error", "largest_error", "us_per_top"],
+    }
+    found = {
+        name: good.loc[good.part == name, columns] for name, columns in wanted.items() if (good.part == name).any()
+    }
+    compared = rivals(good)
+    return found if compared.empty else {**found, "rivals": compared}
+
+
+def draw(rows: pd.DataFrame) -> dict:
+    from report import style
+
+    good = rows[rows.status == "done"]
+    figures = {}
+    if (good.part == "tops").any():
+        figures["throughput"] = _draw_throughput(good, style)
+    if (good.part == "rival").any():
+        figures["rivals"] = _draw_rivals(good, style)
+    return figures
+
+
+def _draw_throughput(good: pd.DataFrame, style):
+    fig, (steps, setups, growth) = style.figure("page", 2.6, ncols=3)
+    runs = good[good.part == "tops"].sort_values("tops")
+    for threads, group in runs.groupby("threads"):
+        text = "1 thread" if threads == 1 else f"{int(threads)} threads, times {int(threads)}"
+        steps.loglog(group.tops, group.ns_per_step_and_core, marker="o" if threads == 1 else "s", label=text)
+    bound = good[good.part == "bound"]
+    if not bound.empty:
+        steps.axhline(float(bound.pinned_ns.min()), color=style.FAINT, linewidth=0.8)
+        steps.annotate("one top alone", (0.98, float(bound.pinned_ns.min())), (0, -2), textcoords="offset points",
+                       xycoords=("axes fraction", "data"), fontsize=7, ha="right", va="top")  # fmt: skip
+    steps.set_xlabel("tops")
+    steps.set_ylabel("ns per step of a top, one core")
+    steps.legend()
+    for ax, part, across, up in ((setups, "setup", "h", "setup_us"), (growth, "many", "tops", "us_per_top")):
+        chosen = good[good.part == part]
+        if not chosen.empty:
+            chosen = chosen.sort_values(across)
+            ax.semilogx(chosen[across], chosen[up], marker="o")
+            ax.set_ylim(bottom=0)
+    setups.set_xlabel("step h")
+    setups.set_ylabel("µs for λ(h) and constants, one core")
+    growth.set_xlabel("tops")
+    growth.set_ylabel(f"µs per top, {FEW} steps, all cores")
+    fig.caption = (
+        f"Left: a step of the exact map against the number of tops, {LANES} of them to a SIMD block; few tops leave lanes "
+        "empty. Middle: set-up of a top; from half a nutation period on it includes the period and the turn of a nutation. "
+        "Right: short runs of very many tops, set-up included."
+    )
+    return fig
+
+
+def _draw_rivals(good: pd.DataFrame, style):
+    fig, ax = style.figure("page", 3.4)
+    runs = good[good.part == "rival"]
+    for method in style.ordered(runs.method):
+        chosen = runs[runs.method == method].sort_values("ns_per_time")
+        ax.loglog(chosen.ns_per_time, chosen.error.clip(lower=1e-17), **style.of(method))
+    jump = good[good.part == "jump"]
+    if not jump.empty:
+        ax.loglog(jump.ns_per_time, jump.error, linestyle="none", marker="*", color=style.INK, label="one jump")
+    ax.set_xlabel("ns for a top and a unit of time, one core, set-up included")
+    ax.set_ylabel("error at the end, median")
+    style.legend_below(fig)
+    fig.caption = (
+        "Many tops over the same time on one core: SIMD blocks of the exact step, heyoka's batch mode, and splittings, which "
+        "take their tops one by one. A jump is one map from the start to the end, not a sequence of steps."
+    )
+    return fig
+
+
+if __name__ == "__main__":
+    raise SystemExit(engine.main("ensemble"))

@@ -1,0 +1,240 @@
+"""Many tops at once: `integrate_ensemble`.
+
+The tops are cut into chunks, the chunks shared out among threads; compiled code lets go of Python's lock. A method that
+offers `advance_many` (or `evaluate_many`) takes a chunk in one call: the exact Bäcklund step in SIMD form, with the bits
+of its scalar form, heyoka in its batch mode. Every other method takes its tops one by one, and so do tops that such a call
+leaves undone, because of their extreme size or because the method fails for them: then the StepError is the scalar one.
+What becomes of a top depends on nothing but itself: not on the chunks, the threads, or its place.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from integrators.body import HeavyTop
+from integrators.interface import Array, Method, StepError, check_count, check_options, check_step, check_times
+from integrators.registry import find_method
+from integrators.top import LagrangeTop
+
+CHUNK = 1024  # tops in one call, at most: their constants stay in the processor's cache
+
+
+def integrate_ensemble(
+    top: LagrangeTop | HeavyTop,
+    Y0: ArrayLike,
+    h: float | None = None,
+    steps: int | None = None,
+    method: str | Method = "backlund",
+    every: int | None = None,
+    t: ArrayLike | None = None,
+    threads: int | None = None,
+    on_failure: str = "raise",
+    **options: Any,
+) -> Array:
+    """Follow n tops from Y0 (n, 6), as `integrate` does one: the states at the end (n, 6), or on a grid or at times.
+
+    Parameters
+    ----------
+    top : LagrangeTop or HeavyTop, the same for all, or LagrangeTop(alpha=array) with one alpha for each. h, steps,
+    method, options : as in `integrate`. every : record every `every` steps, row 0 is Y0; shape (steps//every + 1, n, 6).
+    t : output times (m,) in place of h and steps, shape (m, n, 6); for the exact Bäcklund map one map away from Y0 each:
+    jumps, not steps. threads : default: one per usable core.
+    on_failure : "raise" a StepError that names the first top for which the method fails, and says how many there are; or
+    "nan": all rows of such tops are NaN.
+
+    Raises
+    ------
+    ValueError : bad input; the message names the argument. StepError : see `on_failure`.
+    KeyboardInterrupt : Ctrl-C, seen within a fraction of a second (between two tops, where they are taken one by one).
+    """
+    alphas, states = _check_tops(top, Y0)
+    n = len(states)
+    found = find_method(method)
+    threads = usable_cores() if threads is None else check_count(threads, "threads", least=1)
+    if on_failure not in ("raise", "nan"):
+        raise ValueError(f"on_failure must be 'raise' or 'nan'; got {on_failure!r}")
+    if t is not None:
+        for name, given in (("h", h), ("steps", steps), ("every", every)):
+            if given is not None:
+                raise ValueError(f"give either t or h and steps; got t and {name}")
+        if found.evaluate is None:
+            raise ValueError(f"t: {found.name} steps on a grid only; give h and steps")
+        times = check_times(t)
+        check_options(found.name, found.evaluate, options)
+        out = np.empty((len(times), n, 6))
+        failures = _run(_Jumps(found, alphas, states, times, out, options), threads)
+        return _judge(found, None, out, failures, on_failure)
+    if h is None or steps is None:
+        raise ValueError("give h and steps, or output times t")
+    h, steps = check_step(h), check_count(steps, "steps")
+    check_options(found.name, found.prepare, options)
+    stride = max(steps, 1) if every is None else check_count(every, "every", least=1)
+    if steps % stride and every is not None:
+        raise ValueError(f"every = {every} does not divide steps = {steps}")
+    if every is None:
+        out = np.empty((1, n, 6))
+        rows = out if steps else out[:0]
+    else:
+        out = np.empty((steps // stride + 1, n, 6))
+        rows = out[1:]
+    if every is not None or steps == 0:
+        out[0] = states
+    failures = _run(_Steps(found, alphas, states, h, steps, stride, rows, options), threads)
+    _judge(found, h, out, failures, on_failure)
+    return out[0] if every is None else out
+
+
+def usable_cores() -> int:
+    """Cores this process may run on."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1
+
+
+# ---------------------------------------------------------------- the work on one chunk
+
+Failures = list[tuple[int, StepError]]
+Mask = NDArray[np.bool_]
+
+
+class _Work:
+    """What is to be done with each top; `out` (rows, n, 6) is filled."""
+
+    def __init__(self, method: Method, alphas: Array, states: Array, out: Array, options: dict[str, Any]):
+        self.method, self.alphas, self.states, self.out, self.options = method, alphas, states, out, options
+        self.stop = threading.Event()
+        self.preparing = threading.Lock()  # what makes a step may use mpmath, whose precision is global
+
+    def many(self, chunk: slice) -> Mask:
+        """The tops of a chunk that were done in one call, a mask."""
+        raise NotImplementedError
+
+    def one(self, alpha: float, y0: Array) -> Array:
+        """The rows (rows, 6) of one top."""
+        raise NotImplementedError
+
+    def __call__(self, chunk: slice) -> Failures:
+        out, failures = self.out[:, chunk], []
+        if self.stop.is_set() or len(out) == 0:
+            return []
+        done = self.many(chunk)
+        done = done & np.isfinite(out).all(axis=(0, 2))
+        for i in np.flatnonzero(~done):
+            if self.stop.is_set():
+                break
+            place = chunk.start + int(i)
+            try:
+                out[:, i] = self.one(float(self.alphas[place]), self.states[place])
+            except StepError as error:
+                out[:, i] = np.nan
+                failures.append((place, error))
+        return failures
+
+
+class _Steps(_Work):
+    def __init__(
+        self, method: Method, alphas: Array, states: Array, h: float, steps: int, every: int, out: Array, options: Any
+    ):
+        super().__init__(method, alphas, states, out, options)
+        self.h, self.steps, self.every = h, steps, every
+
+    def many(self, chunk: slice) -> Mask:
+        call = self.method.advance_many
+        states, out = self.states[chunk], self.out[:, chunk]
+        if call is None:
+            return np.zeros(len(states), dtype=bool)
+        grid = (self.h, self.steps, self.every)
+        return call(self.alphas[chunk], states, *grid, out, self.stop.is_set, **self.options)
+
+    def one(self, alpha: float, y0: Array) -> Array:
+        with self.preparing:
+            stepper = self.method.prepare(LagrangeTop(alpha), y0.copy(), self.h, **self.options)
+        return stepper.record(y0, self.steps, self.every)[1:]
+
+
+class _Jumps(_Work):
+    def __init__(self, method: Method, alphas: Array, states: Array, times: Array, out: Array, options: Any):
+        super().__init__(method, alphas, states, out, options)
+        self.times = times
+
+    def many(self, chunk: slice) -> Mask:
+        call, states = self.method.evaluate_many, self.states[chunk]
+        if call is None:
+            return np.zeros(len(states), dtype=bool)
+        return call(self.alphas[chunk], states, self.times, self.out[:, chunk], **self.options)
+
+    def one(self, alpha: float, y0: Array) -> Array:
+        assert self.method.evaluate is not None
+        with self.preparing:
+            return self.method.evaluate(LagrangeTop(alpha), y0.copy(), self.times, **self.options)[0]
+
+
+def _run(work: _Work, threads: int) -> Failures:
+    """All chunks, in threads; the failures in the order of the tops."""
+    n = len(work.states)
+    length = max(1, min(CHUNK, -(-n // threads)))
+    chunks = [slice(first, min(first + length, n)) for first in range(0, n, length)]
+    failures: Failures = []
+    if threads == 1 or len(chunks) < 2:
+        for chunk in chunks:
+            failures += work(chunk)
+        return failures
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            for done in as_completed([pool.submit(work, chunk) for chunk in chunks]):
+                failures += done.result()
+        except BaseException:  # Ctrl-C, or a wrong option
+            work.stop.set()
+            pool.shutdown(cancel_futures=True)
+            raise
+    return sorted(failures, key=lambda failure: failure[0])
+
+
+def _judge(method: Method, h: float | None, out: Array, failures: Failures, on_failure: str) -> Array:
+    if not failures:
+        return out
+    if on_failure == "raise":
+        place, error = failures[0]
+        more = f"; {len(failures)} of {out.shape[1]} tops fail" if len(failures) > 1 else ""
+        raise StepError(method.name, f"top {place}: {error.reason}{more}", h=h, step=error.step) from error
+    out[:, [place for place, _ in failures]] = np.nan
+    return out
+
+
+# ---------------------------------------------------------------- checking what a user passes in
+
+
+def _check_tops(top: LagrangeTop | HeavyTop, Y0: ArrayLike) -> tuple[Array, Array]:
+    """alphas (n,) and states (n, 6), contiguous float64; the caller's own memory where that is what it holds."""
+    top = top.top if isinstance(top, HeavyTop) else top
+    if not isinstance(top, LagrangeTop):
+        raise ValueError(f"top must be a LagrangeTop or a HeavyTop; got {type(top).__name__}")
+    try:
+        states = np.asarray(Y0)
+    except ValueError as error:
+        raise ValueError(f"Y0 must be states (n, 6): {error}") from None
+    if states.ndim != 2 or states.shape[1] != 6:
+        raise ValueError(f"Y0 must have shape (n, 6), a row (J1, J2, J3, x1, x2, x3) for each top; got {states.shape}")
+    if states.dtype.kind not in "iuf":
+        raise ValueError(f"Y0 must be real numbers; got dtype {states.dtype}")
+    states = np.ascontiguousarray(states, dtype=np.float64)
+    _refuse(np.any(~np.isfinite(states), axis=1), "is not finite", states)
+    _refuse(np.all(states[:, 3:] == 0.0, axis=1), "has x = 0: the axis of a top needs |x| > 0", states)
+    alphas = np.asarray(top.alpha, dtype=np.float64)
+    if alphas.ndim and len(alphas) != len(states):
+        raise ValueError(f"top holds {len(alphas)} values of alpha, Y0 {len(states)} states")
+    return np.broadcast_to(alphas, len(states)), states
+
+
+def _refuse(bad: Mask, why: str, states: Array) -> None:
+    if bad.any():
+        first = int(np.argmax(bad))
+        more = f", and so do {int(bad.sum()) - 1} others" if bad.sum() > 1 else ""
+        raise ValueError(f"Y0[{first}] = {states[first].tolist()} {why}{more}")

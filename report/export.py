@@ -1,0 +1,74 @@
+"""Figures as files for a paper: any stored figure as SVG, PDF or PNG, as wide as a column or a page."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from experiments import EXPERIMENTS, load
+from experiments.store import Store
+from report import figures, page, style
+
+
+class UnknownFigure(ValueError):
+    """No stored rows draw a figure of this name; the message says which they draw."""
+
+
+def draw(results: Path, experiment: str, width: str | None = None) -> Iterator[tuple[str, figures.Figure]]:
+    """(name, figure) of every figure an experiment draws from its stored rows."""
+    rows = Store(results).rows(experiment)
+    if rows.empty:
+        return
+    with style.apply(width):
+        drawn = load(experiment).draw(rows)
+    for name, figure in drawn.items():
+        yield page.Section(experiment).file(name), figure
+
+
+def export(name: str, results: Path, output: Path | None = None, kind: str = "svg", width: str | None = None) -> Path:
+    """Writes one figure and gives its path.
+
+    name : as in the page, `phase_h` for instance. kind : svg, pdf or png. width : "column", "page" or None, as drawn.
+    output : a file; default: the figure's name in the current folder.
+
+    Raises
+    ------
+    UnknownFigure : no such figure can be drawn from `results`. ValueError : no such kind or width.
+    """
+    if kind not in figures.FORMATS:
+        raise ValueError(f"format must be one of {', '.join(figures.FORMATS)}, got {kind!r}")
+    stored = _stored(results)
+    mine = [experiment for experiment in stored if name.startswith(f"{experiment}_")]
+    known: list[str] = []
+    for experiment in sorted(mine, key=len, reverse=True):
+        for found, figure in draw(results, experiment, width):
+            if found == name:
+                path = output or Path(f"{name}.{kind}")
+                return page.write_file(path, figures.FORMATS[kind](figure))
+            known.append(found)
+    if not known:
+        known = [found for experiment in stored for found, _ in draw(results, experiment)]
+    if not known:
+        raise UnknownFigure(f"nothing is stored in {results}: compute it with lagrange-bench run")
+    close = difflib.get_close_matches(name, known, n=1)
+    hint = f"; did you mean {close[0]!r}?" if close else "."
+    raise UnknownFigure(f"unknown figure {name!r}{hint} Known: {', '.join(known)}")
+
+
+def export_all(
+    results: Path, folder: Path, kinds: Sequence[str] = tuple(figures.FORMATS), widths: Sequence[str] = tuple(style.WIDTHS)
+) -> list[Path]:
+    """Writes every figure as `NAME-WIDTH.KIND` into a folder."""
+    return [
+        page.write_file(Path(folder) / f"{name}-{width}.{kind}", figures.FORMATS[kind](figure))
+        for width in widths
+        for experiment in _stored(results)
+        for name, figure in draw(results, experiment, width)
+        for kind in kinds
+    ]
+
+
+def _stored(results: Path) -> list[str]:
+    stored = Store(results).experiments()
+    return [*(name for name in EXPERIMENTS if name in stored), *sorted(set(stored) - set(EXPERIMENTS))]
