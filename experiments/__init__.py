@@ -6,7 +6,7 @@ import difflib
 import importlib
 from types import ModuleType
 
-EXPERIMENTS = ("drift", "phase", "cost", "work_precision", "paper", "gaudin")
+EXPERIMENTS = ("drift", "phase", "cost", "work_precision", "perturbed", "round_off", "ensemble", "paper", "gaudin")
 
 
 def load(name: str) -> ModuleType:
