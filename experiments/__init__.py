@@ -8,9 +8,11 @@ from types import ModuleType
 
 EXPERIMENTS = ("drift", "phase", "cost", "work_precision", "perturbed", "round_off", "ensemble", "paper", "gaudin")
 
+SWEEP = "sweep_"  # how the names of experiments begin that a TOML file describes
+
 
 def load(name: str) -> ModuleType:
-    """The module of an experiment: one of EXPERIMENTS, or the dotted path of a module of your own.
+    """The module of an experiment: one of EXPERIMENTS, the dotted path of a module of your own, or a sweep.
 
     Raises
     ------
@@ -20,6 +22,10 @@ def load(name: str) -> ModuleType:
         path = f"experiments.{name}"
     elif "." in name:
         path = name
+    elif name.startswith(SWEEP):
+        from experiments import sweep
+
+        return sweep.module(name)
     else:
         close = difflib.get_close_matches(name, EXPERIMENTS, n=1)
         hint = f"; did you mean {close[0]!r}?" if close else "."

@@ -66,7 +66,7 @@ RUN_EXAMPLES = """\
 examples:
   lagrange-bench run                            everything, quick: less than three minutes on two cores
   lagrange-bench run cost --profile full        one experiment as published; leave the machine alone meanwhile
-  lagrange-bench run drift phase --results /scratch/top --jobs 8
+  lagrange-bench run my.toml                    tops, methods and steps of your own (docs/sweeps.md)
   lagrange-bench run drift --scheduler tcp://head:8786      on the workers of a Dask scheduler
   lagrange-bench run drift --shard 3/100 --no-timings       a hundredth of the cells, for one of a hundred jobs
 
@@ -118,6 +118,16 @@ examples:
   lagrange-bench report --results results/local/quick          your own run
   lagrange-bench report --results /scratch/top --output /tmp/page"""
 
+FIGURE = """\
+Draw a stored figure again, for a paper: as SVG, PDF (fonts embedded) or PNG, as wide as a column or a page. The same
+rows give the same bytes."""
+
+FIGURE_EXAMPLES = """\
+examples:
+  lagrange-bench figure phase_h --format pdf --width column
+  lagrange-bench figure drift_time --results results/local/quick --output drift.svg
+  lagrange-bench figure --all --format pdf --output paper/figures"""
+
 CHECK = """\
 Test what a method claims: its order, symmetry, Poisson map, invariants, and the contract of a stepper. Prints a verdict
 per claim: pass, fail or not judged. For your own method before you publish it, too."""
@@ -140,6 +150,30 @@ examples:
 
 alpha, J1 … x3, λ, μ, x, X as in the paper, J̃ for the image; ℓ = x·J, C1 = |x|². The list is the ERRATA of each module
 of integrators.integrable, where the corrected formulas are."""
+
+
+BITS = """\
+Do the compiled kernels compute on this machine what they computed on another, to the last bit? Prints a verdict for
+each: same, differs at a place, or not written down. Adaptive methods and libraries promise no bits and are left out."""
+
+BITS_EXAMPLES = """\
+examples:
+  lagrange-bench bits                           every kernel, a million steps on three tops: a minute
+  lagrange-bench bits backlund gauss4 --python  two, and their first thousand steps in the interpreter
+  lagrange-bench bits --quick --json | jq '.verdicts[] | select(.passed == false) | .kernel'
+
+exit codes: 0 nothing differs · 1 a kernel differs · 2 no such kernel"""
+
+COMPLETION = """\
+Print a script that lets the shell complete commands, options, experiments, methods and tops."""
+
+COMPLETION_EXAMPLES = """\
+examples:
+  eval "$(lagrange-bench completion bash)"      for this shell; into ~/.bashrc for every one
+  lagrange-bench completion zsh > ~/.lagrange-bench.zsh     and `source ~/.lagrange-bench.zsh` after compinit
+  lagrange-bench completion fish > ~/.config/fish/completions/lagrange-bench.fish
+
+The names are those of today: print it again after you installed a plug-in."""
 
 
 class Help(argparse.HelpFormatter):
@@ -180,6 +214,7 @@ def parser() -> Parser:
     add("tops", "the named tops", TOPS, TOPS_EXAMPLES, "commands:tops")
     _add_run(add("run", "measure what is missing", RUN, RUN_EXAMPLES, "commands:run"))
     _add_report(add("report", "page, figures and tables of results", REPORT, REPORT_EXAMPLES, "commands:report"))
+    _add_figure(add("figure", "one figure, for a paper", FIGURE, FIGURE_EXAMPLES, "commands:figure"))
     merge = add("merge", "gather results of several folders", MERGE, MERGE_EXAMPLES, "commands:merge")
     merge.add_argument("folders", nargs="+", type=Path, metavar="DIR", help="folders that runs wrote to")
     merge.add_argument("--results", type=Path, metavar="DIR", required=True, help="where to; created if need be")
@@ -194,17 +229,31 @@ def parser() -> Parser:
     errata = add("errata", summary, ERRATA, ERRATA_EXAMPLES, "commands:errata")
     errata.add_argument("--points", type=positive, default=8, metavar="N", help="random points for each (default: 8)")
     errata.add_argument("--seed", type=int, default=0, metavar="N", help="of the points (default: 0)")
+    summary = "completion for bash, zsh or fish"
+    shell = add("completion", summary, COMPLETION, COMPLETION_EXAMPLES, "completion:completion")
+    shell.add_argument("shell", choices=("bash", "zsh", "fish"), metavar="SHELL", help="bash, zsh or fish")
+    _add_bits(add("bits", "are the kernels' bits the same here", BITS, BITS_EXAMPLES, "commands:bits"))
     return top
+
+
+def _add_bits(command: argparse.ArgumentParser) -> None:
+    text = "a method, with or without “ compensated” (default: all that are compiled)"
+    command.add_argument("kernels", nargs="*", metavar="KERNEL", help=text)
+    command.add_argument("--quick", action="store_true", help="ten thousand steps instead of a million")
+    command.add_argument("--python", action="store_true", help="the first thousand steps in the interpreter, too")
+    command.add_argument("--quiet", action="store_true", help="print only what differs or is not written down")
 
 
 def _add_run(command: argparse.ArgumentParser) -> None:
     known = ", ".join(EXPERIMENTS)
-    command.add_argument("experiments", nargs="*", metavar="EXPERIMENT", help=f"{known} (default: all of them)")
+    command.add_argument(
+        "experiments", nargs="*", metavar="EXPERIMENT", help=f"{known}, or FILE.toml (default: all of them)"
+    )
     profiles = ("quick", "full")
     text = "quick: everything, coarsely; full: the published numbers (default: quick)"
     command.add_argument("--profile", choices=profiles, default="quick", help=text)
     text = "where results are stored, and looked for (default: results/local/PROFILE of the source tree, or "
-    text += "./results/PROFILE)"
+    text += "./results/PROFILE; of a FILE.toml its name instead of PROFILE)"
     command.add_argument("--results", type=Path, metavar="DIR", help=text)
     text = "worker processes; timings always run one at a time (default: one per usable core)"
     command.add_argument("--jobs", type=positive, metavar="N", help=text)
@@ -247,6 +296,22 @@ def _add_report(command: argparse.ArgumentParser) -> None:
     command.add_argument("--results", type=Path, metavar="DIR", help=text)
     text = "where the page goes; it is created (default: report/ of the source tree, or ./report-output)"
     command.add_argument("--output", type=Path, metavar="DIR", help=text)
+    command.add_argument(
+        "--quiet", action="store_true", help="no remarks on stderr; the page and the exit code have them"
+    )
+
+
+def _add_figure(command: argparse.ArgumentParser) -> None:
+    command.add_argument("name", nargs="?", metavar="NAME", help="as below a figure of the page: phase_h, say")
+    command.add_argument(
+        "--all", action="store_true", help="every figure, in every format and width unless one is given"
+    )
+    command.add_argument("--format", choices=("svg", "pdf", "png"), help="of the file (default: svg)")
+    command.add_argument("--width", choices=("column", "page"), help="3.4 or 7 inches (default: as on the page)")
+    text = "what lagrange-bench run stored (default: as for lagrange-bench report)"
+    command.add_argument("--results", type=Path, metavar="DIR", help=text)
+    text = "the file, or the folder for --all (default: NAME.FORMAT, or ./figures)"
+    command.add_argument("--output", type=Path, metavar="PATH", help=text)
 
 
 LONGEST = 1e7  # s, of a --time-limit: four months
@@ -340,10 +405,8 @@ def _run(argv: list[str]) -> int:
         _emit(f"lagrange-bench {version('lagrange-bench') or '(not installed)'}")
         return 0
     if not hasattr(options, "function"):
-        raise ValueError(
-            "give a command: methods, tops, run, report, merge, compare, verify, integrate, check or errata (see "
-            "lagrange-bench --help)"
-        )
+        raise ValueError("give a command: run, report or integrate, say (see lagrange-bench --help)")
+    options.words = argv
     with _stdout_for_data_only() if options.json else contextlib.nullcontext():
         answer = _function(options.function)(options)
     _emit(json.dumps(answer.data, allow_nan=False) if options.json else answer.text)

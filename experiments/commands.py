@@ -101,21 +101,44 @@ def tops(options: argparse.Namespace) -> Answer:
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """Compute what is missing and say what to do next."""
-    from experiments import EXPERIMENTS, engine
+    """Compute what is missing, draw what a file of the user asked for, and say what to do next."""
+    from experiments import EXPERIMENTS, SWEEP, engine
     from experiments.store import default_results
 
     if any("." in name for name in options.experiments):
         search_current_folder()
-    results = options.results or default_results(options.profile)
-    names = options.experiments or EXPERIMENTS
+    names = [_sweep(name) for name in options.experiments] or EXPERIMENTS
+    sweeps = [name for name in names if name.startswith(SWEEP)]
+    own = len(sweeps) == len(names)  # a folder of its own: the page of a profile is not the place for it
+    results = options.results or default_results(sweeps[0].removeprefix(SWEEP) if own else options.profile)
     where = {"shard": options.shard, "scheduler": options.scheduler, "timings": not options.no_timings}
     limit, show = options.time_limit, not options.quiet
     summary = engine.run(names, options.profile, results, options.jobs, show, time_limit=limit, **where)
-    following = f"next: lagrange-bench report --results {shlex.quote(str(results))}"
+    drawn = [path for name in sweeps for path in _draw_sweep(name, results)]
+    lines = [str(summary), *(f"drawn: {path}" for path in drawn if path.suffix == ".svg")]
     if summary.exit_code:
-        following += "\nthe same command again computes the failed cells once more"
-    return Answer(f"{summary}\n{following}", summary.as_dict(), summary.exit_code)
+        lines.append(f"again, the failed cells only: {shlex.join(['lagrange-bench', *options.words])}")
+    report = f"lagrange-bench report --results {shlex.quote(str(results))}"
+    report += f" --output {shlex.quote(str(results / 'page'))}" if own else ""
+    data = {**summary.as_dict(), "drawn": [str(path) for path in drawn], "next": report}
+    return Answer("\n".join([*lines, f"next: {report}"]), data, summary.exit_code)
+
+
+def _sweep(name: str) -> str:
+    """The experiment that a word on the command line means."""
+    if not name.endswith(".toml"):
+        return name
+    from experiments import sweep
+
+    return sweep.read(name)
+
+
+def _draw_sweep(name: str, results: Path) -> list[Path]:
+    """Figures and tables of a sweep, beside its journal; of a shard, or where all is skipped, perhaps none."""
+    from experiments.store import Store
+    from report import page
+
+    return page.write_experiment(name, results, results) if Store(results).latest(name) else []
 
 
 def merge(options: argparse.Namespace) -> Answer:
@@ -233,10 +256,28 @@ def report(options: argparse.Namespace) -> Answer:
     from report.__main__ import make
 
     made = make(options.results, options.output)
-    for line in [*(f"not drawn: {error}" for error in made.errors), *made.notes]:
+    remarks = [*(f"not drawn: {error}" for error in made.errors), *made.notes]
+    for line in remarks if not options.quiet else ():
         print(line, file=sys.stderr)
     data = {"page": str(made.page), "results": str(made.results), "not_drawn": made.errors, "notes": made.notes}
     return Answer(str(made.page), data, made.exit_code)
+
+
+def figure(options: argparse.Namespace) -> Answer:
+    """Draw one stored figure, or all of them, as files."""
+    from report import export
+    from report.__main__ import find
+
+    if options.all == (options.name is not None):
+        raise ValueError("give the name of a figure, as phase_h, or --all")
+    results, _ = find(options.results)
+    if options.all:
+        chosen = {"kinds": options.format, "widths": options.width}
+        some = {name: (value,) for name, value in chosen.items() if value}
+        written = export.export_all(results, options.output or Path("figures"), **some)
+    else:
+        written = [export.export(options.name, results, options.output, options.format or "svg", options.width)]
+    return Answer("\n".join(map(str, written)), {"written": [str(path) for path in written], "results": str(results)})
 
 
 def check(options: argparse.Namespace) -> Answer:
@@ -270,6 +311,35 @@ def errata(options: argparse.Namespace) -> Answer:
     sum_up = f"{len(found)} misprints at {options.points} random points each: the smallest residual as printed, the "
     sum_up += "largest as corrected"
     return Answer("\n".join([*table(rows), "", sum_up]), plain([asdict(e) for e in found]))
+
+
+def bits(options: argparse.Namespace) -> Answer:
+    """Compare the bits of compiled kernels with those written down; exit code 1 if any differ."""
+    from experiments import bits as machine
+    from integrators import METHODS
+
+    for name in options.kernels:
+        if (method := name.removesuffix(" compensated")) not in METHODS:
+            raise ValueError(f"unknown kernel {name!r}{closest(method, METHODS)} (see lagrange-bench methods)")
+    golden, only = machine.golden(), options.kernels or None
+    found = {"compiled": machine.measured(machine.COUNTS[1 if options.quick else -1], only)}
+    if strange := set(only or ()) - {
+        word for kernel in found["compiled"] for word in (kernel, kernel.partition(" ")[0])
+    }:
+        raise ValueError(f"{sorted(strange)[0]} has no kernel of its own whose bits could be compared")
+    if options.python:
+        found["interpreted"] = machine.in_python(only)
+    verdicts = [(how, verdict) for how, hashes in found.items() for verdict in machine.compare(golden, hashes)]
+    rows, counts = [("kernel", "run", "hashes", "verdict")], dict.fromkeys((True, False, None), 0)
+    for how, verdict in verdicts:
+        counts[verdict.passed] += 1
+        word = {True: "same", False: f"differs at {verdict.first}", None: "not written down"}[verdict.passed]
+        if not (options.quiet and verdict.passed):
+            rows.append((verdict.kernel, how, str(verdict.compared), word))
+    sum_up = f"{counts[True]} the same, {counts[False]} differ, {counts[None]} not written down"
+    data = {"same": not counts[False], "verdicts": [{"run": how, **asdict(verdict)} for how, verdict in verdicts]}
+    lines = [*table(rows), "", sum_up] if len(rows) > 1 else [sum_up]
+    return Answer("\n".join(lines), data, 1 if counts[False] else 0)
 
 
 # ---------------------------------------------------------------- shared

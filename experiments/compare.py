@@ -133,7 +133,7 @@ def times_of(experiment: str) -> frozenset[str]:
 
 def is_time(column: str, cell: dict[str, Any], own: Iterable[str] = ()) -> bool:
     """Whether a column depends on the clock."""
-    return bool(cell.get("timing")) and (column in own or not WORDS.isdisjoint(column.split("_")))
+    return column in own or (bool(cell.get("timing")) and not WORDS.isdisjoint(column.split("_")))
 
 
 def differences(old: Record, new: Record, own: Iterable[str], tolerance: Any) -> dict[str, Difference]:

@@ -116,7 +116,8 @@ def run(
     store, summary = Store(results), Summary(Path(results), profile)
     store.check_writable()  # before anything is computed
     plans = [_plan(name, profile, shard, store, summary, timings) for name in dict.fromkeys(experiments)]
-    with progress.follow({plan.experiment: plan.missing for plan in plans if plan.missing}, show) as bar:
+    at_a_time = None if scheduler else jobs or provenance.usable_cores()
+    with progress.follow({plan.experiment: plan.missing for plan in plans if plan.missing}, show, at_a_time) as bar:
 
         def begin(task: Task) -> None:
             bar.begin(task.experiment)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -17,19 +18,20 @@ if TYPE_CHECKING:
 
 DESCRIPTION = """\
 Follow one top with one method. Prints the final state, the invariants and their drift, the error against the exact
-solution, and the work done; --output keeps the trajectory, --draw shows the axis on its sphere."""
+solution, and the work done; --output keeps the trajectory, --draw and --animate show the axis on its sphere."""
 
 EXAMPLES = """\
 examples:
   lagrange-bench integrate --top generic --h 0.1 --steps 10000
   lagrange-bench integrate --state 0.3,-0.4,1.2,0.48,0.6,0.64 --alpha 2 --times 0:1000:11 --output run.csv
   lagrange-bench integrate --top figure1 --method rk45 --option rtol=1e-6 --h 0.05 --steps 400 --draw axis.svg
+  lagrange-bench integrate --top figure2 --h 0.05 --steps 200 --animate axis.gif
   lagrange-bench integrate --physical mass=0.5,distance=0.04,A=1.2e-3,C=4e-4,theta=0.5,dpsi=200 --h 1e-3 --steps 2000
-  lagrange-bench integrate --top generic --option lam=0.1+0.5j --h 1 --steps 100
 
 reading what --output wrote, without losing a bit:
   pandas.read_csv("run.csv", comment="#")     # before pandas 3.1 also float_precision="round_trip"
-  file = numpy.load("run.npz"); file["t"], file["y"], json.loads(file["metadata"].item())"""
+  file = numpy.load("run.npz"); file["t"], file["y"], json.loads(file["metadata"].item())
+  pyarrow.parquet.read_table("run.parquet")   # metadata in its schema, each a JSON text"""
 
 PHYSICAL = {  # name → default, None: must be given
     "mass": None,
@@ -44,7 +46,7 @@ PHYSICAL = {  # name → default, None: must be given
     "dphi": 0.0,
     "dpsi": None,
 }
-TABLES, PICTURES = (".csv", ".npz"), (".svg", ".png", ".pdf")
+TABLES, PICTURES, FILMS = (".csv", ".npz", ".parquet"), (".svg", ".png", ".pdf"), (".gif", ".html")
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -66,7 +68,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     grid = command.add_argument_group("the times (--h and --steps, or --times)")
     grid.add_argument("--h", type=number, metavar="H", help="step, in the top's unit of time; negative: backwards")
     grid.add_argument("--steps", type=count, metavar="N", help="number of steps")
-    text = "record every K-th state; K divides N (default: 1 with --output or --draw, else start and end only)"
+    text = "record every K-th state; K divides N (default: 1 with a file to write, else start and end only)"
     grid.add_argument("--every", type=count, metavar="K", help=text)
     text = "n equidistant times from t0 to t1, both included, or a list: for methods with dense output or jumps"
     grid.add_argument("--times", type=times, metavar="t0:t1:n | t,t,…", help=text)
@@ -79,10 +81,19 @@ def add_options(command: argparse.ArgumentParser) -> None:
     method.add_argument("--option", type=option, action="append", default=[], metavar="KEY=VALUE", help=text)
 
     results = command.add_argument_group("the results")
-    text = "keep times, states and metadata in FILE.csv or FILE.npz; a file of this name is replaced"
+    text = (
+        "keep times, states and metadata in FILE.csv, FILE.npz or FILE.parquet (needs pyarrow); a file of this name is "
+    )
+    text += "replaced"
     results.add_argument("--output", type=Path, metavar="FILE", help=text)
     text = "draw the axis on its sphere: FILE.svg, FILE.png or FILE.pdf; a file of this name is replaced"
     results.add_argument("--draw", type=Path, metavar="FILE", help=text)
+    text = (
+        "let the axis move on its sphere: FILE.gif, or FILE.html, a page of its own with buttons; the recorded states, "
+    )
+    text += "thinned out to at most 60 pictures"
+    results.add_argument("--animate", type=Path, metavar="FILE", help=text)
+    results.add_argument("--quiet", action="store_true", help="do not say on stderr which files were written")
 
 
 # ---------------------------------------------------------------- what the words on the command line mean
@@ -168,7 +179,8 @@ def integrate(options: argparse.Namespace) -> Answer:
     grid, method, settings = _grid(options), find_method(options.method), _settings(options)
     if options.times is not None and method.evaluate is None:
         raise ValueError(f"--times: {method.name} steps on a grid only; give --h and --steps")
-    for flag, path, suffixes in (("--output", options.output, TABLES), ("--draw", options.draw, PICTURES)):
+    files = {"--output": options.output, "--draw": options.draw, "--animate": options.animate}
+    for (flag, path), suffixes in zip(files.items(), (TABLES, PICTURES, FILMS), strict=True):
         if path is not None:  # nobody wants to learn after an hour that there is no such folder
             output.check_target(flag, path, suffixes)
 
@@ -180,13 +192,18 @@ def integrate(options: argparse.Namespace) -> Answer:
     facts = {"top": name, "alpha": top.alpha, "y0": y0, "method": method.name, "options": settings}
     facts |= {"h": options.h, "steps": options.steps, "every": grid.get("every"), "work": vars(trajectory.work)}
     data = plain({**facts, "seconds": seconds, **output.judge(trajectory, y0)})
+    done = []
     if options.output is not None:
-        output.save(options.output, trajectory, plain(facts))
+        done.append(output.save(options.output, trajectory, plain(facts)))
     if options.draw is not None:
-        output.draw(options.draw, trajectory, method, name)
+        done.append(output.draw(options.draw, trajectory, method, name))
+    if options.animate is not None:
+        done.append(output.animate(options.animate, trajectory, method, name))
+    for line in done if not options.quiet else ():
+        print(line, file=sys.stderr)
     if options.output is None:
         data |= {"t": plain(trajectory.t), "y": plain(trajectory.y)}
-    data["files"] = [str(path) for path in (options.output, options.draw) if path is not None]
+    data["files"] = [str(path) for path in files.values() if path is not None]
     return Answer(output.describe(trajectory, y0, data, method.label), data)
 
 
@@ -229,7 +246,7 @@ def _grid(options: argparse.Namespace) -> dict[str, Any]:
         raise ValueError("--h must not be 0")
     every = options.every
     if every is None:
-        every = 1 if options.output or options.draw else max(options.steps, 1)
+        every = 1 if options.output or options.draw or options.animate else max(options.steps, 1)
     if every < 1 or options.steps % every:
         raise ValueError(f"--every {every} does not divide --steps {options.steps}")
     return {"h": options.h, "steps": options.steps, "every": every}

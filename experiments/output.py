@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import html
+import importlib.util
 import io
 import json
 import os
-import sys
+import re
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
     from report.style import Figure
 
 COLUMNS = ("t", "J1", "J2", "J3", "x1", "x2", "x3")
+VIEW = (22, -55)  # degrees above the horizon and around it, of who looks at the sphere
 CHORD = 0.3  # rad between two recorded directions of the axis; beyond, a line between them would say too much
 
 
@@ -98,28 +102,43 @@ def check_target(flag: str, path: Path, suffixes: tuple[str, ...]) -> None:
         raise ValueError(f"{flag} {path}: there is no folder {folder}")
     if path.exists() and not path.is_file():
         raise ValueError(f"{flag} {path}: this is not a file")
+    if path.suffix.lower() == ".parquet" and importlib.util.find_spec("pyarrow") is None:
+        raise ValueError(f"{flag} {path}: needs pyarrow: pip install pyarrow; or write .csv or .npz")
     if not os.access(folder, os.W_OK):
         raise ValueError(f"{flag} {path}: no permission to write in {folder.resolve()}")
 
 
-def save(path: Path, trajectory: Trajectory, facts: dict[str, Any]) -> None:
-    """Write times, states and metadata as CSV or NPZ, every double exactly."""
+def save(path: Path, trajectory: Trajectory, facts: dict[str, Any]) -> str:
+    """Write times, states and metadata as CSV, NPZ or Parquet, every double exactly. All that write say what they did."""
     version = f"lagrange-bench {provenance.version('lagrange-bench')}"
     metadata = {"program": version, **facts, **provenance.provenance()}
     if path.suffix.lower() == ".npz":
         buffer = io.BytesIO()
         np.savez(buffer, t=trajectory.t, y=trajectory.y, metadata=np.array(json.dumps(metadata)))
-        _replace(path, buffer.getvalue())
-        return
+        return _replace(path, buffer.getvalue())
+    if path.suffix.lower() == ".parquet":
+        return _replace(path, _parquet(trajectory, metadata))
     lines = [f"# {key}: {json.dumps(value, ensure_ascii=False)}" for key, value in metadata.items()]
     lines.append(",".join(COLUMNS))
     rows = np.column_stack([trajectory.t, trajectory.y]).tolist()
     lines += [",".join(map(repr, row)) for row in rows]
-    _replace(path, ("\n".join(lines) + "\n").encode())
+    return _replace(path, ("\n".join(lines) + "\n").encode())
 
 
-def _replace(path: Path, content: bytes) -> None:
-    """Write a file beside the old one, then put it in its place, and say so; OSError naming `path` if that fails."""
+def _parquet(trajectory: Trajectory, metadata: dict[str, Any]) -> bytes:
+    import pyarrow
+    from pyarrow import parquet
+
+    columns = np.column_stack([trajectory.t, trajectory.y]).T
+    texts = {key: json.dumps(value, ensure_ascii=False) for key, value in metadata.items()}
+    frame = pyarrow.table([pyarrow.array(column) for column in columns], names=list(COLUMNS), metadata=texts)
+    buffer = io.BytesIO()
+    parquet.write_table(frame, buffer)
+    return buffer.getvalue()
+
+
+def _replace(path: Path, content: bytes) -> str:
+    """Write a file beside the old one, then put it in its place; what was done. OSError naming `path` if that fails."""
     target = path.resolve()  # of a link: what it points to
     existed, temporary = target.exists(), target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
@@ -133,13 +152,13 @@ def _replace(path: Path, content: bytes) -> None:
             temporary.unlink(missing_ok=True)
     except OSError as error:
         raise OSError(error.errno, f"cannot be written: {error.strerror}", str(path)) from error
-    print(f"{'replaced' if existed else 'written'}: {path}", file=sys.stderr)
+    return f"{'replaced' if existed else 'written'}: {path}"
 
 
 # ---------------------------------------------------------------- a drawing
 
 
-def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -> None:
+def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -> str:
     """Draw where the axis went on its sphere and write the picture."""
     from report import figures, style
 
@@ -151,7 +170,73 @@ def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -
         else:
             metadata = {"CreationDate": None} if suffix == ".pdf" else {"Software": None}
             figure.savefig(buffer, format=suffix[1:], metadata=metadata)
-    _replace(path, buffer.getvalue())
+    return _replace(path, buffer.getvalue())
+
+
+ICONS = {  # of matplotlib's buttons
+    "minus": "−",
+    "fast-backward": "⏮",
+    "step-backward": "◂",
+    "play fa-flip-horizontal": "◀",
+    "pause": "❚❚",
+    "play": "▶",
+    "step-forward": "▸",
+    "fast-forward": "⏭",
+    "plus": "+",
+}
+PICTURES = 60  # of a film, at most
+PER_SECOND = 15
+
+
+def animate(path: Path, trajectory: Trajectory, method: Method, name: str | None) -> str:
+    """Let the axis move on its sphere, with the way it came, and write the film."""
+    import matplotlib
+    from matplotlib import animation
+
+    from report import style
+
+    chosen = np.unique(np.linspace(0, len(trajectory.t) - 1, PICTURES).round().astype(int))
+    with style.apply(), tempfile.TemporaryDirectory() as folder:
+        matplotlib.rcParams.update({"savefig.dpi": 100, "animation.embed_limit": 100})  # MB, of 4
+        figure = sphere(trajectory, method, name)
+        ax = figure.axes[0]
+        front, back = (line for line in ax.get_lines() if line.get_gid() == "way")
+        start, end = (line for line in ax.get_lines() if line.get_label() in ("start", "end"))
+        moving: list[Any] = [back, front, end]
+        end.set_label("now")
+        figure.legends[0].remove()
+        figure.legend(handles=[start, end], loc="outside lower center", ncols=2)
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # nothing but the way changes, so the layout of each picture is the first's
+        title, x, view = ax.get_title().rpartition("t = ")[0], trajectory.y[:, 3:], _view()
+
+        def show(i: int) -> list[Any]:
+            way = x[: i + 1]
+            for line, points in zip(
+                moving, (_parts(way, view, False), _parts(way, view, True), x[i, :, None]), strict=True
+            ):
+                line.set_data_3d(points)
+            ax.set_title(f"{title}t = {trajectory.t[i]:.4g}")
+            return moving
+
+        film = animation.FuncAnimation(figure, show, frames=chosen.tolist(), interval=1000 / PER_SECOND)
+        if path.suffix.lower() == ".html":
+            page = _alone(film.to_jshtml(fps=PER_SECOND, default_mode="loop"), name or method.label)
+            return _replace(path, page.encode())
+        film.save(Path(folder) / "film.gif", writer=animation.PillowWriter(fps=PER_SECOND))
+        return _replace(path, (Path(folder) / "film.gif").read_bytes())
+
+
+def _alone(film: str, title: str) -> str:
+    """matplotlib's film as a page that asks the network for nothing, the same for the same trajectory."""
+    mark = re.search(r"_anim_img([0-9a-f]{32})", film)
+    assert mark, "matplotlib marks its elements by a random number"
+    film = re.sub(r"<link[^>]*>", "", film.replace(mark[1], "top"))  # an icon font, from somebody's server
+    for icon, sign in ICONS.items():
+        film = film.replace(f'<i class="fa fa-{icon}"></i>', sign)
+    return (
+        f'<!doctype html>\n<html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>\n{film}</html>\n'
+    )
 
 
 def sphere(trajectory: Trajectory, method: Method, name: str | None) -> Figure:
@@ -159,17 +244,16 @@ def sphere(trajectory: Trajectory, method: Method, name: str | None) -> Figure:
     from report import style
 
     x, radius = trajectory.y[:, 3:], float(np.linalg.norm(trajectory.y[0, 3:]))
-    elevation, azimuth = np.radians(22), np.radians(-55)
-    view = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    view = _view()
     kind = {"projection": "3d", "proj_type": "ortho", "computed_zorder": False}
     figure, ax = style.figure(4.2, 4.2, subplot_kw=kind)
-    ax.view_init(22, -55)
+    ax.view_init(*VIEW)
     for circle in _graticule(radius, view):
         ax.plot(*_parts(circle, view, front=True), color="#cfcfcf", linewidth=0.4, zorder=2)
     colour = style.of(method.name)["color"]
-    for front, pale, order in ((False, 0.35, 1), (True, 1.0, 3)):
+    for front, pale, order in ((True, 1.0, 3), (False, 0.35, 1)):
         look = {"linestyle": "-", "linewidth": 0.9} if _dense(x) else {"linestyle": "none", "marker": ".", "ms": 3}
-        ax.plot(*_parts(x, view, front), color=colour, alpha=pale, zorder=order, **look)
+        ax.plot(*_parts(x, view, front), color=colour, alpha=pale, zorder=order, gid="way", **look)
     for state, marker, text in ((x[0], "o", "start"), (x[-1], "s", "end")):
         fill = colour if text == "start" else "white"
         ax.plot(*state[:, None], marker, color=colour, markerfacecolor=fill, ms=5, zorder=4, label=text, ls="none")
@@ -182,6 +266,12 @@ def sphere(trajectory: Trajectory, method: Method, name: str | None) -> Figure:
     figure.legend(loc="outside lower center", ncols=2)
     figure.caption = "The axis x in the rest frame, in units of the initial state; pale where it is behind the sphere."
     return figure
+
+
+def _view() -> Array:
+    """The direction the sphere is seen from."""
+    elevation, azimuth = np.radians(VIEW)
+    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
 
 
 def _graticule(radius: float, view: Array) -> list[Array]:

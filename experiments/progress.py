@@ -1,12 +1,19 @@
-"""Progress of a run on stderr: a bar with the time left on a terminal, a line now and then elsewhere."""
+"""Progress of a run on stderr: a live table with the time left on a terminal, a line now and then elsewhere."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
 from time import monotonic
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
 
 INTERVAL = 10.0  # s between two plain lines of one experiment
+WIDE = 72  # columns of a terminal that has room for bars
+NARROW = 32  # columns that the numbers take in a narrower one
 TELLING = 5  # cells an estimate needs: the first ones compile
 
 
@@ -52,46 +59,86 @@ class Lines:
         return f"{experiment}: {finished}/{total} cells{failures}{time}"
 
 
-class Bars:
-    """One bar per experiment, for a terminal."""
+class Live:
+    """A live table for a terminal: what is done, running, failed, and the time left."""
 
-    def __init__(self, totals: Mapping[str, int]):
-        from rich import progress
-        from rich.console import Console
+    def __init__(self, totals: Mapping[str, int], console: Console, at_a_time: int | None = None):
+        from rich.live import Live as Display
 
-        columns = (
-            progress.TextColumn("{task.description}"),
-            progress.BarColumn(),
-            progress.MofNCompleteColumn(),
-            progress.TextColumn("[red]{task.fields[failures]}"),
-            progress.TimeElapsedColumn(),
-            progress.TimeRemainingColumn(),
-        )
-        self.bars = progress.Progress(*columns, console=Console(stderr=True))
+        self.totals, self.at_a_time = totals, at_a_time
+        self.finished = dict.fromkeys(totals, 0)
         self.failed = dict.fromkeys(totals, 0)
-        self.tasks = {name: self.bars.add_task(name, start=False, total=n, failures="") for name, n in totals.items()}
+        self.clocks: dict[str, tuple[float, float]] = {}  # when the first cell was begun, and the last finished
+        self.out: list[str] = []  # the experiments of the cells handed over, oldest first
+        self.console = console
+        self.display = Display(get_renderable=self._table, console=console, refresh_per_second=5)
 
-    def __enter__(self) -> Bars:
-        self.bars.start()
+    def __enter__(self) -> Live:
+        self.display.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.bars.stop()
+        self.out.clear()
+        self.display.stop()
 
     def begin(self, experiment: str) -> None:
-        """A cell of this experiment is about to be computed."""
-        self.bars.start_task(self.tasks[experiment])
+        """A cell of this experiment is handed over; those that wait are not running yet."""
+        self.clocks.setdefault(experiment, (monotonic(), monotonic()))
+        self.out.append(experiment)
 
     def advance(self, experiment: str, failed: bool) -> None:
         """A cell of this experiment is finished."""
+        self.finished[experiment] += 1
         self.failed[experiment] += failed
-        failures = f"{self.failed[experiment]} failed" if self.failed[experiment] else ""
-        self.bars.update(self.tasks[experiment], advance=1, failures=failures)
+        self.clocks[experiment] = (self.clocks[experiment][0], monotonic())
+        if experiment in self.out:
+            self.out.remove(experiment)
+
+    def _table(self) -> Table:
+        from rich.progress_bar import ProgressBar
+        from rich.table import Table
+
+        room = self.console.width
+        wide = room >= WIDE
+        table = Table(box=None, padding=(0, 2 if wide else 1, 0, 0), pad_edge=False, header_style="dim")
+        table.add_column("experiment", no_wrap=True, overflow="ellipsis")
+        if wide:
+            table.add_column("")
+        for name in ("done", "running", "failed", "time") if wide else ("done", "failed", "time"):
+            table.add_column(name, justify="right", no_wrap=True)
+        out = self.out[: self.at_a_time]
+        for name, total in self.totals.items():
+            done, failed = self.finished[name], self.failed[name]
+            count, failures, time = f"{done}/{total}", f"[red]{failed}[/red]" if failed else "", self._time(name)
+            if wide:
+                bar, running = ProgressBar(total, done, width=24), str(out.count(name) or "")
+                table.add_row(name, bar, count, running, failures, time)
+            else:
+                short = name if len(name) <= room - NARROW else f"{name[: max(room - NARROW - 1, 1)]}…"
+                table.add_row(short, count, failures, time)
+        return table
+
+    def _time(self, name: str) -> str:
+        """How long it took, or will take by what it took so far."""
+        done, total = self.finished[name], self.totals[name]
+        if name not in self.clocks:
+            return ""
+        start, last = self.clocks[name]
+        if done == total:
+            return duration(last - start)
+        elapsed = monotonic() - start
+        return duration(elapsed) if done < TELLING else f"{duration(elapsed / done * (total - done))} left"
 
 
-def follow(totals: Mapping[str, int], show: bool = True) -> Lines | Bars:
-    """What suits stderr; `totals` are the cells to compute of each experiment."""
-    return Bars(totals) if show and sys.stderr.isatty() else Lines(totals, quiet=not show)
+def follow(totals: Mapping[str, int], show: bool = True, at_a_time: int | None = None) -> Lines | Live:
+    """What suits stderr; `totals` are the cells to compute of each experiment, `at_a_time` how many run at once."""
+    if show and totals and sys.stderr.isatty():
+        from rich.console import Console
+
+        console = Console(stderr=True, highlight=False)
+        if not console.is_dumb_terminal:
+            return Live(totals, console, at_a_time)
+    return Lines(totals, quiet=not show)
 
 
 def duration(seconds: float) -> str:

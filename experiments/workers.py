@@ -354,9 +354,11 @@ def _end_with_parent() -> None:
 @cache
 def _restrain(method: str) -> None:
     """Heyoka reads no environment variable: one thread and no chatter are set by call."""
+    from experiments.commands import find_method
     from integrators.registry import METHODS
 
-    if METHODS[method].requires == "heyoka":
+    found = find_method(method) if ":" in method else METHODS[method]
+    if found.requires == "heyoka":
         import heyoka
 
         heyoka.set_nthreads(1)

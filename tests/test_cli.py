@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,10 +15,23 @@ import pytest
 
 import integrators
 from experiments import __main__ as cli
-from experiments import check, engine
+from experiments import bits, check, completion, engine
 from integrators import METHODS, TOPS, registry
 
-COMMANDS = ("methods", "tops", "run", "report", "merge", "compare", "verify", "integrate", "check")
+COMMANDS = (
+    "methods",
+    "tops",
+    "run",
+    "report",
+    "merge",
+    "compare",
+    "verify",
+    "integrate",
+    "check",
+    "errata",
+    "bits",
+    "completion",
+)
 SLOW = (
     "numpy",
     "numba",
@@ -59,7 +73,7 @@ print("loaded:", sorted(set({SLOW!r}) & set(sys.modules)))
 
 def examples(text):
     """The commands of a help text, as words."""
-    lines = [line.split("|")[0] for line in text.splitlines() if line.startswith("  lagrange-bench ")]
+    lines = [re.split(r"[|>] ", line)[0] for line in text.splitlines() if line.startswith("  lagrange-bench ")]
     return [shlex.split(re.split(r"\s{2,}", line.strip())[0])[1:] for line in lines]
 
 
@@ -145,7 +159,9 @@ BAD = [  # words, what the line must name
     ("integrate --h 0.1 --steps 3 --output run.txt", "--output"),
     ("integrate --h 0.1 --steps 3 --output no/such/folder/run.csv", "--output"),
     ("integrate --h 0.1 --steps 3 --draw axis.gif", "--draw"),
+    ("integrate --h 0.1 --steps 3 --animate axis.mp4", "--animate"),
     ("check nothing", "'nothing'"),
+    ("bits backlnd", "did you mean 'backlund'?"),
 ]
 
 
@@ -372,3 +388,87 @@ def test_check_finds_plug_ins(run, monkeypatch):
     code, out, _ = run("check", "lies")
     assert code == 1
     assert out.splitlines()[-1] == "lies (kick and rotation): 0 claims hold, 1 fail: order 2"
+
+
+# ---------------------------------------------------------------- bits
+
+
+@pytest.fixture
+def written(monkeypatch):
+    """What is written down of two kernels, as this machine computes it."""
+    hashes = bits.measured(1000, ["rk4", "strang"])
+    monkeypatch.setattr(bits, "golden", lambda: hashes)
+    return hashes
+
+
+def test_bits_that_are_the_same(run, answer, written):
+    code, out, err = run("bits", "rk4", "--quick", "--python")
+    assert (code, err) == (0, "")
+    words = [line.split() for line in out.splitlines()]
+    assert ["rk4", "interpreted", "6", "same"] in words
+    assert ["rk4", "compensated", "compiled", "6", "same"] in words
+    assert words[-1][:3] == ["4", "the", "same,"]
+    assert run("bits", "rk4", "--quick", "--quiet")[1] == "2 the same, 0 differ, 0 not written down\n"
+    data = answer("bits", "strang compensated", "--quick")
+    assert [verdict["kernel"] for verdict in data["verdicts"]] == ["strang compensated"]
+
+
+def test_bits_of_what_has_no_kernel(run, written):
+    code, out, err = run("bits", "rk4", "dop853", "--quick")
+    assert (code, out) == (2, "")
+    assert "dop853 has no kernel of its own" in err
+
+
+def test_bits_that_differ_or_are_not_written_down(run, written):
+    written["rk4"]["figure1 1000"] = "0"
+    del written["strang"]
+    code, out, err = run("bits", "rk4", "strang", "--quick")
+    assert (code, err) == (1, "")
+    assert re.search(r"^rk4 +compiled +6 +differs at figure1 1000$", out, re.MULTILINE)
+    assert re.search(r"^strang +compiled +0 +not written down$", out, re.MULTILINE)
+    assert out.splitlines()[-1] == "2 the same, 1 differ, 1 not written down"
+
+
+# ---------------------------------------------------------------- completion
+
+COMPLETED = [  # what is typed, some of what is offered, and what is not
+    ("lagrange-bench ", {"run", "integrate", "completion", "--help"}, {"backlund", "--json"}),
+    ("lagrange-bench in", {"integrate"}, {"run"}),
+    ("lagrange-bench run ", {"drift", "phase"}, {"--jobs", "run"}),
+    ("lagrange-bench run drift ph", {"phase"}, {"drift"}),
+    ("lagrange-bench run --pro", {"--profile"}, {"--json"}),
+    ("lagrange-bench run drift --profile ", {"quick", "full"}, {"drift"}),
+    ("lagrange-bench integrate --method back", {"backlund", "backlund_paper"}, {"strang"}),
+    ("lagrange-bench integrate --top fi", {"figure1", "figure2"}, {"generic"}),
+    ("lagrange-bench check ba", {"backlund"}, {"figure1"}),
+    ("lagrange-bench report --results ", set(), {"backlund", "--json"}),
+]
+
+
+@pytest.fixture(scope="module")
+def script():
+    return process("completion", "bash").stdout
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+@pytest.mark.parametrize(("typed", "offered", "not_offered"), COMPLETED, ids=[typed for typed, *_ in COMPLETED])
+def test_completion_in_bash(script, typed, offered, not_offered):
+    program = f"{script}\nCOMP_WORDS=({typed.rstrip()}{' ' + chr(34) * 2 if typed.endswith(' ') else ''})\n"
+    program += 'COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); _lagrange_bench; printf "%s\\n" "${COMPREPLY[@]}"'
+    done = subprocess.run(["bash", "-u", "-c", program], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    words = set(done.stdout.split())
+    assert offered <= words
+    assert not not_offered & words
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_knows_every_option(run, shell):
+    code, out, err = run("completion", shell)
+    assert (code, err) == (0, "")
+    for name, command in completion.commands().items():
+        assert name in out
+        for flag in command._option_string_actions:
+            assert flag.lstrip("-") in out or len(flag) == 2
+    if syntax := shutil.which(shell):
+        assert subprocess.run([syntax, "-n"], input=out, capture_output=True, text=True, check=False).stderr == ""

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import errno
+import importlib.util
+import itertools
 import json
 import os
+import re
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 from test_cli import examples
 
 import integrators
@@ -26,7 +32,7 @@ def test_the_examples_of_integrate_run(run, words, tmp_path, monkeypatch):
     code, out, err = run(*words)
     assert code == 0, err
     assert "against the exact solution" in out
-    for flag in {"--output", "--draw"} & set(words):
+    for flag in {"--output", "--draw", "--animate"} & set(words):
         assert Path(words[words.index(flag) + 1]).stat().st_size > 0
 
 
@@ -158,6 +164,55 @@ def test_drawing(run, tmp_path, suffix, magic):
         pictures.append(path.read_bytes())
     assert pictures[0].startswith(magic)
     assert pictures[0] == pictures[1]  # the same trajectory is the same file
+
+
+def test_films(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(output, "PICTURES", 4)
+    path, page = tmp_path / "axis.gif", tmp_path / "axis.html"
+    code, _, err = run(*SHORT, "--animate", path, "--quiet")
+    assert (code, err) == (0, "")
+    pictures = []
+    with Image.open(path) as film:
+        assert (film.n_frames, film.info["loop"]) == (4, 0)
+        for i in range(4):
+            film.seek(i)
+            pictures.append(np.asarray(film.convert("RGB"), dtype=int))
+    assert all(np.abs(a - b).max() > 50 for a, b in itertools.pairwise(pictures))  # it moves
+    texts = []
+    for _ in range(2):
+        assert run(*SHORT, "--animate", page)[0] == 0
+        texts.append(page.read_text("utf-8"))
+    assert texts[0] == texts[1]
+    assert texts[0].count("data:image/png;base64") == 4
+    assert "<button" in texts[0]
+    assert not re.search(r"https?:|fa-|<link", texts[0])  # it asks the network for nothing
+
+
+def test_parquet(run, tmp_path, monkeypatch):
+    path = tmp_path / "run.parquet"
+    if importlib.util.find_spec("pyarrow") is None:
+        code, _, err = run(*SHORT, "--output", path)
+        assert (code, err.count("\n")) == (2, 1)
+        assert "pip install pyarrow" in err
+        written = {}
+        parts = {"array": list, "table": lambda columns, names, metadata: (names, columns, metadata)}
+        parquet = SimpleNamespace(write_table=lambda frame, file: written.update(frame=frame, n=file.write(b"PAR1")))
+        monkeypatch.setitem(sys.modules, "pyarrow", SimpleNamespace(parquet=parquet, **parts, __spec__=object()))
+        monkeypatch.setitem(sys.modules, "pyarrow.parquet", parquet)
+        assert run(*SHORT, "--output", path)[0] == 0
+        names, columns, metadata = written["frame"]
+    else:
+        from pyarrow import parquet
+
+        assert run(*SHORT, "--output", path)[0] == 0
+        frame = parquet.read_table(path)
+        names, columns = frame.column_names, [column.to_pylist() for column in frame.columns]
+        metadata = {key.decode(): value for key, value in frame.schema.metadata.items()}
+    expected = integrators.integrate(TOPS["generic"].top, TOPS["generic"].state, 0.1, 20, every=1)
+    assert names == ["t", "J1", "J2", "J3", "x1", "x2", "x3"]
+    assert np.array_equal(np.transpose(columns), np.column_stack([expected.t, expected.y]))
+    assert json.loads(metadata["method"]) == "backlund"
+    assert json.loads(metadata["steps"]) == 20
 
 
 def test_what_is_drawn():
