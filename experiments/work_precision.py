@@ -28,9 +28,9 @@ SPANS: dict[str, dict[float, tuple[tuple[str, ...], int, int, float]]] = {
     "quick": {100.0: (("generic",), 1, 3, 0.1), 10_000.0: (("generic",), 1, 3, 0.15)},
     "full": {
         10.0: (("generic", "figure1"), 2, 1, 0.1),
-        100.0: (("generic", "figure1"), 2, 1, 0.6),
-        10_000.0: (("generic", "figure1"), 2, 1, 1.5),
-        1_000_000.0: (("generic",), 1, 2, 5.0),
+        100.0: (("generic", "figure1"), 2, 1, 0.4),
+        10_000.0: (("generic", "figure1"), 2, 1, 1.0),
+        1_000_000.0: (("generic",), 1, 2, 3.0),
     },
 }
 COARSEST, FINEST = 16.0, 2.0**-24  # steps; nobody gets to the last
