@@ -34,7 +34,7 @@ def make(results: Path | None = None, output: Path | None = None) -> Made:
     """
     from report import page
 
-    results, notes = _find(results)
+    results, notes = find(results)
     report = page.assemble(results)
     path = page.write(report, output or default_output()).resolve()
     size = path.stat().st_size
@@ -69,7 +69,7 @@ def default_output() -> Path:
     return Path("report-output") if root is None else root / "report"
 
 
-def _find(chosen: Path | None) -> tuple[Path, list[str]]:
+def find(chosen: Path | None) -> tuple[Path, list[str]]:
     """The folder asked for; else the reference results; else the local ones computed last, and a word about it."""
     from experiments.store import default_results
 

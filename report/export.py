@@ -57,7 +57,10 @@ def export(name: str, results: Path, output: Path | None = None, kind: str = "sv
 
 
 def export_all(
-    results: Path, folder: Path, kinds: Sequence[str] = tuple(figures.FORMATS), widths: Sequence[str] = tuple(style.WIDTHS)
+    results: Path,
+    folder: Path,
+    kinds: Sequence[str] = tuple(figures.FORMATS),
+    widths: Sequence[str] = tuple(style.WIDTHS),
 ) -> list[Path]:
     """Writes every figure as `NAME-WIDTH.KIND` into a folder."""
     return [

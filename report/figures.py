@@ -6,6 +6,7 @@ import io
 import re
 from collections.abc import Callable
 from html import escape
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -52,7 +53,7 @@ def png(figure: Figure) -> bytes:
 FORMATS: dict[str, Callable[[Figure], bytes]] = {"svg": lambda figure: svg(figure).encode(), "pdf": pdf, "png": png}
 
 
-def _saved(figure: Figure, kind: str, **more: object) -> bytes:
+def _saved(figure: Figure, kind: str, **more: Any) -> bytes:
     _prepare(figure)
     buffer = io.BytesIO()
     with style.apply():
@@ -178,4 +179,3 @@ def glyphs(documents: list[str]) -> str:
     found = {match[1]: match[0] for document in documents for match in GLYPH.finditer(document)}
     outlines = "".join(found[name] for name in sorted(found))
     return f'<svg class="glyphs" width="0" height="0" aria-hidden="true"><defs>{outlines}</defs></svg>'
-

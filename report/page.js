@@ -34,3 +34,126 @@ addEventListener("afterprint", () => {
     delete folded.dataset.printed;
   }
 });
+
+// What is long is embedded as gzip in base64: the rows of each experiment, and Plotly.
+async function unpack(id) {
+  const bytes = Uint8Array.from(atob(document.getElementById(id).textContent.trim()), (c) => c.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Response(stream).text();
+}
+
+// The rows of a figure, as a file.
+document.addEventListener("click", async (event) => {
+  const link = event.target.closest("a.rows");
+  if (!link || link.protocol === "blob:") return;
+  event.preventDefault();
+  try {
+    const text = await unpack(link.hash.slice(1));
+    const file = document.createElement("a");
+    file.href = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
+    file.download = link.download;
+    file.click();
+    setTimeout(() => URL.revokeObjectURL(file.href), 10000);
+  } catch (error) {
+    link.replaceWith(`rows cannot be unpacked by this browser: ${error.message}`);
+  }
+});
+
+// A field above every long table: shown are the rows that contain all of its words.
+const FILTERED = 8; // rows from which on a table has the field
+for (const table of document.querySelectorAll("table.sortable")) {
+  const rows = [...table.tBodies[0].rows];
+  if (rows.length < FILTERED) continue;
+  const label = document.createElement("label"), field = document.createElement("input"), count = document.createElement("output");
+  label.className = "filter";
+  field.type = "search";
+  field.placeholder = "words that a row must contain";
+  label.append("Filter ", field, " ", count);
+  const texts = rows.map((row) => [...row.cells].map((cell) => cell.textContent).join(" ").toLowerCase());
+  field.addEventListener("input", () => {
+    const words = field.value.toLowerCase().split(/\s+/).filter(Boolean);
+    let shown = 0;
+    rows.forEach((row, i) => {
+      row.hidden = !words.every((word) => texts[i].includes(word));
+      if (!row.hidden) shown++;
+    });
+    count.textContent = words.length ? `${shown} of ${rows.length} rows` : "";
+  });
+  table.parentNode.before(label);
+}
+
+// A figure as large as one likes: wheel, + and −, two fingers; drag to move, Escape to close.
+{
+  const dialog = document.getElementById("zoom"), pane = dialog.querySelector(".pane");
+  const part = (name) => dialog.querySelector(`[name="${name}"]`);
+  const LEAST = 0.5, MOST = 12;
+  let picture = null, scale = 1, fit = 1;
+
+  // to scale s, the point (x, y) of the window staying where it is
+  function zoom(s, x, y) {
+    const box = pane.getBoundingClientRect(), before = picture.getBoundingClientRect();
+    x ??= box.x + box.width / 2;
+    y ??= box.y + box.height / 2;
+    const [u, v] = [(x - before.x) / before.width, (y - before.y) / before.height];
+    scale = Math.min(Math.max(s, LEAST), MOST);
+    picture.style.width = `${fit * scale}px`;
+    const after = picture.getBoundingClientRect();
+    pane.scrollBy(after.x + u * after.width - x, after.y + v * after.height - y);
+    dialog.querySelector("output").textContent = `${Math.round(100 * scale)} %`;
+  }
+
+  function open(figure) {
+    const source = figure.querySelector(".card svg");
+    picture = source.cloneNode(true);
+    for (const element of [picture, ...picture.querySelectorAll("[id]")]) element.removeAttribute("id"); // they are those of the original
+    dialog.querySelector("b").textContent = figure.querySelector("figcaption b").textContent;
+    pane.replaceChildren(picture);
+    dialog.showModal();
+    const [, , width, height] = source.getAttribute("viewBox").split(" ").map(Number);
+    fit = Math.min(pane.clientWidth - 16, ((pane.clientHeight - 16) * width) / height);
+    zoom(1);
+    pane.focus();
+  }
+
+  for (const figure of document.querySelectorAll("figure")) {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.className = "enlarge";
+    button.textContent = "Enlarge";
+    button.setAttribute("aria-label", `Enlarge ${figure.querySelector("figcaption b").textContent}`);
+    button.addEventListener("click", () => open(figure));
+    figure.querySelector(".card").append(button);
+  }
+  part("in").addEventListener("click", () => zoom(1.5 * scale));
+  part("out").addEventListener("click", () => zoom(scale / 1.5));
+  part("close").addEventListener("click", () => dialog.close());
+  dialog.addEventListener("close", () => pane.replaceChildren());
+  dialog.addEventListener("keydown", (event) => {
+    if (event.key === "+" || event.key === "=") zoom(1.5 * scale);
+    if (event.key === "-") zoom(scale / 1.5);
+    if (event.key === "0") zoom(1);
+  });
+  pane.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    zoom(scale * Math.exp(-event.deltaY * (event.ctrlKey ? 0.01 : 0.002)), event.clientX, event.clientY);
+  }, { passive: false });
+
+  const fingers = new Map(); // pointers that are down, where they were
+  pane.addEventListener("pointerdown", (event) => {
+    fingers.set(event.pointerId, event);
+    pane.setPointerCapture(event.pointerId);
+  });
+  pane.addEventListener("pointermove", (event) => {
+    const before = fingers.get(event.pointerId);
+    if (!before) return;
+    const other = [...fingers.values()].find((finger) => finger.pointerId !== event.pointerId);
+    if (other) {
+      const apart = (a) => Math.hypot(a.clientX - other.clientX, a.clientY - other.clientY) || 1;
+      zoom((scale * apart(event)) / apart(before), (event.clientX + other.clientX) / 2, (event.clientY + other.clientY) / 2);
+    } else {
+      pane.scrollBy(before.clientX - event.clientX, before.clientY - event.clientY);
+    }
+    fingers.set(event.pointerId, event);
+  });
+  for (const name of ["pointerup", "pointercancel"]) pane.addEventListener(name, (event) => fingers.delete(event.pointerId));
+}

@@ -6,6 +6,8 @@ formulas, and printed in powers of ten, so that the same bytes come out every ti
 
 from __future__ import annotations
 
+import base64
+import gzip
 import os
 import re
 from dataclasses import dataclass, field
@@ -18,7 +20,7 @@ from markupsafe import Markup
 
 from experiments import EXPERIMENTS, errata, load
 from experiments.store import Store, StoreError
-from report import claims, fairness, figures, live, promises, style, tables
+from report import claims, fairness, figures, live, promises, style, summary, tables
 
 HERE = Path(__file__).parent
 HEADLINE = "phase"  # error against the step: what is new here, in one figure
@@ -106,6 +108,7 @@ class Report:
     claims: list[Judged]
     fairness: fairness.Fairness
     errata: pd.DataFrame  # misprints of the paper
+    summary: list[summary.Sentence]
     errors: list[str]  # what could not be drawn or checked; the page shows each in its place
 
 
@@ -139,7 +142,9 @@ def assemble(results: Path) -> Report:
     errors += [error] if error else []
     misprints, error = _errata()
     errors += [error] if error else []
-    return Report(sections, judged, fair, misprints, errors)
+    shown, error = _summary(rows)
+    errors += [error] if error else []
+    return Report(sections, judged, fair, misprints, shown, errors)
 
 
 def judge(rows: dict[str, pd.DataFrame]) -> tuple[list[Judged], list[str]]:
@@ -211,6 +216,14 @@ def _fairness(rows: dict[str, pd.DataFrame]) -> tuple[fairness.Fairness, str | N
         return fairness.assemble(rows), None
     except Exception as error:  # rows of another version, say: no reason to lose the page
         return fairness.Fairness([], pd.DataFrame()), f"fairness: cannot be told: {_said(error)}"
+
+
+def _summary(rows: dict[str, pd.DataFrame]) -> tuple[list[summary.Sentence], str | None]:
+    """What the bench shows, or why that cannot be said."""
+    try:
+        return summary.sentences(rows), None
+    except Exception as error:
+        return [], f"summary: cannot be written: {_said(error)}"
 
 
 def _errata() -> tuple[pd.DataFrame, str | None]:
@@ -290,10 +303,24 @@ def html(report: Report) -> str:
         svg=lambda section, figure: Markup(
             figures.inline(figure.document, section.file(figure.name), figure.caption or section.title)
         ),
+        glyphs=Markup(figures.glyphs([figure.document for section in report.sections for figure in section.figures])),
+        packed_rows={
+            section.experiment: Markup(packed(stored_rows(section))) for section in report.sections if len(section.rows)
+        },
         live=live.script(),
-        library=live.library(),
+        library=Markup(packed(live.library())),
         **parts,
     )
+
+
+def stored_rows(section: Section) -> str:
+    """The rows of an experiment as CSV, every digit: what its figures are drawn from. Columns without a value left out."""
+    return tables.csv(section.rows.drop(columns="key", errors="ignore").dropna(axis="columns", how="all"))
+
+
+def packed(text: str) -> str:
+    """A long text for a script of the page to unpack: gzip, as base64. Empty if there is none."""
+    return base64.b64encode(gzip.compress(text.encode(), compresslevel=9, mtime=0)).decode() if text else ""
 
 
 def _headline(sections: list[Section]) -> Section | None:

@@ -15,8 +15,8 @@ WORDS = {True: "holds", False: "**refuted**", None: "no data"}
 
 
 def claims_table(results: Path) -> str:
-    """The claims as a Markdown table: sentence, what was found, bound, verdict, command."""
-    lines = ["| claim | found | bound | | check |", "|---|---|---|---|---|"]
+    """The claims as a Markdown table: sentence, what was found, bound, verdict, experiment."""
+    lines = ["| claim | found | bound | | experiment |", "|---|---|---|---|---|"]
     rows = {experiment: Store(results).rows(experiment) for experiment in EXPERIMENTS}
     for judged in page.judge(rows)[0]:
         verdict = judged.verdict
@@ -24,7 +24,7 @@ def claims_table(results: Path) -> str:
             continue  # an experiment newer than the reference run; the page says that there is no data
         found, bound = ("" if v is None else tables.show(v) for v in (verdict.value, verdict.bound))
         text = judged.claim.text.replace("|", "\\|")
-        lines.append(f"| {text} | {found} | {bound} | {WORDS[verdict.passed]} | `{judged.command}` |")
+        lines.append(f"| {text} | {found} | {bound} | {WORDS[verdict.passed]} | `{judged.claim.experiment}` |")
     return "\n".join(lines)
 
 

@@ -14,6 +14,7 @@ journal's production line, none of which has DejaVu Sans. The price is about 30 
 from __future__ import annotations
 
 import hashlib
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -173,6 +174,10 @@ def _stack(fig: Figure, nrows: int = 1, ncols: int = 1, subplot_kw: Any = None, 
 
 def finish(fig: matplotlib.figure.Figure) -> None:
     """Gives panels on top of each other the labels they had from their neighbours. Call it before saving."""
+    if fig.get_figwidth() == WIDTHS["column"]:
+        for ax in fig.axes:
+            if ax.get_subplotspec() and ax.get_subplotspec().get_gridspec().ncols > 2:  # type: ignore[union-attr]
+                ax.set_xlabel(textwrap.fill(ax.get_xlabel(), 10), fontsize=RC["xtick.labelsize"])
     grid = getattr(fig, "stacked", None)
     if grid is None:
         return
@@ -193,7 +198,8 @@ def finish(fig: matplotlib.figure.Figure) -> None:
         for i, ax in enumerate(left):
             ax.set_subplotspec(places[i])
     for ax, below in pairwise(left):  # on one scale of x, the lowest panel names it for all
-        if ax.get_shared_x_axes().joined(ax, below) and ax.get_xlabel() == below.get_xlabel():
+        if ax.get_shared_x_axes().joined(ax, below):
+            below.set_xlabel(below.get_xlabel() or ax.get_xlabel())
             ax.set_xlabel("")
             ax.tick_params(labelbottom=False)
 
@@ -312,8 +318,11 @@ def by_family(
         last = [ax for ax in column if ax.figure is not None][-1]
         last.set_xlabel(xlabel)
         last.tick_params(labelbottom=True)
-    for ax in grid[:, 0]:
-        ax.set_ylabel(ylabel)
+    if rows > 4 and columns == 1:  # panels too low for it
+        fig.supylabel(ylabel, fontsize=RC["axes.labelsize"])
+    else:
+        for ax in grid[:, 0]:
+            ax.set_ylabel(ylabel)
     return fig, list(grid.flat[: len(groups)])
 
 

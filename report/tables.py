@@ -1,4 +1,4 @@
-"""Tables as HTML cells, Markdown, LaTeX (booktabs) and CSV. CSV holds every digit, the others what a reader needs."""
+"""Tables as HTML cells, Markdown, LaTeX (booktabs, siunitx) and CSV. CSV holds every digit, the others what a reader needs."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 import pandas as pd
 
 MISSING = "–"
+PAGE = 45  # rows of a table that fit on a page of LaTeX
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 GROUP = "\N{NARROW NO-BREAK SPACE}"
 
@@ -69,19 +70,25 @@ def markdown(frame: pd.DataFrame) -> str:
 
 
 def latex(frame: pd.DataFrame, caption: str = "") -> str:
-    r"""A `tabular` to be \input into a table float; needs the package booktabs."""
-    head, pads = [_tex_text(str(name)) for name in frame.columns], _pads(frame)
+    r"""A `tabular` to be \input into a table float, numbers as siunitx; a `longtable` where it would not fit on a page."""
+    long = len(frame) > PAGE
+    columns = f"@{{}}{''.join(_sides(frame))}@{{}}"
+    head = " & ".join(_tex_text(str(name)) for name in frame.columns) + r" \\"
+    pads = _pads(frame)
     body = [[tex(value, pad) for value, pad in zip(row, pads, strict=True)] for row in _rows(frame)]
+    packages = "booktabs,siunitx,longtable" if long else "booktabs,siunitx"
     lines = [
-        "% written by lagrange-bench report; needs \\usepackage{booktabs}",
+        rf"% written by lagrange-bench report; needs \usepackage{{{packages}}}",
         *([f"% {' '.join(caption.split())}"] if caption else []),
-        rf"\begin{{tabular}}{{@{{}}{''.join(_sides(frame))}@{{}}}}",
+        rf"\begin{{{'longtable' if long else 'tabular'}}}{{{columns}}}",
+        *([rf"\caption{{{_tex_text(caption)}}}\\"] if long and caption else []),
         r"\toprule",
-        " & ".join(head) + r" \\",
+        head,
         r"\midrule",
+        *([r"\endhead", r"\bottomrule", r"\endfoot"] if long else []),
         *(" & ".join(row) + r" \\" for row in body),
-        r"\bottomrule",
-        r"\end{tabular}",
+        *([] if long else [r"\bottomrule"]),
+        rf"\end{{{'longtable' if long else 'tabular'}}}",
     ]
     return "\n".join(lines) + "\n"
 
@@ -104,12 +111,13 @@ def show(value: Any, pad: bool = False) -> str:
 
 
 def tex(value: Any, pad: bool = False) -> str:
-    """A value for LaTeX, as `show`."""
+    """A value for LaTeX, as `show`: a number as siunitx prints it."""
     if not _is_number(value):
         return _tex_text(_word(value))
     mantissa, exponent = _digits(value, pad)
-    power = "" if exponent is None else rf"\times10^{{{exponent}}}"
-    return f"${mantissa.replace(' ', chr(92) + ',').replace('∞', chr(92) + 'infty')}{power}$"
+    if mantissa.endswith("∞"):
+        return "$" + mantissa.replace("∞", r"\infty") + "$"
+    return rf"\num{{{mantissa.replace(' ', '')}{'' if exponent is None else f'e{exponent}'}}}"
 
 
 def _digits(value: Any, pad: bool) -> tuple[str, int | None]:

@@ -3,13 +3,16 @@
 Debian's chromium and chromium-driver, without a window. Screenshots go where SCREENSHOTS names a folder.
 """
 
+import base64
 import os
 import shutil
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from experiments.store import Store
 from integrators import TOPS, StepError, integrate
 from report import page, readme
 
@@ -115,6 +118,115 @@ def test_tables_sort(browser):
     assert table.find_element(By.CSS_SELECTOR, "th").get_attribute("aria-sort") == "descending"
 
 
+def test_tables_are_filtered_by_words(browser):
+    tables = browser.find_elements(By.CSS_SELECTOR, "table.sortable")
+    table = max(tables, key=lambda t: len(t.find_elements(By.CSS_SELECTOR, "tbody tr")))
+    browser.execute_script(
+        "for (let e = arguments[0]; e; e = e.parentElement) if (e.tagName === 'DETAILS') e.open = true;"
+        "arguments[0].closest('.scroll').previousElementSibling.scrollIntoView({block: 'center'});",
+        table,
+    )
+    label = browser.execute_script("return arguments[0].closest('.scroll').previousElementSibling", table)
+    field, count = label.find_element(By.TAG_NAME, "input"), label.find_element(By.TAG_NAME, "output")
+
+    def shown():
+        return [row.text for row in table.find_elements(By.CSS_SELECTOR, "tbody tr") if row.is_displayed()]
+
+    everything = len(shown())
+    assert everything > 20
+    field.send_keys("BACKLUND unpinned")
+    some = shown()
+    assert 0 < len(some) < everything
+    assert all("backlund" in row and "unpinned" in row for row in some)
+    assert count.text == f"{len(some)} of {everything} rows"
+    look(browser, "filter")
+    table.find_element(By.CSS_SELECTOR, "thead button").click()  # sorting keeps what is filtered
+    assert sorted(shown()) == sorted(some)
+    field.send_keys(" nothing-like-this")
+    assert shown() == []
+    field.send_keys(Keys.CONTROL + "a", Keys.DELETE)
+    assert len(shown()) == everything
+    assert count.text == ""
+
+
+def test_figures_are_enlarged_and_put_back_by_keyboard_and_wheel(browser):
+    figure = browser.find_element(By.CSS_SELECTOR, "main > figure")
+    button = figure.find_element(By.CSS_SELECTOR, "button.enlarge")
+    drawn = figure.find_element(By.CSS_SELECTOR, ".card svg")
+    browser.execute_script("arguments[0].focus()", button)
+    button.send_keys(Keys.ENTER)
+    dialog = browser.find_element(By.ID, "zoom")
+    assert dialog.is_displayed()
+    assert dialog.find_element(By.TAG_NAME, "b").text == "Figure 1."
+
+    def width():
+        return dialog.find_element(By.CSS_SELECTOR, ".pane svg").rect["width"]
+
+    fitted = width()
+    assert fitted > drawn.rect["width"]
+    look(browser, "enlarged")
+    active = browser.switch_to.active_element
+    active.send_keys("+")
+    active.send_keys("+")
+    assert width() == pytest.approx(2.25 * fitted, rel=1e-3)
+    look(browser, "enlarged-twice")
+    active.send_keys("0")
+    assert width() == pytest.approx(fitted, rel=1e-3)
+    point = browser.execute_script(  # the point under the pointer stays there
+        "const p = document.querySelector('#zoom .pane'), s = p.querySelector('svg');"
+        "const at = () => { const b = s.getBoundingClientRect(); return [(700 - b.x) / b.width, (500 - b.y) / b.height]; };"
+        "const before = at();"
+        "p.dispatchEvent(new WheelEvent('wheel', {deltaY: -600, clientX: 700, clientY: 500, cancelable: true}));"
+        "return [before, at()];"
+    )
+    assert width() > 3 * fitted
+    assert np.max(np.abs(np.subtract(*point))) < 0.002
+    assert browser.execute_script(
+        "const ids = [...document.querySelectorAll('[id]')].map(e => e.id); return ids.length === new Set(ids).size"
+    )
+    browser.switch_to.active_element.send_keys(Keys.ESCAPE)
+    assert not dialog.is_displayed()
+    assert browser.switch_to.active_element == button
+    assert drawn.is_displayed()
+
+
+def test_rows_are_a_link_away(browser, built, tmp_path):
+    browser.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
+    link = browser.find_element(By.CSS_SELECTOR, "#gaudin a.rows")
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", link)
+    link.send_keys(Keys.ENTER)
+    file = tmp_path / "gaudin.csv"
+    WebDriverWait(browser, 20).until(lambda _: file.exists() and file.stat().st_size)
+    rows = Store(readme.ROOT / "results" / "reference").rows("gaudin")
+    found = pd.read_csv(file)
+    assert len(found) == len(rows)
+    assert found.error.dropna().tolist() == rows.error.dropna().tolist()
+
+
+def test_the_first_screen_says_what_the_bench_shows(browser):
+    sentences = browser.find_elements(By.CSS_SELECTOR, ".summary li")
+    assert len(sentences) == 3
+    assert all(any(c.isdigit() for c in sentence.text) for sentence in sentences)
+    assert not browser.find_elements(By.CSS_SELECTOR, ".summary .no-data")
+    browser.execute_script("scrollTo(0, 0)")
+    top = browser.find_element(By.CSS_SELECTOR, "main > figure").rect["y"]
+    assert top < 1000, "the figure begins on the first screen"
+
+
+def test_a_reader_who_hears_the_page_is_told_what_is_drawn(browser):
+    figures = browser.find_elements(By.CSS_SELECTOR, "figure .card svg")
+    assert all(f.get_attribute("role") == "img" and len(f.get_attribute("aria-label")) > 20 for f in figures)
+    unnamed = browser.execute_script(
+        "return [...document.querySelectorAll('button, a[href], input, select')].filter(e =>"
+        " !(e.textContent.trim() || e.getAttribute('aria-label') || e.labels?.length)).length"
+    )
+    assert unnamed == 0
+    assert browser.execute_script("return document.querySelectorAll('th:not([scope])').length") == 0
+    skip = browser.find_element(By.CSS_SELECTOR, "a.skip")
+    browser.execute_script("arguments[0].focus()", skip)
+    assert skip.rect["x"] >= 0
+
+
 def test_sliders_move_the_picture(browser):
     section = live(browser)
 
@@ -184,6 +296,10 @@ def test_light_and_dark(browser, scheme):
     browser.execute_script("scrollTo(0, 0)")
     frame(browser)
     look(browser, f"page-{scheme}")
+    for name in ("drift", "work_precision"):
+        browser.execute_script("document.getElementById(arguments[0]).scrollIntoView()", name)
+        frame(browser)
+        look(browser, f"{name}-{scheme}")
     live(browser)
     frame(browser)
     look(browser, f"live-{scheme}")
@@ -199,7 +315,13 @@ def test_on_a_phone_nothing_sticks_out(browser):
         "Emulation.setDeviceMetricsOverride", {"width": 390, "height": 800, "deviceScaleFactor": 2, "mobile": True}
     )
     frame(browser)
+    browser.execute_script("scrollTo(0, 0)")
+    frame(browser)
     look(browser, "phone")
+    for name in ("claims", "drift"):
+        browser.execute_script("document.getElementById(arguments[0]).scrollIntoView()", name)
+        frame(browser)
+        look(browser, f"phone-{name}")
     width = browser.execute_script("return document.documentElement.scrollWidth")
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     assert width <= 390
@@ -207,6 +329,8 @@ def test_on_a_phone_nothing_sticks_out(browser):
 
 def test_it_prints(browser):
     printed = browser.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})
+    if folder := os.environ.get("SCREENSHOTS"):
+        (Path(folder) / "page.pdf").write_bytes(base64.b64decode(printed["data"]))
     assert len(printed["data"]) > 100_000
 
 

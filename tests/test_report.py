@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
+import io
 import re
 import shutil
 import sys
@@ -15,7 +18,7 @@ import pytest
 
 from experiments import store
 from integrators import METHODS
-from report import claims, fairness, page, promises, style
+from report import claims, fairness, page, promises, style, summary
 from report.__main__ import main
 from report.claims import Claim
 
@@ -127,7 +130,7 @@ class Elements(HTMLParser):
 
 def test_page_is_one_offline_file_with_every_figure_and_table(text, tmp_path):
     found = Elements(text)
-    assert found.tags.count("svg") == 2
+    assert found.tags.count("svg") == 1 + 2, "the letters, and the figures"
     assert sorted(p.name for p in (tmp_path / "out" / "figures").iterdir()) == [
         "toy.good_first.svg",
         "toy.good_second.svg",
@@ -154,6 +157,38 @@ def test_ids_are_unique_and_every_reference_has_its_target(text):
     targets = set(re.findall(r'href="#([^"]+)"', plain)) | set(re.findall(r"url\(#([^)]+)\)", plain))
     assert targets <= set(ids)
     assert any(target.startswith("toy.good_second-") for target in targets), "the figures use no ids: a vacuous test"
+
+
+def test_the_rows_are_in_the_page(report, text):
+    for section in report.sections:
+        found = re.search(rf'id="rows-{section.experiment}">([^<]*)<', text)
+        assert bool(found) == bool(len(section.rows))
+        if found:
+            rows = pd.read_csv(io.BytesIO(gzip.decompress(base64.b64decode(found[1]))))
+            assert len(rows) == len(section.rows)
+            assert rows.drift.dropna().tolist() == section.rows.drift.dropna().tolist()
+            assert rows.status.tolist() == section.rows.status.tolist()
+
+
+def test_the_summary_says_what_is_missing(report, text):
+    assert [sentence.found for sentence in report.summary] == [False] * 3
+    assert "No data: nothing of phase is stored." in text
+
+
+def test_the_summary_is_written_from_rows():
+    phase = [("backlund", 1.0, 4e-15), ("backlund", 8.0, 2e-15), ("taylor_fixed", 1.0, 5.5e-11), ("rk4", 1.0, 0.1)]
+    rows = {
+        "phase": pd.DataFrame(phase, columns=["method", "h", "error"]).assign(part="h", state="generic", status="done"),
+        "cost": pd.DataFrame({"part": ["step"]}),
+    }
+    accuracy, cost, drift = summary.sentences(rows)
+    assert accuracy.found
+    for words in ("from 1 to 8", "within 4×10⁻¹⁵", "“Taylor 20, fixed step”, is off by 5.5×10⁻¹¹", "1 of 2 are off"):
+        assert words in accuracy.text
+    assert not cost.found
+    assert not drift.found
+    refuted = rows["phase"].assign(status="failed", failure="StepError: no", error=np.nan)
+    assert "failed" in summary.sentences({"phase": refuted})[0].text
 
 
 def test_same_rows_same_bytes(results, tmp_path, monkeypatch):
@@ -183,7 +218,7 @@ def test_what_is_missing_is_said_in_its_place(report, text):
 def test_text_from_results_is_escaped(text):
     assert "<script>alert" not in text
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in text
-    assert Elements(text).tags.count("script") == text.count("<script") == 2, "the tables' and the live top's own"
+    assert Elements(text).tags.count("script") == text.count("<script") == 2 + 2, "the page's own, Plotly, rows of two"
 
 
 def test_no_results_at_all(tmp_path):

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import re
+import shutil
+import subprocess
 from itertools import pairwise
 
 import numpy as np
@@ -14,25 +17,27 @@ from integrators import METHODS
 from integrators.interface import FAMILIES
 from report import figures, style, tables
 
+TEX = next(filter(None, map(shutil.which, ("pdflatex", "lualatex", "xelatex", "tectonic"))), None)
+
 
 @pytest.mark.parametrize(
     ("value", "text", "tex"),
     [
-        (0.0, "0", "$0$"),
-        (-0.0, "0", "$0$"),
-        (1, "1", "$1$"),
-        (1234567, "1\u202f234\u202f567", r"$1\,234\,567$"),
-        (0.125, "0.125", "$0.125$"),
-        (99.96, "100", "$100$"),
-        (1234.5, "1230", "$1230$"),
-        (9999.9, "1×10⁴", r"$1\times10^{4}$"),
-        (-1.234e-5, "−1.23×10⁻⁵", r"$-1.23\times10^{-5}$"),
-        (5e-324, "4.94×10⁻³²⁴", r"$4.94\times10^{-324}$"),
+        (0.0, "0", r"\num{0}"),
+        (-0.0, "0", r"\num{0}"),
+        (1, "1", r"\num{1}"),
+        (1234567, "1\u202f234\u202f567", r"\num{1234567}"),
+        (0.125, "0.125", r"\num{0.125}"),
+        (99.96, "100", r"\num{100}"),
+        (1234.5, "1230", r"\num{1230}"),
+        (9999.9, "1×10⁴", r"\num{1e4}"),
+        (-1.234e-5, "−1.23×10⁻⁵", r"\num{-1.23e-5}"),
+        (5e-324, "4.94×10⁻³²⁴", r"\num{4.94e-324}"),
         (float("-inf"), "−∞", r"$-\infty$"),
         (float("nan"), "–", "--"),
         (None, "–", "--"),
         (np.bool_(True), "yes", "yes"),
-        (np.int64(7), "7", "$7$"),
+        (np.int64(7), "7", r"\num{7}"),
         ("λ² [a] \\", "λ² [a] \\", r"$\lambda{}^{2}$ {[}a] \textbackslash{}"),
     ],
 )
@@ -48,6 +53,40 @@ def test_a_column_that_needs_three_digits_shows_three():
         ["2.25×10⁻⁹", "0.25", "20\u202f000"],
     ]
     assert pd.read_csv(io.StringIO(tables.csv(frame))).equals(frame)
+
+
+def test_latex_tables_are_whole_and_long_ones_break_over_pages():
+    for n in (3, 200):
+        frame = pd.DataFrame({"a_b": ["α & β"] * n, "error": np.geomspace(1e-9, 1, n), "n": range(n)})
+        text = tables.latex(frame, "50 % of α")
+        kind = "longtable" if n > tables.PAGE else "tabular"
+        opened, closed = re.findall(r"\\begin{(\w+)}", text), re.findall(r"\\end{(\w+)}", text)
+        assert opened == closed == [kind]
+        body = text.split("\\endfoot" if n > tables.PAGE else "\\midrule")[1]
+        lines = [line for line in body.splitlines() if line.endswith(r"\\")]
+        assert len(lines) == n
+        assert all(line.count(" & ") == 2 and line.count(r"\num{") == 2 for line in lines)
+        assert text.count("{") == text.count("}")
+        assert ("longtable" in text.splitlines()[0]) == (n > tables.PAGE)
+
+
+@pytest.mark.skipif(TEX is None, reason="needs a TeX engine: pdflatex, lualatex, xelatex or tectonic")
+def test_latex_tables_compile(tmp_path):
+    rows = {
+        "text": ["50 % of a_b & [λ²] * ~ ^ \\ <a|b>", "…–—"],
+        "x": [1.5e-9, -np.inf],
+        "n": [20_000, 1],
+        "y": [np.nan, 2.0],
+    }
+    frame = pd.DataFrame(rows)
+    body = "\n\n".join(tables.latex(f, "a caption, 100 %") for f in (frame, pd.concat([frame] * 50)))
+    packages = "\\usepackage{booktabs,siunitx,longtable}"
+    (tmp_path / "all.tex").write_text(
+        f"\\documentclass{{article}}{packages}\\begin{{document}}\n{body}\n\\end{{document}}\n"
+    )
+    options = [] if TEX.endswith("tectonic") else ["-interaction=nonstopmode", "-halt-on-error"]
+    done = subprocess.run([TEX, *options, "all.tex"], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout[-2000:]
 
 
 # ---------------------------------------------------------------- style

@@ -22,8 +22,11 @@ FREE = {"name": "free", "label": "Bäcklund, λ of your own", "color": "#5A5A5A"
 def script() -> Markup:
     """What the section needs: the tops and colours as data, the mathematics, the view."""
     data = {
-        "tops": [{"name": t.name, "label": t.label, "note": t.note, "alpha": t.alpha, "y": t.y0} for t in TOPS.values()],
-        "methods": [{"name": name, **{key: style.of(name)[key] for key in ("label", "color")}} for name in METHODS] + [FREE],
+        "tops": [
+            {"name": t.name, "label": t.label, "note": t.note, "alpha": t.alpha, "y": t.y0} for t in TOPS.values()
+        ],
+        "methods": [{"name": name, **{key: style.of(name)[key] for key in ("label", "color")}} for name in METHODS]
+        + [FREE],
     }
     parts = [f"const LIVE = {json.dumps(data, ensure_ascii=False)};", *map(_read, ("top.js", "view.js"))]
     return Markup("\n".join(parts).replace("</", "<\\/"))

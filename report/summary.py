@@ -1,0 +1,133 @@
+"""What the bench shows, in three sentences: each written from stored rows, or saying that they are missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from experiments import phase, work_precision
+from integrators.interface import INVARIANTS
+from integrators.registry import METHODS
+from report import style, tables
+from report.claims import CellFailed, NoData, select, values
+from report.promises import EXACT, table
+
+OURS = "backlund"
+POOR = 1e-3  # an error of which one says that the phase is off
+
+
+@dataclass(frozen=True)
+class Sentence:
+    """One finding. `found` False: there are no rows to find it in."""
+
+    head: str
+    text: str
+    section: str
+    found: bool
+
+
+def sentences(rows: dict[str, pd.DataFrame]) -> list[Sentence]:
+    """Accuracy, cost and invariants, in this order."""
+    made = []
+    for head, section, say in (
+        ("In phase.", "phase", accuracy),
+        ("Fast.", "cost", cost),
+        ("On its torus.", "drift", invariants),
+    ):
+        made.append(_sentence(head, section, say, rows))
+    return made
+
+
+def _sentence(
+    head: str, section: str, say: Callable[[dict[str, pd.DataFrame]], str], rows: dict[str, pd.DataFrame]
+) -> Sentence:
+    try:
+        if rows.get(section, pd.DataFrame()).empty:
+            raise NoData(f"nothing of {section} is stored")
+        return Sentence(head, say(rows), section, True)
+    except (NoData, CellFailed, KeyError) as missing:
+        why = f"no column {missing}" if isinstance(missing, KeyError) else str(missing)
+        return Sentence(head, f"No data: {why}.", section, False)
+
+
+def accuracy(rows: dict[str, pd.DataFrame]) -> str:
+    """The exact step at every step size, and the best of the others at a long one."""
+    here = select(rows["phase"], part="h", state="generic")
+    ours = values(here, "h", "error", method=OURS)
+    others = here[~here.method.map(_family).isin(EXACT) & (here.h > 0)]
+    if others.empty:
+        raise NoData("no other method was measured")
+    h = others.h.unique()[np.argmin(np.abs(np.log(others.h.unique())))]
+    at = others[others.h == h]
+    errors = at.error.where(at.status == "done", np.inf).fillna(np.inf)
+    best = at.loc[errors.idxmin()]
+    poor = int((errors > POOR).sum())
+    return (
+        f"At any step from {_show(ours[:, 0].min())} to {_show(ours[:, 0].max())} the exact Bäcklund step is within "
+        f"{_show(ours[:, 1].max())} of the true state up to t = {phase.SPAN:g}; at a step of {_show(h)} the best method "
+        f"that is not exact in time, {_name(best.method)}, is off by {_show(errors.min())}, and {poor} of {len(at)} are off by "
+        f"more than {_show(POOR)} or fail."
+    )
+
+
+def cost(rows: dict[str, pd.DataFrame]) -> str:
+    """The headline run against the Taylor series; and where the exact step loses."""
+    names = ("backlund_s", "heyoka_s", "ratio", "backlund_error", "heyoka_error", "steps", "h")
+    ours, theirs, ratio, error, their_error, steps, h = values(rows["cost"], *names, part="headline", fraction=0.5)[0]
+    text = (
+        f"A run up to t = {_show(steps * h)} at half a nutation period a step takes {_show(1e3 * ours)} ms, "
+        f"{_show(ratio)} times less than a Taylor series at machine precision ({_show(1e3 * theirs)} ms), with an error of "
+        f"{_show(error)} against {_show(their_error)}"
+    )
+    return text + _where_it_loses(rows.get("work_precision", pd.DataFrame())) + "."
+
+
+def _where_it_loses(rows: pd.DataFrame) -> str:
+    """The shortest run and loosest error at which another method is cheaper, set-up counted."""
+    if rows.empty:
+        return ""
+    good = work_precision.useful(rows)
+    for (span, state), group in sorted(good.groupby(["span", "state"], sort=False), key=lambda pair: pair[0]):
+        for target in work_precision.TARGETS:
+            found = work_precision.best(group, target, "total")
+            if len(found) and found.iloc[0].family not in EXACT and (found.family == "backlund").any():
+                first, ours = found.iloc[0], found[found.family == "backlund"].iloc[0]
+                return (
+                    f"; it loses short runs, where finding λ(h) is most of the work: up to t = {span:g}, for an error of "
+                    f"{_show(target)} on {state}, {_name(first.method)} takes {_show(ours.total / first.total)} times less"
+                )
+    return "; in no run stored, however short, is a method cheaper that is not exact"
+
+
+def invariants(rows: dict[str, pd.DataFrame]) -> str:
+    """What the exact step keeps over the longest runs, and how many others do not."""
+    drift = rows["drift"]
+    mine = select(drift, part="time", method=OURS)
+    found = np.abs(values(mine, *INVARIANTS))
+    steps = int(mine.steps.max())
+    verdicts = table("drift", "verdicts")(drift)
+    verdicts = verdicts[verdicts.invariant.isin(INVARIANTS)]
+    others = verdicts[~verdicts.method.map(_family).isin(EXACT)]
+    drifting = others[others.verdict.isin(("biased", "failed"))].method.nunique()
+    return (
+        f"Over {_show(steps)} steps on {mine.state.nunique()} tops "
+        f"H, J3, C1 and C2 stay within {_show(found.max())} of their scales; of {others.method.nunique()} methods that are not "
+        f"exact {drifting} let at least one of them drift steadily."
+    )
+
+
+def _family(name: str) -> str:
+    return METHODS[name].family if name in METHODS else "others"
+
+
+def _name(method: str) -> str:
+    return f"“{style.label(method)}”"
+
+
+def _show(value: float) -> str:
+    """Two digits, and 10⁶ instead of 1×10⁶."""
+    whole = abs(value) >= 1e4 and float(value).is_integer() and value % 1e5
+    return tables.show(int(value) if whole else float(f"{value:.2g}")).removeprefix("1×")
