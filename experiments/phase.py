@@ -261,7 +261,7 @@ def _best(rows: pd.DataFrame) -> set[str]:
     """Of each family the method with the smallest error at the step nearest to 1/8."""
     from report import style
 
-    good = rows[(rows.status == "done") & rows.error.notna()]
+    good = rows[(rows.status == "done") & rows.error.notna() & rows.h.notna()]
     if good.empty:
         return set()
     near = good.h.unique()[np.argmin(np.abs(np.log(8 * good.h.unique())))]

@@ -62,6 +62,14 @@ def squares(p, q):
 
 
 @compiled
+def axis(s, c):
+    """w, with m as it was at the start."""
+    p, q = curve(s, c)
+    mr, mi = c[MR], c[MI_ETA] / c[ETA]
+    return direction(p, q, mr, mi, 2.0 * c[ETA] / ((mr * mr + mi * mi) + squares(p, q)))
+
+
+@compiled
 def incremented(s, w, c):
     J1, J2, J3, x1, x2, x3 = s
     d1, d2 = -c[ALPHA_2] * w[1], c[ALPHA_2] * w[0]
@@ -99,7 +107,7 @@ def constant_denominator(s, c, tally):
 def assigned(s, c, tally):
     """x̃ = ((R² − η²) x + 2 (w·x) w + 2R w×x)/|λ|²: the rotation as a matrix, x assigned and not incremented."""
     J1, J2, J3, x1, x2, x3 = s
-    w1, w2, w3 = real_map.direction(s, c)
+    w1, w2, w3 = axis(s, c)
     r = 1.0 / (c[R] * c[R] + c[ETA2])
     a, b, d = (c[R] * c[R] - c[ETA2]) * r, 2.0 * ((w1 * x1 + w2 * x2) + w3 * x3) * r, 2.0 * c[R] * r
     y1 = a * x1 + (b * w1 + d * (w2 * x3 - w3 * x2))
@@ -120,7 +128,7 @@ def two_sum(a, b):
 def compensated(s, c, tally):
     """The increments of `real_map.step`; what an addition rounds off goes into the next one."""
     J1, J2, J3, x1, x2, x3 = s
-    w1, w2, w3 = real_map.direction(s, c)
+    w1, w2, w3 = axis(s, c)
     d1, d2 = -c[ALPHA_2] * w2, c[ALPHA_2] * w1
     s1, s2, s3 = J1 + (J1 + d1), J2 + (J2 + d2), J3 + J3
     e1 = c[R] * d1 + (s2 * w3 - s3 * w2)

@@ -18,7 +18,7 @@ import jinja2
 import pandas as pd
 from markupsafe import Markup
 
-from experiments import EXPERIMENTS, errata, load
+from experiments import EXPERIMENTS, SWEEP, errata, load
 from experiments.store import Store, StoreError
 from report import claims, fairness, figures, live, promises, style, summary, tables
 
@@ -62,6 +62,8 @@ class Section:
 
     @property
     def command(self) -> str:
+        if self.experiment.startswith(SWEEP):
+            return "lagrange-bench run FILE.toml"
         return f"lagrange-bench run {self.experiment} --profile full"
 
     @property

@@ -154,6 +154,8 @@ def batch_ratio(rows: pd.DataFrame) -> float:
 def long_run_lead(rows: pd.DataFrame) -> Verdict:
     """The error of the exact step where heyoka stops, after as long on the clock, over heyoka's there."""
     runs = rows[rows.part == "long"]
+    if runs.empty or "method" not in runs:
+        raise NoData("no long run")
     ours, theirs = (runs[runs.method == name].sort_values("t") for name in ("backlund", "taylor"))
     if ours.empty or theirs.empty or ours.steps.max() < 10**9:
         raise NoData("no run of 10⁹ steps")

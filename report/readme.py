@@ -1,4 +1,4 @@
-"""`python -m report.readme`: writes the claims, with what was found, into the README between its two marks."""
+"""`python -m report.readme`: writes the claims, with what was found, into the README between its two marks, and its picture."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from pathlib import Path
 
 from experiments import EXPERIMENTS
 from experiments.store import Store
-from report import page, tables
+from report import export, page, tables
 
 ROOT = Path(__file__).resolve().parents[1]
 BEGIN = "<!-- claims: written by `python -m report.readme`, checked by tests/test_readme.py -->"
+PICTURE = "phase_h"
 END = "<!-- end of claims -->"
 WORDS = {True: "holds", False: "**refuted**", None: "no data"}
 
@@ -20,8 +21,6 @@ def claims_table(results: Path) -> str:
     rows = {experiment: Store(results).rows(experiment) for experiment in EXPERIMENTS}
     for judged in page.judge(rows)[0]:
         verdict = judged.verdict
-        if verdict.passed is None:
-            continue  # an experiment newer than the reference run; the page says that there is no data
         found, bound = ("" if v is None else tables.show(v) for v in (verdict.value, verdict.bound))
         text = judged.claim.text.replace("|", "\\|")
         lines.append(f"| {text} | {found} | {bound} | {WORDS[verdict.passed]} | `{judged.claim.experiment}` |")
@@ -39,6 +38,7 @@ def main() -> None:
     path = ROOT / "README.md"
     path.write_text(with_claims(path.read_text(encoding="utf-8"), ROOT / "results" / "reference"), encoding="utf-8")
     print(path)
+    print(export.export(PICTURE, ROOT / "results" / "reference", ROOT / "docs" / "headline.svg"))
 
 
 if __name__ == "__main__":
