@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -141,6 +142,8 @@ def integrate(
     if steps % every:
         raise ValueError(f"every = {every} does not divide steps = {steps}")
     stepper = prepare(top, state, h, found, **options)
+    if not math.isfinite(float(h) * steps):
+        raise StepError(found.name, "the time n h is beyond the largest double", h=float(h))
     g0 = body.check_attitude(attitude, state) if wanted else None
     y = stepper.record(state, steps, every)
     g = None

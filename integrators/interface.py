@@ -185,6 +185,14 @@ def check_real(value: Any, name: str) -> float:
     return number
 
 
+def check_choice(value: Any, name: str, choices: Iterable[str]) -> str:
+    """`value` as one of the `choices`."""
+    known = list(choices)
+    if not isinstance(value, str) or value not in known:
+        raise ValueError(f"{name} must be one of {', '.join(map(repr, known))}; got {value!r}")
+    return value
+
+
 def check_count(n: Any, name: str, least: int = 0) -> int:
     """`n` as an int of at least `least`."""
     if isinstance(n, (bool, np.bool_)) or not isinstance(n, (int, np.integer)):

@@ -110,6 +110,8 @@ class FixedStepper:
         self.work.rhs_evals += int(tally[RHS_EVALS]) + n * self.rhs_per_step
         result = self.leave(out)
         result[0] = y
+        if self.leave is not np.asarray and not np.isfinite(result).all():  # a change of units may overflow
+            raise StepError(self.name, "the state left the range of floating-point numbers", h=self.h)
         return result
 
     def _check(self, state: Array, last: int, tally: Array) -> None:

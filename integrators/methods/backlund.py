@@ -74,10 +74,11 @@ class Units:
         return [-self.rate] * 3 + [-self.length] * 3
 
     def enter(self, y: Array) -> Array:
-        return y * self.factors if self.moderate else np.ldexp(y, self.exponents)
+        with np.errstate(over="ignore"):  # what leaves the range of doubles is refused as a state
+            return y * self.factors if self.moderate else np.ldexp(y, self.exponents)
 
     def leave(self, y: Array) -> Array:
-        with np.errstate(over="ignore"):  # what leaves the range of doubles is refused as a state
+        with np.errstate(over="ignore"):
             return y / self.factors if self.moderate else np.ldexp(y, [-n for n in self.exponents])
 
     def time(self, t: float) -> float:
@@ -165,7 +166,7 @@ def check_parameter(lam: complex, name: str = "lam") -> complex:
     """λ as a finite complex number in the upper half-plane."""
     try:
         lam = complex(lam)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} must be a complex number; got {lam!r}") from None
     if not (math.isfinite(lam.real) and math.isfinite(lam.imag)) or lam.imag <= 0:
         raise ValueError(f"{name} must be finite with a positive imaginary part; got {lam}")

@@ -25,7 +25,7 @@ from __future__ import annotations
 import numpy as np
 
 from integrators.compiled import jit
-from integrators.interface import Array, Method
+from integrators.interface import Array, Method, check_choice
 from integrators.loops import FixedStepper
 from integrators.methods.backlund import Units
 from integrators.top import LagrangeTop
@@ -75,8 +75,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, form: str = "symmetric") -
     form : "symmetric", half a kick on either side of the rotation: what the record describes; "lagrange", the authors'
         variables, a whole kick before it: of order 1, not symmetric, and its energy is `energy_lagrange`.
     """
-    if form not in KERNELS:
-        raise ValueError(f"form must be 'symmetric' or 'lagrange'; got {form!r}")
+    check_choice(form, "form", KERNELS)
     units = Units(top, y0, h)
     half = units.time(h) / 2
     c = np.array((half, half * units.alpha))

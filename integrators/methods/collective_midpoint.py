@@ -32,7 +32,7 @@ import math
 import numpy as np
 
 from integrators.compiled import jit
-from integrators.interface import Array, Method, StepError
+from integrators.interface import Array, Method, StepError, check_choice
 from integrators.loops import FAILURE, ITERATIONS, RESIDUAL, FixedStepper
 from integrators.top import LagrangeTop
 
@@ -143,9 +143,8 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> F
     ----------
     solver : "fixed_point"; "newton"; "auto": the fixed point where it contracts by 256 or more, else Newton.
     """
-    if solver not in ("auto", "fixed_point", "newton"):
-        raise ValueError(f"solver must be 'auto', 'fixed_point' or 'newton'; got {solver!r}")
-    span = abs(h) / top.scales(y0)[2]
+    check_choice(solver, "solver", ("auto", "fixed_point", "newton"))
+    span = abs(h) * top.scales(y0)[0]
     if not span <= LONGEST:
         raise StepError("collective_midpoint", f"|h| is over {LONGEST:g} times the time scale of the top", h=h)
     if not h * h * abs(top.alpha) * math.hypot(*y0[3:]) <= UNIQUE:

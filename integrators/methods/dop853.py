@@ -38,6 +38,9 @@ from integrators.unroll import unrolled
 ALPHA, RTOL, ATOL = range(3)  # places of the constants
 LEAST_RTOL = 100 * float(np.finfo(float).eps)  # as SciPy's
 LEAST_SCALE = 2.0**-1022
+LARGEST = (
+    2.0**1000
+)  # of a state: where the stages of a step overflow, ever shorter ones are tried, which change nothing
 PLACES = ((0, 0), (1, 1), (2, 3), (3, 4), (4, 5))  # of J1, J2, x1, x2, x3 in a slope and in a state
 SAFETY = 0.9
 NEGLIGIBLE = 1e-16  # an error that lets the step grow as much as it may
@@ -165,6 +168,8 @@ def _runner(top: LagrangeTop, rtol: float, atol: float) -> Run:
     first_step((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0, c)
 
     def run(y: Array, grid: Array, work: Work) -> Array:
+        if not np.max(np.abs(y)) <= LARGEST:
+            raise StepError("dop853", "a state this close to the largest double leaves a step no room")
         state, out, walk = y.copy(), np.empty((len(grid), 6)), np.zeros(WALK)
         walk[STEP] = first_step(tuple(y.tolist()), float(grid[-1]), c)
         while walk[ROW] < len(grid) and not walk[STUCK]:

@@ -36,7 +36,7 @@ from functools import cache
 import numpy as np
 
 from integrators.compiled import inlined, jit, stack
-from integrators.interface import Array, Method, StepError
+from integrators.interface import Array, Method, StepError, check_choice
 from integrators.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, RHS_EVALS, FixedStepper
 from integrators.top import LagrangeTop
 
@@ -377,17 +377,16 @@ def method(stages: int) -> Method:
             else Newton.
         compensated : carry what the sums of a step round off into the next one.
         """
-        if solver not in ("auto", "fixed_point", "newton"):
-            raise ValueError(f"solver must be 'auto', 'fixed_point' or 'newton'; got {solver!r}")
+        check_choice(solver, "solver", ("auto", "fixed_point", "newton"))
         if not isinstance(compensated, (bool, np.bool_)):
             raise ValueError(f"compensated must be True or False; got {compensated!r}")
-        span = abs(h) / top.scales(y0)[2]
+        span = abs(h) * top.scales(y0)[0]
         if not span <= LONGEST:
             raise StepError(name, f"|h| is over {LONGEST:g} times the time scale of the top", h=h)
         if not h * h * abs(top.alpha) * math.hypot(*y0[3:]) <= UNIQUE[stages]:
             reason = f"h²|alpha||x| is over {UNIQUE[stages]}: the stage equations may have several solutions"
             raise StepError(name, reason, h=h)
-        newton = solver == "newton" or (solver == "auto" and RADIUS[stages] * span > WEAK[compensated])
+        newton = solver == "newton" or (solver == "auto" and RADIUS[stages] * span > WEAK[bool(compensated)])
         c = constants(stages, top, y0, h, newton, compensated, span <= 1)
         return FixedStepper(name, h, c, KERNELS[stages], failures=FAILURES)
 

@@ -22,7 +22,7 @@ import math
 import numpy as np
 
 from integrators.compiled import inlined
-from integrators.interface import Array, Method, StepError
+from integrators.interface import Array, Method, StepError, check_choice
 from integrators.loops import FAILURE, ITERATIONS, RESIDUAL, FixedStepper
 from integrators.top import LagrangeTop
 
@@ -175,8 +175,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> F
     solver : "fixed_point", which contracts for h²|alpha||x| < 4; "newton", for any h for which the step is
         unique; "auto": the fixed point for h²|alpha||x| < 1/64, else Newton.
     """
-    if solver not in ("auto", "fixed_point", "newton"):
-        raise ValueError(f"solver must be 'auto', 'fixed_point' or 'newton'; got {solver!r}")
+    check_choice(solver, "solver", ("auto", "fixed_point", "newton"))
     if not abs(h) <= LONGEST * top.scales(y0)[2]:
         raise StepError("implicit_midpoint", f"|h| is over {LONGEST:g} times the time scale of the top", h=h)
     contraction = 0.25 * h * h * abs(top.alpha) * math.hypot(*y0[3:])

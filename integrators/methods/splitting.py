@@ -396,7 +396,7 @@ def prepare_any(
     top: LagrangeTop, y0: Array, h: float, *, scheme: str = "strang", compensated: bool = False
 ) -> SplittingStepper:
     """Any of SCHEMES by name, whatever its order; `compensated` as in `prepare`."""
-    if scheme not in SCHEMES:
+    if not isinstance(scheme, str) or scheme not in SCHEMES:
         raise ValueError(f"unknown scheme {scheme!r}{suggestion(str(scheme), SCHEMES)} Known: {', '.join(SCHEMES)}")
     return _stepper("strang", scheme, top, h, compensated)
 

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -196,7 +197,7 @@ def attitude(
     high_accuracy: bool = False,
 ) -> Array:
     """Attitude of the frame that turns with J at 0, every·h, …, n·h, (n//every + 1, 4): integrated alongside."""
-    ta = copy.deepcopy(compile_body(tol, bool(high_accuracy)))
+    ta = copy.deepcopy(compile_body(check_tolerance(tol), bool(high_accuracy)))
     ta.pars[0] = top.alpha
     ta.state[:] = np.concatenate((y0, g0))
     outcome, _, _, steps, _, out = ta.propagate_grid(h * every * np.arange(n // every + 1.0))
@@ -262,7 +263,7 @@ def advance_many(
 ) -> NDArray[np.bool_]:
     """Natural steps of many tops, in heyoka's batch mode; what it refuses, and compensated sums, are taken one by one."""
     done = np.zeros(len(Y0), dtype=bool)
-    if not high_accuracy and not stopped():
+    if not high_accuracy and math.isfinite(h * steps) and not stopped():
         with contextlib.suppress(StepError):
             out[:] = propagate_batch(alphas, Y0, h * every * np.arange(1.0, steps // every + 1), tol)
             done[:] = True
