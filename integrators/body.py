@@ -140,13 +140,24 @@ def check_attitude(g0: Any, y0: Array) -> Array:
     """`g0` as a unit quaternion that takes e3 to x; True stands for the one with psi = 0."""
     if g0 is True:
         return axis_attitude(y0[3:])
-    g = np.asarray(g0, dtype=float)
-    if g.shape != (4,) or not np.all(np.isfinite(g)) or abs(g @ g - 1) > 1e-12:
+    try:
+        g = np.asarray(g0)
+    except ValueError:
+        g = np.empty(0)
+    if g.shape != (4,) or g.dtype.kind not in "iuf" or not np.max(np.abs(g)) <= 2 or abs(g @ g - 1) > 1e-12:
         raise ValueError(f"attitude must be True or a unit quaternion (4,), scalar first; got {g0!r}")
+    g = g.astype(np.float64)
     axis = product(product(g, (0, 0, 0, 1)), g * (1, -1, -1, -1))[1:]
-    if np.linalg.norm(axis - y0[3:] / np.linalg.norm(y0[3:])) > 1e-9:
+    if np.linalg.norm(axis - direction(y0[3:])) > 1e-9:
         raise ValueError("attitude does not take e3 to the axis x of y0")
     return g
+
+
+def direction(x: Array) -> Array:
+    """x (..., 3) over its length, whatever that is."""
+    x = x / np.max(np.abs(x), axis=-1, keepdims=True)
+    unit: Array = x / np.linalg.norm(x, axis=-1, keepdims=True)
+    return unit
 
 
 def follow(
@@ -161,7 +172,7 @@ def follow(
         raise StepError(method.name, "does not follow the body's attitude; backlund and taylor do", h=h)
     g = method.attitude(top, y[0], h, every * (len(y) - 1), every, g0, **options)
     axis = product(product(g, (0, 0, 0, 1)), g * (1, -1, -1, -1))[:, 1:]
-    apart = np.max(np.abs(axis - y[:, 3:] / np.linalg.norm(y[:, 3:], axis=1, keepdims=True)))
+    apart = np.max(np.abs(axis - direction(y[:, 3:])))
     if not apart < PARTED:
         raise StepError(method.name, f"attitude and state have parted by {apart:.1e}: the orbit is unstable", h=h)
     half = spin * h * every * np.arange(len(g)) / 2

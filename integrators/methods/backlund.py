@@ -361,10 +361,12 @@ def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | No
     check_constants("backlund_textbook", c, h)
 
     def enter(y: Array) -> Array:
-        return to_complex(units.enter(y))
+        with np.errstate(all="ignore"):  # as in `Units`
+            return to_complex(units.enter(y))
 
     def leave(s: Array) -> Array:
-        return units.leave(to_real(s))
+        with np.errstate(all="ignore"):
+            return units.leave(to_real(s))
 
     failures = {1: "B(λ) = J- λ + x- vanishes, as it does for a vertical top, and the program divides by it"}
     return FixedStepper("backlund_textbook", h, c, textbook_step, enter=enter, leave=leave, failures=failures)

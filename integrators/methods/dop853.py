@@ -38,6 +38,7 @@ from integrators.unroll import unrolled
 ALPHA, RTOL, ATOL = range(3)  # places of the constants
 LEAST_RTOL = 100 * float(np.finfo(float).eps)  # as SciPy's
 LEAST_SCALE = 2.0**-1022
+LARGEST = 2.0**1000  # of a state: where the stages of a step overflow, ever shorter ones are tried, which change nothing
 LARGEST = (
     2.0**1000
 )  # of a state: where the stages of a step overflow, ever shorter ones are tried, which change nothing

@@ -201,7 +201,10 @@ def attitude(
     ta.pars[0] = top.alpha
     ta.state[:] = np.concatenate((y0, g0))
     outcome, _, _, steps, _, out = ta.propagate_grid(h * every * np.arange(n // every + 1.0))
-    _check(ta, outcome, steps)
+    try:
+        _check(ta, outcome, steps)
+    except StepError as error:
+        raise StepError("taylor", error.reason, h=h, step=error.step) from None
     g = out[:, 6:]
     unit: Array = g / np.linalg.norm(g, axis=1, keepdims=True)
     return unit
