@@ -24,6 +24,7 @@ from report import claims, fairness, figures, live, promises, style, summary, ta
 
 HERE = Path(__file__).parent
 HEADLINE = "phase"  # error against the step: what is new here, in one figure
+HEAVY = 1_000_000  # characters of packed rows beyond which they stay in their journal, for the page's sake
 LONG = 14  # rows beyond which a table is folded
 FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table of the environment; then the packages
 SUFFIXES = (".svg", ".md", ".tex", ".csv")
@@ -306,13 +307,15 @@ def html(report: Report) -> str:
             figures.inline(figure.document, section.file(figure.name), figure.caption or section.title)
         ),
         glyphs=Markup(figures.glyphs([figure.document for section in report.sections for figure in section.figures])),
-        packed_rows={
-            section.experiment: Markup(packed(stored_rows(section))) for section in report.sections if len(section.rows)
-        },
+        packed_rows={name: Markup(text) for name, text in _packed_rows(report.sections).items() if len(text) < HEAVY},
         live=live.script(),
         library=Markup(packed(live.library())),
         **parts,
     )
+
+
+def _packed_rows(sections: list[Section]) -> dict[str, str]:
+    return {section.experiment: packed(stored_rows(section)) for section in sections if len(section.rows)}
 
 
 def stored_rows(section: Section) -> str:

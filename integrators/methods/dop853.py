@@ -38,10 +38,7 @@ from integrators.unroll import unrolled
 ALPHA, RTOL, ATOL = range(3)  # places of the constants
 LEAST_RTOL = 100 * float(np.finfo(float).eps)  # as SciPy's
 LEAST_SCALE = 2.0**-1022
-LARGEST = 2.0**1000  # of a state: where the stages of a step overflow, ever shorter ones are tried, which change nothing
-LARGEST = (
-    2.0**1000
-)  # of a state: where the stages of a step overflow, ever shorter ones are tried, which change nothing
+LARGEST = 2.0**1000  # of a state: beyond, stages overflow, and steps are cut until they change nothing
 PLACES = ((0, 0), (1, 1), (2, 3), (3, 4), (4, 5))  # of J1, J2, x1, x2, x3 in a slope and in a state
 SAFETY = 0.9
 NEGLIGIBLE = 1e-16  # an error that lets the step grow as much as it may
