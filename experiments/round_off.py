@@ -434,7 +434,8 @@ def _draw_forms(rows: pd.DataFrame, style):
                 ax.loglog(t, rms.where(rms > 0), **look)
         axes[0, column].set_title(title)
         axes[1, column].set_xlabel("time · (|J| + √(α|x|))")
-        axes[0, column].legend(fontsize=5.5, loc="upper left")
+        if names:
+            axes[0, column].legend(fontsize=5.5, loc="upper left")
     axes[0, 0].set_ylabel("largest error of H, C1, C2")
     axes[1, 0].set_ylabel("time (phase) error · rate")
     fig.caption = (

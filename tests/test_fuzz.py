@@ -16,6 +16,7 @@ import signal
 import time
 import warnings
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ from integrators import (
     two_point,
 )
 from integrators.interface import INVARIANTS, keyword_options
-from integrators.methods import splitting
+from integrators.methods import runge_kutta, splitting
 from integrators.orbit import units
 
 EPS = float(np.finfo(float).eps)
@@ -100,9 +101,13 @@ VECTOR = st.one_of(st.sampled_from(VECTORS), st.tuples(UNIT, UNIT, UNIT))
 NAMED = [(t.alpha, t.y0) for t in TOPS.values()]
 
 
-@st.composite
-def tops(draw, *widths):
+def tops(*widths):
     """(alpha, y0), its sizes 2 to the power of some number within the widths; often a special orbit."""
+    return drawn_tops(widths).filter(lambda top: any(top[1][3:]))
+
+
+@st.composite
+def drawn_tops(draw, widths):
     if draw(st.booleans()):
         alpha, y0 = draw(st.sampled_from(NAMED))
         J, x = y0[:3], y0[3:]
@@ -132,7 +137,7 @@ def scale(alpha, y0):
 @st.composite
 def cases(draw, longest=70, widths=(20, 300, 1070), absolute=True):
     """(alpha, y0, h) with |h| up to 2^longest time scales, or any number."""
-    alpha, y0 = draw(tops(*widths).filter(lambda top: any(top[1][3:])))
+    alpha, y0 = draw(tops(*widths))
     if absolute and draw(st.integers(0, 9)) == 0:
         return alpha, y0, draw(NUMBER.filter(bool))
     span = draw(st.one_of(st.integers(-7, min(3, longest)), st.integers(-longest, longest)))
@@ -204,7 +209,6 @@ def options(draw, names):
 # ---------------------------------------------------------------- what a call may do
 
 REPORT = {}
-OUTCOMES = Counter()
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -228,7 +232,6 @@ def attempt(name, function, *args, h=None, arguments=(), **kwargs):
         result = alone(COMPILING, name, function, args, kwargs, h, arguments)
         spent = time.thread_time() - start
         assert spent <= limit, f"{spent:.1f} s of processor time"
-    OUTCOMES[name, result is not None] += 1
     return result
 
 
@@ -259,6 +262,40 @@ def hung(*_):
     raise AssertionError("hung")
 
 
+# ---------------------------------------------------------------- justified limits
+
+# A method with steps of its own takes time in proportion to |h| n: a long run is long, not hung.
+LONGEST = {"step": 70, "tolerance": 3}
+
+# An absolute tolerance has the units of the state. Far below the round-off of a component that stays at zero, as some do where
+# x is parallel to J, no step is short enough: SciPy's solvers then crawl, as they are asked to.
+LEAST_ATOL = 2.0**-48
+
+# heyoka's tolerance is absolute below norm 1, `atol` always: their steps depend on the units.
+TOLERANCES_HAVE_UNITS = "its steps depend on the units"
+
+# `verner9_projected` answers a round-off u of an invariant by a move of up to u/(2√DAMPING) along the torus.
+AMPLIFIED = {"verner9_projected": 1 / (2 * math.sqrt(runge_kutta.DAMPING))}
+
+
+def judged(record, chosen):
+    """Whether the method claims anything with these options."""
+    if (
+        record.name == "backlund_textbook"
+    ):  # it divides by what nearly vanishes close to the vertical, which it is there to show
+        return False
+    if record.name == "addition_theorem":  # off its torus it runs away, as its docstring says of `pin`
+        return chosen.get("pin") in (None, 1)
+    return True
+
+
+def sensible(record, y0, chosen):
+    """The options, `atol` in the units of the state if that is large."""
+    if "atol" not in record.options:
+        return chosen
+    return chosen | {"atol": max(chosen.get("atol", 1e-12), min(LEAST_ATOL * max(map(abs, y0)), 1e300))}
+
+
 # ---------------------------------------------------------------- what a result must be
 
 MODERATE = 4.0  # |h| and the length of a run, in time scales of the top, up to which claims are judged
@@ -277,12 +314,15 @@ def judge(record, alpha, y0, h, rows, every, chosen):
     y = np.ldexp(rows, [-rate] * 3 + [-length] * 3)
     h = ldexp(h, rate)
     span = abs(h) * top.scales(y[0])[0]
-    if span > MODERATE:
+    if span > MODERATE or not judged(record, chosen):
         return
     steps = every * np.arange(len(y), dtype=float)
     coarse = ldexp(TINY, -min(rate, length))  # what denormal numbers are rounded to
     bound = (steps + 1) * ((1 + span * span) * ULPS + 64 * coarse)
-    drift = np.abs(top.invariants(y) - top.invariants(y[0]))
+    with np.errstate(
+        all="ignore"
+    ):  # a loose tolerance may lead anywhere, where some may overflow that nobody claims to keep
+        drift = np.abs(top.invariants(y) - top.invariants(y[0]))
     for invariant, values, size in zip(INVARIANTS, drift.T, top.invariant_scales(y[0]), strict=True):
         if invariant in record.conserves:
             within(invariant, values, bound * size)
@@ -294,7 +334,8 @@ def judge(record, alpha, y0, h, rows, every, chosen):
     if span * steps[-1] <= MODERATE and (order is None or (order > 0 and span <= SHORT)):
         error = scaled_error(top, y[0], y, exact.solution(top, y[0], h * steps))
         truncation = 0.0 if order is None else 1e2 * span ** (order + 1) * steps
-        within("solution", error, (bound + truncation) * np.exp(span * steps))
+        round_off = bound * AMPLIFIED.get(record.name, 1.0)
+        within("solution", error, (round_off + truncation) * np.exp(span * steps))
 
 
 def order_of(record, chosen):
@@ -306,40 +347,14 @@ def order_of(record, chosen):
     return 1 if chosen.get("form") == "lagrange" else chosen.get("order", record.order)
 
 
-WORST = {}
-
-
 def within(what, values, bound):
     with np.errstate(divide="ignore"):  # what has no size must not change at all
         ratio = np.divide(values, bound, out=np.zeros_like(values), where=values != 0)
-    if max(ratio) > WORST.get(what, 0):
-        WORST[what] = max(ratio)
     assert np.max(ratio) <= 1, f"{what}: {np.max(ratio):.2g} times the bound"
 
 
 def run(name, alpha, y0, h, n, every, chosen):
     return integrate(LagrangeTop(alpha), y0, h, n, name, every, **chosen)
-
-
-# ---------------------------------------------------------------- justified limits
-
-# A method with steps of its own takes time in proportion to |h| n: a long run is long, not hung.
-LONGEST = {"step": 70, "tolerance": 3}
-
-# An absolute tolerance has the units of the state. Far below the round-off of a component that stays at zero, as some do where
-# x is parallel to J, no step is short enough: SciPy's solvers then crawl, as they are asked to.
-LEAST_ATOL = 2.0**-48
-
-
-def sensible(record, y0, chosen):
-    """The options, `atol` in the units of the state if that is large."""
-    if "atol" not in record.options:
-        return chosen
-    return chosen | {"atol": max(chosen.get("atol", 1e-12), min(LEAST_ATOL * max(map(abs, y0)), 1e300))}
-
-
-# heyoka's tolerance is absolute below norm 1, SciPy's `atol` always: their steps depend on the units.
-NOT_SCALE_FREE = {name for name in METHODS if available(METHODS[name]) and METHODS[name].control == "tolerance"}
 
 
 # ---------------------------------------------------------------- the tests
@@ -353,20 +368,23 @@ def test_every_option_is_tried():
 @pytest.mark.parametrize("name", METHODS)
 def test_any_top(name):
     record = method(name)
+    results = Counter()
 
-    @examples(60)
+    @examples(24)
     @given(cases(LONGEST[record.control], absolute=record.control == "step"), PLACES, options(record.options))
     def one(case, places, chosen):
         alpha, y0, h = case
         n, every = places
         chosen = sensible(record, y0, chosen)
         made = attempt(name, run, name, alpha, y0, h, n, every, chosen, h=h, arguments=chosen)
+        results[made is not None] += 1
         if made is not None:
             assert made.y.shape == (n // every + 1, 6)
             assert min(made.work.steps, made.work.rhs_evals, made.work.iterations, made.work.rejected) >= 0
             judge(record, alpha, y0, h, made.y, every, chosen)
 
     one()
+    assert results[True] > results[False] / 3, "hardly anything was judged"
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -376,7 +394,7 @@ def test_any_times(name):
         pytest.skip("steps on a grid only")
     longest = LONGEST[record.control]
 
-    @examples(40)
+    @examples(12)
     @given(cases(longest, absolute=False), st.lists(st.floats(-1, 1), max_size=6), options(record.options))
     def one(case, times, chosen):
         alpha, y0, h = case
@@ -401,14 +419,12 @@ def test_any_stepper(name):
     """`advance` goes where `record` does; a stepper takes any state, or says why not, and changes neither."""
     record = method(name)
 
-    @examples(30)
+    @examples(12)
     @given(cases(LONGEST[record.control], absolute=False), tops(20, 1070), PLACES, options(record.options))
     def one(case, other, places, chosen):
         alpha, y0, h = case
         z0 = np.array(other[1])
         n, every = places
-        if not np.any(z0[3:]):
-            return
         chosen = sensible(record, (*y0, *(z0 if record.control == "tolerance" else ())), chosen)
         stepper = attempt(name, prepare, LagrangeTop(alpha), y0, h, name, h=h, arguments=chosen, **chosen)
         if stepper is None:
@@ -417,8 +433,7 @@ def test_any_stepper(name):
         end = attempt(name, stepper.advance, y, n, h=h)
         rows = attempt(name, stepper.record, y, n, every, h=h)
         assert y.tobytes() == np.array(y0).tobytes()
-        assert (end is None) == (rows is None) or record.control == "tolerance"
-        if end is not None and rows is not None and record.control == "step":
+        if rows is not None and record.control == "step":
             assert end.tobytes() == rows[-1].tobytes()
         if record.control == "step":  # the other top may be so much quicker that its run is long
             strange = attempt(name, stepper.record, z0, n, every, h=h)
@@ -459,10 +474,10 @@ def test_any_option(name):
 def test_units(name):
     """J, x, alpha and h in other units, powers of two: the same bits in those units."""
     record = method(name)
-    if name in NOT_SCALE_FREE:
-        pytest.skip("its tolerance has units")
+    if record.control == "tolerance":
+        pytest.skip(TOLERANCES_HAVE_UNITS)
 
-    @examples(20)
+    @examples(8)
     @given(cases(0, (20,), absolute=False), st.integers(-60, 60), st.integers(-60, 60), PLACES, options(record.options))
     def one(case, rate, length, places, chosen):
         alpha, y0, h = case
@@ -483,7 +498,7 @@ def test_units(name):
 
 
 @examples(100)
-@given(tops(20, 300, 1070).filter(lambda top: any(top[1][3:])), GOOD["lam"], st.sampled_from((1, -1)))
+@given(tops(20, 300, 1070), GOOD["lam"], st.sampled_from((1, -1)))
 def test_any_parameter(case, lam, sheet):
     alpha, y0 = case
     lam = 1j if lam is None else lam
@@ -498,7 +513,7 @@ def test_any_attitude(name):
     if record.attitude is None:
         pytest.skip("does not follow the body")
 
-    @examples(40)
+    @examples(12)
     @given(cases(6, absolute=False), PLACES, options(record.options))
     def one(case, places, chosen):
         alpha, y0, h = case
@@ -519,10 +534,10 @@ def test_any_ensemble(name):
     record = method(name)
     longest = LONGEST[record.control]
 
-    @examples(20)
+    @examples(8)
     @given(
         cases(longest, absolute=False),
-        st.lists(tops(20, 300, 1070).filter(lambda top: any(top[1][3:])), min_size=1, max_size=5),
+        st.lists(tops(20, 300, 1070), min_size=1, max_size=5),
         PLACES,
         st.integers(1, 3),
         options(record.options),
@@ -567,8 +582,122 @@ def test_any_ensemble(name):
     one()
 
 
-def test_zz_report():
-    with open("/tmp/fuzz/stats.txt", "a") as f:
-        for n in METHODS:
-            print(n, OUTCOMES[n, True], OUTCOMES[n, False], file=f)
-        print(WORST, file=f)
+# ---------------------------------------------------------------- what was found this way
+
+
+GENERIC = TOPS["generic"]
+HUGE = 1.7976931348623157e308
+FOUND = {
+    "the time n h overflows": (1.0, (0.0, 0.0, 3e-309, 1.0, -0.8, 6.0), 9e307, 2, "kahan"),
+    "so does |J|": (0.0, (5e307, 1.4e308, HUGE, 1.2, -0.8, 6.8), 0.03, 1, "gauss4"),
+    "and |x|": (7e-308, (2.3, 6.4, 8.0, 5e307, -3.5e307, HUGE), 0.03, 1, "collective_midpoint"),
+    "a component of x, as it turns": (2e-308, (2.3, 6.4, 8.0, HUGE, -1.4e308, HUGE), 0.03, 1, "verner9_projected"),
+    "its stages, until steps change nothing": (5e-322, (2.3, 6.4, 8.0, HUGE, -HUGE, HUGE), -0.06, 1, "dop853"),
+}
+
+
+@pytest.mark.parametrize("what", FOUND)
+def test_beyond_the_largest_double(what):
+    alpha, y0, h, n, name = FOUND[what]
+    with pytest.raises(StepError, match=f"^{name} at h = "):
+        run(name, alpha, y0, h, n, 1, {})
+
+
+@pytest.mark.parametrize("name", ["kahan", "bobenko_suris", "addition_theorem", "backlund_textbook"])
+def test_a_state_beyond_the_units_of_a_stepper(name):
+    stepper = prepare(GENERIC.top, 2.0**-40 * GENERIC.state, 0.1, name)
+    with pytest.raises(StepError, match=f"^{name} at h = 0.1"):
+        stepper.advance(np.array((0.0, 0.0, HUGE, 0.0, 0.0, HUGE)), 1)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-160, 1e160, 1e300])
+def test_the_axis_of_the_body_whatever_its_length(size):
+    y0 = np.array((*GENERIC.state[:3], *(size * GENERIC.state[3:])))
+    g = integrate(LagrangeTop(1 / size), y0, 0.1, 10, attitude=True).attitude
+    np.testing.assert_allclose(g, integrate(GENERIC.top, GENERIC.state, 0.1, 10, attitude=True).attitude, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    "attitude", [(1.0, 0.0, 0.0), "up", [[1.0], [1.0, 2.0]], (1j, 0, 0, 0), (1e300, 0, 0, 0), (float("nan"), 0, 0, 0)]
+)
+def test_attitudes_that_are_none(attitude):
+    with pytest.raises(ValueError, match=r"^attitude "):
+        integrate(GENERIC.top, GENERIC.state, 0.1, 3, attitude=attitude)
+
+
+# ---------------------------------------------------------------- and whether it would be found
+
+
+class Faulty:
+    """A stepper of the midpoint rule whose `record` goes wrong in one way."""
+
+    def __init__(self, fault, stepper):
+        self.fault, self.stepper, self.work = fault, stepper, stepper.work
+
+    def record(self, y, n, every):
+        rows = self.stepper.record(y, n, every)
+        self.fault(rows)
+        return rows
+
+
+def fault_nan(rows):
+    rows[1, 0] = np.nan
+
+
+def fault_drift(rows):
+    rows[1:, 3:] *= 1 + 2048 * EPS
+
+
+def fault_start(rows):
+    rows[0, 0] = np.nextafter(rows[0, 0], 1)
+
+
+def fault_warning(rows):
+    np.float64(1.0) / np.float64(0.0)
+
+
+def fault_exception(rows):
+    raise ZeroDivisionError
+
+
+def fault_value_error(rows):
+    raise ValueError("something is wrong")
+
+
+def fault_step_error(rows):
+    raise StepError("another", "it does not work", h=0.1)
+
+
+def fault_slow(rows):
+    end = time.thread_time() + COMPILED + 0.1
+    while time.thread_time() < end:
+        pass
+
+
+FAULTS = [value for name, value in globals().items() if name.startswith("fault_")]
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_are_found(fault):
+    record = METHODS["implicit_midpoint"]
+    h = 0.1
+
+    def faulty(*args, **kwargs):
+        return Faulty(fault, record.prepare(*args, **kwargs))
+
+    def look(prepare):
+        method = replace(record, prepare=prepare)
+        rows = attempt(record.name, run, method, GENERIC.alpha, GENERIC.y0, h, 3, 1, {}, h=h).y
+        judge(record, GENERIC.alpha, GENERIC.y0, h, rows, 1, {})
+
+    look(record.prepare)
+    with pytest.raises((AssertionError, ArithmeticError, RuntimeWarning)):
+        look(faulty)
+
+
+def test_the_wrong_order_is_found():
+    record, h = METHODS["strang"], 1e-3
+    rows = run("strang", GENERIC.alpha, GENERIC.y0, h, 3, 1, {}).y
+    judge(record, GENERIC.alpha, GENERIC.y0, h, rows, 1, {})
+    with pytest.raises(AssertionError, match="solution"):
+        judge(replace(record, order=4), GENERIC.alpha, GENERIC.y0, h, rows, 1, {})
