@@ -387,7 +387,7 @@ def long_runs(rows: pd.DataFrame) -> pd.DataFrame:
     """Where the long runs end: time reached in the same wall time, error, invariants."""
     rows = rows[(rows.part == "long") & (rows.status == "done")]
     last = rows.loc[rows.groupby("method", sort=False).t.idxmax()] if len(rows) else rows
-    return last[["method", "t", "error", "time", "angle", *INVARIANTS]].reset_index(drop=True)
+    return last.reindex(columns=["method", "t", "error", "time", "angle", *INVARIANTS]).reset_index(drop=True)
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -448,8 +448,9 @@ def _draw_forms(rows: pd.DataFrame, style):
 
 def _draw_long(rows: pd.DataFrame, style):
     fig, (left, right) = style.figure("page", 2.9, ncols=2)
-    for name in style.ordered(rows.method):
-        run = rows[(rows.method == name) & (rows.status == "done")].sort_values("t")
+    rows = rows[rows.status == "done"]
+    for name in style.ordered(rows.method) if len(rows) else ():  # one cell measures them all: it failed as a whole
+        run = rows[rows.method == name].sort_values("t")
         worst = run[list(INVARIANTS)].abs().max(axis=1)
         left.loglog(run.t, run.error, **style.of(name))
         right.loglog(run.t, worst.where(worst > 0), **style.of(name))

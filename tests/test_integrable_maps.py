@@ -307,7 +307,7 @@ def test_absurd_steps(method, h):
 
 
 def test_form_is_checked():
-    with pytest.raises(ValueError, match="form must be 'symmetric' or 'lagrange'; got 'poisson'"):
+    with pytest.raises(ValueError, match="form must be one of 'symmetric', 'lagrange'; got 'poisson'"):
         bobenko_suris.prepare(GENERIC.top, GENERIC.state, 0.1, form="poisson")
 
 
