@@ -29,8 +29,11 @@ TOLERANCES = {"quick": (1e-6, 1e-12), "full": (1e-3, 1e-6, 1e-9, 1e-12, 1e-14)}
 ROUNDS = {"quick": 1, "full": 2}
 REPEATS = {"quick": 3, "full": 5}
 START = {"quick": ("backlund", "taylor", "implicit_midpoint"), "full": ()}  # none: all
-HEADLINE_TIME = 1e6
-HEADLINE_STEPS = {"quick": (0.5,), "full": (0.125, 0.5, 0.95, 2.5)}  # in nutation periods
+HEADLINE_TIME = 1e6  # of a cell without a `time` of its own
+HEADLINES = {  # h as a fraction of the nutation period
+    "quick": ({"fraction": 0.5, "time": 1e5},),
+    "full": tuple({"fraction": fraction} for fraction in (0.125, 0.5, 0.95, 2.5)),
+}
 ENSEMBLE = 512  # tops, each with a torus of its own
 ENSEMBLE_SPANS = (1.0, 10.0, 100.0)
 # h in one call of `advance`, so that a call costs nothing beside it: fixed steps, own steps, interpreted, implicit too
@@ -45,8 +48,7 @@ def cells(profile: str) -> list[dict]:
                 cell = {"part": "step", "method": name, "round": round_, "repeats": REPEATS[profile], **knob}
                 listed.append(cell)
     listed += [{"part": "start", "method": method} for method in START[profile] or METHODS]
-    for fraction in HEADLINE_STEPS[profile]:
-        listed.append({"part": "headline", "method": "taylor", "fraction": fraction})
+    listed += [{"part": "headline", "method": "taylor", **race} for race in HEADLINES[profile]]
     listed += [{"part": "ensemble", "method": "taylor", "span": span} for span in ENSEMBLE_SPANS]
     return [{"timing": True, **cell} for cell in listed]
 
@@ -128,25 +130,26 @@ def _measure_start(cell: dict) -> list[dict]:
 
 
 def _measure_headline(cell: dict) -> list[dict]:
-    """The exact step against raw heyoka at tol = eps over t = 10⁶, interleaved, with the errors of both."""
+    """The exact step against raw heyoka at tol = eps over a long time, interleaved, with the errors of both."""
     top, y0 = find(STATE)
-    steps = round(HEADLINE_TIME / (cell["fraction"] * exact.nutation_period(top, y0)))
-    h = HEADLINE_TIME / steps
+    t = cell.get("time", HEADLINE_TIME)
+    steps = round(t / (cell["fraction"] * exact.nutation_period(top, y0)))
+    h = t / steps
     raw = raw_heyoka(top, y0)
-    natural = prepare(top, y0, HEADLINE_TIME, "taylor")
+    natural = prepare(top, y0, t, "taylor")
 
     def backlund():
         return integrate(top, y0, h, steps, "backlund").y[-1]
 
     def heyoka():
-        return raw(HEADLINE_TIME)
+        return raw(t)
 
     def adapter():
         return natural.advance(y0, 1)
 
     backlund()  # compiled before the first sample
     timed = timing.interleave({"backlund": backlund, "heyoka": heyoka, "adapter": adapter}, repeats=3)
-    truth = exact.solution(top, y0, HEADLINE_TIME)
+    truth = exact.solution(top, y0, t)
     seconds = {name: t.min for name, t in timed.timings.items()}
     return [
         {

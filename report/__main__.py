@@ -32,10 +32,11 @@ def make(results: Path | None = None, output: Path | None = None) -> Made:
     ------
     OSError : there is no such folder of results, or `output` cannot be written.
     """
+    from experiments import provenance
     from report import page
 
     results, notes = find(results)
-    report = page.assemble(results)
+    report = page.assemble(results, provenance.usable_cores())
     path = page.write(report, output or default_output()).resolve()
     size = path.stat().st_size
     if size > LARGE:

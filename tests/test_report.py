@@ -203,6 +203,16 @@ def test_same_rows_same_bytes(results, tmp_path, monkeypatch):
         assert (first / file).read_bytes() == (second / file).read_bytes(), file
 
 
+def test_drawn_in_two_processes_it_is_the_same(tmp_path):
+    shutil.copy(store.default_results() / "perturbed.jsonl", tmp_path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page, "EXPERIMENTS", ("perturbed", "no_such_experiment"))
+        alone, shared = page.assemble(tmp_path), page.assemble(tmp_path, processes=2)
+    assert page.html(shared) == page.html(alone)
+    assert [len(section.figures) > 0 for section in shared.sections] == [True, False]
+    assert any("no_such_experiment" in error for error in shared.errors)
+
+
 def test_what_is_missing_is_said_in_its_place(report, text):
     sections = {part.split('"')[0]: part for part in text.split('<section id="')[1:]}
     assert "ZeroDivisionError: &lt;b&gt;no luck&lt;/b&gt;" in sections["toy.broken"]
