@@ -138,12 +138,12 @@ def more_accurate(rows: pd.DataFrame) -> Verdict:
     return Verdict(worst, 1.0, worst < 1.0)
 
 
-def batch_ratio(rows: pd.DataFrame) -> float:
+def batch_ratio(rows: pd.DataFrame, span: float = 1e4) -> float:
     """The least price of a top and a unit of time in heyoka's batches, over that of the exact step with no larger error."""
-    rivals = rows[rows.part == "rival"]
+    rivals = rows[(rows.part == "rival") & (rows.span == span)]
     ours, theirs = (rivals[rivals.method == name] for name in ("backlund", "taylor"))
     if ours.empty or theirs.empty:
-        raise NoData("the exact step and heyoka's batches were not both measured")
+        raise NoData(f"the exact step and heyoka's batches were not both measured up to t = {span:g}")
     ratios = []
     for run in theirs.itertuples():
         as_good = ours[ours.error <= run.error]
@@ -188,8 +188,8 @@ CLAIMS = [
     ),
     Claim(
         "hundred-times-heyoka",
-        "Over t = 10⁶ on the generic unit top, at half a nutation period per step, it is at least 100 times faster "
-        "than heyoka at machine epsilon (set-up and call overhead included, compilation excluded) …",
+        "Over t = 10⁶ (quick profile: 10⁵) on the generic unit top, at half a nutation period per step, it is at least 100 times "
+        "faster than heyoka at machine epsilon (set-up and call overhead included, compilation excluded) …",
         "cost",
         at_least(100.0, "ratio", part="headline", fraction=0.5),
     ),

@@ -59,6 +59,11 @@ def examples(few):
     )
 
 
+def those(have):
+    """Names of the methods that have what a test is about."""
+    return [name for name, record in METHODS.items() if have(record)]
+
+
 def method(name):
     if not available(METHODS[name]):
         pytest.skip(f"{METHODS[name].requires} is not installed")
@@ -272,7 +277,6 @@ LONGEST = {"step": 70, "tolerance": 3}
 LEAST_ATOL = 2.0**-48
 
 # heyoka's tolerance is absolute below norm 1, `atol` always: their steps depend on the units.
-TOLERANCES_HAVE_UNITS = "its steps depend on the units"
 
 # `verner9_projected` answers a round-off u of an invariant by a move of up to u/(2√DAMPING) along the torus.
 AMPLIFIED = {"verner9_projected": 1 / (2 * math.sqrt(runge_kutta.DAMPING))}
@@ -387,11 +391,9 @@ def test_any_top(name):
     assert results[True] > results[False] / 3, "hardly anything was judged"
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", those(lambda record: record.evaluate is not None))
 def test_any_times(name):
     record = method(name)
-    if record.evaluate is None:
-        pytest.skip("steps on a grid only")
     longest = LONGEST[record.control]
 
     @examples(12)
@@ -470,12 +472,10 @@ def test_any_option(name):
                 )
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", those(lambda record: record.control != "tolerance"))  # of which each has a unit
 def test_units(name):
     """J, x, alpha and h in other units, powers of two: the same bits in those units."""
     record = method(name)
-    if record.control == "tolerance":
-        pytest.skip(TOLERANCES_HAVE_UNITS)
 
     @examples(8)
     @given(cases(0, (20,), absolute=False), st.integers(-60, 60), st.integers(-60, 60), PLACES, options(record.options))
@@ -507,11 +507,9 @@ def test_any_parameter(case, lam, sheet):
         judge(METHODS["backlund"], alpha, y0, TINY, np.array((y0, y)), 1, {"lam": lam})
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", those(lambda record: record.attitude is not None))
 def test_any_attitude(name):
     record = method(name)
-    if record.attitude is None:
-        pytest.skip("does not follow the body")
 
     @examples(12)
     @given(cases(6, absolute=False), PLACES, options(record.options))
