@@ -302,7 +302,7 @@ def html(report: Report) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters.update(show=tables.show, cells=tables.cells)
+    environment.filters.update(show=tables.show, cells=tables.cells, heading=tables.heading)
     template = environment.get_template("template.html.j2")
     parts = {name: Markup((HERE / f"page.{name}").read_text(encoding="utf-8")) for name in ("css", "js")}
     parts["css"] += Markup((live.HERE / "live.css").read_text(encoding="utf-8"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
+import re
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
@@ -14,6 +15,9 @@ MISSING = "–"
 PAGE = 45  # rows of a table that fit on a page of LaTeX
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 GROUP = "\N{NARROW NO-BREAK SPACE}"
+BAR = "\N{COMBINING MACRON}"
+UNIT = re.compile(r"\bus\b")
+SYMBOL = re.compile(f".{BAR}?", re.DOTALL)
 
 TEX_SPECIAL = {
     **{c: "\\" + c for c in "&%$#_{}"},
@@ -54,6 +58,11 @@ def flat(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.set_axis([name.strip() for name in names], axis="columns")
 
 
+def heading(column: Any) -> str:
+    """A column's name for a reader: setup_us is "setup µs"."""
+    return UNIT.sub("µs", str(column).replace("_", " "))
+
+
 def cells(frame: pd.DataFrame) -> list[list[Cell]]:
     """The rows of a frame, for the page."""
     pads = _pads(frame)
@@ -65,7 +74,7 @@ def markdown(frame: pd.DataFrame) -> str:
     sides = [":--" if side == "l" else "--:" for side in _sides(frame)]
     pads = _pads(frame)
     body = [[show(value, pad) for value, pad in zip(row, pads, strict=True)] for row in _rows(frame)]
-    lines = [[str(name) for name in frame.columns], sides, *body]
+    lines = [[heading(name) for name in frame.columns], sides, *body]
     return "".join("| " + " | ".join(_markdown_text(text) for text in line) + " |\n" for line in lines)
 
 
@@ -73,7 +82,7 @@ def latex(frame: pd.DataFrame, caption: str = "") -> str:
     r"""A `tabular` to be \input into a table float, numbers as siunitx; a `longtable` where it would not fit on a page."""
     long = len(frame) > PAGE
     columns = f"@{{}}{''.join(_sides(frame))}@{{}}"
-    head = " & ".join(_tex_text(str(name)) for name in frame.columns) + r" \\"
+    head = " & ".join(_tex_text(heading(name)) for name in frame.columns) + r" \\"
     pads = _pads(frame)
     body = [[tex(value, pad) for value, pad in zip(row, pads, strict=True)] for row in _rows(frame)]
     packages = "booktabs,siunitx,longtable" if long else "booktabs,siunitx"
@@ -186,7 +195,12 @@ def _markdown_text(text: str) -> str:
 
 def _tex_text(text: str) -> str:
     parts = []
-    for is_math, run in groupby(text, key=TEX_MATH.__contains__):
-        translated = "".join((TEX_MATH if is_math else TEX_SPECIAL).get(c, c) for c in run)
+    for is_math, run in groupby(SYMBOL.findall(text), key=lambda symbol: symbol in TEX_MATH or symbol[1:] == BAR):
+        translated = "".join(_tex_math(symbol) if is_math else TEX_SPECIAL.get(symbol, symbol) for symbol in run)
         parts.append(f"${translated}$" if is_math else translated)
     return "".join(parts)
+
+
+def _tex_math(symbol: str) -> str:
+    letter, bar = symbol[0], symbol[1:]
+    return rf"\bar{{{TEX_MATH.get(letter, letter)}}}" if bar else TEX_MATH[letter]

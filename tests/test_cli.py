@@ -462,6 +462,23 @@ def test_completion_in_bash(script, typed, offered, not_offered):
     assert not not_offered & words
 
 
+@pytest.mark.skipif(shutil.which("fish") is None, reason="needs fish")
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("comp", {"compare", "completion"}),
+        ("run --sch", {"--scheduler"}),
+        ("integrate --method gauss", {"gauss4", "gauss6", "gauss8", "gauss12"}),
+        ("figure --format ", {"svg", "pdf", "png"}),
+    ],
+)
+def test_completion_in_fish(run, tmp_path, typed, offered):
+    program = f"{run('completion', 'fish')[1]}\ncomplete -C 'lagrange-bench {typed}'"
+    home = {**os.environ, "HOME": str(tmp_path)}
+    done = subprocess.run(["fish", "-c", program], capture_output=True, text=True, env=home, cwd=tmp_path, check=True)
+    assert {line.split("\t")[0] for line in done.stdout.splitlines()} == offered
+
+
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_knows_every_option(run, shell):
     code, out, err = run("completion", shell)

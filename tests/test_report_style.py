@@ -13,6 +13,8 @@ import pandas as pd
 import pytest
 from matplotlib.text import Text
 
+from experiments import EXPERIMENTS, load
+from experiments.store import Store, default_results
 from integrators import METHODS
 from integrators.interface import FAMILIES
 from report import figures, style, tables
@@ -73,7 +75,7 @@ def test_latex_tables_are_whole_and_long_ones_break_over_pages():
 @pytest.mark.skipif(TEX is None, reason="needs a TeX engine: pdflatex, lualatex, xelatex or tectonic")
 def test_latex_tables_compile(tmp_path):
     rows = {
-        "text": ["50 % of a_b & [λ²] * ~ ^ \\ <a|b>", "…–—"],
+        "text": ["50 % of a_b & [λ²] * ~ ^ \\ <a|b>", "…–—, 2x̄ − λ̄ µs"],
         "x": [1.5e-9, -np.inf],
         "n": [20_000, 1],
         "y": [np.nan, 2.0],
@@ -87,6 +89,22 @@ def test_latex_tables_compile(tmp_path):
     options = [] if TEX.endswith("tectonic") else ["-interaction=nonstopmode", "-halt-on-error"]
     done = subprocess.run([TEX, *options, "all.tex"], cwd=tmp_path, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stdout[-2000:]
+
+
+def test_every_letter_of_the_reference_tables_is_known_to_latex():
+    store = Store(default_results())
+    for name in EXPERIMENTS:
+        for table in load(name).tables(store.rows(name)).values():
+            text = tables.latex(tables.flat(table), table.attrs.get("caption", ""))
+            assert {
+                letter for letter in text.replace(f"% {table.attrs.get('caption', '')}", "") if letter > "ÿ"
+            } == set()
+
+
+def test_headings_are_words():
+    assert [tables.heading(name) for name in ("ns_per_step", "setup_us", "H", "us per use", 2)] == [
+        "ns per step", "setup µs", "H", "µs per use", "2",
+    ]  # fmt: skip
 
 
 # ---------------------------------------------------------------- style
