@@ -24,7 +24,7 @@ from integrators.compiled import compiled
 from integrators.integrable import real_map
 from integrators.integrable.real_map import ALPHA, ALPHA_2, ETA, ETA2, MI_ETA, MR, P3, R
 from integrators.loops import MEMORY, NEVER, FixedStepper
-from integrators.methods import backlund
+from integrators.units import Units
 
 VERSION = 1
 
@@ -146,7 +146,7 @@ def exact_map(kernel: Callable[..., Any], pin: int = 0) -> Callable[..., FixedSt
     """Builder of a stepper with exact λ(h), this kernel, and a pin every so many steps."""
 
     def build(top, y0, h):
-        units = backlund.Units(top, y0, h)
+        units = Units(top, y0, h)
         state = units.enter(y0)
         c, turns = real_map.exact_constants(units.alpha, state, units.time(h))
         assert not turns  # the forms here leave the rotation out
@@ -160,7 +160,7 @@ def exact_map(kernel: Callable[..., Any], pin: int = 0) -> Callable[..., FixedSt
 
 def program(top, y0, h):
     """The paper's program with the exact λ(h)."""
-    units = backlund.Units(top, y0, h)
+    units = Units(top, y0, h)
     c, _ = real_map.exact_constants(units.alpha, units.enter(y0), units.time(h))
     shift = units.length - units.rate
     return prepare(top, y0, h, "backlund_textbook", lam=complex(math.ldexp(c[R], shift), math.ldexp(c[ETA], shift)))

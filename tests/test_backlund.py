@@ -10,7 +10,7 @@ from experiments import metrics
 from integrators import TOPS, LagrangeTop, StepError, exact, integrate, prepare, two_point
 from integrators.integrable import real_map
 from integrators.integrable import time_step as ts
-from integrators.methods import backlund
+from integrators.units import Units
 
 STEPS = 2000
 TIMES = (0.03, 0.1, 0.5, 2.0, 5.0, 11.0)  # steps, in units of 1/(|J| + √(|alpha||x|))
@@ -131,7 +131,7 @@ def test_freezing_mu_is_not_poisson():
     top, y = TOPS["generic"].top, TOPS["generic"].state
     c = prepare(top, y, 1.0, lam=0.3 + 0.4j, pin=0).constants
     tally = np.zeros(5)
-    units = backlund.Units(top, y, 1.0)
+    units = Units(top, y, 1.0)
 
     def frozen(z):
         return units.leave(np.array(real_map.step(tuple(units.enter(z)), c, tally)))

@@ -36,8 +36,9 @@ from integrators.integrable.real_map import ALPHA, C1, C1_LO, C2, C2_LO, H_LO, J
 from integrators.integrable.real_map import pin as onto_torus
 from integrators.interface import Array, Method, StepError, check_count
 from integrators.loops import NEVER, FixedStepper
-from integrators.methods.backlund import TorusStepper, Units, check_span
+from integrators.methods.backlund import TorusStepper
 from integrators.top import LagrangeTop
+from integrators.units import Units
 
 # places of the constants, behind those of the torus; complex ones take two
 HALF_N, HALF_P, HALF_ALPHA_P, HALF_ALPHA, D0, D1, D2 = range(C2_LO + 1, C2_LO + 8)
@@ -306,8 +307,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
     """
     name = "addition_theorem"
     units = Units(top, y0, h)
-    state, span = units.enter(y0), units.time(h)
-    check_span(name, h, span)
+    state, span = units.enter(y0), units.span(name, h)
     block = (8 if abs(span) < LONG else 1) if pin is None else check_count(pin, "pin")
     c, least = constants(units.alpha, tuple(state), span)
     if not (least >= LEAST and np.all(np.isfinite(c))):

@@ -29,12 +29,9 @@ from integrators.integrable import time_step as ts
 from integrators.integrable.real_map import (
     C2_LO,
     KERNELS,
-    LARGEST_SPAN,
-    MODERATE,
     attitude_loop,
     constants,
     exact_constants,
-    exponents,
     form,
     many_constants,
     many_jumps,
@@ -44,50 +41,11 @@ from integrators.integrable.real_map import pin as onto_torus
 from integrators.interface import Array, Method, StepError, Work, check_count
 from integrators.loops import FAILURE, NEVER, FixedStepper, run_lanes
 from integrators.top import LagrangeTop
+from integrators.units import Units
 
 FEW = 4  # tops below which one after the other is quicker than a block of lanes
 OFF_TORUS = 4e-11  # distance of an invariant from the prepared torus, in scaled units, that is no longer round-off
 MOST_PARTS = 10**8  # steps of an attitude between two rows: some seconds, not to be interrupted
-
-
-def ldexp(number: float, exponent: int) -> float:
-    """number · 2^exponent; beyond the largest double ±inf, which the checks of what follows refuse."""
-    try:
-        return math.ldexp(number, exponent)
-    except OverflowError:
-        return math.copysign(math.inf, number)
-
-
-class Units:
-    """Powers of two that bring |x| and |J| + √(|alpha||x|) to order one: changing units is exact."""
-
-    def __init__(self, top: LagrangeTop, y0: Array, h: float):
-        self.rate, self.length = exponents(top.alpha, tuple(y0.tolist()), h)
-        self.moderate = max(abs(self.rate), abs(self.length)) < MODERATE
-        if self.moderate:
-            rates, lengths = math.ldexp(1.0, -self.rate), math.ldexp(1.0, -self.length)
-            self.factors = np.array((rates, rates, rates, lengths, lengths, lengths))
-        self.alpha = ldexp(top.alpha, self.length - 2 * self.rate)
-
-    @property
-    def exponents(self) -> list[int]:
-        return [-self.rate] * 3 + [-self.length] * 3
-
-    def enter(self, y: Array) -> Array:
-        with np.errstate(over="ignore"):  # what leaves the range of doubles is refused as a state
-            return y * self.factors if self.moderate else np.ldexp(y, self.exponents)
-
-    def leave(self, y: Array) -> Array:
-        with np.errstate(over="ignore"):
-            return y / self.factors if self.moderate else np.ldexp(y, [-n for n in self.exponents])
-
-    def time(self, t: float) -> float:
-        return ldexp(t, self.rate)
-
-    def parameter(self, lam: complex) -> complex:
-        """λ has the units of x/J."""
-        shift = self.rate - self.length
-        return complex(ldexp(lam.real, shift), ldexp(lam.imag, shift))
 
 
 class TorusStepper(FixedStepper):
@@ -135,8 +93,7 @@ def prepare_unpinned(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
 
 def _exact(name: str, top: LagrangeTop, y0: Array, h: float, pin_every: int) -> FixedStepper:
     units = Units(top, y0, h)
-    state, span = units.enter(y0), units.time(h)
-    check_span(name, h, span)
+    state, span = units.enter(y0), units.span(name, h)
     c, turns = exact_constants(units.alpha, tuple(state.tolist()), span)
     return _stepper(name, h, units, c, turns, pin_every)
 
@@ -171,11 +128,6 @@ def check_parameter(lam: complex, name: str = "lam") -> complex:
     if not (math.isfinite(lam.real) and math.isfinite(lam.imag)) or lam.imag <= 0:
         raise ValueError(f"{name} must be finite with a positive imaginary part; got {lam}")
     return lam
-
-
-def check_span(name: str, h: float, span: float) -> None:
-    if not abs(span) < LARGEST_SPAN:
-        raise StepError(name, "|h| is over 1e15 times the time scale of the top: its phase is beyond double", h=h)
 
 
 def plain_constants(alpha: float, state: Array, lam: complex, sheet: int) -> Array:
@@ -221,9 +173,7 @@ def two_point(top: LagrangeTop, y: Array, lam: complex, sheet: int = 1) -> Array
 def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
     """Jumps: one two-point map from y0 to each output time, whatever the distance."""
     units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
-    spans = np.array([units.time(t) for t in times])
-    for t, span in zip(times, spans, strict=True):
-        check_span("backlund", float(t), float(span))
+    spans = np.array([units.span("backlund", t) for t in times.tolist()])
     y = units.leave(ts.flow(units.alpha, tuple(units.enter(y0)), spans))
     y[times == 0.0] = y0
     if not np.all(np.isfinite(y)):
@@ -281,8 +231,7 @@ def attitude_exact(
         raise ValueError("lam: the attitude is that of the exact step; it cannot be followed for another parameter")
     units = Units(top, y0, h)
     state = tuple(units.enter(y0))
-    span = units.time(h)
-    check_span("backlund", h, span)
+    span = units.span("backlund", h)
     # whole nutations have no λ of their own: steps of at most half of one
     parts = max(1, math.ceil(2 * abs(span) / ts.torus(units.alpha, state, 0.0)[1][0]))
     if every * parts > MOST_PARTS:

@@ -27,8 +27,8 @@ import numpy as np
 from integrators.compiled import jit
 from integrators.interface import Array, Method, check_choice
 from integrators.loops import FixedStepper
-from integrators.methods.backlund import Units
 from integrators.top import LagrangeTop
+from integrators.units import Units
 
 HALF, KICK = range(2)  # places of the constants h/2 and alpha h/2
 

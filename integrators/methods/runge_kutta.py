@@ -28,9 +28,9 @@ import numpy as np
 from integrators.compiled import jit, jit_as
 from integrators.interface import Array, Method, StepError
 from integrators.loops import FAILURE, MEMORY, RESIDUAL, FixedStepper
-from integrators.methods.backlund import Units
 from integrators.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Row, Tableau
 from integrators.top import LagrangeTop
+from integrators.units import Units
 from integrators.unroll import unrolled
 
 ALPHA, H, ENERGY, C1, C2 = range(5)  # places of the constants

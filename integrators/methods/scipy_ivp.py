@@ -35,9 +35,9 @@ from scipy.linalg import LinAlgWarning
 from integrators.compiled import jit
 from integrators.dense import DenseStepper, Run, at_times
 from integrators.interface import Array, Method, StepError, Work
-from integrators.methods.backlund import Units
 from integrators.methods.dop853 import check_tolerances
 from integrators.top import LagrangeTop
+from integrators.units import Units
 
 IN_TURNS = threading.Lock()
 

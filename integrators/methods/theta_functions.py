@@ -36,8 +36,8 @@ from integrators.integrable.double_double import add, dd, div, mul, neg, scale, 
 from integrators.integrable.time_step import cubic_root
 from integrators.interface import Array, Method, StepError, Work
 from integrators.loops import FAILURE, MEMORY, FixedStepper
-from integrators.methods.backlund import Units, check_span
 from integrators.top import LagrangeTop
+from integrators.units import Units
 
 # places of the constants
 KIND, H, TIME_0, PERIOD, PERIOD_LO, TURN, TURN_LO, CLOCK, BARRIER, NOME, SIGN = range(11)
@@ -509,8 +509,7 @@ class ThetaStepper(FixedStepper):
 
     def __init__(self, top: LagrangeTop, y0: Array, h: float):
         self.units = Units(top, y0, h)
-        self.span = self.units.time(h)
-        check_span("theta_functions", h, self.span)
+        self.span = self.units.span("theta_functions", h)
         c = self.constants_of(y0, h)
         super().__init__(
             "theta_functions", h, c, step, enter=self.units.enter, leave=self.units.leave, failures=FAILURES
@@ -532,10 +531,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> ThetaStepper:
 def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
     """The states at any times, one evaluation each."""
     units = Units(top, y0, 1.0)
-    with np.errstate(over="ignore"):
-        scaled = np.ldexp(times, units.rate)
-    for t, span in zip(times, scaled, strict=True):
-        check_span("theta_functions", t, span)
+    scaled = np.array([units.span("theta_functions", t) for t in times.tolist()])
     c = found_constants(units, y0, 0.0)
     return units.leave(positions(scaled, c)), Work(steps=len(times))
 
