@@ -256,7 +256,7 @@ def report(options: argparse.Namespace) -> Answer:
     from report.__main__ import make
 
     made = make(options.results, options.output)
-    remarks = [*(f"not drawn: {error}" for error in made.errors), *made.notes]
+    remarks = [*(f"not drawn: {error}" for error in made.errors), *made.notes, made.summary]
     for line in remarks if not options.quiet else ():
         print(line, file=sys.stderr)
     data = {"page": str(made.page), "results": str(made.results), "not_drawn": made.errors, "notes": made.notes}

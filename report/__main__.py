@@ -19,6 +19,7 @@ class Made:
     results: Path
     errors: list[str]  # what could not be drawn; the page says so too
     notes: list[str]
+    summary: str  # of what is on the page
 
     @property
     def exit_code(self) -> int:
@@ -41,7 +42,8 @@ def make(results: Path | None = None, output: Path | None = None) -> Made:
     size = path.stat().st_size
     if size > LARGE:
         notes.append(f"the page is large: {size / 1e6:.1f} MB; draw dense figures with rasterized=True")
-    return Made(path, results, report.errors, notes)
+    notes += [f"refuted: {judged.claim.text}" for judged in report.claims if judged.verdict.passed is False]
+    return Made(path, results, report.errors, notes, f"{page.counted(report)}; {size / 1e6:.1f} MB")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -56,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         what = f"{error.strerror}: {error.filename}" if error.strerror else str(error)
         print(f"error: {what}", file=sys.stderr)
         return 2
-    for line in [*made.notes, *(f"not drawn: {error}" for error in made.errors)]:
+    for line in [*made.notes, *(f"not drawn: {error}" for error in made.errors), made.summary]:
         print(line, file=sys.stderr)
     print(made.page)
     return made.exit_code

@@ -15,6 +15,9 @@ import numpy as np
 import pandas as pd
 
 
+WORDS = {True: "pass", False: "fail", None: "no data"}
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What a check found. `passed` None: there is nothing to judge by, `note` says why."""
@@ -26,7 +29,7 @@ class Verdict:
 
     @property
     def word(self) -> str:
-        return {True: "pass", False: "fail", None: "no data"}[self.passed]
+        return WORDS[self.passed]
 
 
 Check = Callable[[pd.DataFrame], Verdict]

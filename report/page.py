@@ -163,6 +163,19 @@ def judge(rows: dict[str, pd.DataFrame]) -> tuple[list[Judged], list[str]]:
     return judged, errors
 
 
+def counted(report: Report) -> str:
+    """How much the page shows, and how its claims fare."""
+    drawn = sum(len(section.figures) for section in report.sections)
+    made = sum(len(section.tables) for section in report.sections)
+    fare = ", ".join(f"{count} {word}" for word, count in _counts(report.claims).items() if count)
+    return f"{drawn} figures, {made} tables, {len(report.claims)} claims ({fare})"
+
+
+def _counts(judged: list[Judged]) -> dict[str, int]:
+    words = [j.verdict.word for j in judged]
+    return {word: words.count(word) for word in claims.WORDS.values()}
+
+
 def write(report: Report, output: Path) -> Path:
     """Writes a report, each file whole or not at all; files of figures and tables that are no more are removed."""
     output = Path(output)
@@ -306,11 +319,10 @@ def html(report: Report) -> str:
     template = environment.get_template("template.html.j2")
     parts = {name: Markup((HERE / f"page.{name}").read_text(encoding="utf-8")) for name in ("css", "js")}
     parts["css"] += Markup((live.HERE / "live.css").read_text(encoding="utf-8"))
-    passed = [judged.verdict.word for judged in report.claims]
     return template.render(
         report=report,
         headline=_headline(report.sections),
-        counts={word: passed.count(word) for word in ("pass", "fail", "no data")},
+        counts=_counts(report.claims),
         environment=environment_facts(report.sections),
         long=LONG,
         points=errata.POINTS,

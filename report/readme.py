@@ -36,8 +36,8 @@ def with_claims(readme: str, results: Path) -> str:
 
 def main() -> None:
     path = ROOT / "README.md"
-    path.write_text(with_claims(path.read_text(encoding="utf-8"), ROOT / "results" / "reference"), encoding="utf-8")
-    print(path)
+    text = with_claims(path.read_text(encoding="utf-8"), ROOT / "results" / "reference")
+    print(page.write_file(path, text))
     print(export.export(PICTURE, ROOT / "results" / "reference", ROOT / "docs" / "headline.svg"))
 
 
