@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-
 WORDS = {True: "pass", False: "fail", None: "no data"}
 
 
