@@ -5,8 +5,8 @@ BIN := .venv/bin
 .PHONY: help bench test lint full report docs clean
 
 help:
-	@echo "make bench   set up, run the quick profile (< 3 minutes), write report/index.html"
-	@echo "make test    set up, run the tests (about 8 minutes)"
+	@echo "make bench   set up, run the quick profile (about 3 minutes), write report/index.html"
+	@echo "make test    set up, run the tests (about 7 minutes)"
 	@echo "make full    set up, run the full profile (about 40 minutes), write report/index.html"
 	@echo "make report  draw the committed reference run again, computing nothing"
 	@echo "make docs    write the reference of all modules to build/docs, to be read offline"

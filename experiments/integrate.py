@@ -191,7 +191,7 @@ def integrate(options: argparse.Namespace) -> Answer:
     seconds = perf_counter() - begin
     facts = {"top": name, "alpha": top.alpha, "y0": y0, "method": method.name, "options": settings}
     facts |= {"h": options.h, "steps": options.steps, "every": grid.get("every"), "work": vars(trajectory.work)}
-    data = plain({**facts, "seconds": seconds, **output.judge(trajectory, y0)})
+    data = plain({**facts, "seconds": seconds, **output.judge(trajectory, y0, method, grid.get("h"))})
     done = []
     if options.output is not None:
         done.append(output.save(options.output, trajectory, plain(facts)))

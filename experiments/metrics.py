@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from integrators import exact
 from integrators.top import LagrangeTop
 
 Array = NDArray[np.float64]
@@ -178,6 +179,20 @@ def _slope(x: Array, y: Array) -> Array:
 
 
 # ---------------------------------------------------------------- phase
+
+
+def condition(top: LagrangeTop, y0: Array, times: Array) -> Array:
+    """How many times as large a change of y0 is at `times` (N,): the largest of six, in scaled units, (N,).
+
+    From differences of exact solutions, each component of y0 changed by 1e-11 of its scale: good to 1e-3.
+    """
+    rate, size, _ = top.scales(y0)
+    truth, grown = exact.solution(top, y0, times), []
+    for change in 1e-11 * np.diag(np.repeat((rate, size), 3)):
+        y = y0 + change
+        moved = np.max(np.abs(y - y0) / np.repeat((rate, size), 3))  # the change as it was rounded
+        grown.append(scaled_error(top, y0, exact.solution(top, y, times), truth) / moved)
+    return np.asarray(np.max(grown, axis=0))
 
 
 def phase_split(top: LagrangeTop, y_exact: ArrayLike, error: ArrayLike) -> dict[str, Array]:

@@ -16,8 +16,9 @@ import numpy as np
 
 from experiments import metrics, provenance
 from experiments.commands import table
+from experiments.states import truth
 from integrators import INVARIANTS, Trajectory, exact
-from integrators.interface import Array
+from integrators.interface import Array, Method
 
 if TYPE_CHECKING:
     from integrators import Method
@@ -31,12 +32,16 @@ CHORD = 0.3  # rad between two recorded directions of the axis; beyond, a line b
 # ---------------------------------------------------------------- words
 
 
-def judge(trajectory: Trajectory, y0: Array) -> dict[str, Any]:
-    """Invariants, their drift relative to `invariant_scales`, and the error against the exact solution."""
+def judge(trajectory: Trajectory, y0: Array, method: Method, h: float | None) -> dict[str, Any]:
+    """Invariants, their drift relative to `invariant_scales`, and the error against the exact solution. h : None for jumps."""
     top, y = trajectory.top, np.vstack([y0, trajectory.y])
     invariants, drift = top.invariants(y), metrics.relative_drift(top.invariants(y), top.invariant_scales(y0))
     try:
-        errors = metrics.scaled_error(top, y0, trajectory.y, exact.solution(top, y0, trajectory.t))
+        if h is None:
+            right = exact.solution(top, y0, trajectory.t)
+        else:
+            right = truth(top, y0, method, h, np.rint(trajectory.t / h).astype(np.int64))
+        errors = metrics.scaled_error(top, y0, trajectory.y, right)
         judged: dict[str, Any] = {"final": errors[-1], "largest": errors.max(), "note": ""}
     except ValueError as error:  # beyond what doubles resolve: the method has an answer, the truth has none
         judged = {"final": None, "largest": None, "note": str(error)}

@@ -9,28 +9,44 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from integrators import exact
 from integrators.interface import Method
 from integrators.top import TOPS, Array, LagrangeTop
 
 RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
+CLOSE = tuple(f"close{i:03d}" for i in range(32))  # to the separatrix; likewise
 
 
 def find(name: str) -> tuple[LagrangeTop, Array]:
-    """Top and initial state of a named top or of "random000" … "random999".
+    """Top and initial state of a named top, of "random000" … "random999" or of "close000" … "close999".
 
     The random ones have alpha in [0.3, 2], each J in [-2, 2] and |x| in [0.5, 2]; the generator is Python's own,
-    whose `random()` never changes.
+    whose `random()` never changes. The close ones are on the separatrix but for a part of 1e-1 to 1e-8 of J.
     """
     if name in TOPS:
         return TOPS[name].top, TOPS[name].state
-    if not re.fullmatch(r"random\d{3}", name):
-        raise ValueError(f"unknown state {name!r}; known: {', '.join(TOPS)}, random000 … random999")
+    if not re.fullmatch(r"(random|close)\d{3}", name):
+        raise ValueError(f"unknown state {name!r}; known: {', '.join(TOPS)}, random000 … random999, close000 … close999")
     draw = random.Random(name)  # seeded by the text itself, through SHA-512
     J = [draw.uniform(-2, 2) for _ in range(3)]
     x = np.array([draw.uniform(-1, 1) for _ in range(3)])
     alpha, size = draw.uniform(0.3, 2), draw.uniform(0.5, 2)
-    return LagrangeTop(alpha), np.array([*J, *(x * (size / math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])))])
+    x *= size / math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+    if name.startswith("close"):
+        J = _near_separatrix(alpha, x, J[2] / 2, 10 ** draw.uniform(-8, -1) * draw.choice((-1, 1)))
+    return LagrangeTop(alpha), np.array([*J, *x])
+
+
+def _near_separatrix(alpha: float, x: Array, share: float, off: float) -> list[float]:
+    """J that would lead up to the unstable sleeping top, J3 being a share of what is possible; its rest is off by a part."""
+    size, flat = math.hypot(*x), math.hypot(x[0], x[1])
+    J3 = share * math.sqrt(2 * alpha * (size + x[2]))
+    along = J3 * (size - x[2]) / flat  # from J·x = J3 |x|
+    across = math.sqrt(2 * alpha * (size - x[2]) - along * along)  # from H = J3²/2 + alpha |x|
+    along, across = along * (1 + off), across * (1 + off)
+    return [(along * x[0] - across * x[1]) / flat, (along * x[1] + across * x[0]) / flat, J3]
 
 
 def log_counts(last: int, per_octave: int) -> list[int]:
@@ -51,12 +67,20 @@ def sample(top: LagrangeTop, y0: Array, method: str, h: float, counts: list[int]
     if METHODS[method].control == "tolerance":
         return times, integrate(top, y0, t=times, method=method, **options).y
     stepper = prepare(top, y0, h, method, **options)
+    afresh = getattr(stepper, "from_start", False)  # carried on, it would be judged by where it was interrupted
     states, done, y = [], 0, y0
     for n in counts:
-        y = stepper.advance(y, n - done)
+        y = stepper.advance(y0, n) if afresh else stepper.advance(y, n - done)
         states.append(y)
         done = n
     return times, np.array(states)
+
+
+def truth(top: LagrangeTop, y0: Array, method: Method, h: float, counts: ArrayLike) -> Array:
+    """The exact states (N, 6) after n steps of h. What steps by h is at n·h itself, which no double need be."""
+    if method.control == "tolerance":
+        return exact.solution(top, y0, h * np.asarray(counts, dtype=float))
+    return exact.after_steps(top, y0, h, counts)
 
 
 KNOBS = ("h", "tol", "rtol")

@@ -16,12 +16,12 @@ import numpy as np
 import pandas as pd
 
 from experiments import engine, metrics, timing
-from experiments.states import KNOBS, find, knobs, options_of, rounded, sample
-from integrators import METHODS, exact, prepare
+from experiments.states import KNOBS, find, knobs, options_of, rounded, sample, truth
+from integrators import METHODS, prepare
 from integrators.interface import StepError
 from integrators.top import TOPS
 
-VERSION = 2
+VERSION = 3
 
 # span: (states, steps to an octave, decades of tolerance between two, longest run in s)
 SPANS: dict[str, dict[float, tuple[tuple[str, ...], int, int, float]]] = {
@@ -86,9 +86,9 @@ def _run(cell: dict) -> dict:
     if predicted > cell["longest"]:
         return {"stopped": "too long", "predicted": rounded(predicted)}
     counts = sorted({max(n * k // 16, 1) for k in (13, 14, 15, 16)})
-    times, states = sample(top, y0, method.name, h, counts, **options)
+    _, states = sample(top, y0, method.name, h, counts, **options)
     with np.errstate(over="ignore"):  # of a step much too large
-        error = float(np.max(metrics.scaled_error(top, y0, states, exact.solution(top, y0, times))))
+        error = float(np.max(metrics.scaled_error(top, y0, states, truth(top, y0, method, h, counts))))
     if not np.isfinite(error):
         return {"stopped": "refused", "reason": "the error is beyond the range of doubles"}
     if error > USEFUL:
@@ -287,6 +287,8 @@ def _curve(good: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
 
 
 def _draw_frontier(good: pd.DataFrame, style):
+    from report.tables import show
+
     spans = sorted(set(good.span))
     columns = min(len(spans), 2)
     size = {"nrows": -(-len(spans) // columns), "ncols": columns, "sharey": True, "squeeze": False}
@@ -300,7 +302,7 @@ def _draw_frontier(good: pd.DataFrame, style):
         front = here.iloc[metrics.pareto_front(here.seconds, here.error)]
         ax.loglog(front.seconds, front.error, color=style.INK, marker="o", markersize=4.5, linestyle=(0, (1, 1.2)),
                   markerfacecolor="none", linewidth=0.8, zorder=6, label="_frontier")  # fmt: skip
-        ax.set_title(f"t = {span:g}")
+        ax.set_title(f"t = {show(span).removeprefix('1×')}")
         ax.set_ylim(1e-16, 1)
     for ax in grid.flat[len(spans) :]:
         ax.remove()
@@ -308,7 +310,7 @@ def _draw_frontier(good: pd.DataFrame, style):
         ax.set_xlabel("wall time of the run, s")
     for ax in grid[:, 0]:
         ax.set_ylabel("error at the end")
-    style.label_ends(fig, list(grid.flat[: len(spans)]))
+    style.label_ends(grid.flat[: len(spans)])
     fig.caption = (
         f"Error at the end of the run against its wall time on “{TOPS[good.state.iloc[0]].label}”; down and to the left is "
         "better. Of each method the runs that no other of its own beats; thin in the colour of its family, and of each "
@@ -319,21 +321,24 @@ def _draw_frontier(good: pd.DataFrame, style):
 
 
 def _draw_families(rows: pd.DataFrame, good: pd.DataFrame, style, span: float):
+    from report.tables import show
+
     chosen = champions(good)
 
     def line(ax, method, look):
         run = good[good.method == method]
         if run.empty:
-            style.failed_label(ax, method, "not within the limits")
+            style.failed_label(ax, method)
         else:
             width = {"linewidth": 2.0} if method in chosen else {}
             ax.loglog(*_curve(run), **{**width, **look})
 
     fig, axes = style.by_family(rows.method, line, "wall time of the run, s", "error at the end", (1e-16, 1))
-    style.label_ends(fig, axes)
+    style.label_ends(axes)
     fig.caption = (
-        f"Error against wall time, t = {span:g}, a panel for each family, its best bold; in grey the exact Bäcklund step. "
-        "Each point is one step size or tolerance; runs that another of the same method beats in both are left out."
+        f"Error against wall time, t = {show(span).removeprefix('1×')}, a panel for each family, its best bold; in grey "
+        "the exact Bäcklund step. Each point is one step size or tolerance; runs that another of the same method beats in "
+        "both are left out. A cross before a name: no run of the method is within the limits of time and of error."
     )
     return fig
 

@@ -11,7 +11,6 @@ import pandas as pd
 
 from experiments import work_precision
 from experiments.metrics import ROUND_OFF
-from experiments.states import RANDOM
 from integrators.interface import INVARIANTS
 from integrators.registry import METHODS, available
 from report.claims import Claim, NoData, Verdict, at_least, at_most, compare, on, values, within
@@ -88,8 +87,8 @@ EXACT = ("backlund", "closed-form")
 def lead(spans: tuple[float, ...], price: str, longest: bool) -> Callable[[pd.DataFrame], Verdict]:
     """How many times as long the cheapest method takes that is not exact in time as the cheapest Bäcklund map.
 
-    price : "seconds", or "total" with set-up. longest : the claim is that it is the cheapest (ratio above 1, the least is
-    told) or that it is not (below 1, the largest is told).
+    price : "seconds", or "total" with set-up. longest : the claim is that it reaches every error and is the cheapest (ratio
+    above 1, the least is told) or that it is not (below 1, the largest is told). Who does not reach an error is no rival.
     """
 
     def check(rows: pd.DataFrame) -> Verdict:
@@ -101,9 +100,11 @@ def lead(spans: tuple[float, ...], price: str, longest: bool) -> Callable[[pd.Da
             for target in work_precision.TARGETS:
                 found = work_precision.best(group, target, price)
                 ours, others = found[found.family == "backlund"][price], found[~found.family.isin(EXACT)][price]
+                if longest and ours.empty:
+                    return Verdict(0.0, 1.0, False, f"no error {target:g} at t = {span:g} on {state}")
                 if len(ours) or len(others):
                     ratio = min(others, default=np.inf) / min(ours, default=np.inf) if len(ours) else 0.0
-                    ratios[ratio] = f"error {target:g} at t = {span:g} on {state}"
+                    ratios[ratio] = f"error {target:g} at t = {span:g} on {state}, which {len(others)} others reach"
         told = min(ratios) if longest else max(ratios)
         return Verdict(float(told), 1.0, told > 1 if longest else told < 1, ratios[told])
 
@@ -138,6 +139,11 @@ def more_accurate(rows: pd.DataFrame) -> Verdict:
     return Verdict(worst, 1.0, worst < 1.0)
 
 
+def ensemble_step(rows: pd.DataFrame) -> float:
+    """ns per top and step, median over ensembles of a thousand tops and more: one disturbed sample decides nothing."""
+    return float(np.median(values(rows, "ns_per_step_and_core", part="tops", threads=1, tops=(1024, 4096, 8192, 65_536))))
+
+
 def batch_ratio(rows: pd.DataFrame, span: float = 1e4) -> float:
     """The least price of a top and a unit of time in heyoka's batches, over that of the exact step with no larger error."""
     rivals = rows[(rows.part == "rival") & (rows.span == span)]
@@ -167,11 +173,12 @@ def long_run_lead(rows: pd.DataFrame) -> Verdict:
 CLAIMS = [
     Claim(
         "exact-in-time",
-        "The Bäcklund step with λ(h) is the exact flow: 2000 real steps of sizes from 0.03 to 11 and of ¼ to 1½ nutation "
-        "periods stay within (1e-13 + 1e-15 t)·max(1, 1e-3/k'²) of the closed form, on every named and 200 random tops "
-        "(found: share of it).",
+        "The Bäcklund step with λ(h) is the exact flow: after up to 2000 real steps of any size, from 0.03 to 11 and from ¼ to "
+        "1½ nutation periods, it is off by no more than a change of the initial state by ten ulps would make it, on every "
+        "named top, 200 random ones and 32 close to the separatrix (quick: 16 and 8; up to t = 20 where the period is "
+        "infinite; found: ulps).",
         "phase",
-        at_most(1.0, "share", part="promise"),
+        at_most(10.0, "ulps", part="promise"),
     ),
     Claim(
         "invariants-for-ever",
@@ -184,7 +191,7 @@ CLAIMS = [
         "unpinned",
         "… and without any pinning within 1e-11.",
         "drift",
-        long_enough(10**7, within(1e-11, *INVARIANTS, part="time", method="backlund_unpinned", state=RANDOM)),
+        long_enough(10**7, within(1e-11, *INVARIANTS, part="time", method="backlund_unpinned")),
     ),
     Claim(
         "hundred-times-heyoka",
@@ -196,27 +203,29 @@ CLAIMS = [
     Claim("smaller-error", "… with a smaller error, at every step size tried.", "cost", more_accurate),
     Claim(
         "set-up",
-        "Finding λ(h) and the constants of a step takes at most 1 ms once compiled (found: µs).",
+        "Finding λ(h) and the constants of a step takes at most 100 µs once compiled, call from Python included (found: µs).",
         "cost",
-        at_most(1000.0, "setup_us", part="step", method="backlund"),
+        at_most(100.0, "setup_us", part="step", method="backlund"),
     ),
     Claim(
         "orders",
-        "Every method with a fixed step has the order it claims, within 0.15 (found: the largest distance).",
+        "Every method with a fixed step has the order it claims, within 0.15 (found: the largest distance), or is steeper, its "
+        "leading term being too small to show above round-off: the page says which.",
         "phase",
         orders_as_claimed,
     ),
     Claim(
         "claims-of-methods",
         "What a method claims to keep, an invariant of the top or a quantity of its own, it keeps over ten million steps "
-        "with no more than a random walk of round-off, growth exponent below 0.75; or its record calls it biased and says why.",
+        "(interpreted methods: 2000 to 20 000) with no more than a random walk of round-off, growth exponent below 0.75; or its "
+        "record calls it biased and says why.",
         "drift",
         long_enough(10**7, kept_as_claimed),
     ),
     Claim(
         "cheapest-long",
-        "Over t = 10⁴ and 10⁶ every method that is not exact in time takes longer than a Bäcklund map to any error from 1e-4 "
-        "to 1e-12, set-up counted (found: times as long, at least).",
+        "Over t = 10⁴ and 10⁶ every method that is not exact in time takes longer than a Bäcklund map, pinned or not, to any "
+        "error from 1e-4 to 1e-12, set-up counted, or does not get there (found: times as long, at least).",
         "work_precision",
         lead((1e4, 1e6), "total", longest=True),
     ),
@@ -236,8 +245,8 @@ CLAIMS = [
     ),
     Claim(
         "midpoint-is-unbiased",
-        "The implicit midpoint rule keeps all four invariants with no more than a random walk of round-off over ten "
-        "million steps: growth exponent below 0.75.",
+        "The implicit midpoint rule keeps H, C1 and C2 with no more than a random walk of round-off over ten million steps: "
+        "growth exponent below 0.75 …",
         "drift",
         long_enough(
             10**7,
@@ -248,14 +257,21 @@ CLAIMS = [
         ),
     ),
     Claim(
-        "rk45-drifts",
-        "Runge-Kutta with fixed steps loses energy steadily, exponent at least 0.75: the measurement can tell.",
+        "midpoint-keeps-J3",
+        "… and J3 to the last bit.",
         "drift",
-        on(table("drift", "verdicts"), at_least(0.75, "exponent", method="rk45_fixed", invariant="H")),
+        long_enough(10**7, within(0.0, "J3", part="time", method="implicit_midpoint")),
+    ),
+    Claim(
+        "rk45-drifts",
+        "Runge-Kutta with fixed steps loses energy steadily over ten million steps, exponent at least 0.75: the measurement can "
+        "tell.",
+        "drift",
+        long_enough(10**7, on(table("drift", "verdicts"), at_least(0.75, "exponent", method="rk45_fixed", invariant="H"))),
     ),
     Claim(
         "thin-adapter",
-        "The `taylor` method costs at most 5 % more than heyoka called directly.",
+        "Over a long run the `taylor` method costs at most 5 % more than heyoka called directly.",
         "cost",
         at_most(1.05, "adapter_ratio", part="headline"),
     ),
@@ -281,9 +297,9 @@ CLAIMS = [
     Claim(
         "ensemble-step",
         "Among a thousand tops and more, each with a torus and a λ(h) of its own, a pinned step of one takes at most 3 ns of one "
-        "core …",
+        "core (one thread; median over 1024 to 65 536 tops) …",
         "ensemble",
-        at_most(3.0, "ns_per_step_and_core", part="tops", threads=1, tops=(1024, 4096, 8192, 65_536)),
+        compare(ensemble_step, operator.le, 3.0),
     ),
     Claim(
         "ensemble-heyoka",
@@ -294,15 +310,15 @@ CLAIMS = [
     ),
     Claim(
         "phase-of-the-pinned-step",
-        "Pinned every eighth step, the phase of the exact step is off by no more than 2e-16 of the time, root mean square over "
+        "Pinned every eighth step, the phase of the exact step is off by no more than 1e-16 of the time, root mean square over "
         "sixteen tops, after ten million steps.",
         "round_off",
-        on(table("round_off", "forms"), at_most(2e-16, "phase error / t", form="pinned, every 8", steps=10**7)),
+        on(table("round_off", "forms"), at_most(1e-16, "phase error / t", form="pinned, every 8", steps=10**7)),
     ),
     Claim(
         "forms-differ",
-        "The same map with x assigned instead of incremented drifts in proportion to time, exponent of C1 at least 0.75: "
-        "how it is written matters.",
+        "The same map with x assigned instead of incremented drifts in proportion to time, exponent of C1 at least 0.75 over "
+        "the longest runs: how it is written matters.",
         "round_off",
         on(table("round_off", "forms"), at_least(0.75, "exponent of C1", form="x assigned", h=0.125)),
     ),

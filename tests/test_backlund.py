@@ -23,7 +23,7 @@ def complementary_modulus(top, y):
 
 
 def bound(top, y, t):
-    """What the suite promises: (1e-13 + 1e-15 t) max(1, 1e-3/k'²), t in units of 1/(|J| + √(|alpha||x|))."""
+    """A simple bound that stays far above: (1e-13 + 1e-15 t) max(1, 1e-3/k'²), t in units of 1/(|J| + √(|alpha||x|))."""
     close = complementary_modulus(top, y)
     return (1e-13 + 1e-15 * abs(t)) * max(1.0, 1e-3 / close if close > 0 else math.inf)
 

@@ -120,5 +120,6 @@ def test_who_leads_is_told_with_set_up_and_without():
     short = races(0.1)
     short.loc[short.method.str.startswith("backlund"), "error"] = 1e-3  # others reach what it does not
     assert lead(short, "total", True).value == 0.0
+    assert not lead(races(0.1).assign(error=1e-11), "total", True).passed  # 1e-12 is reached by nobody
     with pytest.raises(NoData, match="t = 20"):
         promises.lead((20.0,), "total", True)(races(0.1))

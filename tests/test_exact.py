@@ -601,3 +601,30 @@ def test_it_uses_no_method_of_the_bench():
         imported = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
         imported |= {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
         assert {name for name in imported if name.startswith("integrators")} <= allowed
+
+
+# ---------------------------------------------------------------- after n steps
+
+
+@pytest.mark.parametrize("name", ["generic", "near_separatrix", "regular", "weightless", "through_pole"])
+def test_after_steps_is_at_the_product_itself(name):
+    """At n·h, and not at the double next to it, which is as far off as a good method."""
+    named, h, counts = TOPS[name], 0.12345678901234567, [1, 7, 10**3, 10**6 + 1, 10**9]
+    with mp.workdps(40):
+        times = [mpf(h) * n for n in counts]
+    truth = exact.solution(named.top, named.state, times, digits=25).astype(float)
+    assert np.max(np.abs(exact.after_steps(named.top, named.state, h, counts) - truth)) < BOUND
+    rounded = exact.solution(named.top, named.state, [h * n for n in counts])
+    assert np.max(np.abs(rounded - truth)) > 1e-10  # what the test can see
+
+
+@given(st.floats(1e-5, 1e5), st.integers(0, 2**53), st.sampled_from((1, -1)))
+def test_what_a_product_rounds_off(h, n, sign):
+    t = sign * h * float(n)
+    assert exact.rounded_off(sign * h, np.array([float(n)]))[0] == float(Fraction(sign * h) * n - Fraction(t))
+
+
+@pytest.mark.parametrize("counts", [[0.5], [[1]], [2**53 + 1], ["1"]])
+def test_counts_are_whole_numbers(counts):
+    with pytest.raises(ValueError, match="whole numbers"):
+        exact.after_steps(TOPS["generic"].top, TOPS["generic"].state, 0.1, counts)

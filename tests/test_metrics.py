@@ -322,3 +322,23 @@ def test_poisson_defect_tells_maps_apart(name):
     # a defect of 1e-8 in one component is seen: the test would notice a slightly wrong map
     bent = metrics.poisson_defect(lambda y: splitting_step(top, h)(y) * (1, 1, 1 + 1e-8, 1, 1, 1), top, y)
     assert 1e-10 < bent.defect < 1e-7
+
+
+# ---------------------------------------------------------------- condition
+
+
+def test_the_condition_of_a_known_motion():
+    """The weightless top turns: a change stays what it is, but for one of J along J, which turns x by itself times t."""
+    top, y0 = LagrangeTop(0.0), np.array([0.0, 0.0, 2.0, 1.0, 0.0, 0.0])
+    t = np.array([0.0, 1.0, 10.0, 100.0])
+    found = metrics.condition(top, y0, t)
+    assert found[0] == pytest.approx(1.0, rel=1e-3)
+    assert found[-1] == pytest.approx(200.0, rel=2e-2)  # in scaled units: time · |J|
+    assert np.all(np.diff(found) > 0)
+
+
+def test_the_condition_grows_exponentially_next_to_the_unstable_top():
+    named = TOPS["homoclinic"]
+    found = metrics.condition(named.top, named.state, np.array([0.0, 5.0, 10.0]))
+    assert found[0] == pytest.approx(1.0, rel=1e-3)
+    assert found[2] > 30 * found[1] / 2 > 30

@@ -507,6 +507,8 @@ def found_constants(units: Units, y: Array, span: float, h: float | None = None)
 class ThetaStepper(FixedStepper):
     """Every step is evaluated from the state the run began with, whichever that is."""
 
+    from_start = True
+
     def __init__(self, top: LagrangeTop, y0: Array, h: float):
         self.units = Units(top, y0, h)
         self.span = self.units.span("theta_functions", h)
