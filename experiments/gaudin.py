@@ -236,35 +236,36 @@ def draw(rows: pd.DataFrame) -> dict:
 LABELS = {"exact": "Bäcklund, exact", "taylor": "heyoka", **{f"order {p}": f"Bäcklund, order {p}" for p in ORDERS}}
 
 
+SHADES = {"order 4": ("#7D9BD1", "s", 1), "order 6": ("#3F93CF", "h", 3), "order 8": ("#0F5C80", "^", 0)}
+
+
 def _look(style, variant: str) -> dict:
-    look = style.of(_method(variant))
-    if variant not in ("order 2", "exact", "taylor"):
-        place = ORDERS.index(int(variant.removeprefix("order ")))
-        look = {
-            "color": style.FAMILIES["backlund"][0][-place],
-            "marker": "sDh^"[place],
-            "linestyle": style.DASHES[place],
-        }
-    return {**look, "label": LABELS[variant]}
+    look = {**style.of(_method(variant)), "label": LABELS[variant]}
+    if variant in SHADES:
+        colour, marker, dash = SHADES[variant]
+        look |= {"color": colour, "marker": marker, "linestyle": style.DASHES[dash]}
+    return look
 
 
 def _draw_time(rows: pd.DataFrame, style):
-    sizes = sorted(set(rows.n))
-    fig, axes = style.figure("page", 4.2, nrows=2, ncols=len(sizes), sharex=True, sharey=True, squeeze=False)
-    for column, n in zip(axes.T, sizes, strict=True):
+    quantities = {"hamiltonians": "$H_j$", "spins": "$|s_j|$"}
+    panels = [(name, n) for name in quantities for n in sorted(set(rows.n))]
+    columns = len(panels) // 2 if style.width() == "page" else 2
+    height = 0.4 + 1.75 * len(panels) / columns
+    size = {"nrows": len(panels) // columns, "ncols": columns, "sharex": True, "sharey": True, "squeeze": False}
+    fig, grid = style.figure(style.width(), height, **size)
+    for ax, (name, n) in zip(grid.flat, panels, strict=True):
         for variant in dict.fromkeys(rows.variant):
             chosen = rows[(rows.n == n) & (rows.variant == variant) & (rows.status == "done")]
-            if chosen.empty:
-                continue
-            for ax, name in zip(column, ("hamiltonians", "spins"), strict=True):
+            if not chosen.empty:
                 t, error = metrics.block_maxima(chosen.t, chosen[name])
                 ax.loglog(t, np.maximum(error, 2.0**-54), **{**_look(style, variant), "marker": "none"})
-        column[0].set_title(f"n = {n}")
-        column[1].set_xlabel("time")
-        for ax in column:
-            ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
-    axes[0, 0].set_ylabel("largest error of the $H_j$")
-    axes[1, 0].set_ylabel("largest error of the $|s_j|$")
+        ax.set_title(f"{quantities[name]}, n = {n}")
+        ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
+    for ax in grid[-1]:
+        ax.set_xlabel("time")
+    for ax in grid[:, 0]:
+        ax.set_ylabel("largest relative error")
     style.legend_below(fig)
     fig.caption = (
         "Relative errors of all the Hamiltonians and of all the spin lengths of a central-spin magnet with n spins, "
@@ -288,7 +289,7 @@ def _draw_h(rows: pd.DataFrame, style):
     style.legend_below(fig)
     fig.caption = (
         f"Largest error of a spin component at t = {SPAN:g} against the step, n = {SWEPT}: k maps to a step have order "
-        "2k, fitted to the torus they have no error in time. The floor near 1e-13 is that of the reference (DOP853)."
+        "2k, fitted to the torus they have no error in time. The floor is round-off, that of the reference (DOP853) included."
     )
     return fig
 

@@ -75,7 +75,7 @@ def draw(rows: pd.DataFrame) -> dict:
 
 
 def _draw_orbits(rows: pd.DataFrame, style):
-    fig, axes = style.figure("page", 3.9, ncols=2, subplot_kw={"projection": "3d"})
+    fig, axes = style.figure("page", 3.3, ncols=2, subplot_kw={"projection": "3d"})
     for ax, (figure, (state, re, im, _)) in zip(axes, FIGURES.items(), strict=True):
         points = rows[(rows.figure == figure) & (rows.form == "real form")]
         x = points[["x1", "x2", "x3"]].to_numpy()
@@ -87,12 +87,14 @@ def _draw_orbits(rows: pd.DataFrame, style):
         if figure == 1:
             ax.plot(*x.T, color="#E69F00", linewidth=0.5, rasterized=True)
         ax.plot(*x.T, ".", color="#0072B2", markersize=1.3, rasterized=True)
-        ax.set_box_aspect((1, 1, 1), zoom=0.86)
+        ax.set_box_aspect((1, 1, 1), zoom=0.94)  # leaves room for the labels, which the layout engine does not see
         real = f"{re:g} + " if re else ""
         ax.set_title(f"Figure {figure}: λ = {real}{im:g}i", y=1.0)
-        ax.set_xlabel("x1")
-        ax.set_ylabel("x2")
-        ax.set_zlabel("x3")
+        for i, axis in enumerate((ax.xaxis, ax.yaxis, ax.zaxis), start=1):
+            axis.set_label_text(f"$x_{i}$")
+            axis.set_rotate_label(False)
+            axis.labelpad = -6
+        ax.tick_params(pad=-1)
         ax.locator_params(nbins=4)
     fig.caption = (
         "The axis of the top, x, on the sphere |x| = constant: 1000 steps with λ = 0.02i from the data of the paper's "

@@ -197,6 +197,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 def draw(rows: pd.DataFrame) -> dict:
     from report import style
+    from report.tables import show
 
     good = rows[rows.status == "done"]
     if good.empty:
@@ -213,15 +214,15 @@ def draw(rows: pd.DataFrame) -> dict:
             look = {"color": colours[place], "marker": markers[place], "linestyle": style.DASHES[place]}
             if not run.empty:
                 ax.loglog(run.seconds, run.error.clip(lower=1e-15), **look, label=variant)
-        ax.set_title(f"ε = {eps:g}")
-        ax.set_ylim(1e-14, 3)
+        ax.set_title(f"ε = {show(eps).removeprefix('1×')}")
+        ax.set_ylim(3e-16, 10)
     for ax in grid.flat[len(sizes) :]:
         ax.remove()
     for ax in grid[-1]:
         ax.set_xlabel("wall time of the run, s")
     for ax in grid[:, 0]:
         ax.set_ylabel(f"error at t = {SPAN:g}")
-    style.label_ends(fig, list(grid.flat[: len(sizes)]))
+    style.legend_below(fig)
     fig.caption = (
         "A top in a potential that breaks its symmetry: error against wall time, exact flows of the symmetric top between "
         "kicks by the perturbation (set-up of λ(h) in every flow included) beside compiled splittings of rotation and "

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
@@ -30,42 +32,41 @@ NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
 
 def svg(figure: Figure) -> str:
     """The figure as a complete SVG document: no date, no version, so the same figure is the same text."""
-    _prepare(figure)
-    buffer = io.StringIO()
-    with style.apply():
-        figure.set_dpi(style.RC["savefig.dpi"])  # of what is stored as pixels
-        # not figure.savefig: that would lay everything out once more before it prints
-        FigureCanvasSVG(figure).print_svg(buffer, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
-    return compact(buffer.getvalue())
+    without = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    return compact(_printed(figure, FigureCanvasSVG, "svg", style.RC["savefig.dpi"], without).decode())
 
 
 def pdf(figure: Figure) -> bytes:
     """The figure as PDF, fonts embedded as TrueType: text can be searched, and no date is in it."""
-    return _saved(figure, "pdf", metadata=dict.fromkeys(("CreationDate", "Creator", "Producer")))
+    without = dict.fromkeys(("CreationDate", "Creator", "Producer"))
+    return _printed(figure, FigureCanvasPdf, "pdf", style.RC["savefig.dpi"], without)
 
 
 def png(figure: Figure) -> bytes:
     """The figure as PNG."""
     width = "column" if 72 * figure.get_figwidth() <= WIDE else "page"
-    return _saved(figure, "png", metadata={"Software": None}, dpi=DPI[width])
+    return _printed(figure, FigureCanvasAgg, "png", DPI[width], {"Software": None})
 
 
 FORMATS: dict[str, Callable[[Figure], bytes]] = {"svg": lambda figure: svg(figure).encode(), "pdf": pdf, "png": png}
 
 
-def _saved(figure: Figure, kind: str, **more: Any) -> bytes:
+def _printed(figure: Figure, canvas: Any, kind: str, dpi: float, metadata: dict[str, Any]) -> bytes:
+    """Not by figure.savefig: that would lay everything out once more before it prints. dpi: of what is pixels."""
     _prepare(figure)
     buffer = io.BytesIO()
     with style.apply():
-        figure.savefig(buffer, format=kind, **more)
+        figure.set_dpi(dpi)
+        getattr(canvas(figure), f"print_{kind}")(buffer, metadata=metadata)
     return buffer.getvalue()
 
 
 def _prepare(figure: Figure) -> None:
     style.finish(figure)
-    for artist in figure.findobj():
-        if _points(artist) > DENSE:
-            artist.set_rasterized(True)
+    for ax in figure.axes:
+        for artist in (*ax.lines, *ax.collections):
+            if _points(artist) > DENSE:
+                artist.set_rasterized(True)
 
 
 def _points(artist: Artist) -> int:

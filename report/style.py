@@ -14,6 +14,7 @@ journal's production line, none of which has DejaVu Sans. The price is about 30 
 from __future__ import annotations
 
 import hashlib
+import math
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -27,11 +28,17 @@ import matplotlib.figure
 import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
-from matplotlib.transforms import blended_transform_factory
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgb
+from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator, StrMethodFormatter
+from matplotlib.transforms import blended_transform_factory, offset_copy
 
 WIDTHS = {"column": 3.4, "page": 7.0}  # inches: one and two columns of a journal page
 TALLEST = 9.2  # inches: what a journal page holds
+LONGEST = 44  # letters of a label in a column
 _FORCED: ContextVar[str | None] = ContextVar("width of every figure", default=None)
+DECADES = 4  # an axis of more has no ticks between the powers of ten
+CONTRAST = 4.5  # of coloured text on white, as WCAG asks for
 INK, FAINT = "#222222", "#6b6b6b"
 
 # family → (colours, markers), used in registry order within the family
@@ -72,6 +79,7 @@ RC: Any = {
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
     "axes.titlepad": 5,
+    "axes.titley": 1.0,  # where it would be anyhow, but nobody has to search
     "xtick.labelsize": 7,
     "ytick.labelsize": 7,
     "legend.fontsize": 7.5,
@@ -114,6 +122,30 @@ class Figure(matplotlib.figure.Figure):
 
     caption: str = ""
     stacked: Any = None  # the panels as they would be side by side, where they are on top of each other
+    ends: tuple[_Ends, ...] = ()  # names at the ends of lines: how high they go is known only after the layout
+
+    def draw(self, renderer: Any) -> None:
+        for ax in self.axes:
+            _no_ticks_between(ax)
+        engine = self.get_layout_engine()
+        if engine is None:
+            super().draw(renderer)
+            return
+        engine.execute(self)
+        for end in self.ends:
+            end.spread()
+        self.set_layout_engine("none")  # or it would be laid out twice
+        super().draw(renderer)
+        self.set_layout_engine(engine)
+
+
+def _no_ticks_between(ax: Axes) -> None:
+    for axis, scale, (low, high) in (
+        (ax.xaxis, ax.get_xscale(), ax.get_xlim()),
+        (ax.yaxis, ax.get_yscale(), ax.get_ylim()),
+    ):
+        if scale == "log" and abs(np.log10(high / low)) > DECADES:
+            axis.set_minor_locator(NullLocator())
 
 
 @contextmanager
@@ -132,6 +164,11 @@ def apply(width: str | None = None) -> Iterator[None]:
             yield
     finally:
         _FORCED.reset(before)
+
+
+def width() -> str:
+    """Of a figure meant for a page: "page", or "column" where `apply` forces that."""
+    return _FORCED.get() or "page"
 
 
 def figure(width: str | float = "page", height: float | None = None, **subplots: Any) -> tuple[Figure, Any]:
@@ -176,8 +213,11 @@ def finish(fig: matplotlib.figure.Figure) -> None:
     """Gives panels on top of each other the labels they had from their neighbours. Call it before saving."""
     if fig.get_figwidth() == WIDTHS["column"]:
         for ax in fig.axes:
-            if ax.get_subplotspec() and ax.get_subplotspec().get_gridspec().ncols > 2:  # type: ignore[union-attr]
+            place = ax.get_subplotspec()
+            if place and place.get_gridspec().ncols > 2:
                 ax.set_xlabel(textwrap.fill(ax.get_xlabel(), 10), fontsize=RC["xtick.labelsize"])
+            elif len(ax.get_xlabel()) > LONGEST:
+                ax.set_xlabel(textwrap.fill(ax.get_xlabel(), LONGEST))
     grid = getattr(fig, "stacked", None)
     if grid is None:
         return
@@ -298,20 +338,24 @@ def by_family(
     """Small multiples: a panel for each family that has any of the methods, two to a row, the reference grey in each."""
     names = ordered(methods)
     groups = [group for group in (*FAMILIES, OTHERS) if any(family(name) == group for name in names)]
-    columns = 1 if _FORCED.get() == "column" else min(len(groups), 2)
+    narrow = width() == "column"
+    columns = 1 if narrow else min(len(groups), 2)
+    small = {"markersize": 2.2 if narrow else 3.0, "markeredgewidth": 0.4}
     rows = -(-len(groups) // columns)
     size: dict[str, Any] = {"nrows": rows, "ncols": columns, "sharex": True, "sharey": True, "squeeze": False}
     fig, grid = figure("page", 0.45 + 1.75 * rows, **size)
     for ax, group in zip(grid.flat, groups, strict=False):
         if group != family(REFERENCE) and REFERENCE in names:
-            line(
-                ax, REFERENCE, {"color": "#a5a5a5", "linewidth": 2.2, "marker": "o", "label": "_reference", "zorder": 1}
-            )
+            grey = {"color": "#a5a5a5", "linewidth": 2.2, "marker": "o", "label": "_reference", "zorder": 1}
+            line(ax, REFERENCE, {**grey, **small})
         for name in names:
             if family(name) == group:
-                line(ax, name, of(name))
+                line(ax, name, {**of(name), **small})
         ax.set_title(TITLES.get(group, group))
         ax.set_ylim(ylim)
+    low, high = (math.ceil(math.log10(limit)) for limit in ylim)
+    powers = [10.0**k for k in range(low, high + 1) if k % (5 if narrow else 3) == 0]
+    grid[0, 0].yaxis.set_major_locator(FixedLocator(powers))
     for ax in grid.flat[len(groups) :]:
         ax.remove()
     for column in grid.T:
@@ -329,32 +373,47 @@ def by_family(
 def label_end(ax: Axes, fontsize: float = 7) -> None:
     """Write each labelled line's name at its right end, pushed apart so that none overlap. Call it last."""
     figure = ax.get_figure(root=True)
-    assert figure is not None
-    label_ends(figure, [ax], fontsize)
+    assert isinstance(figure, Figure)
+    figure.ends += (_Ends(ax, fontsize),)
 
 
-def label_ends(figure: Any, panels: Iterable[Axes], fontsize: float = 6.5) -> None:
-    """`label_end` of several panels, laid out once."""
-    engine = figure.get_layout_engine()
-    if engine is None:
-        figure.draw_without_rendering()
-    else:
-        engine.execute(figure)  # limits and layout are known only after this
+def label_ends(panels: Iterable[Axes], fontsize: float = 6.5) -> None:
+    """`label_end` of several panels."""
     for ax in panels:
+        label_end(ax, fontsize)
+
+
+class _Ends:
+    """The names at the ends of the lines of a panel, those without a line (`failed_label`) on top."""
+
+    def __init__(self, ax: Axes, fontsize: float) -> None:
+        self.ax, self.fontsize = ax, fontsize
         lines = [line for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
-        lines = [line for line in lines if line.get_label() != "failed"]
-        ends = [(line, end) for line in lines if (end := _last_point(ax, line)) is not None]
-        gap = 1.25 * fontsize * figure.dpi / 72 / ax.get_window_extent().height
-        ends.sort(key=lambda pair: pair[1][1])
-        for (line, (x, y)), place in zip(ends, _spread([y for _, (_, y) in ends], gap), strict=True):
-            ax.annotate(
-                str(line.get_label()), xy=(x, y), xytext=(1.05, place), xycoords="axes fraction", fontsize=fontsize,
-                color=line.get_color(), va="center", annotation_clip=False,
-                arrowprops={
-                    "arrowstyle": "-", "color": line.get_color(), "lw": 0.4, "shrinkA": 1, "shrinkB": 2,
-                    "relpos": (0, 0.5),  # from the left of the name: from its middle it would cross the others
-                },
-            )  # fmt: skip
+        self.lines = [line for line in lines if line.get_label() != "failed" and _last_point(ax, line) is not None]
+        look: dict[str, Any] = {"fontsize": fontsize, "va": "center", "transform": ax.transAxes}
+        self.texts = [
+            ax.text(1.05, 0.5, str(line.get_label()), color=readable(line.get_color()), **look) for line in self.lines
+        ]
+        self.failed = [text for text in ax.texts if text.get_gid() == "failed"]
+        for text in self.failed:
+            text.set(x=1.05, y=0.5, **look)
+        colours = [line.get_color() for line in self.lines]
+        self.leaders = LineCollection([], colors=colours, linewidths=0.4, transform=ax.transAxes, clip_on=False)
+        self.leaders.set_in_layout(False)
+        ax.add_collection(self.leaders, autolim=False)
+
+    def spread(self) -> None:
+        """Puts them where they belong, once the panel has its size."""
+        panel = self.ax.get_window_extent()
+        figure = self.ax.get_figure(root=True)
+        assert figure is not None
+        gap = 1.25 * self.fontsize * figure.dpi / 72 / panel.height
+        ends = [_last_point(self.ax, line) or (1.0, 1.0) for line in self.lines]
+        upwards = sorted(range(len(ends)), key=lambda i: ends[i][1])
+        places = _spread([*(ends[i][1] for i in upwards), *(1.0 for _ in self.failed)], gap)
+        for text, place in zip([*(self.texts[i] for i in upwards), *self.failed], places, strict=True):
+            text.set_y(place)
+        self.leaders.set_segments([(ends[i], (1.04, self.texts[i].get_position()[1])) for i in range(len(ends))])
 
 
 def _last_point(ax: Axes, line: Any) -> tuple[float, float] | None:
@@ -378,12 +437,12 @@ def _spread(places: Sequence[float], gap: float) -> list[float]:
 
 
 def _centre(run: Sequence[float], gap: float) -> float:
-    half = min(gap * (len(run) - 1) / 2, 0.5)  # a run stays inside the axes if it can
+    half = min(gap * len(run) / 2, 0.5)  # a run stays inside the axes if it can
     return float(np.clip(sum(run) / len(run), half, 1 - half))
 
 
 def legend_below(fig: matplotlib.figure.Figure) -> None:
-    """One legend for all axes, each name once, below them, in as many columns as fit. The figure grows by it."""
+    """One legend for all axes, each name once, below them, in as many columns as fit. The figure grows by it if it can."""
     entries: dict[str, Any] = {}
     for ax in fig.axes:
         for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
@@ -395,32 +454,55 @@ def legend_below(fig: matplotlib.figure.Figure) -> None:
         legend = fig.legend(handles, texts, loc="outside lower center", ncols=columns, columnspacing=1.4)
         size = legend.get_window_extent()
         if columns == 1 or size.width <= 0.92 * fig.bbox.width:
-            fig.set_figheight(fig.get_figheight() + size.height / fig.dpi)
+            height = fig.get_figheight()
+            fig.set_figheight(min(height + size.height / fig.dpi, max(height, TALLEST)))
             return
         legend.remove()
 
 
-def failure_marks(ax: Axes, x: Iterable[float], method: str | None = None, *, row: int = 0) -> None:
-    """A cross at the top of the axes for every x at which a method failed; `row` 1, 2, … go further down."""
+def failure_marks(ax: Axes, x: Iterable[float], method: str | None = None) -> None:
+    """A cross at the top of the axes for every x at which a method failed, in a row for each method."""
     positions = list(x)
     if not positions:
         return
-    colour = of(method)["color"] if method else INK
-    first = all(line.get_label() != "failed" for line in ax.get_lines())
+    figure = ax.get_figure(root=True)
+    row = sum(line.get_gid() == "failed" for line in ax.get_lines())
+    at_top = blended_transform_factory(ax.transData, ax.transAxes)
     ax.plot(
-        positions, [0.97 - 0.05 * row] * len(positions), linestyle="none", marker="x", markersize=5, color=colour,
-        markeredgewidth=1.2, clip_on=False, zorder=5, label="failed" if first else "_failed",
-        transform=blended_transform_factory(ax.transData, ax.transAxes),
+        positions, [1.0] * len(positions), linestyle="none", marker="x", markersize=3.2, markeredgewidth=0.9,
+        color=of(method)["color"] if method else INK, clip_on=False, zorder=5, gid="failed",
+        label="_failed" if row else "failed", transform=offset_copy(at_top, figure, y=-2 - 3.8 * row, units="points"),
     )  # fmt: skip
 
 
-def failed_label(ax: Axes, method: str, why: str = "failed") -> None:
-    """A line of text in the panel for a method that has nothing else to show there."""
+def failed_label(ax: Axes, method: str) -> None:
+    """The name of a method that has nothing to show in a panel, crossed: in its corner, or where `label_ends` puts it."""
     above = sum(text.get_gid() == "failed" for text in ax.texts)
     ax.text(
-        0.02, 0.97 - 0.09 * above, f"× {label(method)}: {why}", color=of(method)["color"], fontsize=6.5, va="top",
+        0.02, 0.97 - 0.09 * above, f"× {label(method)}", color=readable(of(method)["color"]), fontsize=6.5, va="top",
         transform=ax.transAxes, gid="failed",
     )  # fmt: skip
+
+
+def readable(colour: Any) -> tuple[float, float, float]:
+    """The colour, darkened as far as text in it needs on white."""
+    rgb = np.array(to_rgb(colour))
+    while 1.05 / (_luminance(rgb) + 0.05) < CONTRAST:
+        rgb *= 0.97
+    r, g, b = rgb.tolist()
+    return r, g, b
+
+
+def _luminance(rgb: Any) -> float:
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return float(linear @ (0.2126, 0.7152, 0.0722))
+
+
+def few_decades(axis: Any) -> None:
+    """Plain numbers at 1, 2 and 5, for a logarithmic axis of a decade or two."""
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def slope_guide(ax: Axes, exponent: float, anchor: tuple[float, float], span: float = 10.0, text: str = "") -> None:

@@ -31,7 +31,7 @@ def draw(rows):
         ax.loglog(rows.h, rows.error, **look)
 
     families, panels = style.by_family(["backlund", "rk4", "strang"], line, "step", "error", (1e-16, 1))
-    style.label_ends(families, panels)
+    style.label_ends(panels)
     single, ax = style.figure("column")
     ax.scatter(rows.h, rows.error)
     style.failure_marks(ax, [0.1])

@@ -142,11 +142,11 @@ def test_small_multiples_show_every_method_once_and_name_it_apart_from_the_other
     names = [*METHODS, "not_registered"]
     with style.apply():
         fig, axes = style.by_family(reversed(names), line, "x", "y", (1e-16, 1))
-        style.label_ends(fig, axes)
+        style.label_ends(axes)
         fig.draw_without_rendering()
         texts = [text for ax in axes for text in ax.texts]
         assert sorted(text.get_text() for text in texts) == sorted(
-            f"× {style.label(name)}: failed" if name == "rk45" else style.label(name) for name in names
+            f"× {style.label(name)}" if name == "rk45" else style.label(name) for name in names
         )
         for ax in axes:
             boxes = sorted((Text.get_window_extent(text) for text in ax.texts), key=lambda box: box.y0)
@@ -154,6 +154,59 @@ def test_small_multiples_show_every_method_once_and_name_it_apart_from_the_other
             assert all(below.y1 <= above.y0 + 0.5 for below, above in pairwise(ends))
             assert all(box.x1 <= fig.bbox.x1 for box in boxes)
         assert len(axes) == len({style.family(name) for name in names})
+
+
+def test_names_at_the_ends_stay_apart_in_a_column_and_at_any_resolution():
+    def line(ax, method, look):
+        ax.loglog([1, 10], [1e-9, 1e-9], **look)
+
+    with style.apply("column"):
+        fig, axes = style.by_family(METHODS, line, "x", "y", (1e-16, 1))
+        style.label_ends(axes)
+        for dpi in (72, 600):
+            fig.set_dpi(dpi)
+            fig.draw_without_rendering()
+            boxes = sorted((Text.get_window_extent(text) for ax in axes for text in ax.texts), key=lambda box: box.y0)
+            assert all(below.y1 <= above.y0 + 0.007 * dpi for below, above in pairwise(boxes))
+
+
+def test_failures_of_several_methods_do_not_hide_each_other():
+    with style.apply():
+        fig, ax = style.figure("column")
+        ax.semilogx([1, 10], [0, 1], label="_line")
+        for method in ("rk4", "rk45", "strang"):
+            style.failure_marks(ax, [2.0, 5.0], method)
+        style.failed_label(ax, "backlund")
+        style.label_end(ax)
+        fig.draw_without_rendering()
+        crosses = [line for line in ax.get_lines() if line.get_gid() == "failed"]
+        heights = [line.get_transform().transform(line.get_xydata())[0, 1] for line in crosses]
+        assert all(above - below > 3 * fig.dpi / 72 for above, below in pairwise(heights))
+        assert max(heights) < ax.bbox.y1
+        (name,) = ax.texts
+        assert name.get_text().startswith("×")
+        assert Text.get_window_extent(name).x0 > ax.bbox.x1, "out of the way of the data"
+
+
+def test_coloured_text_can_be_read():
+    for colours, _ in style.FAMILIES.values():
+        for colour in (*colours, "#ffffff", "#000000"):
+            text = style.readable(colour)
+            assert 1.05 / (style._luminance(np.array(text)) + 0.05) >= style.CONTRAST
+    assert style.readable("#000000") == (0.0, 0.0, 0.0)
+    assert style.readable("#0072B2") == pytest.approx((0, 0x72 / 255, 0xB2 / 255)), "no darker than it has to be"
+
+
+def test_ticks_between_the_decades_only_where_they_can_be_told_apart():
+    with style.apply():
+        fig, (few, many) = style.figure("page", ncols=2)
+        few.loglog([1, 100], [1, 2])
+        many.loglog([1, 1e6], [1, 2])
+        style.few_decades(few.yaxis)
+        fig.draw_without_rendering()
+        assert len(few.get_xticks(minor=True)) > 8
+        assert len(many.get_xticks(minor=True)) == 0
+        assert "2" in [text.get_text() for text in few.get_yticklabels()]
 
 
 def test_labels_at_the_ends_do_not_overlap():
@@ -182,6 +235,7 @@ def test_legend_fits_below_and_names_each_once():
         fig.draw_without_rendering()
         (legend,) = fig.legends
         assert legend.get_window_extent().width <= fig.bbox.width
+        assert fig.get_figheight() < style.TALLEST
     assert [text.get_text() for text in legend.get_texts()].count("failed") == 1
     assert len(legend.get_texts()) == 8
 
