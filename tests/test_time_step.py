@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpmath import mp, mpc, mpf
 
-from integrators import TOPS, LagrangeTop, StepError, prepare
+from integrators import TOPS, LagrangeTop, StepError, exact, prepare
 from integrators.integrable import time_step as ts
 from tests.reference import flow, horner, turned
 
@@ -152,20 +152,31 @@ def random_torus(draw):
 
 
 def test_never_a_failure_on_ten_thousand_tori():
-    """Every step size in (−3, 3) nutation periods finds its λ, λ stays moderate, and one step equals one jump."""
+    """Every step size in (−3, 3) nutation periods finds its λ, λ stays moderate, and one step equals one jump.
+
+    The step rounds, and passing the saddle amplifies that by up to 1/k' (measured 8.8 ulps of 1 + 1/k'); a jump is in
+    double-double throughout, but has its λ from the same place: so every hundredth is held against theta functions.
+    """
     draw = random.Random(7)
-    for _ in range(10_000):
+    for i in range(10_000):
         alpha, y = random_torus(draw)
         top = LagrangeTop(alpha)
         rate, size, _ = top.scales(y)
         period = ts.nutation_period(alpha, tuple(y))[0]
         h = draw.uniform(-3, 3) * min(period, 30 / rate)
-        c = prepare(top, y, h).constants
-        assert np.all(np.isfinite(c))
+        stepper = prepare(top, y, h)
+        assert np.all(np.isfinite(stepper.constants))
         torus = ts.torus(alpha, tuple(y), abs(h))
         lam, m, rotation = ts.time_step(*torus, h)
         assert math.hypot(lam[0][0], lam[1][0]) * rate / size < 20
         assert abs(math.hypot(rotation[0][0], rotation[1][0]) - 1) < 1e-15
+        jump = ts.flow(alpha, tuple(y), np.array([h]))[0]
+        z1, z2, z3 = (z[0] for z in ts.nutation_roots(alpha, tuple(y)))
+        saddle = math.sqrt((z1 - z3) / (z1 - z2)) if z1 > z2 else 1.0  # 1/k'; z1 = z2 = z3: hanging at rest, α = 0
+        units = np.repeat((rate, size), 3) * 2.0**-52
+        assert np.max(np.abs(stepper.advance(y, 1) - jump) / units) < 12 * (1 + saddle)
+        if i % 100 == 0:
+            assert np.max(np.abs(exact.solution(top, y, h) - jump) / units) < 12
 
 
 @pytest.mark.parametrize("turns", [-3, -1, 1, 2, 1000])
