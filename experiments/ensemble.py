@@ -2,23 +2,24 @@
 
 The scalar step is held against its bound: a chain of as many additions, products and divisions, each waiting for the last,
 as lie between one state and the next. Its SIMD form is timed against the number of tops, of lanes and of threads; set-up
-(λ(h) and all constants, in double-double) against h; memory against the arrays of states. The rivals, heyoka in batch mode
-and the splittings, cover the same time with the same tops: nanoseconds for a top and a unit of time, set-up included,
-against the error. Output far away by one jump is a row of its own. Times are in the units of the tops themselves:
-alpha in [0.3, 2], each J in [−2, 2], |x| in [0.5, 2].
+(λ(h) and all constants, in double-double) against h; memory against the arrays of states. The rivals, heyoka in batch mode,
+and splittings and a Runge-Kutta formula in the same SIMD lanes as the exact step, cover the same time with tops of the same
+kind: nanoseconds for a top and a unit of time, set-up included, against the error. Output far away by one jump is a row of
+its own. Times are in the units of the tops themselves: alpha in [0.3, 2], each J in [−2, 2], |x| in [0.5, 2].
 """
 
 from __future__ import annotations
 
 import tracemalloc
 from collections.abc import Callable
+from functools import partial
 from time import perf_counter
 
 import numpy as np
 import pandas as pd
 
 from experiments import engine, metrics, timing
-from experiments.states import options_of, rounded
+from experiments.states import options_of, rounded, truth
 from integrators import METHODS, LagrangeTop, exact, integrate_ensemble, prepare
 from integrators.compiled import compiled
 from integrators.ensemble import usable_cores
@@ -26,7 +27,7 @@ from integrators.integrable import real_map
 from integrators.interface import Array
 from integrators.loops import LANES, run_lanes
 
-VERSION = 1
+VERSION = 2
 
 STEP = 0.1
 BUDGET = {"quick": 1e6, "full": 2e7}  # steps of a top in one sample of throughput
@@ -36,8 +37,8 @@ FEW = 8  # steps of the runs that measure set-up, memory and growth
 MANY = {"quick": (1000, 10_000, 100_000), "full": (10_000, 100_000, 1_000_000, 10_000_000)}
 SETUP = {"quick": (0.1, 1.0, 10.0), "full": (0.001, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)}
 SPAN = {"quick": 100.0, "full": 10_000.0}  # time the rivals cover
-RIVALS = {"quick": {"backlund": 64, "taylor": 16}, "full": {"backlund": 256, "taylor": 64}}  # tops they do it with
-JUDGED = 8  # the first tops: their error is measured, and methods that take them one by one take no more
+RIVALS = {"quick": {"numba": 64, "heyoka": 16}, "full": {"numba": 128, "heyoka": 64}}  # tops they do it with
+JUDGED = 8  # the first tops: their error is measured
 KNOBS: dict[str, dict[str, tuple[float, ...]]] = {
     "quick": {"backlund": (1.0,), "taylor": (2.3e-16,), "blanes_moan6": (0.1,)},
     "full": {
@@ -45,8 +46,10 @@ KNOBS: dict[str, dict[str, tuple[float, ...]]] = {
         "taylor": (1e-3, 1e-6, 1e-9, 1e-12, 2.3e-16),
         "strang": (0.01, 0.05),
         "force_gradient4": (0.05, 0.1, 0.2),
+        "force_gradient6": (0.05, 0.1, 0.2),
         "blanes_moan6": (0.05, 0.1, 0.2, 0.5),
         "kahan_li8": (0.05, 0.1, 0.2, 0.4),
+        "verner9_fixed": (0.05, 0.1, 0.2, 0.4),
     },
 }
 
@@ -62,11 +65,9 @@ def cells(profile: str) -> list[dict]:
     listed += [{"part": "setup", "h": h} for h in SETUP[profile]]
     listed += [{"part": "many", "tops": tops} for tops in MANY[profile]]
     for method, knobs in KNOBS[profile].items():
-        name = "h" if METHODS[method].control == "step" else METHODS[method].knob
-        for knob in knobs:
-            tops = RIVALS[profile].get(method, JUDGED)
-            run = {"part": "rival", "method": method, "tops": tops, "span": SPAN[profile]}
-            listed.append({**run, name: knob})
+        tops = RIVALS[profile][METHODS[method].engine]
+        run = {"part": "rival", "method": method, "tops": tops, "span": SPAN[profile]}
+        listed += [{**run, METHODS[method].knob: knob} for knob in knobs]
     listed.append({"part": "jump", "method": "backlund", "tops": JUDGED, "span": SPAN[profile]})
     return [{"timing": True, **cell} for cell in listed]
 
@@ -238,29 +239,31 @@ def _measure_rival(cell: dict) -> dict:
     alphas, Y = alphas_and_states(cell["tops"])
     span, h = cell["span"], cell.get("h", cell["span"])
     steps, options = round(span / h), options_of(cell)
-    if cell["method"] != "backlund" and cell["method"] != "taylor":
-        alphas, Y = alphas[:JUDGED], Y[:JUDGED]  # one by one: no matter how many
-
     top = LagrangeTop(alphas)
 
     def run() -> Array:
         return integrate_ensemble(top, Y, span / steps, steps, cell["method"], threads=1, **options)
 
-    return _judged(run, alphas, Y, span)
+    right = partial(truth, method=METHODS[cell["method"]], h=span / steps, counts=[steps])
+    return _judged(run, lambda one, y0: right(one, y0)[0], alphas, Y, span)
 
 
 def _measure_jump(cell: dict) -> dict:
-    alphas, Y = alphas_and_states(cell["tops"])
+    (alphas, Y), span = alphas_and_states(cell["tops"]), cell["span"]
     top = LagrangeTop(alphas)
-    return _judged(lambda: integrate_ensemble(top, Y, t=[cell["span"]], threads=1)[0], alphas, Y, cell["span"])
+
+    def run() -> Array:
+        return integrate_ensemble(top, Y, t=[span], threads=1)[0]
+
+    return _judged(run, lambda one, y0: exact.solution(one, y0, span), alphas, Y, span)
 
 
-def _judged(run: Callable[[], Array], alphas: Array, Y: Array, span: float) -> dict:
-    """Cost on one core, and the errors of the first tops."""
+def _judged(run: Callable[[], Array], right: Callable[..., Array], alphas: Array, Y: Array, span: float) -> dict:
+    """Cost on one core, and the errors of the first tops; `right` is where a top should be."""
     end, errors = run(), []
     for alpha, y0, y in list(zip(alphas, Y, end, strict=True))[:JUDGED]:
         one = LagrangeTop(alpha)
-        errors.append(float(metrics.scaled_error(one, y0, y, exact.solution(one, y0, span))))
+        errors.append(float(metrics.scaled_error(one, y0, y, right(one, y0))))
     seconds = timing.time_call(run, repeats=3).min
     per_top = seconds / len(Y)
     return {
@@ -332,32 +335,36 @@ def draw(rows: pd.DataFrame) -> dict:
 
 def _draw_throughput(good: pd.DataFrame, style):
     fig, (steps, setups, growth) = style.figure("page", 2.6, ncols=3)
+    look = {**style.of("backlund"), "label": "_one"}
     runs = good[good.part == "tops"].sort_values("tops")
-    for threads, group in runs.groupby("threads"):
-        text = "1 thread" if threads == 1 else f"{int(threads)} threads, times {int(threads)}"
-        steps.loglog(group.tops, group.ns_per_step_and_core, marker="o" if threads == 1 else "s", label=text)
+    for i, (threads, group) in enumerate(runs.groupby("threads")):
+        text = "1 thread" if threads == 1 else f"{threads:.0f} threads, time × {threads:.0f}"
+        colours, markers = style.FAMILIES["backlund"]
+        steps.loglog(group.tops, group.ns_per_step_and_core, color=colours[-i], marker=markers[i],
+                     linestyle=style.DASHES[i], label=text)  # fmt: skip
     bound = good[good.part == "bound"]
     if not bound.empty:
-        steps.axhline(float(bound.pinned_ns.min()), color=style.FAINT, linewidth=0.8)
-        steps.annotate("one top alone", (0.98, float(bound.pinned_ns.min())), (0, -2), textcoords="offset points",
-                       xycoords=("axes fraction", "data"), fontsize=7, ha="right", va="top")  # fmt: skip
+        alone = float(bound.pinned_ns.min())
+        steps.axhline(alone, color=style.FAINT, linewidth=0.8)
+        steps.annotate("one top alone", (0.98, alone), (0, -2), textcoords="offset points", fontsize=7, ha="right",
+                       va="top", xycoords=("axes fraction", "data"))  # fmt: skip
+    style.few_decades(steps.yaxis)
     steps.set_xlabel("tops")
     steps.set_ylabel("ns per step of a top, one core")
-    steps.legend()
+    steps.legend(loc="upper right", bbox_to_anchor=(1.0, 0.88))
     for ax, part, across, up in ((setups, "setup", "h", "setup_us"), (growth, "many", "tops", "us_per_top")):
-        chosen = good[good.part == part]
+        chosen = good[good.part == part].sort_values(across)
         if not chosen.empty:
-            chosen = chosen.sort_values(across)
-            ax.semilogx(chosen[across], chosen[up], marker="o")
-            ax.set_ylim(bottom=0)
+            ax.semilogx(chosen[across], chosen[up], **look)
+            ax.set_ylim(0, 1.1 * chosen[up].max())
     setups.set_xlabel("step h")
-    setups.set_ylabel("µs for λ(h) and constants, one core")
+    setups.set_ylabel("µs per set-up, one core")
     growth.set_xlabel("tops")
     growth.set_ylabel(f"µs per top, {FEW} steps, all cores")
     fig.caption = (
-        f"Left: a step of the exact map against the number of tops, {LANES} of them to a SIMD block; few tops leave lanes "
-        "empty. Middle: set-up of a top; from half a nutation period on it includes the period and the turn of a nutation. "
-        "Right: short runs of very many tops, set-up included."
+        f"A step of the exact map against the number of tops, {LANES} of them to a SIMD block; few tops leave lanes empty. "
+        "Set-up of a top, λ(h) and constants, against the step in the tops' units of time; from half a nutation period on "
+        "it includes the period and the turn of a nutation. Short runs of very many tops, set-up included."
     )
     return fig
 
@@ -366,17 +373,18 @@ def _draw_rivals(good: pd.DataFrame, style):
     fig, ax = style.figure("page", 3.4)
     runs = good[good.part == "rival"]
     for method in style.ordered(runs.method):
-        chosen = runs[runs.method == method].sort_values("ns_per_time")
+        chosen = runs[runs.method == method].sort_values([name for name in ("h", "tol") if name in runs])
         ax.loglog(chosen.ns_per_time, chosen.error.clip(lower=1e-17), **style.of(method))
     jump = good[good.part == "jump"]
     if not jump.empty:
-        ax.loglog(jump.ns_per_time, jump.error, linestyle="none", marker="*", color=style.INK, label="one jump")
+        look = {"linestyle": "none", "marker": "*", "markersize": 7, "color": style.FAMILIES["backlund"][0][2]}
+        ax.loglog(jump.ns_per_time, jump.error, **look, label="Bäcklund, one jump")
     ax.set_xlabel("ns for a top and a unit of time, one core, set-up included")
     ax.set_ylabel("error at the end, median")
     style.legend_below(fig)
     fig.caption = (
-        "Many tops over the same time on one core: SIMD blocks of the exact step, heyoka's batch mode, and splittings, which "
-        "take their tops one by one. A jump is one map from the start to the end, not a sequence of steps."
+        "Many tops over the same time on one core, all in SIMD form: the exact step and the fixed steps of others, in the same "
+        f"blocks of {LANES}, and heyoka's batch mode. A jump is one map from the start to the end, not a sequence of steps."
     )
     return fig
 

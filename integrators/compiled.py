@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import operator
 import os
 import uuid
 from collections.abc import Callable
@@ -19,7 +20,8 @@ from typing import Any
 import numba
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic
+from numba.core.typing.templates import AbstractTemplate, infer_global
+from numba.extending import intrinsic, lower_builtin, models, register_model
 
 config: Any = numba.config  # its attributes are made at run time
 njit: Any = numba.njit  # its types know fewer options than it has
@@ -102,6 +104,18 @@ def jit_over(*kernels: Any) -> Callable[[Callable[..., Any]], Any]:
     return jit if ours else compiled
 
 
+def inlined_copy(kernel: Any) -> Any:
+    """A compiled function once more, as `inlined` would have it: a loop around the call of a long kernel is never SIMD code.
+
+    Not cached: what closes over it is.
+    """
+    if config.DISABLE_JIT:
+        return kernel
+    copy = compiled(kernel.py_func, forceinline=True)
+    copy._set_uuid(lasting_name(f"{kernel._uuid} inlined"))
+    return copy
+
+
 def _forgive_full_disk(cached: Any) -> None:
     """What cannot be kept for the next process is compiled there again: no reason for this one to fail."""
     save = cached.save_overload
@@ -131,6 +145,19 @@ if config.DISABLE_JIT:
     def put_column(array, place, values, stride):
         for k, value in enumerate(values):
             array[place + k * stride] = value
+
+    class StridedView:
+        def __init__(self, array, place, stride):
+            self.array, self.place, self.stride = array, place, stride
+
+        def __getitem__(self, k):
+            return self.array[self.place + k * self.stride]
+
+        def __setitem__(self, k, value):
+            self.array[self.place + k * self.stride] = value
+
+    def strided(array, place, stride):
+        return StridedView(array, place, stride)
 
 else:
 
@@ -183,3 +210,52 @@ else:
             return context.get_dummy_value()
 
         return types.none(array, types.int64, values, stride), generate
+
+    class Strided(types.Type):
+        """array[place], array[place + stride], … to be read and written one by one, indices unchecked."""
+
+        def __init__(self, dtype, stride):
+            self.dtype, self.stride = dtype, stride
+            super().__init__(name=f"Strided({dtype}, {stride})")
+
+    @register_model(Strided)
+    class StridedModel(models.PrimitiveModel):
+        def __init__(self, manager, kind):
+            super().__init__(manager, kind, manager.lookup(types.CPointer(kind.dtype)).get_value_type())
+
+    @named_intrinsic
+    def strided(typingctx, array, place, stride):
+        """The numbers of `column` as something that a kernel may write into; `stride` is a literal."""
+        if not isinstance(stride, types.IntegerLiteral):
+            raise numba.errors.TypingError("stride must be a constant")
+
+        def generate(context, builder, signature, args):
+            return builder.gep(context.make_array(signature.args[0])(context, builder, args[0]).data, [args[1]])
+
+        return Strided(array.dtype, stride.literal_value)(array, types.int64, stride), generate
+
+    @infer_global(operator.getitem)
+    class ReadStrided(AbstractTemplate):
+        def generic(self, args, kws):
+            if isinstance(args[0], Strided) and isinstance(args[1], types.Integer):
+                return args[0].dtype(args[0], types.intp)
+            return None
+
+    @infer_global(operator.setitem)
+    class WriteStrided(AbstractTemplate):
+        def generic(self, args, kws):
+            if isinstance(args[0], Strided) and isinstance(args[1], types.Integer):
+                return types.none(args[0], types.intp, args[0].dtype)
+            return None
+
+    def _place(builder, kind, args):
+        return builder.gep(args[0], [builder.mul(args[1], args[1].type(kind.stride))])
+
+    @lower_builtin(operator.getitem, Strided, types.intp)
+    def read_strided(context, builder, signature, args):
+        return builder.load(_place(builder, signature.args[0], args))
+
+    @lower_builtin(operator.setitem, Strided, types.intp, types.Any)
+    def write_strided(context, builder, signature, args):
+        builder.store(args[2], _place(builder, signature.args[0], args))
+        return context.get_dummy_value()

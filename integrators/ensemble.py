@@ -1,14 +1,17 @@
 """Many tops at once: `integrate_ensemble`.
 
 The tops are cut into chunks, the chunks shared out among threads; compiled code lets go of Python's lock. A method that
-offers `advance_many` (or `evaluate_many`) takes a chunk in one call: the exact Bäcklund step in SIMD form, with the bits
-of its scalar form, heyoka in its batch mode. Every other method takes its tops one by one, and so do tops that such a call
-leaves undone, because of their extreme size or because the method fails for them: then the StepError is the scalar one.
-What becomes of a top depends on nothing but itself: not on the chunks, the threads, or its place.
+offers `advance_many` (or `evaluate_many`) takes a chunk in one call: the exact Bäcklund step with its set-up compiled,
+heyoka in its batch mode. The kernels of all other fixed-step methods that are free of loops take their tops in the same
+SIMD lanes as the Bäcklund step, with the bits of one top alone; splittings one rotation and kick after the other. Implicit
+methods, whose iterations end where they end, and all that is not compiled here take their tops one by one, and so do tops
+that are left undone, because of their extreme size or because the method fails for them: then the StepError is the scalar
+one. What becomes of a top depends on nothing but itself: not on the chunks, the threads, or its place.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -18,11 +21,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from integrators.body import HeavyTop
-from integrators.interface import Array, Method, StepError, check_count, check_options, check_step, check_times
+from integrators.interface import Array, Method, StepError, Stepper, check_count, check_options, check_step, check_times
+from integrators.loops import LANES, FixedStepper, run_lanes
 from integrators.registry import find_method
 from integrators.top import LagrangeTop
 
 CHUNK = 1024  # tops in one call, at most: their constants stay in the processor's cache
+FEW = LANES // 2  # tops of the last block below which they are quicker one by one
 
 
 def integrate_ensemble(
@@ -116,7 +121,7 @@ class _Work:
         """The tops of a chunk that were done in one call, a mask."""
         raise NotImplementedError
 
-    def one(self, alpha: float, y0: Array) -> Array:
+    def one(self, place: int) -> Array:
         """The rows (rows, 6) of one top."""
         raise NotImplementedError
 
@@ -131,7 +136,7 @@ class _Work:
                 break
             place = chunk.start + int(i)
             try:
-                out[:, i] = self.one(float(self.alphas[place]), self.states[place])
+                out[:, i] = self.one(place)
             except StepError as error:
                 out[:, i] = np.nan
                 failures.append((place, error))
@@ -145,18 +150,70 @@ class _Steps(_Work):
         super().__init__(method, alphas, states, out, options)
         self.h, self.steps, self.every = h, steps, every
 
+        self.prepared: dict[int, Stepper] = {}  # by place, for tops that are taken alone after all
+
     def many(self, chunk: slice) -> Mask:
         call = self.method.advance_many
         states, out = self.states[chunk], self.out[:, chunk]
-        if call is None:
-            return np.zeros(len(states), dtype=bool)
-        grid = (self.h, self.steps, self.every)
-        return call(self.alphas[chunk], states, *grid, out, self.stop.is_set, **self.options)
+        done = np.zeros(len(states), dtype=bool)
+        if call is not None:
+            grid = (self.h, self.steps, self.every)
+            done = call(self.alphas[chunk], states, *grid, out, self.stop.is_set, **self.options)
+        if self.method.engine == "numba" and np.count_nonzero(~done) >= FEW:
+            for members in self._alike(chunk, done):
+                self._in_lanes(members, chunk, done)
+        return done
 
-    def one(self, alpha: float, y0: Array) -> Array:
+    def _alike(self, chunk: slice, done: Mask) -> list[list[int]]:
+        """Places of a chunk whose steppers run on the same kernel; none if it has no lanes."""
+        kinds: dict[Any, list[int]] = {}
+        for place in (np.flatnonzero(~done) + chunk.start).tolist():
+            if self.stop.is_set():
+                return []
+            try:
+                stepper = self.prepared[place] = self.prepare(place)
+            except StepError:
+                continue  # again when it is taken alone
+            if not isinstance(stepper, FixedStepper) or stepper.lane is None:
+                return []
+            kinds.setdefault((stepper.lane, stepper.pin, stepper.block, len(stepper.constants)), []).append(place)
+        return list(kinds.values())
+
+    def _in_lanes(self, places: list[int], chunk: slice, done: Mask) -> None:
+        """Many steppers that differ in their constants; some of the tops may be left undone."""
+        steppers, states = [], []
+        for place in places[: len(places) // LANES * LANES if len(places) % LANES < FEW else None]:
+            stepper = self.prepared[place]
+            assert isinstance(stepper, FixedStepper)
+            with contextlib.suppress(StepError):
+                states.append(stepper.enter(self.states[place]))
+                steppers.append((place, stepper))
+        if not steppers:
+            return
+        (_, first), n = steppers[0], len(steppers)
+        assert first.lane is not None
+        step, size = first.lane
+        constants = np.array([stepper.constants for _, stepper in steppers])
+        rows, starts = np.empty((len(self.out), n, 6)), np.array(states)
+        fine = run_lanes(
+            (step, first.pin, first.block), starts, constants, np.arange(n), np.ones((n, 6)), self.steps, self.every, rows,
+            self.stop.is_set, size=size,
+        )  # fmt: skip
+        for i in np.flatnonzero(fine):
+            place, stepper = steppers[i]
+            with contextlib.suppress(StepError):
+                self.out[:, place] = stepper.leave(np.concatenate((starts[None, i], rows[:, i])))[1:]
+                done[place - chunk.start] = True
+                del self.prepared[place]
+
+    def prepare(self, place: int) -> Stepper:
         with self.preparing:
-            stepper = self.method.prepare(LagrangeTop(alpha), y0.copy(), self.h, **self.options)
-        return stepper.record(y0, self.steps, self.every)[1:]
+            top = LagrangeTop(float(self.alphas[place]))
+            return self.method.prepare(top, self.states[place].copy(), self.h, **self.options)
+
+    def one(self, place: int) -> Array:
+        stepper = self.prepared.pop(place, None) or self.prepare(place)
+        return stepper.record(self.states[place], self.steps, self.every)[1:]
 
 
 class _Jumps(_Work):
@@ -170,10 +227,11 @@ class _Jumps(_Work):
             return np.zeros(len(states), dtype=bool)
         return call(self.alphas[chunk], states, self.times, self.out[:, chunk], **self.options)
 
-    def one(self, alpha: float, y0: Array) -> Array:
+    def one(self, place: int) -> Array:
         assert self.method.evaluate is not None
+        top, y0 = LagrangeTop(float(self.alphas[place])), self.states[place].copy()
         with self.preparing:
-            return self.method.evaluate(LagrangeTop(alpha), y0.copy(), self.times, **self.options)[0]
+            return self.method.evaluate(top, y0, self.times, **self.options)[0]
 
 
 def _run(work: _Work, threads: int) -> Failures:

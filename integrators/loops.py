@@ -8,14 +8,18 @@ method's array of constants, `tally` counts (see below). State lives in register
 
 from __future__ import annotations
 
+import dis
 import threading
 from collections.abc import Callable
 from functools import cache
+from types import FunctionType, ModuleType
+from typing import Any
 
 import numpy as np
+from numba import TypingError
 from numpy.typing import NDArray
 
-from integrators.compiled import column, jit_over, put_column
+from integrators.compiled import column, inlined_copy, jit_over, put_column, strided
 from integrators.interface import Array, StepError, Work, check_count
 
 # places in `tally`; a kernel that fails puts a code into FAILURE and what it could not reduce into RESIDUAL; from MEMORY on
@@ -62,11 +66,22 @@ def compile_loop(step: Callable, pin: Callable | None) -> Callable:
     return run
 
 
+@cache
+def compiled_loop(step: Callable, pin: Callable | None, dtype: np.dtype) -> Callable:
+    """`compile_loop`, compiled for numbers of that type."""
+    run = compile_loop(step, pin)
+    state = np.zeros(6, dtype)
+    run(state, 0, 0, 1, 1, np.zeros(1, dtype), np.zeros(SIZE), np.empty((1, 6), dtype))
+    return run
+
+
 class FixedStepper:
     """A `Stepper` around a compiled kernel: one internal step per h.
 
     `enter` and `leave` turn a state into the kernel's own units and back (exactly, or not at all);
-    `failures` maps the kernel's failure codes to reasons.
+    `failures` maps the kernel's failure codes to reasons. `lane` is a kernel for many tops at once and the number of constants
+    it takes: all of them, or those of one of the equal parts that a step consists of. It has the bits of `step`, or sets
+    FAILURE. By default it is `step` itself if that has no loop, else None.
     """
 
     def __init__(
@@ -82,15 +97,16 @@ class FixedStepper:
         leave: Callable[[Array], Array] = np.asarray,
         rhs_per_step: int = 0,
         failures: dict[int, str] | None = None,
+        lane: tuple[Callable, int] | None = None,
     ):
         self.name, self.h, self.constants, self.block = name, h, constants, block
         self.enter, self.leave = enter, leave
         self.rhs_per_step, self.failures = rhs_per_step, failures or {}
-        self._run = compile_loop(step, pin)
+        if lane is None and constants.dtype == np.float64 and straight(step) and straight(pin):
+            lane = step, len(constants)
+        self.pin, self.lane = pin, lane
+        self._run = compiled_loop(step, pin, constants.dtype)
         self.work = Work()
-        self._run(
-            np.zeros(6, constants.dtype), 0, 0, 1, 1, constants, np.zeros(SIZE), np.empty((1, 6), constants.dtype)
-        )
 
     def advance(self, y: Array, n: int) -> Array:
         return self.record(y, n, max(n, 1))[-1]
@@ -139,21 +155,40 @@ LANES = 32  # tops that take a step together: some SIMD registers full, so that 
 
 
 @cache
-def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int) -> Callable:
-    """The loop around one kernel for `lanes` tops at a time, each with `size` constants of its own.
+def straight(kernel: Any) -> bool:
+    """Whether a kernel has no loop, nor what it calls: no jump backwards in their bytecode. Only then are its lanes SIMD code."""
+    function = getattr(kernel, "py_func", kernel)
+    if not isinstance(function, FunctionType):
+        return True  # no kernel, a number, an intrinsic
+    code = function.__code__
+    if any(i.opcode in JUMPS and i.argval <= i.offset for i in dis.get_instructions(code)):
+        return False
+    names = [function.__globals__.get(name) for name in code.co_names]
+    names += [cell.cell_contents for cell in function.__closure__ or ()]
+    names += [getattr(owner, name, None) for owner in names if isinstance(owner, ModuleType) for name in code.co_names]
+    return all(straight(f) for f in names if isinstance(f, FunctionType) or hasattr(f, "py_func"))
 
-    The kernel must be free of loops and of `tally`; then the loop over the lanes is SIMD code. No bit of a top depends on
-    its lane or on its neighbours, and all bits are those of `compile_loop`.
+
+JUMPS = frozenset(dis.hasjrel + dis.hasjabs)
+
+
+@cache
+def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int) -> Callable:
+    """The loop around one kernel for `lanes` tops at a time, each with constants of its own, `size` for each call of it.
+
+    If the kernel is free of loops, the loop over the lanes is SIMD code. No bit of a top depends on its lane or on its
+    neighbours, and all bits are those of `compile_loop`.
     """
-    width = 6 + size
+    step = inlined_copy(step)
 
     @jit_over(step, pin)
-    def run(columns, first, last, every, block, tops, units, out):
-        # `columns` holds blocks of `width` columns of `lanes` numbers: states and constants. They are those of the `tops`
-        # of `out`, −1 for a lane that is not used; a row of `out` is a state times `units`, the first after `every` steps.
-        tally = np.zeros(SIZE)
+    def run(columns, first, last, every, block, parts, tops, units, out):
+        # `columns` holds blocks of columns of `lanes` numbers: states, tallies, and the constants of the `parts` of a step. They
+        # are those of the `tops` of `out`, −1 for a lane that is not used; a row of `out` is a state times `units`, the
+        # first after `every` steps. A lane that fails goes on: what becomes of it is of no use.
         for b in range(len(tops) // lanes):
-            origin = b * width * lanes
+            origin = b * (6 + SIZE + parts * size) * lanes
+            constants = origin + (6 + SIZE) * lanes
             i = first
             row = i // every
             next_row = (row + 1) * every
@@ -164,14 +199,17 @@ def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int) -
                     if pin is not None:
                         for j in range(lanes):
                             s = column(columns, origin + j, 6, lanes)
-                            c = column(columns, origin + 6 * lanes + j, size, lanes)
+                            c = column(columns, constants + j, size, lanes)
                             put_column(columns, origin + j, pin(s, c), lanes)
                 stop = min(last, next_row, next_pin)
                 for _ in range(i, stop):
-                    for j in range(lanes):
-                        s = column(columns, origin + j, 6, lanes)
-                        c = column(columns, origin + 6 * lanes + j, size, lanes)
-                        put_column(columns, origin + j, step(s, c, tally), lanes)
+                    for part in range(parts):
+                        place = constants + part * size * lanes
+                        for j in range(lanes):
+                            s = column(columns, origin + j, 6, lanes)
+                            c = column(columns, place + j, size, lanes)
+                            tally = strided(columns, origin + 6 * lanes + j, lanes)
+                            put_column(columns, origin + j, step(s, c, tally), lanes)
                 i = stop
                 if i == next_row:
                     for j in range(lanes):
@@ -196,26 +234,35 @@ def run_lanes(
     out: Array,
     stopped: Callable[[], bool],
     lanes: int = LANES,
-) -> None:
+    size: int | None = None,
+) -> NDArray[np.bool_]:
     """Takes the `tops` among `states` (m, 6) through `steps` steps of a kernel (step, pin, steps between two pins).
 
-    `constants` (m, size) are those of each top. Rows of `out` (steps // every, m, 6) are the states times `units` (m, 6)
-    after every, 2 every, … steps. Ends early, its rows unfinished, once `stopped()`.
+    `constants` (m, k) are those of each top, of which the kernel takes `size` at a time, all by default. Rows of `out`
+    (steps // every, m, 6) are the states times `units` (m, 6) after every, 2 every, … steps. Ends early, its rows
+    unfinished, once `stopped()`. Returns which of the `tops` it did not fail for.
     """
     step, pin, block = kernel
     count = -(-len(tops) // lanes)
+    size = constants.shape[1] if size is None else size
+    parts = constants.shape[1] // size
     places = np.resize(tops, count * lanes)  # tops over again in the lanes left over: their numbers do no harm
-    rows = np.concatenate((states[places], constants[places]), axis=1)
+    rows = np.concatenate((states[places], np.zeros((len(places), SIZE)), constants[places]), axis=1)
     columns = np.ascontiguousarray(rows.reshape(count, lanes, -1).transpose(0, 2, 1)).ravel()
     places[len(tops) :] = -1
     with compiling:  # once, not in every thread
-        run = compile_lanes(step, pin, constants.shape[1], lanes)
-        run(columns, 0, 0, 1, 1, places, units, out)
-    stride = max(1, INTERRUPTIBLE * 4 // len(places))
+        run = compile_lanes(step, pin, size, lanes)
+        try:
+            run(columns, 0, 0, 1, 1, parts, places, units, out)
+        except TypingError:  # a kernel of somebody else that needs its constants to be an array
+            return np.zeros(len(tops), dtype=bool)
+    stride = max(1, INTERRUPTIBLE * 4 // (len(places) * parts))
     for first in range(0, steps, stride):
         if stopped():
-            return
-        run(columns, first, min(first + stride, steps), every, block, places, units, out)
+            break
+        run(columns, first, min(first + stride, steps), every, block, parts, places, units, out)
+    fine: NDArray[np.bool_] = columns.reshape(count, -1, lanes)[:, 6 + FAILURE].ravel()[: len(tops)] == 0.0
+    return fine
 
 
 # places in `walk`: where a run on natural steps is, so that it can be resumed, and what it has done

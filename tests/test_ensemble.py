@@ -174,6 +174,120 @@ def test_every_kind_of_method(name):
             assert np.max(np.abs(got[:, i] - alone)) < 1e-14
 
 
+COMPILED = [m.name for m in METHODS.values() if available(m) and m.engine == "numba" and m.control == "step"]
+ALONE = {"theta_functions", "taylor_fixed", "verner9_projected", "backlund_textbook", "rkmk4", "commutator_free4"}
+ALONE |= {m.name for m in METHODS.values() if m.family == "implicit"}
+COMPENSATED = [name for name in COMPILED if "compensated" in METHODS[name].options]
+
+
+@pytest.fixture
+def in_lanes(monkeypatch):
+    """The numbers of tops that were done in lanes, call by call."""
+    met = []
+
+    def run(*arguments, **options):
+        fine = loops.run_lanes(*arguments, **options)
+        met.append(int(fine.sum()))
+        return fine
+
+    monkeypatch.setattr(ensemble, "run_lanes", run)
+    return met
+
+
+def alone(n, h, steps, every, name, **options):
+    rows = [
+        prepare(LagrangeTop(a), y, h, name, **options).record(y, steps, every)
+        for a, y in zip(ALPHAS[:n], Y0[:n], strict=True)
+    ]
+    return np.stack(rows, axis=1)
+
+
+@pytest.mark.parametrize("name", COMPILED)
+def test_every_compiled_method_has_the_bits_of_one_top_alone(name, in_lanes):
+    """In lanes or not; of 85 tops a block of 21 is left over, which fills more than half of one."""
+    n, h = 85, 0.02
+    got = integrate_ensemble(LagrangeTop(ALPHAS[:n]), Y0[:n], h, 12, name, every=3, threads=1)
+    assert np.array_equal(got, alone(n, h, 12, 3, name))
+    if METHODS[name].advance_many is None:
+        assert sum(in_lanes) == (0 if name in ALONE else n)
+
+
+@pytest.mark.parametrize("name", COMPENSATED)
+def test_what_a_kernel_carries_along_is_carried_in_lanes(name, in_lanes, monkeypatch):
+    monkeypatch.setattr(loops, "INTERRUPTIBLE", 7)  # several calls of the loop
+    n, h, options = 40, 0.1, {"compensated": True}
+    got = integrate_ensemble(LagrangeTop(ALPHAS[:n]), Y0[:n], h, 30, name, every=10, threads=1, **options)
+    monkeypatch.undo()
+    assert np.array_equal(got, alone(n, h, 30, 10, name, **options))
+    assert not np.array_equal(got, integrate_ensemble(LagrangeTop(ALPHAS[:n]), Y0[:n], h, 30, name, every=10))
+    assert name in ALONE or sum(in_lanes) == 32  # eight are left over, too few for a block
+
+
+@pytest.mark.parametrize(("name", "options"), [("strang", {"scheme": "chin4"}), ("blanes_moan6", {})])
+def test_turns_in_parts_are_made_alone(name, options, in_lanes):
+    """In some of the lanes z > PART; all tops have their own bits."""
+    for h in (0.7, -2.5):
+        got = integrate_ensemble(TOP, Y0, h, 8, name, every=4, threads=1, **options)
+        assert np.array_equal(got, one_by_one(h, 8, name, 4, **options))
+    assert 0 < sum(in_lanes) < 2 * SIZE
+
+
+@pytest.mark.parametrize("name", ["strang", "kahan", "bobenko_suris", "rk4", "takahashi_imada"])
+def test_failures_among_lanes(name, in_lanes):
+    """The errors of one top alone, step number included, and no harm to its neighbours."""
+    states = Y0[:64].copy()
+    states[5] *= 1e160
+    states[40, :3] *= 1e7
+    states[40, 3:] *= 1e5
+    states[50] *= 1e-170
+    top = LagrangeTop(np.abs(ALPHAS[:64]))
+    got = integrate_ensemble(top, states, 0.1, 20, name, threads=1, on_failure="nan")
+    first = None
+    for i, y in enumerate(states):
+        try:
+            assert np.array_equal(got[i], prepare(LagrangeTop(top.alpha[i]), y, 0.1, name).advance(y, 20))
+        except StepError as error:
+            first = first or (i, error)
+            assert np.isnan(got[i]).all()
+    assert sum(in_lanes) >= 32
+    if first is not None:
+        with pytest.raises(StepError, match=f"top {first[0]}: ") as caught:
+            integrate_ensemble(top, states, 0.1, 20, name)
+        assert (caught.value.step, caught.value.h) == (first[1].step, 0.1)
+        assert first[1].reason in caught.value.reason
+    else:
+        assert name == "bobenko_suris"
+
+
+def test_a_lane_that_errs_would_be_found(monkeypatch, in_lanes):
+    """The tests of the same bits, on lanes that lose one."""
+    right = integrate_ensemble(TOP, Y0, 0.1, 5, "rk4")
+
+    def run(kernel, states, constants, *rest, **options):
+        return loops.run_lanes(kernel, np.nextafter(states, 9), constants, *rest, **options)
+
+    monkeypatch.setattr(ensemble, "run_lanes", run)
+    assert not np.array_equal(integrate_ensemble(TOP, Y0, 0.1, 5, "rk4"), right)
+
+
+def test_which_kernels_are_straight():
+    def called(x):
+        while x > 1:
+            x -= 1
+        return x
+
+    def caller(s, c, tally):
+        return called(s)
+
+    def plain(s, c, tally):
+        return s if s > c else c
+
+    assert loops.straight(plain)
+    assert loops.straight(METHODS["kahan"].prepare(LagrangeTop(), Y0[0], 0.1).lane[0])
+    assert not loops.straight(caller)
+    assert loops.straight(None)
+
+
 @pytest.mark.parametrize("name", ["rk45", "taylor"])
 def test_times_of_other_methods(name):
     if not available(METHODS[name]):

@@ -32,7 +32,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -236,18 +236,21 @@ def add(x, lost, change, compensated):
 
 
 @inlined
-def compose(s, c, tally, gradients, compensated):
-    """One step: rotation and kick for each group of constants; `gradients` 0, 1 or 2 terms in each kick."""
+def compose(s, c, tally, gradients, compensated, at_once=False):
+    """One step: rotation and kick for each group of constants; `gradients` 0, 1 or 2 terms in each kick.
+
+    `at_once`: fails where a turn is to be made in parts.
+    """
     J1, J2, J3, x1, x2, x3 = s
     k1 = k2 = l1 = l2 = l3 = 0.0
     if compensated:
         k1, k2, l1, l2, l3 = tally[MEMORY], tally[MEMORY + 1], tally[MEMORY + 2], tally[MEMORY + 3], tally[MEMORY + 4]
-    for i in range(0, c.size, STRIDE):
+    for i in range(0, len(c), STRIDE):
         v1, v2, v3 = c[i + A] * J1, c[i + A] * J2, c[i + A] * J3
         z = (v1 * v1 + v2 * v2) + v3 * v3
         parts = 1
         if z > PART:
-            if not z <= MOST:
+            if at_once or not z <= MOST:
                 tally[FAILURE] = TOO_FAR
                 return s
             while z > PART:
@@ -304,7 +307,44 @@ def two_gradients_compensated(s, c, tally):
     return compose(s, c, tally, 2, True)
 
 
+# for SIMD lanes, one group of constants after the other
+
+
+@inlined
+def plain_lane(s, c, tally):
+    return compose(s, c, tally, 0, False, True)
+
+
+@inlined
+def gradient_lane(s, c, tally):
+    return compose(s, c, tally, 1, False, True)
+
+
+@inlined
+def two_gradients_lane(s, c, tally):
+    return compose(s, c, tally, 2, False, True)
+
+
+@inlined
+def plain_compensated_lane(s, c, tally):
+    return compose(s, c, tally, 0, True, True)
+
+
+@inlined
+def gradient_compensated_lane(s, c, tally):
+    return compose(s, c, tally, 1, True, True)
+
+
+@inlined
+def two_gradients_compensated_lane(s, c, tally):
+    return compose(s, c, tally, 2, True, True)
+
+
 KERNELS = (plain, gradient, two_gradients), (plain_compensated, gradient_compensated, two_gradients_compensated)
+LANES = (
+    (plain_lane, gradient_lane, two_gradients_lane),
+    (plain_compensated_lane, gradient_compensated_lane, two_gradients_compensated_lane),
+)
 
 
 @inlined
@@ -336,6 +376,7 @@ def map_rows(rows, before, flow, after, tally):
 # ------------------------------------------------------------------------------------ steppers
 
 
+@cache
 def groups(scheme: Scheme) -> tuple[Array, Array]:
     """The step that is repeated, as groups (a, b, c, d) of a rotation and a kick, and the flow that begins the scheme.
 
@@ -366,9 +407,17 @@ class SplittingStepper(FixedStepper):
             self._processor = float(0.5 * scheme.processor * force * h)
         if not (np.all(np.isfinite(constants)) and np.isfinite(self._processor)):
             raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
-        kernel = KERNELS[compensated][bool(scheme.c) + bool(scheme.d)]
+        gradients = bool(scheme.c) + bool(scheme.d)
         super().__init__(
-            name, h, constants, kernel, enter=self._enter, leave=self._leave, rhs_per_step=len(steps), failures=FAILURES
+            name,
+            h,
+            constants,
+            KERNELS[compensated][gradients],
+            enter=self._enter,
+            leave=self._leave,
+            rhs_per_step=len(steps),
+            failures=FAILURES,
+            lane=(LANES[compensated][gradients], STRIDE),
         )
         self._map(np.zeros((1, 6)), 0.0, self._first, 0.0)  # compile
 
