@@ -3,8 +3,9 @@
 A method that conserves every invariant can still be anywhere on the torus. The error against the exact solution is
 split along the two flows of the torus: a time error (nutation phase) and an angle error (precession phase); what is
 left is drift off the torus. Against time they split into a constant frequency shift and a residual. Orders are
-measured on single steps. A last part holds the exact Bäcklund step to its promise, on every named top and on two
-hundred others. Times are in units of 1/(|J| + √(|alpha||x|)).
+measured on single steps. A last part holds the exact Bäcklund step to its promise, on every named top, two hundred
+others and thirty-two close to the separatrix: its error is what some ulps more in the initial state would make.
+Times are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ import pandas as pd
 from scipy import stats
 
 from experiments import check, engine, metrics
-from experiments.states import affordable, find, log_counts, options_of, rounded, sample
-from integrators import exact
+from experiments.states import CLOSE, affordable, find, log_counts, options_of, rounded, sample, truth
+from integrators import METHODS, exact
 from integrators.top import TOPS
 
-VERSION = 2
+VERSION = 3
 
 STATES = {"quick": ("generic", "through_pole"), "full": ("generic", "figure1", "fast", "through_pole")}
 SPAN = 64.0  # length of the runs against h
@@ -30,12 +31,10 @@ PROMISE_STEPS = 2000  # real steps, of each of these sizes
 PROMISE_H = (0.03, 0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 7.0, 11.0)
 PROMISE_TURNS = (0.25, 0.49, 0.5, 1.0, 1.5)  # and of these fractions of the nutation period
 PROMISE_RANDOM = {"quick": 16, "full": 200}
-UNSTABLE_SPAN = 20.0  # on the homoclinic orbit the promise ends here: errors grow exponentially
+UNSTABLE_SPAN = 20.0  # of orbits without a period: there errors grow exponentially
 
 
 def cells(profile: str) -> list[dict]:
-    from integrators import METHODS
-
     listed = []
     stepping = [name for name, method in METHODS.items() if method.control == "step"]
     for state in STATES[profile]:
@@ -47,7 +46,8 @@ def cells(profile: str) -> list[dict]:
         for name, method in METHODS.items():
             n = affordable(method, steps, profile == "full")
             listed.append({"part": "time", "method": name, "state": state, "h": h, "steps": n})
-    for state in (*TOPS, *(f"random{i:03d}" for i in range(PROMISE_RANDOM[profile]))):
+    some = PROMISE_RANDOM[profile]
+    for state in (*TOPS, *(f"random{i:03d}" for i in range(some)), *CLOSE[: some // 2]):
         listed.append({"part": "promise", "method": "backlund", "state": state})
     return listed
 
@@ -58,7 +58,7 @@ def measure(cell: dict) -> list[dict]:
     top, y0 = find(cell["state"])
     rate, _, unit = top.scales(y0)
     if cell["part"] == "promise":
-        return [_promise(top, y0, h, cell["state"]) for h in _promise_steps(top, y0)]
+        return [_promise(top, y0, h) for h in _promise_steps(top, y0)]
     options = options_of(cell)
     if cell["part"] == "h":
         h = cell["h"]
@@ -67,7 +67,7 @@ def measure(cell: dict) -> list[dict]:
     else:
         h, counts = cell["h"], log_counts(cell["steps"], per_octave=4)
     times, states = sample(top, y0, cell["method"], h * unit, counts, **options)
-    errors = _errors(top, y0, times, states, rate)
+    errors = _errors(top, states, truth(top, y0, METHODS[cell["method"]], h * unit, counts), y0, rate)
     if cell["part"] == "h":
         return [{name: rounded(np.max(np.abs(e))) for name, e in errors.items()}]
     columns = {"t": times * rate, **errors}
@@ -77,20 +77,17 @@ def measure(cell: dict) -> list[dict]:
 def _one_step(name: str) -> list[dict]:
     """Errors of single steps, geometric mean over eight tops and both signs of h, where they are no round-off.
 
-    An order is read off these and not off runs, in which a method of high order may show the next one, or round-off.
+    An order is read off these and not off runs, in which a method of high order may show the next one, or round-off. Only
+    where a step depends on those before it they are errors of short runs, for each of their steps: rows with `run`.
     """
-    from integrators import METHODS
-
-    errors = check.one_step_errors(METHODS[name], check.ORDER_STATES, ORDER_SPANS)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mean = np.exp(np.mean(np.log(errors), axis=0))
-    usable = np.flatnonzero((mean > check.FLOOR) & (mean < check.CEILING))[-check.POINTS :]
-    return [{"h": rounded(ORDER_SPANS[i]), "error": rounded(mean[i])} for i in usable]
+    points = check.order_points(METHODS[name], ORDER_SPANS)
+    length = {"run": check.RUN} if points.runs else {}
+    pairs = zip(points.spans, points.errors, strict=True)
+    return [{"h": rounded(h), "error": rounded(error), **length} for h, error in pairs]
 
 
-def _errors(top, y0, times, states, rate) -> dict[str, np.ndarray]:
+def _errors(top, states, truth, y0, rate) -> dict[str, np.ndarray]:
     """time and angle (in radians of their own phase), what is off the torus, and the whole error, all scaled."""
-    truth = exact.solution(top, y0, times)
     error = states - truth
     whole = metrics.scaled_error(top, y0, states, truth)
     split = metrics.phase_split(top, truth, error)
@@ -106,38 +103,21 @@ def _off_torus(top, truth, split, name) -> np.ndarray:
     return split[name] * np.linalg.norm(scaled, axis=1)
 
 
-def promised(top, y0, t, state) -> np.ndarray:
-    """The promise of the exact step: (1e-13 + 1e-15 t) max(1, 1e-3/k'²), k'² = (e1 − e2)/(e1 − e3), t scaled.
-
-    Half an ulp in y0 moves the period by ε/k'²: near the separatrix that is what the data are worth. On the
-    homoclinic orbit itself a perturbation grows like exp(κt), κ² = alpha |x| − J3²/4.
-    """
-    base = 1e-13 + 1e-15 * np.abs(t)
-    if state == "homoclinic":
-        rate, size, unit = top.scales(y0)
-        return base * np.exp(np.sqrt(top.alpha * size - y0[2] ** 2 / 4) * t * unit)
-    e1, e2, e3 = exact.roots(top, y0)
-    gap = e1 - e2 if top.alpha >= 0 else e2 - e3  # between the root out of reach and the motion
-    close = gap / (e1 - e3) if np.isfinite(e1 - e3) and e1 > e3 else 1.0
-    return base * (max(1.0, 1e-3 / close) if close > 0 else np.inf)
-
-
 def _promise_steps(top, y0) -> list[float]:
     period = exact.nutation_period(top, y0) * top.scales(y0)[0]
     return [*PROMISE_H, *(period * part for part in PROMISE_TURNS if np.isfinite(period))]
 
 
-def _promise(top, y0, h, state) -> dict:
-    """The largest error over the promise, at twenty places of 2000 real steps of size h."""
+def _promise(top, y0, h) -> dict:
+    """The largest error at twenty places of 2000 real steps of size h, and as the ulps of y0 that would do the same."""
     unit = top.scales(y0)[2]
-    steps = PROMISE_STEPS
-    if state == "homoclinic":
-        steps = max(int(UNSTABLE_SPAN / unit / h), 1)
+    unstable = np.isinf(exact.nutation_period(top, y0))
+    steps = max(int(UNSTABLE_SPAN / unit / h), 1) if unstable else PROMISE_STEPS
     counts = sorted({max(steps * k // 20, 1) for k in range(1, 21)})
     times, states = sample(top, y0, "backlund", h * unit, counts)
-    error = metrics.scaled_error(top, y0, states, exact.solution(top, y0, times))
-    share = error / promised(top, y0, times / unit, state)
-    return {"h": h, "error": rounded(np.max(error)), "share": rounded(np.max(share))}
+    error = metrics.scaled_error(top, y0, states, exact.after_steps(top, y0, h * unit, counts))
+    ulps = error / (metrics.condition(top, y0, times) * np.finfo(float).eps)
+    return {"h": h, "error": rounded(np.max(error)), "ulps": rounded(np.max(ulps))}
 
 
 # ------------------------------------------------------------------------------------------ what the rows say
@@ -147,8 +127,6 @@ SMALL = 0.1  # errors up to here are split to first order in earnest
 
 def orders(rows: pd.DataFrame) -> pd.DataFrame:
     """Measured order of each method with a step: off single steps; without them off the runs, top by top."""
-    from integrators import METHODS
-
     good = rows[(rows.status == "done") & rows.error.notna()]
     table = []
 
@@ -167,7 +145,8 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
             few = len(points) < 4
             fit = None if few else stats.linregress(np.log(points.h), np.log(points.error))
             order, stderr = (np.nan, np.nan) if fit is None else (fit.slope - 1, fit.stderr)
-            enter(name, "single steps, 8 tops", points, order, stderr, len(points))
+            where = "short runs" if "run" in points and points.run.notna().any() else "single steps"
+            enter(name, f"{where}, 8 tops", points, order, stderr, len(points))
     runs = good[(good.part == "h") & ~good.method.isin(set(single.method))]
     for (name, state), points in runs.groupby(["method", "state"], sort=False):
         if name in METHODS and METHODS[name].control == "step":
@@ -205,16 +184,16 @@ def promise(rows: pd.DataFrame) -> pd.DataFrame:
     rows = rows[(rows.part == "promise") & (rows.status == "done")]
     rows = rows.assign(step=rows.h.where(rows.h.isin(PROMISE_H)).map("{:g}".format, na_action="ignore"))
     rows["step"] = rows.step.fillna("fractions of the nutation period")
-    worst = rows.loc[rows.groupby("step", sort=False).share.idxmax()] if len(rows) else rows
-    table = worst[["step", "state", "error", "share"]].reset_index(drop=True)
-    return table.rename(columns={"state": "worst top", "share": "error / promise"})
+    worst = rows.loc[rows.groupby("step", sort=False).ulps.idxmax()] if len(rows) else rows
+    table = worst[["step", "state", "error", "ulps"]].reset_index(drop=True)
+    return table.rename(columns={"state": "worst top", "ulps": "ulps of the initial state"})
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     made = {"orders": orders(rows)}
     if (rows.part == "time").any():
         made["frequency_shifts"] = shifts(rows)
-    if "share" in rows:
+    if "ulps" in rows:
         made["promise"] = promise(rows)
     return {name: table for name, table in made.items() if len(table)}
 
@@ -248,11 +227,12 @@ def _draw_h(rows: pd.DataFrame, style):
         ax.set_xlabel("step h · (|J| + √(α|x|))")
     axes[0, 0].set_ylabel(f"largest error up to t = {SPAN:g}")
     axes[0, 0].set_ylim(1e-16, 30)
-    style.label_ends(fig, axes[0][-1:])
+    style.label_ends(axes[0] if fig.stacked is not None else axes[0][-1:])
     fig.caption = (
         f"Largest error against the exact solution up to t = {SPAN:g}, relative to the scales of J and x, against the "
         "step: every method thin in the colour of its family, of each family the one with the smallest error at a step of "
-        "1/8 bold and named. A method of order p has slope p; the exact Bäcklund step has none, at any h."
+        "1/8 bold and named. A method of order p has slope p; the exact Bäcklund step has none, at any h. A line ends where "
+        "its method fails. The thin grey line is one ulp."
     )
     return fig
 
@@ -280,11 +260,11 @@ def _draw_families(rows: pd.DataFrame, style):
         style.failure_marks(ax, chosen[chosen.status == "failed"].h, method)
 
     xlabel, ylabel = "step h · (|J| + √(α|x|))", f"largest error up to t = {SPAN:g}"
-    fig, axes = style.by_family(here.method, line, xlabel, ylabel, (1e-16, 30))
-    style.label_ends(fig, axes)
+    fig, axes = style.by_family(here.method, line, xlabel, ylabel, (1e-16, 1e5))
+    style.label_ends(axes)
     fig.caption = (
         f"The same on “{TOPS['generic'].label}”, a panel for each family of methods; in grey the exact Bäcklund step. "
-        "Crosses: failed."
+        "Crosses: a method failed, in its colour."
     )
     return fig
 
@@ -300,8 +280,8 @@ def _draw_time(rows: pd.DataFrame, style):
         t, largest = metrics.block_maxima(chosen.t, chosen.time, blocks=30)
         ax.loglog(t, np.where(largest > 0, largest, np.nan), **{**look, "marker": "none"})
 
-    fig, axes = style.by_family(here.method, line, "time · (|J| + √(α|x|))", "|nutation phase error|", (1e-18, 30))
-    style.label_ends(fig, axes)
+    fig, axes = style.by_family(here.method, line, "time · (|J| + √(α|x|))", "|nutation phase error|", (1e-17, 1e4))
+    style.label_ends(axes)
     fig.caption = (
         "Phase error against time at step 1/4, or the default tolerance: the time by which the nutation is early or late, "
         "in units of 1/(|J| + √(α|x|)), largest over blocks of time; in grey the exact Bäcklund step. A straight line of "

@@ -20,7 +20,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from experiments import provenance
+from experiments import method_source, provenance
 
 try:
     import fcntl
@@ -58,12 +58,26 @@ def default_results(profile: str | None = None) -> Path:
     return results / profile
 
 
+def _frame(table: list[dict[str, Any]], columns: list[str] | None = None) -> pd.DataFrame:
+    """Text as Python has it, whether or not pyarrow is there, which does not take a path that is no Unicode."""
+    import pandas as pd
+
+    with pd.option_context("mode.string_storage", "python"):
+        return pd.DataFrame(table, columns=columns)
+
+
 # ---------------------------------------------------------------- records
 
 
 def cell_key(experiment: str, version: int, cell: Mapping[str, Any]) -> str:
-    """SHA-256 of everything a cell's rows depend on: experiment, its VERSION, the cell, the packages' versions."""
+    """SHA-256 of everything a cell's rows depend on: experiment, its VERSION, the cell, the packages' versions.
+
+    And, where the cell's method is not one of the bench, the method's sources.
+    """
     content = {"experiment": experiment, "version": version, "cell": clean(cell), "packages": _packages()}
+    method = cell.get("method")
+    if isinstance(method, str) and (source := method_source.digest(method)):
+        content["source"] = source
     return _digest(content)
 
 
@@ -308,33 +322,27 @@ class Store:
         A failed cell is one row with status "failed" and the error's message; its measured columns are missing.
         Everywhere else status is "done" and `failure` is missing.
         """
-        import pandas as pd
-
         table = []
         for record in self.latest(experiment):
             failure = record["error"] and f"{record['error']['type']}: {record['error']['message']}"
             added = {"key": record["key"], "status": record["status"], "failure": failure}
             for row in record["rows"] if record["status"] == "done" else [{}]:
                 table.append(restore({**record["cell"], **row, **added}))
-        return pd.DataFrame(table, columns=None if table else list(ADDED))
+        return _frame(table, columns=None if table else list(ADDED))
 
     def failures(self, experiment: str) -> pd.DataFrame:
         """The cells that failed: their fields, `key`, `error_type`, `error_message` and `error_traceback`."""
-        import pandas as pd
-
         table = []
         for record in self.latest(experiment):
             if record["status"] == "failed":
                 error = {f"error_{name}": text for name, text in record["error"].items()}
                 table.append(restore({**record["cell"], "key": record["key"], **error}))
-        return pd.DataFrame(table)
+        return _frame(table)
 
     def provenance(self, experiment: str) -> pd.DataFrame:
         """Where each cell's rows come from: `key`, `seconds` and the facts of `provenance.provenance`."""
-        import pandas as pd
-
         latest = self.latest(experiment)
-        return pd.DataFrame([{"key": r["key"], "seconds": r["seconds"], **r["provenance"]} for r in latest])
+        return _frame([{"key": r["key"], "seconds": r["seconds"], **r["provenance"]} for r in latest])
 
     @contextlib.contextmanager
     def _explained(self) -> Iterator[None]:
@@ -343,8 +351,8 @@ class Store:
             errno.ENOSPC: "free some space",
             errno.EDQUOT: "free some of your quota",
             errno.EFBIG: "raise the limit on file sizes (ulimit -f)",
-            errno.EROFS: "the file system is read-only",
-            errno.EACCES: "no permission to write there",
+            errno.EROFS: "make the file system writable",
+            errno.EACCES: "make the folder writable",
         }
         try:
             yield

@@ -12,6 +12,7 @@ import re
 import tomllib
 import warnings
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from time import perf_counter
 from types import ModuleType
@@ -22,7 +23,7 @@ import numpy as np
 from experiments import SWEEP, metrics
 from experiments.commands import find_method
 from experiments.integrate import numbers, option
-from experiments.states import find, rounded
+from experiments.states import find, rounded, truth
 from integrators import INVARIANTS, TOPS, exact, integrate, prepare
 from integrators.interface import MOST, Array, Method, check_count, check_options, check_real, check_state, check_step
 from integrators.top import LagrangeTop
@@ -30,7 +31,7 @@ from integrators.top import LagrangeTop
 if TYPE_CHECKING:
     import pandas as pd
 
-VERSION = 1
+VERSION = 2
 TIMES = ("seconds",)  # columns that no two runs have in common
 
 KNOBS = ("h", "tol", "rtol")
@@ -249,13 +250,13 @@ def measure(cell: Cell) -> list[dict[str, Any]]:
     method, top, y0 = find_method(cell["method"]), LagrangeTop(cell["alpha"]), np.array(numbers(cell["y0"]))
     options = dict(option(word) for word in cell["options"].split(", ") if word)
     rate, _, unit = top.scales(y0)
-    times, states, seconds = _run(method, top, y0, unit, cell, options)
+    counts, times, states, seconds = _run(method, top, y0, unit, cell, options)
     drift = metrics.relative_drift(top.invariants(np.vstack([y0, states])), top.invariant_scales(y0))[1:]
     columns = {"t": times * rate, **dict(zip(INVARIANTS, drift.T, strict=True))}
     try:
-        truth = exact.solution(top, y0, times)
-        split = metrics.phase_split(top, truth, states - truth)
-        columns["error"] = metrics.scaled_error(top, y0, states, truth)
+        right = exact.solution(top, y0, times) if counts is None else truth(top, y0, method, cell["h"] * unit, counts)
+        split = metrics.phase_split(top, right, states - right)
+        columns["error"] = metrics.scaled_error(top, y0, states, right)
         columns |= {"time": split["time"] * rate, "angle": split["angle"]}
     except ValueError as error:  # beyond what doubles resolve: the method has an answer, the truth has none
         warnings.warn(f"no exact solution to compare with: {error}", RuntimeWarning, stacklevel=1)
@@ -266,18 +267,21 @@ def measure(cell: Cell) -> list[dict[str, Any]]:
 
 def _run(
     method: Method, top: LagrangeTop, y0: Array, unit: float, cell: Cell, options: dict[str, Any]
-) -> tuple[Array, Array, Array]:
-    """Times (N,), states (N, 6) and the seconds spent stepping until then (N,), at times that grow geometrically."""
+) -> tuple[list[int] | None, Array, Array, Array]:
+    """Steps if it takes them, times (N,), states (N, 6) and the seconds spent until then (N,), at times growing geometrically."""
     if "h" in cell:
         h, n = cell["h"] * unit, cell["steps"]
         counts = sorted({round(n ** (k / (cell["samples"] - 1))) for k in range(cell["samples"])})
         stepper, done, y = prepare(top, y0, h, method, **options), 0, y0
+        afresh = getattr(stepper, "from_start", False)  # as in `states.sample`
         recorded, clock, start = [], [], perf_counter()
         for count in counts:
+            if afresh:
+                done, y, start = 0, y0, perf_counter()
             y, done = stepper.advance(y, count - done), count
             recorded.append(y)
             clock.append(perf_counter() - start)
-        return h * np.array(counts, dtype=float), np.array(recorded), np.array(clock)
+        return counts, h * np.array(counts, dtype=float), np.array(recorded), np.array(clock)
     options |= {knob: cell[knob] for knob in KNOBS if knob in cell}
     if "rtol" in cell and "atol" in method.options:
         options.setdefault("atol", cell["rtol"] * 1e-3)  # as in all experiments
@@ -286,7 +290,7 @@ def _run(
     states = integrate(top, y0, t=times, method=method, **options).y
     seconds = np.full(len(times), np.nan)  # it goes through in one go
     seconds[-1] = perf_counter() - start
-    return times, states, seconds
+    return None, times, states, seconds
 
 
 # ---------------------------------------------------------------- what the rows say
@@ -379,8 +383,18 @@ def _looks(runs: list[tuple[Cell, pd.DataFrame]]) -> dict[tuple[str, str], dict[
             look = style.of(method)
             if i:
                 look["linestyle"] = style.DASHES[(style.DASHES.index(look["linestyle"]) + i) % len(style.DASHES)]
-            looks[method, options] = {**look, "label": f"{look['label']}{f' ({options})' if options else ''}"}
+            looks[method, options] = {**look, "label": f"{_label(method)}{f' ({options})' if options else ''}"}
     return looks
+
+
+def _label(name: str) -> str:
+    """What a legend calls a method; one of `module:METHOD` by its own label, where it can be loaded."""
+    from report import style
+
+    if ":" in name:
+        with suppress(ValueError):
+            return find_method(name).label
+    return style.label(name)
 
 
 def _line(ax: Any, x: Any, y: Any, look: dict[str, Any]) -> None:
@@ -396,7 +410,9 @@ def _draw_time(runs: list[tuple[Cell, pd.DataFrame]]) -> Any:
     looks = _looks(runs)
     for cell, run in runs:
         if cell["status"] != "done":
-            style.failed_label(panels[cell["top"]][0], cell["method"])
+            ax = panels[cell["top"]][0]
+            style.failed_label(ax, cell["method"])
+            ax.texts[-1].set_text(f"× {_label(cell['method'])}")
             continue
         look = {**looks[cell["method"], cell["options"]], "marker": "none"}
         for ax, values in zip(panels[cell["top"]], (run.error, run[list(INVARIANTS)].abs().max(axis=1)), strict=True):
@@ -405,7 +421,7 @@ def _draw_time(runs: list[tuple[Cell, pd.DataFrame]]) -> Any:
     figure.caption = (
         "Error against the exact solution, relative to the scales of J and x, and the largest of the relative drifts of H, "
         "J3, C1 and C2, against time: each method at its smallest step or tolerance. Values that are exactly zero are left "
-        "out; the grey line is the spacing of doubles at 1."
+        "out; the grey line is the spacing of doubles at 1. A cross before a name: the method failed."
     )
     return figure
 
@@ -428,8 +444,8 @@ def _draw_knob(runs: list[tuple[Cell, pd.DataFrame]], knob: str) -> Any:
         x, *ys = np.array(sorted(line)).T
         for ax, y in zip(panels[top], ys, strict=True):
             _line(ax, x, y, looks[method, options])
-    for row, ((top, method), steps) in enumerate(failed.items()):
-        style.failure_marks(panels[top][0], steps, method, row=row)
+    for (top, method), steps in failed.items():
+        style.failure_marks(panels[top][0], steps, method)
     style.legend_below(figure)
     figure.caption = (
         "Largest error against the exact solution among the recorded states, relative to the scales of J and x, and the "

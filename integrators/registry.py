@@ -1,13 +1,16 @@
 """METHODS: every method by name, in legend order, loaded when first asked for.
 
 A method that lives in somebody else's package joins through the entry-point group `lagrange_bench.methods`
-(name = registry key, value = `package.module:METHOD`).
+(name = registry key, value = `package.module:METHOD`). One that cannot be loaded, or whose name is taken, is no reason
+for the others to fail.
 """
 
 from __future__ import annotations
 
 import importlib
 import importlib.util
+import multiprocessing
+import warnings
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
@@ -73,17 +76,19 @@ class Registry(Mapping[str, Method]):
     @cached_property
     def _entries(self) -> dict[str, EntryPoint]:
         entries = {name: EntryPoint(name, value, GROUP) for name, value in BUILT_IN.items()}
-        for entry in sorted(entry_points(group=GROUP), key=lambda e: e.name):
-            if entry.name in entries:
-                raise ValueError(f"plug-in {entry.value} takes the name {entry.name!r}, which is in use")
-            entries[entry.name] = entry
+        clashes = []
+        for entry in sorted(entry_points(group=GROUP), key=lambda e: (e.name, e.value)):
+            if entries.setdefault(entry.name, entry) is not entry:
+                clashes.append(_left_out(entry))
+        if clashes and multiprocessing.parent_process() is None:  # said once, not by every worker
+            warnings.warn("; ".join(clashes), RuntimeWarning, stacklevel=2)
         return entries
 
     def __getitem__(self, name: str) -> Method:
         if name not in self._entries:
-            raise KeyError(
-                f"unknown method {name!r}{suggestion(str(name), self._entries)} Known: {', '.join(self._entries)}"
-            )
+            close = suggestion(str(name), self._entries)
+            known = "All: lagrange-bench methods" if close.endswith("?") else f"Known: {', '.join(self._entries)}"
+            raise KeyError(f"unknown method {name!r}{close} {known}")
         entry = self._entries[name]
         method = entry.load()
         if not isinstance(method, Method):
@@ -97,6 +102,15 @@ class Registry(Mapping[str, Method]):
 
     def __len__(self) -> int:
         return len(self._entries)
+
+
+def _left_out(entry: EntryPoint) -> str:
+    """What is said of a plug-in whose name is taken."""
+    package = entry.dist.name if entry.dist else entry.module
+    return (
+        f"the plug-in {entry.name!r} ({entry.value} of the package {package}) is left out, for its name is taken: "
+        f"give the method another name, or pip uninstall {package}"
+    )
 
 
 METHODS = Registry()

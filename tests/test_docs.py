@@ -31,7 +31,7 @@ from integrators import TOPS, LagrangeTop, exact, prepare, two_point
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-EXECUTED = [*sorted((DOCS / "tutorials").glob("*.md")), DOCS / "adding-a-top.md", DOCS / "adding-an-experiment.md"]
+EXECUTED = [*sorted((DOCS / "tutorials").glob("*.md")), *sorted(DOCS.glob("adding-*.md"))]
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 NOTEBOOK = DOCS / "notebook" / "the-top.ipynb"
 

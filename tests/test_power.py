@@ -3,12 +3,16 @@
 import cmath
 import math
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from toys import multistep
 
-from experiments import check, metrics
-from integrators import METHODS, TOPS, LagrangeTop, StepError, integrate, prepare
+from experiments import check, metrics, phase
+from integrators import METHODS, TOPS, LagrangeTop, StepError, integrate, prepare, registry
 from integrators.interface import Method, Work
 
 ALL = frozenset({"H", "J3", "C1", "C2"})
@@ -160,6 +164,84 @@ def test_rk45_drifts():
     run = integrate(GENERIC.top, GENERIC.state, h=1.0, steps=2000, every=1, method="rk45", rtol=1e-6)
     drift = np.abs(metrics.relative_drift(run.invariants(), GENERIC.top.invariant_scales(GENERIC.state))[:, 0])
     assert metrics.growth_exponent(run.t[1:], drift[None, 1:]).p == pytest.approx(1, abs=0.1)
+
+
+def adams(order, conserves=frozenset({"J3"})):
+    return replace(METHODS["rk4"], order=order, conserves=conserves, prepare=multistep.prepare)
+
+
+def test_the_starter_of_a_multistep_method_does_not_hide_its_order():
+    """Its first step has order 4: off single steps the lie would be confirmed. Compensation is no such memory."""
+    (honest,), (liar,) = (list(check.order(adams(order), quick=True)) for order in (2, 4))
+    assert (honest.passed, liar.passed) == (True, False)
+    assert liar.measured == pytest.approx(2, abs=0.1)
+    errors = np.mean(
+        np.log(check.one_step_errors(adams(4), check.ORDER_STATES, 2.0 ** np.arange(-4.0, -7, -1))), axis=0
+    )
+    assert np.diff(errors) / -math.log(2) == pytest.approx(5, abs=0.1)
+    for name in ("rk4", "strang", "gauss6"):
+        carried = replace(METHODS[name], prepare=partial(METHODS[name].prepare, compensated=True))
+        assert not check.remembers(carried), name
+
+
+def test_phase_reads_the_order_of_a_multistep_method_off_runs(monkeypatch):
+    entries = {**METHODS._entries, "adams": registry.EntryPoint("adams", "toys.multistep:METHOD", registry.GROUP)}
+    monkeypatch.setitem(vars(METHODS), "_entries", entries)
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    rows = {name: phase.measure({"part": "order", "method": name}) for name in ("adams", "rk4")}
+    frame = pd.DataFrame(
+        [
+            {"part": "order", "method": name, "state": None, "status": "done", **row}
+            for name in rows
+            for row in rows[name]
+        ]
+    )
+    table = phase.orders(frame).set_index("method")
+    assert table.measured["adams"] == pytest.approx(2, abs=0.1)
+    assert table.measured["rk4"] == pytest.approx(4, abs=0.1)
+    assert table.state.to_dict() == {"adams": "short runs, 8 tops", "rk4": "single steps, 8 tops"}
+    assert not any("run" in row for row in rows["rk4"])
+
+
+class Biased:
+    """A good stepper whose every step makes x longer by so many ulps of its own."""
+
+    def __init__(self, ulps, top, y0, h):
+        self.inner, self.ulps, self.work = METHODS["strang"].prepare(top, y0, h), ulps, Work()
+
+    def record(self, y, n, every):
+        rows = self.inner.record(y, n, every)
+        rows[:, 3:] *= 1 + self.ulps * 2.0**-53 * every * np.arange(len(rows))[:, None]
+        return rows
+
+
+@pytest.mark.parametrize(
+    ("ulps", "quick", "kept"), [(0, True, True), (0.1, False, True), (2, True, False), (1, False, False)]
+)
+def test_a_rounding_that_always_goes_the_same_way_is_caught(ulps, quick, kept):
+    biased = replace(METHODS["strang"], prepare=partial(Biased, ulps))
+    verdicts = {v.claim: v for v in check.conserves(biased, quick)}
+    assert verdicts["conserves C1"].passed is kept, verdicts
+    excused = replace(biased, biased={"C1": "told"})
+    assert next(v for v in check.conserves(excused, quick) if v.claim == "conserves C1").passed
+
+
+@pytest.mark.parametrize(("limit", "passed"), [(0.3, None), (0.05, False)])
+def test_a_run_that_stops_leaves_the_verdicts_on_the_others(limit, passed):
+    """Stopped at h = 0.5 time scales: said, with what was measured below; at the smallest step: a fault."""
+
+    def prepare(top, y0, h):
+        if abs(h) > limit * top.scales(y0)[2]:
+            raise StepError("stops", "too long", h=h)
+        return METHODS["strang"].prepare(top, y0, h)
+
+    verdicts = {v.claim: v for v in check.conserves(replace(METHODS["strang"], prepare=prepare), quick=True)}
+    stopped = verdicts.pop("takes 10000 steps")
+    assert stopped.passed is passed
+    assert "h = 0.5: too long (generic, figure1, random000, random001)" in stopped.how
+    assert list(verdicts) == [f"conserves {name}" for name in ("H", "J3", "C1", "C2")]
+    assert verdicts["conserves C1"].passed is (True if passed is None else None)
+    assert (verdicts["conserves H"].measured is None) == (passed is False)
 
 
 # ---------------------------------------------------------------- steppers that behave badly

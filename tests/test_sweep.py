@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from experiments import load, sweep
 from experiments.integrate import numbers
 from experiments.store import Store
-from integrators import TOPS, integrate
+from integrators import METHODS, TOPS, integrate
 from integrators.top import LagrangeTop
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "sweeps.md"
@@ -218,6 +220,30 @@ def test_a_method_of_ones_own_and_one_that_fails(run, write, tmp_path, monkeypat
     assert failed, out
     table = load("sweep_my").tables(rows)["runs"]
     assert table.failure.astype(bool).sum() == (rows.status == "failed").sum()
+    figures = load("sweep_my").draw(rows)
+    texts = {text.get_text() for figure in figures.values() for text in figure.findobj(Text)}
+    assert METHODS["strang"].label in texts
+    assert "kick and rotation" in texts
+    assert not any("toys.lies:METHOD" in text for text in texts)
+    lost = rows.assign(method=rows.method.replace("toys.lies:METHOD", "no_such_module:METHOD"))
+    figures = load("sweep_my").draw(lost)  # where it cannot be loaded it has the name it was asked for by
+    assert any(text.get_text() == "no_such_module:METHOD" for text in figures["time"].findobj(Text))
+
+
+def test_a_method_that_must_start_at_the_beginning_does(monkeypatch):
+    """A multistep method, started again at every sample, would be another one."""
+    monkeypatch.syspath_prepend(str(HERE))
+    cell = {"method": "toys.multistep:METHOD", "top": "generic", "alpha": 1.0, "options": "", "h": 0.0625, "steps": 512}
+    cell["y0"] = ",".join(map(repr, TOPS["generic"].state.tolist()))
+
+    def errors():
+        return [sweep.measure({**cell, "samples": samples})[-1]["error"] for samples in (2, 9)]
+
+    broken_off = errors()
+    assert broken_off[0] != broken_off[1]
+    monkeypatch.setattr(sys.modules["toys.multistep"].FixedStepper, "from_start", True, raising=False)
+    through = errors()
+    assert through[0] == through[1] not in broken_off
 
 
 def test_the_documented_file_works(write):
