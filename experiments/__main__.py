@@ -1,7 +1,7 @@
 """The command line, `lagrange-bench` or `python -m experiments`. Imports nothing slow before it knows what is asked.
 
-Exit codes: 0 done; 1 a method, a cell or a claim failed; 2 bad input, or a file that cannot be read or written;
-130 interrupted (Ctrl-C); 141 the reader of stdout went away.
+Exit codes: 0 done; 1 something failed, each command's help says what; 2 bad input, or a file that cannot be read or
+written; 130 interrupted (Ctrl-C); 141 the reader of stdout went away.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -32,7 +33,8 @@ examples:
 
 Each command explains itself: lagrange-bench COMMAND --help. Data and JSON go to stdout, everything else to stderr.
 
-exit codes: 0 done · 1 a method, a cell or a claim failed · 2 bad input or a file problem · 130 interrupted"""
+exit codes: 0 done · 1 something failed or differs, COMMAND --help says what · 2 bad input or a file problem · 130
+interrupted"""
 
 METHODS = """\
 List the integration methods and what they claim: order, symmetry, Poisson map, invariants kept at round-off."""
@@ -73,7 +75,10 @@ examples:
 Timing cells are measured on this machine, one at a time, after all others, whatever --jobs and --scheduler say; with
 --no-timings not at all. Needs for --scheduler: pip install 'lagrange-bench[cluster]' (docs/cluster.md).
 
-An experiment of your own is named by its module: lagrange-bench run my_package.my_experiment"""
+An experiment of your own is named by its module: lagrange-bench run my_package.my_experiment
+
+exit codes: 0 done; a method that refuses a step (StepError) is a result, told and drawn · 1 a cell failed otherwise ·
+2 bad input, or results cannot be written · 130 interrupted; what was finished is stored"""
 
 MERGE = """\
 Gather the results of several folders, of the shards of a run say, in one: append what it has not yet. Damaged lines are
@@ -116,7 +121,10 @@ REPORT_EXAMPLES = """\
 examples:
   lagrange-bench report                                        the published results
   lagrange-bench report --results results/local/quick          your own run
-  lagrange-bench report --results /scratch/top --output /tmp/page"""
+  lagrange-bench report --results /scratch/top --output /tmp/page
+
+exit codes: 0 the page is complete; a claim that is refuted is a finding, told on stderr and on the page · 1 a part could
+not be drawn, which the page says in its place · 2 no such results, or files cannot be written"""
 
 FIGURE = """\
 Draw a stored figure again, for a paper: as SVG, PDF (fonts embedded) or PNG, as wide as a column or a page. The same
@@ -136,7 +144,9 @@ CHECK_EXAMPLES = """\
 examples:
   lagrange-bench check backlund
   lagrange-bench check implicit_midpoint --quick
-  lagrange-bench check my_package.my_method:METHOD     no entry point needed; the current folder is searched too"""
+  lagrange-bench check my_package.my_method:METHOD     no entry point needed; the current folder is searched too
+
+exit codes: 0 nothing fails · 1 a claim fails · 2 no such method"""
 
 ERRATA = """\
 List the misprints of the paper the Bäcklund methods come from. Each formula is evaluated as printed and as corrected, at
@@ -275,6 +285,7 @@ def _add_compare(command: argparse.ArgumentParser) -> None:
     command.add_argument("--rtol", type=tolerance, metavar="R", default=0.0, help=text)
     command.add_argument("--atol", type=tolerance, metavar="A", default=0.0, help="absolute difference (default: 0)")
     command.add_argument("--times", action="store_true", help="test times too")
+    command.add_argument("--verbose", action="store_true", help="list every cell that was added or removed")
     text = "a ratio of times up to 1 + R is called the same (default: 0.1)"
     command.add_argument("--threshold", type=tolerance, metavar="R", default=0.1, help=text)
 
@@ -312,6 +323,7 @@ def _add_figure(command: argparse.ArgumentParser) -> None:
     command.add_argument("--results", type=Path, metavar="DIR", help=text)
     text = "the file, or the folder for --all (default: NAME.FORMAT, or ./figures)"
     command.add_argument("--output", type=Path, metavar="PATH", help=text)
+    command.add_argument("--quiet", action="store_true", help="nothing on stderr")
 
 
 LONGEST = 1e7  # s, of a --time-limit: four months
@@ -409,6 +421,8 @@ def _run(argv: list[str]) -> int:
     options.words = argv
     with _stdout_for_data_only() if options.json else contextlib.nullcontext():
         answer = _function(options.function)(options)
+    if not getattr(options, "quiet", False):
+        _note_cache()
     _emit(json.dumps(answer.data, allow_nan=False) if options.json else answer.text)
     return int(answer.code)
 
@@ -439,6 +453,17 @@ def _exit_code(error: Exception) -> int | None:
         return 2
     interface = sys.modules.get("integrators.interface")
     return 1 if interface is not None and isinstance(error, interface.StepError) else None
+
+
+@cache
+def _note_cache() -> None:
+    """Where nothing compiled can be kept, every start takes as long as the first: worth a word, once."""
+    compiled, place = sys.modules.get("integrators.compiled"), os.environ.get("LAGRANGE_BENCH_CACHE")
+    if compiled is None or compiled.config.DISABLE_JIT or place == "" or compiled._folder() is not None:
+        return
+    where = f"in {place}, where LAGRANGE_BENCH_CACHE points" if place else "in your cache folder"
+    advice = "let LAGRANGE_BENCH_CACHE name a folder that can be written to"
+    print(f"note: no compiled code can be kept {where}, so each start compiles again; {advice}", file=sys.stderr)
 
 
 def _say(message: str, code: int) -> int:

@@ -10,6 +10,7 @@ import math
 import shlex
 import sys
 import unicodedata
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -164,6 +165,7 @@ def compare(options: argparse.Namespace) -> Answer:
     """What two stores differ in; exit code 1 if in anything."""
     from experiments import compare as stores
 
+    search_current_folder()
     tolerance = {"rtol": options.rtol, "atol": options.atol}
     found = stores.compare(options.old, options.new, **tolerance, times=options.times, threshold=options.threshold)
     rows: list[tuple[str, ...]] = [("experiment", "cells old", "new", "same", "added", "removed", "changed")]
@@ -172,7 +174,9 @@ def compare(options: argparse.Namespace) -> Answer:
         rows.append((name, *map(str, counts)))
     lines = table(rows)
     for name, c in found.experiments.items():
-        lines += [*_listed(name, "removed", c.removed), *_listed(name, "added", c.added), *_changed(name, c.changed)]
+        for what, those in (("removed", c.removed), ("added", c.added)):
+            lines += _listed(name, what, those, None) if options.verbose else _counted(name, what, those)
+        lines += _changed(name, c.changed)
     if options.times:
         lines += ["", *_times(found.times, options.threshold)]
     lines += [*found.notes, "the same" if found.same else "not the same"]
@@ -189,6 +193,7 @@ def verify(options: argparse.Namespace) -> Answer:
     from experiments import compare as stores
     from experiments.store import default_results
 
+    search_current_folder()
     folder = options.folder or default_results()
     more = {"longest": options.longest, "jobs": options.jobs, "show": not options.quiet}
     found = stores.verify(folder, options.sample, options.seed, **more)
@@ -208,9 +213,18 @@ def verify(options: argparse.Namespace) -> Answer:
 MOST = 10  # cells listed of a kind
 
 
-def _listed(experiment: str, what: str, cells: Sequence[dict[str, Any]]) -> list[str]:
-    lines = [f"{what}: {experiment} {json.dumps(cell, ensure_ascii=False)}" for cell in cells[:MOST]]
-    return lines + ([f"… and {len(cells) - MOST} more {what} in {experiment}"] if len(cells) > MOST else [])
+def _listed(experiment: str, what: str, cells: Sequence[dict[str, Any]], most: int | None = MOST) -> list[str]:
+    lines = [f"{what}: {experiment} {json.dumps(cell, ensure_ascii=False)}" for cell in cells[:most]]
+    return lines + ([f"… and {len(cells) - len(lines)} more {what} in {experiment}"] if len(cells) > len(lines) else [])
+
+
+def _counted(experiment: str, what: str, cells: Sequence[dict[str, Any]]) -> list[str]:
+    """One line: how many, and of which parts."""
+    if not cells:
+        return []
+    parts = Counter(str(cell["part"]) for cell in cells if "part" in cell)
+    told = f" ({', '.join(f'{count} of {part}' for part, count in parts.items())})" if parts else ""
+    return [f"{what}: {len(cells)} cell{'' if len(cells) == 1 else 's'} of {experiment}{told}; --verbose lists them"]
 
 
 def _changed(experiment: str, changed: Sequence[tuple[dict[str, Any], dict[str, Any]]]) -> list[str]:
@@ -242,6 +256,8 @@ def _short(value: Any) -> str:
 
 
 def _times(tested: Sequence[Any], threshold: float) -> list[str]:
+    if not tested:
+        return ["no timing cells to compare"]
     different = [group for group in tested if group.verdict != "same"]
     rows: list[tuple[str, ...]] = [("times", "method", "column", "cells", "pairs", "new/old", "p", "verdict")]
     for g in different:
@@ -255,7 +271,8 @@ def report(options: argparse.Namespace) -> Answer:
     """Build the page from stored results, and say what could not be drawn."""
     from report.__main__ import make
 
-    made = make(options.results, options.output)
+    search_current_folder()
+    made = make(options.results, options.output, show=not (options.quiet or options.json))
     remarks = [*(f"not drawn: {error}" for error in made.errors), *made.notes, made.summary]
     for line in remarks if not options.quiet else ():
         print(line, file=sys.stderr)
@@ -265,18 +282,21 @@ def report(options: argparse.Namespace) -> Answer:
 
 def figure(options: argparse.Namespace) -> Answer:
     """Draw one stored figure, or all of them, as files."""
+    from experiments import progress
     from report import export
     from report.__main__ import find
 
     if options.all == (options.name is not None):
         raise ValueError("give the name of a figure, as phase_h, or --all")
+    search_current_folder()
     results, _ = find(options.results)
-    if options.all:
-        chosen = {"kinds": options.format, "widths": options.width}
-        some = {name: (value,) for name, value in chosen.items() if value}
-        written = export.export_all(results, options.output or Path("figures"), **some)
-    else:
-        written = [export.export(options.name, results, options.output, options.format or "svg", options.width)]
+    with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
+        if options.all:
+            chosen = {"kinds": options.format, "widths": options.width}
+            some = {name: (value,) for name, value in chosen.items() if value}
+            written = export.export_all(results, options.output or Path("figures"), **some, drawn=drawn)
+        else:
+            written = [export.export(options.name, results, options.output, options.format or "svg", options.width)]
     return Answer("\n".join(map(str, written)), {"written": [str(path) for path in written], "results": str(results)})
 
 
@@ -294,9 +314,23 @@ def check(options: argparse.Namespace) -> Answer:
     held = sum(verdict.passed is True for verdict in verdicts)
     sum_up = f"{method.name} ({method.label}): {held} claims hold, {len(failed)} fail"
     sum_up += f": {', '.join(failed)}" if failed else ""
+    notes = _name_taken(options.method, method)
     listed = [{**asdict(verdict), "verdict": verdict.word} for verdict in verdicts]
-    data = {"method": method.name, "passed": not failed, "verdicts": plain(listed)}
-    return Answer("\n".join([*table(rows), "", sum_up]), data, 1 if failed else 0)
+    data = {"method": method.name, "passed": not failed, "verdicts": plain(listed), "notes": notes}
+    return Answer("\n".join([*table(rows), "", *notes, sum_up]), data, 1 if failed else 0)
+
+
+def _name_taken(word: str, method: Method) -> list[str]:
+    """What to tell who checks a method of their own that is called like one of the registry."""
+    from integrators import METHODS
+
+    if ":" not in word or method.name not in METHODS:
+        return []
+    try:
+        taken = METHODS[method.name] != method
+    except Exception:  # a plug-in that cannot be loaded has its name all the same
+        taken = True
+    return [f"the name {method.name} is taken: choose another for an entry point"] if taken else []
 
 
 def errata(options: argparse.Namespace) -> Answer:
@@ -362,6 +396,10 @@ def find_method(name: str) -> Method:
         else:
             method = METHODS[name]
     except KeyError as error:
+        if Path(f"{name}.py").is_file():
+            raise ValueError(
+                f"no method is registered as {name!r}; for the one in {name}.py say {name}:METHOD"
+            ) from None
         raise ValueError(str(error.args[0])) from None
     except Exception as error:  # importing somebody else's module may raise anything
         raise ValueError(f"method {name} cannot be loaded: {type(error).__name__}: {error}") from error

@@ -21,7 +21,7 @@ from experiments.store import SAMPLES, Record, Store, StoreError, _canonical, la
 from experiments.workers import Task
 
 # a column of a timing cell is a time if its name has one of these words; others by the experiment's own TIMES
-WORDS = frozenset(("ns", "us", "ms", "s", "seconds", "ratio", "speedup", "samples", "unstable", "predicted"))
+WORDS = frozenset(("ns", "us", "ms", "s", "seconds", "ratio", "speedup", "samples", "unstable", "predicted", "memory"))
 UNITS = frozenset(("ns", "us", "ms", "s", "seconds"))  # and these are tested with --times, for each method
 SIGNIFICANT = 0.01  # over all tests of a comparison together (Holm)
 THRESHOLD = 0.1  # between two processes minima differ by some 6 %

@@ -140,8 +140,9 @@ def run(
                 with workers.Local(1, limit) as executor:
                     workers.compute_all((t for p in plans for t in p.tasks(p.timing)), executor, begin, finish)
         except KeyboardInterrupt:
-            finished, missing = sum(t.computed for t in summary.tallies.values()), sum(plan.missing for plan in plans)
-            message = f"\ninterrupted: {finished} of {missing} cells are stored in {summary.results}"
+            tallies = summary.tallies.values()
+            stored, asked = sum(t.stored + t.computed for t in tallies), sum(t.cells - t.unavailable for t in tallies)
+            message = f"\ninterrupted: {stored} of {asked} cells are stored in {summary.results}"
             print(f"{message}; run the same command again to resume", file=sys.stderr, flush=True)
             raise
     return summary

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -191,7 +192,10 @@ def integrate(options: argparse.Namespace) -> Answer:
     seconds = perf_counter() - begin
     facts = {"top": name, "alpha": top.alpha, "y0": y0, "method": method.name, "options": settings}
     facts |= {"h": options.h, "steps": options.steps, "every": grid.get("every"), "work": vars(trajectory.work)}
-    data = plain({**facts, "seconds": seconds, **output.judge(trajectory, y0, method, grid.get("h"))})
+    lam = method.family == "backlund" and settings.get("lam") is not None
+    if lam:
+        method = replace(method, label="Bäcklund, given λ")
+    data = plain({**facts, "seconds": seconds, **output.judge(trajectory, y0, method, grid.get("h"), lam)})
     done = []
     if options.output is not None:
         done.append(output.save(options.output, trajectory, plain(facts)))

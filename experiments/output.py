@@ -32,18 +32,26 @@ CHORD = 0.3  # rad between two recorded directions of the axis; beyond, a line b
 # ---------------------------------------------------------------- words
 
 
-def judge(trajectory: Trajectory, y0: Array, method: Method, h: float | None) -> dict[str, Any]:
-    """Invariants, their drift relative to `invariant_scales`, and the error against the exact solution. h : None for jumps."""
+LAM = "lam given: one step is the flow over another time than h, and a turn"
+
+
+def judge(trajectory: Trajectory, y0: Array, method: Method, h: float | None, lam: bool = False) -> dict[str, Any]:
+    """Invariants, their drift relative to `invariant_scales`, and the error against the exact solution.
+
+    h : None for jumps. lam : whether a parameter of the map was given, which is then no step of time h.
+    """
     top, y = trajectory.top, np.vstack([y0, trajectory.y])
     invariants, drift = top.invariants(y), metrics.relative_drift(top.invariants(y), top.invariant_scales(y0))
     try:
+        if lam:
+            raise ValueError(LAM)
         if h is None:
             right = exact.solution(top, y0, trajectory.t)
         else:
             right = truth(top, y0, method, h, np.rint(trajectory.t / h).astype(np.int64))
         errors = metrics.scaled_error(top, y0, trajectory.y, right)
         judged: dict[str, Any] = {"final": errors[-1], "largest": errors.max(), "note": ""}
-    except ValueError as error:  # beyond what doubles resolve: the method has an answer, the truth has none
+    except ValueError as error:  # say, beyond what doubles resolve: the method has an answer, the truth has none
         judged = {"final": None, "largest": None, "note": str(error)}
     return {
         "t_final": trajectory.t[-1],
@@ -64,12 +72,13 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
     top, work, error = trajectory.top, data["work"], data["error"]
     settings = "".join(f", {key} = {value}" for key, value in data["options"].items())
     grid = "given times" if data["h"] is None else f"h = {data['h']:g}, {data['steps']} steps"
+    upto = f"up to t = {data['t_final']:.10g}" if error["note"] != LAM else "which h only labels"
     count = data["recorded"]
     head = [
         f"top     {data['top'] or 'of your own'}: alpha = {top.alpha:.10g}, {exact.regime(top, y0)}, "
         f"nutation period {exact.nutation_period(top, y0):.6g}",
         f"method  {data['method']}: {label}{settings}",
-        f"times   {grid}, up to t = {data['t_final']:.10g}, {count} state{'' if count == 1 else 's'} recorded",
+        f"times   {grid}, {upto}, {count} state{'' if count == 1 else 's'} recorded",
     ]
     states = [
         ("", *(f" {name}" for name in COLUMNS[1:])),

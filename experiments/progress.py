@@ -1,9 +1,11 @@
-"""Progress of a run on stderr: a live table with the time left on a terminal, a line now and then elsewhere."""
+"""Progress on stderr. Of a run: a live table with the time left on a terminal, a line now and then elsewhere."""
 
 from __future__ import annotations
 
+import contextlib
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
 
@@ -14,7 +16,8 @@ if TYPE_CHECKING:
 INTERVAL = 10.0  # s between two plain lines of one experiment
 WIDE = 72  # columns of a terminal that has room for bars
 NARROW = 32  # columns that the numbers take in a narrower one
-TELLING = 5  # cells an estimate needs: the first ones compile
+TELLING = 5  # cells an estimate needs; and a tenth of all, and WARM: the first ones compile
+WARM, PATIENT = 30.0, 300.0  # s before an estimate, and before one from less than a tenth of the cells
 
 
 class Lines:
@@ -52,10 +55,9 @@ class Lines:
         failures = f", {failed} failed" if failed else ""
         if finished == total:
             time = f", {duration(elapsed)}"
-        elif finished < TELLING:
-            time = ""
         else:
-            time = f", about {duration(elapsed / finished * (total - finished))} left"
+            left = remaining(finished, total, elapsed)
+            time = "" if left is None else f", about {duration(left)} left"
         return f"{experiment}: {finished}/{total} cells{failures}{time}"
 
 
@@ -127,18 +129,50 @@ class Live:
         if done == total:
             return duration(last - start)
         elapsed = monotonic() - start
-        return duration(elapsed) if done < TELLING else f"{duration(elapsed / done * (total - done))} left"
+        left = remaining(done, total, elapsed)
+        return duration(elapsed) if left is None else f"{duration(left)} left"
 
 
 def follow(totals: Mapping[str, int], show: bool = True, at_a_time: int | None = None) -> Lines | Live:
     """What suits stderr; `totals` are the cells to compute of each experiment, `at_a_time` how many run at once."""
-    if show and totals and sys.stderr.isatty():
-        from rich.console import Console
-
-        console = Console(stderr=True, highlight=False)
-        if not console.is_dumb_terminal:
-            return Live(totals, console, at_a_time)
+    if show and totals and (console := _terminal()):
+        return Live(totals, console, at_a_time)
     return Lines(totals, quiet=not show)
+
+
+@contextlib.contextmanager
+def drawing(results: Path, show: bool = True) -> Iterator[Callable[[int, int], None]]:
+    """A bar while something is drawn, on a terminal; then what it was drawn from. To be told of parts done, of how many."""
+    console = _terminal() if show else None
+    if console is None:
+        yield lambda done, total: None
+    else:
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (TextColumn("drawing"), BarColumn(bar_width=24), MofNCompleteColumn(), TimeElapsedColumn())
+        with Progress(*columns, console=console, transient=True) as bar:
+            task = bar.add_task("", total=None)
+            yield lambda done, total: bar.update(task, completed=done, total=total)
+    if show:
+        place = results.relative_to(Path.cwd()) if results.is_relative_to(Path.cwd()) else results
+        print(f"drawn from {place}", file=sys.stderr, flush=True)
+
+
+def remaining(done: int, total: int, elapsed: float) -> float | None:
+    """Seconds until the last cell, by what the first took; None if that would say little."""
+    if done < TELLING or elapsed < (WARM if 10 * done >= total else PATIENT):
+        return None
+    return elapsed / done * (total - done)
+
+
+def _terminal() -> Console | None:
+    """stderr, if it is a terminal that can move its cursor."""
+    if not sys.stderr.isatty():
+        return None
+    from rich.console import Console
+
+    console = Console(stderr=True, highlight=False)
+    return None if console.is_dumb_terminal else console
 
 
 def duration(seconds: float) -> str:

@@ -130,6 +130,8 @@ def integrate(
     heavy, top = (top, top.top) if isinstance(top, HeavyTop) else (None, top)
     found, state = _look_up(top, y0, method)
     wanted = attitude is not False and attitude is not None
+    if wanted and found.attitude is None:
+        raise ValueError(f"attitude: {found.name} does not follow the body; backlund and taylor do")
     if t is not None:
         for name, given in (("h", h), ("steps", steps), ("every", every), ("attitude", attitude if wanted else None)):
             if given is not None:
@@ -176,6 +178,8 @@ def _look_up(top: LagrangeTop, y0: ArrayLike, method: str | Method) -> tuple[Met
 
 
 def _check_top(top: LagrangeTop) -> None:
+    if isinstance(top, NamedTop):
+        raise ValueError(f"top must be a LagrangeTop or a HeavyTop; {top.name!r} has one: pass named.top, named.state")
     if not isinstance(top, LagrangeTop):
         raise ValueError(f"top must be a LagrangeTop or a HeavyTop; got {type(top).__name__}")
     top.single()

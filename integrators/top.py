@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from integrators.interface import suggestion
+
 Array = NDArray[np.float64]
 
 
@@ -59,7 +61,7 @@ class LagrangeTop:
 
     def rhs(self, y: ArrayLike) -> Array:
         """Time derivative of states (..., 6)."""
-        J1, J2, J3, x1, x2, x3 = np.moveaxis(np.asarray(y, dtype=float), -1, 0)
+        J1, J2, J3, x1, x2, x3 = _components(y)
         turned = (J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1)
         return np.stack((-self.alpha * x2, self.alpha * x1, 0.0 * J3, *turned), axis=-1)
 
@@ -82,7 +84,7 @@ class LagrangeTop:
 
     def invariants(self, y: ArrayLike) -> Array:
         """H, J3, C1 = |x|², C2 = x·J of states (..., 6); shape (..., 4)."""
-        J1, J2, J3, x1, x2, x3 = np.moveaxis(np.asarray(y, dtype=float), -1, 0)
+        J1, J2, J3, x1, x2, x3 = _components(y)
         H = (J1 * J1 + J2 * J2 + J3 * J3) / 2 + self.alpha * x3
         return np.stack((H, J3, x1 * x1 + x2 * x2 + x3 * x3, x1 * J1 + x2 * J2 + x3 * J3), axis=-1)
 
@@ -112,6 +114,14 @@ class LagrangeTop:
         rate, size, _ = self.scales(y)
         J = math.hypot(*np.asarray(y, dtype=float)[:3])
         return np.array((J * J / 2 + abs(self.alpha) * size, rate, size * size, size * rate))
+
+
+def _components(y: ArrayLike) -> Array:
+    """J1, J2, J3, x1, x2, x3 of states (..., 6), in front; ValueError for any other shape."""
+    states = np.asarray(y, dtype=float)
+    if states.shape[-1:] != (6,):
+        raise ValueError(f"y must be states (J1, J2, J3, x1, x2, x3), shape (..., 6); got shape {states.shape}")
+    return np.moveaxis(states, -1, 0)
 
 
 def _check_alphas(alpha: NDArray[Any]) -> Array:
@@ -151,10 +161,17 @@ class NamedTop:
         return np.array(self.y0)
 
 
+class _Named(dict[str, NamedTop]):
+    """A dict that knows what was meant."""
+
+    def __missing__(self, name: str) -> NamedTop:
+        raise KeyError(f"unknown top {name!r}{suggestion(str(name), self)} Known: {', '.join(self)}")
+
+
 # Where a state must lie exactly on a special orbit, every number is a short binary fraction, chosen so that the
 # defining identity holds without any rounding; |x| = 5/4 then takes the place of 1.
-TOPS: dict[str, NamedTop] = {
-    t.name: t
+TOPS: dict[str, NamedTop] = _Named(
+    (t.name, t)
     for t in (
         NamedTop("figure1", "paper, Figure 1", 3.345, (2.34, 6.4, 8.0, 1.219, -0.78, 6.77),
                  "alpha and initial data of the paper's Figure 1; |x| = 6.92"),
@@ -191,4 +208,4 @@ TOPS: dict[str, NamedTop] = {
         NamedTop("inverted", "negative alpha", -1.0, (0.3, -0.4, 1.2, 0.48, 0.6, 0.64),
                  "the generic unit top with gravity reversed"),
     )
-}  # fmt: skip
+)  # fmt: skip

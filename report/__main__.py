@@ -26,19 +26,20 @@ class Made:
         return 1 if self.errors else 0
 
 
-def make(results: Path | None = None, output: Path | None = None) -> Made:
-    """The report of `results`, or of the ones at hand, in `output` or its usual place.
+def make(results: Path | None = None, output: Path | None = None, show: bool = True) -> Made:
+    """The report of `results`, or of the ones at hand, in `output` or its usual place. show : progress on stderr.
 
     Raises
     ------
-    OSError : there is no such folder of results, or `output` cannot be written.
+    OSError : there is nothing in the folder of results, or no such folder, or `output` cannot be written.
     """
-    from experiments import provenance
+    from experiments import progress, provenance
     from report import page
 
     results, notes = find(results)
-    report = page.assemble(results, provenance.usable_cores())
-    path = page.write(report, output or default_output()).resolve()
+    with progress.drawing(results, show) as drawn:
+        report = page.assemble(results, provenance.usable_cores(), drawn)
+        path = page.write(report, output or default_output()).resolve()
     size = path.stat().st_size
     if size > LARGE:
         notes.append(f"the page is large: {size / 1e6:.1f} MB; draw dense figures with rasterized=True")
@@ -73,19 +74,26 @@ def default_output() -> Path:
 
 
 def find(chosen: Path | None) -> tuple[Path, list[str]]:
-    """The folder asked for; else the reference results; else the local ones computed last, and a word about it."""
+    """The folder asked for; else the reference results; else the local ones computed last, and a word about it.
+
+    Raises
+    ------
+    FileNotFoundError : there is no such folder, or nothing is stored there.
+    """
     from experiments.store import default_results
 
     if chosen is not None:
         if not chosen.is_dir():
             raise FileNotFoundError(f"no such folder of results: {chosen}")
+        if not any(path.stat().st_size for path in chosen.glob("*.jsonl")):
+            raise FileNotFoundError(f"nothing is stored in {chosen}: give a folder that lagrange-bench run wrote to")
         return chosen, []
     reference, local = default_results(), default_results("full")
     if any(reference.glob("*.jsonl")):
         return reference, []
     journals = [] if local == reference else sorted(local.parent.glob("*/*.jsonl"))
     if not journals:
-        return reference, [f"nothing is stored in {reference}: the page has no data"]
+        raise FileNotFoundError(f"nothing is stored in {reference}: compute it with lagrange-bench run")
     newest = max(journals, key=lambda path: path.stat().st_mtime).parent
     return newest, [f"nothing is stored in {reference}: showing {newest}"]
 

@@ -61,15 +61,18 @@ def export_all(
     folder: Path,
     kinds: Sequence[str] = tuple(figures.FORMATS),
     widths: Sequence[str] = tuple(style.WIDTHS),
+    drawn: page.Drawn = lambda done, total: None,
 ) -> list[Path]:
     """Writes every figure as `NAME-WIDTH.KIND` into a folder."""
-    return [
-        page.write_file(Path(folder) / f"{name}-{width}.{kind}", figures.FORMATS[kind](figure))
-        for width in widths
-        for experiment in _stored(results)
-        for name, figure in draw(results, experiment, width)
-        for kind in kinds
-    ]
+    written = []
+    parts = [(width, experiment) for width in widths for experiment in _stored(results)]
+    for done, (width, experiment) in enumerate(parts):
+        drawn(done, len(parts))
+        for name, figure in draw(results, experiment, width):
+            for kind in kinds:
+                path = Path(folder) / f"{name}-{width}.{kind}"
+                written.append(page.write_file(path, figures.FORMATS[kind](figure)))
+    return written
 
 
 def _stored(results: Path) -> list[str]:

@@ -16,6 +16,7 @@ import pytest
 import integrators
 from experiments import __main__ as cli
 from experiments import bits, check, completion, engine
+from experiments.store import default_results
 from integrators import METHODS, TOPS, registry
 
 COMMANDS = (
@@ -345,8 +346,15 @@ def test_run_stopped_or_without_a_place(run, monkeypatch, tmp_path):
 
 def test_report(run, tmp_path):
     (tmp_path / "results").mkdir()
-    code, out, err = run("report", "--results", tmp_path / "results", "--output", tmp_path / "page")
+    words = ("report", "--results", tmp_path / "results", "--output", tmp_path / "page")
+    code, out, err = run(*words)
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"lagrange-bench: error: nothing is stored in .*\n", err)
+    assert not (tmp_path / "page").exists(), "a page that is there is worth more"
+    shutil.copy(default_results() / "paper.jsonl", tmp_path / "results")
+    code, out, err = run(*words)
     assert code == 0, err
+    assert err.splitlines()[0] == f"drawn from {tmp_path / 'results'}"
     page = Path(out.strip())
     assert page == (tmp_path / "page" / "index.html").resolve()
     assert page.stat().st_size > 1000
@@ -354,6 +362,66 @@ def test_report(run, tmp_path):
     code, out, err = run("report", "--results", tmp_path / "results", "--output", tmp_path / "file")
     assert (code, out) == (2, "")
     assert re.fullmatch(r"lagrange-bench: error: .*\n", err)
+
+
+STUDY = """
+VERSION = 1
+def cells(profile): return [{"i": i} for i in range(3)]
+def measure(cell): return [{"square": cell["i"] ** 2}]
+def tables(rows): return {}
+def draw(rows):
+    from report import style
+    fig, ax = style.figure("column")
+    ax.plot(rows.i, rows.square)
+    return {"squares": fig}
+"""
+
+
+def test_an_experiment_of_your_own_is_drawn_where_it_was_run(tmp_path):
+    (tmp_path / "my_study").mkdir()
+    (tmp_path / "my_study" / "energy.py").write_text(STUDY)
+    tool = f"{sys.executable} -c 'import sys; from experiments.__main__ import main; sys.path.remove(\"\"); sys.exit(main())'"
+    paths = os.pathsep.join(path for path in sys.path if path)
+
+    def typed(line):
+        line = line.replace("lagrange-bench", tool)
+        environment = {**os.environ, "PYTHONPATH": f"{HERE.parent}{os.pathsep}{paths}", "PYTHONSAFEPATH": ""}
+        return subprocess.run(
+            line, shell=True, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+        )
+
+    out = typed("lagrange-bench run my_study.energy --results out").stdout
+    after = re.search("^next: (.*)", out, re.MULTILINE)[1]
+    page = Path(typed(f"{after} --output page").stdout.strip()).read_text(encoding="utf-8")
+    assert "my_study.energy_squares" in page
+    assert "cannot be loaded" not in page
+    again = re.search(r"redraw: <code[^>]*>(.*?)</code>", page)[1]
+    assert re.sub("<[^>]*>", "", again) == "lagrange-bench figure my_study.energy_squares --results out"
+    assert typed(re.sub("<[^>]*>", "", again)).stdout == "my_study.energy_squares.svg\n"
+
+
+def test_a_figure_that_cannot_be_written_is_named(run, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    shutil.copy(default_results() / "perturbed.jsonl", tmp_path)
+    target = tmp_path / "file" / "z.svg"
+    code, _, err = run("figure", "perturbed_time", "--results", tmp_path, "--output", target)
+    assert code == 2
+    assert str(tmp_path / "file") in err
+    assert ".z.svg" not in err
+
+
+def test_a_cache_that_cannot_be_written_is_told_once(run, monkeypatch):
+    compiled = sys.modules["integrators.compiled"]
+    monkeypatch.setattr(compiled, "_folder", lambda: None)
+    monkeypatch.setenv("LAGRANGE_BENCH_CACHE", "/read/only")
+    cli._note_cache.cache_clear()
+    err = run("tops")[2]
+    assert err.startswith("note: no compiled code can be kept in /read/only, where LAGRANGE_BENCH_CACHE points")
+    assert run("tops")[::2] == (0, "")
+    cli._note_cache.cache_clear()
+    monkeypatch.setenv("LAGRANGE_BENCH_CACHE", "")  # as told
+    assert run("tops")[::2] == (0, "")
+    cli._note_cache.cache_clear()
 
 
 def test_check_a_method_that_keeps_its_word(run):

@@ -90,6 +90,17 @@ def test_options_reach_the_method(answer):
     assert option("name=a=b") == ("name", "a=b")
 
 
+def test_a_given_parameter_is_no_step_of_time_h(run, answer):
+    words = ("integrate", "--h", "1", "--steps", "1000", "--option", "lam=0.02j")
+    _, out, _ = run(*words)
+    assert "one step is the flow over another time than h, and a turn" in out
+    for wrong in ("exact λ(h)", "up to t", "against the exact solution"):
+        assert wrong not in out
+    error = answer(*words)["error"]
+    assert (error["final"], error["largest"]) == (None, None)
+    assert "lam given" in error["note"]
+
+
 def test_beyond_the_exact_solution(answer):
     # 1e16 periods and more: doubles cannot resolve it, and the summary says so instead of comparing
     data = answer("integrate", "--top", "weightless", "--method", "backlund_paper", "--h", "1e13", "--steps", "10000")

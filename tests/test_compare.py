@@ -59,8 +59,15 @@ def test_what_was_added_removed_and_changed(run, old, tmp_path):
     assert (differing["steps"].old, differing["steps"].new) == (8, 9)
     code, out, _ = run("compare", old, new)
     assert code == 1
-    for line in ("changed in toy.none:", 'removed: toy.none {"i": 3}', 'added: toy.none {"i": 9}', "not the same"):
+    for line in (
+        "changed in toy.none:",
+        "removed: 1 cell of toy.none; --verbose lists them",
+        "added: 1 cell",
+        "not the same",
+    ):
         assert line in out
+    out = run("compare", old, new, "--verbose")[1]
+    assert 'removed: toy.none {"i": 3}\nadded: toy.none {"i": 9}\n' in out
     code, out, _ = run("compare", old, new, "--json")
     data = json.loads(out)
     assert (code, data["same"]) == (1, False)
@@ -113,6 +120,15 @@ def test_how_far_a_timing_cell_goes_is_the_clocks_business(tmp_path):
     assert not found(old, store(tmp_path / "wrong", (cell, wrong))).same
 
 
+def test_of_other_cells_one_line_each(run, old, tmp_path):
+    many = store(tmp_path / "many", *(({"i": i, "part": "ab"[i > 8]}, []) for i in range(12)))
+    out = run("compare", old, many)[1]
+    assert "removed: 4 cells of toy.none; " in out
+    assert "added: 12 cells of toy.none (9 of a, 3 of b); " in out
+    assert len(out.splitlines()) == 5
+    assert len(run("compare", old, many, "--verbose")[1].splitlines()) == 3 + 16
+
+
 def test_no_results(run, old, tmp_path):
     code, out, err = run("compare", old, tmp_path / "nothing")
     assert (code, out) == (2, "")
@@ -147,8 +163,15 @@ def test_times_that_differ(run, tmp_path, raw):
     code, out, _ = run("compare", old, new, "--times")
     assert code == 1
     assert "slower" in out
+    assert "no timing cells to compare" not in out
     assert run("compare", old, new, "--times", "--threshold", "0.5")[0] == 0
     assert run("compare", old, new)[0] == 0
+
+
+def test_no_times_to_compare(run, old):
+    code, out, _ = run("compare", old, old, "--times")
+    assert code == 0
+    assert out.splitlines()[-2:] == ["no timing cells to compare", "the same"]
 
 
 def test_the_same_code_twice_is_the_same(tmp_path):
@@ -182,7 +205,7 @@ def test_samples_may_be_lists_and_nothing_else():
 @pytest.mark.parametrize(
     ("column", "time"),
     [
-        *((name, True) for name in ("ns_per_step", "setup_us", "seconds", "samples", "ratio", "s", "mine")),
+        *((name, True) for name in ("ns_per_step", "setup_us", "seconds", "samples", "ratio", "s", "memory", "mine")),
         *((name, False) for name in ("steps", "steps_per_time", "error", "backlund_error", "iterations_per_step")),
     ],
 )

@@ -235,7 +235,7 @@ def test_interrupt_while_workers_start(tmp_path):
         time.sleep(0.012 * attempt)
         os.killpg(run.pid, signal.SIGINT)
         message = run.communicate(timeout=20)[1]
-        assert run.returncode == 130
+        assert run.returncode == 130, message
         assert "of 50 cells are stored" in message
         assert "Traceback" not in message
         assert nobody_left(run.pid)
@@ -378,7 +378,8 @@ def test_plain_progress_is_sparse_and_estimates(monkeypatch, capsys):
             bar.advance("drift", failed=i == 100)
     lines = capsys.readouterr().err.splitlines()
     assert 10 <= len(lines) <= 16  # 150 s, one in 10 s
-    assert lines[0] == "drift: 20/300 cells, about 2 min left"
+    assert lines[0] == "drift: 20/300 cells", "the first ones compile: no estimate yet"
+    assert lines[2] == "drift: 60/300 cells, about 2 min left"
     assert lines[-1] == "drift: 300/300 cells, 1 failed, 2 min"
     with progress.follow({"cost": 9}) as bar:
         bar.begin("cost")
@@ -400,6 +401,38 @@ def test_a_terminal_gets_a_live_table(monkeypatch, capsys):
     with progress.follow({"drift": 1}, show=False) as bar:
         bar.begin("drift")
         bar.advance("drift", failed=False)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("done", "total", "elapsed", "left"),
+    [
+        (5, 873, 28, None),  # nonsense: 28 s of compilation a cell
+        (87, 873, 40, None),  # less than a tenth
+        (88, 873, 40, 40 / 88 * 785),
+        (88, 873, 29, None),  # too soon
+        (4, 9, 60, None),
+        (5, 9, 60, 48.0),
+        (50, 5000, 299, None),
+        (50, 5000, 300, 29700.0),  # of a long run less than a tenth must do
+    ],
+)
+def test_no_estimate_before_it_says_something(done, total, elapsed, left):
+    assert progress.remaining(done, total, elapsed) == (None if left is None else pytest.approx(left))
+
+
+def test_what_was_drawn_from_is_said_and_a_terminal_gets_a_bar(monkeypatch, capsys, tmp_path):
+    with progress.drawing(tmp_path) as drawn:
+        drawn(1, 2)
+    assert capsys.readouterr().err == f"drawn from {tmp_path}\n"
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    with progress.drawing(tmp_path) as drawn:
+        drawn(1, 2)
+    err = capsys.readouterr().err
+    assert "1/2" in err
+    assert err.endswith(f"drawn from {tmp_path}\n")
+    with progress.drawing(tmp_path, show=False) as drawn:
+        drawn(1, 2)
     assert capsys.readouterr().err == ""
 
 

@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 
+from experiments.store import Store, make_record
+
 pty = pytest.importorskip("pty", reason="no pseudo-terminals on this platform")
 HERE = Path(__file__).resolve().parent
 PATIENCE = 60.0  # s; it takes two
@@ -104,6 +106,10 @@ def test_progress_interrupt_and_resume(terminal, tmp_path):
         shown
     )
     assert "Traceback" not in shown
+    again = terminal([*cells, {"do": "square", "i": 4, "seconds": 4.0}])
+    again.read(r"0/2")
+    os.write(again.master, b"\x03")
+    assert "interrupted: 3 of 5 cells are stored" in joined(again.end()[0]), "what an earlier run stored counts"
     second = terminal(cells)
     shown, code = second.end()
     assert code == 0
@@ -151,3 +157,37 @@ def test_no_table_for_a_dumb_terminal_or_in_quiet(terminal):
     assert code == 0
     assert "running" not in shown
     assert "1/1" not in shown
+
+
+def test_a_page_in_the_making_is_given_up_at_once(tmp_path):
+    """Each of three experiments takes a minute to draw; the bar is shown, and Ctrl-C ends the drawing processes too."""
+    for name in ("one", "two", "three"):
+        folder = tmp_path / "slow"
+        folder.mkdir(exist_ok=True)
+        (folder / f"{name}.py").write_text(
+            "import os, time\nVERSION = 1\n"
+            "def cells(profile): return []\ndef measure(cell): return []\ndef tables(rows): return {}\n"
+            f"def draw(rows):\n    open({str(tmp_path / 'drawing')!r}, 'a').write(f'{{os.getpid()}} ')\n    time.sleep(60)\n"
+        )
+        outcome = {"status": "done", "rows": [{"x": 1.0}], "error": None, "warnings": [], "seconds": 0.1}
+        Store(tmp_path).append(make_record(f"slow.{name}", 1, 0, {"i": 0}, **outcome))
+    words = ("report", "--results", tmp_path, "--output", tmp_path / "page")
+    one = Terminal(words, PYTHONPATH=f"{tmp_path}{os.pathsep}{HERE}")
+    try:
+        one.read(r"drawing .* \d+/\d+")
+        while not (tmp_path / "drawing").exists():
+            time.sleep(0.05)
+        begun = time.monotonic()
+        os.write(one.master, b"\x03")
+        shown, code = one.end()
+    finally:
+        if one.process.poll() is None:
+            os.killpg(one.process.pid, signal.SIGKILL)
+        os.close(one.master)
+    assert code == 130
+    assert time.monotonic() - begun < 30, "it waited for the drawings"
+    assert "Traceback" not in shown
+    assert not (tmp_path / "page").exists()
+    for pid in (tmp_path / "drawing").read_text().split():
+        with pytest.raises(ProcessLookupError):
+            os.kill(int(pid), 0)

@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from integrators import TOPS, HeavyTop, LagrangeTop
+from integrators import TOPS, HeavyTop, LagrangeTop, integrate
 from integrators.top import hat
 
 DRAW = np.random.default_rng(1)
@@ -268,3 +268,16 @@ def test_real_top_turns_with_the_precession():
     turn = np.kron(np.eye(2), ((c, -s, 0), (s, c, 0), (0, 0, 1)))
     assert np.allclose(state(1.3, 2.0), turn @ y, rtol=0, atol=64 * EPS)
     assert math.hypot(*y[3:]) == pytest.approx(1, abs=4 * EPS)
+
+
+def test_what_is_not_a_state_or_a_top_is_told(top):
+    for y in (np.ones((2, 5)), np.ones((6, 2)), 1.0):
+        for function in (top.invariants, top.rhs):
+            with pytest.raises(ValueError, match=r"y must be states .* shape \(\.\.\., 6\); got shape"):
+                function(y)
+    with pytest.raises(KeyError, match="unknown top 'genric'; did you mean 'generic'"):
+        TOPS["genric"]
+    assert TOPS.get("genric") is None
+    named = TOPS["generic"]
+    with pytest.raises(ValueError, match=r"pass named\.top, named\.state"):
+        integrate(named, named.y0, 0.1, 10)

@@ -1,0 +1,104 @@
+"""What a page was drawn from, in words, and in commands that do not depend on where the page was built."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import pandas as pd
+
+from experiments import SWEEP, provenance
+from experiments.engine import PROFILES
+from experiments.store import Record, _canonical, clean, default_results
+
+
+@dataclass(frozen=True)
+class Origin:
+    """A folder of results, and the profile it was computed with, if that can be told."""
+
+    folder: str  # as commands name it: from the checkout, or from the current folder
+    profile: str | None = None
+    default: bool = False  # the one that is drawn if nobody says which
+
+    @property
+    def option(self) -> str:
+        """What `report` and `figure` need to draw it."""
+        return "" if self.default else f" --results {shlex.quote(self.folder)}"
+
+    def run(self, experiment: str) -> str:
+        """The command that computes an experiment like this."""
+        sweep = experiment.startswith(SWEEP)
+        profile = "" if sweep or self.profile is None else f" --profile {self.profile}"
+        usual = experiment.removeprefix(SWEEP) if sweep else self.profile or PROFILES[0]
+        there = "" if self.default or self.folder == named(default_results(usual)) else self.option
+        return f"lagrange-bench run {'FILE.toml' if sweep else experiment}{profile}{there}"
+
+    @property
+    def report(self) -> str:
+        """The command that draws what `run` computed. The published results are never written to."""
+        if self.default and self.profile is not None:
+            return f"lagrange-bench report --results {shlex.quote(named(default_results(self.profile)))}"
+        return f"lagrange-bench report{self.option}"
+
+
+PUBLISHED = Origin("results/reference", "full", default=True)
+
+
+def named(folder: Path) -> str:
+    """A folder as seen from the checkout or the current folder; of any other only its own name."""
+    place = Path(os.path.abspath(folder))
+    for base in (provenance.checkout(), Path.cwd()):
+        if base is not None and place.is_relative_to(base):
+            return place.relative_to(base).as_posix()
+    return place.name
+
+
+def find(folder: Path, profiles: Sequence[Collection[str] | None]) -> Origin:
+    """The origin of what is stored in a folder. profiles : of each experiment there; see `profiles_of`."""
+    name, default = named(folder), os.path.abspath(folder) == os.path.abspath(default_results())
+    if default and name == PUBLISHED.folder:
+        return PUBLISHED
+    known = [set(some) for some in profiles if some is not None]
+    possible = set.intersection(*known) if known else set(PROFILES) & {Path(name).name}
+    if Path(name).name in possible:
+        return Origin(name, Path(name).name, default)
+    return Origin(name, next((profile for profile in PROFILES if profile in possible), None), default)
+
+
+def profiles_of(module: ModuleType, records: Sequence[Record]) -> tuple[str, ...] | None:
+    """The profiles all stored cells belong to; None if the experiment cannot be asked."""
+    stored = {_canonical(record["cell"]) for record in records}
+    try:
+        return tuple(p for p in PROFILES if stored <= {_canonical(clean(cell)) for cell in module.cells(p)})
+    except Exception:  # somebody's own, of another version say: no reason to lose the page
+        return None
+
+
+def told(origin: Origin, sources: Sequence[pd.DataFrame]) -> str:
+    """Folder, profile, dates, machine and commit in one line. sources : provenance of each experiment."""
+    stored = [source for source in sources if len(source)]
+    words = [origin.folder, *([f"{origin.profile} profile"] if origin.profile else [])]
+    if stored:
+        p = pd.concat(stored, ignore_index=True)
+        words += [days(p), _few(p["cpu"].dropna(), "", "machines"), _few(commits(p), "commit ", "commits")]
+    return "; ".join(word for word in words if word)
+
+
+def days(p: pd.DataFrame) -> str:
+    """When: a day, or the first and the last."""
+    first, last = p["utc"].min()[:10], p["utc"].max()[:10]
+    return first if first == last else f"{first} to {last}"
+
+
+def commits(p: pd.DataFrame) -> pd.Series:
+    """Of each cell, short; and whether there were changes."""
+    return p["commit"].fillna("unknown").str.slice(0, 12) + p["dirty"].map({True: " with changes"}).fillna("")
+
+
+def _few(values: pd.Series, before: str, what: str) -> str:
+    different = sorted(set(values))
+    return f"{len(different)} {what}" if len(different) > 2 else before + ", ".join(different)
