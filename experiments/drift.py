@@ -17,7 +17,7 @@ from experiments.states import RANDOM, affordable, find, log_counts, options_of,
 from integrators.interface import INVARIANTS
 from integrators.top import TOPS
 
-VERSION = 3
+VERSION = 2
 
 KEPT = "kept: "  # before the name of a quantity of a method's own, in the name of its column
 STEP = 0.125  # of the runs against time

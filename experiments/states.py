@@ -28,7 +28,9 @@ def find(name: str) -> tuple[LagrangeTop, Array]:
     if name in TOPS:
         return TOPS[name].top, TOPS[name].state
     if not re.fullmatch(r"(random|close)\d{3}", name):
-        raise ValueError(f"unknown state {name!r}; known: {', '.join(TOPS)}, random000 … random999, close000 … close999")
+        raise ValueError(
+            f"unknown state {name!r}; known: {', '.join(TOPS)}, random000 … random999, close000 … close999"
+        )
     draw = random.Random(name)  # seeded by the text itself, through SHA-512
     J = [draw.uniform(-2, 2) for _ in range(3)]
     x = np.array([draw.uniform(-1, 1) for _ in range(3)])

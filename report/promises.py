@@ -141,7 +141,9 @@ def more_accurate(rows: pd.DataFrame) -> Verdict:
 
 def ensemble_step(rows: pd.DataFrame) -> float:
     """ns per top and step, median over ensembles of a thousand tops and more: one disturbed sample decides nothing."""
-    return float(np.median(values(rows, "ns_per_step_and_core", part="tops", threads=1, tops=(1024, 4096, 8192, 65_536))))
+    return float(
+        np.median(values(rows, "ns_per_step_and_core", part="tops", threads=1, tops=(1024, 4096, 8192, 65_536)))
+    )
 
 
 def batch_ratio(rows: pd.DataFrame, span: float = 1e4) -> float:
@@ -267,7 +269,9 @@ CLAIMS = [
         "Runge-Kutta with fixed steps loses energy steadily over ten million steps, exponent at least 0.75: the measurement can "
         "tell.",
         "drift",
-        long_enough(10**7, on(table("drift", "verdicts"), at_least(0.75, "exponent", method="rk45_fixed", invariant="H"))),
+        long_enough(
+            10**7, on(table("drift", "verdicts"), at_least(0.75, "exponent", method="rk45_fixed", invariant="H"))
+        ),
     ),
     Claim(
         "thin-adapter",
