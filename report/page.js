@@ -21,9 +21,12 @@ document.addEventListener("click", (event) => {
   body.append(...keyed.map((pair) => pair[1]));
 });
 
-// On paper nothing can be unfolded.
+// On paper nothing can be unfolded: what is of moderate length is printed; what is longer, only if the reader has opened it.
+const PRINTED = 60; // rows
 addEventListener("beforeprint", () => {
   for (const folded of document.querySelectorAll("details:not([open])")) {
+    const rows = folded.querySelector("table")?.tBodies[0].rows.length ?? 0;
+    if (rows > PRINTED) continue;
     folded.open = true;
     folded.dataset.printed = "";
   }
@@ -35,7 +38,7 @@ addEventListener("afterprint", () => {
   }
 });
 
-// What is long is embedded as gzip in base64: the rows of each experiment, and Plotly.
+// What is long is embedded as gzip in base64: the rows of each experiment.
 async function unpack(id) {
   const bytes = Uint8Array.from(atob(document.getElementById(id).textContent.trim()), (c) => c.charCodeAt(0));
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -80,6 +83,30 @@ for (const table of document.querySelectorAll("table.sortable")) {
     count.textContent = words.length ? `${shown} of ${rows.length} rows` : "";
   });
   table.parentNode.before(label);
+}
+
+// Dragging with the mouse or a finger, and two fingers moved apart: `drag(right, down)` in pixels, `pinch(ratio, x, y)`
+// about the point between them.
+function fingers(element, { drag, pinch }) {
+  const held = new Map(); // pointers that are down, where they were
+  element.addEventListener("pointerdown", (event) => {
+    if (event.button) return;
+    held.set(event.pointerId, event);
+    element.setPointerCapture(event.pointerId);
+  });
+  element.addEventListener("pointermove", (event) => {
+    const before = held.get(event.pointerId);
+    if (!before) return;
+    const other = [...held.values()].find((finger) => finger.pointerId !== event.pointerId);
+    const share = other ? 0.5 : 1; // of two fingers each moves the picture half as far
+    drag(share * (event.clientX - before.clientX), share * (event.clientY - before.clientY));
+    if (other) {
+      const apart = (a) => Math.hypot(a.clientX - other.clientX, a.clientY - other.clientY) || 1;
+      pinch(apart(event) / apart(before), (event.clientX + other.clientX) / 2, (event.clientY + other.clientY) / 2);
+    }
+    held.set(event.pointerId, event);
+  });
+  for (const name of ["pointerup", "pointercancel"]) element.addEventListener(name, (event) => held.delete(event.pointerId));
 }
 
 // A figure as large as one likes: wheel, + and −, two fingers; drag to move, Escape to close.
@@ -138,22 +165,5 @@ for (const table of document.querySelectorAll("table.sortable")) {
     zoom(scale * Math.exp(-event.deltaY * (event.ctrlKey ? 0.01 : 0.002)), event.clientX, event.clientY);
   }, { passive: false });
 
-  const fingers = new Map(); // pointers that are down, where they were
-  pane.addEventListener("pointerdown", (event) => {
-    fingers.set(event.pointerId, event);
-    pane.setPointerCapture(event.pointerId);
-  });
-  pane.addEventListener("pointermove", (event) => {
-    const before = fingers.get(event.pointerId);
-    if (!before) return;
-    const other = [...fingers.values()].find((finger) => finger.pointerId !== event.pointerId);
-    if (other) {
-      const apart = (a) => Math.hypot(a.clientX - other.clientX, a.clientY - other.clientY) || 1;
-      zoom((scale * apart(event)) / apart(before), (event.clientX + other.clientX) / 2, (event.clientY + other.clientY) / 2);
-    } else {
-      pane.scrollBy(before.clientX - event.clientX, before.clientY - event.clientY);
-    }
-    fingers.set(event.pointerId, event);
-  });
-  for (const name of ["pointerup", "pointercancel"]) pane.addEventListener(name, (event) => fingers.delete(event.pointerId));
+  fingers(pane, { drag: (right, down) => pane.scrollBy(-right, -down), pinch: (ratio, x, y) => zoom(scale * ratio, x, y) });
 }

@@ -11,9 +11,11 @@ import gzip
 import os
 import re
 import signal
-from concurrent.futures import ProcessPoolExecutor
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from types import ModuleType
 
@@ -21,9 +23,11 @@ import jinja2
 import pandas as pd
 from markupsafe import Markup
 
-from experiments import EXPERIMENTS, SWEEP, errata, load
+from experiments import EXPERIMENTS, errata, load
 from experiments.store import Store, StoreError
-from report import claims, fairness, figures, live, promises, style, summary, tables
+from experiments.workers import interrupt_held_back
+from report import claims, fairness, figures, live, origin, promises, style, summary, tables
+from report.origin import PUBLISHED, Origin, commits, days
 
 HERE = Path(__file__).parent
 HEADLINE = "phase"  # error against the step: what is new here, in one figure
@@ -31,7 +35,7 @@ HEAVY = 1_000_000  # characters of packed rows beyond which they stay in their j
 LONG = 14  # rows beyond which a table is folded
 FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table of the environment; then the packages
 SUFFIXES = (".svg", ".md", ".tex", ".csv")
-SHOW = "lagrange-bench report --results results/local/full"  # what a full run in a checkout has stored
+Drawn = Callable[[int, int], None]  # told how many sections are drawn, of how many
 MEASURED_WHEN = ("key", "seconds", "utc", "dirty")
 
 
@@ -61,18 +65,24 @@ class Section:
     tables: list[DrawnTable] = field(default_factory=list)
     failures: pd.DataFrame = field(default_factory=pd.DataFrame)
     provenance: pd.DataFrame = field(default_factory=pd.DataFrame)
+    profiles: tuple[str, ...] | None = None  # that all its cells belong to
+    origin: Origin = PUBLISHED
     notes: list[str] = field(default_factory=list)  # damaged lines of the journal
     errors: list[str] = field(default_factory=list)  # of the drawing
 
     @property
     def command(self) -> str:
-        if self.experiment.startswith(SWEEP):
-            return "lagrange-bench run FILE.toml"
-        return f"lagrange-bench run {self.experiment} --profile full"
+        """What computes it."""
+        return self.origin.run(self.experiment)
 
     @property
-    def redraw(self) -> str:
-        return f"{self.command} && {SHOW}"
+    def again(self) -> str:
+        """What computes and draws it."""
+        return f"{self.command} && {self.origin.report}"
+
+    def redraw(self, figure: str) -> str:
+        """What draws one of its figures from the same rows."""
+        return f"lagrange-bench figure {self.file(figure)}{self.origin.option}"
 
     @property
     def measured(self) -> str:
@@ -80,12 +90,11 @@ class Section:
         p = self.provenance
         if p.empty:
             return ""
-        commits = p["commit"].fillna("unknown").str.slice(0, 12) + p["dirty"].map({True: " with changes"}).fillna("")
-        first, last = p["utc"].min()[:10], p["utc"].max()[:10]
-        days = first if first == last else f"{first} to {last}"
         failed = f", {len(self.failures)} failed" if len(self.failures) else ""
         seconds = tables.show(float(p["seconds"].sum()))
-        return f"{len(p)} cells{failed}; {days}, {seconds} s of computing; commit {', '.join(sorted(set(commits)))}"
+        return (
+            f"{len(p)} cells{failed}; {days(p)}, {seconds} s of computing; commit {', '.join(sorted(set(commits(p))))}"
+        )
 
     @property
     def failed(self) -> pd.DataFrame:
@@ -116,6 +125,7 @@ class Report:
     errata: pd.DataFrame  # misprints of the paper
     summary: list[summary.Sentence]
     errors: list[str]  # what could not be drawn or checked; the page shows each in its place
+    origin: str  # what it was drawn from
 
 
 # ---------------------------------------------------------------- what others call
@@ -136,13 +146,16 @@ def write_experiment(experiment: str, results: Path, output: Path) -> list[Path]
     return _write_files(section, Path(output))
 
 
-def assemble(results: Path, processes: int = 1) -> Report:
+def assemble(results: Path, processes: int = 1, drawn: Drawn = lambda done, total: None) -> Report:
     """Everything the page shows, from the journals in `results`; never raises for a part that cannot be drawn."""
     others = sorted(path.stem for path in Path(results).glob("*.jsonl") if path.stem not in EXPERIMENTS)
-    sections = _sections([*EXPERIMENTS, *others], Store(results), processes)
+    sections = _sections([*EXPERIMENTS, *others], Store(results), processes, drawn)
+    source = origin.find(results, [section.profiles for section in sections if len(section.rows)])
+    for section in sections:
+        section.origin = source
     rows = {section.experiment: section.rows for section in sections}
     errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
-    judged, wrong = judge(rows)
+    judged, wrong = judge(rows, source)
     errors += wrong
     fair, error = _fairness(rows)
     errors += [error] if error else []
@@ -150,15 +163,16 @@ def assemble(results: Path, processes: int = 1) -> Report:
     errors += [error] if error else []
     shown, error = _summary(rows)
     errors += [error] if error else []
-    return Report(sections, judged, fair, misprints, shown, errors)
+    told = origin.told(source, [section.provenance for section in sections])
+    return Report(sections, judged, fair, misprints, shown, errors, told)
 
 
-def judge(rows: dict[str, pd.DataFrame]) -> tuple[list[Judged], list[str]]:
+def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> tuple[list[Judged], list[str]]:
     """Every claim by the rows of its experiment, and what went wrong in the checks themselves."""
     judged, errors = [], []
     for claim in promises.CLAIMS:
         verdict, error = claims.judge(claim, rows.get(claim.experiment, pd.DataFrame()))
-        judged.append(Judged(claim, verdict, claim.command or Section(claim.experiment).redraw))
+        judged.append(Judged(claim, verdict, claim.command or Section(claim.experiment, origin=source).again))
         errors += [error] if error else []
     return judged, errors
 
@@ -190,13 +204,36 @@ def write(report: Report, output: Path) -> Path:
 # ---------------------------------------------------------------- from a journal to a section
 
 
-def _sections(names: list[str], store: Store, processes: int) -> list[Section]:
+def _sections(names: list[str], store: Store, processes: int, drawn: Drawn) -> list[Section]:
     """One for each name, drawn in as many processes: laying figures out takes longer than all else."""
+    sections: dict[str, Section] = {}
+    for section in _drawn(names, store, processes):
+        sections[section.experiment] = section
+        drawn(len(sections), len(names))
+    return [sections[name] for name in names]
+
+
+def _drawn(names: list[str], store: Store, processes: int) -> Iterator[Section]:
+    """Sections as they come. Modules are looked for where this process looks. Ctrl-C ends the processes at once."""
     if processes == 1:
-        return [_section(name, store) for name in names]
-    ignored = (signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is this process's to answer
-    with ProcessPoolExecutor(processes, get_context("spawn"), initializer=signal.signal, initargs=ignored) as pool:
-        return list(pool.map(_section, names, [store] * len(names)))
+        yield from (_section(name, store) for name in names)
+        return
+    others = set(active_children())
+    with ProcessPoolExecutor(processes, get_context("spawn"), initializer=_start, initargs=(list(sys.path),)) as pool:
+        try:
+            with interrupt_held_back():  # the processes are started in here
+                futures = [pool.submit(_section, name, store) for name in names]
+            yield from (future.result() for future in as_completed(futures))
+        except BaseException:
+            for process in set(active_children()) - others:
+                process.kill()
+            raise
+
+
+def _start(path: list[str]) -> None:
+    """In a fresh process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
+    sys.path[:] = path
 
 
 def _section(experiment: str, store: Store) -> Section:
@@ -212,6 +249,8 @@ def _section(experiment: str, store: Store) -> Section:
         section.notes = [note.replace(f"{store.folder}{os.sep}", "") for note in store.read(experiment)[1]]
         section.rows, section.failures = store.rows(experiment), store.failures(experiment)
         section.provenance = store.provenance(experiment)
+        if module is not None:
+            section.profiles = origin.profiles_of(module, store.latest(experiment))
     except StoreError as error:
         section.errors.append(str(error).replace(f"{store.folder}{os.sep}", ""))
     if module is None or section.rows.empty:
@@ -295,10 +334,13 @@ def write_file(path: Path, content: str | bytes) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        temporary.write_bytes(content if isinstance(content, bytes) else content.encode())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+        try:
+            temporary.write_bytes(content if isinstance(content, bytes) else content.encode())
+            os.replace(temporary, path)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:  # who asked for `path` knows nothing of another file
+        raise OSError(error.errno, error.strerror, str(path)) from error
     return path
 
 
@@ -333,7 +375,6 @@ def html(report: Report) -> str:
         glyphs=Markup(figures.glyphs([figure.document for section in report.sections for figure in section.figures])),
         packed_rows={name: Markup(text) for name, text in _packed_rows(report.sections).items() if len(text) < HEAVY},
         live=live.script(),
-        library=Markup(packed(live.library())),
         **parts,
     )
 

@@ -18,12 +18,16 @@ from report.promises import EXACT, table
 OURS = "backlund"
 POOR = 1e-3  # an error of which one says that the phase is off
 
+Said = tuple[str, str, str]  # the number, what it is, the sentence
+
 
 @dataclass(frozen=True)
 class Sentence:
-    """One finding. `found` False: there are no rows to find it in."""
+    """One finding: its number, what that is, and all of it in words. `found` False: there are no rows to find it in."""
 
     head: str
+    value: str
+    gloss: str
     text: str
     section: str
     found: bool
@@ -42,18 +46,18 @@ def sentences(rows: dict[str, pd.DataFrame]) -> list[Sentence]:
 
 
 def _sentence(
-    head: str, section: str, say: Callable[[dict[str, pd.DataFrame]], str], rows: dict[str, pd.DataFrame]
+    head: str, section: str, say: Callable[[dict[str, pd.DataFrame]], Said], rows: dict[str, pd.DataFrame]
 ) -> Sentence:
     try:
         if rows.get(section, pd.DataFrame()).empty:
             raise NoData(f"nothing of {section} is stored")
-        return Sentence(head, say(rows), section, True)
+        return Sentence(head, *say(rows), section, True)
     except (NoData, CellFailed, KeyError) as missing:
         why = f"no column {missing}" if isinstance(missing, KeyError) else str(missing)
-        return Sentence(head, f"No data: {why}.", section, False)
+        return Sentence(head, "–", f"{head} No data.", f"No data: {why}.", section, False)
 
 
-def accuracy(rows: dict[str, pd.DataFrame]) -> str:
+def accuracy(rows: dict[str, pd.DataFrame]) -> Said:
     """The exact step at every step size, and the best of the others at a long one."""
     here = select(rows["phase"], part="h", state="generic")
     ours = values(here, "h", "error", method=OURS)
@@ -65,24 +69,27 @@ def accuracy(rows: dict[str, pd.DataFrame]) -> str:
     errors = at.error.where(at.status == "done", np.inf).fillna(np.inf)
     best = at.loc[errors.idxmin()]
     poor = int((errors > POOR).sum())
+    shortest, longest, worst = _show(ours[:, 0].min()), _show(ours[:, 0].max()), _show(ours[:, 1].max())
     return (
-        f"At any step from {_show(ours[:, 0].min())} to {_show(ours[:, 0].max())} the exact Bäcklund step is within "
-        f"{_show(ours[:, 1].max())} of the true state up to t = {phase.SPAN:g}; at a step of {_show(h)} the best method "
-        f"that is not exact in time, {_name(best.method)}, is off by {_show(errors.min())}, and {poor} of {len(at)} are off by "
-        f"more than {_show(POOR)} or fail."
+        worst,
+        f"largest error of the exact step, at any h from {shortest} to {longest}, up to t\xa0=\xa0{phase.SPAN:g}",
+        f"At any step from {shortest} to {longest} the exact Bäcklund step is within {worst} of the true state up to "
+        f"t = {phase.SPAN:g}; at a step of {_show(h)} the best method that is not exact in time, {_name(best.method)}, "
+        f"is off by {_show(errors.min())}, and {poor} of {len(at)} are off by more than {_show(POOR)} or fail.",
     )
 
 
-def cost(rows: dict[str, pd.DataFrame]) -> str:
+def cost(rows: dict[str, pd.DataFrame]) -> Said:
     """The headline run against the Taylor series; and where the exact step loses."""
     names = ("backlund_s", "heyoka_s", "ratio", "backlund_error", "heyoka_error", "steps", "h")
     ours, theirs, ratio, error, their_error, steps, h = values(rows["cost"], *names, part="headline", fraction=0.5)[0]
+    gloss = f"less time than a Taylor series at machine precision, for a run up to t\xa0=\xa0{_show(steps * h)}"
     text = (
         f"A run up to t = {_show(steps * h)} at half a nutation period a step takes {_show(1e3 * ours)} ms, "
         f"{_show(ratio)} times less than a Taylor series at machine precision ({_show(1e3 * theirs)} ms), with an error of "
         f"{_show(error)} against {_show(their_error)}"
     )
-    return text + _where_it_loses(rows.get("work_precision", pd.DataFrame())) + "."
+    return f"{_show(ratio)}×", gloss, text + _where_it_loses(rows.get("work_precision", pd.DataFrame())) + "."
 
 
 def _where_it_loses(rows: pd.DataFrame) -> str:
@@ -102,7 +109,7 @@ def _where_it_loses(rows: pd.DataFrame) -> str:
     return "; in no run stored, however short, is a method cheaper that is not exact"
 
 
-def invariants(rows: dict[str, pd.DataFrame]) -> str:
+def invariants(rows: dict[str, pd.DataFrame]) -> Said:
     """What the exact step keeps over the longest runs, and how many others do not."""
     drift = rows["drift"]
     mine = select(drift, part="time", method=OURS)
@@ -112,10 +119,12 @@ def invariants(rows: dict[str, pd.DataFrame]) -> str:
     verdicts = verdicts[verdicts.invariant.isin(INVARIANTS)]
     others = verdicts[~verdicts.method.map(_family).isin(EXACT)]
     drifting = others[others.verdict.isin(("biased", "failed"))].method.nunique()
+    kept, tops = _show(found.max()), mine.state.nunique()
     return (
-        f"Over {_show(steps)} steps on {mine.state.nunique()} tops "
-        f"H, J3, C1 and C2 stay within {_show(found.max())} of their scales; of {others.method.nunique()} methods that are not "
-        f"exact {drifting} let at least one of them drift steadily."
+        kept,
+        f"largest error of H, J3, C1 and C2, relative to their scales, in {_show(steps)} steps on {tops} tops",
+        f"Over {_show(steps)} steps on {tops} tops H, J3, C1 and C2 stay within {kept} of their scales; "
+        f"of {others.method.nunique()} methods that are not exact {drifting} let at least one of them drift steadily.",
     )
 
 

@@ -8,6 +8,7 @@ import io
 import re
 import shutil
 import sys
+from html import unescape
 from html.parser import HTMLParser
 from types import ModuleType
 
@@ -18,7 +19,7 @@ import pytest
 
 from experiments import store
 from integrators import METHODS
-from report import claims, fairness, page, promises, style, summary
+from report import claims, fairness, origin, page, promises, style, summary
 from report.__main__ import main
 from report.claims import Claim
 
@@ -193,7 +194,7 @@ def test_the_summary_is_written_from_rows():
 
 def test_same_rows_same_bytes(results, tmp_path, monkeypatch):
     first = page.build(results, tmp_path / "a").parent
-    moved = shutil.copytree(results, tmp_path / "moved")
+    moved = shutil.copytree(results, tmp_path / "elsewhere" / results.name)
     monkeypatch.setitem(matplotlib.rcParams, "lines.linewidth", 7.0)  # the reader's own taste
     second = page.build(moved, tmp_path / "b").parent
     files = sorted(p.relative_to(first) for p in first.rglob("*") if p.is_file())
@@ -201,6 +202,73 @@ def test_same_rows_same_bytes(results, tmp_path, monkeypatch):
     assert files == sorted(p.relative_to(second) for p in second.rglob("*") if p.is_file())
     for file in files:
         assert (first / file).read_bytes() == (second / file).read_bytes(), file
+
+
+def test_the_page_says_what_it_was_drawn_from_and_how_to_draw_that_again(results, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(results, tmp_path / "mine" / "quick")
+    report = page.assemble(tmp_path / "mine" / "quick")
+    told = markup(page.html(report))
+    words = unescape(re.sub("<[^>]*>", "", told))
+    assert "Drawn from mine/quick; quick profile; 20" in words
+    assert "redraw: lagrange-bench figure toy.good_first --results mine/quick " in words
+    assert "recompute: lagrange-bench run toy.good --profile quick --results mine/quick" in words
+    assert "check: lagrange-bench run toy.good --profile quick --results mine/quick && lagrange-bench report" in words
+    assert str(tmp_path) not in told
+    assert page.assemble(results).origin.startswith(f"{results.name}; "), "not where it is on this machine"
+
+
+def test_machines_and_commits_are_named_if_they_are_few():
+    source = pd.DataFrame(
+        {"utc": "2026-11-21T00:00:00", "cpu": "EPYC", "commit": list("abc"), "dirty": [False, True, None]}
+    )
+    assert origin.told(origin.Origin("r"), [source]) == "r; 2026-11-21; EPYC; 3 commits"
+    assert origin.told(origin.PUBLISHED, [source[:2]]).endswith(
+        "; full profile; 2026-11-21; EPYC; commit a, b with changes"
+    )
+    assert origin.told(origin.Origin("r"), []) == "r"
+
+
+def record(cell):
+    return {"cell": store.clean(cell)}
+
+
+def test_the_profile_is_known_by_the_cells():
+    module = ModuleType("study")
+    module.cells = lambda profile: [{"h": h} for h in ((0.1, 1.0) if profile == "quick" else (0.01, 0.1))]
+    for stored, known in (((0.1,), ("quick", "full")), ((1.0,), ("quick",)), ((0.01, 0.1), ("full",)), ((7.0,), ())):
+        assert origin.profiles_of(module, [record({"h": h}) for h in stored]) == known
+    del module.cells
+    assert origin.profiles_of(module, []) is None
+
+
+@pytest.mark.parametrize(
+    ("folder", "profiles", "profile"),
+    [
+        ("out", [("quick", "full"), ("full",), None], "full"),
+        ("out", [("quick", "full")], "quick"),  # the same cells
+        ("full", [("quick", "full")], "full"),
+        ("full", [("quick",)], "quick"),
+        ("quick", [None], "quick"),
+        ("out", [None], None),
+        ("out", [("quick",), ("full",)], None),
+    ],
+)
+def test_the_profile_of_a_folder(tmp_path, monkeypatch, folder, profiles, profile):
+    monkeypatch.chdir(tmp_path)
+    assert origin.find(tmp_path / folder, profiles) == origin.Origin(folder, profile)
+
+
+def test_commands_of_the_usual_folders_are_short():
+    reference = origin.find(store.default_results(), [()])
+    assert (reference.option, reference.run("phase")) == ("", "lagrange-bench run phase --profile full")
+    assert reference.report == "lagrange-bench report --results results/local/full"
+    quick = origin.find(store.default_results("quick"), [("quick",)])
+    assert quick.run("phase") == "lagrange-bench run phase --profile quick"
+    assert quick.report == "lagrange-bench report --results results/local/quick"
+    sweep = origin.find(store.default_results("mine"), [None])
+    assert sweep.run("sweep_mine") == "lagrange-bench run FILE.toml"
+    assert origin.Origin("my out").run("sweep_mine") == "lagrange-bench run FILE.toml --results 'my out'"
 
 
 def test_drawn_in_two_processes_it_is_the_same(tmp_path):
@@ -228,7 +296,7 @@ def test_what_is_missing_is_said_in_its_place(report, text):
 def test_text_from_results_is_escaped(text):
     assert "<script>alert" not in text
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in text
-    assert Elements(text).tags.count("script") == text.count("<script") == 2 + 2, "the page's own, Plotly, rows of two"
+    assert Elements(text).tags.count("script") == text.count("<script") == 1 + 2, "the page's own, rows of two"
 
 
 def test_no_results_at_all(tmp_path):
@@ -263,8 +331,9 @@ def test_a_write_that_fails_leaves_the_old_page(report, tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(page.os, "replace", full)
-    with pytest.raises(OSError, match="No space"):
+    with pytest.raises(OSError, match="No space") as raised:
         page.write(report, tmp_path)
+    assert raised.value.filename == str(tmp_path / "figures" / "toy.good_first.svg"), "not the temporary one"
     assert index.read_bytes() == before
     assert not list(tmp_path.rglob(".*"))
 
@@ -282,6 +351,7 @@ def test_command_line(results, tmp_path, capsys):
     out, err = capsys.readouterr()
     assert out == f"{(tmp_path / 'out' / 'index.html').resolve()}\n"
     assert "not drawn: toy.broken" in err
+    assert err.startswith(f"drawn from {results}\n")
     assert main(["--results", str(tmp_path / "nowhere"), "--output", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     (tmp_path / "file").write_text("")

@@ -1,7 +1,7 @@
 """The live top: the part of the page that computes in the reader's browser.
 
-`top.js` is the mathematics (the exact Bäcklund map and three rivals), `view.js` the controls and the picture, drawn by
-Plotly, which is embedded once and started when the section comes into view. Nothing is fetched.
+`top.js` is the mathematics (the exact Bäcklund map and three rivals), `picture.js` draws, `view.js` has the controls.
+Nothing is fetched.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FREE = {"name": "free", "label": "Bäcklund, λ of your own", "color": "#5A5A5A"
 
 
 def script() -> Markup:
-    """What the section needs: the tops and colours as data, the mathematics, the view."""
+    """What the section needs: the tops and colours as data, the mathematics, the pictures, the controls."""
     data = {
         "tops": [
             {"name": t.name, "label": t.label, "note": t.note, "alpha": t.alpha, "y": t.y0} for t in TOPS.values()
@@ -28,17 +28,8 @@ def script() -> Markup:
         "methods": [{"name": name, **{key: style.of(name)[key] for key in ("label", "color")}} for name in METHODS]
         + [FREE],
     }
-    parts = [f"const LIVE = {json.dumps(data, ensure_ascii=False)};", *map(_read, ("top.js", "view.js"))]
+    parts = [f"const LIVE = {json.dumps(data, ensure_ascii=False)};", *map(_read, ("top.js", "picture.js", "view.js"))]
     return Markup("\n".join(parts).replace("</", "<\\/"))
-
-
-def library() -> Markup:
-    """Plotly, as text that is not run before it is needed; empty where it is not installed."""
-    try:
-        from plotly.offline import get_plotlyjs
-    except ImportError:
-        return Markup("")
-    return Markup(get_plotlyjs().replace("</script", "<\\/script"))
 
 
 def _read(name: str) -> str:

@@ -164,6 +164,51 @@ const Top = (() => {
   };
   const along = (y, h, k) => y.map((c, i) => c + h * k[i]);
 
+  // The implicit midpoint rule at any h, as in integrators/methods/implicit_midpoint: the height z of the midpoint is the
+  // root of a cubic, then Newton's method for v = (h/2) J at the midpoint. Not a number where there are three solutions.
+  function midpoint(alpha, h, y) {
+    const [J, x] = split(y), half = 0.5 * h, a = half * half * alpha, b = half * J[2];
+    const slant = J[0] * x[1] - J[1] * x[0], flat = J[0] * x[0] + J[1] * x[1];
+    const g = half * (half * (J[0] * J[0] + J[1] * J[1]) - a * slant);
+    const k = a * (x[0] * x[0] + x[1] * x[1]) - half * (slant + b * flat);
+    const cubic = (z) => {
+      const u = 1 - a * z, w = u * u + b * b;
+      return [w * (z - x[2]) + g * z + k, w - 2 * a * u * (z - x[2]) + g];
+    };
+    const p2 = -a * (2 + a * x[2]), w = p2 * p2 - 3 * a * a * (1 + b * b + 2 * a * x[2] + g);
+    const turning = [-1, 1].map((sign) => (-p2 + sign * Math.sqrt(w)) / (3 * a * a));
+    if (w > 0 && cubic(turning[0])[0] > 0 && cubic(turning[1])[0] < 0) return y.map(() => NaN);
+    let high = 1.001 * Math.hypot(...x), low = -high, z = x[2];
+    for (let i = 0; i < 200; i++) {
+      const [value, slope] = cubic(z);
+      if (value > 0) high = z; else low = z;
+      let next = z - value / slope;
+      if (!(low < next && next < high)) next = 0.5 * (low + high);
+      if (next === z || high - low <= 2 ** -50 * Math.abs(z)) break;
+      z = next;
+    }
+    const n = div([x[0] + half * J[1] * z, x[1] - half * J[0] * z], [1 - a * z, -b]);
+    let v = [half * J[0] - a * n[1], half * J[1] + a * n[0], b], last = Infinity;
+    const small = 2 ** -45 * (Math.abs(v[0]) + Math.abs(v[1]) + Math.abs(a) * Math.hypot(...x));
+    for (let i = 0; i < 100; i++) {
+      const q = 1 / (1 + dot(v, v)), solve = (u) => { const c = cross(v, u); return u.map((e, l) => q * (e + c[l])); };
+      const d = solve(cross(v, x)), r = [half * J[0] - a * (x[1] + d[1]) - v[0], half * J[1] + a * (x[0] + d[0]) - v[1]];
+      const size = Math.abs(r[0]) + Math.abs(r[1]);
+      if (size === 0 || (size >= last && size <= small)) {
+        const e = cross(v, x.map((c, l) => c + d[l])), twice = h * alpha; // e is equal to d but for round-off
+        const mean = x.map((c, l) => c + 0.5 * (d[l] + e[l]));
+        return [J[0] - twice * mean[1], J[1] + twice * mean[0], J[2], ...x.map((c, l) => c + d[l] + e[l])];
+      }
+      last = size;
+      const m = x.map((c, l) => c + d[l]); // the midpoint: δm = (1 − v×)⁻¹ (δv × m)
+      const pull = (u) => { const s = solve(u), c = q * dot(v, u); return s.map((e, l) => e + c * v[l]); };
+      const [A, B] = [pull([0, -m[2], m[1]]), pull([m[2], 0, -m[0]])];
+      const [m11, m12, m21, m22] = [1 + a * A[1], a * B[1], -a * A[0], 1 - a * B[0]], f = 1 / (m11 * m22 - m12 * m21);
+      v = [v[0] + f * (m22 * r[0] - m12 * r[1]), v[1] + f * (m11 * r[1] - m21 * r[0]), b];
+    }
+    return y.map(() => NaN);
+  }
+
   // Rivals: y → y after h
   const rivals = {
     rk4: (alpha, h) => (y) => {
@@ -171,17 +216,7 @@ const Top = (() => {
       const k3 = slope(alpha, along(y, h / 2, k2)), k4 = slope(alpha, along(y, h, k3));
       return y.map((c, i) => c + (h / 6) * (k1[i] + 2 * k2[i] + 2 * k3[i] + k4[i]));
     },
-    implicit_midpoint: (alpha, h) => (y) => {
-      let z = along(y, h, slope(alpha, y)), change = Infinity;
-      for (let i = 0; i < 500; i++) {
-        const next = along(y, h, slope(alpha, y.map((c, k) => 0.5 * (c + z[k]))));
-        const size = Math.max(...next.map((c, k) => Math.abs(c - z[k])));
-        z = next;
-        if (size === 0 || (size >= change && size < 1e-12)) return z;
-        change = size;
-      }
-      return z.map(() => NaN); // the fixed point does not contract: the step is too long
-    },
+    implicit_midpoint: (alpha, h) => (y) => midpoint(alpha, h, y),
     strang: (alpha, h) => (y) => {
       const J = [y[0] - 0.5 * h * alpha * y[4], y[1] + 0.5 * h * alpha * y[3], y[2]], x = y.slice(3);
       const size = Math.hypot(...J), angle = h * size;

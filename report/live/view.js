@@ -1,19 +1,23 @@
-// The controls and the picture of the live top. The state of the section is in its controls; `draw` reads them all.
+// The controls of the live top. The state of the section is in its controls; `draw` reads them all.
 
 (() => {
   const section = document.getElementById("live");
   if (!section) return;
   const $ = (name) => section.querySelector(`[name="${name}"]`);
-  const picture = section.querySelector(".sphere"), errors = section.querySelector(".errors");
-  const numbers = section.querySelector(".numbers tbody"), told = section.querySelector(".told");
+  const globe = section.querySelector(".sphere"), sphere = globe.querySelector("canvas"), errors = section.querySelector(".errors");
+  const numbers = section.querySelector(".numbers tbody"), told = section.querySelector(".told"), note = section.querySelector(".exact");
   const STATE = ["J1", "J2", "J3", "x1", "x2", "x3"];
   const ORBIT = 3000; // points of the true orbit, at most
-  const TRAIL = 4000; // marks of a method, at most
-  let Plotly = null, timer = 0;
+  const TRAIL = 2000; // marks of a method, at most
+  const COMPARED = 40; // steps at which a method is held against the truth, at most
+  const STEPS = 6400; // of a run, at most
+  const EYE = { around: 0.8, up: 0.45, size: 1 };
+  const eye = { ...EYE };
+  let timer = 0;
 
   // ---------------------------------------------------------------- reading the controls
 
-  const number = (name) => Number($(name).value);
+  const number = (name) => ($(name).value.trim() === "" ? NaN : Number($(name).value));
   const own = () => ({ alpha: number("alpha"), y: STATE.map(number) });
   const chosen = () => [...section.querySelectorAll('[name="method"]:checked')].map((box) => box.value);
   const about = (name) => LIVE.methods.find((m) => m.name === name);
@@ -25,118 +29,122 @@
     STATE.forEach((name, i) => { $(name).value = top.y[i]; });
   }
 
+  // why there is nothing to draw, or ""
+  function unfit({ alpha, y }, h) {
+    if (![alpha, ...y].every(Number.isFinite)) return "Give α and six numbers.";
+    if (!y.slice(3).some((c) => c !== 0)) return "The axis x must not be zero.";
+    if (!(h > 0 && Number.isFinite(h))) return "A top without spin and without weight has no time scale: give it one of them.";
+    if (![...Top.invariants(alpha, y), ...Top.exactStep(alpha, y, h).step(y)].every(Number.isFinite)) return "These numbers are too large or too small for doubles.";
+    return "";
+  }
+
   // ---------------------------------------------------------------- computing
 
+  // A run is kept while only its length changes, and made longer where it is too short
+  const kept = new Map();
   function run(name, alpha, y, h, steps) {
-    const made = name === "free" ? Top.freeStep(alpha, y, [number("re"), number("im")]) : Top.stepper(name, alpha, y, h);
-    const every = Math.ceil((steps + 1) / TRAIL), states = [];
-    let s = y;
-    for (let n = 0; n <= steps && s.every(Number.isFinite); n++) {
-      if (n % every === 0 || n === steps) states.push({ n, y: s });
-      s = made.step(s);
+    const lambda = name === "free" ? [number("re"), number("im")] : null, key = JSON.stringify([alpha, y, h, lambda]);
+    if (kept.get(name)?.key !== key) {
+      const made = lambda ? Top.freeStep(alpha, y, lambda) : Top.stepper(name, alpha, y, h);
+      kept.set(name, { key, made, all: [y], failed: false });
     }
-    return { name, made, states };
+    const one = kept.get(name), { made, all } = one;
+    while (all.length <= steps && !one.failed) {
+      const next = made.step(all[all.length - 1]);
+      if (next.every(Number.isFinite)) all.push(next);
+      else one.failed = true;
+    }
+    const last = Math.min(steps, all.length - 1), every = Math.ceil((last + 1) / TRAIL), states = [];
+    for (let n = 0; n <= last; n++) if (n % every === 0 || n === last) states.push({ n, y: all[n] });
+    return { name, made, all, last, states };
   }
 
   // states on the true orbit: each a single map away from the start
   function orbit(alpha, y, end) {
     const period = Top.nutationPeriod(alpha, y), unit = Top.scaleOfTime(alpha, y);
     const fine = Math.min(0.08 * unit, Number.isFinite(period) ? period / 60 : Infinity);
-    const n = Math.min(Math.max(Math.ceil(Math.abs(end) / fine), 2), ORBIT);
-    const span = Math.sign(end) * Math.min(Math.abs(end), n * fine);
-    return Top.iterate(Top.exactStep(alpha, y, span / n).step, y, n);
+    const n = Math.min(Math.max(Math.ceil(end / fine), 2), ORBIT);
+    const span = Math.min(end, n * fine);
+    return span > 0 ? Top.iterate(Top.exactStep(alpha, y, span / n).step, y, n) : [y, y];
+  }
+
+  // the true states at some of the steps, the last among them: each in one jump from the start
+  function truths(alpha, y, h, steps) {
+    const every = Math.ceil(steps / COMPARED) || 1, found = [];
+    for (let n = steps; n > 0; n -= every) found.unshift({ n, y: Top.exactStep(alpha, y, n * h).step(y) });
+    return found;
   }
 
   const distance = (a, b) => Math.hypot(a[3] - b[3], a[4] - b[4], a[5] - b[5]) / Math.hypot(b[3], b[4], b[5]);
 
-  // how far a method is from where it should be, at up to forty of its steps
-  function strayed({ name, states }, alpha, y, h) {
-    if (name === "free") return [];
-    const every = Math.ceil(states.length / 40);
-    const some = states.filter((s, i) => s.n > 0 && (i % every === 0 || i === states.length - 1));
-    return some.map((s) => ({ t: s.n * h, error: distance(s.y, Top.exactStep(alpha, y, s.n * h).step(y)) }));
-  }
-
   // ---------------------------------------------------------------- drawing
 
   const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const column = (states, i) => states.map((s) => s[i]);
+  const dark = matchMedia("(prefers-color-scheme: dark)");
 
-  function sphere(r) {
-    const x = [], y = [], z = [];
-    const push = (a, b, c) => { x.push(a); y.push(b); z.push(c); };
-    for (let k = -2; k <= 2; k++) {
-      const b = (k * Math.PI) / 6;
-      for (let i = 0; i <= 60; i++) push(r * Math.cos(b) * Math.cos((i * Math.PI) / 30), r * Math.cos(b) * Math.sin((i * Math.PI) / 30), r * Math.sin(b));
-      push(null, null, null);
-    }
-    for (let k = 0; k < 6; k++) {
-      const a = (k * Math.PI) / 6;
-      for (let i = 0; i <= 60; i++) push(r * Math.cos(a) * Math.cos((i * Math.PI) / 30), r * Math.sin(a) * Math.cos((i * Math.PI) / 30), r * Math.sin((i * Math.PI) / 30));
-      push(null, null, null);
-    }
-    return { type: "scatter3d", mode: "lines", x, y, z, line: { color: css("--line"), width: 1 }, hoverinfo: "skip", showlegend: false };
-  }
-
-  function trace(states, more) {
-    return { type: "scatter3d", x: column(states, 3), y: column(states, 4), z: column(states, 5), hoverinfo: "name", ...more };
+  // colours of the figures are made for white paper: on black they are mixed with white
+  function visible(colour) {
+    if (!dark.matches) return colour;
+    const parts = [1, 3, 5].map((i) => parseInt(colour.slice(i, i + 2), 16));
+    return `rgb(${parts.map((c) => Math.round(0.55 * c + 0.45 * 255)).join(" ")})`;
   }
 
   function draw() {
-    const { alpha, y } = own(), steps = Math.round(number("steps"));
-    if (![alpha, ...y].every(Number.isFinite) || !y.slice(3).some((c) => c !== 0)) {
-      told.textContent = "Give six finite numbers, and an axis x that is not zero.";
+    const { alpha, y } = own(), steps = number("steps"), h = stepOf(alpha, y), wrong = unfit({ alpha, y }, h);
+    section.classList.toggle("unfit", wrong !== "");
+    if (wrong) {
+      told.textContent = wrong;
       return;
     }
-    const h = stepOf(alpha, y), runs = chosen().map((name) => run(name, alpha, y, h, steps));
+    const runs = chosen().map((name) => run(name, alpha, y, h, steps)), exact = truths(alpha, y, h, steps);
     section.runs = runs; // what a test, or a curious reader, may look at
-    const period = Top.nutationPeriod(alpha, y), radius = Math.hypot(...y.slice(3));
-    section.querySelector('[for="live-h"] output').textContent =
-      `${h.toPrecision(3)}${Number.isFinite(period) ? `, ${(h / period).toPrecision(2)} nutation periods` : ""}`;
-    section.querySelector('[for="live-steps"] output').textContent = `${steps} (t = ${(steps * h).toPrecision(3)})`;
-    tell(runs, alpha, y, h);
-    if (!Plotly) return;
-    const traces = [sphere(radius), trace(orbit(alpha, y, steps * h), { mode: "lines", name: "true orbit", line: { color: css("--soft"), width: 2 } })];
-    const lines = [];
-    for (const r of runs) {
-      const { label, color } = about(r.name), states = r.states.map((s) => s.y), last = states.slice(-1);
-      traces.push(trace(states, { mode: "markers", name: label, legendgroup: r.name, marker: { size: states.length > 500 ? 1.6 : 3, color } }));
-      traces.push(trace([[0, 0, 0, 0, 0, 0], ...last], { mode: "lines+markers", name: label, legendgroup: r.name, showlegend: false, line: { color, width: 4 }, marker: { color, size: [0, 7] } }));
-      const found = strayed(r, alpha, y, h);
-      lines.push({ type: "scatter", mode: "lines+markers", name: label, x: found.map((e) => e.t), y: found.map((e) => Math.max(e.error, 1e-17)), line: { color }, marker: { color, size: 4 } });
-    }
-    const common = { paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: css("--ink"), size: 12 }, uirevision: "keep" };
-    const axis = { showgrid: false, zeroline: false, showbackground: false, showticklabels: false, title: { text: "" }, showspikes: false, range: [-1.05 * radius, 1.05 * radius] };
-    const options = { displaylogo: false, responsive: true };
-    Plotly.react(picture, traces, {
-      ...common, margin: { l: 0, r: 0, t: 0, b: 0 }, showlegend: true, legend: { orientation: "h", y: 0, yanchor: "top" },
-      scene: { xaxis: axis, yaxis: axis, zaxis: { ...axis, title: { text: "" } }, aspectmode: "cube", camera: { eye: { x: 1.15, y: 1.15, z: 0.75 } } },
-    }, options);
-    const grid = { gridcolor: css("--line"), linecolor: css("--soft"), zeroline: false };
-    Plotly.react(errors, lines, {
-      ...common, margin: { l: 60, r: 10, t: 10, b: 45 }, showlegend: false,
-      xaxis: { ...grid, title: { text: "time" } },
-      yaxis: { ...grid, type: "log", exponentformat: "power", dtick: 3, title: { text: "distance of the axis from the truth" } },
-    }, options);
+    const period = Top.nutationPeriod(alpha, y), end = steps * h;
+    const share = Number.isFinite(period) ? `, ${(h / period).toPrecision(2)} nutation periods` : "";
+    section.querySelector('[for="live-h"] output').textContent = `${h.toPrecision(3)}${share}`;
+    section.querySelector('[for="live-steps"] output').textContent = `${steps} (t = ${end.toPrecision(3)})`;
+    $("h").setAttribute("aria-valuetext", `h = ${h.toPrecision(3)}${share}`);
+    $("steps").setAttribute("aria-valuetext", `${steps} steps, t = ${end.toPrecision(3)}`);
+    tell(runs, exact, alpha, y, h, steps);
+    const colours = { grid: css("--line"), line: css("--soft"), ink: css("--ink") };
+    const axis = (state) => state.slice(3);
+    Picture.sphere(sphere, {
+      eye, colours, radius: Math.hypot(...axis(y)), curve: orbit(alpha, y, end).map(axis),
+      truth: axis(steps ? exact[exact.length - 1].y : y),
+      runs: runs.map(({ name, all, last, states }) => ({ colour: visible(about(name).color), marks: states.map((s) => axis(s.y)), tip: axis(all[last]) })),
+    });
+    const lines = runs.filter(({ name }) => name !== "free").map(({ name, all, last }) => ({
+      name: about(name).label, colour: visible(about(name).color),
+      points: exact.filter(({ n }) => n <= last).map(({ n, y: there }) => ({ t: n * h, error: distance(all[n], there) })),
+    }));
+    Picture.chart(errors, { title: errors.dataset.title, end: end || h, lines, colours });
+    section.dataset.ready = "yes";
   }
 
-  function tell(runs, alpha, y, h) {
+  function show(v) {
+    if (!Number.isFinite(v)) return "–";
+    if (v === 0 || (v >= 1e-3 && v < 1e3)) return String(Number(v.toPrecision(2)));
+    const [digits, exponent] = v.toExponential(1).split("e");
+    return `${digits}×${Picture.power(Number(exponent))}`;
+  }
+
+  function tell(runs, exact, alpha, y, h, steps) {
     const start = Top.invariants(alpha, y), J = Math.hypot(...y.slice(0, 3)), x = Math.hypot(...y.slice(3));
-    const sizes = [0.5 * J * J + Math.abs(alpha) * x, J || 1, x * x, x * J || 1];
-    const show = (v) => (Number.isFinite(v) ? (v === 0 ? "0" : v.toExponential(1)) : "–");
-    numbers.replaceChildren(...runs.map((r) => {
-      const last = r.states[r.states.length - 1], now = Top.invariants(alpha, last.y);
-      const complete = last.n === Math.round(number("steps"));
-      const error = r.name === "free" ? NaN : distance(last.y, Top.exactStep(alpha, y, last.n * h).step(y));
-      const cells = [about(r.name).label, complete ? show(error) : `failed at step ${last.n}`, ...now.map((v, i) => show(Math.abs(v - start[i]) / sizes[i]))];
+    const sizes = [0.5 * J * J + Math.abs(alpha) * x, J || 1, x * x, x * J || 1], there = steps ? exact[exact.length - 1].y : y;
+    const said = [];
+    numbers.replaceChildren(...runs.map(({ name, all, last }) => {
+      const { label, color } = about(name), now = Top.invariants(alpha, all[last]);
+      const failed = last < steps ? `failed at step ${last + 1}` : "", off = failed || (name === "free" ? "–" : show(distance(all[last], there)));
+      if (name !== "free") said.push(`${label}: ${off}`);
+      const cells = [label, off, ...now.map((v, i) => show(Math.abs(v - start[i]) / sizes[i]))];
       const row = document.createElement("tr");
-      row.append(...cells.map((text, i) => Object.assign(document.createElement("td"), { textContent: text, className: i ? "n" : "" })));
-      row.firstChild.style.borderLeft = `4px solid ${about(r.name).color}`;
+      row.append(...cells.map((text, i) => Object.assign(document.createElement(i ? "td" : "th"), { textContent: text, className: i ? "n" : "" })));
+      row.firstChild.scope = "row";
+      row.firstChild.style.borderLeft = `5px solid ${visible(color)}`;
       return row;
     }));
-    const { lambda, turns } = Top.exactStep(alpha, y, h);
-    const shown = (c) => Number(c.toPrecision(6));
-    told.textContent = `Exact step: λ(h) = ${shown(lambda[0])} + ${shown(lambda[1])} i${turns ? `, after ${turns} whole nutation${Math.abs(turns) > 1 ? "s" : ""} as turns about the vertical` : ""}.`;
+    told.replaceChildren(...(said.length ? ["The axis is off by", ...said] : runs.length ? [] : ["Choose a method."]).map((text) => Object.assign(document.createElement("span"), { textContent: text })));
+    const { lambda, turns } = Top.exactStep(alpha, y, h), shown = (c) => String(Number(c.toPrecision(6))).replace("-", "−");
+    note.textContent = `Exact step: λ(h) = ${shown(lambda[0])} + ${shown(lambda[1])} i${turns ? `, after ${turns} whole nutation${turns > 1 ? "s" : ""} as turns about the vertical` : ""}.`;
   }
 
   // ---------------------------------------------------------------- events
@@ -152,77 +160,88 @@
     clearInterval(timer);
     timer = 0;
     $("play").textContent = "Play";
+    told.setAttribute("aria-live", "polite");
   }
 
   function play() {
     if (timer) { stop(); return; }
     $("play").textContent = "Stop";
-    const slider = $("steps");
+    told.setAttribute("aria-live", "off"); // nobody wants to hear every step
+    const slider = $("steps"), calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
     if (number("steps") >= Number(slider.max)) slider.value = 0;
     timer = setInterval(() => {
-      slider.value = number("steps") + Math.max(1, Math.round(Number(slider.max) / 400));
+      slider.value = number("steps") + Math.max(1, Math.round(Number(slider.max) / 200));
       if (number("steps") >= Number(slider.max)) stop();
       redraw();
-    }, 50);
+    }, calm ? 1000 : 80);
+  }
+
+  function reach(most) {
+    $("steps").max = Math.min(most, STEPS);
+    $("more").textContent = `Up to ${Math.min(4 * $("steps").max, STEPS)} steps`;
+    $("more").disabled = Number($("steps").max) >= STEPS;
   }
 
   function preset(which) {
     const [name, re, im, steps] = { 1: ["figure1", 0, 0.02, 1000], 2: ["figure2", 500, 5000, 4000] }[which];
+    stop();
     $("top").value = name;
     set(LIVE.tops.find((t) => t.name === name));
     $("re").value = re;
     $("im").value = im;
     for (const box of section.querySelectorAll('[name="method"]')) box.checked = box.value === "free";
-    $("steps").max = steps;
+    reach(steps);
     $("steps").value = steps;
     redraw();
   }
 
+  // about a fifth of a turn for a hundred pixels; up and down stops short of the poles
+  function turn(right, up) {
+    eye.around -= 0.012 * right;
+    eye.up = Math.min(Math.max(eye.up + 0.012 * up, -1.5), 1.5);
+    redraw();
+  }
+  function grow(ratio) {
+    eye.size = Math.min(Math.max(eye.size * ratio, 0.4), 8);
+    redraw();
+  }
+  const KEYS = {
+    ArrowLeft: () => turn(-12, 0), ArrowRight: () => turn(12, 0), ArrowUp: () => turn(0, -12), ArrowDown: () => turn(0, 12),
+    "+": () => grow(1.25), "=": () => grow(1.25), "-": () => grow(0.8), 0: () => { Object.assign(eye, EYE); redraw(); },
+  };
+  globe.addEventListener("keydown", (event) => {
+    if (!(event.key in KEYS) || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    KEYS[event.key]();
+  });
+  fingers(globe, { drag: turn, pinch: grow });
+
   section.addEventListener("input", (event) => {
-    if (event.target.name === "top") {
-      set(LIVE.tops.find((t) => t.name === event.target.value));
-    }
+    if (event.target.name === "top") set(LIVE.tops.find((t) => t.name === event.target.value));
     redraw();
   });
   section.addEventListener("click", (event) => {
     if (event.target.name === "play") play();
     if (event.target.name === "preset") preset(event.target.value);
-    if (event.target.name === "more") { $("steps").max = 4 * Number($("steps").max); redraw(); }
+    if (event.target.name === "more") reach(4 * Number($("steps").max));
   });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
 
   // ---------------------------------------------------------------- start
 
   $("top").append(...LIVE.tops.map((t) => new Option(t.label, t.name, false, t.name === "generic")));
+  function offer() {
+    for (const label of section.querySelectorAll(".methods label")) label.style.setProperty("--colour", visible(about(label.firstChild.value).color));
+    redraw();
+  }
   section.querySelector(".methods").append(...LIVE.methods.map((m) => {
-    const box = Object.assign(document.createElement("input"), { type: "checkbox", name: "method", value: m.name, checked: ["backlund", "implicit_midpoint"].includes(m.name) });
+    const box = Object.assign(document.createElement("input"), { type: "checkbox", name: "method", value: m.name, checked: ["backlund", "implicit_midpoint", "strang"].includes(m.name) });
     const label = document.createElement("label");
     label.append(box, ` ${m.label}`);
-    label.style.setProperty("--colour", m.color);
     return label;
   }));
   set(LIVE.tops.find((t) => t.name === "generic"));
-  draw();
-
-  // Plotly is five megabytes of code: run it when the section is about to be seen
-  new IntersectionObserver(async (entries, observer) => {
-    if (!entries.some((e) => e.isIntersecting)) return;
-    observer.disconnect();
-    const source = document.getElementById("plotly");
-    if (!source || !source.textContent.trim()) {
-      picture.textContent = "Plotly was not installed where this page was made: no picture, but the numbers are right.";
-      return;
-    }
-    const code = document.createElement("script");
-    try {
-      code.textContent = await unpack("plotly");
-    } catch (error) {
-      picture.textContent = `This browser cannot unpack Plotly (${error.message}): no picture, but the numbers are right.`;
-      return;
-    }
-    document.body.append(code);
-    Plotly = window.Plotly;
-    section.dataset.ready = "yes";
-    draw();
-  }, { rootMargin: "400px" }).observe(section);
+  reach(100);
+  offer();
+  dark.addEventListener("change", offer);
+  new ResizeObserver(redraw).observe(globe);
 })();
