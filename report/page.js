@@ -38,7 +38,7 @@ addEventListener("afterprint", () => {
   }
 });
 
-// What is long is embedded as gzip in base64: the rows of each experiment.
+// What is long is embedded as gzip in base64: the rows of each experiment, and Plotly.
 async function unpack(id) {
   const bytes = Uint8Array.from(atob(document.getElementById(id).textContent.trim()), (c) => c.charCodeAt(0));
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));

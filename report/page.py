@@ -375,6 +375,7 @@ def html(report: Report) -> str:
         glyphs=Markup(figures.glyphs([figure.document for section in report.sections for figure in section.figures])),
         packed_rows={name: Markup(text) for name, text in _packed_rows(report.sections).items() if len(text) < HEAVY},
         live=live.script(),
+        library=Markup(packed(live.library())),
         **parts,
     )
 

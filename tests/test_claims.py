@@ -109,7 +109,7 @@ def races(seconds, setup=0.0):
 
 def test_who_leads_is_told_with_set_up_and_without():
     def lead(rows, price, longest):
-        return promises.lead((10.0,), price, longest)(rows)
+        return promises.lead({10.0: 1e-12}, price, longest)(rows)
 
     assert lead(races(0.1), "total", True).passed
     assert lead(races(0.1), "total", True).value == pytest.approx(10)
@@ -121,5 +121,6 @@ def test_who_leads_is_told_with_set_up_and_without():
     short.loc[short.method.str.startswith("backlund"), "error"] = 1e-3  # others reach what it does not
     assert lead(short, "total", True).value == 0.0
     assert not lead(races(0.1).assign(error=1e-11), "total", True).passed  # 1e-12 is reached by nobody
+    assert promises.lead({10.0: 1e-10}, "total", True)(races(0.1).assign(error=1e-11)).passed  # nor asked for
     with pytest.raises(NoData, match="t = 20"):
-        promises.lead((20.0,), "total", True)(races(0.1))
+        promises.lead({20.0: 1e-12}, "total", True)(races(0.1))

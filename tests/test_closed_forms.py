@@ -302,3 +302,12 @@ def test_the_period_of_the_map_is_the_period():
     turned = complex(*GENERIC.state[3:5]) * complex(math.cos(angle), math.sin(angle))
     assert np.max(np.abs(y[3:] - (turned.real, turned.imag, GENERIC.state[5]))) < 2e-15
     assert ts.nutation_period(GENERIC.alpha, tuple(GENERIC.state))[0] == pytest.approx(period, rel=4e-16)
+
+
+@pytest.mark.parametrize("name", ["generic", "figure1", "weightless"])
+def test_theta_functions_are_evaluated_at_the_product_itself(name):
+    """At n·h, which no double need be: at the double next to it they would be off by 1e-11 here."""
+    named, h, n = TOPS[name], 0.7123456789, 10**6
+    y = prepare(named.top, named.state, h, "theta_functions").advance(named.state, n)
+    assert np.max(np.abs(y - exact.after_steps(named.top, named.state, h, [n])[0])) < 1e-14
+    assert np.max(np.abs(y - exact.solution(named.top, named.state, n * h))) > 1e-12  # what the test can see

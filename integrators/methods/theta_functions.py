@@ -155,15 +155,16 @@ def model(n, r, c):
 
 
 @jit
-def position(t, c):
-    """The state at time t."""
+def position(t, rest, c):
+    """The state at time t + `rest`, which is below an ulp of t."""
     k = START
     s = c[k], c[k + 1], c[k + 2], c[k + 3], c[k + 4], c[k + 5]
     if c[KIND] == REST or t == 0.0:
         return s
     if c[KIND] == FREE:
-        return about(s, t, c)
+        return about(s, t, rest, c)
     n, r = reduced(t, c)
+    r += rest
     J, x, x3 = model(n, r, c)
     psi = complex(c[PSI_RE], c[PSI_IM])
     J *= psi
@@ -172,11 +173,11 @@ def position(t, c):
 
 
 @jit
-def about(s, t, c):
+def about(s, t, rest, c):
     """x turned about the constant J; c[CLOCK] = |J|."""
     J1, J2, J3_, x1, x2, x3 = s
     n, r = reduced(t, c)
-    angle, rate = c[CLOCK] * r, c[CLOCK]
+    angle, rate = c[CLOCK] * (r + rest), c[CLOCK]
     e1, e2, e3 = J1 / rate, J2 / rate, J3_ / rate
     half = math.sin(0.5 * angle)
     a, b = math.sin(angle), 2.0 * half * half
@@ -196,11 +197,11 @@ def step(s, c, tally):
     """The state at the next multiple of h since the start of the run; of the state before only the number is used."""
     n = tally[MEMORY] + 1.0
     tally[MEMORY] = n
-    t = n * c[H]
+    t, rest = two_prod(n, c[H])
     if abs(t) > LATEST:
         tally[FAILURE] = TOO_LATE
         return s
-    z = position(t, c)
+    z = position(t, rest, c)
     if not abs(z[5]) < math.inf:
         tally[FAILURE] = NOT_FINITE
     return z
@@ -210,7 +211,7 @@ def step(s, c, tally):
 def positions(times, c):
     out = np.empty((len(times), 6))
     for i in range(len(times)):
-        s = position(times[i], c)
+        s = position(times[i], 0.0, c)
         out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4], out[i, 5] = s
     return out
 

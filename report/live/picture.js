@@ -1,17 +1,6 @@
-// The pictures of the live top, on two canvases: the axis on its sphere, and errors against time.
+// The pictures of the live top: the axis on its sphere, by Plotly; errors against time, on a canvas.
 
 const Picture = (() => {
-  // An empty canvas as fine as the screen; lengths are those of the page
-  function blank(canvas) {
-    const width = canvas.clientWidth, height = canvas.clientHeight, fine = devicePixelRatio || 1;
-    canvas.width = Math.round(fine * width);
-    canvas.height = Math.round(fine * height);
-    const pen = canvas.getContext("2d");
-    pen.scale(fine, fine);
-    pen.font = `12px ${getComputedStyle(canvas).fontFamily}`;
-    return { pen, width, height };
-  }
-
   const RING = Array.from({ length: 61 }, (_, i) => [Math.cos((i * Math.PI) / 30), Math.sin((i * Math.PI) / 30)]);
   const PARALLELS = [-2, -1, 0, 1, 2].map((k) => {
     const [c, s] = [Math.cos((k * Math.PI) / 6), Math.sin((k * Math.PI) / 6)];
@@ -21,77 +10,44 @@ const Picture = (() => {
     const [c, s] = [Math.cos((k * Math.PI) / 6), Math.sin((k * Math.PI) / 6)];
     return RING.map(([a, b]) => [c * a, s * a, b]);
   });
-  const GRID = [...PARALLELS, ...MERIDIANS];
+  const GRID = [...PARALLELS, ...MERIDIANS].flatMap((line) => [...line, null]); // null: the pen is lifted
 
-  // Seen from far away, from the direction (around, up): a point to [right, up, towards the eye]
-  function seenFrom({ around, up }) {
+  // Plotly only draws: fingers, mouse and keys are the page's, for the page is to scroll under a finger
+  const BARE = { displayModeBar: false, responsive: true };
+  const AXIS = { visible: false, range: [-1.05, 1.05], autorange: false };
+
+  function camera({ around, up }) {
     const [ca, sa, cu, su] = [Math.cos(around), Math.sin(around), Math.cos(up), Math.sin(up)];
-    return ([x, y, z]) => {
-      const out = ca * x + sa * y;
-      return [ca * y - sa * x, cu * z - su * out, su * z + cu * out];
-    };
+    return { eye: { x: 1.7 * ca * cu, y: 1.7 * sa * cu, z: 1.7 * su }, projection: { type: "orthographic" } };
   }
 
-  // What is behind the sphere is faint. `curve`: the true orbit; `truth`: where it ends; a run has marks and a tip.
-  function sphere(canvas, { eye, radius, curve, truth, runs, colours }) {
-    const { pen, width, height } = blank(canvas);
-    const unit = (0.47 * Math.min(width, height) * eye.size) / radius, look = seenFrom(eye);
-    const place = (p) => { const [a, b, depth] = look(p); return [width / 2 + unit * a, height / 2 - unit * b, depth]; };
-    const grid = GRID.map((line) => line.map((p) => place(p.map((c) => radius * c))));
-    const orbit = curve.map(place), placed = runs.map((run) => ({ ...run, marks: run.marks.map(place), tip: place(run.tip) }));
+  // `curve`: the true orbit; `truth`: where it ends; a run has marks and a tip. Lengths are in units of the radius.
+  function sphere(place, { eye, radius, curve, truth, runs, colours }) {
+    const columns = (points, unit) => Object.fromEntries(["x", "y", "z"].map((c, i) => [c, points.map((p) => p && p[i] / unit)]));
+    const trace = (mode, points, more, unit = radius) => ({ type: "scatter3d", mode, ...columns(points, unit), hoverinfo: "skip", ...more });
+    const traces = [
+      trace("lines", GRID, { line: { color: colours.grid, width: 1.5 } }, 1),
+      trace("lines", curve, { line: { color: colours.line, width: 2 } }),
+      ...runs.flatMap(({ marks, tip, colour }) => [
+        trace("markers", marks, { marker: { color: colour, size: marks.length > 500 ? 2 : 4.5, line: { width: 0 } } }),
+        trace("lines+markers", [[0, 0, 0], tip], { line: { color: colour, width: 5 }, marker: { color: colour, size: [0.1, 9], line: { width: 0 } } }),
+      ]),
+      trace("markers", [truth], { marker: { symbol: "circle-open", color: colours.ink, size: 15, line: { color: colours.ink, width: 3 } } }),
+    ];
+    const [x, y, z] = Array(3).fill(1.95 * eye.size);
+    const scene = { xaxis: AXIS, yaxis: AXIS, zaxis: AXIS, aspectmode: "manual", aspectratio: { x, y, z }, camera: camera(eye), dragmode: false, hovermode: false };
+    return Plotly.react(place, traces, { showlegend: false, margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", scene }, BARE);
+  }
 
-    function stroke(line, front) { // the part of a line on one side
-      for (let i = 1; i < line.length; i++) {
-        if (line[i][2] >= 0 !== front) continue;
-        if (i === 1 || line[i - 1][2] >= 0 !== front) pen.moveTo(line[i - 1][0], line[i - 1][1]);
-        pen.lineTo(line[i][0], line[i][1]);
-      }
-    }
-    function side(front) {
-      pen.globalAlpha = front ? 1 : 0.35;
-      pen.lineWidth = 1;
-      pen.strokeStyle = colours.grid;
-      pen.beginPath();
-      for (const line of grid) stroke(line, front);
-      pen.stroke();
-      pen.lineWidth = 1.6;
-      pen.strokeStyle = colours.line;
-      pen.beginPath();
-      stroke(orbit, front);
-      pen.stroke();
-      for (const { marks, colour } of placed) {
-        const size = marks.length > 500 ? 2 : 6;
-        pen.fillStyle = colour;
-        pen.beginPath();
-        for (const [x, y, depth] of marks) {
-          if (depth >= 0 !== front) continue;
-          if (size < 3) pen.rect(x - 1, y - 1, size, size);
-          else { pen.moveTo(x + size / 2, y); pen.arc(x, y, size / 2, 0, 2 * Math.PI); }
-        }
-        pen.fill();
-      }
-      pen.globalAlpha = 1;
-    }
-    side(false);
-    side(true);
-    pen.lineCap = "round";
-    for (const { tip: [x, y], colour } of placed) {
-      pen.strokeStyle = pen.fillStyle = colour;
-      pen.lineWidth = 3.5;
-      pen.beginPath();
-      pen.moveTo(width / 2, height / 2);
-      pen.lineTo(x, y);
-      pen.stroke();
-      pen.beginPath();
-      pen.arc(x, y, 6, 0, 2 * Math.PI);
-      pen.fill();
-    }
-    const [x, y] = place(truth);
-    pen.strokeStyle = colours.ink;
-    pen.lineWidth = 2.5;
-    pen.beginPath();
-    pen.arc(x, y, 11, 0, 2 * Math.PI);
-    pen.stroke();
+  // An empty canvas as fine as the screen; lengths are those of the page
+  function blank(canvas) {
+    const width = canvas.clientWidth, height = canvas.clientHeight, fine = devicePixelRatio || 1;
+    canvas.width = Math.round(fine * width);
+    canvas.height = Math.round(fine * height);
+    const pen = canvas.getContext("2d");
+    pen.scale(fine, fine);
+    pen.font = `12px ${getComputedStyle(canvas).fontFamily}`;
+    return { pen, width, height };
   }
 
   const power = (k) => `10${String(k).replace(/./g, (c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)])}`;
