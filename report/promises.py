@@ -87,8 +87,9 @@ EXACT = ("backlund", "closed-form")
 def lead(spans: dict[float, float], price: str, longest: bool) -> Callable[[pd.DataFrame], Verdict]:
     """How many times as long the cheapest method takes that is not exact in time as the cheapest Bäcklund map.
 
-    spans : length of the runs, and the smallest error asked for. price : "seconds", or "total" with set-up. longest : the claim is that it reaches every error and is the cheapest (ratio
-    above 1, the least is told) or that it is not (below 1, the largest is told). Who does not reach an error is no rival.
+    spans : length of the runs, and the smallest error asked for. price : "seconds", or "total" with set-up. longest : the
+    claim is that it reaches every error and is the cheapest (ratio above 1, the least is told) or that it is not (below
+    1, the largest is told). Who does not reach an error is no rival.
     """
 
     def check(rows: pd.DataFrame) -> Verdict:
