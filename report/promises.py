@@ -227,7 +227,7 @@ CLAIMS = [
     ),
     Claim(
         "cheapest-long",
-        "Over t = 10⁴, to any error from 1e-4 to 1e-12, and over t = 10⁶, to 1e-10 (1e-12 no map gets to there that is iterated), "
+        "Over t = 10⁴, to any error from 1e-4 to 1e-12, and over t = 10⁶, to 1e-10 (no map that is iterated gets to 1e-12), "
         "every method that is not exact in time takes longer than a Bäcklund map, pinned or not, set-up counted, or does not "
         "get there (found: times as long, at least).",
         "work_precision",

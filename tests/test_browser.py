@@ -124,9 +124,12 @@ def drawn(browser):
     for _ in range(3):  # WebGL draws when it likes
         frame(browser)
     sphere = browser.find_element(By.CSS_SELECTOR, "#live .sphere").screenshot_as_base64
-    return [sphere, *browser.execute_script(
-        "return [document.querySelector('#live .errors').toDataURL(), document.querySelector('#live .told').innerText]"
-    )]
+    return [
+        sphere,
+        *browser.execute_script(
+            "return [document.querySelector('#live .errors').toDataURL(), document.querySelector('#live .told').innerText]"
+        ),
+    ]
 
 
 def said(browser):
