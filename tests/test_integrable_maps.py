@@ -418,8 +418,8 @@ ROTATION = "    k = np.tan(k * np.sqrt(K1 * K1 + K2 * K2 + J3 * J3)) / np.sqrt(K
 U1 = "    u1 = K2 * x3 - J3 * x2\n"
 
 SABOTAGES = [
-    (kahan, "(W2 * x3 - J3 * x2)", "(W2 * x3 + J3 * x2)", {"order 2", "symmetric", "conserves"}),
-    (kahan, "near = 1.0 - k * (kick * x3)", "near = 1.0", {"symmetric", "conserves"}),
+    (kahan, "(W2 * x3 - J3 * x2)", "(W2 * x3 + J3 * x2)", {"order 2", "symmetric", "takes 10000 steps"}),
+    (kahan, "near = 1.0 - k * (kick * x3)", "near = 1.0", {"symmetric", "conserves kappa"}),
     (kahan, "r = (2.0 * k) / det", "r = (2.0 * k) / det * (1.0 + 1e-8)", {"symmetric", "conserves kappa"}),
     (
         kahan,

@@ -168,7 +168,7 @@ SABOTAGES = {
         "RKMK4", "add(b, -1.0 / 12.0, cross(add(a1, -1.0, a4), b))", "b", {"order 4"},
     ),
     "wrong sign in the cross product": (
-        "RKMK4", "a[0] * b[1] - a[1] * b[0]", "a[0] * b[1] + a[1] * b[0]", {"order 4", "conserves"},
+        "RKMK4", "a[0] * b[1] - a[1] * b[0]", "a[0] * b[1] + a[1] * b[0]", {"order 4", "takes 10000 steps"},
     ),
     "a factor off by 1e-8": (
         "COMMUTATOR_FREE4", "e = cross(w, d)", "e = times(1.0 + 1e-8, cross(w, d))", {"conserves C1"},
