@@ -273,8 +273,7 @@ def report(options: argparse.Namespace) -> Answer:
 
     search_current_folder()
     made = make(options.results, options.output, show=not (options.quiet or options.json))
-    remarks = [*(f"not drawn: {error}" for error in made.errors), *made.notes, made.summary]
-    for line in remarks if not options.quiet else ():
+    for line in made.remarks if not options.quiet else ():
         print(line, file=sys.stderr)
     data = {"page": str(made.page), "results": str(made.results), "not_drawn": made.errors, "notes": made.notes}
     return Answer(str(made.page), data, made.exit_code)

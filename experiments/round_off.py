@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from experiments import engine, metrics, timing
-from experiments.states import RANDOM, find, log_counts, rounded
+from experiments.states import RANDOM, find, follow, log_counts, rounded
 from integrators import exact, prepare
 from integrators.compiled import compiled
 from integrators.integrable import real_map
@@ -274,11 +274,7 @@ def measure(cell: dict) -> list[dict]:
 
 
 def _follow(top, y0, stepper, h: float, counts: list[int]) -> list[dict]:
-    y, done, states = y0, 0, []
-    for n in counts:
-        y = stepper.advance(y, n - done)
-        done = n
-        states.append(y)
+    states = [y for y, _ in follow(stepper, y0, counts)]
     truth = exact.after_steps(top, y0, h, counts)
     return judged(top, y0, h * np.array(counts, dtype=float), np.array(states), truth)
 

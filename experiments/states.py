@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 import random
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from integrators import exact
-from integrators.interface import Method
+from integrators.interface import Method, Stepper
 from integrators.top import TOPS, Array, LagrangeTop
 
 RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
@@ -69,13 +70,20 @@ def sample(top: LagrangeTop, y0: Array, method: str, h: float, counts: list[int]
     if METHODS[method].control == "tolerance":
         return times, integrate(top, y0, t=times, method=method, **options).y
     stepper = prepare(top, y0, h, method, **options)
+    return times, np.array([y for y, _ in follow(stepper, y0, counts)])
+
+
+def follow(stepper: Stepper, y0: Array, counts: Iterable[int]) -> Iterator[tuple[Array, float]]:
+    """The state after each of `counts` steps (rising), and the seconds of stepping it took to get there."""
     afresh = getattr(stepper, "from_start", False)  # carried on, it would be judged by where it was interrupted
-    states, done, y = [], 0, y0
+    y, done, seconds = y0, 0, 0.0
     for n in counts:
-        y = stepper.advance(y0, n) if afresh else stepper.advance(y, n - done)
-        states.append(y)
-        done = n
-    return times, np.array(states)
+        if afresh:
+            y, done, seconds = y0, 0, 0.0
+        start = perf_counter()
+        y, done = stepper.advance(y, n - done), n
+        seconds += perf_counter() - start
+        yield y, seconds
 
 
 def truth(top: LagrangeTop, y0: Array, method: Method, h: float, counts: ArrayLike) -> Array:

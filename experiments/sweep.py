@@ -23,7 +23,7 @@ import numpy as np
 from experiments import SWEEP, metrics
 from experiments.commands import find_method
 from experiments.integrate import numbers, option
-from experiments.states import find, rounded, truth
+from experiments.states import find, follow, rounded, truth
 from integrators import INVARIANTS, TOPS, exact, integrate, prepare
 from integrators.interface import MOST, Array, Method, check_count, check_options, check_real, check_state, check_step
 from integrators.top import LagrangeTop
@@ -272,15 +272,7 @@ def _run(
     if "h" in cell:
         h, n = cell["h"] * unit, cell["steps"]
         counts = sorted({round(n ** (k / (cell["samples"] - 1))) for k in range(cell["samples"])})
-        stepper, done, y = prepare(top, y0, h, method, **options), 0, y0
-        afresh = getattr(stepper, "from_start", False)  # as in `states.sample`
-        recorded, clock, start = [], [], perf_counter()
-        for count in counts:
-            if afresh:
-                done, y, start = 0, y0, perf_counter()
-            y, done = stepper.advance(y, count - done), count
-            recorded.append(y)
-            clock.append(perf_counter() - start)
+        recorded, clock = zip(*follow(prepare(top, y0, h, method, **options), y0, counts), strict=True)
         return counts, h * np.array(counts, dtype=float), np.array(recorded), np.array(clock)
     options |= {knob: cell[knob] for knob in KNOBS if knob in cell}
     if "rtol" in cell and "atol" in method.options:
@@ -410,9 +402,7 @@ def _draw_time(runs: list[tuple[Cell, pd.DataFrame]]) -> Any:
     looks = _looks(runs)
     for cell, run in runs:
         if cell["status"] != "done":
-            ax = panels[cell["top"]][0]
-            style.failed_label(ax, cell["method"])
-            ax.texts[-1].set_text(f"× {_label(cell['method'])}")
+            style.failed_label(panels[cell["top"]][0], cell["method"], _label(cell["method"]))
             continue
         look = {**looks[cell["method"], cell["options"]], "marker": "none"}
         for ax, values in zip(panels[cell["top"]], (run.error, run[list(INVARIANTS)].abs().max(axis=1)), strict=True):

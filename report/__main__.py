@@ -22,6 +22,11 @@ class Made:
     summary: str  # of what is on the page
 
     @property
+    def remarks(self) -> list[str]:
+        """What is told beside the page, a line each."""
+        return [*(f"not drawn: {error}" for error in self.errors), *self.notes, self.summary]
+
+    @property
     def exit_code(self) -> int:
         return 1 if self.errors else 0
 
@@ -59,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         what = f"{error.strerror}: {error.filename}" if error.strerror else str(error)
         print(f"error: {what}", file=sys.stderr)
         return 2
-    for line in [*made.notes, *(f"not drawn: {error}" for error in made.errors), made.summary]:
+    for line in made.remarks:
         print(line, file=sys.stderr)
     print(made.page)
     return made.exit_code

@@ -475,11 +475,11 @@ def failure_marks(ax: Axes, x: Iterable[float], method: str | None = None) -> No
     )  # fmt: skip
 
 
-def failed_label(ax: Axes, method: str) -> None:
+def failed_label(ax: Axes, method: str, name: str | None = None) -> None:
     """The name of a method that has nothing to show in a panel, crossed: in its corner, or where `label_ends` puts it."""
     above = sum(text.get_gid() == "failed" for text in ax.texts)
     ax.text(
-        0.02, 0.97 - 0.09 * above, f"× {label(method)}", color=readable(of(method)["color"]), fontsize=6.5, va="top",
+        0.02, 0.97 - 0.09 * above, f"× {name or label(method)}", color=readable(of(method)["color"]), fontsize=6.5, va="top",
         transform=ax.transAxes, gid="failed",
     )  # fmt: skip
 
