@@ -3,8 +3,9 @@
 Every method follows sixteen generic tops and the named ones; the relative error of each invariant is recorded at
 log-spaced times. How its root-mean-square over the sixteen grows, error ~ t^p, gives the verdict: bounded (p near 0),
 a random walk of round-off (p near 1/2, Brouwer's law) or biased (p near 1). Quantities a method keeps of its own, a
-modified energy say, are followed beside the four. A second part varies h at a fixed length of run. Times and steps
-are in units of 1/(|J| + √(|alpha||x|)).
+modified energy say, are followed beside the four. A second part varies h at a fixed length of run. A third takes the exact
+Bäcklund steps of about half a nutation period and more, on tops of every kind. Times and steps are in units of
+1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ import numpy as np
 import pandas as pd
 
 from experiments import engine, metrics
-from experiments.states import RANDOM, affordable, find, log_counts, options_of, rounded, sample
+from experiments.states import RANDOM, WIDE, affordable, find, log_counts, options_of, rounded, sample
+from integrators import exact
 from integrators.interface import INVARIANTS
 from integrators.top import TOPS
 
@@ -26,6 +28,8 @@ NAMED = ("generic", "figure1", "through_pole", "near_separatrix")  # of the name
 SIZES = {"quick": (1 / 16, 1 / 4, 1.0), "full": tuple(2.0**k for k in range(-6, 3))}  # steps tried against h
 SPAN = {"quick": 10**3, "full": 10**4}  # length of the runs against h
 H_STATES = {"quick": ("generic",), "full": ("generic", "figure1")}
+FRACTIONS = (0.51, 1.0, 1.3)  # long steps, in nutation periods
+LONG = {"quick": (16, 10**4), "full": (len(WIDE), 10**6)}  # tops that take them, and how many each
 FLOOR = 16 * 2.0**-52  # sixteen ulps: an error that never exceeds this is round-off, whatever its slope
 
 
@@ -45,20 +49,35 @@ def cells(profile: str) -> list[dict]:
         for name in (name for name, method in METHODS.items() if method.control == "step"):
             for h in SIZES[profile]:
                 listed.append({"part": "h", "method": name, "state": state, "span": SPAN[profile], "h": h})
+    tops, steps = LONG[profile]
+    exact_steps = [name for name, method in METHODS.items() if method.family == "backlund" and method.order is None]
+    for state in WIDE[:tops]:
+        listed += [{"part": "long", "method": name, "state": state, "steps": steps} for name in exact_steps]
     return listed
 
 
 def measure(cell: dict) -> list[dict]:
     top, y0 = find(cell["state"])
+    if cell["part"] == "long":
+        period, counts = exact.nutation_period(top, y0), log_counts(cell["steps"], per_octave=1)
+        return [{"fraction": f, **_largest(cell, top, y0, f * period, counts)} for f in FRACTIONS]
     rate, _, unit = top.scales(y0)
     h = cell["h"] * unit
     steps = cell["steps"] if cell["part"] == "time" else round(cell["span"] / cell["h"])
-    times, states = sample(top, y0, cell["method"], h, log_counts(steps, per_octave=4), **options_of(cell))
-    drift = errors(cell["method"], top, h, np.vstack((y0, states)))
+    counts = log_counts(steps, per_octave=4)
     if cell["part"] == "h":
-        return [{name: rounded(np.max(np.abs(error))) for name, error in drift.items()}]
+        return [_largest(cell, top, y0, h, counts)]
+    times, states = sample(top, y0, cell["method"], h, counts, **options_of(cell))
+    drift = errors(cell["method"], top, h, np.vstack((y0, states)))
     columns = {"t": times * rate, **drift}
     return [{name: rounded(value[i]) for name, value in columns.items()} for i in range(len(times))]
+
+
+def _largest(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> dict[str, float]:
+    """The largest of each error after `counts` steps."""
+    _, states = sample(top, y0, cell["method"], h, counts, **options_of(cell))
+    drift = errors(cell["method"], top, h, np.vstack((y0, states)))
+    return {name: rounded(np.max(np.abs(error))) for name, error in drift.items()}
 
 
 def errors(name: str, top, h: float, states: np.ndarray) -> dict[str, np.ndarray]:
@@ -116,11 +135,24 @@ def indexed(rows: pd.DataFrame) -> pd.DataFrame:
     return rows
 
 
+def long_steps(rows: pd.DataFrame) -> pd.DataFrame:
+    """The largest relative error of each invariant for each method and each length of the long steps."""
+    rows = rows[(rows.part == "long") & (rows.status == "done")]
+    grouped = rows.groupby(["method", "fraction"], sort=False)
+    table = grouped[list(INVARIANTS)].max()
+    table.insert(0, "tops", grouped.state.nunique())
+    table.insert(1, "steps", grouped.steps.max())
+    table = table.reset_index().rename(columns={"fraction": "step / nutation period"})
+    table.attrs["caption"] = "Largest relative error of each invariant where steps are long: tops of every kind"
+    return table
+
+
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     rows = indexed(rows)
+    long = {"long_steps": long_steps(rows)} if (rows.part == "long").any() else {}
     timed = rows[(rows.part == "time") & (rows.status == "done")]
     if timed.empty:
-        return {}
+        return long
     worst = timed.assign(worst=timed[list(INVARIANTS)].abs().max(axis=1))
     named = worst[worst.state.isin(TOPS)]
     wide = named.pivot_table(index="method", columns="state", values="worst", aggfunc="max", sort=False)
@@ -132,7 +164,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     )
     wide = wide.reset_index()
     wide.attrs["caption"] = "Largest relative error of H, J3, C1 and C2 on the named tops"
-    return {"verdicts": verdicts, "named_tops": wide}
+    return {"verdicts": verdicts, "named_tops": wide, **long}
 
 
 def draw(rows: pd.DataFrame) -> dict:

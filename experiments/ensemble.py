@@ -182,9 +182,9 @@ def _measure_tops(cell: dict) -> dict:
 def _measure_lanes(cell: dict) -> dict:
     n, steps = 1024, 1000
     alphas, Y = alphas_and_states(n)
-    states, units, c = np.empty((n, 6)), np.empty((n, 6)), np.empty((n, real_map.C2_LO + 1))
+    states, units, c = np.empty((n, 6)), np.empty((n, 6)), np.empty((n, real_map.CONSTANTS))
     forms, out = np.empty(n, dtype=np.int64), np.empty((1, n, 6))
-    real_map.many_constants(alphas, Y, STEP, states, c, units, forms)
+    real_map.many_constants(alphas, Y, STEP, states, c, units, forms, np.empty((n, 4)))
     tops, row = np.flatnonzero(forms == 0), {}
     for name, kernel in (("pinned", (real_map.step, real_map.pin, 8)), ("free", (real_map.step, None, 1 << 62))):
 
@@ -200,7 +200,7 @@ def _measure_setup(cell: dict) -> dict:
     n = 4096
     alphas, Y = alphas_and_states(n)
     top = LagrangeTop(alphas)
-    arrays = np.empty((n, 6)), np.empty((n, real_map.C2_LO + 1)), np.empty((n, 6)), np.empty(n, dtype=np.int64)
+    arrays = *(np.empty((n, k)) for k in (6, real_map.CONSTANTS, 6)), np.empty(n, dtype=np.int64), np.empty((n, 4))
     alone = timing.time_call(lambda: real_map.many_constants(alphas, Y, cell["h"], *arrays), repeats=5).min
     whole = timing.time_call(lambda: integrate_ensemble(top, Y, cell["h"], 1, threads=1), repeats=5).min
     return {"tops": n, "setup_us": rounded(alone / n * 1e6), "first_step_us": rounded(whole / n * 1e6)}

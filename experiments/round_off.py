@@ -2,8 +2,9 @@
 
 In exact arithmetic all forms of a method here are one map; what differs is rounding. Sixteen generic tops take ten
 million steps with each: how do the errors of H, C1 and C2 grow (exponent ½: a random walk, 1: a bias), how far is the
-phase off, and what does a step cost? A second part takes a thousand million steps of the exact Bäcklund map beside heyoka, which
-gets the same wall time. Steps and times are in units of 1/(|J| + √(|alpha||x|)).
+phase off, and what does a step cost? Steps of half a nutation period and more are tried too. A second part takes a
+thousand million steps of the exact Bäcklund map beside heyoka, which gets the same wall time. Steps and times are in
+units of 1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations
@@ -24,12 +25,15 @@ from integrators.compiled import compiled
 from integrators.integrable import real_map
 from integrators.integrable.real_map import ALPHA, ALPHA_2, ETA, ETA2, MI_ETA, MR, P3, R
 from integrators.loops import MEMORY, NEVER, FixedStepper
+from integrators.methods.backlund import TorusStepper
 from integrators.units import Units
 
-VERSION = 2
+VERSION = 3
 
 SIZES = (0.125, 1.0)
 STEPS = {"quick": (2 * 10**4,), "full": (10**7, 2 * 10**6)}  # for each size
+FRACTIONS = (0.51, 1.0, 1.3)  # of the nutation period
+FRACTION_STEPS = {"quick": 10**4, "full": 10**6}
 LONG = {"quick": 10**6, "full": 10**9}
 LONG_STATE = "generic"
 INVARIANTS = ("H", "C1", "C2")
@@ -116,44 +120,17 @@ def assigned(s, c, tally):
     return J1 - c[ALPHA_2] * w2, J2 + c[ALPHA_2] * w1, J3, y1, y2, y3
 
 
-@compiled
-def two_sum(a, b):
-    """a + b and what it rounded off."""
-    s = a + b
-    t = s - a
-    return s, (a - (s - t)) + (b - t)
-
-
-@compiled
-def compensated(s, c, tally):
-    """The increments of `real_map.step`; what an addition rounds off goes into the next one."""
-    J1, J2, J3, x1, x2, x3 = s
-    w1, w2, w3 = axis(s, c)
-    d1, d2 = -c[ALPHA_2] * w2, c[ALPHA_2] * w1
-    s1, s2, s3 = J1 + (J1 + d1), J2 + (J2 + d2), J3 + J3
-    e1 = c[R] * d1 + (s2 * w3 - s3 * w2)
-    e2 = c[R] * d2 + (s3 * w1 - s1 * w3)
-    e3 = s1 * w2 - s2 * w1
-    K1, tally[MEMORY] = two_sum(J1, d1 + tally[MEMORY])
-    K2, tally[MEMORY + 1] = two_sum(J2, d2 + tally[MEMORY + 1])
-    y1, tally[MEMORY + 2] = two_sum(x1, e1 + tally[MEMORY + 2])
-    y2, tally[MEMORY + 3] = two_sum(x2, e2 + tally[MEMORY + 3])
-    y3, tally[MEMORY + 4] = two_sum(x3, e3 + tally[MEMORY + 4])
-    return K1, K2, J3, y1, y2, y3
-
-
 def exact_map(kernel: Callable[..., Any], pin: int = 0) -> Callable[..., FixedStepper]:
     """Builder of a stepper with exact λ(h), this kernel, and a pin every so many steps."""
 
     def build(top, y0, h):
         units = Units(top, y0, h)
         state = units.enter(y0)
-        c, turns = real_map.exact_constants(units.alpha, state, units.time(h))
-        assert not turns  # the forms here leave the rotation out
+        c, turn = real_map.exact_constants(units.alpha, state, units.time(h))
         p, q = curve.py_func(tuple(state), c)
         n = c[MR] ** 2 + (c[MI_ETA] / c[ETA]) ** 2 + squares.py_func(p, q) + 4 * c[ALPHA] * c[ETA2] * state[5]
         back, block = (real_map.pin, pin) if pin else (None, NEVER)
-        return FixedStepper("form", h, np.append(c, n), kernel, back, block, enter=units.enter, leave=units.leave)
+        return TorusStepper("form", h, units, np.append(c, n), kernel, back, block, turn=turn)
 
     return build
 
@@ -238,7 +215,7 @@ FORMS: dict[str, tuple[str, Callable[..., Any]]] = {
     "corrected m": ("backlund", exact_map(corrected_m)),
     "increments": ("backlund", exact_map(real_map.step)),
     "x turned": ("backlund", exact_map(real_map.turning_step)),
-    "compensated": ("backlund", exact_map(compensated)),
+    "compensated": ("backlund", exact_map(real_map.compensated_step)),
     "pinned, every 1024": ("backlund", exact_map(real_map.step, 1024)),
     "pinned, every 64": ("backlund", exact_map(real_map.step, 64)),
     "pinned, every 8": ("backlund", exact_map(real_map.step, 8)),
@@ -262,6 +239,13 @@ def cells(profile: str) -> list[dict]:
         for h, steps in zip(sizes, STEPS[profile], strict=True)
         for form in FORMS
         if h == SIZES[0] or FORMS[form][0] == "backlund"
+        for state in RANDOM
+    ]
+    listed += [
+        {"part": "drift", "form": form, "state": state, "fraction": fraction, "steps": FRACTION_STEPS[profile]}
+        for fraction in FRACTIONS
+        for form, (of, _) in FORMS.items()
+        if of == "backlund" and form != "paper's program"  # which has no turn about e3
         for state in RANDOM
     ]
     listed += [{"part": "cost", "timing": True, "h": h} for h in sizes]
@@ -292,7 +276,7 @@ def judged(top, y0, times, states, truth) -> list[dict]:
 
 def _drift(cell: dict) -> list[dict]:
     top, y0 = find(cell["state"])
-    h = cell["h"] * top.scales(y0)[2]
+    h = cell["fraction"] * exact.nutation_period(top, y0) if "fraction" in cell else cell["h"] * top.scales(y0)[2]
     stepper = FORMS[cell["form"]][1](top, y0, h)
     return _follow(top, y0, stepper, h, log_counts(cell["steps"], per_octave=4))
 
@@ -363,9 +347,10 @@ def forms(rows: pd.DataFrame) -> pd.DataFrame:
     drift["place"] = drift.groupby("key", sort=False).cumcount()
     cost = rows[(rows.part == "cost") & (rows.status == "done")]
     table = []
-    for (h, form), group in drift.groupby(["h", "form"], sort=False):
+    drift = drift.reindex(columns=[*drift, *{"fraction"}.difference(drift)])
+    for (h, fraction, form), group in drift.groupby(["h", "fraction", "form"], sort=False, dropna=False):
         t = np.sort(group.groupby("place").t.median().to_numpy())
-        row: dict[str, Any] = {"form": form, "h": h, "steps": group.steps.max()}
+        row: dict[str, Any] = {"form": form, "h": h, "nutation periods": fraction, "steps": group.steps.max()}
         for name in INVARIANTS:
             errors = group.pivot(index="state", columns="place", values=name).to_numpy()
             growth = metrics.growth_exponent(t, errors)

@@ -18,20 +18,21 @@ from integrators.top import TOPS, Array, LagrangeTop
 
 RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
 CLOSE = tuple(f"close{i:03d}" for i in range(32))  # to the separatrix; likewise
+WIDE = tuple(f"wide{i:03d}" for i in range(200))  # of every kind; likewise
 
 
 def find(name: str) -> tuple[LagrangeTop, Array]:
-    """Top and initial state of a named top, of "random000" … "random999" or of "close000" … "close999".
+    """Top and initial state of a named top, or of "random000" … "random999", "wide000" … or "close000" ….
 
     The random ones have alpha in [0.3, 2], each J in [-2, 2] and |x| in [0.5, 2]; the generator is Python's own,
-    whose `random()` never changes. The close ones are on the separatrix but for a part of 1e-1 to 1e-8 of J.
+    whose `random()` never changes. The wide ones have either sign of alpha and |J|²/(|alpha||x|) from 1e-3 to 1e3. The close
+    ones are on the separatrix but for a part of 1e-1 to 1e-8 of J.
     """
     if name in TOPS:
         return TOPS[name].top, TOPS[name].state
-    if not re.fullmatch(r"(random|close)\d{3}", name):
-        raise ValueError(
-            f"unknown state {name!r}; known: {', '.join(TOPS)}, random000 … random999, close000 … close999"
-        )
+    if not re.fullmatch(r"(random|wide|close)\d{3}", name):
+        known = f"{', '.join(TOPS)}, random000 … random999, wide000 … wide999, close000 … close999"
+        raise ValueError(f"unknown state {name!r}; known: {known}")
     draw = random.Random(name)  # seeded by the text itself, through SHA-512
     J = [draw.uniform(-2, 2) for _ in range(3)]
     x = np.array([draw.uniform(-1, 1) for _ in range(3)])
@@ -39,6 +40,9 @@ def find(name: str) -> tuple[LagrangeTop, Array]:
     x *= size / math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
     if name.startswith("close"):
         J = _near_separatrix(alpha, x, J[2] / 2, 10 ** draw.uniform(-8, -1) * draw.choice((-1, 1)))
+    if name.startswith("wide"):
+        long = math.sqrt(10 ** draw.uniform(-3, 3) * alpha * size) / math.hypot(*J)
+        J, alpha = [long * component for component in J], alpha * draw.choice((-1, 1))
     return LagrangeTop(alpha), np.array([*J, *x])
 
 

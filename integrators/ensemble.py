@@ -202,7 +202,7 @@ class _Steps(_Work):
         for i in np.flatnonzero(fine):
             place, stepper = steppers[i]
             with contextlib.suppress(StepError):
-                self.out[:, place] = stepper.leave(np.concatenate((starts[None, i], rows[:, i])))[1:]
+                self.out[:, place] = stepper.rows(np.concatenate((starts[None, i], rows[:, i])), self.every)[1:]
                 done[place - chunk.start] = True
                 del self.prepared[place]
 

@@ -6,10 +6,13 @@ import random
 import numpy as np
 import pytest
 
-from experiments import metrics
+from experiments import drift, metrics
+from experiments.states import WIDE, find
 from integrators import TOPS, LagrangeTop, StepError, exact, integrate, prepare, two_point
+from integrators.compiled import jit
 from integrators.integrable import real_map
 from integrators.integrable import time_step as ts
+from integrators.loops import FixedStepper
 from integrators.units import Units
 
 STEPS = 2000
@@ -81,6 +84,40 @@ def test_without_pins_the_invariants_drift():
     y = prepare(named.top, named.state, 1.0, pin=0).advance(named.state, 10**6)
     drift = metrics.ulps(named.top.invariants(np.array([named.state, y])), named.top.invariant_scales(named.state))
     assert np.max(np.abs(drift)) > 16
+
+
+@jit
+def turned_in_the_loop(s, c, tally):
+    """`real_map.step`, then the turn about e3 by a rounded cosine and sine, the last two constants."""
+    J1, J2, J3, x1, x2, x3 = real_map.step(s, c, tally)
+    a, b = c[-2], c[-1]
+    return a * J1 - b * J2, b * J1 + a * J2, J3, a * x1 - b * x2, b * x1 + a * x2, x3
+
+
+@pytest.mark.parametrize("fraction", drift.FRACTIONS)
+def test_long_steps_do_not_drift_unpinned(fraction):
+    """A million steps of half a nutation and more, on tops of every kind, in ten pieces; measured: up to 1.2e-12."""
+    for name in WIDE[:24]:
+        top, y0 = find(name)
+        stepper = prepare(top, y0, fraction * exact.nutation_period(top, y0), "backlund_unpinned")
+        y = y0
+        for _ in range(10):
+            y = stepper.advance(y, 10**5)
+        error = metrics.relative_drift(top.invariants(np.array([y0, y])), top.invariant_scales(y0))
+        assert np.max(np.abs(error)) < 3e-12
+
+
+def test_a_turn_in_the_loop_would_drift():
+    """Negative control for the test above."""
+    top, y0 = find("generic")
+    stepper = prepare(top, y0, 1.3 * exact.nutation_period(top, y0), "backlund_unpinned")
+    (cos, _), (sin, _) = stepper.turn
+    bad = FixedStepper("bad", stepper.h, np.append(stepper.constants, (cos, sin)), turned_in_the_loop)
+    y = y0 * stepper.units.factors
+    once, reference = bad.advance(y, 10) / stepper.units.factors, stepper.advance(y0, 10)
+    assert np.max(np.abs(once - reference)) < 1e-14  # the same map
+    error = metrics.relative_drift(top.invariants(np.array([y, bad.advance(y, 10**6)])), top.invariant_scales(y))
+    assert np.max(np.abs(error)) > 1e-11
 
 
 @pytest.mark.parametrize("name", ["generic", "figure1", "near_separatrix", "weightless", "planar_rotation"])

@@ -25,13 +25,12 @@ from integrators import (
     prepare,
 )
 from integrators.integrable.real_map import (
-    C2_LO,
+    CONSTANTS,
     KERNELS,
+    NO_TURN,
     many_constants,
     step,
-    step_and_turn,
     turning_step,
-    turning_step_and_turn,
 )
 
 SIZE = 150  # more than four blocks of lanes, the last one not full
@@ -72,11 +71,12 @@ def test_all_forms_of_the_kernel_are_met():
     states = np.array([n.state for n in TOPS.values()])
     forms, n = np.empty(len(states), dtype=np.int64), len(states)
     alphas = np.array([n.alpha for n in TOPS.values()])
-    met = set()
+    met, turns = set(), np.empty((n, 4))
     for h in NAMED_STEPS:
-        many_constants(alphas, states, h, np.empty((n, 6)), np.empty((n, C2_LO + 1)), np.empty((n, 6)), forms)
-        met |= set(forms.tolist())
-    assert met == {KERNELS.index(k) for k in (step, step_and_turn, turning_step, turning_step_and_turn)}
+        many_constants(alphas, states, h, np.empty((n, 6)), np.empty((n, CONSTANTS)), np.empty((n, 6)), forms, turns)
+        turned = (turns != np.ravel(NO_TURN)).any(axis=1)
+        met |= set(zip(forms.tolist(), turned.tolist(), strict=True))
+    assert met == {(KERNELS.index(k), turned) for k in (step, turning_step) for turned in (False, True)}
 
 
 @pytest.mark.parametrize("options", [{"pin": 0}, {"pin": 3}, {"method": "backlund_unpinned"}])

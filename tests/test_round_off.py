@@ -5,6 +5,7 @@ import pytest
 
 from experiments import metrics, round_off
 from experiments.states import find
+from integrators import exact
 
 STEPS = 200
 
@@ -24,6 +25,17 @@ def test_forms_of_the_exact_step_are_one_map(form, span):
         assert metrics.scaled_error(top, y0, found, expected) < 1e-10
         if not form.startswith("pinned"):
             assert not np.array_equal(found, expected)
+
+
+@pytest.mark.parametrize("fraction", round_off.FRACTIONS)
+def test_forms_of_long_steps_are_one_map(fraction):
+    forms = {c["form"] for c in round_off.cells("quick") if c.get("fraction") == fraction}
+    for state in ("generic", "random003"):
+        top, y0 = find(state)
+        h = fraction * exact.nutation_period(top, y0)
+        ends = {form: round_off.FORMS[form][1](top, y0, h).advance(y0, STEPS) for form in forms}
+        truth = exact.after_steps(top, y0, h, [STEPS])[0]
+        assert max(metrics.scaled_error(top, y0, y, truth) for y in ends.values()) < 1e-10
 
 
 @pytest.mark.parametrize("of", ["implicit_midpoint", "strang"])

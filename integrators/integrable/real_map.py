@@ -5,7 +5,7 @@ With the point (λ, m) of the curve m² = Q(λ), λ = R + iη, and a(λ) = x + �
     w = 2η (Re m p + Im m q − p×q)/(|m|² + |p|² + |q|²),   |w| = η
     J̃ = J + 2 alpha e3 × w        x̃ = x + R (J̃ − J) + (J + J̃) × w
 
-The denominator vanishes only at the unstable sleeping top with λ on the double root of Q; see `long_direction`.
+The denominator vanishes only at the unstable sleeping top with λ on the double root of Q; see `direction`.
 States are in units that make |x| and |J| + √(|alpha||x|) of order one. The constants of a torus and a step are one array.
 """
 
@@ -18,18 +18,20 @@ import numpy as np
 from integrators.compiled import jit
 from integrators.integrable import attitude as at
 from integrators.integrable import time_step as ts
-from integrators.integrable.double_double import add, dd, mul, scale, sub
+from integrators.integrable.double_double import add, cmul, dd, mul, scale, sub, times, two_sum
+from integrators.loops import MEMORY
 
 # places of the constants
 R, ETA, ETA_2, ETA2, ETA_S, ETA_B, MR, MI_ETA, MI_Q3, MM_Q3, P3, ALPHA_2, J3_2 = range(13)
-COS, SIN, ALPHA, H, C1, C2, H_LO, C1_LO, C2_LO = range(13, 22)
+ALPHA, H, C1, C2, H_LO, C1_LO, C2_LO = range(13, 20)
+CONSTANTS = C2_LO + 1  # how many there are
 
 RIDGE = 2.0**-14  # see `pin`
 
 
 @jit
-def step(s, c, tally):
-    """One two-point map, for |λ| of order one or less.
+def increments(s, c):
+    """What one two-point map adds to J1, J2, x1, x2 and x3, for |λ| of order one or less.
 
     With w = r u the new state is a polynomial in r = 2η/n whose coefficients are ready when the division is. The
     longest chain from state to state is five additions, three products and one division.
@@ -52,70 +54,100 @@ def step(s, c, tally):
     y2 = (c[R] * v1 + c[J3_2] * u1) - K1 * u3
     y3 = K1 * u2 - K2 * u1
     return (
-        J1 - r * v2,
-        J2 + r * v1,
-        J3,
-        x1 + r * (y1 + r * (v1 * u3)),
-        x2 + r * (y2 + r * (v2 * u3)),
-        x3 + r * (y3 - r * (v1 * u1 + v2 * u2)),
+        -(r * v2),
+        r * v1,
+        r * (y1 + r * (v1 * u3)),
+        r * (y2 + r * (v2 * u3)),
+        r * (y3 - r * (v1 * u1 + v2 * u2)),
     )
 
 
 @jit
-def long_direction(s, c):
-    """w made exactly as long as η: where p, q and m vanish together, the denominator above has no digits left."""
+def step(s, c, tally):
+    """One two-point map, for |λ| of order one or less."""
+    J1, J2, J3, x1, x2, x3 = s
+    d1, d2, e1, e2, e3 = increments(s, c)
+    return J1 + d1, J2 + d2, J3, x1 + e1, x2 + e2, x3 + e3
+
+
+@jit
+def compensated_step(s, c, tally):
+    """The same map; what an addition rounds off goes into the next one.
+
+    For steps of an ulp or so, as those of a whole nutation are but for their turn: rounded, they would all err the same way.
+    """
+    J1, J2, J3, x1, x2, x3 = s
+    d1, d2, e1, e2, e3 = increments(s, c)
+    J1, tally[MEMORY] = two_sum(J1, d1 + tally[MEMORY])
+    J2, tally[MEMORY + 1] = two_sum(J2, d2 + tally[MEMORY + 1])
+    x1, tally[MEMORY + 2] = two_sum(x1, e1 + tally[MEMORY + 2])
+    x2, tally[MEMORY + 3] = two_sum(x2, e2 + tally[MEMORY + 3])
+    x3, tally[MEMORY + 4] = two_sum(x3, e3 + tally[MEMORY + 4])
+    return J1, J2, J3, x1, x2, x3
+
+
+@jit
+def direction(s, c):
+    """u along w, and |u|: where p, q and m vanish together, the denominator above has no digits left."""
     J1, J2, J3, x1, x2, x3 = s
     p3 = x3 + c[P3]
     z = c[ETA] * x3 - c[ETA_B]
-    n1 = (c[MR] * (x1 + c[R] * J1) + c[MI_ETA] * J1) - (c[ETA_S] * x2 - z * J2)
-    n2 = (c[MR] * (x2 + c[R] * J2) + c[MI_ETA] * J2) + (c[ETA_S] * x1 - z * J1)
-    n3 = (c[MR] * p3 + c[MI_Q3]) - c[ETA] * (x1 * J2 - x2 * J1)
-    n = math.sqrt(n1 * n1 + n2 * n2 + n3 * n3)
-    if n > 0.0:
-        r = c[ETA] / n
-        return n1 * r, n2 * r, n3 * r
-    return 0.0, 0.0, c[ETA]  # the unstable sleeping top with λ the root itself: about the vertical
+    u1 = (c[MR] * (x1 + c[R] * J1) + c[MI_ETA] * J1) - (c[ETA_S] * x2 - z * J2)
+    u2 = (c[MR] * (x2 + c[R] * J2) + c[MI_ETA] * J2) + (c[ETA_S] * x1 - z * J1)
+    u3 = (c[MR] * p3 + c[MI_Q3]) - c[ETA] * (x1 * J2 - x2 * J1)
+    size = math.sqrt(u1 * u1 + u2 * u2 + u3 * u3)
+    if size > 0.0:
+        return u1, u2, u3, size
+    return 0.0, 0.0, 1.0, 1.0  # the unstable sleeping top with λ the root itself: about the vertical
 
 
 @jit
 def turning_step(s, c, tally):
     """The same map with w made exactly long and x turned about it; half as dear again.
 
-    For large |λ|, where the increments of x would cancel, and for λ close to a root of Q.
+    For large |λ|, where the increments of x would cancel, and for λ close to a root of Q. The rotation is exactly orthogonal
+    but for the rounding of f; made of w and not of u, its denominator |λ|² would be rounded the same way in every step.
     """
     J1, J2, J3, x1, x2, x3 = s
-    w1, w2, w3 = long_direction(s, c)
-    f = 2.0 / (c[R] * c[R] + (w1 * w1 + w2 * w2 + w3 * w3))  # exactly orthogonal, whatever the rounding of w
-    v1 = w2 * x3 - w3 * x2
-    v2 = w3 * x1 - w1 * x3
-    v3 = w1 * x2 - w2 * x1
-    y1 = x1 + f * ((w2 * v3 - w3 * v2) + c[R] * v1)
-    y2 = x2 + f * ((w3 * v1 - w1 * v3) + c[R] * v2)
-    y3 = x3 + f * ((w1 * v2 - w2 * v1) + c[R] * v3)
-    return J1 - c[ALPHA_2] * w2, J2 + c[ALPHA_2] * w1, J3, y1, y2, y3
+    u1, u2, u3, size = direction(s, c)
+    r = c[ETA] / size
+    a = c[R] / r
+    f = 2.0 / (a * a + (u1 * u1 + u2 * u2 + u3 * u3))
+    v1 = u2 * x3 - u3 * x2
+    v2 = u3 * x1 - u1 * x3
+    v3 = u1 * x2 - u2 * x1
+    y1 = x1 + f * ((u2 * v3 - u3 * v2) + a * v1)
+    y2 = x2 + f * ((u3 * v1 - u1 * v3) + a * v2)
+    y3 = x3 + f * ((u1 * v2 - u2 * v1) + a * v3)
+    return J1 - c[ALPHA_2] * (r * u2), J2 + c[ALPHA_2] * (r * u1), J3, y1, y2, y3
 
 
 @jit
-def rotate(s, c):
-    """Turn J and x about e3: what whole nutations amount to."""
-    J1, J2, J3, x1, x2, x3 = s
-    a, b = c[COS], c[SIN]
-    return a * J1 - b * J2, b * J1 + a * J2, J3, a * x1 - b * x2, b * x1 + a * x2, x3
+def turn_rows(rows, cos, sin, every):
+    """Turns rows k = 0, 1, … about e3 by (k + 1)·every times the angle of (cos, sin), all in double-double.
+
+    Whole nutations turn the top about e3, and such a turn commutes with the map. So the time loop leaves it out. Inside
+    the loop its rounded cosine and sine would scale J and x by the same cos² + sin² ≠ 1 in every step: a linear drift.
+    """
+    first = ts.power(cos, sin, every)
+    a, b = first
+    for k in range(len(rows)):
+        for i in (0, 3):
+            u, v = rows[k, i], rows[k, i + 1]
+            rows[k, i] = sub(times(a, u), times(b, v))[0]
+            rows[k, i + 1] = add(times(b, u), times(a, v))[0]
+        a, b = cmul((a, b), first)
 
 
 @jit
-def step_and_turn(s, c, tally):
-    return rotate(step(s, c, tally), c)
-
-
-@jit
-def turning_step_and_turn(s, c, tally):
-    return rotate(turning_step(s, c, tally), c)
-
-
-@jit
-def turn(s, c, tally):
-    return rotate(s, c)
+def turn_many(out, tops, turns, every, units):
+    """`turn_rows` for the `tops` of out (rows, n, 6), by turns (n, 4) = cos, sin as double-doubles; then times the units."""
+    for top in tops:
+        cos, sin = (turns[top, 0], turns[top, 1]), (turns[top, 2], turns[top, 3])
+        turn_rows(out[:, top], cos, sin, every)
+        for row in range(len(out)):
+            for k in range(6):
+                out[row, top, k] *= units[top, k]
 
 
 @jit
@@ -180,9 +212,9 @@ def on_torus(s, c, tolerance):
 
 
 @jit
-def constants(alpha, y, q, lam, m, rotation):
+def constants(alpha, y, q, lam, m):
     """The constants of a step, computed in double-double and rounded once."""
-    c = np.zeros(22)
+    c = np.zeros(CONSTANTS)
     R_, eta = lam
     mr, mi = m
     a = dd(alpha)
@@ -202,7 +234,6 @@ def constants(alpha, y, q, lam, m, rotation):
     c[P3] = add(mul(R_, J3), mul(a, sub(mul(R_, R_), mul(eta, eta))))[0]
     c[ALPHA_2] = 2.0 * alpha
     c[J3_2] = 2.0 * y[2]
-    c[COS], c[SIN] = rotation[0][0], rotation[1][0]
     c[ALPHA] = alpha
     c[H], c[H_LO] = scale(q[2], 0.5)
     c[C1], c[C1_LO] = q[0]
@@ -212,29 +243,31 @@ def constants(alpha, y, q, lam, m, rotation):
 
 @jit
 def exact_constants(alpha, y, h):
-    """Constants for the exact time step h, and whether the rotation is needed."""
+    """Constants for the exact time step h, and (cos, sin) of the turn about e3 after it; see `turn_rows`."""
     q = ts.spectral_polynomial(alpha, y)
     period, angle = (math.inf, 0.0), (dd(1.0), dd(0.0))
     if abs(h) * ts.rate(q) > 1.5:  # half a period is at least π/2 of these units, and needs no period below that
         q, period, angle = ts.torus(alpha, y, abs(h))
-    lam, m, rotation = ts.time_step(q, period, angle, h)
-    return constants(alpha, y, q, lam, m, rotation), abs(h) > 0.5 * period[0]
+    lam, m, turn = ts.time_step(q, period, angle, h)
+    return constants(alpha, y, q, lam, m), turn
 
 
-KERNELS = (step, step_and_turn, turning_step, turning_step_and_turn, turn)
+NO_TURN = ((1.0, 0.0), (0.0, 0.0))
+KERNELS = (step, turning_step, compensated_step)
+TINY = 2.0**-40  # |λ|, in the same units, below which the increments are few ulps
 FAR = 4.0  # |λ|, in units of |x| and |J| + √(|alpha||x|), from which `turning_step` loses less than `step`
 CLOSE = 1e-2  # |m|²/C1 below which it does so too: λ is close to a root of Q
 
 
 @jit
-def form(c, turns):
-    """Number in KERNELS of the step that loses least with these constants, with or without the rotation after it."""
-    if c[ETA] == 0.0:
-        return 4
+def form(c):
+    """Number in KERNELS of the step that loses least with these constants."""
+    if abs(c[R]) + c[ETA] < TINY:
+        return 2
     m = c[MI_ETA] / c[ETA]
     if c[MR] * c[MR] + m * m < CLOSE * c[C1] or c[R] * c[R] + c[ETA] * c[ETA] > FAR * FAR:
-        return 3 if turns else 2
-    return 1 if turns else 0
+        return 1
+    return 0
 
 
 @jit
@@ -268,10 +301,10 @@ MODERATE = 1000  # of the powers of two of the units: then they are doubles them
 
 
 @jit
-def many_constants(alphas, Y, h, states, c, units, forms):
-    """For each top its state and constants in its own units, these units, and the number of its kernel.
+def many_constants(alphas, Y, h, states, c, units, forms, turns):
+    """For each top its state and constants in its own units, these units, the number of its kernel, and its turn (4 numbers).
 
-    −1 for a top of extreme size, step or constants, which is left alone.
+    Number −1 for a top of extreme size, step or constants, which is left alone.
     """
     for i in range(len(Y)):
         forms[i] = -1
@@ -284,13 +317,14 @@ def many_constants(alphas, Y, h, states, c, units, forms):
             states[i, k] = math.ldexp(y[k], -(rate if k < 3 else length))
             units[i, k] = math.ldexp(1.0, rate if k < 3 else length)
         s = (states[i, 0], states[i, 1], states[i, 2], states[i, 3], states[i, 4], states[i, 5])
-        own, turns = exact_constants(alpha, s, span)
+        own, turn = exact_constants(alpha, s, span)
+        (turns[i, 0], turns[i, 1]), (turns[i, 2], turns[i, 3]) = turn
         finite = True
         for k in range(len(own)):
             c[i, k] = own[k]
             finite = finite and math.isfinite(own[k])
         if finite:
-            forms[i] = form(own, turns)
+            forms[i] = form(own)
 
 
 @jit
@@ -323,6 +357,8 @@ def attitude_loop(s, g, c, spin, steps, block):
     for i in range(steps):
         if i % block == 0:
             s = pin(s, c)
-        g = at.turn_with(g, (s[3], s[4], s[5]), c[R], long_direction(s, c), spin)
+        u1, u2, u3, size = direction(s, c)
+        r = c[ETA] / size
+        g = at.turn_with(g, (s[3], s[4], s[5]), c[R], (r * u1, r * u2, r * u3), spin)
         s = turning_step(s, c, tally)
     return s, g

@@ -33,6 +33,7 @@ from integrators.compiled import jit
 from integrators.integrable import time_step as ts
 from integrators.integrable.double_double import add, cadd, cmul, cscale, dd, div, mul, neg, scale, sqrt, sub
 from integrators.integrable.real_map import ALPHA, C1, C1_LO, C2, C2_LO, H_LO, J3_2, H
+from integrators.integrable.real_map import CONSTANTS as TORUS
 from integrators.integrable.real_map import pin as onto_torus
 from integrators.interface import Array, Method, StepError, check_count
 from integrators.loops import NEVER, FixedStepper
@@ -41,8 +42,8 @@ from integrators.top import LagrangeTop
 from integrators.units import Units
 
 # places of the constants, behind those of the torus; complex ones take two
-HALF_N, HALF_P, HALF_ALPHA_P, HALF_ALPHA, D0, D1, D2 = range(C2_LO + 1, C2_LO + 8)
-G, GX, GE, GE_X, K1, K2, K3, L = range(C2_LO + 8, C2_LO + 24, 2)
+HALF_N, HALF_P, HALF_ALPHA_P, HALF_ALPHA, D0, D1, D2 = range(TORUS, TORUS + 7)
+G, GX, GE, GE_X, K1, K2, K3, L = range(TORUS + 7, TORUS + 23, 2)
 SIZE = L + 2
 
 TERMS = 9  # of the power series in h²

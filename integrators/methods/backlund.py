@@ -27,8 +27,9 @@ from integrators.compiled import jit
 from integrators.integrable import attitude as at
 from integrators.integrable import time_step as ts
 from integrators.integrable.real_map import (
-    C2_LO,
+    CONSTANTS,
     KERNELS,
+    NO_TURN,
     attitude_loop,
     constants,
     exact_constants,
@@ -36,23 +37,29 @@ from integrators.integrable.real_map import (
     many_constants,
     many_jumps,
     on_torus,
+    turn_many,
+    turn_rows,
 )
 from integrators.integrable.real_map import pin as onto_torus
 from integrators.interface import Array, Method, StepError, Work, check_count
-from integrators.loops import FAILURE, NEVER, FixedStepper, run_lanes
+from integrators.loops import FAILURE, NEVER, SIZE, FixedStepper, run_lanes
 from integrators.top import LagrangeTop
 from integrators.units import Units
 
 FEW = 4  # tops below which one after the other is quicker than a block of lanes
+Turn = tuple[tuple[float, float], tuple[float, float]]  # cos and sin of an angle, as double-doubles
 OFF_TORUS = 4e-11  # distance of an invariant from the prepared torus, in scaled units, that is no longer round-off
 MOST_PARTS = 10**8  # steps of an attitude between two rows: some seconds, not to be interrupted
 
 
 class TorusStepper(FixedStepper):
-    """A fixed-step kernel whose constants hold on one torus only: other states are refused."""
+    """A fixed-step kernel whose constants hold on one torus only: other states are refused.
 
-    def __init__(self, name: str, h: float, units: Units, *args, **kwargs):
-        self.units = units
+    `turn` is (cos, sin) of a turn about e3 that belongs to each step and commutes with the kernel; it is left to the rows.
+    """
+
+    def __init__(self, name: str, h: float, units: Units, *args: Any, turn: Turn = NO_TURN, **kwargs: Any):
+        self.units, self.turn = units, turn
         super().__init__(name, h, *args, enter=self._enter, leave=units.leave, **kwargs)
 
     def _enter(self, y: Array) -> Array:
@@ -61,11 +68,16 @@ class TorusStepper(FixedStepper):
             raise StepError(self.name, "the state is not on the torus this step was prepared for", h=self.h)
         return state
 
+    def rows(self, out: Array, every: int) -> Array:
+        if self.turn != NO_TURN:
+            turn_rows(out[1:], *self.turn, every)
+        return super().rows(out, every)
 
-def _stepper(name: str, h: float, units: Units, c: Array, turns: bool, pin_every: int) -> FixedStepper:
+
+def _stepper(name: str, h: float, units: Units, c: Array, pin_every: int, turn: Turn = NO_TURN) -> FixedStepper:
     check_constants(name, c, h)
     back, block = (onto_torus, pin_every) if pin_every else (None, NEVER)
-    return TorusStepper(name, h, units, c, KERNELS[form(c, turns)], back, block)
+    return TorusStepper(name, h, units, c, KERNELS[form(c)], back, block, turn=turn)
 
 
 def check_constants(name: str, c: Array, h: float | None = None) -> None:
@@ -94,8 +106,8 @@ def prepare_unpinned(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
 def _exact(name: str, top: LagrangeTop, y0: Array, h: float, pin_every: int) -> FixedStepper:
     units = Units(top, y0, h)
     state, span = units.enter(y0), units.span(name, h)
-    c, turns = exact_constants(units.alpha, tuple(state.tolist()), span)
-    return _stepper(name, h, units, c, turns, pin_every)
+    c, turn = exact_constants(units.alpha, tuple(state.tolist()), span)
+    return _stepper(name, h, units, c, pin_every, turn)
 
 
 def prepare_paper(top: LagrangeTop, y0: Array, h: float, *, pin: int = 8) -> FixedStepper:
@@ -116,7 +128,7 @@ def _plain(name: str, top: LagrangeTop, y0: Array, h: float, lam: complex, pin_e
     state = units.enter(y0)
     lam = units.parameter(check_parameter(lam))
     c = plain_constants(units.alpha, state, lam, -1 if h < 0 else 1)
-    return _stepper(name, h, units, c, False, pin_every)
+    return _stepper(name, h, units, c, pin_every)
 
 
 def check_parameter(lam: complex, name: str = "lam") -> complex:
@@ -134,8 +146,7 @@ def plain_constants(alpha: float, state: Array, lam: complex, sheet: int) -> Arr
     """Constants for any λ: m = √Q(λ), continuous from +√C1 along the segment from 0 to λ (sheet 1)."""
     q, (re, im) = ts.curve_point(alpha, tuple(state), lam.real, lam.imag, *branch_guess(alpha, state, lam))
     m = (re, im) if sheet > 0 else ((-re[0], -re[1]), (-im[0], -im[1]))
-    one, zero = (1.0, 0.0), (0.0, 0.0)
-    return constants(alpha, tuple(state), q, ((lam.real, 0.0), (lam.imag, 0.0)), m, (one, zero))
+    return constants(alpha, tuple(state), q, ((lam.real, 0.0), (lam.imag, 0.0)), m)
 
 
 def branch_guess(alpha: float, state: Array, lam: complex) -> tuple[float, float]:
@@ -164,7 +175,7 @@ def two_point(top: LagrangeTop, y: Array, lam: complex, sheet: int = 1) -> Array
     state = units.enter(y)
     c = plain_constants(units.alpha, state, units.parameter(check_parameter(lam)), sheet)
     check_constants("two_point", c)
-    image = units.leave(np.array(KERNELS[form(c, False)](tuple(state), c, np.zeros(5))))
+    image = units.leave(np.array(KERNELS[form(c)](tuple(state), c, np.zeros(SIZE))))
     if not np.all(np.isfinite(image)):
         raise StepError("two_point", "the image is beyond the range of doubles")
     return image
@@ -201,13 +212,16 @@ def advance_many(
     if lam is not None or n < FEW:  # one by one: λ is another in the units of each top, and a block wants to be filled
         return np.zeros(n, dtype=bool)
     states, units, forms = np.empty((n, 6)), np.empty((n, 6)), np.empty(n, dtype=np.int64)
-    c = np.empty((n, C2_LO + 1))
-    many_constants(alphas, Y0, h, states, c, units, forms)
+    c, turns = np.empty((n, CONSTANTS)), np.empty((n, 4))
+    many_constants(alphas, Y0, h, states, c, units, forms, turns)
+    turned = (turns != np.ravel(NO_TURN)).any(axis=1) & (forms >= 0)
+    scales = np.where(turned[:, None], 1.0, units)  # what turns keeps its own units until it has turned
     back, block = (onto_torus, pin) if pin else (None, NEVER)
     for number in range(len(KERNELS)):
         tops = np.flatnonzero(forms == number)
         if len(tops):
-            run_lanes((KERNELS[number], back, block), states, c, tops, units, steps, every, out, stopped)
+            run_lanes((KERNELS[number], back, block), states, c, tops, scales, steps, every, out, stopped)
+    turn_many(out, np.flatnonzero(turned), turns, every, units)
     done: NDArray[np.bool_] = forms >= 0
     return done
 
