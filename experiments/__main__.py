@@ -62,7 +62,8 @@ examples:
 
 RUN = """\
 Measure the cells of experiments that are not stored yet, each kept as soon as it is done. A run that was stopped is
-continued, and failed cells are tried again, by the same command. A cell that hangs or crashes fails alone."""
+continued, and failed cells are tried again, by the same command. A cell that hangs or crashes fails alone. Cells whose
+source code changed since are counted, and computed afresh with --again."""
 
 RUN_EXAMPLES = """\
 examples:
@@ -71,6 +72,10 @@ examples:
   lagrange-bench run my.toml                    tops, methods and steps of your own (docs/sweeps.md)
   lagrange-bench run drift --scheduler tcp://head:8786      on the workers of a Dask scheduler
   lagrange-bench run drift --shard 3/100 --no-timings       a hundredth of the cells, for one of a hundred jobs
+
+After you edited a method or an experiment, lagrange-bench run --again computes the cells it changed: with each cell the
+source code is recorded that its rows come from, what measures, the method, and all the functions these call. Comments,
+figures and other methods do not count. New rows are added to the journal, and the old ones stay in it.
 
 Timing cells are measured on this machine, one at a time, after all others, whatever --jobs and --scheduler say; with
 --no-timings not at all. Needs for --scheduler: pip install 'lagrange-bench[cluster]' (docs/cluster.md).
@@ -110,6 +115,7 @@ examples:
   lagrange-bench verify                              sixty cells of the published results
   lagrange-bench verify --sample 10000 --longest 60 --seed 1      all of them: a quarter of an hour
   lagrange-bench verify results/local/quick --sample 20 --json
+  lagrange-bench verify results/local/full --old --sample 10000   did your edit change any row?
 
 The sample is drawn in turn from every part and method of every experiment. exit codes: 0 the same · 1 changed · 2 no
 such results, or an experiment's VERSION is newer than they are"""
@@ -275,6 +281,8 @@ def _add_run(command: argparse.ArgumentParser) -> None:
     text += "here, for the time of the run"
     command.add_argument("--scheduler", type=scheduler, metavar="ADDRESS", help=text)
     command.add_argument("--no-timings", action="store_true", help="leave out the timing cells")
+    text = "also compute the stored cells that were computed with other source code, or nobody knows with which"
+    command.add_argument("--again", action="store_true", help=text)
     command.add_argument("--quiet", action="store_true", help="no progress on stderr")
 
 
@@ -296,6 +304,8 @@ def _add_verify(command: argparse.ArgumentParser) -> None:
     text = "how many cells (default: 60, less than a minute on two cores)"
     command.add_argument("--sample", type=positive, metavar="N", default=60, help=text)
     command.add_argument("--seed", type=int, metavar="N", default=0, help="another sample (default: 0)")
+    text = "only cells that were computed with other source code, or nobody knows with which"
+    command.add_argument("--old", action="store_true", help=text)
     text = "leave out cells that took longer when they were stored (default: 3)"
     command.add_argument("--longest", type=seconds, metavar="SECONDS", default=3.0, help=text)
     command.add_argument("--jobs", type=positive, metavar="N", help="worker processes (default: one per usable core)")

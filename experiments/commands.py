@@ -113,12 +113,15 @@ def run(options: argparse.Namespace) -> Answer:
     own = len(sweeps) == len(names)  # a folder of its own: the page of a profile is not the place for it
     results = options.results or default_results(sweeps[0].removeprefix(SWEEP) if own else options.profile)
     where = {"shard": options.shard, "scheduler": options.scheduler, "timings": not options.no_timings}
+    where["again"] = options.again
     limit, show = options.time_limit, not options.quiet
     summary = engine.run(names, options.profile, results, options.jobs, show, time_limit=limit, **where)
     drawn = [path for name in sweeps for path in _draw_sweep(name, results)]
     lines = [str(summary), *(f"drawn: {path}" for path in drawn if path.suffix == ".svg")]
     if summary.exit_code:
         lines.append(f"again, the failed cells only: {shlex.join(['lagrange-bench', *options.words])}")
+    if summary.old and not options.again:
+        lines.append(f"again, the old cells: {shlex.join(['lagrange-bench', *options.words, '--again'])}")
     report = f"lagrange-bench report --results {shlex.quote(str(results))}"
     report += f" --output {shlex.quote(str(results / 'page'))}" if own else ""
     data = {**summary.as_dict(), "drawn": [str(path) for path in drawn], "next": report}
@@ -191,11 +194,12 @@ def compare(options: argparse.Namespace) -> Answer:
 def verify(options: argparse.Namespace) -> Answer:
     """Compute stored cells again; exit code 1 if rows changed."""
     from experiments import compare as stores
+    from experiments import sources
     from experiments.store import default_results
 
     search_current_folder()
     folder = options.folder or default_results()
-    more = {"longest": options.longest, "jobs": options.jobs, "show": not options.quiet}
+    more = {"longest": options.longest, "jobs": options.jobs, "show": not options.quiet, "old": options.old}
     found = stores.verify(folder, options.sample, options.seed, **more)
     by_experiment: dict[str, list[Any]] = {}
     for name, cell, differing in found.changed:
@@ -203,10 +207,17 @@ def verify(options: argparse.Namespace) -> Answer:
     lines = [line for name, changed in by_experiment.items() for line in _changed(name, changed)]
     sum_up = f"{found.cells} cells computed again: {found.identical} identical, {found.close} within the tolerance of "
     sum_up += f"libraries, {len(found.changed)} changed"
+    ages = Counter(found.ages)
+    told = {sources.OTHER: "other source code", sources.UNKNOWN: "source code that was not recorded"}
+    words = [f"{ages[age]} of them were stored with {text}" for age, text in told.items() if ages[age]]
     data = {
-        **{name: getattr(found, name) for name in ("cells", "identical", "close", "notes")},
-        "changed": [{"experiment": name, **_change(cell, differing)} for name, cell, differing in found.changed],
+        **{name: getattr(found, name) for name in ("stored", "cells", "identical", "close", "notes")},
+        "changed": [
+            {"experiment": name, "sources": age, **_change(cell, differing)}
+            for (name, cell, differing), age in zip(found.changed, found.ages, strict=True)
+        ],
     }
+    sum_up = "; ".join([sum_up, *words])
     return Answer("\n".join([*lines, *found.notes, sum_up]), plain(data), 1 if found.changed else 0)
 
 

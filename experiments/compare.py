@@ -16,7 +16,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from experiments import load, progress, provenance, workers
+from experiments import load, progress, provenance, sources, workers
 from experiments.store import SAMPLES, Record, Store, StoreError, _canonical, latest, restore
 from experiments.workers import Task
 
@@ -51,6 +51,8 @@ class Cells:
     old: int = 0
     new: int = 0
     same: int = 0
+    other_sources: int = 0  # of the cells in both: the two were computed with different source code
+    unknown_sources: int = 0  # of the cells in both: the source code of at least one was not recorded
     added: list[dict[str, Any]] = field(default_factory=list)
     removed: list[dict[str, Any]] = field(default_factory=list)
     changed: list[tuple[dict[str, Any], dict[str, Difference]]] = field(default_factory=list)
@@ -100,6 +102,9 @@ def compare(
         cells.added = [record["cell"] for key, record in after.items() if key not in before]
         own = times_of(experiment)
         for key in before.keys() & after.keys():
+            age = sources.compared(before[key].get("sources"), after[key].get("sources"))
+            cells.other_sources += age == sources.OTHER
+            cells.unknown_sources += age == sources.UNKNOWN
             if differing := differences(before[key], after[key], own, lambda _: (rtol, atol)):
                 cells.changed.append((before[key]["cell"], differing))
             else:
@@ -110,7 +115,13 @@ def compare(
         machines = {r["provenance"].get("cpu") for pair in pairs for r in pair if r["cell"].get("timing")}
         if len(machines) > 1:
             notes.append(f"times were measured on different machines: {', '.join(sorted(map(str, machines)))}")
-    return Comparison(found, paired_times(pairs, threshold) if times else [], notes)
+    both = sum(cells.old - len(cells.removed) for cells in found.values())
+    if other := sum(cells.other_sources for cells in found.values()):
+        notes.append(f"{other} of the {both} cells in both were computed with different source code")
+    result = Comparison(found, paired_times(pairs, threshold) if times else [], notes)
+    if (unknown := sum(cells.unknown_sources for cells in found.values())) and not result.same:
+        notes.append(f"{unknown} of the {both} cells in both were computed with source code that was not recorded")
+    return result
 
 
 def _store(folder: Path) -> Store:
@@ -235,15 +246,25 @@ def _holm(tested: list[Times]) -> None:
 class Verification:
     """What became of the cells computed again."""
 
+    stored: dict[str, int] = field(
+        default_factory=lambda: dict.fromkeys((sources.SAME, sources.OTHER, sources.UNKNOWN), 0)
+    )
     cells: int = 0
     identical: int = 0
     close: int = 0  # within the tolerance of a library's or the truth's round-off
     changed: list[tuple[str, dict[str, Any], dict[str, Difference]]] = field(default_factory=list)
+    ages: list[str] = field(default_factory=list)  # of `changed`: with which source code, see `sources.judge`
     notes: list[str] = field(default_factory=list)
 
 
 def verify(
-    folder: Path, sample: int, seed: int = 0, longest: float = 3.0, jobs: int | None = None, show: bool = True
+    folder: Path,
+    sample: int,
+    seed: int = 0,
+    longest: float = 3.0,
+    jobs: int | None = None,
+    show: bool = True,
+    old: bool = False,
 ) -> Verification:
     """Computes some stored cells again and compares their rows.
 
@@ -251,9 +272,10 @@ def verify(
     ----------
     sample : how many; from every part and method of every experiment in turn. seed : which.
     longest : s; cells that took longer are left out. jobs : processes; default: one per usable core.
+    old : only cells that are not known to come from the source code that is here.
     """
     found = Verification()
-    records = _sample(_store(folder), sample, random.Random(seed), longest, found)
+    records = _sample(_store(folder), sample, random.Random(seed), longest, found, old)
     current: dict[tuple[str, str], Record] = {}
     with progress.follow({"verify": len(records)}, show) as bar:
 
@@ -277,6 +299,7 @@ def _judge(found: Verification, old: Record, new: Record) -> None:
         found.identical += 1
     elif differing := differences(old, new, own, _tolerance(old["cell"].get("method"))):
         found.changed.append((old["experiment"], old["cell"], differing))
+        found.ages.append(sources.judge(old))
     else:
         found.close += 1
 
@@ -288,7 +311,9 @@ def _tolerance(method: str | None) -> Any:
     return lambda column: (0.0, 0.0) if compiled and column in EXACT else (RTOL, ATOLS.get(column, ATOL))
 
 
-def _sample(store: Store, sample: int, draw: random.Random, longest: float, found: Verification) -> list[Record]:
+def _sample(
+    store: Store, sample: int, draw: random.Random, longest: float, found: Verification, old: bool
+) -> list[Record]:
     """Stored cells in turn from every (experiment, part, method), drawn at random within each."""
     groups: dict[tuple[str, str, str], list[Record]] = {}
     outdated, absent, long = set(), set(), 0
@@ -296,6 +321,10 @@ def _sample(store: Store, sample: int, draw: random.Random, longest: float, foun
         module = load(experiment)
         for record in store.latest(experiment):
             cell, method = record["cell"], record["cell"].get("method")
+            age = sources.judge(record)
+            found.stored[age] += 1
+            if old and age == sources.SAME:
+                continue
             if record["version"] != module.VERSION:
                 outdated.add(experiment)
             elif method is not None and _absent(method):
@@ -308,6 +337,8 @@ def _sample(store: Store, sample: int, draw: random.Random, longest: float, foun
     if outdated:
         names = ", ".join(sorted(outdated))
         raise StoreError(f"{store.folder}: {names} changed (VERSION) since this was stored: run it again")
+    told = sources.told(found.stored[sources.OTHER], found.stored[sources.UNKNOWN])
+    found.notes += [told] if told else []
     found.notes += [f"not computed: {', '.join(sorted(absent))}: not available here"] if absent else []
     found.notes += [f"not computed: {long} cells that took longer than {longest:g} s"] if long else []
     listed = list(groups.values())

@@ -16,7 +16,7 @@ from itertools import compress, islice
 from pathlib import Path
 from typing import Any
 
-from experiments import EXPERIMENTS, load, progress, provenance, workers
+from experiments import EXPERIMENTS, load, progress, provenance, sources, workers
 from experiments.store import ADDED, Store, StoreError, cell_key, clean, default_results, make_record
 from experiments.workers import Outcome, Task
 
@@ -35,6 +35,8 @@ class Tally:
     cells: int = 0
     computed: int = 0
     stored: int = 0  # before this run
+    other_sources: int = 0  # of the stored: computed by other sources than those that are here
+    unknown_sources: int = 0  # of the stored: computed by sources that were not recorded
     unavailable: int = 0  # skipped: their method needs a package that is not installed here, or no timings were asked
     failed: int = 0
     seconds: float = 0.0  # sum over the cells computed or failed now
@@ -72,7 +74,14 @@ class Summary:
         lines += [f"failed: {name} {json.dumps(cell)}: {error}" for name, cell, error in self.failures[:10]]
         if len(self.failures) > 10:
             lines.append(f"… and {len(self.failures) - 10} more")
+        old = [(name, sources.told(t.other_sources, t.unknown_sources)) for name, t in self.tallies.items()]
+        lines += [f"old: {name}: {told}" for name, told in old if told]
         return "\n".join([*lines, *self.notes, f"results: {self.results}"])
+
+    @property
+    def old(self) -> bool:
+        """Whether some of what is stored is not known to come from the sources that are here."""
+        return any(tally.other_sources or tally.unknown_sources for tally in self.tallies.values())
 
 
 def run(
@@ -86,6 +95,7 @@ def run(
     shard: Shard = (0, 1),
     scheduler: str | None = None,
     timings: bool = True,
+    again: bool = False,
 ) -> Summary:
     """Computes the cells of some experiments that are not stored in `results` yet.
 
@@ -97,6 +107,7 @@ def run(
     shard : (i, n): of each experiment only every n-th cell, starting with cell i.
     scheduler : of Dask, "tcp://host:port" or "local:N": accuracy cells are computed there. Timing cells never are.
     timings : whether to compute timing cells.
+    again : also compute the stored cells that are not known to come from the sources that are here.
 
     Raises
     ------
@@ -115,7 +126,7 @@ def run(
     limit = TIME_LIMITS[profile] if time_limit is None else time_limit
     store, summary = Store(results), Summary(Path(results), profile)
     store.check_writable()  # before anything is computed
-    plans = [_plan(name, profile, shard, store, summary, timings) for name in dict.fromkeys(experiments)]
+    plans = [_plan(name, profile, shard, store, summary, timings, again) for name in dict.fromkeys(experiments)]
     at_a_time = None if scheduler else jobs or provenance.usable_cores()
     with progress.follow({plan.experiment: plan.missing for plan in plans if plan.missing}, show, at_a_time) as bar:
 
@@ -185,7 +196,9 @@ class _Plan:
             yield Task(self.experiment, version, position, cell)
 
 
-def _plan(experiment: str, profile: str, shard: Shard, store: Store, summary: Summary, timings: bool) -> _Plan:
+def _plan(
+    experiment: str, profile: str, shard: Shard, store: Store, summary: Summary, timings: bool, again: bool = False
+) -> _Plan:
     """Finds the cells to compute now, and enters the others in the summary.
 
     Raises
@@ -205,17 +218,21 @@ def _plan(experiment: str, profile: str, shard: Shard, store: Store, summary: Su
         if taken := set(ADDED) & set(cell):
             raise ValueError(f"experiment {experiment!r}: cell field {taken.pop()!r}: the store has one of this name")
         seen.add(key)
-        missing, timed = False, bool(cell.get("timing"))
-        if key in done:
-            tally.stored += 1
-        elif package := _lacks(cell.get("method")):
-            tally.unavailable += 1
+        timed, stored = bool(cell.get("timing")), key in done
+        age = sources.compared(done.get(key), sources.of_cell(experiment, cell))
+        missing = not stored or (again and age != sources.SAME)
+        if missing and (package := _lacks(cell.get("method"))):
+            missing = False
             _note(summary, f"skipped: {cell['method']} needs {package}, which is not installed here")
-        elif timed and not timings:
-            tally.unavailable += 1
+        elif missing and timed and not timings:
+            missing = False
             _note(summary, f"skipped: the timing cells of {experiment}, as told")
-        else:
-            missing = True
+        if stored and not missing:
+            tally.stored += 1
+            tally.other_sources += age == sources.OTHER
+            tally.unknown_sources += age == sources.UNKNOWN
+        elif not missing:
+            tally.unavailable += 1
         plan.accuracy.append(missing and not timed)
         plan.timing.append(missing and timed)
     return plan

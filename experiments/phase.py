@@ -58,7 +58,7 @@ def measure(cell: dict) -> list[dict]:
     top, y0 = find(cell["state"])
     rate, _, unit = top.scales(y0)
     if cell["part"] == "promise":
-        return [_promise(top, y0, h) for h in _promise_steps(top, y0)]
+        return [_promise(top, y0, cell["method"], h) for h in _promise_steps(top, y0)]
     options = options_of(cell)
     if cell["part"] == "h":
         h = cell["h"]
@@ -108,13 +108,13 @@ def _promise_steps(top, y0) -> list[float]:
     return [*PROMISE_H, *(period * part for part in PROMISE_TURNS if np.isfinite(period))]
 
 
-def _promise(top, y0, h) -> dict:
+def _promise(top, y0, method, h) -> dict:
     """The largest error at twenty places of 2000 real steps of size h, and as the ulps of y0 that would do the same."""
     unit = top.scales(y0)[2]
     unstable = np.isinf(exact.nutation_period(top, y0))
     steps = max(int(UNSTABLE_SPAN / unit / h), 1) if unstable else PROMISE_STEPS
     counts = sorted({max(steps * k // 20, 1) for k in range(1, 21)})
-    times, states = sample(top, y0, "backlund", h * unit, counts)
+    times, states = sample(top, y0, method, h * unit, counts)
     error = metrics.scaled_error(top, y0, states, exact.after_steps(top, y0, h * unit, counts))
     ulps = error / (metrics.condition(top, y0, times) * np.finfo(float).eps)
     return {"h": h, "error": rounded(np.max(error)), "ulps": rounded(np.max(ulps))}

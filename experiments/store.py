@@ -15,12 +15,13 @@ import math
 import numbers
 import os
 import re
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from experiments import method_source, provenance
+from experiments import method_source, provenance, sources
 
 try:
     import fcntl
@@ -89,7 +90,8 @@ def make_record(experiment: str, version: int, position: int, cell: Mapping[str,
     """
     key = cell_key(experiment, version, cell)
     head = {"schema": SCHEMA, "key": key, "experiment": experiment, "version": version, "position": position}
-    return {"provenance": provenance.provenance(), **head, "cell": clean(cell), **outcome}
+    came = {"provenance": provenance.provenance(), "sources": sources.of_cell(experiment, cell)}
+    return {**came, **head, "cell": clean(cell), **outcome}
 
 
 def clean_rows(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> list[Record]:
@@ -147,7 +149,8 @@ def restore(value: Any) -> Any:
 def latest(records: Sequence[Record]) -> list[Record]:
     """Of the records of an experiment one per cell of the newest VERSION, in the order of the experiment's cells.
 
-    The environment that measured a cell last wins; within it, a success over any failure, the later over the earlier.
+    The environment and the sources that measured a cell last win; within these, a success over any failure, the later
+    over the earlier.
     """
     newest = max((record["version"] for record in records), default=0)
     chosen: dict[str, Record] = {}
@@ -155,10 +158,15 @@ def latest(records: Sequence[Record]) -> list[Record]:
         if record["version"] == newest:
             cell = _canonical(record["cell"])
             old = chosen.get(cell)
-            if old and old["key"] == record["key"] and (old["status"], record["status"]) == ("done", "failed"):
+            if old and old["status"] == "done" and not _replaces(record, old["key"], old.get("sources")):
                 continue
             chosen[cell] = record
     return [chosen[cell] for cell in sorted(chosen, key=lambda cell: (chosen[cell]["position"], cell))]
+
+
+def _replaces(record: Record, key: str, digest: str | None) -> bool:
+    """Whether a record counts instead of an earlier success under this key and by these sources."""
+    return record["status"] == "done" or (record["key"], record.get("sources")) != (key, digest)
 
 
 @cache
@@ -273,15 +281,21 @@ class Store:
         what = "damaged" if line.endswith(b"\n") else "cut off while it was written"
         return f"{self.path(experiment)}, line {number}: {what}; skipped, its cell counts as not computed"
 
-    def done(self, experiment: str) -> tuple[set[bytes], list[str]]:
-        """Keys of the cells that need not be computed again, and what is wrong with the lines that are no record."""
-        keys, problems = set(), []
+    def done(self, experiment: str) -> tuple[dict[bytes, str | None], list[str]]:
+        """Keys of the cells that were computed, with the digests of the sources that did, and what is wrong with the
+        lines that are no record."""
+        found: dict[bytes, str | None] = {}
+        problems = []
         for number, line, record in self.lines(experiment):
             if record is None:
                 problems.append(self._problem(experiment, number, line))
-            elif record["status"] == "done":
-                keys.add(bytes.fromhex(record["key"]))
-        return keys, problems
+                continue
+            key, digest = bytes.fromhex(record["key"]), record.get("sources")
+            if record["status"] == "done":
+                found[key] = digest and sys.intern(digest)  # there are few of them, and many cells
+            elif key in found and _replaces(record, record["key"], found[key]):
+                del found[key]
+        return found, problems
 
     def merge(self, other: Store) -> dict[str, tuple[int, int]]:
         """Appends the records of another store that are not here yet: experiment → (how many, damaged lines left out).

@@ -12,6 +12,7 @@ import os
 import re
 import signal
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
@@ -23,7 +24,7 @@ import jinja2
 import pandas as pd
 from markupsafe import Markup
 
-from experiments import EXPERIMENTS, errata, load
+from experiments import EXPERIMENTS, errata, load, sources
 from experiments.store import Store, StoreError
 from experiments.workers import interrupt_held_back
 from report import claims, fairness, figures, live, origin, promises, style, summary, tables
@@ -67,6 +68,7 @@ class Section:
     provenance: pd.DataFrame = field(default_factory=pd.DataFrame)
     profiles: tuple[str, ...] | None = None  # that all its cells belong to
     origin: Origin = PUBLISHED
+    ages: Counter[str] = field(default_factory=Counter)  # of the cells: with which source code, see `sources.judge`
     notes: list[str] = field(default_factory=list)  # damaged lines of the journal
     errors: list[str] = field(default_factory=list)  # of the drawing
 
@@ -95,6 +97,11 @@ class Section:
         return (
             f"{len(p)} cells{failed}; {days(p)}, {seconds} s of computing; commit {', '.join(sorted(set(commits(p))))}"
         )
+
+    @property
+    def old(self) -> str:
+        """How many cells are not known to come from the source code that is here."""
+        return sources.told(self.ages[sources.OTHER], self.ages[sources.UNKNOWN])
 
     @property
     def failed(self) -> pd.DataFrame:
@@ -163,7 +170,9 @@ def assemble(results: Path, processes: int = 1, drawn: Drawn = lambda done, tota
     errors += [error] if error else []
     shown, error = _summary(rows)
     errors += [error] if error else []
-    told = origin.told(source, [section.provenance for section in sections])
+    ages = sum((section.ages for section in sections), Counter[str]())
+    old = sources.told(ages[sources.OTHER], ages[sources.UNKNOWN])
+    told = "; ".join(filter(None, (origin.told(source, [section.provenance for section in sections]), old)))
     return Report(sections, judged, fair, misprints, shown, errors, told)
 
 
@@ -249,6 +258,7 @@ def _section(experiment: str, store: Store) -> Section:
         section.notes = [note.replace(f"{store.folder}{os.sep}", "") for note in store.read(experiment)[1]]
         section.rows, section.failures = store.rows(experiment), store.failures(experiment)
         section.provenance = store.provenance(experiment)
+        section.ages.update(map(sources.judge, store.latest(experiment)))
         if module is not None:
             section.profiles = origin.profiles_of(module, store.latest(experiment))
     except StoreError as error:

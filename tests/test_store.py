@@ -215,7 +215,7 @@ def test_nothing_stored(tmp_path):
     assert results.rows("toy").empty
     assert {"key", "status", "failure"} <= set(results.rows("toy").columns)
     assert results.failures("toy").empty
-    assert results.done("toy") == (set(), [])
+    assert results.done("toy") == ({}, [])
     assert not results.folder.exists()
 
 
