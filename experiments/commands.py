@@ -202,19 +202,19 @@ def verify(options: argparse.Namespace) -> Answer:
     more = {"longest": options.longest, "jobs": options.jobs, "show": not options.quiet, "old": options.old}
     found = stores.verify(folder, options.sample, options.seed, **more)
     by_experiment: dict[str, list[Any]] = {}
-    for name, cell, differing in found.changed:
+    for name, cell, differing, _ in found.changed:
         by_experiment.setdefault(name, []).append((cell, differing))
     lines = [line for name, changed in by_experiment.items() for line in _changed(name, changed)]
     sum_up = f"{found.cells} cells computed again: {found.identical} identical, {found.close} within the tolerance of "
     sum_up += f"libraries, {len(found.changed)} changed"
-    ages = Counter(found.ages)
+    ages = Counter(age for *_, age in found.changed)
     told = {sources.OTHER: "other source code", sources.UNKNOWN: "source code that was not recorded"}
     words = [f"{ages[age]} of them were stored with {text}" for age, text in told.items() if ages[age]]
     data = {
         **{name: getattr(found, name) for name in ("stored", "cells", "identical", "close", "notes")},
         "changed": [
             {"experiment": name, "sources": age, **_change(cell, differing)}
-            for (name, cell, differing), age in zip(found.changed, found.ages, strict=True)
+            for name, cell, differing, age in found.changed
         ],
     }
     sum_up = "; ".join([sum_up, *words])

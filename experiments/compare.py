@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import random
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -246,14 +247,12 @@ def _holm(tested: list[Times]) -> None:
 class Verification:
     """What became of the cells computed again."""
 
-    stored: dict[str, int] = field(
-        default_factory=lambda: dict.fromkeys((sources.SAME, sources.OTHER, sources.UNKNOWN), 0)
-    )
+    stored: Counter[str] = field(default_factory=Counter)  # all cells there, by `sources.judge`
     cells: int = 0
     identical: int = 0
     close: int = 0  # within the tolerance of a library's or the truth's round-off
-    changed: list[tuple[str, dict[str, Any], dict[str, Difference]]] = field(default_factory=list)
-    ages: list[str] = field(default_factory=list)  # of `changed`: with which source code, see `sources.judge`
+    # experiment, cell, what differs, and what `sources.judge` says of the stored one
+    changed: list[tuple[str, dict[str, Any], dict[str, Difference], str]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 
@@ -298,8 +297,7 @@ def _judge(found: Verification, old: Record, new: Record) -> None:
     if not differences(old, new, own, lambda _: (0.0, 0.0)):
         found.identical += 1
     elif differing := differences(old, new, own, _tolerance(old["cell"].get("method"))):
-        found.changed.append((old["experiment"], old["cell"], differing))
-        found.ages.append(sources.judge(old))
+        found.changed.append((old["experiment"], old["cell"], differing, sources.judge(old)))
     else:
         found.close += 1
 

@@ -218,6 +218,27 @@ def test_the_page_says_what_it_was_drawn_from_and_how_to_draw_that_again(results
     assert page.assemble(results).origin.startswith(f"{results.name}; "), "not where it is on this machine"
 
 
+def test_the_page_says_which_rows_are_old(results, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = shutil.copytree(results, tmp_path / "mine" / "quick")
+    assert not any(section.old for section in page.assemble(folder).sections)
+    assert "other source code" not in page.html(page.assemble(folder))
+    for i, digest in enumerate(("0" * 16, "0" * 16, None)):
+        record = store.make_record(
+            "toy.good", 1, 9 + i, {"method": "backlund", "h": 2.0 + i}, **outcome([{"drift": 1e-9}])
+        )
+        store.Store(folder).append({**record, "sources": digest})
+    report = page.assemble(folder)
+    old = "2 stored cells were computed with other source code than this; "
+    old += "1 stored cell was computed with source code that was not recorded"
+    assert [section.old for section in report.sections] == [old, "", ""]
+    assert report.origin.endswith(f"; {old}")
+    words = unescape(re.sub("<[^>]*>", "", markup(page.html(report))))
+    assert (
+        f"{old}. Compute them again: lagrange-bench run toy.good --profile quick --results mine/quick --again" in words
+    )
+
+
 def test_machines_and_commits_are_named_if_they_are_few():
     source = pd.DataFrame(
         {"utc": "2026-11-21T00:00:00", "cpu": "EPYC", "commit": list("abc"), "dirty": [False, True, None]}

@@ -189,6 +189,20 @@ def test_a_new_environment_replaces_even_by_failure(tmp_path, monkeypatch):
     assert results.rows("toy")["status"].tolist() == ["failed"]
 
 
+def test_other_sources_replace_even_by_failure(tmp_path):
+    """What worked with other source code is not shown for what fails with this, and is tried again."""
+    results = Store(tmp_path)
+    results.append({**record(1), "sources": "a"})
+    results.append({**record(1, "failed"), "sources": "a"})
+    assert results.rows("toy")["status"].tolist() == ["done"]
+    assert list(results.done("toy")[0].values()) == ["a"]
+    results.append({**record(1, "failed"), "sources": "b"})
+    assert results.rows("toy")["status"].tolist() == ["failed"]
+    assert results.done("toy")[0] == {}
+    results.append({**record(1), "sources": "b"})
+    assert list(results.done("toy")[0].values()) == ["b"]
+
+
 def test_only_the_newest_version_is_shown(tmp_path):
     results = Store(tmp_path)
     for r in (record(1), record(2), record(2, version=2)):
