@@ -80,20 +80,20 @@ CLAIMS = [
 def results(tmp_path_factory):
     """Results of three toys: one in order (with a failed cell and a torn line), one that cannot be drawn, one empty."""
     folder = tmp_path_factory.mktemp("results")
-    journals = store.Store(folder)
-    for name in ("toy.good", "toy.broken"):
-        for i, method in enumerate(("backlund", "rk45", "somebody_elses")):
-            for j, h in enumerate((0.01, 0.1, 1.0)):
-                bad = "Newton gave up <here>" if (method, h) == ("rk45", 1.0) else None
-                done = outcome([{"drift": 1e-12 * h**i}], bad)
-                journals.append(store.make_record(name, 1, 3 * i + j, {"method": method, "h": h}, **done))
-    with (folder / "toy.good.jsonl").open("ab") as file:
-        file.write(b'{"torn')
     with pytest.MonkeyPatch.context() as patch:
         for name, draw in (("toy.good", draw_good), ("toy.broken", draw_broken), ("toy.empty", draw_broken)):
             patch.setitem(sys.modules, name, toy(name, draw, make_tables))
         patch.setattr(page, "EXPERIMENTS", ("toy.good", "toy.broken", "toy.empty"))
         patch.setattr(promises, "CLAIMS", CLAIMS)
+        journals = store.Store(folder)
+        for name in ("toy.good", "toy.broken"):
+            for i, method in enumerate(("backlund", "rk45", "somebody_elses")):
+                for j, h in enumerate((0.01, 0.1, 1.0)):
+                    bad = "Newton gave up <here>" if (method, h) == ("rk45", 1.0) else None
+                    done = outcome([{"drift": 1e-12 * h**i}], bad)
+                    journals.append(store.make_record(name, 1, 3 * i + j, {"method": method, "h": h}, **done))
+        with (folder / "toy.good.jsonl").open("ab") as file:
+            file.write(b'{"torn')
         yield folder
 
 

@@ -44,7 +44,7 @@ def called(cell, experiment):
     seen, measure = set(), load(experiment).measure
 
     def note(frame, event, _):
-        if event == "call":
+        if event == "call" and frame.f_code.co_name != "generic":  # Numba asks that of the types of all that is indexed
             seen.add((frame.f_code.co_filename, frame.f_code.co_firstlineno, frame.f_code.co_qualname))
 
     sys.setprofile(note)
