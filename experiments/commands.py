@@ -209,7 +209,7 @@ def verify(options: argparse.Namespace) -> Answer:
     sum_up += f"libraries, {len(found.changed)} changed"
     ages = Counter(age for *_, age in found.changed)
     told = {sources.OTHER: "other source code", sources.UNKNOWN: "source code that was not recorded"}
-    words = [f"{ages[age]} of them were stored with {text}" for age, text in told.items() if ages[age]]
+    words = [f"{ages[age]} of them stored with {text}" for age, text in told.items() if ages[age]]
     data = {
         **{name: getattr(found, name) for name in ("stored", "cells", "identical", "close", "notes")},
         "changed": [

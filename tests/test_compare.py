@@ -264,8 +264,7 @@ def test_rows_of_other_sources_are_told_apart(run, toy, tmp_path):
     assert code == 1
     assert "2 stored cells were computed with other source code than this; 1 stored cell was computed with" in out
     assert out.endswith(
-        "2 changed; 1 of them were stored with other source code; 1 of them were stored with source code that was not "
-        "recorded\n"
+        "2 changed; 1 of them stored with other source code; 1 of them stored with source code that was not recorded\n"
     )
     code, out, _ = run("verify", made.folder, "--quiet", "--old", "--json")
     data = json.loads(out)
