@@ -294,6 +294,6 @@ ERRATA = [
     *(_erratum("5.5.10", True, *misprint) for misprint in REAL_MISPRINTS),
     Erratum(
         "(5.5.11)", "5.5", "real for λ1 = λ̄2, whatever the μ: also μ2 = μ̄1", "real for λ1 = λ̄2 and μ2 = −μ̄1",
-        partial(_reality, sign=1), partial(_reality, sign=-1),
+        partial(_reality, sign=1), partial(_reality, sign=-1), prose=True,
     ),
 ]  # fmt: skip
