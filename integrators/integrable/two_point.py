@@ -285,8 +285,8 @@ REAL_MISPRINTS = (
 
 
 def _erratum(number: str, real: bool, name: str, printed: str, corrected: str) -> Erratum:
-    residuals = (partial(_component, name=name, real=real, printed=as_printed) for as_printed in (True, False))
-    return Erratum(f"({number}) {name}", "5.5", printed, corrected, *residuals)
+    wrong, right = (partial(_component, name=name, real=real, printed=as_printed) for as_printed in (True, False))
+    return Erratum(f"({number}) {name}", "5.5", printed, corrected, wrong, right)
 
 
 ERRATA = [
