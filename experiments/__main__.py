@@ -155,8 +155,8 @@ examples:
 exit codes: 0 nothing fails · 1 a claim fails · 2 no such method"""
 
 ERRATA = """\
-List the misprints of the paper the Bäcklund methods come from. Each formula is evaluated as printed and as corrected, at
-random points; what it misses by is printed beside it."""
+List the errata of the paper the Bäcklund methods come from: wrong formulas, and wrong sentences beside right formulas.
+Each is evaluated as printed and as corrected, at random points; what it misses by is printed beside it."""
 
 ERRATA_EXAMPLES = """\
 examples:
@@ -241,7 +241,7 @@ def parser() -> Parser:
     check = add("check", "test what a method claims", CHECK, CHECK_EXAMPLES, "commands:check")
     check.add_argument("method", metavar="METHOD", help="a name (see lagrange-bench methods) or package.module:METHOD")
     check.add_argument("--quick", action="store_true", help="fewer and shorter runs, for while you are developing")
-    summary = "misprints of the paper, printed and corrected"
+    summary = "errata of the paper, printed and corrected"
     errata = add("errata", summary, ERRATA, ERRATA_EXAMPLES, "commands:errata")
     errata.add_argument("--points", type=positive, default=8, metavar="N", help="random points for each (default: 8)")
     errata.add_argument("--seed", type=int, default=0, metavar="N", help="of the points (default: 0)")

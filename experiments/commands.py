@@ -344,16 +344,17 @@ def _name_taken(word: str, method: Method) -> list[str]:
 
 
 def errata(options: argparse.Namespace) -> Answer:
-    """Every misprint of the paper with the residual of the formula as printed and as corrected."""
+    """Every erratum of the paper with the residual of the statement as printed and as corrected."""
     from experiments import errata as paper
 
     found = paper.measure(options.points, options.seed)
-    rows = [("section", "equation", "residual", "", "formula")]
+    rows = [("section", "equation", "wrong", "residual", "", "statement")]
     for e in found:
-        rows.append((e.section, e.equation, f"{e.printed:.1e}", "printed", e.printed_text))
-        rows.append(("", "", f"{e.corrected:.1e}", "corrected", e.corrected_text))
-    sum_up = f"{len(found)} misprints at {options.points} random points each: the smallest residual as printed, the "
-    sum_up += "largest as corrected"
+        wrong = "sentence" if e.prose else "formula"
+        rows.append((e.section, e.equation, wrong, f"{e.printed:.1e}", "printed", e.printed_text))
+        rows.append(("", "", "", f"{e.corrected:.1e}", "corrected", e.corrected_text))
+    sum_up = f"wrong: {paper.count(found)}; at {options.points} random points each: "
+    sum_up += "the smallest residual as printed, the largest as corrected"
     return Answer("\n".join([*table(rows), "", sum_up]), plain([asdict(e) for e in found]))
 
 

@@ -30,7 +30,7 @@ class Fairness(NamedTuple):
 
 def assemble(rows: dict[str, pd.DataFrame]) -> Fairness:
     """From the rows of all experiments, by name; what is not stored is not said."""
-    cost, work = (rows.get(name, pd.DataFrame()) for name in ("cost", "work_precision"))
+    cost, work, ensemble = (rows.get(name, pd.DataFrame()) for name in ("cost", "work_precision", "ensemble"))
     records = {}
     for name in METHODS:
         try:
@@ -38,16 +38,15 @@ def assemble(rows: dict[str, pd.DataFrame]) -> Fairness:
         except Exception:  # somebody else's method that cannot be loaded here
             continue
     step, start = (_part(cost, part) for part in ("step", "start"))
-    return Fairness(_rules(records, step, start, work), _methods(records, step, start))
+    setup = _start(start, step, _part(ensemble, "setup"))
+    return Fairness(_rules(records, step, setup, work), _methods(records, step, start))
 
 
-def _part(cost: pd.DataFrame, part: str) -> pd.DataFrame:
-    return cost[(cost.part == part) & (cost.status == "done")] if "part" in cost else pd.DataFrame()
+def _part(rows: pd.DataFrame, part: str) -> pd.DataFrame:
+    return rows[(rows.part == part) & (rows.status == "done")] if "part" in rows else pd.DataFrame()
 
 
-def _rules(
-    records: dict[str, Method], step: pd.DataFrame, start: pd.DataFrame, work: pd.DataFrame
-) -> list[tuple[str, str]]:
+def _rules(records: dict[str, Method], step: pd.DataFrame, setup: str, work: pd.DataFrame) -> list[tuple[str, str]]:
     engines = [record.engine for record in records.values()]
     many = ", ".join(f"{engines.count(e)} {text}" for e, text in ENGINES.items() if e in engines)
     flags = "off" if not OPTIONS["fastmath"] else "on"
@@ -59,7 +58,7 @@ def _rules(
             f"Fused multiply-add and fast-math are {flags} for everything compiled here, rotations and kicks use no "
             "library sine; heyoka and SciPy run as they come.",
         ),
-        ("Set-up and compilation apart.", _start(start, step)),
+        ("Set-up and compilation apart.", setup),
         (
             "What an evaluation is.",
             "A right-hand side or a force, counted where a method has any: stages of Runge-Kutta, kicks of a splitting, orders "
@@ -120,7 +119,7 @@ def _interpretation(step: pd.DataFrame) -> str:
     )
 
 
-def _start(start: pd.DataFrame, step: pd.DataFrame) -> str:
+def _start(start: pd.DataFrame, step: pd.DataFrame, parameters: pd.DataFrame) -> str:
     said = "Compilation is never in a time; it is in the table of the cost experiment"
     if not start.empty:
         first = start[start.cached == False].set_index("method").first_s  # noqa: E712, an object column
@@ -132,9 +131,16 @@ def _start(start: pd.DataFrame, step: pd.DataFrame) -> str:
         return f"{said}."
     setup = step.groupby("method").setup_us.min()
     least, most, ours = (tables.show(float(us)) for us in (setup.min(), setup.max(), setup.get("backlund", np.nan)))
-    return (
+    said = (
         f"{said}. Set-up of a stepper once compiled, which every new torus or step pays, is in a column of its own: "
-        f"{least} to {most} µs, {ours} µs for the exact Bäcklund step with its λ(h)."
+        f"{least} to {most} µs, {ours} µs for the exact Bäcklund step"
+    )
+    if parameters.empty:
+        return f"{said}."
+    short, long = (tables.show(float(us)) for us in (parameters.setup_us.min(), parameters.setup_us.max()))
+    return (
+        f"{said}. Most of that is Python: in an ensemble λ(h) and the constants of a step take {short} µs for a top, and up to "
+        f"{long} µs for long steps, which need the period of nutation."
     )
 
 

@@ -129,7 +129,7 @@ class Report:
     sections: list[Section]
     claims: list[Judged]
     fairness: fairness.Fairness
-    errata: pd.DataFrame  # misprints of the paper
+    errata: pd.DataFrame  # of the paper
     summary: list[summary.Sentence]
     errors: list[str]  # what could not be drawn or checked; the page shows each in its place
     origin: str  # what it was drawn from
@@ -304,8 +304,8 @@ def _summary(rows: dict[str, pd.DataFrame]) -> tuple[list[summary.Sentence], str
 
 
 def _errata() -> tuple[pd.DataFrame, str | None]:
-    """The misprints of the paper with the magnitudes of their residuals, or why there are none."""
-    names = ("section", "equation", "as printed", "misses by", "corrected", "then misses by")
+    """The errata of the paper with the magnitudes of their residuals, or why there are none."""
+    names = ("section", "equation", "wrong", "as printed", "misses by", "corrected", "then misses by")
     try:
         found = errata.measure()
     except Exception as error:
@@ -313,7 +313,8 @@ def _errata() -> tuple[pd.DataFrame, str | None]:
     rows = []
     for e in found:
         printed, corrected = errata.magnitude(e.printed), errata.magnitude(e.corrected)
-        rows.append((e.section, e.equation, e.printed_text, printed, e.corrected_text, corrected))
+        wrong = "sentence" if e.prose else "formula"
+        rows.append((e.section, e.equation, wrong, e.printed_text, printed, e.corrected_text, corrected))
     return pd.DataFrame(rows, columns=names), None
 
 

@@ -103,7 +103,7 @@ def _where_it_loses(rows: pd.DataFrame) -> str:
             if len(found) and found.iloc[0].family not in EXACT and (found.family == "backlund").any():
                 first, ours = found.iloc[0], found[found.family == "backlund"].iloc[0]
                 return (
-                    f"; it loses short runs, where finding λ(h) is most of the work: up to t = {span:g}, for an error of "
+                    f"; it loses short runs, where calls from Python are most of the work: up to t = {span:g}, for an error of "
                     f"{_show(target)} on {state}, {_name(first.method)} takes {_show(ours.total / first.total)} times less"
                 )
     return "; in no run stored, however short, is a method cheaper that is not exact"

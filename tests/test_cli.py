@@ -404,7 +404,7 @@ def test_a_figure_that_cannot_be_written_is_named(run, tmp_path):
     (tmp_path / "file").write_text("in the way")
     shutil.copy(default_results() / "perturbed.jsonl", tmp_path)
     target = tmp_path / "file" / "z.svg"
-    code, _, err = run("figure", "perturbed_time", "--results", tmp_path, "--output", target)
+    code, _, err = run("figure", "perturbed_h", "--results", tmp_path, "--output", target)
     assert code == 2
     assert str(tmp_path / "file") in err
     assert ".z.svg" not in err

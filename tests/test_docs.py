@@ -27,7 +27,9 @@ import pytest
 import integrators
 from experiments import EXPERIMENTS, states
 from experiments import __main__ as cli
+from experiments.metrics import phase_split
 from integrators import TOPS, LagrangeTop, exact, prepare, two_point
+from integrators.integrable import time_step
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -332,3 +334,35 @@ def test_what_one_long_step_rounds():
             worst[share] = max(worst[share], float(np.max(steps)))
     assert 10 < worst[0.499] < 100
     assert worst[0.05] < 10
+
+
+def clock(method, h):
+    """T/h of single steps from 24 places of one torus: how far along the flow each goes, whatever it turns about e3."""
+    top, y0 = TOPS["generic"].top, TOPS["generic"].state
+    found = []
+    for y in exact.solution(top, y0, exact.nutation_period(top, y0) * np.arange(24) / 24):
+        image, T = prepare(top, y, h, method).advance(y, 1), h
+        for _ in range(10):  # the phase error is linear in a small error only
+            truth = exact.solution(top, y, [T])
+            T += float(phase_split(top, truth, image - truth)["time"][0])
+        found.append(T / h)
+    return np.array(found)
+
+
+def test_invariants_alone_do_not_make_a_clock():
+    """The implicit midpoint rule keeps all four and is no Poisson map; the paper's λ makes one: T is that of the torus."""
+    assert np.ptp(clock("implicit_midpoint", 0.25)) > 0.01
+    paper = clock("backlund_paper", 0.25)
+    assert np.ptp(paper) < 1e-13
+    assert abs(paper[0] - 1) > 1e-3
+
+
+def test_lambda_meets_a_real_double_root_only_where_the_flow_is_the_identity():
+    """A regular precession that goes round in 2π, well before half a nutation period: λ(2π) is the double root 1."""
+    top, s = LagrangeTop(1.0), math.sqrt(1 - 0.95**2)
+    y = np.array([-s, 0.0, -1.95, s, 0.0, 0.95])
+    assert exact.nutation_period(top, y) > 4 * math.pi
+    for h in (6.0, 2 * math.pi, 6.5):
+        (re, im), _, _ = time_step.time_step(*time_step.torus(top.alpha, tuple(y), h), h)
+        assert (abs(complex(re[0], im[0]) - 1) < 1e-12) == (h == 2 * math.pi)
+        assert np.max(np.abs(prepare(top, y, h).advance(y, 1) - turned(y, -h))) < 1e-14

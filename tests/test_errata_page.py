@@ -1,4 +1,4 @@
-"""The errata page: every misprint is on it, wrong as printed and right as corrected; the command and the report show it."""
+"""The errata page: every erratum is on it, wrong as printed and right as corrected; the command and the report show it."""
 
 import json
 import subprocess
@@ -11,9 +11,20 @@ from experiments import errata
 from report import page
 
 # What was found wrong when every equation was checked, by section and equation.
+PROSE = {  # a sentence, beside formulas that are right
+    ("1", "(1.1), text"),
+    ("2", "(2.5)–(2.6) with (2.21)"),
+    ("2", "(2.11), text"),
+    ("2", "(2.20)"),
+    ("3", "(3.5), text"),
+    ("5.5", "before (5.5.2)"),
+    ("5.5", "(5.5.11)"),
+    ("5.6", "(5.6.1), text"),
+}
 CHECKLIST = {
     ("1", "(1.1), text"): "direction of gravity",
     ("2", "(2.5)–(2.6) with (2.21)"): "r-matrix of L = i L_G",
+    ("2", "(2.11), text"): "which Jacobian",
     ("2", "(2.18)"): "remainder of the contraction",
     ("2", "(2.20)"): "the morphism holds in the limit only",
     ("2", "(2.22)"): "2 alpha J3/u",
@@ -51,18 +62,24 @@ CHECKLIST = {
     ("5.6", "last line but one"): "{H, L}",
     ("5.6", "(5.6.11)"): "factor i",
 }
-# Wrong too, but without a formula to evaluate: "the Jacobian of Γ_G" after (2.11) is a generalised one, and a bracket is
-# missing in (5.5.5).
+# Wrong too, but without a formula to evaluate: a bracket is missing in (5.5.5).
 
 
 @pytest.mark.parametrize("seed", [0, 1000, 2000])
-def test_every_misprint_is_listed_wrong_as_printed_and_right_as_corrected(seed):
+def test_every_erratum_is_listed_wrong_as_printed_and_right_as_corrected(seed):
     found = errata.measure(points=4, seed=seed)
     assert set(CHECKLIST) <= {(e.section, e.equation) for e in found}
     for e in found:
         assert e.printed > 1e-6, e.equation
         assert e.corrected <= 1e-12, e.equation
         assert e.printed_text != e.corrected_text
+
+
+def test_sentences_are_counted_apart_from_formulas():
+    found = errata.measure()
+    assert {(e.section, e.equation) for e in found if e.prose} == PROSE
+    assert errata.count(found) == f"{len(found) - len(PROSE)} formulas and {len(PROSE)} sentences beside right formulas"
+    assert errata.count(e for e in found if e.prose).startswith("0 formulas")
 
 
 def test_order_of_the_paper():
@@ -87,8 +104,9 @@ def test_command(capsys):
     code, out, err = run(capsys, "errata", "--points", "2")
     assert (code, err) == (0, "")
     lines = out.splitlines()
-    assert lines[0].split() == ["section", "equation", "residual", "formula"]
-    assert lines[-1].startswith(f"{len(errata.measure())} misprints at 2 random points each")
+    assert lines[0].split() == ["section", "equation", "wrong", "residual", "statement"]
+    assert lines[-1].startswith(f"wrong: {errata.count(errata.measure())}; at 2 random points each:")
+    assert sum(" sentence " in line for line in lines[1:-2:2]) == len(PROSE)
     for e in errata.measure(2):
         assert e.equation in out
         assert e.printed_text in out
@@ -101,7 +119,7 @@ def test_command_json(capsys):
     code, out, _ = run(capsys, "errata", "--points", "2", "--seed", "5", "--json")
     assert code == 0
     data = json.loads(out)
-    fields = ("section", "equation", "printed_text", "corrected_text", "printed", "corrected")
+    fields = ("section", "equation", "printed_text", "corrected_text", "prose", "printed", "corrected")
     assert all(set(fields) == set(e) for e in data)
     assert {(e["section"], e["equation"]) for e in data} >= set(CHECKLIST)
     assert run(capsys, "errata", "--points", "2", "--seed", "5", "--json")[1] == out
@@ -143,6 +161,8 @@ def test_page(empty):
     assert section.count("<tr>") == len(errata.measure()) + 1
     for e in errata.measure():
         assert e.equation in section
+    assert section.count(">sentence</td>") == len(PROSE)
+    assert f"({len(errata.measure()) - len(PROSE)} formulas,\n{len(PROSE)} sentences)" in section
     assert "×10⁻¹" in section
     after = [text.index(f'<section id="{name}">') for name in ("paper", "errata", "failures")]
     assert after == sorted(after)

@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from experiments import EXPERIMENTS, cost, load, work_precision
+from experiments import EXPERIMENTS, cost, load, perturbed, work_precision
 from experiments.store import Store, make_record
 from integrators import METHODS, available
 from report import style
@@ -95,3 +95,14 @@ def test_what_a_fresh_process_needs():
     for row in rows:
         assert 0 < row["second_s"] <= row["first_s"]
     assert rows[1]["first_s"] < rows[0]["first_s"], "nothing was kept for the second process"
+
+
+def test_perturbed_tops_are_compared_by_steps_and_not_by_time():
+    runs = [("exact, order 2", 1.0, 1e-9), ("exact, order 2", 4.0, 1e-5), ("rotation, order 2", 0.5, 1e-9)]
+    rows = pd.DataFrame(runs, columns=["variant", "h", "error"]).assign(eps=1e-4, status="done", seconds=1.0)
+    table = perturbed.longest_steps(rows).set_index("error at most")
+    assert table["exact, order 2"].tolist()[:3] == [4.0, 1.0, 1.0]
+    assert table["exact, order 2"].isna().tolist() == [False, False, False, True]
+    assert table["rotation, order 2"].tolist()[:3] == [0.5] * 3
+    assert table["exact, SABA4"].isna().all()
+    assert set(table) == {"ε", *perturbed.EXACT, *perturbed.ROTATION}

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 
+from experiments import errata
 from report import readme
 
 TEXT = (readme.ROOT / "README.md").read_text(encoding="utf-8")
@@ -28,6 +29,10 @@ def test_the_example_runs_and_is_as_accurate_as_said(capsys):
     assert capsys.readouterr().out.count("[") == 2
     error = run.y[-1] - scope["exact"].solution(named.top, named.state, run.t[-1])
     assert np.max(np.abs(error)) < 1e-9
+
+
+def test_errata_are_counted_as_they_are():
+    assert f"corrected: {errata.count(errata.measure())}." in " ".join(TEXT.split())
 
 
 def test_every_command_of_the_readme_exists():

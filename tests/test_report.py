@@ -425,8 +425,11 @@ def test_fairness_says_what_the_rows_say():
             "stopped": [None, "too long", "refused", None],
         }
     )
-    rules, methods = fairness.assemble({"cost": cost, "work_precision": work})
+    assert "Most of that" not in dict(fairness.assemble({"cost": cost}).rules)["Set-up and compilation apart."]
+    ensemble = pd.DataFrame({"part": "setup", "status": "done", "setup_us": [2.0, 7.0]})
+    rules, methods = fairness.assemble({"cost": cost, "work_precision": work, "ensemble": ensemble})
     said = dict(rules)
+    assert "take 2 µs for a top, and up to 7 µs" in said["Set-up and compilation apart."]
     assert "a factor of 900 " in said["Compiled or not."]
     assert "60 µs for the exact" in said["Set-up and compilation apart."]
     assert "falls no more (0 of 2 curves) or one run would take too long (1)" in said["Each at its best step."]

@@ -1,7 +1,8 @@
-"""The misprints of the paper as data: each one evaluated as printed and as corrected.
+"""The errata of the paper as data: each one evaluated as printed and as corrected.
 
-Every module of this package that implements a section of the paper lists the misprints of that section in a
-module-level `ERRATA`; `errata()` gathers them in the order of the paper. What is true is tested; this is for showing.
+Two kinds: a formula that is wrong, and a sentence that is wrong beside formulas that are right (`prose`). Every module
+of this package that implements a section of the paper lists the errata of that section in a module-level `ERRATA`;
+`errata()` gathers them in the order of the paper. What is true is tested; this is for showing.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ Residual = Callable[[Random], float]
 
 @dataclass(frozen=True)
 class Erratum:
-    """One misprint. The residuals are |left − right| of the formula at one random point drawn from the generator."""
+    """One erratum. The residuals are |left − right| of what is stated, at one random point drawn from the generator."""
 
     equation: str  # number in the paper, or its label and line, e.g. "(2.22)"
     section: str  # numbers and dots, "5.1"
@@ -43,10 +44,11 @@ class Erratum:
     corrected_text: str  # as it must read
     printed: Residual  # visibly nonzero, > 1e-6
     corrected: Residual  # round-off, ≤ 1e-12
+    prose: bool = False  # a sentence is wrong; the formulas beside it are right
 
 
 def errata() -> list[Erratum]:
-    """All misprints, in the order of the paper's sections; a module without `ERRATA` contributes none."""
+    """All errata, in the order of the paper's sections; a module without `ERRATA` contributes none."""
     found: list[Erratum] = []
     for name in MODULES:
         path = f"{__package__}.{name}"

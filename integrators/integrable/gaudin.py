@@ -19,11 +19,14 @@ limit in which two sites become a top is in `contraction`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
+from random import Random
 from typing import Any
 
 import mpmath
 import numpy as np
 
+from integrators.integrable.errata import Erratum
 from integrators.integrable.gaudin_curve import E3, check_numbers, check_parameter, check_upper, eigenvalue
 from integrators.integrable.lax import gaudin_entries, pauli
 from integrators.integrable.phase_space import Numbers, poisson_tensor
@@ -234,3 +237,27 @@ def _dot(a: Any, b: Any) -> Numbers:
 def _cross(a: Any, b: Any) -> Numbers:
     (a1, a2, a3), (b1, b2, b3) = (np.moveaxis(v, -1, 0) for v in np.broadcast_arrays(a, b))
     return np.stack((a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1), axis=-1)
+
+
+# ------------------------------------------------------------------------------------------------ misprints
+
+
+def _beyond(rng: Random, dimension: int) -> float:
+    """How far the flows of H_1, H_2, H_3 and the turn about e3 of three spins leave a space of so many dimensions.
+
+    It is the next singular value of their unit vectors at a random state: 0 if that many dimensions hold them all.
+    """
+    magnet = GaudinMagnet((-2.0 + rng.random(), rng.random(), 2.0 + rng.random()), alpha=0.5 + rng.random())
+    spins = np.array([[rng.gauss(0, 1) for _ in range(3)] for _ in range(3)])
+    flows = [magnet.rhs(spins, c).ravel() for c in np.eye(3)] + [_cross(E3, spins).ravel()]
+    directions = [flow / np.linalg.norm(flow) for flow in flows]
+    return float(np.linalg.svd(directions, compute_uv=False)[dimension])
+
+
+ERRATA = [
+    Erratum(
+        "(2.11), text", "2", "the motion is linearised on the Jacobian of Γ_G, of dimension n − 1",
+        "on a generalised Jacobian, of dimension n: the Jacobian and the turns about e3",
+        partial(_beyond, dimension=2), partial(_beyond, dimension=3), prose=True,
+    ),
+]  # fmt: skip

@@ -233,7 +233,7 @@ ERRATA = [
     Erratum(
         "(5.6.1), text", "5.6", "the physical time step is iΔλ, |iΔλ| = 2 Im λ",
         "T = 2 Im ∫_0^λ du/√Q, and a turn about e3 by Θ = 2 alpha Im ∫_0^λ u du/√Q",
-        partial(_time_step, printed=True), partial(_time_step, printed=False),
+        partial(_time_step, printed=True), partial(_time_step, printed=False), prose=True,
     ),
     Erratum(
         "(5.6.6)", "5.6", "… + 2 J3/λ2 + alpha²", "… + 2 alpha J3/λ2 + alpha²",

@@ -262,11 +262,11 @@ ERRATA = [
     ),
     Erratum(
         "(2.20)", "2", "the morphisms hold: {x1, x2} = 0", "in the limit only: {x1, x2} = ε x3",
-        lambda g: _morphism(g, False), lambda g: _morphism(g, True),
+        lambda g: _morphism(g, False), lambda g: _morphism(g, True), prose=True,
     ),
     Erratum(
         "(2.5)–(2.6) with (2.21)", "2", "r = iP/(u − v) for L of (2.21)", "r = −P/(u − v) for L = i L_G",
-        lambda g: _r_matrix(g, FACTOR_GAUDIN), lambda g: _r_matrix(g, FACTOR_TOP),
+        lambda g: _r_matrix(g, FACTOR_GAUDIN), lambda g: _r_matrix(g, FACTOR_TOP), prose=True,
     ),
     Erratum(
         "(2.22)", "2", "… + 2 J3/u + alpha²", "… + 2 alpha J3/u + alpha²",

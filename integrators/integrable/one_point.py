@@ -249,5 +249,6 @@ ERRATA = [
         "before (5.5.2)", "5.5", "B_(λ,−μ) and B_(λ,μ), both of (5.1.4), are inverse to each other",
         "B_(λ,μ)⁻¹ is the map of the adjugate ((1, −p), (−q, u − λ + pq)) at (λ, μ)",
         lambda g: _composition(g, True), lambda g: _composition(g, False),
+        prose=True,
     ),
 ]  # fmt: skip

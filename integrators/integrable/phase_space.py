@@ -92,5 +92,6 @@ ERRATA = [
     Erratum(
         "(1.1), text", "1", "P is the constant vector along the gravity field: J' = x × P",
         "the gravity force is −P: J' = x × (−P) = P × x", lambda g: _force(g, 1), lambda g: _force(g, -1),
+        prose=True,
     ),
 ]  # fmt: skip

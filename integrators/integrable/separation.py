@@ -163,5 +163,6 @@ ERRATA = [
     Erratum(
         "(3.5), text", "3", "(u1, v1) lies on the spectral curve", "(u1, v1 − i alpha) lies on it",
         lambda g: _on_curve(g, 0), lambda g: _on_curve(g, 1),
+        prose=True,
     ),
 ]  # fmt: skip

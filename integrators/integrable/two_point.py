@@ -285,8 +285,8 @@ REAL_MISPRINTS = (
 
 
 def _erratum(number: str, real: bool, name: str, printed: str, corrected: str) -> Erratum:
-    residuals = (partial(_component, name=name, real=real, printed=as_printed) for as_printed in (True, False))
-    return Erratum(f"({number}) {name}", "5.5", printed, corrected, *residuals)
+    wrong, right = (partial(_component, name=name, real=real, printed=as_printed) for as_printed in (True, False))
+    return Erratum(f"({number}) {name}", "5.5", printed, corrected, wrong, right)
 
 
 ERRATA = [
@@ -294,6 +294,6 @@ ERRATA = [
     *(_erratum("5.5.10", True, *misprint) for misprint in REAL_MISPRINTS),
     Erratum(
         "(5.5.11)", "5.5", "real for λ1 = λ̄2, whatever the μ: also μ2 = μ̄1", "real for λ1 = λ̄2 and μ2 = −μ̄1",
-        partial(_reality, sign=1), partial(_reality, sign=-1),
+        partial(_reality, sign=1), partial(_reality, sign=-1), prose=True,
     ),
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Every misprint on record: visibly wrong as printed, right to round-off as corrected, at 8 random points each."""
+"""Every erratum on record: visibly wrong as printed, right to round-off as corrected, at 8 random points each."""
 
 import importlib
 import pkgutil
@@ -20,7 +20,7 @@ def test_printed_is_wrong_and_corrected_is_right(record):
         assert record.corrected(Random(seed)) <= 1e-12
 
 
-def test_no_misprint_is_listed_twice():
+def test_no_erratum_is_listed_twice():
     keys = [(e.section, e.equation, e.printed_text) for e in RECORDS]
     assert len(set(keys)) == len(keys)
 

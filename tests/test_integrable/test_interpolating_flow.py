@@ -219,6 +219,61 @@ def test_attitude_of_any_step(name):
         assert largest(np.array(step) - g) <= 1e-11
 
 
+# ------------------------------------------------------------- the proofs of docs/exact-step.md, sections 2 and 6
+
+
+def product(a, b):
+    """a b of quaternions (4,), scalar first, in any kind of numbers."""
+    return np.array([a[0] * b[0] - a[1:] @ b[1:], *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))])
+
+
+def step_and_quaternion(top, y, lam):
+    """The image of y with λ, and q = (−R, −w)/|λ|."""
+    w = np.array([v.real for v in tp.axis(top, y, lam, lam.conjugate())])
+    image = np.array([v.real for v in tp.pole_free(top, y, lam, lam.conjugate())])
+    return image, np.array([-lam.real, *(-w)]) / abs(lam)
+
+
+def slope(f):
+    """f'(0) in mpmath, by a central difference."""
+    d = mpf(10) ** -15
+    return [(ahead - behind) / (2 * d) for ahead, behind in zip(f(d), f(-d), strict=True)]
+
+
+def real_steps():
+    """Random real tops, λ well inside the nearest root of Q, and its m, 50 digits."""
+    for p in points(50):
+        y = np.array([z.real for z in p.state()])
+        lam = mpc(p.number().real, abs(p.number().imag)) / 8
+        yield p.top, y, lam, lax.root(p.top, y, lam), p.number()
+
+
+def test_the_step_moves_along_the_flow_when_lambda_does():
+    """Proposition 3: ỹ' = 2 Im(λ'/m) X_H + 2α Im(λλ'/m) X_J3, and the same for q with x̃ in addition."""
+    for top, y, lam, m, rate in real_steps():
+        moved, turned = slope(lambda s, top=top, y=y, lam=lam, rate=rate: step_and_quaternion(top, y, lam + s * rate))
+        image, q = step_and_quaternion(top, y, lam)
+        e3 = np.array([0, 0, 1])
+        turn = np.concatenate((np.cross(e3, image[:3]), np.cross(e3, image[3:])))
+        for sign, right in ((1, True), (-1, False)):  # not on the other sheet
+            time, angle, spin = (sign * (f * rate / m).imag for f in (1, top.alpha * lam, 1 / lam))
+            flow_and_turn = 2 * time * vector_field(top, image) + 2 * angle * turn
+            assert (largest(moved - flow_and_turn) < 1e-20) == right
+            velocity = np.array([0, *(spin * image[3:] + time * image[:3] + angle * e3)])
+            assert (largest(turned - product(velocity, q)) < 1e-20) == right
+
+
+def test_the_attitude_follows_the_step():
+    """q' = (J̃ q − q J)/2 along the motion: q g obeys the equation of g̃, so χ is a constant."""
+    for top, y, lam, _, _ in real_steps():
+        along = vector_field(top, y)
+        image, q = step_and_quaternion(top, y, lam)
+        _, moved = slope(lambda s, top=top, y=y, lam=lam, along=along: step_and_quaternion(top, y + s * along, lam))
+        J, J_new = (np.array([0, *state[:3]]) for state in (y, image))
+        assert largest(moved - (product(J_new, q) - product(q, J)) / 2) < 1e-20
+        assert largest(moved - (product(J, q) - product(q, J_new)) / 2) > 1e-3
+
+
 # ---------------------------------------------------------------------------- the exact step is a Poisson map
 
 
