@@ -180,14 +180,19 @@ def _compare(facts: dict[str, Any]) -> None:
 
 
 def compute(cells: list[tuple[str, dict[str, Any]]], limit: float | None) -> tuple[dict[str, Any], list[Outcome]]:
-    """Outcomes of the first few cells, as many as take about HANDFUL seconds and at least one; and what runs here."""
+    """Outcomes of the first few cells, as many as take about HANDFUL seconds and at least one; and what runs here.
+
+    A worker may join when the run has begun: then nobody has asked it for the experiments, and it must not make failed
+    cells of what it lacks.
+    """
+    facts = look(sorted({experiment for experiment, _ in cells}))
     start, outcomes = perf_counter(), []
     for experiment, cell in cells:
         outcome = _slots().compute(experiment, cell, limit)
         outcomes.append({**outcome, "provenance": provenance.provenance()})
         if perf_counter() - start > HANDFUL:
             break
-    return look(), outcomes
+    return facts, outcomes
 
 
 def look(experiments: Sequence[str] = ()) -> dict[str, Any]:

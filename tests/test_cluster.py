@@ -153,13 +153,30 @@ def test_workers_that_differ_are_refused(tmp_path, scheduler, monkeypatch):
     assert here["source"] == provenance.source() != ""
     with pytest.raises(ModuleNotFoundError, match="no module"):
         cluster.look(["experiments.nonexistent"])
-    # and for real: workers that do not find the module of the experiment
+    # and for real: a worker that does not find the module of the experiment, whether it is there before the run or not
     scheduler.worker(PYTHONPATH="")
     run = start(squares(1), tmp_path / "there", "--scheduler", scheduler.address)
     out, err = run.communicate(timeout=60)
     assert run.returncode == 2
     assert "a Dask worker lacks something" in err
     assert err.count("\n") == 1
+
+
+def test_a_worker_that_joins_late_is_checked_too(tmp_path, scheduler, monkeypatch):
+    """What it lacks is no result: nothing is stored."""
+    monkeypatch.syspath_prepend(str(HERE))
+    monkeypatch.setenv("TOY_CELLS", json.dumps(squares(1, 2)))
+    enter = cluster.Cluster.__enter__
+
+    def join(self):
+        entered = enter(self)  # asks the workers, of which there are none
+        scheduler.worker(PYTHONPATH="")
+        return entered
+
+    monkeypatch.setattr(cluster.Cluster, "__enter__", join)
+    with pytest.raises(cluster.ClusterError, match=r"a Dask worker lacks something: No module named .toys.; install the same"):
+        engine.run([TOY], "quick", tmp_path, scheduler=scheduler.address, show=False)
+    assert keys(tmp_path) == []
 
 
 def test_nobody_there(tmp_path, monkeypatch):
