@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import ModuleType
 
 EXPERIMENTS = ("drift", "phase", "cost", "work_precision", "perturbed", "round_off", "ensemble", "paper", "gaudin")
@@ -39,3 +42,25 @@ def load(name: str) -> ModuleType:
     if missing := [part for part in ("VERSION", "cells", "measure", "draw", "tables") if not hasattr(module, part)]:
         raise ValueError(f"experiment {name!r} ({module.__file__}) lacks {', '.join(missing)}")
     return module
+
+
+@contextmanager
+def interrupted_once() -> Iterator[None]:
+    """Around all that a process does: the first Ctrl-C raises KeyboardInterrupt, later ones do nothing.
+
+    The end that the first one begins is short, as worker processes are killed. A second Ctrl-C in the middle of it could
+    only leave processes behind, or print a traceback.
+    """
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:  # ignored, e.g. by nohup, or another's handler
+        yield
+        return
+    signal.signal(signal.SIGINT, _interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _interrupt(*_: object) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    raise KeyboardInterrupt

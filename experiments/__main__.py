@@ -20,7 +20,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn
 
-from experiments import EXPERIMENTS, integrate
+from experiments import EXPERIMENTS, integrate, interrupted_once
 
 INTRODUCTION = """\
 Benchmarks of geometric integrators for the symmetric Lagrange top, judged by its exact solution."""
@@ -396,9 +396,10 @@ def scheduler(text: str) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command and returns the exit code; what went wrong is one line on stderr."""
     try:
-        return _run(sys.argv[1:] if argv is None else list(argv))
-    except KeyboardInterrupt:
-        return _say("interrupted", 130)
+        with interrupted_once() if argv is None else contextlib.nullcontext():
+            return _run(sys.argv[1:] if argv is None else list(argv))
+    except KeyboardInterrupt as interrupt:
+        return _say(str(interrupt) or "interrupted", 130)
     except BrokenPipeError:
         return 141
     except MemoryError:

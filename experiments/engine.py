@@ -10,13 +10,14 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from itertools import compress, islice
 from pathlib import Path
 from typing import Any
 
-from experiments import EXPERIMENTS, load, progress, provenance, sources, workers
+from experiments import EXPERIMENTS, interrupted_once, load, progress, provenance, sources, workers
 from experiments.store import ADDED, Store, StoreError, cell_key, clean, default_results, make_record
 from experiments.workers import Outcome, Task
 
@@ -113,7 +114,7 @@ def run(
     ------
     ValueError : no such experiment, profile or scheduler. StoreError : `results` cannot be written or read; nothing is
     lost. ClusterError : the scheduler went away, or its workers would give other rows.
-    KeyboardInterrupt : Ctrl-C; the workers are gone, what was finished is stored, and stderr says so.
+    KeyboardInterrupt : Ctrl-C; the workers are gone, what was finished is stored, and the message says so.
     """
     if profile not in PROFILES:
         raise ValueError(f"profile must be one of {', '.join(PROFILES)}; got {profile!r}")
@@ -153,9 +154,8 @@ def run(
         except KeyboardInterrupt:
             tallies = summary.tallies.values()
             stored, asked = sum(t.stored + t.computed for t in tallies), sum(t.cells - t.unavailable for t in tallies)
-            message = f"\ninterrupted: {stored} of {asked} cells are stored in {summary.results}"
-            print(f"{message}; run the same command again to resume", file=sys.stderr, flush=True)
-            raise
+            message = f"interrupted: {stored} of {asked} cells are stored in {summary.results}"
+            raise KeyboardInterrupt(f"{message}; run the same command again to resume") from None
     return summary
 
 
@@ -282,21 +282,27 @@ def main(name: str, argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--redraw-only", action="store_true", help="compute nothing, draw what is stored")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON on stdout")
     options = parser.parse_args(argv)
-    results = options.results or default_results(options.profile)
-    code = 0
     try:
-        if not options.redraw_only:
-            summary = run([name], options.profile, results, options.jobs)
-            print(summary, file=sys.stderr)
-            if options.json:
-                print(json.dumps(summary.as_dict()))
-            code = summary.exit_code
-        _draw(name, results, options.output or results / "report")
+        with interrupted_once() if argv is None else nullcontext():
+            return _main(name, options)
     except StoreError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
+        print(str(interrupt) or "interrupted", file=sys.stderr)
         return 130
+
+
+def _main(name: str, options: argparse.Namespace) -> int:
+    results = options.results or default_results(options.profile)
+    code = 0
+    if not options.redraw_only:
+        summary = run([name], options.profile, results, options.jobs)
+        print(summary, file=sys.stderr)
+        if options.json:
+            print(json.dumps(summary.as_dict()))
+        code = summary.exit_code
+    _draw(name, results, options.output or results / "report")
     return code
 
 

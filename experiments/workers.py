@@ -135,10 +135,11 @@ class Local:
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
-        if kind is not None:
-            self._slots.kill()
-        self._threads.shutdown(wait=True, cancel_futures=True)
-        self._slots.close()
+        with interrupt_held_back():  # the end is short, and a second Ctrl-C would leave processes behind
+            if kind is not None:
+                self._slots.kill()
+            self._threads.shutdown(wait=True, cancel_futures=True)
+            self._slots.close()
 
     @property
     def room(self) -> bool:
@@ -147,7 +148,8 @@ class Local:
     def submit(self, tasks: list[Task]) -> None:
         (task,) = tasks
         self._out += 1
-        future = self._threads.submit(self._slots.compute, task.experiment, task.cell, self._limit)
+        with interrupt_held_back():  # or the pool would not know a thread that it had just started, nor wait for its end
+            future = self._threads.submit(self._slots.compute, task.experiment, task.cell, self._limit)
         future.add_done_callback(lambda done: self._done.put((task, done)))
 
     def finished(self) -> list[tuple[Task, Outcome]]:
@@ -195,9 +197,9 @@ class Slots:
         return outcome
 
     def _take(self) -> _Slot:
-        try:
-            return self._idle.pop()
-        except IndexError:
+        with self._lock:
+            if self._idle:
+                return self._idle.pop()
             slot = _Slot()
             self._all.add(slot)
             return slot

@@ -241,6 +241,30 @@ def test_interrupt_while_workers_start(tmp_path):
         assert nobody_left(run.pid)
 
 
+def test_interrupt_while_a_thread_starts(toy, monkeypatch):
+    """The pool waits for a thread that it knows. One that it was interrupted in starting would go on building a process."""
+    start, build, unfinished = threading.Thread.start, workers._executor, threading.Event()
+
+    def interrupted_start(thread):
+        start(thread)
+        if thread.name.startswith("ThreadPoolExecutor"):
+            signal.raise_signal(signal.SIGINT)
+
+    def slow_build():
+        unfinished.set()
+        time.sleep(0.3)
+        unfinished.clear()
+        return build()
+
+    monkeypatch.setattr(threading.Thread, "start", interrupted_start)
+    monkeypatch.setattr(workers, "_executor", slow_build)
+    with pytest.raises(KeyboardInterrupt, match=r"interrupted: 0 of 3 cells are stored in .*again to resume"):
+        toy(squares(1, 2, 3))
+    assert not unfinished.is_set()
+    assert [thread for thread in threading.enumerate() if thread.name.startswith("ThreadPoolExecutor")] == []
+    assert multiprocessing.active_children() == []
+
+
 def test_interrupt_is_held_back_whichever_thread_catches_it():
     """Libraries have threads that do not block the signal; Python acts on it in the main thread all the same."""
     ended = threading.Event()

@@ -101,6 +101,26 @@ def test_a_worker_that_is_killed_costs_nothing(toy, tmp_path):
     assert comparable(tmp_path / "killed") == comparable(tmp_path / "here")
 
 
+# ---------------------------------------------------------------- interrupted more than once
+
+
+@linux
+@pytest.mark.parametrize("words", [(), ("--scheduler", "local:2")], ids=["here", "Dask"])
+def test_more_interrupts_change_nothing(tmp_path, words):
+    """One for every moment of the end, the interpreter's own included: nothing but the first one's message and exit code."""
+    if words:
+        pytest.importorskip("distributed")
+    run = start([*squares(1, 2), {"do": "compiled loop", "i": 3}], tmp_path, *words)
+    wait_for_lines(tmp_path / f"{TOY}.jsonl", 2, run)
+    while run.poll() is None:
+        os.killpg(run.pid, signal.SIGINT)
+        time.sleep(0.001)
+    out, err = run.communicate()
+    assert (run.returncode, out) == (130, ""), err
+    assert re.fullmatch(r"lagrange-bench: interrupted: 2 of 3 cells are stored in .*; run the same [^\n]*\n", err), err
+    assert nobody_left(run.pid)
+
+
 # ---------------------------------------------------------------- cells that hang or crash
 
 
