@@ -2,11 +2,12 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help bench test lint full report docs clean
+.PHONY: help bench test stress lint full report docs clean
 
 help:
 	@echo "make bench   set up, run the quick profile (about 3 minutes), write report/index.html"
 	@echo "make test    set up, run the tests (about 7 minutes)"
+	@echo "make stress  repeat the tests that start processes beside busy loops (hours); ROUNDS=30 MINUTES=240"
 	@echo "make full    set up, run the full profile (about 40 minutes), write report/index.html"
 	@echo "make report  draw the committed reference run again, computing nothing"
 	@echo "make docs    write the reference of all modules to build/docs, to be read offline"
@@ -26,6 +27,11 @@ report: .venv/ready
 
 test: .venv/ready
 	$(BIN)/python -m pytest -n auto --dist worksteal -q
+
+ROUNDS ?= 30
+MINUTES ?= 240
+stress: .venv/ready
+	$(BIN)/python tests/stress.py --rounds $(ROUNDS) --minutes $(MINUTES) -- -n auto --dist loadgroup
 
 docs: .venv/ready
 	$(BIN)/python docs/reference.py

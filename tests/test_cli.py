@@ -299,6 +299,7 @@ def toy(monkeypatch):
     return "toys.behaviour"
 
 
+@pytest.mark.processes
 def test_run(run, toy, tmp_path, monkeypatch):
     words = ("run", toy, "--results", tmp_path / "my results", "--jobs", "1")
     code, out, err = run(*words, "--quiet")
@@ -344,6 +345,7 @@ def test_run_stopped_or_without_a_place(run, monkeypatch, tmp_path):
     assert (code, out, err) == (130, "", "lagrange-bench: interrupted\n")
 
 
+@pytest.mark.processes
 def test_report(run, tmp_path):
     (tmp_path / "results").mkdir()
     words = ("report", "--results", tmp_path / "results", "--output", tmp_path / "page")
@@ -377,6 +379,7 @@ def draw(rows):
 """
 
 
+@pytest.mark.processes
 def test_an_experiment_of_your_own_is_drawn_where_it_was_run(tmp_path):
     (tmp_path / "my_study").mkdir()
     (tmp_path / "my_study" / "energy.py").write_text(STUDY)

@@ -16,7 +16,8 @@ from experiments import cluster, engine, provenance
 from experiments.store import Store
 
 pytest.importorskip("distributed")
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks for left-over processes in /proc")
+linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for left-over processes in /proc")
+pytestmark = [linux, pytest.mark.processes]
 
 ODD = [{"do": "raise", "i": 100}, {"do": "die", "i": 101}, {"do": "segfault", "i": 102}, {"do": "bad row", "i": 103}]
 

@@ -238,6 +238,7 @@ def written(thing) -> bool:
     return bool(text.strip()) and not text.startswith(f"{getattr(thing, '__name__', '')}(")
 
 
+@pytest.mark.processes
 @pytest.mark.skipif(importlib.util.find_spec("pdoc") is None, reason="needs pdoc: pip install 'lagrange-bench[docs]'")
 def test_the_reference_is_written_without_a_warning(tmp_path):
     """In a process of its own, in which kernels are Python functions. No page asks the network for anything."""

@@ -22,6 +22,8 @@ from experiments.store import Store, StoreError
 from integrators import registry
 from integrators.interface import Method
 
+pytestmark = pytest.mark.processes
+
 
 @pytest.fixture
 def toy(monkeypatch, tmp_path):

@@ -24,6 +24,7 @@ from faults import HERE, TOY, comparable, nobody_left, session, squares, start, 
 from experiments import engine, provenance
 from experiments.store import SCHEMA, Store, make_record
 
+pytestmark = pytest.mark.processes
 linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for left-over processes in /proc")
 KILLS = int(os.environ.get("LAGRANGE_BENCH_KILLS", 12))
 

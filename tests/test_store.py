@@ -329,6 +329,7 @@ for i in range(60):
 """
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("lock", ["with lock", "without lock"])
 def test_two_writers(tmp_path, lock):
     """The negative control without the lock shows that it is the lock that keeps lines apart."""
@@ -366,6 +367,7 @@ for i in range(100):
 """
 
 
+@pytest.mark.processes
 def test_a_real_limit_on_file_sizes(tmp_path):
     run = subprocess.run([sys.executable, "-c", LIMITED, str(tmp_path)], capture_output=True, text=True, timeout=60)
     assert "StoreError" in run.stderr

@@ -174,6 +174,7 @@ def test_beyond_the_exact_solution_the_invariants_remain():
 # ---------------------------------------------------------------- run and report
 
 
+@pytest.mark.processes
 def test_run_draws_and_resumes_and_the_report_needs_no_file(run, write, tmp_path):
     text = GOOD + '[[sweep]]\nmethods = ["dop853", "toys.lies:METHOD"]\nrtol = [1e-6]\ntime = 5\n'
     path, results = write(text.replace(', "toys.lies:METHOD"', "")), tmp_path / "results"
@@ -205,6 +206,7 @@ def test_run_draws_and_resumes_and_the_report_needs_no_file(run, write, tmp_path
     ]
 
 
+@pytest.mark.processes
 def test_a_method_of_ones_own_and_one_that_fails(run, write, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(HERE))
     text = (

@@ -18,6 +18,7 @@ import pytest
 from experiments.store import Store, make_record
 
 pty = pytest.importorskip("pty", reason="no pseudo-terminals on this platform")
+pytestmark = pytest.mark.processes
 HERE = Path(__file__).resolve().parent
 PATIENCE = 60.0  # s; it takes two
 ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
