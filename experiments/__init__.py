@@ -51,7 +51,7 @@ def interrupted_once() -> Iterator[None]:
     The end that the first one begins is short, as worker processes are killed. A second Ctrl-C in the middle of it could
     only leave processes behind, or print a traceback.
     """
-    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:  # ignored, e.g. by nohup, or another's handler
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:  # e.g. nohup
         yield
         return
     signal.signal(signal.SIGINT, _interrupt)

@@ -20,7 +20,7 @@ from functools import cache
 from time import monotonic, perf_counter
 from typing import Any
 
-from experiments import provenance, workers
+from experiments import memory, provenance, workers
 from experiments.workers import DIED, Outcome, Task, failure
 
 CONNECT = 30.0  # s to wait for the scheduler
@@ -197,6 +197,7 @@ def compute(cells: list[tuple[str, dict[str, Any]]], limit: float | None) -> tup
 
 def look(experiments: Sequence[str] = ()) -> dict[str, Any]:
     """What decides about rows: versions and sources. Also finds out whether the modules of `experiments` are here."""
+    memory.limit()  # ValueError for a wrong one
     for name in experiments:
         if "." in name and importlib.util.find_spec(name) is None:
             raise ModuleNotFoundError(f"no module {name}")

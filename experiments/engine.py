@@ -17,7 +17,7 @@ from itertools import compress, islice
 from pathlib import Path
 from typing import Any
 
-from experiments import EXPERIMENTS, interrupted_once, load, progress, provenance, sources, workers
+from experiments import EXPERIMENTS, interrupted_once, load, memory, progress, provenance, sources, workers
 from experiments.store import ADDED, Store, StoreError, cell_key, clean, default_results, make_record
 from experiments.workers import Outcome, Task
 
@@ -125,6 +125,7 @@ def run(
     if not 0 <= shard[0] < shard[1]:
         raise ValueError(f"shard must be (i, n) with 0 <= i < n; got {shard}")
     limit = TIME_LIMITS[profile] if time_limit is None else time_limit
+    memory.limit()  # ValueError for a wrong one
     store, summary = Store(results), Summary(Path(results), profile)
     store.check_writable()  # before anything is computed
     plans = [_plan(name, profile, shard, store, summary, timings, again) for name in dict.fromkeys(experiments)]

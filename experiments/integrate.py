@@ -10,6 +10,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+from experiments import memory
 from experiments.commands import Answer, closest, find_method, plain
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ PHYSICAL = {  # name → default, None: must be given
     "dphi": 0.0,
     "dpsi": None,
 }
+PER_ROW = 1000  # bytes of memory that a recorded state takes until it is printed or written, measured
 TABLES, PICTURES, FILMS = (".csv", ".npz", ".parquet"), (".svg", ".png", ".pdf"), (".gif", ".html")
 
 
@@ -134,6 +136,10 @@ def times(text: str) -> list[float]:
     first, last, n = number(parts[0]), number(parts[1]), count(parts[2])
     if n < 2:
         raise argparse.ArgumentTypeError(f"t0:t1:n takes at least 2 times; got {n}")
+    try:
+        memory.check(n, PER_ROW, memory.available(), text, "take fewer times")
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
     return [first + (last - first) * (k / (n - 1)) for k in range(n - 1)] + [last]
 
 
@@ -253,6 +259,7 @@ def _grid(options: argparse.Namespace) -> dict[str, Any]:
         every = 1 if options.output or options.draw or options.animate else max(options.steps, 1)
     if every < 1 or options.steps % every:
         raise ValueError(f"--every {every} does not divide --steps {options.steps}")
+    memory.check(options.steps // every + 1, PER_ROW, memory.available(), "--steps", "record fewer states (--every)")
     return {"h": options.h, "steps": options.steps, "every": every}
 
 

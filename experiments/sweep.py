@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments import SWEEP, metrics
+from experiments import SWEEP, memory, metrics
 from experiments.commands import find_method
 from experiments.integrate import numbers, option
 from experiments.states import find, follow, rounded, truth
@@ -41,6 +41,7 @@ KEYS = {
     "sweep": ("methods", "tops", *KNOBS, "time", "steps", "samples", "options"),
 }
 SAMPLES = 32
+PER_SAMPLE = 3000  # bytes of memory that a cell takes for each, measured
 LARGEST = 1e100  # step: beyond, there is nothing to draw
 EARLIEST = 1e-3  # first recorded time of a method that chooses its own steps, as a part of the last
 
@@ -134,6 +135,7 @@ def _sweep(table: dict[str, Any], tops: dict[str, tuple[float, Array]], place: s
     if knob != "h" and "steps" in table:
         raise ValueError(f"{place}, steps goes with h; with {knob} give time only")
     samples = check_count(table.get("samples", SAMPLES), f"{place}, samples", least=2)
+    memory.check(samples, PER_SAMPLE, memory.limit(), f"{place}, samples", f"take fewer, or set {memory.VARIABLE}")
     options = _options(table.get("options", {}), place)
     names = table.get("tops", list(tops) or ["generic"])
     starts = [_start(name, tops, f"{place}, tops") for name in _list(names, f"{place}, tops")]

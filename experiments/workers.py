@@ -27,7 +27,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, Protocol
 
-from experiments import load
+from experiments import load, memory
 from experiments.store import clean_rows, restore
 
 # read by the numerical libraries when they are imported
@@ -148,7 +148,7 @@ class Local:
     def submit(self, tasks: list[Task]) -> None:
         (task,) = tasks
         self._out += 1
-        with interrupt_held_back():  # or the pool would not know a thread that it had just started, nor wait for its end
+        with interrupt_held_back():  # else the pool would not wait for a thread that it just started
             future = self._threads.submit(self._slots.compute, task.experiment, task.cell, self._limit)
         future.add_done_callback(lambda done: self._done.put((task, done)))
 
@@ -324,7 +324,10 @@ def compute(experiment: str, cell: dict[str, Any], limit: float | None = None) -
                 _restrain(cell["method"])
             rows = clean_rows(cell, list(module.measure(restore(cell))))
     except BaseException as error:  # also SystemExit: it must end neither the worker nor the run
-        return failure(type(error).__name__, str(error), traceback.format_exc(), perf_counter() - start)
+        message = str(error)
+        if isinstance(error, MemoryError):
+            message = f"more than {memory.limit():g} GB; {memory.VARIABLE} in the environment, in GB, allows more"
+        return failure(type(error).__name__, message, traceback.format_exc(), perf_counter() - start)
     finally:
         faulthandler.cancel_dump_traceback_later()
     messages = sorted({f"{warning.category.__name__}: {warning.message}" for warning in caught})
@@ -341,6 +344,7 @@ def failure(type_: str, message: str, trace: str, seconds: float) -> Outcome:
 
 def _start_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    memory.restrain()
     os.dup2(2, 1)  # stdout belongs to the data; compiled libraries print warnings there
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

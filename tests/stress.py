@@ -53,7 +53,7 @@ def main():
     parser.add_argument("--rounds", type=int, default=30, metavar="N", help="default: 30")
     parser.add_argument("--minutes", type=float, default=240, metavar="M", help="no round begins later (default: 240)")
     parser.add_argument("--loops", type=int, default=2 * (os.cpu_count() or 1), metavar="N", help="default: 2 × cores")
-    parser.add_argument("pytest", nargs="*", metavar="WORD", help="for pytest, after --, e.g. tests/test_engine.py -n 2")
+    parser.add_argument("pytest", nargs="*", metavar="WORD", help="for pytest, after --, e.g. -n 2")
     options = parser.parse_args()
     begun, rounds, bad, failed = monotonic(), 0, 0, 0
     try:

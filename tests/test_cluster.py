@@ -175,7 +175,9 @@ def test_a_worker_that_joins_late_is_checked_too(tmp_path, scheduler, monkeypatc
         return entered
 
     monkeypatch.setattr(cluster.Cluster, "__enter__", join)
-    with pytest.raises(cluster.ClusterError, match=r"a Dask worker lacks something: No module named .toys.; install the same"):
+    with pytest.raises(
+        cluster.ClusterError, match=r"a Dask worker lacks something: No module named .toys.; install the same"
+    ):
         engine.run([TOY], "quick", tmp_path, scheduler=scheduler.address, show=False)
     assert keys(tmp_path) == []
 

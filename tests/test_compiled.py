@@ -5,6 +5,10 @@ import resource
 import subprocess
 import sys
 
+import pytest
+
+pytestmark = pytest.mark.processes
+
 STEP = """
 from integrators import TOPS, integrate
 named = TOPS["generic"]

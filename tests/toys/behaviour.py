@@ -44,6 +44,8 @@ def measure(cell):
             warnings.warn("toy warning", RuntimeWarning, stacklevel=1)
             print("chatter on stdout")
             sys.stdout.flush()
+        case "memory":
+            np.ones(int(cell["GB"] * 1e9 / 8))
         case "bad row":
             return [{"vector": np.zeros(3)}]
         case "fail until there":
