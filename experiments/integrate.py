@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
@@ -47,6 +49,7 @@ PHYSICAL = {  # name → default, None: must be given
     "dphi": 0.0,
     "dpsi": None,
 }
+STATE = 1000  # bytes that a recorded state takes at most, while it is judged and written
 TABLES, PICTURES, FILMS = (".csv", ".npz", ".parquet"), (".svg", ".png", ".pdf"), (".gif", ".html")
 
 
@@ -100,10 +103,17 @@ def add_options(command: argparse.ArgumentParser) -> None:
 # ---------------------------------------------------------------- what the words on the command line mean
 
 
+def read(kind: Callable[[str], Any], text: str) -> Any:
+    """`kind(text)`, for ASCII without underscores: Python also reads 1_0 and the digits of other scripts, users do not."""
+    if not text.isascii() or "_" in text:
+        raise ValueError(text)
+    return kind(text)
+
+
 def number(text: str) -> float:
     """A finite real number."""
     try:
-        value = float(text)
+        value: float = read(float, text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"must be a number; got {text!r}") from None
     if not math.isfinite(value):
@@ -134,7 +144,21 @@ def times(text: str) -> list[float]:
     first, last, n = number(parts[0]), number(parts[1]), count(parts[2])
     if n < 2:
         raise argparse.ArgumentTypeError(f"t0:t1:n takes at least 2 times; got {n}")
+    if reason := too_many(n):
+        raise argparse.ArgumentTypeError(reason)
     return [first + (last - first) * (k / (n - 1)) for k in range(n - 1)] + [last]
+
+
+def too_many(states: int) -> str | None:
+    """Why so many states cannot be recorded here; None if they fit into the memory of this machine."""
+    try:
+        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):  # not known on this platform
+        return None
+    if states * STATE <= memory:
+        return None
+    need = f"{states:g} states need about {states * STATE / 1e9:.3g} GB"
+    return f"{need}, this machine has {memory / 1e9:.3g} GB: record fewer"
 
 
 def option(text: str) -> tuple[str, Any]:
@@ -144,7 +168,7 @@ def option(text: str) -> tuple[str, Any]:
         raise argparse.ArgumentTypeError(f"must be KEY=VALUE; got {text!r}")
     for kind in (int, float, complex):
         try:
-            return key, kind(value)
+            return key, read(kind, value)
         except ValueError:
             continue
     return key, {"true": True, "false": False}.get(value.lower(), value)
@@ -175,11 +199,13 @@ def physical(text: str) -> dict[str, float]:
 def integrate(options: argparse.Namespace) -> Answer:
     """Follow the top, write what is wanted, and sum up."""
     from experiments import output
+    from integrators.interface import check_options
 
     name, top, y0 = _start(options)
     grid, method, settings = _grid(options), find_method(options.method), _settings(options)
     if options.times is not None and method.evaluate is None:
         raise ValueError(f"--times: {method.name} steps on a grid only; give --h and --steps")
+    check_options(method.name, method.evaluate if options.times and method.evaluate else method.prepare, settings)
     files = {"--output": options.output, "--draw": options.draw, "--animate": options.animate}
     for (flag, path), suffixes in zip(files.items(), (TABLES, PICTURES, FILMS), strict=True):
         if path is not None:  # nobody wants to learn after an hour that there is no such folder
@@ -253,6 +279,8 @@ def _grid(options: argparse.Namespace) -> dict[str, Any]:
         every = 1 if options.output or options.draw or options.animate else max(options.steps, 1)
     if every < 1 or options.steps % every:
         raise ValueError(f"--every {every} does not divide --steps {options.steps}")
+    if reason := too_many(options.steps // every + 1):
+        raise ValueError(f"--every {every}: {reason}")
     return {"h": options.h, "steps": options.steps, "every": every}
 
 
