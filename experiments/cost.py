@@ -17,9 +17,17 @@ import tempfile
 import numpy as np
 import pandas as pd
 
-from experiments import engine, metrics, timing
-from experiments.states import find, interpreted, knobs, options_of, rounded
-from integrators import METHODS, Method, exact, integrate, prepare
+from experiments.measuring import metrics, timing
+from experiments.measuring.states import (
+    find,
+    interpreted,
+    knobs,
+    options_of,
+    rounded,
+)
+from integrators import METHODS, Method, integrate, prepare
+from integrators.truth import exact
+from lagrange_bench.runner import engine
 
 VERSION = 3
 
@@ -251,7 +259,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from report import style
+    from experiments.drawing import style
 
     steps = rows[(rows.part == "step") & (rows.status == "done")]
     return {} if steps.empty else {"steps": _draw_steps(steps, style)}

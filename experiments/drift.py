@@ -13,11 +13,21 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from experiments import engine, metrics
-from experiments.states import RANDOM, WIDE, affordable, find, log_counts, options_of, rounded, sample
-from integrators import exact
+from experiments.measuring import metrics
+from experiments.measuring.states import (
+    RANDOM,
+    WIDE,
+    affordable,
+    find,
+    log_counts,
+    options_of,
+    rounded,
+    sample,
+)
 from integrators.interface import INVARIANTS
-from integrators.top import TOPS
+from integrators.problem.top import TOPS
+from integrators.truth import exact
+from lagrange_bench.runner import engine
 
 VERSION = 2
 
@@ -168,7 +178,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from report import style
+    from experiments.drawing import style
 
     rows = indexed(rows)
     figures = {}

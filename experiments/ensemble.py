@@ -18,14 +18,16 @@ from time import perf_counter
 import numpy as np
 import pandas as pd
 
-from experiments import engine, metrics, timing
-from experiments.states import options_of, rounded, truth
-from integrators import METHODS, LagrangeTop, exact, integrate_ensemble, prepare
-from integrators.compiled import compiled
+from experiments.measuring import metrics, timing
+from experiments.measuring.states import options_of, rounded, truth
+from integrators import METHODS, LagrangeTop, integrate_ensemble, prepare
+from integrators.compiling.compiled import compiled
+from integrators.compiling.loops import LANES, run_lanes
 from integrators.ensemble import usable_cores
-from integrators.integrable import real_map
 from integrators.interface import Array
-from integrators.loops import LANES, run_lanes
+from integrators.torus import real_map
+from integrators.truth import exact
+from lagrange_bench.runner import engine
 
 VERSION = 2
 
@@ -322,7 +324,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from report import style
+    from experiments.drawing import style
 
     good = rows[rows.status == "done"]
     figures = {}

@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments import engine, metrics, timing
-from experiments.states import log_counts, rounded
-from integrators.integrable import gaudin_step
-from integrators.integrable.gaudin import GaudinMagnet
+from experiments.measuring import metrics, timing
+from experiments.measuring.states import log_counts, rounded
 from integrators.interface import Array, StepError
+from integrators.paper import gaudin_step
+from integrators.paper.gaudin import GaudinMagnet
+from lagrange_bench.runner import engine
 
 VERSION = 1
 
@@ -223,7 +224,7 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from report import style
+    from experiments.drawing import style
 
     figures = {}
     if (rows.part == "time").any():

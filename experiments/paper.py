@@ -10,9 +10,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from experiments import engine, metrics
-from experiments.states import find, options_of, rounded
+from experiments.measuring import metrics
+from experiments.measuring.states import find, options_of, rounded
 from integrators import prepare
+from lagrange_bench.runner import engine
 
 VERSION = 1
 
@@ -66,7 +67,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from report import style
+    from experiments.drawing import style
 
     return {
         "figures": _draw_orbits(rows[rows.status == "done"], style),

@@ -23,12 +23,13 @@ import numpy as np
 import pandas as pd
 from scipy.integrate import solve_ivp
 
-from experiments import engine, metrics, timing
-from experiments.states import find, rounded
+from experiments.measuring import metrics, timing
+from experiments.measuring.states import find, rounded
 from integrators import prepare
-from integrators.compiled import compiled
+from integrators.compiling.compiled import compiled
 from integrators.interface import Array, StepError
-from integrators.top import LagrangeTop
+from integrators.problem.top import LagrangeTop
+from lagrange_bench.runner import engine
 
 VERSION = 1
 
@@ -194,8 +195,8 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from report import style
-    from report.tables import show
+    from experiments.drawing import style
+    from experiments.drawing.tables import show
 
     good = rows[rows.status == "done"]
     if good.empty:

@@ -14,10 +14,22 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from experiments import check, engine, metrics
-from experiments.states import CLOSE, WIDE, affordable, find, log_counts, options_of, rounded, sample, truth
-from integrators import METHODS, exact
-from integrators.top import TOPS
+from experiments.measuring import check, metrics
+from experiments.measuring.states import (
+    CLOSE,
+    WIDE,
+    affordable,
+    find,
+    log_counts,
+    options_of,
+    rounded,
+    sample,
+    truth,
+)
+from integrators import METHODS
+from integrators.problem.top import TOPS
+from integrators.truth import exact
+from lagrange_bench.runner import engine
 
 VERSION = 3
 
@@ -199,7 +211,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from report import style
+    from experiments.drawing import style
 
     figures = {}
     if (rows.part == "h").any():
@@ -239,7 +251,7 @@ def _draw_h(rows: pd.DataFrame, style):
 
 def _best(rows: pd.DataFrame) -> set[str]:
     """Of each family the method with the smallest error at the step nearest to 1/8."""
-    from report import style
+    from experiments.drawing import style
 
     good = rows[(rows.status == "done") & rows.error.notna() & rows.h.notna()]
     if good.empty:

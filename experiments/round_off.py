@@ -18,15 +18,32 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments import engine, metrics, timing
-from experiments.states import RANDOM, find, follow, log_counts, rounded
-from integrators import exact, prepare
-from integrators.compiled import compiled
-from integrators.integrable import real_map
-from integrators.integrable.real_map import ALPHA, ALPHA_2, ETA, ETA2, MI_ETA, MR, P3, R
-from integrators.loops import MEMORY, NEVER, FixedStepper
+from experiments.measuring import metrics, timing
+from experiments.measuring.states import (
+    RANDOM,
+    find,
+    follow,
+    log_counts,
+    rounded,
+)
+from integrators import prepare
+from integrators.compiling.compiled import compiled
+from integrators.compiling.loops import MEMORY, NEVER, FixedStepper
 from integrators.methods.backlund import TorusStepper
-from integrators.units import Units
+from integrators.problem.units import Units
+from integrators.torus import real_map
+from integrators.torus.real_map import (
+    ALPHA,
+    ALPHA_2,
+    ETA,
+    ETA2,
+    MI_ETA,
+    MR,
+    P3,
+    R,
+)
+from integrators.truth import exact
+from lagrange_bench.runner import engine
 
 VERSION = 3
 
@@ -382,7 +399,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from report import style
+    from experiments.drawing import style
 
     figures = {}
     if (rows.part == "drift").any():

@@ -20,13 +20,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments import SWEEP, memory, metrics
-from experiments.commands import find_method, find_stored_method
-from experiments.integrate import numbers, option
-from experiments.states import find, follow, rounded, truth
-from integrators import INVARIANTS, TOPS, StepError, exact, integrate, prepare
+from experiments.catalogue import SWEEP
+from experiments.measuring import metrics
+from experiments.measuring.states import find, follow, rounded, truth
+from integrators import (
+    INVARIANTS,
+    TOPS,
+    StepError,
+    integrate,
+    prepare,
+)
+from integrators import machine as memory
 from integrators.interface import MOST, Array, Method, check_count, check_options, check_real, check_state, check_step
-from integrators.top import LagrangeTop
+from integrators.problem.top import LagrangeTop
+from integrators.truth import exact
+from lagrange_bench.commands import find_method, find_stored_method
+from lagrange_bench.integrate import numbers, option
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -369,7 +378,7 @@ def _fineness(cell: Cell) -> float:
 
 def _panels(runs: list[tuple[Cell, pd.DataFrame]], xlabel: str) -> tuple[Any, dict[str, Any]]:
     """A figure with a row for each top: errors on the left, invariants on the right."""
-    from report import style
+    from experiments.drawing import style
 
     tops = list(dict.fromkeys(cell["top"] for cell, _ in runs))
     figure, axes = style.figure("page", 0.4 + 2.3 * len(tops), nrows=len(tops), ncols=2, sharex=True, squeeze=False)
@@ -386,7 +395,7 @@ def _panels(runs: list[tuple[Cell, pd.DataFrame]], xlabel: str) -> tuple[Any, di
 
 def _looks(runs: list[tuple[Cell, pd.DataFrame]]) -> dict[tuple[str, str], dict[str, Any]]:
     """Method and options → keywords of a line; the options of one method differ by their dashes."""
-    from report import style
+    from experiments.drawing import style
 
     looks: dict[tuple[str, str], dict[str, Any]] = {}
     for method in style.ordered({cell["method"] for cell, _ in runs}):
@@ -403,7 +412,7 @@ def _looks(runs: list[tuple[Cell, pd.DataFrame]]) -> dict[tuple[str, str], dict[
 
 def _label(name: str) -> str:
     """What a legend calls a method; one of `module:METHOD` by its own label, if it is loaded."""
-    from report import style
+    from experiments.drawing import style
 
     if ":" in name:
         with suppress(ValueError):
@@ -418,7 +427,7 @@ def _line(ax: Any, x: Any, y: Any, look: dict[str, Any]) -> None:
 
 
 def _draw_time(runs: list[tuple[Cell, pd.DataFrame]]) -> Any:
-    from report import style
+    from experiments.drawing import style
 
     figure, panels = _panels(runs, "time · (|J| + √(|α||x|))")
     looks = _looks(runs)
@@ -439,7 +448,7 @@ def _draw_time(runs: list[tuple[Cell, pd.DataFrame]]) -> Any:
 
 
 def _draw_knob(runs: list[tuple[Cell, pd.DataFrame]], knob: str) -> Any:
-    from report import style
+    from experiments.drawing import style
 
     texts = {"h": "step h · (|J| + √(|α||x|))", "tol": "tolerance", "rtol": "relative tolerance"}
     figure, panels = _panels(runs, texts[knob])

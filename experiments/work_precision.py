@@ -15,11 +15,20 @@ from time import perf_counter
 import numpy as np
 import pandas as pd
 
-from experiments import engine, metrics, timing
-from experiments.states import KNOBS, find, knobs, options_of, rounded, sample, truth
+from experiments.measuring import metrics, timing
+from experiments.measuring.states import (
+    KNOBS,
+    find,
+    knobs,
+    options_of,
+    rounded,
+    sample,
+    truth,
+)
 from integrators import METHODS, prepare
 from integrators.interface import StepError
-from integrators.top import TOPS
+from integrators.problem.top import TOPS
+from lagrange_bench.runner import engine
 
 VERSION = 3
 
@@ -257,7 +266,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from report import style
+    from experiments.drawing import style
 
     rows = rows[rows.state == rows.state.iloc[0]]
     good = useful(rows)
@@ -287,7 +296,7 @@ def _curve(good: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
 
 
 def _draw_frontier(good: pd.DataFrame, style):
-    from report.tables import show
+    from experiments.drawing.tables import show
 
     spans = sorted(set(good.span))
     columns = min(len(spans), 2)
@@ -321,7 +330,7 @@ def _draw_frontier(good: pd.DataFrame, style):
 
 
 def _draw_families(rows: pd.DataFrame, good: pd.DataFrame, style, span: float):
-    from report.tables import show
+    from experiments.drawing.tables import show
 
     chosen = champions(good)
 

@@ -17,8 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from integrators import body, exact
-from integrators.body import HeavyTop
 from integrators.ensemble import integrate_ensemble
 from integrators.interface import (
     INVARIANTS,
@@ -33,8 +31,11 @@ from integrators.interface import (
     check_step,
     check_times,
 )
+from integrators.problem import body
+from integrators.problem.body import HeavyTop
+from integrators.problem.top import TOPS, LagrangeTop, NamedTop
 from integrators.registry import METHODS, available, find_method
-from integrators.top import TOPS, LagrangeTop, NamedTop
+from integrators.truth import exact
 
 __all__ = [
     "INVARIANTS",

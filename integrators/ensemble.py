@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from integrators.body import HeavyTop
+from integrators.compiling.loops import LANES, FixedStepper, run_lanes
 from integrators.interface import Array, Method, StepError, Stepper, check_count, check_options, check_step, check_times
-from integrators.loops import LANES, FixedStepper, run_lanes
+from integrators.problem.body import HeavyTop
+from integrators.problem.top import LagrangeTop
 from integrators.registry import find_method
-from integrators.top import LagrangeTop
 
 CHUNK = 1024  # tops in one call, at most: their constants stay in the processor's cache
 FEW = LANES // 2  # tops of the last block below which they are quicker one by one

@@ -45,9 +45,10 @@ def make(
     OSError : there is nothing in the folder of results, or no such folder, or `output` cannot be written.
     ValueError : a module cannot be imported.
     """
-    from experiments import progress, provenance
-    from experiments.commands import import_modules
+    from lagrange_bench.commands import import_modules
+    from lagrange_bench.runner import progress
     from report import page
+    from results import provenance
 
     results, notes = find(results)
     output = output or default_output()
@@ -83,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def default_output() -> Path:
     """The folder report/ of a checkout; ./report-output for an installed package."""
-    from experiments.provenance import checkout
+    from results.provenance import checkout
 
     root = checkout()
     return Path("report-output") if root is None else root / "report"
@@ -96,7 +97,7 @@ def find(chosen: Path | None) -> tuple[Path, list[str]]:
     ------
     FileNotFoundError : there is no such folder, or nothing is stored there.
     """
-    from experiments.store import default_results
+    from results.store import default_results
 
     if chosen is not None:
         if not chosen.is_dir():

@@ -6,9 +6,10 @@ import difflib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from experiments import EXPERIMENTS, UnknownExperiment, load_stored
-from experiments.store import Store
-from report import figures, page, style
+from experiments.catalogue import EXPERIMENTS, UnknownExperiment, load_stored
+from experiments.drawing import figures, style
+from report import page
+from results.store import Store
 
 
 class UnknownFigure(ValueError):

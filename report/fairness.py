@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from integrators.compiled import OPTIONS
+from experiments.drawing import tables
+from integrators.compiling.compiled import OPTIONS
 from integrators.interface import Method
 from integrators.registry import METHODS
-from report import tables
 
 ENGINES = {
     "numba": "compiled here (Numba)",
@@ -186,7 +186,7 @@ def _methods(records: dict[str, Method], step: pd.DataFrame, start: pd.DataFrame
 
 
 def _options(record: Method) -> str:
-    """The options and their values in every run of the report, the knob excepted; see `experiments.states.options_of`."""
+    """The options and their values in every run of the report, the knob excepted; see `states.options_of`."""
     values = {name: parameter.default for name, parameter in inspect.signature(record.prepare).parameters.items()}
     if record.knob == "rtol":
         values["atol"] = "rtol/1000"

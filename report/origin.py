@@ -11,9 +11,10 @@ from types import ModuleType
 
 import pandas as pd
 
-from experiments import SWEEP, provenance
-from experiments.engine import PROFILES
-from experiments.store import Record, _canonical, clean, default_results
+from experiments.catalogue import SWEEP
+from lagrange_bench.runner.engine import PROFILES
+from results import provenance
+from results.store import Record, _canonical, clean, default_results
 
 
 @dataclass(frozen=True)

@@ -28,11 +28,21 @@ import jinja2
 import pandas as pd
 from markupsafe import Markup
 
-from experiments import EXPERIMENTS, UnknownExperiment, errata, load, load_stored, sources
-from experiments.store import Store, StoreError
-from experiments.workers import interrupt_held_back
-from report import claims, fairness, figures, live, origin, promises, style, summary, tables
+from experiments.catalogue import EXPERIMENTS, UnknownExperiment, load, load_stored
+from experiments.drawing import figures, style, tables
+from experiments.measuring import errata
+from lagrange_bench.runner.workers import interrupt_held_back
+from report import (
+    claims,
+    fairness,
+    live,
+    origin,
+    promises,
+    summary,
+)
 from report.origin import PUBLISHED, Origin, commits, days
+from results import sources
+from results.store import Store, StoreError
 
 HERE = Path(__file__).parent
 HEADLINE = "phase"  # error against the step: what is new here, in one figure

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from experiments import work_precision
-from experiments.metrics import ROUND_OFF
+from experiments.measuring.metrics import ROUND_OFF
 from integrators.interface import INVARIANTS
 from integrators.registry import METHODS, available
 from report.claims import Claim, NoData, Verdict, at_least, at_most, compare, on, values, within

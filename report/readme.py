@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from experiments import EXPERIMENTS
-from experiments.store import Store
-from report import export, page, tables
+from experiments.catalogue import EXPERIMENTS
+from experiments.drawing import tables
+from report import export, page
+from results.store import Store
 
 ROOT = Path(__file__).resolve().parents[1]
-BEGIN = "<!-- claims: written by `python -m report.readme`, checked by tests/test_readme.py -->"
+BEGIN = "<!-- claims: written by `python -m report.readme`, checked by tests/report/test_readme.py -->"
 PICTURE = "phase_h"
 END = "<!-- end of claims -->"
 WORDS = {True: "holds", False: "**refuted**", None: "no data"}

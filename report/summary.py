@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from experiments import phase, work_precision
+from experiments.drawing import style, tables
 from integrators.interface import INVARIANTS
 from integrators.registry import METHODS
-from report import style, tables
 from report.claims import CellFailed, NoData, select, values
 from report.promises import EXACT, table
 

@@ -6,7 +6,7 @@ import tempfile
 
 import pytest
 
-from experiments import __main__ as cli
+from lagrange_bench import __main__ as cli
 
 _folder = tempfile.TemporaryDirectory(prefix="heyoka-")
 os.environ["HEYOKA_CACHE_DIR"] = _folder.name

@@ -11,7 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-from experiments.store import Store
+from results.store import Store
 
 HERE = Path(__file__).resolve().parent
 TOY = "toys.behaviour"

@@ -28,11 +28,13 @@ from packaging.requirements import Requirement
 from packaging.version import Version
 
 import integrators
-from experiments import EXPERIMENTS, states
-from experiments import __main__ as cli
-from experiments.metrics import phase_split
-from integrators import TOPS, LagrangeTop, exact, prepare, two_point
-from integrators.integrable import time_step
+from experiments.catalogue import EXPERIMENTS
+from experiments.measuring import states
+from experiments.measuring.metrics import phase_split
+from integrators import TOPS, LagrangeTop, prepare, two_point
+from integrators.torus import time_step
+from integrators.truth import exact
+from lagrange_bench import __main__ as cli
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"

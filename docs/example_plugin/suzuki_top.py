@@ -9,9 +9,9 @@ Source: Suzuki, Phys. Lett. A 146 (1990) 319, equation 15.
 
 import numpy as np
 
-from integrators.compiled import compiled
+from integrators.compiling.compiled import compiled
+from integrators.compiling.loops import FixedStepper
 from integrators.interface import Method
-from integrators.loops import FixedStepper
 
 ALPHA, OUTER, MIDDLE = range(3)  # places of the constants
 S = 1 / (4 - 4 ** (1 / 3))

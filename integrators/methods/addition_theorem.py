@@ -29,17 +29,38 @@ from __future__ import annotations
 
 import numpy as np
 
-from integrators.compiled import jit
-from integrators.integrable import time_step as ts
-from integrators.integrable.double_double import add, cadd, cmul, cscale, dd, div, mul, neg, scale, sqrt, sub
-from integrators.integrable.real_map import ALPHA, C1, C1_LO, C2, C2_LO, H_LO, J3_2, H
-from integrators.integrable.real_map import CONSTANTS as TORUS
-from integrators.integrable.real_map import pin as onto_torus
+from integrators.compiling.compiled import jit
+from integrators.compiling.double_double import (
+    add,
+    cadd,
+    cmul,
+    cscale,
+    dd,
+    div,
+    mul,
+    neg,
+    scale,
+    sqrt,
+    sub,
+)
+from integrators.compiling.loops import NEVER, FixedStepper
 from integrators.interface import Array, Method, StepError, check_count
-from integrators.loops import NEVER, FixedStepper
 from integrators.methods.backlund import TorusStepper
-from integrators.top import LagrangeTop
-from integrators.units import Units
+from integrators.problem.top import LagrangeTop
+from integrators.problem.units import Units
+from integrators.torus import time_step as ts
+from integrators.torus.real_map import (
+    ALPHA,
+    C1,
+    C1_LO,
+    C2,
+    C2_LO,
+    H_LO,
+    J3_2,
+    H,
+)
+from integrators.torus.real_map import CONSTANTS as TORUS
+from integrators.torus.real_map import pin as onto_torus
 
 # places of the constants, behind those of the torus; complex ones take two
 HALF_N, HALF_P, HALF_ALPHA_P, HALF_ALPHA, D0, D1, D2 = range(TORUS, TORUS + 7)

@@ -23,10 +23,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integrators.compiled import jit
-from integrators.integrable import attitude as at
-from integrators.integrable import time_step as ts
-from integrators.integrable.real_map import (
+from integrators.compiling.compiled import jit
+from integrators.compiling.loops import (
+    FAILURE,
+    NEVER,
+    SIZE,
+    FixedStepper,
+    run_lanes,
+)
+from integrators.interface import Array, Method, StepError, Work, check_count
+from integrators.problem.top import LagrangeTop
+from integrators.problem.units import Units
+from integrators.torus import attitude as at
+from integrators.torus import time_step as ts
+from integrators.torus.real_map import (
     CONSTANTS,
     KERNELS,
     NO_TURN,
@@ -40,11 +50,7 @@ from integrators.integrable.real_map import (
     turn_many,
     turn_rows,
 )
-from integrators.integrable.real_map import pin as onto_torus
-from integrators.interface import Array, Method, StepError, Work, check_count
-from integrators.loops import FAILURE, NEVER, SIZE, FixedStepper, run_lanes
-from integrators.top import LagrangeTop
-from integrators.units import Units
+from integrators.torus.real_map import pin as onto_torus
 
 FEW = 4  # tops below which one after the other is quicker than a block of lanes
 Turn = tuple[tuple[float, float], tuple[float, float]]  # cos and sin of an angle, as double-doubles

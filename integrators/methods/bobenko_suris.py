@@ -24,11 +24,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from integrators.compiled import jit
+from integrators.compiling.compiled import jit
+from integrators.compiling.loops import FixedStepper
 from integrators.interface import Array, Method, check_choice
-from integrators.loops import FixedStepper
-from integrators.top import LagrangeTop
-from integrators.units import Units
+from integrators.problem.top import LagrangeTop
+from integrators.problem.units import Units
 
 HALF, KICK = range(2)  # places of the constants h/2 and alpha h/2
 

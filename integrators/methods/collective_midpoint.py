@@ -31,10 +31,10 @@ import math
 
 import numpy as np
 
-from integrators.compiled import jit
+from integrators.compiling.compiled import jit
+from integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, FixedStepper
 from integrators.interface import Array, Method, StepError, check_choice
-from integrators.loops import FAILURE, ITERATIONS, RESIDUAL, FixedStepper
-from integrators.top import LagrangeTop
+from integrators.problem.top import LagrangeTop
 
 QUARTER, KICK = range(2)  # places of the constants: h/4 and h alpha
 UNIQUE = 6.03  # h²|alpha||x| below which the step is unique: 8/max (1 − t)²(1 + 2√t), at √t = (√6 − 1)/5

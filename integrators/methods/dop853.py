@@ -15,10 +15,9 @@ import math
 
 import numpy as np
 
-from integrators.compiled import jit
-from integrators.dense import DenseStepper, Run, at_times
-from integrators.interface import Array, Method, StepError, Work, check_real
-from integrators.loops import (
+from integrators.compiling.compiled import jit
+from integrators.compiling.dense import DenseStepper, Run, at_times
+from integrators.compiling.loops import (
     INTERPOLATED,
     INTERRUPTIBLE,
     REJECTED,
@@ -30,10 +29,11 @@ from integrators.loops import (
     WALK,
     compile_natural_loop,
 )
+from integrators.compiling.unroll import unrolled
+from integrators.interface import Array, Method, StepError, Work, check_real
 from integrators.methods.runge_kutta import floats, slopes_of, weigh
-from integrators.tableaux import DOP853, DOP853_MORE
-from integrators.top import LagrangeTop
-from integrators.unroll import unrolled
+from integrators.methods.tableaux import DOP853, DOP853_MORE
+from integrators.problem.top import LagrangeTop
 
 ALPHA, RTOL, ATOL = range(3)  # places of the constants
 LEAST_RTOL = 100 * float(np.finfo(float).eps)  # as SciPy's

@@ -35,10 +35,17 @@ from functools import cache
 
 import numpy as np
 
-from integrators.compiled import inlined, jit, stack
+from integrators.compiling.compiled import inlined, jit, stack
+from integrators.compiling.loops import (
+    FAILURE,
+    ITERATIONS,
+    MEMORY,
+    RESIDUAL,
+    RHS_EVALS,
+    FixedStepper,
+)
 from integrators.interface import Array, Method, StepError, check_choice
-from integrators.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, RHS_EVALS, FixedStepper
-from integrators.top import LagrangeTop
+from integrators.problem.top import LagrangeTop
 
 # h²|alpha||x| at the first fold of the stage equations, over all J and x, rounded down: found by minimising it under the
 # equations and det = 0 from some hundred random starts (the same search gives 4 for s = 1, where the cubic proves it)

@@ -21,10 +21,10 @@ import math
 
 import numpy as np
 
-from integrators.compiled import inlined
+from integrators.compiling.compiled import inlined
+from integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, FixedStepper
 from integrators.interface import Array, Method, StepError, check_choice
-from integrators.loops import FAILURE, ITERATIONS, RESIDUAL, FixedStepper
-from integrators.top import LagrangeTop
+from integrators.problem.top import LagrangeTop
 
 ALPHA, H, LARGE = range(3)  # places of the constants
 LIMIT = 500  # iterations; the fixed point takes 5 to 20, Newton 3 to 6

@@ -29,11 +29,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from integrators.compiled import jit
+from integrators.compiling.compiled import jit
+from integrators.compiling.loops import FAILURE, FixedStepper
 from integrators.interface import Array, Method
-from integrators.loops import FAILURE, FixedStepper
-from integrators.top import LagrangeTop
-from integrators.units import Units
+from integrators.problem.top import LagrangeTop
+from integrators.problem.units import Units
 
 HALF, KICK = range(2)  # places of the constants h/2 and alpha h/2
 BEYOND = 1

@@ -24,10 +24,10 @@ from typing import Any
 
 import numpy as np
 
-from integrators.compiled import jit
+from integrators.compiling.compiled import jit
+from integrators.compiling.loops import FAILURE, FixedStepper
 from integrators.interface import Array, Method
-from integrators.loops import FAILURE, FixedStepper
-from integrators.top import LagrangeTop
+from integrators.problem.top import LagrangeTop
 
 H, ALPHA_H = range(2)  # places of the constants
 STAGES = 4

@@ -25,13 +25,20 @@ from typing import Any
 
 import numpy as np
 
-from integrators.compiled import jit, jit_as
+from integrators.compiling.compiled import jit, jit_as
+from integrators.compiling.loops import FAILURE, MEMORY, RESIDUAL, FixedStepper
+from integrators.compiling.unroll import unrolled
 from integrators.interface import Array, Method, StepError
-from integrators.loops import FAILURE, MEMORY, RESIDUAL, FixedStepper
-from integrators.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Row, Tableau
-from integrators.top import LagrangeTop
-from integrators.units import Units
-from integrators.unroll import unrolled
+from integrators.methods.tableaux import (
+    DOP853,
+    DORMAND_PRINCE,
+    RK4,
+    VERNER9,
+    Row,
+    Tableau,
+)
+from integrators.problem.top import LagrangeTop
+from integrators.problem.units import Units
 
 ALPHA, H, ENERGY, C1, C2 = range(5)  # places of the constants
 DAMPING = 2.0**-46

@@ -32,12 +32,12 @@ import numpy as np
 import scipy.integrate
 from scipy.linalg import LinAlgWarning
 
-from integrators.compiled import jit
-from integrators.dense import DenseStepper, Run, at_times
+from integrators.compiling.compiled import jit
+from integrators.compiling.dense import DenseStepper, Run, at_times
 from integrators.interface import Array, Method, StepError, Work
 from integrators.methods.dop853 import check_tolerances
-from integrators.top import LagrangeTop
-from integrators.units import Units
+from integrators.problem.top import LagrangeTop
+from integrators.problem.units import Units
 
 IN_TURNS = threading.Lock()
 

@@ -37,10 +37,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from integrators.compiled import inlined, jit
+from integrators.compiling.compiled import inlined, jit
+from integrators.compiling.loops import FAILURE, MEMORY, SIZE, FixedStepper
 from integrators.interface import Array, Method, StepError, suggestion
-from integrators.loops import FAILURE, MEMORY, SIZE, FixedStepper
-from integrators.top import LagrangeTop
+from integrators.problem.top import LagrangeTop
 
 # ------------------------------------------------------------------------------------ schemes
 

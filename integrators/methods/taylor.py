@@ -34,11 +34,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from integrators.compiled import jit, stack
-from integrators.dense import DenseStepper, Run, at_times
+from integrators.compiling.compiled import jit, stack
+from integrators.compiling.dense import DenseStepper, Run, at_times
+from integrators.compiling.loops import FixedStepper
 from integrators.interface import Array, Method, StepError, Work, check_count, check_real
-from integrators.loops import FixedStepper
-from integrators.top import LagrangeTop
+from integrators.problem.top import LagrangeTop
 
 EPS = float(np.finfo(float).eps)
 INTERRUPTIBLE = 1 << 20  # steps in one call of heyoka, at most: it does not see Ctrl-C

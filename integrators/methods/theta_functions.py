@@ -19,7 +19,7 @@ same means, are double-doubles, found with + − × ÷ √ alone; whole periods 
 What remains is in doubles: errors stay at round-off for any t, up to the conditioning of the orbit itself.
 
 This is a formula and no stepping kernel: it may call sin, cos and exp. A step is one evaluation, at t = n h from the state the
-run began with; `evaluate` takes any times. The truth the methods are judged by (`integrators.exact`) rests on mpmath's
+run began with; `evaluate` takes any times. The truth the methods are judged by (`integrators.truth.exact`) rests on mpmath's
 constants; it shares nothing with this file.
 
 Sources: Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477; DLMF 19.8.7, 19.25, 20.7.30-33, 22.2.
@@ -31,13 +31,23 @@ import math
 
 import numpy as np
 
-from integrators.compiled import jit
-from integrators.integrable.double_double import add, dd, div, mul, neg, scale, sqrt, sub, two_prod
-from integrators.integrable.time_step import cubic_root
+from integrators.compiling.compiled import jit
+from integrators.compiling.double_double import (
+    add,
+    dd,
+    div,
+    mul,
+    neg,
+    scale,
+    sqrt,
+    sub,
+    two_prod,
+)
+from integrators.compiling.loops import FAILURE, MEMORY, FixedStepper
 from integrators.interface import Array, Method, StepError, Work
-from integrators.loops import FAILURE, MEMORY, FixedStepper
-from integrators.top import LagrangeTop
-from integrators.units import Units
+from integrators.problem.top import LagrangeTop
+from integrators.problem.units import Units
+from integrators.torus.time_step import cubic_root
 
 # places of the constants
 KIND, H, TIME_0, PERIOD, PERIOD_LO, TURN, TURN_LO, CLOCK, BARRIER, NOME, SIGN = range(11)

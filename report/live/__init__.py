@@ -11,8 +11,8 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from integrators.top import TOPS
-from report import style
+from experiments.drawing import style
+from integrators.problem.top import TOPS
 
 HERE = Path(__file__).parent
 METHODS = ("backlund", "backlund_paper", "implicit_midpoint", "strang", "rk4")  # those of top.js

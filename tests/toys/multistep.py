@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from integrators import METHODS
-from integrators.compiled import compiled
-from integrators.loops import MEMORY, FixedStepper
+from integrators.compiling.compiled import compiled
+from integrators.compiling.loops import MEMORY, FixedStepper
 
 
 @compiled

@@ -1,0 +1,1 @@
+"""What experiments draw with: the look of figures, SVG and PDF, tables."""

@@ -1,0 +1,182 @@
+"""A figure as SVG, PDF or PNG, the same bytes every time; and as SVG inside a page next to others, made small."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable
+from html import escape
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.collections import PathCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from experiments.drawing import style
+
+WIDE = 360  # points: a figure wider than a column gets a row of the page to itself
+DENSE = 20_000  # points of one line or scatter beyond which it is stored as pixels
+DPI = {"column": 600, "page": 400}  # of a PNG: what journals ask for line art
+
+GLYPH = re.compile(r'<path id="(DejaVu[\w-]+)"[^>]*/>')
+NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
+
+
+# ---------------------------------------------------------------- files
+
+
+def svg(figure: Figure) -> str:
+    """The figure as a complete SVG document: no date, no version, so the same figure is the same text."""
+    without = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    return compact(_printed(figure, FigureCanvasSVG, "svg", style.RC["savefig.dpi"], without).decode())
+
+
+def pdf(figure: Figure) -> bytes:
+    """The figure as PDF, fonts embedded as TrueType: text can be searched, and no date is in it."""
+    without = dict.fromkeys(("CreationDate", "Creator", "Producer"))
+    return _printed(figure, FigureCanvasPdf, "pdf", style.RC["savefig.dpi"], without)
+
+
+def png(figure: Figure) -> bytes:
+    """The figure as PNG."""
+    width = "column" if 72 * figure.get_figwidth() <= WIDE else "page"
+    return _printed(figure, FigureCanvasAgg, "png", DPI[width], {"Software": None})
+
+
+FORMATS: dict[str, Callable[[Figure], bytes]] = {"svg": lambda figure: svg(figure).encode(), "pdf": pdf, "png": png}
+
+
+def _printed(figure: Figure, canvas: Any, kind: str, dpi: float, metadata: dict[str, Any]) -> bytes:
+    """Not by figure.savefig: that would lay everything out once more before it prints. dpi: of what is pixels."""
+    _prepare(figure)
+    buffer = io.BytesIO()
+    with style.apply():
+        figure.set_dpi(dpi)
+        getattr(canvas(figure), f"print_{kind}")(buffer, metadata=metadata)
+    return buffer.getvalue()
+
+
+def _prepare(figure: Figure) -> None:
+    style.finish(figure)
+    for ax in figure.axes:
+        for artist in (*ax.lines, *ax.collections):
+            if _points(artist) > DENSE:
+                artist.set_rasterized(True)
+
+
+def _points(artist: Artist) -> int:
+    if isinstance(artist, Line2D):
+        return int(np.size(artist.get_xdata()))
+    return int(np.shape(artist.get_offsets())[0]) if isinstance(artist, PathCollection) else 0
+
+
+# ---------------------------------------------------------------- fewer bytes of SVG
+
+
+def compact(document: str) -> str:
+    """The same picture in fewer bytes: hundredths of a point, relative paths, no comments, no ids nobody refers to."""
+    document = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>", "", document, flags=re.DOTALL)
+    used = set(re.findall(r'href="#([^"]+)"|url\(#([^)]+)\)', document))
+    kept = {name for pair in used for name in pair}
+    document = re.sub(r' id="([^"]+)"', lambda match: match[0] if match[1] in kept else "", document)
+    document = re.sub(r'\bd="([^"]*)"', lambda match: f'd="{_path(match[1])}"', document)
+    document = re.sub(
+        r'\b(x|y|width|height)="(-?\d+\.\d+)"', lambda match: f'{match[1]}="{_short(match[2])}"', document
+    )
+    document = re.sub(
+        r"translate\(([^)]*)\)", lambda match: f"translate({NUMBER.sub(lambda n: _short(n[0]), match[1])})", document
+    )
+    document = re.sub(r'style="[^"]*"', lambda match: match[0].replace(": ", ":").replace("; ", ";"), document)
+    document = re.sub(r">\s+<", "><", document)
+    document = re.sub(r"<defs></defs>|<g></g>", "", document)
+    return _marks(document)
+
+
+def _marks(document: str) -> str:
+    """Marks of one line look the same: say so once, in the group they are in."""
+
+    def joined(match: re.Match[str]) -> str:
+        head, marks = match[1], match[2]
+        looks = set(re.findall(r'style="([^"]*)"', marks))
+        if len(looks) != 1 or "style=" in head or marks.count("style=") != marks.count("<use"):
+            return match[0]
+        look = looks.pop()
+        return f'<g{head} style="{look}">' + marks.replace(f' style="{look}"', "") + "</g>"
+
+    return re.sub(r"<g((?: [\w:-]+=\"[^\"]*\")*)>((?:<use [^>]*/>){2,})</g>", joined, document)
+
+
+def _path(data: str) -> str:
+    """Path data with relative coordinates, rounded so that errors do not add up. Curves stay absolute."""
+    tokens = re.findall(r"[A-Za-z]|-?\d+\.?\d*(?:e-?\d+)?", data)
+    if not set(filter(str.isalpha, tokens)) <= {"M", "L", "Z", "z"}:
+        return " ".join(token if token.isalpha() else _short(token) for token in tokens)
+    text, at, start, i = [], (0, 0), (0, 0), 0
+    while i < len(tokens):
+        kind = tokens[i]
+        if kind in "Zz":
+            text.append("z")
+            at, i = start, i + 1
+            continue
+        if kind.isalpha():
+            i += 1
+        else:
+            kind = "L"
+        to = (round(100 * float(tokens[i])), round(100 * float(tokens[i + 1])))
+        i += 2
+        if kind == "M":
+            text.append("M" + _pair(*to))
+            start = to
+        elif to != at:
+            text.append("l" + _pair(to[0] - at[0], to[1] - at[1]))
+        elif not text[-1].startswith("l"):
+            text.append("l0 0")  # a point, which round caps show
+        at = to
+    return "".join(text)
+
+
+def _pair(x: int, y: int) -> str:
+    second = _hundredths(y)
+    return _hundredths(x) + ("" if second.startswith("-") else " ") + second
+
+
+def _short(number: str) -> str:
+    return _hundredths(round(100 * float(number)))
+
+
+def _hundredths(n: int) -> str:
+    sign, whole, rest = "-" if n < 0 else "", abs(n) // 100, f"{abs(n) % 100:02d}".rstrip("0")
+    return f"{sign}{whole or ''}.{rest}" if rest else f"{sign}{whole}"
+
+
+# ---------------------------------------------------------------- in a page
+
+
+def inline(document: str, prefix: str, label: str) -> str:
+    """The `<svg>` element of a document for a page with others: ids get a prefix, a reader gets a label.
+
+    The outlines of letters are left out: the page has those of all its figures once, see `glyphs`.
+    """
+    element = document[document.index("<svg") :]
+    element = re.sub(r"<style.*?</style>", "", element, flags=re.DOTALL)  # would style the page; page.css has it
+    element = GLYPH.sub("", element).replace("<defs></defs>", "")
+    element = re.sub(r'(\bid="|href="#|url\(#)(?!DejaVu)', lambda match: f"{match[1]}{prefix}-", element)
+    element = element.replace("xlink:href=", "href=")
+    head, rest = element.split(">", 1)
+    view = re.search(r'viewBox="[^"]*"', head)
+    assert view, "matplotlib writes a viewBox"
+    width = float(view[0].split()[2])
+    size = f'class="{"wide" if width > WIDE else "narrow"}" style="--w:{width:g}"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {view[0]} {size} role="img" aria-label="{escape(label)}">{rest}'
+
+
+def glyphs(documents: list[str]) -> str:
+    """The outlines of every letter in the documents, each once: an `<svg>` that shows nothing by itself."""
+    found = {match[1]: match[0] for document in documents for match in GLYPH.finditer(document)}
+    outlines = "".join(found[name] for name in sorted(found))
+    return f'<svg class="glyphs" width="0" height="0" aria-hidden="true"><defs>{outlines}</defs></svg>'

@@ -1,0 +1,126 @@
+"""Bits: do the compiled kernels compute here what they computed where `golden.json` was written, to the last bit?
+
+Kernels use + − × ÷ and √ only, which IEEE 754 rounds correctly, in an order that no compiler may change (no fastmath, no
+contraction into fused multiply-adds). So a state after a million steps is the same on every machine, and in the
+interpreter: `python` repeats the first thousand steps with the kernels as Python functions. The constants of a step
+come from set-up code, some of it with the C library's functions: where they differ, the states must, and the verdict
+says "constants". Methods with a library behind them promise no bits and are not here.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from experiments.measuring.states import find
+from integrators import METHODS, prepare
+from integrators.compiling.loops import FixedStepper
+from integrators.interface import Array
+
+GOLDEN = Path(__file__).with_name("golden.json")
+STATES = ("generic", "figure1", "random000")
+COUNTS = (10**3, 10**4, 10**5, 10**6)  # steps after which the state is looked at
+LONGEST = STATES[0]  # goes on to the last count, the others end a power of ten earlier
+LIBRARY = ("theta_functions",)  # not a map that is iterated: each state is made with the C library's sines
+STEP = 0.125  # in units of the top's time scale
+
+Hashes = dict[str, dict[str, str]]  # "method" or "method compensated" → "state constants" or "state steps" → digest
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One kernel. `first` is the first count of steps, or "constants", at which its bits are not the golden ones."""
+
+    kernel: str
+    passed: bool | None  # None: there is nothing to compare with
+    first: str
+    compared: int
+
+
+def kernels() -> list[tuple[str, str, dict[str, Any]]]:
+    """(name, method, options) of every kernel of this package: the methods compiled here, and their compensated forms."""
+    found: list[tuple[str, str, dict[str, Any]]] = []
+    top, y0 = find(STATES[0])
+    for name in METHODS:
+        if name in LIBRARY:
+            continue
+        method = METHODS[name]
+        builder = getattr(method.prepare, "func", method.prepare)  # of a partial, too
+        if method.engine != "numba" or not builder.__module__.startswith("integrators."):
+            continue
+        if isinstance(prepare(top, y0, STEP, method), FixedStepper):
+            found.append((name, name, {}))
+            if "compensated" in method.options:
+                found.append((f"{name} compensated", name, {"compensated": True}))
+    return found
+
+
+def measured(last: int = COUNTS[-1], only: Iterable[str] | None = None) -> Hashes:
+    """The hashes as this process computes them, up to `last` steps."""
+    chosen = None if only is None else set(only)
+    hashes: Hashes = {}
+    for kernel, method, options in kernels():
+        if chosen is not None and kernel not in chosen and method not in chosen:
+            continue
+        hashes[kernel] = {}
+        for state in STATES:
+            top, y = find(state)
+            stepper = prepare(top, y, STEP * top.scales(y)[2], method, **options)
+            assert isinstance(stepper, FixedStepper)
+            hashes[kernel][f"{state} constants"] = digest(stepper.constants)
+            done = 0
+            for count in (c for c in COUNTS if c <= last and (state == LONGEST or c < COUNTS[-1])):
+                y = stepper.advance(y, count - done)
+                done = count
+                hashes[kernel][f"{state} {count}"] = digest(y)
+    return hashes
+
+
+def digest(numbers: Array) -> str:
+    return hashlib.sha256(numbers.astype(numbers.dtype.newbyteorder("<")).tobytes()).hexdigest()[:16]
+
+
+def in_python(only: Iterable[str] | None = None) -> Hashes:
+    """The hashes after the first thousand steps, with every kernel a Python function: in a process of its own."""
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    command = [sys.executable, "-m", "experiments.measuring.bits", *(only or ())]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"the interpreted run failed: {done.stderr.strip().splitlines()[-1:]}")
+    hashes: Hashes = json.loads(done.stdout)
+    return hashes
+
+
+def golden() -> Hashes:
+    hashes: Hashes = json.loads(GOLDEN.read_text(encoding="utf-8"))
+    return hashes
+
+
+def compare(expected: Hashes, found: Hashes) -> list[Verdict]:
+    """A verdict for each kernel found; the constants of a state are looked at before its steps."""
+    verdicts = []
+    for kernel, hashes in found.items():
+        known = expected.get(kernel, {})
+        common = [place for place in hashes if place in known]
+        wrong = [place for place in common if hashes[place] != known[place]]
+        passed = not wrong if common else None
+        verdicts.append(Verdict(kernel, passed, wrong[0] if wrong else "", len(common)))
+    return verdicts
+
+
+def write() -> None:
+    text = json.dumps(measured(), indent=1, ensure_ascii=False)
+    temporary = GOLDEN.with_suffix(".tmp")
+    temporary.write_text(text + "\n", encoding="utf-8")
+    os.replace(temporary, GOLDEN)
+
+
+if __name__ == "__main__":
+    print(json.dumps(measured(COUNTS[0], sys.argv[1:] or None)))

@@ -1,0 +1,385 @@
+"""Does a method keep what its record claims? Every claim of the contract, tested on the method itself.
+
+`lagrange-bench check METHOD` prints these verdicts, the tests require them of every method in the registry. Nothing here
+knows a method: steppers are made by `Method.prepare` and used through `advance` and `record`. A fresh stepper is prepared
+for every initial state, since a method may belong to a torus. Spans are steps in units of the top's own time scale.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import pickle
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from experiments.measuring import metrics, states
+from integrators import METHODS
+from integrators.interface import INVARIANTS, Array, Method, StepError, Stepper
+from integrators.problem.top import TOPS, LagrangeTop
+from integrators.truth import exact
+
+EPS = float(np.finfo(float).eps)
+
+ORDER_STATES = tuple(f"random{i:03d}" for i in range(8))
+STATES = ("generic", "figure1", "random000", "random001")
+SPANS = (0.1, 0.5, 3.0)  # the last is out of reach of any series; a method need not be defined there, but if it is …
+AT = "h = 0.1, 0.5, 3, 4 states"
+BIAS, WALK = 8, 128  # ulps a step that go the same way, that go either way: what round-off may make of an invariant
+TOLERANCE = 0.15  # of a measured order
+EXACT = 1e-12  # an error below this over some hundred steps is round-off
+FLOOR, CEILING = 1e-14, 1e-2  # of one-step errors an order is read from: above round-off, below saturation
+POINTS = 8  # the smallest steps above the floor
+RUN, MOST_STEPS = 4.0, 512  # length, in time scales, of the runs that tell the order of a method with memory
+RUN_FLOOR = 1e-12  # of their errors
+TOGETHER = 32  # steps that tell whether it has one: the starter of a method of high order takes several
+NEAR, STEEPER = 0.25, 1.25  # steps longer than this, in time scales, may show a slope up to that much above the order
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of one claim. `passed` None: not judged, `how` says why."""
+
+    claim: str
+    passed: bool | None
+    measured: float | None
+    bound: str
+    how: str
+
+    @property
+    def word(self) -> str:
+        return {True: "pass", False: "fail", None: "not judged"}[self.passed]
+
+
+Check = Callable[[Method, bool], Iterator[Verdict]]
+
+
+def check(method: str | Method, quick: bool = False) -> list[Verdict]:
+    """All verdicts on one method; `quick` takes a tenth of the steps.
+
+    A check that ends in an exception is a claim that failed; no claim is left out for it.
+    """
+    record = METHODS[method] if isinstance(method, str) else method
+    verdicts: list[Verdict] = []
+    for function in CHECKS:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                verdicts += function(record, quick)
+        except Exception as error:  # a plug-in may raise anything
+            name = function.__name__.replace("_", " ")
+            verdicts.append(Verdict(name, False, None, "", f"ended in {type(error).__name__}: {error}"))
+    return verdicts
+
+
+# ---------------------------------------------------------------- accuracy
+
+
+def order(method: Method, quick: bool) -> Iterator[Verdict]:
+    """The error of one step grows like h^(p+1).
+
+    Of one step and not of many, because round-off does not accumulate then; as the geometric mean over states and over
+    both signs of h, because the next term of the error, of relative size h, has another sign in each and drops out. So
+    order 20 can be read off in doubles. Not always: where the leading term is made very small (Verner's formulas), the next
+    ones show as long as the error is above round-off, and the slope is steeper than the order. Then it is not judged.
+
+    One step of a method that remembers others (Adams, say) is a step of its starter: there runs of one length tell.
+    """
+    if method.order is None:
+        return
+    if method.control == "tolerance":
+        yield Verdict(f"order {method.order}", None, None, "", "h is only the output grid")
+        return
+    points = order_points(method, 2.0 ** np.arange(2, -18, -0.125))
+    claim, bound = f"order {method.order}", f"{method.order} ± {TOLERANCE}"
+    if len(points.spans) < 4:
+        note = f"fewer than 4 steps have an error between {FLOOR:g} and {CEILING:g}"
+        yield Verdict(claim, False, None, bound, note)
+        return
+    p = float(np.polyfit(np.log(points.spans), np.log(points.errors), 1)[0]) - 1
+    what = f"runs of t = {RUN:g}, for a step depends on those before," if points.runs else "one step"
+    smallest, largest = points.spans[-1], points.spans[0]
+    how = f"{what} against the exact solution, h from {smallest:.2g} to {largest:.2g}, ± h, 8 states"
+    hidden = smallest > NEAR and TOLERANCE < p - method.order < STEEPER
+    yield Verdict(claim, None if hidden else abs(p - method.order) <= TOLERANCE, p, bound, how)
+
+
+class OrderPoints(NamedTuple):
+    """Falling steps, in time scales, and errors of one step that an order p is read from, error ~ h^(p+1)."""
+
+    spans: Array
+    errors: Array
+    runs: bool  # whether they are those of runs of length RUN, divided by the number of steps
+
+
+def order_points(method: Method, spans: Array) -> OrderPoints:
+    """The smallest steps among `spans` (falling) whose errors, geometric means over states and signs, are no round-off."""
+    runs, counts = remembers(method), np.ones(1)
+    if runs:
+        counts = np.unique(np.rint(RUN / spans[(spans <= RUN / 4) & (spans >= RUN / MOST_STEPS)]))
+        spans, errors = RUN / counts, run_errors(method, ORDER_STATES, counts)
+    else:
+        errors = one_step_errors(method, ORDER_STATES, spans)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.exp(np.mean(np.log(errors), axis=0))
+    least = RUN_FLOOR if runs else FLOOR
+    usable = np.flatnonzero((mean > least) & (mean < CEILING))[-POINTS:]  # NaN: not usable
+    return OrderPoints(spans[usable], (mean / counts)[usable], runs)
+
+
+def remembers(method: Method) -> bool:
+    """Whether n steps are anything else than one step n times, but for what is carried of round-off."""
+    for name in ORDER_STATES[:2]:
+        top, y0 = states.find(name)
+        for span in (0.25, -0.5):
+            try:
+                stepper = prepared(method, top, y0, span * top.scales(y0)[2])
+                together, y = stepper.advance(y0, TOGETHER), y0
+                for _ in range(TOGETHER):
+                    y = stepper.advance(y, 1)
+            except StepError:
+                continue
+            if metrics.scaled_error(top, y0, together, y) > EXACT:
+                return True
+    return False
+
+
+def run_errors(method: Method, names: tuple[str, ...], counts: Array) -> Array:
+    """Errors after RUN time scales in so many steps, both ways, (2 len(names), len(counts)); NaN where a run fails."""
+    errors = np.full((2 * len(names), len(counts)), np.nan)
+    for row, (name, sign) in enumerate((name, sign) for name in names for sign in (1, -1)):
+        for i, n in enumerate(counts):
+            with contextlib.suppress(StepError):
+                errors[row, i] = run_error(method, name, sign * RUN / n, int(n))
+    return errors
+
+
+def one_step_errors(method: Method, names: tuple[str, ...], spans: Array) -> Array:
+    """Errors of one step of ± `spans` (falling), (2 len(names), len(spans)); NaN where a step fails or is pure round-off."""
+    errors = np.full((2 * len(names), len(spans)), np.nan)
+    for row, (name, sign) in enumerate((name, sign) for name in names for sign in (1, -1)):
+        top, y0 = states.find(name)
+        times = sign * spans * top.scales(y0)[2]
+        truth = exact.solution(top, y0, times)
+        for i, h in enumerate(times):
+            try:
+                y = prepared(method, top, y0, h).advance(y0, 1)
+            except StepError:
+                continue
+            errors[row, i] = metrics.scaled_error(top, y0, y, truth[i])
+            if errors[row, i] < 0.1 * FLOOR:
+                break
+    return errors
+
+
+def solution(method: Method, quick: bool) -> Iterator[Verdict]:
+    """What order says nothing about: methods exact in time, methods that control their own error, and h < 0."""
+    errors = {sign: max(run_error(method, name, 0.25 * sign, 80) for name in STATES) for sign in (1, -1)}
+    ahead, back = errors[1], errors[-1]
+    if method.order is None:
+        how = "80 steps against the exact solution, h = 0.25, 4 states"
+        yield Verdict("exact in time", ahead <= EXACT, ahead, f"≤ {EXACT:g}", how)
+    elif method.control == "tolerance":
+        how = "default tolerance, t = 20, 4 states"
+        yield Verdict("follows the exact solution", ahead <= 1e-4, ahead, "≤ 1e-4", how)
+    # forward and backward errors differ by a factor of order one, unless they are round-off
+    passed = back <= 10 * ahead + EXACT
+    yield Verdict("negative h runs backwards", passed, back, f"≤ 10 · {ahead:.1e}", "error at t = −20 against t = 20")
+
+
+def run_error(method: Method, name: str, span: float, n: int) -> float:
+    top, y0 = states.find(name)
+    h = span * top.scales(y0)[2]
+    y = prepared(method, top, y0, h).advance(y0, n)
+    return float(metrics.scaled_error(top, y0, y, exact.after_steps(top, y0, h, [n])[0]))
+
+
+# ---------------------------------------------------------------- structure
+
+
+def symmetric(method: Method, quick: bool) -> Iterator[Verdict]:
+    """A step of −h undoes a step of h."""
+    if not method.symmetric:
+        yield Verdict("symmetric", None, None, "", "not claimed")
+        return
+    worst = 0.0
+    for name in STATES:
+        top, y0 = states.find(name)
+        for span in SPANS:
+            h = span * top.scales(y0)[2]
+            try:
+                there = prepared(method, top, y0, h).advance(y0, 1)
+                back = prepared(method, top, there, -h).advance(there, 1)
+            except StepError:
+                if span < 1:
+                    raise
+                continue
+            worst = max(worst, float(metrics.scaled_error(top, y0, back, y0)))
+    bound = 256 * EPS  # two steps of some hundred roundings; a method of order 8 that is not symmetric misses it by far
+    yield Verdict("symmetric", worst <= bound, worst, f"≤ {bound:.1e}", f"a step and its inverse, {AT}")
+
+
+def poisson(method: Method, quick: bool) -> Iterator[Verdict]:
+    """D P(y) Dᵀ = P(ỹ) for the derivative D of one step."""
+    if not method.poisson:
+        yield Verdict("Poisson map", None, None, "", "not claimed")
+        return
+    worst, bound = 0.0, 1e-8
+    for name in STATES[:2] if quick else STATES:
+        top, y0 = states.find(name)
+        for span in SPANS:
+            h = span * top.scales(y0)[2]
+
+            def step(y: Array, top: LagrangeTop = top, h: float = h) -> Array:
+                return prepared(method, top, y, h).advance(y, 1)
+
+            try:
+                worst = max(worst, metrics.poisson_defect(step, top, y0).defect)
+            except StepError:
+                if span < 1:
+                    raise
+    how = f"‖D P(y) Dᵀ − P(ỹ)‖, D by central differences of order 6, {AT}"
+    yield Verdict("Poisson map", worst <= bound, worst, f"≤ {bound:g}", how)
+
+
+def conserves(method: Method, quick: bool) -> Iterator[Verdict]:
+    """The invariants the record names stay at round-off for small and large h; the others are only reported.
+
+    Roundings that go either way add up like √n, those that always go the same way like n: these are a fault, of a method
+    that does not say so (`biased`). After 10⁵ steps 0.4 ulps a step are found.
+    """
+    n = 10_000 if quick else 100_000
+    if method.control == "tolerance":
+        n = n // 500 if method.engine != "scipy" else max(n // 2500, 10)  # of many natural steps each
+    worst: dict[str, float] = {}
+    stopped: dict[tuple[float, str], list[str]] = {}
+    for name in STATES:
+        top, y0 = states.find(name)
+        for span in SPANS:
+            h = span * top.scales(y0)[2]
+            try:
+                y = prepared(method, top, y0, h).record(y0, n, n // 10)
+            except StepError as error:
+                if span < 1:
+                    stopped.setdefault((span, error.reason), []).append(name)
+                continue
+            drift = np.abs(metrics.relative_drift(top.invariants(y), top.invariant_scales(y0)))
+            found = dict(zip(INVARIANTS, np.max(drift, axis=0).tolist(), strict=True))
+            for quantity, value in method.keeps.items():
+                values, size = value(top, h, y)
+                found[quantity] = float(np.max(np.abs(values - values[0]))) / size
+            worst |= {quantity: max(size, worst.get(quantity, 0.0)) for quantity, size in found.items()}
+    how = f"largest error over {n} steps, {AT}" + (", where it gets through" if stopped else "")
+    for name in (*INVARIANTS, *method.keeps):
+        claim, largest = f"conserves {name}", worst.get(name)
+        if largest is None:
+            yield Verdict(claim, None, None, "", f"no run gets through {n} steps")
+        elif name in method.conserves or name in method.keeps:
+            bound = EPS * (BIAS * n if name in method.biased else min(BIAS * n, WALK * n**0.5))
+            yield Verdict(claim, largest <= bound, largest, f"≤ {bound:.1e}", how)
+        else:
+            yield Verdict(claim, None, largest, "", "not claimed; " + how)
+    if stopped:  # unless at the smallest step no fault: an explicit method may be unstable
+        least, told = min(stopped)[0], (f"h = {span:g}: {why} ({', '.join(on)})" for (span, why), on in stopped.items())
+        yield Verdict(
+            f"takes {n} steps", None if least > SPANS[0] else False, least, f"h > {SPANS[0]:g}", "; ".join(told)
+        )
+
+
+# ---------------------------------------------------------------- behaviour
+
+
+def purity(method: Method, quick: bool) -> Iterator[Verdict]:
+    """Steppers are functions of their arguments: they modify nothing, remember nothing, share nothing."""
+    (top, y0), (other, z0) = states.find("generic"), states.find("figure1")
+    h, k = 0.25 * top.scales(y0)[2], -0.4 * other.scales(z0)[2]
+    y = y0.copy()
+    stepper = prepared(method, top, y, h)
+    first = stepper.advance(y, 50)
+    rows = stepper.record(y, 50, 10)
+    yield told("input is not modified", same(y, y0), "bits of y after prepare, advance and record")
+    y.flags.writeable = False
+    again = (stepper.advance(y, 50), prepared(method, top, y, h).advance(y, 50))
+    how = "advance twice, and with a second stepper"
+    yield told("same input, same bits", all(same(a, first) for a in again), how)
+    stranger = prepared(method, other, z0, k)
+    alone = stranger.advance(z0, 50)
+    stepper, stranger = prepared(method, top, y0, h), prepared(method, other, z0, k)
+    turns = [(stepper.advance(y0, 50), stranger.advance(z0, 50)) for _ in range(2)]
+    shared_nothing = all(same(a, first) and same(b, alone) for a, b in turns)
+    yield told("two steppers share nothing", shared_nothing, "two tops in turns, against each alone")
+    apart = first is not again[0] and not np.shares_memory(first, again[0]) and not np.shares_memory(first, y0)
+    yield told("results are fresh arrays", apart, "memory of two results and of the input")
+    yield from recording(method, stepper, y0, first, rows)
+
+
+def recording(method: Method, stepper: Stepper, y0: Array, last: Array, rows: Array) -> Iterator[Verdict]:
+    shape = rows.shape == (6, 6) and same(rows[0], y0) and rows.dtype == np.float64 and last.shape == (6,)
+    nothing = same(stepper.advance(y0, 0), y0) and same(stepper.record(y0, 0, 1), y0[None])
+    yield told("record has the start in row 0", shape and nothing, "shapes and row 0 for 50 and for 0 steps")
+    if method.control == "step":
+        ends = (stepper.record(y0, 50, every)[-1] for every in (1, 25, 50))
+        yield told("record ends where advance does", all(same(end, last) for end in ends), "bits, every = 1, 25, 50")
+        before = stepper.work.steps
+        stepper.advance(y0, 7)
+        stepper.record(y0, 6, 3)
+        yield told("work counts steps", stepper.work.steps == before + 13, "7 steps advanced, 6 recorded")
+
+
+def extremes(method: Method, quick: bool) -> Iterator[Verdict]:
+    """From whatever finite state and step: finite numbers or a StepError that says why."""
+    bad, raised = [], []
+    for label, top, y0, h in extreme_cases():
+        try:
+            y = prepared(method, top, y0, h).record(y0, 4, 2)
+            if not np.all(np.isfinite(y)):
+                bad.append(f"{label}: {y[-1].tolist()}")
+        except StepError as error:
+            raised.append(error)
+        except Exception as error:
+            bad.append(f"{label}: {type(error).__name__}: {error}")
+    how = "; ".join(bad) or f"{len(raised)} StepErrors, the other runs finite"
+    yield Verdict("finite, or a StepError", not bad, float(len(bad)), "0", how)
+    if raised:
+        copies = [pickle.loads(pickle.dumps(error)) for error in raised]
+        kept = all(str(a) == str(b) and vars(a) == vars(b) for a, b in zip(copies, raised, strict=True))
+        named = all(error.method == method.name and error.reason for error in raised)
+        yield told("StepErrors name the method", named, f"{len(raised)} of them")
+        yield told("StepErrors survive pickling", kept, f"{len(raised)} of them")
+
+
+def extreme_cases() -> Iterator[tuple[str, LagrangeTop, Array, float]]:
+    for name, named in TOPS.items():
+        for span in (0.1, 3.0):
+            yield f"{name}, h = {span}", named.top, named.state, span * named.top.scales(named.state)[2]
+    top, y0 = TOPS["generic"].top, TOPS["generic"].state
+    for size in (1e-300, 1e-150, 1e-30, 1e30, 1e150, 1e300):
+        y = size * y0
+        yield f"size {size:g}", top, y, 0.3 * top.scales(y)[2]
+        y = np.concatenate((y0[:3], size * y0[3:]))
+        yield f"|x| = {size:g}", top, y, 0.3 * top.scales(y)[2]
+    for h in (1e-300, -1e-12, 30.0):
+        yield f"h = {h:g}", top, y0, h
+    yield "at rest without weight", LagrangeTop(0.0), np.array((0.0, 0, 0, 0, 0, 1)), 0.5
+    yield "hanging at rest", top, np.array((0.0, 0, 0, 0, 0, -1)), 0.5
+
+
+# ---------------------------------------------------------------- shared
+
+CHECKS: tuple[Check, ...] = (order, solution, symmetric, conserves, poisson, purity, extremes)
+
+
+def prepared(method: Method, top: LagrangeTop, y: Array, h: float) -> Stepper:
+    return method.prepare(top, y.copy() if y.flags.writeable else y, float(h))
+
+
+def same(a: Array, b: Array) -> bool:
+    """The same bits."""
+    return a.shape == b.shape and a.tobytes() == b.tobytes()
+
+
+def told(claim: str, passed: bool, how: str) -> Verdict:
+    return Verdict(claim, bool(passed), None, "", how)

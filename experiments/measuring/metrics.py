@@ -1,0 +1,352 @@
+"""What errors are measured by. Pure functions on arrays; each is tested on synthetic signals before it is trusted.
+
+Drift is judged by how the root-mean-square error over many initial states grows, phase by a split of the error
+along the two flows of the torus, order by the points that lie between round-off and saturation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from integrators.problem.top import LagrangeTop
+from integrators.truth import exact
+
+Array = NDArray[np.float64]
+
+ROUND_OFF = 2.0**-53  # half an ulp of 1: a relative error below this carries no information
+
+
+def _floats(values: ArrayLike) -> Array:
+    return np.asarray(values, dtype=np.float64)
+
+
+# ---------------------------------------------------------------- size of an error
+
+
+def relative_drift(invariants: ArrayLike, scales: ArrayLike) -> Array:
+    """(I − I[0])/scale of invariants (N, 4) with scales (4,), see `LagrangeTop.invariant_scales`; shape (N, 4)."""
+    I = _floats(invariants)
+    drift: Array = (I - I[0]) / _floats(scales)
+    return drift
+
+
+def ulps(invariants: ArrayLike, scales: ArrayLike) -> Array:
+    """I − I[0] in units of the last place of the scale; shape (N, 4)."""
+    I = _floats(invariants)
+    units: Array = (I - I[0]) / np.spacing(np.abs(_floats(scales)))
+    return units
+
+
+def scaled_error(top: LagrangeTop, y0: ArrayLike, y: ArrayLike, y_exact: ArrayLike) -> Array:
+    """max(|δJ|/scale of J, |δx|/|x|) of states (..., 6), the scales being those of y0; shape (...,)."""
+    rate, size, _ = top.scales(y0)
+    e = _floats(y) - _floats(y_exact)
+    errors = [np.linalg.norm(e[..., 3:], axis=-1) / size]
+    dJ = np.linalg.norm(e[..., :3], axis=-1)
+    # without weight and spin J has no scale: any error in it is infinitely large, none is none
+    errors.append(dJ / rate if rate > 0 else np.where(dJ > 0, np.inf, 0.0))
+    return np.asarray(np.maximum(*errors))
+
+
+def pareto_front(cost: ArrayLike, error: ArrayLike) -> NDArray[np.intp]:
+    """Indices, by growing cost, of the points no other point beats in both; points that are not finite never count."""
+    cost, error = _floats(cost), _floats(error)
+    finite = np.flatnonzero(np.isfinite(cost) & np.isfinite(error))
+    order = finite[np.lexsort((error[finite], cost[finite]))]
+    best = np.minimum.accumulate(np.concatenate(((np.inf,), error[order])))[:-1]
+    return order[error[order] < best]
+
+
+# ---------------------------------------------------------------- growth in time
+
+
+def block_maxima(t: ArrayLike, e: ArrayLike, blocks: int = 24) -> tuple[Array, Array]:
+    """Maxima of |e| over log-spaced blocks of time, for drawing.
+
+    Parameters
+    ----------
+    t : (N,), growing; samples at t = 0 are left out. e : (..., N). blocks : from the first t > 0 to the last.
+
+    Returns
+    -------
+    time of the end of each block (B,) and maxima (..., B); blocks without a sample are left out, so B ≤ `blocks`.
+    NaN in a block stays NaN.
+    """
+    t, e = _floats(t), _floats(e)
+    starts, ends = _log_blocks(t, t[t > 0][0] if np.any(t > 0) else np.inf, blocks)
+    return t[ends - 1], np.stack([np.max(np.abs(e[..., a:b]), axis=-1) for a, b in zip(starts, ends, strict=True)], -1)
+
+
+class Growth(NamedTuple):
+    """Exponent p of error ~ t^p with its 95 % interval; NaN where it cannot be measured."""
+
+    p: float
+    low: float
+    high: float
+
+
+def growth_exponent(
+    t: ArrayLike,
+    E: ArrayLike,
+    *,
+    floor: float = ROUND_OFF,
+    decades: float = 2.0,
+    blocks: int = 12,
+    resamples: int = 2000,
+    seed: int = 0,
+) -> Growth:
+    """Exponent of the growth of an error, from many initial states.
+
+    A straight line through log RMS against log t, where RMS is taken over the states and over the samples in
+    each of the log-spaced blocks of the last `decades` of the run. Not block maxima: the maximum of noise grows
+    with the number of samples in a block, the RMS does not. Not the whole run: what a drift hides behind early
+    (the oscillation, the rounding of the first steps) would pull p down.
+
+    Parameters
+    ----------
+    t : (N,), growing. E : (n_states, N), relative errors, signed or not. floor : RMS below which a block says
+    nothing and is left out. The interval is a bootstrap over states (expanded percentiles; seeded), NaN for
+    fewer than 4 states. At least 16 states are needed for an interval shorter than the gap between ½ and 1.
+    """
+    t, E = _floats(t), np.atleast_2d(_floats(E))
+    nothing = Growth(np.nan, np.nan, np.nan)
+    if not np.all(np.isfinite(E)) or t[-1] <= 0:
+        return nothing
+    starts, ends = _log_blocks(t, t[-1] * 10.0**-decades, blocks)
+    x = np.array([np.mean(np.log(t[a:b])) for a, b in zip(starts, ends, strict=True)])
+    V = np.stack([np.mean(E[:, a:b] ** 2, axis=1) for a, b in zip(starts, ends, strict=True)], axis=1)
+    known = np.sqrt(np.mean(V, axis=0)) > floor
+    if np.count_nonzero(known) < 3:
+        return nothing
+    x, V = x[known], V[:, known]
+    p = float(_slope(x, np.log(np.mean(V, axis=0)) / 2))
+    n = len(V)
+    if n < 4:
+        return Growth(p, np.nan, np.nan)
+    weights = np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=resamples) / n
+    # resamples that drew only states without any error have no logarithm: the floor stands in for it
+    slopes = _slope(x, np.log(np.maximum(weights @ V, floor**2 + np.finfo(float).tiny)) / 2)
+    # percentiles moved out as far as Student's t with n − 1 degrees of freedom reaches beyond the bootstrap's normal
+    tail = stats.norm.cdf(np.sqrt(n / (n - 1)) * stats.t.ppf(0.025, n - 1))
+    low, high = np.quantile(slopes, (tail, 1 - tail))
+    return Growth(p, min(p, float(low)), max(p, float(high)))
+
+
+def verdict(p: float, low: float, high: float, max_error: float, floor: float = 4 * ROUND_OFF) -> str:
+    """What a growth exponent with interval [low, high] means, in words.
+
+    "exact" no error at all · "round-off" never above `floor` · "bounded" p < ¼ and high < ½ ·
+    "random walk" ¼ ≤ p < ¾, 0 < low, high < 1 (Brouwer's law) · "biased" p ≥ ¾ and low > ½ ·
+    "undecided" the interval does not tell these apart · "failed" the error is not finite.
+    """
+    if not np.isfinite(max_error):
+        return "failed"
+    if max_error == 0:
+        return "exact"
+    if max_error <= floor:
+        return "round-off"
+    if p < 0.25 and high < 0.5:
+        return "bounded"
+    if 0.25 <= p < 0.75 and low > 0 and high < 1:
+        return "random walk"
+    if p >= 0.75 and low > 0.5:
+        return "biased"
+    return "undecided"
+
+
+def _log_blocks(t: Array, start: float, blocks: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First and one-past-last index of the samples in each block that has any, from `start` to t[-1]."""
+    if t.ndim != 1 or np.any(np.diff(t) <= 0):
+        raise ValueError("t must be one-dimensional and growing")
+    if not 0 < start <= t[-1]:
+        raise ValueError("t needs a sample after t = 0")
+    edges = np.searchsorted(t, np.geomspace(start, t[-1], blocks + 1) * (1 - 1e-12))
+    edges[-1] = len(t)
+    filled = np.diff(edges) > 0
+    return edges[:-1][filled], edges[1:][filled]
+
+
+def _slope(x: Array, y: Array) -> Array:
+    """Slope of the least-squares line through (x, y); y may be (..., n)."""
+    x = x - np.mean(x)
+    return y @ x / (x @ x)
+
+
+# ---------------------------------------------------------------- phase
+
+
+def condition(top: LagrangeTop, y0: Array, times: Array) -> Array:
+    """How many times as large a change of y0 is at `times` (N,): the largest of six, in scaled units, (N,).
+
+    From differences of exact solutions, each component of y0 changed by 1e-11 of its scale: good to 1e-3.
+    """
+    rate, size, _ = top.scales(y0)
+    truth, grown = exact.solution(top, y0, times), []
+    for change in 1e-11 * np.diag(np.repeat((rate, size), 3)):
+        y = y0 + change
+        moved = np.max(np.abs(y - y0) / np.repeat((rate, size), 3))  # the change as it was rounded
+        grown.append(scaled_error(top, y0, exact.solution(top, y, times), truth) / moved)
+    return np.asarray(np.max(grown, axis=0))
+
+
+def phase_split(top: LagrangeTop, y_exact: ArrayLike, error: ArrayLike) -> dict[str, Array]:
+    """Splits an error into shifts along the torus and drift off it.
+
+    y ≈ the exact state at t + `time`, rotated about e3 by `angle`, plus the other four, from
+    e = time X_H + angle X_J3 + H ∇H + J3 ∇J3 + C1 ∇C1 + C2 ∇C2 half-way between y_exact and y, where what is left
+    out is of third order in e (at y_exact: of second). Each basis vector is scaled to length 1 in scaled units;
+    singular values below 1e-7 of the largest are dropped, and the shortest solution is taken.
+
+    Parameters
+    ----------
+    y_exact, error : (N, 6). The error must be small against the state, and near a regular precession against the
+    amplitude of the nutation.
+
+    Returns
+    -------
+    "time" (units of t: the nutation phase), "angle" (rad: the precession phase), "H", "J3", "C1", "C2" and "rank",
+    each (N,). rank < 6 marks states where the flows or the gradients are dependent (regular precession, sleeping):
+    there "time" and "angle" cannot be told apart.
+    """
+    y = np.atleast_2d(_floats(y_exact))
+    e = np.atleast_2d(_floats(error))
+    rate, size, _ = top.scales(y[0])
+    unit = np.repeat((rate if rate > 0 else 1.0, size), 3)
+    basis = _torus_basis(top, y + e / 2) / unit[:, None]
+    length = np.linalg.norm(basis, axis=-2, keepdims=True)
+    basis /= np.where(length > 0, length, 1.0)
+    U, s, Vt = np.linalg.svd(basis)
+    keep = s > 1e-7 * s[:, :1]
+    coordinates = np.einsum("nji,nj->ni", U, e / unit) * keep / np.where(keep, s, 1.0)
+    c = np.einsum("nji,nj->ni", Vt, coordinates) / np.where(length > 0, length, 1.0)[:, 0]
+    return dict(zip(("time", "angle", "H", "J3", "C1", "C2"), c.T, strict=True)) | {"rank": keep.sum(axis=-1)}
+
+
+def _torus_basis(top: LagrangeTop, y: Array) -> Array:
+    """X_H, X_J3 = P∇J3, ∇H, ∇J3, ∇C1, ∇C2 at states (N, 6) as columns, shape (N, 6, 6)."""
+    basis = np.zeros((*y.shape, 6))
+    J, x = y[:, :3], y[:, 3:]
+    basis[:, :, 0] = top.rhs(y)
+    # rotation about e3: (J, x)' = (e3×J, e3×x)
+    basis[:, 0, 1], basis[:, 1, 1], basis[:, 3, 1], basis[:, 4, 1] = -J[:, 1], J[:, 0], -x[:, 1], x[:, 0]
+    basis[:, :3, 2], basis[:, 5, 2] = J, top.alpha
+    basis[:, 2, 3] = 1.0
+    basis[:, 3:, 4] = 2 * x
+    basis[:, :3, 5], basis[:, 3:, 5] = x, J
+    return basis
+
+
+class FrequencyShift(NamedTuple):
+    """δφ(t) = slope·t + residual(t)."""
+
+    slope: float  # δω
+    residual: Array  # (N,), with its mean: an offset is no frequency
+    linear_size: float  # |δω| times the length of the run
+    residual_size: float  # max |residual|
+
+
+def frequency_shift(t: ArrayLike, dphi: ArrayLike) -> FrequencyShift:
+    """Splits a phase error (N,) into a constant frequency shift and what is left.
+
+    Least squares for slope and offset: without the offset an oscillation that starts at an extreme would count
+    as a frequency. Samples that are not finite are left out of the fit.
+    """
+    t, dphi = _floats(t), _floats(dphi)
+    good = np.isfinite(dphi)
+    if np.count_nonzero(good) < 3:
+        return FrequencyShift(np.nan, np.full(t.shape, np.nan), np.nan, np.nan)
+    slope = float(_slope(t[good], dphi[good]))
+    residual = dphi - slope * t
+    return FrequencyShift(slope, residual, abs(slope) * float(np.ptp(t)), float(np.max(np.abs(residual[good]))))
+
+
+# ---------------------------------------------------------------- order
+
+
+class Order(NamedTuple):
+    """Exponent of error ~ h^p, its standard error, and which points were used (in the order given)."""
+
+    p: float
+    stderr: float
+    mask: NDArray[np.bool_]
+
+
+def order(h: ArrayLike, error: ArrayLike, floor: float | None = None, saturation: float = 0.1) -> Order:
+    """Order of convergence from errors at several h.
+
+    Left out: errors at or below 10 `floor`, above `saturation`, zero or not finite. Of the rest the longest run of
+    neighbours is used whose local slopes agree (within ½ or 20 % of their median, which must exceed ½), so that
+    neither a round-off plateau nor steps too large for the asymptotic law take part. NaN for fewer than 3 points.
+    """
+    steps, errors = np.abs(_floats(h)), _floats(error)
+    usable = np.isfinite(errors) & (errors > 0) & (errors <= saturation)
+    if floor is not None:
+        usable &= errors > 10 * floor
+    candidates = np.flatnonzero(usable)
+    candidates = candidates[np.argsort(-steps[candidates], kind="stable")]
+    x, y = np.log(steps[candidates]), np.log(errors[candidates])
+    mask = np.zeros(steps.shape, dtype=np.bool_)
+    first, last = _straight_run(np.diff(y) / np.diff(x))
+    if last - first < 2:
+        return Order(np.nan, np.nan, mask)
+    run = slice(first, last + 1)
+    mask[candidates[run]] = True
+    fit = stats.linregress(x[run], y[run])
+    return Order(float(fit.slope), float(fit.stderr), mask)
+
+
+def _straight_run(slopes: Array) -> tuple[int, int]:
+    """(a, b) such that slopes[a:b] is the longest run that agrees; of several, the one at the largest h."""
+    best = (0, 0)
+    for a in range(len(slopes)):
+        for b in range(a + 1, len(slopes) + 1):
+            middle = np.median(slopes[a:b])
+            agree = middle > 0.5 and np.all(np.abs(slopes[a:b] - middle) <= max(0.5, 0.2 * middle))
+            if agree and b - a > best[1] - best[0]:
+                best = (a, b)
+    return best
+
+
+# ---------------------------------------------------------------- structure
+
+
+class PoissonDefect(NamedTuple):
+    """How far a map is from preserving the Poisson tensor, and how well that is known."""
+
+    defect: float  # max |D P(y) Dᵀ − P(ỹ)| / max |P(ỹ)|, in scaled units
+    error: float  # of `defect`, from two differencing steps: a defect below it says nothing
+
+
+def poisson_defect(step: Callable[[Array], Array], top: LagrangeTop, y: ArrayLike) -> PoissonDefect:
+    """‖D P(y) Dᵀ − P(ỹ)‖ of ỹ = step(y), D its derivative by central differences of order 6.
+
+    `step` must be defined in a neighbourhood of y (a stepper made for one torus is not). It is called 72 times.
+    Compiled maps take no complex step; of several real ones the two that agree best are used.
+    """
+    y = _floats(y)
+    rate, size, _ = top.scales(y)
+    unit = np.repeat((rate if rate > 0 else 1.0, size), 3)
+    target = top.poisson(step(y)) / np.outer(unit, unit)
+    source = top.poisson(y) / np.outer(unit, unit)
+    pushed = [D @ source @ D.T for D in (_derivative(step, y, unit, delta) for delta in (0.02, 0.01, 0.005, 0.0025))]
+    size_of_P = float(np.max(np.abs(target)))
+    gaps = [float(np.max(np.abs(a - b))) for a, b in pairwise(pushed)]
+    best = int(np.argmin(gaps))
+    return PoissonDefect(float(np.max(np.abs(pushed[best + 1] - target))) / size_of_P, gaps[best] / size_of_P)
+
+
+def _derivative(step: Callable[[Array], Array], y: Array, unit: Array, delta: float) -> Array:
+    """Derivative of `step` at y in scaled units, (6, 6), by 7-point central differences."""
+    D = np.empty((6, 6))
+    for j in range(6):
+        shift = np.zeros(6)
+        shift[j] = delta * unit[j]
+        difference = [(step(y + k * shift) - step(y - k * shift)) / unit for k in (1, 2, 3)]
+        D[:, j] = (45 * difference[0] - 9 * difference[1] + difference[2]) / (60 * delta)
+    return D

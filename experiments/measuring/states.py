@@ -1,0 +1,136 @@
+"""The initial states of the experiments, by name: the named tops, and generic ones for statistics."""
+
+from __future__ import annotations
+
+import math
+import random
+import re
+from collections.abc import Iterable, Iterator
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from integrators.interface import Method, Stepper
+from integrators.problem.top import TOPS, Array, LagrangeTop
+from integrators.truth import exact
+
+RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
+CLOSE = tuple(f"close{i:03d}" for i in range(32))  # to the separatrix; likewise
+WIDE = tuple(f"wide{i:03d}" for i in range(200))  # of every kind; likewise
+
+
+def find(name: str) -> tuple[LagrangeTop, Array]:
+    """Top and initial state of a named top, or of "random000" … "random999", "wide000" … or "close000" ….
+
+    The random ones have alpha in [0.3, 2], each J in [-2, 2] and |x| in [0.5, 2]; the generator is Python's own,
+    whose `random()` never changes. The wide ones have either sign of alpha and |J|²/(|alpha||x|) from 1e-3 to 1e3. The close
+    ones are on the separatrix but for a part of 1e-1 to 1e-8 of J.
+    """
+    if name in TOPS:
+        return TOPS[name].top, TOPS[name].state
+    if not re.fullmatch(r"(random|wide|close)\d{3}", name):
+        known = f"{', '.join(TOPS)}, random000 … random999, wide000 … wide999, close000 … close999"
+        raise ValueError(f"unknown state {name!r}; known: {known}")
+    draw = random.Random(name)  # seeded by the text itself, through SHA-512
+    J = [draw.uniform(-2, 2) for _ in range(3)]
+    x = np.array([draw.uniform(-1, 1) for _ in range(3)])
+    alpha, size = draw.uniform(0.3, 2), draw.uniform(0.5, 2)
+    x *= size / math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+    if name.startswith("close"):
+        J = _near_separatrix(alpha, x, J[2] / 2, 10 ** draw.uniform(-8, -1) * draw.choice((-1, 1)))
+    if name.startswith("wide"):
+        long = math.sqrt(10 ** draw.uniform(-3, 3) * alpha * size) / math.hypot(*J)
+        J, alpha = [long * component for component in J], alpha * draw.choice((-1, 1))
+    return LagrangeTop(alpha), np.array([*J, *x])
+
+
+def _near_separatrix(alpha: float, x: Array, share: float, off: float) -> list[float]:
+    """J that would lead up to the unstable sleeping top, J3 being a share of what is possible; its rest is off by a part."""
+    size, flat = math.hypot(*x), math.hypot(x[0], x[1])
+    J3 = share * math.sqrt(2 * alpha * (size + x[2]))
+    along = J3 * (size - x[2]) / flat  # from J·x = J3 |x|
+    across = math.sqrt(2 * alpha * (size - x[2]) - along * along)  # from H = J3²/2 + alpha |x|
+    along, across = along * (1 + off), across * (1 + off)
+    return [(along * x[0] - across * x[1]) / flat, (along * x[1] + across * x[0]) / flat, J3]
+
+
+def log_counts(last: int, per_octave: int) -> list[int]:
+    """Whole numbers from 1 to `last`, `per_octave` to each doubling (as far as there are so many), and `last`."""
+    counts = {round(2 ** (k / per_octave)) for k in range(per_octave * last.bit_length() + 1)}
+    return sorted(n for n in counts | {last} if n <= last)
+
+
+def sample(top: LagrangeTop, y0: Array, method: str, h: float, counts: list[int], **options) -> tuple[Array, Array]:
+    """States of `method` at the times counts·h, (N,) and (N, 6); the start is not among them.
+
+    A method that steps by h is advanced from count to count. One that chooses its own steps runs through in
+    one go, with dense output: restarting it at every sample would change what it does.
+    """
+    from integrators import METHODS, integrate, prepare
+
+    times = h * np.array(counts, dtype=float)
+    if METHODS[method].control == "tolerance":
+        return times, integrate(top, y0, t=times, method=method, **options).y
+    stepper = prepare(top, y0, h, method, **options)
+    return times, np.array([y for y, _ in follow(stepper, y0, counts)])
+
+
+def follow(stepper: Stepper, y0: Array, counts: Iterable[int]) -> Iterator[tuple[Array, float]]:
+    """The state after each of `counts` steps (rising), and the seconds of stepping it took to get there."""
+    afresh = getattr(stepper, "from_start", False)  # carried on, it would be judged by where it was interrupted
+    y, done, seconds = y0, 0, 0.0
+    for n in counts:
+        if afresh:
+            y, done, seconds = y0, 0, 0.0
+        start = perf_counter()
+        y, done = stepper.advance(y, n - done), n
+        seconds += perf_counter() - start
+        yield y, seconds
+
+
+def truth(top: LagrangeTop, y0: Array, method: Method, h: float, counts: ArrayLike) -> Array:
+    """The exact states (N, 6) after n steps of h. What steps by h is at n·h itself, which no double need be."""
+    if method.control == "tolerance":
+        return exact.solution(top, y0, h * np.asarray(counts, dtype=float))
+    return exact.after_steps(top, y0, h, counts)
+
+
+KNOBS = ("h", "tol", "rtol")
+LEAST_RTOL = 1e-13  # of the sweeps: SciPy takes no less than 100 eps
+
+
+def interpreted(method: Method) -> bool:
+    """Whether every step goes through the Python interpreter: a thousand times the price of a compiled one."""
+    return method.engine in ("scipy", "python")
+
+
+def affordable(method: Method, steps: int, full: bool) -> int:
+    """Steps of a long run: `steps`, but interpreted ones are limited, implicit ones of these to a tenth of that."""
+    if not interpreted(method):
+        return steps
+    limit = 20_000 if full else 2_000
+    return min(steps, limit // 10 if method.family == "implicit" else limit)
+
+
+def knobs(method: Method, steps: Iterable[float], tolerances: Iterable[float]) -> list[dict[str, float]]:
+    """What a sweep sets, one cell field each: the step, or the tolerance where the method has one."""
+    if method.knob == "h":
+        return [{"h": h} for h in steps]
+    return [{method.knob: tol} for tol in tolerances if method.knob == "tol" or tol > 0.99 * LEAST_RTOL]
+
+
+def options_of(cell: dict[str, Any]) -> dict[str, Any]:
+    """The options a cell sets: a tolerance, and an atol of a thousandth of an rtol; the interval between pins."""
+    from integrators import METHODS
+
+    options: dict[str, Any] = {name: cell[name] for name in ("tol", "rtol", "pin") if name in cell}
+    if "rtol" in options and "atol" in METHODS[cell["method"]].options:
+        options["atol"] = options["rtol"] * 1e-3
+    return options
+
+
+def rounded(value: float, digits: int = 5) -> float:
+    """To `digits` significant digits: what a figure can show, and a journal should store."""
+    return float(f"{value:.{digits - 1}e}")

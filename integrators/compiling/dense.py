@@ -1,0 +1,90 @@
+"""Methods that choose their own steps: what is common to libraries with dense output.
+
+Such a method supplies `run(y, grid, work) -> (len(grid), 6)`: the states at the times of a strictly monotone `grid`
+that leads away from 0, counted into `work`. It leaves `y` alone, and raises `StepError` where the library reports a failure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from integrators.compiling.loops import check_grid
+from integrators.interface import Array, StepError, Work, check_count
+from integrators.problem.top import LagrangeTop
+
+FARTHEST = 1e12  # in time scales of a top: at about a step each and a microsecond a step, eleven days
+Run = Callable[[Array, Array, Work], Array]
+
+
+class DenseStepper:
+    """A `Stepper` whose h is only the output grid."""
+
+    def __init__(self, name: str, top: LagrangeTop, y0: Array, h: float, run: Run):
+        self.name, self.h, self.run, self.farthest = name, h, run, farthest(top, y0)
+        self.work = Work()
+
+    def advance(self, y: Array, n: int) -> Array:
+        # not by `record`: two microseconds count against a library that takes one per unit of time
+        if check_count(n, "n") == 0:
+            return y.copy()
+        return self._to(y, np.array((self.h * n,)))[0]
+
+    def record(self, y: Array, n: int, every: int) -> Array:
+        check_grid(n, every)
+        out = np.empty((n // every + 1, 6))
+        out[0] = y
+        if n:
+            with np.errstate(over="ignore"):
+                grid = self.h * np.arange(every, n + 1, every, dtype=np.float64)
+            out[1:] = self._to(y, grid)
+        return out
+
+    def _to(self, y: Array, grid: Array) -> Array:
+        if not math.isfinite(grid[-1]):
+            raise StepError(self.name, "the time n h is beyond the largest double", h=self.h)
+        if abs(grid[-1]) > self.farthest:
+            raise StepError(self.name, too_far(grid[-1], self.farthest), h=self.h)
+        try:
+            return finite(self.name, self.run(y, grid, self.work))
+        except StepError as error:
+            raise StepError(error.method, error.reason, h=self.h, step=error.step) from None
+
+
+def farthest(top: LagrangeTop, y0: Array) -> float:
+    """The longest time from y0 on that can be reached by steps; inf for an equilibrium, where they grow without limit."""
+    with np.errstate(all="ignore"):
+        return FARTHEST * top.scales(y0)[2] if np.any(top.rhs(y0)) else math.inf
+
+
+def too_far(t: float, limit: float) -> str:
+    """Why a time is not tried: no run would ever end there."""
+    return (
+        f"|t| = {abs(t):g} is over {FARTHEST:g} times the time scale of the top, 1/(|J| + √(|alpha||x|)) = "
+        f"{limit / FARTHEST:g}: more steps than can be taken"
+    )
+
+
+def at_times(name: str, top: LagrangeTop, run: Run, y0: Array, times: Array) -> tuple[Array, Work]:
+    """States at any times, in any order and on both sides of 0."""
+    work, limit, last = Work(), farthest(top, y0), np.max(np.abs(times), initial=0.0)
+    if last > limit:
+        raise StepError(name, too_far(last, limit))
+    out = np.empty((len(times), 6))
+    out[times == 0.0] = y0
+    for side in (times > 0, times < 0):
+        if np.any(side):
+            grid, places = np.unique(np.abs(times[side]), return_inverse=True)
+            grid *= np.sign(times[side][0])
+            out[side] = finite(name, run(y0, grid, work))[places]
+    return out, work
+
+
+def finite(name: str, states: Array) -> Array:
+    # for six numbers numpy takes 2 µs
+    good = all(map(math.isfinite, states[0].tolist())) if len(states) == 1 else np.isfinite(states).all()
+    if not good:
+        raise StepError(name, "the state left the range of floating-point numbers")
+    return states

@@ -1,0 +1,125 @@
+"""Double-double arithmetic: numbers as unevaluated sums hi + lo, about 32 digits, compiled.
+
+Error-free transformations of Dekker (Numer. Math. 18 (1971) 224) and Knuth; no fused multiply-add is assumed, so the
+bits are the same everywhere. Used where constants of a step are computed once, never in a time loop. Operands must
+stay within 1e-140 … 1e140, or be zero: the callers scale by powers of two first.
+"""
+
+from __future__ import annotations
+
+import math
+
+from integrators.compiling.compiled import jit
+
+SPLITTER = 134217729.0  # 2^27 + 1
+
+
+@jit
+def two_sum(a, b):
+    s = a + b
+    t = s - a
+    return s, (a - (s - t)) + (b - t)
+
+
+@jit
+def two_prod(a, b):
+    p = a * b
+    t = SPLITTER * a
+    ah = t - (t - a)
+    al = a - ah
+    t = SPLITTER * b
+    bh = t - (t - b)
+    bl = b - bh
+    return p, ((ah * bh - p) + ah * bl + al * bh) + al * bl
+
+
+@jit
+def quick(hi, lo):
+    """Renormalise when |hi| >= |lo|."""
+    s = hi + lo
+    return s, lo - (s - hi)
+
+
+@jit
+def dd(a):
+    return a, 0.0
+
+
+@jit
+def neg(a):
+    return -a[0], -a[1]
+
+
+@jit
+def add(a, b):
+    s, e = two_sum(a[0], b[0])
+    t, f = two_sum(a[1], b[1])
+    s, e = quick(s, e + t)
+    return quick(s, e + f)
+
+
+@jit
+def sub(a, b):
+    return add(a, (-b[0], -b[1]))
+
+
+@jit
+def mul(a, b):
+    p, e = two_prod(a[0], b[0])
+    return quick(p, e + (a[0] * b[1] + a[1] * b[0]))
+
+
+@jit
+def scale(a, s):
+    """a times a power of two (exact)."""
+    return a[0] * s, a[1] * s
+
+
+@jit
+def times(a, b):
+    """a times a double."""
+    p, e = two_prod(a[0], b)
+    return quick(p, e + a[1] * b)
+
+
+@jit
+def div(a, b):
+    q = a[0] / b[0]
+    p, e = two_prod(q, b[0])
+    return quick(q, ((((a[0] - p) - e) + a[1]) - q * b[1]) / b[0])  # a − q b is small: a double is enough of it
+
+
+@jit
+def sqrt(a):
+    """Square root; zero for a <= 0 (callers pass round-off of zero at worst)."""
+    if a[0] <= 0.0:
+        return 0.0, 0.0
+    x = math.sqrt(a[0])
+    p, e = two_prod(x, x)
+    return quick(x, (((a[0] - p) - e) + a[1]) / (2.0 * x))
+
+
+# complex numbers are pairs (real, imaginary) of double-doubles
+
+
+@jit
+def cadd(a, b):
+    return add(a[0], b[0]), add(a[1], b[1])
+
+
+@jit
+def cmul(a, b):
+    return sub(mul(a[0], b[0]), mul(a[1], b[1])), add(mul(a[0], b[1]), mul(a[1], b[0]))
+
+
+@jit
+def cdiv(a, b):
+    n = add(mul(b[0], b[0]), mul(b[1], b[1]))
+    re, im = cmul(a, (b[0], neg(b[1])))
+    return div(re, n), div(im, n)
+
+
+@jit
+def cscale(a, r):
+    """Complex times a real double-double."""
+    return mul(a[0], r), mul(a[1], r)

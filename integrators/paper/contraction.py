@@ -1,0 +1,115 @@
+"""The contraction of the two-site Gaudin magnet to the top (paper, section 2, (2.15)–(2.21); section 5.2).
+
+Sites 0 and ε, J = s_1 + s_2, x = ε s_2. What is exact at every ε (`E`) and what holds in the limit (`L`):
+
+    E  L_G(u) = alpha σ3 + σ·J/u + σ·x/(u(u − ε))                       L  x/u²: the remainder is O(ε), against (2.18)
+    E  {J_k, J_l} = J_m, {J_k, x_l} = x_m, {x_k, x_l} = ε x_m           L  {x, x} = 0: e(3) instead of o(4), (2.20)
+    E  s_2² = C1/ε², s_1² = |J|² − 2 C2/ε + C1/ε²                       L  C1 and C2 central: at finite ε, ε²s_2² = C1
+       and x·J − (ε/2)|J|² = (s_2² − s_1²) ε/2 are
+    E  2H = ε H_2 + s_1² + s_2², H_1 + H_2 = 2 alpha J3: the top's flow is that of (ε/2) H_2, with the bracket of o(4)
+    L  the one- and two-point maps, with λ and the sheet of site 1 (the second, `site=1`): u²v → m = √Q, +√C1 at 0
+
+Every limit is reached with an error O(ε). The contraction of the generating function is in `generating_functions`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from integrators.methods.backlund import two_point
+from integrators.paper import gaudin
+from integrators.paper.gaudin import GaudinMagnet
+from integrators.paper.gaudin_curve import E3
+from integrators.paper.one_point import one_point
+from integrators.paper.phase_space import Numbers, poisson_tensor, vector_field
+from integrators.problem.top import LagrangeTop
+
+SITE = 1  # the second site, whose sheets are those of the top
+
+
+def to_magnet(top: LagrangeTop, y: Any, eps: Any) -> tuple[GaudinMagnet, Numbers]:
+    """The magnet with sites 0, ε and its spins s_1 = J − x/ε, s_2 = x/ε for a state (6,) of the top; (2.20).
+
+    ValueError for eps = 0.
+    """
+    if not abs(eps) > 0:
+        raise ValueError(f"eps must not be 0; got {eps!r}")
+    y = np.asarray(y)
+    J, x = y[..., :3], y[..., 3:]
+    return GaudinMagnet((0 * eps, eps), top.alpha), np.stack((J - x / eps, x / eps), axis=-2)
+
+
+def from_magnet(spins: Any, eps: Any) -> Numbers:
+    """The state (J, x) = (s_1 + s_2, ε s_2) of the top, shape (..., 6); (2.20)."""
+    spins = np.asarray(spins)
+    return np.concatenate((spins[..., 0, :] + spins[..., 1, :], eps * spins[..., 1, :]), axis=-1)
+
+
+def lax_vector(top: LagrangeTop, y: Any, u: Any, eps: Any = 0) -> Numbers:
+    """ℓ(u) = alpha e3 + J/u + x/(u(u − ε)), exact for the magnet; for ε = 0 that of the top; (2.18) corrected."""
+    y = np.asarray(y)
+    vector: Numbers = top.alpha * E3 + y[..., :3] / u + y[..., 3:] / (u * (u - eps))
+    return vector
+
+
+def bracket(y: Any, eps: Any = 0) -> Numbers:
+    """The Poisson tensor (6, 6) of (J, x) at finite ε: that of the top but for {x_k, x_l} = ε x_m; (2.20) corrected."""
+    P = poisson_tensor(y)
+    P[3:, 3:] = eps * poisson_tensor(np.asarray(y)[3:])
+    return P
+
+
+def casimirs(y: Any, eps: Any = 0) -> tuple[Any, Any]:
+    """The two central functions at finite ε: |x|² and x·J − (ε/2)|J|²; for ε = 0 C1 and C2."""
+    y = np.asarray(y)
+    J, x = y[..., :3], y[..., 3:]
+    return np.sum(x * x, axis=-1), np.sum(x * J, axis=-1) - eps / 2 * np.sum(J * J, axis=-1)
+
+
+def spins_squared(y: Any, eps: Any) -> tuple[Any, Any]:
+    """s_1² = |J|² − 2 C2/ε + C1/ε² and s_2² = C1/ε²; (5.2.13), (5.2.14) for general C1."""
+    y = np.asarray(y)
+    J, x = y[..., :3], y[..., 3:]
+    C1, C2 = np.sum(x * x, axis=-1), np.sum(x * J, axis=-1)
+    return np.sum(J * J, axis=-1) - 2 * C2 / eps + C1 / (eps * eps), C1 / (eps * eps)
+
+
+def energy(magnet: GaudinMagnet, spins: Any) -> Any:
+    """H of the top, (ε H_2 + s_1² + s_2²)/2, exact at every ε."""
+    eps = magnet.sites[1] - magnet.sites[0]
+    return (eps * magnet.hamiltonians(spins)[..., 1] + np.sum(magnet.casimirs(spins), axis=-1)) / 2
+
+
+def curve(top: LagrangeTop, y: Any, u: Any, eps: Any) -> Any:
+    """v² at finite ε: alpha² + 2 alpha J3/u + |J|²/u² + 2 alpha x3/(u(u−ε)) + 2 C2/(u²(u−ε)) + C1/(u²(u−ε)²)."""
+    y = np.asarray(y)
+    J, x = y[..., :3], y[..., 3:]
+    C1, C2, JJ = (np.sum(p, axis=-1) for p in (x * x, x * J, J * J))
+    w = u - eps
+    alpha = top.alpha
+    return alpha * alpha + (2 * alpha * (J[..., 2] + x[..., 2] / w) + (JJ + 2 * C2 / w + C1 / (w * w)) / u) / u
+
+
+def deviations(top: LagrangeTop, y: Any, lam: complex, eps: float) -> dict[str, float]:
+    """Largest differences between what is contracted and the limit at one ε, in double: each of them is O(ε).
+
+    y : real. lam : also the u of the Lax matrix and the curve, Im > 0.
+    """
+    y = np.asarray(y, dtype=float)
+    magnet, spins = to_magnet(top, y, eps)
+    C2 = float(y[:3] @ y[3:])
+    flow = from_magnet(magnet.rhs(spins, (0.0, eps / 2)), eps)
+    two = gaudin.two_point(magnet, spins, lam, site=SITE)
+    one = gaudin.one_point(magnet, spins, lam, site=SITE)
+    pairs = {
+        "Lax matrix": (magnet.vector(spins, lam), lax_vector(top, y, lam)),
+        "bracket": (bracket(y, eps), bracket(y)),
+        "Casimir x·J": (casimirs(y, eps)[1], C2),
+        "spectral curve": (curve(top, y, lam, eps), curve(top, y, lam, 0)),
+        "flow": (flow, vector_field(top, y)),
+        "one-point map": (from_magnet(one, eps), one_point(top, y, lam)),
+        "two-point map": (from_magnet(two, eps), two_point(top, y, lam)),
+    }
+    return {name: float(np.max(np.abs(a - b))) for name, (a, b) in pairs.items()}

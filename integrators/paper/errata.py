@@ -1,0 +1,64 @@
+"""The errata of the paper as data: each one evaluated as printed and as corrected.
+
+Two kinds: a formula that is wrong, and a sentence that is wrong beside formulas that are right (`prose`). Every module
+of this package that implements a section of the paper lists the errata of that section in a module-level `ERRATA`;
+`errata()` gathers them in the order of the paper. What is true is tested; this is for showing.
+"""
+
+from __future__ import annotations
+
+import cmath
+import importlib
+import importlib.util
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from random import Random
+
+import numpy as np
+
+from integrators.problem.top import LagrangeTop
+
+MODULES = (
+    "phase_space",
+    "lax",
+    "separation",
+    "euler_angles",
+    "one_point",
+    "generating_functions",
+    "two_point",
+    "interpolating_flow",
+    "gaudin",
+)
+
+Residual = Callable[[Random], float]
+
+
+@dataclass(frozen=True)
+class Erratum:
+    """One erratum. The residuals are |left − right| of what is stated, at one random point drawn from the generator."""
+
+    equation: str  # number in the paper, or its label and line, e.g. "(2.22)"
+    section: str  # numbers and dots, "5.1"
+    printed_text: str  # as printed, plain text
+    corrected_text: str  # as it must read
+    printed: Residual  # visibly nonzero, > 1e-6
+    corrected: Residual  # round-off, ≤ 1e-12
+    prose: bool = False  # a sentence is wrong; the formulas beside it are right
+
+
+def errata() -> list[Erratum]:
+    """All errata, in the order of the paper's sections; a module without `ERRATA` contributes none."""
+    found: list[Erratum] = []
+    for name in MODULES:
+        path = f"{__package__}.{name}"
+        if importlib.util.find_spec(path) is not None:
+            found += getattr(importlib.import_module(path), "ERRATA", [])
+    return sorted(found, key=lambda e: [int(n) for n in e.section.split(".")])
+
+
+def draw(rng: Random) -> tuple[LagrangeTop, np.ndarray]:
+    """A random top and a random complex state: alpha in (1/2, 1) or (3/2, 2), entries of size 1/2 to 3/2."""
+    alpha = rng.choice((0.5, 1.5)) + 0.5 * rng.random()
+    y = np.array([cmath.rect(0.5 + rng.random(), 2 * math.pi * rng.random()) for _ in range(6)])
+    return LagrangeTop(alpha), y

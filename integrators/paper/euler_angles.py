@@ -1,0 +1,299 @@
+"""Section 4: Euler angles, and the motion in Weierstrass' ℘, ζ, σ.
+
+    x1 = s sin φ sin θ     J1 =  p_θ cos φ + (ℓ/s − p_φ cos θ)/sin θ · sin φ                        (4.1) [59]
+    x2 = s cos φ sin θ     J2 = −p_θ sin φ + (ℓ/s − p_φ cos θ)/sin θ · cos φ
+    x3 = s cos θ           J3 =  p_φ                            s = √c1, ℓ = c2; the paper has s = 1
+
+φ grows from e2 towards e1: x+ = i s sin θ e^{−iφ}. {p_θ, θ} = {p_φ, φ} = 1 (4.2) is the bracket (1.3), f' = {f, H} the
+flow (1.1); hence θ' = −p_θ and φ' = −∂H/∂p_φ. (The paper's solution has the signs of the reversed flow, see ERRATA.)
+
+With m = J3, E = H and ℘ of the invariants (general c1, either sign of alpha)
+
+    g2 = H²/3 + alpha² c1 − alpha ℓ m        g3 = H³/27 − alpha ℓ m H/6 − alpha² c1 H/3 + alpha² (ℓ² + c1 m²)/4
+
+the solution is x3 = (2/alpha)(℘(z) + H/6), z = t + d, d = ω3 + u0 with u0 real, and
+
+    J+ = C e^{i m t/2 − ζ(b) t} σ(z + b)/σ(z)         ℘(b) = H/3 − m²/4,  ℘'(b) = (i/2)(alpha ℓ − m H + m³/2)
+    x+ = J+'/(i alpha) = (J+/alpha) [m/2 − i (ζ(z + b) − ζ(z) − ζ(b))].
+
+J+'' = i m J+' + alpha x3 J+ is Lamé's equation with n = 1: hence the σ. For φ see `Motion.phi`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from random import Random
+from typing import Any
+
+import numpy as np
+from mpmath import mp, mpf
+from numpy.typing import ArrayLike, NDArray
+
+from integrators.interface import check_count, check_state
+from integrators.paper.errata import Erratum
+from integrators.paper.phase_space import components, sqrt
+from integrators.paper.weierstrass import Weierstrass
+from integrators.problem.top import LagrangeTop
+from integrators.truth.exact import check_times, solution
+
+__all__ = ["Motion", "angles", "from_angles", "hamiltonian", "motion", "rates", "states", "to_angles"]
+
+DIGITS = 20  # behind the doubles
+
+
+def function(name: str, z: Any) -> Any:
+    """An elementary function of NumPy numbers or arrays, or of mpmath numbers or object arrays of them."""
+    z = np.asarray(z)
+    return np.frompyfunc(getattr(mp, name), 1, 1)(z) if z.dtype == object else getattr(np, name)(z)
+
+
+# ---------------------------------------------------------------- the map (4.1) and back
+
+
+def from_angles(angles: Any, c1: Any = 1.0, c2: Any = 0.0) -> NDArray[Any]:
+    """States (J, x), (..., 6), on the leaf |x|² = c1, x·J = c2 from (θ, φ, p_θ, p_φ), (..., 4): (4.1).
+
+    Real, complex or mpmath numbers. ValueError where sin θ = 0.
+    """
+    theta, phi, p_theta, p_phi = components(angles)
+    s, sine, cosine = function("sqrt", c1), function("sin", theta), function("cos", theta)
+    if np.any(sine == 0):
+        raise ValueError("sin θ = 0: Euler angles are singular at the poles")
+    along, (e1, e2) = (c2 / s - p_phi * cosine) / sine, (function("sin", phi), function("cos", phi))
+    J1, J2 = p_theta * e2 + along * e1, along * e2 - p_theta * e1
+    return np.stack((J1, J2, p_phi, s * e1 * sine, s * e2 * sine, s * cosine), axis=-1)
+
+
+def to_angles(y: Any) -> NDArray[Any]:
+    """(θ, φ, p_θ, p_φ), (..., 4), of states (J, x), (..., 6), the inverse of (4.1).
+
+    Real, complex or mpmath numbers; for real states θ in [0, π], φ in [0, 2π). ValueError where x1² + x2² = 0.
+    """
+    J1, J2, J3, x1, x2, x3 = components(y)
+    across = sqrt(x1 * x1 + x2 * x2)
+    if np.any(across == 0):
+        raise ValueError("x1² + x2² = 0: Euler angles are singular at the poles")
+    s = sqrt(x1 * x1 + x2 * x2 + x3 * x3)
+    theta = -1j * function("log", (x3 + 1j * across) / s)
+    phi = -1j * function("log", (x2 + 1j * x1) / across)
+    angles = np.stack((theta, phi, (J1 * x2 - J2 * x1) / across, J3 + 0 * theta), axis=-1)
+    if not np.any(np.asarray(y).astype(complex).imag):
+        angles = function("re", angles) if angles.dtype == object else angles.real
+        angles[..., 1] %= 2 * (mp.pi if angles.dtype == object else np.pi)
+    return angles
+
+
+def hamiltonian(alpha: Any, angles: Any, c1: Any = 1.0, c2: Any = 0.0) -> Any:
+    """H (4.3): p_θ²/2 + (p_φ² − 2(ℓ/s) p_φ cos θ + ℓ²/c1)/(2 sin² θ) + alpha s cos θ. J3 is p_φ (4.4)."""
+    theta, _, p_theta, p_phi = components(angles)
+    s, cosine = function("sqrt", c1), function("cos", theta)
+    across = p_phi**2 - 2 * (c2 / s) * p_phi * cosine + c2**2 / c1
+    return p_theta**2 / 2 + across / (2 * function("sin", theta) ** 2) + alpha * s * cosine
+
+
+def rates(alpha: Any, angles: Any, c1: Any = 1.0, c2: Any = 0.0) -> NDArray[Any]:
+    """Time derivatives of (θ, φ, p_θ, p_φ): θ' = −p_θ, φ' = −∂H/∂p_φ, p_θ' = ∂H/∂θ, p_φ' = 0."""
+    theta, _, p_theta, p_phi = components(angles)
+    s, sine, cosine = function("sqrt", c1), function("sin", theta), function("cos", theta)
+    across = p_phi - (c2 / s) * cosine, c2 / s - p_phi * cosine  # their product over sin³θ is the centrifugal term
+    force = across[0] * across[1] / sine**3 - alpha * s * sine
+    return np.stack((-p_theta, -across[0] / sine**2, force, 0 * p_phi), axis=-1)
+
+
+# ---------------------------------------------------------------- the solution
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The motion through one state: its constants, as mpmath numbers made and used at `dps` digits."""
+
+    dps: int
+    alpha: Any
+    c1: Any
+    m: Any
+    H: Any
+    wp: Weierstrass
+    u0: Any  # z = ω3 + u, u = t + u0
+    b: Any
+    C: Any  # constant of J+
+    poles: tuple[Any, Any]  # a with ℘(a) = ±alpha s/2 − H/6
+    phi0: Any  # φ at t = 0; None where it does not exist for all t
+
+    def x3(self, t: Any) -> Any:
+        """(2/alpha)(℘(z) + H/6)."""
+        return 2 / self.alpha * (self.wp.p(self.wp.omega3 + t + self.u0).real + self.H / 6)
+
+    def state(self, t: Any) -> list[Any]:
+        """(J, x) at t."""
+        J, x = sigma_quotients(self.wp, self.alpha, self.m, self.b, self.wp.omega3 + t + self.u0, t)
+        J, x = self.C * J, self.C * x
+        return [J.real, J.imag, self.m, x.real, x.imag, self.x3(t)]
+
+    def angles(self, t: Any) -> list[Any]:
+        """θ = arccos(x3/s), φ, p_θ = −θ', p_φ = m at t; ValueError at a pole."""
+        x3 = self.x3(t)
+        across = self.c1 - x3 * x3
+        if across <= self.c1 * mpf(10) ** (-self.dps // 2):
+            raise ValueError(f"the axis is at a pole at t = {mp.nstr(t, 8)}: Euler angles are singular there")
+        velocity = 2 / self.alpha * self.wp.p_prime(self.wp.omega3 + t + self.u0).real
+        return [mp.acos(x3 / mp.sqrt(self.c1)), self.phi(t), velocity / mp.sqrt(across), self.m]
+
+    def phi(self, t: Any) -> Any:
+        """φ(t), continuous: φ' = −(c1 m − ℓ x3)/(c1 − x3²) integrated.
+
+        −φ' is the sum over the two poles a of ℘'(a)/(2i (℘(z) − ℘(a))), with ℘'(a±) = ∓(i/2) alpha (ms ∓ ℓ).
+        """
+        if self.phi0 is None:
+            raise ValueError("the axis passes through a pole on this orbit, where φ jumps by π: use `states`")
+        swept = sum(self.wp.third_kind(a, t + self.u0) - self.wp.third_kind(a, self.u0) for a in self.poles)
+        return self.phi0 - (swept / 2j).real
+
+
+def sigma_quotients(wp: Weierstrass, alpha: Any, m: Any, b: Any, z: Any, t: Any) -> tuple[Any, Any]:
+    """J+/C and x+/C; by σ' = ζσ, so that J+ = 0, where ζ(z + b) has a pole, is no exception."""
+    below, (above, slope) = wp.sigma(z), wp.sigma_and_derivative(z + b)
+    turn = mp.exp((1j * m / 2 - wp.zeta(b)) * t) / below
+    return turn * above, turn / alpha * ((m / 2 + 1j * (wp.zeta(z) + wp.zeta(b))) * above - 1j * slope)
+
+
+def motion(top: LagrangeTop, y0: ArrayLike, digits: int = DIGITS) -> Motion:
+    """The motion that is at y0 at t = 0, for values good to `digits` digits at |t| not much above a period.
+
+    ValueError for alpha = 0 and for double roots of ℘ (separatrix, regular precession, vertical tops), where elliptic
+    functions degenerate: `exact.solution` covers those.
+    """
+    return find(top.alpha, tuple(check_state(y0).tolist()), check_count(digits, "digits", least=1))
+
+
+@lru_cache(maxsize=256)
+def find(alpha: float, y0: tuple[float, ...], digits: int) -> Motion:
+    if alpha == 0:
+        raise ValueError("alpha = 0: no elliptic functions in a free rotation; use exact.solution")
+    a, J, x = Fraction(alpha), [Fraction(v) for v in y0[:3]], [Fraction(v) for v in y0[3:]]
+    m, l, c1, H = J[2], dot(J, x), dot(x, x), dot(J, J) / 2 + a * x[2]
+    g2 = H**2 / 3 + a**2 * c1 - a * l * m
+    g3 = H**3 / 27 - a * l * m * H / 6 - a**2 * c1 * H / 3 + a**2 * (l**2 + c1 * m**2) / 4
+    if (discriminant := g2**3 - 27 * g3**2) == 0:
+        raise ValueError("double root: separatrix, regular precession or vertical top; use exact.solution")
+    pole_distance = (a * a * (m * m * c1 - l * l)) ** 2  # of the order of (℘(a+) − e2)(e3 − ℘(a-)), times gaps
+    lost = sum(decimals(g2**3 / v) for v in (discriminant, pole_distance) if v)  # by differences that nearly vanish
+    dps = 2 * (digits + 15) + max(0, lost)  # a turning point costs half of the digits
+    with mp.workdps(dps):
+        constants = [real(v) for v in (a, m, l, c1, H)]
+        slope_d = real(a * (J[0] * x[1] - J[1] * x[0]) / 2)
+        slopes = slope_d, real((a * l - m * H + m**3 / 2) / 2)
+        return assemble(
+            dps, constants, Weierstrass(real(g2), real(g3)), slopes, [mpf(v) for v in y0], pole_distance == 0
+        )
+
+
+def assemble(dps: int, constants: Any, wp: Weierstrass, slopes: Any, y0: Any, through_pole: bool) -> Motion:
+    """Invert ℘ for d, b and the poles, and fit C and φ(0)."""
+    alpha, m, l, c1, H = constants
+    s = mp.sqrt(c1)
+    u0 = wp.inverse_oval(alpha * y0[5] / 2 - H / 6, slopes[0])
+    b = wp.inverse_imaginary(H / 3 - m * m / 4, slopes[1])
+    poles = tuple(wp.inverse_imaginary(k * alpha * s / 2 - H / 6, -k * alpha * (m * s - k * l) / 2) for k in (1, -1))
+    J, x = sigma_quotients(wp, alpha, m, b, wp.omega3 + u0, mpf(0))
+    C = (mp.conj(J) * mp.mpc(*y0[:2]) * c1 + mp.conj(x) * mp.mpc(*y0[3:5]) * abs(alpha) * s) / (
+        abs(J) ** 2 * c1 + abs(x) ** 2 * abs(alpha) * s
+    )
+    phi0 = None if through_pole else mp.atan2(y0[3], y0[4]) % (2 * mp.pi)
+    return Motion(dps, alpha, c1, m, H, wp, u0, b, C, poles, phi0)
+
+
+def dot(a: list[Fraction], b: list[Fraction]) -> Fraction:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def decimals(q: Fraction) -> int:
+    """log10 |q|, about."""
+    return round(0.302 * (q.numerator.bit_length() - q.denominator.bit_length()))
+
+
+def real(q: Fraction) -> mpf:
+    return mpf(q.numerator) / q.denominator
+
+
+def states(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None) -> NDArray[Any]:
+    """(J, x) at times t by σ and ζ: what `exact.solution` gives by theta functions. Same arguments and shapes."""
+    return evaluate(Motion.state, top, y0, t, digits)
+
+
+def angles(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None) -> NDArray[Any]:
+    """(θ, φ, p_θ, p_φ) at times t, φ continuous from [0, 2π) at t = 0; shape (n, 4), or (4,) for one time.
+
+    Doubles to 1e-15 relative, or mpf to `digits` digits, 5 ms a time. ValueError at poles and as in `motion`.
+    """
+    return evaluate(Motion.angles, top, y0, t, digits)
+
+
+def evaluate(method: Callable[..., Any], top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None) -> NDArray[Any]:
+    times = check_times(t, exact=True)
+    wanted = DIGITS if digits is None else digits
+    with mp.workdps(15):  # σ grows like e^{t²}: its exponent needs the digits of (t/ω)²
+        longest = max((abs(v) / motion(top, y0, wanted).wp.omega1 for v in times.ravel()), default=mpf(0))
+        guard = int(2 * mp.log10(longest + 1))
+    prepared = motion(top, y0, wanted + -(-guard // 8) * 8)
+    with mp.workdps(prepared.dps):
+        values = [method(prepared, mpf(v)) for v in times.ravel()]
+    with mp.workdps(wanted):
+        table = np.array([[+v for v in row] for row in values], dtype=object)
+    table = table.reshape(*times.shape, 4 if method is Motion.angles else 6)
+    return table if digits is not None else table.astype(float)
+
+
+# ---------------------------------------------------------------- misprints of section 4
+
+
+def random_unit_top(rng: Random) -> tuple[LagrangeTop, list[float]]:
+    theta, phi = rng.uniform(0.5, 2.5), rng.uniform(0.0, 6.0)
+    state = from_angles((theta, phi, rng.uniform(0.3, 1.0), rng.uniform(0.5, 1.5)), c1=1.0, c2=rng.uniform(0.3, 1.0))
+    return LagrangeTop(rng.uniform(0.5, 1.5)), state.tolist()
+
+
+def theta_residual(rng: Random, shift: int) -> float:
+    """|cos θ of (4.5) − x3| with ℘ in the paper's scaling, at z = √(alpha/2)(t − t0) + shift · ω3, x3 lowest at t0."""
+    top, y = random_unit_top(rng)
+    t = rng.uniform(0.2, 0.8)
+    with mp.workdps(30):
+        orbit = motion(top, y, 30)
+        root = mp.sqrt(orbit.alpha / 2)
+        wp = Weierstrass(orbit.wp.g2 / root**4, orbit.wp.g3 / root**6)
+        cosine = orbit.H / (3 * orbit.alpha) + wp.p(root * (t + orbit.u0) + shift * wp.omega3).real
+    return abs(float(cosine) - float(solution(top, y, t)[5]))
+
+
+def phi_residual(rng: Random, sign: int, factor: int) -> float:
+    """|sign (m − factor ℓ x3)/(1 − x3²) − φ'| at a random state, φ' from (1.1)."""
+    top, y = random_unit_top(rng)
+    (J1, J2, m, x1, x2, x3), (v1, v2, _) = y, top.rhs(y)[3:]
+    l, across = x1 * J1 + x2 * J2 + x3 * m, x1 * x1 + x2 * x2
+    return float(abs(sign * (m - factor * l * x3) - (v1 * x2 - v2 * x1)) / across)
+
+
+def p_theta_residual(rng: Random, sign: int) -> float:
+    """|sign θ' − p_θ| at a random state, θ' from (1.1) and p_θ from (4.1)."""
+    top, y = random_unit_top(rng)
+    return abs(float(-sign * top.rhs(y)[5] / np.hypot(y[3], y[4]) - to_angles(y)[2]))
+
+
+ERRATA = [
+    Erratum(
+        "(4.5), θ", "4",
+        "θ = arccos[E/3α + ℘(√(α/2) t)], E = H: has a pole at t = 0, and exceeds 1",
+        "θ = arccos[E/3α + ℘(√(α/2)(t − t0) + ω3)], x3 lowest at t0",
+        lambda rng: theta_residual(rng, shift=0), lambda rng: theta_residual(rng, shift=1),
+    ),
+    Erratum(
+        "(4.5), φ", "4", "φ' = (m − 2ℓ cos θ)/(1 − cos²θ)", "φ' = −(m − ℓ cos θ)/(1 − cos²θ)",
+        lambda rng: phi_residual(rng, 1, factor=2), lambda rng: phi_residual(rng, -1, factor=1),
+    ),
+    Erratum(
+        "(4.5), p_θ", "4", "p_θ = dθ/dt", "p_θ = −dθ/dt",
+        lambda rng: p_theta_residual(rng, 1), lambda rng: p_theta_residual(rng, -1),
+    ),
+]  # fmt: skip

@@ -1,0 +1,266 @@
+"""Points of the spectral curve of the Gaudin magnet, the flow that a two-point step is, and λ for a given time.
+
+A point (λ, v), v² = ℓ(λ)·ℓ(λ), is given by λ, a `site` k and a `sheet`: (u − a_k) v is continued along the straight
+segment from a_k, where it is sheet · |s_k|, to λ. With `site=None` it is v that is continued, from sheet · |ℓ| at Re λ.
+Sheet 1 of site k is the one on which short two-point steps follow the flow of +H_k.
+
+One real two-point step with (λ, v) is the flow over time 1 of the interpolating Hamiltonian of section 5.6 (without the
+paper's factor i), with μ = iv and the path from λ back along the segment and on to λ̄:
+
+    ∫_λ^λ̄ μ du,   that is the flow of Σ c_j H_j with   c_j = i ∫_λ^λ̄ du/(2v (u − a_j)).
+
+The c_j are functions of the H_j and s_j²: the same at every step. All steps commute, so steps with λ_1 … λ_k are the
+flow with the sum of their c. The flow of one H_j over a time h, the central-spin model for j the central site, is got
+
+- to order 2k with λ_i = a_j + |s_j| h z_i, Im Σ z_i = 1, Im Σ z_i^m = 0 for m = 2 … 2k: 1/z_i are the roots of the
+  denominator of the diagonal Padé approximant of exp(2it). k = 1 is λ = a_j + i |s_j| h, the paper's time step;
+- exactly, by k ≥ n/2 steps whose λ_i solve the n equations Σ c = h e_j, from these values by Newton's method.
+
+(Both are results of this project. For n = 2 the doubling formula of `time_step` holds with the Q of this module.)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from integrators.paper.lax import check_sheet
+from integrators.paper.phase_space import Numbers, sqrt
+
+if TYPE_CHECKING:
+    from integrators.paper.gaudin import GaudinMagnet
+
+STRIDE = 1 / 16  # longest stride, as a share of the segment, when a root is followed
+NODES = 14  # of the quadrature, per stride
+FACTORS = 16  # steps that are composed, at most
+E3 = np.array((0, 0, 1))
+
+
+def check_numbers(values: Any, name: str) -> Numbers:
+    """An array of finite numbers: real, complex or mpmath ones. ValueError naming the argument."""
+    try:
+        array = np.array(values)
+        finite = array.dtype.kind in "iufcO" and bool(np.all(np.isfinite(array.astype(complex))))
+    except (TypeError, ValueError, OverflowError):
+        finite = False
+    if not finite:
+        raise ValueError(f"{name} must be finite numbers; got {values!r}")
+    return array
+
+
+def check_parameter(magnet: GaudinMagnet, lam: Any, name: str = "lam") -> Any:
+    """λ as one finite number off every site."""
+    array = check_numbers(lam, name)
+    if array.ndim:
+        raise ValueError(f"{name} must be one number; got shape {array.shape}")
+    if any(array[()] == a for a in magnet.sites):
+        raise ValueError(f"{name} = {lam} lies on a site")
+    return array[()]
+
+
+def check_upper(magnet: GaudinMagnet, lam: Any, name: str = "lam") -> Any:
+    """λ in the upper half-plane, off every site and its conjugate."""
+    lam = check_parameter(magnet, lam, name)
+    if not lam.imag > 0:
+        raise ValueError(f"{name} must have a positive imaginary part; got {lam}")
+    check_parameter(magnet, lam.conjugate(), f"the conjugate of {name}")
+    return lam
+
+
+# ------------------------------------------------------------------------------------------ points of the curve
+
+
+def eigenvalue(magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: int | None = 0) -> Any:
+    """v with det(L_G(λ) − v) = 0, (2.11); for `sheet` and `site` see the module.
+
+    ValueError if lam lies on a site, the spin at `site` is zero, or a branch point lies on the segment.
+    """
+    lam = check_parameter(magnet, lam)
+    ell = magnet.vector(spins, lam)
+    v = sqrt(np.sum(ell * ell))
+    v = v[()] if isinstance(v, np.ndarray) else v
+    guess = _follow(magnet, spins, lam, site)[2][-1]
+    if site is not None:
+        guess /= complex(lam) - complex(magnet.sites[site])
+    same = (complex(v) * guess.conjugate()).real >= 0
+    return v if same == (check_sheet(sheet) == 1) else -v
+
+
+def _follow(
+    magnet: GaudinMagnet, spins: Any, lam: Any, site: int | None
+) -> tuple[Callable[[Numbers], Numbers], Numbers, Numbers]:
+    """w = (u − a_site) v (site None: v) on sheet 1 along u = start + t (λ − start), in double.
+
+    Returns w² as a function of t (m,), and a grid from 0 to 1 with the w on it. From one point of the grid to the next
+    w² changes by half at most: w turns by less than 30 degrees, and branch points are two strides away.
+    """
+    start = complex(_start(magnet, lam, site))
+    length = complex(lam) - start
+    gaps, rest, pole = start - np.array(magnet.sites, dtype=complex), np.asarray(spins).astype(complex), np.zeros(3)
+    if site is not None:  # (u − a_site) ℓ has no pole at the start
+        gaps, rest, pole = np.delete(gaps, site), np.delete(rest, site, axis=0), rest[site]
+    elif np.any(gaps == 0):
+        raise ValueError(f"lam = {lam} lies above a site: name it as `site`")
+
+    def square(t: Numbers) -> Numbers:
+        z = t[:, None] * length
+        ell = float(magnet.alpha) * E3 + (1 / (gaps + z)) @ rest
+        ell = ell if site is None else pole + z * ell
+        values: Numbers = np.sum(ell * ell, axis=1)
+        return values
+
+    old = complex(square(np.zeros(1))[0])
+    if old == 0:
+        raise ValueError(f"spins: {'ℓ(Re lam)' if site is None else f'the one at site {site}'} is zero")
+    grid, roots, stride = [0.0], [np.sqrt(old)], STRIDE
+    while grid[-1] < 1:
+        t = min(grid[-1] + stride, 1.0)
+        new = complex(square(np.array((t,)))[0])
+        if not abs(new - old) <= 0.5 * abs(old):
+            stride /= 2
+            if stride < 1e-12:
+                raise ValueError(f"lam = {lam}: a branch point of the curve lies on the segment to it")
+            continue
+        root = np.sqrt(new)
+        roots.append(root if (root * roots[-1].conjugate()).real >= 0 else -root)
+        grid.append(t)
+        old, stride = new, min(2 * stride, STRIDE)
+    return square, np.array(grid), np.array(roots)
+
+
+def _start(magnet: GaudinMagnet, lam: Any, site: Any) -> Any:
+    """Where the segment to λ starts: a_site, or Re λ."""
+    if site is None:
+        return lam.real
+    if isinstance(site, bool) or not isinstance(site, (int, np.integer)) or not 0 <= site < len(magnet):
+        raise ValueError(f"site must be None or a whole number from 0 to {len(magnet) - 1}; got {site!r}")
+    return magnet.sites[site]
+
+
+def spectral_polynomial(magnet: GaudinMagnet, spins: Any) -> Numbers:
+    """Ascending coefficients of Q(u) = Π (u − a_j)² v², of degree 2n; (2.12)."""
+    H, C = magnet.hamiltonians(spins), magnet.casimirs(spins)
+    squares = [np.array((a * a, -2 * a, 1)) for a in magnet.sites]
+    Q = np.array((magnet.alpha * magnet.alpha,))
+    for square in squares:
+        Q = np.convolve(Q, square)
+    for j, a in enumerate(magnet.sites):
+        term = np.array((C[j] - a * H[j], H[j], 0))
+        for square in squares[:j] + squares[j + 1 :]:
+            term = np.convolve(term, square)
+        Q = Q + term
+    return Q
+
+
+# ------------------------------------------------------------------------------------------ the flow of a step
+
+
+def times(magnet: GaudinMagnet, spins: Any, lams: Any, sheet: int = 1, site: int | None = 0) -> Numbers:
+    """c_j, shape (n,): steps with all of `lams` are the flow of Σ c_j H_j over time 1. Real at real sites."""
+    sites = np.array(magnet.sites, dtype=complex)
+    c = np.zeros(len(magnet), dtype=complex)
+    for lam in np.atleast_1d(lams):
+        c += _segment(magnet, spins, check_upper(magnet, complex(lam), "lams"), site, sites)
+    c *= check_sheet(sheet)
+    return c.real if not np.any(sites.imag) else c
+
+
+def _segment(magnet: GaudinMagnet, spins: Any, lam: complex, site: int | None, sites: Numbers) -> Numbers:
+    """i ∫ du/(2v (u − a_j)) from λ down the segment to its start and up the conjugate one.
+
+    Gauss-Legendre between the points of the grid along which v is followed: full accuracy with few nodes.
+    """
+    square, grid, roots = _follow(magnet, spins, lam, site)
+    x, weights = np.polynomial.legendre.leggauss(NODES)
+    stride = np.diff(grid)[:, None]
+    t = (grid[:-1, None] + stride * (x + 1) / 2).ravel()
+    v: Numbers = np.sqrt(square(t)).reshape(-1, NODES)
+    v = np.where((v * roots[:-1, None].conj()).real < 0, -v, v).ravel()
+    length = lam - complex(_start(magnet, lam, site))
+    v = v if site is None else v / (t * length)
+    u = lam + (t - 1) * length
+    f = (stride * weights / 2).ravel() * length / v
+    integral: Numbers = 0.5j * (f.conj() @ (1 / (u.conj()[:, None] - sites)) - f @ (1 / (u[:, None] - sites)))
+    return integral
+
+
+def pade_parameters(magnet: GaudinMagnet, spins: Any, h: float, factors: int = 1, site: int = 0) -> Numbers:
+    """λ_i, shape (factors,), of a step of order 2·factors for the flow of H_site over the time h > 0."""
+    if not 1 <= factors <= FACTORS:
+        raise ValueError(f"factors must be from 1 to {FACTORS}; got {factors!r}")
+    if not (h > 0 and math.isfinite(h)):
+        raise ValueError(f"h must be positive and finite; got {h!r}")
+    start = complex(_start(magnet, 0j, site))
+    size = np.sqrt(complex(np.sum(np.asarray(spins[site]) ** 2)))
+    if start.imag or size.imag or not size.real > 0:
+        raise ValueError(f"site: {site} must be a real site with a real spin that is not zero")
+    k, f = factors, math.factorial
+    denominator = [f(2 * k - j) * f(k) / (f(2 * k) * f(j) * f(k - j)) * (-1) ** j for j in range(k + 1)]
+    z = 2j / np.roots(denominator[::-1])
+    lams: Numbers = start + size.real * h * z[np.argsort(z.real)]
+    return lams
+
+
+def exact_parameters(magnet: GaudinMagnet, spins: Any, h: float, factors: int | None = None, site: int = 0) -> Numbers:
+    """λ_i of `factors` ≥ n/2 (default: the least) steps that are the flow of H_site over the time h > 0.
+
+    Newton's method, the shortest correction where there are more unknowns than equations. ValueError if h is too long
+    for it (a few times the time scale of the magnet): two steps of half the length are as exact.
+    """
+    n = len(magnet)
+    factors = (n + 1) // 2 if factors is None else factors
+    if 2 * factors < n:
+        raise ValueError(f"factors must be at least {(n + 1) // 2} for {n} sites; got {factors}")
+    start = pade_parameters(magnet, spins, h, factors, site)
+    lams, miss = best = _closest(magnet, spins, h, site, [start])
+    for descent in (False, True):  # Newton's method, which may go up before it goes down; then what can be polished
+        for _ in range(40):
+            if np.max(np.abs(best[1])) <= 4e-16 * h or not np.all(np.isfinite(miss)):
+                break
+            trials = _corrections(magnet, spins, lams, miss, site)
+            lams, miss = _closest(magnet, spins, h, site, trials if descent else trials[:1])
+            if np.max(np.abs(miss)) < np.max(np.abs(best[1])):
+                best = lams, miss
+            elif descent:
+                break
+        lams, miss = best
+    share = float(np.max(np.abs(miss))) / h
+    if not share <= 1e-12:
+        raise ValueError(f"h = {h} is too long for one exact step of this magnet (misses by {share:.1e} of it)")
+    return lams
+
+
+def _closest(magnet: GaudinMagnet, spins: Any, h: float, site: int, trials: list[Numbers]) -> tuple[Numbers, Numbers]:
+    """Of several sets of λ_i the one whose Σ c misses h e_site by least, and by what."""
+    best = (trials[0], np.full(len(magnet), np.inf))
+    for lams in trials:
+        try:
+            miss = h * np.eye(len(magnet))[site] - times(magnet, spins, lams, 1, site)
+        except ValueError:  # λ out of the upper half-plane, or a branch point on its segment
+            continue
+        if np.max(np.abs(miss)) < np.max(np.abs(best[1])):
+            best = lams, miss
+    return best
+
+
+def _corrections(magnet: GaudinMagnet, spins: Any, lams: Numbers, miss: Numbers, site: int) -> list[Numbers]:
+    """λ_i + δλ_i by Newton: Σ_i i (conj δλ_i/(2v̄_i (λ̄_i − a_j)) − δλ_i/(2v_i (λ_i − a_j))) = miss_j.
+
+    For short steps the equations are all but dependent: solutions with several singular values left out are offered.
+    """
+    sites = np.array(magnet.sites, dtype=complex)[:, None]
+    v = np.array([eigenvalue(magnet, spins, lam, 1, site) for lam in lams], dtype=complex)
+    upper, lower = 0.5 / (v * (lams - sites)), 0.5 / (v.conj() * (lams.conj() - sites))
+    J = np.hstack((1j * (lower - upper), lower + upper))
+    U, s, Vt = np.linalg.svd(np.vstack((J.real, J.imag)), full_matrices=False)
+    coordinates = U.T @ np.concatenate((miss.real, miss.imag))
+    found = []
+    for smallest in (1e-15, 1e-13, 1e-11, 1e-9, 1e-6):
+        keep = s > smallest * s[0]
+        solution = Vt[keep].T @ (coordinates[keep] / s[keep])
+        delta = solution[: len(lams)] + 1j * solution[len(lams) :]
+        found.append(lams + delta * min(1.0, 0.5 / float(np.max(np.abs(delta) / lams.imag))))
+    return found

@@ -1,0 +1,263 @@
+"""Section 5.6: the two-point map as a step in time, and the Hamiltonian flow it interpolates.
+
+For λ1 → λ2 the map becomes the flow of the Hamiltonian iμ2 in ε = iΔλ, (5.6.1)–(5.6.7). Exactly, one iteration is the
+flow of z' = {H_int, z} over time 1, with H_int = ∫_{λ1}^{λ2} μ dλ, (5.6.11) corrected. Since dμ = −(dH + alpha λ dJ3)/λ²μ
+on a leaf, that is the motion (1.1) over a time T followed by a rotation about e3 by Θ; with μ = −i√Q/λ²
+
+    T = −i ∫_{λ2}^{λ1} du/√Q        Θ = −i alpha ∫_{λ2}^{λ1} u du/√Q        along λ2 → 0 → λ1
+
+and for λ2 = λ̄1 = λ̄ real: T = 2 Im ∫_0^λ du/√Q. For a small λ = iη, T = 2η/√C1: the paper's −iΔλ if C1 = 1.
+
+`sheet` is that of `two_point`, 1 forward in time, √Q the branch of `lax.root`. Quadratures run in mpmath's working
+precision and cost milliseconds: `time_step` has the inverse, λ of a given time, for the hot path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from random import Random
+from typing import Any
+
+import numpy as np
+from mpmath import mp
+
+from integrators.paper import lax
+from integrators.paper.errata import Erratum, draw
+from integrators.paper.euler_angles import function
+from integrators.paper.lax import (
+    check_sheet,
+    entries,
+    lax_matrix,
+    pauli,
+    root,
+)
+from integrators.paper.one_point import gauge
+from integrators.paper.phase_space import (
+    Numbers,
+    components,
+    invariants,
+    lift,
+    vector_field,
+)
+from integrators.paper.two_point import Point, check_upper, point, pole_free
+from integrators.problem.top import LagrangeTop
+
+PANELS = (1, 4, 16)  # of the quadrature, more where a root of Q is close to the segment
+
+
+# ------------------------------------------------------------------------------------------ the limit λ1 → λ2
+
+
+def limit_parameters(top: LagrangeTop, y: Any, second: Point) -> tuple[Any, Any]:
+    """x0 and X0 of x = x0 + O(ε), X = εX0 + O(ε²), ε = iΔλ; (5.6.1), (5.6.2). ValueError where B(λ2) = 0."""
+    lam, mu = second
+    A, B, _ = entries(top, y, lam)
+    if np.any(B == 0):
+        raise ValueError("B(λ2) = 0: the chart (x, X) of the two-point map is singular")
+    return (A - mu) / B, 1j * B / (2 * mu)
+
+
+def limit_matrix(top: LagrangeTop, y: Any, u: Any, second: Point) -> Numbers:
+    """M1 of M(u) = (u − λ2)(1 + εM1 + O(ε²)), (..., 2, 2): (i/2μ2)(L(λ2) + μ2)/(u − λ2); (5.6.3)."""
+    lam, mu = second
+    mu = np.asarray(mu)[..., None, None]
+    matrix: Numbers = (lax_matrix(top, y, lam) + mu * np.eye(2, dtype=int)) * (0.5j / mu) / (u - lam)
+    return matrix
+
+
+def limit_lax_rate(top: LagrangeTop, y: Any, u: Any, second: Point) -> Numbers:
+    """dL(u)/dε = (i/2μ2)[L(λ2)/(u − λ2), L(u)], (..., 2, 2); (5.6.4), (5.6.5) with the label 160."""
+    L, N = lax_matrix(top, y, u), limit_matrix(top, y, u, second)
+    rate: Numbers = N @ L - L @ N
+    return rate
+
+
+def limit_rate(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1) -> Numbers:
+    """The same flow on states, i{μ2, z} = −(z' + alpha λ2 e3 × z)/√Q(λ2), (..., 6); (5.6.7).
+
+    At λ2 = 0 it is the physical flow but for its unit of time, −z'/√C1: ε runs backwards, ε = −2 Im λ (5.6.8).
+    """
+    J1, J2, J3, x1, x2, x3 = components(y)
+    turn = np.stack((-J2, J1, 0 * J3, -x2, x1, 0 * x3), axis=-1)
+    field = vector_field(top, y) + turn * lift(lam, turn.ravel()[0]) * top.alpha
+    rate: Numbers = -check_sheet(sheet) * field / np.asarray(root(top, y, lam))[..., None]
+    return rate
+
+
+def mu_near_zero(top: LagrangeTop, y: Any, eta: Any) -> Any:
+    """μ2 at λ2 = iη on sheet 1 up to O(η), (5.6.9) for general C1 = r²: i r/η² − ℓ/rη + i(ℓ²/r² − 2H)/2r."""
+    H, _, c1, c2 = invariants(top, y)
+    r = root(top, y, 0)
+    return 1j * r / (eta * eta) - c2 / (r * eta) + 1j * (c2 * c2 / c1 - 2 * H) / (2 * r)
+
+
+# ------------------------------------------------------------------------------------------ the exact statement
+
+
+def moments(top: LagrangeTop, y: Any, lam: Any) -> tuple[Any, Any]:
+    """∫_0^λ du/√Q and ∫_0^λ u du/√Q along the segment, mpmath numbers.
+
+    ValueError if a root of Q lies on the segment, or so close to it that 16 panels do not reach the precision.
+    """
+    return _integral(top, y, lam, lambda u, m: 1 / m), _integral(top, y, lam, lambda u, m: u / m)
+
+
+def time_and_turn(top: LagrangeTop, y: Any, lam1: Any, lam2: Any = None, sheet: int = 1) -> tuple[Any, Any]:
+    """T and Θ of one step with λ1, λ2 (default: λ̄1, then both are real for a real state); see the module."""
+    F1, G1 = moments(top, y, lam1)
+    if lam2 is None:
+        check_upper(lam1)
+        T, turn = 2 * F1.imag, 2 * G1.imag
+    else:
+        F2, G2 = moments(top, y, lam2)
+        T, turn = -1j * (F1 - F2), -1j * (G1 - G2)
+    return check_sheet(sheet) * T, sheet * top.alpha * turn
+
+
+def attitude_angle(top: LagrangeTop, y: Any, lam: Any) -> Any:
+    """χ of the body: g̃ = q rot(x/|x|, χ) g, q = (−Re λ, −w)/|λ|, g the attitude of the frame that turns with J.
+
+    g̃ = rot(e3, Θ) g(T) in general, and χ = 2π − 2 arg λ − 2√C1 Im ∫_0^λ (1/√Q − 1/√C1) du/u, the same at every step:
+    with 2π, g̃ is continuous from g at λ = 0. For a real state, Im λ > 0, sheet 1.
+    """
+    check_upper(lam)
+    q = lax.spectral_polynomial(top, _numbers(y))
+    r = mp.sqrt(q[0])
+
+    def integrand(u: Any, m: Any) -> Any:  # without the cancellation at u = 0
+        return -(q[1] + u * (q[2] + u * (q[3] + u * q[4]))) / (r * m * (r + m))
+
+    return 2 * mp.pi - 2 * mp.arg(lam) - 2 * r * _integral(top, y, lam, integrand).imag
+
+
+def hamiltonian(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1) -> Any:
+    """H_int = ∫_{λ1}^{λ2} μ dλ, (5.6.11) corrected, up to a function of C1 and C2 (the residue of μ at 0)."""
+    if lam1 == 0 or lam2 == 0:
+        raise ValueError("λ = 0 is the pole of μ")
+    q = lax.spectral_polynomial(top, _numbers(y))
+    r = mp.sqrt(q[0])
+    b = q[1] / (2 * r)  # √Q = r + b u + …
+
+    def integrand(u: Any, m: Any) -> Any:
+        return (q[2] - b * b + u * (q[3] + u * q[4])) / (m + r + b * u)
+
+    up, down = (_integral(top, y, lam, integrand) - r / lam + b * mp.log(lam) for lam in (lam2, lam1))
+    return -1j * check_sheet(sheet) * (up - down)
+
+
+def interpolated(top: LagrangeTop, y: Any, T: Any, turn: Any) -> Numbers:
+    """One state after the motion (1.1) over a time T, then a rotation about e3 by `turn`; both complex if need be.
+
+    Taylor series in the precision of y, for moderate T. With `time_and_turn` it is the two-point map.
+    """
+    state = np.asarray(y)
+    exact = state.dtype == object
+    size = float(max(abs(v) for v in state)) + float(abs(top.alpha)) ** 0.5
+    steps = int(np.ceil(8 * size * float(abs(T)))) or 1
+    terms = mp.dps + 10 if exact else 26
+    for _ in range(steps):
+        series = [state]
+        for k in range(terms):
+            J, x = np.array(series)[:, :3], np.array(series)[::-1, 3:]
+            products = [np.sum(J[:, i] * x[:, j] - J[:, j] * x[:, i]) for i, j in ((1, 2), (2, 0), (0, 1))]
+            rates = [-top.alpha * x[0, 1], top.alpha * x[0, 0], 0 * x[0, 0], *products]
+            series.append(np.array(rates) / (k + 1))
+        state = series[-1]
+        for coefficient in series[-2::-1]:
+            state = state * (T / steps) + coefficient
+    return gauge(state, function("exp", -1j * turn))
+
+
+def _integral(top: LagrangeTop, y: Any, lam: Any, integrand: Callable[[Any, Any], Any]) -> Any:
+    """∫ integrand(u, √Q(u)) du along the segment from 0 to λ."""
+    y, lam = _numbers(y), mp.mpmathify(lam)
+    share = complex(lam) * np.roots([complex(c) for c in lax.spectral_polynomial(top, y)])  # λ/u, Q(u) = 0
+    on_the_way = np.any((share.real > 1 + 1e-12) & (abs(share.imag) < 1e-12 * abs(share)))
+
+    def value(u: Any) -> Any:
+        return integrand(u, root(top, y, u))
+
+    size = abs(value(lam / 2)) or mp.one  # the error of the quadrature is absolute
+    for panels in () if on_the_way else PANELS:
+        nodes = [mp.mpf(k) / panels for k in range(panels + 1)]
+        integral, error = mp.quad(lambda t: value(t * lam) / size, nodes, error=True)
+        if error <= 100 * mp.eps * (1 + abs(integral)):
+            return integral * size * lam
+    raise ValueError(f"lam = {mp.nstr(lam, 8)}: a root of Q lies on the segment from 0, or too close to it")
+
+
+def _numbers(y: Any) -> Numbers:
+    return np.array([mp.mpmathify(v) for v in y])
+
+
+# ------------------------------------------------------------------------------------------------ misprints
+
+
+def _real_step(rng: Random) -> tuple[LagrangeTop, Numbers, complex]:
+    """A random top, a real state with C1 = 1, and λ well inside the nearest root of Q."""
+    top, y = draw(rng)
+    state = y.real
+    state[3:] /= np.linalg.norm(state[3:])
+    rate, size, _ = top.scales(state)
+    angle = np.pi * (0.3 + 0.3 * rng.random())
+    return top, state, 0.3 * size / rate * complex(np.cos(angle), np.sin(angle))
+
+
+def _interpolation(rng: Random, factor: complex) -> float:
+    """The flow of factor · ∫ μ dλ over time 1 against the map."""
+    top, y, lam = _real_step(rng)
+    T, turn = (factor * complex(v) for v in time_and_turn(top, y, lam))
+    return float(np.max(np.abs(interpolated(top, y + 0j, T, turn) - pole_free(top, y, lam, lam.conjugate()))))
+
+
+def _time_step(rng: Random, printed: bool) -> float:
+    """The motion over the time 2 Im λ = |iΔλ|, or over T and turned by Θ, against the map."""
+    top, y, lam = _real_step(rng)
+    T, turn = (2 * lam.imag, 0.0) if printed else map(float, time_and_turn(top, y, lam))
+    return float(np.max(np.abs(interpolated(top, y, T, turn) - pole_free(top, y, lam, lam.conjugate()))))
+
+
+def _curve(rng: Random, printed: bool) -> float:
+    """μ2² of (5.6.6) against A² + BC at λ2."""
+    top, y = draw(rng)
+    lam = 0.5 + rng.random() + 1j * rng.random()
+    A, B, C = entries(top, y, lam)
+    slip = 2 * (top.alpha - 1) * y[2] / lam if printed else 0
+    return float(abs(A * A + B * C - lax.spectral_curve(top, y, lam) - slip) / (1 + abs(A * A) + abs(B * C)))
+
+
+def _physical_limit(rng: Random, sign: int) -> float:
+    """(5.6.5) at λ2 = iη, η = 1e-25, with the μ2 of (5.6.9), against sign · (i/2u)[σ·x, L(u)]; C1 = 1."""
+    top, y, _ = _real_step(rng)
+    with mp.workdps(90):
+        state = _numbers(y)
+        state[3:] /= mp.sqrt(sum(v * v for v in state[3:]))
+        eta, u = mp.mpf(10) ** -25, mp.mpf(0.5 + rng.random())
+        lam, mu = point(top, state, 1j * eta)
+        assert abs(mu - mu_near_zero(top, state, eta)) < 1e-20
+        L, N = lax_matrix(top, state, u), pauli(state[3:]) * (sign * 0.5j / u)
+        rest = limit_lax_rate(top, state, u, (lam, mu)) - (N @ L - L @ N)
+        return float(max(abs(v) for v in rest.ravel()))
+
+
+ERRATA = [
+    Erratum(
+        "(5.6.1), text", "5.6", "the physical time step is iΔλ, |iΔλ| = 2 Im λ",
+        "T = 2 Im ∫_0^λ du/√Q, and a turn about e3 by Θ = 2 alpha Im ∫_0^λ u du/√Q",
+        partial(_time_step, printed=True), partial(_time_step, printed=False), prose=True,
+    ),
+    Erratum(
+        "(5.6.6)", "5.6", "… + 2 J3/λ2 + alpha²", "… + 2 alpha J3/λ2 + alpha²",
+        partial(_curve, printed=True), partial(_curve, printed=False),
+    ),
+    Erratum(
+        "(5.6.9), (5.6.10)", "5.6", "with μ2 = i/η² − … (5.6.5) turns into L' = (i/2u)[σ·x, L]",
+        "it turns into −(i/2u)[σ·x, L], which is {H, L}; with μ2 = −i/η² + … into (i/2u)[σ·x, L] = {L, H}",
+        partial(_physical_limit, sign=1), partial(_physical_limit, sign=-1),
+    ),
+    Erratum(
+        "(5.6.11)", "5.6", "H(λ1, λ2) = i ∫_{λ1}^{λ2} μ dλ", "∫_{λ1}^{λ2} μ dλ, with z' = {H, z}",
+        partial(_interpolation, factor=1j), partial(_interpolation, factor=1.0),
+    ),
+]  # fmt: skip

@@ -1,0 +1,262 @@
+"""Section 5.1: the one-point Bäcklund transformation B_(λ,μ) of the top, a complex Poisson map.
+
+    M(u) L(u) = L̃(u) M(u)     M(u) = ((u − λ + pq, p), (q, 1))     p = J-/(2 alpha)     q = J̃+/(2 alpha)
+
+The point (λ, μ) of the spectral curve is given by λ and a sheet, μ = sheet · i m/λ² (`lax.eigenvalue`); μ is a
+function of the state, and the map is Poisson only with that dependence: at frozen μ it is not. C1 is general, C1 ≠ 0;
+alpha = 0 has no one-point map. With k = x3 − q x- = x̃3 − p x̃+,  k² = C1 + λ x- x̃+ of (5.2.6), the sheet is the sign
+of k: k → sheet · √C1 as λ → 0, where the map stays regular (only μ has a pole).
+
+The map commutes with rotations about e3, also complex ones (the *gauge* J-, x- → d J-, d x-; J+, x+ → J+/d, x+/d).
+Iterated, |J-|, |x-| grow and |J+|, |x+| shrink geometrically, so `orbit` keeps states balanced by such a gauge.
+
+Its inverse is its mirror image: transposing L exchanges J- with J+ and p with q, hence B⁻¹ = τ B τ with
+τ: J2, x2 → −J2, −x2, at the same (λ, μ). B_(λ̄,ν)⁻¹ ∘ B_(λ,μ) on one sheet is the real two-point map of section 5.5,
+`integrators.two_point(top, y, λ, sheet=s)` for the one-point maps of sheet −s.
+"""
+
+from __future__ import annotations
+
+from random import Random
+from typing import Any
+
+import numpy as np
+
+from integrators.paper.errata import Erratum, draw
+from integrators.paper.lax import check_sheet, eigenvalue, pauli, root
+from integrators.paper.phase_space import (
+    Numbers,
+    cartesian,
+    components,
+    invariants,
+    ladder,
+    lift,
+    vector_field,
+)
+from integrators.problem.top import LagrangeTop
+
+
+def _m(top: LagrangeTop, y: Any, lam: Any, sheet: int, mu: Any) -> Any:
+    """sheet · √Q(λ), or −iλ²μ for a given μ: the coordinate of the curve without a pole at λ = 0."""
+    if top.alpha == 0:
+        raise ValueError("alpha = 0: the one-point map does not exist (p and q ~ 1/alpha); the two-point map does")
+    return check_sheet(sheet) * root(top, y, lam) if mu is None else -1j * lift(lam, mu) * lam * mu
+
+
+def parameters(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None) -> tuple[Any, Any]:
+    """p and q of the dressing matrix from the old variables, (5.1.6), (5.1.8).
+
+    q = (A − μ)/B = −C/(A + μ), both times −iλ²: (a3 − m)/a- = −a+/(a3 + m) with a = x + λJ + λ² alpha e3. The form
+    with the larger of a3 ± m has no cancellation. ValueError where it is the denominator's turn to vanish (B = 0 on
+    the other sheet): the state is sent to infinity.
+    """
+    m = _m(top, y, lam, sheet, mu)
+    J3, Jm, Jp, x3, xm, xp = ladder(y)
+    lam = lift(lam, J3)
+    a3, am, ap = x3 + lam * J3 + lam * lam * top.alpha, xm + lam * Jm, xp + lam * Jp
+    plus = abs(a3 + m) >= abs(a3 - m)
+    denominator = np.where(plus, a3 + m, am)
+    if np.any(denominator == 0):
+        raise ValueError("B(λ) = 0 on this sheet: the one-point map sends the state to infinity")
+    return Jm / (2 * top.alpha), np.asarray(np.where(plus, -ap, a3 - m) / denominator)[()]
+
+
+def one_point(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None) -> Numbers:
+    """The map, (5.1.10) with the label 79–84, of complex states (..., 6).
+
+    Parameters
+    ----------
+    lam : Bäcklund parameter λ, complex. Also 0, unless `mu` is given.
+    sheet : 1 or −1, the point over λ; see `lax.eigenvalue`.
+    mu : μ itself in place of the one on the curve through y. Freezing it makes an iteration no worse, but the map
+        with constant μ is not Poisson and changes C1 and C2 off its torus.
+    """
+    J3, Jm, Jp, x3, xm, xp = ladder(y)
+    p, q = parameters(top, y, lam, sheet, mu)
+    w = p * q - lam
+    return cartesian(
+        J3,
+        xm + Jm * w - 2 * p * J3,
+        2 * q * top.alpha,
+        x3 + p * Jp - q * xm - q * Jm * w + 2 * p * q * J3,
+        xm * (p * q + w) - 2 * p * x3 - p * p * Jp + Jm * p * q * w - 2 * p * p * q * J3,
+        Jp - 2 * top.alpha * q * w + 2 * q * J3,  # J- q/p = 2 alpha q, also at p = 0
+    )
+
+
+def real_form(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None) -> Numbers:
+    """The same map by its formulas in J1, J2, J3, x1, x2, x3, (5.1.11) with the label 85–90, corrected."""
+    J1, J2, J3, x1, x2, x3 = components(y)
+    _, q = parameters(top, y, lam, sheet, mu)
+    a = lift(top.alpha, q)
+    tail = J2 * J3 - q * J1 * J2 + 1j * J1 * J3
+    square = q / (4 * a) * (J1**2 - J2**2)
+    J1_new = a * q + (x1 - 1j * x2) / 2 - lam / 2 * (J1 - 1j * J2) + square + 1j / (2 * a) * tail
+    J2_new = -1j * a * q + 1j / 2 * (x1 - 1j * x2) - 1j * lam / 2 * (J1 - 1j * J2) + 1j * square - tail / (2 * a)
+    # the paper's brackets times q, which removes their 1/q
+    b2 = q * (lam / 2 * (J2**2 - J1**2) + (J1 - 1j * J2) * (x1 - 1j * x2) + 1j * lam * J1 * J2) - (J1 - 1j * J2) * x3
+    b3 = q * (q * J1**2 * (J1 - 3j * J2) + 1j * q * J2**2 * (J2 + 3j * J1) - 2 * J3 * (J1 - 1j * J2) ** 2)
+    b3 = b3 - (J1 - 1j * J2) ** 2 * (J1 + 1j * J2)
+    even = b2 / (2 * a) + b3 / (8 * a * a) - lam / 2 * (x1 - 1j * x2)
+    odd = a * q * lam + (J1 + 1j * J2) / 2 - q * q / 2 * (J1 - 1j * J2) + q * J3
+    x3_new = x3 - q * (x1 - 1j * x2) + q * lam * (J1 - 1j * J2)
+    x3_new = x3_new + ((J1**2 + J2**2) / 2 - q * q / 2 * (J1**2 - J2**2) - 1j * q * tail) / a
+    return np.stack((J1_new, J2_new, J3 + 0 * q, odd + even, 1j * (even - odd), x3_new), axis=-1)
+
+
+def inverse(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None) -> Numbers:
+    """The state that `one_point` sends to y: the map of the adjugate N(u) = ((1, −p), (−q, u − λ + pq)), by τ B τ."""
+    return transpose(one_point(top, transpose(y), lam, sheet, mu))
+
+
+def transpose(y: Any) -> Numbers:
+    """τ: J2, x2 → −J2, −x2, that is L → its transpose. An anti-Poisson reflection."""
+    reflected: Numbers = np.asarray(y) * np.array((1, -1, 1, 1, -1, 1))
+    return reflected
+
+
+def dressing_matrix(p: Any, q: Any, lam: Any, u: Any) -> Numbers:
+    """M(u; λ) = ((u − λ + pq, p), (q, 1)), shape (..., 2, 2), det M = u − λ; (5.1.4)."""
+    rows = (np.stack((u - lam + p * q, p), axis=-1), np.stack((q, 1 + 0 * q), axis=-1))
+    return np.stack(rows, axis=-2)
+
+
+def k_value(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None) -> Any:
+    """k = x3 − q x- with its sign: k = m − λ J3 − λ² alpha + λ q J-, which is sheet · √C1 at λ = 0; (5.2.6)."""
+    J3, Jm, *_ = ladder(y)
+    _, q = parameters(top, y, lam, sheet, mu)
+    return _m(top, y, lam, sheet, mu) - lam * (J3 + lift(lam, q) * top.alpha - q * Jm)
+
+
+def deformation(top: LagrangeTop, image: Any, lam: Any, sheet: int = 1) -> Numbers:
+    """∂z̃/∂λ at fixed z of the image z̃ = B_(λ,μ) z: {−μ(λ), z̃}, the flow of −μ.
+
+    With dμ = −(dH + alpha λ dJ3)/(λ² μ) on a leaf this is −(z̃' + alpha λ e3 × z̃)/(λ² μ), z̃' the motion (1.1).
+    """
+    J1, J2, J3, x1, x2, x3 = components(image)
+    turn = np.stack((-J2, J1, 0 * J3, -x2, x1, 0 * x3), axis=-1)
+    rate = vector_field(top, image) + top.alpha * (lam * turn)
+    derivative: Numbers = 1j * sheet * rate / np.asarray(root(top, image, lam))[..., None]
+    return derivative
+
+
+def sheet_exchange(top: LagrangeTop, y: Any) -> Numbers:
+    """T = B_(λ,−μ) ∘ B_(λ,μ), the same for every λ: not the identity, against section 5.5.
+
+    L → N L N⁻¹ with N(u) = u E11 + ((a, b), (c, 0)), b = J-/(2 alpha), c = −1/b, a = J3/alpha − x-/J-.
+    ValueError where J- = 0 or alpha = 0.
+    """
+    J3, Jm, _, _, xm, _ = ladder(y)
+    if top.alpha == 0 or np.any(Jm == 0):
+        raise ValueError("alpha = 0 or J- = 0: the composition of the two sheets is singular")
+    a, b = J3 / top.alpha - xm / Jm, Jm / (2 * top.alpha)
+    zero = 0 * b
+    K = np.stack((np.stack((a, b), axis=-1), np.stack((-1 / b, zero), axis=-1)), axis=-2)
+    K_inverse = np.stack((np.stack((zero, -b), axis=-1), np.stack((1 / b, a), axis=-1)), axis=-2)
+    J, x = pauli(np.asarray(y)[..., :3]), pauli(np.asarray(y)[..., 3:])
+    x_new = K @ x @ K_inverse
+    E11 = np.array(((1, 0), (0, 0)))
+    J_new = (E11 @ x + K @ J - x_new @ E11) @ K_inverse
+    return cartesian(*(m[..., i, j] for m in (J_new, x_new) for i, j in ((0, 0), (0, 1), (1, 0))))
+
+
+# --------------------------------------------------------------------------------------------- iteration
+
+
+def gauge(y: Any, d: Any) -> Numbers:
+    """The complex rotation about e3 with J-, x- → d J-, d x- and J+, x+ → J+/d, x+/d; a Poisson map."""
+    J3, Jm, Jp, x3, xm, xp = ladder(y)
+    return cartesian(J3 + 0 * d, Jm * d, Jp / d, x3 + 0 * d, xm * d, xp / d)
+
+
+def balance(top: LagrangeTop, y: Any) -> tuple[Numbers, int]:
+    """One state in the gauge d = 2^n that makes |J-|, |x-| and |J+|, |x+| of one size, and n; d is exact."""
+    _, _, c1, _ = invariants(top, y)
+    _, Jm, Jp, _, xm, xp = ladder(y)
+    scale = float(abs(top.alpha)) ** 0.5 / float(abs(c1)) ** 0.25  # brings x to the units of J
+    minus, plus = float(abs(Jm)) + scale * float(abs(xm)), float(abs(Jp)) + scale * float(abs(xp))
+    if minus == 0 or plus == 0:
+        return np.asarray(y), 0
+    n = round(0.5 * float(np.log2(plus) - np.log2(minus)))
+    return gauge(y, 2.0**n), n
+
+
+def orbit(top: LagrangeTop, y: Any, lam: Any, steps: int, sheet: int = 1) -> tuple[Numbers, list[int]]:
+    """The map iterated from one state: states (steps + 1, 6), balanced, and the exponents of their gauges.
+
+    The state of the plain iteration is gauge(states[n], 2**−exponents[n]).
+    """
+    state, total = np.asarray(y), 0
+    states, exponents = [state], [0]
+    for _ in range(steps):
+        state, n = balance(top, one_point(top, state, lam, sheet))
+        total += n
+        states.append(state)
+        exponents.append(total)
+    return np.stack(states), exponents
+
+
+# ------------------------------------------------------------------------------------------------ misprints
+
+
+def _as_printed(top: LagrangeTop, y: Any, lam: Any) -> dict[int, Any]:
+    """J̃2, x̃1, x̃2 of (5.1.11) as the paper prints them, under their place in the state."""
+    J1, J2, J3, x1, x2, x3 = components(y)
+    _, q = parameters(top, y, lam)
+    a, Jm, Jp, xm, xp = top.alpha, J1 - 1j * J2, J1 + 1j * J2, x1 - 1j * x2, x1 + 1j * x2
+    b2 = lam / 2 * (J2**2 - J1**2) + Jm * (x1 - x3 / q) - 1j * x2 * Jp + 1j * lam * J1 * J2
+    b3 = q * J1**2 * (J1 - 3j * J2) + q * J2**2 * (J2 - 3j * J1)
+    b3 = b3 - 1j / q * (J1 - J2) ** 2 * (J1 + J2) - 2 * J3 * Jm**2
+    brackets = q / (2 * a) * b2 + q / (8 * a * a) * b3
+    J2_new = -1j * a * q + 1j / 2 * xp - 1j * lam / 2 * Jp + 1j * q / (4 * a) * (J1**2 - J2**2)
+    J2_new = J2_new + (J2 * J3 - q * J1 * J2 - 1j * J1 * J3) / (2 * a)
+    x1_new = a * q * lam + Jp / 2 - q * q / 2 * Jm - lam / 2 * xm + q * J3 + brackets
+    x2_new = -1j * a * q * lam + 1j / 2 * Jm - 1j * q * q / 2 * Jp - 1j * lam / 2 * xm - 1j * q * J3 + 1j * brackets
+    return {1: J2_new, 3: x1_new, 4: x2_new}
+
+
+def _component(rng: Random, place: int, printed: bool) -> float:
+    """One component of the real form against (5.1.10), over the size of the terms."""
+    top, y = draw(rng)
+    lam = complex(0.5 + rng.random(), 0.5 + rng.random())
+    value = _as_printed(top, y, lam)[place] if printed else real_form(top, y, lam)[place]
+    _, q = parameters(top, y, lam)
+    return float(abs(value - one_point(top, y, lam)[place]) / (10 * (1 + abs(q)) ** 2))
+
+
+def _composition(rng: Random, printed: bool) -> float:
+    """B_Q ∘ B_P − 1, B_Q = B_(λ,−μ) or the inverse, at a point not sent too far."""
+    lam = complex(0.5 + rng.random(), 0.5 + rng.random())
+    while True:
+        top, y = draw(rng)
+        image, mu = one_point(top, y, lam), eigenvalue(top, y, lam)
+        if np.max(np.abs(image)) < 10:
+            break
+    back = one_point(top, image, lam, mu=-mu) if printed else inverse(top, image, lam, mu=mu)
+    return float(np.max(np.abs(back - y)) / 100)
+
+
+ERRATA = [
+    Erratum(
+        "(5.1.11) J̃2", "5.1", "i/2 (x1 + i x2) − iλ/2 (J1 + i J2) … + 1/(2 alpha) (J2 J3 − q J1 J2 − i J1 J3)",
+        "i/2 (x1 − i x2) − iλ/2 (J1 − i J2) … − 1/(2 alpha) (J2 J3 − q J1 J2 + i J1 J3)",
+        lambda g: _component(g, 1, True), lambda g: _component(g, 1, False),
+    ),
+    Erratum(
+        "(5.1.11) x̃1", "5.1",
+        "… − i x2 (J1 + i J2) … + q J2² (J2 − 3i J1) − (i/q)(J1 − J2)²(J1 + J2) …",
+        "… − i x2 (J1 − i J2) … + i q J2² (J2 + 3i J1) − (1/q)(J1 − i J2)²(J1 + i J2) …",
+        lambda g: _component(g, 3, True), lambda g: _component(g, 3, False),
+    ),
+    Erratum(
+        "(5.1.11) x̃2", "5.1", "i/2 (J1 − i J2) − i q²/2 (J1 + i J2) … and the brackets of x̃1 as printed",
+        "−i/2 (J1 + i J2) + i q²/2 (J1 − i J2) … and the brackets of x̃1 as corrected",
+        lambda g: _component(g, 4, True), lambda g: _component(g, 4, False),
+    ),
+    Erratum(
+        "before (5.5.2)", "5.5", "B_(λ,−μ) and B_(λ,μ), both of (5.1.4), are inverse to each other",
+        "B_(λ,μ)⁻¹ is the map of the adjugate ((1, −p), (−q, u − λ + pq)) at (λ, μ)",
+        lambda g: _composition(g, True), lambda g: _composition(g, False),
+        prose=True,
+    ),
+]  # fmt: skip

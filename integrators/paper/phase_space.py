@@ -1,0 +1,97 @@
+"""Section 1 of the paper on the complexified phase space: states, brackets, equations of motion, invariants.
+
+State y = (J1, J2, J3, x1, x2, x3), last axis of an array: real, complex, or mpmath numbers in a list or an object
+array. Everything here and in the other modules of the paper is + − * / and a square root, so that the same line runs
+in double and in any number of digits. C1 = |x|² is general; x·x is the bilinear form, nothing is conjugated.
+"""
+
+from __future__ import annotations
+
+from random import Random
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from integrators.paper.errata import Erratum, draw
+from integrators.problem.top import LagrangeTop
+
+Numbers = NDArray[Any]  # complex128, or objects with + − * / ** such as mpmath numbers
+
+
+def components(y: Any) -> tuple[Any, ...]:
+    """The entries of the last axis, apart."""
+    return tuple(np.moveaxis(np.asarray(y), -1, 0))
+
+
+def ladder(y: Any) -> tuple[Any, ...]:
+    """J3, J-, J+, x3, x-, x+ with J± = J1 ± i J2, x± = x1 ± i x2; (1.4)."""
+    J1, J2, J3, x1, x2, x3 = components(y)
+    return J3, J1 - 1j * J2, J1 + 1j * J2, x3, x1 - 1j * x2, x1 + 1j * x2
+
+
+def cartesian(J3: Any, Jm: Any, Jp: Any, x3: Any, xm: Any, xp: Any) -> Numbers:
+    """The state (..., 6) of given J3, J-, J+, x3, x-, x+; inverse of `ladder`."""
+    return np.stack(((Jm + Jp) / 2, 1j * (Jm - Jp) / 2, J3, (xm + xp) / 2, 1j * (xm - xp) / 2, x3), axis=-1)
+
+
+def lift(z: Any, like: Any) -> Any:
+    """z in the precision of `like`: without it the product of two Python floats would be rounded to double."""
+    return z + 0 * like
+
+
+def sqrt(z: Any) -> Any:
+    """Principal root of complex or mpmath numbers."""
+    z = np.asarray(z)
+    return z**0.5 if z.dtype == object else np.sqrt(z.astype(complex))
+
+
+def invariants(top: LagrangeTop, y: Any) -> tuple[Any, Any, Any, Any]:
+    """H, J3, C1, C2 of complex states; (1.2), (1.5)."""
+    J1, J2, J3, x1, x2, x3 = components(y)
+    H = (J1 * J1 + J2 * J2 + J3 * J3) / 2 + top.alpha * x3
+    return H, J3, x1 * x1 + x2 * x2 + x3 * x3, x1 * J1 + x2 * J2 + x3 * J3
+
+
+def vector_field(top: LagrangeTop, y: Any) -> Numbers:
+    """J' = alpha e3 × x, x' = J × x of complex states, (1.1): the flow f' = {f, H}."""
+    J1, J2, J3, x1, x2, x3 = components(y)
+    J_rate = (-top.alpha * x2, top.alpha * x1, 0 * J3)
+    return np.stack((*J_rate, J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1), axis=-1)
+
+
+def poisson_tensor(*blocks: Any) -> Numbers:
+    """P (6, 6) at the state (J, x) of the top, (1.3), or (3n, 3n) at spins s_1, …, s_n, (2.3).
+
+    One argument of six numbers is a state, n arguments of three numbers are n spins; {f, g} = ∇f·P∇g.
+    """
+    if len(blocks) == 1 and len(blocks[0]) == 6:
+        J, x = _minus_hat(blocks[0][:3]), _minus_hat(blocks[0][3:])
+        return np.block([[J, x], [x, np.zeros((3, 3), dtype=int)]])
+    n = len(blocks)
+    zero = np.zeros((3, 3), dtype=int)
+    return np.block([[_minus_hat(blocks[j]) if j == k else zero for k in range(n)] for j in range(n)])
+
+
+def _minus_hat(v: Any) -> Numbers:
+    a, b, c = v
+    return np.array(((0, c, -b), (-c, 0, a), (b, -a, 0)))
+
+
+# ------------------------------------------------------------------------------------------------ misprints
+
+
+def _force(rng: Random, sign: int) -> float:
+    """Torque of the force sign·P, P = (0, 0, alpha), on the axis, against J'."""
+    top, y = draw(rng)
+    P = np.array((0.0, 0.0, sign * top.alpha))
+    return float(np.max(np.abs(vector_field(top, y)[:3] - np.cross(y[3:], P))))
+
+
+ERRATA = [
+    Erratum(
+        "(1.1), text", "1", "P is the constant vector along the gravity field: J' = x × P",
+        "the gravity force is −P: J' = x × (−P) = P × x", lambda g: _force(g, 1), lambda g: _force(g, -1),
+        prose=True,
+    ),
+]  # fmt: skip

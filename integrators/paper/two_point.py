@@ -1,0 +1,312 @@
+"""Section 5.5: the two-point Bäcklund transformation B_(P1,Q2) of the top; for λ2 = λ̄1 a real map.
+
+    M(u) L(u) = L̃(u) M(u)     M(u) = ((u − λ1 + xX, X), (−x²X + Δλ x, u − λ2 − xX))          (5.5.2), (5.5.3)
+    det M = (u − λ1)(u − λ2)     Δλ = λ1 − λ2     λ0 = (λ1 + λ2)/2                            (5.5.4), (5.5.8)
+
+B_(P1,Q2) is the one-point map of P1 = (λ1, μ1) followed by the inverse of that of (λ2, μ2). Its own inverse exchanges
+the two points, or changes the sign of both μ. Like the paper, the formulas of 5.5 take points: pairs (λ, μ) from `point`.
+The tilde here is the paper's double one. C1 is general, C1 ≠ 0; alpha = 0 is no exception.
+
+All of them divide by B(λ), which vanishes on some states: that is a singular chart, not a singular map. With
+M(u) = u − λ0 + i w·σ, a_k = x + λ_k J + λ_k² alpha e3 and m_k = iλ_k² μ_k = √Q(λ_k) the same map is
+
+    w = (Δλ/2i) (m2 a1 + m1 a2 − i a1×a2)/(m1 m2 + a1·a2)      w·w = −Δλ²/4
+    J̃ = J + 2 alpha e3×w      x̃ = x + λ0 (J̃ − J) + (J + J̃)×w
+
+(a result of this project), and for real states and λ2 = λ̄1, m2 = m̄1, where the denominator is |m|² + |Re a|² + |Im a|²,
+the real map of `integrators.two_point`. `sheet` is that of m, 1 forward in time: sheet −1 of `lax.eigenvalue`.
+
+μ and m are functions of the state: with them from the curve at every state the map is Poisson, with frozen ones not.
+What the map is in time, section 5.6, is in `interpolating_flow`.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from random import Random
+from typing import Any
+
+import numpy as np
+
+from integrators.paper.errata import Erratum, draw
+from integrators.paper.lax import (
+    PAULI,
+    check_sheet,
+    eigenvalue,
+    entries,
+    pauli,
+    root,
+)
+from integrators.paper.one_point import one_point
+from integrators.paper.phase_space import (
+    Numbers,
+    cartesian,
+    components,
+    ladder,
+    lift,
+)
+from integrators.problem.top import LagrangeTop
+
+Point = tuple[Any, Any]  # (λ, μ)
+E3 = np.array((0, 0, 1))
+
+
+def point(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1) -> Point:
+    """(λ, μ) on the curve through y, μ = −i sheet √Q(λ)/λ²; (5.5.7). ValueError at λ = 0, the pole of μ."""
+    mu = eigenvalue(top, y, lam, -check_sheet(sheet))
+    return lift(lam, np.ravel(mu)[0]), mu
+
+
+def parameters(top: LagrangeTop, y: Any, first: Point, second: Point) -> tuple[Any, Any]:
+    """x and X from the old variables, by the first expressions of (5.5.5), (5.5.6).
+
+    ValueError where they are singular charts: B(λ1) = 0, or (λ1, μ1) = (λ2, −μ2) and the like.
+    """
+    (lam1, mu1), (lam2, mu2) = first, second
+    A1, B1, _ = entries(top, y, lam1)
+    A2, B2, _ = entries(top, y, lam2)
+    if np.any(B1 == 0):
+        raise ValueError("B(λ1) = 0: the chart (x, X) of the two-point map is singular; `pole_free` has no such poles")
+    x, below = (A1 - mu1) / B1, B1 * (A2 + mu2) - B2 * (A1 - mu1)
+    if np.any(below == 0):
+        raise ValueError("X = ∞: the points (λ1, μ1) and (λ2, −μ2) have one eigenvector, the map is singular")
+    return x, (lam2 - lam1) * B1 * B2 / below
+
+
+def expressions_x(top: LagrangeTop, y: Any, image: Any, first: Point, second: Point) -> list[Any]:
+    """The five expressions of (5.5.5) for x, four at alpha = 0."""
+    (lam1, mu1), (lam2, mu2) = first, second
+    A, B, C = entries(top, y, lam1)
+    A_new, B_new, C_new = entries(top, image, lam2)
+    x = [(A - mu1) / B, -C / (A + mu1), (A_new - mu2) / B_new, -C_new / (A_new + mu2)]
+    if top.alpha == 0:
+        return x
+    Jp_between = ladder(one_point(top, y, lam1, mu=mu1))[2]  # the single tilde: after B_P1
+    return [*x, Jp_between / (2 * top.alpha)]
+
+
+def expressions_X(top: LagrangeTop, y: Any, image: Any, first: Point, second: Point) -> list[Any]:
+    """The five expressions of (5.5.6) for X, four at alpha = 0."""
+    (lam1, mu1), (lam2, mu2) = first, second
+    (A1, B1, C1), (A2, B2, C2) = (entries(top, y, lam) for lam in (lam1, lam2))
+    (a1, b1, c1), (a2, b2, c2) = (entries(top, image, lam) for lam in (lam1, lam2))
+    gap = lam1 - lam2
+    X = [
+        -gap * B1 * B2 / (B1 * (A2 + mu2) - B2 * (A1 - mu1)),
+        gap * (A1 + mu1) * (A2 - mu2) / ((A1 + mu1) * C2 - (A2 - mu2) * C1),
+        -gap * b1 * b2 / (b2 * (a1 + mu1) - b1 * (a2 - mu2)),
+        gap * (a1 - mu1) * (a2 + mu2) / ((a2 + mu2) * c1 - (a1 - mu1) * c2),
+    ]
+    return X if top.alpha == 0 else [*X, (ladder(y)[1] - ladder(image)[1]) / (2 * top.alpha)]
+
+
+def dressing_matrix(x: Any, X: Any, lam1: Any, lam2: Any, u: Any) -> Numbers:
+    """M(u; λ1, λ2), shape (..., 2, 2), with det M = (u − λ1)(u − λ2); (5.5.3), (5.5.4)."""
+    rows = (np.stack((u - lam1 + x * X, X), axis=-1), np.stack((x * (lam1 - lam2 - x * X), u - lam2 - x * X), axis=-1))
+    return np.stack(rows, axis=-2)
+
+
+# ------------------------------------------------------------------------------------ the map, in four forms
+
+
+def explicit(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:
+    """The map by components, (5.5.9) corrected."""
+    J3, Jm, Jp, x3, xm, xp = ladder(y)
+    x, X = parameters(top, y, first, second)
+    a, gap, mean = top.alpha, first[0] - second[0], (first[0] + second[0]) / 2
+    product = x * X
+    rest = x * (gap - product)
+    return cartesian(
+        J3 + 0 * x,
+        Jm - 2 * a * X,
+        Jp + 2 * a * rest,
+        x3 - rest * Jm + X * Jp + 2 * a * X * rest,
+        xm + (2 * product - gap) * Jm - 2 * X * J3 - 2 * a * X * (product + mean - gap / 2),
+        xp - (2 * product - gap) * Jp + 2 * rest * J3 - 2 * a * rest * (product - mean - gap / 2),
+    )
+
+
+def real_generators(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:
+    """The map in J1, J2, J3, x1, x2, x3, (5.5.10) with the label 145–150, corrected."""
+    J1, J2, J3, x1, x2, x3 = components(y)
+    x, X = parameters(top, y, first, second)
+    a, gap, mean = top.alpha, first[0] - second[0], (first[0] + second[0]) / 2
+    even, odd = x * gap - X * (1 + x * x), x * gap + X * (1 - x * x)
+    low, high, twist = mean - gap / 2, mean + 3 * gap / 2, 2 * x * X - gap
+    brace1 = x * X**2 * (1 - x * x) + X * (low + x * x * high) - x * gap * (mean + gap / 2)
+    brace2 = x * X**2 * (1 + x * x) + X * (low - x * x * high) + x * gap * (mean + gap / 2)
+    x1_new = x1 - 1j * J2 * twist + J3 * even - a * brace1
+    x2_new = x2 + 1j * J1 * twist - 1j * J3 * odd - 1j * a * brace2
+    x3_new = x3 - J1 * even + 1j * J2 * odd - 2 * a * x * X * (x * X - gap)
+    return np.stack((J1 + a * even, J2 - 1j * a * odd, J3 + 0 * x, x1_new, x2_new, x3_new), axis=-1)
+
+
+def matrix_form(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:
+    """The map in one line, with M(u) = u + M0: J̃ = J + alpha [M0, σ3], x̃ = x + M0 J − J̃ M0; the program of 5.7."""
+    M0 = dressing_matrix(*parameters(top, y, first, second), first[0], second[0], 0)
+    J, x = pauli(np.asarray(y)[..., :3]), pauli(np.asarray(y)[..., 3:])
+    J_new = J + top.alpha * (M0 @ PAULI[2] - PAULI[2] @ M0)
+    x_new = x + M0 @ J - J_new @ M0
+    return cartesian(*(m[..., i, j] for m in (J_new, x_new) for i, j in ((0, 0), (0, 1), (1, 0))))
+
+
+def inverse(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:
+    """The state that `explicit` sends to y: B_(P2,Q1), the two points exchanged."""
+    return explicit(top, y, second, first)
+
+
+def axis(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1, m: Any = None) -> Numbers:
+    """w of M(u) = u − λ0 + i w·σ, shape (..., 3); m : (m1, m2) in place of those on the curve.
+
+    ValueError at a pole: for a real state and λ2 = λ̄1 only a(λ) = 0, a vertical top with λ the double root of Q.
+    """
+    sheet, y = check_sheet(sheet), np.asarray(y)
+    roots = (sheet * root(top, y, lam1), sheet * root(top, y, lam2)) if m is None else m
+    m1, m2 = (np.asarray(r)[..., None] for r in roots)
+    lam1, lam2 = (lift(lam, m1.ravel()[0]) for lam in (lam1, lam2))
+    a1, a2 = (y[..., 3:] + y[..., :3] * lam + E3 * (lam * lam * top.alpha) for lam in (lam1, lam2))
+    below = m1 * m2 + np.sum(a1 * a2, axis=-1, keepdims=True)
+    if np.any(below == 0):
+        raise ValueError("λ: the denominator m1 m2 + a1·a2 of the two-point map vanishes at this state")
+    w: Numbers = (m2 * a1 + m1 * a2 - 1j * _cross(a1, a2)) * ((lam1 - lam2) / 2j) / below
+    return w
+
+
+def pole_free(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1, m: Any = None) -> Numbers:
+    """The map by its vector w, complex: any λ1 and λ2, also 0. Arguments as for `axis`."""
+    J, x = np.asarray(y)[..., :3], np.asarray(y)[..., 3:]
+    w = axis(top, y, lam1, lam2, sheet, m)
+    J_new = J + _cross(E3, w) * (2 * top.alpha)
+    mean = (lift(lam1, w.ravel()[0]) + lam2) / 2
+    x_new = x + (J_new - J) * mean + _cross(J + J_new, w)
+    return np.concatenate((J_new, x_new), axis=-1)
+
+
+def real_form(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1) -> Numbers:
+    """The real map, λ1 = λ and λ2 = λ̄ (5.5.11) with μ2 = −μ̄1, Im λ > 0: `pole_free`, real for a real state."""
+    check_upper(lam)
+    image = pole_free(top, y, lam, lam.conjugate(), sheet)
+    if not all(getattr(v, "imag", None) == 0 and not isinstance(v, complex) for v in np.ravel(y)):
+        return image
+    return image.real if image.dtype != object else np.reshape([v.real for v in image.ravel()], image.shape)
+
+
+def check_upper(lam: Any) -> None:
+    """ValueError unless λ is a finite number with Im λ > 0."""
+    try:
+        number = complex(lam)
+    except (TypeError, ValueError):
+        raise ValueError(f"lam must be a complex number; got {lam!r}") from None
+    if not (math.isfinite(abs(number)) and number.imag > 0):
+        raise ValueError(f"lam must be finite with a positive imaginary part; got {lam}")
+
+
+def _cross(a: Any, b: Any) -> Numbers:
+    (a1, a2, a3), (b1, b2, b3) = components(a), components(b)
+    return np.stack((a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1), axis=-1)
+
+
+# ------------------------------------------------------------------------------------------------ misprints
+
+
+def _as_printed(top: LagrangeTop, y: Any, first: Point, second: Point) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What (5.5.9) and (5.5.10) give as the paper prints them, by component."""
+    (J1, J2, J3, x1, x2, x3), (_, Jm, Jp, _, xm, xp) = components(y), ladder(y)
+    x, X = parameters(top, y, first, second)
+    gap, mean = first[0] - second[0], (first[0] + second[0]) / 2
+    rest, even, odd = x * (gap - x * X), x * gap - X * (1 + x * x), x * gap + X * (1 - x * x)
+    low, high, twist = mean - gap / 2, mean + 3 * gap / 2, 2 * x * X - gap
+    brace1 = x * X**2 * (1 + x * x) + X * (low - x * x * high) + x * gap * (mean + gap / 2)
+    brace2 = x * X**2 * (1 - x * x) + X * (low + x * x * high) - x * gap * (mean + gap / 2)
+    ladders = {
+        "J̃-": Jm - 2 * X,
+        "J̃+": Jp + 2 * rest,
+        "x̃3": x3 - top.alpha * (gap - x * X) * Jm + X * Jp + 2 * X * rest,
+        "x̃-": xm + (2 * x * X + gap) * Jm - 2 * X * J3 - 2 * X * (x * X + mean - gap / 2),
+        "x̃+": xp - (2 * x * X + gap) * Jp + 2 * rest * J3 - 2 * rest * (x * X - mean - gap / 2),
+    }
+    reals = {
+        "J̃1": J1 + even,
+        "J̃2": J2 - 1j * odd,
+        "x̃1": x1 - 1j * J2 * twist + J3 * even - brace1,
+        "x̃2": x2 + 1j * J1 * twist - 1j * J3 * odd - 1j * brace2,
+        "x̃3": x3 - J1 * even + 1j * J2 * odd - 2 * x * X * (x * X - gap),
+    }
+    return ladders, reals
+
+
+def _points(rng: Random, top: LagrangeTop, y: Any) -> tuple[Point, Point]:
+    """Two points of the curve, λ1 above and λ2 below the real axis, not conjugate, on one random sheet each."""
+    lams = [complex(0.5 + rng.random(), sign * (0.5 + rng.random())) for sign in (1, -1)]
+    return point(top, y, lams[0], rng.choice((1, -1))), point(top, y, lams[1], rng.choice((1, -1)))
+
+
+def _component(rng: Random, name: str, real: bool, printed: bool) -> float:
+    """One component as printed or as corrected against the pole-free map, over the size of the terms."""
+    top, y = draw(rng)
+    first, second = _points(rng, top, y)
+    m = tuple(1j * lam * lam * mu for lam, mu in (first, second))
+    truth = pole_free(top, y, first[0], second[0], m=m)
+    form, of, place = (real_generators, components, REAL) if real else (explicit, ladder, LADDER)
+    value, right = (of(image)[place.index(name)] for image in (form(top, y, first, second), truth))
+    value = _as_printed(top, y, first, second)[real][name] if printed else value
+    x, _ = parameters(top, y, first, second)
+    return float(abs(value - right) / ((1 + abs(x)) * (1 + np.max(np.abs(truth)))))
+
+
+def _reality(rng: Random, sign: int) -> float:
+    """Largest imaginary part of the image of a real state, λ2 = λ̄1, μ2 = sign · μ̄1."""
+    top, y = draw(rng)
+    lam, mu = point(top, y.real, complex(0.5 + rng.random(), 0.5 + rng.random()))
+    image = explicit(top, y.real, (lam, mu), (lam.conjugate(), sign * mu.conjugate()))
+    return float(np.max(np.abs(image.imag)) / (1 + np.max(np.abs(image))))
+
+
+LADDER = ("J̃3", "J̃-", "J̃+", "x̃3", "x̃-", "x̃+")
+REAL = ("J̃1", "J̃2", "J̃3", "x̃1", "x̃2", "x̃3")
+MISPRINTS = (
+    ("J̃-", "J- − 2X", "J- − 2 alpha X"),
+    ("J̃+", "J+ + 2x(Δλ − xX)", "J+ + 2 alpha x(Δλ − xX)"),
+    ("x̃3", "x3 − alpha (Δλ − xX)J- + X J+ + 2xX(Δλ − xX)", "x3 − x(Δλ − xX)J- + X J+ + 2 alpha xX(Δλ − xX)"),
+    (
+        "x̃-",
+        "x- + (2xX + Δλ)J- − 2X J3 − 2X(xX + λ0 − Δλ/2)",
+        "x- + (2xX − Δλ)J- − 2X J3 − 2 alpha X(xX + λ0 − Δλ/2)",
+    ),
+    (
+        "x̃+",
+        "x+ − (2xX + Δλ)J+ + 2x(Δλ − xX)J3 − 2x(Δλ − xX)(xX − λ0 − Δλ/2)",
+        "x+ − (2xX − Δλ)J+ + 2x(Δλ − xX)J3 − 2 alpha x(Δλ − xX)(xX − λ0 − Δλ/2)",
+    ),
+)
+REAL_MISPRINTS = (
+    ("J̃1", "J1 + xΔλ − X(1 + x²)", "J1 + alpha [xΔλ − X(1 + x²)]"),
+    ("J̃2", "J2 − i[xΔλ + X(1 − x²)]", "J2 − i alpha [xΔλ + X(1 − x²)]"),
+    (
+        "x̃1",
+        "… − {xX²(1 + x²) + X[λ0 − Δλ/2 − x²(λ0 + 3Δλ/2)] + xΔλ(λ0 + Δλ/2)}",
+        "… − alpha {xX²(1 − x²) + X[λ0 − Δλ/2 + x²(λ0 + 3Δλ/2)] − xΔλ(λ0 + Δλ/2)}",
+    ),
+    (
+        "x̃2",
+        "… − i{xX²(1 − x²) + X[λ0 − Δλ/2 + x²(λ0 + 3Δλ/2)] − xΔλ(λ0 + Δλ/2)}",
+        "… − i alpha {xX²(1 + x²) + X[λ0 − Δλ/2 − x²(λ0 + 3Δλ/2)] + xΔλ(λ0 + Δλ/2)}",
+    ),
+    ("x̃3", "… − 2xX(xX − Δλ)", "… − 2 alpha xX(xX − Δλ)"),
+)
+
+
+def _erratum(number: str, real: bool, name: str, printed: str, corrected: str) -> Erratum:
+    wrong, right = (partial(_component, name=name, real=real, printed=as_printed) for as_printed in (True, False))
+    return Erratum(f"({number}) {name}", "5.5", printed, corrected, wrong, right)
+
+
+ERRATA = [
+    *(_erratum("5.5.9", False, *misprint) for misprint in MISPRINTS),
+    *(_erratum("5.5.10", True, *misprint) for misprint in REAL_MISPRINTS),
+    Erratum(
+        "(5.5.11)", "5.5", "real for λ1 = λ̄2, whatever the μ: also μ2 = μ̄1", "real for λ1 = λ̄2 and μ2 = −μ̄1",
+        partial(_reality, sign=1), partial(_reality, sign=-1), prose=True,
+    ),
+]  # fmt: skip

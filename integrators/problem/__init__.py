@@ -1,0 +1,1 @@
+"""The top itself: equations, invariants, named tops, units, the whole body."""

@@ -1,0 +1,58 @@
+"""Units in which a top is of order one: powers of two, so that nothing is rounded on the way in or out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from integrators.interface import Array, StepError
+from integrators.problem.top import LagrangeTop
+from integrators.torus.real_map import LARGEST_SPAN, MODERATE, exponents
+
+
+def ldexp(number: float, exponent: int) -> float:
+    """number · 2^exponent; beyond the largest double ±inf, which the checks of what follows refuse."""
+    try:
+        return math.ldexp(number, exponent)
+    except OverflowError:
+        return math.copysign(math.inf, number)
+
+
+class Units:
+    """Powers of two that bring |x| and |J| + √(|alpha||x|) to order one: changing units is exact."""
+
+    def __init__(self, top: LagrangeTop, y0: Array, h: float):
+        self.rate, self.length = exponents(top.alpha, tuple(y0.tolist()), h)
+        self.moderate = max(abs(self.rate), abs(self.length)) < MODERATE
+        if self.moderate:
+            rates, lengths = math.ldexp(1.0, -self.rate), math.ldexp(1.0, -self.length)
+            self.factors = np.array((rates, rates, rates, lengths, lengths, lengths))
+        self.alpha = ldexp(top.alpha, self.length - 2 * self.rate)
+
+    @property
+    def exponents(self) -> list[int]:
+        return [-self.rate] * 3 + [-self.length] * 3
+
+    def enter(self, y: Array) -> Array:
+        with np.errstate(over="ignore"):  # what leaves the range of doubles is refused as a state
+            return y * self.factors if self.moderate else np.ldexp(y, self.exponents)
+
+    def leave(self, y: Array) -> Array:
+        with np.errstate(over="ignore"):
+            return y / self.factors if self.moderate else np.ldexp(y, [-n for n in self.exponents])
+
+    def time(self, t: float) -> float:
+        return ldexp(t, self.rate)
+
+    def span(self, method: str, h: float) -> float:
+        """`time(h)`, where the exact flow over h has a phase. StepError: |h| is too long."""
+        span = self.time(h)
+        if not abs(span) < LARGEST_SPAN:
+            raise StepError(method, "|h| is over 1e15 times the time scale of the top: its phase is beyond double", h=h)
+        return span
+
+    def parameter(self, lam: complex) -> complex:
+        """λ has the units of x/J."""
+        shift = self.rate - self.length
+        return complex(ldexp(lam.real, shift), ldexp(lam.imag, shift))

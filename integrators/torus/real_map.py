@@ -1,0 +1,373 @@
+"""The two-point map in its real, pole-free form, compiled: what a step of `methods.backlund` does.
+
+With the point (λ, m) of the curve m² = Q(λ), λ = R + iη, and a(λ) = x + λJ + λ² alpha e3 = p + iq:
+
+    w = 2η (Re m p + Im m q − p×q)/(|m|² + |p|² + |q|²),   |w| = η
+    J̃ = J + 2 alpha e3 × w        x̃ = x + R (J̃ − J) + (J + J̃) × w
+
+The denominator vanishes only at the unstable sleeping top with λ on the double root of Q; see `direction`.
+States are in units that make |x| and |J| + √(|alpha||x|) of order one. The constants of a torus and a step are one array.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from integrators.compiling.compiled import jit
+from integrators.compiling.double_double import (
+    add,
+    cmul,
+    dd,
+    mul,
+    scale,
+    sub,
+    times,
+    two_sum,
+)
+from integrators.compiling.loops import MEMORY
+from integrators.torus import attitude as at
+from integrators.torus import time_step as ts
+
+# places of the constants
+R, ETA, ETA_2, ETA2, ETA_S, ETA_B, MR, MI_ETA, MI_Q3, MM_Q3, P3, ALPHA_2, J3_2 = range(13)
+ALPHA, H, C1, C2, H_LO, C1_LO, C2_LO = range(13, 20)
+CONSTANTS = C2_LO + 1  # how many there are
+
+RIDGE = 2.0**-14  # see `pin`
+
+
+@jit
+def increments(s, c):
+    """What one two-point map adds to J1, J2, x1, x2 and x3, for |λ| of order one or less.
+
+    With w = r u the new state is a polynomial in r = 2η/n whose coefficients are ready when the division is. The
+    longest chain from state to state is five additions, three products and one division.
+    """
+    J1, J2, J3, x1, x2, x3 = s
+    p1 = x1 + c[R] * J1
+    p2 = x2 + c[R] * J2
+    p3 = x3 + c[P3]
+    n = (p1 * p1 + p2 * p2) + ((c[MM_Q3] + p3 * p3) + c[ETA2] * (J1 * J1 + J2 * J2))
+    r = c[ETA_2] / n
+    z = c[ETA] * x3 - c[ETA_B]
+    u1 = (c[MR] * p1 + c[MI_ETA] * J1) - (c[ETA_S] * x2 - z * J2)
+    u2 = (c[MR] * p2 + c[MI_ETA] * J2) + (c[ETA_S] * x1 - z * J1)
+    u3 = (c[MR] * p3 + c[MI_Q3]) - c[ETA] * (x1 * J2 - x2 * J1)
+    v1 = c[ALPHA_2] * u1
+    v2 = c[ALPHA_2] * u2
+    K1 = J1 + J1
+    K2 = J2 + J2
+    y1 = K2 * u3 - (c[R] * v2 + c[J3_2] * u2)
+    y2 = (c[R] * v1 + c[J3_2] * u1) - K1 * u3
+    y3 = K1 * u2 - K2 * u1
+    return (
+        -(r * v2),
+        r * v1,
+        r * (y1 + r * (v1 * u3)),
+        r * (y2 + r * (v2 * u3)),
+        r * (y3 - r * (v1 * u1 + v2 * u2)),
+    )
+
+
+@jit
+def step(s, c, tally):
+    """One two-point map, for |λ| of order one or less."""
+    J1, J2, J3, x1, x2, x3 = s
+    d1, d2, e1, e2, e3 = increments(s, c)
+    return J1 + d1, J2 + d2, J3, x1 + e1, x2 + e2, x3 + e3
+
+
+@jit
+def compensated_step(s, c, tally):
+    """The same map; what an addition rounds off goes into the next one.
+
+    For steps of an ulp or so, as those of a whole nutation are but for their turn: rounded, they would all err the same way.
+    """
+    J1, J2, J3, x1, x2, x3 = s
+    d1, d2, e1, e2, e3 = increments(s, c)
+    J1, tally[MEMORY] = two_sum(J1, d1 + tally[MEMORY])
+    J2, tally[MEMORY + 1] = two_sum(J2, d2 + tally[MEMORY + 1])
+    x1, tally[MEMORY + 2] = two_sum(x1, e1 + tally[MEMORY + 2])
+    x2, tally[MEMORY + 3] = two_sum(x2, e2 + tally[MEMORY + 3])
+    x3, tally[MEMORY + 4] = two_sum(x3, e3 + tally[MEMORY + 4])
+    return J1, J2, J3, x1, x2, x3
+
+
+@jit
+def direction(s, c):
+    """u along w, and |u|: where p, q and m vanish together, the denominator above has no digits left."""
+    J1, J2, J3, x1, x2, x3 = s
+    p3 = x3 + c[P3]
+    z = c[ETA] * x3 - c[ETA_B]
+    u1 = (c[MR] * (x1 + c[R] * J1) + c[MI_ETA] * J1) - (c[ETA_S] * x2 - z * J2)
+    u2 = (c[MR] * (x2 + c[R] * J2) + c[MI_ETA] * J2) + (c[ETA_S] * x1 - z * J1)
+    u3 = (c[MR] * p3 + c[MI_Q3]) - c[ETA] * (x1 * J2 - x2 * J1)
+    size = math.sqrt(u1 * u1 + u2 * u2 + u3 * u3)
+    if size > 0.0:
+        return u1, u2, u3, size
+    return 0.0, 0.0, 1.0, 1.0  # the unstable sleeping top with λ the root itself: about the vertical
+
+
+@jit
+def turning_step(s, c, tally):
+    """The same map with w made exactly long and x turned about it; half as dear again.
+
+    For large |λ|, where the increments of x would cancel, and for λ close to a root of Q. The rotation is exactly orthogonal
+    but for the rounding of f; made of w and not of u, its denominator |λ|² would be rounded the same way in every step.
+    """
+    J1, J2, J3, x1, x2, x3 = s
+    u1, u2, u3, size = direction(s, c)
+    r = c[ETA] / size
+    a = c[R] / r
+    f = 2.0 / (a * a + (u1 * u1 + u2 * u2 + u3 * u3))
+    v1 = u2 * x3 - u3 * x2
+    v2 = u3 * x1 - u1 * x3
+    v3 = u1 * x2 - u2 * x1
+    y1 = x1 + f * ((u2 * v3 - u3 * v2) + a * v1)
+    y2 = x2 + f * ((u3 * v1 - u1 * v3) + a * v2)
+    y3 = x3 + f * ((u1 * v2 - u2 * v1) + a * v3)
+    return J1 - c[ALPHA_2] * (r * u2), J2 + c[ALPHA_2] * (r * u1), J3, y1, y2, y3
+
+
+@jit
+def turn_rows(rows, cos, sin, every):
+    """Turns rows k = 0, 1, … about e3 by (k + 1)·every times the angle of (cos, sin), all in double-double.
+
+    Whole nutations turn the top about e3, and such a turn commutes with the map. So the time loop leaves it out. Inside
+    the loop its rounded cosine and sine would scale J and x by the same cos² + sin² ≠ 1 in every step: a linear drift.
+    """
+    first = ts.power(cos, sin, every)
+    a, b = first
+    for k in range(len(rows)):
+        for i in (0, 3):
+            u, v = rows[k, i], rows[k, i + 1]
+            rows[k, i] = sub(times(a, u), times(b, v))[0]
+            rows[k, i + 1] = add(times(b, u), times(a, v))[0]
+        a, b = cmul((a, b), first)
+
+
+@jit
+def turn_many(out, tops, turns, every, units):
+    """`turn_rows` for the `tops` of out (rows, n, 6), by turns (n, 4) = cos, sin as double-doubles; then times the units."""
+    for top in tops:
+        cos, sin = (turns[top, 0], turns[top, 1]), (turns[top, 2], turns[top, 3])
+        turn_rows(out[:, top], cos, sin, every)
+        for row in range(len(out)):
+            for k in range(6):
+                out[row, top, k] *= units[top, k]
+
+
+@jit
+def pin(s, c):
+    """Back onto (H, C1, C2) by the smallest change of J1, J2, x1, x2, x3: one Newton step.
+
+    The Gram matrix of the gradients is singular at regular precession and on the vertical, and nearly so close to
+    them, where a residual of one ulp would be answered by a correction of many. A small ridge leaves such directions
+    alone; pins are frequent, so elsewhere nothing is lost by correcting 99.99 % at a time.
+    """
+    J1, J2, J3, x1, x2, x3 = s
+    alpha = c[ALPHA]
+    jj = J1 * J1 + J2 * J2
+    xx = x1 * x1 + x2 * x2
+    xj = x1 * J1 + x2 * J2
+    # residuals of H, C1/2, C2
+    r1 = (0.5 * (jj + J3 * J3) + alpha * x3 - c[H]) - c[H_LO]
+    r2 = 0.5 * ((xx + x3 * x3 - c[C1]) - c[C1_LO])
+    r3 = (xj + x3 * J3 - c[C2]) - c[C2_LO]
+    # Gram matrix ((a, b, d), (b, e, f), (d, f, g)) and its adjoint, for one division and not three in a row
+    a = jj + alpha * alpha
+    b = alpha * x3
+    d = xj + alpha * J3
+    e = xx + x3 * x3
+    f = xj + x3 * J3
+    g = xx + jj + J3 * J3
+    ridge = RIDGE * (a + (e + g))
+    a += ridge
+    e += ridge
+    g += ridge
+    A = e * g - f * f
+    B = d * f - b * g
+    D = b * f - d * e
+    E = a * g - d * d
+    F = b * d - a * f
+    G = a * e - b * b
+    r = 1.0 / (a * A + (b * B + d * D))
+    p1 = (A * r1 + B * r2 + D * r3) * r
+    p2 = (B * r1 + E * r2 + F * r3) * r
+    p3 = (D * r1 + F * r2 + G * r3) * r
+    return (
+        J1 - (p1 * J1 + p3 * x1),
+        J2 - (p1 * J2 + p3 * x2),
+        J3,
+        x1 - (p2 * x1 + p3 * J1),
+        x2 - (p2 * x2 + p3 * J2),
+        x3 - (p1 * alpha + p2 * x3 + p3 * J3),
+    )
+
+
+@jit
+def on_torus(s, c, tolerance):
+    """Whether the invariants of a state are those the constants were made for."""
+    J1, J2, J3, x1, x2, x3 = s
+    H_ = 0.5 * (J1 * J1 + J2 * J2 + J3 * J3) + c[ALPHA] * x3
+    return (
+        abs(H_ - c[H]) <= tolerance
+        and abs(2.0 * J3 - c[J3_2]) <= 2.0 * tolerance
+        and abs(x1 * x1 + x2 * x2 + x3 * x3 - c[C1]) <= tolerance
+        and abs(x1 * J1 + x2 * J2 + x3 * J3 - c[C2]) <= tolerance
+    )
+
+
+@jit
+def constants(alpha, y, q, lam, m):
+    """The constants of a step, computed in double-double and rounded once."""
+    c = np.zeros(CONSTANTS)
+    R_, eta = lam
+    mr, mi = m
+    a = dd(alpha)
+    J3 = dd(y[2])
+    S = add(J3, scale(mul(a, R_), 2.0))  # q = η (J1, J2, S)
+    q3 = mul(eta, S)
+    c[R] = R_[0]
+    c[ETA] = eta[0]
+    c[ETA_2] = 2.0 * eta[0]
+    c[ETA2] = mul(eta, eta)[0]
+    c[ETA_S] = q3[0]
+    c[ETA_B] = mul(eta, mul(a, add(mul(R_, R_), mul(eta, eta))))[0]
+    c[MR] = mr[0]
+    c[MI_ETA] = mul(mi, eta)[0]
+    c[MI_Q3] = mul(mi, q3)[0]
+    c[MM_Q3] = add(add(mul(mr, mr), mul(mi, mi)), mul(q3, q3))[0]
+    c[P3] = add(mul(R_, J3), mul(a, sub(mul(R_, R_), mul(eta, eta))))[0]
+    c[ALPHA_2] = 2.0 * alpha
+    c[J3_2] = 2.0 * y[2]
+    c[ALPHA] = alpha
+    c[H], c[H_LO] = scale(q[2], 0.5)
+    c[C1], c[C1_LO] = q[0]
+    c[C2], c[C2_LO] = scale(q[1], 0.5)
+    return c
+
+
+@jit
+def exact_constants(alpha, y, h):
+    """Constants for the exact time step h, and (cos, sin) of the turn about e3 after it; see `turn_rows`."""
+    q = ts.spectral_polynomial(alpha, y)
+    period, angle = (math.inf, 0.0), (dd(1.0), dd(0.0))
+    if abs(h) * ts.rate(q) > 1.5:  # half a period is at least π/2 of these units, and needs no period below that
+        q, period, angle = ts.torus(alpha, y, abs(h))
+    lam, m, turn = ts.time_step(q, period, angle, h)
+    return constants(alpha, y, q, lam, m), turn
+
+
+NO_TURN = ((1.0, 0.0), (0.0, 0.0))
+KERNELS = (step, turning_step, compensated_step)
+TINY = 2.0**-40  # |λ|, in the same units, below which the increments are few ulps
+FAR = 4.0  # |λ|, in units of |x| and |J| + √(|alpha||x|), from which `turning_step` loses less than `step`
+CLOSE = 1e-2  # |m|²/C1 below which it does so too: λ is close to a root of Q
+
+
+@jit
+def form(c):
+    """Number in KERNELS of the step that loses least with these constants."""
+    if abs(c[R]) + c[ETA] < TINY:
+        return 2
+    m = c[MI_ETA] / c[ETA]
+    if c[MR] * c[MR] + m * m < CLOSE * c[C1] or c[R] * c[R] + c[ETA] * c[ETA] > FAR * FAR:
+        return 1
+    return 0
+
+
+@jit
+def exponents(alpha, y, h):
+    """Powers of two that bring |x|, and |J| + √(|alpha||x|) or, where that is 0, 1/|h| to between 1/2 and 1."""
+    J, rate = scaled_norm(y[0], y[1], y[2])
+    x, length = scaled_norm(y[3], y[4], y[5])
+    a, weight = math.frexp(abs(alpha))
+    weight += length
+    root = math.sqrt(math.ldexp(a * x, weight & 1))
+    weight >>= 1
+    if J == 0.0 and root == 0.0:
+        return -math.frexp(h)[1], length
+    if J == 0.0 or (root > 0.0 and weight > rate):
+        J, root, rate, weight = root, J, weight, rate
+    size, more = math.frexp(J + math.ldexp(root, weight - rate))
+    return rate + more, length
+
+
+@jit
+def scaled_norm(a, b, c):
+    """|(a, b, c)| as a number from 1/2 to 1 and a power of two; 0, 0 of nothing."""
+    power = math.frexp(max(abs(a), abs(b), abs(c)))[1]
+    a, b, c = math.ldexp(a, -power), math.ldexp(b, -power), math.ldexp(c, -power)
+    norm, more = math.frexp(math.sqrt(a * a + b * b + c * c))
+    return norm, power + more
+
+
+LARGEST_SPAN = 1e15  # of |h|, in time scales of the top: beyond it the phase has no digits left
+MODERATE = 1000  # of the powers of two of the units: then they are doubles themselves
+
+
+@jit
+def many_constants(alphas, Y, h, states, c, units, forms, turns):
+    """For each top its state and constants in its own units, these units, the number of its kernel, and its turn (4 numbers).
+
+    Number −1 for a top of extreme size, step or constants, which is left alone.
+    """
+    for i in range(len(Y)):
+        forms[i] = -1
+        y = (Y[i, 0], Y[i, 1], Y[i, 2], Y[i, 3], Y[i, 4], Y[i, 5])
+        rate, length = exponents(alphas[i], y, h)
+        span, alpha = math.ldexp(h, rate), math.ldexp(alphas[i], length - 2 * rate)
+        if max(abs(rate), abs(length)) >= MODERATE or not abs(span) < LARGEST_SPAN:
+            continue
+        for k in range(6):
+            states[i, k] = math.ldexp(y[k], -(rate if k < 3 else length))
+            units[i, k] = math.ldexp(1.0, rate if k < 3 else length)
+        s = (states[i, 0], states[i, 1], states[i, 2], states[i, 3], states[i, 4], states[i, 5])
+        own, turn = exact_constants(alpha, s, span)
+        (turns[i, 0], turns[i, 1]), (turns[i, 2], turns[i, 3]) = turn
+        finite = True
+        for k in range(len(own)):
+            c[i, k] = own[k]
+            finite = finite and math.isfinite(own[k])
+        if finite:
+            forms[i] = form(own)
+
+
+@jit
+def many_jumps(alphas, Y, times, out, done):
+    """`time_step.flow` for each top, in its own units; `done` is False for a top of extreme size or times."""
+    longest = 0.0
+    for t in times:
+        longest = max(longest, abs(t))
+    spans = np.empty(len(times))
+    for i in range(len(Y)):
+        y = (Y[i, 0], Y[i, 1], Y[i, 2], Y[i, 3], Y[i, 4], Y[i, 5])
+        rate, length = exponents(alphas[i], y, longest if longest > 0.0 else 1.0)
+        done[i] = max(abs(rate), abs(length)) < MODERATE and math.ldexp(longest, rate) < LARGEST_SPAN
+        if not done[i]:
+            continue
+        for k in range(len(times)):
+            spans[k] = math.ldexp(times[k], rate)
+        J, x = math.ldexp(1.0, -rate), math.ldexp(1.0, -length)
+        s = (y[0] * J, y[1] * J, y[2] * J, y[3] * x, y[4] * x, y[5] * x)
+        found = ts.flow(math.ldexp(alphas[i], length - 2 * rate), s, spans)
+        for k in range(len(times)):
+            for j in range(6):
+                out[k, i, j] = y[j] if times[k] == 0.0 else math.ldexp(found[k, j], rate if j < 3 else length)
+
+
+@jit
+def attitude_loop(s, g, c, spin, steps, block):
+    """(state, attitude) after so many steps; pinned before every `block` of them."""
+    tally = np.zeros(5)
+    for i in range(steps):
+        if i % block == 0:
+            s = pin(s, c)
+        u1, u2, u3, size = direction(s, c)
+        r = c[ETA] / size
+        g = at.turn_with(g, (s[3], s[4], s[5]), c[R], (r * u1, r * u2, r * u3), spin)
+        s = turning_step(s, c, tally)
+    return s, g

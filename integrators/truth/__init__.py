@@ -1,0 +1,1 @@
+"""The exact solution, which imports no method."""

@@ -1,0 +1,330 @@
+"""The closed-form solution of the top: the truth every method is judged by.
+
+Theta functions, valid for every alpha, |x| > 0, initial state and time: `integrators.truth.orbit` has the formulas. Their
+constants are found once per (alpha, y0), in mpmath, and kept. Nothing here uses a method of the bench, and the initial
+doubles are taken as they are: |x| is not normalised.
+
+In doubles the error is below 4e-15 of `LagrangeTop.scales`, the same at t = 1 and t = 1e6: whole periods, known to
+twice the precision, are taken off t without rounding before anything else is computed.
+
+mpmath's precision is global: calls from several threads must not overlap.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from mpmath import mp, mpf
+from numpy.typing import ArrayLike, NDArray
+
+from integrators.interface import check_count, check_state
+from integrators.problem.top import LagrangeTop
+from integrators.truth.orbit import (
+    Nutation,
+    Orbit,
+    Rotation,
+    Series,
+    find_orbit,
+    position,
+)
+
+__all__ = ["after_steps", "nutation_period", "precession_per_nutation", "regime", "roots", "solution"]
+
+Array = NDArray[np.float64]
+Pieces = tuple[float, float, float]  # a number in three parts, the first two of at most 27 bits
+
+DIGITS = 40  # of the constants behind the doubles: periods to 105 bits, with a margin
+MOST_DIGITS = 1000  # that can be asked for: they take seconds, ten times as many take minutes
+MOST_PERIODS = 2.0**45  # where a double t still resolves 1/256 of a period
+LONGEST = 2.0**900  # in units of the orbit; longer periods count as infinite
+
+
+def solution(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None) -> NDArray[Any]:
+    """States at times t of the motion that is at y0 at t = 0.
+
+    Parameters
+    ----------
+    top, y0 : the top and a state (6,); x not 0. Their doubles are taken as exact.
+    t : a time or a sequence (n,) of times, of any sign, in any order; with `digits` mpmath numbers are welcome.
+    digits : None for doubles, or the number of decimal digits wanted, up to 1000.
+
+    Returns
+    -------
+    (n, 6) for n times, (6,) for one. Doubles, with errors below 4e-15 of the scales of J and x of `LagrangeTop.scales`
+    at every t; or with `digits` mpmath.mpf in an object array, with errors below 10^-digits of these scales.
+
+    Raises
+    ------
+    ValueError : an argument is malformed, the state overflows, or, without `digits`, |t| exceeds 2^45 periods.
+
+    Source: `integrators.truth.orbit`. The first call for a (top, y0) takes about 5 ms, up to 100 ms if the sizes in y0 differ
+    enormously; then it is 0.3 ms a call and 1 μs a time. With digits=30 it is 0.5 ms a time.
+    """
+    key = (top.single(), tuple(check_state(y0).tolist()))
+    if digits is None:
+        times = check_times(t)
+        y = in_doubles(*prepared(*key), np.atleast_1d(times))
+        return y[0] if times.ndim == 0 else y
+    digits = check_count(digits, "digits", least=1)
+    if digits > MOST_DIGITS:
+        raise ValueError(f"digits must be at most {MOST_DIGITS}; got {digits}")
+    times = check_times(t, exact=True)
+    states = in_mpmath(*key, list(times.ravel()), digits)
+    return np.array(states, dtype=object).reshape(*times.shape, 6)
+
+
+def after_steps(top: LagrangeTop, y0: ArrayLike, h: float, counts: ArrayLike) -> Array:
+    """States after 0, 1, 2, … steps of h: at the times n·h themselves, not at the doubles next to them.
+
+    The product of a double and a whole number is rounded by up to half an ulp, 6e-11 at t = 10⁶: as much as a good
+    method is off there. What steps by h is judged here.
+
+    Parameters
+    ----------
+    top, y0, h : as in `solution`; h any finite double.
+    counts : whole numbers n (N,) up to 2^53.
+
+    Returns
+    -------
+    (N, 6). ValueError as in `solution`.
+    """
+    n = np.asarray(counts)
+    if n.ndim != 1 or n.dtype.kind not in "iu" or np.any(np.abs(n) > 2**53):
+        raise ValueError("counts must be a sequence of whole numbers up to 2^53")
+    times = check_times(h * n.astype(float))
+    orbit, clock = prepared(top.single(), tuple(check_state(y0).tolist()))
+    return in_doubles(orbit, clock, times, rounded_off(h, n.astype(float)))
+
+
+def rounded_off(h: float, n: Array) -> Array:
+    """n·h less its double. The parts of n and h have 27 bits at most: their products are exact (Dekker, 1971)."""
+    mantissa, exponent = math.frexp(h)
+    first, (high, low) = round(mantissa * 2**26) / 2**26, halves(n)
+    second = mantissa - first
+    product = n * mantissa
+    return np.ldexp(((high * first - product) + low * first + high * second) + low * second, exponent)
+
+
+def nutation_period(top: LagrangeTop, y0: ArrayLike) -> float:
+    """Time in which x3 goes from its minimum to its maximum and back.
+
+    Where x3 is constant: the period of its small oscillations after a kick, inf if they are not stable (the sleeping
+    top with J3² <= 4 alpha |x|). On the separatrix: inf. For alpha = 0: 2 pi/|J|, inf at rest. Relative error 1e-16.
+    """
+    orbit = orbit_of(top, y0)
+    return float(mp.ldexp(orbit.nutation_period, -orbit.rate))
+
+
+def precession_per_nutation(top: LagrangeTop, y0: ArrayLike) -> float:
+    """Angle (rad) about e3 that the axis x turns through in one `nutation_period`; nan if that is infinite.
+
+    The whole angle, not reduced mod 2 pi: the time integral of the azimuth's rate, positive anticlockwise seen from
+    above. y(t + nutation_period) is y(t) turned by it about e3. Where x3 is constant it is the rate of precession times
+    the limiting nutation period.
+
+    It is continuous in the state except where the orbit passes through a pole, |x3| = |x|: there the azimuth jumps by
+    pi, and the limits from the two sides differ by 2 pi. On such orbits, and for the sleeping and the hanging top, the
+    limit of smaller size is returned, of a pair ±pi the positive. (No choice is continuous everywhere, for the top has
+    monodromy: Cushman and Bates, Global Aspects of Classical Integrable Systems, chapter V.)
+    """
+    return float(orbit_of(top, y0).precession)
+
+
+def regime(top: LagrangeTop, y0: ArrayLike) -> str:
+    """The kind of motion, decided in exact arithmetic.
+
+    "elliptic": x3 oscillates. "homoclinic": x3 rises to the unstable sleeping top in infinite time, both ways.
+    "precession": x3 is constant and the axis turns about e3 (regular precession). "equilibrium": nothing moves
+    (sleeping, hanging). "free": alpha = 0, J is constant.
+    """
+    return orbit_of(top, y0).regime
+
+
+def roots(top: LagrangeTop, y0: ArrayLike) -> tuple[float, float, float]:
+    """Roots e1 >= e2 >= e3 of f in x3'² = f(x3).
+
+    f = (2H - J3² - 2 alpha x3)(C1 - x3²) - (C2 - J3 x3)². x3 moves between e3 and e2 if alpha >= 0, between e2 and e1
+    if alpha < 0. The third root is out of reach; it is inf for alpha = 0, and overflows to ±inf close to that.
+    """
+    orbit = orbit_of(top, y0)
+    e1, e2, e3 = (float(mp.ldexp(e, orbit.size)) * orbit.sign for e in orbit.roots)
+    return (e1, e2, e3) if orbit.sign > 0 else (e3, e2, e1)
+
+
+# ---------------------------------------------------------------- constants, kept
+
+
+@lru_cache(maxsize=1024)
+def find(alpha: float, y0: tuple[float, ...], digits: int) -> Orbit:
+    return find_orbit(alpha, y0, digits)
+
+
+def orbit_of(top: LagrangeTop, y0: ArrayLike) -> Orbit:
+    return find(top.single(), tuple(check_state(y0).tolist()), DIGITS)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Times as n periods + r, and the turn about e3 after n periods, with next to no rounding."""
+
+    period: Pieces
+    t0: Pieces
+    turns: Pieces  # per period, mod 1
+    offset: float  # turns at n = 0
+
+
+@lru_cache(maxsize=1024)
+def prepared(alpha: float, y0: tuple[float, ...]) -> tuple[Orbit, Clock]:
+    """The orbit with its constants rounded to doubles, and its clock."""
+    orbit = find(alpha, y0, DIGITS)
+    motion = orbit.motion
+    with mp.workdps(DIGITS + 15):
+        if isinstance(motion, Rotation):
+            t0 = turns = phase = mpf(0)
+        else:
+            t0, turns, phase = motion.t0, motion.advance / (2 * mp.pi), motion.phase / (2 * mp.pi)
+        if motion.period > LONGEST:
+            period, unit, turns = (math.inf, 0.0, 0.0), t0, mpf(0)
+        else:
+            period, unit = split(motion.period, motion.period), motion.period
+        clock = Clock(period, split(t0, unit), split(turns - mp.nint(turns), mpf(1)), float(phase))
+    return replace(orbit, motion=rounded(motion)), clock
+
+
+def split(value: mpf, unit: mpf) -> Pieces:
+    """`value` as two multiples of 2^-26 and 2^-52 of the binade of `unit`, and the rest, to 105 bits of `unit`."""
+    exponent = mp.frexp(unit)[1]
+    first = mp.ldexp(mp.nint(mp.ldexp(value, 26 - exponent)), exponent - 26)
+    second = mp.ldexp(mp.nint(mp.ldexp(value - first, 52 - exponent)), exponent - 52)
+    return float(first), float(second), float(value - first - second)
+
+
+def rounded(value: Any) -> Any:
+    """The same constants as float and complex."""
+    if isinstance(value, (Nutation, Rotation, Series)):
+        return type(value)(*(rounded(getattr(value, f.name)) for f in fields(value)))
+    if isinstance(value, tuple):
+        return tuple(map(rounded, value))
+    if isinstance(value, mp.mpc):
+        return complex(value)
+    return value if value is None else float(value)
+
+
+# ---------------------------------------------------------------- evaluation
+
+
+def in_doubles(orbit: Orbit, clock: Clock, times: Array, more: Array | float = 0.0) -> Array:
+    """States (n, 6) at `times` + `more` (n,), where `more` is below an ulp; from constants rounded to doubles."""
+    motion, y = orbit.motion, np.empty((len(times), 6))
+    with np.errstate(over="ignore", under="ignore"):
+        n, r = reduced(clock, np.ldexp(times, orbit.rate))
+        r = r + np.ldexp(more, orbit.rate)
+        if isinstance(motion, Rotation):
+            angle = motion.rate * r[:, None]
+            y[:] = motion.centre + np.cos(angle) * motion.cosine + np.sin(angle) * motion.sine
+        else:
+            J, x, x3 = position(motion, r, np.exp)
+            turn = np.exp(2j * np.pi * turned(clock, n))
+            J, x = J * turn, x * turn
+            y[:] = np.stack((J.real, J.imag, np.full(x3.shape, motion.J3), x.real, x.imag, x3), axis=-1)
+        y[:, :3] = np.ldexp(y[:, :3], orbit.rate)
+        y[:, 3:] = orbit.sign * np.ldexp(y[:, 3:], orbit.size)
+    if not np.all(np.isfinite(y)):
+        raise ValueError("the solution overflows: choose less extreme units of time and length")
+    return y
+
+
+def reduced(clock: Clock, t: Array) -> tuple[Array, Array]:
+    """n and r with t - t0 = n period + r, |r| <= period/2 to within the rounding of n (1/64 of a period at worst).
+
+    n and the period are cut in parts of 26 bits (Dekker, 1971): their products are exact, and so are the differences
+    while they cancel. What is left is rounded once or twice.
+    """
+    first, second, third = clock.period
+    n = np.rint((t - clock.t0[0]) / sum(clock.period))
+    if not np.all(np.isfinite(t) & (np.abs(n) <= MOST_PERIODS)):
+        raise ValueError("t exceeds 2^45 periods of the motion, which doubles hardly resolve: pass digits=")
+    if math.isinf(first):
+        return n, (t - clock.t0[0]) - clock.t0[1] - clock.t0[2]
+    high, low = halves(n)
+    r = t - high * first - (low * first + clock.t0[0])
+    r = r - high * second - (low * second + clock.t0[1])
+    return n, r - (n * third + clock.t0[2])
+
+
+def turned(clock: Clock, n: Array) -> Array:
+    """Turns about e3 after n periods, in [-1/2, 1/2]; of `n turns` all but the last product is exact."""
+    first, second, third = clock.turns
+    high, low = halves(n)  # high * first is whole
+    parts = fraction(low * first) + fraction(high * second) + low * second
+    return fraction(fraction(parts) + n * third + clock.offset)
+
+
+def halves(n: Array) -> tuple[Array, Array]:
+    high = np.rint(n * 2.0**-26) * 2.0**26
+    return high, n - high
+
+
+def fraction(a: Array) -> Array:
+    return np.asarray(a - np.rint(a))
+
+
+def in_mpmath(alpha: float, y0: tuple[float, ...], times: list[Any], digits: int) -> list[list[mpf]]:
+    """States at `times`, to `digits` digits."""
+    with mp.workdps(digits + 10):
+        rate = find(alpha, y0, DIGITS).rate
+        latest = max((abs(mp.ldexp(mpf(t), rate)) for t in times), default=mpf(0))
+        guard = 10 + max(0, int(mp.log10(latest + 1)))  # periods and phases grow with t
+    needed = -(-(digits + guard) // 16) * 16  # in steps, so that orbits are found again
+    orbit = find(alpha, y0, needed)
+    with mp.workdps(needed + 15):
+        states = [in_mpmath_at(orbit, mp.ldexp(mpf(t), rate)) for t in times]
+    with mp.workdps(digits):
+        return [[+v for v in state] for state in states]
+
+
+def in_mpmath_at(orbit: Orbit, t: mpf) -> list[mpf]:
+    motion = orbit.motion
+    if isinstance(motion, Rotation):
+        cosine, sine = mp.cos_sin(motion.rate * t)
+        parts = zip(motion.centre, motion.cosine, motion.sine, strict=True)
+        y = [a + b * cosine + c * sine for a, b, c in parts]
+    else:
+        n = 0 if mp.isinf(motion.period) else mp.nint((t - motion.t0) / motion.period)
+        J, x, x3 = position(motion, t - motion.t0 - (n * motion.period if n else 0), mp.exp)
+        turn = mp.expj(motion.phase + (n * motion.advance if n else 0))
+        J, x = J * turn, x * turn
+        y = [J.real, J.imag, motion.J3, x.real, x.imag, x3]
+    return [mp.ldexp(v, orbit.rate) for v in y[:3]] + [orbit.sign * mp.ldexp(v, orbit.size) for v in y[3:]]
+
+
+# ---------------------------------------------------------------- checking the times
+
+
+def check_times(t: Any, exact: bool = False) -> NDArray[Any]:
+    """`t` as an array with 0 or 1 axes of doubles, or if `exact` of mpf; ValueError if it is anything else."""
+    try:
+        times = np.asarray(t)
+    except ValueError as error:
+        raise ValueError(f"t must be a time or a sequence of times: {error}") from None
+    if times.ndim > 1:
+        raise ValueError(f"t must be a time or a sequence of times; got shape {times.shape}")
+    if times.dtype.kind not in ("iufO" if exact else "iuf") and times.size:
+        raise ValueError(f"t must be real numbers; got dtype {times.dtype}")
+    if not exact:
+        times = times.astype(np.float64)
+        finite = bool(np.all(np.isfinite(times)))
+    else:
+        try:
+            kept = [v if isinstance(v, mpf) else mpf(v) for v in times.ravel().tolist()]  # mpf(v) would round v
+            times = np.array(kept, dtype=object).reshape(times.shape)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"t must be real numbers: {error}") from None
+        finite = all(map(mp.isfinite, times.flat))
+    if not finite:
+        raise ValueError(f"t must be finite; got {t!r}")
+    return times

@@ -1,0 +1,282 @@
+"""`lagrange-bench integrate`: one top, one method, one trajectory. Its options, and what they mean."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+from integrators import machine as memory
+from lagrange_bench.commands import Answer, closest, find_method, plain
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from integrators import LagrangeTop
+
+DESCRIPTION = """\
+Follow one top with one method. Prints the final state, the invariants and their drift, the error against the exact
+solution, and the work done; --output keeps the trajectory, --draw and --animate show the axis on its sphere."""
+
+EXAMPLES = """\
+examples:
+  lagrange-bench integrate --top generic --h 0.1 --steps 10000
+  lagrange-bench integrate --state 0.3,-0.4,1.2,0.48,0.6,0.64 --alpha 2 --times 0:1000:11 --output run.csv
+  lagrange-bench integrate --top figure1 --method rk45 --option rtol=1e-6 --h 0.05 --steps 400 --draw axis.svg
+  lagrange-bench integrate --top figure2 --h 0.05 --steps 200 --animate axis.gif
+  lagrange-bench integrate --physical mass=0.5,distance=0.04,A=1.2e-3,C=4e-4,theta=0.5,dpsi=200 --h 1e-3 --steps 2000
+
+reading what --output wrote, without losing a bit:
+  pandas.read_csv("run.csv", comment="#")     # before pandas 3.1 also float_precision="round_trip"
+  file = numpy.load("run.npz"); file["t"], file["y"], json.loads(file["metadata"].item())
+  pyarrow.parquet.read_table("run.parquet")   # metadata in its schema, each a JSON text"""
+
+PHYSICAL = {  # name → default, None: must be given
+    "mass": None,
+    "distance": None,
+    "gravity": 9.80665,
+    "A": None,
+    "C": None,
+    "theta": None,
+    "phi": 0.0,
+    "psi": 0.0,
+    "dtheta": 0.0,
+    "dphi": 0.0,
+    "dpsi": None,
+}
+PER_ROW = 1000  # bytes of memory that a recorded state takes until it is printed or written, measured
+TABLES, PICTURES, FILMS = (".csv", ".npz", ".parquet"), (".svg", ".png", ".pdf"), (".gif", ".html")
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """The options of `integrate`."""
+    start = command.add_argument_group("the top, at t = 0 (one of --top, --state, --physical)")
+    start.add_argument("--top", metavar="NAME", help="a named one, see lagrange-bench tops (default: generic)")
+    text = "angular momentum and axis in the rest frame, in any units; |x| need not be 1"
+    start.add_argument("--state", type=numbers, metavar="J1,J2,J3,x1,x2,x3", help=text)
+    text = "weight parameter of --state, in units of J²/x (default: 1)"
+    start.add_argument("--alpha", type=number, metavar="A", help=text)
+    text = "a real top in SI units and rad: mass (kg), distance of its centre of mass from the tip (m), gravity (m/s², "
+    text += "default 9.80665), moments of inertia about the tip, A across and C along the axis (kg m²), Euler angles "
+    text += (
+        "theta (from the upward vertical), phi, psi and their rates dtheta, dphi, dpsi (rad/s); phi, psi, dtheta and "
+    )
+    text += "dphi are 0 by default. Time is then in s, J in 1/s, |x| = 1"
+    start.add_argument("--physical", type=physical, metavar="mass=…,A=…,…", help=text)
+
+    grid = command.add_argument_group("the times (--h and --steps, or --times)")
+    grid.add_argument("--h", type=number, metavar="H", help="step, in the top's unit of time; negative: backwards")
+    grid.add_argument("--steps", type=count, metavar="N", help="number of steps")
+    text = "record every K-th state; K divides N (default: 1 with a file to write, else start and end only)"
+    grid.add_argument("--every", type=count, metavar="K", help=text)
+    text = "n equidistant times from t0 to t1, both included, or a list: for methods with dense output or jumps"
+    grid.add_argument("--times", type=times, metavar="t0:t1:n | t,t,…", help=text)
+
+    method = command.add_argument_group("the method")
+    text = "see lagrange-bench methods; or package.module:METHOD (default: backlund)"
+    method.add_argument("--method", default="backlund", metavar="NAME", help=text)
+    text = "an option of the method, see methods --verbose; a number, a complex number as 0.1+0.5j, true, false or a "
+    text += "word; may be repeated"
+    method.add_argument("--option", type=option, action="append", default=[], metavar="KEY=VALUE", help=text)
+
+    results = command.add_argument_group("the results")
+    text = (
+        "keep times, states and metadata in FILE.csv, FILE.npz or FILE.parquet (needs pyarrow); a file of this name is "
+    )
+    text += "replaced"
+    results.add_argument("--output", type=Path, metavar="FILE", help=text)
+    text = "draw the axis on its sphere: FILE.svg, FILE.png or FILE.pdf; a file of this name is replaced"
+    results.add_argument("--draw", type=Path, metavar="FILE", help=text)
+    text = (
+        "let the axis move on its sphere: FILE.gif, or FILE.html, a page of its own with buttons; the recorded states, "
+    )
+    text += "thinned out to at most 60 pictures"
+    results.add_argument("--animate", type=Path, metavar="FILE", help=text)
+    results.add_argument("--quiet", action="store_true", help="do not say on stderr which files were written")
+
+
+# ---------------------------------------------------------------- what the words on the command line mean
+
+
+def read(kind: Callable[[str], Any], text: str) -> Any:
+    """`kind(text)`, for ASCII without underscores: Python also reads 1_0 and the digits of other scripts, users do not."""
+    if not text.isascii() or "_" in text:
+        raise ValueError(text)
+    return kind(text)
+
+
+def number(text: str) -> float:
+    """A finite real number."""
+    try:
+        value: float = read(float, text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be a number; got {text!r}") from None
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"must be finite; got {text}")
+    return value
+
+
+def numbers(text: str) -> list[float]:
+    """Numbers separated by commas."""
+    return [number(word) for word in text.split(",")]
+
+
+def count(text: str) -> int:
+    """A whole number, also as 1e6."""
+    value = number(text)
+    if value != int(value) or not 0 <= value <= 2**53:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 0 to 2^53; got {text!r}")
+    return int(value)
+
+
+def times(text: str) -> list[float]:
+    """t0:t1:n, or a list."""
+    if ":" not in text:
+        return numbers(text)
+    parts = text.split(":")
+    if len(parts) != 3:
+        raise argparse.ArgumentTypeError(f"must be t0:t1:n or a list t,t,…; got {text!r}")
+    first, last, n = number(parts[0]), number(parts[1]), count(parts[2])
+    if n < 2:
+        raise argparse.ArgumentTypeError(f"t0:t1:n takes at least 2 times; got {n}")
+    try:
+        memory.check(n, PER_ROW, memory.available(), text, "take fewer times")
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return [first + (last - first) * (k / (n - 1)) for k in range(n - 1)] + [last]
+
+
+def option(text: str) -> tuple[str, Any]:
+    """key=value; the value is an int, a float, a complex number or a bool if it reads as one, else a word."""
+    key, equals, value = text.partition("=")
+    if not equals or not key.isidentifier():
+        raise argparse.ArgumentTypeError(f"must be KEY=VALUE; got {text!r}")
+    for kind in (int, float, complex):
+        try:
+            return key, read(kind, value)
+        except ValueError:
+            continue
+    return key, {"true": True, "false": False}.get(value.lower(), value)
+
+
+def physical(text: str) -> dict[str, float]:
+    """name=number,…: the arguments of a real top, completed by the defaults."""
+    given: dict[str, float] = {}
+    for part in text.split(","):
+        name, equals, value = (word.strip() for word in part.partition("="))
+        if not equals or name not in PHYSICAL:
+            hint = closest(name, PHYSICAL)
+            raise argparse.ArgumentTypeError(f"{part!r} is none of {'=…, '.join(PHYSICAL)}=…{hint}")
+        if name in given:
+            raise argparse.ArgumentTypeError(f"{name} is given twice")
+        try:
+            given[name] = number(value)
+        except argparse.ArgumentTypeError as error:
+            raise argparse.ArgumentTypeError(f"{name} {error}") from None
+    if missing := [name for name, default in PHYSICAL.items() if default is None and name not in given]:
+        raise argparse.ArgumentTypeError(f"lacks {', '.join(missing)}")
+    return {name: given.get(name, default) for name, default in PHYSICAL.items()}  # type: ignore[misc]
+
+
+# ---------------------------------------------------------------- doing it
+
+
+def integrate(options: argparse.Namespace) -> Answer:
+    """Follow the top, write what is wanted, and sum up."""
+    from integrators.interface import check_options
+    from lagrange_bench import trajectory as output
+
+    name, top, y0 = _start(options)
+    grid, method, settings = _grid(options), find_method(options.method), _settings(options)
+    if options.times is not None and method.evaluate is None:
+        raise ValueError(f"--times: {method.name} steps on a grid only; give --h and --steps")
+    check_options(method.name, method.evaluate if options.times and method.evaluate else method.prepare, settings)
+    files = {"--output": options.output, "--draw": options.draw, "--animate": options.animate}
+    for (flag, path), suffixes in zip(files.items(), (TABLES, PICTURES, FILMS), strict=True):
+        if path is not None:  # nobody wants to learn after an hour that there is no such folder
+            output.check_target(flag, path, suffixes)
+
+    import integrators
+
+    begin = perf_counter()
+    trajectory = integrators.integrate(top, y0, method=method, **grid, **settings)
+    seconds = perf_counter() - begin
+    facts = {"top": name, "alpha": top.alpha, "y0": y0, "method": method.name, "options": settings}
+    facts |= {"h": options.h, "steps": options.steps, "every": grid.get("every"), "work": vars(trajectory.work)}
+    lam = method.family == "backlund" and settings.get("lam") is not None
+    if lam:
+        method = replace(method, label="Bäcklund, given λ")
+    data = plain({**facts, "seconds": seconds, **output.judge(trajectory, y0, method, grid.get("h"), lam)})
+    done = []
+    if options.output is not None:
+        done.append(output.save(options.output, trajectory, plain(facts)))
+    if options.draw is not None:
+        done.append(output.draw(options.draw, trajectory, method, name))
+    if options.animate is not None:
+        done.append(output.animate(options.animate, trajectory, method, name))
+    for line in done if not options.quiet else ():
+        print(line, file=sys.stderr)
+    if options.output is None:
+        data |= {"t": plain(trajectory.t), "y": plain(trajectory.y)}
+    data["files"] = [str(path) for path in files.values() if path is not None]
+    return Answer(output.describe(trajectory, y0, data, method.label), data)
+
+
+def _start(options: argparse.Namespace) -> tuple[str | None, LagrangeTop, np.ndarray]:
+    """Name, top and initial state."""
+    given = [f"--{word}" for word in ("top", "state", "physical") if getattr(options, word) is not None]
+    if len(given) > 1:
+        raise ValueError(f"give only one of {' and '.join(given)}")
+    if options.alpha is not None and options.state is None:
+        raise ValueError("--alpha belongs to --state J1,J2,J3,x1,x2,x3; a named top has its own")
+    from integrators import TOPS, HeavyTop, LagrangeTop
+    from integrators.interface import check_state
+
+    if options.state is not None:
+        alpha = 1.0 if options.alpha is None else options.alpha
+        return None, LagrangeTop(alpha), check_state(options.state, "--state")
+    if options.physical is not None:
+        values = dict(options.physical)
+        angles, rates = (tuple(values.pop(d + angle) for angle in ("theta", "phi", "psi")) for d in ("", "d"))
+        try:
+            heavy = HeavyTop(**values)
+            return None, heavy.top, heavy.state(angles, rates)
+        except ValueError as error:
+            raise ValueError(f"--physical: {error}") from None
+    name = options.top or "generic"
+    if name not in TOPS:
+        raise ValueError(f"--top: unknown top {name!r}{closest(name, TOPS)} (see lagrange-bench tops)")
+    return name, TOPS[name].top, TOPS[name].state
+
+
+def _grid(options: argparse.Namespace) -> dict[str, Any]:
+    """The arguments of `integrators.integrate` that say when."""
+    if options.times is not None:
+        if given := [flag for flag in ("h", "steps", "every") if getattr(options, flag) is not None]:
+            raise ValueError(f"give either --times or --h and --steps; got --times and --{given[0]}")
+        return {"t": options.times}
+    if options.h is None or options.steps is None:
+        raise ValueError("give --h and --steps, or --times (see lagrange-bench integrate --help)")
+    if options.h == 0.0:
+        raise ValueError("--h must not be 0")
+    every = options.every
+    if every is None:
+        every = 1 if options.output or options.draw or options.animate else max(options.steps, 1)
+    if every < 1 or options.steps % every:
+        raise ValueError(f"--every {every} does not divide --steps {options.steps}")
+    memory.check(options.steps // every + 1, PER_ROW, memory.available(), "--steps", "record fewer states (--every)")
+    return {"h": options.h, "steps": options.steps, "every": every}
+
+
+def _settings(options: argparse.Namespace) -> dict[str, Any]:
+    settings: dict[str, Any] = {}
+    for key, value in options.option:
+        if key in settings:
+            raise ValueError(f"--option {key} is given twice")
+        settings[key] = value
+    return settings

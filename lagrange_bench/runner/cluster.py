@@ -1,0 +1,221 @@
+"""Cells on a Dask scheduler and its workers, wherever they are. Needs the extra `cluster` (dask.distributed).
+
+A Dask worker computes no cell itself: it has a process of its own do it, as `workers.Local` does here, so that a cell
+that hangs or crashes fails alone, and in the same words. Dask's part is to find a worker, and another if that is lost.
+The store is written by the process that asks for the cells, and by no other.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import multiprocessing
+import queue
+import re
+import sys
+from collections.abc import Sequence
+from concurrent.futures import CancelledError
+from contextlib import suppress
+from functools import cache
+from time import monotonic, perf_counter
+from typing import Any
+
+from integrators import machine as memory
+from lagrange_bench.runner import workers
+from lagrange_bench.runner.workers import DIED, Outcome, Task, failure
+from results import provenance
+
+CONNECT = 30.0  # s to wait for the scheduler
+LOOK = 2.0  # s between two questions to the scheduler how many workers there are
+PATIENCE = 30.0  # s without a worker before that is said
+AHEAD = 2  # handfuls out for each thread of the workers: one computed, one waiting
+MORE = 4  # and these, so that a cluster that grows with what is asked of it has a reason to
+HANDFUL = 0.5  # s; short cells travel together, as many as take about this long
+MOST = 256  # but no more than this
+
+
+class ClusterError(RuntimeError):
+    """The cluster cannot be used, or not any more; the message says what to do. What was finished is stored."""
+
+
+def check_address(text: str) -> str:
+    """`text` if it is "local:N" or the address of a Dask scheduler; ValueError else."""
+    if re.fullmatch(r"local:[1-9]\d*|(tcp|tls)://.+:\d+", text, re.ASCII):
+        return text
+    raise ValueError(f"the scheduler must be tcp://HOST:PORT or local:N; got {text!r}")
+
+
+class Cluster:
+    """A `workers.Executor`: hands cells to the workers of a Dask scheduler."""
+
+    def __init__(self, address: str, limit: float | None, experiments: Sequence[str] = ()):
+        self._address, self._limit, self._experiments = check_address(address), limit, list(experiments)
+        self._client: Any = None
+        self._own: Any = None  # the scheduler and workers of local:N
+        self._out: dict[Any, list[Task]] = {}  # future → what it computes
+        self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._seconds = 0.0  # that a cell takes, lately
+        self._threads, self._looked, self._seen = 0, 0.0, monotonic()  # of the workers, and when there were any
+
+    def __enter__(self) -> Cluster:
+        distributed = _distributed()
+        try:
+            with workers.interrupt_held_back():  # processes started in here never see Ctrl-C
+                if self._address.startswith("local:"):
+                    count = int(self._address.removeprefix("local:"))
+                    quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
+                    self._own = distributed.LocalCluster(n_workers=count, threads_per_worker=1, processes=True, **quiet)
+                self._client = distributed.Client(self._own or self._address, timeout=CONNECT)
+            self._ask()
+            for facts in self._client.run(look, self._experiments).values():
+                _compare(facts)
+        except BaseException as error:
+            self._close()
+            if isinstance(error, (OSError, ImportError, RuntimeError, TypeError, ValueError)) and not isinstance(
+                error, ClusterError
+            ):
+                raise ClusterError(self._explanation(error)) from error
+            raise
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is not None and self._own is not None:
+            with suppress(Exception):  # it is only to be faster
+                self._client.run(abandon)
+        self._close()
+
+    def _close(self) -> None:
+        with workers.interrupt_held_back():
+            for part in (self._client, self._own):
+                if part is not None:
+                    part.close()
+
+    # ------------------------------------------------------------ the executor
+
+    @property
+    def room(self) -> bool:
+        if monotonic() - self._looked > LOOK:
+            self._ask()
+        return len(self._out) < AHEAD * self._threads + MORE
+
+    @property
+    def size(self) -> int:
+        return max(1, min(MOST, int(HANDFUL / self._seconds))) if self._seconds else 1
+
+    def submit(self, tasks: list[Task]) -> None:
+        cells = [(task.experiment, task.cell) for task in tasks]
+        future = self._client.submit(compute, cells, self._limit, pure=False)
+        self._out[future] = tasks
+        future.add_done_callback(self._done.put)
+
+    def finished(self) -> list[tuple[Task, Outcome]]:
+        while True:
+            try:
+                future = self._done.get(timeout=LOOK)
+            except queue.Empty:
+                self._ask()
+                continue
+            tasks = self._out.pop(future)
+            outcomes = self._outcomes(future, tasks)
+            if rest := tasks[len(outcomes) :]:  # they took longer than thought: others may help
+                self.submit(rest)
+            mean = sum(outcome["seconds"] for outcome in outcomes) / len(outcomes)
+            self._seconds = max(0.7 * self._seconds + 0.3 * mean, 1e-4)
+            return list(zip(tasks, outcomes, strict=False))
+
+    def _outcomes(self, future: Any, tasks: list[Task]) -> list[Outcome]:
+        distributed = _distributed()
+        try:
+            facts, outcomes = future.result()
+        except distributed.scheduler.KilledWorker as error:
+            lost = f"{error.allowed_failures + 1} Dask workers died one after another while they had this cell"
+            return [failure(DIED, lost, "", 0.0) for _ in tasks]
+        except CancelledError as error:
+            raise ClusterError(
+                f"the scheduler at {self._address} went away; what was finished is stored: run the same command again"
+            ) from error
+        except Exception as error:  # whatever is wrong with the workers: cells do not raise
+            raise ClusterError(self._explanation(error)) from error
+        _compare(facts)
+        return list(outcomes)
+
+    def _ask(self) -> None:
+        """How many threads there are; says so if there have been none for long."""
+        self._looked = monotonic()
+        with suppress(OSError):  # a scheduler that went away cancels what was submitted: `_outcomes` says so
+            self._threads = sum(self._client.nthreads().values())
+        if self._threads:
+            self._seen = self._looked
+        elif self._looked - self._seen > PATIENCE:
+            self._seen = self._looked
+            print(f"waiting: no Dask worker is connected to {self._address}", file=sys.stderr, flush=True)
+
+    def _explanation(self, error: Exception) -> str:
+        if isinstance(error, ImportError):
+            return f"a Dask worker lacks something: {error}; install the same lagrange-bench where the workers run"
+        if isinstance(error, OSError):
+            start = "`dask scheduler` and `dask worker ADDRESS` start them; local:N needs neither"
+            return f"no Dask scheduler answers at {self._address} ({error or 'no connection'}); {start}"
+        return f"the Dask workers cannot compute cells: {type(error).__name__}: {error}"
+
+
+@cache
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError as error:
+        reason = f"dask.distributed cannot be imported here ({error})"
+        raise ValueError(f"--scheduler: {reason}; it comes with pip install 'lagrange-bench[cluster]'") from error
+    return distributed
+
+
+def _compare(facts: dict[str, Any]) -> None:
+    """ClusterError if a worker would give other rows than this machine, or the same under other names."""
+    here = look()
+    if different := [name for name in here if facts[name] != here[name]]:
+        listed = ", ".join(f"{name} is {facts[name]}, here {here[name]}" for name in different)
+        raise ClusterError(
+            f"the Dask workers do not run what this machine does: {listed}; install the same versions and sources there "
+            "and restart the workers"
+        )
+
+
+# ---------------------------------------------------------------- inside a Dask worker
+
+
+def compute(cells: list[tuple[str, dict[str, Any]]], limit: float | None) -> tuple[dict[str, Any], list[Outcome]]:
+    """Outcomes of the first few cells, as many as take about HANDFUL seconds and at least one; and what runs here.
+
+    A worker may join when the run has begun: then nobody has asked it for the experiments, and it must not make failed
+    cells of what it lacks.
+    """
+    facts = look(sorted({experiment for experiment, _ in cells}))
+    start, outcomes = perf_counter(), []
+    for experiment, cell in cells:
+        outcome = _slots().compute(experiment, cell, limit)
+        outcomes.append({**outcome, "provenance": provenance.provenance()})
+        if perf_counter() - start > HANDFUL:
+            break
+    return facts, outcomes
+
+
+def look(experiments: Sequence[str] = ()) -> dict[str, Any]:
+    """What decides about rows: versions and sources. Also finds out whether the modules of `experiments` are here."""
+    memory.limit()  # ValueError for a wrong one
+    for name in experiments:
+        if "." in name and importlib.util.find_spec(name) is None:
+            raise ModuleNotFoundError(f"no module {name}")
+    return {**{package: provenance.version(package) for package in provenance.DECISIVE}, "source": provenance.source()}
+
+
+def abandon() -> None:
+    """Ends the processes that compute; what they compute becomes a failure that nobody waits for."""
+    _slots().kill()
+
+
+@cache
+def _slots() -> workers.Slots:
+    process = multiprocessing.current_process()
+    if process.daemon:
+        process.daemon = False  # or it could not have processes of its own; they end with it (`_end_with_parent`)
+    return workers.Slots()

@@ -1,0 +1,338 @@
+"""Runs what is missing of an experiment's cells and stores each as it is finished.
+
+Accuracy cells in parallel, here or on a cluster; then timing cells one at a time, always here. A cell that fails becomes
+a record with its error; a run that is stopped, in whatever way, is continued by the same command.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from itertools import compress, islice
+from pathlib import Path
+from typing import Any
+
+from experiments.catalogue import EXPERIMENTS, interrupted_once, load
+from integrators import machine as memory
+from lagrange_bench.runner import progress, workers
+from lagrange_bench.runner.workers import Outcome, Task
+from results import provenance, sources
+from results.store import (
+    ADDED,
+    Store,
+    StoreError,
+    cell_key,
+    clean,
+    default_results,
+    make_record,
+)
+
+__all__ = ["EXPERIMENTS", "PROFILES", "Summary", "Tally", "load", "main", "run"]
+
+PROFILES = ("quick", "full")
+TIME_LIMITS = {"quick": 300.0, "full": 3600.0}  # s for one cell; the longest take 20 s and 40 s on two idle cores
+
+Shard = tuple[int, int]  # (i, n): the cells whose place in the experiment's list leaves the remainder i modulo n
+
+
+@dataclass
+class Tally:
+    """What became of the cells of one experiment."""
+
+    cells: int = 0
+    computed: int = 0
+    stored: int = 0  # before this run
+    other_sources: int = 0  # of the stored: computed by other sources than those that are here
+    unknown_sources: int = 0  # of the stored: computed by sources that were not recorded
+    unavailable: int = 0  # skipped: their method needs a package that is not installed here, or no timings were asked
+    failed: int = 0
+    seconds: float = 0.0  # sum over the cells computed or failed now
+
+
+@dataclass
+class Summary:
+    """What a run did."""
+
+    results: Path
+    profile: str
+    tallies: dict[str, Tally] = field(default_factory=dict)
+    failures: list[tuple[str, dict[str, Any], str]] = field(default_factory=list)  # experiment, cell, error
+    notes: list[str] = field(default_factory=list)  # damaged lines, methods that are not available
+
+    @property
+    def exit_code(self) -> int:
+        """1 if a cell failed by accident. A method that refuses (StepError) is a result: it is drawn and told."""
+        return 1 if any(not error.startswith("StepError:") for _, _, error in self.failures) else 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-able."""
+        failures = [{"experiment": name, "cell": cell, "error": error} for name, cell, error in self.failures]
+        tallies = {name: asdict(tally) for name, tally in self.tallies.items()}
+        head = {"results": str(self.results), "profile": self.profile, "exit_code": self.exit_code}
+        return {**head, "experiments": tallies, "failures": failures, "notes": self.notes}
+
+    def __str__(self) -> str:
+        lines = [
+            f"{'experiment':<16}{'cells':>7}{'computed':>10}{'stored':>8}{'skipped':>9}{'failed':>8}{'seconds':>10}"
+        ]
+        for name, t in self.tallies.items():
+            counts = f"{t.cells:>7}{t.computed:>10}{t.stored:>8}{t.unavailable:>9}{t.failed:>8}{t.seconds:>10.1f}"
+            lines.append(f"{name:<16}{counts}")
+        lines += [f"failed: {name} {json.dumps(cell)}: {error}" for name, cell, error in self.failures[:10]]
+        if len(self.failures) > 10:
+            lines.append(f"… and {len(self.failures) - 10} more")
+        old = [(name, sources.told(t.other_sources, t.unknown_sources)) for name, t in self.tallies.items()]
+        lines += [f"old: {name}: {told}" for name, told in old if told]
+        return "\n".join([*lines, *self.notes, f"results: {self.results}"])
+
+    @property
+    def old(self) -> bool:
+        """Whether some of what is stored is not known to come from the sources that are here."""
+        return any(tally.other_sources or tally.unknown_sources for tally in self.tallies.values())
+
+
+def run(
+    experiments: Sequence[str],
+    profile: str,
+    results: str | Path,
+    jobs: int | None = None,
+    show: bool = True,
+    *,
+    time_limit: float | None = None,
+    shard: Shard = (0, 1),
+    scheduler: str | None = None,
+    timings: bool = True,
+    again: bool = False,
+) -> Summary:
+    """Computes the cells of some experiments that are not stored in `results` yet.
+
+    Parameters
+    ----------
+    experiments : names in EXPERIMENTS, or dotted paths of modules. profile : "quick" or "full".
+    jobs : worker processes; default: one per usable core. show : progress on stderr.
+    time_limit : s; a cell that takes longer fails. Default: TIME_LIMITS[profile].
+    shard : (i, n): of each experiment only every n-th cell, starting with cell i.
+    scheduler : of Dask, "tcp://host:port" or "local:N": accuracy cells are computed there. Timing cells never are.
+    timings : whether to compute timing cells.
+    again : also compute the stored cells that are not known to come from the sources that are here.
+
+    Raises
+    ------
+    ValueError : no such experiment, profile or scheduler. StoreError : `results` cannot be written or read; nothing is
+    lost. ClusterError : the scheduler went away, or its workers would give other rows.
+    KeyboardInterrupt : Ctrl-C; the workers are gone, what was finished is stored, and the message says so.
+    """
+    if profile not in PROFILES:
+        raise ValueError(f"profile must be one of {', '.join(PROFILES)}; got {profile!r}")
+    if jobs is not None and jobs < 1:
+        raise ValueError(f"jobs must be at least 1; got {jobs}")
+    if time_limit is not None and not time_limit > 0:
+        raise ValueError(f"time_limit must be positive; got {time_limit}")
+    if not 0 <= shard[0] < shard[1]:
+        raise ValueError(f"shard must be (i, n) with 0 <= i < n; got {shard}")
+    limit = TIME_LIMITS[profile] if time_limit is None else time_limit
+    memory.limit()  # ValueError for a wrong one
+    store, summary = Store(results), Summary(Path(results), profile)
+    store.check_writable()  # before anything is computed
+    plans = [_plan(name, profile, shard, store, summary, timings, again) for name in dict.fromkeys(experiments)]
+    at_a_time = None if scheduler else jobs or provenance.usable_cores()
+    with progress.follow({plan.experiment: plan.missing for plan in plans if plan.missing}, show, at_a_time) as bar:
+
+        def begin(task: Task) -> None:
+            bar.begin(task.experiment)
+
+        def finish(outcomes: Sequence[tuple[Task, Outcome]]) -> None:
+            with workers.interrupt_held_back():  # stored and counted, or neither
+                store.append(*(make_record(t.experiment, t.version, t.position, t.cell, **o) for t, o in outcomes))
+                for task, outcome in outcomes:
+                    _count(summary, task, outcome)
+            for task, outcome in outcomes:
+                bar.advance(task.experiment, outcome["status"] == "failed")
+
+        try:
+            if any(any(plan.accuracy) for plan in plans):
+                with _executor(scheduler, jobs or provenance.usable_cores(), limit, experiments) as executor:
+                    workers.compute_all((t for p in plans for t in p.tasks(p.accuracy)), executor, begin, finish)
+            if any(any(plan.timing) for plan in plans):
+                if scheduler:
+                    summary.notes.append("timing cells ran one at a time on this machine, not on the scheduler's")
+                with workers.Local(1, limit) as executor:
+                    workers.compute_all((t for p in plans for t in p.tasks(p.timing)), executor, begin, finish)
+        except KeyboardInterrupt:
+            tallies = summary.tallies.values()
+            stored, asked = sum(t.stored + t.computed for t in tallies), sum(t.cells - t.unavailable for t in tallies)
+            message = f"interrupted: {stored} of {asked} cells are stored in {summary.results}"
+            raise KeyboardInterrupt(f"{message}; run the same command again to resume") from None
+    return summary
+
+
+def _executor(scheduler: str | None, jobs: int, limit: float, experiments: Sequence[str]) -> Any:
+    """Context manager of the executor of the accuracy cells."""
+    if scheduler is None:
+        return workers.Local(jobs, limit, ahead=jobs)
+    from lagrange_bench.runner import cluster
+
+    return cluster.Cluster(scheduler, limit, experiments)
+
+
+# ---------------------------------------------------------------- which cells
+
+
+@dataclass
+class _Plan:
+    """What is missing of one experiment. The cells are listed again to be computed: they are never all in memory."""
+
+    experiment: str
+    profile: str
+    shard: Shard
+    accuracy: bytearray = field(default_factory=bytearray)  # of each cell of the shard: to be computed?
+    timing: bytearray = field(default_factory=bytearray)
+
+    @property
+    def missing(self) -> int:
+        return sum(self.accuracy) + sum(self.timing)
+
+    def cells(self) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Position and content of every cell of the shard, in the experiment's order."""
+        numbered = enumerate(load(self.experiment).cells(self.profile))
+        return ((position, clean(cell)) for position, cell in islice(numbered, self.shard[0], None, self.shard[1]))
+
+    def tasks(self, chosen: bytearray) -> Iterator[Task]:
+        version = load(self.experiment).VERSION
+        for position, cell in compress(self.cells(), chosen):
+            yield Task(self.experiment, version, position, cell)
+
+
+def _plan(
+    experiment: str, profile: str, shard: Shard, store: Store, summary: Summary, timings: bool, again: bool = False
+) -> _Plan:
+    """Finds the cells to compute now, and enters the others in the summary.
+
+    Raises
+    ------
+    ValueError : two cells are equal, or a field has a name the store adds.
+    """
+    plan, version = _Plan(experiment, profile, shard), load(experiment).VERSION
+    tally = summary.tallies[experiment] = Tally()
+    done, problems = store.done(experiment)
+    summary.notes += problems
+    seen = set()
+    for _, cell in plan.cells():
+        tally.cells += 1
+        key = bytes.fromhex(cell_key(experiment, version, cell))
+        if key in seen:
+            raise ValueError(f"experiment {experiment!r} lists the cell {cell} twice")
+        if taken := set(ADDED) & set(cell):
+            raise ValueError(f"experiment {experiment!r}: cell field {taken.pop()!r}: the store has one of this name")
+        seen.add(key)
+        timed, stored = bool(cell.get("timing")), key in done
+        age = sources.compared(done.get(key), sources.of_cell(experiment, cell))
+        missing = not stored or (again and age != sources.SAME)
+        if missing and (package := _lacks(cell.get("method"))):
+            missing = False
+            _note(summary, f"skipped: {cell['method']} needs {package}, which is not installed here")
+        elif missing and timed and not timings:
+            missing = False
+            _note(summary, f"skipped: the timing cells of {experiment}, as told")
+        if stored and not missing:
+            tally.stored += 1
+            tally.other_sources += age == sources.OTHER
+            tally.unknown_sources += age == sources.UNKNOWN
+        elif not missing:
+            tally.unavailable += 1
+        plan.accuracy.append(missing and not timed)
+        plan.timing.append(missing and timed)
+    return plan
+
+
+def _note(summary: Summary, note: str) -> None:
+    if note not in summary.notes:
+        summary.notes.append(note)
+
+
+@cache
+def _lacks(method: str | None) -> str | None:
+    """The package a method needs and this machine has not."""
+    if method is None:
+        return None
+    from integrators.registry import METHODS, available
+
+    try:
+        found = METHODS[method]
+    except Exception:  # unknown or broken: its cells fail, each with the reason
+        return None
+    return None if available(found) else found.requires
+
+
+def _count(summary: Summary, task: Task, outcome: Outcome) -> None:
+    tally = summary.tallies[task.experiment]
+    tally.seconds += outcome["seconds"]
+    if outcome["status"] == "done":
+        tally.computed += 1
+    else:
+        tally.failed += 1
+        error = outcome["error"]
+        summary.failures.append((task.experiment, task.cell, f"{error['type']}: {error['message']}"))
+
+
+# ---------------------------------------------------------------- python -m experiments.<name>
+
+
+def main(name: str, argv: Sequence[str] | None = None) -> int:
+    """Command line of one experiment: run what is missing, then draw. Exit code 1: cells failed, 2: no such folder."""
+    first_line = (load(name).__doc__ or name).strip().splitlines()[0]
+    parser = argparse.ArgumentParser(prog=f"python -m {load(name).__name__}", description=first_line)
+    parser.add_argument("--profile", choices=PROFILES, default="quick")
+    parser.add_argument("--results", type=Path, metavar="DIR", help="where results are stored and looked for")
+    parser.add_argument("--output", type=Path, metavar="DIR", help="where figures go (default: report in --results)")
+    parser.add_argument("--jobs", type=_count_argument, metavar="N", help="worker processes (default: one per core)")
+    parser.add_argument("--redraw-only", action="store_true", help="compute nothing, draw what is stored")
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON on stdout")
+    options = parser.parse_args(argv)
+    try:
+        with interrupted_once() if argv is None else nullcontext():
+            return _main(name, options)
+    except StoreError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt as interrupt:
+        print(str(interrupt) or "interrupted", file=sys.stderr)
+        return 130
+
+
+def _main(name: str, options: argparse.Namespace) -> int:
+    results = options.results or default_results(options.profile)
+    code = 0
+    if not options.redraw_only:
+        summary = run([name], options.profile, results, options.jobs)
+        print(summary, file=sys.stderr)
+        if options.json:
+            print(json.dumps(summary.as_dict()))
+        code = summary.exit_code
+    _draw(name, results, options.output or results / "report")
+    return code
+
+
+def _count_argument(text: str) -> int:
+    count = int(text)
+    if count < 1:
+        raise argparse.ArgumentTypeError(f"must be at least 1; got {count}")
+    return count
+
+
+def _draw(name: str, results: Path, output: Path) -> None:
+    """Figures and tables of what is stored, by the report if it is installed."""
+    try:
+        from report import page
+    except ImportError as error:
+        print(f"no figures: {error}", file=sys.stderr)
+        return
+    if not Store(results).latest(name):
+        raise StoreError(f"nothing of {name} is stored in {results}: run it first, or give its folder with --results")
+    for path in page.write_experiment(name, results, output):
+        print(f"written: {path}", file=sys.stderr)

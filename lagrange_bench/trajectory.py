@@ -1,0 +1,316 @@
+"""A trajectory summed up in words, kept in a file, and drawn. Files appear whole or not at all."""
+
+from __future__ import annotations
+
+import html
+import importlib.util
+import io
+import json
+import os
+import re
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from experiments.measuring import metrics
+from experiments.measuring.states import truth
+from integrators import INVARIANTS, Trajectory
+from integrators.interface import Array, Method
+from integrators.truth import exact
+from lagrange_bench.commands import table
+from results import provenance
+
+if TYPE_CHECKING:
+    from experiments.drawing.style import Figure
+    from integrators import Method
+
+COLUMNS = ("t", "J1", "J2", "J3", "x1", "x2", "x3")
+VIEW = (22, -55)  # degrees above the horizon and around it, of who looks at the sphere
+CHORD = 0.3  # rad between two recorded directions of the axis; beyond, a line between them would say too much
+
+
+# ---------------------------------------------------------------- words
+
+
+LAM = "lam given: one step is the flow over another time than h, and a turn"
+
+
+def judge(trajectory: Trajectory, y0: Array, method: Method, h: float | None, lam: bool = False) -> dict[str, Any]:
+    """Invariants, their drift relative to `invariant_scales`, and the error against the exact solution.
+
+    h : None for jumps. lam : whether a parameter of the map was given, which is then no step of time h.
+    """
+    top, y = trajectory.top, np.vstack([y0, trajectory.y])
+    invariants, drift = top.invariants(y), metrics.relative_drift(top.invariants(y), top.invariant_scales(y0))
+    try:
+        if lam:
+            raise ValueError(LAM)
+        if h is None:
+            right = exact.solution(top, y0, trajectory.t)
+        else:
+            right = truth(top, y0, method, h, np.rint(trajectory.t / h).astype(np.int64))
+        errors = metrics.scaled_error(top, y0, trajectory.y, right)
+        judged: dict[str, Any] = {"final": errors[-1], "largest": errors.max(), "note": ""}
+    except ValueError as error:  # say, beyond what doubles resolve: the method has an answer, the truth has none
+        judged = {"final": None, "largest": None, "note": str(error)}
+    return {
+        "t_final": trajectory.t[-1],
+        "y_final": trajectory.y[-1],
+        "recorded": len(trajectory.t),
+        "invariants": {
+            name: {"start": first, "final": last, "drift": final, "largest_drift": largest}
+            for name, first, last, final, largest in zip(
+                INVARIANTS, invariants[0], invariants[-1], drift[-1], np.abs(drift).max(axis=0), strict=True
+            )
+        },
+        "error": judged,
+    }
+
+
+def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str) -> str:
+    """What `integrate` prints."""
+    top, work, error = trajectory.top, data["work"], data["error"]
+    settings = "".join(f", {key} = {value}" for key, value in data["options"].items())
+    grid = "given times" if data["h"] is None else f"h = {data['h']:g}, {data['steps']} steps"
+    upto = f"up to t = {data['t_final']:.10g}" if error["note"] != LAM else "which h only labels"
+    count = data["recorded"]
+    head = [
+        f"top     {data['top'] or 'of your own'}: alpha = {top.alpha:.10g}, {exact.regime(top, y0)}, "
+        f"nutation period {exact.nutation_period(top, y0):.6g}",
+        f"method  {data['method']}: {label}{settings}",
+        f"times   {grid}, {upto}, {count} state{'' if count == 1 else 's'} recorded",
+    ]
+    states = [
+        ("", *(f" {name}" for name in COLUMNS[1:])),
+        ("start", *_exactly(y0)),
+        ("end", *_exactly(trajectory.y[-1])),
+    ]
+    rows = [("invariant", "start", "end", "drift at the end", "largest recorded")]
+    for name, v in data["invariants"].items():
+        rows.append((name, *_exactly((v["start"], v["final"])), f"{v['drift']:+.1e}", f"{v['largest_drift']:.1e}"))
+    if error["note"]:
+        judged = f"error   no exact solution to compare with: {error['note']}"
+    else:
+        judged = f"error   {error['final']:.1e} at the end, {error['largest']:.1e} the largest recorded, against the "
+        judged += "exact solution (relative to the sizes of J and x)"
+    counts = f"work    {work['steps']} steps, {work['rhs_evals']} right-hand sides, {work['iterations']} iterations, "
+    counts += f"{work['rejected']} rejected; {data['seconds']:.3g} s in all, compilation included, "
+    counts += f"{work['setup_seconds']:.3g} s of it to prepare"
+    return "\n".join([*head, "", *table(states), "", *table(rows), "", judged, counts])
+
+
+def _exactly(values: Any) -> tuple[str, ...]:
+    """The shortest decimals that are these doubles, minus signs apart."""
+    return tuple(f"{'' if value < 0 else ' '}{value!r}" for value in map(float, values))
+
+
+# ---------------------------------------------------------------- files
+
+
+def check_target(flag: str, path: Path, suffixes: tuple[str, ...]) -> None:
+    """ValueError naming `flag` if the file could not be written, as far as that can be known before."""
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f"{flag} {path}: the name must end in {' or '.join(suffixes)}")
+    folder = path.parent
+    if not folder.is_dir():
+        raise ValueError(f"{flag} {path}: there is no folder {folder}")
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{flag} {path}: this is not a file")
+    if path.suffix.lower() == ".parquet" and importlib.util.find_spec("pyarrow") is None:
+        raise ValueError(f"{flag} {path}: needs pyarrow: pip install pyarrow; or write .csv or .npz")
+    if not os.access(folder, os.W_OK):
+        raise ValueError(f"{flag} {path}: no permission to write in {folder.resolve()}")
+
+
+def save(path: Path, trajectory: Trajectory, facts: dict[str, Any]) -> str:
+    """Write times, states and metadata as CSV, NPZ or Parquet, every double exactly. All that write say what they did."""
+    version = f"lagrange-bench {provenance.version('lagrange-bench')}"
+    metadata = {"program": version, **facts, **provenance.provenance()}
+    if path.suffix.lower() == ".npz":
+        buffer = io.BytesIO()
+        np.savez(buffer, t=trajectory.t, y=trajectory.y, metadata=np.array(json.dumps(metadata)))
+        return _replace(path, buffer.getvalue())
+    if path.suffix.lower() == ".parquet":
+        return _replace(path, _parquet(trajectory, metadata))
+    lines = [f"# {key}: {json.dumps(value, ensure_ascii=False)}" for key, value in metadata.items()]
+    lines.append(",".join(COLUMNS))
+    rows = np.column_stack([trajectory.t, trajectory.y]).tolist()
+    lines += [",".join(map(repr, row)) for row in rows]
+    return _replace(path, ("\n".join(lines) + "\n").encode())
+
+
+def _parquet(trajectory: Trajectory, metadata: dict[str, Any]) -> bytes:
+    import pyarrow
+    from pyarrow import parquet
+
+    columns = np.column_stack([trajectory.t, trajectory.y]).T
+    texts = {key: json.dumps(value, ensure_ascii=False) for key, value in metadata.items()}
+    frame = pyarrow.table([pyarrow.array(column) for column in columns], names=list(COLUMNS), metadata=texts)
+    buffer = io.BytesIO()
+    parquet.write_table(frame, buffer)
+    return buffer.getvalue()
+
+
+def _replace(path: Path, content: bytes) -> str:
+    """Write a file beside the old one, then put it in its place; what was done. OSError naming `path` if that fails."""
+    target = path.resolve()  # of a link: what it points to
+    existed, temporary = target.exists(), target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    try:
+        try:
+            with temporary.open("xb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, target)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise OSError(error.errno, f"cannot be written: {error.strerror}", str(path)) from error
+    return f"{'replaced' if existed else 'written'}: {path}"
+
+
+# ---------------------------------------------------------------- a drawing
+
+
+def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -> str:
+    """Draw where the axis went on its sphere and write the picture."""
+    from experiments.drawing import figures, style
+
+    suffix, buffer = path.suffix.lower(), io.BytesIO()
+    with style.apply():
+        figure = sphere(trajectory, method, name)
+        if suffix == ".svg":
+            buffer.write(figures.svg(figure).encode())
+        else:
+            metadata = {"CreationDate": None} if suffix == ".pdf" else {"Software": None}
+            figure.savefig(buffer, format=suffix[1:], metadata=metadata)
+    return _replace(path, buffer.getvalue())
+
+
+ICONS = {  # of matplotlib's buttons
+    "minus": "−",
+    "fast-backward": "⏮",
+    "step-backward": "◂",
+    "play fa-flip-horizontal": "◀",
+    "pause": "❚❚",
+    "play": "▶",
+    "step-forward": "▸",
+    "fast-forward": "⏭",
+    "plus": "+",
+}
+PICTURES = 60  # of a film, at most
+PER_SECOND = 15
+
+
+def animate(path: Path, trajectory: Trajectory, method: Method, name: str | None) -> str:
+    """Let the axis move on its sphere, with the way it came, and write the film."""
+    import matplotlib
+    from matplotlib import animation
+
+    from experiments.drawing import style
+
+    chosen = np.unique(np.linspace(0, len(trajectory.t) - 1, PICTURES).round().astype(int))
+    with style.apply(), tempfile.TemporaryDirectory() as folder:
+        matplotlib.rcParams.update({"savefig.dpi": 100, "animation.embed_limit": 100})  # MB, of 4
+        figure = sphere(trajectory, method, name)
+        ax = figure.axes[0]
+        front, back = (line for line in ax.get_lines() if line.get_gid() == "way")
+        start, end = (line for line in ax.get_lines() if line.get_label() in ("start", "end"))
+        moving: list[Any] = [back, front, end]
+        end.set_label("now")
+        figure.legends[0].remove()
+        figure.legend(handles=[start, end], loc="outside lower center", ncols=2)
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # nothing but the way changes, so the layout of each picture is the first's
+        title, x, view = ax.get_title().rpartition("t = ")[0], trajectory.y[:, 3:], _view()
+
+        def show(i: int) -> list[Any]:
+            way = x[: i + 1]
+            for line, points in zip(
+                moving, (_parts(way, view, False), _parts(way, view, True), x[i, :, None]), strict=True
+            ):
+                line.set_data_3d(points)
+            ax.set_title(f"{title}t = {trajectory.t[i]:.4g}")
+            return moving
+
+        film = animation.FuncAnimation(figure, show, frames=chosen.tolist(), interval=1000 / PER_SECOND)
+        if path.suffix.lower() == ".html":
+            page = _alone(film.to_jshtml(fps=PER_SECOND, default_mode="loop"), name or method.label)
+            return _replace(path, page.encode())
+        film.save(Path(folder) / "film.gif", writer=animation.PillowWriter(fps=PER_SECOND))
+        return _replace(path, (Path(folder) / "film.gif").read_bytes())
+
+
+def _alone(film: str, title: str) -> str:
+    """matplotlib's film as a page that asks the network for nothing, the same for the same trajectory."""
+    mark = re.search(r"_anim_img([0-9a-f]{32})", film)
+    assert mark, "matplotlib marks its elements by a random number"
+    film = re.sub(r"<link[^>]*>", "", film.replace(mark[1], "top"))  # an icon font, from somebody's server
+    for icon, sign in ICONS.items():
+        film = film.replace(f'<i class="fa fa-{icon}"></i>', sign)
+    return (
+        f'<!doctype html>\n<html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>\n{film}</html>\n'
+    )
+
+
+def sphere(trajectory: Trajectory, method: Method, name: str | None) -> Figure:
+    """The axis x on the sphere of radius |x|, seen from outside; what is behind the sphere is pale."""
+    from experiments.drawing import style
+
+    x, radius = trajectory.y[:, 3:], float(np.linalg.norm(trajectory.y[0, 3:]))
+    view = _view()
+    kind = {"projection": "3d", "proj_type": "ortho", "computed_zorder": False}
+    figure, ax = style.figure(4.2, 4.2, subplot_kw=kind)
+    ax.view_init(*VIEW)
+    for circle in _graticule(radius, view):
+        ax.plot(*_parts(circle, view, front=True), color="#cfcfcf", linewidth=0.4, zorder=2)
+    colour = style.of(method.name)["color"]
+    for front, pale, order in ((True, 1.0, 3), (False, 0.35, 1)):
+        look = {"linestyle": "-", "linewidth": 0.9} if _dense(x) else {"linestyle": "none", "marker": ".", "ms": 3}
+        ax.plot(*_parts(x, view, front), color=colour, alpha=pale, zorder=order, gid="way", **look)
+    for state, marker, text in ((x[0], "o", "start"), (x[-1], "s", "end")):
+        fill = colour if text == "start" else "white"
+        ax.plot(*state[:, None], marker, color=colour, markerfacecolor=fill, ms=5, zorder=4, label=text, ls="none")
+    ax.set(xlabel="$x_1$", ylabel="$x_2$", zlabel="$x_3$ (up)")
+    ax.set_box_aspect((1, 1, 1), zoom=0.88)  # leaves room for the labels, which the layout engine does not see
+    ax.set(xlim=(-radius, radius), ylim=(-radius, radius), zlim=(-radius, radius))
+    ax.locator_params(nbins=5)
+    times = f"t = {trajectory.t[0]:g} … {trajectory.t[-1]:g}, {len(x)} states"
+    ax.set_title(
+        f"Axis of the top{f' “{name}”' if name else ''}, |x| = {radius:.4g}\n{style.plain(method.label)}, {times}"
+    )
+    figure.legend(loc="outside lower center", ncols=2)
+    figure.caption = "The axis x in the rest frame, in units of the initial state; pale where it is behind the sphere."
+    return figure
+
+
+def _view() -> Array:
+    """The direction the sphere is seen from."""
+    elevation, azimuth = np.radians(VIEW)
+    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+
+
+def _graticule(radius: float, view: Array) -> list[Array]:
+    """Meridians and parallels every 30 degrees and the outline, (n, 3) each."""
+    around, half = np.linspace(0, 2 * np.pi, 121), np.linspace(-np.pi / 2, np.pi / 2, 61)
+    curves = [(np.cos(b) * np.cos(around), np.cos(b) * np.sin(around), 0 * around + np.sin(b)) for b in half[10:51:10]]
+    curves += [(np.cos(half) * np.cos(a), np.cos(half) * np.sin(a), np.sin(half)) for a in around[:-1:10]]
+    right = np.cross((0.0, 0.0, 1.0), view) / np.hypot(*view[:2])
+    outline = np.outer(np.cos(around), right) + np.outer(np.sin(around), np.cross(view, right)) + 1e-9 * view
+    return [radius * curve for curve in [outline, *(np.stack(curve, axis=-1) for curve in curves)]]
+
+
+def _parts(points: Array, view: Array, front: bool) -> Array:
+    """Coordinates (3, n) of a curve, NaN where it is on the other side; the segments across the edge are kept."""
+    here = (points @ view >= 0) == front
+    here[1:] |= here[:-1].copy()
+    return np.where(here, points.T, np.nan)
+
+
+def _dense(x: Array) -> bool:
+    """Whether recorded directions are so close that lines between them stay near the sphere."""
+    unit = x / np.linalg.norm(x, axis=1, keepdims=True)
+    chords = np.linalg.norm(np.diff(unit, axis=0), axis=1)
+    return bool(chords.max(initial=0.0) < CHORD)

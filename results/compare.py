@@ -1,0 +1,393 @@
+"""Do two stores say the same? And does this machine, today, still compute what a store says?
+
+Cells are matched by experiment and content. What is not a time must be equal, to the last digit stored unless a
+tolerance is given. Times differ from run to run: they are tested in groups, a method's column over all its cells, with
+Wilcoxon's signed-rank test on the logarithms of the ratios, and called different only if that is significant and the
+ratio is larger than what two runs of the same code differ by on a machine that is not quite idle.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+from experiments.catalogue import UnknownExperiment, load_stored
+from lagrange_bench.commands import find_stored_method
+from lagrange_bench.runner import progress, workers
+from lagrange_bench.runner.workers import Task
+from results import provenance, sources
+from results.store import (
+    SAMPLES,
+    Record,
+    Store,
+    StoreError,
+    _canonical,
+    latest,
+    restore,
+)
+
+if TYPE_CHECKING:
+    from integrators import Method
+
+# a column of a timing cell is a time if its name has one of these words; others by the experiment's own TIMES
+WORDS = frozenset(("ns", "us", "ms", "s", "seconds", "ratio", "speedup", "samples", "unstable", "predicted", "memory"))
+UNITS = frozenset(("ns", "us", "ms", "s", "seconds"))  # and these are tested with --times, for each method
+SIGNIFICANT = 0.01  # over all tests of a comparison together (Holm)
+THRESHOLD = 0.1  # between two processes minima differ by some 6 %
+# `verify`, where a library takes the steps or the truth is not from + − × ÷ √ alone
+RTOL, ATOL = 1e-3, 1e-12
+ATOLS = {"ulps": 1.0}  # of the initial state: the truth may be off by one
+COUNTS = ("steps", "evals", "iterations", "rejected", "maps", "evals_per_step", "iterations_per_step")
+STATES = ("H", "J3", "C1", "C2", "J1", "J2", "x1", "x2", "x3", "t", "n")
+EXACT = frozenset((*STATES, *COUNTS))  # of a compiled method: bit by bit
+
+
+@dataclass
+class Difference:
+    """What changed in one column of one cell. `old` and `new` are of the row where the relative difference is largest."""
+
+    rows: int
+    absolute: float  # the largest; inf where it is not a matter of size: another word, NaN, no such row
+    relative: float  # |new − old|/max(|old|, |new|), the largest
+    old: Any
+    new: Any
+
+
+@dataclass
+class Cells:
+    """One experiment in both stores. Only what differs is listed."""
+
+    old: int = 0
+    new: int = 0
+    same: int = 0
+    other_sources: int = 0  # of the cells in both: the two were computed with different source code
+    unknown_sources: int = 0  # of the cells in both: the source code of at least one was not recorded
+    added: list[dict[str, Any]] = field(default_factory=list)
+    removed: list[dict[str, Any]] = field(default_factory=list)
+    changed: list[tuple[dict[str, Any], dict[str, Difference]]] = field(default_factory=list)
+
+
+@dataclass
+class Times:
+    """One group of paired times: a column of a method of an experiment."""
+
+    experiment: str
+    method: str  # and variant or form, if there are any
+    column: str
+    cells: int
+    pairs: int
+    ratio: float  # new/old, median over the cells of the ratio of their minima
+    p: float  # Holm-corrected
+    verdict: str  # "same", "slower" or "faster"
+
+
+@dataclass
+class Comparison:
+    """What two stores differ in."""
+
+    experiments: dict[str, Cells]
+    times: list[Times]
+    notes: list[str]
+
+    @property
+    def same(self) -> bool:
+        cells = all(not (c.added or c.removed or c.changed) for c in self.experiments.values())
+        return cells and all(t.verdict == "same" for t in self.times)
+
+
+def compare(
+    old: Path, new: Path, rtol: float = 0.0, atol: float = 0.0, times: bool = False, threshold: float = THRESHOLD
+) -> Comparison:
+    """Compares the store in `new` with that in `old`; StoreError if there is none."""
+    a, b = _store(old), _store(new)
+    found, notes, pairs = {}, [], []
+    for experiment in sorted({*a.experiments(), *b.experiments()}):
+        (records, damaged), (others, torn) = a.read(experiment), b.read(experiment)
+        notes += [*damaged, *torn]
+        before = {_canonical(record["cell"]): record for record in latest(records)}
+        after = {_canonical(record["cell"]): record for record in latest(others)}
+        cells = found[experiment] = Cells(len(before), len(after))
+        cells.removed = [record["cell"] for key, record in before.items() if key not in after]
+        cells.added = [record["cell"] for key, record in after.items() if key not in before]
+        own, unknown = times_of(experiment), reason_unknown(experiment)
+        for key in before.keys() & after.keys():
+            age = sources.compared(before[key].get("sources"), after[key].get("sources"))
+            cells.other_sources += age == sources.OTHER
+            cells.unknown_sources += age == sources.UNKNOWN
+            if differing := differences(before[key], after[key], own, lambda _: (rtol, atol)):
+                cells.changed.append((before[key]["cell"], differing))
+            else:
+                cells.same += 1
+        if cells.changed and unknown:
+            notes.append(f"all columns are compared, times too: {unknown}")
+        cells.changed.sort(key=lambda change: before[_canonical(change[0])]["position"])
+        pairs += [(before[key], after[key]) for key in before if key in after]
+    if times:
+        machines = {r["provenance"].get("cpu") for pair in pairs for r in pair if r["cell"].get("timing")}
+        if len(machines) > 1:
+            notes.append(f"times were measured on different machines: {', '.join(sorted(map(str, machines)))}")
+    both = sum(cells.old - len(cells.removed) for cells in found.values())
+    if other := sum(cells.other_sources for cells in found.values()):
+        notes.append(f"{other} of the {both} cells in both were computed with different source code")
+    result = Comparison(found, paired_times(pairs, threshold) if times else [], notes)
+    if (unknown := sum(cells.unknown_sources for cells in found.values())) and not result.same:
+        notes.append(f"{unknown} of the {both} cells in both were computed with source code that was not recorded")
+    return result
+
+
+def _store(folder: Path) -> Store:
+    store = Store(folder)
+    if not store.experiments():
+        raise StoreError(f"no results in {folder}: give a folder that lagrange-bench run wrote to")
+    return store
+
+
+# ---------------------------------------------------------------- rows
+
+
+def times_of(experiment: str) -> frozenset[str]:
+    """Columns an experiment declares as times, with `TIMES`, beside those their names give away."""
+    try:
+        return frozenset(getattr(load_stored(experiment), "TIMES", ()))
+    except (ValueError, ImportError):  # somebody else's, and not here
+        return frozenset()
+
+
+def reason_unknown(experiment: str) -> str | None:
+    """Why a stored experiment is not loaded; None if it is known."""
+    try:
+        load_stored(experiment)
+    except UnknownExperiment as error:
+        return str(error)
+    except (ValueError, ImportError):  # it is known, and cannot be loaded
+        pass
+    return None
+
+
+def is_time(column: str, cell: dict[str, Any], own: Iterable[str] = ()) -> bool:
+    """Whether a column depends on the clock."""
+    return column in own or (bool(cell.get("timing")) and not WORDS.isdisjoint(column.split("_")))
+
+
+def differences(old: Record, new: Record, own: Iterable[str], tolerance: Any) -> dict[str, Difference]:
+    """Column → what differs by more than `tolerance(column)` = (rtol, atol); times, `own` or by name, are left out."""
+    if old["status"] != new["status"] or old["status"] == "failed":
+        words = [record["status"] if record["error"] is None else _told(record) for record in (old, new)]
+        return {} if words[0] == words[1] else {"status": Difference(0, math.inf, math.inf, *words)}
+    timed = bool(old["cell"].get("timing"))  # the clock decides how far it goes: what both have is compared
+    if len(old["rows"]) != len(new["rows"]) and not timed:
+        counts = len(old["rows"]), len(new["rows"])
+        return {"rows": Difference(0, float(abs(counts[1] - counts[0])), math.inf, *counts)}
+    found: dict[str, Difference] = {}
+    for before, after in zip(old["rows"], new["rows"], strict=False):
+        for column in [*before, *(name for name in after if name not in before)]:
+            if is_time(column, old["cell"], own) or (timed and (column not in before or column not in after)):
+                continue
+            a, b = restore(before.get(column)), restore(after.get(column))
+            absolute, relative = _distance(a, b)
+            rtol, atol = tolerance(column)
+            if relative > rtol and absolute > atol:
+                entry = found.setdefault(column, Difference(0, 0.0, 0.0, a, b))
+                entry.rows += 1
+                entry.absolute = max(entry.absolute, absolute)
+                if relative > entry.relative:
+                    entry.relative, entry.old, entry.new = relative, a, b
+    return found
+
+
+def _told(record: Record) -> str:
+    return f"{record['error']['type']}: {record['error']['message']}"
+
+
+def _distance(a: Any, b: Any) -> tuple[float, float]:
+    """Absolute and relative difference of two values; (inf, inf) if they are not numbers, or not finite, and differ."""
+    numbers = all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in (a, b))
+    if numbers and math.isfinite(a) and math.isfinite(b):
+        return abs(b - a), abs(b - a) / (max(abs(a), abs(b)) or 1.0)
+    equal = a == b or (numbers and math.isnan(a) and math.isnan(b))
+    return (0.0, 0.0) if equal else (math.inf, math.inf)
+
+
+# ---------------------------------------------------------------- times
+
+
+def paired_times(pairs: Sequence[tuple[Record, Record]], threshold: float = THRESHOLD) -> list[Times]:
+    """Tests every duration of every method, over the cells in both stores, and corrects for testing many."""
+    groups: dict[tuple[str, str, str], list[tuple[list[float], list[float]]]] = {}
+    for old, new in pairs:
+        for what, column, a, b in _durations(old, new):
+            groups.setdefault((old["experiment"], what, column), []).append((a, b))
+    tested = []
+    for (experiment, method, column), cells in groups.items():
+        logs = [math.log(y / x) for a, b in cells for x, y in zip(a, b, strict=False)]
+        ratio = median(min(b) / min(a) for a, b in cells)
+        tested.append(Times(experiment, method, column, len(cells), len(logs), ratio, _wilcoxon(logs), "same"))
+    _holm(tested)
+    for group in tested:
+        if group.p < SIGNIFICANT and abs(math.log(group.ratio)) > math.log1p(threshold):
+            group.verdict = "slower" if group.ratio > 1 else "faster"
+    return tested
+
+
+def _durations(old: Record, new: Record) -> Iterator[tuple[str, str, list[float], list[float]]]:
+    """What, column and samples of both; where raw samples are stored they stand for the figures drawn from them."""
+    if not old["cell"].get("timing"):
+        return
+    for before, after in zip(old["rows"], new["rows"], strict=False):
+        what = {**old["cell"], **before}
+        name = " ".join(str(what[field]) for field in ("method", "variant", "form") if field in what)
+        shared = [column for column in before if column in after and not UNITS.isdisjoint(column.split("_"))]
+        raw = [column for column in shared if SAMPLES.search(column) and isinstance(before[column], list)]
+        for column in raw or shared:
+            a, b = (value if isinstance(value, list) else [value] for value in (before[column], after[column]))
+            if a and b and all(isinstance(x, (int, float)) and x > 0 for x in (*a, *b)):
+                yield name, column, a, b
+
+
+def _wilcoxon(logs: Sequence[float]) -> float:
+    """Two-sided p of the signed-rank test that the median is zero."""
+    from scipy.stats import wilcoxon
+
+    if not any(logs):
+        return 1.0
+    return float(wilcoxon(logs, zero_method="zsplit").pvalue)
+
+
+def _holm(tested: list[Times]) -> None:
+    """Corrects the p values in place: with n tests the smallest counts n times, the next n − 1 times, …"""
+    largest = 0.0
+    for rank, group in enumerate(sorted(tested, key=lambda group: group.p)):
+        largest = max(largest, min(1.0, group.p * (len(tested) - rank)))
+        group.p = largest
+
+
+# ---------------------------------------------------------------- computing again
+
+
+@dataclass
+class Verification:
+    """What became of the cells computed again."""
+
+    stored: Counter[str] = field(default_factory=Counter)  # all cells there, by `sources.judge`
+    cells: int = 0
+    identical: int = 0
+    close: int = 0  # within the tolerance of a library's or the truth's round-off
+    # experiment, cell, what differs, and what `sources.judge` says of the stored one
+    changed: list[tuple[str, dict[str, Any], dict[str, Difference], str]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def verify(
+    folder: Path,
+    sample: int,
+    seed: int = 0,
+    longest: float = 3.0,
+    jobs: int | None = None,
+    show: bool = True,
+    old: bool = False,
+) -> Verification:
+    """Computes some stored cells again and compares their rows.
+
+    Parameters
+    ----------
+    sample : how many; from every part and method of every experiment in turn. seed : which.
+    longest : s; cells that took longer are left out. jobs : processes; default: one per usable core.
+    old : only cells that are not known to come from the source code that is here.
+    """
+    found = Verification()
+    records = _sample(_store(folder), sample, random.Random(seed), longest, found, old)
+    current: dict[tuple[str, str], Record] = {}
+    with progress.follow({"verify": len(records)}, show) as bar:
+
+        def finish(outcomes: Sequence[tuple[Task, workers.Outcome]]) -> None:
+            for task, outcome in outcomes:
+                current[task.experiment, _canonical(task.cell)] = {"cell": task.cell, **outcome}
+                bar.advance("verify", False)
+
+        tasks = [Task(r["experiment"], r["version"], r["position"], r["cell"]) for r in records]
+        with workers.Local(jobs or provenance.usable_cores(), limit=100 * longest) as executor:
+            workers.compute_all(tasks, executor, lambda _: bar.begin("verify"), finish)
+    found.cells = len(records)
+    for record in records:
+        _judge(found, record, current[record["experiment"], _canonical(record["cell"])])
+    return found
+
+
+def _judge(found: Verification, old: Record, new: Record) -> None:
+    own = times_of(old["experiment"])
+    if not differences(old, new, own, lambda _: (0.0, 0.0)):
+        found.identical += 1
+    elif differing := differences(old, new, own, _tolerance(old["cell"].get("method"))):
+        found.changed.append((old["experiment"], old["cell"], differing, sources.judge(old)))
+    else:
+        found.close += 1
+
+
+def _tolerance(method: str | None) -> Any:
+    found = None if method is None else _method(method)
+    compiled = found is not None and found.engine == "numba"
+    return lambda column: (0.0, 0.0) if compiled and column in EXACT else (RTOL, ATOLS.get(column, ATOL))
+
+
+def _sample(
+    store: Store, sample: int, draw: random.Random, longest: float, found: Verification, old: bool
+) -> list[Record]:
+    """Stored cells in turn from every (experiment, part, method), drawn at random within each."""
+    groups: dict[tuple[str, str, str], list[Record]] = {}
+    outdated, absent, long = set(), set(), 0
+    for experiment in store.experiments():
+        try:
+            module = load_stored(experiment)
+        except UnknownExperiment as error:
+            found.notes.append(f"not computed: {error}")
+            continue
+        for record in store.latest(experiment):
+            cell, method = record["cell"], record["cell"].get("method")
+            age = sources.judge(record)
+            found.stored[age] += 1
+            if old and age == sources.SAME:
+                continue
+            if record["version"] != module.VERSION:
+                outdated.add(experiment)
+            elif method is not None and _method(method) is None:
+                absent.add(method)
+            elif record["seconds"] > longest:
+                long += 1
+            elif _comparable(record, times_of(experiment)):
+                group = (experiment, str(cell.get("part", "")), str(method or cell.get("variant", "")))
+                groups.setdefault(group, []).append(record)
+    if outdated:
+        names = ", ".join(sorted(outdated))
+        raise StoreError(f"{store.folder}: {names} changed (VERSION) since this was stored: run it again")
+    told = sources.told(found.stored[sources.OTHER], found.stored[sources.UNKNOWN])
+    found.notes += [told] if told else []
+    found.notes += [f"not computed: {', '.join(sorted(absent))}: not available here"] if absent else []
+    found.notes += [f"not computed: {long} cells that took longer than {longest:g} s"] if long else []
+    listed = list(groups.values())
+    for records in listed:
+        draw.shuffle(records)
+    chosen: list[Record] = []
+    while len(chosen) < sample and any(listed):
+        chosen += [records.pop() for records in listed if records]
+    return chosen[:sample]
+
+
+def _comparable(record: Record, own: Iterable[str]) -> bool:
+    """Whether there is anything but times to compare."""
+    if record["status"] == "failed":
+        return record["error"]["type"] not in ("TimeLimit", workers.DIED)
+    return any(not is_time(column, record["cell"], own) for row in record["rows"] for column in row)
+
+
+def _method(name: str) -> Method | None:
+    """The method of a stored cell; None if it is not available here, or somebody's own that nobody imported."""
+    try:
+        return find_stored_method(name)
+    except ValueError:
+        return None

@@ -1,0 +1,94 @@
+"""What a method of somebody's own consists of: a digest of its sources, under which its results are stored.
+
+A method of the bench has none: the version of the bench stands for it.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib.util
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+OURS = {"integrators", "experiments", "results", "report", "lagrange_bench"}  # the packages of the bench
+
+
+@cache
+def digest(name: str) -> str | None:
+    """Of the method of a plug-in or of `module:METHOD`; None if it is one of the bench, or cannot be loaded.
+
+    A function of the contents of files alone, the same in every process and on every machine: of the modules with the
+    record and with its `prepare`, or the whole packages these are in; of what they import from beside them, unless that is
+    where packages are installed; and of the version of the package.
+    """
+    from integrators.registry import BUILT_IN, METHODS
+
+    if name in BUILT_IN or not (":" in name or name in METHODS):
+        return None
+    try:
+        if ":" in name:
+            from lagrange_bench.commands import find_method
+
+            method, module = find_method(name), name.partition(":")[0]
+            packages = metadata.packages_distributions().get(module.partition(".")[0], [])
+            versions = [
+                f"{package} {metadata.version(package)}" for package in sorted(set(packages) - {"lagrange-bench"})
+            ]
+        else:
+            method, entry = METHODS[name], METHODS._entries[name]
+            module = entry.module
+            versions = [f"{entry.dist.name} {entry.dist.version}"] if entry.dist else []
+    except Exception:  # its cells fail, each with the reason
+        return None
+    prepare = getattr(method.prepare, "func", method.prepare)  # of a functools.partial
+    found = hashlib.sha256("\n".join(versions).encode())
+    for place, file in sorted(_files({module, prepare.__module__}).items()):
+        found.update(f"\n{place}\n".encode() + hashlib.sha256(file.read_bytes()).digest())
+    return found.hexdigest()
+
+
+def _files(modules: set[str]) -> dict[str, Path]:
+    """The sources of these modules and of what they import from beside them, by their places."""
+    files: dict[str, Path] = {}
+    roots = {_sources(module)[0] for module in modules} - {None}
+    waiting, seen = set(modules), set(OURS)
+    while waiting:
+        seen.add(module := waiting.pop())
+        root, fresh = _sources(module)
+        if root is None or root not in roots:
+            continue
+        files |= fresh
+        if not any(root.glob("*.dist-info")):
+            waiting |= {name for path in fresh.values() for name in _imported(path)} - seen
+    return files
+
+
+def _sources(module: str) -> tuple[Path | None, dict[str, Path]]:
+    """The folder a module is found in and the sources of it, or of the package it is part of; None: it has none."""
+    top = module.partition(".")[0]
+    try:
+        spec = importlib.util.find_spec(module if top in OURS else top)
+    except (ImportError, ValueError):  # the latter: __main__
+        spec = None
+    if spec is None:
+        return None, {}
+    folders = [Path(folder) for folder in spec.submodule_search_locations or ()]
+    paths = [path for folder in folders for path in folder.rglob("*.py")] or [Path(str(spec.origin))]
+    if not all(path.is_file() for path in paths):  # built in, frozen, in an archive
+        return None, {}
+    root = (folders or paths)[0].parent
+    return root, {path.relative_to(root).as_posix(): path for path in paths if path.is_relative_to(root)}
+
+
+@cache
+def _imported(path: Path) -> set[str]:
+    """Top-level names of the modules that a file imports."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            found.add(node.module.partition(".")[0])
+    return found

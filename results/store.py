@@ -1,0 +1,437 @@
+"""Results on disk: one journal per experiment, `<experiment>.jsonl`, one line per finished cell, only ever appended to.
+
+A line is a JSON object with its own SHA-256, written whole, flushed and synced before the next cell is started.
+A run that is killed loses at most the cells it was computing. A line that was cut off, or damaged later, is
+reported and skipped; it is never repaired in place. Of several records of a cell the last that succeeded counts.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import json
+import math
+import numbers
+import os
+import re
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from results import plugin_sources as method_source
+from results import provenance, sources
+
+try:
+    import fcntl
+except ImportError:  # no file locks on this platform: one process per store then
+    fcntl = None  # type: ignore[assignment]
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Record = dict[str, Any]
+
+SCHEMA = 1  # of the records; the envelope (one JSON object a line, "schema", "sha256") is the same in all
+ADDED = ("key", "status", "failure")  # columns `rows` adds to those of a cell
+SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of the row fields that may be lists of numbers: raw timings
+
+BLOCK = 4096  # records merged at a time
+
+
+class StoreError(RuntimeError):
+    """Results cannot be written or read; the message names the folder and what to do."""
+
+
+def default_results(profile: str | None = None) -> Path:
+    """Where results are if nobody says: of a run with this profile, or (None) the ones the report shows.
+
+    In a checkout results/local/<profile> and results/reference. For an installed package ./results/<profile>,
+    and the fullest of those there are: two profiles in one folder would be drawn into one figure.
+    """
+    root = provenance.checkout()
+    if root is not None:
+        return root / "results" / "reference" if profile is None else root / "results" / "local" / profile
+    results = Path("results")
+    if profile is None:
+        profile = "full" if (results / "full").is_dir() or not (results / "quick").is_dir() else "quick"
+    return results / profile
+
+
+def _frame(table: list[dict[str, Any]], columns: list[str] | None = None) -> pd.DataFrame:
+    """Text as Python has it, whether or not pyarrow is there, which does not take a path that is no Unicode."""
+    import pandas as pd
+
+    with pd.option_context("mode.string_storage", "python"):
+        return pd.DataFrame(table, columns=columns)
+
+
+# ---------------------------------------------------------------- records
+
+
+def cell_key(experiment: str, version: int, cell: Mapping[str, Any]) -> str:
+    """SHA-256 of everything a cell's rows depend on: experiment, its VERSION, the cell, the packages' versions.
+
+    And, where the cell's method is not one of the bench, the method's sources.
+    """
+    content = {"experiment": experiment, "version": version, "cell": clean(cell), "packages": _packages()}
+    method = cell.get("method")
+    if isinstance(method, str) and (source := method_source.digest(method)):
+        content["source"] = source
+    return _digest(content)
+
+
+def make_record(experiment: str, version: int, position: int, cell: Mapping[str, Any], **outcome: Any) -> Record:
+    """A record without its SHA-256. `position` of the cell among the experiment's cells: the order of `rows`.
+
+    outcome : status ("done" or "failed"), rows, error (None or a dict), warnings, seconds; provenance if it was not
+    computed on this machine.
+    """
+    key = cell_key(experiment, version, cell)
+    head = {"schema": SCHEMA, "key": key, "experiment": experiment, "version": version, "position": position}
+    came = {"provenance": provenance.provenance(), "sources": sources.of_cell(experiment, cell)}
+    return {**came, **head, "cell": clean(cell), **outcome}
+
+
+def clean_rows(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> list[Record]:
+    """Rows as they will be stored.
+
+    Raises
+    ------
+    TypeError : a value is not a scalar, nor a list of numbers under a name like `samples_ns`. ValueError : a row
+    contradicts its cell or uses a name of ADDED.
+    """
+    cleaned = []
+    for row in rows:
+        row = clean(row)
+        for name, value in row.items():
+            if name in ADDED:
+                raise ValueError(f"row field {name!r}: the store has one of this name")
+            if name in cell and value != clean(cell[name]):
+                raise ValueError(f"row field {name!r} is {value!r}, in the cell it is {cell[name]!r}")
+            if isinstance(value, list) and SAMPLES.search(name) and all(type(v) in (int, float) for v in value):
+                continue
+            if isinstance(value, list) or (isinstance(value, dict) and set(value) != {"float"}):
+                raise TypeError(f"row field {name!r} must be a scalar; got a {type(value).__name__}")
+        cleaned.append(row)
+    return cleaned
+
+
+def clean(value: Any) -> Any:
+    """`value` in plain JSON types: NumPy scalars become Python's, tuples lists, NaN and ±inf {"float": "nan"}."""
+    if value is None or isinstance(value, str):
+        return None if value is None else str(value)
+    if isinstance(value, Mapping):
+        if set(value) == {"float"}:
+            return dict(value)  # cleaned before
+        if bad := [name for name in value if not isinstance(name, str)]:
+            raise TypeError(f"field names must be strings; got {bad[0]!r}")
+        return {name: clean(content) for name, content in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [clean(content) for content in value]
+    if isinstance(value, bool) or getattr(getattr(value, "dtype", None), "kind", "") == "b":
+        return bool(value)
+    if isinstance(value, numbers.Integral):
+        return int(value)
+    if isinstance(value, numbers.Real):
+        return float(value) if math.isfinite(value) else {"float": repr(float(value))}
+    raise TypeError(f"cannot store {value!r} of type {type(value).__name__}: not a JSON scalar")
+
+
+def restore(value: Any) -> Any:
+    """Undoes what `clean` does to NaN and ±inf."""
+    if isinstance(value, dict):
+        return float(value["float"]) if set(value) == {"float"} else {k: restore(v) for k, v in value.items()}
+    return [restore(v) for v in value] if isinstance(value, list) else value
+
+
+def latest(records: Sequence[Record]) -> list[Record]:
+    """Of the records of an experiment one per cell of the newest VERSION, in the order of the experiment's cells.
+
+    The environment and the sources that measured a cell last win; within these, a success over any failure, the later
+    over the earlier.
+    """
+    newest = max((record["version"] for record in records), default=0)
+    chosen: dict[str, Record] = {}
+    for record in records:
+        if record["version"] == newest:
+            cell = _canonical(record["cell"])
+            old = chosen.get(cell)
+            if old and old["status"] == "done" and not _replaces(record, old["key"], old.get("sources")):
+                continue
+            chosen[cell] = record
+    return [chosen[cell] for cell in sorted(chosen, key=lambda cell: (chosen[cell]["position"], cell))]
+
+
+def _replaces(record: Record, key: str, digest: str | None) -> bool:
+    """Whether a record counts instead of an earlier success under this key and by these sources."""
+    return record["status"] == "done" or (record["key"], record.get("sources")) != (key, digest)
+
+
+@cache
+def _packages() -> dict[str, str | None]:
+    return {package: provenance.version(package) for package in provenance.DECISIVE}
+
+
+def _canonical(value: Any) -> str:
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(_canonical(value).encode("ascii")).hexdigest()
+
+
+# ---------------------------------------------------------------- the store
+
+
+class Store:
+    """The journals in one folder. Nothing is read or created before it is asked for."""
+
+    def __init__(self, folder: str | Path):
+        self.folder = Path(folder)
+
+    def path(self, experiment: str) -> Path:
+        return self.folder / f"{experiment}.jsonl"
+
+    def check_writable(self) -> None:
+        """Creates the folder and a file in it, for a moment; StoreError if that cannot be done."""
+        probe = self.folder / f".probe-{os.getpid()}"
+        with self._explained():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            try:
+                with probe.open("wb") as file:
+                    file.write(bytes(4096))
+                    file.flush()
+                    os.fsync(file.fileno())
+            finally:
+                probe.unlink(missing_ok=True)
+
+    def append(self, *records: Record) -> None:
+        """Adds records to their journals, all or nothing for each journal; on return they are on the disk."""
+        journals: dict[str, list[bytes]] = {}
+        for record in records:
+            line = _canonical({**record, "sha256": _digest(record)}).encode("ascii") + b"\n"
+            journals.setdefault(record["experiment"], []).append(line)
+        for experiment, lines in journals.items():
+            self._append(experiment, b"".join(lines))
+
+    def _append(self, experiment: str, lines: bytes) -> None:
+        flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0)
+        path = self.path(experiment)
+        with self._explained():
+            new = not path.exists()
+            file = os.open(path, flags, 0o644)
+            try:
+                with _locked(file, exclusive=True):
+                    _append(file, lines)
+            finally:
+                os.close(file)
+        if new:
+            _sync_folder(self.folder)
+
+    def experiments(self) -> list[str]:
+        """Names of the experiments that have a journal here."""
+        try:
+            return sorted(path.stem for path in self.folder.glob("*.jsonl"))
+        except OSError as error:
+            raise StoreError(f"cannot read {self.folder}: {error.strerror}") from error
+
+    def lines(self, experiment: str) -> Iterator[tuple[int, bytes, Record | None]]:
+        """Each line of a journal: its number, the line, and the record in it; None if it is damaged.
+
+        One line is in memory at a time. What is appended after the first was asked for is not seen.
+
+        Raises
+        ------
+        StoreError : the journal cannot be read, or has records of another schema.
+        """
+        path = self.path(experiment)
+        try:
+            with path.open("rb") as file:
+                with _locked(file.fileno(), exclusive=False):  # nobody is in the middle of a line
+                    size = os.fstat(file.fileno()).st_size
+                number = 0
+                while size > 0 and (line := file.readline(size)):
+                    number, size = number + 1, size - len(line)
+                    record = _parse(line)
+                    if record is not None and record["schema"] != SCHEMA:
+                        raise StoreError(
+                            f"{path}, line {number}: written with schema {record['schema']}, this version reads "
+                            f"{SCHEMA}: update lagrange-bench, or choose another folder with --results"
+                        )
+                    if record is not None or line != b"\n":
+                        yield number, line, record
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise StoreError(f"cannot read {path}: {error.strerror}") from error
+
+    def read(self, experiment: str) -> tuple[list[Record], list[str]]:
+        """Every record of an experiment, oldest first, and what is wrong with the lines that are none."""
+        records, problems = [], []
+        for number, line, record in self.lines(experiment):
+            if record is not None:
+                records.append(record)
+            else:
+                problems.append(self._problem(experiment, number, line))
+        return records, problems
+
+    def _problem(self, experiment: str, number: int, line: bytes) -> str:
+        what = "damaged" if line.endswith(b"\n") else "cut off while it was written"
+        return f"{self.path(experiment)}, line {number}: {what}; skipped, its cell counts as not computed"
+
+    def done(self, experiment: str) -> tuple[dict[bytes, str | None], list[str]]:
+        """Keys of the cells that were computed, with the digests of the sources that did, and what is wrong with the
+        lines that are no record."""
+        found: dict[bytes, str | None] = {}
+        problems = []
+        for number, line, record in self.lines(experiment):
+            if record is None:
+                problems.append(self._problem(experiment, number, line))
+                continue
+            key, digest = bytes.fromhex(record["key"]), record.get("sources")
+            if record["status"] == "done":
+                found[key] = digest and sys.intern(digest)  # there are few of them, and many cells
+            elif key in found and _replaces(record, record["key"], found[key]):
+                del found[key]
+        return found, problems
+
+    def merge(self, other: Store) -> dict[str, tuple[int, int]]:
+        """Appends the records of another store that are not here yet: experiment → (how many, damaged lines left out).
+
+        Records are taken as they are, in their order: of several of one cell the last
+        counts, so the store merged last wins.
+        """
+        if self.folder.resolve() == other.folder.resolve():
+            raise ValueError(f"{other.folder} cannot be merged into itself")
+        self.check_writable()
+        merged = {}
+        for experiment in other.experiments():
+            here = {_identity(line) for _, line, record in self.lines(experiment) if record is not None}
+            found: list[bytes] = []
+            added = damaged = 0
+            for _, line, record in other.lines(experiment):
+                if record is None:
+                    damaged += 1
+                elif (identity := _identity(line)) not in here:
+                    here.add(identity)
+                    found.append(line.rstrip(b"\n") + b"\n")
+                    added += 1
+                if len(found) >= BLOCK:
+                    self._append(experiment, b"".join(found))
+                    found.clear()
+            if found:
+                self._append(experiment, b"".join(found))
+            merged[experiment] = (added, damaged)
+        return merged
+
+    def latest(self, experiment: str) -> list[Record]:
+        """One record per cell of the newest VERSION stored, in the order of the experiment's cells; see `latest`."""
+        return latest(self.read(experiment)[0])
+
+    def rows(self, experiment: str) -> pd.DataFrame:
+        """What was measured: each row with the fields of its cell, and `key`, `status`, `failure`.
+
+        A failed cell is one row with status "failed" and the error's message; its measured columns are missing.
+        Everywhere else status is "done" and `failure` is missing.
+        """
+        table = []
+        for record in self.latest(experiment):
+            failure = record["error"] and f"{record['error']['type']}: {record['error']['message']}"
+            added = {"key": record["key"], "status": record["status"], "failure": failure}
+            for row in record["rows"] if record["status"] == "done" else [{}]:
+                table.append(restore({**record["cell"], **row, **added}))
+        return _frame(table, columns=None if table else list(ADDED))
+
+    def failures(self, experiment: str) -> pd.DataFrame:
+        """The cells that failed: their fields, `key`, `error_type`, `error_message` and `error_traceback`."""
+        table = []
+        for record in self.latest(experiment):
+            if record["status"] == "failed":
+                error = {f"error_{name}": text for name, text in record["error"].items()}
+                table.append(restore({**record["cell"], "key": record["key"], **error}))
+        return _frame(table)
+
+    def provenance(self, experiment: str) -> pd.DataFrame:
+        """Where each cell's rows come from: `key`, `seconds` and the facts of `provenance.provenance`."""
+        latest = self.latest(experiment)
+        return _frame([{"key": r["key"], "seconds": r["seconds"], **r["provenance"]} for r in latest])
+
+    @contextlib.contextmanager
+    def _explained(self) -> Iterator[None]:
+        """Turns an OSError into a StoreError that says what to do."""
+        advice = {
+            errno.ENOSPC: "free some space",
+            errno.EDQUOT: "free some of your quota",
+            errno.EFBIG: "raise the limit on file sizes (ulimit -f)",
+            errno.EROFS: "make the file system writable",
+            errno.EACCES: "make the folder writable",
+        }
+        try:
+            yield
+        except OSError as error:
+            reason = error.strerror or str(error)
+            hint = f"{advice[error.errno]}, or " if error.errno in advice else ""
+            raise StoreError(
+                f"cannot write results to {self.folder}: {reason}. To go on: {hint}choose another folder with "
+                "--results DIR, and run the same command again. What was stored before is kept."
+            ) from error
+
+
+def _parse(line: bytes) -> Record | None:
+    """The record in a line; None if it is not a JSON object that matches its SHA-256."""
+    try:
+        record = json.loads(line)
+        digest = record.pop("sha256")
+        return record if digest == _digest(record) and "schema" in record else None
+    except (ValueError, AttributeError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def _identity(line: bytes) -> bytes:
+    return hashlib.sha256(line.rstrip(b"\n")).digest()
+
+
+def _append(file: int, line: bytes) -> None:
+    """Writes lines at the end of an open journal, on a fresh line; takes back what it wrote if that fails."""
+    size = os.fstat(file).st_size
+    if size:
+        os.lseek(file, size - 1, os.SEEK_SET)
+        if os.read(file, 1) != b"\n":
+            line = b"\n" + line  # the last writer was cut off
+    try:
+        written = os.write(file, line)
+        while written < len(line):  # a full disk takes a part first, and says why only when asked again
+            written += os.write(file, line[written:])
+        os.fsync(file)
+    except OSError:
+        with contextlib.suppress(OSError):  # where this fails too, the torn line is skipped by every reader
+            os.ftruncate(file, size)
+        raise
+
+
+def _sync_folder(folder: Path) -> None:
+    """Puts the name of a new file on the disk too, where folders can be synced."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+@contextlib.contextmanager
+def _locked(file: int, exclusive: bool) -> Iterator[None]:
+    """Holds a lock on an open file where the platform and the file system know locks."""
+    if fcntl is None:
+        yield
+        return
+    with contextlib.suppress(OSError):  # some network file systems have none
+        fcntl.flock(file, fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_UN)

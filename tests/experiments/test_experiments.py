@@ -1,0 +1,109 @@
+"""Every experiment at a tiny size: measured, stored, and drawn from what was stored."""
+
+import pandas as pd
+import pytest
+
+from experiments import cost, perturbed, work_precision
+from experiments.catalogue import EXPERIMENTS, load
+from experiments.drawing import style
+from integrators import METHODS, available
+from results.store import Store, make_record
+
+SMALL = {"steps": 64, "span": 16.0, "longest": 0.01, "repeats": 1}
+STATES = ("generic", "figure1", "random000", "random001", "random002", "random003")
+
+
+def kinds():
+    """A method of every kind the experiments tell apart: family, engine, control. The contract tests see the others."""
+    there = {name: method for name, method in METHODS.items() if available(method)}
+    return set({(m.family, m.engine, m.control, bool(m.keeps)): name for name, m in reversed(there.items())}.values())
+
+
+def tiny(name):
+    """A few cells of the quick profile, made small: every part, every kind of method, one or two states."""
+    chosen, seen, some = [], {}, kinds()
+    for cell in load(name).cells("quick"):
+        if cell.get("state", "generic") not in STATES and name != "paper":
+            continue
+        method = cell.get("method")
+        if (method and method not in some) or cell.get("part") == "start":
+            continue
+        fields = ("part", "method", "state", "span", "figure", "eps", "variant")
+        key = tuple(cell.get(field) for field in fields)
+        seen[key] = seen.get(key, 0) + 1
+        if seen[key] <= 3:
+            chosen.append({**cell, **{k: v for k, v in SMALL.items() if k in cell}})
+    return [dict(pairs) for pairs in dict.fromkeys(tuple(cell.items()) for cell in chosen)]
+
+
+@pytest.fixture(autouse=True)
+def short_races(monkeypatch):
+    monkeypatch.setattr(cost, "HEADLINE_TIME", 100.0)
+    monkeypatch.setattr(work_precision, "SAMPLE", 2e-4)
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_measured_stored_and_drawn(name, tmp_path):
+    module, store = load(name), Store(tmp_path)
+    for position, cell in enumerate(tiny(name)):
+        outcome = {"status": "done", "rows": module.measure(cell), "error": None, "warnings": [], "seconds": 0.0}
+        store.append(make_record(name, module.VERSION, position, cell, **outcome))
+    rows = store.rows(name)
+    assert len(rows) > 0
+    assert (rows.status == "done").all()
+    with style.apply():
+        figures = module.draw(rows)
+        assert figures
+        for figure in figures.values():
+            figure.draw_without_rendering()
+            assert figure.caption
+    tables = module.tables(rows)
+    assert tables
+    assert all(isinstance(table, pd.DataFrame) and len(table) for table in tables.values())
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_a_cell_that_failed_is_drawn_too(name, tmp_path):
+    """One cell measured, the others failed: figures and tables still come out."""
+    module, store = load(name), Store(tmp_path)
+    error = {"type": "StepError", "message": "no", "traceback": ""}
+    for position, cell in enumerate(tiny(name)):
+        done = position % 2 == 0 and cell.get("part") != "headline"
+        outcome = {"rows": module.measure(cell), "status": "done", "error": None} if done else {
+            "rows": [], "status": "failed", "error": error}  # fmt: skip
+        store.append(make_record(name, module.VERSION, position, cell, **outcome, warnings=[], seconds=0.0))
+    rows = store.rows(name)
+    assert (rows.status == "failed").any()
+    with style.apply():
+        for figure in module.draw(rows).values():
+            figure.draw_without_rendering()
+    module.tables(rows)
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_profiles(name):
+    """Cells are JSON-able, different, and the quick profile is the smaller one."""
+    module = load(name)
+    quick, full = module.cells("quick"), module.cells("full")
+    assert len(quick) <= len(full)
+    assert len({str(sorted(cell.items())) for cell in full}) == len(full)
+
+
+def test_what_a_fresh_process_needs():
+    """The probe of the cost experiment, once: a fresh process imports, compiles and steps."""
+    rows = cost.measure({"part": "start", "method": "rk45_fixed"})
+    assert [row["cached"] for row in rows] == [False, True]
+    for row in rows:
+        assert 0 < row["second_s"] <= row["first_s"]
+    assert rows[1]["first_s"] < rows[0]["first_s"], "nothing was kept for the second process"
+
+
+def test_perturbed_tops_are_compared_by_steps_and_not_by_time():
+    runs = [("exact, order 2", 1.0, 1e-9), ("exact, order 2", 4.0, 1e-5), ("rotation, order 2", 0.5, 1e-9)]
+    rows = pd.DataFrame(runs, columns=["variant", "h", "error"]).assign(eps=1e-4, status="done", seconds=1.0)
+    table = perturbed.longest_steps(rows).set_index("error at most")
+    assert table["exact, order 2"].tolist()[:3] == [4.0, 1.0, 1.0]
+    assert table["exact, order 2"].isna().tolist() == [False, False, False, True]
+    assert table["rotation, order 2"].tolist()[:3] == [0.5] * 3
+    assert table["exact, SABA4"].isna().all()
+    assert set(table) == {"ε", *perturbed.EXACT, *perturbed.ROTATION}

@@ -1,0 +1,344 @@
+"""The metrics say what they should of signals whose answer is known, and something else of their neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from experiments.measuring import metrics
+from integrators.problem.top import TOPS, LagrangeTop
+
+T = np.arange(1, 40_001) * 0.05  # 40 000 samples
+STATES = 16
+
+
+def signal(kind, seed=0, states=STATES, t=T):
+    """Errors (states, N) of a known kind, of very different sizes from state to state."""
+    rng = np.random.default_rng(seed)
+    size = rng.uniform(0.5, 2.0, (states, 1))
+    phase, omega = rng.uniform(0, 2 * np.pi, (states, 1)), rng.uniform(1, 3, (states, 1))
+    oscillation = np.cos(omega * t + phase) - np.cos(phase)  # starts at 0, as errors do
+    walk = np.cumsum(rng.standard_normal((states, len(t))), axis=1)
+    ulp = 2.0**-52
+    match kind:
+        case "oscillation":
+            return 1e-6 * size * oscillation
+        case "noise":
+            return ulp * size * rng.standard_normal((states, len(t)))
+        case "walk":
+            return ulp * size * walk
+        case "rounded walk":
+            return ulp * np.round(size * walk)
+        case "linear":
+            return 1e-12 * size * t * rng.choice((-1, 1), (states, 1))
+        case "quadratic":
+            return 1e-12 * size * t**2
+        case "linear in noise":  # the drift overtakes the noise only in the last two decades
+            return ulp * (20 * rng.standard_normal((states, len(t))) + size * t)
+        case "linear in oscillation":
+            return 1e-6 * oscillation + 1e-7 * size * t
+        case "walk with an oscillation":
+            return ulp * (walk + 5 * oscillation)
+    raise AssertionError(kind)
+
+
+def judged(E, t=T):
+    growth = metrics.growth_exponent(t, E)
+    return growth, metrics.verdict(*growth, np.max(np.abs(E)))
+
+
+@pytest.mark.parametrize(
+    ("kind", "p", "tolerance", "verdict"),
+    # tolerance: 16 states give the RMS of a walk to 1/√32; over ln(100) = 4.6 that is ±0.05 (1 σ), taken 3 times
+    [
+        ("oscillation", 0.0, 0.03, "bounded"),
+        ("noise", 0.0, 0.03, "bounded"),
+        ("walk", 0.5, 0.15, "random walk"),
+        ("rounded walk", 0.5, 0.15, "random walk"),
+        ("linear", 1.0, 0.01, "biased"),
+        ("quadratic", 2.0, 0.02, "biased"),
+        ("linear in noise", 1.0, 0.25, "biased"),
+        ("linear in oscillation", 1.0, 0.1, "biased"),
+        ("walk with an oscillation", 0.5, 0.15, "random walk"),
+    ],
+)
+@pytest.mark.parametrize("seed", range(4))
+def test_growth_of_known_signals(kind, p, tolerance, verdict, seed):
+    growth, said = judged(signal(kind, seed))
+    assert growth.p == pytest.approx(p, abs=tolerance)
+    assert growth.low <= growth.p <= growth.high
+    assert said == verdict
+
+
+@pytest.mark.parametrize("kind", ["oscillation", "walk", "linear"])
+def test_growth_from_log_spaced_samples_is_the_same(kind):
+    """Experiments store some hundred log-spaced samples, not every step."""
+    keep = np.unique(np.geomspace(1, len(T), 400).astype(int)) - 1
+    E = signal(kind)
+    sparse = metrics.growth_exponent(T[keep], E[:, keep])
+    # a block of a dozen samples of an oscillation gives its RMS to some per cent; over ln(100) that is ±0.02
+    assert sparse.p == pytest.approx(metrics.growth_exponent(T, E).p, abs=0.06)
+
+
+def test_growth_interval_covers():
+    """Nominal 95 %; the bootstrap of 16 states may fall a little short of it, but not of 88 %."""
+    t = np.unique(np.geomspace(1, 10_000, 200).astype(int)).astype(float)
+    hits = 0
+    for seed in range(200):
+        steps = np.random.default_rng(seed).standard_normal((STATES, len(t))) * np.sqrt(np.diff(t, prepend=0))
+        growth = metrics.growth_exponent(t, np.cumsum(steps, axis=1), resamples=400)
+        hits += growth.low <= 0.5 <= growth.high
+    assert 0.88 * 200 <= hits < 200  # an interval that never misses is too long
+
+
+def test_growth_is_deterministic_and_ignores_sign_and_scale():
+    E = signal("walk")
+    growth = metrics.growth_exponent(T, E)
+    assert growth == metrics.growth_exponent(T, E)
+    assert metrics.growth_exponent(T, np.abs(E)) == growth
+    assert metrics.growth_exponent(T, 2.0**20 * E) == pytest.approx(growth)
+
+
+def test_growth_of_nothing():
+    assert np.isnan(metrics.growth_exponent(T, np.zeros((STATES, len(T)))).p)
+    assert np.isnan(metrics.growth_exponent(T, signal("noise") * 1e-3).p)  # below the floor
+    assert np.isnan(metrics.growth_exponent(T, np.where(T > 100, np.nan, signal("walk"))).p)
+    alone = metrics.growth_exponent(T, signal("linear")[0])
+    assert alone.p == pytest.approx(1, abs=0.01)
+    assert np.isnan(alone.low)
+    with pytest.raises(ValueError, match="growing"):
+        metrics.growth_exponent(T[::-1], signal("walk"))
+
+
+@pytest.mark.parametrize(
+    ("growth", "max_error", "said"),
+    [
+        ((np.nan, np.nan, np.nan), 0.0, "exact"),
+        ((0.5, 0.4, 0.6), 2.0**-52, "round-off"),
+        ((0.0, -0.1, 0.1), np.nan, "failed"),
+        ((0.0, -0.1, 0.1), 1e-3, "bounded"),
+        ((0.0, -0.1, 0.6), 1e-3, "undecided"),
+        ((0.5, 0.3, 0.7), 1e-3, "random walk"),
+        ((0.5, 0.3, 1.1), 1e-3, "undecided"),
+        ((1.0, 0.9, 1.1), 1e-3, "biased"),
+        ((0.8, 0.4, 1.2), 1e-3, "undecided"),
+        ((0.5, np.nan, np.nan), 1e-3, "undecided"),
+    ],
+)
+def test_verdict(growth, max_error, said):
+    assert metrics.verdict(*growth, max_error) == said
+
+
+def test_a_line_through_the_raw_error_misranks():
+    """Why growth_exponent exists: a least-squares line finds ten times more slope in a walk than in this drift."""
+    walk, linear = signal("walk"), 2.0**-52 * 0.01 * np.tile(T, (STATES, 1))
+    assert np.max(np.abs(walk)) > 10 * np.max(linear)
+    slopes = [np.mean(np.abs(np.polyfit(T, E.T, 1)[0])) for E in (walk, linear)]
+    assert slopes[0] > slopes[1]
+    assert metrics.growth_exponent(T, walk).p < 0.75 < metrics.growth_exponent(T, linear).p
+
+
+def test_block_maxima():
+    e = np.stack((1 / T, -T, np.cos(7 * T)))
+    ends, maxima = metrics.block_maxima(np.concatenate(((0.0,), T)), np.pad(e, ((0, 0), (1, 0)), constant_values=9), 20)
+    assert maxima.shape == (3, len(ends))
+    assert len(ends) <= 20
+    assert ends[-1] == T[-1]
+    assert np.array_equal(maxima[1], ends)  # growing: the maximum of a block is at its end
+    assert maxima[0, 0] == 1 / T[0]  # falling: at its start; the 9 at t = 0 is in no block
+    assert np.max(maxima) < 1e4
+    assert np.all(np.diff(maxima[0]) < 0)
+    assert np.isnan(metrics.block_maxima(T, np.where(T[5] == T, np.nan, T))[1]).sum() == 1
+
+
+def test_drift_and_ulps():
+    scales = np.array((1.5, 2.0, 1.0, 4.0))
+    start = np.array((1.0, -2.0, 1.0, 0.0))
+    invariants = start + np.array([[0.0], [2.0], [-4.0]]) * np.spacing(scales)
+    assert np.array_equal(metrics.ulps(invariants, scales), np.outer((0, 2, -4), np.ones(4)))
+    assert np.array_equal(metrics.relative_drift(invariants, scales) * scales, invariants - start)
+
+
+def test_scaled_error_takes_the_worse_half():
+    top, y0 = LagrangeTop(1.0), TOPS["fast"].state
+    rate, size, _ = top.scales(y0)
+    y = y0 + np.array(((rate, 0, 0, 0, 0, 0), (0, 0, 0, 0, 3 * size, 4 * size), (0, 0, 0, 0, 0, 0)))
+    assert metrics.scaled_error(top, y0, y, y0) == pytest.approx([1, 5, 0])
+    at_rest = np.array((0.0, 0, 0, 0, 0, 1))
+    moved = np.array((at_rest, at_rest))
+    moved[0, 0] = 1e-9
+    assert np.array_equal(metrics.scaled_error(LagrangeTop(0.0), at_rest, moved, at_rest), (np.inf, 0))
+
+
+def test_pareto_front():
+    cost = np.array([1, 2, 3, 2, 4, np.nan, 0.5, 5])
+    error = np.array([9, 4, 5, 4, 1, 0, np.inf, 1])
+    front = metrics.pareto_front(cost, error)
+    assert front.tolist() == [0, 1, 4]
+    for i in front:  # nobody is at least as good in both and better in one
+        assert not np.any((cost <= cost[i]) & (error <= error[i]) & ((cost < cost[i]) | (error < error[i])))
+    assert metrics.pareto_front([], []).size == 0
+
+
+# ---------------------------------------------------------------- phase
+
+
+def rotated(y, angle):
+    c, s = np.cos(angle), np.sin(angle)
+    R = np.array(((c, -s, 0), (s, c, 0), (0, 0, 1)))
+    return np.concatenate((R @ y[:3], R @ y[3:]))
+
+
+def flowed(top, y, t):
+    """The exact flow over a short time, by Runge-Kutta steps (error t^5/1e4 or so)."""
+    for _ in range(4):
+        h = t / 4
+        k1 = top.rhs(y)
+        k2 = top.rhs(y + h / 2 * k1)
+        k3 = top.rhs(y + h / 2 * k2)
+        y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + top.rhs(y + h * k3))
+    return y
+
+
+TORUS = ["figure1", "figure2", "generic", "fast", "slow", "near_regular", "near_separatrix", "inverted"]
+
+
+@pytest.mark.parametrize("name", TORUS)
+def test_phase_split_recovers_shifts(name):
+    top, y = TOPS[name].top, TOPS[name].state
+    unit = top.scales(y)[2]
+    size = 1e-6 if name == "near_regular" else 1e-4  # well below the amplitude of the nutation, there 1e-3
+    dt, angle = size * unit, -2 * size
+    split = metrics.phase_split(top, y, rotated(flowed(top, y, dt), angle) - y)
+    assert split["rank"] == 6
+    # what is left out is cubic, and magnified by the condition number of the basis; that of second order would be 1e-4
+    assert split["time"][0] == pytest.approx(dt, rel=1e-6)
+    assert split["angle"][0] == pytest.approx(angle, rel=1e-6)
+    # the shifted state is on the same torus: its invariants differ by (∇F·∇F)·coefficients = 0
+    coefficients = np.array([split[name][0] for name in ("H", "J3", "C1", "C2")])
+    G = top.gradients(y)
+    assert np.abs(G @ G.T @ coefficients / top.invariant_scales(y)).max() < 10 * size**2
+
+
+def test_phase_split_is_linear_complete_and_vectorised():
+    top = LagrangeTop(1.0)
+    rng = np.random.default_rng(1)
+    y, e = rng.standard_normal((50, 6)), 1e-6 * rng.standard_normal((50, 6))
+    split = metrics.phase_split(top, y, e)
+    for i in range(50):
+        middle = y[i] + e[i] / 2
+        flows = np.stack((top.rhs(middle), top.poisson(middle) @ top.gradients(middle)[1]))
+        basis = np.concatenate((flows, top.gradients(middle)))
+        c = np.array([split[name][i] for name in ("time", "angle", "H", "J3", "C1", "C2")])
+        assert c @ basis == pytest.approx(e[i], abs=1e-15 * np.linalg.cond(basis))
+    drift = metrics.phase_split(top, y[0], 1e-9 * top.gradients(y[0])[2])  # pure drift is no phase
+    assert abs(drift["time"][0]) < 1e-20
+    assert drift["C1"][0] == pytest.approx(1e-9)
+
+
+@pytest.mark.parametrize(("name", "rank"), [("regular", 4), ("sleeping_stable", 2), ("hanging", 2)])
+def test_phase_split_says_when_it_is_ambiguous(name, rank):
+    top, y = TOPS[name].top, TOPS[name].state
+    split = metrics.phase_split(top, y, rotated(y, 1e-6) - y)
+    assert split["rank"][0] <= rank
+    assert all(np.isfinite(value).all() for value in split.values())
+
+
+@pytest.mark.parametrize("t", [np.linspace(0, 1000, 2001), np.geomspace(0.1, 1000, 300)])
+def test_frequency_shift(t):
+    shift = metrics.frequency_shift(t, 3e-6 * t + 1e-4 * (1 - np.cos(t)))
+    assert shift.slope == pytest.approx(3e-6, abs=1e-4 / 1000)  # one amplitude over the run
+    assert shift.residual == pytest.approx(1e-4 * (1 - np.cos(t)), abs=1e-4)
+    assert shift.linear_size == pytest.approx(3e-3, rel=0.05)
+    assert 1.8e-4 < shift.residual_size < 3.1e-4
+    quadratic = metrics.frequency_shift(t, 1e-9 * t**2)  # no constant shift: much is left
+    assert quadratic.residual_size > 0.1 * quadratic.linear_size
+
+
+def test_frequency_shift_skips_what_is_not_finite():
+    t = np.linspace(0, 10, 50)
+    dphi = 2 * t
+    dphi[7] = np.nan
+    assert metrics.frequency_shift(t, dphi).slope == pytest.approx(2)
+    assert np.isnan(metrics.frequency_shift(t, np.full(50, np.nan)).slope)
+
+
+# ---------------------------------------------------------------- order
+
+
+@pytest.mark.parametrize("p", [1, 2, 4, 5, 8])
+def test_order_between_round_off_and_saturation(p):
+    h = 2.0 ** -np.arange(16)
+    rng = np.random.default_rng(p)
+    error = np.minimum(3.0, 2 * h**p * (1 + 0.5 * h)) + 1e-14 * rng.uniform(0.5, 2, 16) / h
+    fit = metrics.order(h, error)
+    assert fit.p == pytest.approx(p, abs=0.15)
+    assert fit.mask.sum() >= 3
+    assert np.all(error[fit.mask] < 0.1)
+    shuffled = rng.permutation(16)
+    again = metrics.order(-h[shuffled], error[shuffled])  # any order, any sign of h
+    assert again.p == pytest.approx(fit.p)
+    assert np.array_equal(again.mask, fit.mask[shuffled])
+    if p > 2:  # the control: where there is a plateau, a fit without a mask misses the order
+        assert abs(np.polyfit(np.log(h), np.log(error), 1)[0] - p) > 0.3
+
+
+def test_order_of_no_power_law():
+    h = 2.0 ** -np.arange(8)
+    rng = np.random.default_rng(0)
+    assert np.isnan(metrics.order(h, np.full(8, 1e-3)).p)
+    assert np.isnan(metrics.order(h, 1e-15 * rng.uniform(0.5, 2, 8), floor=1e-15).p)
+    assert np.isnan(metrics.order(h[:2], h[:2] ** 2 / 20).p)  # two points are no fit
+    assert np.isnan(metrics.order(h, np.full(8, np.nan)).p)
+    assert np.isnan(metrics.order(h, np.zeros(8)).p)
+    assert metrics.order(h, h**2 / 20, floor=1e-4).mask.sum() == 3
+
+
+# ---------------------------------------------------------------- structure
+
+
+def splitting_step(top, h):
+    """Rotation by J, then the kick by the weight: two exact Poisson flows."""
+
+    def step(y):
+        J, x = y[:3], y[3:]
+        angle = h * np.linalg.norm(J)
+        axis = J / np.linalg.norm(J)
+        x = np.cos(angle) * x + np.sin(angle) * np.cross(axis, x) + (1 - np.cos(angle)) * axis * (axis @ x)
+        return np.concatenate((J + h * top.alpha * np.array((-x[1], x[0], 0)), x))
+
+    return step
+
+
+@pytest.mark.parametrize("name", ["figure1", "generic", "fast", "slow"])
+def test_poisson_defect_tells_maps_apart(name):
+    top, y = TOPS[name].top, TOPS[name].state
+    h = 0.1 * top.scales(y)[2]
+    split = metrics.poisson_defect(splitting_step(top, h), top, y)
+    assert split.defect < 1e-11
+    euler = metrics.poisson_defect(lambda y: y + h * top.rhs(y), top, y)
+    assert euler.error < 1e-11
+    assert euler.defect > 1e-4
+    # a defect of 1e-8 in one component is seen: the test would notice a slightly wrong map
+    bent = metrics.poisson_defect(lambda y: splitting_step(top, h)(y) * (1, 1, 1 + 1e-8, 1, 1, 1), top, y)
+    assert 1e-10 < bent.defect < 1e-7
+
+
+# ---------------------------------------------------------------- condition
+
+
+def test_the_condition_of_a_known_motion():
+    """The weightless top turns: a change stays what it is, but for one of J along J, which turns x by itself times t."""
+    top, y0 = LagrangeTop(0.0), np.array([0.0, 0.0, 2.0, 1.0, 0.0, 0.0])
+    t = np.array([0.0, 1.0, 10.0, 100.0])
+    found = metrics.condition(top, y0, t)
+    assert found[0] == pytest.approx(1.0, rel=1e-3)
+    assert found[-1] == pytest.approx(200.0, rel=2e-2)  # in scaled units: time · |J|
+    assert np.all(np.diff(found) > 0)
+
+
+def test_the_condition_grows_exponentially_next_to_the_unstable_top():
+    named = TOPS["homoclinic"]
+    found = metrics.condition(named.top, named.state, np.array([0.0, 5.0, 10.0]))
+    assert found[0] == pytest.approx(1.0, rel=1e-3)
+    assert found[2] > 30 * found[1] / 2 > 30

@@ -1,0 +1,31 @@
+"""Every erratum on record: visibly wrong as printed, right to round-off as corrected, at 8 random points each."""
+
+import importlib
+import pkgutil
+from random import Random
+
+import pytest
+
+from integrators import integrable
+from integrators.paper.errata import Erratum, errata
+
+RECORDS = errata()
+
+
+@pytest.mark.parametrize("record", RECORDS, ids=[f"{e.section}: {e.equation}" for e in RECORDS])
+def test_printed_is_wrong_and_corrected_is_right(record):
+    assert isinstance(record, Erratum)
+    for seed in range(8):
+        assert record.printed(Random(seed)) > 1e-6
+        assert record.corrected(Random(seed)) <= 1e-12
+
+
+def test_no_erratum_is_listed_twice():
+    keys = [(e.section, e.equation, e.printed_text) for e in RECORDS]
+    assert len(set(keys)) == len(keys)
+
+
+def test_every_record_is_gathered():
+    for module in pkgutil.iter_modules(integrable.__path__):
+        for record in getattr(importlib.import_module(f"integrators.paper.{module.name}"), "ERRATA", []):
+            assert record in RECORDS

@@ -1,0 +1,242 @@
+"""The Bäcklund map as it is sold: exact in time at any step, invariants at round-off for ever, any λ, any scale."""
+
+import math
+import random
+
+import numpy as np
+import pytest
+
+from experiments import drift
+from experiments.measuring import metrics
+from experiments.measuring.states import WIDE, find
+from integrators import (
+    TOPS,
+    LagrangeTop,
+    StepError,
+    integrate,
+    prepare,
+    two_point,
+)
+from integrators.compiling.compiled import jit
+from integrators.compiling.loops import FixedStepper
+from integrators.problem.units import Units
+from integrators.torus import real_map
+from integrators.torus import time_step as ts
+from integrators.truth import exact
+
+STEPS = 2000
+TIMES = (0.03, 0.1, 0.5, 2.0, 5.0, 11.0)  # steps, in units of 1/(|J| + √(|alpha||x|))
+
+
+def complementary_modulus(top, y):
+    """k'² = (e1 − e2)/(e1 − e3)."""
+    z1, z2, z3 = (z[0] for z in ts.nutation_roots(top.alpha, tuple(y)))
+    return (z1 - z2) / (z1 - z3) if z1 > z3 else 1.0
+
+
+def bound(top, y, t):
+    """A simple bound that stays far above: (1e-13 + 1e-15 t) max(1, 1e-3/k'²), t in units of 1/(|J| + √(|alpha||x|))."""
+    close = complementary_modulus(top, y)
+    return (1e-13 + 1e-15 * abs(t)) * max(1.0, 1e-3 / close if close > 0 else math.inf)
+
+
+def worst_excess(top, y0, h):
+    """Largest error / bound over 2000 real steps, at twenty places."""
+    rate = top.scales(y0)[0]
+    tr = integrate(top, y0, h / rate, STEPS, every=STEPS // 20)
+    error = metrics.scaled_error(top, y0, tr.y, exact.solution(top, y0, tr.t))
+    return max(e / bound(top, y0, t * rate) for e, t in zip(error, tr.t, strict=True))
+
+
+@pytest.mark.parametrize("name", [name for name in TOPS if name != "homoclinic"])
+@pytest.mark.parametrize("h", [*TIMES, -0.7])
+def test_named_tops_follow_the_exact_solution(name, h):
+    assert worst_excess(TOPS[name].top, TOPS[name].state, h) <= 1
+
+
+@pytest.mark.parametrize("h", TIMES)
+def test_random_tops_follow_the_exact_solution(h):
+    draw = random.Random(round(h * 100))
+    for _ in range(40):
+        top = LagrangeTop(draw.gauss(0, 2))
+        y0 = np.array([draw.gauss(0, 2) for _ in range(3)] + [draw.gauss(0, 1) for _ in range(3)])
+        assert worst_excess(top, y0, h) <= 1
+
+
+@pytest.mark.parametrize("h", [0.03, 0.1, 0.5, 2.0, 5.0])
+def test_homoclinic_to_t_20(h):
+    """On the homoclinic orbit a perturbation grows like e^{κt}, κ² = alpha |x| − J3²/4 (here κ = 1): so may ε."""
+    named = TOPS["homoclinic"]
+    rate = named.top.scales(named.state)[0]
+    tr = integrate(named.top, named.state, h / rate, int(20 / h), every=1)
+    error = metrics.scaled_error(named.top, named.state, tr.y, exact.solution(named.top, named.state, tr.t))
+    assert np.all(error <= (1e-13 + 1e-15 * tr.t * rate) * np.exp(tr.t))
+
+
+@pytest.mark.parametrize("name", TOPS)
+def test_invariants_after_ten_million_steps(name):
+    """16 ulps of the scale of each; measured 1–2. J3 is never touched."""
+    named = TOPS[name]
+    for h in (0.1, 2.0):
+        stepper = prepare(named.top, named.state, h / named.top.scales(named.state)[0])
+        y = stepper.advance(named.state, 10**7)
+        drift = metrics.ulps(named.top.invariants(np.array([named.state, y])), named.top.invariant_scales(named.state))[
+            1
+        ]
+        assert np.all(np.abs(drift) <= 16)
+        assert y[2] == named.state[2]
+
+
+def test_without_pins_the_invariants_drift():
+    """Negative control for the test above: the rounded constants push the same way at every step."""
+    named = TOPS["generic"]
+    y = prepare(named.top, named.state, 1.0, pin=0).advance(named.state, 10**6)
+    drift = metrics.ulps(named.top.invariants(np.array([named.state, y])), named.top.invariant_scales(named.state))
+    assert np.max(np.abs(drift)) > 16
+
+
+@jit
+def turned_in_the_loop(s, c, tally):
+    """`real_map.step`, then the turn about e3 by a rounded cosine and sine, the last two constants."""
+    J1, J2, J3, x1, x2, x3 = real_map.step(s, c, tally)
+    a, b = c[-2], c[-1]
+    return a * J1 - b * J2, b * J1 + a * J2, J3, a * x1 - b * x2, b * x1 + a * x2, x3
+
+
+@pytest.mark.parametrize("fraction", drift.FRACTIONS)
+def test_long_steps_do_not_drift_unpinned(fraction):
+    """A million steps of half a nutation and more, on tops of every kind, in ten pieces; measured: up to 1.2e-12."""
+    for name in WIDE[:24]:
+        top, y0 = find(name)
+        stepper = prepare(top, y0, fraction * exact.nutation_period(top, y0), "backlund_unpinned")
+        y = y0
+        for _ in range(10):
+            y = stepper.advance(y, 10**5)
+        error = metrics.relative_drift(top.invariants(np.array([y0, y])), top.invariant_scales(y0))
+        assert np.max(np.abs(error)) < 3e-12
+
+
+def test_a_turn_in_the_loop_would_drift():
+    """Negative control for the test above."""
+    top, y0 = find("generic")
+    stepper = prepare(top, y0, 1.3 * exact.nutation_period(top, y0), "backlund_unpinned")
+    (cos, _), (sin, _) = stepper.turn
+    bad = FixedStepper("bad", stepper.h, np.append(stepper.constants, (cos, sin)), turned_in_the_loop)
+    y = y0 * stepper.units.factors
+    once, reference = bad.advance(y, 10) / stepper.units.factors, stepper.advance(y0, 10)
+    assert np.max(np.abs(once - reference)) < 1e-14  # the same map
+    error = metrics.relative_drift(top.invariants(np.array([y, bad.advance(y, 10**6)])), top.invariant_scales(y))
+    assert np.max(np.abs(error)) > 1e-11
+
+
+@pytest.mark.parametrize("name", ["generic", "figure1", "near_separatrix", "weightless", "planar_rotation"])
+def test_jumps_are_the_exact_solution(name):
+    named = TOPS[name]
+    t = np.array([0.0, 1e-9, 0.3, -2.0, 17.0, 1e4, -1e6])
+    y = integrate(named.top, named.state, t=t).y
+    assert np.array_equal(y[0], named.state)
+    error = metrics.scaled_error(named.top, named.state, y, exact.solution(named.top, named.state, t))
+    assert np.all(error <= 8e-15)
+
+
+def test_an_inverse_step_undoes_a_step():
+    named = TOPS["generic"]
+    for h in (0.1, 3.0):
+        there = prepare(named.top, named.state, h).advance(named.state, 1000)
+        back = prepare(named.top, named.state, -h).advance(there, 1000)
+        assert np.max(np.abs(back - named.state)) < 1e-13
+
+
+@pytest.mark.parametrize("lam", [0.02j, 0.3 + 0.4j, -2 + 1j, 500 + 5000j, -40 + 0.01j, 1e-9j, 1e7 + 1e6j])
+@pytest.mark.parametrize("name", ["generic", "figure2", "inverted", "sleeping_unstable"])
+def test_any_lambda_conserves_and_is_undone_by_the_other_sheet(lam, name):
+    named = TOPS[name]
+    y = two_point(named.top, named.state, lam)
+    scales = named.top.invariant_scales(named.state)
+    assert np.max(np.abs(named.top.invariants(y) - named.top.invariants(named.state)) / scales) < 4e-14
+    back = two_point(named.top, y, lam, sheet=-1)
+    assert np.max(np.abs(back - named.state)) < 4e-14
+
+
+def test_two_maps_commute():
+    top, y = TOPS["generic"].top, TOPS["generic"].state
+    one = two_point(top, two_point(top, y, 0.3 + 0.4j), -0.2 + 0.7j)
+    other = two_point(top, two_point(top, y, -0.2 + 0.7j), 0.3 + 0.4j)
+    assert np.max(np.abs(one - other)) < 4e-15
+
+
+def test_the_map_is_poisson_with_lambda_fixed_and_mu_from_the_curve():
+    top, y = TOPS["generic"].top, TOPS["generic"].state
+    for lam in (0.3 + 0.4j, 0.05j):
+        defect = metrics.poisson_defect(lambda z, lam=lam: two_point(top, z, lam), top, y)
+        assert defect.defect < 1e-10
+
+
+def test_freezing_mu_is_not_poisson():
+    """The trap: with m taken from one torus and used on its neighbours the map is not Poisson."""
+    top, y = TOPS["generic"].top, TOPS["generic"].state
+    c = prepare(top, y, 1.0, lam=0.3 + 0.4j, pin=0).constants
+    tally = np.zeros(5)
+    units = Units(top, y, 1.0)
+
+    def frozen(z):
+        return units.leave(np.array(real_map.step(tuple(units.enter(z)), c, tally)))
+
+    assert metrics.poisson_defect(frozen, top, y).defect > 1e-3
+
+
+@pytest.mark.parametrize("name", ["generic", "figure1", "fast", "through_pole"])
+def test_the_papers_program_is_the_same_map(name):
+    """Complex, with divisions, against real and pole-free: the same states up to what the divisions lose."""
+    named = TOPS[name]
+    unit = named.top.scales(named.state)[2]
+    for h in (0.1, -0.1, 0.5):
+        real = prepare(named.top, named.state, h * unit, "backlund_paper").advance(named.state, 100)
+        textbook = prepare(named.top, named.state, h * unit, "backlund_textbook").advance(named.state, 100)
+        assert metrics.scaled_error(named.top, named.state, textbook, real) < 1e-10
+
+
+def test_papers_figures():
+    """What the program loses there: seven digits of |x|² on Figure 2; the real form keeps all of them."""
+    for name, lam, steps, lost in (("figure1", 0.02j, 1000, 0), ("figure2", 500 + 5000j, 4000, 1e-7)):
+        named = TOPS[name]
+        scales = named.top.invariant_scales(named.state)
+        for method in ("backlund", "backlund_textbook"):
+            y = prepare(named.top, named.state, 1.0, method, lam=lam).record(named.state, steps, 1)
+            drift = np.max(np.abs(metrics.relative_drift(named.top.invariants(y), scales)))
+            assert drift < 1e-11 if method == "backlund" or not lost else drift > lost
+
+
+def test_a_state_off_the_torus_is_refused():
+    named = TOPS["generic"]
+    stepper = prepare(named.top, named.state, 0.1)
+    with pytest.raises(StepError, match="torus"):
+        stepper.advance(named.state * (1 + 1e-9), 1)
+
+
+def test_changing_units_by_powers_of_two_changes_nothing():
+    """x → 2^a x, J → 2^b J, alpha and h to match: the same bits, from 1e-120 to 1e120."""
+    named = TOPS["generic"]
+    home = prepare(named.top, named.state, 0.1).advance(named.state, 100)
+    for a, b in ((1, 1), (-400, 3), (400, -200), (300, 400), (-300, -400)):
+        scale = np.ldexp(1.0, [b, b, b, a, a, a])
+        top = LagrangeTop(math.ldexp(1.0, 2 * b - a))
+        y = prepare(top, named.state * scale, math.ldexp(0.1, -b)).advance(named.state * scale, 100)
+        assert np.array_equal(y, home * scale)
+
+
+@pytest.mark.parametrize("h", [1e-300, 1e-30, 1e-12, 1e10, -1e13])
+def test_extreme_steps(h):
+    named = TOPS["generic"]
+    y = prepare(named.top, named.state, h).advance(named.state, 3)
+    jump = integrate(named.top, named.state, t=[3 * h]).y[0]
+    assert np.max(np.abs(y - jump)) < 1e-14 + 1e-15 * min(abs(h), 1e3) + 1e-16 * abs(h)
+
+
+@pytest.mark.parametrize("lam", [1.0, -1j, complex(1, 0), complex("nan"), complex(0, math.inf), "x"])
+def test_lambda_outside_the_upper_half_plane(lam):
+    named = TOPS["generic"]
+    with pytest.raises(ValueError, match="lam"):
+        two_point(named.top, named.state, lam)
+    with pytest.raises(ValueError, match="lam"):
+        prepare(named.top, named.state, 1.0, lam=lam)

@@ -1,0 +1,323 @@
+"""The other exact ways: the addition theorem's rational map, and theta functions at any time."""
+
+import ast
+import math
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpmath import mp
+from scipy import special
+
+from experiments.measuring import metrics
+from integrators import (
+    METHODS,
+    TOPS,
+    LagrangeTop,
+    StepError,
+    integrate,
+    prepare,
+)
+from integrators.compiling.double_double import add, div, mul, sub
+from integrators.compiling.loops import SIZE
+from integrators.methods import addition_theorem as at
+from integrators.methods import theta_functions as th
+from integrators.torus import time_step as ts
+from integrators.truth import exact
+
+GENERIC = TOPS["generic"]
+UNSTABLE = ("sleeping_unstable", "near_separatrix", "homoclinic")
+
+
+def random_tops(count, seed):
+    draw = random.Random(seed)
+    for _ in range(count):
+        top = LagrangeTop(draw.gauss(0, 2))
+        yield top, np.array([draw.gauss(0, 2) for _ in range(3)] + [draw.gauss(0, 1) for _ in range(3)])
+
+
+def errors(top, y0, times, states):
+    return metrics.scaled_error(top, y0, states, exact.solution(top, y0, times))
+
+
+# ---------------------------------------------------------------- addition theorem
+
+
+@pytest.mark.parametrize("h", [0.03, 0.1, 0.5, 2.0, 5.0, 11.0, -0.7, 300.0])
+def test_map_follows_the_exact_solution(h):
+    """The promise of the exact Bäcklund step, over 1000 steps; named tops, and random ones. Beyond T/2 by whole periods."""
+    tops = [(t.top, t.state) for name, t in TOPS.items() if name not in UNSTABLE]
+    for top, y0 in (*tops, *random_tops(10, 3)):
+        rate = top.scales(y0)[0]
+        run = integrate(top, y0, h / rate, 1000, "addition_theorem", every=100)
+        assert np.all(errors(top, y0, run.t, run.y) <= 1e-13 + 2e-15 * np.abs(run.t) * rate)
+
+
+@pytest.mark.parametrize("name", TOPS)
+def test_map_keeps_the_invariants(name):
+    """16 ulps after 200 000 steps, short and long ones; where h is too long, it says so."""
+    named = TOPS[name]
+    scales = named.top.invariant_scales(named.state)
+    for h in (0.1, 0.9, 3.0):
+        y = prepare(named.top, named.state, h / named.top.scales(named.state)[0], "addition_theorem").advance(
+            named.state, 200_000
+        )
+        drift = metrics.ulps(named.top.invariants(np.array([named.state, y])), scales)[1]
+        assert np.all(np.abs(drift) <= 16)
+        assert y[2] == named.state[2]
+
+
+def test_map_without_pins_leaves_the_torus():
+    """Negative control: exponentially, here a hundredfold every hundred steps."""
+    y = prepare(GENERIC.top, GENERIC.state, 0.4, "addition_theorem", pin=0).record(GENERIC.state, 400, 100)
+    drift = np.abs(GENERIC.top.invariants(y) - GENERIC.top.invariants(GENERIC.state))[1:, 2]
+    assert np.all(drift[1:] > 10 * drift[:-1])
+    assert drift[-1] > 1e-10
+
+
+def test_map_is_the_transfer_matrix_of_lames_equation():
+    """p'² = 4p − 2Hp² + G1 p³ + G0 p⁴ and the Wronskian of two shifted solutions, to 28 digits, after many doublings."""
+    for top, y0 in ((GENERIC.top, GENERIC.state), (TOPS["figure2"].top, 0.1 * TOPS["figure2"].state)):
+        torus = at.cubic(top.alpha, tuple(y0))
+        H, m, _, _, _, _, G1, G0 = torus
+        for h in (1e-3, 0.3, 1.2):
+            p, dp, f, df, turn = at.functions(torus, (h, 0.0))
+            off = sub(mul(dp, dp), mul(p, at.bracket(p, H, G1, G0)))
+            assert abs(off[0]) < 1e-28 * dp[0] ** 2
+            norm = add(mul(turn[0], turn[0]), mul(turn[1], turn[1]))
+            assert abs(norm[0] - 1 + norm[1]) < 1e-28
+            # det M = 1 at any t; here t = h, where Y(t) = Y(h) and μ is the limit Y''/(2Y')
+            Y = div((1.0, 0.0), p)[0]
+            mu = -(3 - H[0] * p[0] + G1[0] * p[0] ** 2 / 4) / dp[0]
+            Y2 = 1 / at.functions(torus, (2 * h, 0.0))[0][0]
+            c1, c0, shift = -f[0] / 3, df[0] / 3, m[0] ** 2 / 4
+            M11, M22 = (-c1 * (Y - shift + end) - c0 * mu for end in (Y, Y2))
+            dY = -dp[0] / p[0] ** 2
+            M21 = c0 * (Y + Y2 - shift) + c1 * (mu * (2 * Y - shift) - dY)
+            assert abs(M11 * M22 - (c0 + c1 * mu) * M21 - 1) < 1e-12
+
+
+def test_functions_of_the_map_without_gravity():
+    """alpha = 0: p = sin²(κh)/κ², κ² = H/2; 28 digits."""
+    torus = at.cubic(0.0, tuple(GENERIC.state))
+    with mp.workdps(40):
+        H = sum(mp.mpf(float(v)) ** 2 for v in GENERIC.state[:3]) / 2
+        for h in (0.01, 0.7, 2.0):
+            p = at.functions(torus, (h, 0.0))[0]
+            truth = mp.sin(mp.sqrt(H / 2) * h) ** 2 / (H / 2)
+            assert abs(mp.mpf(p[0]) + mp.mpf(p[1]) - truth) < mp.mpf(10) ** -28 * truth
+
+
+def test_a_wrong_constant_is_seen():
+    """Negative control of the comparison with the exact solution: each constant of the kernel off by 1e-9."""
+    h = 0.4
+    stepper = prepare(GENERIC.top, GENERIC.state, h, "addition_theorem", pin=0)
+    state, truth = stepper.enter(GENERIC.state), exact.solution(GENERIC.top, GENERIC.state, [20 * h])[0]
+    for place in range(at.HALF_N, at.L + 2):
+        c = stepper.constants.copy()
+        c[place] += 1e-9
+        s = tuple(state)
+        for _ in range(20):
+            s = at.step(s, c, np.zeros(SIZE))
+        error = metrics.scaled_error(GENERIC.top, GENERIC.state, stepper.leave(np.array(s)), truth)
+        assert error > 1e-11, place
+    assert metrics.scaled_error(GENERIC.top, GENERIC.state, stepper.advance(GENERIC.state, 20), truth) < 1e-14
+
+
+@pytest.mark.parametrize("kick", [1e-2, 1e-6, 1e-12, 0.0])
+def test_map_refuses_what_it_cannot_do(kick):
+    """Steps so long that, next to the separatrix, its denominator vanishes; what it does accept is right."""
+    top, y0 = LagrangeTop(1.0), np.array((2.0 + kick, 0.0, 1.0, 1.0, 0.0, -0.75))
+    refused = 0
+    for h in np.linspace(1.0, 12.0, 12):
+        try:
+            y = prepare(top, y0, h, "addition_theorem").advance(y0, 1)
+        except StepError:
+            refused += 1
+            continue
+        assert errors(top, y0, [h], y[None])[0] < 1e-10
+    assert kick > 1e-3 or refused >= 5
+    if refused:
+        with pytest.raises(StepError, match="separatrix"):
+            prepare(top, y0, 7.0, "addition_theorem")
+
+
+def test_map_refuses_a_state_off_its_torus():
+    stepper = prepare(GENERIC.top, GENERIC.state, 0.1, "addition_theorem")
+    with pytest.raises(StepError, match="torus"):
+        stepper.advance(GENERIC.state * (1 + 1e-9), 1)
+
+
+# ---------------------------------------------------------------- theta functions
+
+LATE = np.array([1e-3, 0.5, -3.0, 7.0, 1e2, 1e4, -1e6])
+
+
+def worst(top, y0):
+    times = LATE * 2 / top.scales(y0)[0]
+    run = integrate(top, y0, t=times, method="theta_functions")
+    return np.max(errors(top, y0, times, run.y))
+
+
+@pytest.mark.parametrize("name", TOPS)
+def test_theta_functions_at_any_time(name):
+    """On the separatrix too; 4e-15 is the bound of the truth itself, up to t = 10⁶."""
+    assert worst(TOPS[name].top, TOPS[name].state) < 4e-15
+
+
+def test_theta_functions_on_random_tops():
+    assert max(worst(*top) for top in random_tops(60, 1)) < 6e-15
+
+
+@pytest.mark.parametrize("kick", [1e-3, 1e-8, 1e-12, 1e-20, 1e-38, 1e-100])
+def test_theta_functions_next_to_every_special_orbit(kick):
+    """Poles, planar motion, precession, vertical J, the separatrix, and weight from none to all: never a digit lost."""
+    specials = {
+        "sleeping": (1.0, (kick, 0, 1, 0, 0, 1)),
+        "stable": (1.0, (kick, 0, 3, 0, 0, 1)),
+        "marginal": (1.0, (0, 0, 2, kick, 0, 1)),
+        "hanging": (1.0, (kick, 0, 1, 0, 0, -1)),
+        "bottom": (1.0, (1.5, 0.3, 1, 0.1 * kick, kick, -1)),
+        "top": (1.0, (1.5, 0.3, 1, 0.1 * kick, kick, 1)),
+        "planar": (1.0, (1, 0, kick, 0, 0.6, -0.8)),
+        "rotating": (1.0, (2.5, 0, kick, 0, 0.6, -0.8)),
+        "regular": (1.0, (1.5, kick, 2.5, 0.75, 0, 1)),
+        "inside": (1.0, (2 - kick, 0, 1, 1, 0, -0.75)),
+        "outside": (1.0, (2 + kick, 0, 1, 1, 0, -0.75)),
+        "pendulum": (1.0, (2 + kick, 0, 0, 0, 0, -1)),
+        "vertical": (-1.0, (0, kick, 0.5, 0.48, 0.6, 0.64)),
+        "light": (kick, (0.3, -0.4, 1.2, 0.48, 0.6, 0.64)),
+        "heavy": (1 / kick, (0.3, -0.4, 1.2, 0.48, 0.6, 0.64)),
+        "fast": (-1.0, (0.3, -0.4, 1 / kick, 0.48, 0.6, 0.64)),
+    }
+    for name, (alpha, y0) in specials.items():
+        top, y0 = LagrangeTop(alpha), np.array(y0, dtype=float)
+        if kick < th.UPRIGHT and name in ("sleeping", "stable", "marginal", "hanging"):
+            with pytest.raises(StepError, match="off the vertical"):
+                worst(top, y0)
+        else:
+            assert worst(top, y0) < 1e-14, name
+
+
+def test_period_and_precession_are_the_exact_ones():
+    """To the last bit or two of a double; the precession modulo a whole turn."""
+    for top, y0 in ((GENERIC.top, GENERIC.state), *random_tops(20, 9)):
+        units = th.Units(top, y0, 1.0)
+        c = th.found_constants(units, y0, 0.0)
+        period, angle = exact.nutation_period(top, y0), exact.precession_per_nutation(top, y0)
+        assert abs(math.ldexp(c[th.PERIOD], -units.rate) / period - 1) < 4e-16
+        apart = c[th.TURN] - angle / (2 * math.pi)
+        assert abs(apart - round(apart)) < 1e-15
+
+
+@pytest.mark.parametrize("name", ["figure1", "generic"])  # the direct series, and the transformed one
+def test_a_wrong_constant_of_the_closed_form_is_seen(name):
+    """Negative control: each constant off by 1e-9; and the second halves of period and precession, left out, at t = 10⁹."""
+    top, y0 = TOPS[name].top, TOPS[name].state
+    units = th.Units(top, y0, 1.0)
+    right = th.found_constants(units, y0, 0.0)
+    assert right[th.KIND] == (th.DIRECT if name == "figure1" else th.TRANSFORMED)
+
+    def error(place, value, time):
+        c = right.copy()
+        c[place] = value
+        return errors(top, y0, [time], units.leave(th.positions(np.ldexp([time], units.rate), c)))[0]
+
+    for place in (th.PERIOD_LO, th.TURN_LO):
+        assert error(place, right[place], 1e9) < 4e-15
+        assert error(place, 0.0, 1e9) > 1e-10
+    common = (th.TIME_0, th.CLOCK, th.RATE_J, th.RATE_X, th.SIZE_J, th.SIZE_X, th.SIZE_A2, th.SIZE_B2)
+    series = (th.COS_J + 1, th.SIN_J + 1, th.COS_A + 1, th.SIN_A + 1, th.COS_B, th.SIN_B, th.COS_B + 1, th.SIN_B + 1)
+    own = (th.COS_J, th.SIN_J, th.COS_A, th.SIN_A, th.THETA) if name == "figure1" else (th.NOME, th.BARRIER)
+    for place in (*common, *series, *own):
+        assert max(error(place, right[place] + 1e-9, time) for time in (0.3, 2.0)) > 1e-12, place
+
+
+def test_carlsons_integral_is_scipys():
+    draw = np.random.default_rng(2)
+    for x, y, z in 10.0 ** draw.uniform(-12, 12, (100, 3)):
+        assert abs(th.carlson(x, y, z) / special.elliprf(x, y, z) - 1) < 1e-15
+    assert abs(th.carlson(0.0, 1.0, 2.0) / special.elliprf(0.0, 1.0, 2.0) - 1) < 1e-15
+
+
+@pytest.mark.parametrize("k2", [0.5, 0.3, 1e-3, 1e-20])
+def test_nome(k2):
+    with mp.workdps(60):
+        assert abs(th.nome(k2, 1 - k2) / float(mp.qfrom(m=mp.mpf(k2))) - 1) < 2e-15
+
+
+def test_both_series_are_the_same_functions():
+    """Just below and above k² = 1/2: the direct and the transformed series meet there."""
+    kinds = set()
+    for spin in np.linspace(0.5, 3.0, 60):
+        top, y0 = LagrangeTop(1.0), np.array((1.6, 0.2, spin, 0.6, 0.0, -0.8))
+        c = th.found_constants(th.Units(top, y0, 1.0), y0, 0.0)
+        kinds.add(int(c[th.KIND]))
+        assert worst(top, y0) < 6e-15
+    assert kinds == {th.DIRECT, th.TRANSFORMED}
+
+
+def test_a_run_starts_from_the_state_it_is_given():
+    """Also on another torus; and a run is evaluated from its start, not from step to step."""
+    stepper = prepare(GENERIC.top, GENERIC.state, 0.1, "theta_functions")
+    first = stepper.advance(GENERIC.state, 1000)
+    other = np.array((1.0, 0.2, -0.3, 0.0, 0.6, 0.8))
+    truth = exact.after_steps(GENERIC.top, other, 0.1, [1000])[0]
+    assert metrics.scaled_error(GENERIC.top, other, stepper.advance(other, 1000), truth) < 4e-15
+    assert np.array_equal(stepper.advance(GENERIC.state, 1000), first)
+    short = prepare(GENERIC.top, GENERIC.state, 0.125, "theta_functions").advance(GENERIC.state, 800)
+    jump = integrate(GENERIC.top, GENERIC.state, t=[800 * 0.125], method="theta_functions").y[0]
+    assert np.max(np.abs(short - jump)) < 4e-15
+
+
+def test_a_time_beyond_the_phase_of_a_double_is_refused():
+    with pytest.raises(StepError, match="1e15"):
+        integrate(GENERIC.top, GENERIC.state, t=[1e17], method="theta_functions")
+    stepper = prepare(GENERIC.top, GENERIC.state, 1e14, "theta_functions")
+    with pytest.raises(StepError, match=r"step \d: n .* phase"):
+        stepper.advance(GENERIC.state, 10)
+
+
+# ---------------------------------------------------------------- both
+
+
+@pytest.mark.parametrize("module", [at, th])
+def test_they_do_not_lean_on_the_truth(module):
+    imported = set()
+    for node in ast.walk(ast.parse(Path(module.__file__).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            imported |= {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Import):
+            imported |= {alias.name for alias in node.names}
+    assert not any("exact" in name or "orbit" in name or "mpmath" in name for name in imported)
+    assert not any(name.startswith("integrators.torus.time_step.parameter") for name in imported)
+
+
+@pytest.mark.parametrize("name", ["addition_theorem", "theta_functions"])
+def test_changing_units_by_powers_of_two_changes_nothing(name):
+    home = prepare(GENERIC.top, GENERIC.state, 0.1, name).advance(GENERIC.state, 100)
+    for a, b in ((1, 1), (-400, 3), (400, -200), (300, 400), (-300, -400)):
+        scale = np.ldexp(1.0, [b, b, b, a, a, a])
+        top = LagrangeTop(math.ldexp(1.0, 2 * b - a))
+        y = prepare(top, GENERIC.state * scale, math.ldexp(0.1, -b), name).advance(GENERIC.state * scale, 100)
+        assert np.array_equal(y, home * scale)
+
+
+def test_the_period_of_the_map_is_the_period():
+    """A step of one whole period is a rotation about e3, by the precession."""
+    period, angle = (f(GENERIC.top, GENERIC.state) for f in (exact.nutation_period, exact.precession_per_nutation))
+    assert METHODS["addition_theorem"].order is None
+    y = prepare(GENERIC.top, GENERIC.state, period, "addition_theorem").advance(GENERIC.state, 1)
+    turned = complex(*GENERIC.state[3:5]) * complex(math.cos(angle), math.sin(angle))
+    assert np.max(np.abs(y[3:] - (turned.real, turned.imag, GENERIC.state[5]))) < 2e-15
+    assert ts.nutation_period(GENERIC.alpha, tuple(GENERIC.state))[0] == pytest.approx(period, rel=4e-16)
+
+
+@pytest.mark.parametrize("name", ["generic", "figure1", "weightless"])
+def test_theta_functions_are_evaluated_at_the_product_itself(name):
+    """At n·h, which no double need be: at the double next to it they would be off by 1e-11 here."""
+    named, h, n = TOPS[name], 0.7123456789, 10**6
+    y = prepare(named.top, named.state, h, "theta_functions").advance(named.state, n)
+    assert np.max(np.abs(y - exact.after_steps(named.top, named.state, h, [n])[0])) < 1e-14
+    assert np.max(np.abs(y - exact.solution(named.top, named.state, n * h))) > 1e-12  # what the test can see

@@ -1,0 +1,630 @@
+"""The closed-form solution against independent integration, its own properties, and sabotage.
+
+Two integrators that share nothing with it: Taylor series in whole-number arithmetic (below, any precision) and heyoka
+in 128-bit floating point (fast, for many states and long times). Errors are in units of the scales of J and x.
+"""
+
+import ast
+import math
+import os
+import pathlib
+from dataclasses import replace
+from fractions import Fraction
+from operator import mul
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mpmath import mp, mpf
+
+from integrators.problem.top import TOPS, LagrangeTop
+from integrators.truth import exact, orbit
+
+BOUND = 4e-15  # of the scales: what exact.solution promises in doubles, 18 eps
+RANDOM_STATES = int(os.environ.get("EXACT_RANDOM_STATES", "300"))  # 3000 for a sweep of some minutes
+EVALUATION = mp.dps  # the tests leave mpmath's precision alone
+
+NAMED = [pytest.param(t, id=t.name) for t in TOPS.values()]
+NUTATING = [pytest.param(t, id=t.name) for t in TOPS.values() if exact.regime(t.top, t.state) == "elliptic"]
+
+
+def random_top(seed):
+    """A top with alpha of either sign, |x| in 0.3 … 6, J normal with deviation 2."""
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=3)
+    x *= rng.uniform(0.3, 6.0) / np.linalg.norm(x)
+    return LagrangeTop(2 * rng.normal()), np.concatenate((2 * rng.normal(size=3), x))
+
+
+def error(top, y0, y, reference):
+    """Largest error over states (n, 6) or (6,) in units of the scales."""
+    rate, size, _ = top.scales(y0)
+    scales = np.array([mpf(rate or 1.0)] * 3 + [mpf(size)] * 3)
+    with mp.workdps(130):
+        return float(np.max(np.abs(as_mpf(y) - as_mpf(reference)) / scales))
+
+
+def as_mpf(y):
+    return np.vectorize(mpf, otypes=[object])(np.asarray(y, dtype=object))
+
+
+def turn(angle, y):
+    """States turned about e3."""
+    c, s = mp.cos(angle), mp.sin(angle)
+    y = np.asarray(y, dtype=object)
+    J1, J2, J3, x1, x2, x3 = np.moveaxis(y, -1, 0)
+    return np.stack((c * J1 - s * J2, s * J1 + c * J2, J3, c * x1 - s * x2, s * x1 + c * x2, x3), axis=-1)
+
+
+# ---------------------------------------------------------------- independent integration
+
+
+def flow(top, y0, times, digits=25):
+    """States at `times`, monotone from 0, by Taylor series in integers that stand for multiples of 2^-bits."""
+    bits = int(3.33 * digits) + 60
+    rate = Fraction(top.scales(y0)[0])
+    alpha, y = fixed(Fraction(top.alpha), bits), [fixed(Fraction(float(v)), bits) for v in y0]
+    now, states = Fraction(0), []
+    for t in times:
+        steps = math.ceil(8 * rate * abs(Fraction(float(t)) - now)) or 1
+        h = fixed((Fraction(float(t)) - now) / steps, bits)
+        for _ in range(steps):
+            y = taylor_step(alpha, y, h, bits)
+        now = Fraction(float(t))
+        with mp.workprec(bits + 60):
+            states.append([mp.ldexp(mpf(v), -bits) for v in y])
+    return np.array(states, dtype=object)
+
+
+def fixed(q, bits):
+    return (q.numerator << bits) // q.denominator
+
+
+def taylor_step(alpha, y, h, bits):
+    """The terms of order k + 1 from those up to k, with h^k in them, until they vanish."""
+    J1, J2, J3, x1, x2, x3 = series = [[v] for v in y]
+    k = 0
+    while k == 0 or any(c[-1] or c[-2] for c in series):
+
+        def product(a, b):
+            return sum(map(mul, a, reversed(b)))
+
+        rates = (
+            -alpha * x2[k],
+            alpha * x1[k],
+            0,
+            product(J2, x3) - product(J3, x2),
+            product(J3, x1) - product(J1, x3),
+            product(J1, x2) - product(J2, x1),
+        )
+        k += 1
+        new = [(r * h >> 2 * bits) // k for r in rates]
+        new = [0 if v == -1 else v for v in new]  # rounding is downwards: -1 would never vanish
+        for c, v in zip(series, new, strict=True):
+            c.append(v)
+    return [sum(c) for c in series]
+
+
+@pytest.fixture(scope="module")
+def quadruple():
+    """flow by heyoka in 128-bit floating point, one compiled integrator for all tops."""
+    hy = pytest.importorskip("heyoka")
+    real = getattr(hy, "real128", None)
+    if real is None:
+        pytest.skip("heyoka without real128")
+    J1, J2, J3, x1, x2, x3 = hy.make_vars("J1", "J2", "J3", "x1", "x2", "x3")
+    system = [(J1, -hy.par[0] * x2), (J2, hy.par[0] * x1), (J3, 0 * J3)]
+    system += [(x1, J2 * x3 - J3 * x2), (x2, J3 * x1 - J1 * x3), (x3, J1 * x2 - J2 * x1)]
+    integrator = hy.taylor_adaptive(system, [real(0.0)] * 6, pars=[real(0.0)], fp_type=real)
+
+    def run(top, y0, times):
+        integrator.time = real(0.0)
+        integrator.pars[:] = np.array([real(top.alpha)])
+        integrator.state[:] = np.array([real(float(v)) for v in y0])
+        outcome, *_, states = integrator.propagate_grid(np.array([real(float(t)) for t in (0.0, *times)]))
+        assert outcome == hy.taylor_outcome.time_limit
+        high = states[1:].astype(float)
+        low = (states[1:] - np.vectorize(real, otypes=[real])(high)).astype(float)
+        with mp.workprec(120):
+            return as_mpf(high) + as_mpf(low)
+
+    return run
+
+
+# ---------------------------------------------------------------- against the equations of motion
+
+
+@pytest.mark.parametrize("named", NAMED)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_named_tops_follow_the_equations_of_motion(named, sign):
+    top, y0 = named.top, named.state
+    times = sign * np.array((0.1, 1.0, 4.0, 15.0)) * top.scales(y0)[2] * 2
+    reference = flow(top, y0, times, digits=40)
+    # 40 digits of integration lose a few to the instability at the upper equilibrium
+    assert error(top, y0, exact.solution(top, y0, times, digits=36), reference) < 1e-35
+    assert error(top, y0, exact.solution(top, y0, times), reference) < BOUND
+
+
+SPECIAL = {  # alpha, state: each on or next to a place where a formula could break
+    "starts at the upper pole": (1.0, (0.5, 1.0, 1.0, 0.0, 0.0, 1.0)),
+    "starts at the lower pole": (1.0, (0.5, 1.0, 1.0, 0.0, 0.0, -1.0)),
+    "through the lower pole": (1.0, (0.5, 1.0, -0.25, 1.0, 0.0, 0.75)),
+    "1e-9 from the lower pole": (1.0, (0.5, 1.0, -0.25 + 1e-9, 1.0, 0.0, 0.75)),
+    "1e-9 from the upper pole": (1.0, (0.5, 1.0, 1.0 + 1e-9, 1.0, 0.0, 0.75)),
+    "J vertical": (1.0, (0.0, 0.0, 1.2, 0.48, 0.6, 0.64)),
+    "released from rest": (1.0, (0.0, 0.0, 0.0, 0.48, 0.6, 0.64)),
+    "released horizontal": (1.0, (0.0, 0.0, 0.0, 1.0, 0.0, 0.0)),
+    "pendulum on the separatrix": (1.0, (0.0, 2.0, 0.0, 1.0, 0.0, -0.75)),
+    "1e-12 from planar": (1.0, (1.0, 1e-12, 1e-12, 0.0, 0.6, -0.8)),
+    "marginally stable, tilted": (1.0, (0.0, 0.0, 2.0, 2.0**-10, 0.0, 1.0)),
+    "marginally stable, at rest": (1.0, (0.0, 0.0, 2.0, 0.0, 0.0, 1.0)),
+    "C2 = 0": (1.0, (0.75, -0.5, 1.0, 0.5, 0.75, 0.0)),
+    "J3 = 0": (1.0, (0.3, 0.4, 0.0, 0.48, 0.6, 0.64)),
+    "J along x": (1.0, (0.96, 1.2, 1.28, 0.48, 0.6, 0.64)),
+    "hardly any gravity": (1e-100, (0.3, -0.4, 1.2, 0.48, 0.6, 0.64)),
+    "gravity alone": (1e6, (0.3, -0.4, 1.2, 0.48, 0.6, 0.64)),
+    "reversed gravity, sleeping": (-1.0, (0.0, 0.0, 3.0, 0.0, 0.0, -1.0)),
+    "reversed gravity, precession": (-1.0, (1.5, 0.0, 2.5, -0.75, 0.0, -1.0)),
+    "reversed gravity, separatrix": (-1.0, (2.0, 0.0, 1.0, -1.0, 0.0, 0.75)),
+    "J along e3, no gravity": (0.0, (0.0, 0.0, -2.0, 0.75, 0.0, 1.0)),
+    "J along x, no gravity": (0.0, (0.75, 0.0, 1.0, 0.75, 0.0, 1.0)),
+    "nothing at all": (0.0, (0.0, 0.0, 0.0, 0.6, 0.0, 0.8)),
+}
+
+
+@pytest.mark.parametrize("case", SPECIAL)
+def test_special_states_follow_the_equations_of_motion(case):
+    alpha, y0 = SPECIAL[case]
+    top, unit = LagrangeTop(alpha), LagrangeTop(alpha).scales(y0)[2]
+    times = np.array((0.5, 5.0, 25.0)) * (unit if math.isfinite(unit) else 1.0)
+    reference = flow(top, y0, times, digits=40)
+    assert error(top, y0, exact.solution(top, y0, times, digits=34), reference) < 1e-33
+    assert error(top, y0, exact.solution(top, y0, times), reference) < BOUND
+    assert error(top, y0, exact.solution(top, y0, 0.0), y0) < BOUND
+
+
+def test_random_states_follow_the_equations_of_motion():
+    worst = 0.0
+    for seed in range(RANDOM_STATES // 3):
+        top, y0 = random_top(seed)
+        times = [0.5, 1.0] if seed % 2 else [-0.5, -1.0]
+        worst = max(worst, error(top, y0, exact.solution(top, y0, times), flow(top, y0, times, digits=18)))
+    assert worst < BOUND
+
+
+def test_random_states_follow_the_equations_of_motion_for_longer(quadruple):
+    worst = 0.0
+    for seed in range(1000, 1000 + RANDOM_STATES):
+        top, y0 = random_top(seed)
+        times = np.array((2.0, 5.0, 10.0)) * (1 if seed % 2 else -1)
+        worst = max(worst, error(top, y0, exact.solution(top, y0, times), quadruple(top, y0, times)))
+    for seed in range(5):
+        top, y0 = random_top(seed)
+        worst = max(worst, error(top, y0, exact.solution(top, y0, [100.0]), quadruple(top, y0, [100.0])))
+    assert worst < BOUND
+
+
+@pytest.mark.parametrize(
+    ("name", "t"), [("figure1", 300), ("figure2", 1e3), ("generic", 1e3), ("through_pole", 1e3), ("slow", 5e3)]
+)
+def test_long_times_follow_the_equations_of_motion(name, t, quadruple):
+    top, y0 = TOPS[name].top, TOPS[name].state
+    reference = quadruple(top, y0, [t])
+    # the integrator rounds at 1e-34 per step, which grows like the square of the number of steps at worst
+    assert error(top, y0, exact.solution(top, y0, [t], digits=30), reference) < 1e-33 * (top.scales(y0)[0] * t) ** 2
+    assert error(top, y0, exact.solution(top, y0, [t]), reference) < BOUND
+
+
+@pytest.mark.parametrize("kick", [2.0**-13, 2.0**-30, -(2.0**-13), -(2.0**-50)])
+def test_near_the_separatrix_by_a_kick(kick):
+    check_near_separatrix((2.0 + kick, 0.0, 1.0, 1.0, 0.0, -0.75))
+
+
+@pytest.mark.parametrize("tilt", [2.0**-7, 2.0**-13, 2.0**-23, 2.0**-33])
+def test_near_the_separatrix_by_a_tilt(tilt):
+    check_near_separatrix((0.0, 0.0, 1.0, tilt, 0.0, 1.0))
+
+
+def check_near_separatrix(y0):
+    """k'² is 1e-4 … 1e-20 here; over a period an error grows by 1/k'², hence the digits of the integration."""
+    top = LagrangeTop(1.0)
+    e1, e2, e3 = exact.find(1.0, y0, 40).roots
+    assert 1e-21 < (e1 - e2) / (e1 - e3) < 1e-3
+    times = np.array((0.1, 0.5, 0.9)) * exact.nutation_period(top, y0)
+    reference = flow(top, y0, times, digits=55)
+    assert error(top, y0, exact.solution(top, y0, times, digits=30), reference) < 1e-29
+    assert error(top, y0, exact.solution(top, y0, times), reference) < BOUND
+
+
+# ---------------------------------------------------------------- long times
+
+
+def long_time_error(top, y0, times):
+    return error(top, y0, exact.solution(top, y0, times), exact.solution(top, y0, times, digits=30))
+
+
+@pytest.mark.parametrize("named", NAMED)
+def test_doubles_keep_their_accuracy_to_a_million(named):
+    times = np.array((1e3, -1e4, 1e5, 1e6, -987654.321, 1e6 + 0.5))
+    assert long_time_error(named.top, named.state, times) < BOUND
+
+
+def test_doubles_keep_their_accuracy_on_random_states():
+    for seed in range(200):
+        top, y0 = random_top(seed)
+        times = np.random.default_rng(seed).uniform(-1, 1, 6) * (1.0, 10.0, 1e3, 1e4, 1e5, 1e6)
+        assert long_time_error(top, y0, times) < BOUND
+
+
+def test_doubles_keep_their_accuracy_as_long_as_they_resolve_the_phase():
+    top, y0 = TOPS["fast"].top, TOPS["fast"].state  # period 0.49: n needs more than 26 bits from 3e7 on
+    assert long_time_error(top, y0, np.array((2.0**25, 2.0**27 + 0.25, 1e9 + 0.1, 1e12, 1e13, -1.1e13))) < BOUND
+
+
+# ---------------------------------------------------------------- properties of the solution
+
+
+@pytest.mark.parametrize("named", NAMED)
+def test_it_solves_the_equations_of_motion(named):
+    """y' by central differences in mpmath: h² = 1e-40, rounding 1e-60/h."""
+    top, y0 = named.top, named.state
+    with mp.workdps(70):
+        h, t = mpf(10) ** -20, mpf(3) / 7
+        before, y, after = exact.solution(top, y0, [t - h, t, t + h], digits=60)
+        J1, J2, J3, x1, x2, x3 = y
+        rhs = np.array(
+            [-top.alpha * x2, top.alpha * x1, mpf(0), J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1]
+        )
+        assert max(abs((after - before) / (2 * h) - rhs)) < 1e-34
+
+
+@pytest.mark.parametrize("named", NAMED)
+def test_invariants_stay(named):
+    top, y0 = named.top, named.state
+    start, later = (top.invariants(y) for y in (y0, exact.solution(top, y0, np.linspace(-1e6, 1e6, 101))))
+    # twice the error of the state, for the invariants are quadratic
+    assert np.max(np.abs(later - start) / top.invariant_scales(y0)) < 4 * BOUND
+    np.testing.assert_array_equal(exact.solution(top, y0, [0.3, 1e6])[:, 2], y0[2])
+
+
+@pytest.mark.parametrize("named", NAMED)
+def test_flow_of_t_plus_s_is_flow_of_t_after_flow_of_s(named):
+    """From the rounded state at s; its rounding error grows over t, fastest near the separatrix (by about 2e3 here)."""
+    top, y0 = named.top, named.state
+    s, t = 2.375, 1.625
+    middle = exact.solution(top, y0, s)
+    assert error(top, y0, exact.solution(top, middle, t), exact.solution(top, y0, s + t)) < 1e4 * BOUND
+    assert error(top, y0, exact.solution(top, middle, -s), y0) < 1e4 * BOUND
+
+
+@pytest.mark.parametrize("named", NUTATING)
+def test_after_a_nutation_period_everything_has_turned_by_the_precession(named):
+    top, y0 = named.top, named.state
+    found = exact.find(top.alpha, named.y0, 40)
+    with mp.workdps(40):
+        period, angle = mp.ldexp(found.nutation_period, -found.rate), found.precession
+        times = [mpf(v) for v in (-3, 0, 0.7)]
+        later = exact.solution(top, y0, [t + period for t in times], digits=30)
+        assert error(top, y0, later, turn(angle, exact.solution(top, y0, times, digits=30))) < 1e-29
+    assert exact.nutation_period(top, y0) == pytest.approx(float(period), rel=1e-15)
+    assert exact.precession_per_nutation(top, y0) == pytest.approx(float(angle), abs=1e-15)
+
+
+def test_reversing_gravity_and_axis_changes_nothing():
+    mirror = np.array((1, 1, 1, -1, -1, -1))
+    for seed in range(20):
+        top, y0 = random_top(seed)
+        y = exact.solution(LagrangeTop(-top.alpha), mirror * y0, [1.0, -7.0])
+        np.testing.assert_array_equal(y * mirror, exact.solution(top, y0, [1.0, -7.0]))
+
+
+def test_units_that_are_powers_of_two_change_nothing():
+    for seed in range(20):
+        top, y0 = random_top(seed)
+        scaled = LagrangeTop(top.alpha * 2.0**-206), y0 * np.repeat((2.0**-100, 2.0**6), 3)
+        np.testing.assert_array_equal(
+            exact.solution(*scaled, 3.0 * 2.0**100), exact.solution(top, y0, 3.0) * np.repeat((2.0**-100, 2.0**6), 3)
+        )
+
+
+# ---------------------------------------------------------------- regimes, periods, precession
+
+
+def test_regimes_are_told_apart_exactly():
+    special = {"regular": "precession", "weightless": "free", "homoclinic": "homoclinic"}
+    special |= dict.fromkeys(("sleeping_stable", "sleeping_unstable", "hanging"), "equilibrium")
+    for name, named in TOPS.items():
+        assert exact.regime(named.top, named.state) == special.get(name, "elliptic")
+    for name in ("regular", "homoclinic"):
+        for component in range(6):
+            named = TOPS[name]
+            y0 = named.state  # and one ulp beside it
+            y0[component] = np.nextafter(y0[component], np.inf)
+            assert exact.regime(named.top, y0) == "elliptic"
+
+
+@pytest.mark.parametrize("named", NUTATING)
+def test_nutation_period_is_the_period_of_x3(named):
+    top, y0 = named.top, named.state
+    period, (e1, e2, e3) = exact.nutation_period(top, y0), exact.roots(top, y0)
+    low, high = (e3, e2) if top.alpha > 0 else (e2, e1)
+    n = 1024
+    y = exact.solution(top, y0, np.arange(n) * period / n)
+    J1, J2, _, x1, x2, x3 = y.T
+    assert low - BOUND * abs(y0[3:]).max() * 2 <= x3.min()
+    assert x3.max() <= high + BOUND * abs(y0[3:]).max() * 2
+    # between samples the extremes are missed by at most the parabola over half a spacing
+    assert x3.max() - x3.min() == pytest.approx(high - low, rel=0.02)
+    velocity = np.sign(J1 * x2 - J2 * x1)
+    velocity = velocity[velocity != 0]
+    assert np.sum(velocity != np.roll(velocity, 1)) == 2  # one minimum, one maximum
+    assert np.allclose(exact.solution(top, y0, period)[5], y0[5], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_precession_is_the_azimuth_swept(seed):
+    top, y0 = random_top(seed)
+    y = exact.solution(top, y0, np.linspace(0, exact.nutation_period(top, y0), 20001))
+    azimuth = np.unwrap(np.arctan2(y[:, 4], y[:, 3]))
+    assert exact.precession_per_nutation(top, y0) == pytest.approx(azimuth[-1] - azimuth[0], abs=1e-11)
+
+
+def test_precession_past_a_pole_jumps_by_a_turn():
+    named = TOPS["through_pole"]
+    beside = [
+        exact.precession_per_nutation(named.top, (0.5, 1.0, 1.0 + kick, 1.0, 0.0, 0.75)) for kick in (1e-12, -1e-12)
+    ]
+    assert abs(beside[0] - beside[1]) == pytest.approx(2 * np.pi, abs=1e-10)
+    assert exact.precession_per_nutation(named.top, named.state) == pytest.approx(min(beside, key=abs), abs=1e-10)
+    for name, expected in (("planar", np.pi), ("planar_rotation", 0.0)):  # swings through below; passes both poles
+        assert exact.precession_per_nutation(TOPS[name].top, TOPS[name].state) == pytest.approx(expected, abs=1e-15)
+
+
+def test_small_nutation_has_the_period_of_the_limit():
+    near, regular = (TOPS[name] for name in ("near_regular", "regular"))
+    small = np.array((1.5, 2.0**-20, 2.5, 0.75, 0.0, 1.0))
+    for function in (exact.nutation_period, exact.precession_per_nutation):
+        limit = function(regular.top, regular.state)
+        # the correction is of second order in the amplitude
+        assert function(near.top, near.state) == pytest.approx(limit, rel=1e-5)
+        assert function(near.top, small) == pytest.approx(limit, rel=1e-11)
+    assert (
+        exact.precession_per_nutation(regular.top, regular.state)
+        == exact.nutation_period(regular.top, regular.state) / 2
+    )
+
+
+@pytest.mark.parametrize(("y0", "sign"), [((0, 0, 3, 0, 0, 1), -1), ((0, 0, 1, 0, 0, -1), 1), ((0, 0, 0, 0, 0, -1), 1)])
+def test_vertical_top_has_the_frequency_of_its_linearisation(y0, sign):
+    frequency = math.sqrt(y0[2] ** 2 + sign * 4)
+    assert exact.nutation_period(LagrangeTop(1.0), y0) == pytest.approx(2 * np.pi / frequency, rel=1e-15)
+    tilted = (*y0[:3], 1e-9, 0.0, y0[5])
+    assert exact.nutation_period(LagrangeTop(1.0), tilted) == pytest.approx(2 * np.pi / frequency, rel=1e-14)
+    swept, limit = (exact.precession_per_nutation(LagrangeTop(1.0), y) for y in (y0, tilted))
+    assert math.remainder(swept - limit, 2 * np.pi) == pytest.approx(0, abs=1e-12)
+    assert abs(swept) <= np.pi
+
+
+def test_infinite_periods():
+    for name in ("homoclinic", "sleeping_unstable"):
+        named = TOPS[name]
+        assert exact.nutation_period(named.top, named.state) == math.inf
+        assert math.isnan(exact.precession_per_nutation(named.top, named.state))
+    assert exact.nutation_period(LagrangeTop(1.0), (0, 0, 2, 0, 0, 1)) == math.inf
+    assert exact.nutation_period(LagrangeTop(0.0), (0, 0, 0, 0, 0, 1)) == math.inf
+
+
+def test_homoclinic_orbit_ends_at_the_sleeping_top():
+    named = TOPS["homoclinic"]
+    for t in (60.0, -60.0, 1e6, 1e300):
+        np.testing.assert_allclose(exact.solution(named.top, named.state, t), (0, 0, 1, 0, 0, 1.25), rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("case", ["generic cone", "around e3", "J vertical"])
+def test_weightless_top_agrees_with_the_limit_of_little_gravity(case):
+    y0 = {
+        "generic cone": (1.0, 0.5, 0.25, 0.75, 0.5, 0.25),
+        "around e3": (0.25, 0.0, 2.0, 0.75, 0.0, 1.0),
+        "J vertical": (0.0, 0.0, -2.0, 0.75, 0.0, 1.0),
+    }[case]
+    free, heavy = LagrangeTop(0.0), LagrangeTop(1e-30)
+    np.testing.assert_allclose(exact.roots(free, y0)[1:], exact.roots(heavy, y0)[1:], rtol=1e-15, atol=1e-15)
+    assert exact.nutation_period(free, y0) == pytest.approx(exact.nutation_period(heavy, y0), rel=1e-15)
+    swept = [exact.precession_per_nutation(top, y0) for top in (free, heavy)]
+    assert swept[0] == pytest.approx(swept[1], abs=1e-14)
+    np.testing.assert_allclose(exact.solution(free, y0, 9.0), exact.solution(heavy, y0, 9.0), rtol=0, atol=1e-14)
+
+
+# ---------------------------------------------------------------- sabotage
+
+FOUR = ("figure1", "generic", "near_separatrix", "inverted")
+
+
+def off(value):
+    """`value` wrong by 1e-14 of itself."""
+    return tuple(map(off, value)) if isinstance(value, tuple) else value * (1 + 1e-14)
+
+
+@pytest.fixture
+def constants_forgotten():
+    """Empties the caches when called, and after the test."""
+
+    def forget():
+        exact.find.cache_clear()
+        exact.prepared.cache_clear()
+
+    yield forget
+    forget()
+
+
+def worst_of_four(times):
+    """Largest error of doubles against 30 digits over four tops."""
+    return max(long_time_error(TOPS[name].top, TOPS[name].state, times) for name in FOUR)
+
+
+def sabotage_doubles(monkeypatch, change):
+    """Replaces the constants behind the doubles by change(orbit, clock)."""
+    original = exact.prepared
+    monkeypatch.setattr(exact, "prepared", lambda *key: change(*original(*key)))
+
+
+@pytest.mark.parametrize("constant", ["clock", "growth_J", "growth_x", "J", "A", "B"])
+def test_a_constant_of_the_doubles_wrong_by_1e_minus_14_is_noticed(constant, monkeypatch):
+    def change(found, clock):
+        value = getattr(found.motion, constant)
+        wrong = replace(value, z=off(value.z), u=off(value.u)) if constant in "JAB" else off(value)
+        return replace(found, motion=replace(found.motion, **{constant: wrong})), clock
+
+    times = np.linspace(0.0, 10.0, 30)
+    assert worst_of_four(times) < BOUND
+    sabotage_doubles(monkeypatch, change)
+    assert worst_of_four(times) > BOUND
+
+
+@pytest.mark.parametrize(("constant", "by"), [("period", 1e-14), ("turns", 1e-14), ("t0", 1e-14), ("period", 1e-20)])
+def test_a_frequency_of_the_doubles_wrong_by_1e_minus_14_is_noticed(constant, by, monkeypatch):
+    """And a period to 20 digits only, at t = 1e6: the reason to keep it in three pieces."""
+
+    def change(found, clock):
+        first, second, third = getattr(clock, constant)
+        return found, replace(clock, **{constant: (first, second, third + by * first)})
+
+    times = np.array((10.3, 1e3)) if by > 1e-16 else np.array((1e6, 3e6))
+    assert worst_of_four(times) < BOUND
+    sabotage_doubles(monkeypatch, change)
+    assert worst_of_four(times) > BOUND
+
+
+@pytest.mark.parametrize(
+    "function", ["weight", "cubic", "elapsed", "eta_above", "eta_below", "theta4_at", "sweep", "with_phase"]
+)
+def test_integration_notices_constants_wrong_by_1e_minus_14(function, monkeypatch, constants_forgotten):
+    """Wrong before they are rounded, so that doubles and mpmath agree: only the equations of motion can tell."""
+
+    def worst():
+        constants_forgotten()
+        times = np.array((1.0, 4.0))
+        tops = [TOPS[name] for name in FOUR]
+        return max(
+            error(t.top, t.state, exact.solution(t.top, t.state, times), flow(t.top, t.state, times)) for t in tops
+        )
+
+    def wrong(*arguments):
+        right = original(*arguments)
+        return replace(right, phase=off(right.phase)) if function == "with_phase" else off(right)
+
+    original = getattr(orbit, function)
+    assert worst() < BOUND
+    monkeypatch.setattr(orbit, function, wrong)
+    assert worst() > BOUND
+
+
+# ---------------------------------------------------------------- arguments
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    st.floats(-1e300, 1e300),
+    st.lists(st.floats(-1e300, 1e300), min_size=6, max_size=6),
+    st.sampled_from([0.1, -30.0]),
+)
+def test_any_state_is_solved_or_refused(alpha, y0, t):
+    top = LagrangeTop(alpha)
+    unit = top.scales(y0)[2] if any(y0[3:]) else 1.0
+    t = t * unit if math.isfinite(unit) else t
+    try:
+        start, later = exact.solution(top, y0, [0.0, t])
+    except ValueError as refused:
+        if "overflow" in str(refused) or "x = 0" in str(refused):
+            return
+        raise
+    for part, scale in ((slice(0, 3), top.scales(y0)[0]), (slice(3, 6), top.scales(y0)[1])):
+        # the smallest doubles are 5e-324 apart
+        assert np.max(np.abs(start[part] - y0[part])) <= BOUND * scale + 1e-323
+    if min(top.scales(y0)[:2]) > 1e-290:  # else rounding is not relative
+        assert error(top, y0, later, exact.solution(top, y0, t, digits=20)) < BOUND
+    length = math.hypot(*y0[3:])
+    assert math.hypot(*later[3:]) == pytest.approx(length, rel=BOUND, abs=1e-322)
+
+
+def test_results_are_fresh_arrays_of_the_shape_of_t():
+    top, y0 = TOPS["generic"].top, TOPS["generic"].state
+    assert exact.solution(top, y0, 1).shape == (6,)
+    assert exact.solution(top, y0, [1, 2, 3]).shape == (3, 6)
+    assert exact.solution(top, y0, []).shape == (0, 6)
+    assert exact.solution(top, y0, [], digits=20).shape == (0, 6)
+    many = exact.solution(top, y0, [mpf(1) / 3, 2], digits=50)
+    assert many.shape == (2, 6)
+    assert all(isinstance(v, mpf) for v in many.flat)
+    assert exact.solution(top, y0, 1, digits=50).shape == (6,)
+    before = exact.solution(top, y0, [0.0, 1.0])
+    exact.solution(top, y0, [0.0, 1.0])[:] = 0
+    np.testing.assert_array_equal(exact.solution(top, y0, [0.0, 1.0]), before)
+    np.testing.assert_array_equal(y0, TOPS["generic"].state)
+    assert mp.dps == EVALUATION
+
+
+def test_digits_are_delivered():
+    top, y0 = TOPS["figure2"].top, TOPS["figure2"].state
+    best = exact.solution(top, y0, [1.0, -1e6], digits=120)
+    for digits in (1, 15, 30, 50, 100):
+        assert error(top, y0, exact.solution(top, y0, [1.0, -1e6], digits=digits), best) < 10.0**-digits
+    assert error(top, y0, exact.solution(top, y0, 1e30, digits=20), exact.solution(top, y0, 1e30, digits=40)) < 1e-20
+
+
+@pytest.mark.parametrize("t", ["1", [[1.0]], math.nan, math.inf, [1.0, None], 1j, [True], object()])
+def test_bad_times_are_refused(t):
+    for digits in (None, 20):
+        with pytest.raises(ValueError, match="t must be"):
+            exact.solution(TOPS["generic"].top, TOPS["generic"].state, t, digits=digits)
+
+
+def test_bad_arguments_are_refused():
+    top, y0 = TOPS["generic"].top, TOPS["generic"].state
+    for digits in (0, -3, 2.5, True):
+        with pytest.raises(ValueError, match="digits"):
+            exact.solution(top, y0, 1.0, digits=digits)
+    for function in (exact.nutation_period, exact.precession_per_nutation, exact.regime, exact.roots):
+        with pytest.raises(ValueError, match="x = 0"):
+            function(top, (1, 2, 3, 0, 0, 0))
+    with pytest.raises(ValueError, match=r"2\^45 periods"):
+        exact.solution(top, y0, 2e14)
+    with pytest.raises(ValueError, match="overflows"):
+        exact.solution(LagrangeTop(1e308), (1.2e308, 1.2e308, 0.0, 0.0, 0.0, 1.7e308), np.linspace(0, 1e-307, 50))
+
+
+def test_it_uses_no_method_of_the_bench():
+    allowed = {"integrators.interface", "integrators.problem.top", "integrators.truth.orbit"}
+    for module in ("exact", "orbit"):
+        tree = ast.parse((pathlib.Path(exact.__file__).parent / f"{module}.py").read_text())
+        imported = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
+        imported |= {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
+        assert {name for name in imported if name.startswith("integrators")} <= allowed
+
+
+# ---------------------------------------------------------------- after n steps
+
+
+@pytest.mark.parametrize("name", ["generic", "near_separatrix", "regular", "weightless", "through_pole"])
+def test_after_steps_is_at_the_product_itself(name):
+    """At n·h, and not at the double next to it, which is as far off as a good method."""
+    named, h, counts = TOPS[name], 0.12345678901234567, [1, 7, 10**3, 10**6 + 1, 10**9]
+    with mp.workdps(40):
+        times = [mpf(h) * n for n in counts]
+    truth = exact.solution(named.top, named.state, times, digits=25).astype(float)
+    assert np.max(np.abs(exact.after_steps(named.top, named.state, h, counts) - truth)) < BOUND
+    rounded = exact.solution(named.top, named.state, [h * n for n in counts])
+    assert np.max(np.abs(rounded - truth)) > 1e-10  # what the test can see
+
+
+@given(st.floats(1e-5, 1e5), st.integers(0, 2**53), st.sampled_from((1, -1)))
+def test_what_a_product_rounds_off(h, n, sign):
+    t = sign * h * float(n)
+    assert exact.rounded_off(sign * h, np.array([float(n)]))[0] == float(Fraction(sign * h) * n - Fraction(t))
+
+
+@pytest.mark.parametrize("counts", [[0.5], [[1]], [2**53 + 1], ["1"]])
+def test_counts_are_whole_numbers(counts):
+    with pytest.raises(ValueError, match="whole numbers"):
+        exact.after_steps(TOPS["generic"].top, TOPS["generic"].state, 0.1, counts)

@@ -1,0 +1,189 @@
+"""The two Lie-group methods: the motion against matrix exponentials, the steps against the textbook on 6 × 6 matrices."""
+
+import inspect
+import types
+
+import numpy as np
+import pytest
+from mpmath import mp
+from scipy.linalg import expm
+
+from experiments.measuring import check, metrics, states
+from integrators import LagrangeTop, StepError, prepare
+from integrators.compiling.loops import FAILURE, SIZE
+from integrators.methods import lie_group
+from integrators.problem.top import TOPS, hat
+from integrators.truth import exact
+
+EPS = float(np.finfo(float).eps)
+GENERIC = TOPS["generic"]
+METHODS = (lie_group.RKMK4, lie_group.COMMUTATOR_FREE4)
+by_name = pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
+
+
+def matrix(a, b):
+    """The generator (a, b) as a matrix acting on (J, x)."""
+    return np.block([[hat(a), hat(b)], [np.zeros((3, 3)), hat(a)]])
+
+
+# ---------------------------------------------------------------- the motion
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-200, 1e-9, 0.1, 0.999, 1.0, 1.001, 2.0, 3.14159, 6.3, 40.0, 1000.0])
+def test_move_is_the_matrix_exponential(angle):
+    """To a few ulp, and the ulp of the angle itself where that is large."""
+    draw = np.random.default_rng(5)
+    for _ in range(3):
+        a, b, s = draw.normal(size=3), draw.normal(size=3), draw.normal(size=6)
+        a *= angle / np.linalg.norm(a)
+        tally = np.zeros(SIZE)
+        found = lie_group.move(tuple(a), tuple(b), tuple(s), tally)
+        with mp.workdps(40):
+            truth = np.array((mp.expm(mp.matrix(matrix(a, b).tolist())) * mp.matrix(s.tolist())).tolist(), dtype=float)
+        assert np.max(np.abs(found - truth.ravel())) < 16 * EPS * (1 + angle)
+        assert not tally[FAILURE]
+
+
+@by_name
+def test_a_turn_that_is_too_long_is_refused(method):
+    y = np.array((0.0, 0, 1e4, 0.6, 0, 0.8))
+    with pytest.raises(StepError, match=rf"{method.name} at h = 1, step 0: .* more than 1024 rad"):
+        prepare(GENERIC.top, y, 1.0, method.name).advance(y, 1)
+    with pytest.raises(StepError):
+        prepare(GENERIC.top, y, 1e300, method.name).advance(y, 1)
+    assert np.all(np.isfinite(prepare(GENERIC.top, y, 0.1, method.name).advance(y, 1)))
+
+
+# ---------------------------------------------------------------- the steps
+
+
+def generators(top, h):
+    def k(y):
+        return h * matrix(y[:3], (0, 0, top.alpha))
+
+    return k
+
+
+def bracket(A, B):
+    return A @ B - B @ A
+
+
+def textbook_rkmk4(top, h, y):
+    k = generators(top, h)
+    k1 = k(y)
+    k2 = k(expm(k1 / 2) @ y)
+    k3 = k(expm(k2 / 2 - bracket(k1, k2) / 8) @ y)
+    k4 = k(expm(k3) @ y)
+    return expm((k1 + 2 * k2 + 2 * k3 + k4) / 6 - bracket(k1, k4) / 12) @ y
+
+
+def textbook_commutator_free4(top, h, y):
+    k = generators(top, h)
+    k1 = k(y)
+    k2 = k(expm(k1 / 2) @ y)
+    k3 = k(expm(k2 / 2) @ y)
+    k4 = k(expm(k3 - k1 / 2) @ expm(k1 / 2) @ y)
+    first = expm((3 * k1 + 2 * k2 + 2 * k3 - k4) / 12)
+    return expm((-k1 + 2 * k2 + 2 * k3 + 3 * k4) / 12) @ first @ y
+
+
+@pytest.mark.parametrize("name", ["rkmk4", "commutator_free4"])
+def test_a_step_is_the_textbook_s(name):
+    textbook = {"rkmk4": textbook_rkmk4, "commutator_free4": textbook_commutator_free4}[name]
+    for state in ("generic", "figure1", "fast", "slow", "inverted", "weightless", "random000", "random001"):
+        top, y0 = states.find(state)
+        for span in (0.1, -0.5, 2.0):
+            h = span * top.scales(y0)[2]
+            y = prepare(top, y0, h, name).advance(y0, 1)
+            assert metrics.scaled_error(top, y0, y, textbook(top, h, y0)) < 64 * EPS, (state, span)
+
+
+@by_name
+def test_claims(method):
+    assert not failed(method)
+
+
+@by_name
+def test_exact_without_weight(method):
+    """x turns about the constant J: the generator is constant, and one exponential is the flow, whatever h."""
+    top, y0 = states.find("weightless")
+    y = prepare(top, y0, 5.0, method.name).advance(y0, 20)
+    assert metrics.scaled_error(top, y0, y, exact.solution(top, y0, [100.0])[0]) < 1e-13
+
+
+@by_name
+@pytest.mark.parametrize("exponent", [-400, 300])
+def test_units_change_no_bit(method, exponent):
+    """(s J, s² x) and h/s is the same top; for large s, (s J, s x), alpha s and h/s."""
+    powers = np.repeat((exponent, 2 * exponent if exponent < 0 else exponent), 3)
+    top = LagrangeTop(2.0 ** (2 * powers[0] - powers[3]))
+    y = np.ldexp(GENERIC.state, powers)
+    far = np.ldexp(method.prepare(top, y, np.ldexp(0.3, -exponent)).advance(y, 100), -powers)
+    assert np.array_equal(far, method.prepare(GENERIC.top, GENERIC.state, 0.3).advance(GENERIC.state, 100))
+
+
+def test_work_is_counted():
+    stepper = prepare(GENERIC.top, GENERIC.state, 0.1, "rkmk4")
+    stepper.advance(GENERIC.state, 10)
+    assert (stepper.work.steps, stepper.work.rhs_evals) == (10, 40)
+
+
+# ---------------------------------------------------------------- drift
+
+
+@by_name
+def test_round_off_walks_and_the_rest_drifts(method):
+    """C1 and C2 like √t, over 10⁷ steps too; H and J3, which a motion does not keep, in proportion to time."""
+    n, errors = 300_000, []
+    for name in states.RANDOM:
+        top, y0 = states.find(name)
+        rows = method.prepare(top, y0, 0.125 * top.scales(y0)[2]).record(y0, n, n // 1000)
+        errors.append(metrics.relative_drift(top.invariants(rows), top.invariant_scales(y0)))
+    p = [metrics.growth_exponent(np.arange(1001.0), np.array(errors)[:, :, k]).p for k in range(4)]
+    assert max(p[2:]) < 0.75
+    assert min(p[:2]) > 0.9
+
+
+# ---------------------------------------------------------------- sabotage
+
+
+def failed(method):
+    return {v.claim for v in check.check(method, quick=True) if v.passed is False}
+
+
+def spoiled(record, old, new):
+    """The record with `old`, which occurs once in the module, replaced by `new`."""
+    source = inspect.getsource(lie_group)
+    assert source.count(old) == 1, old
+    copy = types.ModuleType("spoiled")
+    source = source.replace(old, new).replace("import jit\n", "import compiled as jit\n")
+    exec(compile(source, lie_group.__file__, "exec"), copy.__dict__)
+    return getattr(copy, record)
+
+
+SABOTAGES = {
+    "one commutator dropped": (
+        "RKMK4", "a = add(times(0.5, a2), -0.125, cross(a1, a2))", "a = times(0.5, a2)", {"order 4"},
+    ),
+    "half of the other dropped": (
+        "RKMK4", "add(b, -1.0 / 12.0, cross(add(a1, -1.0, a4), b))", "b", {"order 4"},
+    ),
+    "wrong sign in the cross product": (
+        "RKMK4", "a[0] * b[1] - a[1] * b[0]", "a[0] * b[1] + a[1] * b[0]", {"order 4", "takes 10000 steps"},
+    ),
+    "a factor off by 1e-8": (
+        "COMMUTATOR_FREE4", "e = cross(w, d)", "e = times(1.0 + 1e-8, cross(w, d))", {"conserves C1"},
+    ),
+    "an exponential not used again": (
+        "COMMUTATOR_FREE4", "half_b, middle, tally))  #", "half_b, s, tally))  #", {"order 4"},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SABOTAGES)
+def test_sabotage_is_caught(name):
+    record, old, new, caught = SABOTAGES[name]
+    found = failed(spoiled(record, old, new))
+    assert caught <= found
+    if caught == {"order 4"}:  # still a motion of space: what a motion keeps is kept
+        assert not found & {"conserves C1", "conserves C2"}

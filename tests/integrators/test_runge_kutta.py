@@ -1,0 +1,519 @@
+"""Explicit Runge-Kutta: the tableaux, the steps written out from them, projection, step control, and SciPy's solvers."""
+
+import math
+import threading
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+import pytest
+import scipy.integrate
+from mpmath import mp, mpf
+from reference import flow
+from scipy.integrate import DOP853, RK45
+
+from experiments.measuring import metrics, states
+from integrators import (
+    METHODS,
+    TOPS,
+    StepError,
+    integrate,
+    prepare,
+)
+from integrators.compiling.compiled import jit
+from integrators.compiling.loops import STUCK, WALK, compile_natural_loop
+from integrators.compiling.unroll import unrolled
+from integrators.interface import Work
+from integrators.methods import dop853, runge_kutta, scipy_ivp
+from integrators.methods.tableaux import DOP853 as EIGHTH
+from integrators.methods.tableaux import DOP853_MORE, DORMAND_PRINCE, RK4, VERNER9
+from integrators.truth import exact
+
+GENERIC = TOPS["generic"]
+EPS = np.finfo(float).eps
+U = EPS / 2
+FIXED = {"rk4": RK4, "rk45_fixed": DORMAND_PRINCE, "dop853_fixed": EIGHTH, "verner9_fixed": VERNER9}
+NATURAL = ("dop853", "rk45", "scipy_dop853", "lsoda", "radau")
+
+# ---------------------------------------------------------------- order conditions: Σ b_i Φ_i(tree) = 1/γ(tree)
+
+
+@cache
+def trees(n):
+    """All rooted trees of n nodes; a tree is the tuple of its branches (Hairer, Nørsett & Wanner I, section II.2)."""
+
+    def forests(total, largest):
+        if total == 0:
+            yield ()
+        for size in range(min(total, largest[0]), 0, -1):
+            some = trees(size)
+            for i in range(largest[1] if size == largest[0] else len(some) - 1, -1, -1):
+                for rest in forests(total - size, (size, i)):
+                    yield (some[i], *rest)
+
+    return [()] if n == 1 else list(forests(n - 1, (n - 1, len(trees(n - 1)) - 1)))
+
+
+def nodes(tree):
+    return 1 + sum(map(nodes, tree))
+
+
+def density(tree):
+    return nodes(tree) * math.prod(map(density, tree))
+
+
+def residuals(a, weights, n, theta=Fraction(1), target=1):
+    """Largest residuals of the conditions for trees of 1, …, n nodes; the exact value is target · theta^nodes/γ."""
+    rows, known = ((), *a), {}
+
+    def phi(tree):
+        if tree not in known:
+            values = [Fraction(1)] * len(rows)
+            for branch in tree:
+                inner = phi(branch)
+                values = [
+                    v * sum((w * p for w, p in zip(row, inner, strict=False) if w), Fraction(0))
+                    for v, row in zip(values, rows, strict=True)
+                ]
+            known[tree] = values
+        return known[tree]
+
+    def residual(tree, k):
+        total = sum(w * p for w, p in zip(weights, phi(tree), strict=False))
+        return abs(float(total - target * theta**k / density(tree)))
+
+    return [max(residual(tree, k) for tree in trees(k)) for k in range(1, n + 1)]
+
+
+def test_trees():
+    assert [len(trees(n)) for n in range(1, 10)] == [1, 1, 2, 4, 9, 20, 48, 115, 286]
+    assert sorted(density(t) for t in trees(4)) == [4, 8, 12, 24]
+
+
+@pytest.mark.parametrize("tableau", FIXED.values(), ids=lambda t: t.name)
+def test_every_order_condition(tableau):
+    """To the digits of the source: exactly, 1e-28, 1e-38; and the formula is of no higher order."""
+    digits = {"dop853": 1e-28, "verner9": 1e-38}.get(tableau.name, 0.0)
+    *low, high = residuals(tableau.a, tableau.b, min(tableau.order + 1, 9))
+    if tableau.order == 9:
+        low.append(high)
+    else:
+        assert high > 1e-6
+    assert max(low) <= digits
+
+
+def test_a_coefficient_off_by_1e_8_is_seen():
+    for stage, column in ((6, 1), (9, 7), (12, 11)):
+        a = [list(row) for row in EIGHTH.a]
+        a[stage - 2][column - 1] += Fraction(1, 10**8)
+        assert max(residuals(a, EIGHTH.b, 3)) > 1e-11
+    b = [*EIGHTH.b[:-1], EIGHTH.b[-1] + Fraction(1, 10**8)]
+    assert max(residuals(EIGHTH.a, b, 1)) > 1e-9
+
+
+def test_error_estimates_of_dop853_have_orders_5_and_3():
+    *low, sixth = residuals(EIGHTH.a, DOP853_MORE["e5"], 6, target=0)
+    assert max(low) < 1e-26
+    assert sixth > 1e-7
+    *low, fourth = residuals(EIGHTH.a, DOP853_MORE["e3"], 4)
+    assert max(low) < 1e-26
+    assert fourth > 1e-5
+
+
+@pytest.mark.parametrize("theta", [Fraction(1, 3), Fraction(4, 5)])
+def test_interpolant_of_dop853_has_order_7(theta):
+    a = (*EIGHTH.a, EIGHTH.b, *(DOP853_MORE[str(i)] for i in (14, 15, 16)))
+
+    def weights(**places):
+        return [Fraction(places.get(f"k{i + 1}", 0)) for i in range(16)]
+
+    b = [*EIGHTH.b, *[Fraction(0)] * 4]
+    bend = [p - q for p, q in zip(weights(k1=1), b, strict=True)]
+    twist = [p - q - r for p, q, r in zip(b, weights(k13=1), bend, strict=True)]
+    total = DOP853_MORE["d7"]
+    for i, c in enumerate((DOP853_MORE["d6"], DOP853_MORE["d5"], DOP853_MORE["d4"], twist, bend, b)):
+        total = [p + (1 - theta if i % 2 else theta) * q for p, q in zip(c, total, strict=True)]
+    *low, eighth = residuals(a, [theta * w for w in total], 8, theta)
+    assert max(low) < 1e-18  # d4 … d7 are as large as 500 and add up to less than 1
+    assert eighth > 1e-8
+
+
+def test_tableaux_are_scipys():
+    """Where SciPy has them, bit for bit as doubles."""
+    for scipys, ours in ((RK45, DORMAND_PRINCE), (DOP853, EIGHTH)):
+        for i, row in enumerate(ours.a, start=1):
+            assert np.array_equal(scipys.A[i, :i], runge_kutta.floats(row))
+        assert np.array_equal(scipys.B, runge_kutta.floats(ours.b))
+    assert np.array_equal(DOP853.E5[:12], dop853.E5)
+    assert np.allclose(DOP853.E3[:12], dop853.E3, rtol=0, atol=2 * EPS)
+    assert np.array_equal(DOP853.D, dop853.D)
+
+
+# ---------------------------------------------------------------- steps written out from a tableau
+
+
+@pytest.mark.parametrize("tableau", FIXED.values(), ids=lambda t: t.name)
+def test_order_to_fifty_digits(tableau):
+    """The step itself in mpmath, error of one step. Verner's leading error term is hidden by round-off in doubles."""
+    with mp.workdps(60):
+        a = [[mpf(c.numerator) / c.denominator for c in row] for row in tableau.a]
+        b = [mpf(c.numerator) / c.denominator for c in tableau.b]
+        errors = []
+        for h in (mpf(1) / 64, mpf(1) / 128):
+            y = [mpf(v) for v in GENERIC.y0]
+            d = runge_kutta.weigh(b, runge_kutta.slopes_of(a, y, mpf(GENERIC.alpha), h))
+            truth = flow(GENERIC.alpha, GENERIC.y0, h, digits=50)
+            five = [truth[i] - y[i] for i in (0, 1, 3, 4, 5)]
+            errors.append(mp.sqrt(sum((p - q) ** 2 for p, q in zip(d, five, strict=True))))
+        assert float(mp.log(errors[0] / errors[1], 2)) == pytest.approx(tableau.order + 1, abs=0.1)
+
+
+@pytest.mark.parametrize("name", FIXED)
+def test_compiled_steps_are_those_of_python(name):
+    """Bit for bit: the same formulas on Python's floats."""
+    tableau = FIXED[name]
+    a, b = [runge_kutta.floats(row) for row in tableau.a], runge_kutta.floats(tableau.b)
+    y, h = tuple(GENERIC.y0), 0.3
+    for _ in range(20):
+        d = runge_kutta.weigh(b, runge_kutta.slopes_of(a, y, GENERIC.alpha, h))
+        y = (y[0] + d[0], y[1] + d[1], y[2], y[3] + d[2], y[4] + d[3], y[5] + d[4])
+    assert np.array_equal(prepare(GENERIC.top, GENERIC.state, h, name).advance(GENERIC.state, 20), y)
+
+
+@pytest.mark.parametrize(("name", "solver"), [("rk45_fixed", RK45), ("dop853_fixed", DOP853)])
+def test_fixed_steps_are_those_of_scipy(name, solver):
+    """One step of SciPy's own formula, with an h it accepts at once. Sums in another order: a few ulp."""
+    y0, h = GENERIC.state, 0.01
+    solver = solver(lambda t, y: GENERIC.top.rhs(y), 0.0, y0, 1.0, first_step=h, rtol=1e-3, atol=1e-3)
+    solver.step()
+    assert solver.t == h
+    y = prepare(GENERIC.top, y0, h, name).advance(y0, 1)
+    assert metrics.scaled_error(GENERIC.top, y0, y, solver.y) < 4 * EPS
+
+
+def test_fixed_steps_count_their_stages():
+    for name, stages in (("rk4", 4), ("rk45_fixed", 6), ("dop853_fixed", 12), ("verner9_fixed", 15)):
+        stepper = prepare(GENERIC.top, GENERIC.state, 0.1, name)
+        stepper.advance(GENERIC.state, 10)
+        assert stepper.work.rhs_evals == 10 * stages
+
+
+def test_compensated_sums_keep_the_digits_of_the_increments():
+    """10⁵ small steps: what is left is the rounding inside the increments, h times smaller."""
+    errors = {}
+    h, n = 2.0**-6, 100_000
+    truth = exact.solution(GENERIC.top, GENERIC.state, [n * h])[0]
+    for compensated in (False, True):
+        stepper = prepare(GENERIC.top, GENERIC.state, h, "verner9_fixed", compensated=compensated)
+        errors[compensated] = metrics.scaled_error(GENERIC.top, GENERIC.state, stepper.advance(GENERIC.state, n), truth)
+    assert errors[True] < errors[False] / 3
+    for bad in (1, "yes", None):
+        with pytest.raises(ValueError, match=r"^compensated"):
+            prepare(GENERIC.top, GENERIC.state, h, "rk4", compensated=bad)
+
+
+def test_unrolled_functions_know_only_arithmetic():
+    @unrolled("toy")
+    def toy(a, pair):
+        total = 0.5
+        for i, p in enumerate(pair):
+            total = (i - p) / (2.0 * a) + total * (-p)
+        return total, (a, 1.0)
+
+    @jit
+    def call(a, b, c):
+        return toy(a, (b, c))
+
+    def plain(a, b, c):
+        return (1 - c) / (2.0 * a) + ((0 - b) / (2.0 * a) + 0.5 * -b) * -c, (a, 1.0)
+
+    assert call(0.3, 0.7, -1.1) == plain(0.3, 0.7, -1.1)
+
+    @unrolled("branching")
+    def branching(a):
+        return a if a else 1.0
+
+    @jit
+    def call_branching(a):
+        return branching(a)
+
+    with pytest.raises(Exception, match="cannot branch"):
+        call_branching(1.0)
+
+
+@pytest.mark.parametrize("name", [*FIXED, "verner9_projected"])
+def test_a_step_that_is_far_too_long_ends_in_an_error(name):
+    stepper = prepare(GENERIC.top, GENERIC.state, 40.0, name)
+    with pytest.raises(StepError, match=f"^{name} at h = 40"):
+        stepper.advance(GENERIC.state, 1000)
+
+
+# ---------------------------------------------------------------- projection
+
+
+def drift(top, y0, rows):
+    return np.max(np.abs(metrics.relative_drift(top.invariants(rows), top.invariant_scales(y0))), axis=0)
+
+
+@pytest.mark.parametrize("name", TOPS)
+@pytest.mark.parametrize("span", [0.1, 0.6])
+def test_projection_holds_on_every_top(name, span):
+    """Regular, upright, hanging and homoclinic ones too, where gradients depend on each other: no more than DAMPING is lost."""
+    top, y0 = TOPS[name].top, TOPS[name].state
+    rows = prepare(top, y0, span * top.scales(y0)[2], "verner9_projected").record(y0, 20_000, 20)
+    assert np.max(drift(top, y0, rows)) < 16 * U + 2 * runge_kutta.DAMPING
+
+
+@pytest.mark.parametrize("name", ["generic", "figure1", "fast", "slow", "random003"])
+def test_projection_holds_for_a_million_steps(name):
+    """Bounded by what one evaluation of the invariants rounds; without it they drift (the negative control)."""
+    top, y0 = states.find(name)
+    h = 0.25 * top.scales(y0)[2]
+    rows = prepare(top, y0, h, "verner9_projected").record(y0, 1_000_000, 10_000)
+    assert np.max(drift(top, y0, rows)) < 16 * U
+    free = prepare(top, y0, h, "verner9_fixed").record(y0, 100_000, 1000)
+    assert np.max(drift(top, y0, free)) > 32 * U
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-30, 1e30, 1e150])
+def test_projection_in_any_units(size):
+    top, y0 = GENERIC.top, GENERIC.state * np.repeat((1.0, size), 3)
+    h = 0.2 * top.scales(y0)[2]
+    y = prepare(top, y0, h, "verner9_projected").advance(y0, 100)
+    assert metrics.scaled_error(top, y0, y, exact.solution(top, y0, [100 * h])[0]) < 1e-10
+
+
+def test_projection_makes_the_error_grow_slower():
+    """Like t instead of t²: a hundred times less at t = 1000 already."""
+    errors = {}
+    for name in ("verner9_fixed", "verner9_projected"):
+        y = prepare(GENERIC.top, GENERIC.state, 0.25, name).advance(GENERIC.state, 4000)
+        truth = exact.solution(GENERIC.top, GENERIC.state, [1000.0])[0]
+        errors[name] = metrics.scaled_error(GENERIC.top, GENERIC.state, y, truth)
+    assert errors["verner9_projected"] < errors["verner9_fixed"] / 30
+
+
+def test_projection_belongs_to_a_torus():
+    stepper = prepare(GENERIC.top, GENERIC.state, 0.1, "verner9_projected")
+    for k in range(6):
+        off = GENERIC.state.copy()
+        off[k] += 1e-8
+        if np.max(np.abs(GENERIC.top.gradients(off)[[0, 2, 3], k])) > 0.1:
+            with pytest.raises(StepError, match="not on the torus"):
+                stepper.advance(off, 1)
+    stepper.advance(stepper.advance(GENERIC.state, 1000), 1000)
+
+
+# ---------------------------------------------------------------- DOP853 with step control
+
+
+@pytest.mark.parametrize("name", ["generic", "figure1", "fast", "slow"])
+@pytest.mark.parametrize("rtol", [1e-3, 1e-6, 1e-9, 1e-12])
+def test_dop853_does_as_scipys(name, rtol):
+    """The same formula and much the same control: as many steps, errors within a factor of two."""
+    top, y0 = TOPS[name].top, TOPS[name].state
+    t = 30 * top.scales(y0)[2]
+    truth = exact.solution(top, y0, [t])[0]
+    steps, errors = [], []
+    for method in ("dop853", "scipy_dop853"):
+        stepper = prepare(top, y0, t, method, rtol=rtol, atol=1e-3 * rtol)
+        errors.append(metrics.scaled_error(top, y0, stepper.advance(y0, 1), truth))
+        steps.append(stepper.work.steps)
+    assert steps[0] == pytest.approx(steps[1], rel=0.1, abs=1)
+    assert errors[0] == pytest.approx(errors[1], rel=1.0, abs=1e-12)
+
+
+def test_dop853_interpolates_to_its_tolerance():
+    """Between steps the error is that of the steps, times a few; J3 is the same number everywhere."""
+    top, y0 = TOPS["figure1"].top, TOPS["figure1"].state
+    t = np.linspace(-2.0, 2.0, 801)
+    for rtol in (1e-6, 1e-9):
+        run = integrate(top, y0, t=t, method="dop853", rtol=rtol, atol=1e-3 * rtol)
+        error = metrics.scaled_error(top, y0, run.y, exact.solution(top, y0, t))
+        assert np.max(error) < 100 * rtol
+        assert np.all(run.y[:, 2] == y0[2])
+
+
+def test_dop853_error_follows_the_tolerance():
+    errors = []
+    for rtol in (1e-5, 1e-7, 1e-9, 1e-11):
+        y = prepare(GENERIC.top, GENERIC.state, 20.0, "dop853", rtol=rtol, atol=rtol).advance(GENERIC.state, 1)
+        truth = exact.solution(GENERIC.top, GENERIC.state, [20.0])[0]
+        errors.append(metrics.scaled_error(GENERIC.top, GENERIC.state, y, truth))
+    slopes = -np.diff(np.log10(errors)) / 2  # per decade of tolerance
+    assert np.all((slopes > 0.7) & (slopes < 1.4))
+
+
+def test_dop853_in_pieces_changes_no_bit(monkeypatch):
+    stepper = prepare(GENERIC.top, GENERIC.state, 0.1, "dop853", rtol=1e-6)
+    end, rows, work = stepper.advance(GENERIC.state, 900), stepper.record(GENERIC.state, 900, 30), stepper.work.steps
+    monkeypatch.setattr(dop853, "INTERRUPTIBLE", 3)
+    assert np.array_equal(stepper.advance(GENERIC.state, 900), end)
+    assert np.array_equal(stepper.record(GENERIC.state, 900, 30), rows)
+    assert np.array_equal(end, rows[-1])
+    assert stepper.work.steps == 2 * work
+
+
+def test_dop853_counts_what_it_does():
+    """As SciPy does, where it is the same: first step, 11 stages and a new slope, 3 stages more to interpolate."""
+    stepper = prepare(GENERIC.top, GENERIC.state, 20.0, "dop853", rtol=1e-4)
+    stepper.advance(GENERIC.state, 1)
+    work = stepper.work
+    assert work.rejected > 0
+    assert work.rhs_evals == 2 + 12 * (work.steps + work.rejected)
+
+
+def test_a_step_that_never_fits_ends():
+    """Also if the error is not a number."""
+
+    @jit
+    def trial(s, h, c):
+        return s, c[0], 0.9, (0.0, 0.0)
+
+    @jit
+    def interpolant(s, new, h, c, slopes):
+        return s
+
+    @jit
+    def value(f, theta):
+        return f
+
+    loop = compile_natural_loop(trial, interpolant, value)
+    for error in (2.0, math.inf, math.nan):
+        walk = np.zeros(WALK)
+        walk[:2] = 1.0, 0.1
+        loop(np.zeros(6), np.array((2.0,)), 10_000, np.array((error,)), walk, np.zeros((1, 6)))
+        assert walk[STUCK]
+
+
+# ---------------------------------------------------------------- SciPy's solvers
+
+
+def test_jacobian_is_that_of_the_top():
+    for name in ("generic", "figure1", "inverted"):
+        top, y = TOPS[name].top, TOPS[name].state
+        assert np.array_equal(scipy_ivp.jacobian(top.alpha, y), top.jacobian(y))
+        assert np.array_equal(scipy_ivp.rhs(top.alpha, y), top.rhs(y))
+
+
+@pytest.mark.parametrize("name", ["rk45", "scipy_dop853"])
+def test_scipy_is_used_as_it_stands(name):
+    """The bits and the counts of the class itself."""
+    top, y0 = TOPS["figure1"].top, TOPS["figure1"].state
+    solver = getattr(scipy.integrate, name.removeprefix("scipy_").upper())
+    solver = solver(lambda t, y: top.rhs(y), 0.0, y0, 2.0, rtol=1e-7, atol=1e-10)
+    steps = 0
+    while solver.status == "running":
+        solver.step()
+        steps += 1
+    stepper = prepare(top, y0, 1.0, name, rtol=1e-7, atol=1e-10)
+    assert np.array_equal(stepper.advance(y0, 2), solver.y)
+    assert (stepper.work.steps, stepper.work.rhs_evals) == (steps, solver.nfev)
+
+
+@pytest.mark.parametrize("name", ["rk45", "scipy_dop853", "lsoda", "radau"])
+def test_scipy_work_is_counted(name, monkeypatch):
+    calls = []
+    rhs = scipy_ivp.rhs
+    monkeypatch.setattr(scipy_ivp, "rhs", lambda alpha, y: calls.append(1) or rhs(alpha, y))
+    stepper = prepare(GENERIC.top, GENERIC.state, 1.0, name, rtol=1e-4, atol=1e-7)
+    calls.clear()
+    stepper.advance(GENERIC.state, 20)
+    work = stepper.work
+    assert work.rhs_evals == len(calls)
+    assert work.rejected > 0
+    stages = {"rk45": 6, "scipy_dop853": 12}.get(name)
+    if stages:
+        assert work.rhs_evals == 2 + stages * (work.steps + work.rejected)
+
+
+def test_rejected_steps_of_implicit_solvers():
+    """From the times of the trials: three to each for Radau, whatever is repeated, the start left out."""
+
+    class Fake:
+        status, nfev, t, y = "running", 0, 0.0, np.zeros(6)
+
+        def step(self):
+            for h in (1.0, 0.5, 0.25):
+                tried.update((self.t, self.t + h / 3, self.t + h / 2, self.t + h))
+            self.t, self.status = self.t + 0.25, "finished"
+
+        def dense_output(self):
+            return lambda t: np.zeros((6, len(t)))
+
+    tried, work = set(), Work()
+    scipy_ivp.Solver("fake", None, times=3).steps(Fake(), np.array((0.25,)), work, tried)
+    assert (work.steps, work.rejected) == (1, 2)
+
+
+@pytest.mark.parametrize("name", ["rk45", "scipy_dop853", "lsoda", "radau"])
+def test_scipy_says_what_went_wrong(name, monkeypatch):
+    """y' = y² leaves for infinity: an error with SciPy's reason, and no warning (they are errors here)."""
+    monkeypatch.setattr(scipy_ivp, "rhs", lambda alpha, y: y * y)
+    monkeypatch.setattr(scipy_ivp, "jacobian", lambda alpha, y: np.diag(2 * y))
+    y = np.ones(6)
+    with pytest.raises(StepError, match=rf"^{name} at h = 5, step \d+: (SciPy: |the state left)"):
+        prepare(GENERIC.top, y, 5.0, name, rtol=1e-8).advance(y, 1)
+
+
+def test_scipys_own_words():
+    """The step shrinks below the spacing of numbers at t = 1."""
+    solver = RK45(lambda t, y: y * y, 0.0, [1.0], 2.0, rtol=1e-12)
+    with pytest.raises(StepError, match=r"rk45, step \d+: SciPy: Required step size .* \(t = 1\)"):
+        scipy_ivp.Solver("rk45", RK45).steps(solver, np.array([2.0]), Work())
+
+
+def test_a_solver_that_stands_still_is_stopped():
+    class Still:
+        status, nfev, t = "running", 0, 1.0
+
+        def step(self):
+            return None
+
+    with pytest.raises(StepError, match="no progress"):
+        scipy_ivp.Solver("still", None, times=1).steps(Still(), np.array((2.0,)), Work(), set())
+
+
+@pytest.mark.parametrize("name", ["lsoda", "radau"])
+def test_threads_take_turns(name):
+    """Old LSODA has one state for all: runs at the same time give the bits of runs alone."""
+    tops = [TOPS[k] for k in ("generic", "figure1", "fast")]
+
+    def one(named):
+        return prepare(named.top, named.state, 0.5, name, rtol=1e-5).advance(named.state, 4)
+
+    alone, together = [one(t) for t in tops], [None] * len(tops)
+
+    def work(i):
+        together[i] = one(tops[i])
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(len(tops))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert all(np.array_equal(a, b) for a, b in zip(alone, together, strict=True))
+
+
+@pytest.mark.parametrize("name", NATURAL)
+def test_tolerances(name):
+    """From 100 eps on; the tightest is met, give or take the round-off."""
+    for bad in (1e-14, 0.0, -1.0, 2.0, math.nan, "1e-9", None):
+        with pytest.raises(ValueError, match=r"^rtol"):
+            prepare(GENERIC.top, GENERIC.state, 0.1, name, rtol=bad)
+    for bad in (-1e-3, math.inf, None):
+        with pytest.raises(ValueError, match=r"^atol"):
+            prepare(GENERIC.top, GENERIC.state, 0.1, name, atol=bad)
+    if name != "radau":  # thousands of steps
+        tight = prepare(GENERIC.top, GENERIC.state, 1.0, name, rtol=dop853.LEAST_RTOL, atol=1e-16)
+        y = tight.advance(GENERIC.state, 1)
+        error = metrics.scaled_error(
+            GENERIC.top, GENERIC.state, y, exact.solution(GENERIC.top, GENERIC.state, [1.0])[0]
+        )
+        assert error < 1e-11
+
+
+def test_records():
+    assert {METHODS[name].engine for name in NATURAL} == {"numba", "scipy"}
+    assert all(METHODS[name].knob == "rtol" for name in NATURAL)
+    assert METHODS["verner9_projected"].conserves == {"H", "J3", "C1", "C2"}

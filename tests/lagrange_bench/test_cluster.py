@@ -1,0 +1,208 @@
+"""The same rows on a Dask cluster as here, whatever happens to its workers. Real schedulers, real processes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from faults import HERE, TOY, comparable, end, nobody_left, squares, start, wait_for_lines
+
+from lagrange_bench.runner import cluster, engine
+from results import provenance
+from results.store import Store
+
+pytest.importorskip("distributed")
+linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for left-over processes in /proc")
+pytestmark = [linux, pytest.mark.processes]
+
+ODD = [{"do": "raise", "i": 100}, {"do": "die", "i": 101}, {"do": "segfault", "i": 102}, {"do": "bad row", "i": 103}]
+
+
+def dask(*words, **variables):
+    environment = {**os.environ, "PYTHONPATH": str(HERE), **variables}
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
+    command = [sys.executable, "-m", "dask", *map(str, words)]
+    return subprocess.Popen(command, env=environment, cwd=HERE.parent, **quiet)
+
+
+@pytest.fixture
+def scheduler(tmp_path):
+    """A scheduler on a port of its own: its address in `address`, workers by `worker()`."""
+
+    class Scheduler:
+        file, processes = tmp_path / "scheduler.json", []
+
+        def worker(self, **variables):
+            words = ("--scheduler-file", self.file, "--nthreads", 1, "--no-nanny", "--no-dashboard")
+            process = dask("worker", *words, "--local-directory", tmp_path / "scratch", **variables)
+            self.processes.append(process)
+            return process
+
+    made = Scheduler()
+    words = ("--port", 0, "--host", "127.0.0.1", "--dashboard-address", "127.0.0.1:0", "--scheduler-file", made.file)
+    made.process = dask("scheduler", *words)
+    made.processes.append(made.process)
+    for _ in range(1500):
+        if made.file.exists() and made.file.read_text().strip().endswith("}"):
+            break
+        time.sleep(0.02)
+    made.address = json.loads(made.file.read_text())["address"]
+    yield made
+    for process in reversed(made.processes):
+        end(process)
+    for process in made.processes:
+        assert nobody_left(process.pid)
+
+
+def here(cells, folder, monkeypatch):
+    """What this machine makes of the cells."""
+    monkeypatch.syspath_prepend(str(HERE))
+    monkeypatch.setenv("TOY_CELLS", json.dumps(cells))
+    engine.run([TOY], "quick", folder, 2, show=False)
+    return comparable(folder)
+
+
+def keys(folder):
+    return [r["key"] for r in Store(folder).read(TOY)[0]]
+
+
+def test_the_same_rows_from_a_local_cluster(tmp_path, monkeypatch):
+    cells = [*squares(*range(40)), *ODD, {"do": "compiled loop", "i": 104}, *squares(50, 51, timing=True)]
+    run = start(cells, tmp_path / "there", "--scheduler", "local:2", "--time-limit", "5", "--json")
+    out, err = run.communicate(timeout=120)
+    assert (run.returncode, out[:1]) == (1, "{"), err
+    summary = json.loads(out)
+    tally = summary["experiments"][TOY]
+    assert (tally["cells"], tally["computed"], tally["failed"]) == (47, 42, 5)
+    assert any("timing cells ran one at a time on this machine" in note for note in summary["notes"])
+    assert "Traceback" not in err
+    assert nobody_left(run.pid)
+    monkeypatch.setattr(engine, "TIME_LIMITS", {"quick": 5.0})
+    assert comparable(tmp_path / "there") == here(cells, tmp_path / "here", monkeypatch)
+    assert len(set(keys(tmp_path / "there"))) == len(keys(tmp_path / "there")) == 47
+
+
+def test_a_local_cluster_has_as_many_workers_as_asked(tmp_path):
+    run = start(squares(*range(12), facts=True, seconds=0.2), tmp_path, "--scheduler", "local:3")
+    err = run.communicate(timeout=120)[1]
+    assert run.returncode == 0, err
+    assert Store(tmp_path).rows(TOY)["process"].nunique() == 3
+
+
+def test_a_worker_killed_in_the_middle(scheduler, tmp_path, monkeypatch):
+    """Every cell is computed, none is twice in the store. The other worker and a new one take over."""
+    doomed = scheduler.worker()
+    scheduler.worker()
+    cells = squares(*range(60), seconds=0.1)
+    run = start(cells, tmp_path / "there", "--scheduler", scheduler.address)
+    wait_for_lines(tmp_path / "there" / f"{TOY}.jsonl", 8, run)
+    doomed.kill()
+    before = len(keys(tmp_path / "there"))
+    assert before < 60
+    assert nobody_left(doomed.pid)  # also the process that computed for it
+    scheduler.worker()
+    out, err = run.communicate(timeout=120)
+    assert run.returncode == 0, err
+    assert len(set(keys(tmp_path / "there"))) == len(keys(tmp_path / "there")) == 60
+    assert comparable(tmp_path / "there") == here(cells, tmp_path / "here", monkeypatch)
+    again = start(cells, tmp_path / "there", "--scheduler", scheduler.address, "--json")
+    assert json.loads(again.communicate(timeout=60)[0])["experiments"][TOY]["stored"] == 60
+
+
+def test_a_scheduler_that_goes_away(scheduler, tmp_path):
+    scheduler.worker()
+    cells = squares(*range(60), seconds=0.1)
+    run = start(cells, tmp_path / "there", "--scheduler", scheduler.address)
+    wait_for_lines(tmp_path / "there" / f"{TOY}.jsonl", 5, run)
+    scheduler.process.kill()
+    out, err = run.communicate(timeout=120)
+    assert run.returncode == 2, err
+    assert "went away; what was finished is stored: run the same command again" in err
+    resumed = start(cells, tmp_path / "there")
+    assert resumed.communicate(timeout=60)
+    assert resumed.returncode == 0
+    assert len(set(keys(tmp_path / "there"))) == len(keys(tmp_path / "there")) == 60
+
+
+@pytest.mark.parametrize("whom", ["terminal", "parent"])
+def test_interrupt(tmp_path, whom):
+    cells = [*squares(*range(8)), {"do": "compiled loop", "i": 99}, {"do": "compiled loop", "i": 98}]
+    run = start(cells, tmp_path, "--scheduler", "local:2")
+    wait_for_lines(tmp_path / f"{TOY}.jsonl", 8, run)
+    before = time.monotonic()
+    os.killpg(run.pid, signal.SIGINT) if whom == "terminal" else run.send_signal(signal.SIGINT)
+    err = run.communicate(timeout=60)[1]
+    assert time.monotonic() - before < 20  # the cells would have taken a minute
+    assert run.returncode == 130, err
+    assert f"8 of 10 cells are stored in {tmp_path}" in err
+    assert "Traceback" not in err
+    assert nobody_left(run.pid)
+
+
+def test_workers_that_differ_are_refused(tmp_path, scheduler, monkeypatch):
+    """A worker with another numpy would store its rows under this one's name."""
+    here = cluster.look()
+    cluster._compare(here)
+    with pytest.raises(cluster.ClusterError, match=r"numpy is 1\.0, here .* install the same versions"):
+        cluster._compare({**here, "numpy": "1.0"})
+    with pytest.raises(cluster.ClusterError, match="source is 0, here"):
+        cluster._compare({**here, "source": "0"})
+    assert here["source"] == provenance.source() != ""
+    with pytest.raises(ModuleNotFoundError, match="no module"):
+        cluster.look(["experiments.nonexistent"])
+    # and for real: a worker that does not find the module of the experiment, whether it is there before the run or not
+    scheduler.worker(PYTHONPATH="")
+    run = start(squares(1), tmp_path / "there", "--scheduler", scheduler.address)
+    out, err = run.communicate(timeout=60)
+    assert run.returncode == 2
+    assert "a Dask worker lacks something" in err
+    assert err.count("\n") == 1
+
+
+def test_a_worker_that_joins_late_is_checked_too(tmp_path, scheduler, monkeypatch):
+    """What it lacks is no result: nothing is stored."""
+    monkeypatch.syspath_prepend(str(HERE))
+    monkeypatch.setenv("TOY_CELLS", json.dumps(squares(1, 2)))
+    enter = cluster.Cluster.__enter__
+
+    def join(self):
+        entered = enter(self)  # asks the workers, of which there are none
+        scheduler.worker(PYTHONPATH="")
+        return entered
+
+    monkeypatch.setattr(cluster.Cluster, "__enter__", join)
+    with pytest.raises(
+        cluster.ClusterError, match=r"a Dask worker lacks something: No module named .toys.; install the same"
+    ):
+        engine.run([TOY], "quick", tmp_path, scheduler=scheduler.address, show=False)
+    assert keys(tmp_path) == []
+
+
+def test_nobody_there(tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "CONNECT", 0.5)
+    with (
+        pytest.raises(
+            cluster.ClusterError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:1 .*dask scheduler"
+        ),
+        cluster.Cluster("tcp://127.0.0.1:1", None),
+    ):
+        pytest.fail("connected")
+
+
+def test_without_dask(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    cluster._distributed.cache_clear()
+    with pytest.raises(ValueError, match=r"pip install 'lagrange-bench\[cluster\]'"), cluster.Cluster("local:2", None):
+        pytest.fail("connected")
+    cluster._distributed.cache_clear()
+
+
+@pytest.mark.parametrize("address", ["local", "local:0", "local:x", "head:8786", "tcp://head", ""])
+def test_addresses(address):
+    with pytest.raises(ValueError, match="tcp://HOST:PORT or local:N"):
+        cluster.check_address(address)

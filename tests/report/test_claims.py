@@ -1,0 +1,126 @@
+"""A claim passes only on rows that bear it out: not on missing ones, not on failed cells, not on NaN."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from experiments.catalogue import EXPERIMENTS
+from integrators import METHODS
+from report import claims, promises
+from report.claims import Claim, NoData, Verdict
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_value_that_is_not_finite_never_passes(value):
+    rows = pd.DataFrame({"status": ["done"] * 2, "drift": [0.0, value]})
+    assert claims.within(1.0, "drift")(rows).passed is False
+    assert claims.at_most(1.0, "drift")(rows).passed is False
+    assert claims.at_least(-1.0, "drift")(rows).passed is (value == np.inf)
+
+
+def test_a_failed_cell_counts_where_a_measured_field_is_asked_for():
+    rows = pd.DataFrame(
+        {
+            "method": ["a", "a"],
+            "status": ["done", "failed"],
+            "failure": [None, "E"],
+            "name": ["H", None],
+            "x": [1, None],
+        }
+    )
+    assert claims.within(9.0, "x", name="H")(rows).passed is False
+    assert claims.ratio_at_least(2.0, "x", {"name": "H"}, {"name": "H"})(rows).passed is False
+
+
+def test_a_broken_check_is_no_data_and_is_reported():
+    rows = pd.DataFrame({"status": ["done"]})
+    verdict, error = claims.judge(Claim("c", "", "e", lambda rows: 1 / 0), rows)  # type: ignore[arg-type]
+    assert verdict.passed is None
+    assert error is not None
+    assert "ZeroDivisionError" in error
+    verdict, error = claims.judge(Claim("c", "", "e", lambda rows: Verdict(1, 2, rows["gone"].all())), rows)
+    assert (verdict.passed, error) == (None, None)
+    assert "gone" in verdict.note
+
+
+def test_claims_of_the_project_can_be_judged_by_nothing():
+    assert len({claim.id for claim in promises.CLAIMS}) == len(promises.CLAIMS)
+    for claim in promises.CLAIMS:
+        assert claim.experiment in EXPERIMENTS
+        verdict, error = claims.judge(claim, pd.DataFrame())
+        assert (verdict.passed, error) == (None, None)
+        with pytest.raises((NoData, KeyError, AttributeError)):
+            claim.check(pd.DataFrame())
+
+
+# ---------------------------------------------------------------- claims about all methods at once
+
+
+def verdicts(**changes):
+    """A table of drift verdicts in which every method keeps what it claims, but for `changes` to one of them."""
+    rows = [
+        {"method": name, "invariant": "C1", "claimed": True, "exponent": 0.5, "verdict": "random walk", REASON: ""}
+        for name in METHODS
+    ]
+    rows[3].update(changes)
+    return pd.DataFrame(rows)
+
+
+REASON = "biased, as the method says"
+
+
+@pytest.mark.parametrize(
+    ("changes", "passed"),
+    [
+        ({}, True),
+        ({"exponent": 0.8}, False),
+        ({"exponent": 0.8, "claimed": False}, True),
+        ({"exponent": 0.8, REASON: "a rounded constant"}, True),
+        ({"exponent": np.nan, "verdict": "failed"}, False),
+        ({"exponent": np.nan}, False),
+        ({"exponent": 0.9, "verdict": "round-off"}, True),
+    ],
+)
+def test_a_growing_error_must_be_called_biased(monkeypatch, changes, passed):
+    monkeypatch.setattr(promises, "table", lambda *_: lambda rows: rows)
+    verdict = promises.kept_as_claimed(verdicts(**changes))
+    assert verdict.passed is passed
+    assert ("called biased" in verdict.note) == (REASON in changes)
+
+
+def test_a_method_nobody_measured_is_no_data(monkeypatch):
+    monkeypatch.setattr(promises, "table", lambda *_: lambda rows: rows)
+    with pytest.raises(NoData, match="not measured: backlund"):
+        promises.kept_as_claimed(verdicts().iloc[1:])
+
+
+def races(seconds, setup=0.0):
+    """Runs of all methods with an error of 1e-13: the Bäcklund map in `seconds`, the others in 1."""
+    rows = [
+        {"method": name, "status": "done", "span": 10.0, "state": "generic", "error": 1e-13, "seconds": 1.0}
+        for name in METHODS
+    ]
+    runs = pd.DataFrame(rows).assign(setup_seconds=0.0)
+    runs.loc[runs.method.str.startswith("backlund"), ["seconds", "setup_seconds"]] = (seconds, setup)
+    return runs
+
+
+def test_who_leads_is_told_with_set_up_and_without():
+    def lead(rows, price, longest):
+        return promises.lead({10.0: 1e-12}, price, longest)(rows)
+
+    assert lead(races(0.1), "total", True).passed
+    assert lead(races(0.1), "total", True).value == pytest.approx(10)
+    assert not lead(races(0.1, setup=2.0), "total", True).passed
+    assert lead(races(0.1, setup=2.0), "seconds", True).passed
+    assert lead(races(0.1, setup=2.0), "total", False).passed
+    assert not lead(races(2.0), "total", True).passed
+    short = races(0.1)
+    short.loc[short.method.str.startswith("backlund"), "error"] = 1e-3  # others reach what it does not
+    assert lead(short, "total", True).value == 0.0
+    assert not lead(races(0.1).assign(error=1e-11), "total", True).passed  # 1e-12 is reached by nobody
+    assert promises.lead({10.0: 1e-10}, "total", True)(races(0.1).assign(error=1e-11)).passed  # nor asked for
+    with pytest.raises(NoData, match="t = 20"):
+        promises.lead({20.0: 1e-12}, "total", True)(races(0.1))

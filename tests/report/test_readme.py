@@ -1,0 +1,45 @@
+"""The README says what the committed results say, and its example runs."""
+
+import re
+
+import numpy as np
+
+from experiments.measuring import errata
+from report import readme
+
+TEXT = (readme.ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_claims_in_the_readme_are_those_of_the_reference_run():
+    """If this fails: `python -m report.readme`, and read what changed."""
+    assert readme.with_claims(TEXT, readme.ROOT / "results" / "reference") == TEXT
+
+
+def test_no_claim_is_refuted_or_without_data():
+    block = TEXT.split(readme.BEGIN)[1].split(readme.END)[0]
+    assert "refuted" not in block
+    assert "no data" not in block
+
+
+def test_the_example_runs_and_is_as_accurate_as_said(capsys):
+    code = re.search(r"```python\n(.*?)```", TEXT, re.DOTALL)[1]
+    scope = {}
+    exec(code, scope)
+    run, named = scope["run"], scope["named"]
+    assert capsys.readouterr().out.count("[") == 2
+    error = run.y[-1] - scope["exact"].solution(named.top, named.state, run.t[-1])
+    assert np.max(np.abs(error)) < 1e-9
+
+
+def test_errata_are_counted_as_they_are():
+    assert f"corrected: {errata.count(errata.measure())}." in " ".join(TEXT.split())
+
+
+def test_every_command_of_the_readme_exists():
+    from experiments.catalogue import EXPERIMENTS
+
+    named = set(re.findall(r"python -m experiments\.(\w+)", TEXT)) | set(re.findall(r"lagrange-bench run (\w+)", TEXT))
+    assert named <= set(EXPERIMENTS)
+    makefile = (readme.ROOT / "Makefile").read_text(encoding="utf-8")
+    for target in re.findall(r"(?:`|^ +)make (\w+)", TEXT, re.MULTILINE):
+        assert f"\n{target}:" in makefile
