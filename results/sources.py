@@ -19,9 +19,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from experiments.catalogue import load
+from experiments.catalogue import load_stored
 
-BENCH = frozenset(("integrators", "experiments", "report"))
+BENCH = frozenset(("integrators", "experiments", "results", "report", "lagrange_bench"))
 INDEX = "integrators.registry"  # not followed: which methods there are decides about no row
 DEFAULT = "backlund"  # the method of a cell that names none, as of `integrators.prepare`
 IGNORED = frozenset(("annotation", "ctx", "kind", "returns", "type_comment"))  # fields of syntax trees
@@ -63,7 +63,7 @@ def _cells(count: int) -> str:
 @cache
 def _of(experiment: str, method: str | None) -> str | None:
     try:
-        module = load(experiment)
+        module = load_stored(experiment)
         if _module(module.__name__) is not None:
             start = {(module.__name__, "measure")}
         else:  # a sweep, made of a file
