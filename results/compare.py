@@ -9,43 +9,21 @@ ratio is larger than what two runs of the same code differ by on a machine that 
 from __future__ import annotations
 
 import math
-import random
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from experiments.catalogue import UnknownExperiment, load_stored
-from lagrange_bench.commands import find_stored_method
-from lagrange_bench.runner import progress, workers
-from lagrange_bench.runner.workers import Task
-from results import provenance, sources
-from results.store import (
-    SAMPLES,
-    Record,
-    Store,
-    StoreError,
-    _canonical,
-    latest,
-    restore,
-)
-
-if TYPE_CHECKING:
-    from integrators import Method
+from results import sources
+from results.store import SAMPLES, Record, Store, StoreError, _canonical, latest, restore
 
 # a column of a timing cell is a time if its name has one of these words; others by the experiment's own TIMES
 WORDS = frozenset(("ns", "us", "ms", "s", "seconds", "ratio", "speedup", "samples", "unstable", "predicted", "memory"))
 UNITS = frozenset(("ns", "us", "ms", "s", "seconds"))  # and these are tested with --times, for each method
 SIGNIFICANT = 0.01  # over all tests of a comparison together (Holm)
 THRESHOLD = 0.1  # between two processes minima differ by some 6 %
-# `verify`, where a library takes the steps or the truth is not from + − × ÷ √ alone
-RTOL, ATOL = 1e-3, 1e-12
-ATOLS = {"ulps": 1.0}  # of the initial state: the truth may be off by one
-COUNTS = ("steps", "evals", "iterations", "rejected", "maps", "evals_per_step", "iterations_per_step")
-STATES = ("H", "J3", "C1", "C2", "J1", "J2", "x1", "x2", "x3", "t", "n")
-EXACT = frozenset((*STATES, *COUNTS))  # of a compiled method: bit by bit
 
 
 @dataclass
@@ -148,9 +126,6 @@ def _store(folder: Path) -> Store:
     return store
 
 
-# ---------------------------------------------------------------- rows
-
-
 def times_of(experiment: str) -> frozenset[str]:
     """Columns an experiment declares as times, with `TIMES`, beside those their names give away."""
     try:
@@ -214,9 +189,6 @@ def _distance(a: Any, b: Any) -> tuple[float, float]:
     return (0.0, 0.0) if equal else (math.inf, math.inf)
 
 
-# ---------------------------------------------------------------- times
-
-
 def paired_times(pairs: Sequence[tuple[Record, Record]], threshold: float = THRESHOLD) -> list[Times]:
     """Tests every duration of every method, over the cells in both stores, and corrects for testing many."""
     groups: dict[tuple[str, str, str], list[tuple[list[float], list[float]]]] = {}
@@ -265,129 +237,3 @@ def _holm(tested: list[Times]) -> None:
     for rank, group in enumerate(sorted(tested, key=lambda group: group.p)):
         largest = max(largest, min(1.0, group.p * (len(tested) - rank)))
         group.p = largest
-
-
-# ---------------------------------------------------------------- computing again
-
-
-@dataclass
-class Verification:
-    """What became of the cells computed again."""
-
-    stored: Counter[str] = field(default_factory=Counter)  # all cells there, by `sources.judge`
-    cells: int = 0
-    identical: int = 0
-    close: int = 0  # within the tolerance of a library's or the truth's round-off
-    # experiment, cell, what differs, and what `sources.judge` says of the stored one
-    changed: list[tuple[str, dict[str, Any], dict[str, Difference], str]] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-
-
-def verify(
-    folder: Path,
-    sample: int,
-    seed: int = 0,
-    longest: float = 3.0,
-    jobs: int | None = None,
-    show: bool = True,
-    old: bool = False,
-) -> Verification:
-    """Computes some stored cells again and compares their rows.
-
-    Parameters
-    ----------
-    sample : how many; from every part and method of every experiment in turn. seed : which.
-    longest : s; cells that took longer are left out. jobs : processes; default: one per usable core.
-    old : only cells that are not known to come from the source code that is here.
-    """
-    found = Verification()
-    records = _sample(_store(folder), sample, random.Random(seed), longest, found, old)
-    current: dict[tuple[str, str], Record] = {}
-    with progress.follow({"verify": len(records)}, show) as bar:
-
-        def finish(outcomes: Sequence[tuple[Task, workers.Outcome]]) -> None:
-            for task, outcome in outcomes:
-                current[task.experiment, _canonical(task.cell)] = {"cell": task.cell, **outcome}
-                bar.advance("verify", False)
-
-        tasks = [Task(r["experiment"], r["version"], r["position"], r["cell"]) for r in records]
-        with workers.Local(jobs or provenance.usable_cores(), limit=100 * longest) as executor:
-            workers.compute_all(tasks, executor, lambda _: bar.begin("verify"), finish)
-    found.cells = len(records)
-    for record in records:
-        _judge(found, record, current[record["experiment"], _canonical(record["cell"])])
-    return found
-
-
-def _judge(found: Verification, old: Record, new: Record) -> None:
-    own = times_of(old["experiment"])
-    if not differences(old, new, own, lambda _: (0.0, 0.0)):
-        found.identical += 1
-    elif differing := differences(old, new, own, _tolerance(old["cell"].get("method"))):
-        found.changed.append((old["experiment"], old["cell"], differing, sources.judge(old)))
-    else:
-        found.close += 1
-
-
-def _tolerance(method: str | None) -> Any:
-    found = None if method is None else _method(method)
-    compiled = found is not None and found.engine == "numba"
-    return lambda column: (0.0, 0.0) if compiled and column in EXACT else (RTOL, ATOLS.get(column, ATOL))
-
-
-def _sample(
-    store: Store, sample: int, draw: random.Random, longest: float, found: Verification, old: bool
-) -> list[Record]:
-    """Stored cells in turn from every (experiment, part, method), drawn at random within each."""
-    groups: dict[tuple[str, str, str], list[Record]] = {}
-    outdated, absent, long = set(), set(), 0
-    for experiment in store.experiments():
-        try:
-            module = load_stored(experiment)
-        except UnknownExperiment as error:
-            found.notes.append(f"not computed: {error}")
-            continue
-        for record in store.latest(experiment):
-            cell, method = record["cell"], record["cell"].get("method")
-            age = sources.judge(record)
-            found.stored[age] += 1
-            if old and age == sources.SAME:
-                continue
-            if record["version"] != module.VERSION:
-                outdated.add(experiment)
-            elif method is not None and _method(method) is None:
-                absent.add(method)
-            elif record["seconds"] > longest:
-                long += 1
-            elif _comparable(record, times_of(experiment)):
-                group = (experiment, str(cell.get("part", "")), str(method or cell.get("variant", "")))
-                groups.setdefault(group, []).append(record)
-    if outdated:
-        names = ", ".join(sorted(outdated))
-        raise StoreError(f"{store.folder}: {names} changed (VERSION) since this was stored: run it again")
-    told = sources.told(found.stored[sources.OTHER], found.stored[sources.UNKNOWN])
-    found.notes += [told] if told else []
-    found.notes += [f"not computed: {', '.join(sorted(absent))}: not available here"] if absent else []
-    found.notes += [f"not computed: {long} cells that took longer than {longest:g} s"] if long else []
-    listed = list(groups.values())
-    for records in listed:
-        draw.shuffle(records)
-    chosen: list[Record] = []
-    while len(chosen) < sample and any(listed):
-        chosen += [records.pop() for records in listed if records]
-    return chosen[:sample]
-
-
-def _comparable(record: Record, own: Iterable[str]) -> bool:
-    """Whether there is anything but times to compare."""
-    if record["status"] == "failed":
-        return record["error"]["type"] not in ("TimeLimit", workers.DIED)
-    return any(not is_time(column, record["cell"], own) for row in record["rows"] for column in row)
-
-
-def _method(name: str) -> Method | None:
-    """The method of a stored cell; None if it is not available here, or somebody's own that nobody imported."""
-    try:
-        return find_stored_method(name)
-    except ValueError:
-        return None

@@ -1,27 +1,30 @@
-"""`lagrange-bench integrate`: one top, one method, one trajectory. Its options, and what they mean."""
+"""`lagrange-bench integrate`: one top, one method, one trajectory."""
 
 from __future__ import annotations
 
 import argparse
-import math
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from integrators import machine as memory
-from lagrange_bench.commands import Answer, closest, find_method, plain
+from integrators import machine
+from integrators.NEWregistry import closest, find_method
+from lagrange_bench.arguments import count, number, numbers, option
+from lagrange_bench.text import Answer, plain
 
 if TYPE_CHECKING:
     import numpy as np
 
     from integrators import LagrangeTop
 
+SUMMARY = "follow one top with one method"
+
 DESCRIPTION = """\
 Follow one top with one method. Prints the final state, the invariants and their drift, the error against the exact
 solution, and the work done; --output keeps the trajectory, --draw and --animate show the axis on its sphere."""
+
 
 EXAMPLES = """\
 examples:
@@ -35,6 +38,7 @@ reading what --output wrote, without losing a bit:
   pandas.read_csv("run.csv", comment="#")     # before pandas 3.1 also float_precision="round_trip"
   file = numpy.load("run.npz"); file["t"], file["y"], json.loads(file["metadata"].item())
   pyarrow.parquet.read_table("run.parquet")   # metadata in its schema, each a JSON text"""
+
 
 PHYSICAL = {  # name → default, None: must be given
     "mass": None,
@@ -100,40 +104,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     results.add_argument("--quiet", action="store_true", help="do not say on stderr which files were written")
 
 
-# ---------------------------------------------------------------- what the words on the command line mean
-
-
-def read(kind: Callable[[str], Any], text: str) -> Any:
-    """`kind(text)`, for ASCII without underscores: Python also reads 1_0 and the digits of other scripts, users do not."""
-    if not text.isascii() or "_" in text:
-        raise ValueError(text)
-    return kind(text)
-
-
-def number(text: str) -> float:
-    """A finite real number."""
-    try:
-        value: float = read(float, text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be a number; got {text!r}") from None
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"must be finite; got {text}")
-    return value
-
-
-def numbers(text: str) -> list[float]:
-    """Numbers separated by commas."""
-    return [number(word) for word in text.split(",")]
-
-
-def count(text: str) -> int:
-    """A whole number, also as 1e6."""
-    value = number(text)
-    if value != int(value) or not 0 <= value <= 2**53:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0 to 2^53; got {text!r}")
-    return int(value)
-
-
 def times(text: str) -> list[float]:
     """t0:t1:n, or a list."""
     if ":" not in text:
@@ -145,23 +115,10 @@ def times(text: str) -> list[float]:
     if n < 2:
         raise argparse.ArgumentTypeError(f"t0:t1:n takes at least 2 times; got {n}")
     try:
-        memory.check(n, PER_ROW, memory.available(), text, "take fewer times")
+        machine.check(n, PER_ROW, machine.available(), text, "take fewer times")
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     return [first + (last - first) * (k / (n - 1)) for k in range(n - 1)] + [last]
-
-
-def option(text: str) -> tuple[str, Any]:
-    """key=value; the value is an int, a float, a complex number or a bool if it reads as one, else a word."""
-    key, equals, value = text.partition("=")
-    if not equals or not key.isidentifier():
-        raise argparse.ArgumentTypeError(f"must be KEY=VALUE; got {text!r}")
-    for kind in (int, float, complex):
-        try:
-            return key, read(kind, value)
-        except ValueError:
-            continue
-    return key, {"true": True, "false": False}.get(value.lower(), value)
 
 
 def physical(text: str) -> dict[str, float]:
@@ -183,10 +140,7 @@ def physical(text: str) -> dict[str, float]:
     return {name: given.get(name, default) for name, default in PHYSICAL.items()}  # type: ignore[misc]
 
 
-# ---------------------------------------------------------------- doing it
-
-
-def integrate(options: argparse.Namespace) -> Answer:
+def run(options: argparse.Namespace) -> Answer:
     """Follow the top, write what is wanted, and sum up."""
     from integrators.interface import check_options
     from lagrange_bench import trajectory as output
@@ -269,7 +223,7 @@ def _grid(options: argparse.Namespace) -> dict[str, Any]:
         every = 1 if options.output or options.draw or options.animate else max(options.steps, 1)
     if every < 1 or options.steps % every:
         raise ValueError(f"--every {every} does not divide --steps {options.steps}")
-    memory.check(options.steps // every + 1, PER_ROW, memory.available(), "--steps", "record fewer states (--every)")
+    machine.check(options.steps // every + 1, PER_ROW, machine.available(), "--steps", "record fewer states (--every)")
     return {"h": options.h, "steps": options.steps, "every": every}
 
 

@@ -12,7 +12,22 @@ from collections.abc import Iterator
 from typing import Any
 
 from experiments.catalogue import EXPERIMENTS
-from lagrange_bench.commands import Answer
+from lagrange_bench.text import Answer
+
+SUMMARY = "completion for bash, zsh or fish"
+
+DESCRIPTION = """\
+Print a script that lets the shell complete commands, options, experiments, methods and tops."""
+
+
+EXAMPLES = """\
+examples:
+  eval "$(lagrange-bench completion bash)"      for this shell; into ~/.bashrc for every one
+  lagrange-bench completion zsh > ~/.lagrange-bench.zsh     and `source ~/.lagrange-bench.zsh` after compinit
+  lagrange-bench completion fish > ~/.config/fish/completions/lagrange-bench.fish
+
+The names are those of today: print it again after you installed a plug-in."""
+
 
 BASH = """\
 _lagrange_bench() {{
@@ -31,7 +46,7 @@ _lagrange_bench() {{
 complete -o default -F _lagrange_bench lagrange-bench"""
 
 
-def completion(options: argparse.Namespace) -> Answer:
+def run(options: argparse.Namespace) -> Answer:
     """The script of one shell."""
     script = {"bash": _bash, "zsh": _zsh, "fish": _fish}[options.shell]()
     return Answer(script, {"shell": options.shell, "script": script})
@@ -91,3 +106,7 @@ def _fish() -> str:
             elif words(action):
                 lines.append(f"{head} -a {shlex.quote(' '.join(words(action)))}")
     return "\n".join(lines)
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument("shell", choices=("bash", "zsh", "fish"), metavar="SHELL", help="bash, zsh or fish")

@@ -1,0 +1,91 @@
+"""`lagrange-bench compare`: what two stores differ in."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from integrators.NEWregistry import import_modules
+from lagrange_bench.arguments import add_module, tolerance
+from lagrange_bench.differences import as_data, changed_columns, listed
+from lagrange_bench.text import Answer, plain, table
+
+SUMMARY = "what two results differ in"
+
+DESCRIPTION = """\
+Compare two stores cell by cell: which were added, removed or changed, and by how much in each column. Everything but
+times must be equal; --times tests those too, each method's over all its cells, by Wilcoxon's signed-rank test."""
+
+
+EXAMPLES = """\
+examples:
+  lagrange-bench compare results/reference results/local/full
+  lagrange-bench compare before after --times               is the new code slower?
+  lagrange-bench compare here there --rtol 1e-3 --atol 1e-12     of two kinds of machine
+
+exit codes: 0 the same · 1 not the same · 2 no such results"""
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument("old", type=Path, metavar="OLD", help="results: a folder that lagrange-bench run wrote to")
+    command.add_argument("new", type=Path, metavar="NEW", help="other results")
+    text = "relative difference allowed, where the absolute one is not (default: 0)"
+    command.add_argument("--rtol", type=tolerance, metavar="R", default=0.0, help=text)
+    command.add_argument("--atol", type=tolerance, metavar="A", default=0.0, help="absolute difference (default: 0)")
+    command.add_argument("--times", action="store_true", help="test times too")
+    command.add_argument("--verbose", action="store_true", help="list every cell that was added or removed")
+    text = "a ratio of times up to 1 + R is called the same (default: 0.1)"
+    command.add_argument("--threshold", type=tolerance, metavar="R", default=0.1, help=text)
+    add_module(command)
+
+
+def run(options: argparse.Namespace) -> Answer:
+    """What two stores differ in; exit code 1 if in anything."""
+    from results import compare as stores
+
+    import_modules(options.module)
+    tolerance = {"rtol": options.rtol, "atol": options.atol}
+    found = stores.compare(options.old, options.new, **tolerance, times=options.times, threshold=options.threshold)
+    rows: list[tuple[str, ...]] = [("experiment", "cells old", "new", "same", "added", "removed", "changed")]
+    for name, c in found.experiments.items():
+        counts = (c.old, c.new, c.same, len(c.added), len(c.removed), len(c.changed))
+        rows.append((name, *map(str, counts)))
+    lines = table(rows)
+    for name, c in found.experiments.items():
+        for what, those in (("removed", c.removed), ("added", c.added)):
+            lines += listed(name, what, those, None) if options.verbose else _counted(name, what, those)
+        lines += changed_columns(name, c.changed)
+    if options.times:
+        lines += ["", *_times(found.times, options.threshold)]
+    lines += [*found.notes, "the same" if found.same else "not the same"]
+    cells = {
+        name: {**vars(c), "changed": [as_data(cell, differing) for cell, differing in c.changed]}
+        for name, c in found.experiments.items()
+    }
+    data = {"same": found.same, "experiments": cells, "times": [asdict(t) for t in found.times], "notes": found.notes}
+    return Answer("\n".join(lines), plain(data), 0 if found.same else 1)
+
+
+def _counted(experiment: str, what: str, cells: Sequence[dict[str, Any]]) -> list[str]:
+    """One line: how many, and of which parts."""
+    if not cells:
+        return []
+    parts = Counter(str(cell["part"]) for cell in cells if "part" in cell)
+    told = f" ({', '.join(f'{count} of {part}' for part, count in parts.items())})" if parts else ""
+    return [f"{what}: {len(cells)} cell{'' if len(cells) == 1 else 's'} of {experiment}{told}; --verbose lists them"]
+
+
+def _times(tested: Sequence[Any], threshold: float) -> list[str]:
+    if not tested:
+        return ["no timing cells to compare"]
+    different = [group for group in tested if group.verdict != "same"]
+    rows: list[tuple[str, ...]] = [("times", "method", "column", "cells", "pairs", "new/old", "p", "verdict")]
+    for g in different:
+        counts = (str(g.cells), str(g.pairs), f"{g.ratio:.3f}", f"{g.p:.1e}")
+        rows.append((g.experiment, g.method, g.column, *counts, g.verdict))
+    sum_up = f"{len(tested)} groups of times, {len(different)} differ by more than {threshold:.0%} and significantly"
+    return [*(table(rows) if different else []), sum_up]

@@ -1,0 +1,45 @@
+"""`lagrange-bench errata`: the errata of the paper, measured."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+
+from lagrange_bench.arguments import positive
+from lagrange_bench.text import Answer, plain, table
+
+SUMMARY = "errata of the paper, printed and corrected"
+
+DESCRIPTION = """\
+List the errata of the paper the Bäcklund methods come from: wrong formulas, and wrong sentences beside right formulas.
+Each is evaluated as printed and as corrected, at random points; what it misses by is printed beside it."""
+
+
+EXAMPLES = """\
+examples:
+  lagrange-bench errata
+  lagrange-bench errata --points 100 --seed 7
+  lagrange-bench errata --json | jq -r '.[] | select(.section == "5.5") | .corrected_text'
+
+alpha, J1 … x3, λ, μ, x, X as in the paper, J̃ for the image; ℓ = x·J, C1 = |x|². The list is the DESCRIPTION of each module
+of integrators.paper, where the corrected formulas are."""
+
+
+def run(options: argparse.Namespace) -> Answer:
+    """Every erratum of the paper with the residual of the statement as printed and as corrected."""
+    from experiments.measuring import errata as paper
+
+    found = paper.measure(options.points, options.seed)
+    rows = [("section", "equation", "wrong", "residual", "", "statement")]
+    for e in found:
+        wrong = "sentence" if e.prose else "formula"
+        rows.append((e.section, e.equation, wrong, f"{e.printed:.1e}", "printed", e.printed_text))
+        rows.append(("", "", "", f"{e.corrected:.1e}", "corrected", e.corrected_text))
+    sum_up = f"wrong: {paper.count(found)}; at {options.points} random points each: "
+    sum_up += "the smallest residual as printed, the largest as corrected"
+    return Answer("\n".join([*table(rows), "", sum_up]), plain([asdict(e) for e in found]))
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--points", type=positive, default=8, metavar="N", help="random points for each (default: 8)")
+    command.add_argument("--seed", type=int, default=0, metavar="N", help="of the points (default: 0)")

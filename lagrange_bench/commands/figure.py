@@ -1,0 +1,65 @@
+"""`lagrange-bench figure`: one figure, for a paper."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from integrators.NEWregistry import import_modules
+from lagrange_bench.arguments import add_module
+from lagrange_bench.text import Answer
+
+SUMMARY = "one figure, for a paper"
+
+DESCRIPTION = """\
+Draw a stored figure again, for a paper: as SVG, PDF (fonts embedded) or PNG, as wide as a column or a page. The same
+rows give the same bytes."""
+
+
+EXAMPLES = """\
+examples:
+  lagrange-bench figure phase_h --format pdf --width column
+  lagrange-bench figure drift_time --results results/local/quick --output drift.svg
+  lagrange-bench figure --all --format pdf --output paper/figures"""
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument("name", nargs="?", metavar="NAME", help="as below a figure of the page: phase_h, say")
+    command.add_argument(
+        "--all", action="store_true", help="every figure, in every format and width unless one is given"
+    )
+    command.add_argument("--format", choices=("svg", "pdf", "png"), help="of the file (default: svg)")
+    command.add_argument("--width", choices=("column", "page"), help="3.4 or 7 inches (default: as on the page)")
+    text = "what lagrange-bench run stored (default: as for lagrange-bench report)"
+    command.add_argument("--results", type=Path, metavar="DIR", help=text)
+    text = "the file, or the folder for --all (default: NAME.FORMAT, or ./figures)"
+    command.add_argument("--output", type=Path, metavar="PATH", help=text)
+    command.add_argument("--quiet", action="store_true", help="nothing on stderr")
+    add_module(command)
+
+
+def run(options: argparse.Namespace) -> Answer:
+    """Draw one stored figure, or all of them, as files."""
+    from lagrange_bench.runner import progress
+    from report import export
+    from report.__main__ import find
+
+    if options.all == (options.name is not None):
+        raise ValueError("give the name of a figure, as phase_h, or --all")
+    import_modules(options.module)
+    results, _ = find(options.results)
+    with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
+        if options.all:
+            chosen = {"kinds": options.format, "widths": options.width}
+            some = {name: (value,) for name, value in chosen.items() if value}
+            written, unknown = export.export_all(results, options.output or Path("figures"), **some, drawn=drawn)
+        else:
+            unknown, written = (
+                [],
+                [export.export(options.name, results, options.output, options.format or "svg", options.width)],
+            )
+    for reason in unknown if not options.quiet else ():
+        print(f"not drawn: {reason}", file=sys.stderr)
+    data = {"written": [str(path) for path in written], "not_drawn": unknown, "results": str(results)}
+    return Answer("\n".join(map(str, written)), data, 1 if unknown else 0)

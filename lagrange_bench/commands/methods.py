@@ -1,0 +1,75 @@
+"""`lagrange-bench methods`: the integrators and what they claim."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from integrators.NEWregistry import how_to_get
+from lagrange_bench.text import Answer, table
+
+SUMMARY = "the integrators and what they claim"
+
+DESCRIPTION = """\
+List the integration methods and what they claim: order, symmetry, Poisson map, invariants kept at round-off."""
+
+
+EXAMPLES = """\
+examples:
+  lagrange-bench methods
+  lagrange-bench methods --verbose              with sources and options (for integrate --option)
+  lagrange-bench methods --json | jq -r '.[] | select(.poisson) | .name'
+
+A method of your own package joins through the entry-point group lagrange_bench.methods (name = package.module:METHOD);
+lagrange-bench check tests what it claims."""
+
+
+def run(options: argparse.Namespace) -> Answer:
+    """Every method in legend order; one that cannot be loaded is listed with the reason."""
+    from integrators import DESCRIPTION, INVARIANTS, available
+
+    data: list[dict[str, Any]] = []
+    for name in DESCRIPTION:
+        try:
+            method = DESCRIPTION[name]
+        except Exception as error:  # somebody else's package: whatever is wrong with it, the others are still there
+            data.append({"name": name, "error": f"{type(error).__name__}: {error}"})
+            continue
+        fields = ("label", "family", "order", "symmetric", "poisson", "control", "requires", "source")
+        claims = {field: getattr(method, field) for field in fields}
+        kept = [invariant for invariant in INVARIANTS if invariant in method.conserves]
+        more = {"conserves": kept, "available": available(method), "options": list(method.options)}
+        data.append({"name": name, **claims, **more})
+    header = ("name", "label", "family", "order", "symmetric", "Poisson", "conserves", "control", "available")
+    lines = [*table([header, *map(_method_row, data)]), *_method_notes(data)]
+    if options.verbose:
+        for claims in data:
+            known = ", ".join(claims.get("options") or ["none"])
+            lines += ["", claims["name"], f"  source:  {claims.get('source', '?')}", f"  options: {known}"]
+    return Answer("\n".join(lines), data)
+
+
+def _method_row(claims: dict[str, Any]) -> tuple[str, ...]:
+    if "error" in claims:
+        return (claims["name"], *"-------", "no")
+    order = "exact" if claims["order"] is None else str(claims["order"])
+    symmetric, poisson, here = (YES_NO[claims[field]] for field in ("symmetric", "poisson", "available"))
+    kept = " ".join(claims["conserves"]) or "-"
+    return claims["name"], claims["label"], claims["family"], order, symmetric, poisson, kept, claims["control"], here
+
+
+def _method_notes(data: list[dict[str, Any]]) -> list[str]:
+    """What is missing, once for each package, and how to get it."""
+    missing: dict[str, list[str]] = {}
+    for claims in data:
+        if claims.get("available") is False:
+            missing.setdefault(claims["requires"], []).append(claims["name"])
+    notes = [f"{', '.join(names)}: {how_to_get(package)}" for package, names in missing.items()]
+    return notes + [f"{claims['name']}: cannot be loaded: {claims['error']}" for claims in data if "error" in claims]
+
+
+YES_NO = {True: "yes", False: "no", None: "?"}
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--verbose", action="store_true", help="also print where each method comes from, its options")

@@ -1,0 +1,127 @@
+"""`lagrange-bench run`: measure what is missing."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from collections.abc import Iterable
+from pathlib import Path
+
+from experiments.catalogue import EXPERIMENTS
+from integrators.NEWregistry import search_current_folder
+from lagrange_bench.arguments import positive, scheduler, seconds, shard
+from lagrange_bench.text import Answer
+
+SUMMARY = "measure what is missing"
+
+DESCRIPTION = """\
+Measure the cells of experiments that are not stored yet, each kept as soon as it is done. A run that was stopped is
+continued, and failed cells are tried again, by the same command. A cell that hangs or crashes fails alone. Cells whose
+source code changed since are counted, and computed afresh with --again."""
+
+
+EXAMPLES = """\
+examples:
+  lagrange-bench run                            everything, quick: less than three minutes on two cores
+  lagrange-bench run cost --profile full        one experiment as published; leave the machine alone meanwhile
+  lagrange-bench run my.toml                    tops, methods and steps of your own (docs/sweeps.md)
+  lagrange-bench run drift --scheduler tcp://head:8786      on the workers of a Dask scheduler
+  lagrange-bench run drift --shard 3/100 --no-timings       a hundredth of the cells, for one of a hundred jobs
+
+After you edited a method or an experiment, lagrange-bench run --again computes the cells it changed: with each cell the
+source code is recorded that its rows come from, what measures, the method, and all the functions these call. Comments,
+figures and other methods do not count. New rows are added to the journal, and the old ones stay in it.
+
+Timing cells are measured on this machine, one at a time, after all others, whatever --jobs and --scheduler say; with
+--no-timings not at all. Needs for --scheduler: pip install 'lagrange-bench[cluster]' (docs/cluster.md).
+
+An experiment of your own is named by its module: lagrange-bench run my_package.my_experiment
+
+exit codes: 0 done; a method that refuses a step (StepError) is a result, told and drawn · 1 a cell failed otherwise ·
+2 bad input, or results cannot be written · 130 interrupted; what was finished is stored"""
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    known = ", ".join(EXPERIMENTS)
+    command.add_argument(
+        "experiments", nargs="*", metavar="EXPERIMENT", help=f"{known}, or FILE.toml (default: all of them)"
+    )
+    profiles = ("quick", "full")
+    text = "quick: everything, coarsely; full: the published numbers (default: quick)"
+    command.add_argument("--profile", choices=profiles, default="quick", help=text)
+    text = "where results are stored, and looked for (default: results/local/PROFILE of the source tree, or "
+    text += "./results/PROFILE; of a FILE.toml its name instead of PROFILE)"
+    command.add_argument("--results", type=Path, metavar="DIR", help=text)
+    text = "worker processes; timings always run one at a time (default: one per usable core)"
+    command.add_argument("--jobs", type=positive, metavar="N", help=text)
+    text = "a cell that takes longer fails, and the rest goes on (default: 300 in the quick, 3600 in the full profile)"
+    command.add_argument("--time-limit", type=seconds, metavar="SECONDS", help=text)
+    text = "only every N-th cell of each experiment, starting with the I-th; I counts from 0"
+    command.add_argument("--shard", type=shard, metavar="I/N", default=(0, 1), help=text)
+    text = "compute on a Dask cluster: the address tcp://HOST:PORT of its scheduler, or local:N for one with N workers "
+    text += "here, for the time of the run"
+    command.add_argument("--scheduler", type=scheduler, metavar="ADDRESS", help=text)
+    command.add_argument("--no-timings", action="store_true", help="leave out the timing cells")
+    text = "also compute the stored cells that were computed with other source code, or nobody knows with which"
+    command.add_argument("--again", action="store_true", help=text)
+    command.add_argument("--quiet", action="store_true", help="no progress on stderr")
+
+
+def run(options: argparse.Namespace) -> Answer:
+    """Compute what is missing, draw what a file of the user asked for, and say what to do next."""
+    from experiments.catalogue import EXPERIMENTS, SWEEP
+    from lagrange_bench.runner import engine
+    from results.store import default_results
+
+    if any("." in name for name in options.experiments):
+        search_current_folder()
+    names = [_sweep(name) for name in options.experiments] or EXPERIMENTS
+    sweeps = [name for name in names if name.startswith(SWEEP)]
+    own = len(sweeps) == len(names)  # a folder of its own: the page of a profile is not the place for it
+    results = options.results or default_results(sweeps[0].removeprefix(SWEEP) if own else options.profile)
+    where = {"shard": options.shard, "scheduler": options.scheduler, "timings": not options.no_timings}
+    where["again"] = options.again
+    limit, show = options.time_limit, not options.quiet
+    summary = engine.run(names, options.profile, results, options.jobs, show, time_limit=limit, **where)
+    drawn = [path for name in sweeps for path in _draw_sweep(name, results)]
+    lines = [str(summary), *(f"drawn: {path}" for path in drawn if path.suffix == ".svg")]
+    if summary.exit_code:
+        lines.append(f"again, the failed cells only: {shlex.join(['lagrange-bench', *options.words])}")
+    if summary.old and not options.again:
+        lines.append(f"again, the old cells: {shlex.join(['lagrange-bench', *options.words, '--again'])}")
+    report = f"lagrange-bench report --results {shlex.quote(str(results))}"
+    report += f" --output {shlex.quote(str(results / 'page'))}" if own else ""
+    report += "".join(f" --module {module}" for module in _own_modules(names))
+    data = {**summary.as_dict(), "drawn": [str(path) for path in drawn], "next": report}
+    return Answer("\n".join([*lines, f"next: {report}"]), data, summary.exit_code)
+
+
+def _own_modules(experiments: Iterable[str]) -> list[str]:
+    """What the user has named of their own: a report imports it only if it is named again."""
+    from experiments.catalogue import SWEEP, load
+
+    modules = []
+    for name in experiments:
+        if name.startswith(SWEEP):
+            methods = [cell["method"] for cell in load(name).cells("full")]
+            modules += [method.partition(":")[0] for method in methods if ":" in method]
+        elif "." in name:
+            modules.append(name)
+    return list(dict.fromkeys(modules))
+
+
+def _sweep(name: str) -> str:
+    """The experiment that a word on the command line means."""
+    if not name.endswith(".toml"):
+        return name
+    from experiments import sweep
+
+    return sweep.read(name)
+
+
+def _draw_sweep(name: str, results: Path) -> list[Path]:
+    """Figures and tables of a sweep, beside its journal; of a shard, or where all is skipped, perhaps none."""
+    from report import page
+    from results.store import Store
+
+    return page.write_experiment(name, results, results) if Store(results).latest(name) else []

@@ -1,0 +1,75 @@
+"""`lagrange-bench verify`: compute stored cells again."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from integrators.NEWregistry import import_modules
+from lagrange_bench.arguments import add_module, positive, seconds, whole
+from lagrange_bench.differences import as_data, changed_columns
+from lagrange_bench.text import Answer, plain
+
+SUMMARY = "compute stored cells again"
+
+DESCRIPTION = """\
+Compute some of the cells of a store again, here and now, and compare: what a compiled method did to the invariants, and
+all counts, bit by bit; what a library or the exact solution has a part in, to its round-off; times not at all."""
+
+
+EXAMPLES = """\
+examples:
+  lagrange-bench verify                              sixty cells of the published results
+  lagrange-bench verify --sample 10000 --longest 60 --seed 1      all of them: a quarter of an hour
+  lagrange-bench verify results/local/quick --sample 20 --json
+  lagrange-bench verify results/local/full --old --sample 10000   did your edit change any row?
+
+The sample is drawn in turn from every part and method of every experiment. exit codes: 0 the same · 1 changed · 2 no
+such results, or an experiment's VERSION is newer than they are"""
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    text = "results (default: the published ones)"
+    command.add_argument("folder", nargs="?", type=Path, metavar="DIR", help=text)
+    text = "how many cells (default: 60, less than a minute on two cores)"
+    command.add_argument("--sample", type=positive, metavar="N", default=60, help=text)
+    command.add_argument("--seed", type=whole, metavar="N", default=0, help="another sample (default: 0)")
+    text = "only cells that were computed with other source code, or nobody knows with which"
+    command.add_argument("--old", action="store_true", help=text)
+    text = "leave out cells that took longer when they were stored (default: 3)"
+    command.add_argument("--longest", type=seconds, metavar="SECONDS", default=3.0, help=text)
+    command.add_argument("--jobs", type=positive, metavar="N", help="worker processes (default: one per usable core)")
+    command.add_argument("--quiet", action="store_true", help="no progress on stderr")
+    add_module(command)
+
+
+def run(options: argparse.Namespace) -> Answer:
+    """Compute stored cells again; exit code 1 if rows changed."""
+    from results import compare as stores
+    from results import sources
+    from results.store import default_results
+
+    import_modules(options.module)
+    folder = options.folder or default_results()
+    more = {"longest": options.longest, "jobs": options.jobs, "show": not options.quiet, "old": options.old}
+    found = stores.verify(folder, options.sample, options.seed, **more)
+    by_experiment: dict[str, list[Any]] = {}
+    for name, cell, differing, _ in found.changed:
+        by_experiment.setdefault(name, []).append((cell, differing))
+    lines = [line for name, changed in by_experiment.items() for line in changed_columns(name, changed)]
+    sum_up = f"{found.cells} cells computed again: {found.identical} identical, {found.close} within the tolerance of "
+    sum_up += f"libraries, {len(found.changed)} changed"
+    ages = Counter(age for *_, age in found.changed)
+    told = {sources.OTHER: "other source code", sources.UNKNOWN: "source code that was not recorded"}
+    words = [f"{ages[age]} of them stored with {text}" for age, text in told.items() if ages[age]]
+    data = {
+        **{name: getattr(found, name) for name in ("stored", "cells", "identical", "close", "notes")},
+        "changed": [
+            {"experiment": name, "sources": age, **as_data(cell, differing)}
+            for name, cell, differing, age in found.changed
+        ],
+    }
+    sum_up = "; ".join([sum_up, *words])
+    return Answer("\n".join([*lines, *found.notes, sum_up]), plain(data), 1 if found.changed else 0)
