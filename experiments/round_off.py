@@ -29,7 +29,6 @@ from experiments.measuring.states import (
 from integrators import prepare
 from integrators.compiling.compiled import compiled
 from integrators.compiling.loops import MEMORY, NEVER, FixedStepper
-from integrators.methods.backlund import TorusStepper
 from integrators.problem.units import Units
 from integrators.torus import real_map
 from integrators.torus.real_map import (
@@ -42,6 +41,7 @@ from integrators.torus.real_map import (
     P3,
     R,
 )
+from integrators.torus.stepper import TorusStepper
 from integrators.truth import exact
 from lagrange_bench.runner import engine
 

@@ -23,15 +23,9 @@ import numpy as np
 from experiments.catalogue import SWEEP
 from experiments.measuring import metrics
 from experiments.measuring.states import find, follow, rounded, truth
-from integrators import (
-    INVARIANTS,
-    TOPS,
-    StepError,
-    integrate,
-    prepare,
-)
-from integrators import machine as memory
-from integrators.interface import MOST, Array, Method, check_count, check_options, check_real, check_state, check_step
+from integrators import INVARIANTS, TOPS, StepError, integrate, machine, prepare
+from integrators.checks import MOST, check_count, check_options, check_real, check_state, check_step
+from integrators.interface import Array, Method
 from integrators.problem.top import LagrangeTop
 from integrators.truth import exact
 from lagrange_bench.commands import find_method, find_stored_method
@@ -144,7 +138,7 @@ def _sweep(table: dict[str, Any], tops: dict[str, tuple[float, Array]], place: s
     if knob != "h" and "steps" in table:
         raise ValueError(f"{place}, steps goes with h; with {knob} give time only")
     samples = check_count(table.get("samples", SAMPLES), f"{place}, samples", least=2)
-    memory.check(samples, PER_SAMPLE, memory.limit(), f"{place}, samples", f"take fewer, or set {memory.VARIABLE}")
+    machine.check(samples, PER_SAMPLE, machine.limit(), f"{place}, samples", f"take fewer, or set {machine.VARIABLE}")
     options = _options(table.get("options", {}), place)
     names = table.get("tops", list(tops) or ["generic"])
     starts = [_start(name, tops, f"{place}, tops") for name in _list(names, f"{place}, tops")]

@@ -20,8 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from integrators.checks import check_count, check_options, check_step, check_times
 from integrators.compiling.loops import LANES, FixedStepper, run_lanes
-from integrators.interface import Array, Method, StepError, Stepper, check_count, check_options, check_step, check_times
+from integrators.interface import Array, Method, StepError, Stepper
 from integrators.problem.body import HeavyTop
 from integrators.problem.top import LagrangeTop
 from integrators.registry import find_method

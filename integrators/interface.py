@@ -6,18 +6,15 @@ Tests read the claims and check them; experiments only ever see a `Stepper`.
 
 from __future__ import annotations
 
-import difflib
-import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from integrators.checks import Array, keyword_options
 
-MOST = 2**62  # of anything that is counted
 INVARIANTS = ("H", "J3", "C1", "C2")
 ENGINES = ("numba", "heyoka", "scipy", "python")
 FAMILIES = ("backlund", "closed-form", "taylor", "runge-kutta", "splitting", "integrable", "implicit", "lie-group")
@@ -112,93 +109,3 @@ class Method:
     def knob(self) -> str:
         """The option that trades work for precision: "tol" or "rtol" for control "tolerance", else "h"."""
         return "h" if self.control == "step" else next(name for name in self.options if name in ("tol", "rtol"))
-
-
-def keyword_options(function: Callable[..., Any]) -> tuple[str, ...]:
-    """Names of the keyword-only parameters: the options a user may set."""
-    parameters = inspect.signature(function).parameters.values()
-    return tuple(p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY)
-
-
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """What follows an unknown name in a message: the known one it is close to, if any."""
-    close = difflib.get_close_matches(name, list(known), n=1)
-    return f"; did you mean {close[0]!r}?" if close else "."
-
-
-# ---------------------------------------------------------------- checking what a user passes in
-
-
-def check_state(y0: Any, name: str = "y0") -> Array:
-    """`y0` as a fresh (6,) float64 array; ValueError naming the argument if it is anything else."""
-    try:
-        y = np.asarray(y0)
-    except ValueError as error:
-        raise ValueError(f"{name} must be six real numbers (J1, J2, J3, x1, x2, x3): {error}") from None
-    if y.shape != (6,):
-        raise ValueError(f"{name} must have shape (6,), that is (J1, J2, J3, x1, x2, x3); got shape {y.shape}")
-    if y.dtype.kind not in "iuf":
-        raise ValueError(f"{name} must be real numbers; got dtype {y.dtype}")
-    y = np.array(y, dtype=np.float64)
-    if not np.all(np.isfinite(y)):
-        raise ValueError(f"{name} must be finite; got {y.tolist()}")
-    if not np.any(y[3:]):
-        raise ValueError(f"{name} has x = 0: the axis of the top needs |x| > 0")
-    return y
-
-
-def check_step(h: Any, name: str = "h") -> float:
-    """`h` as a finite float that is not zero."""
-    step = check_real(h, name)
-    if step == 0.0:
-        raise ValueError(f"{name} must not be 0")
-    return step
-
-
-def check_times(t: Any) -> Array:
-    """`t` as a one-dimensional array of finite floats."""
-    times = np.asarray(t)
-    if times.ndim != 1 or times.dtype.kind not in "iuf" or not np.all(np.isfinite(times)):
-        raise ValueError("t must be a one-dimensional array of finite real times")
-    return times.astype(np.float64)
-
-
-def check_options(name: str, function: Callable[..., Any], options: Mapping[str, Any]) -> None:
-    """ValueError for an option that `function`, of the method `name`, does not have."""
-    known = keyword_options(function) if options else ()
-    for option in options:
-        if option not in known:
-            offered = ", ".join(known) if known else "none"
-            raise ValueError(f"unknown option {option!r} of {name}{suggestion(option, known)} Its options: {offered}")
-
-
-def check_real(value: Any, name: str) -> float:
-    """`value` as a finite float."""
-    if isinstance(value, (bool, np.bool_, str, bytes, complex)):
-        raise ValueError(f"{name} must be a real number; got {value!r}")
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} must be a real number; got {value!r}") from None
-    if not np.isfinite(number):
-        raise ValueError(f"{name} must be finite; got {number}")
-    return number
-
-
-def check_choice(value: Any, name: str, choices: Iterable[str]) -> str:
-    """`value` as one of the `choices`."""
-    known = list(choices)
-    if not isinstance(value, str) or value not in known:
-        raise ValueError(f"{name} must be one of {', '.join(map(repr, known))}; got {value!r}")
-    return value
-
-
-def check_count(n: Any, name: str, least: int = 0) -> int:
-    """`n` as an int of at least `least`."""
-    if isinstance(n, (bool, np.bool_)) or not isinstance(n, (int, np.integer)):
-        raise ValueError(f"{name} must be a whole number; got {n!r}")
-    if n < least:
-        raise ValueError(f"{name} must be at least {least}; got {n}")
-    if n > MOST:
-        raise ValueError(f"{name} must be at most {MOST}; got {n}")
-    return int(n)

@@ -15,7 +15,8 @@ from collections.abc import Iterator, Mapping
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 
-from integrators.interface import Method, StepError, suggestion
+from integrators.checks import suggestion
+from integrators.interface import Method, StepError
 
 GROUP = "lagrange_bench.methods"
 
@@ -24,7 +25,7 @@ BUILT_IN = {
     "backlund": "integrators.methods.backlund:EXACT",
     "backlund_unpinned": "integrators.methods.backlund:UNPINNED",
     "backlund_paper": "integrators.methods.backlund:PAPER",
-    "backlund_textbook": "integrators.methods.backlund:TEXTBOOK",
+    "backlund_textbook": "integrators.methods.backlund_textbook:METHOD",
     # closed-form
     "addition_theorem": "integrators.methods.addition_theorem:METHOD",
     "theta_functions": "integrators.methods.theta_functions:METHOD",

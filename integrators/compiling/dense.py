@@ -11,8 +11,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from integrators.checks import check_count
 from integrators.compiling.loops import check_grid
-from integrators.interface import Array, StepError, Work, check_count
+from integrators.interface import Array, StepError, Work
 from integrators.problem.top import LagrangeTop
 
 FARTHEST = 1e12  # in time scales of a top: at about a step each and a microsecond a step, eleven days

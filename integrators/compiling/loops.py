@@ -19,6 +19,7 @@ import numpy as np
 from numba import TypingError
 from numpy.typing import NDArray
 
+from integrators.checks import check_count
 from integrators.compiling.compiled import (
     column,
     inlined_copy,
@@ -26,7 +27,7 @@ from integrators.compiling.compiled import (
     put_column,
     strided,
 )
-from integrators.interface import Array, StepError, Work, check_count
+from integrators.interface import Array, StepError, Work
 
 # places in `tally`; a kernel that fails puts a code into FAILURE and what it could not reduce into RESIDUAL; from MEMORY on
 # there are SIZE - MEMORY numbers, zero at the start of a call, for what a kernel carries from step to step (compensation)

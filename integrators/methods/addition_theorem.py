@@ -29,6 +29,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from integrators.checks import check_count
 from integrators.compiling.compiled import jit
 from integrators.compiling.double_double import (
     add,
@@ -44,8 +45,7 @@ from integrators.compiling.double_double import (
     sub,
 )
 from integrators.compiling.loops import NEVER, FixedStepper
-from integrators.interface import Array, Method, StepError, check_count
-from integrators.methods.backlund import TorusStepper
+from integrators.interface import Array, Method, StepError
 from integrators.problem.top import LagrangeTop
 from integrators.problem.units import Units
 from integrators.torus import time_step as ts
@@ -61,6 +61,7 @@ from integrators.torus.real_map import (
 )
 from integrators.torus.real_map import CONSTANTS as TORUS
 from integrators.torus.real_map import pin as onto_torus
+from integrators.torus.stepper import TorusStepper
 
 # places of the constants, behind those of the torus; complex ones take two
 HALF_N, HALF_P, HALF_ALPHA_P, HALF_ALPHA, D0, D1, D2 = range(TORUS, TORUS + 7)

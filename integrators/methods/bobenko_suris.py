@@ -24,9 +24,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from integrators.checks import check_choice
 from integrators.compiling.compiled import jit
 from integrators.compiling.loops import FixedStepper
-from integrators.interface import Array, Method, check_choice
+from integrators.interface import Array, Method
 from integrators.problem.top import LagrangeTop
 from integrators.problem.units import Units
 

@@ -31,9 +31,10 @@ import math
 
 import numpy as np
 
+from integrators.checks import check_choice
 from integrators.compiling.compiled import jit
 from integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, FixedStepper
-from integrators.interface import Array, Method, StepError, check_choice
+from integrators.interface import Array, Method, StepError
 from integrators.problem.top import LagrangeTop
 
 QUARTER, KICK = range(2)  # places of the constants: h/4 and h alpha

@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 
+from integrators.checks import check_real
 from integrators.compiling.compiled import jit
 from integrators.compiling.dense import DenseStepper, Run, at_times
 from integrators.compiling.loops import (
@@ -30,7 +31,7 @@ from integrators.compiling.loops import (
     compile_natural_loop,
 )
 from integrators.compiling.unroll import unrolled
-from integrators.interface import Array, Method, StepError, Work, check_real
+from integrators.interface import Array, Method, StepError, Work
 from integrators.methods.runge_kutta import floats, slopes_of, weigh
 from integrators.methods.tableaux import DOP853, DOP853_MORE
 from integrators.problem.top import LagrangeTop

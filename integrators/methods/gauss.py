@@ -35,6 +35,7 @@ from functools import cache
 
 import numpy as np
 
+from integrators.checks import check_choice
 from integrators.compiling.compiled import inlined, jit, stack
 from integrators.compiling.loops import (
     FAILURE,
@@ -44,7 +45,7 @@ from integrators.compiling.loops import (
     RHS_EVALS,
     FixedStepper,
 )
-from integrators.interface import Array, Method, StepError, check_choice
+from integrators.interface import Array, Method, StepError
 from integrators.problem.top import LagrangeTop
 
 # h²|alpha||x| at the first fold of the stage equations, over all J and x, rounded down: found by minimising it under the

@@ -21,9 +21,10 @@ import math
 
 import numpy as np
 
+from integrators.checks import check_choice
 from integrators.compiling.compiled import inlined
 from integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, FixedStepper
-from integrators.interface import Array, Method, StepError, check_choice
+from integrators.interface import Array, Method, StepError
 from integrators.problem.top import LagrangeTop
 
 ALPHA, H, LARGE = range(3)  # places of the constants

@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from integrators.methods.backlund import two_point
 from integrators.paper import gaudin
 from integrators.paper.gaudin import GaudinMagnet
 from integrators.paper.gaudin_curve import E3
 from integrators.paper.one_point import one_point
 from integrators.paper.phase_space import Numbers, poisson_tensor, vector_field
 from integrators.problem.top import LagrangeTop
+from integrators.torus.any_parameter import two_point
 
 SITE = 1  # the second site, whose sheets are those of the top
 

@@ -32,7 +32,7 @@ import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
-from integrators.interface import check_count, check_state
+from integrators.checks import check_count, check_state
 from integrators.paper.errata import Erratum
 from integrators.paper.phase_space import components, sqrt
 from integrators.paper.weierstrass import Weierstrass

@@ -24,9 +24,10 @@ from typing import Any
 import numpy as np
 from mpmath import mp
 
+from integrators.checks import check_step
 from integrators.compiling.compiled import jit
 from integrators.compiling.loops import INTERRUPTIBLE, check_grid
-from integrators.interface import StepError, Work, check_step
+from integrators.interface import StepError, Work
 from integrators.paper.gaudin import GaudinMagnet
 from integrators.paper.gaudin_curve import check_upper, eigenvalue, exact_parameters, pade_parameters
 from integrators.paper.phase_space import Numbers

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from integrators.interface import Array, Method, StepError, check_real
+from integrators.checks import check_real
+from integrators.interface import Array, Method, StepError
 from integrators.problem.top import LagrangeTop
 
 PARTED = 1e-6  # of the axis: state and attitude are followed apart, and agree to round-off on a stable orbit

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from integrators.interface import suggestion
+from integrators.checks import suggestion
 
 Array = NDArray[np.float64]
 

@@ -27,6 +27,7 @@ from integrators.compiling.double_double import (
     two_sum,
 )
 from integrators.compiling.loops import MEMORY
+from integrators.problem.units import LARGEST_SPAN, MODERATE, exponents
 from integrators.torus import attitude as at
 from integrators.torus import time_step as ts
 
@@ -277,36 +278,6 @@ def form(c):
     if c[MR] * c[MR] + m * m < CLOSE * c[C1] or c[R] * c[R] + c[ETA] * c[ETA] > FAR * FAR:
         return 1
     return 0
-
-
-@jit
-def exponents(alpha, y, h):
-    """Powers of two that bring |x|, and |J| + √(|alpha||x|) or, where that is 0, 1/|h| to between 1/2 and 1."""
-    J, rate = scaled_norm(y[0], y[1], y[2])
-    x, length = scaled_norm(y[3], y[4], y[5])
-    a, weight = math.frexp(abs(alpha))
-    weight += length
-    root = math.sqrt(math.ldexp(a * x, weight & 1))
-    weight >>= 1
-    if J == 0.0 and root == 0.0:
-        return -math.frexp(h)[1], length
-    if J == 0.0 or (root > 0.0 and weight > rate):
-        J, root, rate, weight = root, J, weight, rate
-    size, more = math.frexp(J + math.ldexp(root, weight - rate))
-    return rate + more, length
-
-
-@jit
-def scaled_norm(a, b, c):
-    """|(a, b, c)| as a number from 1/2 to 1 and a power of two; 0, 0 of nothing."""
-    power = math.frexp(max(abs(a), abs(b), abs(c)))[1]
-    a, b, c = math.ldexp(a, -power), math.ldexp(b, -power), math.ldexp(c, -power)
-    norm, more = math.frexp(math.sqrt(a * a + b * b + c * c))
-    return norm, power + more
-
-
-LARGEST_SPAN = 1e15  # of |h|, in time scales of the top: beyond it the phase has no digits left
-MODERATE = 1000  # of the powers of two of the units: then they are doubles themselves
 
 
 @jit

@@ -21,7 +21,7 @@ import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
-from integrators.interface import check_count, check_state
+from integrators.checks import check_count, check_state
 from integrators.problem.top import LagrangeTop
 from integrators.truth.orbit import (
     Nutation,

@@ -189,7 +189,7 @@ def _start(options: argparse.Namespace) -> tuple[str | None, LagrangeTop, np.nda
     if options.alpha is not None and options.state is None:
         raise ValueError("--alpha belongs to --state J1,J2,J3,x1,x2,x3; a named top has its own")
     from integrators import TOPS, HeavyTop, LagrangeTop
-    from integrators.interface import check_state
+    from integrators.checks import check_state
 
     if options.state is not None:
         alpha = 1.0 if options.alpha is None else options.alpha

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 from experiments.catalogue import UnknownExperiment, load_stored
 from lagrange_bench.commands import find_stored_method
 from lagrange_bench.runner import progress, workers
-from lagrange_bench.runner.verify import ATOL
 from lagrange_bench.runner.workers import Task
 from results import provenance, sources
 from results.compare import Difference, _store, differences, is_time, times_of

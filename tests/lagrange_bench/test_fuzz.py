@@ -35,7 +35,8 @@ from integrators import (
     prepare,
     two_point,
 )
-from integrators.interface import INVARIANTS, keyword_options
+from integrators.checks import keyword_options
+from integrators.interface import INVARIANTS
 from integrators.methods import runge_kutta, splitting
 from integrators.truth import exact
 from integrators.truth.orbit import units

@@ -1,0 +1,154 @@
+"""What a user calls: `prepare`, `integrate`, `two_point`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from integrators.checks import check_count, check_options, check_state, check_step, check_times
+from integrators.interface import Array, Method, StepError, Stepper, Work
+from integrators.problem import body
+from integrators.problem.body import HeavyTop
+from integrators.problem.top import LagrangeTop, NamedTop
+from integrators.registry import find_method
+from integrators.torus import any_parameter
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """What `integrate` returns: times (N,), states (N, 6), and the work it took."""
+
+    top: LagrangeTop
+    method: str
+    t: Array
+    y: Array
+    work: Work
+    attitude: Array | None = None  # (N, 4) unit quaternions, scalar first, body to rest frame; see `body`
+
+    def invariants(self) -> Array:
+        """H, J3, C1, C2 along the trajectory, shape (N, 4)."""
+        return self.top.invariants(self.y)
+
+    def euler_angles(self) -> Array:
+        """(theta, phi, psi) of the body, rad, shape (N, 3); needs `integrate(…, attitude=True)`."""
+        if self.attitude is None:
+            raise ValueError("the attitude was not followed: integrate(…, attitude=True)")
+        return body.to_euler(self.attitude)
+
+
+def prepare(
+    top: LagrangeTop | HeavyTop, y0: ArrayLike, h: float, method: str | Method = "backlund", **options: Any
+) -> Stepper:
+    """A stepper for `method` with step h; everything slow (compilation, λ(h)) happens here, once.
+
+    Raises
+    ------
+    ValueError : a state, step or option that makes no sense; the message names the argument.
+    StepError : the method cannot be prepared for this top and step.
+    """
+    top = top.top if isinstance(top, HeavyTop) else top
+    found, state = _look_up(top, y0, method)
+    h = check_step(h)
+    check_options(found.name, found.prepare, options)
+    start = perf_counter()
+    stepper = found.prepare(top, state, h, **options)
+    stepper.work.setup_seconds = perf_counter() - start
+    return stepper
+
+
+def integrate(
+    top: LagrangeTop | HeavyTop,
+    y0: ArrayLike,
+    h: float | None = None,
+    steps: int | None = None,
+    method: str | Method = "backlund",
+    every: int | None = None,
+    t: ArrayLike | None = None,
+    attitude: bool | ArrayLike = False,
+    **options: Any,
+) -> Trajectory:
+    """Follow the top from y0.
+
+    Either `h` and `steps`, recording every `every` steps (default: only the start and the end), or `t`, any
+    output times from 0: then the method's dense output is used, or, for the exact Bäcklund map, one map
+    for each time (a jump, not a sequence of steps).
+
+    Parameters
+    ----------
+    top : LagrangeTop, or HeavyTop (time in s then). y0 : (6,), initial (J, x). h : step, negative runs backwards.
+    steps : number of steps. method : a name in METHODS, or a Method. every : must divide `steps`.
+    attitude : follow the whole body too: True, or its initial attitude as a unit quaternion (4,), scalar first; the
+    body is that of a HeavyTop, or one with equal moments of inertia. options : the method's own.
+
+    Raises
+    ------
+    ValueError : bad input; the message names the argument. StepError : the method failed.
+    """
+    heavy, top = (top, top.top) if isinstance(top, HeavyTop) else (None, top)
+    found, state = _look_up(top, y0, method)
+    wanted = attitude is not False and attitude is not None
+    if wanted and found.attitude is None:
+        raise ValueError(f"attitude: {found.name} does not follow the body; backlund and taylor do")
+    if t is not None:
+        for name, given in (("h", h), ("steps", steps), ("every", every), ("attitude", attitude if wanted else None)):
+            if given is not None:
+                raise ValueError(f"give either t or h and steps; got t and {name}")
+        return _evaluate(found, top, state, t, options)
+    if h is None or steps is None:
+        raise ValueError("give h and steps, or output times t")
+    steps = check_count(steps, "steps")
+    every = max(steps, 1) if every is None else check_count(every, "every", least=1)
+    if steps % every:
+        raise ValueError(f"every = {every} does not divide steps = {steps}")
+    stepper = prepare(top, state, h, found, **options)
+    if not math.isfinite(float(h) * steps):
+        raise StepError(found.name, "the time n h is beyond the largest double", h=float(h))
+    g0 = body.check_attitude(attitude, state) if wanted else None
+    y = stepper.record(state, steps, every)
+    g = None
+    if g0 is not None:
+        own_spin = heavy.own_spin(state) if heavy else 0.0
+        g = body.follow(found, top, y, float(h), every, g0, own_spin, options)
+    return Trajectory(top, found.name, float(h) * (every * np.arange(len(y), dtype=np.float64)), y, stepper.work, g)
+
+
+def two_point(top: LagrangeTop | HeavyTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
+    """One step of the two-point Bäcklund transformation with parameters λ and λ̄, any λ with Im λ > 0.
+
+    `sheet` = 1 takes the branch of √Q(λ) continuous from +√C1 along the segment from 0 to λ; −1 the other
+    one, which is the inverse map. Shape (6,). Source: paper, section 5.5; docs/exact-step.md.
+
+    Raises
+    ------
+    ValueError : y, λ or sheet make no sense. StepError : the image is beyond the range of doubles.
+    """
+    top = top.top if isinstance(top, HeavyTop) else top
+    _check_top(top)
+    return any_parameter.two_point(top, check_state(y, "y"), lam, sheet)
+
+
+def _look_up(top: LagrangeTop, y0: ArrayLike, method: str | Method) -> tuple[Method, Array]:
+    _check_top(top)
+    return find_method(method), check_state(y0)
+
+
+def _check_top(top: LagrangeTop) -> None:
+    if isinstance(top, NamedTop):
+        raise ValueError(f"top must be a LagrangeTop or a HeavyTop; {top.name!r} has one: pass named.top, named.state")
+    if not isinstance(top, LagrangeTop):
+        raise ValueError(f"top must be a LagrangeTop or a HeavyTop; got {type(top).__name__}")
+    top.single()
+
+
+def _evaluate(method: Method, top: LagrangeTop, y0: Array, t: ArrayLike, options: dict[str, Any]) -> Trajectory:
+    if method.evaluate is None:
+        raise ValueError(f"t: {method.name} steps on a grid only; give h and steps")
+    times = check_times(t)
+    check_options(method.name, method.evaluate, options)
+    y, work = method.evaluate(top, y0, times, **options)
+    return Trajectory(top, method.name, times, y, work)

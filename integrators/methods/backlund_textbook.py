@@ -1,0 +1,95 @@
+"""The paper's MATLAB program (section 5.7): the complex form of the two-point map, kept to show what the real form gains."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from integrators.compiling.compiled import jit
+from integrators.compiling.loops import FAILURE, FixedStepper
+from integrators.interface import Array
+from integrators.methods.backlund import PAPER, SOURCE
+from integrators.problem.top import LagrangeTop
+from integrators.problem.units import Units
+from integrators.torus import time_step as ts
+from integrators.torus.any_parameter import branch_guess, check_parameter, papers_parameter
+from integrators.torus.stepper import check_constants
+
+
+@jit
+def quotient(a, b):
+    """a/b as schools teach it: compilers and the interpreter have each another way, and other bits."""
+    size = b.real * b.real + b.imag * b.imag
+    return complex((a.real * b.real + a.imag * b.imag) / size, (a.imag * b.real - a.real * b.imag) / size)
+
+
+@jit
+def textbook_step(s, c, tally):
+    """The loop body of the paper's program (section 5.7), complex, with its divisions; s = (J3, J-, J+, x3, x-, x+)."""
+    J3, Jm, Jp, x3, xm, xp = s
+    alpha, l1, l2, mu1, mu2 = c[0], c[1], c[2], c[3], c[4]
+    B1 = Jm * l1 + xm
+    B2 = Jm * l2 + xm
+    A1 = (alpha - mu1) * l1 * l1 + J3 * l1 + x3
+    A2 = (alpha + mu2) * l2 * l2 + J3 * l2 + x3
+    below = B1 * A2 - B2 * A1
+    if B1 == 0.0 or below == 0.0:
+        tally[FAILURE] = 1
+        return s
+    x = quotient(A1, B1)
+    X = quotient((l2 - l1) * B1 * B2, below)
+    # M(u) = u + M0; J̃ = J + [M0, alpha σ3], x̃ = x + M0 J − J̃ M0
+    a, b = -l1 + x * X, X
+    c_, d = -x * x * X + (l1 - l2) * x, -l2 - x * X
+    Km = Jm - 2.0 * alpha * b
+    Kp = Jp + 2.0 * alpha * c_
+    y3 = x3 + a * J3 + b * Jp - (J3 * a + Km * c_)
+    ym = xm + a * Jm - b * J3 - (J3 * b + Km * d)
+    yp = xp + c_ * J3 + d * Jp - (Kp * a - J3 * c_)
+    return J3, Km, Kp, y3, ym, yp
+
+
+def to_complex(y: Array) -> Array:
+    J1, J2, J3, x1, x2, x3 = np.moveaxis(np.asarray(y, dtype=complex), -1, 0)
+    return np.stack((J3, J1 - 1j * J2, J1 + 1j * J2, x3, x1 - 1j * x2, x1 + 1j * x2), axis=-1)
+
+
+def to_real(s: Array) -> Array:
+    J3, Jm, Jp, x3, xm, xp = np.moveaxis(s, -1, 0)
+    half = ((Jm + Jp) / 2, 1j * (Jm - Jp) / 2, J3, (xm + xp) / 2, 1j * (xm - xp) / 2, x3)
+    return np.stack([v.real for v in half], axis=-1)
+
+
+def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | None = None) -> FixedStepper:
+    """The paper's program with λ = i h √C1/2 (or `lam`), μ frozen at the start, nothing pinned."""
+    units = Units(top, y0, h)
+    state = units.enter(y0)
+    lam = papers_parameter("backlund_textbook", y0, h) if lam is None else check_parameter(lam)
+    lam = units.parameter(lam)
+    _, m = ts.curve_point(units.alpha, tuple(state), lam.real, lam.imag, *branch_guess(units.alpha, state, lam))
+    with np.errstate(all="ignore"):
+        mu = -np.complex128(complex(m[0][0], m[1][0])) / np.complex128(lam) ** 2  # μ on the forward sheet
+    mu = mu if h > 0 else -mu
+    c = np.array([units.alpha, lam, lam.conjugate(), mu, mu.conjugate()])
+    check_constants("backlund_textbook", c, h)
+
+    def enter(y: Array) -> Array:
+        with np.errstate(all="ignore"):  # as in `Units`
+            return to_complex(units.enter(y))
+
+    def leave(s: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return units.leave(to_real(s))
+
+    failures = {1: "B(λ) = J- λ + x- vanishes, as it does for a vertical top, and the program divides by it"}
+    return FixedStepper("backlund_textbook", h, c, textbook_step, enter=enter, leave=leave, failures=failures)
+
+
+METHOD = replace(
+    PAPER,
+    name="backlund_textbook",
+    label="Bäcklund, paper's program",
+    source=SOURCE + " and the program of section 5.7",
+    prepare=prepare_textbook,
+)

@@ -1,0 +1,73 @@
+"""The two-point map with any parameter λ: constants of a step, the paper's choice of λ, and one step by itself."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from integrators.compiling.loops import SIZE
+from integrators.interface import Array, StepError
+from integrators.problem.top import LagrangeTop
+from integrators.problem.units import Units
+from integrators.torus import time_step as ts
+from integrators.torus.real_map import KERNELS, constants, form
+from integrators.torus.stepper import check_constants
+
+
+def papers_parameter(name: str, y0: Array, h: float) -> complex:
+    """λ = i h √C1/2, for |h|: h < 0 takes the inverse map."""
+    eta = abs(h) / 2 * math.hypot(*y0[3:])
+    if not 0.0 < eta < math.inf:
+        raise StepError(name, f"λ = i h √C1/2 is {eta} i: beyond the range of doubles", h=h)
+    return complex(0.0, eta)
+
+
+def check_parameter(lam: complex, name: str = "lam") -> complex:
+    """λ as a finite complex number in the upper half-plane."""
+    try:
+        lam = complex(lam)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} must be a complex number; got {lam!r}") from None
+    if not (math.isfinite(lam.real) and math.isfinite(lam.imag)) or lam.imag <= 0:
+        raise ValueError(f"{name} must be finite with a positive imaginary part; got {lam}")
+    return lam
+
+
+def plain_constants(alpha: float, state: Array, lam: complex, sheet: int) -> Array:
+    """Constants for any λ: m = √Q(λ), continuous from +√C1 along the segment from 0 to λ (sheet 1)."""
+    q, (re, im) = ts.curve_point(alpha, tuple(state), lam.real, lam.imag, *branch_guess(alpha, state, lam))
+    m = (re, im) if sheet > 0 else ((-re[0], -re[1]), (-im[0], -im[1]))
+    return constants(alpha, tuple(state), q, ((lam.real, 0.0), (lam.imag, 0.0)), m)
+
+
+def branch_guess(alpha: float, state: Array, lam: complex) -> tuple[float, float]:
+    """√Q(λ) in double on the branch continuous from √C1: √C1 Π √(1 − λ/u) over the roots u of Q.
+
+    Along the segment each factor runs from 1 straight to 1 − λ/u and meets the cut of the principal root only if
+    the segment runs through u itself.
+    """
+    q = [c[0] for c in ts.spectral_polynomial(alpha, tuple(state))]
+    if not all(map(math.isfinite, q)):
+        return math.nan, math.nan  # refused with the constants it ends in
+    while abs(q[-1]) < 1e-60 * q[0]:  # roots far beyond any λ that keeps digits, and beyond what np.roots can do
+        q.pop()
+    product = complex(math.sqrt(q[0]))
+    with np.errstate(all="ignore"):  # what overflows is refused with the constants it ends in
+        for inverse in np.roots(q):  # ascending coefficients: the inverses of the roots of Q
+            product *= np.sqrt(1 - lam * inverse)
+    return float(product.real), float(product.imag)
+
+
+def two_point(top: LagrangeTop, y: Array, lam: complex, sheet: int = 1) -> Array:
+    """One step of the map with any λ; see `integrators.two_point`."""
+    if sheet not in (1, -1):
+        raise ValueError(f"sheet must be 1 or -1; got {sheet!r}")
+    units = Units(top, y, 1.0)
+    state = units.enter(y)
+    c = plain_constants(units.alpha, state, units.parameter(check_parameter(lam)), sheet)
+    check_constants("two_point", c)
+    image = units.leave(np.array(KERNELS[form(c)](tuple(state), c, np.zeros(SIZE))))
+    if not np.all(np.isfinite(image)):
+        raise StepError("two_point", "the image is beyond the range of doubles")
+    return image

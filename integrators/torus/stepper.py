@@ -1,0 +1,42 @@
+"""A stepper whose constants hold on one torus, and the check of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from integrators.compiling.loops import FixedStepper
+from integrators.interface import Array, StepError
+from integrators.problem.units import Units
+from integrators.torus.real_map import NO_TURN, on_torus, turn_rows
+
+Turn = tuple[tuple[float, float], tuple[float, float]]  # cos and sin of an angle, as double-doubles
+OFF_TORUS = 4e-11  # distance of an invariant from the prepared torus, in scaled units, that is no longer round-off
+
+
+class TorusStepper(FixedStepper):
+    """A fixed-step kernel whose constants hold on one torus only: other states are refused.
+
+    `turn` is (cos, sin) of a turn about e3 that belongs to each step and commutes with the kernel; it is left to the rows.
+    """
+
+    def __init__(self, name: str, h: float, units: Units, *args: Any, turn: Turn = NO_TURN, **kwargs: Any):
+        self.units, self.turn = units, turn
+        super().__init__(name, h, *args, enter=self._enter, leave=units.leave, **kwargs)
+
+    def _enter(self, y: Array) -> Array:
+        state = self.units.enter(y)
+        if not on_torus(state, self.constants, OFF_TORUS):
+            raise StepError(self.name, "the state is not on the torus this step was prepared for", h=self.h)
+        return state
+
+    def rows(self, out: Array, every: int) -> Array:
+        if self.turn != NO_TURN:
+            turn_rows(out[1:], *self.turn, every)
+        return super().rows(out, every)
+
+
+def check_constants(name: str, c: Array, h: float | None = None) -> None:
+    if not np.isfinite(c).all():
+        raise StepError(name, "no Bäcklund parameter within the range of doubles was found", h=h)
