@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import signal
 import sys
@@ -11,6 +10,8 @@ from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
+
+from integrators.checks import suggestion
 
 EXPERIMENTS = ("drift", "phase", "cost", "work_precision", "perturbed", "round_off", "ensemble", "paper", "gaudin")
 
@@ -52,9 +53,7 @@ def load(name: str) -> ModuleType:
         path = installed()[name].module
     else:
         known = [*EXPERIMENTS, *installed()]
-        close = difflib.get_close_matches(name, known, n=1)
-        hint = f"; did you mean {close[0]!r}?" if close else "."
-        raise UnknownExperiment(f"unknown experiment {name!r}{hint} Known: {', '.join(known)}")
+        raise UnknownExperiment(f"unknown experiment {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
     try:
         module = importlib.import_module(path)
     except ModuleNotFoundError as error:

@@ -6,7 +6,6 @@ sweep_NAME. Its cells carry alpha and the initial state, so that whoever compute
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 import tomllib
@@ -24,12 +23,21 @@ from experiments.catalogue import SWEEP
 from experiments.measuring import metrics
 from experiments.measuring.states import find, follow, rounded, truth
 from integrators import INVARIANTS, TOPS, StepError, integrate, machine, prepare
-from integrators.checks import MOST, check_count, check_options, check_real, check_state, check_step
+from integrators.checks import (
+    MOST,
+    check_count,
+    check_options,
+    check_real,
+    check_state,
+    check_step,
+    numbers,
+    option,
+    suggestion,
+)
 from integrators.interface import Array, Method
 from integrators.problem.top import LagrangeTop
+from integrators.registry import find_method, find_stored_method
 from integrators.truth import exact
-from lagrange_bench.commands import find_method, find_stored_method
-from lagrange_bench.integrate import numbers, option
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -163,7 +171,7 @@ def _start(name: Any, tops: dict[str, tuple[float, Array]], place: str) -> Cell:
     if not isinstance(name, str) or not (name in tops or _own(name)):
         names = [*tops, *TOPS, "random000"]
         raise ValueError(
-            f"{place}: unknown top {name!r}{_close(str(name), names)} Known: {', '.join(names)} … random999"
+            f"{place}: unknown top {name!r}{suggestion(str(name), names)} Known: {', '.join(names)} … random999"
         )
     if name in tops:
         alpha, y0 = tops[name]
@@ -221,14 +229,7 @@ def _options(table: Any, place: str) -> dict[str, str]:
 def _known(table: dict[str, Any], known: Iterable[str], place: str) -> None:
     for key in table:
         if key not in known:
-            raise ValueError(f"{place}: unknown key {key!r}{_close(key, known)} Known: {', '.join(known)}")
-
-
-def _close(word: str, known: Iterable[str]) -> str:
-    """A question for who mistyped a word; a full stop if nothing is near. Capitals are no difference."""
-    lower = {name.lower(): name for name in known}
-    close = difflib.get_close_matches(word.lower(), lower, n=1)
-    return f"; did you mean {lower[close[0]]!r}?" if close else "."
+            raise ValueError(f"{place}: unknown key {key!r}{suggestion(key, known)} Known: {', '.join(known)}")
 
 
 def _list(value: Any, place: str) -> list[Any]:

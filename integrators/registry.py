@@ -10,10 +10,12 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import multiprocessing
+import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 
 from integrators.checks import suggestion
 from integrators.interface import Method, StepError
@@ -117,25 +119,80 @@ def _left_out(entry: EntryPoint) -> str:
 METHODS = Registry()
 
 
+class NotInstalled(StepError):
+    """A method cannot run here, for the package it needs is not installed."""
+
+
 def find_method(method: str | Method) -> Method:
-    """The method of that name, or the method itself, if it can run here.
+    """The method of a name in METHODS or of `package.module:METHOD`, or the method itself, if it can run here.
 
     Raises
     ------
-    ValueError : no such method. StepError : the package it needs is not installed.
+    ValueError : there is none, or it cannot be loaded; the message says why. NotInstalled : it needs another package.
     """
-    if not isinstance(method, Method):
-        if not isinstance(method, str):
-            raise ValueError(f"method must be a name in METHODS or a Method; got {method!r}")
-        try:
-            method = METHODS[method]
-        except KeyError as error:
-            raise ValueError(f"method: {error.args[0]}") from None
+    if isinstance(method, str):
+        method = _load(method)
+    elif not isinstance(method, Method):
+        raise ValueError(f"method must be a name in METHODS, package.module:METHOD or a Method; got {method!r}")
     if not available(method):
-        raise StepError(method.name, f"needs the package {method.requires}, which is not installed here")
+        raise NotInstalled(method.name, how_to_get(str(method.requires)))
     return method
+
+
+def _load(name: str) -> Method:
+    try:
+        if ":" in name:
+            search_current_folder()
+            module, _, attribute = name.partition(":")
+            method = getattr(importlib.import_module(module), attribute)
+        else:
+            method = METHODS[name]
+    except KeyError as error:
+        if Path(f"{name}.py").is_file():
+            raise ValueError(
+                f"no method is registered as {name!r}; for the one in {name}.py use {name}:METHOD"
+            ) from None
+        raise ValueError(str(error.args[0])) from None
+    except Exception as error:  # importing somebody else's module may raise anything
+        raise ValueError(f"method {name} cannot be loaded: {type(error).__name__}: {error}") from error
+    if not isinstance(method, Method):
+        raise ValueError(f"method {name} is a {type(method).__name__}, not an integrators.Method")
+    return method
+
+
+def find_stored_method(name: str) -> Method:
+    """As `find_method`, of a name that results bring with them: no module is imported for `module:METHOD`."""
+    module, colon, _ = name.partition(":")
+    if colon and module not in sys.modules:
+        raise ValueError(f"unknown method {name!r}; if it is your own, add --module {module}")
+    return find_method(name)
+
+
+def import_modules(names: Iterable[str]) -> None:
+    """Imports the modules that the user names with --module, from the current folder too: results may name them then."""
+    for name in names:
+        search_current_folder()
+        try:
+            importlib.import_module(name)
+        except Exception as error:  # somebody's own module may raise anything
+            raise ValueError(f"--module {name} cannot be imported: {type(error).__name__}: {error}") from error
+
+
+def search_current_folder() -> None:
+    """Find modules in the current folder, as `python -m` does; after everything that is installed."""
+    if "" not in sys.path and str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))
 
 
 def available(method: Method) -> bool:
     """Whether the package a method needs is installed here."""
     return method.requires is None or importlib.util.find_spec(method.requires) is not None
+
+
+CONDA_NAMES = {"heyoka": "heyoka.py"}  # where conda-forge calls a package otherwise
+
+
+def how_to_get(package: str) -> str:
+    """Where a package that is not installed here comes from."""
+    command = f"conda install -c conda-forge {CONDA_NAMES.get(package, package)}"
+    return f"{package} is not installed here; it comes with {command} (on Linux also with pip)"

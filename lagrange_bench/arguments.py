@@ -3,35 +3,26 @@
 from __future__ import annotations
 
 import argparse
-import math
 import re
 from collections.abc import Callable
 from typing import Any
 
-from lagrange_bench import integrate
+from integrators import checks
 
 
-def read(kind: Callable[[str], Any], text: str) -> Any:
-    """`kind(text)`, for ASCII without underscores: Python also reads 1_0 and the digits of other scripts, users do not."""
-    if not text.isascii() or "_" in text:
-        raise ValueError(text)
-    return kind(text)
+def argument(parse: Callable[[str], Any]) -> Callable[[str], Any]:
+    """`parse` as the type of an option: what it says about a word becomes the message."""
+
+    def kind(text: str) -> Any:
+        try:
+            return parse(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return kind
 
 
-def number(text: str) -> float:
-    """A finite real number."""
-    try:
-        value: float = read(float, text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be a number; got {text!r}") from None
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"must be finite; got {text}")
-    return value
-
-
-def numbers(text: str) -> list[float]:
-    """Numbers separated by commas."""
-    return [number(word) for word in text.split(",")]
+number, numbers, option = argument(checks.number), argument(checks.numbers), argument(checks.option)
 
 
 def count(text: str) -> int:
@@ -42,23 +33,10 @@ def count(text: str) -> int:
     return int(value)
 
 
-def option(text: str) -> tuple[str, Any]:
-    """key=value; the value is an int, a float, a complex number or a bool if it reads as one, else a word."""
-    key, equals, value = text.partition("=")
-    if not equals or not key.isidentifier():
-        raise argparse.ArgumentTypeError(f"must be KEY=VALUE; got {text!r}")
-    for kind in (int, float, complex):
-        try:
-            return key, read(kind, value)
-        except ValueError:
-            continue
-    return key, {"true": True, "false": False}.get(value.lower(), value)
-
-
 def whole(text: str) -> int:
     """A whole number."""
     try:
-        return int(integrate.read(int, text))
+        return int(checks.read(int, text))
     except ValueError:
         raise argparse.ArgumentTypeError(f"must be a whole number; got {text!r}") from None
 
@@ -76,18 +54,18 @@ LONGEST = 1e7  # s, of a --time-limit: four months
 
 def seconds(text: str) -> float:
     """A length of time that is worth waiting for."""
-    number = integrate.number(text)
-    if not 0 < number <= LONGEST:
+    value = number(text)
+    if not 0 < value <= LONGEST:
         raise argparse.ArgumentTypeError(f"must be positive and at most {LONGEST:g}; got {text}")
-    return number
+    return float(value)
 
 
 def tolerance(text: str) -> float:
     """A number that is not negative."""
-    number = integrate.number(text)
-    if number < 0:
+    value = number(text)
+    if value < 0:
         raise argparse.ArgumentTypeError(f"must not be negative; got {text}")
-    return number
+    return float(value)
 
 
 def shard(text: str) -> tuple[int, int]:
@@ -102,10 +80,7 @@ def scheduler(text: str) -> str:
     """The address of a Dask scheduler, or local:N."""
     from lagrange_bench.runner.cluster import check_address
 
-    try:
-        return check_address(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+    return str(argument(check_address)(text))
 
 
 def add_module(command: argparse.ArgumentParser) -> None:

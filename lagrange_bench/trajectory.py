@@ -19,7 +19,7 @@ from experiments.measuring.states import truth
 from integrators import INVARIANTS, Trajectory
 from integrators.interface import Array, Method
 from integrators.truth import exact
-from lagrange_bench.commands import table
+from lagrange_bench.text import table
 from results import provenance
 
 if TYPE_CHECKING:

@@ -45,7 +45,7 @@ def make(
     OSError : there is nothing in the folder of results, or no such folder, or `output` cannot be written.
     ValueError : a module cannot be imported.
     """
-    from lagrange_bench.commands import import_modules
+    from integrators.registry import import_modules
     from lagrange_bench.runner import progress
     from report import page
     from results import provenance

@@ -29,7 +29,7 @@ def digest(name: str) -> str | None:
         return None
     try:
         if ":" in name:
-            from lagrange_bench.commands import find_method
+            from integrators.registry import find_method
 
             method, module = find_method(name), name.partition(":")[0]
             packages = metadata.packages_distributions().get(module.partition(".")[0], [])

@@ -17,7 +17,6 @@ import numpy as np
 
 from integrators.checks import check_real
 from integrators.compiling.compiled import jit
-from integrators.compiling.dense import DenseStepper, Run, at_times
 from integrators.compiling.loops import (
     INTERPOLATED,
     INTERRUPTIBLE,
@@ -32,6 +31,7 @@ from integrators.compiling.loops import (
 )
 from integrators.compiling.unroll import unrolled
 from integrators.interface import Array, Method, StepError, Work
+from integrators.methods.dense import DenseStepper, Run, at_times
 from integrators.methods.runge_kutta import floats, slopes_of, weigh
 from integrators.methods.tableaux import DOP853, DOP853_MORE
 from integrators.problem.top import LagrangeTop

@@ -33,8 +33,8 @@ import scipy.integrate
 from scipy.linalg import LinAlgWarning
 
 from integrators.compiling.compiled import jit
-from integrators.compiling.dense import DenseStepper, Run, at_times
 from integrators.interface import Array, Method, StepError, Work
+from integrators.methods.dense import DenseStepper, Run, at_times
 from integrators.methods.dop853 import check_tolerances
 from integrators.problem.top import LagrangeTop
 from integrators.problem.units import Units

@@ -36,9 +36,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from integrators.checks import check_count, check_real
 from integrators.compiling.compiled import jit, stack
-from integrators.compiling.dense import DenseStepper, Run, at_times
 from integrators.compiling.loops import FixedStepper
 from integrators.interface import Array, Method, StepError, Work
+from integrators.methods.dense import DenseStepper, Run, at_times
 from integrators.problem.top import LagrangeTop
 
 EPS = float(np.finfo(float).eps)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict
 
-from integrators.NEWregistry import closest
+from integrators.checks import suggestion
 from lagrange_bench.text import Answer, table
 
 SUMMARY = "are the kernels' bits the same here"
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> Answer:
 
     for name in options.kernels:
         if (method := name.removesuffix(" compensated")) not in METHODS:
-            raise ValueError(f"unknown kernel {name!r}{closest(method, METHODS)} (see lagrange-bench methods)")
+            raise ValueError(f"unknown kernel {name!r}{suggestion(method, METHODS)} See lagrange-bench methods")
     golden, only = machine.golden(), options.kernels or None
     found = {"compiled": machine.measured(machine.COUNTS[1 if options.quick else -1], only)}
     if strange := set(only or ()) - {

@@ -6,7 +6,7 @@ import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from integrators.NEWregistry import find_method
+from integrators.registry import find_method
 from lagrange_bench.text import Answer, plain, table
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from integrators.NEWregistry import import_modules
+from integrators.registry import import_modules
 from lagrange_bench.arguments import add_module, tolerance
 from lagrange_bench.differences import as_data, changed_columns, listed
 from lagrange_bench.text import Answer, plain, table

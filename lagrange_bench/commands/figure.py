@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from integrators.NEWregistry import import_modules
+from integrators.registry import import_modules
 from lagrange_bench.arguments import add_module
 from lagrange_bench.text import Answer
 

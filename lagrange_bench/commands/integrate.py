@@ -10,7 +10,8 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from integrators import machine
-from integrators.NEWregistry import closest, find_method
+from integrators.checks import suggestion
+from integrators.registry import find_method
 from lagrange_bench.arguments import count, number, numbers, option
 from lagrange_bench.text import Answer, plain
 
@@ -127,7 +128,7 @@ def physical(text: str) -> dict[str, float]:
     for part in text.split(","):
         name, equals, value = (word.strip() for word in part.partition("="))
         if not equals or name not in PHYSICAL:
-            hint = closest(name, PHYSICAL)
+            hint = suggestion(name, PHYSICAL)
             raise argparse.ArgumentTypeError(f"{part!r} is none of {'=…, '.join(PHYSICAL)}=…{hint}")
         if name in given:
             raise argparse.ArgumentTypeError(f"{name} is given twice")
@@ -204,7 +205,7 @@ def _start(options: argparse.Namespace) -> tuple[str | None, LagrangeTop, np.nda
             raise ValueError(f"--physical: {error}") from None
     name = options.top or "generic"
     if name not in TOPS:
-        raise ValueError(f"--top: unknown top {name!r}{closest(name, TOPS)} (see lagrange-bench tops)")
+        raise ValueError(f"--top: unknown top {name!r}{suggestion(name, TOPS)} See lagrange-bench tops")
     return name, TOPS[name].top, TOPS[name].state
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from integrators.NEWregistry import how_to_get
+from integrators.registry import how_to_get
 from lagrange_bench.text import Answer, table
 
 SUMMARY = "the integrators and what they claim"

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from experiments.catalogue import EXPERIMENTS
-from integrators.NEWregistry import search_current_folder
+from integrators.registry import search_current_folder
 from lagrange_bench.arguments import positive, scheduler, seconds, shard
 from lagrange_bench.text import Answer
 

@@ -7,7 +7,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from integrators.NEWregistry import import_modules
+from integrators.registry import import_modules
 from lagrange_bench.arguments import add_module, positive, seconds, whole
 from lagrange_bench.differences import as_data, changed_columns
 from lagrange_bench.text import Answer, plain

@@ -15,8 +15,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from lagrange_bench.commands import table
 from lagrange_bench.runner import cluster, engine, workers
+from lagrange_bench.text import table
 from results.store import Store, make_record
 
 VERSION = 1

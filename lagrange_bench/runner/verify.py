@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from experiments.catalogue import UnknownExperiment, load_stored
-from lagrange_bench.commands import find_stored_method
+from integrators.registry import find_stored_method
 from lagrange_bench.runner import progress, workers
 from lagrange_bench.runner.workers import Task
 from results import provenance, sources

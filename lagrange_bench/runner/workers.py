@@ -361,8 +361,7 @@ def _end_with_parent() -> None:
 @cache
 def _restrain(method: str) -> None:
     """Heyoka reads no environment variable: one thread and no chatter are set by call."""
-    from integrators.registry import METHODS
-    from lagrange_bench.commands import find_method
+    from integrators.registry import METHODS, find_method
 
     found = find_method(method) if ":" in method else METHODS[method]
     if found.requires == "heyoka":

@@ -16,7 +16,7 @@ from experiments import sweep
 from experiments.catalogue import load
 from integrators import METHODS, TOPS, integrate
 from integrators.problem.top import LagrangeTop
-from lagrange_bench.integrate import numbers
+from lagrange_bench.arguments import numbers
 from results.store import Store
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "sweeps.md"

@@ -20,7 +20,7 @@ from test_cli import examples
 import integrators
 from integrators import METHODS, TOPS, HeavyTop
 from lagrange_bench import trajectory as output
-from lagrange_bench.integrate import EXAMPLES, option
+from lagrange_bench.arguments import EXAMPLES, option
 
 SHORT = ("integrate", "--h", "0.1", "--steps", "20")
 
