@@ -17,6 +17,7 @@ import tempfile
 import numpy as np
 import pandas as pd
 
+from experiments import script
 from experiments.measuring import metrics, timing
 from experiments.measuring.states import (
     find,
@@ -27,7 +28,6 @@ from experiments.measuring.states import (
 )
 from integrators import METHODS, Method, integrate, prepare
 from integrators.truth import exact
-from lagrange_bench.runner import engine
 
 VERSION = 3
 
@@ -299,4 +299,4 @@ def _draw_steps(steps: pd.DataFrame, style):
 
 
 if __name__ == "__main__":
-    raise SystemExit(engine.main("cost"))
+    script.run("cost")

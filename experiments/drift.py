@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from experiments import script
 from experiments.measuring import metrics
 from experiments.measuring.states import (
     RANDOM,
@@ -27,7 +28,6 @@ from experiments.measuring.states import (
 from integrators.interface import INVARIANTS
 from integrators.problem.top import TOPS
 from integrators.truth import exact
-from lagrange_bench.runner import engine
 
 VERSION = 2
 
@@ -249,4 +249,4 @@ def _stepping(rows: pd.DataFrame) -> list[str]:
 
 
 if __name__ == "__main__":
-    raise SystemExit(engine.main("drift"))
+    script.run("drift")

@@ -18,16 +18,16 @@ from time import perf_counter
 import numpy as np
 import pandas as pd
 
+from experiments import script
 from experiments.measuring import metrics, timing
 from experiments.measuring.states import options_of, rounded, truth
 from integrators import METHODS, LagrangeTop, integrate_ensemble, prepare
 from integrators.compiling.compiled import compiled
 from integrators.compiling.loops import LANES, run_lanes
-from integrators.ensemble import usable_cores
 from integrators.interface import Array
+from integrators.machine import usable_cores
 from integrators.torus import real_map
 from integrators.truth import exact
-from lagrange_bench.runner import engine
 
 VERSION = 2
 
@@ -392,4 +392,4 @@ def _draw_rivals(good: pd.DataFrame, style):
 
 
 if __name__ == "__main__":
-    raise SystemExit(engine.main("ensemble"))
+    script.run("ensemble")

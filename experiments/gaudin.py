@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from experiments import script
 from experiments.measuring import metrics, timing
 from experiments.measuring.states import log_counts, rounded
 from integrators.interface import Array, StepError
 from integrators.paper import gaudin_step
 from integrators.paper.gaudin import GaudinMagnet
-from lagrange_bench.runner import engine
 
 VERSION = 1
 
@@ -296,4 +296,4 @@ def _draw_h(rows: pd.DataFrame, style):
 
 
 if __name__ == "__main__":
-    raise SystemExit(engine.main("gaudin"))
+    script.run("gaudin")

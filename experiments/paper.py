@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from experiments import script
 from experiments.measuring import metrics
 from experiments.measuring.states import find, options_of, rounded
 from integrators import prepare
-from lagrange_bench.runner import engine
 
 VERSION = 1
 
@@ -126,4 +126,4 @@ def _draw_drift(rows: pd.DataFrame, style):
 
 
 if __name__ == "__main__":
-    raise SystemExit(engine.main("paper"))
+    script.run("paper")

@@ -23,13 +23,13 @@ import numpy as np
 import pandas as pd
 from scipy.integrate import solve_ivp
 
+from experiments import script
 from experiments.measuring import metrics, timing
 from experiments.measuring.states import find, rounded
 from integrators import prepare
 from integrators.compiling.compiled import compiled
 from integrators.interface import Array, StepError
 from integrators.problem.top import LagrangeTop
-from lagrange_bench.runner import engine
 
 VERSION = 1
 
@@ -233,4 +233,4 @@ def draw(rows: pd.DataFrame) -> dict:
 
 
 if __name__ == "__main__":
-    raise SystemExit(engine.main("perturbed"))
+    script.run("perturbed")

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from experiments import script
 from experiments.measuring import check, metrics
 from experiments.measuring.states import (
     CLOSE,
@@ -29,7 +30,6 @@ from experiments.measuring.states import (
 from integrators import METHODS
 from integrators.problem.top import TOPS
 from integrators.truth import exact
-from lagrange_bench.runner import engine
 
 VERSION = 3
 
@@ -304,4 +304,4 @@ def _draw_time(rows: pd.DataFrame, style):
 
 
 if __name__ == "__main__":
-    raise SystemExit(engine.main("phase"))
+    script.run("phase")

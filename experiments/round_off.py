@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from experiments import script
 from experiments.measuring import metrics, timing
 from experiments.measuring.states import (
     RANDOM,
@@ -43,7 +44,6 @@ from integrators.torus.real_map import (
 )
 from integrators.torus.stepper import TorusStepper
 from integrators.truth import exact
-from lagrange_bench.runner import engine
 
 VERSION = 3
 
@@ -474,4 +474,4 @@ def _draw_long(rows: pd.DataFrame, style):
 
 
 if __name__ == "__main__":
-    raise SystemExit(engine.main("round_off"))
+    script.run("round_off")

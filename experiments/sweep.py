@@ -19,25 +19,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments.catalogue import SWEEP
+from experiments import SWEEP
 from experiments.measuring import metrics
 from experiments.measuring.states import find, follow, rounded, truth
 from integrators import INVARIANTS, TOPS, StepError, integrate, machine, prepare
-from integrators.checks import (
-    MOST,
-    check_count,
-    check_options,
-    check_real,
-    check_state,
-    check_step,
-    numbers,
-    option,
-    suggestion,
-)
+from integrators.checks import MOST, check_count, check_options, check_real, check_state, check_step
 from integrators.interface import Array, Method
 from integrators.problem.top import LagrangeTop
 from integrators.registry import find_method, find_stored_method
 from integrators.truth import exact
+from integrators.words import numbers, option, suggestion
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -15,6 +15,7 @@ from time import perf_counter
 import numpy as np
 import pandas as pd
 
+from experiments import script
 from experiments.measuring import metrics, timing
 from experiments.measuring.states import (
     KNOBS,
@@ -28,7 +29,6 @@ from experiments.measuring.states import (
 from integrators import METHODS, prepare
 from integrators.interface import StepError
 from integrators.problem.top import TOPS
-from lagrange_bench.runner import engine
 
 VERSION = 3
 
@@ -353,4 +353,4 @@ def _draw_families(rows: pd.DataFrame, good: pd.DataFrame, style, span: float):
 
 
 if __name__ == "__main__":
-    raise SystemExit(engine.main("work_precision"))
+    script.run("work_precision")

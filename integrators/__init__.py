@@ -7,13 +7,19 @@
 `METHODS` lists what there is; `exact` is the closed-form solution they are all judged by.
 """
 
-from integrators.api import Trajectory, integrate, prepare, two_point
-from integrators.ensemble import integrate_ensemble
-from integrators.interface import INVARIANTS, Method, StepError, Stepper, Work
-from integrators.problem.body import HeavyTop
-from integrators.problem.top import TOPS, LagrangeTop, NamedTop
-from integrators.registry import METHODS, available
-from integrators.truth import exact
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from integrators.api import Trajectory, integrate, prepare, two_point
+    from integrators.ensemble import integrate_ensemble
+    from integrators.interface import INVARIANTS, Method, StepError, Stepper, Work
+    from integrators.problem.body import HeavyTop
+    from integrators.problem.top import TOPS, LagrangeTop, NamedTop
+    from integrators.registry import METHODS, available
+    from integrators.truth import exact
 
 __all__ = [
     "INVARIANTS",
@@ -34,3 +40,45 @@ __all__ = [
     "prepare",
     "two_point",
 ]
+
+HOMES = {
+    "integrators.api": (
+        "Trajectory",
+        "integrate",
+        "prepare",
+        "two_point",
+    ),
+    "integrators.ensemble": ("integrate_ensemble",),
+    "integrators.interface": (
+        "INVARIANTS",
+        "Method",
+        "StepError",
+        "Stepper",
+        "Work",
+    ),
+    "integrators.problem.body": ("HeavyTop",),
+    "integrators.problem.top": (
+        "TOPS",
+        "LagrangeTop",
+        "NamedTop",
+    ),
+    "integrators.registry": (
+        "METHODS",
+        "available",
+    ),
+    "integrators.truth.exact": ("exact",),  # the module itself
+}
+
+
+def __getattr__(name: str) -> Any:
+    """What the package offers, imported when first asked for: the command line answers --help without Numba."""
+    for module, names in HOMES.items():
+        if name in names:
+            home = importlib.import_module(module)
+            value = globals()[name] = getattr(home, name, home)
+            return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

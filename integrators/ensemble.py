@@ -12,7 +12,6 @@ one. What becomes of a top depends on nothing but itself: not on the chunks, the
 from __future__ import annotations
 
 import contextlib
-import os
 import threading
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import Any
@@ -20,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from integrators import machine
 from integrators.checks import check_count, check_options, check_step, check_times
 from integrators.compiling.loops import LANES, FixedStepper, run_lanes
 from integrators.interface import Array, Method, StepError, Stepper
@@ -62,7 +62,7 @@ def integrate_ensemble(
     alphas, states = _check_tops(top, Y0)
     n = len(states)
     found = find_method(method)
-    threads = usable_cores() if threads is None else check_count(threads, "threads", least=1)
+    threads = machine.usable_cores() if threads is None else check_count(threads, "threads", least=1)
     if on_failure not in ("raise", "nan"):
         raise ValueError(f"on_failure must be 'raise' or 'nan'; got {on_failure!r}")
     if t is not None:
@@ -94,14 +94,6 @@ def integrate_ensemble(
     failures = _run(_Steps(found, alphas, states, h, steps, stride, rows, options), threads)
     _judge(found, h, out, failures, on_failure)
     return out[0] if every is None else out
-
-
-def usable_cores() -> int:
-    """Cores this process may run on."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:
-        return os.cpu_count() or 1
 
 
 # ---------------------------------------------------------------- the work on one chunk

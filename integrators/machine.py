@@ -1,10 +1,14 @@
-"""How much memory a request would take, how much there is, and the limit of a process that computes cells."""
+"""What this machine has for a process: cores, memory and its limit; and when Ctrl-C takes effect."""
 
 from __future__ import annotations
 
 import math
 import os
-from contextlib import suppress
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
 from pathlib import Path
 
 GB = 1e9
@@ -55,3 +59,57 @@ def check(rows: int, each: int, room: float, name: str, advice: str) -> None:
         raise ValueError(
             f"{name}: {rows} rows take about {needed:.3g} GB of memory, and there are {room:.2g}: {advice}"
         )
+
+
+def usable_cores() -> int:
+    """Cores this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+# ---------------------------------------------------------------- Ctrl-C
+
+
+@contextmanager
+def interrupted_once() -> Iterator[None]:
+    """Around all that a process does: the first Ctrl-C raises KeyboardInterrupt, later ones do nothing.
+
+    The end that the first one begins is short, as worker processes are killed. A second Ctrl-C in the middle of it could
+    only leave processes behind, or print a traceback.
+    """
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:  # e.g. nohup
+        yield
+        return
+    signal.signal(signal.SIGINT, _interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _interrupt(*_: object) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
+@contextmanager
+def interrupt_held_back() -> Iterator[None]:
+    """Ctrl-C takes effect at the end, and processes started meanwhile never see it.
+
+    They inherit the blocked signal; here a handler is needed too, for any thread of a library may catch it.
+    """
+    if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    caught = threading.Event()
+    resource_tracker.ensure_running()  # multiprocessing's helper; starting it unblocks the signal
+    handler = signal.signal(signal.SIGINT, lambda *_: caught.set())
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+        if caught.is_set():
+            signal.raise_signal(signal.SIGINT)

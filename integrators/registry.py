@@ -17,8 +17,8 @@ from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
-from integrators.checks import suggestion
 from integrators.interface import Method, StepError
+from integrators.words import suggestion
 
 GROUP = "lagrange_bench.methods"
 

@@ -17,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any, NoReturn
 
-from experiments.catalogue import interrupted_once
+from integrators.machine import interrupted_once
 from lagrange_bench.commands import (
     bits,
     check,

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 from typing import Any
 
-from integrators import checks
+from integrators import words
 
 
 def argument(parse: Callable[[str], Any]) -> Callable[[str], Any]:
@@ -22,7 +22,7 @@ def argument(parse: Callable[[str], Any]) -> Callable[[str], Any]:
     return kind
 
 
-number, numbers, option = argument(checks.number), argument(checks.numbers), argument(checks.option)
+number, numbers, option = argument(words.number), argument(words.numbers), argument(words.option)
 
 
 def count(text: str) -> int:
@@ -36,7 +36,7 @@ def count(text: str) -> int:
 def whole(text: str) -> int:
     """A whole number."""
     try:
-        return int(checks.read(int, text))
+        return int(words.read(int, text))
     except ValueError:
         raise argparse.ArgumentTypeError(f"must be a whole number; got {text!r}") from None
 

@@ -45,17 +45,17 @@ def make(
     OSError : there is nothing in the folder of results, or no such folder, or `output` cannot be written.
     ValueError : a module cannot be imported.
     """
+    from integrators import machine
     from integrators.registry import import_modules
     from lagrange_bench.runner import progress
     from report import page
-    from results import provenance
 
     results, notes = find(results)
     output = output or default_output()
     page.check_writable(output)
     import_modules(modules)
     with progress.drawing(results, show) as drawn:
-        report = page.assemble(results, provenance.usable_cores(), drawn, modules)
+        report = page.assemble(results, machine.usable_cores(), drawn, modules)
         path = page.write(report, output).resolve()
     size = path.stat().st_size
     if size > LARGE:

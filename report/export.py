@@ -6,7 +6,8 @@ import difflib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from experiments.catalogue import EXPERIMENTS, UnknownExperiment, load_stored
+from experiments import EXPERIMENTS
+from experiments.catalogue import UnknownExperiment, load_stored
 from experiments.drawing import figures, style
 from report import page
 from results.store import Store

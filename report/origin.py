@@ -11,8 +11,7 @@ from types import ModuleType
 
 import pandas as pd
 
-from experiments.catalogue import SWEEP
-from lagrange_bench.runner.engine import PROFILES
+from experiments import PROFILES, SWEEP
 from results import provenance
 from results.store import Record, _canonical, clean, default_results
 

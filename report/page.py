@@ -28,10 +28,11 @@ import jinja2
 import pandas as pd
 from markupsafe import Markup
 
-from experiments.catalogue import EXPERIMENTS, UnknownExperiment, load, load_stored
+from experiments import EXPERIMENTS
+from experiments.catalogue import UnknownExperiment, load, load_stored
 from experiments.drawing import figures, style, tables
 from experiments.measuring import errata
-from lagrange_bench.runner.workers import interrupt_held_back
+from integrators.machine import interrupt_held_back
 from report import (
     claims,
     fairness,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from experiments.catalogue import EXPERIMENTS
+from experiments import EXPERIMENTS
 from experiments.drawing import tables
 from report import export, page
 from results.store import Store

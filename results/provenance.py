@@ -12,6 +12,8 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
+from integrators import machine
+
 # a result is stored under these versions: a change of any of them measures afresh
 DECISIVE = ("numpy", "scipy", "numba", "heyoka", "mpmath", "lagrange-bench")
 PACKAGES = (*DECISIVE, "llvmlite", "pandas", "matplotlib")
@@ -50,13 +52,6 @@ def source() -> str:
     return digest.hexdigest()[:16]
 
 
-def usable_cores() -> int:
-    """Cores this process may run on."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 @cache
 def _unchanging() -> dict[str, object]:
     commit, dirty = _git_state()
@@ -67,7 +62,7 @@ def _unchanging() -> dict[str, object]:
         **{package: version(package) for package in PACKAGES},
         "platform": f"{platform.system()} {platform.machine()}",
         "cpu": _cpu_model(),
-        "cores": usable_cores(),
+        "cores": machine.usable_cores(),
     }
 
 

@@ -28,7 +28,7 @@ from packaging.requirements import Requirement
 from packaging.version import Version
 
 import integrators
-from experiments.catalogue import EXPERIMENTS
+from experiments import EXPERIMENTS
 from experiments.measuring import states
 from experiments.measuring.metrics import phase_split
 from integrators import TOPS, LagrangeTop, prepare, two_point

@@ -37,11 +37,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from integrators.checks import suggestion
 from integrators.compiling.compiled import inlined, jit
 from integrators.compiling.loops import FAILURE, MEMORY, SIZE, FixedStepper
 from integrators.interface import Array, Method, StepError
 from integrators.problem.top import LagrangeTop
+from integrators.words import suggestion
 
 # ------------------------------------------------------------------------------------ schemes
 

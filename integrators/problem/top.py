@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from integrators.checks import suggestion
+from integrators.words import suggestion
 
 Array = NDArray[np.float64]
 

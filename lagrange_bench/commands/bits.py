@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict
 
-from integrators.checks import suggestion
+from integrators.words import suggestion
 from lagrange_bench.text import Answer, table
 
 SUMMARY = "are the kernels' bits the same here"

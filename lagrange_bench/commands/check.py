@@ -6,7 +6,6 @@ import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from integrators.registry import find_method
 from lagrange_bench.text import Answer, plain, table
 
 if TYPE_CHECKING:
@@ -31,6 +30,7 @@ exit codes: 0 nothing fails · 1 a claim fails · 2 no such method"""
 def run(options: argparse.Namespace) -> Answer:
     """Test the claims of one method; one that fails makes exit code 1."""
     from experiments.measuring import check as checks
+    from integrators.registry import find_method
 
     method = find_method(options.method)
     verdicts = checks.check(method, quick=options.quick)

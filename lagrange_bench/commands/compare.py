@@ -9,7 +9,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from integrators.registry import import_modules
 from lagrange_bench.arguments import add_module, tolerance
 from lagrange_bench.differences import as_data, changed_columns, listed
 from lagrange_bench.text import Answer, plain, table
@@ -45,6 +44,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """What two stores differ in; exit code 1 if in anything."""
+    from integrators.registry import import_modules
     from results import compare as stores
 
     import_modules(options.module)

@@ -11,8 +11,10 @@ import shlex
 from collections.abc import Iterator
 from typing import Any
 
-from experiments.catalogue import EXPERIMENTS
+from experiments import EXPERIMENTS
 from lagrange_bench.text import Answer
+
+Commands = dict[str, argparse.ArgumentParser]
 
 SUMMARY = "completion for bash, zsh or fish"
 
@@ -48,14 +50,13 @@ complete -o default -F _lagrange_bench lagrange-bench"""
 
 def run(options: argparse.Namespace) -> Answer:
     """The script of one shell."""
-    script = {"bash": _bash, "zsh": _zsh, "fish": _fish}[options.shell]()
+    script = {"bash": _bash, "zsh": _zsh, "fish": _fish}[options.shell](commands(options.parser))
     return Answer(script, {"shell": options.shell, "script": script})
 
 
-def commands() -> dict[str, argparse.ArgumentParser]:
-    from lagrange_bench.__main__ import parser
-
-    (found,) = (action for action in parser()._actions if isinstance(action, argparse._SubParsersAction))
+def commands(parser: argparse.ArgumentParser) -> Commands:
+    """The parser of each command."""
+    (found,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
     return dict(found.choices)
 
 
@@ -71,8 +72,7 @@ def _actions(command: argparse.ArgumentParser) -> Iterator[argparse.Action]:
     return (action for action in command._actions if action.help != argparse.SUPPRESS)
 
 
-def _bash() -> str:
-    found = commands()
+def _bash(found: Commands) -> str:
     values, options, operands = [], [], []
     for name, command in found.items():
         flags = [flag for action in _actions(command) for flag in action.option_strings if flag.startswith("--")]
@@ -89,12 +89,11 @@ def _bash() -> str:
     return BASH.format(commands=shlex.quote(" ".join([*found, "--help", "--version"])), **text)
 
 
-def _zsh() -> str:
-    return f"autoload -Uz bashcompinit && bashcompinit\n{_bash()}"
+def _zsh(found: Commands) -> str:
+    return f"autoload -Uz bashcompinit && bashcompinit\n{_bash(found)}"
 
 
-def _fish() -> str:
-    found = commands()
+def _fish(found: Commands) -> str:
     lines = [f"complete -c lagrange-bench -n __fish_use_subcommand -xa {shlex.quote(name)}" for name in found]
     for name, command in found.items():
         head = f"complete -c lagrange-bench -n '__fish_seen_subcommand_from {name}'"

@@ -6,7 +6,6 @@ import argparse
 import sys
 from pathlib import Path
 
-from integrators.registry import import_modules
 from lagrange_bench.arguments import add_module
 from lagrange_bench.text import Answer
 
@@ -41,6 +40,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """Draw one stored figure, or all of them, as files."""
+    from integrators.registry import import_modules
     from lagrange_bench.runner import progress
     from report import export
     from report.__main__ import find

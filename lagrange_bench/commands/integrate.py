@@ -10,8 +10,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from integrators import machine
-from integrators.checks import suggestion
-from integrators.registry import find_method
+from integrators.words import suggestion
 from lagrange_bench.arguments import count, number, numbers, option
 from lagrange_bench.text import Answer, plain
 
@@ -143,7 +142,8 @@ def physical(text: str) -> dict[str, float]:
 
 def run(options: argparse.Namespace) -> Answer:
     """Follow the top, write what is wanted, and sum up."""
-    from integrators.interface import check_options
+    from integrators.checks import check_options
+    from integrators.registry import find_method
     from lagrange_bench import trajectory as output
 
     name, top, y0 = _start(options)

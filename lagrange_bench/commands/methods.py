@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from integrators.registry import how_to_get
 from lagrange_bench.text import Answer, table
 
 SUMMARY = "the integrators and what they claim"
@@ -26,12 +25,12 @@ lagrange-bench check tests what it claims."""
 
 def run(options: argparse.Namespace) -> Answer:
     """Every method in legend order; one that cannot be loaded is listed with the reason."""
-    from integrators import DESCRIPTION, INVARIANTS, available
+    from integrators import INVARIANTS, METHODS, available
 
     data: list[dict[str, Any]] = []
-    for name in DESCRIPTION:
+    for name in METHODS:
         try:
-            method = DESCRIPTION[name]
+            method = METHODS[name]
         except Exception as error:  # somebody else's package: whatever is wrong with it, the others are still there
             data.append({"name": name, "error": f"{type(error).__name__}: {error}"})
             continue
@@ -60,6 +59,8 @@ def _method_row(claims: dict[str, Any]) -> tuple[str, ...]:
 
 def _method_notes(data: list[dict[str, Any]]) -> list[str]:
     """What is missing, once for each package, and how to get it."""
+    from integrators.registry import how_to_get
+
     missing: dict[str, list[str]] = {}
     for claims in data:
         if claims.get("available") is False:

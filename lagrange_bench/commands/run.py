@@ -7,8 +7,7 @@ import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
-from experiments.catalogue import EXPERIMENTS
-from integrators.registry import search_current_folder
+from experiments import EXPERIMENTS
 from lagrange_bench.arguments import positive, scheduler, seconds, shard
 from lagrange_bench.text import Answer
 
@@ -69,7 +68,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """Compute what is missing, draw what a file of the user asked for, and say what to do next."""
-    from experiments.catalogue import EXPERIMENTS, SWEEP
+    from experiments import EXPERIMENTS, SWEEP
+    from integrators.registry import search_current_folder
     from lagrange_bench.runner import engine
     from results.store import default_results
 
@@ -98,7 +98,8 @@ def run(options: argparse.Namespace) -> Answer:
 
 def _own_modules(experiments: Iterable[str]) -> list[str]:
     """What the user has named of their own: a report imports it only if it is named again."""
-    from experiments.catalogue import SWEEP, load
+    from experiments import SWEEP
+    from experiments.catalogue import load
 
     modules = []
     for name in experiments:

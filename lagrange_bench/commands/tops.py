@@ -24,11 +24,11 @@ examples:
 
 def run(options: argparse.Namespace) -> Answer:
     """The named tops."""
-    from integrators import DESCRIPTION
+    from integrators import TOPS
     from integrators.truth import exact
 
     data, rows = [], [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "motion", "nutation", "note")]
-    for named in DESCRIPTION.values():
+    for named in TOPS.values():
         kind, period = exact.regime(named.top, named.state), exact.nutation_period(named.top, named.state)
         state = ",".join(f"{v:.10g}" for v in named.y0)
         rows.append((named.name, f"{named.alpha:g}", state, kind, f"{period:.4g}", named.note))

@@ -7,7 +7,6 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from integrators.registry import import_modules
 from lagrange_bench.arguments import add_module, positive, seconds, whole
 from lagrange_bench.differences import as_data, changed_columns
 from lagrange_bench.text import Answer, plain
@@ -47,14 +46,15 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """Compute stored cells again; exit code 1 if rows changed."""
-    from results import compare as stores
+    from integrators.registry import import_modules
+    from lagrange_bench.runner import verify
     from results import sources
     from results.store import default_results
 
     import_modules(options.module)
     folder = options.folder or default_results()
     more = {"longest": options.longest, "jobs": options.jobs, "show": not options.quiet, "old": options.old}
-    found = stores.verify(folder, options.sample, options.seed, **more)
+    found = verify.verify(folder, options.sample, options.seed, **more)
     by_experiment: dict[str, list[Any]] = {}
     for name, cell, differing, _ in found.changed:
         by_experiment.setdefault(name, []).append((cell, differing))

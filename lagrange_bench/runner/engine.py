@@ -6,35 +6,29 @@ a record with its error; a run that is stopped, in whatever way, is continued by
 
 from __future__ import annotations
 
-import argparse
 import json
-import sys
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from itertools import compress, islice
 from pathlib import Path
 from typing import Any
 
-from experiments.catalogue import EXPERIMENTS, interrupted_once, load
+from experiments import PROFILES
+from experiments.catalogue import load
+from integrators import machine
 from integrators import machine as memory
 from lagrange_bench.runner import progress, workers
 from lagrange_bench.runner.workers import Outcome, Task
-from results import provenance, sources
+from results import sources
 from results.store import (
     ADDED,
     Store,
-    StoreError,
     cell_key,
     clean,
-    default_results,
     make_record,
 )
 
-__all__ = ["EXPERIMENTS", "PROFILES", "Summary", "Tally", "load", "main", "run"]
-
-PROFILES = ("quick", "full")
 TIME_LIMITS = {"quick": 300.0, "full": 3600.0}  # s for one cell; the longest take 20 s and 40 s on two idle cores
 
 Shard = tuple[int, int]  # (i, n): the cells whose place in the experiment's list leaves the remainder i modulo n
@@ -140,14 +134,14 @@ def run(
     store, summary = Store(results), Summary(Path(results), profile)
     store.check_writable()  # before anything is computed
     plans = [_plan(name, profile, shard, store, summary, timings, again) for name in dict.fromkeys(experiments)]
-    at_a_time = None if scheduler else jobs or provenance.usable_cores()
+    at_a_time = None if scheduler else jobs or machine.usable_cores()
     with progress.follow({plan.experiment: plan.missing for plan in plans if plan.missing}, show, at_a_time) as bar:
 
         def begin(task: Task) -> None:
             bar.begin(task.experiment)
 
         def finish(outcomes: Sequence[tuple[Task, Outcome]]) -> None:
-            with workers.interrupt_held_back():  # stored and counted, or neither
+            with machine.interrupt_held_back():  # stored and counted, or neither
                 store.append(*(make_record(t.experiment, t.version, t.position, t.cell, **o) for t, o in outcomes))
                 for task, outcome in outcomes:
                     _count(summary, task, outcome)
@@ -156,7 +150,7 @@ def run(
 
         try:
             if any(any(plan.accuracy) for plan in plans):
-                with _executor(scheduler, jobs or provenance.usable_cores(), limit, experiments) as executor:
+                with _executor(scheduler, jobs or machine.usable_cores(), limit, experiments) as executor:
                     workers.compute_all((t for p in plans for t in p.tasks(p.accuracy)), executor, begin, finish)
             if any(any(plan.timing) for plan in plans):
                 if scheduler:
@@ -278,61 +272,3 @@ def _count(summary: Summary, task: Task, outcome: Outcome) -> None:
         tally.failed += 1
         error = outcome["error"]
         summary.failures.append((task.experiment, task.cell, f"{error['type']}: {error['message']}"))
-
-
-# ---------------------------------------------------------------- python -m experiments.<name>
-
-
-def main(name: str, argv: Sequence[str] | None = None) -> int:
-    """Command line of one experiment: run what is missing, then draw. Exit code 1: cells failed, 2: no such folder."""
-    first_line = (load(name).__doc__ or name).strip().splitlines()[0]
-    parser = argparse.ArgumentParser(prog=f"python -m {load(name).__name__}", description=first_line)
-    parser.add_argument("--profile", choices=PROFILES, default="quick")
-    parser.add_argument("--results", type=Path, metavar="DIR", help="where results are stored and looked for")
-    parser.add_argument("--output", type=Path, metavar="DIR", help="where figures go (default: report in --results)")
-    parser.add_argument("--jobs", type=_count_argument, metavar="N", help="worker processes (default: one per core)")
-    parser.add_argument("--redraw-only", action="store_true", help="compute nothing, draw what is stored")
-    parser.add_argument("--json", action="store_true", help="print the summary as JSON on stdout")
-    options = parser.parse_args(argv)
-    try:
-        with interrupted_once() if argv is None else nullcontext():
-            return _main(name, options)
-    except StoreError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt as interrupt:
-        print(str(interrupt) or "interrupted", file=sys.stderr)
-        return 130
-
-
-def _main(name: str, options: argparse.Namespace) -> int:
-    results = options.results or default_results(options.profile)
-    code = 0
-    if not options.redraw_only:
-        summary = run([name], options.profile, results, options.jobs)
-        print(summary, file=sys.stderr)
-        if options.json:
-            print(json.dumps(summary.as_dict()))
-        code = summary.exit_code
-    _draw(name, results, options.output or results / "report")
-    return code
-
-
-def _count_argument(text: str) -> int:
-    count = int(text)
-    if count < 1:
-        raise argparse.ArgumentTypeError(f"must be at least 1; got {count}")
-    return count
-
-
-def _draw(name: str, results: Path, output: Path) -> None:
-    """Figures and tables of what is stored, by the report if it is installed."""
-    try:
-        from report import page
-    except ImportError as error:
-        print(f"no figures: {error}", file=sys.stderr)
-        return
-    if not Store(results).latest(name):
-        raise StoreError(f"nothing of {name} is stored in {results}: run it first, or give its folder with --results")
-    for path in page.write_experiment(name, results, output):
-        print(f"written: {path}", file=sys.stderr)

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from experiments.catalogue import UnknownExperiment, load_stored
+from integrators import machine
 from integrators.registry import find_stored_method
 from lagrange_bench.runner import progress, workers
 from lagrange_bench.runner.workers import Task
-from results import provenance, sources
+from results import sources
 from results.compare import Difference, _store, differences, is_time, times_of
 from results.store import Record, Store, StoreError, _canonical
 
@@ -69,7 +70,7 @@ def verify(
                 bar.advance("verify", False)
 
         tasks = [Task(r["experiment"], r["version"], r["position"], r["cell"]) for r in records]
-        with workers.Local(jobs or provenance.usable_cores(), limit=100 * longest) as executor:
+        with workers.Local(jobs or machine.usable_cores(), limit=100 * longest) as executor:
             workers.compute_all(tasks, executor, lambda _: bar.begin("verify"), finish)
     found.cells = len(records)
     for record in records:

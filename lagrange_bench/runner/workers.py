@@ -28,6 +28,7 @@ from time import perf_counter
 from typing import Any, Protocol
 
 from experiments.catalogue import load
+from integrators import machine
 from integrators import machine as memory
 from results.store import clean_rows, restore
 
@@ -136,7 +137,7 @@ class Local:
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
-        with interrupt_held_back():  # the end is short, and a second Ctrl-C would leave processes behind
+        with machine.interrupt_held_back():  # the end is short, and a second Ctrl-C would leave processes behind
             if kind is not None:
                 self._slots.kill()
             self._threads.shutdown(wait=True, cancel_futures=True)
@@ -149,7 +150,7 @@ class Local:
     def submit(self, tasks: list[Task]) -> None:
         (task,) = tasks
         self._out += 1
-        with interrupt_held_back():  # else the pool would not wait for a thread that it just started
+        with machine.interrupt_held_back():  # else the pool would not wait for a thread that it just started
             future = self._threads.submit(self._slots.compute, task.experiment, task.cell, self._limit)
         future.add_done_callback(lambda done: self._done.put((task, done)))
 
@@ -282,28 +283,6 @@ def _one_thread_each() -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-
-
-@contextmanager
-def interrupt_held_back() -> Iterator[None]:
-    """Ctrl-C takes effect at the end, and processes started meanwhile never see it.
-
-    They inherit the blocked signal; here a handler is needed too, for any thread of a library may catch it.
-    """
-    if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    caught = threading.Event()
-    resource_tracker.ensure_running()  # multiprocessing's helper; starting it unblocks the signal
-    handler = signal.signal(signal.SIGINT, lambda *_: caught.set())
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        signal.signal(signal.SIGINT, handler)
-        if caught.is_set():
-            signal.raise_signal(signal.SIGINT)
 
 
 # ---------------------------------------------------------------- inside a worker

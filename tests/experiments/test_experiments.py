@@ -3,8 +3,8 @@
 import pandas as pd
 import pytest
 
-from experiments import cost, perturbed, work_precision
-from experiments.catalogue import EXPERIMENTS, load
+from experiments import EXPERIMENTS, cost, perturbed, work_precision
+from experiments.catalogue import load
 from experiments.drawing import style
 from integrators import METHODS, available
 from results.store import Store, make_record

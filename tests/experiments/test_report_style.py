@@ -13,7 +13,8 @@ import pandas as pd
 import pytest
 from matplotlib.text import Text
 
-from experiments.catalogue import EXPERIMENTS, load
+from experiments import EXPERIMENTS
+from experiments.catalogue import load
 from experiments.drawing import figures, style, tables
 from integrators import METHODS
 from integrators.interface import FAMILIES

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.catalogue import EXPERIMENTS
+from experiments import EXPERIMENTS
 from integrators import METHODS
 from report import claims, promises
 from report.claims import Claim, NoData, Verdict

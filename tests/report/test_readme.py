@@ -36,7 +36,7 @@ def test_errata_are_counted_as_they_are():
 
 
 def test_every_command_of_the_readme_exists():
-    from experiments.catalogue import EXPERIMENTS
+    from experiments import EXPERIMENTS
 
     named = set(re.findall(r"python -m experiments\.(\w+)", TEXT)) | set(re.findall(r"lagrange-bench run (\w+)", TEXT))
     assert named <= set(EXPERIMENTS)

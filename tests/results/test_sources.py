@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from test_experiments import tiny
 
-from experiments import cost, work_precision
-from experiments.catalogue import EXPERIMENTS, load
+from experiments import EXPERIMENTS, cost, work_precision
+from experiments.catalogue import load
 from integrators import METHODS
 from results import sources
 from results.store import Store

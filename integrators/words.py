@@ -1,0 +1,51 @@
+"""Words that a user writes, on a command line or in a file: what they mean, and what was perhaps meant."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Iterable
+from typing import Any
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """What follows an unknown name in a message: the known one it is close to, if any. Capitals do not matter."""
+    lower = {word.lower(): word for word in known}
+    close = difflib.get_close_matches(name.lower(), lower, n=1)
+    return f"; did you mean {lower[close[0]]!r}?" if close else "."
+
+
+def read(kind: Callable[[str], Any], text: str) -> Any:
+    """`kind(text)`, for ASCII without underscores: Python also reads 1_0 and the digits of other scripts, users do not."""
+    if not text.isascii() or "_" in text:
+        raise ValueError(text)
+    return kind(text)
+
+
+def number(text: str) -> float:
+    """A finite real number."""
+    try:
+        value: float = read(float, text)
+    except ValueError:
+        raise ValueError(f"must be a number; got {text!r}") from None
+    if not math.isfinite(value):
+        raise ValueError(f"must be finite; got {text}")
+    return value
+
+
+def numbers(text: str) -> list[float]:
+    """Numbers separated by commas."""
+    return [number(word) for word in text.split(",")]
+
+
+def option(text: str) -> tuple[str, Any]:
+    """key=value; the value is an int, a float, a complex number or a bool if it reads as one, else a word."""
+    key, equals, value = text.partition("=")
+    if not equals or not key.isidentifier():
+        raise ValueError(f"must be KEY=VALUE; got {text!r}")
+    for kind in (int, float, complex):
+        try:
+            return key, read(kind, value)
+        except ValueError:
+            continue
+    return key, {"true": True, "false": False}.get(value.lower(), value)
