@@ -22,7 +22,7 @@ from experiments.measuring import metrics, timing
 from experiments.measuring.states import log_counts, rounded
 from integrators.interface import Array, StepError
 from integrators.paper import gaudin_step
-from integrators.paper.gaudin import GaudinMagnet
+from integrators.paper.gaudin_model import GaudinMagnet
 
 VERSION = 1
 

@@ -1,6 +1,6 @@
 """The two-point Bäcklund transformation of Kuznetsov, Petrera and Ragnisco as a real, pole-free integrator.
 
-The map conserves H, J3, C1 and C2, is Poisson and symmetric; the formula is in `integrable.real_map`. A step costs one
+The map conserves H, J3, C1 and C2, is Poisson and symmetric; the formula is in `torus.real_map`. A step costs one
 division and about eighty other operations, its updates are increments of size O(h), so nothing cancels for small h. A
 second form takes over where λ is large, or close to a root of Q.
 
@@ -155,7 +155,7 @@ def evaluate_many(alphas: Array, Y0: Array, times: Array, out: Array) -> NDArray
 def attitude_exact(
     top: LagrangeTop, y0: Array, h: float, n: int, every: int, g0: Array, *, pin: int = 8, lam: complex | None = None
 ) -> Array:
-    """Attitude of the frame that turns with J at 0, every·h, …, n·h, (n//every + 1, 4); exact, see `integrable.attitude`."""
+    """Attitude of the frame that turns with J at 0, every·h, …, n·h, (n//every + 1, 4); exact, see `torus.attitude`."""
     if lam is not None:
         raise ValueError("lam: the attitude is that of the exact step; it cannot be followed for another parameter")
     units = Units(top, y0, h)

@@ -1,1 +1,15 @@
-"""The paper's mathematics, in the paper's order; off the hot path."""
+"""The paper's mathematics, section by section; `docs/equations.md` goes through it equation by equation.
+
+    1         phase_space                                          states, brackets, equations of motion, invariants
+    2         lax; gaudin_model, gaudin_curve; contraction         Lax matrices, curve; the magnet; two sites become the top
+    3         separation                                           separation of variables
+    4         euler_angles, weierstrass                            the motion by ℘, ζ and σ
+    5.1       one_point                                            the one-point map
+    5.2, 5.3  generating_functions                                 it is symplectic; spectrality
+    5.4       eulerian                                             the one-point map in Euler angles
+    5.5       two_point                                            the two-point map
+    5.6       interpolating_flow                                   its time step and the flow it interpolates
+    n sites   gaudin_maps, gaudin_step                             both maps of the magnet, and a compiled step
+
+`errata` gathers the misprints. Nothing here is on the path of an integrator: `torus` and `methods` import none of it.
+"""

@@ -18,11 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from integrators.paper import gaudin
-from integrators.paper.gaudin import GaudinMagnet
-from integrators.paper.gaudin_curve import E3
+from integrators.paper import gaudin_maps
+from integrators.paper.gaudin_model import GaudinMagnet
 from integrators.paper.one_point import one_point
-from integrators.paper.phase_space import Numbers, poisson_tensor, vector_field
+from integrators.paper.phase_space import E3, Numbers, poisson_tensor, vector_field
 from integrators.problem.top import LagrangeTop
 from integrators.torus.any_parameter import two_point
 
@@ -101,8 +100,8 @@ def deviations(top: LagrangeTop, y: Any, lam: complex, eps: float) -> dict[str, 
     magnet, spins = to_magnet(top, y, eps)
     C2 = float(y[:3] @ y[3:])
     flow = from_magnet(magnet.rhs(spins, (0.0, eps / 2)), eps)
-    two = gaudin.two_point(magnet, spins, lam, site=SITE)
-    one = gaudin.one_point(magnet, spins, lam, site=SITE)
+    two = gaudin_maps.two_point(magnet, spins, lam, site=SITE)
+    one = gaudin_maps.one_point(magnet, spins, lam, site=SITE)
     pairs = {
         "Lax matrix": (magnet.vector(spins, lam), lax_vector(top, y, lam)),
         "bracket": (bracket(y, eps), bracket(y)),

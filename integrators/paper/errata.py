@@ -1,7 +1,7 @@
 """The errata of the paper as data: each one evaluated as printed and as corrected.
 
-Two kinds: a formula that is wrong, and a sentence that is wrong beside formulas that are right (`prose`). Every module
-of this package that implements a section of the paper lists the errata of that section in a module-level `ERRATA`;
+Two kinds: a formula that is wrong, and a sentence that is wrong beside formulas that are right (`prose`). A module of this
+package that implements a section of the paper lists the errata of that section in a module-level `ERRATA`;
 `errata()` gathers them in the order of the paper. What is true is tested; this is for showing.
 """
 
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import cmath
 import importlib
-import importlib.util
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,7 +27,7 @@ MODULES = (
     "generating_functions",
     "two_point",
     "interpolating_flow",
-    "gaudin",
+    "gaudin_model",
 )
 
 Residual = Callable[[Random], float]
@@ -48,12 +47,10 @@ class Erratum:
 
 
 def errata() -> list[Erratum]:
-    """All errata, in the order of the paper's sections; a module without `ERRATA` contributes none."""
+    """All errata, in the order of the paper's sections."""
     found: list[Erratum] = []
     for name in MODULES:
-        path = f"{__package__}.{name}"
-        if importlib.util.find_spec(path) is not None:
-            found += getattr(importlib.import_module(path), "ERRATA", [])
+        found += importlib.import_module(f"{__package__}.{name}").ERRATA
     return sorted(found, key=lambda e: [int(n) for n in e.section.split(".")])
 
 

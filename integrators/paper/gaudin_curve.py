@@ -23,51 +23,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from integrators.paper.gaudin_model import GaudinMagnet, check_parameter, check_upper
 from integrators.paper.lax import check_sheet
-from integrators.paper.phase_space import Numbers, sqrt
-
-if TYPE_CHECKING:
-    from integrators.paper.gaudin import GaudinMagnet
+from integrators.paper.phase_space import E3, Numbers, sqrt
 
 STRIDE = 1 / 16  # longest stride, as a share of the segment, when a root is followed
 NODES = 14  # of the quadrature, per stride
 FACTORS = 16  # steps that are composed, at most
-E3 = np.array((0, 0, 1))
-
-
-def check_numbers(values: Any, name: str) -> Numbers:
-    """An array of finite numbers: real, complex or mpmath ones. ValueError naming the argument."""
-    try:
-        array = np.array(values)
-        finite = array.dtype.kind in "iufcO" and bool(np.all(np.isfinite(array.astype(complex))))
-    except (TypeError, ValueError, OverflowError):
-        finite = False
-    if not finite:
-        raise ValueError(f"{name} must be finite numbers; got {values!r}")
-    return array
-
-
-def check_parameter(magnet: GaudinMagnet, lam: Any, name: str = "lam") -> Any:
-    """λ as one finite number off every site."""
-    array = check_numbers(lam, name)
-    if array.ndim:
-        raise ValueError(f"{name} must be one number; got shape {array.shape}")
-    if any(array[()] == a for a in magnet.sites):
-        raise ValueError(f"{name} = {lam} lies on a site")
-    return array[()]
-
-
-def check_upper(magnet: GaudinMagnet, lam: Any, name: str = "lam") -> Any:
-    """λ in the upper half-plane, off every site and its conjugate."""
-    lam = check_parameter(magnet, lam, name)
-    if not lam.imag > 0:
-        raise ValueError(f"{name} must have a positive imaginary part; got {lam}")
-    check_parameter(magnet, lam.conjugate(), f"the conjugate of {name}")
-    return lam
 
 
 # ------------------------------------------------------------------------------------------ points of the curve

@@ -1,6 +1,6 @@
 """Compiled two-point steps of the real Gaudin magnet: any number of spins, any number of commuting maps to a step.
 
-The map of `gaudin.two_point`, with ℓ(λ) = p + iq, n = Re v p + Im v q − p×q, ρ = |n|/Im λ, g_j = a_j − Re λ:
+The map of `gaudin_maps.two_point`, with ℓ(λ) = p + iq, n = Re v p + Im v q − p×q, ρ = |n|/Im λ, g_j = a_j − Re λ:
 
     s̃_j = s_j + 2/(ρ² g_j² + n·n) (n×(n×s_j) − ρ g_j n×s_j)
 
@@ -12,7 +12,7 @@ Round-off is what decides here. Three things make it a random walk of a few ulp,
   1e-16 per step; so they did here.
 - v is frozen at its correctly rounded value on the torus of the initial state. Then ℓ(λ)² is drawn back to v² by the
   step itself, on either sheet: every map holds two real combinations of the H_j. (Correcting v from the current state
-  lets all H_j drift.) The frozen map is not Poisson off its torus; `gaudin.two_point` is.
+  lets all H_j drift.) The frozen map is not Poisson off its torus; `gaudin_maps.two_point` is.
 - Every eighth step and at the end of a run |s_j| is put back, a change of an ulp.
 """
 
@@ -28,8 +28,8 @@ from integrators.checks import check_step
 from integrators.compiling.compiled import jit
 from integrators.compiling.loops import INTERRUPTIBLE, check_grid
 from integrators.interface import StepError, Work
-from integrators.paper.gaudin import GaudinMagnet
-from integrators.paper.gaudin_curve import check_upper, eigenvalue, exact_parameters, pade_parameters
+from integrators.paper.gaudin_curve import eigenvalue, exact_parameters, pade_parameters
+from integrators.paper.gaudin_model import GaudinMagnet, check_upper
 from integrators.paper.phase_space import Numbers
 
 PIN = 8  # steps between two corrections of |s_j|

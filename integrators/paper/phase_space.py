@@ -17,11 +17,18 @@ from integrators.paper.errata import Erratum, draw
 from integrators.problem.top import LagrangeTop
 
 Numbers = NDArray[Any]  # complex128, or objects with + − * / ** such as mpmath numbers
+E3 = np.array((0, 0, 1))
 
 
 def components(y: Any) -> tuple[Any, ...]:
     """The entries of the last axis, apart."""
     return tuple(np.moveaxis(np.asarray(y), -1, 0))
+
+
+def cross(a: Any, b: Any) -> Numbers:
+    """a × b along the last axis."""
+    (a1, a2, a3), (b1, b2, b3) = components(a), components(b)
+    return np.stack((a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1), axis=-1)
 
 
 def ladder(y: Any) -> tuple[Any, ...]:

@@ -40,16 +40,17 @@ from integrators.paper.lax import (
 )
 from integrators.paper.one_point import one_point
 from integrators.paper.phase_space import (
+    E3,
     Numbers,
     cartesian,
     components,
+    cross,
     ladder,
     lift,
 )
 from integrators.problem.top import LagrangeTop
 
 Point = tuple[Any, Any]  # (λ, μ)
-E3 = np.array((0, 0, 1))
 
 
 def point(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1) -> Point:
@@ -169,7 +170,7 @@ def axis(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1, m: Any 
     below = m1 * m2 + np.sum(a1 * a2, axis=-1, keepdims=True)
     if np.any(below == 0):
         raise ValueError("λ: the denominator m1 m2 + a1·a2 of the two-point map vanishes at this state")
-    w: Numbers = (m2 * a1 + m1 * a2 - 1j * _cross(a1, a2)) * ((lam1 - lam2) / 2j) / below
+    w: Numbers = (m2 * a1 + m1 * a2 - 1j * cross(a1, a2)) * ((lam1 - lam2) / 2j) / below
     return w
 
 
@@ -177,9 +178,9 @@ def pole_free(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1, m:
     """The map by its vector w, complex: any λ1 and λ2, also 0. Arguments as for `axis`."""
     J, x = np.asarray(y)[..., :3], np.asarray(y)[..., 3:]
     w = axis(top, y, lam1, lam2, sheet, m)
-    J_new = J + _cross(E3, w) * (2 * top.alpha)
+    J_new = J + cross(E3, w) * (2 * top.alpha)
     mean = (lift(lam1, w.ravel()[0]) + lam2) / 2
-    x_new = x + (J_new - J) * mean + _cross(J + J_new, w)
+    x_new = x + (J_new - J) * mean + cross(J + J_new, w)
     return np.concatenate((J_new, x_new), axis=-1)
 
 
@@ -200,11 +201,6 @@ def check_upper(lam: Any) -> None:
         raise ValueError(f"lam must be a complex number; got {lam!r}") from None
     if not (math.isfinite(abs(number)) and number.imag > 0):
         raise ValueError(f"lam must be finite with a positive imaginary part; got {lam}")
-
-
-def _cross(a: Any, b: Any) -> Numbers:
-    (a1, a2, a3), (b1, b2, b3) = components(a), components(b)
-    return np.stack((a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1), axis=-1)
 
 
 # ------------------------------------------------------------------------------------------------ misprints

@@ -2,7 +2,7 @@
 
 The state (J, x) says where the axis points and how it moves; the body also turns about its axis. Let g be the unit
 quaternion (scalar first) that takes the body's frame to the rest frame, so that the axis is x = g e3 ḡ. The frame with
-angular velocity J is followed exactly by the Bäcklund step (`integrable.attitude`); the body itself has angular
+angular velocity J is followed exactly by the Bäcklund step (`torus.attitude`); the body itself has angular
 velocity ω = J + (A/C − 1)(x·J) x, that is, one more constant spin about its own axis.
 """
 

@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from integrators import integrable
+from integrators import paper
 from integrators.paper.errata import Erratum, errata
 
 RECORDS = errata()
@@ -26,6 +26,6 @@ def test_no_erratum_is_listed_twice():
 
 
 def test_every_record_is_gathered():
-    for module in pkgutil.iter_modules(integrable.__path__):
+    for module in pkgutil.iter_modules(paper.__path__):
         for record in getattr(importlib.import_module(f"integrators.paper.{module.name}"), "ERRATA", []):
             assert record in RECORDS

@@ -8,14 +8,9 @@ from mpmath import mp, mpc, mpf
 
 from integrators.compiling.double_double import dd
 from integrators.paper import lax
-from integrators.paper.gaudin import (
-    GaudinMagnet,
-    one_point,
-    one_point_inverse,
-    two_point,
-    two_point_textbook,
-)
 from integrators.paper.gaudin_curve import eigenvalue, spectral_polynomial
+from integrators.paper.gaudin_maps import one_point, one_point_inverse, two_point, two_point_textbook
+from integrators.paper.gaudin_model import GaudinMagnet
 from integrators.paper.phase_space import poisson_tensor
 from integrators.torus import time_step
 from tests.integrators.paper.tools import DIGITS, jacobian, largest, points

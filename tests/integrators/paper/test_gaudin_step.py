@@ -5,8 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from integrators import StepError
-from integrators.paper.gaudin import GaudinMagnet, two_point
 from integrators.paper.gaudin_curve import exact_parameters, pade_parameters, times
+from integrators.paper.gaudin_maps import two_point
+from integrators.paper.gaudin_model import GaudinMagnet
 from integrators.paper.gaudin_step import MagnetStepper, prepare
 
 PROMISE = 1e-12  # of issue 3: relative change of every |s_j| and H_j over 1e5 steps

@@ -1,4 +1,4 @@
-"""The sl(2) Gaudin magnet (paper, section 2) and its Bäcklund transformations (sections 5.1, 5.2, 5.5 with n sites).
+"""The sl(2) Gaudin magnet (paper, section 2): its Lax matrix, brackets, Hamiltonians and flows.
 
 n spins s_j = (s¹, s², s³) at sites a_j, in a field alpha along e3; spins are arrays (n, 3), states of several runs
 (..., n, 3). The Lax matrix is L_G(u) = σ·ℓ(u), with the vector
@@ -11,9 +11,8 @@ n spins s_j = (s¹, s², s³) at sites a_j, in a field alpha along e3; spins are
 The real magnet has real alpha and sites that are real, with real spins, or come in conjugate pairs with conjugate
 spins. Everything here is + − * / and a square root: it runs in double, and in mpmath on object arrays.
 
-Maps take a point (λ, v) of the curve by λ, `sheet` and `site`, see `gaudin_curve`. v is a function of the state: with v
-from the curve at every state the maps are Poisson, with v frozen they are not. Compiled steps are in `gaudin_step`, the
-limit in which two sites become a top is in `contraction`.
+Points (λ, v) of the curve are in `gaudin_curve`, the maps that take them in `gaudin_maps`, compiled steps in
+`gaudin_step`, the limit in which two sites become a top in `contraction`.
 """
 
 from __future__ import annotations
@@ -27,15 +26,13 @@ import mpmath
 import numpy as np
 
 from integrators.paper.errata import Erratum
-from integrators.paper.gaudin_curve import (
-    E3,
-    check_numbers,
-    check_parameter,
-    check_upper,
-    eigenvalue,
-)
-from integrators.paper.lax import gaudin_entries, pauli
-from integrators.paper.phase_space import Numbers, poisson_tensor
+from integrators.paper.phase_space import E3, Numbers, cross, poisson_tensor
+
+
+def dot(a: Any, b: Any) -> Numbers:
+    """a·b along the last axis, nothing conjugated."""
+    product: Numbers = np.sum(np.asarray(a) * b, axis=-1)
+    return product
 
 
 @dataclass(frozen=True)
@@ -74,7 +71,7 @@ class GaudinMagnet:
 
     def casimirs(self, spins: Any) -> Numbers:
         """The squares s_j² of the spins, shape (..., n); (2.4)."""
-        return _dot(spins, spins)
+        return dot(spins, spins)
 
     def hamiltonians(self, spins: Any) -> Numbers:
         """H_j, shape (..., n); (2.13)."""
@@ -105,7 +102,7 @@ class GaudinMagnet:
 
     def rhs(self, spins: Any, c: Any) -> Numbers:
         """Equations of motion of Σ c_j H_j, f' = {f, Σ c_j H_j}: each spin turns about its gradient; (..., n, 3)."""
-        return _cross(self.gradient(spins, c), np.asarray(spins))
+        return cross(self.gradient(spins, c), np.asarray(spins))
 
     def poisson(self, spins: Any) -> Numbers:
         """The Poisson tensor (3n, 3n) at spins (n, 3); (2.3)."""
@@ -133,116 +130,38 @@ class GaudinMagnet:
             raise ValueError(f"{name} must be real at real sites and conjugate at conjugate sites")
 
 
-# ------------------------------------------------------------------------------------------ the maps
+# ------------------------------------------------------------------------------------------ checks
 
 
-def one_point(
-    magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: int | None = 0, v: Any = None
-) -> Numbers:
-    """The one-point map, a complex Poisson map: L̃(u) = M L M⁻¹, M = ((u − λ + pq, p), (q, 1)); (5.1.3)–(5.1.8).
-
-    p = S-/(2 alpha), q = (A − v)/B = −C/(A + v) at λ, S the total spin. All s_j² and H_j are kept.
-    v : in place of the one on the curve through the state. ValueError for alpha = 0, λ on a site, or B(λ) = 0 on the
-    sheet that is sent to infinity.
-    """
-    if magnet.alpha == 0:
-        raise ValueError("alpha = 0: the one-point map does not exist (p and q ~ 1/alpha); the two-point map does")
-    spins, lam = magnet.check_spins(spins), check_parameter(magnet, lam)
-    v = eigenvalue(magnet, spins, lam, sheet, site) if v is None else v
-    A, B, C = gaudin_entries(magnet.alpha, magnet.sites, spins, lam)
-    above, below = (A - v, B) if abs(A - v) > abs(A + v) else (-C, A + v)
-    if below == 0:
-        raise ValueError("B(λ) = 0 on this sheet: the one-point map sends the state to infinity")
-    p, q = np.sum(spins[:, 0] - 1j * spins[:, 1]) / (2 * magnet.alpha), above / below
-    return _dress(magnet, spins, lambda u: ((u - lam + p * q, p), (q, 1 + 0 * p)))
+def check_numbers(values: Any, name: str) -> Numbers:
+    """An array of finite numbers: real, complex or mpmath ones. ValueError naming the argument."""
+    try:
+        array = np.array(values)
+        finite = array.dtype.kind in "iufcO" and bool(np.all(np.isfinite(array.astype(complex))))
+    except (TypeError, ValueError, OverflowError):
+        finite = False
+    if not finite:
+        raise ValueError(f"{name} must be finite numbers; got {values!r}")
+    return array
 
 
-def one_point_inverse(
-    magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: int | None = 0, v: Any = None
-) -> Numbers:
-    """The spins that `one_point` sends to `spins`: its mirror image τ B τ, τ: s² → −s², which transposes L."""
-    mirror = np.array((1, -1, 1))
-    image: Numbers = one_point(magnet, magnet.check_spins(spins) * mirror, lam, sheet, site, v) * mirror
-    return image
+def check_parameter(magnet: GaudinMagnet, lam: Any, name: str = "lam") -> Any:
+    """λ as one finite number off every site."""
+    array = check_numbers(lam, name)
+    if array.ndim:
+        raise ValueError(f"{name} must be one number; got shape {array.shape}")
+    if any(array[()] == a for a in magnet.sites):
+        raise ValueError(f"{name} = {lam} lies on a site")
+    return array[()]
 
 
-def two_point_textbook(magnet: GaudinMagnet, spins: Any, lam1: Any, v1: Any, lam2: Any, v2: Any) -> Numbers:
-    """The two-point map of (λ1, v1), (λ2, v2) as in section 5.5, (5.5.2)–(5.5.6): complex, with its divisions.
-
-    M(λ1) annuls the eigenvector of v1, M(λ2) that of −v2. The inverse exchanges the two points. The map is real for
-    λ2 = λ̄1, v2 = v̄1; then it is `two_point` of (λ1, −v1).
-    """
-    spins = magnet.check_spins(spins)
-    lam1, lam2 = check_parameter(magnet, lam1, "lam1"), check_parameter(magnet, lam2, "lam2")
-    A1, B1, _ = gaudin_entries(magnet.alpha, magnet.sites, spins, lam1)
-    A2, B2, _ = gaudin_entries(magnet.alpha, magnet.sites, spins, lam2)
-    if B1 == 0 or B2 == 0:
-        raise ValueError("B vanishes at lam1 or lam2: use `two_point`, which has no poles")
-    x = (A1 - v1) / B1
-    gap = x - (A2 + v2) / B2
-    if gap == 0:
-        raise ValueError("(lam1, v1) and (lam2, v2): the map is singular here; use `two_point`, which has no poles")
-    X = (lam1 - lam2) / gap
-    return _dress(magnet, spins, lambda u: ((u - lam1 + x * X, X), (-x * x * X + (lam1 - lam2) * x, u - lam2 - x * X)))
-
-
-def two_point(
-    magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: int | None = 0, v: Any = None
-) -> Numbers:
-    """The real two-point map of λ and λ̄, without poles: every spin turns about one axis. Sheet −1 is the inverse.
-
-    With ℓ(λ) = p + iq, n = Re v p + Im v q − p×q, w = Im λ n/|n| and g_j = a_j − Re λ
-
-        s̃_j = s_j + 2/(g_j² + w·w) (w×(w×s_j) − g_j w×s_j),
-
-    a turn by 2 arg(a_j − λ) about n; M(u) = u − Re λ + i σ·w. |n| = (|v|² + |p|² + |q|²)/2 vanishes only with ℓ(λ).
-    It is `two_point_textbook` of (λ, −v), (λ̄, −v̄): there sheet 1 steps backwards.
-    ValueError unless Im λ > 0 and sites and spins are real or conjugate.
-    """
-    spins, lam = magnet.check_spins(spins), check_upper(magnet, lam)
-    magnet.check_real(spins)
-    bar = lam.conjugate()
-    if v is None:  # no conjugation of spins: the map is written as a holomorphic function of them
-        v, v_bar = (eigenvalue(magnet, spins, u, sheet, site) for u in (lam, bar))
-    else:
-        v_bar = v.conjugate()
-    up, down = magnet.vector(spins, lam), magnet.vector(spins, bar)
-    n = (up * v_bar + down * v) / 2 - _cross(up, down) * 0.5j  # p×q = (i/2) ℓ(λ)×ℓ(λ̄)
-    square = _dot(n, n)
-    if square == 0:
-        raise ValueError(f"lam = {lam}: ℓ(lam) = 0, there is no axis to turn about")
-    w = n * (lam.imag / square**0.5)
-    g = np.array([a - lam.real for a in magnet.sites])[:, None]
-    turned = _cross(w, spins)
-    image: Numbers = spins + 2 / (g * g + _dot(w, w)) * (_cross(w, turned) - g * turned)
-    if spins.dtype == object:
-        return image
-    return (image + image[magnet.partners].conj()) / 2 if spins.dtype.kind == "c" else image.real
-
-
-# ------------------------------------------------------------------------------------------ vectors and matrices
-
-
-def _dress(magnet: GaudinMagnet, spins: Numbers, M: Any) -> Numbers:
-    """The spins of M(a_j) (σ·s_j) M(a_j)⁻¹."""
-    images = []
-    for a, s in zip(magnet.sites, spins, strict=True):
-        (a11, a12), (a21, a22) = M(a)
-        det = a11 * a22 - a12 * a21
-        product = np.array(((a11, a12), (a21, a22))) @ pauli(s) @ np.array(((a22, -a12), (-a21, a11))) / det
-        (s3, minus), (plus, _) = product
-        images.append(((minus + plus) / 2, (plus - minus) * -0.5j, s3))
-    return np.array(images)
-
-
-def _dot(a: Any, b: Any) -> Numbers:
-    product: Numbers = np.sum(np.asarray(a) * b, axis=-1)
-    return product
-
-
-def _cross(a: Any, b: Any) -> Numbers:
-    (a1, a2, a3), (b1, b2, b3) = (np.moveaxis(v, -1, 0) for v in np.broadcast_arrays(a, b))
-    return np.stack((a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1), axis=-1)
+def check_upper(magnet: GaudinMagnet, lam: Any, name: str = "lam") -> Any:
+    """λ in the upper half-plane, off every site and its conjugate."""
+    lam = check_parameter(magnet, lam, name)
+    if not lam.imag > 0:
+        raise ValueError(f"{name} must have a positive imaginary part; got {lam}")
+    check_parameter(magnet, lam.conjugate(), f"the conjugate of {name}")
+    return lam
 
 
 # ------------------------------------------------------------------------------------------------ misprints
@@ -255,7 +174,7 @@ def _beyond(rng: Random, dimension: int) -> float:
     """
     magnet = GaudinMagnet((-2.0 + rng.random(), rng.random(), 2.0 + rng.random()), alpha=0.5 + rng.random())
     spins = np.array([[rng.gauss(0, 1) for _ in range(3)] for _ in range(3)])
-    flows = [magnet.rhs(spins, c).ravel() for c in np.eye(3)] + [_cross(E3, spins).ravel()]
+    flows = [magnet.rhs(spins, c).ravel() for c in np.eye(3)] + [cross(E3, spins).ravel()]
     directions = [flow / np.linalg.norm(flow) for flow in flows]
     return float(np.linalg.svd(directions, compute_uv=False)[dimension])
 

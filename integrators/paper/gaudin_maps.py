@@ -1,0 +1,112 @@
+"""The Bäcklund transformations of the Gaudin magnet (paper, sections 5.1, 5.2, 5.5 with n sites).
+
+Maps take a point (λ, v) of the curve by λ, `sheet` and `site`, see `gaudin_curve`. v is a function of the state: with v
+from the curve at every state the maps are Poisson, with v frozen they are not.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from integrators.paper.gaudin_curve import eigenvalue
+from integrators.paper.gaudin_model import GaudinMagnet, check_parameter, check_upper, dot
+from integrators.paper.lax import gaudin_entries, pauli
+from integrators.paper.phase_space import Numbers, cross
+
+
+def one_point(
+    magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: int | None = 0, v: Any = None
+) -> Numbers:
+    """The one-point map, a complex Poisson map: L̃(u) = M L M⁻¹, M = ((u − λ + pq, p), (q, 1)); (5.1.3)–(5.1.8).
+
+    p = S-/(2 alpha), q = (A − v)/B = −C/(A + v) at λ, S the total spin. All s_j² and H_j are kept.
+    v : in place of the one on the curve through the state. ValueError for alpha = 0, λ on a site, or B(λ) = 0 on the
+    sheet that is sent to infinity.
+    """
+    if magnet.alpha == 0:
+        raise ValueError("alpha = 0: the one-point map does not exist (p and q ~ 1/alpha); the two-point map does")
+    spins, lam = magnet.check_spins(spins), check_parameter(magnet, lam)
+    v = eigenvalue(magnet, spins, lam, sheet, site) if v is None else v
+    A, B, C = gaudin_entries(magnet.alpha, magnet.sites, spins, lam)
+    above, below = (A - v, B) if abs(A - v) > abs(A + v) else (-C, A + v)
+    if below == 0:
+        raise ValueError("B(λ) = 0 on this sheet: the one-point map sends the state to infinity")
+    p, q = np.sum(spins[:, 0] - 1j * spins[:, 1]) / (2 * magnet.alpha), above / below
+    return _dress(magnet, spins, lambda u: ((u - lam + p * q, p), (q, 1 + 0 * p)))
+
+
+def one_point_inverse(
+    magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: int | None = 0, v: Any = None
+) -> Numbers:
+    """The spins that `one_point` sends to `spins`: its mirror image τ B τ, τ: s² → −s², which transposes L."""
+    mirror = np.array((1, -1, 1))
+    image: Numbers = one_point(magnet, magnet.check_spins(spins) * mirror, lam, sheet, site, v) * mirror
+    return image
+
+
+def two_point_textbook(magnet: GaudinMagnet, spins: Any, lam1: Any, v1: Any, lam2: Any, v2: Any) -> Numbers:
+    """The two-point map of (λ1, v1), (λ2, v2) as in section 5.5, (5.5.2)–(5.5.6): complex, with its divisions.
+
+    M(λ1) annuls the eigenvector of v1, M(λ2) that of −v2. The inverse exchanges the two points. The map is real for
+    λ2 = λ̄1, v2 = v̄1; then it is `two_point` of (λ1, −v1).
+    """
+    spins = magnet.check_spins(spins)
+    lam1, lam2 = check_parameter(magnet, lam1, "lam1"), check_parameter(magnet, lam2, "lam2")
+    A1, B1, _ = gaudin_entries(magnet.alpha, magnet.sites, spins, lam1)
+    A2, B2, _ = gaudin_entries(magnet.alpha, magnet.sites, spins, lam2)
+    if B1 == 0 or B2 == 0:
+        raise ValueError("B vanishes at lam1 or lam2: use `two_point`, which has no poles")
+    x = (A1 - v1) / B1
+    gap = x - (A2 + v2) / B2
+    if gap == 0:
+        raise ValueError("(lam1, v1) and (lam2, v2): the map is singular here; use `two_point`, which has no poles")
+    X = (lam1 - lam2) / gap
+    return _dress(magnet, spins, lambda u: ((u - lam1 + x * X, X), (-x * x * X + (lam1 - lam2) * x, u - lam2 - x * X)))
+
+
+def two_point(
+    magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: int | None = 0, v: Any = None
+) -> Numbers:
+    """The real two-point map of λ and λ̄, without poles: every spin turns about one axis. Sheet −1 is the inverse.
+
+    With ℓ(λ) = p + iq, n = Re v p + Im v q − p×q, w = Im λ n/|n| and g_j = a_j − Re λ
+
+        s̃_j = s_j + 2/(g_j² + w·w) (w×(w×s_j) − g_j w×s_j),
+
+    a turn by 2 arg(a_j − λ) about n; M(u) = u − Re λ + i σ·w. |n| = (|v|² + |p|² + |q|²)/2 vanishes only with ℓ(λ).
+    It is `two_point_textbook` of (λ, −v), (λ̄, −v̄): there sheet 1 steps backwards.
+    ValueError unless Im λ > 0 and sites and spins are real or conjugate.
+    """
+    spins, lam = magnet.check_spins(spins), check_upper(magnet, lam)
+    magnet.check_real(spins)
+    bar = lam.conjugate()
+    if v is None:  # no conjugation of spins: the map is written as a holomorphic function of them
+        v, v_bar = (eigenvalue(magnet, spins, u, sheet, site) for u in (lam, bar))
+    else:
+        v_bar = v.conjugate()
+    up, down = magnet.vector(spins, lam), magnet.vector(spins, bar)
+    n = (up * v_bar + down * v) / 2 - cross(up, down) * 0.5j  # p×q = (i/2) ℓ(λ)×ℓ(λ̄)
+    square = dot(n, n)
+    if square == 0:
+        raise ValueError(f"lam = {lam}: ℓ(lam) = 0, there is no axis to turn about")
+    w = n * (lam.imag / square**0.5)
+    g = np.array([a - lam.real for a in magnet.sites])[:, None]
+    turned = cross(w, spins)
+    image: Numbers = spins + 2 / (g * g + dot(w, w)) * (cross(w, turned) - g * turned)
+    if spins.dtype == object:
+        return image
+    return (image + image[magnet.partners].conj()) / 2 if spins.dtype.kind == "c" else image.real
+
+
+def _dress(magnet: GaudinMagnet, spins: Numbers, M: Any) -> Numbers:
+    """The spins of M(a_j) (σ·s_j) M(a_j)⁻¹."""
+    images = []
+    for a, s in zip(magnet.sites, spins, strict=True):
+        (a11, a12), (a21, a22) = M(a)
+        det = a11 * a22 - a12 * a21
+        product = np.array(((a11, a12), (a21, a22))) @ pauli(s) @ np.array(((a22, -a12), (-a21, a11))) / det
+        (s3, minus), (plus, _) = product
+        images.append(((minus + plus) / 2, (plus - minus) * -0.5j, s3))
+    return np.array(images)
