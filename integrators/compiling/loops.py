@@ -20,13 +20,8 @@ from numba import TypingError
 from numpy.typing import NDArray
 
 from integrators.checks import check_count
-from integrators.compiling.compiled import (
-    column,
-    inlined_copy,
-    jit_over,
-    put_column,
-    strided,
-)
+from integrators.compiling.compiled import inlined_copy, jit_over
+from integrators.compiling.numba_internals import column, put_column, strided
 from integrators.interface import Array, StepError, Work
 
 # places in `tally`; a kernel that fails puts a code into FAILURE and what it could not reduce into RESIDUAL; from MEMORY on

@@ -16,7 +16,7 @@ from typing import Any
 from numba import types
 from numba.extending import intrinsic
 
-from integrators.compiling.compiled import config, lasting_name
+from integrators.compiling.numba_internals import config, set_name
 
 TUPLE: Any = types.BaseTuple
 
@@ -78,9 +78,7 @@ def unrolled(name: str) -> Callable[[Callable[..., Any]], Any]:
 
         own = inspect.Parameter("typingctx", inspect.Parameter.POSITIONAL_OR_KEYWORD)
         typed.__signature__ = inspect.Signature([own, *inspect.signature(function).parameters.values()])  # type: ignore
-        made: Any = intrinsic(typed)
-        made._set_uuid(lasting_name(f"{function.__module__}.{name}"))
-        return made
+        return set_name(intrinsic(typed), f"{function.__module__}.{name}")
 
     return decorate
 

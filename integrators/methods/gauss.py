@@ -36,7 +36,7 @@ from functools import cache
 import numpy as np
 
 from integrators.checks import check_choice
-from integrators.compiling.compiled import inlined, jit, stack
+from integrators.compiling.compiled import inlined, jit
 from integrators.compiling.loops import (
     FAILURE,
     ITERATIONS,
@@ -45,6 +45,7 @@ from integrators.compiling.loops import (
     RHS_EVALS,
     FixedStepper,
 )
+from integrators.compiling.numba_internals import stack
 from integrators.interface import Array, Method, StepError
 from integrators.problem.top import LagrangeTop
 

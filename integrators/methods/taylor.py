@@ -35,8 +35,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from integrators.checks import check_count, check_real
-from integrators.compiling.compiled import jit, stack
+from integrators.compiling.compiled import jit
 from integrators.compiling.loops import FixedStepper
+from integrators.compiling.numba_internals import stack
 from integrators.interface import Array, Method, StepError, Work
 from integrators.methods.dense import DenseStepper, Run, at_times
 from integrators.problem.top import LagrangeTop

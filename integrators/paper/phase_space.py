@@ -27,7 +27,7 @@ def components(y: Any) -> tuple[Any, ...]:
 
 def cross(a: Any, b: Any) -> Numbers:
     """a × b along the last axis."""
-    (a1, a2, a3), (b1, b2, b3) = components(a), components(b)
+    (a1, a2, a3), (b1, b2, b3) = map(components, np.broadcast_arrays(a, b))
     return np.stack((a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1), axis=-1)
 
 

@@ -1,9 +1,30 @@
-"""Compilation and its cache: a cache that cannot be written is no reason to fail."""
+"""Compilation and its cache: it is never stale, it may fail to be written, and Numba is asked for what it rests on."""
 
+import ast
 import os
+import re
 import resource
+import runpy
+import shutil
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
+
+import numba
+import pytest
+from numba.core import caching, cgutils, extending
+from numba.core.base import BaseContext
+from numba.core.dispatcher import Dispatcher, _MemoMixin
+from numba.core.typing import templates
+
+import integrators
+from integrators.compiling import numba_internals
+from integrators.compiling.compiled import inlined_copy, jit_as
+from integrators.torus.real_map import step
+
+PACKAGE = Path(integrators.__file__).parent
+INTERNALS = Path(numba_internals.__file__)
 
 import pytest
 
@@ -45,3 +66,104 @@ def test_a_second_process_finds_the_code_of_the_first(tmp_path):
     assert first.stdout == second.stdout
     assert len(kept) >= 3  # the step, the addition in it, the loop around it
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")} == kept
+
+
+# a kernel of `methods` that calls one of `torus`: its result, and how many of its variants came from the cache. (Where a
+# closure calls it, Numba sees for itself that a callee has changed.)
+CALLER = """
+from integrators.methods.theta_functions import largest_root
+print(largest_root((-1.0, 0.0), (-1.0, 0.0), (0.5, 0.0))[0].hex())
+print(sum(largest_root.stats.cache_hits.values()))
+"""
+
+
+def test_an_edited_callee_in_another_room_is_compiled_again(tmp_path):
+    """And an unedited one is not: the second run takes its code from the cache."""
+    shutil.copytree(PACKAGE, tmp_path / "integrators", ignore=shutil.ignore_patterns("__pycache__"))
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "LAGRANGE_BENCH_CACHE": str(tmp_path / "cache")}
+
+    def run():
+        command = [sys.executable, "-c", CALLER]
+        done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.splitlines()
+
+    root, hits = run()
+    assert hits == "0"
+    assert run() == [root, "1"]
+    source = tmp_path / "integrators" / "torus" / "time_step.py"
+    text = source.read_text(encoding="utf-8")
+    edited = re.sub(
+        r"(def cubic_root\(.*?\n    return) root\n", r"\1 scale(root, 2.0)\n", text, count=1, flags=re.DOTALL
+    )
+    assert edited != text
+    source.write_text(edited, encoding="utf-8")
+    doubled, hits = run()
+    assert float.fromhex(doubled) == 2 * float.fromhex(root)
+    assert hits == "0"
+
+
+# ------------------------------------------------------------------------------------------ Numba's insides
+
+
+def kernel(x):
+    return x
+
+
+def keep(folder):
+    return numba_internals.keep_code(numba.njit(cache=True), kernel, str(folder))
+
+
+def load(_):
+    runpy.run_path(INTERNALS)
+
+
+@pytest.mark.parametrize(
+    ("owners", "name", "use"),
+    [
+        ([numba.config], "CACHE_DIR", keep),
+        ([_MemoMixin], "_set_uuid", lambda _: jit_as("own name")(kernel)),
+        ([caching.Cache, caching._Cache], "save_overload", keep),
+        ([_MemoMixin], "_uuid", lambda _: inlined_copy(step)),
+        ([extending._Intrinsic], "_set_uuid", lambda _: numba_internals.named_intrinsic(kernel)),
+        ([cgutils], "alloca_once", load),
+        ([templates], "infer_global", load),
+        ([templates], "AbstractTemplate", load),
+        ([BaseContext], "make_array", load),
+    ],
+)
+def test_a_numba_without_one_of_its_insides_is_refused_by_name(tmp_path, monkeypatch, owners, name, use):
+    for owner in owners:
+        monkeypatch.delattr(owner, name)
+    with pytest.raises(ImportError) as refused:
+        use(tmp_path)
+    assert re.search(
+        rf"numba {re.escape(numba.__version__)} has no \S+\.{name}, .*: install numba>=", str(refused.value)
+    )
+
+
+def test_a_dispatcher_without_its_cache_is_refused_by_name(tmp_path, monkeypatch):
+    monkeypatch.setattr(Dispatcher, "enable_caching", lambda self: delattr(self, "_cache"))
+    with pytest.raises(ImportError, match=r"has no CPUDispatcher\._cache, .* install numba>="):
+        keep(tmp_path)
+
+
+def test_supported_versions_are_those_of_the_package():
+    project = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert [word for word in project["dependencies"] if word.startswith("numba")] == [
+        f"numba{numba_internals.SUPPORTED}"
+    ]
+
+
+def test_only_one_file_knows_numbas_insides():
+    """No other imports `numba.core` or names what is private there; and that file takes it by `inside` only."""
+    private = {"_set_uuid", "_uuid", "_cache", "save_overload", "CACHE_DIR", "alloca_once", "cgutils"}
+    found = {}
+    for path in PACKAGE.rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        named = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)} & private
+        taken = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+        named |= {module for module in taken if module.startswith(("numba.core", "numba.typing"))}
+        if named:
+            found[path.name] = named
+    assert found == {INTERNALS.name: {"CACHE_DIR", "save_overload"}}  # both set, once `inside` has found them

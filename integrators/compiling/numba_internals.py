@@ -1,0 +1,203 @@
+"""All that rests on Numba's insides: its cache and its names for functions, and loads and stores without checks.
+
+Numba may change these in any minor version and does not announce it. So pyproject.toml admits the minor versions that were
+tested, and a Numba in which one of them is missing is refused with its name; nothing falls back on slower or stale code.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import operator
+import uuid
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+import numba
+from numba import TypingError, types
+from numba.extending import intrinsic, lower_builtin, models, register_model
+
+SUPPORTED = ">=0.61.2,<0.69"  # the same as in pyproject.toml
+
+
+def inside(owner: Any, path: str) -> Any:
+    """owner.path, an attribute of Numba that it does not document. ImportError naming it if there is none."""
+    for attribute in path.split("."):
+        try:
+            owner = getattr(owner, attribute)
+        except AttributeError:
+            where = (owner if isinstance(owner, (type, ModuleType)) else type(owner)).__name__
+            raise ImportError(
+                f"numba {numba.__version__} has no {where}.{attribute}, which compiled kernels need: install numba{SUPPORTED}"
+            ) from None
+    return owner
+
+
+config: Any = numba.config  # its attributes are made at run time
+alloca_once = inside(numba, "core.cgutils.alloca_once")
+infer_global = inside(numba, "core.typing.templates.infer_global")
+AbstractTemplate: Any = inside(numba, "core.typing.templates.AbstractTemplate")
+for method in ("get_constant", "get_dummy_value", "get_value_type", "make_array", "make_tuple"):
+    inside(numba, f"core.base.BaseContext.{method}")  # called while compiling, where Numba would hide what goes wrong
+
+
+def keep_code(decorator: Callable[..., Any], function: Callable[..., Any], folder: str) -> Any:
+    """`decorator(function)`, a decorator of Numba with a cache, which is in `folder`."""
+    before = inside(config, "CACHE_DIR")
+    config.CACHE_DIR = folder  # read while decorating, so other packages keep their own place
+    try:
+        dispatcher = decorator(function)
+    finally:
+        config.CACHE_DIR = before
+    kept = inside(dispatcher, "_cache")
+    save = inside(kept, "save_overload")
+
+    def save_if_possible(signature: Any, data: Any) -> None:
+        # what cannot be kept for the next process is compiled there again: no reason for this one to fail
+        with contextlib.suppress(OSError):
+            save(signature, data)
+
+    kept.save_overload = save_if_possible
+    return dispatcher
+
+
+def set_name(thing: Any, text: str) -> Any:
+    """A dispatcher or intrinsic with a name made of `text`, the same in all processes: Numba's own is random."""
+    inside(thing, "_set_uuid")(str(uuid.uuid5(uuid.NAMESPACE_OID, text)))
+    return thing
+
+
+def name_of(dispatcher: Any) -> str:
+    return str(inside(dispatcher, "_uuid"))
+
+
+def named_intrinsic(function: Callable[..., Any]) -> Any:
+    """An intrinsic whose name is the same in all processes."""
+    return set_name(intrinsic(function), f"{function.__module__}.{function.__qualname__}")
+
+
+if config.DISABLE_JIT:
+
+    def stack(size):
+        return [0.0] * size
+
+    def column(array, place, count, stride):
+        return tuple(array[place + k * stride] for k in range(count))
+
+    def put_column(array, place, values, stride):
+        for k, value in enumerate(values):
+            array[place + k * stride] = value
+
+    class StridedView:
+        def __init__(self, array, place, stride):
+            self.array, self.place, self.stride = array, place, stride
+
+        def __getitem__(self, k):
+            return self.array[self.place + k * self.stride]
+
+        def __setitem__(self, k, value):
+            self.array[self.place + k * self.stride] = value
+
+    def strided(array, place, stride):
+        return StridedView(array, place, stride)
+
+else:
+
+    @named_intrinsic
+    def stack(typingctx, size):
+        """An uninitialised array of float64 on the stack, for a kernel's scratch: `size` is a literal, indices unchecked.
+
+        Not in the constants of a kernel: two threads may share those.
+        """
+        if not isinstance(size, types.IntegerLiteral):
+            raise TypingError("the size of a stack array must be a constant")
+        count = size.literal_value
+
+        def generate(context, builder, signature, args):
+            return alloca_once(builder, context.get_value_type(types.float64), size=count)
+
+        return types.CPointer(types.float64)(size), generate
+
+    @named_intrinsic
+    def column(typingctx, array, place, count, stride):
+        """array[place], array[place + stride], … as a tuple; `count` and `stride` are literals, places unchecked.
+
+        Between these loads and the stores below LLVM sees constant distances only: a loop over neighbouring places
+        becomes SIMD code without any test for overlaps.
+        """
+        if not (isinstance(count, types.IntegerLiteral) and isinstance(stride, types.IntegerLiteral)):
+            raise TypingError("count and stride must be constants")
+        number, distance = count.literal_value, stride.literal_value
+
+        def generate(context, builder, signature, args):
+            data = context.make_array(signature.args[0])(context, builder, args[0]).data
+            places = [builder.add(args[1], args[1].type(k * distance)) for k in range(number)]
+            loaded = [builder.load(builder.gep(data, [place])) for place in places]
+            return context.make_tuple(builder, signature.return_type, loaded)
+
+        return types.UniTuple(array.dtype, number)(array, types.int64, count, stride), generate
+
+    @named_intrinsic
+    def put_column(typingctx, array, place, values, stride):
+        """array[place], array[place + stride], … = values, a tuple; see `column`."""
+        if not isinstance(stride, types.IntegerLiteral):
+            raise TypingError("stride must be a constant")
+        distance = stride.literal_value
+
+        def generate(context, builder, signature, args):
+            data = context.make_array(signature.args[0])(context, builder, args[0]).data
+            for k in range(len(signature.args[2])):
+                place = builder.add(args[1], args[1].type(k * distance))
+                builder.store(builder.extract_value(args[2], k), builder.gep(data, [place]))
+            return context.get_dummy_value()
+
+        return types.none(array, types.int64, values, stride), generate
+
+    class Strided(types.Type):
+        """array[place], array[place + stride], … to be read and written one by one, indices unchecked."""
+
+        def __init__(self, dtype, stride):
+            self.dtype, self.stride = dtype, stride
+            super().__init__(name=f"Strided({dtype}, {stride})")
+
+    @register_model(Strided)
+    class StridedModel(models.PrimitiveModel):
+        def __init__(self, manager, kind):
+            super().__init__(manager, kind, manager.lookup(types.CPointer(kind.dtype)).get_value_type())
+
+    @named_intrinsic
+    def strided(typingctx, array, place, stride):
+        """The numbers of `column` as something that a kernel may write into; `stride` is a literal."""
+        if not isinstance(stride, types.IntegerLiteral):
+            raise TypingError("stride must be a constant")
+
+        def generate(context, builder, signature, args):
+            return builder.gep(context.make_array(signature.args[0])(context, builder, args[0]).data, [args[1]])
+
+        return Strided(array.dtype, stride.literal_value)(array, types.int64, stride), generate
+
+    @infer_global(operator.getitem)
+    class ReadStrided(AbstractTemplate):
+        def generic(self, args, kws):
+            if isinstance(args[0], Strided) and isinstance(args[1], types.Integer):
+                return args[0].dtype(args[0], types.intp)
+            return None
+
+    @infer_global(operator.setitem)
+    class WriteStrided(AbstractTemplate):
+        def generic(self, args, kws):
+            if isinstance(args[0], Strided) and isinstance(args[1], types.Integer):
+                return types.none(args[0], types.intp, args[0].dtype)
+            return None
+
+    def _place(builder, kind, args):
+        return builder.gep(args[0], [builder.mul(args[1], args[1].type(kind.stride))])
+
+    @lower_builtin(operator.getitem, Strided, types.intp)
+    def read_strided(context, builder, signature, args):
+        return builder.load(_place(builder, signature.args[0], args))
+
+    @lower_builtin(operator.setitem, Strided, types.intp, types.Any)
+    def write_strided(context, builder, signature, args):
+        builder.store(args[2], _place(builder, signature.args[0], args))
+        return context.get_dummy_value()
