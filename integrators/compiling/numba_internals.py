@@ -1,7 +1,7 @@
 """All that rests on Numba's insides: its cache and its names for functions, and loads and stores without checks.
 
-Numba may change these in any minor version and does not announce it. So pyproject.toml admits the minor versions that were
-tested, and a Numba in which one of them is missing is refused with its name; nothing falls back on slower or stale code.
+Numba may change these in any minor version and does not announce it. So pyproject.toml admits none above the newest that was
+tested, and a Numba that lacks one of them is refused with its name; nothing falls back on slower or stale code.
 """
 
 from __future__ import annotations

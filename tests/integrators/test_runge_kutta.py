@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import scipy.integrate
 from mpmath import mp, mpf
-from reference import flow
 from scipy.integrate import DOP853, RK45
 
 from experiments.measuring import metrics, states
@@ -28,6 +27,7 @@ from integrators.methods import dop853, runge_kutta, scipy_ivp
 from integrators.methods.tableaux import DOP853 as EIGHTH
 from integrators.methods.tableaux import DOP853_MORE, DORMAND_PRINCE, RK4, VERNER9
 from integrators.truth import exact
+from tests.reference import flow
 
 GENERIC = TOPS["generic"]
 EPS = np.finfo(float).eps
