@@ -23,7 +23,7 @@ from experiments.measuring import metrics, timing
 from experiments.measuring.states import options_of, rounded, truth
 from integrators import METHODS, LagrangeTop, integrate_ensemble, prepare
 from integrators.compiling.compiled import compiled
-from integrators.compiling.loops import LANES, run_lanes
+from integrators.compiling.lanes import LANES, run_lanes
 from integrators.interface import Array
 from integrators.machine import usable_cores
 from integrators.torus import real_map

@@ -2,8 +2,8 @@
 
 The tops are cut into chunks, the chunks shared out among threads; compiled code lets go of Python's lock. A method that
 offers `advance_many` (or `evaluate_many`) takes a chunk in one call: the exact Bäcklund step with its set-up compiled,
-heyoka in its batch mode. The kernels of all other fixed-step methods that are free of loops take their tops in the same
-SIMD lanes as the Bäcklund step, with the bits of one top alone; splittings one rotation and kick after the other. Implicit
+heyoka in its batch mode. Other fixed-step methods whose steppers declare a `lane` take their tops in the same SIMD
+lanes as the Bäcklund step, with the bits of one top alone; splittings one rotation and kick after the other. Implicit
 methods, whose iterations end where they end, and all that is not compiled here take their tops one by one, and so do tops
 that are left undone, because of their extreme size or because the method fails for them: then the StepError is the scalar
 one. What becomes of a top depends on nothing but itself: not on the chunks, the threads, or its place.
@@ -21,7 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from integrators import machine
 from integrators.checks import check_count, check_options, check_step, check_times
-from integrators.compiling.loops import LANES, FixedStepper, run_lanes
+from integrators.compiling.lanes import LANES, run_lanes
+from integrators.compiling.loops import FixedStepper
 from integrators.interface import Array, Method, StepError, Stepper
 from integrators.problem.body import HeavyTop
 from integrators.problem.top import LagrangeTop

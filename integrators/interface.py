@@ -49,9 +49,15 @@ class Work:
 
 
 class Stepper(Protocol):
-    """Advances states by multiples of the step h it was built for."""
+    """Advances states by multiples of the step h it was built for.
+
+    `from_start`: n steps are something else than n calls of one step (a multistep method, a closed form), so that a run
+    broken off and carried on is not the run. Then whoever samples a run sends it through from the initial state for
+    every sample. A class that derives from this one has False.
+    """
 
     work: Work
+    from_start: bool = False
 
     def advance(self, y: Array, n: int) -> Array:
         """State (6,) after time n*h. `y` is (6,) float64 and is not modified."""

@@ -79,10 +79,9 @@ def sample(top: LagrangeTop, y0: Array, method: str, h: float, counts: list[int]
 
 def follow(stepper: Stepper, y0: Array, counts: Iterable[int]) -> Iterator[tuple[Array, float]]:
     """The state after each of `counts` steps (rising), and the seconds of stepping it took to get there."""
-    afresh = getattr(stepper, "from_start", False)  # carried on, it would be judged by where it was interrupted
     y, done, seconds = y0, 0, 0.0
     for n in counts:
-        if afresh:
+        if stepper.from_start:  # carried on, it would be judged by where it was interrupted
             y, done, seconds = y0, 0, 0.0
         start = perf_counter()
         y, done = stepper.advance(y, n - done), n

@@ -65,11 +65,11 @@ def inlined(function: Callable[..., Any]) -> Any:
     return jit(function, forceinline=True)
 
 
-def jit_as(name: str) -> Callable[[Callable[..., Any]], Any]:
+def jit_as(name: str, **more: Any) -> Callable[[Callable[..., Any]], Any]:
     """The decorator `jit` for a function that a factory makes; `name` tells it from its siblings, in all processes."""
 
     def decorate(function: Callable[..., Any]) -> Any:
-        dispatcher = jit(function)
+        dispatcher = jit(function, **more)
         return dispatcher if config.DISABLE_JIT else set_name(dispatcher, f"{_folder()} {function.__module__}.{name}")
 
     return decorate

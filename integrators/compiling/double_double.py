@@ -1,21 +1,22 @@
 """Double-double arithmetic: numbers as unevaluated sums hi + lo, about 32 digits, compiled.
 
 Error-free transformations of Dekker (Numer. Math. 18 (1971) 224) and Knuth; no fused multiply-add is assumed, so the
-bits are the same everywhere. Used where constants of a step are computed once, never in a time loop. Operands must
-stay within 1e-140 … 1e140, or be zero: the callers scale by powers of two first.
+bits are the same everywhere. Used where constants of a step are computed once, never in a time loop (but for `two_sum`,
+in compensated sums). Operands must stay within 1e-140 … 1e140, or be zero: the callers scale by powers of two first.
 """
 
 from __future__ import annotations
 
 import math
 
-from integrators.compiling.compiled import jit
+from integrators.compiling.compiled import inlined, jit
 
 SPLITTER = 134217729.0  # 2^27 + 1
 
 
-@jit
+@inlined
 def two_sum(a, b):
+    """a + b, and what its rounding leaves out."""
     s = a + b
     t = s - a
     return s, (a - (s - t)) + (b - t)

@@ -204,11 +204,6 @@ def functions(torus, h):
 
 
 @jit
-def times_i(z):
-    return neg(z[1]), z[0]
-
-
-@jit
 def coefficients(alpha, torus, values, turn):
     """All that a step needs, as double-doubles: real numbers, then complex ones, the latter turned about e3 by `turn`."""
     H_, m, C1_, C2_, c1, c0, G1, G0 = torus
@@ -335,7 +330,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
     c, least = constants(units.alpha, tuple(state), span)
     if not (least >= LEAST and np.all(np.isfinite(c))):
         raise StepError(name, "h is too long so near the separatrix: the denominator of the map nearly vanishes", h=h)
-    return TorusStepper(name, h, units, c, step, onto_torus if block else None, block or NEVER)
+    return TorusStepper(name, h, units, c, step, onto_torus if block else None, block or NEVER, lane=True)
 
 
 METHOD = Method(

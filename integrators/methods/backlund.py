@@ -23,11 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from integrators.checks import check_count
-from integrators.compiling.loops import (
-    NEVER,
-    FixedStepper,
-    run_lanes,
-)
+from integrators.compiling.lanes import run_lanes
+from integrators.compiling.loops import NEVER, FixedStepper
 from integrators.interface import Array, Method, StepError, Work
 from integrators.problem.top import LagrangeTop
 from integrators.problem.units import Units
@@ -55,7 +52,7 @@ MOST_PARTS = 10**8  # steps of an attitude between two rows: some seconds, not t
 def _stepper(name: str, h: float, units: Units, c: Array, pin_every: int, turn: Turn = NO_TURN) -> FixedStepper:
     check_constants(name, c, h)
     back, block = (onto_torus, pin_every) if pin_every else (None, NEVER)
-    return TorusStepper(name, h, units, c, KERNELS[form(c)], back, block, turn=turn)
+    return TorusStepper(name, h, units, c, KERNELS[form(c)], back, block, turn=turn, lane=True)
 
 
 def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = 8, lam: complex | None = None) -> FixedStepper:

@@ -80,7 +80,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, form: str = "symmetric") -
     units = Units(top, y0, h)
     half = units.time(h) / 2
     c = np.array((half, half * units.alpha))
-    return FixedStepper("bobenko_suris", h, c, KERNELS[form], enter=units.enter, leave=units.leave)
+    return FixedStepper("bobenko_suris", h, c, KERNELS[form], enter=units.enter, leave=units.leave, lane=True)
 
 
 def energy(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:

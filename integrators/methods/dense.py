@@ -13,14 +13,14 @@ import numpy as np
 
 from integrators.checks import check_count
 from integrators.compiling.loops import check_grid
-from integrators.interface import Array, StepError, Work
+from integrators.interface import Array, StepError, Stepper, Work
 from integrators.problem.top import LagrangeTop
 
 FARTHEST = 1e12  # in time scales of a top: at about a step each and a microsecond a step, eleven days
 Run = Callable[[Array, Array, Work], Array]
 
 
-class DenseStepper:
+class DenseStepper(Stepper):
     """A `Stepper` whose h is only the output grid."""
 
     def __init__(self, name: str, top: LagrangeTop, y0: Array, h: float, run: Run):

@@ -17,9 +17,9 @@ import numpy as np
 
 from integrators.checks import check_real
 from integrators.compiling.compiled import jit
-from integrators.compiling.loops import (
+from integrators.compiling.loops import INTERRUPTIBLE
+from integrators.compiling.natural import (
     INTERPOLATED,
-    INTERRUPTIBLE,
     REJECTED,
     ROW,
     STEP,

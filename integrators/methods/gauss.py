@@ -37,14 +37,8 @@ import numpy as np
 
 from integrators.checks import check_choice
 from integrators.compiling.compiled import inlined, jit
-from integrators.compiling.loops import (
-    FAILURE,
-    ITERATIONS,
-    MEMORY,
-    RESIDUAL,
-    RHS_EVALS,
-    FixedStepper,
-)
+from integrators.compiling.double_double import two_sum
+from integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, RHS_EVALS, FixedStepper
 from integrators.compiling.numba_internals import stack
 from integrators.interface import Array, Method, StepError
 from integrators.problem.top import LagrangeTop
@@ -295,14 +289,6 @@ def correct(n, c, A, T, P, pivots, R):
             R[i] += c[NU + S * j + i] * r[j]
             R[S + i] += c[NU + S * j + i] * r[S + j]
             R[2 * S + i] += c[NU + S * j + i] * t[j]
-
-
-@inlined
-def two_sum(a, b):
-    """a + b and what its rounding left out (Knuth)."""
-    s = a + b
-    v = s - a
-    return s, (a - (s - v)) + (b - v)
 
 
 @inlined

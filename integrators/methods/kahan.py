@@ -70,7 +70,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     units = Units(top, y0, h)
     half = units.time(h) / 2
     c = np.array((half, half * units.alpha))
-    return FixedStepper("kahan", h, c, step, enter=units.enter, leave=units.leave, failures=FAILURES)
+    return FixedStepper("kahan", h, c, step, enter=units.enter, leave=units.leave, failures=FAILURES, lane=True)
 
 
 # ------------------------------------------------------------------------------------ what the map keeps

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from integrators.compiling.compiled import jit, jit_as
+from integrators.compiling.double_double import two_sum
 from integrators.compiling.loops import FAILURE, MEMORY, RESIDUAL, FixedStepper
 from integrators.compiling.unroll import unrolled
 from integrators.interface import Array, Method, StepError
@@ -105,10 +106,7 @@ def plain(s, d, c, tally):
 @jit
 def add(y, d, tally, place):
     """y + (d + what the last sum lost); what this one loses, exactly, is kept."""
-    d += tally[place]
-    total = y + d
-    kept = total - d
-    tally[place] = (y - kept) + (d - (total - kept))
+    total, tally[place] = two_sum(y, d + tally[place])
     return total
 
 
@@ -192,7 +190,7 @@ def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
         if not isinstance(compensated, (bool, np.bool_)):
             raise ValueError(f"compensated must be True or False; got {compensated!r}")
         step = kernels[bool(compensated)]
-        return FixedStepper(name, h, np.array((top.alpha, h)), step, rhs_per_step=tableau.stages)
+        return FixedStepper(name, h, np.array((top.alpha, h)), step, rhs_per_step=tableau.stages, lane=True)
 
     return Method(
         name=name,

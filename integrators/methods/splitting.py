@@ -31,17 +31,16 @@ Skeel, SIAM J. Sci. Comput. 18 (1997) 223, for processing; the rotation and the 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from integrators.compiling.compiled import inlined, jit
+from integrators.compiling.compiled import inlined, jit, jit_as
+from integrators.compiling.double_double import two_sum
 from integrators.compiling.loops import FAILURE, MEMORY, SIZE, FixedStepper
 from integrators.interface import Array, Method, StepError
 from integrators.problem.top import LagrangeTop
-from integrators.words import suggestion
 
 # ------------------------------------------------------------------------------------ schemes
 
@@ -77,10 +76,8 @@ def composition(order: int, source: str, first: tuple[float, ...]) -> Scheme:
     return Scheme(order, "B", w, tuple((p + q) / 2 for p, q in zip((0.0, *w), (*w, 0.0), strict=True)), source)
 
 
-YOSHIDA = "Yoshida, Phys. Lett. A 150 (1990) 262"
 KAHAN_LI = "Kahan and Li, Math. Comp. 66 (1997) 1089"
 BLANES_MOAN = "Blanes and Moan, J. Comput. Appl. Math. 142 (2002) 313"
-OMELYAN = "Omelyan, Mryglod and Folk, Comput. Phys. Commun. 146 (2002) 188"
 GRADIENTS = "Omelyan, Mryglod and Folk, Phys. Rev. E 66 (2002) 026701"
 
 SCHEMES = {
@@ -89,35 +86,11 @@ SCHEMES = {
         4, "B", (1.0,), (1 / 2, 1 / 2), "Takahashi and Imada, J. Phys. Soc. Japan 53 (1984) 3765",
         c=(1 / 48, 1 / 48), processor=1 / 12,
     ),
-    "triple_jump4": composition(4, YOSHIDA, (1 / (2 - 2 ** (1 / 3)),)),
-    "suzuki4": composition(4, "Suzuki, Phys. Lett. A 146 (1990) 319", (1 / (4 - 4 ** (1 / 3)),) * 2),
-    "mclachlan4": Scheme(
-        4, "A",
-        palindrome((0.4051886183952523, -0.2871440408165241), 6),
-        palindrome((-0.0410958904109589, 0.288135593220339), 5),
-        "McLachlan, SIAM J. Sci. Comput. 16 (1995) 151, SB3A",
-    ),
-    "vefrl4": Scheme(
-        4, "B", palindrome((0.5209433391039899,), 4), palindrome((0.164498651557576, 1.235692651138917), 5), OMELYAN,
-    ),
-    "pefrl4": Scheme(
-        4, "A", palindrome((0.1786178958448091, -0.0662645826698185), 5), palindrome((0.7123418310626054,), 4), OMELYAN,
-    ),
     "blanes_moan4": Scheme(
         4, "B",
         palindrome((0.245298957184271, 0.604872665711080), 6),
         palindrome((0.0829844064174052, 0.396309801498368, -0.0390563049223486), 7),
         f"{BLANES_MOAN}, SRKN6b",
-    ),
-    "blanes_moan4_general": Scheme(
-        4, "B",
-        palindrome((0.209515106613362, -0.143851773179818), 6),
-        palindrome((0.0792036964311957, 0.353172906049774, -0.0420650803577195), 7),
-        f"{BLANES_MOAN}, S6",
-    ),
-    "chin4": Scheme(
-        4, "B", (1 / 2, 1 / 2), (1 / 6, 2 / 3, 1 / 6), "Chin, Phys. Lett. A 226 (1997) 344, scheme A",
-        c=(0.0, 1 / 72, 0.0),
     ),
     # two conditions for a1, b1, c1, c2: b1 and c1 are the ones of least error of degree 5
     "force_gradient4": Scheme(
@@ -127,27 +100,10 @@ SCHEMES = {
         f"class of {GRADIENTS}; coefficients: this project",
         c=mirror((0.000232, 0.0029821796916614993), 4),
     ),
-    "yoshida6": composition(
-        6, f"{YOSHIDA}, solution A",
-        (0.78451361047755726381949763, 0.23557321335935813368479318, -1.17767998417887100694641568),
-    ),
     "kahan_li6": composition(
         6, KAHAN_LI,
         (0.39216144400731413927925056, 0.33259913678935943859974864, -0.70624617255763935980996482,
          0.08221359629355080023149045),
-    ),
-    "blanes_moan6_general": Scheme(
-        6, "B",
-        palindrome((0.148816447901042, -0.132385865767784, 0.067307604692185, 0.432666402578175), 10),
-        palindrome((0.0502627644003922, 0.413514300428344, 0.0450798897943977, -0.188054853819569, 0.541960678450780), 11),
-        f"{BLANES_MOAN}, S10",
-    ),
-    "blanes_moan6_11": Scheme(
-        6, "B",
-        palindrome((0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928), 11),
-        palindrome((0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807,
-                    -0.0115113874206879), 12),
-        f"{BLANES_MOAN}, SRKN11b", nystrom=True,
     ),
     "blanes_moan6": Scheme(
         6, "A",
@@ -164,12 +120,6 @@ SCHEMES = {
         f"class of {GRADIENTS}; coefficients: this project",
         c=mirror((0.0008056816670964243, 0.003955911930041659), 4),
         d=mirror((1.935749212896712e-05, 5.0722352657284275e-05), 4), nystrom=True,
-    ),
-    "suzuki_umeno8": composition(
-        8, "Suzuki and Umeno, Springer Proc. Phys. 76 (1993) 74",
-        (0.74167036435061295344822780, -0.40910082580003159399730010, 0.19075471029623837995387626,
-         -0.57386247111608226665638773, 0.29906418130365592384446354, 0.33462491824529818378495798,
-         0.31529309239676659663205666),
     ),
     "kahan_li8": composition(
         8, KAHAN_LI,
@@ -227,13 +177,8 @@ def turn(x1, x2, x3, v1, v2, v3, a, b, z):
 
 @inlined
 def add(x, lost, change, compensated):
-    """x + change, and what was lost in it (Knuth's sum of two, exact)."""
-    if not compensated:
-        return x + change, lost
-    change += lost
-    y = x + change
-    back = y - x
-    return y, (x - (y - back)) + (change - back)
+    """x + (change + what the last sum lost), and what this one loses."""
+    return two_sum(x, change + lost) if compensated else (x + change, lost)
 
 
 @inlined
@@ -278,73 +223,20 @@ def compose(s, c, tally, gradients, compensated, at_once=False):
     return J1, J2, J3, x1, x2, x3
 
 
-@inlined
-def plain(s, c, tally):
-    return compose(s, c, tally, 0, False)
+def kernel(gradients: int, compensated: bool, at_once: bool = False) -> Any:
+    """`compose` as a kernel of the time loop."""
+
+    @jit_as(f"compose {gradients} {compensated} {at_once}", forceinline=True)
+    def step(s, c, tally):
+        return compose(s, c, tally, gradients, compensated, at_once)
+
+    return step
 
 
-@inlined
-def gradient(s, c, tally):
-    return compose(s, c, tally, 1, False)
-
-
-@inlined
-def two_gradients(s, c, tally):
-    return compose(s, c, tally, 2, False)
-
-
-@inlined
-def plain_compensated(s, c, tally):
-    return compose(s, c, tally, 0, True)
-
-
-@inlined
-def gradient_compensated(s, c, tally):
-    return compose(s, c, tally, 1, True)
-
-
-@inlined
-def two_gradients_compensated(s, c, tally):
-    return compose(s, c, tally, 2, True)
-
-
-# for SIMD lanes, one group of constants after the other
-
-
-@inlined
-def plain_lane(s, c, tally):
-    return compose(s, c, tally, 0, False, True)
-
-
-@inlined
-def gradient_lane(s, c, tally):
-    return compose(s, c, tally, 1, False, True)
-
-
-@inlined
-def two_gradients_lane(s, c, tally):
-    return compose(s, c, tally, 2, False, True)
-
-
-@inlined
-def plain_compensated_lane(s, c, tally):
-    return compose(s, c, tally, 0, True, True)
-
-
-@inlined
-def gradient_compensated_lane(s, c, tally):
-    return compose(s, c, tally, 1, True, True)
-
-
-@inlined
-def two_gradients_compensated_lane(s, c, tally):
-    return compose(s, c, tally, 2, True, True)
-
-
-KERNELS = (plain, gradient, two_gradients), (plain_compensated, gradient_compensated, two_gradients_compensated)
-LANES = (
-    (plain_lane, gradient_lane, two_gradients_lane),
-    (plain_compensated_lane, gradient_compensated_lane, two_gradients_compensated_lane),
+# by `compensated`, then by the number of gradients; those for SIMD lanes take one group of constants after the other
+KERNELS, LANES = (
+    tuple(tuple(kernel(gradients, compensated, at_once) for gradients in range(3)) for compensated in (False, True))
+    for at_once in (False, True)
 )
 
 
@@ -439,22 +331,9 @@ class SplittingStepper(FixedStepper):
 
 def prepare(name: str, top: LagrangeTop, y0: Array, h: float, *, compensated: bool = False) -> SplittingStepper:
     """`compensated`: what rounding takes from a sum is kept for the next one, from step to step within a call."""
-    return _stepper(name, name, top, h, compensated)
-
-
-def prepare_any(
-    top: LagrangeTop, y0: Array, h: float, *, scheme: str = "strang", compensated: bool = False
-) -> SplittingStepper:
-    """Any of SCHEMES by name, whatever its order; `compensated` as in `prepare`."""
-    if not isinstance(scheme, str) or scheme not in SCHEMES:
-        raise ValueError(f"unknown scheme {scheme!r}{suggestion(str(scheme), SCHEMES)} Known: {', '.join(SCHEMES)}")
-    return _stepper("strang", scheme, top, h, compensated)
-
-
-def _stepper(name: str, scheme: str, top: LagrangeTop, h: float, compensated: bool) -> SplittingStepper:
     if not isinstance(compensated, (bool, np.bool_)):
         raise ValueError(f"compensated must be True or False; got {compensated!r}")
-    return SplittingStepper(name, top, h, SCHEMES[scheme], bool(compensated))
+    return SplittingStepper(name, top, h, SCHEMES[name], bool(compensated))
 
 
 # ------------------------------------------------------------------------------------ records
@@ -475,7 +354,7 @@ def _record(name: str, label: str) -> Method:
     )
 
 
-STRANG = replace(_record("strang", "Strang"), prepare=prepare_any)
+STRANG = _record("strang", "Strang")
 TAKAHASHI_IMADA = _record("takahashi_imada", "Takahashi–Imada, processed")
 BLANES_MOAN4 = _record("blanes_moan4", "Blanes–Moan 4")
 FORCE_GRADIENT4 = _record("force_gradient4", "Force gradient 4")

@@ -99,13 +99,20 @@ def _three(values: ArrayLike, name: str) -> tuple[float, float, float]:
 # ------------------------------------------------------------------------------------------------ quaternions
 
 
+def quaternion_product(a: Any, b: Any) -> tuple[Any, Any, Any, Any]:
+    """The product of two quaternions given by their components: numbers, or arrays of them."""
+    return (
+        a[0] * b[0] - (a[1] * b[1] + a[2] * b[2] + a[3] * b[3]),
+        a[0] * b[1] + a[1] * b[0] + (a[2] * b[3] - a[3] * b[2]),
+        a[0] * b[2] + a[2] * b[0] + (a[3] * b[1] - a[1] * b[3]),
+        a[0] * b[3] + a[3] * b[0] + (a[1] * b[2] - a[2] * b[1]),
+    )
+
+
 def product(a: ArrayLike, b: ArrayLike) -> Array:
     """Products of quaternions (..., 4), scalar first."""
-    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    scalar = a[..., :1] * b[..., :1] - np.sum(a[..., 1:] * b[..., 1:], axis=-1, keepdims=True)
-    return np.concatenate(
-        (scalar, a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])), -1
-    )
+    a, b = (np.moveaxis(np.asarray(g, dtype=float), -1, 0) for g in (a, b))
+    return np.stack(quaternion_product(a, b), axis=-1)
 
 
 def from_euler(angles: ArrayLike) -> Array:

@@ -28,7 +28,10 @@ from integrators.compiling.double_double import (
     sqrt,
     sub,
 )
+from integrators.problem import body
 from integrators.torus import time_step as ts
+
+quaternion_product = jit(body.quaternion_product)
 
 
 @jit
@@ -80,17 +83,6 @@ def spin_parameter(q, h):
         spin = doubled_spin(q, lam, m, spin)
         lam, m = ts.double_time(q, lam, m)
     return lam, m, spin
-
-
-@jit
-def quaternion_product(a, b):
-    """Of quaternions (scalar, i, j, k) of doubles."""
-    return (
-        a[0] * b[0] - (a[1] * b[1] + a[2] * b[2] + a[3] * b[3]),
-        a[0] * b[1] + a[1] * b[0] + (a[2] * b[3] - a[3] * b[2]),
-        a[0] * b[2] + a[2] * b[0] + (a[3] * b[1] - a[1] * b[3]),
-        a[0] * b[3] + a[3] * b[0] + (a[1] * b[2] - a[2] * b[1]),
-    )
 
 
 @jit

@@ -90,16 +90,6 @@ def horner(q, u):
 
 
 @jit
-def horner_derivative(q, u):
-    """Q'(u) for complex double-double u."""
-    r = (scale(q[4], 4.0), dd(0.0))
-    for k in range(3, 0, -1):
-        c = mul(q[k], dd(float(k)))
-        r = cadd(cmul(r, u), (c, dd(0.0)))
-    return r
-
-
-@jit
 def slope(q, lam, m):
     """g = Q'(λ)/(2m)."""
     R, eta = lam

@@ -26,7 +26,6 @@ from integrators.torus.real_map import step
 PACKAGE = Path(integrators.__file__).parent
 INTERNALS = Path(numba_internals.__file__)
 
-import pytest
 
 pytestmark = pytest.mark.processes
 

@@ -22,7 +22,8 @@ from integrators import (
     integrate_ensemble,
     prepare,
 )
-from integrators.compiling import loops
+from integrators.compiling import lanes
+from integrators.compiling.loops import FixedStepper
 from integrators.torus.real_map import (
     CONSTANTS,
     KERNELS,
@@ -105,7 +106,7 @@ def test_nothing_depends_on_place_chunks_threads_or_interruptions(monkeypatch):
     rows = integrate_ensemble(TOP, Y0, 0.1, 64, every=4)
     for chunk, threads, stride in ((1, 3, 1 << 20), (37, 2, 100), (1000, 5, 7)):
         monkeypatch.setattr(ensemble, "CHUNK", chunk)
-        monkeypatch.setattr(loops, "INTERRUPTIBLE", stride)
+        monkeypatch.setattr(lanes, "INTERRUPTIBLE", stride)
         assert np.array_equal(integrate_ensemble(TOP, Y0, 0.1, 64, threads=threads), end)
         assert np.array_equal(integrate_ensemble(TOP, Y0, 0.1, 64, every=4, threads=threads), rows)
 
@@ -186,7 +187,7 @@ def in_lanes(monkeypatch):
     met = []
 
     def run(*arguments, **options):
-        fine = loops.run_lanes(*arguments, **options)
+        fine = lanes.run_lanes(*arguments, **options)
         met.append(int(fine.sum()))
         return fine
 
@@ -214,7 +215,7 @@ def test_every_compiled_method_has_the_bits_of_one_top_alone(name, in_lanes):
 
 @pytest.mark.parametrize("name", COMPENSATED)
 def test_what_a_kernel_carries_along_is_carried_in_lanes(name, in_lanes, monkeypatch):
-    monkeypatch.setattr(loops, "INTERRUPTIBLE", 7)  # several calls of the loop
+    monkeypatch.setattr(lanes, "INTERRUPTIBLE", 7)  # several calls of the loop
     n, h, options = 40, 0.1, {"compensated": True}
     got = integrate_ensemble(LagrangeTop(ALPHAS[:n]), Y0[:n], h, 30, name, every=10, threads=1, **options)
     monkeypatch.undo()
@@ -223,12 +224,12 @@ def test_what_a_kernel_carries_along_is_carried_in_lanes(name, in_lanes, monkeyp
     assert name in ALONE or sum(in_lanes) == 32  # eight are left over, too few for a block
 
 
-@pytest.mark.parametrize(("name", "options"), [("strang", {"scheme": "chin4"}), ("blanes_moan6", {})])
-def test_turns_in_parts_are_made_alone(name, options, in_lanes):
+@pytest.mark.parametrize("name", ["strang", "blanes_moan6", "force_gradient4"])
+def test_turns_in_parts_are_made_alone(name, in_lanes):
     """In some of the lanes z > PART; all tops have their own bits."""
     for h in (0.7, -2.5):
-        got = integrate_ensemble(TOP, Y0, h, 8, name, every=4, threads=1, **options)
-        assert np.array_equal(got, one_by_one(h, 8, name, 4, **options))
+        got = integrate_ensemble(TOP, Y0, h, 8, name, every=4, threads=1)
+        assert np.array_equal(got, one_by_one(h, 8, name, 4))
     assert 0 < sum(in_lanes) < 2 * SIZE
 
 
@@ -264,28 +265,20 @@ def test_a_lane_that_errs_would_be_found(monkeypatch, in_lanes):
     right = integrate_ensemble(TOP, Y0, 0.1, 5, "rk4")
 
     def run(kernel, states, constants, *rest, **options):
-        return loops.run_lanes(kernel, np.nextafter(states, 9), constants, *rest, **options)
+        return lanes.run_lanes(kernel, np.nextafter(states, 9), constants, *rest, **options)
 
     monkeypatch.setattr(ensemble, "run_lanes", run)
     assert not np.array_equal(integrate_ensemble(TOP, Y0, 0.1, 5, "rk4"), right)
 
 
-def test_which_kernels_are_straight():
-    def called(x):
-        while x > 1:
-            x -= 1
-        return x
-
-    def caller(s, c, tally):
-        return called(s)
-
-    def plain(s, c, tally):
-        return s if s > c else c
-
-    assert loops.straight(plain)
-    assert loops.straight(METHODS["kahan"].prepare(LagrangeTop(), Y0[0], 0.1).lane[0])
-    assert not loops.straight(caller)
-    assert loops.straight(None)
+@pytest.mark.parametrize("name", ["rkmk4", "implicit_midpoint", "taylor_fixed", "backlund_textbook"])
+def test_a_lane_that_should_not_be_declared(name, in_lanes, monkeypatch):
+    """Of kernels with loops, or with complex numbers: the bits of one top alone, in lanes or not."""
+    monkeypatch.setitem(FixedStepper.__init__.__kwdefaults__, "lane", True)
+    n, h = 40, 0.02
+    got = integrate_ensemble(LagrangeTop(ALPHAS[:n]), Y0[:n], h, 12, name, threads=1)
+    assert np.array_equal(got, alone(n, h, 12, 12, name)[-1])
+    assert sum(in_lanes) == (0 if name == "backlund_textbook" else 32)
 
 
 @pytest.mark.parametrize("name", ["rk45", "taylor"])

@@ -20,7 +20,7 @@ from integrators import (
     prepare,
 )
 from integrators.compiling.compiled import jit
-from integrators.compiling.loops import STUCK, WALK, compile_natural_loop
+from integrators.compiling.natural import STUCK, WALK, compile_natural_loop
 from integrators.compiling.unroll import unrolled
 from integrators.interface import Work
 from integrators.methods import dop853, runge_kutta, scipy_ivp

@@ -37,7 +37,7 @@ from integrators import (
 )
 from integrators.checks import keyword_options
 from integrators.interface import INVARIANTS
-from integrators.methods import runge_kutta, splitting
+from integrators.methods import runge_kutta
 from integrators.truth import exact
 from integrators.truth.orbit import units
 
@@ -163,7 +163,6 @@ GOOD = {
     "atol": st.sampled_from((0.0, TINY, 1e-12, 1e300)),
     "solver": st.sampled_from(("auto", "newton", "fixed_point")),
     "compensated": st.booleans(),
-    "scheme": st.sampled_from(sorted(splitting.SCHEMES)),
     "form": st.sampled_from(("symmetric", "lagrange")),
 }
 JUNK = (
@@ -347,8 +346,6 @@ def order_of(record, chosen):
     """None for an exact step, 0 for what is not judged by its order."""
     if record.control == "tolerance" or chosen.get("lam") is not None:
         return 0
-    if "scheme" in chosen:
-        return splitting.SCHEMES[chosen["scheme"]].order
     return 1 if chosen.get("form") == "lagrange" else chosen.get("order", record.order)
 
 

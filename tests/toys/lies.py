@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from integrators import Method, StepError, Work
+from integrators import Method, StepError, Stepper, Work
 
 
-class Stepper:
+class KickAndRotation(Stepper):
     def __init__(self, alpha, h):
         self.kick, self.h, self.work = alpha * h, h, Work()
 
@@ -47,5 +47,5 @@ METHOD = Method(
     conserves=frozenset({"H", "J3", "C1"}),
     control="step",
     source="a toy",
-    prepare=lambda top, y0, h: Stepper(top.alpha, h),
+    prepare=lambda top, y0, h: KickAndRotation(top.alpha, h),
 )

@@ -1,0 +1,112 @@
+"""The time loop of many tops at once, one in each SIMD lane: the kernels are those of `loops`."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from numba import TypingError
+from numpy.typing import NDArray
+
+from integrators.compiling.compiled import inlined_copy, jit_over
+from integrators.compiling.loops import FAILURE, INTERRUPTIBLE, SIZE
+from integrators.compiling.numba_internals import column, put_column, strided
+from integrators.interface import Array
+
+compiling = threading.Lock()
+LANES = 32  # tops that take a step together: some SIMD registers full, so that none waits for a result of its own
+
+
+@cache
+def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int) -> Callable:
+    """The loop around one kernel for `lanes` tops at a time, each with constants of its own, `size` for each call of it.
+
+    If the kernel is free of loops, the loop over the lanes is SIMD code. No bit of a top depends on its lane or on its
+    neighbours, and all bits are those of `compile_loop`.
+    """
+    step = inlined_copy(step)
+
+    @jit_over(step, pin)
+    def run(columns, first, last, every, block, parts, tops, units, out):
+        # `columns` holds blocks of columns of `lanes` numbers: states, tallies, and the constants of the `parts` of a step. They
+        # are those of the `tops` of `out`, −1 for a lane that is not used; a row of `out` is a state times `units`, the
+        # first after `every` steps. A lane that fails goes on: what becomes of it is of no use.
+        for b in range(len(tops) // lanes):
+            origin = b * (6 + SIZE + parts * size) * lanes
+            constants = origin + (6 + SIZE) * lanes
+            i = first
+            row = i // every
+            next_row = (row + 1) * every
+            next_pin = (i + block - 1) // block * block
+            while i < last:
+                if i == next_pin:
+                    next_pin += block
+                    if pin is not None:
+                        for j in range(lanes):
+                            s = column(columns, origin + j, 6, lanes)
+                            c = column(columns, constants + j, size, lanes)
+                            put_column(columns, origin + j, pin(s, c), lanes)
+                stop = min(last, next_row, next_pin)
+                for _ in range(i, stop):
+                    for part in range(parts):
+                        place = constants + part * size * lanes
+                        for j in range(lanes):
+                            s = column(columns, origin + j, 6, lanes)
+                            c = column(columns, place + j, size, lanes)
+                            tally = strided(columns, origin + 6 * lanes + j, lanes)
+                            put_column(columns, origin + j, step(s, c, tally), lanes)
+                i = stop
+                if i == next_row:
+                    for j in range(lanes):
+                        top = tops[b * lanes + j]
+                        if top >= 0:
+                            for k in range(6):
+                                out[row, top, k] = columns[origin + k * lanes + j] * units[top, k]
+                    row += 1
+                    next_row += every
+
+    return run
+
+
+def run_lanes(
+    kernel: tuple[Callable, Callable | None, int],
+    states: Array,
+    constants: Array,
+    tops: NDArray[np.int64],
+    units: Array,
+    steps: int,
+    every: int,
+    out: Array,
+    stopped: Callable[[], bool],
+    lanes: int = LANES,
+    size: int | None = None,
+) -> NDArray[np.bool_]:
+    """Takes the `tops` among `states` (m, 6) through `steps` steps of a kernel (step, pin, steps between two pins).
+
+    `constants` (m, k) are those of each top, of which the kernel takes `size` at a time, all by default. Rows of `out`
+    (steps // every, m, 6) are the states times `units` (m, 6) after every, 2 every, … steps. Ends early, its rows
+    unfinished, once `stopped()`. Returns which of the `tops` it did not fail for.
+    """
+    step, pin, block = kernel
+    count = -(-len(tops) // lanes)
+    size = constants.shape[1] if size is None else size
+    parts = constants.shape[1] // size
+    places = np.resize(tops, count * lanes)  # tops over again in the lanes left over: their numbers do no harm
+    rows = np.concatenate((states[places], np.zeros((len(places), SIZE)), constants[places]), axis=1)
+    columns = np.ascontiguousarray(rows.reshape(count, lanes, -1).transpose(0, 2, 1)).ravel()
+    places[len(tops) :] = -1
+    with compiling:  # once, not in every thread
+        run = compile_lanes(step, pin, size, lanes)
+        try:
+            run(columns, 0, 0, 1, 1, parts, places, units, out)
+        except TypingError:  # a kernel of somebody else that needs its constants to be an array
+            return np.zeros(len(tops), dtype=bool)
+    stride = max(1, INTERRUPTIBLE * 4 // (len(places) * parts))
+    for first in range(0, steps, stride):
+        if stopped():
+            break
+        run(columns, first, min(first + stride, steps), every, block, parts, places, units, out)
+    fine: NDArray[np.bool_] = columns.reshape(count, -1, lanes)[:, 6 + FAILURE].ravel()[: len(tops)] == 0.0
+    return fine
