@@ -51,9 +51,9 @@ class Work:
 class Stepper(Protocol):
     """Advances states by multiples of the step h it was built for.
 
-    `from_start`: n steps are something else than n calls of one step (a multistep method, a closed form), so that a run
-    broken off and carried on is not the run. Then whoever samples a run sends it through from the initial state for
-    every sample. A class that derives from this one has False.
+    `from_start` is True where n steps are not n calls of one step: for a multistep method, or a closed form of the time.
+    Such a run must not be continued from a state on the way, so the experiments start it again for every sample. It is
+    False by default in the classes that derive from this one.
     """
 
     work: Work

@@ -320,6 +320,8 @@ def recording(method: Method, stepper: Stepper, y0: Array, last: Array, rows: Ar
     shape = rows.shape == (6, 6) and same(rows[0], y0) and rows.dtype == np.float64 and last.shape == (6,)
     nothing = same(stepper.advance(y0, 0), y0) and same(stepper.record(y0, 0, 1), y0[None])
     yield told("record has the start in row 0", shape and nothing, "shapes and row 0 for 50 and for 0 steps")
+    decided = isinstance(getattr(stepper, "from_start", None), bool)
+    yield told("from_start is True or False", decided, "an attribute; False in classes that derive from Stepper")
     if method.control == "step":
         ends = (stepper.record(y0, 50, every)[-1] for every in (1, 25, 50))
         yield told("record ends where advance does", all(same(end, last) for end in ends), "bits, every = 1, 25, 50")

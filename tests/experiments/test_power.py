@@ -14,7 +14,7 @@ from toys import multistep
 from experiments import phase
 from experiments.measuring import check, metrics
 from integrators import METHODS, TOPS, LagrangeTop, StepError, integrate, prepare, registry
-from integrators.interface import Method, Work
+from integrators.interface import Method, Stepper, Work
 
 ALL = frozenset({"H", "J3", "C1", "C2"})
 GENERIC = TOPS["generic"]
@@ -35,7 +35,7 @@ def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-class TwoPoint:
+class TwoPoint(Stepper):
     """The two-point map with λ = i h |x|/2 as it stands in the report, no compiled code: an independent twin.
 
     `sabotage` is None or one of SABOTAGES; angle and length are wrong by 1e-8, which no plot shows.
@@ -248,7 +248,7 @@ def test_a_run_that_stops_leaves_the_verdicts_on_the_others(limit, passed):
 # ---------------------------------------------------------------- steppers that behave badly
 
 
-class Wrapped:
+class Wrapped(Stepper):
     """A good stepper that can be given bad manners by overriding one method."""
 
     def __init__(self, top, y0, h):
@@ -322,6 +322,10 @@ class ForgetsWork(Wrapped):
         return rows
 
 
+class Undecided(Wrapped):
+    from_start = None
+
+
 class ReturnsNaN(Wrapped):
     def record(self, y, n, every):
         try:
@@ -355,6 +359,7 @@ MANNERS = {
     RowsShifted: "record has the start in row 0",
     RestartsRows: "record ends where advance does",
     ForgetsWork: "work counts steps",
+    Undecided: "from_start is True or False",
     ReturnsNaN: "finite, or a StepError",
     RaisesAnything: "finite, or a StepError",
     Anonymous: "StepErrors name the method",
