@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-
-from experiments import load
 from experiments.engine import PROFILES
+
+from experiments.catalogue import load
 from report import tables
 
 WORDS = {True: "pass", False: "fail", None: "no data"}
@@ -47,7 +47,8 @@ def nothing(rows: pd.DataFrame) -> str:
 
 def steps(length: int) -> Need:
     """Runs of at least so many steps."""
-    return lambda rows: "" if (_column(rows, "steps") >= length).any() else f"no run of {tables.show(length)} steps is stored"
+    missing = f"no run of {tables.show(length)} steps is stored"
+    return lambda rows: "" if (_column(rows, "steps") >= length).any() else missing
 
 
 def spans(*lengths: float) -> Need:

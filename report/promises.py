@@ -11,7 +11,6 @@ import pandas as pd
 
 from experiments import work_precision
 from experiments.catalogue import load
-from experiments.drawing import tables
 from experiments.measuring.metrics import ROUND_OFF
 from integrators.interface import INVARIANTS
 from integrators.registry import BUILT_IN, METHODS, available
@@ -112,7 +111,9 @@ def lead(errors: dict[float, float], price: str, longest: bool) -> Callable[[pd.
                     return Verdict(0.0, 1.0, False, f"no error {show(target)} at t = {show(span)} on {state}")
                 if len(ours) or len(others):
                     ratio = min(others, default=np.inf) / min(ours, default=np.inf) if len(ours) else 0.0
-                    ratios[ratio] = f"error {show(target)} at t = {show(span)} on {state}, which {len(others)} others reach"
+                    ratios[ratio] = (
+                        f"error {show(target)} at t = {show(span)} on {state}, which {len(others)} others reach"
+                    )
         told = min(ratios) if longest else max(ratios)
         return Verdict(float(told), 1.0, told > 1 if longest else told < 1, ratios[told])
 

@@ -10,9 +10,9 @@ from types import ModuleType
 import numpy as np
 import pandas as pd
 import pytest
+from experiments.store import Store, default_results
 
 from experiments import EXPERIMENTS, load
-from experiments.store import Store, default_results
 from integrators import METHODS
 from integrators.registry import GROUP
 from report import claims, origin, page, promises
