@@ -5,8 +5,8 @@ import re
 import numpy as np
 
 from experiments.measuring import errata
-from results.store import Store
 from report import readme
+from results.store import Store
 
 TEXT = (readme.ROOT / "README.md").read_text(encoding="utf-8")
 
