@@ -76,13 +76,6 @@ def shard(text: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-def scheduler(text: str) -> str:
-    """The address of a Dask scheduler, or local:N."""
-    from lagrange_bench.runner.cluster import check_address
-
-    return str(argument(check_address)(text))
-
-
 def add_module(command: argparse.ArgumentParser) -> None:
     text = "import this module of yours: an experiment, or methods named MODULE:METHOD; else only what is built in, "
     text += "installed or a sweep is known, whatever the results say; may be repeated"

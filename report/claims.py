@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from experiments.engine import PROFILES
 
+from experiments import PROFILES
 from experiments.catalogue import load
-from report import tables
+from experiments.drawing import tables
 
 WORDS = {True: "pass", False: "fail", None: "no data"}
 

@@ -11,11 +11,11 @@ import pandas as pd
 
 from experiments import work_precision
 from experiments.catalogue import load
+from experiments.drawing.tables import flat, show
 from experiments.measuring.metrics import ROUND_OFF
 from integrators.interface import INVARIANTS
 from integrators.registry import BUILT_IN, METHODS, available
 from report.claims import Claim, NoData, Verdict, at_least, at_most, compare, on, spans, steps, values, within
-from report.tables import flat, show
 
 ULP = 2 * ROUND_OFF
 

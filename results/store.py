@@ -61,6 +61,29 @@ def default_results(profile: str | None = None) -> Path:
     return results / profile
 
 
+def find_results(chosen: Path | None) -> tuple[Path, list[str]]:
+    """The folder asked for; else the reference results; else the local ones computed last, and a word about it.
+
+    Raises
+    ------
+    FileNotFoundError : there is no such folder, or nothing is stored there.
+    """
+    if chosen is not None:
+        if not chosen.is_dir():
+            raise FileNotFoundError(f"no such folder of results: {chosen}")
+        if not any(path.stat().st_size for path in chosen.glob("*.jsonl")):
+            raise FileNotFoundError(f"nothing is stored in {chosen}: give a folder that lagrange-bench run wrote to")
+        return chosen, []
+    reference, local = default_results(), default_results("full")
+    if any(reference.glob("*.jsonl")):
+        return reference, []
+    journals = [] if local == reference else sorted(local.parent.glob("*/*.jsonl"))
+    if not journals:
+        raise FileNotFoundError(f"nothing is stored in {reference}: compute it with lagrange-bench run")
+    newest = max(journals, key=lambda path: path.stat().st_mtime).parent
+    return newest, [f"nothing is stored in {reference}: showing {newest}"]
+
+
 def _frame(table: list[dict[str, Any]], columns: list[str] | None = None) -> pd.DataFrame:
     """Text as Python has it, whether or not pyarrow is there, which does not take a path that is no Unicode."""
     import pandas as pd

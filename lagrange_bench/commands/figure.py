@@ -43,12 +43,12 @@ def run(options: argparse.Namespace) -> Answer:
     from integrators.registry import import_modules
     from lagrange_bench.runner import progress
     from report import export
-    from report.__main__ import find
+    from results.store import find_results
 
     if options.all == (options.name is not None):
         raise ValueError("give the name of a figure, as phase_h, or --all")
     import_modules(options.module)
-    results, _ = find(options.results)
+    results, _ = find_results(options.results)
     with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
         if options.all:
             chosen = {"kinds": options.format, "widths": options.width}

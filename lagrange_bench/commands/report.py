@@ -9,6 +9,8 @@ from pathlib import Path
 from lagrange_bench.arguments import add_module
 from lagrange_bench.text import Answer
 
+LARGE = 8_000_000  # bytes of a page that is slow on a phone
+
 SUMMARY = "page, figures and tables of results"
 
 DESCRIPTION = """\
@@ -38,11 +40,26 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """Build the page from stored results, and say what could not be drawn."""
-    from report.__main__ import make
+    from integrators import machine
+    from integrators.registry import import_modules
+    from lagrange_bench.runner import progress
+    from report import page
+    from results.store import find_results
 
-    show = not (options.quiet or options.json)
-    made = make(options.results, options.output, show, options.module)
-    for line in made.remarks if not options.quiet else ():
+    results, notes = find_results(options.results)
+    output = options.output or results / "page"
+    page.check_writable(output)
+    import_modules(options.module)
+    with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
+        report = page.assemble(results, machine.usable_cores(), drawn, options.module)
+        path = page.write(report, output).resolve()
+    size = path.stat().st_size
+    if size > LARGE:
+        notes.append(f"the page is large: {size / 1e6:.1f} MB; draw dense figures with rasterized=True")
+    notes += [f"refuted: {judged.claim.text}" for judged in report.claims if judged.verdict.passed is False]
+    summary = f"{page.counted(report)}; {size / 1e6:.1f} MB"
+    remarks = [*(f"not drawn: {error}" for error in report.errors), *notes, summary]
+    for line in remarks if not options.quiet else ():
         print(line, file=sys.stderr)
-    data = {"page": str(made.page), "results": str(made.results), "not_drawn": made.errors, "notes": made.notes}
-    return Answer(str(made.page), data, made.exit_code)
+    data = {"page": str(path), "results": str(results), "not_drawn": report.errors, "notes": notes}
+    return Answer(str(path), data, 1 if report.errors else 0)

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from experiments import EXPERIMENTS
-from lagrange_bench.arguments import positive, scheduler, seconds, shard
+from lagrange_bench.arguments import argument, positive, seconds, shard
 from lagrange_bench.text import Answer
 
 SUMMARY = "measure what is missing"
@@ -38,6 +38,13 @@ An experiment of your own is named by its module: lagrange-bench run my_package.
 
 exit codes: 0 done; a method that refuses a step (StepError) is a result, told and drawn · 1 a cell failed otherwise ·
 2 bad input, or results cannot be written · 130 interrupted; what was finished is stored"""
+
+
+def scheduler(text: str) -> str:
+    """The address of a Dask scheduler, or local:N."""
+    from lagrange_bench.runner.cluster import check_address
+
+    return str(argument(check_address)(text))
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

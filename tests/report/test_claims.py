@@ -10,13 +10,13 @@ from types import ModuleType
 import numpy as np
 import pandas as pd
 import pytest
-from experiments.store import Store, default_results
 
 from experiments import EXPERIMENTS, load
 from integrators import METHODS
 from integrators.registry import GROUP
 from report import claims, origin, page, promises
 from report.claims import Claim, NoData, Verdict
+from results.store import Store, default_results
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
