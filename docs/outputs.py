@@ -19,7 +19,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from experiments import __main__ as cli
+from lagrange_bench import __main__ as cli
 
 DOCS = Path(__file__).parent
 PAGES = [*sorted((DOCS / "tutorials").glob("*.md")), *sorted(DOCS.glob("adding-*.md"))]

@@ -9,8 +9,9 @@
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from integrators.lazy import face
 
 if TYPE_CHECKING:
     from integrators.api import Trajectory, integrate, prepare, two_point
@@ -41,44 +42,15 @@ __all__ = [
     "two_point",
 ]
 
-HOMES = {
-    "integrators.api": (
-        "Trajectory",
-        "integrate",
-        "prepare",
-        "two_point",
-    ),
-    "integrators.ensemble": ("integrate_ensemble",),
-    "integrators.interface": (
-        "INVARIANTS",
-        "Method",
-        "StepError",
-        "Stepper",
-        "Work",
-    ),
-    "integrators.problem.body": ("HeavyTop",),
-    "integrators.problem.top": (
-        "TOPS",
-        "LagrangeTop",
-        "NamedTop",
-    ),
-    "integrators.registry": (
-        "METHODS",
-        "available",
-    ),
-    "integrators.truth.exact": ("exact",),  # the module itself
-}
-
-
-def __getattr__(name: str) -> Any:
-    """What the package offers, imported when first asked for: the command line answers --help without Numba."""
-    for module, names in HOMES.items():
-        if name in names:
-            home = importlib.import_module(module)
-            value = globals()[name] = getattr(home, name, home)
-            return value
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = face(
+    __name__,
+    {
+        "integrators.api": ("Trajectory", "integrate", "prepare", "two_point"),
+        "integrators.ensemble": ("integrate_ensemble",),
+        "integrators.interface": ("INVARIANTS", "Method", "StepError", "Stepper", "Work"),
+        "integrators.problem.body": ("HeavyTop",),
+        "integrators.problem.top": ("TOPS", "LagrangeTop", "NamedTop"),
+        "integrators.registry": ("METHODS", "available"),
+        "integrators.truth.exact": (),
+    },
+)

@@ -13,7 +13,7 @@ from report import page
 from results.store import Store
 
 ROOT = Path(__file__).resolve().parents[1]
-BEGIN = "<!-- claims: written by `python -m report.readme`, checked by tests/report/test_readme.py -->"
+BEGIN = "<!-- claims: written by `python -m report.readme`, checked by tests/test_report/test_readme.py -->"
 PICTURE = ROOT / "docs" / "headline.svg"
 TOP, SPAN = "generic", 1e4  # of the picture
 END = "<!-- end of claims -->"

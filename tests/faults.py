@@ -24,7 +24,7 @@ def squares(*numbers, **fields):
 def start(cells, results, *words, jobs=2):
     """`lagrange-bench run` of these cells, in a process and a process group of its own; warnings are errors in it."""
     environment = {**os.environ, "TOY_CELLS": json.dumps(cells), "PYTHONPATH": str(HERE)}
-    command = [sys.executable, "-W", "error", "-m", "experiments", "run", TOY, "--results", str(results)]
+    command = [sys.executable, "-W", "error", "-m", "lagrange_bench", "run", TOY, "--results", str(results)]
     command += ["--jobs", str(jobs), *words]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     return subprocess.Popen(command, env=environment, cwd=HERE.parent, start_new_session=True, **pipes)

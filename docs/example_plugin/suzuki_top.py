@@ -9,8 +9,7 @@ Source: Suzuki, Phys. Lett. A 146 (1990) 319, equation 15.
 
 import numpy as np
 
-from integrators.compiling.compiled import compiled
-from integrators.compiling.loops import FixedStepper
+from lagrange_bench import FixedStepper, compiled
 from integrators.interface import Method
 
 ALPHA, OUTER, MIDDLE = range(3)  # places of the constants

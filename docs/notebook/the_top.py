@@ -10,9 +10,8 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from integrators import TOPS, integrate
+from integrators import TOPS, exact, integrate
 from integrators.torus import time_step
-from integrators.truth import exact
 
 named = TOPS["generic"]
 top, y0 = named.top, named.state

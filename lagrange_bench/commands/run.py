@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
-from experiments import EXPERIMENTS
+from experiments import EXPERIMENTS, SWEEP
 from lagrange_bench.arguments import argument, positive, seconds, shard
 from lagrange_bench.text import Answer
 
@@ -34,7 +34,8 @@ figures and other methods do not count. New rows are added to the journal, and t
 Timing cells are measured on this machine, one at a time, after all others, whatever --jobs and --scheduler say; with
 --no-timings not at all. Needs for --scheduler: pip install 'lagrange-bench[cluster]' (docs/cluster.md).
 
-An experiment of your own is named by its module: lagrange-bench run my_package.my_experiment
+An experiment of your own is named by its module: lagrange-bench run my_package.my_experiment. `python -m experiments.drift`
+does what `lagrange-bench run drift` does, with the same options.
 
 exit codes: 0 done; a method that refuses a step (StepError) is a result, told and drawn · 1 a cell failed otherwise ·
 2 bad input, or results cannot be written · 130 interrupted; what was finished is stored"""
@@ -70,12 +71,13 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--no-timings", action="store_true", help="leave out the timing cells")
     text = "also compute the stored cells that were computed with other source code, or nobody knows with which"
     command.add_argument("--again", action="store_true", help=text)
+    text = "draw the figures and tables of these experiments too, in the folder page of the results"
+    command.add_argument("--draw", action="store_true", help=text)
     command.add_argument("--quiet", action="store_true", help="no progress on stderr")
 
 
 def run(options: argparse.Namespace) -> Answer:
     """Compute what is missing, draw what a file of the user asked for, and say what to do next."""
-    from experiments import EXPERIMENTS, SWEEP
     from integrators.registry import search_current_folder
     from lagrange_bench.runner import engine
     from results.store import default_results
@@ -90,7 +92,7 @@ def run(options: argparse.Namespace) -> Answer:
     where["again"] = options.again
     limit, show = options.time_limit, not options.quiet
     summary = engine.run(names, options.profile, results, options.jobs, show, time_limit=limit, **where)
-    drawn = [path for name in sweeps for path in _draw_sweep(name, results)]
+    drawn = [path for name in (names if options.draw else sweeps) for path in _draw(name, results)]
     lines = [str(summary), *(f"drawn: {path}" for path in drawn if path.suffix == ".svg")]
     if summary.exit_code:
         lines.append(f"again, the failed cells only: {shlex.join(['lagrange-bench', *options.words])}")
@@ -104,7 +106,6 @@ def run(options: argparse.Namespace) -> Answer:
 
 def _own_modules(experiments: Iterable[str]) -> list[str]:
     """What the user has named of their own: a report imports it only if it is named again."""
-    from experiments import SWEEP
     from experiments.catalogue import load
 
     modules = []
@@ -126,9 +127,10 @@ def _sweep(name: str) -> str:
     return sweep.read(name)
 
 
-def _draw_sweep(name: str, results: Path) -> list[Path]:
-    """Figures and tables of a sweep, beside its journal; of a shard, or where all is skipped, perhaps none."""
+def _draw(name: str, results: Path) -> list[Path]:
+    """Figures and tables of an experiment; of a shard, or where all is skipped, perhaps none. A sweep's lie by its journal."""
     from report import page
     from results.store import Store
 
-    return page.write_experiment(name, results, results) if Store(results).latest(name) else []
+    output = results if name.startswith(SWEEP) else results / "page"
+    return page.write_experiment(name, results, output) if Store(results).latest(name) else []

@@ -2,7 +2,7 @@
 
 // The Lagrange top in the browser: the real form of the two-point Bäcklund map with λ(h) by time doubling, three other
 // integrators, and the invariants. The formulas are those of integrators/integrable (real_map, time_step), in plain
-// doubles; tests/report/test_browser.py compares the states with Python's. A state is [J1, J2, J3, x1, x2, x3].
+// doubles; tests/test_report/test_browser.py compares the states with Python's. A state is [J1, J2, J3, x1, x2, x3].
 
 const Top = (() => {
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];

@@ -1,0 +1,349 @@
+"""Section 5.6: the continuum limit, the interpolating Hamiltonian flow, T(λ), Θ(λ), χ(λ), and the exact step as a map."""
+
+import math
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from mpmath import mp, mpc, mpf
+from scipy.integrate import solve_ivp
+
+from integrators import TOPS, LagrangeTop
+from integrators.paper import interpolating_flow as flow
+from integrators.paper import lax
+from integrators.paper import two_point as tp
+from integrators.paper.phase_space import invariants, poisson_tensor, sqrt, vector_field
+from integrators.torus import attitude
+from integrators.torus import time_step as ts
+from tests import reference
+from tests.test_integrators.paper.tools import DIGITS, jacobian, largest, points
+
+both = pytest.mark.parametrize("digits", DIGITS)
+sheets = pytest.mark.parametrize("sheet", [1, -1])
+NAMES = ("generic", "figure1", "figure2", "inverted", "near_separatrix", "weightless", "planar_rotation")
+
+
+def unit(name):
+    """Length of λ that goes with the top: |x| over |J| + √(|alpha||x|)."""
+    rate, size, _ = TOPS[name].top.scales(TOPS[name].state)
+    return size / rate
+
+
+def real(z):
+    return mpf(z[0]) + mpf(z[1])
+
+
+# ------------------------------------------------------------------------------------------- the limit λ1 → λ2
+
+
+@both
+@sheets
+def test_continuum_limit(digits, sheet):
+    """(5.6.1)–(5.6.5) [160], (5.6.7): exact derivatives in ε = i(λ1 − λ2) at 0 of x, X, M(u), of the map and of L(u)."""
+    for p in points(digits):
+        check_continuum_limit(p, p.state(), p.number(), 2 * p.number(), p.top, sheet)
+
+
+def check_continuum_limit(p, y, lam, u, top, sheet):
+    second = tp.point(top, y, lam, sheet)
+
+    def at(f):
+        """f of the point over λ1 = λ2 − iε at ε = 0, and its derivative by ε."""
+
+        def values(z):
+            return f(tp.point(top, y, z[0], sheet))
+
+        return values(np.array([lam])), -1j * jacobian(values, np.array([lam]))[..., 0]
+
+    (x, X), (_, X_rate) = at(lambda first: np.array(tp.parameters(top, y, first, second)))
+    x0, X0 = flow.limit_parameters(top, y, second)
+    scale = 10 * (1 + abs(x0)) ** 3 * (1 + abs(X0)) ** 2
+    p.same([x, X, X_rate], [x0, 0, X0], scale)
+    M, M_rate = at(lambda first: tp.dressing_matrix(*tp.parameters(top, y, first, second), first[0], lam, u))
+    p.same(M, (u - lam) * np.eye(2), scale)
+    p.same(M_rate.reshape(2, 2), (u - lam) * flow.limit_matrix(top, y, u, second), scale)
+    _, rate = at(lambda first: tp.explicit(top, y, first, second))
+    p.same(rate, flow.limit_rate(top, y, lam, sheet), scale)
+    p.same(at(lambda first: tp.pole_free(top, y, first[0], lam, sheet))[1], rate, scale)
+    p.same(flow.limit_lax_rate(top, y, u, second), np.tensordot(rate, lax.lax_gradient(u), axes=1), scale)
+
+
+@both
+@sheets
+def test_hamiltonian_of_the_limit(digits, sheet):
+    """(5.6.6), (5.6.7): the flow is z' = {iμ2, z}, right as printed; (iμ2)² is the curve with 2 alpha J3/λ2."""
+    for p in points(digits):
+        y, lam, top = p.state(), p.number(), p.top
+        mu = jacobian(lambda z, top=top, lam=lam: np.array([tp.point(top, z, lam, sheet)[1]]), y)[0]
+        rate = flow.limit_rate(top, y, lam, sheet)
+        p.same(-poisson_tensor(y) @ (1j * mu), rate, 10 * (1 + largest(rate)) ** 2)
+        _, value = tp.point(top, y, lam, sheet)
+        H, J3, c1, c2 = invariants(top, y)
+        curve = c1 / lam**4 + 2 * c2 / lam**3 + 2 * H / lam**2 + 2 * top.alpha * J3 / lam + top.alpha**2
+        p.same((1j * value) ** 2, curve, 10 * (1 + abs(value) ** 2))
+
+
+@both
+@sheets
+def test_physical_limit(digits, sheet):
+    """(5.6.8)–(5.6.10): λ2 → 0 is −z'/√C1 on sheet 1, whose μ2 is that of (5.6.9): L' = −(i/2u)[σ·x, L] = {H, L}."""
+    for p in points(digits):
+        y, u, top = p.state(), p.number(), p.top
+        r = sqrt(invariants(top, y)[2])
+        p.same(flow.limit_rate(top, y, 0, sheet), -sheet * vector_field(top, y) / r, 100)
+    with mp.workdps(80):
+        for p in points(60, 5):
+            y, u, top = p.state(), p.number(), p.top
+            eta, r = mpf(10) ** -12, sqrt(invariants(top, y)[2])
+            lam, mu = tp.point(top, y, 1j * eta)
+            assert abs(mu - flow.mu_near_zero(top, y, eta)) < 1e-9
+            near = flow.limit_lax_rate(top, y, u, (lam, mu))
+            assert largest(near + lax.lax_rate(top, y, u) / r) < 1e-9
+            other = flow.limit_lax_rate(top, y, u, (lam, -mu))
+            assert largest(other - lax.lax_rate(top, y, u) / r) < 1e-9
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_papers_time_step(name):
+    """λ = ih√C1/2: T = h + O(h³), Θ = O(h³), and the step is the motion to second order."""
+    top, y = TOPS[name].top, TOPS[name].state
+    misses = []
+    for h in (0.02, 0.01):
+        h *= top.scales(y)[2]
+        lam = 0.5j * h * math.hypot(*y[3:])
+        T, turn = flow.time_and_turn(top, y, lam)
+        moved = flow.interpolated(top, y, h, 0.0)
+        misses.append([abs(T - h), abs(turn), largest(tp.real_form(top, y, lam) - moved)])
+    for coarse, fine in zip(*misses, strict=True):
+        assert coarse < 1e-14 or 7 < coarse / fine < 9
+
+
+# ------------------------------------------------------------------------------------------ the exact statement
+
+
+@pytest.mark.parametrize("digits", [15, 30])
+def test_one_step_is_the_interpolating_flow(digits):
+    """(5.6.11) corrected, at complex states, independent λ1 and λ2, both sheets: R3(Θ) ∘ flow(T)."""
+    for p in points(digits, 3):
+        y, top = p.state(), p.top
+        lam1, lam2 = p.number() / 8, p.number() / 8
+        for sheet in (1, -1):
+            T, turn = flow.time_and_turn(top, y, lam1, lam2, sheet)
+            image = tp.pole_free(top, y, lam1, lam2, sheet)
+            moved = flow.interpolated(
+                top, y, complex(T) if digits == 15 else T, complex(turn) if digits == 15 else turn
+            )
+            p.same(moved, image, 10 * (1 + largest(image)) ** 2)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_against_an_independent_integration(name):
+    """Any λ: T, Θ by quadrature and the motion by the Taylor integrator of the tests, 30 digits; T > 0, and −T on −1."""
+    named = TOPS[name]
+    for lam in (0.2 + 0.3j, -0.3 + 0.1j):
+        lam *= unit(name)
+        with mp.workdps(35):
+            T, turn = flow.time_and_turn(named.top, named.y0, mpc(lam))
+            assert isinstance(T, mpf)
+            assert T > 0
+            assert flow.time_and_turn(named.top, named.y0, mpc(lam), sheet=-1) == (-T, -turn)
+            again = flow.time_and_turn(named.top, named.y0, mpc(lam), mpc(lam.conjugate()))
+            assert max(abs(a - b) for a, b in zip(again, (T, turn), strict=True)) < 1e-30
+            moved = reference.turned(mp.cos(turn), mp.sin(turn), reference.flow(named.alpha, named.y0, T, digits=30))
+            image = tp.real_form(named.top, np.array([mpf(v) for v in named.y0]), mpc(lam))
+            assert largest(image - np.array(moved)) < 1e-30 * (1 + largest(image))
+
+
+@sheets
+def test_the_interpolating_hamiltonian(sheet):
+    """{H_int, z} = T z' + Θ e3 × z for H_int = ∫ μ dλ: no factor i; its gradient by differences at 45 digits."""
+    with mp.workdps(45):
+        for name in ("generic", "inverted"):
+            top, y = TOPS[name].top, np.array([mpf(v) for v in TOPS[name].y0])
+            lam, d = mpc(0.2, 0.3) * unit(name), mpf(10) ** -15
+            ends = (lam, lam.conjugate(), sheet)
+            up, down = ([flow.hamiltonian(top, y + s * d * e, *ends) for e in np.eye(6, dtype=int)] for s in (1, -1))
+            gradient = np.array([(a - b) / (2 * d) for a, b in zip(up, down, strict=True)])
+            T, turn = flow.time_and_turn(top, y, lam, sheet=sheet)
+            J1, J2, _, x1, x2, _ = y
+            e3_turn = np.array([-J2, J1, 0, -x2, x1, 0])
+            assert largest(-poisson_tensor(y) @ gradient - (T * vector_field(top, y) + turn * e3_turn)) < 1e-25
+
+
+# ------------------------------------------------------------------------------------- λ(h), the exact time step
+
+
+@pytest.mark.parametrize("name", TOPS)
+@pytest.mark.parametrize("share", [0.02, 0.45])
+def test_the_time_of_the_exact_step(name, share):
+    """T(λ(h)) = h, Θ = 0 and χ of `attitude`, below half a nutation; 28 digits for λ, double for χ."""
+    named = TOPS[name]
+    period = ts.torus(named.alpha, named.y0, 0.0)[1][0]
+    h = share * min(period, 10 * named.top.scales(named.state)[2])
+    lam, _, _ = ts.time_step(*ts.torus(named.alpha, named.y0, h), h)
+    with mp.workdps(28):
+        lam = mpc(real(lam[0]), real(lam[1]))
+        T, turn = flow.time_and_turn(named.top, named.y0, lam)
+        assert abs(T - h) <= 1e-26 * h
+        assert abs(turn) <= 1e-26 * (1 + abs(named.alpha)) * abs(lam) * h
+        spin = mp.expj(flow.attitude_angle(named.top, named.y0, lam) / 2)
+        assert abs(spin - mpc(*attitude.step_spin(named.alpha, named.y0, h))) <= 4e-16
+
+
+def test_the_segment_is_not_the_path_beyond_half_a_nutation():
+    """Why `time_step` doubles: past half a period the segment to λ(h) passes a root of Q on the wrong side."""
+    named = TOPS["generic"]
+    period = ts.nutation_period(named.alpha, named.y0)
+    h = 0.9 * period[0]
+    lam, m = ts.parameter(ts.spectral_polynomial(named.alpha, named.y0), (h, 0.0))
+    T, _ = flow.time_and_turn(named.top, named.y0, complex(lam[0][0], lam[1][0]))
+    assert abs(T - h) > 0.1
+    assert lax.root(named.top, named.y0, complex(lam[0][0], lam[1][0])) == pytest.approx(-complex(m[0][0], m[1][0]))
+
+
+@pytest.mark.parametrize("name", ["generic", "figure1", "inverted"])
+def test_attitude_of_any_step(name):
+    """g̃ = q rot(x/|x|, χ) g against g' = J g/2 integrated with the motion over T, then turned about e3 by Θ."""
+    top, y = TOPS[name].top, TOPS[name].state
+    for lam in (0.2 + 0.3j, 0.4j, -0.1 + 0.2j):
+        lam *= unit(name)
+        T, turn = map(float, flow.time_and_turn(top, y, lam))
+
+        def rhs(_, s, top=top):
+            return np.concatenate((top.rhs(s[:6]), np.array(attitude.quaternion_product((0, *s[:3]), s[6:])) / 2))
+
+        g = solve_ivp(rhs, (0, T), (*y, 1, 0, 0, 0), "DOP853", rtol=1e-13, atol=1e-14).y[6:, -1]
+        g = attitude.quaternion_product((math.cos(turn / 2), 0, 0, math.sin(turn / 2)), g)
+        chi, w = float(flow.attitude_angle(top, y, lam)), tp.axis(top, y, lam, lam.conjugate()).real
+        step = attitude.turn_with((1, 0, 0, 0), y[3:], lam.real, w, (math.cos(chi / 2), math.sin(chi / 2)))
+        assert largest(np.array(step) - g) <= 1e-11
+
+
+# ------------------------------------------------------------- the proofs of docs/exact-step.md, sections 2 and 6
+
+
+def product(a, b):
+    """a b of quaternions (4,), scalar first, in any kind of numbers."""
+    return np.array([a[0] * b[0] - a[1:] @ b[1:], *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))])
+
+
+def step_and_quaternion(top, y, lam):
+    """The image of y with λ, and q = (−R, −w)/|λ|."""
+    w = np.array([v.real for v in tp.axis(top, y, lam, lam.conjugate())])
+    image = np.array([v.real for v in tp.pole_free(top, y, lam, lam.conjugate())])
+    return image, np.array([-lam.real, *(-w)]) / abs(lam)
+
+
+def slope(f):
+    """f'(0) in mpmath, by a central difference."""
+    d = mpf(10) ** -15
+    return [(ahead - behind) / (2 * d) for ahead, behind in zip(f(d), f(-d), strict=True)]
+
+
+def real_steps():
+    """Random real tops, λ well inside the nearest root of Q, and its m, 50 digits."""
+    for p in points(50):
+        y = np.array([z.real for z in p.state()])
+        lam = mpc(p.number().real, abs(p.number().imag)) / 8
+        yield p.top, y, lam, lax.root(p.top, y, lam), p.number()
+
+
+def test_the_step_moves_along_the_flow_when_lambda_does():
+    """Proposition 3: ỹ' = 2 Im(λ'/m) X_H + 2α Im(λλ'/m) X_J3, and the same for q with x̃ in addition."""
+    for top, y, lam, m, rate in real_steps():
+        moved, turned = slope(lambda s, top=top, y=y, lam=lam, rate=rate: step_and_quaternion(top, y, lam + s * rate))
+        image, q = step_and_quaternion(top, y, lam)
+        e3 = np.array([0, 0, 1])
+        turn = np.concatenate((np.cross(e3, image[:3]), np.cross(e3, image[3:])))
+        for sign, right in ((1, True), (-1, False)):  # not on the other sheet
+            time, angle, spin = (sign * (f * rate / m).imag for f in (1, top.alpha * lam, 1 / lam))
+            flow_and_turn = 2 * time * vector_field(top, image) + 2 * angle * turn
+            assert (largest(moved - flow_and_turn) < 1e-20) == right
+            velocity = np.array([0, *(spin * image[3:] + time * image[:3] + angle * e3)])
+            assert (largest(turned - product(velocity, q)) < 1e-20) == right
+
+
+def test_the_attitude_follows_the_step():
+    """q' = (J̃ q − q J)/2 along the motion: q g obeys the equation of g̃, so χ is a constant."""
+    for top, y, lam, _, _ in real_steps():
+        along = vector_field(top, y)
+        image, q = step_and_quaternion(top, y, lam)
+        _, moved = slope(lambda s, top=top, y=y, lam=lam, along=along: step_and_quaternion(top, y + s * along, lam))
+        J, J_new = (np.array([0, *state[:3]]) for state in (y, image))
+        assert largest(moved - (product(J_new, q) - product(q, J)) / 2) < 1e-20
+        assert largest(moved - (product(J, q) - product(q, J_new)) / 2) > 1e-3
+
+
+# ---------------------------------------------------------------------------- the exact step is a Poisson map
+
+
+def constants(alpha, y, h):
+    """λ(h), m and the rotation (cos, sin) of whole nutations, of the torus of y."""
+    lam, m, rotation = ts.time_step(*ts.torus(alpha, tuple(y), abs(h)), h)
+    return [mpc(real(z[0]), real(z[1])) for z in (lam, m, rotation)]
+
+
+def step(alpha, y, constants):
+    """The step with these constants, in mpmath, from doubles."""
+    lam, m, rotation = constants
+    image = tp.pole_free(LagrangeTop(alpha), [mpf(v) for v in y.tolist()], lam, lam.conjugate(), m=(m, m.conjugate()))
+    return np.array(reference.turned(rotation.real, rotation.imag, [v.real for v in image]))
+
+
+def derivative(f, y, levels=6):
+    """Jacobian (6, 6) by central differences from steps 2⁻⁷ … 2⁻¹², extrapolated; y ± step are exact doubles."""
+    columns = []
+    for e in np.eye(6):
+        table = []
+        for k in range(levels):
+            d = 2.0 ** -(7 + k)
+            table.append((f(y + d * e) - f(y - d * e)) / (2 * mpf(d)))
+        for k in range(1, levels):
+            table = [(4**k * b - a) / (4**k - 1) for a, b in pairwise(table)]
+        columns.append(table[0])
+    return np.stack(columns, axis=1)
+
+
+@pytest.mark.parametrize(("name", "h"), [("generic", 0.5), ("generic", 3.0), ("inverted", -1.0), ("figure1", 0.05)])
+def test_the_exact_step_is_poisson(name, h):
+    """λ(h) differs from torus to torus and must: recomputed at every state, λ too, D P Dᵀ = P̃ to 25 digits."""
+    alpha, y = TOPS[name].alpha, np.round(TOPS[name].state * 2**30) / 2**30
+    with mp.workdps(40):
+        here = constants(alpha, y, h)
+        image, P = step(alpha, y, here), poisson_tensor([mpf(v) for v in y.tolist()])
+        D = derivative(lambda z: step(alpha, z, constants(alpha, z, h)), y)
+        assert largest(D @ P @ D.T - poisson_tensor(image)) <= 1e-25 * (1 + largest(D)) ** 2
+        D = derivative(lambda z: step(alpha, z, here), y)
+        assert largest(D @ P @ D.T - poisson_tensor(image)) > 1e-5
+
+
+def test_the_compiled_flow_is_poisson():
+    """The same for `time_step.flow`, which is the exact step at any time, by double differences."""
+    alpha, y = TOPS["generic"].alpha, TOPS["generic"].state
+    for t in (0.7, -20.0):
+        f = partial(lambda z, t: ts.flow(alpha, tuple(z), np.array([t]))[0], t=t)
+        D = derivative(f, y, levels=4).astype(float)
+        assert largest(D @ poisson_tensor(y) @ D.T - poisson_tensor(f(y))) <= 1e-11 * (1 + largest(D)) ** 2
+
+
+# ------------------------------------------------------------------------------------------------------ errors
+
+
+def test_bad_input():
+    top, y = TOPS["generic"].top, TOPS["generic"].state
+    with pytest.raises(ValueError, match="B\\(λ2\\) = 0"):
+        flow.limit_parameters(top, (0.0, 0.0, 1.0, 0.0, 0.0, 1.0), (0.5j, 1.0))
+    with pytest.raises(ValueError, match="sheet must be 1 or -1"):
+        flow.time_and_turn(top, y, 0.3j, sheet=2)
+    for f in (flow.time_and_turn, flow.attitude_angle):
+        with pytest.raises(ValueError, match="positive imaginary part"):
+            f(top, y, 0.1 - 0.3j)
+    with pytest.raises(ValueError, match="λ = 0 is the pole"):
+        flow.hamiltonian(top, y, 0, 0.3j)
+    with pytest.raises(ValueError, match="C1 = 0"):
+        flow.moments(top, (1.0, 2.0, 3.0, 0.0, 0.0, 0.0), 0.3j)
+    q = [complex(v) for v in lax.spectral_polynomial(top, y)]
+    root = next(u for u in np.roots(q[::-1]) if u.imag > 0)
+    with pytest.raises(ValueError, match="root of Q lies on the segment"):
+        flow.moments(top, y, 2 * root)

@@ -1,0 +1,588 @@
+"""The command line: it teaches, says in one line what is wrong, and keeps every bit."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import integrators
+from experiments import EXPERIMENTS
+from experiments.measuring import bits, check
+from integrators import METHODS, TOPS, registry
+from lagrange_bench import __main__ as cli
+from lagrange_bench.commands import completion
+from lagrange_bench.runner import engine
+from results.store import default_results
+
+COMMANDS = (
+    "methods",
+    "tops",
+    "run",
+    "report",
+    "merge",
+    "compare",
+    "verify",
+    "integrate",
+    "check",
+    "errata",
+    "bits",
+    "completion",
+)
+SLOW = (
+    "numpy",
+    "numba",
+    "scipy",
+    "matplotlib",
+    "pandas",
+    "heyoka",
+    "mpmath",
+    "rich",
+    "jinja2",
+    "multiprocessing",
+    "distributed",
+)
+HERE = Path(__file__).resolve().parents[1]  # the tests, where toys are
+SHORT = ("integrate", "--h", "0.1", "--steps", "20")
+
+
+def process(*words, **settings):
+    command = [sys.executable, "-m", "lagrange_bench", *words]
+    settings = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 60, **settings}
+    return subprocess.run(command, cwd=HERE.parent, check=False, **settings)
+
+
+# ---------------------------------------------------------------- help
+
+
+def test_help_imports_nothing_slow():
+    # what makes `--help` fast, without a clock: 0.1 s here, and pandas alone would take 0.3
+    program = f"""
+import sys
+from lagrange_bench.__main__ import main
+for command in ((), *((c,) for c in {COMMANDS!r})):
+    assert main([*command, "--help"]) == 0
+print("loaded:", sorted(set({SLOW!r}) & set(sys.modules)))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert done.stdout.splitlines()[-1:] == ["loaded: []"], done.stderr
+
+
+def examples(text):
+    """The commands of a help text, as words."""
+    lines = [re.split(r"[|>] ", line)[0] for line in text.splitlines() if line.startswith("  lagrange-bench ")]
+    return [shlex.split(re.split(r"\s{2,}", line.strip())[0])[1:] for line in lines]
+
+
+@pytest.mark.parametrize("command", [None, *COMMANDS])
+def test_every_help_teaches(run, command, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    code, out, err = run(*([command] if command else []), "--help")
+    assert (code, err) == (0, "")
+    found = examples(out)
+    assert 2 <= len(found) <= 5
+    for words in found:  # they are understood; those of `integrate` are also run, below
+        assert hasattr(cli.parser().parse_args(words), "run")
+
+
+def test_version(run):
+    code, out, _ = run("--version")
+    assert code == 0
+    assert re.fullmatch(r"lagrange-bench \d+\.\d+\S*\n", out)
+
+
+# ---------------------------------------------------------------- what is wrong, in one line
+
+OWN = ("h", "steps", "every", "t", "top", "y0", "method", "attitude")  # of `integrate` itself
+BAD = [  # words, what the line must name
+    ("", "command"),
+    ("integrat", "'integrat'"),
+    ("methods --vebose", "--vebose"),
+    ("run nothing", "'nothing'"),
+    ("run no.such_module", "no.such_module"),
+    ("run .", "unknown experiment '.'"),
+    ("run ../x", "unknown experiment '../x'"),
+    ("run .drift", "did you mean 'drift'?"),
+    ("run --scheduler ucx://head:1", "--scheduler"),
+    ("run --scheduler local:\u0661", "--scheduler"),
+    ("run --shard \u0661/3", "--shard"),
+    ("run --jobs 1_0", "--jobs"),
+    ("verify --seed \u0661", "--seed"),
+    ("verify --module no.such_module", "--module no.such_module"),
+    ("run --jobs 0", "--jobs"),
+    ("run --jobs two", "--jobs"),
+    ("run --profile slow", "--profile"),
+    ("run --time-limit 0", "--time-limit"),
+    ("run --time-limit inf", "--time-limit"),
+    ("run --time-limit soon", "--time-limit"),
+    ("run --shard 3/3", "--shard"),
+    ("run --shard 3", "--shard"),
+    ("run --scheduler head", "--scheduler"),
+    ("run --scheduler local:0", "--scheduler"),
+    ("merge results/reference", "--results"),
+    ("merge /no/such/folder --results /no/such/other", "/no/such/folder"),
+    ("compare results/reference", "NEW"),
+    ("compare results/reference /no/such/folder", "/no/such/folder"),
+    ("compare a b --rtol -1", "--rtol"),
+    ("compare a b --rtol x", "--rtol"),
+    ("verify /no/such/folder", "/no/such/folder"),
+    ("verify --sample 0", "--sample"),
+    ("report --results /no/such/folder", "/no/such/folder"),
+    ("report --output pyproject.toml", "pyproject.toml"),
+    ("report --output pyproject.toml/page", "pyproject.toml"),
+    ("report --output /proc/page", "/proc/page"),
+    ("integrate", "--h"),
+    ("integrate --h 0.1", "--steps"),
+    ("integrate --h 0 --steps 3", "--h"),
+    ("integrate --h inf --steps 3", "--h"),
+    ("integrate --h 1_0 --steps 3", "--h"),
+    ("integrate --h \u0661 --steps 3", "--h"),
+    ("integrate --h 0.1 --steps 1_0", "--steps"),
+    ("integrate --h 0.1 --steps 1e10 --every 1", "--steps: 10000000001 rows take about"),
+    ("integrate --times 0:1:1e10", "--times: 0:1:1e10: 10000000000 rows take about"),
+    ("integrate --h 0.1 --steps 2.5", "--steps"),
+    ("integrate --h 0.1 --steps -3", "--steps"),
+    ("integrate --h 0.1 --steps 1e300", "--steps"),
+    ("integrate --h 0.1 --steps 10 --every 3", "--every"),
+    ("integrate --h 0.1 --steps 10 --every 0", "--every"),
+    ("integrate --h 0.1 --times 0,1", "--times"),
+    ("integrate --times 0:1", "--times"),
+    ("integrate --times 0:1:1", "--times"),
+    ("integrate --times 0,nan", "--times"),
+    ("integrate --times 0,1 --method backlund_paper", "--times"),
+    ("integrate --times 0,1 --top generi", "did you mean 'generic'?"),
+    ("integrate --times 0,1 --top generic --state 1,2,3,4,5,6", "--state"),
+    ("integrate --times 0,1 --alpha 1", "--alpha"),
+    ("integrate --times 0,1 --alpha 1e999 --state 1,2,3,4,5,6", "--alpha"),
+    ("integrate --times 0,1 --state -1,2,3", "--state"),
+    ("integrate --times 0,1 --state 1,2,3,0,0,0", "--state"),
+    ("integrate --times 0,1 --state 1,2,3,4,5,x", "--state"),
+    ("integrate --times 0,1 --physical mass=1", "distance"),
+    ("integrate --times 0,1 --physical masss=1", "did you mean 'mass'?"),
+    ("integrate --times 0,1 --physical mass=1,mass=2", "mass"),
+    ("integrate --times 0,1 --physical mass=x", "mass"),
+    ("integrate --times 0,1 --physical mass=-1,distance=1,A=1,C=1,theta=1,dpsi=3", "mass"),
+    ("integrate --times 0,1 --method backlnd", "did you mean 'backlund'?"),
+    ("integrate --times 0,1 --method json:loads", "json:loads"),
+    ("integrate --times 0,1 --method no.such_module:METHOD", "no.such_module"),
+    ("integrate --h 0.1 --steps 3 --option pim=3", "'pim'"),
+    ("integrate --h 0.1 --steps 3 --option pin", "--option"),
+    ("integrate --h 0.1 --steps 3 --option pin=1_0", "pin"),
+    *((f"integrate --h 0.1 --steps 3 --option {name}=2", f"unknown option '{name}' of backlund") for name in OWN),
+    ("integrate --h 0.1 --steps 3 --option pin=0.5", "pin"),
+    ("integrate --h 0.1 --steps 3 --option lam=word", "lam"),
+    ("integrate --h 0.1 --steps 3 --option lam=-1j", "lam"),
+    ("integrate --h 0.1 --steps 3 --option pin=1 --option pin=2", "pin"),
+    ("integrate --h 0.1 --steps 3 --output run.txt", "--output"),
+    ("integrate --h 0.1 --steps 3 --output no/such/folder/run.csv", "--output"),
+    ("integrate --h 0.1 --steps 3 --draw axis.gif", "--draw"),
+    ("integrate --h 0.1 --steps 3 --animate axis.mp4", "--animate"),
+    ("check nothing", "'nothing'"),
+    ("bits backlnd", "did you mean 'backlund'?"),
+]
+
+
+@pytest.mark.parametrize(("words", "named"), BAD, ids=[words for words, _ in BAD])
+def test_bad_input(run, words, named, monkeypatch):
+    monkeypatch.chdir(HERE.parent)
+    monkeypatch.setattr("report.page.assemble", lambda *_: pytest.fail("drawn before it was known where to"))
+    code, out, err = run(*words.split())
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"lagrange-bench: error: .*\n", err), err  # one line
+    assert named in err
+
+
+def test_a_method_that_fails(run):
+    code, out, err = run("integrate", "--h", "1e300", "--steps", "3")
+    assert (code, out) == (1, "")
+    assert re.fullmatch(r"lagrange-bench: error: backlund at h = 1e\+300: .*\n", err)
+
+
+def test_a_package_that_is_not_there(run, monkeypatch):
+    monkeypatch.setattr(integrators, "available", lambda method: method.name != "backlund")
+    monkeypatch.setattr(registry, "available", integrators.available)
+    monkeypatch.setitem(vars(METHODS["backlund"]), "requires", "heyoka")
+    code, out, err = run("methods")
+    assert (code, err) == (0, "")
+    assert out.count("conda-forge") == 1
+    assert "backlund: heyoka is not installed here" in out
+    code, _, err = run(*SHORT)
+    assert code == 2
+    assert "conda-forge" in err
+
+
+def test_no_memory(run, monkeypatch):
+    def integrate(*_, **__):
+        raise MemoryError
+
+    monkeypatch.setattr(integrators, "integrate", integrate)
+    code, _, err = run(*SHORT)
+    assert (code, err.count("\n")) == (1, 1)
+    assert "--every" in err
+
+
+def test_an_unexpected_error_is_not_hidden(run, monkeypatch):
+    def integrate(*_, **__):
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(integrators, "integrate", integrate)
+    with pytest.raises(ZeroDivisionError):
+        run(*SHORT)
+
+
+# ---------------------------------------------------------------- stdout
+
+
+def test_json_is_alone_on_stdout(tmp_path):
+    # a library that chatters, on the C level and in Python, as heyoka does about its cache
+    (tmp_path / "chatter.py").write_text(
+        "import os\nfrom dataclasses import replace\nfrom integrators import METHODS\n"
+        "def prepare(*a, **k):\n    print('python'); os.write(1, b'library\\n')\n"
+        "    return METHODS['backlund'].prepare(*a, **k)\n"
+        "METHOD = replace(METHODS['backlund'], prepare=prepare)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = process(*SHORT, "--method", "chatter:METHOD", "--json", env=environment)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["method"] == "backlund"
+    assert sorted(done.stderr.split()) == ["library", "python"]
+
+
+def test_closed_pipe():
+    reading, writing = os.pipe()
+    os.close(reading)
+    with open(writing, "w") as stdout:
+        done = process("methods", "--help", stdout=stdout)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_stdout_on_a_full_disk():
+    with open("/dev/full", "w") as stdout:
+        done = process("methods", "--help", stdout=stdout)
+    assert done.returncode == 2
+    assert re.fullmatch(r"lagrange-bench: error: .*\n", done.stderr)
+
+
+def test_a_terminal_without_greek():
+    done = process("methods", env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    assert (done.returncode, done.stderr) == (0, "")
+    assert r"B\xe4cklund" in done.stdout
+
+
+# ---------------------------------------------------------------- methods and tops
+
+
+def test_methods(run, answer):
+    code, out, err = run("methods", "--verbose")
+    assert (code, err) == (0, "")
+    lines = out.splitlines()
+    assert [line.split()[0] for line in lines[1 : len(METHODS) + 1]] == list(METHODS)
+    assert METHODS["backlund"].source in out
+    data = {method["name"]: method for method in answer("methods")}
+    assert list(data) == list(METHODS)
+    for name, method in METHODS.items():
+        assert data[name]["order"] == method.order
+        assert set(data[name]["conserves"]) == method.conserves
+        assert data[name]["options"] == list(method.options)
+
+
+def test_a_plug_in_that_cannot_be_loaded_is_listed(run, answer, monkeypatch):
+    entries = {**METHODS._entries, "broken": registry.EntryPoint("broken", "no_such_module:METHOD", registry.GROUP)}
+    monkeypatch.setitem(vars(METHODS), "_entries", entries)
+    code, out, _ = run("methods", "--verbose")
+    assert code == 0
+    assert "broken: cannot be loaded: ModuleNotFoundError" in out
+    assert answer("methods")[-1]["error"].startswith("ModuleNotFoundError")
+
+
+def test_tops(run, answer):
+    code, out, _ = run("tops")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()[1:]] == list(TOPS)
+    data = {top["name"]: top for top in answer("tops")}
+    assert data["generic"]["nutation_period"] == pytest.approx(4.22213, abs=1e-5)
+    assert data["homoclinic"]["nutation_period"] is None
+    for name, top in TOPS.items():
+        assert (data[name]["alpha"], data[name]["state"]) == (top.alpha, list(top.y0))
+
+
+# ---------------------------------------------------------------- run, report, check
+
+
+@pytest.fixture
+def toy(monkeypatch):
+    monkeypatch.syspath_prepend(str(HERE))
+    monkeypatch.setenv("TOY_CELLS", json.dumps([{"do": "square", "i": 3}, {"do": "raise", "i": 4}]))
+    return "toys.behaviour"
+
+
+@pytest.mark.processes
+def test_run(run, toy, tmp_path, monkeypatch):
+    words = ("run", toy, "--results", tmp_path / "my results", "--jobs", "1")
+    code, out, err = run(*words, "--quiet")
+    assert (code, err) == (1, "")
+    assert "cell 4 was told to" in out
+    assert f"next: lagrange-bench report --results '{tmp_path / 'my results'}'" in out
+    monkeypatch.setenv("TOY_CELLS", json.dumps([{"do": "square", "i": 3}]))
+    code, out, _ = run(*words, "--json")
+    assert code == 0
+    assert json.loads(out)["experiments"][toy]["stored"] == 1
+
+
+def test_run_takes_all_experiments_by_default(run, monkeypatch):
+    asked = {}
+
+    def instead(names, profile, results, jobs, show, **more):
+        asked.update(names=names, profile=profile, results=results, jobs=jobs, show=show, **more)
+        return engine.Summary(results, profile)
+
+    monkeypatch.setattr(engine, "run", instead)
+    assert run("run", "--profile", "full")[0] == 0
+    assert asked["names"] == EXPERIMENTS
+    assert (asked["profile"], asked["jobs"], asked["show"]) == ("full", None, True)
+    assert asked["results"].name == "full"
+    asked_nothing = {"time_limit": None, "shard": (0, 1), "scheduler": None, "timings": True}
+    assert {name: asked[name] for name in asked_nothing} == asked_nothing
+    assert run("run", "--time-limit", "9", "--shard", "2/5", "--scheduler", "local:2", "--no-timings")[0] == 0
+    asked_this = {"time_limit": 9.0, "shard": (2, 5), "scheduler": "local:2", "timings": False}
+    assert {name: asked[name] for name in asked_this} == asked_this
+
+
+def test_run_stopped_or_without_a_place(run, monkeypatch, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    code, out, err = run("run", "paper", "--results", tmp_path / "file" / "results")
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"lagrange-bench: error: cannot write results to .*\n", err)
+
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(engine, "run", stopped)
+    code, out, err = run("run", "paper", "--results", tmp_path)
+    assert (code, out, err) == (130, "", "lagrange-bench: interrupted\n")
+
+
+@pytest.mark.processes
+def test_report(run, tmp_path):
+    (tmp_path / "results").mkdir()
+    words = ("report", "--results", tmp_path / "results", "--output", tmp_path / "page")
+    code, out, err = run(*words)
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"lagrange-bench: error: nothing is stored in .*\n", err)
+    assert not (tmp_path / "page").exists(), "a page that is there is worth more"
+    shutil.copy(default_results() / "paper.jsonl", tmp_path / "results")
+    code, out, err = run(*words)
+    assert code == 0, err
+    assert err.splitlines()[0] == f"drawn from {tmp_path / 'results'}"
+    page = Path(out.strip())
+    assert page == (tmp_path / "page" / "index.html").resolve()
+    assert page.stat().st_size > 1000
+    (tmp_path / "file").write_text("in the way")
+    code, out, err = run("report", "--results", tmp_path / "results", "--output", tmp_path / "file")
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"lagrange-bench: error: .*\n", err)
+
+
+STUDY = """
+VERSION = 1
+def cells(profile): return [{"i": i} for i in range(3)]
+def measure(cell): return [{"square": cell["i"] ** 2}]
+def tables(rows): return {}
+def draw(rows):
+    from report import style
+    fig, ax = style.figure("column")
+    ax.plot(rows.i, rows.square)
+    return {"squares": fig}
+"""
+
+
+@pytest.mark.processes
+def test_an_experiment_of_your_own_is_drawn_where_it_was_run(tmp_path):
+    (tmp_path / "my_study").mkdir()
+    (tmp_path / "my_study" / "energy.py").write_text(STUDY)
+    tool = f"{sys.executable} -c 'import sys; from lagrange_bench.__main__ import main; sys.path.remove(\"\"); sys.exit(main())'"
+    paths = os.pathsep.join(path for path in sys.path if path)
+
+    def typed(line):
+        line = line.replace("lagrange-bench", tool)
+        environment = {**os.environ, "PYTHONPATH": f"{HERE.parent}{os.pathsep}{paths}", "PYTHONSAFEPATH": ""}
+        return subprocess.run(
+            line, shell=True, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+        )
+
+    out = typed("lagrange-bench run my_study.energy --results out").stdout
+    after = re.search("^next: (.*)", out, re.MULTILINE)[1]
+    page = Path(typed(f"{after} --output page").stdout.strip()).read_text(encoding="utf-8")
+    assert "my_study.energy_squares" in page
+    assert "cannot be loaded" not in page
+    again = re.search(r"redraw: <code[^>]*>(.*?)</code>", page)[1]
+    again = re.sub("<[^>]*>", "", again)
+    assert again == "lagrange-bench figure my_study.energy_squares --results out --module my_study.energy"
+    assert typed(again).stdout == "my_study.energy_squares.svg\n"
+
+
+def test_a_figure_that_cannot_be_written_is_named(run, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    shutil.copy(default_results() / "perturbed.jsonl", tmp_path)
+    target = tmp_path / "file" / "z.svg"
+    code, _, err = run("figure", "perturbed_h", "--results", tmp_path, "--output", target)
+    assert code == 2
+    assert str(tmp_path / "file") in err
+    assert ".z.svg" not in err
+
+
+def test_a_cache_that_cannot_be_written_is_told_once(run, monkeypatch):
+    compiled = sys.modules["integrators.compiling.compiled"]
+    monkeypatch.setattr(compiled, "_folder", lambda: None)
+    monkeypatch.setenv("LAGRANGE_BENCH_CACHE", "/read/only")
+    cli._note_cache.cache_clear()
+    err = run("tops")[2]
+    assert err.startswith("note: no compiled code can be kept in /read/only, where LAGRANGE_BENCH_CACHE points")
+    assert run("tops")[::2] == (0, "")
+    cli._note_cache.cache_clear()
+    monkeypatch.setenv("LAGRANGE_BENCH_CACHE", "")  # as told
+    assert run("tops")[::2] == (0, "")
+    cli._note_cache.cache_clear()
+
+
+def test_check_a_method_that_keeps_its_word(run):
+    code, out, err = run("check", "backlund", "--quick")
+    assert (code, err) == (0, "")
+    lines = out.splitlines()
+    assert lines[0].split() == ["verdict", "claim", "measured", "bound", "how"]
+    assert any(line.startswith("pass") and "conserves H" in line for line in lines)
+    assert lines[-1].endswith(" claims hold, 0 fail")
+
+
+def test_check_a_method_that_does_not(run, monkeypatch):
+    monkeypatch.syspath_prepend(str(HERE))
+    code, out, err = run("check", "toys.lies:METHOD", "--quick", "--json")
+    assert (code, err) == (1, "")
+    data = json.loads(out)
+    assert (data["method"], data["passed"]) == ("lies", False)
+    passed = {verdict["claim"]: verdict["passed"] for verdict in data["verdicts"]}
+    false = {"order 2", "symmetric", "conserves H"}
+    assert {claim for claim, kept in passed.items() if kept is False} == false
+    # what is true of it is not refuted, and what it does not claim is not judged
+    assert passed["Poisson map"]
+    assert passed["conserves J3"]
+    assert passed["conserves C2"] is None
+
+
+def test_check_finds_plug_ins(run, monkeypatch):
+    monkeypatch.syspath_prepend(str(HERE))
+    entries = {**METHODS._entries, "lies": registry.EntryPoint("lies", "toys.lies:METHOD", registry.GROUP)}
+    monkeypatch.setitem(vars(METHODS), "_entries", entries)
+    monkeypatch.setattr(check, "CHECKS", (check.order,))
+    code, out, _ = run("check", "lies")
+    assert code == 1
+    assert out.splitlines()[-1] == "lies (kick and rotation): 0 claims hold, 1 fail: order 2"
+
+
+# ---------------------------------------------------------------- bits
+
+
+@pytest.fixture
+def written(monkeypatch):
+    """What is written down of two kernels, as this machine computes it."""
+    hashes = bits.measured(1000, ["rk4", "strang"])
+    monkeypatch.setattr(bits, "golden", lambda: hashes)
+    return hashes
+
+
+def test_bits_that_are_the_same(run, answer, written):
+    code, out, err = run("bits", "rk4", "--quick", "--python")
+    assert (code, err) == (0, "")
+    words = [line.split() for line in out.splitlines()]
+    assert ["rk4", "interpreted", "6", "same"] in words
+    assert ["rk4", "compensated", "compiled", "6", "same"] in words
+    assert words[-1][:3] == ["4", "the", "same,"]
+    assert run("bits", "rk4", "--quick", "--quiet")[1] == "2 the same, 0 differ, 0 not written down\n"
+    data = answer("bits", "strang compensated", "--quick")
+    assert [verdict["kernel"] for verdict in data["verdicts"]] == ["strang compensated"]
+
+
+def test_bits_of_what_has_no_kernel(run, written):
+    code, out, err = run("bits", "rk4", "dop853", "--quick")
+    assert (code, out) == (2, "")
+    assert "dop853 has no kernel of its own" in err
+
+
+def test_bits_that_differ_or_are_not_written_down(run, written):
+    written["rk4"]["figure1 1000"] = "0"
+    del written["strang"]
+    code, out, err = run("bits", "rk4", "strang", "--quick")
+    assert (code, err) == (1, "")
+    assert re.search(r"^rk4 +compiled +6 +differs at figure1 1000$", out, re.MULTILINE)
+    assert re.search(r"^strang +compiled +0 +not written down$", out, re.MULTILINE)
+    assert out.splitlines()[-1] == "2 the same, 1 differ, 1 not written down"
+
+
+# ---------------------------------------------------------------- completion
+
+COMPLETED = [  # what is typed, some of what is offered, and what is not
+    ("lagrange-bench ", {"run", "integrate", "completion", "--help"}, {"backlund", "--json"}),
+    ("lagrange-bench in", {"integrate"}, {"run"}),
+    ("lagrange-bench run ", {"drift", "phase"}, {"--jobs", "run"}),
+    ("lagrange-bench run drift ph", {"phase"}, {"drift"}),
+    ("lagrange-bench run --pro", {"--profile"}, {"--json"}),
+    ("lagrange-bench run drift --profile ", {"quick", "full"}, {"drift"}),
+    ("lagrange-bench integrate --method back", {"backlund", "backlund_paper"}, {"strang"}),
+    ("lagrange-bench integrate --top fi", {"figure1", "figure2"}, {"generic"}),
+    ("lagrange-bench check ba", {"backlund"}, {"figure1"}),
+    ("lagrange-bench report --results ", set(), {"backlund", "--json"}),
+]
+
+
+@pytest.fixture(scope="module")
+def script():
+    return process("completion", "bash").stdout
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+@pytest.mark.parametrize(("typed", "offered", "not_offered"), COMPLETED, ids=[typed for typed, *_ in COMPLETED])
+def test_completion_in_bash(script, typed, offered, not_offered):
+    program = f"{script}\nCOMP_WORDS=({typed.rstrip()}{' ' + chr(34) * 2 if typed.endswith(' ') else ''})\n"
+    program += 'COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); _lagrange_bench; printf "%s\\n" "${COMPREPLY[@]}"'
+    done = subprocess.run(["bash", "-u", "-c", program], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    words = set(done.stdout.split())
+    assert offered <= words
+    assert not not_offered & words
+
+
+@pytest.mark.skipif(shutil.which("fish") is None, reason="needs fish")
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("comp", {"compare", "completion"}),
+        ("run --sch", {"--scheduler"}),
+        ("integrate --method gauss", {"gauss4", "gauss6", "gauss8", "gauss12"}),
+        ("figure --format ", {"svg", "pdf", "png"}),
+    ],
+)
+def test_completion_in_fish(run, tmp_path, typed, offered):
+    program = f"{run('completion', 'fish')[1]}\ncomplete -C 'lagrange-bench {typed}'"
+    home = {**os.environ, "HOME": str(tmp_path)}
+    done = subprocess.run(["fish", "-c", program], capture_output=True, text=True, env=home, cwd=tmp_path, check=True)
+    assert {line.split("\t")[0] for line in done.stdout.splitlines()} == offered
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_knows_every_option(run, shell):
+    code, out, err = run("completion", shell)
+    assert (code, err) == (0, "")
+    for name, command in completion.commands(cli.parser()).items():
+        assert name in out
+        for flag in command._option_string_actions:
+            assert flag.lstrip("-") in out or len(flag) == 2
+    if syntax := shutil.which(shell):
+        assert subprocess.run([syntax, "-n"], input=out, capture_output=True, text=True, check=False).stderr == ""

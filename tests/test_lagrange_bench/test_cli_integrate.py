@@ -1,0 +1,231 @@
+"""`lagrange-bench integrate`: one trajectory, summed up, kept to the last bit, and drawn."""
+
+from __future__ import annotations
+
+import errno
+import importlib.util
+import itertools
+import json
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+from pyarrow import parquet
+from test_cli import examples
+
+import integrators
+from integrators import METHODS, TOPS, HeavyTop
+from lagrange_bench import trajectory as output
+from lagrange_bench.arguments import option
+from lagrange_bench.commands.integrate import EXAMPLES
+
+SHORT = ("integrate", "--h", "0.1", "--steps", "20")
+
+
+@pytest.mark.parametrize("words", examples(EXAMPLES), ids=" ".join)
+def test_the_examples_of_integrate_run(run, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(*words)
+    assert code == 0, err
+    assert "against the exact solution" in out
+    for flag in {"--output", "--draw", "--animate"} & set(words):
+        assert Path(words[words.index(flag) + 1]).stat().st_size > 0
+
+
+def test_summary(run, answer):
+    code, out, err = run(*SHORT)
+    assert (code, err) == (0, "")
+    expected = integrators.integrate(TOPS["generic"].top, TOPS["generic"].state, 0.1, 20)
+    shown = next(line for line in out.splitlines() if line.startswith("end")).split()[1:]
+    assert [float(word) for word in shown] == expected.y[-1].tolist()
+    data = answer(*SHORT)
+    assert data["y_final"] == expected.y[-1].tolist()
+    assert data["t"] == [0.0, 2.0]
+    assert data["work"]["steps"] == 20
+    # 4e-15 is the exact solution's own accuracy, the map makes about 1e-16 a step
+    assert data["error"]["final"] < 2e-14
+    assert all(v["largest_drift"] < 1e-15 for v in data["invariants"].values())
+
+
+def test_an_inexact_method_has_an_error(answer):
+    # the paper's λ: second order, so 4 times the error at twice the step; and that is what the summary must show
+    words = ("integrate", "--method", "backlund_paper")
+    small, large = (answer(*words, "--h", h, "--steps", n)["error"]["final"] for h, n in ((0.05, 40), (0.1, 20)))
+    assert 3.5 < large / small < 4.5
+
+
+def test_where_a_trajectory_starts(answer):
+    state = "-0.3,0.4,-1.2,-0.48,.6,64e-2"
+    data = answer("integrate", "--state", state, "--alpha", "-2", "--h", "-1e-1", "--steps", "5", "--every", "1")
+    assert (data["alpha"], data["y0"]) == (-2.0, [-0.3, 0.4, -1.2, -0.48, 0.6, 0.64])
+    assert data["t"] == [-0.1 * n for n in range(6)]
+    numbers = {"mass": 0.5, "distance": 0.04, "gravity": 1.62, "A": 1.2e-3, "C": 4e-4}
+    angles, rates = (0.5, 0.1, 0.2), (0.3, 0.4, 200.0)
+    names = [d + angle for d in ("", "d") for angle in ("theta", "phi", "psi")]
+    words = ",".join(f"{k}={v!r}" for k, v in {**numbers, **dict(zip(names, (*angles, *rates), strict=True))}.items())
+    data = answer("integrate", "--physical", words, "--times", "0,1e-3")
+    heavy = HeavyTop(**numbers)
+    assert (data["alpha"], data["y0"]) == (heavy.top.alpha, heavy.state(angles, rates).tolist())
+
+
+def test_times(answer):
+    data = answer("integrate", "--times", "-1:0.1:12")
+    assert data["t"][0] == -1.0
+    assert data["t"][-1] == 0.1
+    assert np.allclose(np.diff(data["t"]), 0.1, rtol=1e-14)
+    top = TOPS["generic"]
+    assert data["y"] == integrators.integrate(top.top, top.state, t=data["t"]).y.tolist()
+
+
+def test_options_reach_the_method(answer):
+    words = (*SHORT, "--option", "lam=0.1+0.5j", "--option", "pin=0")
+    top = TOPS["generic"]
+    expected = integrators.integrate(top.top, top.state, 0.1, 20, lam=0.1 + 0.5j, pin=0)
+    assert answer(*words)["y_final"] == expected.y[-1].tolist()
+    assert option("flag=True") == ("flag", True)
+    assert option("name=1e-9") == ("name", 1e-9)
+    assert option("name=a=b") == ("name", "a=b")
+
+
+def test_a_given_parameter_is_no_step_of_time_h(run, answer):
+    words = ("integrate", "--h", "1", "--steps", "1000", "--option", "lam=0.02j")
+    _, out, _ = run(*words)
+    assert "one step is the flow over another time than h, and a turn" in out
+    for wrong in ("exact λ(h)", "up to t", "against the exact solution"):
+        assert wrong not in out
+    error = answer(*words)["error"]
+    assert (error["final"], error["largest"]) == (None, None)
+    assert "lam given" in error["note"]
+
+
+def test_beyond_the_exact_solution(answer):
+    # 1e16 periods and more: doubles cannot resolve it, and the summary says so instead of comparing
+    data = answer("integrate", "--top", "weightless", "--method", "backlund_paper", "--h", "1e13", "--steps", "10000")
+    assert data["error"]["final"] is None
+    assert "periods" in data["error"]["note"]
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_files_keep_every_bit(run, tmp_path, suffix):
+    path = tmp_path / f"run{suffix}"
+    code, out, err = run(*SHORT, "--output", path, "--top", "figure2", "--option", "lam=0.1+0.5j")
+    assert (code, err) == (0, f"written: {path}\n")
+    assert str(path) not in out
+    expected = integrators.integrate(TOPS["figure2"].top, TOPS["figure2"].state, 0.1, 20, every=1, lam=0.1 + 0.5j)
+    if suffix == ".csv":
+        lines = path.read_text("utf-8").splitlines()
+        header = [line[2:].partition(": ") for line in lines if line[0] == "#"]
+        table = np.array([[float(word) for word in line.split(",")] for line in lines[len(header) + 1 :]])
+        t, y = table[:, 0], table[:, 1:]
+        frame = pd.read_csv(path, comment="#")  # as `--help` says; exact from pandas 3.1 on
+        assert list(frame) == ["t", "J1", "J2", "J3", "x1", "x2", "x3"]
+        assert np.allclose(frame, table, rtol=1e-15, atol=0)
+        metadata = {key: json.loads(value) for key, _, value in header}
+    else:
+        with np.load(path) as file:
+            t, y, metadata = file["t"], file["y"], json.loads(file["metadata"].item())
+    assert np.array_equal(t, expected.t)
+    assert np.array_equal(y, expected.y)
+    assert metadata["y0"] == list(TOPS["figure2"].y0)
+    facts = {"top": "figure2", "alpha": 1.0, "method": "backlund", "h": 0.1, "steps": 20, "every": 1}
+    assert {key: metadata[key] for key in facts} == facts
+    assert complex(metadata["options"]["lam"]) == 0.1 + 0.5j
+    assert metadata["numpy"] == np.__version__
+
+
+def test_a_file_is_replaced_whole_and_not_in_silence(run, tmp_path, monkeypatch):
+    path, link = tmp_path / "run.csv", tmp_path / "link.csv"
+    link.symlink_to(path)
+    assert run(*SHORT, "--output", path)[0] == 0
+    assert run(*SHORT, "--output", link, "--every", "20")[2] == f"replaced: {link}\n"
+    assert link.is_symlink()
+    before = path.read_bytes()
+
+    def full(_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    code, _, err = run(*SHORT, "--output", path)
+    assert (code, err) == (2, f"lagrange-bench: error: {path}: cannot be written: No space left on device\n")
+    assert path.read_bytes() == before
+    assert sorted(tmp_path.iterdir()) == [link, path]  # no pieces are left
+
+
+def test_what_cannot_be_a_file(run, tmp_path, monkeypatch):
+    (tmp_path / "folder.csv").mkdir()
+    code, _, err = run(*SHORT, "--output", tmp_path / "folder.csv")
+    assert (code, err.count("\n")) == (2, 1)
+    monkeypatch.setattr(os, "access", lambda *_: False)  # a read-only folder, also for root
+    code, _, err = run(*SHORT, "--draw", tmp_path / "axis.svg")
+    assert code == 2
+    assert "no permission" in err
+
+
+@pytest.mark.parametrize(("suffix", "magic"), [(".svg", b"<?xml"), (".png", b"\x89PNG"), (".pdf", b"%PDF")])
+def test_drawing(run, tmp_path, suffix, magic):
+    path = tmp_path / f"axis{suffix}"
+    pictures = []
+    for _ in range(2):
+        code, _, err = run(*SHORT, "--draw", path)
+        assert code == 0, err
+        pictures.append(path.read_bytes())
+    assert pictures[0].startswith(magic)
+    assert pictures[0] == pictures[1]  # the same trajectory is the same file
+
+
+def test_films(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(output, "PICTURES", 4)
+    path, page = tmp_path / "axis.gif", tmp_path / "axis.html"
+    code, _, err = run(*SHORT, "--animate", path, "--quiet")
+    assert (code, err) == (0, "")
+    pictures = []
+    with Image.open(path) as film:
+        assert (film.n_frames, film.info["loop"]) == (4, 0)
+        for i in range(4):
+            film.seek(i)
+            pictures.append(np.asarray(film.convert("RGB"), dtype=int))
+    assert all(np.abs(a - b).max() > 50 for a, b in itertools.pairwise(pictures))  # it moves
+    texts = []
+    for _ in range(2):
+        assert run(*SHORT, "--animate", page)[0] == 0
+        texts.append(page.read_text("utf-8"))
+    assert texts[0] == texts[1]
+    assert texts[0].count("data:image/png;base64") == 4
+    assert "<button" in texts[0]
+    assert not re.search(r"https?:|fa-|<link", texts[0])  # it asks the network for nothing
+
+
+def test_parquet(run, tmp_path):
+    path = tmp_path / "run.parquet"
+    assert run(*SHORT, "--output", path)[0] == 0
+    frame = parquet.read_table(path)
+    expected = integrators.integrate(TOPS["generic"].top, TOPS["generic"].state, 0.1, 20, every=1)
+    assert frame.column_names == ["t", "J1", "J2", "J3", "x1", "x2", "x3"]
+    assert np.array_equal(np.transpose(frame.columns), np.column_stack([expected.t, expected.y]))
+    metadata = {key.decode(): json.loads(value) for key, value in frame.schema.metadata.items()}
+    assert (metadata["method"], metadata["steps"]) == ("backlund", 20)
+
+
+def test_parquet_without_its_library(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    code, _, err = run(*SHORT, "--output", tmp_path / "run.parquet")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "pip install pyarrow" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_drawn():
+    top = TOPS["figure1"]
+    trajectory = integrators.integrate(top.top, top.state, 0.01, 200, every=1)
+    axes = output.sphere(trajectory, METHODS["backlund"], "figure1").axes[0]
+    lines = {line.get_label(): np.array(line.get_data_3d()).T for line in axes.get_lines()}
+    assert np.array_equal(lines["start"], trajectory.y[:1, 3:])
+    assert np.array_equal(lines["end"], trajectory.y[-1:, 3:])
+    front, back = (line for line in axes.get_lines() if len(line.get_data_3d()[0]) == 201)
+    seen = ~np.isnan(np.array([front.get_data_3d()[0], back.get_data_3d()[0]]))
+    assert seen.any(axis=0).all()  # every state is before or behind the sphere
+    assert (seen.sum(axis=1) > 20).all()

@@ -1,0 +1,231 @@
+"""A method of somebody else's package, the one of the documentation: found, checked, measured, and drawn with the others."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.processes
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLE = ROOT / "docs" / "example_plugin"
+
+DRAW = """
+import json
+from matplotlib.text import Text
+from experiments.catalogue import load
+from results.store import Store, make_record
+from report import page, style
+
+store = Store("results")
+listed = {}
+for name in ("phase", "work_precision"):
+    module = load(name)
+    listed[name] = [cell for cell in module.cells("quick") if cell.get("method") == "suzuki4"]
+    few = [cell for cell in listed[name] if cell.get("part") != "time" and cell.get("span", 100) == 100]
+    for position, cell in enumerate(few):
+        done = {"status": "done", "rows": module.measure(cell), "error": None, "warnings": [], "seconds": 0.0}
+        store.append(make_record(name, module.VERSION, position, cell, **done))
+    with style.apply():
+        figures = module.draw(store.rows(name))
+        texts = {text.get_text() for figure in figures.values() for text in figure.findobj(Text)}
+    assert "Suzuki 4" in texts, texts
+    assert figures
+table = load("phase").tables(store.rows("phase"))["orders"].set_index("state")
+report = page.assemble(store.folder)
+print(json.dumps({
+    "cells": {name: len(cells) for name, cells in listed.items()},
+    "order": table.measured["single steps, 8 tops"],
+    "colour": style.of("suzuki4")["color"],
+    "family": style.family("suzuki4"),
+    "fair": report.fairness.methods.set_index("method").engine["suzuki4"],
+}))
+"""
+
+
+def install(project: Path, target: Path) -> Path:
+    """What `pip install --target` would put there, without pip, build tools or a network."""
+    about = tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))
+    name, version = about["project"]["name"], about["project"]["version"]
+    for module in about["tool"]["setuptools"]["py-modules"]:
+        shutil.copy(project / f"{module}.py", target)
+    info = target / f"{name.replace('-', '_')}-{version}.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+    lines = [
+        line
+        for group, entries in about["project"]["entry-points"].items()
+        for line in (f"[{group}]", *(f"{key} = {value}" for key, value in entries.items()))
+    ]
+    (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
+    return target
+
+
+@pytest.fixture
+def python(tmp_path):
+    """python(*words) in an empty folder, with the example installed: (exit code, stdout, stderr)."""
+    (tmp_path / "site").mkdir()
+    path = os.pathsep.join((str(install(EXAMPLE, tmp_path / "site")), str(ROOT)))
+    environment = {**os.environ, "PYTHONPATH": path}
+    (tmp_path / "results").mkdir()
+
+    def call(*words):
+        done = subprocess.run(
+            [sys.executable, *words], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
+        return done.returncode, done.stdout, done.stderr
+
+    return call
+
+
+def test_found_and_checked(python):
+    code, out, err = python("-m", "lagrange_bench", "check", "suzuki4", "--quick", "--json")
+    assert code == 0, err
+    assert "suzuki4" in out
+    code, out, err = python("-m", "lagrange_bench", "methods", "--json")
+    assert code == 0, err
+    (found,) = (method for method in json.loads(out) if method["name"] == "suzuki4")
+    assert (found["order"], found["family"], found["available"]) == (4, "splitting", True)
+
+
+def test_measured_and_drawn(python):
+    code, out, err = python("-c", DRAW)
+    assert code == 0, err
+    said = json.loads(out.splitlines()[-1])
+    assert all(said["cells"].values())
+    assert said["order"] == pytest.approx(4, abs=0.15)
+    assert said["family"] == "splitting"
+    assert said["fair"].startswith("compiled")
+
+
+def test_a_taken_name_is_left_out_with_one_warning(python, tmp_path):
+    project = tmp_path / "project"
+    project.mkdir()
+    text = (EXAMPLE / "pyproject.toml").read_text(encoding="utf-8").replace("suzuki4 =", "rk4 =")
+    (project / "pyproject.toml").write_text(text.replace('"suzuki-top"', '"taken-top"'), encoding="utf-8")
+    shutil.copy(EXAMPLE / "suzuki_top.py", project)
+    install(project, tmp_path / "site")
+    code, out, err = python("-m", "lagrange_bench", "methods", "--json")
+    assert code == 0, err
+    names = [method["name"] for method in json.loads(out)]
+    assert names.count("rk4") == 1
+    assert "suzuki4" in names
+    assert err.count("RuntimeWarning") == 1
+    assert "give the method another name, or pip uninstall taken-top" in err
+    code, out, err = python("-m", "lagrange_bench", "check", "rk4", "--quick")
+    assert code == 0, err
+    assert "order 4" in out
+    assert out.splitlines()[-1].startswith("rk4 (")
+    assert err.count("RuntimeWarning") == 1
+
+
+def test_a_name_that_is_taken_and_a_name_without_a_colon(python, tmp_path):
+    text = (EXAMPLE / "suzuki_top.py").read_text(encoding="utf-8")
+    (tmp_path / "my_method.py").write_text(text.replace('name="suzuki4"', 'name="rk4"'), encoding="utf-8")
+    code, out, err = python("-m", "lagrange_bench", "check", "my_method:METHOD", "--quick")
+    assert "the name rk4 is taken: choose another for an entry point" in out, err
+    code, out, err = python("-m", "lagrange_bench", "check", "my_method")
+    assert (code, out) == (2, "")
+    assert err.endswith("for the one in my_method.py say my_method:METHOD\n")
+    code, out, err = python("-m", "lagrange_bench", "check", "suzuki5")
+    assert code == 2
+    assert err.endswith("unknown method 'suzuki5'; did you mean 'suzuki4'? All: lagrange-bench methods\n")
+    code, out, err = python("-m", "lagrange_bench", "check", "suzuki_top:METHOD", "--quick")
+    assert "is taken" not in out, "its own entry point does not clash with it"
+
+
+# ---------------------------------------------------------------- what results are stored under
+
+KEYS = """
+import json, sys
+from results.store import cell_key
+print(json.dumps([cell_key("toy", 1, {"method": name}) for name in sys.argv[1:]]))
+"""
+
+
+def test_an_edit_of_ones_own_method_is_another_key(python, tmp_path):
+    """Whatever process asks, and wherever the files are; nothing else of the folder counts, and nothing does for ours."""
+
+    def keys():
+        code, out, err = python("-c", KEYS, "rk4", "suzuki4", "mine:METHOD", "nobody")
+        assert code == 0, err
+        return json.loads(out)
+
+    def edit(name, text):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+
+    edit("helper.py", "# one\n")
+    edit("other.py", "# one\n")
+    edit("mine.py", "import helper\nfrom suzuki_top import METHOD\n")
+    first = keys()
+    assert keys() == first
+    edit("other.py", "# two\n")
+    assert keys() == first
+    edit("helper.py", "# two\n")
+    second = keys()
+    assert [a == b for a, b in zip(first, second, strict=True)] == [True, True, False, True]
+    plug_in = tmp_path / "site" / "suzuki_top.py"
+    plug_in.write_text(plug_in.read_text(encoding="utf-8") + "\n", encoding="utf-8")
+    third = keys()
+    assert [a == b for a, b in zip(second, third, strict=True)] == [True, False, False, True]
+    (about,) = (tmp_path / "site").glob("*.dist-info/METADATA")
+    about.write_text(about.read_text(encoding="utf-8").replace("1.0", "1.1"), encoding="utf-8")
+    assert [a == b for a, b in zip(third, keys(), strict=True)] == [True, False, True, True]
+
+
+def test_a_whole_package_counts(tmp_path, monkeypatch):
+    from results import plugin_sources as method_source
+
+    package = tmp_path / "of_mine"
+    (package / "deep").mkdir(parents=True)
+    for file in ("__init__.py", "methods.py", "deep/kernels.py", "notes.txt"):
+        (package / file).write_text("import beside, integrators, numpy\n", encoding="utf-8")
+    (tmp_path / "beside.py").write_text("", encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    found = method_source._files({"of_mine.methods"})
+    assert set(found) == {"of_mine/__init__.py", "of_mine/methods.py", "of_mine/deep/kernels.py", "beside.py"}
+    (tmp_path / "x.dist-info").mkdir()
+    assert "beside.py" not in method_source._files({"of_mine.methods"}), "packages are installed there"
+    assert method_source._files({"sys", "__main__", "no_such_module"}) == {}
+    assert method_source.digest("no_such_module:METHOD") is None
+
+
+def test_built_in_methods_keep_their_keys(monkeypatch):
+    """To the letter: what is stored stays valid."""
+    from integrators.registry import BUILT_IN
+    from results import store
+
+    monkeypatch.setattr(store, "_packages", lambda: {"numpy": "2.0"})
+    golden = {
+        "rk4": "6d8442c1de6ff5ea2133bc23150e855a869c81875ae628560e5ff26e54e2ca84",
+        "backlund": "f1ca553e558d5c6df57f18019433672e27472e89b505b113dfb6de80444d2edc",
+    }
+    assert {name: store.cell_key("drift", 3, {"method": name, "h": 0.125}) for name in golden} == golden
+    for name in BUILT_IN:
+        content = {"cell": {"method": name}, "experiment": "drift", "packages": {"numpy": "2.0"}, "version": 3}
+        text = json.dumps(content, separators=(",", ":"))
+        assert store.cell_key("drift", 3, {"method": name}) == hashlib.sha256(text.encode()).hexdigest()
+
+
+def test_not_there_unless_installed():
+    """The control: without its package the name is unknown."""
+    from integrators import METHODS
+
+    assert "suzuki4" not in METHODS
+
+
+def test_the_documents_name_what_there_is():
+    text = (ROOT / "docs" / "adding-a-method.md").read_text(encoding="utf-8")
+    from dataclasses import fields
+
+    from integrators.interface import FAMILIES, Method
+
+    for name in (*FAMILIES, *(field.name for field in fields(Method))):
+        assert name in text, name

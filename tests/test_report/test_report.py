@@ -1,0 +1,463 @@
+"""The report shows what is stored, all of it, offline, the same bytes every time; and says what it cannot show."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import io
+import re
+import shutil
+import sys
+from html import unescape
+from html.parser import HTMLParser
+from types import ModuleType
+
+import matplotlib
+import numpy as np
+import pandas as pd
+import pytest
+
+from experiments.drawing import style
+from integrators import METHODS
+from lagrange_bench.__main__ import main
+from report import (
+    claims,
+    fairness,
+    origin,
+    page,
+    promises,
+    summary,
+)
+from report.claims import Claim
+from results import store
+
+NASTY = "50 % of a_b & <script>alert(1)</script> | α"
+
+
+def toy(name: str, draw, make_tables) -> ModuleType:
+    module = ModuleType(name, f"Toy {name}: does it show?\n\nAbout {name}.")
+
+    def forbidden(*_):
+        raise AssertionError("the report must not measure")
+
+    module.VERSION, module.cells, module.measure = 1, forbidden, forbidden
+    module.draw, module.tables = draw, make_tables
+    return module
+
+
+def draw_good(rows):
+    drawn = {}
+    for name in ("first", "second"):
+        fig, ax = style.figure("column")
+        for method in style.ordered(rows.method):
+            chosen = rows[rows.method == method]
+            ax.loglog(chosen.h, chosen.drift, **style.of(method))
+            style.failure_marks(ax, chosen[chosen.status == "failed"].h, method)
+        ax.fill_between([1e-2, 1], 1e-9, 1e-8, hatch="/", clip_on=True)
+        style.legend_below(fig)
+        fig.caption = f"The {name} caption, {NASTY}"
+        drawn[name] = fig
+    return drawn
+
+
+def make_tables(rows):
+    drift = rows[rows.status == "done"][["method", "h", "drift"]].rename(columns={"drift": "max_drift & more"})
+    return {"all": drift, "median": rows.groupby("method")[["drift"]].median().assign(note=NASTY)}
+
+
+def draw_broken(rows):
+    raise ZeroDivisionError("<b>no luck</b>")
+
+
+def outcome(rows=(), message=None):
+    error = message and {"type": "StepError", "message": message, "traceback": "Traceback …"}
+    status = "failed" if message else "done"
+    return {"status": status, "rows": list(rows), "error": error, "warnings": [], "seconds": 0.5}
+
+
+CLAIMS = [
+    Claim("holds", "Drift stays small.", "toy.good", claims.within(1e-3, "drift", method="backlund")),
+    Claim("refuted", "Drift stays tiny.", "toy.good", claims.within(1e-30, "drift", method="backlund")),
+    Claim("failed", "A method that failed is fine.", "toy.good", claims.within(1e9, "drift", method="rk45")),
+    Claim("absent", "Nobody measured this.", "toy.good", claims.within(1.0, "colour", method="backlund")),
+    Claim("unstored", "Nothing is stored.", "toy.empty", claims.at_most(1.0, "drift")),
+]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Results of three toys: one in order (with a failed cell and a torn line), one that cannot be drawn, one empty."""
+    folder = tmp_path_factory.mktemp("results")
+    with pytest.MonkeyPatch.context() as patch:
+        for name, draw in (("toy.good", draw_good), ("toy.broken", draw_broken), ("toy.empty", draw_broken)):
+            patch.setitem(sys.modules, name, toy(name, draw, make_tables))
+        patch.setattr(page, "EXPERIMENTS", ("toy.good", "toy.broken", "toy.empty"))
+        patch.setattr(promises, "CLAIMS", CLAIMS)
+        journals = store.Store(folder)
+        for name in ("toy.good", "toy.broken"):
+            for i, method in enumerate(("backlund", "rk45", "somebody_elses")):
+                for j, h in enumerate((0.01, 0.1, 1.0)):
+                    bad = "Newton gave up <here>" if (method, h) == ("rk45", 1.0) else None
+                    done = outcome([{"drift": 1e-12 * h**i}], bad)
+                    journals.append(store.make_record(name, 1, 3 * i + j, {"method": method, "h": h}, **done))
+        with (folder / "toy.good.jsonl").open("ab") as file:
+            file.write(b'{"torn')
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def report(results):
+    return page.assemble(results)
+
+
+@pytest.fixture
+def text(report, tmp_path):
+    """The page; it is in tmp_path/out."""
+    return page.write(report, tmp_path / "out").read_text(encoding="utf-8")
+
+
+def markup(text):
+    """The page without what is between its script tags: there `url(` and `href="#` are text of a program."""
+    return re.sub(r"(<script[^>]*>).*?(</script>)", r"\1\2", text, flags=re.DOTALL)
+
+
+class Elements(HTMLParser):
+    """Every element's attributes, and the text outside style and script."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.attributes, self.tags, self.words = [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += attrs
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def test_page_is_one_offline_file_with_every_figure_and_table(text, tmp_path):
+    found = Elements(text)
+    assert found.tags.count("svg") == 1 + 2, "the letters, and the figures"
+    assert sorted(p.name for p in (tmp_path / "out" / "figures").iterdir()) == [
+        "toy.good_first.svg",
+        "toy.good_second.svg",
+    ]
+    assert {p.suffix for p in (tmp_path / "out" / "tables").iterdir()} == {".md", ".tex", ".csv"}
+    for name, value in found.attributes:
+        if name in ("src", "href", "xlink:href", "action", "poster", "srcset"):
+            assert value.startswith(("#", "data:")), (name, value)
+    assert not {"link", "iframe", "object", "embed", "img"} & set(found.tags)
+    assert not re.search(r"@import|url\((?!#)", markup(text))
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
+    assert "default-src 'none'" in policy, "what a script might ask for, a browser would not let it have"
+    assert "connect-src" not in policy
+    assert set(re.findall(r"https?://[^\s\"'<]*", markup(text))) <= {
+        "http://www.w3.org/2000/svg",
+        "http://www.w3.org/1999/xlink",
+    }
+
+
+def test_ids_are_unique_and_every_reference_has_its_target(text):
+    ids = [value for name, value in Elements(text).attributes if name == "id"]
+    assert len(ids) == len(set(ids))
+    plain = markup(text)
+    targets = set(re.findall(r'href="#([^"]+)"', plain)) | set(re.findall(r"url\(#([^)]+)\)", plain))
+    assert targets <= set(ids)
+    assert any(target.startswith("toy.good_second-") for target in targets), "the figures use no ids: a vacuous test"
+
+
+def test_the_rows_are_in_the_page(report, text):
+    for section in report.sections:
+        found = re.search(rf'id="rows-{section.experiment}">([^<]*)<', text)
+        assert bool(found) == bool(len(section.rows))
+        if found:
+            rows = pd.read_csv(io.BytesIO(gzip.decompress(base64.b64decode(found[1]))))
+            assert len(rows) == len(section.rows)
+            assert rows.drift.dropna().tolist() == section.rows.drift.dropna().tolist()
+            assert rows.status.tolist() == section.rows.status.tolist()
+
+
+def test_the_summary_says_what_is_missing(report, text):
+    assert [sentence.found for sentence in report.summary] == [False] * 3
+    assert "No data: nothing of phase is stored." in text
+
+
+def test_the_summary_is_written_from_rows():
+    phase = [("backlund", 1.0, 4e-15), ("backlund", 8.0, 2e-15), ("taylor_fixed", 1.0, 5.5e-11), ("rk4", 1.0, 0.1)]
+    rows = {
+        "phase": pd.DataFrame(phase, columns=["method", "h", "error"]).assign(part="h", state="generic", status="done"),
+        "cost": pd.DataFrame({"part": ["step"]}),
+    }
+    accuracy, cost, drift = summary.sentences(rows)
+    assert accuracy.found
+    for words in ("from 1 to 8", "within 4×10⁻¹⁵", "“Taylor 20, fixed step”, is off by 5.5×10⁻¹¹", "1 of 2 are off"):
+        assert words in accuracy.text
+    assert not cost.found
+    assert not drift.found
+    refuted = rows["phase"].assign(status="failed", failure="StepError: no", error=np.nan)
+    assert "failed" in summary.sentences({"phase": refuted})[0].text
+
+
+def test_same_rows_same_bytes(results, tmp_path, monkeypatch):
+    first = page.build(results, tmp_path / "a").parent
+    moved = shutil.copytree(results, tmp_path / "elsewhere" / results.name)
+    monkeypatch.setitem(matplotlib.rcParams, "lines.linewidth", 7.0)  # the reader's own taste
+    second = page.build(moved, tmp_path / "b").parent
+    files = sorted(p.relative_to(first) for p in first.rglob("*") if p.is_file())
+    assert len(files) == 1 + 2 + 12
+    assert files == sorted(p.relative_to(second) for p in second.rglob("*") if p.is_file())
+    for file in files:
+        assert (first / file).read_bytes() == (second / file).read_bytes(), file
+
+
+def test_the_page_says_what_it_was_drawn_from_and_how_to_draw_that_again(results, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(results, tmp_path / "mine" / "quick")
+    report = page.assemble(tmp_path / "mine" / "quick")
+    told = markup(page.html(report))
+    words = unescape(re.sub("<[^>]*>", "", told))
+    assert "Drawn from mine/quick; quick profile; 20" in words
+    assert "redraw: lagrange-bench figure toy.good_first --results mine/quick " in words
+    assert "recompute: lagrange-bench run toy.good --profile quick --results mine/quick" in words
+    assert "check: lagrange-bench run toy.good --profile quick --results mine/quick && lagrange-bench report" in words
+    assert str(tmp_path) not in told
+    assert page.assemble(results).origin.startswith(f"{results.name}; "), "not where it is on this machine"
+
+
+def test_the_page_says_which_rows_are_old(results, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = shutil.copytree(results, tmp_path / "mine" / "quick")
+    assert not any(section.old for section in page.assemble(folder).sections)
+    assert "other source code" not in page.html(page.assemble(folder))
+    for i, digest in enumerate(("0" * 16, "0" * 16, None)):
+        record = store.make_record(
+            "toy.good", 1, 9 + i, {"method": "backlund", "h": 2.0 + i}, **outcome([{"drift": 1e-9}])
+        )
+        store.Store(folder).append({**record, "sources": digest})
+    report = page.assemble(folder)
+    old = "2 stored cells were computed with other source code than this; "
+    old += "1 stored cell was computed with source code that was not recorded"
+    assert [section.old for section in report.sections] == [old, "", ""]
+    assert report.origin.endswith(f"; {old}")
+    words = unescape(re.sub("<[^>]*>", "", markup(page.html(report))))
+    assert (
+        f"{old}. Compute them again: lagrange-bench run toy.good --profile quick --results mine/quick --again" in words
+    )
+
+
+def test_machines_and_commits_are_named_if_they_are_few():
+    source = pd.DataFrame(
+        {"utc": "2026-11-21T00:00:00", "cpu": "EPYC", "commit": list("abc"), "dirty": [False, True, None]}
+    )
+    assert origin.told(origin.Origin("r"), [source]) == "r; 2026-11-21; EPYC; 3 commits"
+    assert origin.told(origin.PUBLISHED, [source[:2]]).endswith(
+        "; full profile; 2026-11-21; EPYC; commit a, b with changes"
+    )
+    assert origin.told(origin.Origin("r"), []) == "r"
+
+
+def record(cell):
+    return {"cell": store.clean(cell)}
+
+
+def test_the_profile_is_known_by_the_cells():
+    module = ModuleType("study")
+    module.cells = lambda profile: [{"h": h} for h in ((0.1, 1.0) if profile == "quick" else (0.01, 0.1))]
+    for stored, known in (((0.1,), ("quick", "full")), ((1.0,), ("quick",)), ((0.01, 0.1), ("full",)), ((7.0,), ())):
+        assert origin.profiles_of(module, [record({"h": h}) for h in stored]) == known
+    del module.cells
+    assert origin.profiles_of(module, []) is None
+
+
+@pytest.mark.parametrize(
+    ("folder", "profiles", "profile"),
+    [
+        ("out", [("quick", "full"), ("full",), None], "full"),
+        ("out", [("quick", "full")], "quick"),  # the same cells
+        ("full", [("quick", "full")], "full"),
+        ("full", [("quick",)], "quick"),
+        ("quick", [None], "quick"),
+        ("out", [None], None),
+        ("out", [("quick",), ("full",)], None),
+    ],
+)
+def test_the_profile_of_a_folder(tmp_path, monkeypatch, folder, profiles, profile):
+    monkeypatch.chdir(tmp_path)
+    assert origin.find(tmp_path / folder, profiles) == origin.Origin(folder, profile)
+
+
+def test_commands_of_the_usual_folders_are_short():
+    reference = origin.find(store.default_results(), [()])
+    assert (reference.option, reference.run("phase")) == ("", "lagrange-bench run phase --profile full")
+    assert reference.report == "lagrange-bench report --results results/local/full"
+    quick = origin.find(store.default_results("quick"), [("quick",)])
+    assert quick.run("phase") == "lagrange-bench run phase --profile quick"
+    assert quick.report == "lagrange-bench report --results results/local/quick"
+    sweep = origin.find(store.default_results("mine"), [None])
+    assert sweep.run("sweep_mine") == "lagrange-bench run FILE.toml"
+    assert origin.Origin("my out").run("sweep_mine") == "lagrange-bench run FILE.toml --results 'my out'"
+
+
+def test_drawn_in_two_processes_it_is_the_same(tmp_path):
+    shutil.copy(store.default_results() / "perturbed.jsonl", tmp_path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page, "EXPERIMENTS", ("perturbed", "no_such_experiment"))
+        alone, shared = page.assemble(tmp_path), page.assemble(tmp_path, processes=2)
+    assert page.html(shared) == page.html(alone)
+    assert [len(section.figures) > 0 for section in shared.sections] == [True, False]
+    assert any("no_such_experiment" in error for error in shared.errors)
+
+
+def test_what_is_missing_is_said_in_its_place(report, text):
+    sections = {part.split('"')[0]: part for part in text.split('<section id="')[1:]}
+    assert "ZeroDivisionError: &lt;b&gt;no luck&lt;/b&gt;" in sections["toy.broken"]
+    assert "toy.broken_median" in sections["toy.broken"], "the tables do not need the figures"
+    assert "No data" in sections["toy.empty"]
+    assert "toy.good.jsonl, line 10: cut off while it was written" in sections["toy.good"]
+    assert "StepError: Newton gave up &lt;here&gt;" in sections["failures"]
+    assert "numpy" in sections["environment"]
+    assert np.__version__ in sections["environment"]
+    assert report.errors == ["toy.broken: figures cannot be drawn: ZeroDivisionError: <b>no luck</b>"]
+
+
+def test_text_from_results_is_escaped(text):
+    assert "<script>alert" not in text
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in text
+    assert Elements(text).tags.count("script") == text.count("<script") == 2 + 2, "the page's own, Plotly, rows of two"
+
+
+def test_no_results_at_all(tmp_path):
+    report = page.assemble(tmp_path)
+    text = page.write(report, tmp_path / "out").read_text(encoding="utf-8")
+    assert text.count("nothing of this experiment is stored") == len(page.EXPERIMENTS)
+    assert {judged.verdict.passed for judged in report.claims} == {None}
+
+
+def test_a_journal_of_another_schema_costs_only_its_section(results, tmp_path, monkeypatch):
+    with monkeypatch.context() as future:
+        future.setattr(store, "SCHEMA", 99)
+        store.Store(tmp_path).append(store.make_record("toy.broken", 1, 0, {}, **outcome([{"drift": 1.0}])))
+    (error,) = page.assemble(tmp_path).errors
+    assert error.startswith("toy.broken: toy.broken.jsonl, line 1: written with schema 99"), error
+
+
+def test_files_of_figures_that_are_no_more_go_and_others_stay(report, tmp_path):
+    (tmp_path / "figures").mkdir()
+    for name in ("toy.good_gone.svg", "toy.good_notes.txt", "mine.svg"):
+        (tmp_path / "figures" / name).write_text("x")
+    page.write(report, tmp_path)
+    left = {p.name for p in (tmp_path / "figures").iterdir()}
+    assert left == {"toy.good_first.svg", "toy.good_second.svg", "toy.good_notes.txt", "mine.svg"}
+
+
+def test_a_write_that_fails_leaves_the_old_page(report, tmp_path, monkeypatch):
+    index = page.write(report, tmp_path)
+    before = index.read_bytes()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(page.os, "replace", full)
+    with pytest.raises(OSError, match="No space") as raised:
+        page.write(report, tmp_path)
+    assert raised.value.filename == str(tmp_path / "figures" / "toy.good_first.svg"), "not the temporary one"
+    assert index.read_bytes() == before
+    assert not list(tmp_path.rglob(".*"))
+
+
+def test_write_experiment_draws_one_and_raises_what_drawing_raises(results, tmp_path):
+    written = page.write_experiment("toy.good", results, tmp_path)
+    assert len(written) == 2 + 2 * 3
+    assert all(path.is_file() for path in written)
+    with pytest.raises(ZeroDivisionError):
+        page.write_experiment("toy.broken", results, tmp_path)
+
+
+def test_command_line(results, tmp_path, capsys):
+    assert main(["report", "--results", str(results), "--output", str(tmp_path / "out")]) == 1, "a toy cannot be drawn"
+    out, err = capsys.readouterr()
+    assert out == f"{(tmp_path / 'out' / 'index.html').resolve()}\n"
+    assert "not drawn: toy.broken" in err
+    assert err.startswith(f"drawn from {results}\n")
+    assert main(["report", "--results", str(tmp_path / "nowhere"), "--output", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    (tmp_path / "file").write_text("")
+    assert main(["report", "--results", str(results), "--output", str(tmp_path / "file")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_verdicts(report, text):
+    verdicts = {judged.claim.id: judged.verdict for judged in report.claims}
+    assert {name: verdict.word for name, verdict in verdicts.items()} == {
+        "holds": "pass",
+        "refuted": "fail",
+        "failed": "fail",
+        "absent": "no data",
+        "unstored": "no data",
+    }
+    assert "1 of 3 failed: StepError" in verdicts["failed"].note
+    assert "colour" in verdicts["absent"].note
+    for words in ("1 pass", "2 fail", "2 no data", "run</span> <span>toy.good</span>"):
+        assert words in text
+
+
+def test_fairness_tells_every_method_and_needs_no_rows(report, text):
+    methods = report.fairness.methods.set_index("method")
+    assert list(methods.index) == list(METHODS)
+    assert methods.engine["rk45"] == "SciPy, interpreted"
+    assert methods.engine["backlund"].startswith("compiled")
+    assert '<section id="fairness">' in text
+    assert "no property of the method" not in text, "nothing of the cost experiment is stored"
+
+
+def test_fairness_says_what_the_rows_say():
+    cost = pd.DataFrame(
+        {
+            "part": "step",
+            "status": "done",
+            "method": ["backlund", "rk45", "rk45_fixed"],
+            "ns_per_step": [20.0, 36000.0, 40.0],
+            "evals_per_step": [0.0, 6.1, 6.0],
+            "setup_us": [60.0, 4.0, 3.0],
+        }
+    )
+    work = pd.DataFrame(
+        {
+            "method": ["a", "a", "b", "b"],
+            "span": 100.0,
+            "state": "generic",
+            "longest": 1.0,
+            "seconds": [1e-5, np.nan, 2e-5, 4e-5],
+            "stopped": [None, "too long", "refused", None],
+        }
+    )
+    assert "Most of that" not in dict(fairness.assemble({"cost": cost}).rules)["Set-up and compilation apart."]
+    ensemble = pd.DataFrame({"part": "setup", "status": "done", "setup_us": [2.0, 7.0]})
+    rules, methods = fairness.assemble({"cost": cost, "work_precision": work, "ensemble": ensemble})
+    said = dict(rules)
+    assert "take 2 µs for a top, and up to 7 µs" in said["Set-up and compilation apart."]
+    assert "a factor of 900 " in said["Compiled or not."]
+    assert "60 µs for the exact" in said["Set-up and compilation apart."]
+    assert "falls no more (0 of 2 curves) or one run would take too long (1)" in said["Each at its best step."]
+    methods = methods.set_index("method")
+    assert methods["evaluations per step"]["backlund"] == "none"
+    assert methods["evaluations per step"]["rk45_fixed"] == 6.0
+
+
+def test_three_formats_of_a_table(text, tmp_path):
+    path = tmp_path / "out" / "tables"
+    whole = pd.read_csv(path / "toy.good_all.csv")
+    assert list(whole.columns) == ["method", "h", "max_drift & more"]
+    assert whole["max_drift & more"].tolist() == [1e-12 * h**i for i in range(3) for h in (0.01, 0.1, 1.0)][:5] + [
+        1e-12 * h**2 for h in (0.01, 0.1, 1.0)
+    ]
+    assert pd.read_csv(path / "toy.good_median.csv").note[0] == NASTY
+    lines = (path / "toy.good_median.md").read_text(encoding="utf-8").splitlines()
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {4}
+    tex = (path / "toy.good_median.tex").read_text(encoding="utf-8")
+    for rule in (r"\toprule", r"\midrule", r"\bottomrule", r"\begin{tabular}{@{}lrl@{}}"):
+        assert rule in tex
+    assert r"50 \% of a\_b \& \textless{}script\textgreater{}alert(1)" in tex
+    assert r"somebody\_elses" in tex
