@@ -26,7 +26,7 @@ from integrators import INVARIANTS, TOPS, StepError, integrate, machine, prepare
 from integrators.checks import MOST, check_count, check_options, check_real, check_state, check_step
 from integrators.interface import Array, Method
 from integrators.problem.top import LagrangeTop
-from integrators.registry import find_method, find_stored_method
+from integrators.registry import NotInstalled, find_method, find_stored_method
 from integrators.truth import exact
 from integrators.words import numbers, option, suggestion
 
@@ -177,7 +177,7 @@ def _check_method(name: Any, knob: str, options: dict[str, Any], place: str) -> 
         raise ValueError(f"{place}, methods must be names; got {name!r}")
     try:
         method = find_method(name)
-    except ValueError as error:
+    except (ValueError, NotInstalled) as error:
         raise ValueError(f"{place}, methods: {error}") from None
     if knob != method.knob and (knob == "h" or method.control == "step" or knob not in method.options):
         what = "steps by h" if method.control == "step" else "chooses its own steps"

@@ -8,7 +8,6 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing import resource_tracker
 from pathlib import Path
 
 GB = 1e9
@@ -102,6 +101,8 @@ def interrupt_held_back() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
         yield
         return
+    from multiprocessing import resource_tracker
+
     caught = threading.Event()
     resource_tracker.ensure_running()  # multiprocessing's helper; starting it unblocks the signal
     handler = signal.signal(signal.SIGINT, lambda *_: caught.set())

@@ -87,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _say(f"error: {path}{error.strerror or error}", 2)
     except (ValueError, RuntimeError) as error:
         expected = _exit_code(error)
-        if expected is None or sys.flags.dev_mode:  # python -X dev -m experiments: for developers
+        if expected is None or sys.flags.dev_mode:  # python -X dev -m lagrange_bench: for developers
             raise
         return _say(f"error: {error}", expected)
 
@@ -135,7 +135,9 @@ def _exit_code(error: Exception) -> int | None:
     cluster = sys.modules.get("lagrange_bench.runner.cluster")
     if isinstance(error, (ValueError, StoreError)) or (cluster and isinstance(error, cluster.ClusterError)):
         return 2
-    interface = sys.modules.get("integrators.interface")
+    interface, registry = (sys.modules.get(f"integrators.{name}") for name in ("interface", "registry"))
+    if registry is not None and isinstance(error, registry.NotInstalled):
+        return 2
     return 1 if interface is not None and isinstance(error, interface.StepError) else None
 
 

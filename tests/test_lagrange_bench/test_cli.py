@@ -397,7 +397,7 @@ def cells(profile): return [{"i": i} for i in range(3)]
 def measure(cell): return [{"square": cell["i"] ** 2}]
 def tables(rows): return {}
 def draw(rows):
-    from report import style
+    from lagrange_bench import style
     fig, ax = style.figure("column")
     ax.plot(rows.i, rows.square)
     return {"squares": fig}

@@ -223,7 +223,7 @@ def test_interrupt(tmp_path, whom):
     assert nobody_left(run.pid)
     assert len(comparable(tmp_path)) == 6
     resumed = start([*squares(1, 2, 3), *squares(4, 5, 6, 7)], tmp_path)
-    assert "6" in resumed.communicate(timeout=30)[1]
+    assert "1/1 cells" in resumed.communicate(timeout=30)[1]
     assert resumed.returncode == 0
     assert len(Store(tmp_path).read(TOY)[0]) == 7  # nothing twice
 

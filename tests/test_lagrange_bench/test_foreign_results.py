@@ -30,7 +30,7 @@ def cells(profile): return [{"i": 0}]
 def measure(cell): return [{"h": 0.1}]
 def tables(rows): return {}
 def draw(rows):
-    from report import style
+    from lagrange_bench import style
     figure, ax = style.figure("column")
     ax.plot(rows.h, rows.h)
     return {"figure": figure}

@@ -22,7 +22,8 @@ import json
 from matplotlib.text import Text
 from experiments.catalogue import load
 from results.store import Store, make_record
-from report import page, style
+from experiments.drawing import style
+from report import page
 
 store = Store("results")
 listed = {}
@@ -133,7 +134,7 @@ def test_a_name_that_is_taken_and_a_name_without_a_colon(python, tmp_path):
     assert "the name rk4 is taken: choose another for an entry point" in out, err
     code, out, err = python("-m", "lagrange_bench", "check", "my_method")
     assert (code, out) == (2, "")
-    assert err.endswith("for the one in my_method.py say my_method:METHOD\n")
+    assert err.endswith("for the one in my_method.py use my_method:METHOD\n")
     code, out, err = python("-m", "lagrange_bench", "check", "suzuki5")
     assert code == 2
     assert err.endswith("unknown method 'suzuki5'; did you mean 'suzuki4'? All: lagrange-bench methods\n")
