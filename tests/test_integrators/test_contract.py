@@ -48,7 +48,11 @@ def test_claims(name):
 
 
 def test_every_file_of_methods_is_registered():
-    files = {path.stem for path in Path(methods.__file__).parent.glob("*.py")} - {"__init__"}
+    files = {path.stem for path in Path(methods.__file__).parent.glob("*.py")} - {
+        "__init__",
+        "dense",
+        "tableaux",
+    }  # what several of them use
     known = {entry.value.partition(":")[0].rpartition(".")[2] for entry in METHODS._entries.values()}
     assert files <= known
 
