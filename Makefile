@@ -2,12 +2,13 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help bench test stress lint full report docs clean
+.PHONY: help bench test test-oldest stress lint full report docs clean
 
 help:
 	@echo "make bench   set up, run the quick profile (about 3 minutes), write report/index.html"
 	@echo "make test    set up, run the tests (about 7 minutes)"
 	@echo "make stress  repeat the tests that start processes beside busy loops (hours); ROUNDS=30 MINUTES=240"
+	@echo "make test-oldest   the tests with the oldest versions of all packages (tests/oldest.txt), in .venv-oldest"
 	@echo "make full    set up, run the full profile (about 40 minutes), write report/index.html"
 	@echo "make report  draw the committed reference run again, computing nothing"
 	@echo "make docs    write the reference of all modules to build/docs, to be read offline"
@@ -33,6 +34,9 @@ MINUTES ?= 240
 stress: .venv/ready
 	$(BIN)/python tests/stress.py --rounds $(ROUNDS) --minutes $(MINUTES) -- -n auto --dist loadgroup
 
+test-oldest: .venv-oldest/ready
+	.venv-oldest/bin/python -m pytest -n auto --dist worksteal -q
+
 docs: .venv/ready
 	$(BIN)/python docs/reference.py
 
@@ -47,6 +51,11 @@ lint: .venv/ready
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
 	@touch $@
 
+.venv-oldest/ready: pyproject.toml tests/oldest.txt
+	$(PYTHON) -m venv .venv-oldest
+	.venv-oldest/bin/pip install --quiet --disable-pip-version-check --constraint tests/oldest.txt --editable '.[test]'
+	@touch $@
+
 clean:
-	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-oldest build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	rm -rf report/index.html report/figures report/tables

@@ -11,7 +11,6 @@ import contextlib
 import errno
 import importlib
 import json
-import math
 import os
 import re
 import sys
@@ -244,7 +243,7 @@ def parser() -> Parser:
     summary = "errata of the paper, printed and corrected"
     errata = add("errata", summary, ERRATA, ERRATA_EXAMPLES, "commands:errata")
     errata.add_argument("--points", type=positive, default=8, metavar="N", help="random points for each (default: 8)")
-    errata.add_argument("--seed", type=int, default=0, metavar="N", help="of the points (default: 0)")
+    errata.add_argument("--seed", type=whole, default=0, metavar="N", help="of the points (default: 0)")
     summary = "completion for bash, zsh or fish"
     shell = add("completion", summary, COMPLETION, COMPLETION_EXAMPLES, "completion:completion")
     shell.add_argument("shell", choices=("bash", "zsh", "fish"), metavar="SHELL", help="bash, zsh or fish")
@@ -296,6 +295,7 @@ def _add_compare(command: argparse.ArgumentParser) -> None:
     command.add_argument("--verbose", action="store_true", help="list every cell that was added or removed")
     text = "a ratio of times up to 1 + R is called the same (default: 0.1)"
     command.add_argument("--threshold", type=tolerance, metavar="R", default=0.1, help=text)
+    _add_module(command)
 
 
 def _add_verify(command: argparse.ArgumentParser) -> None:
@@ -303,13 +303,14 @@ def _add_verify(command: argparse.ArgumentParser) -> None:
     command.add_argument("folder", nargs="?", type=Path, metavar="DIR", help=text)
     text = "how many cells (default: 60, less than a minute on two cores)"
     command.add_argument("--sample", type=positive, metavar="N", default=60, help=text)
-    command.add_argument("--seed", type=int, metavar="N", default=0, help="another sample (default: 0)")
+    command.add_argument("--seed", type=whole, metavar="N", default=0, help="another sample (default: 0)")
     text = "only cells that were computed with other source code, or nobody knows with which"
     command.add_argument("--old", action="store_true", help=text)
     text = "leave out cells that took longer when they were stored (default: 3)"
     command.add_argument("--longest", type=seconds, metavar="SECONDS", default=3.0, help=text)
     command.add_argument("--jobs", type=positive, metavar="N", help="worker processes (default: one per usable core)")
     command.add_argument("--quiet", action="store_true", help="no progress on stderr")
+    _add_module(command)
 
 
 def _add_report(command: argparse.ArgumentParser) -> None:
@@ -320,6 +321,7 @@ def _add_report(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--quiet", action="store_true", help="no remarks on stderr; the page and the exit code have them"
     )
+    _add_module(command)
 
 
 def _add_figure(command: argparse.ArgumentParser) -> None:
@@ -334,17 +336,29 @@ def _add_figure(command: argparse.ArgumentParser) -> None:
     text = "the file, or the folder for --all (default: NAME.FORMAT, or ./figures)"
     command.add_argument("--output", type=Path, metavar="PATH", help=text)
     command.add_argument("--quiet", action="store_true", help="nothing on stderr")
+    _add_module(command)
+
+
+def _add_module(command: argparse.ArgumentParser) -> None:
+    text = "import this module of yours: an experiment, or methods named MODULE:METHOD; else only what is built in, "
+    text += "installed or a sweep is known, whatever the results say; may be repeated"
+    command.add_argument("--module", action="append", default=[], metavar="MODULE", help=text)
 
 
 LONGEST = 1e7  # s, of a --time-limit: four months
 
 
-def positive(text: str) -> int:
-    """A whole number from 1 on."""
+def whole(text: str) -> int:
+    """A whole number."""
     try:
-        number = int(text)
+        return int(integrate.read(int, text))
     except ValueError:
         raise argparse.ArgumentTypeError(f"must be a whole number; got {text!r}") from None
+
+
+def positive(text: str) -> int:
+    """A whole number from 1 on."""
+    number = whole(text)
     if number < 1:
         raise argparse.ArgumentTypeError(f"must be at least 1; got {number}")
     return number
@@ -352,10 +366,7 @@ def positive(text: str) -> int:
 
 def seconds(text: str) -> float:
     """A length of time that is worth waiting for."""
-    try:
-        number = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be a number of seconds; got {text!r}") from None
+    number = integrate.number(text)
     if not 0 < number <= LONGEST:
         raise argparse.ArgumentTypeError(f"must be positive and at most {LONGEST:g}; got {text}")
     return number
@@ -363,18 +374,15 @@ def seconds(text: str) -> float:
 
 def tolerance(text: str) -> float:
     """A number that is not negative."""
-    try:
-        number = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be a number; got {text!r}") from None
-    if not 0 <= number < math.inf:
-        raise argparse.ArgumentTypeError(f"must be finite and not negative; got {text}")
+    number = integrate.number(text)
+    if number < 0:
+        raise argparse.ArgumentTypeError(f"must not be negative; got {text}")
     return number
 
 
 def shard(text: str) -> tuple[int, int]:
     """(I, N) of "I/N", 0 ≤ I < N."""
-    found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text)
+    found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text, re.ASCII)
     if found is None or not int(found[1]) < int(found[2]):
         raise argparse.ArgumentTypeError(f"must be I/N with 0 <= I < N, as 0/4 … 3/4; got {text!r}")
     return int(found[1]), int(found[2])

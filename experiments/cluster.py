@@ -38,7 +38,7 @@ class ClusterError(RuntimeError):
 
 def check_address(text: str) -> str:
     """`text` if it is "local:N" or the address of a Dask scheduler; ValueError else."""
-    if re.fullmatch(r"local:[1-9]\d*|[a-z]+://.+:\d+", text):
+    if re.fullmatch(r"local:[1-9]\d*|(tcp|tls)://.+:\d+", text, re.ASCII):
         return text
     raise ValueError(f"the scheduler must be tcp://HOST:PORT or local:N; got {text!r}")
 
@@ -69,7 +69,9 @@ class Cluster:
                 _compare(facts)
         except BaseException as error:
             self._close()
-            if isinstance(error, (OSError, ImportError, RuntimeError)) and not isinstance(error, ClusterError):
+            if isinstance(error, (OSError, ImportError, RuntimeError, TypeError, ValueError)) and not isinstance(
+                error, ClusterError
+            ):
                 raise ClusterError(self._explanation(error)) from error
             raise
         return self

@@ -124,8 +124,23 @@ def run(options: argparse.Namespace) -> Answer:
         lines.append(f"again, the old cells: {shlex.join(['lagrange-bench', *options.words, '--again'])}")
     report = f"lagrange-bench report --results {shlex.quote(str(results))}"
     report += f" --output {shlex.quote(str(results / 'page'))}" if own else ""
+    report += "".join(f" --module {module}" for module in _own_modules(names))
     data = {**summary.as_dict(), "drawn": [str(path) for path in drawn], "next": report}
     return Answer("\n".join([*lines, f"next: {report}"]), data, summary.exit_code)
+
+
+def _own_modules(experiments: Iterable[str]) -> list[str]:
+    """What the user has named of their own: a report imports it only if it is named again."""
+    from experiments import SWEEP, load
+
+    modules = []
+    for name in experiments:
+        if name.startswith(SWEEP):
+            methods = [cell["method"] for cell in load(name).cells("full")]
+            modules += [method.partition(":")[0] for method in methods if ":" in method]
+        elif "." in name:
+            modules.append(name)
+    return list(dict.fromkeys(modules))
 
 
 def _sweep(name: str) -> str:
@@ -168,7 +183,7 @@ def compare(options: argparse.Namespace) -> Answer:
     """What two stores differ in; exit code 1 if in anything."""
     from experiments import compare as stores
 
-    search_current_folder()
+    import_modules(options.module)
     tolerance = {"rtol": options.rtol, "atol": options.atol}
     found = stores.compare(options.old, options.new, **tolerance, times=options.times, threshold=options.threshold)
     rows: list[tuple[str, ...]] = [("experiment", "cells old", "new", "same", "added", "removed", "changed")]
@@ -197,7 +212,7 @@ def verify(options: argparse.Namespace) -> Answer:
     from experiments import sources
     from experiments.store import default_results
 
-    search_current_folder()
+    import_modules(options.module)
     folder = options.folder or default_results()
     more = {"longest": options.longest, "jobs": options.jobs, "show": not options.quiet, "old": options.old}
     found = stores.verify(folder, options.sample, options.seed, **more)
@@ -282,8 +297,8 @@ def report(options: argparse.Namespace) -> Answer:
     """Build the page from stored results, and say what could not be drawn."""
     from report.__main__ import make
 
-    search_current_folder()
-    made = make(options.results, options.output, show=not (options.quiet or options.json))
+    show = not (options.quiet or options.json)
+    made = make(options.results, options.output, show, options.module)
     for line in made.remarks if not options.quiet else ():
         print(line, file=sys.stderr)
     data = {"page": str(made.page), "results": str(made.results), "not_drawn": made.errors, "notes": made.notes}
@@ -298,16 +313,22 @@ def figure(options: argparse.Namespace) -> Answer:
 
     if options.all == (options.name is not None):
         raise ValueError("give the name of a figure, as phase_h, or --all")
-    search_current_folder()
+    import_modules(options.module)
     results, _ = find(options.results)
     with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
         if options.all:
             chosen = {"kinds": options.format, "widths": options.width}
             some = {name: (value,) for name, value in chosen.items() if value}
-            written = export.export_all(results, options.output or Path("figures"), **some, drawn=drawn)
+            written, unknown = export.export_all(results, options.output or Path("figures"), **some, drawn=drawn)
         else:
-            written = [export.export(options.name, results, options.output, options.format or "svg", options.width)]
-    return Answer("\n".join(map(str, written)), {"written": [str(path) for path in written], "results": str(results)})
+            unknown, written = (
+                [],
+                [export.export(options.name, results, options.output, options.format or "svg", options.width)],
+            )
+    for reason in unknown if not options.quiet else ():
+        print(f"not drawn: {reason}", file=sys.stderr)
+    data = {"written": [str(path) for path in written], "not_drawn": unknown, "results": str(results)}
+    return Answer("\n".join(map(str, written)), data, 1 if unknown else 0)
 
 
 def check(options: argparse.Namespace) -> Answer:
@@ -419,6 +440,24 @@ def find_method(name: str) -> Method:
     if not available(method):
         raise ValueError(f"method {name}: {how_to_get(str(method.requires))}")
     return method
+
+
+def find_stored_method(name: str) -> Method:
+    """As `find_method`, of a name that results bring with them: no module is imported for `module:METHOD`."""
+    module, colon, _ = name.partition(":")
+    if colon and module not in sys.modules:
+        raise ValueError(f"unknown method {name!r}; if it is your own, add --module {module}")
+    return find_method(name)
+
+
+def import_modules(names: Iterable[str]) -> None:
+    """Imports the modules that the user names with --module, from the current folder too: results may name them then."""
+    for name in names:
+        search_current_folder()
+        try:
+            importlib.import_module(name)
+        except Exception as error:  # somebody's own module may raise anything
+            raise ValueError(f"--module {name} cannot be imported: {type(error).__name__}: {error}") from error
 
 
 def search_current_folder() -> None:

@@ -15,11 +15,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from experiments import load, progress, provenance, sources, workers
+from experiments import UnknownExperiment, load_stored, progress, provenance, sources, workers
+from experiments.commands import find_stored_method
 from experiments.store import SAMPLES, Record, Store, StoreError, _canonical, latest, restore
 from experiments.workers import Task
+
+if TYPE_CHECKING:
+    from integrators import Method
 
 # a column of a timing cell is a time if its name has one of these words; others by the experiment's own TIMES
 WORDS = frozenset(("ns", "us", "ms", "s", "seconds", "ratio", "speedup", "samples", "unstable", "predicted", "memory"))
@@ -101,7 +105,7 @@ def compare(
         cells = found[experiment] = Cells(len(before), len(after))
         cells.removed = [record["cell"] for key, record in before.items() if key not in after]
         cells.added = [record["cell"] for key, record in after.items() if key not in before]
-        own = times_of(experiment)
+        own, unknown = times_of(experiment), reason_unknown(experiment)
         for key in before.keys() & after.keys():
             age = sources.compared(before[key].get("sources"), after[key].get("sources"))
             cells.other_sources += age == sources.OTHER
@@ -110,6 +114,8 @@ def compare(
                 cells.changed.append((before[key]["cell"], differing))
             else:
                 cells.same += 1
+        if cells.changed and unknown:
+            notes.append(f"all columns are compared, times too: {unknown}")
         cells.changed.sort(key=lambda change: before[_canonical(change[0])]["position"])
         pairs += [(before[key], after[key]) for key in before if key in after]
     if times:
@@ -138,9 +144,20 @@ def _store(folder: Path) -> Store:
 def times_of(experiment: str) -> frozenset[str]:
     """Columns an experiment declares as times, with `TIMES`, beside those their names give away."""
     try:
-        return frozenset(getattr(load(experiment), "TIMES", ()))
+        return frozenset(getattr(load_stored(experiment), "TIMES", ()))
     except (ValueError, ImportError):  # somebody else's, and not here
         return frozenset()
+
+
+def reason_unknown(experiment: str) -> str | None:
+    """Why a stored experiment is not loaded; None if it is known."""
+    try:
+        load_stored(experiment)
+    except UnknownExperiment as error:
+        return str(error)
+    except (ValueError, ImportError):  # it is known, and cannot be loaded
+        pass
+    return None
 
 
 def is_time(column: str, cell: dict[str, Any], own: Iterable[str] = ()) -> bool:
@@ -303,9 +320,8 @@ def _judge(found: Verification, old: Record, new: Record) -> None:
 
 
 def _tolerance(method: str | None) -> Any:
-    from integrators import METHODS
-
-    compiled = method is not None and METHODS[method].engine == "numba"
+    found = None if method is None else _method(method)
+    compiled = found is not None and found.engine == "numba"
     return lambda column: (0.0, 0.0) if compiled and column in EXACT else (RTOL, ATOLS.get(column, ATOL))
 
 
@@ -316,7 +332,11 @@ def _sample(
     groups: dict[tuple[str, str, str], list[Record]] = {}
     outdated, absent, long = set(), set(), 0
     for experiment in store.experiments():
-        module = load(experiment)
+        try:
+            module = load_stored(experiment)
+        except UnknownExperiment as error:
+            found.notes.append(f"not computed: {error}")
+            continue
         for record in store.latest(experiment):
             cell, method = record["cell"], record["cell"].get("method")
             age = sources.judge(record)
@@ -325,7 +345,7 @@ def _sample(
                 continue
             if record["version"] != module.VERSION:
                 outdated.add(experiment)
-            elif method is not None and _absent(method):
+            elif method is not None and _method(method) is None:
                 absent.add(method)
             elif record["seconds"] > longest:
                 long += 1
@@ -355,7 +375,9 @@ def _comparable(record: Record, own: Iterable[str]) -> bool:
     return any(not is_time(column, record["cell"], own) for row in record["rows"] for column in row)
 
 
-def _absent(method: str) -> bool:
-    from integrators.registry import METHODS, available
-
-    return method not in METHODS or not available(METHODS[method])
+def _method(name: str) -> Method | None:
+    """The method of a stored cell; None if it is not available here, or somebody's own that nobody imported."""
+    try:
+        return find_stored_method(name)
+    except ValueError:
+        return None

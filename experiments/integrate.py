@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
@@ -102,10 +103,17 @@ def add_options(command: argparse.ArgumentParser) -> None:
 # ---------------------------------------------------------------- what the words on the command line mean
 
 
+def read(kind: Callable[[str], Any], text: str) -> Any:
+    """`kind(text)`, for ASCII without underscores: Python also reads 1_0 and the digits of other scripts, users do not."""
+    if not text.isascii() or "_" in text:
+        raise ValueError(text)
+    return kind(text)
+
+
 def number(text: str) -> float:
     """A finite real number."""
     try:
-        value = float(text)
+        value: float = read(float, text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"must be a number; got {text!r}") from None
     if not math.isfinite(value):
@@ -150,7 +158,7 @@ def option(text: str) -> tuple[str, Any]:
         raise argparse.ArgumentTypeError(f"must be KEY=VALUE; got {text!r}")
     for kind in (int, float, complex):
         try:
-            return key, kind(value)
+            return key, read(kind, value)
         except ValueError:
             continue
     return key, {"true": True, "false": False}.get(value.lower(), value)
@@ -181,11 +189,13 @@ def physical(text: str) -> dict[str, float]:
 def integrate(options: argparse.Namespace) -> Answer:
     """Follow the top, write what is wanted, and sum up."""
     from experiments import output
+    from integrators.interface import check_options
 
     name, top, y0 = _start(options)
     grid, method, settings = _grid(options), find_method(options.method), _settings(options)
     if options.times is not None and method.evaluate is None:
         raise ValueError(f"--times: {method.name} steps on a grid only; give --h and --steps")
+    check_options(method.name, method.evaluate if options.times and method.evaluate else method.prepare, settings)
     files = {"--output": options.output, "--draw": options.draw, "--animate": options.animate}
     for (flag, path), suffixes in zip(files.items(), (TABLES, PICTURES, FILMS), strict=True):
         if path is not None:  # nobody wants to learn after an hour that there is no such folder

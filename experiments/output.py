@@ -276,7 +276,9 @@ def sphere(trajectory: Trajectory, method: Method, name: str | None) -> Figure:
     ax.set(xlim=(-radius, radius), ylim=(-radius, radius), zlim=(-radius, radius))
     ax.locator_params(nbins=5)
     times = f"t = {trajectory.t[0]:g} … {trajectory.t[-1]:g}, {len(x)} states"
-    ax.set_title(f"Axis of the top{f' “{name}”' if name else ''}, |x| = {radius:.4g}\n{method.label}, {times}")
+    ax.set_title(
+        f"Axis of the top{f' “{name}”' if name else ''}, |x| = {radius:.4g}\n{style.plain(method.label)}, {times}"
+    )
     figure.legend(loc="outside lower center", ncols=2)
     figure.caption = "The axis x in the rest frame, in units of the initial state; pale where it is behind the sphere."
     return figure

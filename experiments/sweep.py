@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from experiments import SWEEP, memory, metrics
-from experiments.commands import find_method
+from experiments.commands import find_method, find_stored_method
 from experiments.integrate import numbers, option
 from experiments.states import find, follow, rounded, truth
-from integrators import INVARIANTS, TOPS, exact, integrate, prepare
+from integrators import INVARIANTS, TOPS, StepError, exact, integrate, prepare
 from integrators.interface import MOST, Array, Method, check_count, check_options, check_real, check_state, check_step
 from integrators.top import LagrangeTop
 
@@ -142,6 +142,8 @@ def _sweep(table: dict[str, Any], tops: dict[str, tuple[float, Array]], place: s
     methods = _list(table.get("methods"), f"{place}, methods")
     for name in methods:
         _check_method(name, knob, options, place)
+        if options:
+            _try_options(name, starts[0], {knob: values[0]}, options, place)
     text = ", ".join(f"{key}={value}" for key, value in options.items())
     for start in starts:
         for name in methods:
@@ -184,6 +186,21 @@ def _check_method(name: Any, knob: str, options: dict[str, Any], place: str) -> 
         raise ValueError(f"{place}, options: {error}") from None
     if knob in options:
         raise ValueError(f"{place}, options: {knob} is swept already")
+
+
+def _try_options(name: str, start: Cell, knob: dict[str, float], words: dict[str, str], place: str) -> None:
+    """Prepares the method once: what an option may be, only the method knows."""
+    method, top, y0 = find_method(name), LagrangeTop(start["alpha"]), np.array(numbers(start["y0"]))
+    options = dict(option(f"{key}={word}") for key, word in words.items())
+    try:
+        if "h" in knob:
+            prepare(top, y0, knob["h"] * top.scales(y0)[2], method, **options)
+        else:
+            integrate(top, y0, t=[0.0], method=method, **options, **knob)
+    except StepError:  # of this top and step: a result
+        pass
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{place}, options of {name}: {error}") from None
 
 
 def _options(table: Any, place: str) -> dict[str, str]:
@@ -357,8 +374,8 @@ def _panels(runs: list[tuple[Cell, pd.DataFrame]], xlabel: str) -> tuple[Any, di
     tops = list(dict.fromkeys(cell["top"] for cell, _ in runs))
     figure, axes = style.figure("page", 0.4 + 2.3 * len(tops), nrows=len(tops), ncols=2, sharex=True, squeeze=False)
     for top, (left, right) in zip(tops, axes, strict=True):
-        left.set_title(f"{top}: error")
-        right.set_title(f"{top}: worst invariant")
+        left.set_title(style.plain(f"{top}: error"))
+        right.set_title(style.plain(f"{top}: worst invariant"))
         for ax in (left, right):
             ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
             ax.set(xscale="log", yscale="log")
@@ -377,17 +394,20 @@ def _looks(runs: list[tuple[Cell, pd.DataFrame]]) -> dict[tuple[str, str], dict[
             look = style.of(method)
             if i:
                 look["linestyle"] = style.DASHES[(style.DASHES.index(look["linestyle"]) + i) % len(style.DASHES)]
-            looks[method, options] = {**look, "label": f"{_label(method)}{f' ({options})' if options else ''}"}
+            looks[method, options] = {
+                **look,
+                "label": style.plain(_label(method) + (f" ({options})" if options else "")),
+            }
     return looks
 
 
 def _label(name: str) -> str:
-    """What a legend calls a method; one of `module:METHOD` by its own label, where it can be loaded."""
+    """What a legend calls a method; one of `module:METHOD` by its own label, if it is loaded."""
     from report import style
 
     if ":" in name:
         with suppress(ValueError):
-            return find_method(name).label
+            return find_stored_method(name).label
     return style.label(name)
 
 

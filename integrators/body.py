@@ -61,7 +61,11 @@ class HeavyTop:
         node = np.array((-sp, cp, 0.0))  # theta grows by turning about this
         across = np.array((0.0, 0.0, phi_rate)) - phi_rate * ct * axis
         spin = psi_rate + phi_rate * ct  # angular velocity about the axis
-        return np.concatenate((theta_rate * node + across + (self.C / self.A) * spin * axis, axis))
+        with np.errstate(over="ignore", invalid="ignore"):
+            y0 = np.concatenate((theta_rate * node + across + (self.C / self.A) * spin * axis, axis))
+        if not np.all(np.isfinite(y0)):
+            raise ValueError(f"rates are too large: the angular momentum is beyond the largest double; got {rates!r}")
+        return y0
 
     def energy(self, y: ArrayLike) -> Array:
         """Kinetic plus potential energy in J of states (..., 6); shape (...,)."""

@@ -13,15 +13,17 @@ import numpy as np
 
 from integrators.interface import Array, StepError, Work, check_count
 from integrators.loops import check_grid
+from integrators.top import LagrangeTop
 
+FARTHEST = 1e12  # in time scales of a top: at about a step each and a microsecond a step, eleven days
 Run = Callable[[Array, Array, Work], Array]
 
 
 class DenseStepper:
     """A `Stepper` whose h is only the output grid."""
 
-    def __init__(self, name: str, h: float, run: Run):
-        self.name, self.h, self.run = name, h, run
+    def __init__(self, name: str, top: LagrangeTop, y0: Array, h: float, run: Run):
+        self.name, self.h, self.run, self.farthest = name, h, run, farthest(top, y0)
         self.work = Work()
 
     def advance(self, y: Array, n: int) -> Array:
@@ -43,15 +45,33 @@ class DenseStepper:
     def _to(self, y: Array, grid: Array) -> Array:
         if not math.isfinite(grid[-1]):
             raise StepError(self.name, "the time n h is beyond the largest double", h=self.h)
+        if abs(grid[-1]) > self.farthest:
+            raise StepError(self.name, too_far(grid[-1], self.farthest), h=self.h)
         try:
             return finite(self.name, self.run(y, grid, self.work))
         except StepError as error:
             raise StepError(error.method, error.reason, h=self.h, step=error.step) from None
 
 
-def at_times(name: str, run: Run, y0: Array, times: Array) -> tuple[Array, Work]:
+def farthest(top: LagrangeTop, y0: Array) -> float:
+    """The longest time from y0 on that can be reached by steps; inf for an equilibrium, where they grow without limit."""
+    with np.errstate(all="ignore"):
+        return FARTHEST * top.scales(y0)[2] if np.any(top.rhs(y0)) else math.inf
+
+
+def too_far(t: float, limit: float) -> str:
+    """Why a time is not tried: no run would ever end there."""
+    return (
+        f"|t| = {abs(t):g} is over {FARTHEST:g} times the time scale of the top, 1/(|J| + √(|alpha||x|)) = "
+        f"{limit / FARTHEST:g}: more steps than can be taken"
+    )
+
+
+def at_times(name: str, top: LagrangeTop, run: Run, y0: Array, times: Array) -> tuple[Array, Work]:
     """States at any times, in any order and on both sides of 0."""
-    work = Work()
+    work, limit, last = Work(), farthest(top, y0), np.max(np.abs(times), initial=0.0)
+    if last > limit:
+        raise StepError(name, too_far(last, limit))
     out = np.empty((len(times), 6))
     out[times == 0.0] = y0
     for side in (times > 0, times < 0):

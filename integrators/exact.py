@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 Pieces = tuple[float, float, float]  # a number in three parts, the first two of at most 27 bits
 
 DIGITS = 40  # of the constants behind the doubles: periods to 105 bits, with a margin
+MOST_DIGITS = 1000  # that can be asked for: they take seconds, ten times as many take minutes
 MOST_PERIODS = 2.0**45  # where a double t still resolves 1/256 of a period
 LONGEST = 2.0**900  # in units of the orbit; longer periods count as infinite
 
@@ -42,7 +43,7 @@ def solution(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None)
     ----------
     top, y0 : the top and a state (6,); x not 0. Their doubles are taken as exact.
     t : a time or a sequence (n,) of times, of any sign, in any order; with `digits` mpmath numbers are welcome.
-    digits : None for doubles, or the number of decimal digits wanted.
+    digits : None for doubles, or the number of decimal digits wanted, up to 1000.
 
     Returns
     -------
@@ -62,6 +63,8 @@ def solution(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None)
         y = in_doubles(*prepared(*key), np.atleast_1d(times))
         return y[0] if times.ndim == 0 else y
     digits = check_count(digits, "digits", least=1)
+    if digits > MOST_DIGITS:
+        raise ValueError(f"digits must be at most {MOST_DIGITS}; got {digits}")
     times = check_times(t, exact=True)
     states = in_mpmath(*key, list(times.ravel()), digits)
     return np.array(states, dtype=object).reshape(*times.shape, 6)

@@ -31,20 +31,31 @@ class Made:
         return 1 if self.errors else 0
 
 
-def make(results: Path | None = None, output: Path | None = None, show: bool = True) -> Made:
-    """The report of `results`, or of the ones at hand, in `output` or its usual place. show : progress on stderr.
+def make(
+    results: Path | None = None, output: Path | None = None, show: bool = True, modules: Sequence[str] = ()
+) -> Made:
+    """The report of `results`, or of the ones at hand, in `output` or its usual place.
+
+    Parameters
+    ----------
+    show : progress on stderr. modules : of the user's own, to be imported: experiments, or methods of sweeps.
 
     Raises
     ------
     OSError : there is nothing in the folder of results, or no such folder, or `output` cannot be written.
+    ValueError : a module cannot be imported.
     """
     from experiments import progress, provenance
+    from experiments.commands import import_modules
     from report import page
 
     results, notes = find(results)
+    output = output or default_output()
+    page.check_writable(output)
+    import_modules(modules)
     with progress.drawing(results, show) as drawn:
-        report = page.assemble(results, provenance.usable_cores(), drawn)
-        path = page.write(report, output or default_output()).resolve()
+        report = page.assemble(results, provenance.usable_cores(), drawn, modules)
+        path = page.write(report, output).resolve()
     size = path.stat().st_size
     if size > LARGE:
         notes.append(f"the page is large: {size / 1e6:.1f} MB; draw dense figures with rasterized=True")

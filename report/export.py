@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from experiments import EXPERIMENTS, load
+from experiments import EXPERIMENTS, UnknownExperiment, load_stored
 from experiments.store import Store
 from report import figures, page, style
 
@@ -21,7 +21,7 @@ def draw(results: Path, experiment: str, width: str | None = None) -> Iterator[t
     if rows.empty:
         return
     with style.apply(width):
-        drawn = load(experiment).draw(rows)
+        drawn = load_stored(experiment).draw(rows)
     for name, figure in drawn.items():
         yield page.Section(experiment).file(name), figure
 
@@ -38,7 +38,7 @@ def export(name: str, results: Path, output: Path | None = None, kind: str = "sv
     """
     if kind not in figures.FORMATS:
         raise ValueError(f"format must be one of {', '.join(figures.FORMATS)}, got {kind!r}")
-    stored = _stored(results)
+    stored, unknown = _stored(results)
     mine = [experiment for experiment in stored if name.startswith(f"{experiment}_")]
     known: list[str] = []
     for experiment in sorted(mine, key=len, reverse=True):
@@ -49,6 +49,8 @@ def export(name: str, results: Path, output: Path | None = None, kind: str = "sv
             known.append(found)
     if not known:
         known = [found for experiment in stored for found, _ in draw(results, experiment)]
+    if not known and unknown:
+        raise UnknownFigure(f"{name!r} cannot be drawn from {results}: {'; '.join(unknown)}")
     if not known:
         raise UnknownFigure(f"nothing is stored in {results}: compute it with lagrange-bench run")
     close = difflib.get_close_matches(name, known, n=1)
@@ -62,19 +64,27 @@ def export_all(
     kinds: Sequence[str] = tuple(figures.FORMATS),
     widths: Sequence[str] = tuple(style.WIDTHS),
     drawn: page.Drawn = lambda done, total: None,
-) -> list[Path]:
-    """Writes every figure as `NAME-WIDTH.KIND` into a folder."""
+) -> tuple[list[Path], list[str]]:
+    """Writes every figure as `NAME-WIDTH.KIND` into a folder; gives the paths, and what cannot be drawn and why."""
     written = []
-    parts = [(width, experiment) for width in widths for experiment in _stored(results)]
+    stored, unknown = _stored(results)
+    parts = [(width, experiment) for width in widths for experiment in stored]
     for done, (width, experiment) in enumerate(parts):
         drawn(done, len(parts))
         for name, figure in draw(results, experiment, width):
             for kind in kinds:
                 path = Path(folder) / f"{name}-{width}.{kind}"
                 written.append(page.write_file(path, figures.FORMATS[kind](figure)))
-    return written
+    return written, unknown
 
 
-def _stored(results: Path) -> list[str]:
-    stored = Store(results).experiments()
-    return [*(name for name in EXPERIMENTS if name in stored), *sorted(set(stored) - set(EXPERIMENTS))]
+def _stored(results: Path) -> tuple[list[str], list[str]]:
+    """The experiments in the order of the page, and why others are left out."""
+    stored, known, unknown = Store(results).experiments(), [], []
+    for name in [*(name for name in EXPERIMENTS if name in stored), *sorted(set(stored) - set(EXPERIMENTS))]:
+        try:
+            load_stored(name)
+            known.append(name)
+        except UnknownExperiment as error:
+            unknown.append(str(error))
+    return known, unknown

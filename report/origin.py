@@ -35,7 +35,7 @@ class Origin:
         profile = "" if sweep or self.profile is None else f" --profile {self.profile}"
         usual = experiment.removeprefix(SWEEP) if sweep else self.profile or PROFILES[0]
         there = "" if self.default or self.folder == named(default_results(usual)) else self.option
-        return f"lagrange-bench run {'FILE.toml' if sweep else experiment}{profile}{there}"
+        return f"lagrange-bench run {'FILE.toml' if sweep else shlex.quote(experiment)}{profile}{there}"
 
     @property
     def report(self) -> str:

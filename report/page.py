@@ -7,13 +7,16 @@ formulas, and printed in powers of ten, so that the same bytes come out every ti
 from __future__ import annotations
 
 import base64
+import errno
 import gzip
+import importlib
 import os
 import re
+import shlex
 import signal
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from multiprocessing import active_children, get_context
@@ -24,7 +27,7 @@ import jinja2
 import pandas as pd
 from markupsafe import Markup
 
-from experiments import EXPERIMENTS, errata, load, sources
+from experiments import EXPERIMENTS, UnknownExperiment, errata, load, load_stored, sources
 from experiments.store import Store, StoreError
 from experiments.workers import interrupt_held_back
 from report import claims, fairness, figures, live, origin, promises, style, summary, tables
@@ -80,11 +83,16 @@ class Section:
     @property
     def again(self) -> str:
         """What computes and draws it."""
-        return f"{self.command} && {self.origin.report}"
+        return f"{self.command} && {self.origin.report}{self._module}"
 
     def redraw(self, figure: str) -> str:
         """What draws one of its figures from the same rows."""
-        return f"lagrange-bench figure {self.file(figure)}{self.origin.option}"
+        return f"lagrange-bench figure {self.file(figure)}{self.origin.option}{self._module}"
+
+    @property
+    def _module(self) -> str:
+        """What lets a module be imported that is not the bench's own."""
+        return f" --module {shlex.quote(self.experiment)}" if "." in self.experiment else ""
 
     @property
     def measured(self) -> str:
@@ -153,10 +161,15 @@ def write_experiment(experiment: str, results: Path, output: Path) -> list[Path]
     return _write_files(section, Path(output))
 
 
-def assemble(results: Path, processes: int = 1, drawn: Drawn = lambda done, total: None) -> Report:
-    """Everything the page shows, from the journals in `results`; never raises for a part that cannot be drawn."""
+def assemble(
+    results: Path, processes: int = 1, drawn: Drawn = lambda done, total: None, modules: Sequence[str] = ()
+) -> Report:
+    """Everything the page shows, from the journals in `results`; never raises for a part that cannot be drawn.
+
+    modules : those of the user's own that were imported for it; processes of the drawing import them, too.
+    """
     others = sorted(path.stem for path in Path(results).glob("*.jsonl") if path.stem not in EXPERIMENTS)
-    sections = _sections([*EXPERIMENTS, *others], Store(results), processes, drawn)
+    sections = _sections([*EXPERIMENTS, *others], Store(results), processes, drawn, modules)
     source = origin.find(results, [section.profiles for section in sections if len(section.rows)])
     for section in sections:
         section.origin = source
@@ -213,22 +226,23 @@ def write(report: Report, output: Path) -> Path:
 # ---------------------------------------------------------------- from a journal to a section
 
 
-def _sections(names: list[str], store: Store, processes: int, drawn: Drawn) -> list[Section]:
+def _sections(names: list[str], store: Store, processes: int, drawn: Drawn, modules: Sequence[str]) -> list[Section]:
     """One for each name, drawn in as many processes: laying figures out takes longer than all else."""
     sections: dict[str, Section] = {}
-    for section in _drawn(names, store, processes):
+    for section in _drawn(names, store, processes, modules):
         sections[section.experiment] = section
         drawn(len(sections), len(names))
     return [sections[name] for name in names]
 
 
-def _drawn(names: list[str], store: Store, processes: int) -> Iterator[Section]:
+def _drawn(names: list[str], store: Store, processes: int, modules: Sequence[str]) -> Iterator[Section]:
     """Sections as they come. Modules are looked for where this process looks. Ctrl-C ends the processes at once."""
     if processes == 1:
         yield from (_section(name, store) for name in names)
         return
     others = set(active_children())
-    with ProcessPoolExecutor(processes, get_context("spawn"), initializer=_start, initargs=(list(sys.path),)) as pool:
+    start = {"initializer": _start, "initargs": (list(sys.path), modules)}
+    with ProcessPoolExecutor(processes, get_context("spawn"), **start) as pool:
         try:
             with interrupt_held_back():  # the processes are started in here
                 futures = [pool.submit(_section, name, store) for name in names]
@@ -239,18 +253,23 @@ def _drawn(names: list[str], store: Store, processes: int) -> Iterator[Section]:
             raise
 
 
-def _start(path: list[str]) -> None:
+def _start(path: list[str], modules: Sequence[str]) -> None:
     """In a fresh process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
     sys.path[:] = path
+    for name in modules:
+        importlib.import_module(name)
 
 
 def _section(experiment: str, store: Store) -> Section:
     section = Section(experiment, title=experiment.replace("_", " ").capitalize())
     try:
-        module = load(experiment)
+        module = load_stored(experiment)
         title, _, about = (module.__doc__ or section.title).strip().partition("\n")
         section.title, section.about = title.rstrip("."), about.strip()
+    except UnknownExperiment as error:
+        section.errors.append(str(error))
+        module = None
     except Exception as error:  # its rows are still told about
         section.errors.append(f"cannot be loaded: {_said(error)}")
         module = None
@@ -338,6 +357,17 @@ def _write_files(section: Section, output: Path) -> list[Path]:
         ):
             written.append(write_file(path.with_name(path.name + suffix), text))
     return written
+
+
+def check_writable(output: Path) -> None:
+    """Makes the folders of a page and a file in each, for a moment; OSError if that cannot be done.
+
+    Nobody wants to learn after a minute of drawing that there is no place for it.
+    """
+    for folder in (output, output / "figures", output / "tables"):
+        write_file(folder / f".probe-{os.getpid()}", b"").unlink()
+    if (output / "index.html").is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(output / "index.html"))
 
 
 def write_file(path: Path, content: str | bytes) -> Path:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import math
 import textwrap
+import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -27,9 +28,12 @@ import matplotlib
 import matplotlib.figure
 import numpy as np
 from cycler import cycler
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
+from matplotlib.mathtext import MathTextParser
+from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator, StrMethodFormatter
 from matplotlib.transforms import blended_transform_factory, offset_copy
 
@@ -209,8 +213,35 @@ def _stack(fig: Figure, nrows: int = 1, ncols: int = 1, subplot_kw: Any = None, 
     return grid
 
 
+def plain(name: str) -> str:
+    """A name as text of a figure: no formula, whatever dollars are in it, and nothing that cannot be printed."""
+    return _printable(name).replace("$", r"\$")
+
+
+def _printable(text: str) -> str:
+    return "".join(c for c in text if c == "\n" or not unicodedata.category(c).startswith("C"))
+
+
+def _keep_to_the_letter(artist: Artist) -> None:
+    """What looks like a formula and is none, as words of somebody's rows may, is drawn as it stands."""
+    for text in artist.findobj(Text):
+        text.set_text(_printable(text.get_text()))
+        if "$" in text.get_text() and not _formula(text.get_text()):
+            text.set_parse_math(False)
+
+
+def _formula(text: str) -> bool:
+    """Whether matplotlib can read the formulas in a text."""
+    try:
+        MathTextParser("path").parse(text)
+    except ValueError:
+        return False
+    return True
+
+
 def finish(fig: matplotlib.figure.Figure) -> None:
-    """Gives panels on top of each other the labels they had from their neighbours. Call it before saving."""
+    """Makes a figure ready to be saved; panels on top of each other get the labels they had from their neighbours."""
+    _keep_to_the_letter(fig)
     if fig.get_figwidth() == WIDTHS["column"]:
         for ax in fig.axes:
             place = ax.get_subplotspec()
@@ -248,13 +279,18 @@ def finish(fig: matplotlib.figure.Figure) -> None:
 
 
 def of(method: str) -> dict[str, Any]:
-    """label, color, marker, linestyle of a method: keywords for `Axes.plot`."""
-    return dict(_methods().get(method) or _stranger(method))
+    """label, color, marker, linestyle of a method: keywords for `Axes.plot`, which would read a label as a formula."""
+    look = _look(method)
+    return {**look, "label": plain(look["label"])}
+
+
+def _look(method: str) -> dict[str, Any]:
+    return _methods().get(method) or _stranger(method)
 
 
 def label(method: str) -> str:
-    """What a legend, an axis or a table cell calls a method."""
-    return str(of(method)["label"])
+    """What a table or a sentence calls a method. In a figure: `plain(label(method))`, or the label of `of`."""
+    return _printable(_look(method)["label"])
 
 
 def ordered(methods: Iterable[str]) -> list[str]:
@@ -316,7 +352,7 @@ def _methods() -> dict[str, dict[str, Any]]:
 
 
 def _stranger(name: str) -> dict[str, Any]:
-    return _style(name, *STRANGERS, hashlib.sha256(name.encode()).digest()[0])
+    return _style(name, *STRANGERS, hashlib.sha256(name.encode(errors="surrogatepass")).digest()[0])
 
 
 def _style(text: str, colours: Sequence[str], markers: Sequence[str], place: int) -> dict[str, Any]:
@@ -452,6 +488,7 @@ def legend_below(fig: matplotlib.figure.Figure) -> None:
     handles = [entries[text] for text in texts]
     for columns in range(len(texts), 0, -1):
         legend = fig.legend(handles, texts, loc="outside lower center", ncols=columns, columnspacing=1.4)
+        _keep_to_the_letter(legend)
         size = legend.get_window_extent()
         if columns == 1 or size.width <= 0.92 * fig.bbox.width:
             height = fig.get_figheight()
@@ -478,8 +515,9 @@ def failure_marks(ax: Axes, x: Iterable[float], method: str | None = None) -> No
 def failed_label(ax: Axes, method: str, name: str | None = None) -> None:
     """The name of a method that has nothing to show in a panel, crossed: in its corner, or where `label_ends` puts it."""
     above = sum(text.get_gid() == "failed" for text in ax.texts)
+    text = f"× {plain(name or label(method))}"
     ax.text(
-        0.02, 0.97 - 0.09 * above, f"× {name or label(method)}", color=readable(of(method)["color"]), fontsize=6.5, va="top",
+        0.02, 0.97 - 0.09 * above, text, color=readable(of(method)["color"]), fontsize=6.5, va="top",
         transform=ax.transAxes, gid="failed",
     )  # fmt: skip
 

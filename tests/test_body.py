@@ -143,6 +143,13 @@ def test_a_wrong_attitude_is_refused(attitude):
         integrate(TOY, START, 0.01, 10, attitude=attitude)
 
 
+def test_rates_beyond_the_largest_double_are_refused():
+    body = HeavyTop(mass=1.0, distance=1.0, gravity=9.81, A=1.0, C=1.0)
+    assert np.isfinite(body.state((1.0, 0.0, 0.0), (0.0, 1e307, 1e307))).all()
+    with pytest.raises(ValueError, match="rates are too large"):
+        body.state((1.0, 0.0, 0.0), (0.0, 1.7e308, 1.7e308))
+
+
 def test_a_method_that_cannot_follow_it_says_so():
     with pytest.raises(ValueError, match="attitude"):
         integrate(TOY, START, 0.001, 10, method="backlund_paper", attitude=True)

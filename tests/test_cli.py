@@ -97,12 +97,22 @@ def test_version(run):
 
 # ---------------------------------------------------------------- what is wrong, in one line
 
+OWN = ("h", "steps", "every", "t", "top", "y0", "method", "attitude")  # of `integrate` itself
 BAD = [  # words, what the line must name
     ("", "command"),
     ("integrat", "'integrat'"),
     ("methods --vebose", "--vebose"),
     ("run nothing", "'nothing'"),
     ("run no.such_module", "no.such_module"),
+    ("run .", "unknown experiment '.'"),
+    ("run ../x", "unknown experiment '../x'"),
+    ("run .drift", "did you mean 'drift'?"),
+    ("run --scheduler ucx://head:1", "--scheduler"),
+    ("run --scheduler local:\u0661", "--scheduler"),
+    ("run --shard \u0661/3", "--shard"),
+    ("run --jobs 1_0", "--jobs"),
+    ("verify --seed \u0661", "--seed"),
+    ("verify --module no.such_module", "--module no.such_module"),
     ("run --jobs 0", "--jobs"),
     ("run --jobs two", "--jobs"),
     ("run --profile slow", "--profile"),
@@ -122,10 +132,18 @@ BAD = [  # words, what the line must name
     ("verify /no/such/folder", "/no/such/folder"),
     ("verify --sample 0", "--sample"),
     ("report --results /no/such/folder", "/no/such/folder"),
+    ("report --output pyproject.toml", "pyproject.toml"),
+    ("report --output pyproject.toml/page", "pyproject.toml"),
+    ("report --output /proc/page", "/proc/page"),
     ("integrate", "--h"),
     ("integrate --h 0.1", "--steps"),
     ("integrate --h 0 --steps 3", "--h"),
     ("integrate --h inf --steps 3", "--h"),
+    ("integrate --h 1_0 --steps 3", "--h"),
+    ("integrate --h \u0661 --steps 3", "--h"),
+    ("integrate --h 0.1 --steps 1_0", "--steps"),
+    ("integrate --h 0.1 --steps 1e10 --every 1", "--every 1: 1e+10 states need about"),
+    ("integrate --times 0:1:1e10", "--times: 1e+10 states need about"),
     ("integrate --h 0.1 --steps 2.5", "--steps"),
     ("integrate --h 0.1 --steps -3", "--steps"),
     ("integrate --h 0.1 --steps 1e300", "--steps"),
@@ -153,6 +171,8 @@ BAD = [  # words, what the line must name
     ("integrate --times 0,1 --method no.such_module:METHOD", "no.such_module"),
     ("integrate --h 0.1 --steps 3 --option pim=3", "'pim'"),
     ("integrate --h 0.1 --steps 3 --option pin", "--option"),
+    ("integrate --h 0.1 --steps 3 --option pin=1_0", "pin"),
+    *((f"integrate --h 0.1 --steps 3 --option {name}=2", f"unknown option '{name}' of backlund") for name in OWN),
     ("integrate --h 0.1 --steps 3 --option pin=0.5", "pin"),
     ("integrate --h 0.1 --steps 3 --option lam=word", "lam"),
     ("integrate --h 0.1 --steps 3 --option lam=-1j", "lam"),
@@ -167,7 +187,9 @@ BAD = [  # words, what the line must name
 
 
 @pytest.mark.parametrize(("words", "named"), BAD, ids=[words for words, _ in BAD])
-def test_bad_input(run, words, named):
+def test_bad_input(run, words, named, monkeypatch):
+    monkeypatch.chdir(HERE.parent)
+    monkeypatch.setattr("report.page.assemble", lambda *_: pytest.fail("drawn before it was known where to"))
     code, out, err = run(*words.split())
     assert (code, out) == (2, "")
     assert re.fullmatch(r"lagrange-bench: error: .*\n", err), err  # one line
@@ -399,8 +421,9 @@ def test_an_experiment_of_your_own_is_drawn_where_it_was_run(tmp_path):
     assert "my_study.energy_squares" in page
     assert "cannot be loaded" not in page
     again = re.search(r"redraw: <code[^>]*>(.*?)</code>", page)[1]
-    assert re.sub("<[^>]*>", "", again) == "lagrange-bench figure my_study.energy_squares --results out"
-    assert typed(re.sub("<[^>]*>", "", again)).stdout == "my_study.energy_squares.svg\n"
+    again = re.sub("<[^>]*>", "", again)
+    assert again == "lagrange-bench figure my_study.energy_squares --results out --module my_study.energy"
+    assert typed(again).stdout == "my_study.energy_squares.svg\n"
 
 
 def test_a_figure_that_cannot_be_written_is_named(run, tmp_path):

@@ -217,6 +217,9 @@ def test_which_columns_are_times(column, time):
 # ---------------------------------------------------------------- computing again
 
 
+OWN = ("--quiet", "--module", "toys.behaviour")
+
+
 @pytest.fixture
 def toy(monkeypatch, tmp_path):
     """A store of toy cells that are computed again, `run.folder`; `toy(row)` has the stored rows say so instead."""
@@ -236,19 +239,19 @@ def toy(monkeypatch, tmp_path):
 
 def test_what_is_still_computed(run, toy):
     folder = toy()
-    code, out, err = run("verify", folder, "--quiet")
+    code, out, err = run("verify", folder, *OWN)
     assert (code, err) == (0, "")
     assert out == "4 cells computed again: 4 identical, 0 within the tolerance of libraries, 0 changed\n"
-    assert run("verify", folder, "--sample", "2", "--quiet")[1].startswith("2 cells")
+    assert run("verify", folder, "--sample", "2", *OWN)[1].startswith("2 cells")
 
 
 def test_what_is_computed_no_more(run, toy):
-    code, out, _ = run("verify", toy(square=4.0), "--quiet")
+    code, out, _ = run("verify", toy(square=4.0), *OWN)
     assert code == 1
     assert "2 identical" in out  # 2² and the failure
     assert "2 changed" in out
     assert "changed in toys.behaviour:" in out
-    code, out, _ = run("verify", toy(square=4.0), "--quiet", "--json")
+    code, out, _ = run("verify", toy(square=4.0), *OWN, "--json")
     data = json.loads(out)
     assert (code, data["identical"], len(data["changed"])) == (1, 2, 2)
     assert data["changed"][0]["columns"]["square"]["old"] == 4.0
@@ -282,7 +285,7 @@ def test_rows_of_other_sources_are_told_apart(run, toy, tmp_path):
 def test_outdated_results(run, toy, monkeypatch):
     folder = toy()
     monkeypatch.setattr(load("toys.behaviour"), "VERSION", 2)
-    code, out, err = run("verify", folder, "--quiet")
+    code, out, err = run("verify", folder, *OWN)
     assert (code, out) == (2, "")
     assert "toys.behaviour changed (VERSION) since this was stored: run it again" in err
 

@@ -18,11 +18,14 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+from packaging.requirements import Requirement
+from packaging.version import Version
 
 import integrators
 from experiments import EXPERIMENTS, states
@@ -367,3 +370,16 @@ def test_lambda_meets_a_real_double_root_only_where_the_flow_is_the_identity():
         (re, im), _, _ = time_step.time_step(*time_step.torus(top.alpha, tuple(y), h), h)
         assert (abs(complex(re[0], im[0]) - 1) < 1e-12) == (h == 2 * math.pi)
         assert np.max(np.abs(prepare(top, y, h).advance(y, 1) - turned(y, -h))) < 1e-14
+
+
+def test_the_least_versions_are_those_that_are_tested():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    asked = [Requirement(text) for text in project["dependencies"]]
+    asked += [Requirement(text) for texts in project["optional-dependencies"].values() for text in texts]
+    lines = (ROOT / "tests" / "oldest.txt").read_text("utf-8").splitlines()
+    pinned = dict(line.lower().split("==") for line in lines if not line.startswith("#"))
+    least = {r.name.lower(): s.version for r in asked for s in r.specifier if s.operator == ">="}
+    untested = {"ruff", "mypy"}  # `make lint` runs the newest
+    assert least.keys() - untested == pinned.keys()
+    for name, version in pinned.items():
+        assert Version(least[name]) == Version(version), name

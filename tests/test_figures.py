@@ -10,6 +10,7 @@ import matplotlib
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from experiments import store
 from experiments.__main__ import main
@@ -55,13 +56,13 @@ def results(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def written(results, tmp_path_factory):
-    return export.export_all(results, tmp_path_factory.mktemp("a"))
+    return export.export_all(results, tmp_path_factory.mktemp("a"))[0]
 
 
 def test_every_figure_in_three_formats_and_two_widths_the_same_bytes_twice(results, written, tmp_path, monkeypatch):
     assert len(written) == 3 * 3 * 2
     monkeypatch.setitem(matplotlib.rcParams, "lines.linewidth", 7.0)  # the reader's own taste
-    again = export.export_all(results, tmp_path)
+    again = export.export_all(results, tmp_path)[0]
     for first, second in zip(written, again, strict=True):
         assert first.name == second.name
         assert first.read_bytes() == second.read_bytes(), first.name
@@ -200,3 +201,31 @@ def test_command_line(results, tmp_path, capsys):
     for wrong in ([], ["toy.figures_single", "--all"], ["toy.figures_nothing", "--results", str(results)]):
         assert main(["figure", *wrong]) == 2
         assert capsys.readouterr().err.count("\n") == 1
+
+
+NAMES = [r"$\frac{$", "$x$", "a$b", "bell \a, escape \x1b[31m, null \0", "\ud800"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_are_no_formulas(name):
+    """Of methods, as a legend, an axis or a corner of a panel has them, and of whatever else is in a row."""
+    fig, ax = style.figure("column")
+    look = style.of(name)
+    ax.plot([1, 2], [1, 2], **look)
+    ax.set_yticks([1, 2], [style.plain(name), "b"])
+    style.failed_label(ax, name)
+    style.label_ends([ax])
+    ax.set_title(name)  # of a row, by somebody who does not know of `plain`
+    ax.plot([1, 2], [2, 1], label=f"{name}, too")
+    ax.set_ylabel("$x_1$")
+    style.legend_below(fig)
+    assert figures.svg(fig)
+    readable = "".join(c for c in name if c.isprintable())
+    assert style.label(name) == readable
+    parsed = [text._preprocess_math(text.get_text()) for text in fig.findobj(Text)]
+    shown = [text for text, formula in parsed if not formula]
+    assert sum(readable in text for text in shown) >= 4
+    formulas = {text for text, formula in parsed if formula and "mathdefault" not in text}
+    assert formulas == ({"$x$", "$x$, too", "$x_1$"} if name == "$x$" else {"$x_1$"})
+    assert figures.pdf(fig)
+    assert figures.png(fig)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from integrators import METHODS, TOPS, HeavyTop, LagrangeTop, StepError, available, integrate, prepare, two_point
+from integrators import METHODS, TOPS, HeavyTop, LagrangeTop, StepError, available, exact, integrate, prepare, two_point
 
 TOP = LagrangeTop(1.0)
 Y0 = TOPS["generic"].state
@@ -256,3 +256,35 @@ def test_real_top(name, value):
         return HeavyTop(**facts).state(angles, rates)
 
     refused(rf"^{name}\b", state, **{**REAL, **MOTION, name: value})
+
+
+@pytest.mark.parametrize("t", [1e13, 1e16, -1e16, 1e308])
+@pytest.mark.parametrize("name", [name for name in METHODS if METHODS[name].control == "tolerance"])
+def test_times_that_no_steps_reach(name, t):
+    if not available(METHODS[name]):
+        pytest.skip(f"needs {METHODS[name].requires}")
+    generic = TOPS["generic"]
+    for times in ({"t": [0.0, t]}, {"h": t / 4, "steps": 4}):
+        with pytest.raises(StepError, match=r"over 1e\+12 times the time scale of the top, .* = 0\.43"):
+            integrate(generic.top, generic.state, method=name, **times)
+
+
+@pytest.mark.parametrize("name", ["dop853", "rk45", "lsoda"])
+def test_an_equilibrium_can_be_followed_for_ever(name):
+    resting = TOPS["sleeping_stable"]
+    assert np.array_equal(integrate(resting.top, resting.state, t=[1e16], method=name).y[0], resting.state)
+
+
+@pytest.mark.parametrize("name", [name for name in METHODS if METHODS[name].evaluate])
+@pytest.mark.parametrize("x", [(0.0, 1.0, 5e-324), (5e-324, 1.0, 0.0), (0.48, 0.6, 0.64)])
+def test_at_time_zero_is_the_initial_state_itself(name, x):
+    if not available(METHODS[name]):
+        pytest.skip(f"needs {METHODS[name].requires}")
+    y0 = np.array([0.0, 0.0, 0.0, *x])
+    assert np.array_equal(integrate(LagrangeTop(0.5), y0, t=[0.0, 1.0], method=name).y[0], y0)
+
+
+def test_digits_that_would_take_for_ever():
+    generic = TOPS["generic"]
+    with pytest.raises(ValueError, match="digits must be at most 1000; got 1000000"):
+        exact.solution(generic.top, generic.state, 1.0, digits=10**6)

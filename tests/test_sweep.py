@@ -92,6 +92,7 @@ BAD = [  # what to replace in GOOD, by what, and what the message must say
     ("time = 50", "time = 50\noptions = {}\n[[sweep]]\nh = [1]", "[[sweep]] 2 needs one of time, steps"),
     ("time = 50", "time = 50\noptions = { pin = 0 }", "[[sweep]], options: unknown option 'pin' of strang"),
     ("time = 50", "time = 50\noptions = { compensated = [1] }", "options.compensated must be a number"),
+    ("time = 50", "time = 50\noptions = { compensated = 7 }", "[[sweep]], options of strang: compensated must be"),
     ("time = 50", "time = 50\noptions = 3", "[[sweep]], options must be a table"),
     ("[tops", 'name = "a b"\n[tops', "name must consist of letters"),
 ]

@@ -148,14 +148,14 @@ def first_step(s, end, c):
 
 def prepare(top: LagrangeTop, y0: Array, h: float, *, rtol: float = 1e-9, atol: float = 1e-12) -> DenseStepper:
     """Natural steps with the local error kept below atol + rtol |y_i|, root mean square over the components."""
-    return DenseStepper("dop853", h, _runner(top, rtol, atol))
+    return DenseStepper("dop853", top, y0, h, _runner(top, rtol, atol))
 
 
 def evaluate(
     top: LagrangeTop, y0: Array, times: Array, *, rtol: float = 1e-9, atol: float = 1e-12
 ) -> tuple[Array, Work]:
     """Dense output at any times; options as in `prepare`."""
-    return at_times("dop853", _runner(top, rtol, atol), y0, times)
+    return at_times("dop853", top, _runner(top, rtol, atol), y0, times)
 
 
 def _runner(top: LagrangeTop, rtol: float, atol: float) -> Run:

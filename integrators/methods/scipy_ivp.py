@@ -148,13 +148,13 @@ def natural(
         top: LagrangeTop, y0: Array, h: float, *, rtol: float = relative, atol: float = absolute
     ) -> DenseStepper:
         """Natural steps with the local error kept below atol + rtol |y_i|."""
-        return DenseStepper(solver.name, h, solver.runner(top, rtol, atol))
+        return DenseStepper(solver.name, top, y0, h, solver.runner(top, rtol, atol))
 
     def evaluate(
         top: LagrangeTop, y0: Array, times: Array, *, rtol: float = relative, atol: float = absolute
     ) -> tuple[Array, Work]:
         """Dense output at any times; options as in `prepare`."""
-        return at_times(solver.name, solver.runner(top, rtol, atol), y0, times)
+        return at_times(solver.name, top, solver.runner(top, rtol, atol), y0, times)
 
     return Method(
         name=solver.name,

@@ -51,24 +51,24 @@ SCRATCH = 8 * (MAX_ORDER + 1)
 
 def prepare(top: LagrangeTop, y0: Array, h: float, *, tol: float = EPS, high_accuracy: bool = False) -> DenseStepper:
     """Natural steps with the local error kept below `tol` (relative above norm 1); `high_accuracy`: compensated sums."""
-    return DenseStepper("taylor", h, _runner("taylor", top, tol, high_accuracy))
+    return DenseStepper("taylor", top, y0, h, _runner("taylor", top, tol, high_accuracy))
 
 
 def evaluate(
     top: LagrangeTop, y0: Array, times: Array, *, tol: float = EPS, high_accuracy: bool = False
 ) -> tuple[Array, Work]:
     """Dense output at any times; options as in `prepare`."""
-    return at_times("taylor", _runner("taylor", top, tol, high_accuracy), y0, times)
+    return at_times("taylor", top, _runner("taylor", top, tol, high_accuracy), y0, times)
 
 
 def variant(name: str, high_accuracy: bool = False, compact_mode: bool = False) -> tuple[Callable, Callable]:
     """`prepare` and `evaluate` of a method that sets heyoka's switches for good."""
 
     def prepare(top: LagrangeTop, y0: Array, h: float, *, tol: float = EPS) -> DenseStepper:
-        return DenseStepper(name, h, _runner(name, top, tol, high_accuracy, compact_mode))
+        return DenseStepper(name, top, y0, h, _runner(name, top, tol, high_accuracy, compact_mode))
 
     def evaluate(top: LagrangeTop, y0: Array, times: Array, *, tol: float = EPS) -> tuple[Array, Work]:
-        return at_times(name, _runner(name, top, tol, high_accuracy, compact_mode), y0, times)
+        return at_times(name, top, _runner(name, top, tol, high_accuracy, compact_mode), y0, times)
 
     return prepare, evaluate
 

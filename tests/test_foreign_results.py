@@ -1,0 +1,146 @@
+"""Somebody else's results run no code: names in journals and rows import nothing, and nothing in them stops a page."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from experiments import load, store
+from experiments.store import Store
+
+ROOT = Path(__file__).resolve().parents[1]
+
+MODULE = """
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+from integrators import METHODS
+
+Path(__file__).with_name("ran").touch()
+VERSION = 1
+METHOD = replace(METHODS["strang"], name="evil", label="Evil Strang")
+def cells(profile): return [{"i": 0}]
+def measure(cell): return [{"h": 0.1}]
+def tables(rows): return {}
+def draw(rows):
+    from report import style
+    figure, ax = style.figure("column")
+    ax.plot(rows.h, rows.h)
+    return {"figure": figure}
+"""
+
+
+def stored(folder, experiment, cell, rows=({"h": 0.1},), version=1):
+    done = {"status": "done", "rows": list(rows), "error": None, "warnings": [], "seconds": 0.1}
+    record = store.make_record(experiment, version, 0, {**cell, "method": "x"} if "method" in cell else cell, **done)
+    Store(folder).append(
+        {**record, "cell": cell}
+    )  # the key of a method is a digest of its sources: not looked for here
+
+
+SWEPT = [{"t": t, "H": 1e-9, "J3": 0.0, "C1": 0.0, "C2": 0.0, "error": 1e-9, "seconds": 0.1} for t in (1.0, 2.0)]
+START = {"top": "generic", "alpha": 1.0, "y0": "0.3,-0.4,1.2,0.48,0.6,0.64", "options": "", "h": 0.1, "steps": 2}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Results of somebody whose module can be imported from the current folder, as can any other."""
+    (tmp_path / "evilpkg").mkdir()
+    for name in ("exp", "method"):
+        (tmp_path / "evilpkg" / f"{name}.py").write_text(MODULE)
+    results = tmp_path / "results"
+    results.mkdir()
+    stored(results, "evilpkg.exp", {"i": 0})
+    stored(results, "unittest.__main__", {"i": 0})
+    stored(
+        results, "sweep_x", {"method": "evilpkg.method:METHOD", **START, "samples": 2}, SWEPT, load("sweep_x").VERSION
+    )
+    cell = {"method": "evilpkg.method:METHOD", "part": "longtime", "state": "generic", "h": 0.1}
+    stored(results, "drift", cell, [{"t": 1.0, "n": 10, "H": 1e-9}], load("drift").VERSION)
+    return tmp_path
+
+
+def typed(folder, *words):
+    """Of `lagrange-bench`, in a process of its own, in the folder: exit code, stdout and stderr; and what was imported."""
+    ran = [folder / "evilpkg" / "ran"]
+    for path in ran:
+        path.unlink(missing_ok=True)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "experiments", *words]
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=300
+    )
+    return done.returncode, done.stdout, done.stderr, any(path.exists() for path in ran)
+
+
+def test_a_report_imports_nothing_that_a_file_is_named_after(folder):
+    code, out, err, ran = typed(folder, "report", "--results", "results", "--output", "page")
+    assert code == 1
+    assert not ran
+    for name in ("evilpkg.exp", "unittest.__main__"):
+        assert f"not drawn: {name}: unknown experiment '{name}'; if it is your own, add --module {name}" in err
+    assert "Traceback" not in err
+    page = (folder / "page" / "index.html").read_text(encoding="utf-8")
+    assert "evilpkg.method:METHOD" in page  # the rows are shown, under the name they have
+    assert "Evil Strang" not in page
+
+
+def test_a_module_is_imported_if_it_is_named_in_the_command(folder):
+    words = ("--module", "evilpkg.exp", "--module", "evilpkg.method")
+    code, out, err, ran = typed(folder, "report", "--results", "results", "--output", "page", *words)
+    assert ran
+    assert "not drawn: evilpkg.exp" not in err
+    assert (folder / "page" / "figures" / "evilpkg.exp_figure.svg").exists()
+    named = ("figure", "sweep_x_time", "--results", "results", "--output")
+    assert typed(folder, *named, "without.svg")[3] is False
+    assert typed(folder, *named, "with.svg", "--module", "evilpkg.method")[3] is True
+    with_label, without = ((folder / f"{name}.svg").read_bytes() for name in ("with", "without"))
+    assert with_label == (folder / "page" / "figures" / "sweep_x_time.svg").read_bytes() != without
+
+
+@pytest.mark.parametrize("command", ["figure", "compare", "verify"])
+def test_no_other_command_does(folder, command):
+    words = {
+        "figure": ("figure", "--all", "--format", "svg", "--width", "page", "--results", "results"),
+        "compare": ("compare", "results", "other", "--times"),
+        "verify": ("verify", "results", "--quiet", "--longest", "10"),
+    }[command]
+    (folder / "other").mkdir()
+    stored(folder / "other", "evilpkg.exp", {"i": 0}, [{"h": 0.2}])
+    code, out, err, ran = typed(folder, *words)
+    assert not ran
+    assert "Traceback" not in err
+    assert "unknown experiment 'evilpkg.exp'" in out + err
+    assert code == (0 if command == "verify" else 1)
+    code, out, err, ran = typed(folder, *words, "--module", "evilpkg.exp")
+    assert ran
+    assert "unknown experiment 'evilpkg.exp'" not in out + err
+
+
+def test_one_figure_of_an_unknown_experiment(folder):
+    code, out, err, ran = typed(folder, "figure", "evilpkg.exp_figure", "--results", "results")
+    assert (code, out, ran) == (2, "", False)
+    assert "unknown" in err
+
+
+def test_an_installed_experiment_needs_no_permission(folder):
+    info = folder / "evil-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: evil\nVersion: 1.0\n")
+    group = "[lagrange_bench.experiments]\n"
+    (info / "entry_points.txt").write_text(f"{group}mine = evilpkg.exp\ndrift = evilpkg.exp\n")
+    code, out, err, ran = typed(folder, "run", "mine", "--results", "own", "--jobs", "1", "--quiet")
+    assert (code, ran) == (0, True), err
+    code, out, err, ran = typed(folder, "report", "--results", "own", "--output", "page", "--quiet")
+    assert (code, ran) == (0, True), err
+    assert (folder / "page" / "figures" / "mine_figure.svg").exists()
+    code, out, err, ran = typed(folder, "verify", "own", "--quiet")
+    assert (code, ran) == (0, True), err
+    assert "1 identical" in out
+    assert load("drift").__name__ == "experiments.drift"
