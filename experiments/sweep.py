@@ -191,12 +191,12 @@ def _check_method(name: Any, knob: str, options: dict[str, Any], place: str) -> 
 def _try_options(name: str, start: Cell, knob: dict[str, float], words: dict[str, str], place: str) -> None:
     """Prepares the method once: what an option may be, only the method knows."""
     method, top, y0 = find_method(name), LagrangeTop(start["alpha"]), np.array(numbers(start["y0"]))
-    options = dict(option(f"{key}={word}") for key, word in words.items())
+    options: dict[str, Any] = dict(option(f"{key}={word}") for key, word in words.items())
     try:
         if "h" in knob:
             prepare(top, y0, knob["h"] * top.scales(y0)[2], method, **options)
         else:
-            integrate(top, y0, t=[0.0], method=method, **options, **knob)
+            integrate(top, y0, t=[0.0], method=method, **(options | knob))
     except StepError:  # of this top and step: a result
         pass
     except (ValueError, TypeError) as error:

@@ -19,6 +19,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing import active_children, get_context
 from pathlib import Path
 from types import ModuleType
@@ -241,8 +242,8 @@ def _drawn(names: list[str], store: Store, processes: int, modules: Sequence[str
         yield from (_section(name, store) for name in names)
         return
     others = set(active_children())
-    start = {"initializer": _start, "initargs": (list(sys.path), modules)}
-    with ProcessPoolExecutor(processes, get_context("spawn"), **start) as pool:
+    start = partial(_start, list(sys.path), modules)
+    with ProcessPoolExecutor(processes, get_context("spawn"), initializer=start) as pool:
         try:
             with interrupt_held_back():  # the processes are started in here
                 futures = [pool.submit(_section, name, store) for name in names]
