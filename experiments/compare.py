@@ -105,7 +105,7 @@ def compare(
         cells = found[experiment] = Cells(len(before), len(after))
         cells.removed = [record["cell"] for key, record in before.items() if key not in after]
         cells.added = [record["cell"] for key, record in after.items() if key not in before]
-        own, unknown = times_of(experiment), reason_unknown(experiment)
+        own, reason = times_of(experiment), reason_unknown(experiment)
         for key in before.keys() & after.keys():
             age = sources.compared(before[key].get("sources"), after[key].get("sources"))
             cells.other_sources += age == sources.OTHER
@@ -114,8 +114,8 @@ def compare(
                 cells.changed.append((before[key]["cell"], differing))
             else:
                 cells.same += 1
-        if cells.changed and unknown:
-            notes.append(f"all columns are compared, times too: {unknown}")
+        if cells.changed and reason:
+            notes.append(f"all columns are compared, times too: {reason}")
         cells.changed.sort(key=lambda change: before[_canonical(change[0])]["position"])
         pairs += [(before[key], after[key]) for key in before if key in after]
     if times:

@@ -19,7 +19,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from experiments import load
+from experiments import load_stored
 
 BENCH = frozenset(("integrators", "experiments", "report"))
 INDEX = "integrators.registry"  # not followed: which methods there are decides about no row
@@ -63,7 +63,7 @@ def _cells(count: int) -> str:
 @cache
 def _of(experiment: str, method: str | None) -> str | None:
     try:
-        module = load(experiment)
+        module = load_stored(experiment)
         if _module(module.__name__) is not None:
             start = {(module.__name__, "measure")}
         else:  # a sweep, made of a file
