@@ -19,7 +19,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from experiments import load_stored
+from experiments import load, load_stored
 
 BENCH = frozenset(("integrators", "experiments", "report"))
 INDEX = "integrators.registry"  # not followed: which methods there are decides about no row
@@ -39,6 +39,10 @@ def of_cell(experiment: str, cell: Mapping[str, Any]) -> str | None:
 
 def judge(record: Mapping[str, Any]) -> str:
     """Whether a stored cell was computed by the sources that are here: SAME, OTHER or UNKNOWN."""
+    try:
+        load_stored(record["experiment"])  # the record does not choose what is imported
+    except Exception:
+        return UNKNOWN
     return compared(record.get("sources"), of_cell(record["experiment"], record["cell"]))
 
 
@@ -63,7 +67,7 @@ def _cells(count: int) -> str:
 @cache
 def _of(experiment: str, method: str | None) -> str | None:
     try:
-        module = load_stored(experiment)
+        module = load(experiment)
         if _module(module.__name__) is not None:
             start = {(module.__name__, "measure")}
         else:  # a sweep, made of a file

@@ -263,17 +263,17 @@ def test_rows_of_other_sources_are_told_apart(run, toy, tmp_path):
     made = Store(tmp_path / "mixed")
     made.folder.mkdir()
     made.append({**changed, "sources": None}, {**same, "sources": "0" * 16}, {**other, "sources": "0" * 16}, failed)
-    code, out, _ = run("verify", made.folder, "--quiet")
+    code, out, _ = run("verify", made.folder, *OWN)
     assert code == 1
     assert "2 stored cells were computed with other source code than this; 1 stored cell was computed with" in out
     assert out.endswith(
         "2 changed; 1 of them stored with other source code; 1 of them stored with source code that was not recorded\n"
     )
-    code, out, _ = run("verify", made.folder, "--quiet", "--old", "--json")
+    code, out, _ = run("verify", made.folder, *OWN, "--old", "--json")
     data = json.loads(out)
     assert (code, data["cells"], data["stored"]) == (1, 3, {"unknown": 1, "other": 2, "same": 1})
     assert sorted(change["sources"] for change in data["changed"]) == ["other", "unknown"]
-    code, out, _ = run("verify", folder, "--quiet", "--old")
+    code, out, _ = run("verify", folder, *OWN, "--old")
     assert (code, out[:7]) == (0, "0 cells"), "all of these are of these sources"
     out = run("compare", folder, made.folder)[1]
     assert "2 of the 4 cells in both were computed with different source code\nthe same\n" in out
