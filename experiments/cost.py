@@ -2,8 +2,7 @@
 
 Timing cells run one at a time in one process; samples are calibrated and repeated, the minimum is the figure to quote.
 Compilation is timed in fresh processes, once with nothing cached and once as the next process finds it. The headline
-runs the exact Bäcklund step and heyoka in turn, over the same time, from the same state. Ensembles are many tops, each
-of which needs a λ(h) of its own.
+runs the exact Bäcklund step and heyoka in turn, over the same time, from the same state.
 """
 
 from __future__ import annotations
@@ -34,8 +33,6 @@ HEADLINES = {  # h as a fraction of the nutation period
     "quick": ({"fraction": 0.5, "time": 1e5},),
     "full": tuple({"fraction": fraction} for fraction in (0.125, 0.5, 0.95, 2.5)),
 }
-ENSEMBLE = 512  # tops, each with a torus of its own
-ENSEMBLE_SPANS = (1.0, 10.0, 100.0)
 # h in one call of `advance`, so that a call costs nothing beside it: fixed steps, own steps, interpreted, implicit too
 CALL = {"step": 20_000, "tolerance": 1000, "interpreted": 100, "implicit": 10}
 
@@ -49,17 +46,11 @@ def cells(profile: str) -> list[dict]:
                 listed.append(cell)
     listed += [{"part": "start", "method": method} for method in START[profile] or METHODS]
     listed += [{"part": "headline", "method": "taylor", **race} for race in HEADLINES[profile]]
-    listed += [{"part": "ensemble", "method": "taylor", "span": span} for span in ENSEMBLE_SPANS]
     return [{"timing": True, **cell} for cell in listed]
 
 
 def measure(cell: dict) -> list[dict]:
-    parts = {
-        "step": _measure_step,
-        "start": _measure_start,
-        "headline": _measure_headline,
-        "ensemble": _measure_ensemble,
-    }
+    parts = {"step": _measure_step, "start": _measure_start, "headline": _measure_headline}
     return parts[cell["part"]](cell)
 
 
@@ -165,27 +156,8 @@ def _measure_headline(cell: dict) -> list[dict]:
     ]
 
 
-def _measure_ensemble(cell: dict) -> list[dict]:
-    """Many tops to one time each, set-up counted: heyoka one by one and in batches, the exact step in one jump."""
-    from integrators.methods import taylor
-
-    tops, states = zip(*(find(f"random{i:03d}") for i in range(ENSEMBLE)), strict=True)
-    t = cell["span"] * float(np.median([top.scales(y)[2] for top, y in zip(tops, states, strict=True)]))
-    alphas, Y0, times = np.array([top.alpha for top in tops]), np.array(states), np.array([t])
-
-    reused = raw_heyoka(tops[0], states[0])  # one integrator for all: a stepper of its own for each is a copy of 1 ms
-
-    runs = {
-        "batch": lambda: taylor.propagate_batch(alphas, Y0, times),
-        "heyoka": lambda: [reused(t, top.alpha, y) for top, y in zip(tops, states, strict=True)],
-        "backlund": lambda: [prepare(top, y, t, "backlund").advance(y, 1) for top, y in zip(tops, states, strict=True)],
-    }
-    timed = timing.interleave(runs, repeats=3)
-    return [{f"{name}_us_per_top": rounded(timed.timings[name].min / ENSEMBLE * 1e6) for name in runs}]
-
-
 def raw_heyoka(top, y0):
-    """heyoka with nothing around it: the function t → state, as its documentation would have it written; of any top."""
+    """heyoka with nothing around it: the function t → state, as its documentation would have it written."""
     import heyoka as hy
 
     J1, J2, J3, x1, x2, x3 = hy.make_vars("J1", "J2", "J3", "x1", "x2", "x3")
@@ -199,10 +171,9 @@ def raw_heyoka(top, y0):
     ]
     ta = hy.taylor_adaptive(system, list(y0), pars=[top.alpha], compact_mode=False)
 
-    def run(t, alpha=top.alpha, y=y0):
+    def run(t):
         ta.time = 0.0
-        ta.pars[0] = alpha
-        ta.state[:] = y
+        ta.state[:] = y0
         outcome = ta.propagate_until(t)[0]
         if outcome != hy.taylor_outcome.time_limit:
             raise RuntimeError(f"heyoka stopped: {outcome}")
@@ -239,14 +210,6 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     if not headline.empty:
         columns = ["h", "steps", "backlund_s", "heyoka_s", "ratio", "adapter_ratio", "backlund_error", "heyoka_error"]
         found["headline"] = headline[["fraction", *columns]].rename(columns={"fraction": "h / nutation period"})
-    ensemble = good[good.part == "ensemble"]
-    if not ensemble.empty:
-        columns = ["batch_us_per_top", "heyoka_us_per_top", "backlund_us_per_top"]
-        found["ensemble"] = ensemble[["span", *columns]].rename(columns={"span": "t"})
-        found["ensemble"].attrs["caption"] = (
-            f"{ENSEMBLE} tops, each on a torus of its own, to the time t: µs per top, set-up counted; heyoka in batches and one "
-            "by one, one integrator for all; the exact Bäcklund step in one jump"
-        )
     return found
 
 
