@@ -17,6 +17,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -185,6 +186,41 @@ def _digest(value: Any) -> str:
 # ---------------------------------------------------------------- the store
 
 
+@dataclass(frozen=True)
+class Journal:
+    """One record per cell of an experiment, and what is wrong with the lines that are no record."""
+
+    latest: list[Record]
+    problems: list[str]
+
+    def rows(self) -> pd.DataFrame:
+        """What was measured: each row with the fields of its cell, and `key`, `status`, `failure`.
+
+        A failed cell is one row with status "failed" and the error's message; its measured columns are missing.
+        Everywhere else status is "done" and `failure` is missing.
+        """
+        table = []
+        for record in self.latest:
+            failure = record["error"] and f"{record['error']['type']}: {record['error']['message']}"
+            added = {"key": record["key"], "status": record["status"], "failure": failure}
+            for row in record["rows"] if record["status"] == "done" else [{}]:
+                table.append(restore({**record["cell"], **row, **added}))
+        return _frame(table, columns=None if table else list(ADDED))
+
+    def failures(self) -> pd.DataFrame:
+        """The cells that failed: their fields, `key`, `error_type`, `error_message` and `error_traceback`."""
+        table = []
+        for record in self.latest:
+            if record["status"] == "failed":
+                error = {f"error_{name}": text for name, text in record["error"].items()}
+                table.append(restore({**record["cell"], "key": record["key"], **error}))
+        return _frame(table)
+
+    def provenance(self) -> pd.DataFrame:
+        """Where each cell's rows come from: `key`, `seconds` and the facts of `provenance.provenance`."""
+        return _frame([{"key": r["key"], "seconds": r["seconds"], **r["provenance"]} for r in self.latest])
+
+
 class Store:
     """The journals in one folder. Nothing is read or created before it is asked for."""
 
@@ -326,37 +362,18 @@ class Store:
             merged[experiment] = (added, damaged)
         return merged
 
+    def open(self, experiment: str) -> Journal:
+        """What is stored of an experiment now, read once."""
+        records, problems = self.read(experiment)
+        return Journal(latest(records), problems)
+
     def latest(self, experiment: str) -> list[Record]:
         """One record per cell of the newest VERSION stored, in the order of the experiment's cells; see `latest`."""
-        return latest(self.read(experiment)[0])
+        return self.open(experiment).latest
 
     def rows(self, experiment: str) -> pd.DataFrame:
-        """What was measured: each row with the fields of its cell, and `key`, `status`, `failure`.
-
-        A failed cell is one row with status "failed" and the error's message; its measured columns are missing.
-        Everywhere else status is "done" and `failure` is missing.
-        """
-        table = []
-        for record in self.latest(experiment):
-            failure = record["error"] and f"{record['error']['type']}: {record['error']['message']}"
-            added = {"key": record["key"], "status": record["status"], "failure": failure}
-            for row in record["rows"] if record["status"] == "done" else [{}]:
-                table.append(restore({**record["cell"], **row, **added}))
-        return _frame(table, columns=None if table else list(ADDED))
-
-    def failures(self, experiment: str) -> pd.DataFrame:
-        """The cells that failed: their fields, `key`, `error_type`, `error_message` and `error_traceback`."""
-        table = []
-        for record in self.latest(experiment):
-            if record["status"] == "failed":
-                error = {f"error_{name}": text for name, text in record["error"].items()}
-                table.append(restore({**record["cell"], "key": record["key"], **error}))
-        return _frame(table)
-
-    def provenance(self, experiment: str) -> pd.DataFrame:
-        """Where each cell's rows come from: `key`, `seconds` and the facts of `provenance.provenance`."""
-        latest = self.latest(experiment)
-        return _frame([{"key": r["key"], "seconds": r["seconds"], **r["provenance"]} for r in latest])
+        """What was measured; see `Journal.rows`."""
+        return self.open(experiment).rows()
 
     @contextlib.contextmanager
     def _explained(self) -> Iterator[None]:

@@ -14,6 +14,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from experiments import load
+from experiments.engine import PROFILES
+from report import tables
+
 WORDS = {True: "pass", False: "fail", None: "no data"}
 
 
@@ -32,6 +36,31 @@ class Verdict:
 
 
 Check = Callable[[pd.DataFrame], Verdict]
+Need = Callable[[pd.DataFrame], str]  # which runs are missing in rows, or in the cells of a profile; "" if none is
+
+
+def nothing(rows: pd.DataFrame) -> str:
+    """The need of a claim that every profile has the runs for."""
+    return ""
+
+
+def steps(length: int) -> Need:
+    """Runs of at least so many steps."""
+    return lambda rows: "" if (_column(rows, "steps") >= length).any() else f"no run of {tables.show(length)} steps is stored"
+
+
+def spans(*lengths: float) -> Need:
+    """Runs of each of these lengths."""
+
+    def missing(rows: pd.DataFrame) -> str:
+        absent = sorted(set(lengths) - set(_column(rows, "span")))
+        return f"no run up to t = {tables.show(absent[0])} is stored" if absent else ""
+
+    return missing
+
+
+def _column(rows: pd.DataFrame, name: str) -> pd.Series:
+    return rows[name] if name in rows else pd.Series(dtype=float)
 
 
 @dataclass(frozen=True)
@@ -42,7 +71,16 @@ class Claim:
     text: str
     experiment: str
     check: Check
-    command: str = ""  # how to check it; default: the full run of the experiment, and its report
+    needs: Need = nothing  # the runs it is about; without them there is no data
+    command: str = ""  # how to check it; default: a run of the experiment, and its report
+
+    @property
+    def profile(self) -> str:
+        """The smallest profile that has the runs it is about."""
+        if self.needs is nothing:
+            return PROFILES[0]
+        cells = load(self.experiment).cells
+        return next((p for p in PROFILES if not self.needs(pd.DataFrame(cells(p)))), PROFILES[-1])
 
 
 class NoData(LookupError):
@@ -57,6 +95,8 @@ def judge(claim: Claim, rows: pd.DataFrame) -> tuple[Verdict, str | None]:
     """The verdict on a claim, and what went wrong in the check itself (None: nothing)."""
     if rows.empty:
         return Verdict(None, None, None, f"nothing of {claim.experiment} is stored"), None
+    if missing_runs := claim.needs(rows):
+        return Verdict(None, None, None, missing_runs), None
     try:
         verdict = claim.check(rows)
     except NoData as missing:
@@ -119,15 +159,6 @@ def at_most(bound: float, *columns: str, **where: Any) -> Check:
 def at_least(bound: float, *columns: str, **where: Any) -> Check:
     """Every value of the columns is ≥ bound; NaN is not."""
     return compare(lambda rows: float(np.min(values(rows, *columns, **where))), operator.ge, bound)
-
-
-def ratio_at_least(bound: float, column: str, top: dict[str, Any], bottom: dict[str, Any]) -> Check:
-    """The median of a column in the rows `top` is at least `bound` times that in the rows `bottom`."""
-
-    def ratio(rows: pd.DataFrame) -> float:
-        return float(np.median(values(rows, column, **top)) / np.median(values(rows, column, **bottom)))
-
-    return compare(ratio, operator.ge, bound)
 
 
 def on(derive: Callable[[pd.DataFrame], pd.DataFrame], check: Check) -> Check:

@@ -44,6 +44,10 @@ class Origin:
             return f"lagrange-bench report --results {shlex.quote(named(default_results(self.profile)))}"
         return f"lagrange-bench report{self.option}"
 
+    def reaching(self, profile: str) -> Origin:
+        """This, or the usual folder of a larger profile: two profiles in one folder would be drawn into one figure."""
+        return self if profile in (PROFILES[0], self.profile) else Origin(named(default_results(profile)), profile)
+
 
 PUBLISHED = Origin("results/reference", "full", default=True)
 

@@ -172,9 +172,10 @@ def assemble(
     others = sorted(path.stem for path in Path(results).glob("*.jsonl") if path.stem not in EXPERIMENTS)
     sections = _sections([*EXPERIMENTS, *others], Store(results), processes, drawn, modules)
     source = origin.find(results, [section.profiles for section in sections if len(section.rows)])
+    rows = {section.experiment: section.rows for section in sections}
     for section in sections:
         section.origin = source
-    rows = {section.experiment: section.rows for section in sections}
+        promises.keep(section.experiment, section.rows, {made.name: made.frame for made in section.tables})
     errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
     judged, wrong = judge(rows, source)
     errors += wrong
@@ -195,7 +196,8 @@ def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> tuple[li
     judged, errors = [], []
     for claim in promises.CLAIMS:
         verdict, error = claims.judge(claim, rows.get(claim.experiment, pd.DataFrame()))
-        judged.append(Judged(claim, verdict, claim.command or Section(claim.experiment, origin=source).again))
+        wanted = source.reaching(claim.profile) if verdict.passed is None else source
+        judged.append(Judged(claim, verdict, claim.command or Section(claim.experiment, origin=wanted).again))
         errors += [error] if error else []
     return judged, errors
 
@@ -275,12 +277,12 @@ def _section(experiment: str, store: Store) -> Section:
         section.errors.append(f"cannot be loaded: {_said(error)}")
         module = None
     try:
-        section.notes = [note.replace(f"{store.folder}{os.sep}", "") for note in store.read(experiment)[1]]
-        section.rows, section.failures = store.rows(experiment), store.failures(experiment)
-        section.provenance = store.provenance(experiment)
-        section.ages.update(map(sources.judge, store.latest(experiment)))
+        journal = store.open(experiment)
+        section.notes = [note.replace(f"{store.folder}{os.sep}", "") for note in journal.problems]
+        section.rows, section.failures, section.provenance = journal.rows(), journal.failures(), journal.provenance()
+        section.ages.update(map(sources.judge, journal.latest))
         if module is not None:
-            section.profiles = origin.profiles_of(module, store.latest(experiment))
+            section.profiles = origin.profiles_of(module, journal.latest)
     except StoreError as error:
         section.errors.append(str(error).replace(f"{store.folder}{os.sep}", ""))
     if module is None or section.rows.empty:

@@ -2,36 +2,42 @@
 
 from __future__ import annotations
 
-import importlib
 import operator
 from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
 
-from experiments import work_precision
+from experiments import load, work_precision
 from experiments.metrics import ROUND_OFF
 from integrators.interface import INVARIANTS
-from integrators.registry import METHODS, available
-from report.claims import Claim, NoData, Verdict, at_least, at_most, compare, on, values, within
+from integrators.registry import BUILT_IN, METHODS, available
+from report import tables
+from report.claims import Claim, NoData, Verdict, at_least, at_most, compare, on, spans, steps, values, within
 
 ULP = 2 * ROUND_OFF
 
 
-# the tables of an experiment made last, and of which rows: several claims ask for the same
-_LAST: dict[str, tuple[pd.DataFrame, dict[str, pd.DataFrame]]] = {}
+Tables = dict[str, pd.DataFrame]
+_TABLES: dict[str, tuple[pd.DataFrame, Tables]] = {}  # of each experiment the rows judged last, and their tables
+
+
+def keep(experiment: str, rows: pd.DataFrame, made: Tables) -> None:
+    """Hand the claims the tables of these rows: several ask for the same, and the page has made them already."""
+    _TABLES[experiment] = (rows, made)
 
 
 def table(experiment: str, name: str) -> Callable[[pd.DataFrame], pd.DataFrame]:
     """The named table an experiment makes of its rows."""
 
     def derive(rows: pd.DataFrame) -> pd.DataFrame:
-        if experiment not in _LAST or _LAST[experiment][0] is not rows:
-            _LAST[experiment] = (rows, importlib.import_module(f"experiments.{experiment}").tables(rows))
-        made = _LAST[experiment][1]
-        if name not in made or made[name].empty:
+        if experiment not in _TABLES or _TABLES[experiment][0] is not rows:
+            made = load(experiment).tables(rows)
+            keep(experiment, rows, {each: tables.flat(frame) for each, frame in made.items()})
+        found = _TABLES[experiment][1].get(name, pd.DataFrame())
+        if found.empty:
             raise NoData(f"no table {name!r}")
-        return made[name]
+        return found
 
     return derive
 
@@ -75,8 +81,8 @@ def kept_as_claimed(rows: pd.DataFrame) -> Verdict:
 
 
 def all_methods(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows, if every method that can run here is among them."""
-    if missing := sorted(name for name in METHODS if available(METHODS[name]) and name not in set(rows.method)):
+    """The rows, if every method of the bench that can run here is among them. Plug-ins are judged where they have rows."""
+    if missing := sorted(name for name in BUILT_IN if available(METHODS[name]) and name not in set(rows.method)):
         raise NoData(f"not measured: {', '.join(missing)}")
     return rows
 
@@ -84,21 +90,19 @@ def all_methods(rows: pd.DataFrame) -> pd.DataFrame:
 EXACT = ("backlund", "closed-form")
 
 
-def lead(spans: dict[float, float], price: str, longest: bool) -> Callable[[pd.DataFrame], Verdict]:
+def lead(errors: dict[float, float], price: str, longest: bool) -> Callable[[pd.DataFrame], Verdict]:
     """How many times as long the cheapest method takes that is not exact in time as the cheapest Bäcklund map.
 
-    spans : length of the runs, and the smallest error asked for. price : "seconds", or "total" with set-up. longest : the
+    errors : length of the runs, and the smallest error asked for. price : "seconds", or "total" with set-up. longest : the
     claim is that it reaches every error and is the cheapest (ratio above 1, the least is told) or that it is not (below
     1, the largest is told). Who does not reach an error is no rival.
     """
 
     def check(rows: pd.DataFrame) -> Verdict:
-        if missing := sorted(set(spans) - set(rows.get("span", ()))):
-            raise NoData(f"no runs up to t = {missing[0]:g}")
         good = work_precision.useful(all_methods(rows))
         ratios = {}
-        for (span, state), group in good[good.span.isin(spans)].groupby(["span", "state"], sort=False):
-            for target in (target for target in work_precision.TARGETS if target >= spans[span]):
+        for (span, state), group in good[good.span.isin(errors)].groupby(["span", "state"], sort=False):
+            for target in (target for target in work_precision.TARGETS if target >= errors[span]):
                 found = work_precision.best(group, target, price)
                 ours, others = found[found.family == "backlund"][price], found[~found.family.isin(EXACT)][price]
                 if longest and ours.empty:
@@ -110,17 +114,6 @@ def lead(spans: dict[float, float], price: str, longest: bool) -> Callable[[pd.D
         return Verdict(float(told), 1.0, told > 1 if longest else told < 1, ratios[told])
 
     return check
-
-
-def long_enough(length: int, check: Callable[[pd.DataFrame], Verdict]) -> Callable[[pd.DataFrame], Verdict]:
-    """The check, if the rows hold runs of at least so many steps."""
-
-    def checked(rows: pd.DataFrame) -> Verdict:
-        if not (rows.get("steps", pd.Series(dtype=float)) >= length).any():
-            raise NoData(f"no run of {length:,} steps is stored (full profile)")
-        return check(rows)
-
-    return checked
 
 
 def more_accurate(rows: pd.DataFrame) -> Verdict:
@@ -178,13 +171,15 @@ CLAIMS = [
         "It keeps H, J3, C1 and C2 within 16 ulps of their scales over ten million steps of 1/8, on every top, pinned "
         "onto them every eighth step …",
         "drift",
-        long_enough(10**7, within(16 * ULP, *INVARIANTS, part="time", method="backlund")),
+        within(16 * ULP, *INVARIANTS, part="time", method="backlund"),
+        steps(10**7),
     ),
     Claim(
         "unpinned",
         "… and without any pinning within 1e-11.",
         "drift",
-        long_enough(10**7, within(1e-11, *INVARIANTS, part="time", method="backlund_unpinned")),
+        within(1e-11, *INVARIANTS, part="time", method="backlund_unpinned"),
+        steps(10**7),
     ),
     Claim(
         "unpinned-long-steps",
@@ -220,7 +215,8 @@ CLAIMS = [
         "(interpreted methods: 2000 to 20 000) with no more than a random walk of round-off, growth exponent below 0.75; or its "
         "record calls it biased and says why.",
         "drift",
-        long_enough(10**7, kept_as_claimed),
+        kept_as_claimed,
+        steps(10**7),
     ),
     Claim(
         "cheapest-long",
@@ -229,6 +225,7 @@ CLAIMS = [
         "get there (found: times as long, at least).",
         "work_precision",
         lead({1e4: 1e-12, 1e6: 1e-10}, "total", longest=True),
+        spans(1e4, 1e6),
     ),
     Claim(
         "loses-short",
@@ -236,34 +233,33 @@ CLAIMS = [
         "longer than the whole run of another method (found: share of the Bäcklund map's time, at most).",
         "work_precision",
         lead({10.0: 1e-12}, "total", longest=False),
+        spans(10.0),
     ),
     Claim(
         "midpoint-is-unbiased",
         "The implicit midpoint rule keeps H, C1 and C2 with no more than a random walk of round-off over ten million steps: "
         "growth exponent below 0.75 …",
         "drift",
-        long_enough(
-            10**7,
-            on(
-                table("drift", "verdicts"),
-                at_most(0.75, "exponent", method="implicit_midpoint", invariant=("H", "C1", "C2")),
-            ),
+        on(
+            table("drift", "verdicts"),
+            at_most(0.75, "exponent", method="implicit_midpoint", invariant=("H", "C1", "C2")),
         ),
+        steps(10**7),
     ),
     Claim(
         "midpoint-keeps-J3",
         "… and J3 to the last bit.",
         "drift",
-        long_enough(10**7, within(0.0, "J3", part="time", method="implicit_midpoint")),
+        within(0.0, "J3", part="time", method="implicit_midpoint"),
+        steps(10**7),
     ),
     Claim(
         "rk45-drifts",
         "Runge-Kutta with fixed steps loses energy steadily over ten million steps, exponent at least 0.75: the measurement can "
         "tell.",
         "drift",
-        long_enough(
-            10**7, on(table("drift", "verdicts"), at_least(0.75, "exponent", method="rk45_fixed", invariant="H"))
-        ),
+        on(table("drift", "verdicts"), at_least(0.75, "exponent", method="rk45_fixed", invariant="H")),
+        steps(10**7),
     ),
     Claim(
         "thin-adapter",
@@ -276,7 +272,8 @@ CLAIMS = [
         "The real map of the Gaudin magnet keeps every |s_j| and every H_j within 1e-12 of the size of its terms over "
         "more than 10⁵ steps, for 8 spins.",
         "gaudin",
-        long_enough(10**5, within(1e-12, "spins", "hamiltonians", part="time", n=8, variant=("order 2", "exact"))),
+        within(1e-12, "spins", "hamiltonians", part="time", n=8, variant=("order 2", "exact")),
+        steps(10**5),
     ),
     Claim(
         "program-loses-digits",
@@ -303,6 +300,7 @@ CLAIMS = [
         "error, set-up of both included.",
         "ensemble",
         compare(batch_ratio, operator.ge, 50.0),
+        spans(1e4),
     ),
     Claim(
         "phase-of-the-pinned-step",
@@ -310,6 +308,7 @@ CLAIMS = [
         "sixteen tops, after ten million steps.",
         "round_off",
         on(table("round_off", "forms"), at_most(1e-16, "phase error / t", form="pinned, every 8", steps=10**7)),
+        steps(10**7),
     ),
     Claim(
         "forms-differ",
@@ -324,5 +323,6 @@ CLAIMS = [
         "time (found: ratio of the errors).",
         "round_off",
         long_run_lead,
+        steps(10**9),
     ),
 ]

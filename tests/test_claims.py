@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import sys
+from dataclasses import replace
+from importlib.metadata import EntryPoint
+from types import ModuleType
+
 import numpy as np
 import pandas as pd
 import pytest
 
-from experiments import EXPERIMENTS
+from experiments import EXPERIMENTS, load
+from experiments.store import Store, default_results
 from integrators import METHODS
-from report import claims, promises
+from integrators.registry import GROUP
+from report import claims, origin, page, promises
 from report.claims import Claim, NoData, Verdict
 
 
@@ -31,7 +38,7 @@ def test_a_failed_cell_counts_where_a_measured_field_is_asked_for():
         }
     )
     assert claims.within(9.0, "x", name="H")(rows).passed is False
-    assert claims.ratio_at_least(2.0, "x", {"name": "H"}, {"name": "H"})(rows).passed is False
+    assert claims.at_most(9.0, "x", name="H")(rows).passed is False
 
 
 def test_a_broken_check_is_no_data_and_is_reported():
@@ -122,5 +129,50 @@ def test_who_leads_is_told_with_set_up_and_without():
     assert lead(short, "total", True).value == 0.0
     assert not lead(races(0.1).assign(error=1e-11), "total", True).passed  # 1e-12 is reached by nobody
     assert promises.lead({10.0: 1e-10}, "total", True)(races(0.1).assign(error=1e-11)).passed  # nor asked for
-    with pytest.raises(NoData, match="t = 20"):
-        promises.lead({20.0: 1e-12}, "total", True)(races(0.1))
+
+
+# ---------------------------------------------------------------- which runs a claim needs
+
+FULL = {
+    "invariants-for-ever", "unpinned", "claims-of-methods", "cheapest-long", "loses-short", "midpoint-is-unbiased",
+    "midpoint-keeps-J3", "rk45-drifts", "magnet", "ensemble-heyoka", "phase-of-the-pinned-step", "long-run",
+}  # fmt: skip
+
+
+def test_the_profile_a_claim_needs_is_read_off_the_cells():
+    """The quick profile has no runs for FULL, and the full one has the runs of every claim."""
+    assert {claim.id for claim in promises.CLAIMS if claim.profile == "full"} == FULL
+    for claim in promises.CLAIMS:
+        assert claim.needs(pd.DataFrame(load(claim.experiment).cells("full"))) == ""
+
+
+def test_no_data_for_want_of_long_runs_names_the_profile_that_has_them():
+    quick = origin.find(default_results("quick"), [("quick",)])
+    rows = {
+        "drift": pd.DataFrame({"status": ["done"], "part": "time", "method": "backlund", "steps": 10**5}),
+        "work_precision": pd.DataFrame({"status": ["done"], "method": "backlund", "span": 100.0}),
+    }
+    judged = {each.claim.id: each for each in page.judge(rows, quick)[0]}
+    assert judged["unpinned"].verdict.note == "no run of 10\u202f000\u202f000 steps is stored"
+    assert judged["loses-short"].verdict.note == "no run up to t = 10 is stored"
+    for name, experiment in (("unpinned", "drift"), ("loses-short", "work_precision")):
+        assert judged[name].verdict.passed is None
+        assert judged[name].command == (
+            f"lagrange-bench run {experiment} --profile full && lagrange-bench report --results results/local/full"
+        )
+    assert judged["orders"].command.startswith("lagrange-bench run phase --profile quick && "), "that will do"
+
+
+# ---------------------------------------------------------------- somebody else's method
+
+
+def test_an_installed_plug_in_without_rows_changes_no_verdict(monkeypatch):
+    rows = {name: Store(default_results()).rows(name) for name in EXPERIMENTS}
+    before = [each.verdict for each in page.judge(rows)[0]]
+    assert {verdict.passed for verdict in before} == {True}
+    module = ModuleType("somebody_elses")
+    module.METHOD = replace(METHODS["rk4"], name="mine")
+    monkeypatch.setitem(sys.modules, "somebody_elses", module)
+    monkeypatch.setitem(METHODS._entries, "mine", EntryPoint("mine", "somebody_elses:METHOD", GROUP))
+    assert "mine" in METHODS
+    assert [each.verdict for each in page.judge(rows)[0]] == before

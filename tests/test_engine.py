@@ -147,7 +147,7 @@ def test_a_failing_cell_is_a_result(toy, tmp_path):
     assert errors["raise"] == "ArithmeticError: cell 1 was told to"
     assert errors["bad row"].startswith("TypeError: cannot store")
     assert errors["exit"] == "SystemExit: 3"
-    assert "raise ArithmeticError" in toy.store.failures(TOY)["error_traceback"][0]
+    assert "raise ArithmeticError" in toy.store.open(TOY).failures()["error_traceback"][0]
     assert "ArithmeticError" in str(first)
     file.write_text("")
     second = toy(cells)  # failures are tried again, successes are not

@@ -175,7 +175,7 @@ def test_the_last_success_counts(tmp_path):
     table = results.rows("toy")
     assert table["i"].tolist() == [1, 2]  # in the order of the cells
     assert table["square"].tolist() == [9, 4]
-    assert results.failures("toy").empty
+    assert results.open("toy").failures().empty
     assert len(results.done("toy")[0]) == 2
 
 
@@ -219,8 +219,8 @@ def test_failures_are_rows(tmp_path):
     assert table["status"].tolist() == ["failed", "done"]
     assert table["failure"][0] == "ArithmeticError: attempt 1"
     assert np.isnan(table["square"][0])
-    assert results.failures("toy")["error_message"].tolist() == ["attempt 1"]
-    facts = results.provenance("toy").set_index("key").loc[table["key"][0]]
+    assert results.open("toy").failures()["error_message"].tolist() == ["attempt 1"]
+    facts = results.open("toy").provenance().set_index("key").loc[table["key"][0]]
     assert facts["numpy"] == np.__version__
 
 
@@ -228,7 +228,7 @@ def test_nothing_stored(tmp_path):
     results = Store(tmp_path / "missing")
     assert results.rows("toy").empty
     assert {"key", "status", "failure"} <= set(results.rows("toy").columns)
-    assert results.failures("toy").empty
+    assert results.open("toy").failures().empty
     assert results.done("toy") == ({}, [])
     assert not results.folder.exists()
 
