@@ -5,11 +5,11 @@ BIN := .venv/bin
 .PHONY: help bench test test-oldest stress lint full report docs clean
 
 help:
-	@echo "make bench   set up, run the quick profile (about 3 minutes), write report/index.html"
+	@echo "make bench   set up, run the quick profile (about 3 minutes), draw the report and print where it is"
 	@echo "make test    set up, run the tests (about 7 minutes)"
 	@echo "make stress  repeat the tests that start processes beside busy loops (hours); ROUNDS=30 MINUTES=240"
 	@echo "make test-oldest   the tests with the oldest versions of all packages (tests/oldest.txt), in .venv-oldest"
-	@echo "make full    set up, run the full profile (about 40 minutes), write report/index.html"
+	@echo "make full    set up, run the full profile (about 40 minutes), draw the report and print where it is"
 	@echo "make report  draw the committed reference run again, computing nothing"
 	@echo "make docs    write the reference of all modules to build/docs, to be read offline"
 	@echo "make lint    ruff and mypy"
@@ -58,4 +58,4 @@ lint: .venv/ready
 
 clean:
 	rm -rf .venv .venv-oldest build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	rm -rf report/index.html report/figures report/tables
+	rm -rf results/reference/page results/local/*/page

@@ -316,7 +316,7 @@ def _add_verify(command: argparse.ArgumentParser) -> None:
 def _add_report(command: argparse.ArgumentParser) -> None:
     text = "what lagrange-bench run stored (default: results/reference, the published ones; else your latest run)"
     command.add_argument("--results", type=Path, metavar="DIR", help=text)
-    text = "where the page goes; it is created (default: report/ of the source tree, or ./report-output)"
+    text = "where the page goes; it is created (default: the folder page in that of the results)"
     command.add_argument("--output", type=Path, metavar="DIR", help=text)
     command.add_argument(
         "--quiet", action="store_true", help="no remarks on stderr; the page and the exit code have them"

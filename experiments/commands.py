@@ -123,7 +123,6 @@ def run(options: argparse.Namespace) -> Answer:
     if summary.old and not options.again:
         lines.append(f"again, the old cells: {shlex.join(['lagrange-bench', *options.words, '--again'])}")
     report = f"lagrange-bench report --results {shlex.quote(str(results))}"
-    report += f" --output {shlex.quote(str(results / 'page'))}" if own else ""
     report += "".join(f" --module {module}" for module in _own_modules(names))
     data = {**summary.as_dict(), "drawn": [str(path) for path in drawn], "next": report}
     return Answer("\n".join([*lines, f"next: {report}"]), data, summary.exit_code)

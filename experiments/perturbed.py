@@ -212,7 +212,7 @@ def draw(rows: pd.DataFrame) -> dict:
             look = {"color": colours[place], "marker": markers[place], "linestyle": style.DASHES[place]}
             if not run.empty:
                 ax.loglog(run.h, run.error.clip(lower=1e-15), **look, label=variant)
-        ax.set_title(f"ε = {show(eps).removeprefix('1×')}")
+        ax.set_title(f"ε = {show(eps)}")
         ax.set_ylim(3e-16, 10)
     for ax in grid.flat[len(sizes) :]:
         ax.remove()

@@ -35,6 +35,7 @@ SPANS: dict[str, dict[float, tuple[tuple[str, ...], int, int, float]]] = {
 }
 COARSEST, FINEST = 16.0, 2.0**-24  # steps; nobody gets to the last
 LOOSEST, TIGHTEST = 2, 15  # decades of tolerance
+OURS = "backlund"  # the exact step
 USEFUL = 0.1  # an error above this is no solution: its time is not measured
 FLOOR_RUNS = 3  # runs in a row that do not lower the least error so far end a curve
 SAMPLE = 0.005  # s, the least length of a timing sample; longer runs are timed a second time only
@@ -270,14 +271,17 @@ def draw(rows: pd.DataFrame) -> dict:
 
 
 def champions(good: pd.DataFrame) -> list[str]:
-    """Of each family the method that is its cheapest at the most of the target errors."""
+    """Of each family the method that is its cheapest at the most of the target errors; of the Bäcklund maps the exact one."""
     wins: dict[str, dict[str, int]] = {}
     for target in TARGETS:
         for family, group in best(good, target).groupby("family", sort=False):
             of_family = wins.setdefault(str(family), {})
             name = group.method.iloc[0]
             of_family[name] = of_family.get(name, 0) + 1
-    return [max(of_family, key=lambda name: of_family[name]) for of_family in wins.values()]
+    chosen = {family: max(of_family, key=lambda name: of_family[name]) for family, of_family in wins.items()}
+    if (good.method == OURS).any():
+        chosen[METHODS[OURS].family] = OURS
+    return list(chosen.values())
 
 
 def _curve(good: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
@@ -298,11 +302,15 @@ def _draw_frontier(good: pd.DataFrame, style):
         chosen = champions(here)
         for method in style.ordered(here.method):
             run = here[here.method == method]
-            ax.loglog(*_curve(run), **(style.bold(method) if method in chosen else style.thin(method)))
+            seconds, error = _curve(run)
+            look = style.bold(method) if method in chosen else style.thin(method)
+            if method in chosen and len(error) < 3:  # hardly a line, or none
+                look["marker"] = "o"
+            ax.loglog(seconds, error, **look, zorder=6 if method == OURS else 3)
         front = here.iloc[metrics.pareto_front(here.seconds, here.error)]
-        ax.loglog(front.seconds, front.error, color=style.INK, marker="o", markersize=4.5, linestyle=(0, (1, 1.2)),
-                  markerfacecolor="none", linewidth=0.8, zorder=6, label="_frontier")  # fmt: skip
-        ax.set_title(f"t = {show(span).removeprefix('1×')}")
+        ax.loglog(front.seconds, front.error, color="#dedede", linewidth=9, zorder=1, label="_frontier")
+        _shade_calls(ax, float(good.seconds.min()), style)
+        ax.set_title(f"t = {show(span)}")
         ax.set_ylim(1e-16, 1)
     for ax in grid.flat[len(spans) :]:
         ax.remove()
@@ -314,10 +322,23 @@ def _draw_frontier(good: pd.DataFrame, style):
     fig.caption = (
         f"Error at the end of the run against its wall time on “{TOPS[good.state.iloc[0]].label}”; down and to the left is "
         "better. Of each method the runs that no other of its own beats; thin in the colour of its family, and of each "
-        "family the one that is cheapest at most errors bold and named. Circles: the efficient frontier, runs that no other "
-        "run beats in both. Set-up and compilation are not included here; the tables count set-up too."
+        "family the one that is cheapest at most errors bold and named, of the Bäcklund maps the exact step. Wide "
+        "and pale: the efficient frontier, runs that no other run beats in both. Shaded: what one call from Python takes "
+        "whatever it does. Set-up and compilation are not included here; the tables count set-up too."
     )
     return fig
+
+
+def _shade_calls(ax, call: float, style) -> None:
+    """What no run can be faster than: the least time of any."""
+    low = ax.get_xlim()[0]
+    if low > call:
+        return
+    low = min(low, call / 2.5)
+    ax.axvspan(low, call, color="#f0ece4", zorder=0.5)
+    ax.set_xlim(left=low)
+    text = {"fontsize": 6.5, "color": style.FAINT, "ha": "center", "va": "center", "rotation": 90}
+    ax.text((low * call) ** 0.5, 1e-8, "one call from Python", **text)
 
 
 def _draw_families(rows: pd.DataFrame, good: pd.DataFrame, style, span: float):
@@ -336,7 +357,7 @@ def _draw_families(rows: pd.DataFrame, good: pd.DataFrame, style, span: float):
     fig, axes = style.by_family(rows.method, line, "wall time of the run, s", "error at the end", (1e-16, 1))
     style.label_ends(axes)
     fig.caption = (
-        f"Error against wall time, t = {show(span).removeprefix('1×')}, a panel for each family, its best bold; in grey "
+        f"Error against wall time, t = {show(span)}, a panel for each family, its best bold; in grey "
         "the exact Bäcklund step. Each point is one step size or tolerance; runs that another of the same method beats in "
         "both are left out. A cross before a name: no run of the method is within the limits of time and of error."
     )

@@ -34,7 +34,7 @@ class Made:
 def make(
     results: Path | None = None, output: Path | None = None, show: bool = True, modules: Sequence[str] = ()
 ) -> Made:
-    """The report of `results`, or of the ones at hand, in `output` or its usual place.
+    """The report of `results`, or of the ones at hand, in `output` or their folder `page`.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def make(
     from report import page
 
     results, notes = find(results)
-    output = output or default_output()
+    output = output or results / "page"
     page.check_writable(output)
     import_modules(modules)
     with progress.drawing(results, show) as drawn:
@@ -67,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Returns the exit code: 0, 1 if a part could not be drawn (the page says which), 2 for wrong usage."""
     parser = argparse.ArgumentParser(prog="lagrange-bench report", description="Draw what is stored; compute nothing.")
     parser.add_argument("--results", type=Path, metavar="DIR", help="where the results are (default: the reference)")
-    parser.add_argument("--output", type=Path, metavar="DIR", help="where index.html, figures and tables go")
+    parser.add_argument("--output", type=Path, metavar="DIR", help="where index.html, figures and tables go (default: RESULTS/page)")
     options = parser.parse_args(argv)
     try:
         made = make(options.results, options.output)
@@ -79,14 +79,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(line, file=sys.stderr)
     print(made.page)
     return made.exit_code
-
-
-def default_output() -> Path:
-    """The folder report/ of a checkout; ./report-output for an installed package."""
-    from experiments.provenance import checkout
-
-    root = checkout()
-    return Path("report-output") if root is None else root / "report"
 
 
 def find(chosen: Path | None) -> tuple[Path, list[str]]:

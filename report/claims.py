@@ -29,6 +29,7 @@ class Verdict:
     bound: Any
     passed: bool | None
     note: str = ""
+    over: str = ""  # what was found under other conditions than those of the bound, in short
 
     @property
     def word(self) -> str:

@@ -26,7 +26,7 @@ from types import ModuleType
 
 import jinja2
 import pandas as pd
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from experiments import EXPERIMENTS, UnknownExperiment, errata, load, load_stored, sources
 from experiments.store import Store, StoreError
@@ -39,6 +39,7 @@ HEADLINE = "phase"  # error against the step: what is new here, in one figure
 HEAVY = 1_000_000  # characters of packed rows beyond which they stay in their journal, for the page's sake
 LONG = 14  # rows beyond which a table is folded
 FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table of the environment; then the packages
+POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
 SUFFIXES = (".svg", ".md", ".tex", ".csv")
 Drawn = Callable[[int, int], None]  # told how many sections are drawn, of how many
 MEASURED_WHEN = ("key", "seconds", "utc", "dirty")
@@ -401,7 +402,7 @@ def html(report: Report) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters.update(show=tables.show, cells=tables.cells, heading=tables.heading)
+    environment.filters.update(show=tables.show, cells=tables.cells, heading=tables.heading, prose=prose)
     template = environment.get_template("template.html.j2")
     parts = {name: Markup((HERE / f"page.{name}").read_text(encoding="utf-8")) for name in ("css", "js")}
     parts["css"] += Markup((live.HERE / "live.css").read_text(encoding="utf-8"))
@@ -422,6 +423,19 @@ def html(report: Report) -> str:
         library=Markup(packed(live.library())),
         **parts,
     )
+
+
+def prose(text: str) -> Markup:
+    """A text of the sources as HTML: `words` of code, numbers and powers as in the tables."""
+    plain, *rest = text.split("`")
+    html = [_typeset(plain)]
+    for i, part in enumerate(rest):
+        html.append(_typeset(part) if i % 2 else Markup("<code>{}</code>").format(part))
+    return Markup("").join(html)
+
+
+def _typeset(text: str) -> Markup:
+    return Markup(POWER.sub(r"<sup>\1\2</sup>", str(escape(tables.numbers_in(text)))))
 
 
 def _packed_rows(sections: list[Section]) -> dict[str, str]:

@@ -22,7 +22,8 @@ def claims_table(results: Path) -> str:
     for judged in page.judge(rows)[0]:
         verdict = judged.verdict
         found, bound = ("" if v is None else tables.show(v) for v in (verdict.value, verdict.bound))
-        text = judged.claim.text.replace("|", "\\|")
+        found += f" ({verdict.over})" if verdict.over else ""
+        text = tables.numbers_in(judged.claim.text).replace("|", "\\|")
         lines.append(f"| {text} | {found} | {bound} | {WORDS[verdict.passed]} | `{judged.claim.experiment}` |")
     return "\n".join(lines)
 

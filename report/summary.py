@@ -13,7 +13,7 @@ from integrators.interface import INVARIANTS
 from integrators.registry import METHODS
 from report import style, tables
 from report.claims import CellFailed, NoData, select, values
-from report.promises import EXACT, table
+from report.promises import EXACT, ratios_over_steps, table
 
 OURS = "backlund"
 POOR = 1e-3  # an error of which one says that the phase is off
@@ -83,13 +83,17 @@ def cost(rows: dict[str, pd.DataFrame]) -> Said:
     """The headline run against the Taylor series; and where the exact step loses."""
     names = ("backlund_s", "heyoka_s", "ratio", "backlund_error", "heyoka_error", "steps", "h")
     ours, theirs, ratio, error, their_error, steps, h = values(rows["cost"], *names, part="headline", fraction=0.5)[0]
-    gloss = f"less time than a Taylor series at machine precision, for a run up to t\xa0=\xa0{_show(steps * h)}"
+    over = ratios_over_steps(rows["cost"])
+    gloss = (
+        f"less time than a Taylor series at machine precision, for a run up to t\xa0=\xa0{_show(steps * h)} at half a "
+        f"nutation period per step{f'; {over}' if over else ''}"
+    )
     text = (
         f"A run up to t = {_show(steps * h)} at half a nutation period a step takes {_show(1e3 * ours)} ms, "
-        f"{_show(ratio)} times less than a Taylor series at machine precision ({_show(1e3 * theirs)} ms), with an error of "
+        f"{tables.show(round(ratio))} times less than a Taylor series at machine precision ({_show(1e3 * theirs)} ms), with an error of "
         f"{_show(error)} against {_show(their_error)}"
     )
-    return f"{_show(ratio)}×", gloss, text + _where_it_loses(rows.get("work_precision", pd.DataFrame())) + "."
+    return f"{tables.show(round(ratio))}×", gloss, text + _where_it_loses(rows.get("work_precision", pd.DataFrame())) + "."
 
 
 def _where_it_loses(rows: pd.DataFrame) -> str:
@@ -103,7 +107,7 @@ def _where_it_loses(rows: pd.DataFrame) -> str:
             if len(found) and found.iloc[0].family not in EXACT and (found.family == "backlund").any():
                 first, ours = found.iloc[0], found[found.family == "backlund"].iloc[0]
                 return (
-                    f"; it loses short runs, where calls from Python are most of the work: up to t = {span:g}, for an error of "
+                    f"; it loses short runs, where calls from Python are most of the work: up to t = {_show(span)}, for an error of "
                     f"{_show(target)} on {state}, {_name(first.method)} takes {_show(ours.total / first.total)} times less"
                 )
     return "; in no run stored, however short, is a method cheaper that is not exact"
@@ -137,6 +141,5 @@ def _name(method: str) -> str:
 
 
 def _show(value: float) -> str:
-    """Two digits, and 10⁶ instead of 1×10⁶."""
-    whole = abs(value) >= 1e4 and float(value).is_integer() and value % 1e5
-    return tables.show(int(value) if whole else float(f"{value:.2g}")).removeprefix("1×")
+    """Counts exactly, measured numbers with two digits."""
+    return tables.show(value if float(value).is_integer() else float(f"{value:.2g}"))

@@ -1,4 +1,8 @@
-"""Tables as HTML cells, Markdown, LaTeX (booktabs, siunitx) and CSV. CSV holds every digit, the others what a reader needs."""
+"""Numbers as a reader sees them, here and on the page; tables as HTML cells, Markdown, LaTeX (booktabs, siunitx), CSV.
+
+Measured numbers have three digits: 0.0171, 1.23×10⁻⁵. Counts are exact, 1024 and 47 369; powers of ten are 10⁴, 10⁻¹². CSV
+holds every digit.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +17,13 @@ import pandas as pd
 
 MISSING = "–"
 PAGE = 45  # rows of a table that fit on a page of LaTeX
+WHOLE = 10**7  # whole numbers up to here are counts, even as floats
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 GROUP = "\N{NARROW NO-BREAK SPACE}"
 BAR = "\N{COMBINING MACRON}"
 UNIT = re.compile(r"\bus\b")
+NUMBER = re.compile(r"(?<![\w.])-?\d(?:\.\d+)?e[+-]?\d{1,3}(?!\w|\.\d)")
+DECIMAL = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 SYMBOL = re.compile(f".{BAR}?", re.DOTALL)
 
 TEX_SPECIAL = {
@@ -59,8 +66,9 @@ def flat(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def heading(column: Any) -> str:
-    """A column's name for a reader: setup_us is "setup µs"."""
-    return UNIT.sub("µs", str(column).replace("_", " "))
+    """A column's name for a reader: setup_us is "setup µs", 1e-06 is 10⁻⁶, 32.0 is 32."""
+    name = str(column)
+    return show(float(name)) if DECIMAL.fullmatch(name) else UNIT.sub("µs", name.replace("_", " "))
 
 
 def cells(frame: pd.DataFrame) -> list[list[Cell]]:
@@ -110,29 +118,44 @@ def csv(frame: pd.DataFrame) -> str:
 # ---------------------------------------------------------------- one value
 
 
-def show(value: Any, pad: bool = False) -> str:
-    """A value for a reader: three significant digits, powers of ten written out. pad : zeros at the end stay."""
+def show(value: Any, pad: bool | None = None) -> str:
+    """A value for a reader. pad : of a measured number, whether zeros at the end stay; None: it may be a count."""
     if not _is_number(value):
         return _word(value)
-    mantissa, exponent = _digits(value, pad)
-    power = "" if exponent is None else f"×10{str(exponent).translate(SUPERSCRIPT)}"
-    return mantissa.replace("-", "−").replace(" ", GROUP) + power
+    mantissa, exponent = _digits(_count(value) if pad is None else value, bool(pad))
+    if exponent is None:
+        return mantissa.replace("-", "−").replace(" ", GROUP)
+    factor = {"1": "", "-1": "−"}.get(mantissa, f"{mantissa.replace('-', '−')}×")
+    return f"{factor}10{str(exponent).translate(SUPERSCRIPT)}"
 
 
-def tex(value: Any, pad: bool = False) -> str:
+def numbers_in(text: str) -> str:
+    """A text with the numbers in it as `show` has them: 1e-06 is 10⁻⁶."""
+    return NUMBER.sub(lambda match: show(float(match[0])), text)
+
+
+def tex(value: Any, pad: bool | None = None) -> str:
     """A value for LaTeX, as `show`: a number as siunitx prints it."""
     if not _is_number(value):
         return _tex_text(_word(value))
-    mantissa, exponent = _digits(value, pad)
+    mantissa, exponent = _digits(_count(value) if pad is None else value, bool(pad))
     if mantissa.endswith("∞"):
         return "$" + mantissa.replace("∞", r"\infty") + "$"
     return rf"\num{{{mantissa.replace(' ', '')}{'' if exponent is None else f'e{exponent}'}}}"
 
 
+def _count(value: Any) -> Any:
+    """An integer, if the number is whole and not too large to be a count."""
+    return int(value) if float(value).is_integer() and abs(value) < WHOLE else value
+
+
 def _digits(value: Any, pad: bool) -> tuple[str, int | None]:
-    """Mantissa and power of ten, in ASCII but for ∞; whole numbers in groups of three."""
+    """Mantissa and power of ten, in ASCII but for ∞; whole numbers exactly, in groups of three."""
     if isinstance(value, numbers.Integral):
         whole = int(value)
+        zeros = len(str(whole)) - len(str(whole).rstrip("0"))
+        if zeros >= 4 and abs(whole) == 10**zeros:
+            return str(whole)[:-zeros], zeros
         return (f"{whole:,}".replace(",", " ") if abs(whole) >= 10_000 else str(whole)), None
     value = float(value)
     if math.isinf(value):
@@ -150,7 +173,7 @@ def _digits(value: Any, pad: bool) -> tuple[str, int | None]:
 
 def _pads(frame: pd.DataFrame) -> list[bool]:
     """Per column: does a number in it need all three digits, so that the others show theirs too?"""
-    return [any(_needs_all(value) for value in frame.iloc[:, i].array) for i in range(frame.shape[1])]
+    return [any(map(_needs_all, column)) for column in _columns(frame)]
 
 
 def _needs_all(value: Any) -> bool:
@@ -170,7 +193,7 @@ def _is_bool(value: Any) -> bool:
 def _word(value: Any) -> str:
     if _is_bool(value):
         return "yes" if value else "no"
-    return MISSING if value is None or (pd.api.types.is_scalar(value) and pd.isna(value)) else str(value)
+    return MISSING if value is None or (pd.api.types.is_scalar(value) and pd.isna(value)) else numbers_in(str(value))
 
 
 def _cell(value: Any, pad: bool) -> Cell:
@@ -181,11 +204,22 @@ def _cell(value: Any, pad: bool) -> Cell:
 
 def _rows(frame: pd.DataFrame) -> list[tuple[Any, ...]]:
     """Row by row with each column's own types (iterating over a frame's rows would turn whole numbers into floats)."""
-    return list(zip(*(frame.iloc[:, i].array for i in range(frame.shape[1])), strict=True))
+    return list(zip(*_columns(frame), strict=True))
+
+
+def _columns(frame: pd.DataFrame) -> list[list[Any]]:
+    """The values of each column; whole numbers as such where the column has no others, though it may be one of floats."""
+    columns = []
+    for i in range(frame.shape[1]):
+        values = list(frame.iloc[:, i].array)
+        counts = [_count(value) if _is_number(value) else value for value in values]
+        whole = all(isinstance(value, numbers.Integral) for value in counts if _is_number(value))
+        columns.append(counts if whole else values)
+    return columns
 
 
 def _sides(frame: pd.DataFrame) -> list[str]:
-    columns = [[v for v in frame.iloc[:, i].array if show(v) != MISSING] for i in range(frame.shape[1])]
+    columns = [[value for value in column if show(value) != MISSING] for column in _columns(frame)]
     return ["r" if column and all(map(_is_number, column)) else "l" for column in columns]
 
 

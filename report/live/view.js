@@ -101,9 +101,9 @@
     const period = Top.nutationPeriod(alpha, y), end = steps * h;
     const share = Number.isFinite(period) ? `, ${(h / period).toPrecision(2)} nutation periods` : "";
     section.querySelector('[for="live-h"] output').textContent = `${h.toPrecision(3)}${share}`;
-    section.querySelector('[for="live-steps"] output').textContent = `${steps} (t = ${end.toPrecision(3)})`;
+    section.querySelector('[for="live-steps"] output').textContent = `${steps} (t = ${Number(end.toPrecision(3))})`;
     $("h").setAttribute("aria-valuetext", `h = ${h.toPrecision(3)}${share}`);
-    $("steps").setAttribute("aria-valuetext", `${steps} steps, t = ${end.toPrecision(3)}`);
+    $("steps").setAttribute("aria-valuetext", `${steps} steps, t = ${Number(end.toPrecision(3))}`);
     tell(runs, exact, alpha, y, h, steps);
     const colours = { grid: css("--line"), line: css("--soft"), ink: css("--ink") };
     const axis = (state) => state.slice(3);
