@@ -214,19 +214,11 @@ def _draw_h(rows: pd.DataFrame, style):
     """The page's first figure: every method thin, one of each family bold and named."""
     states = [state for state in ("generic", "through_pole") if (rows.state == state).any()]
     fig, axes = style.figure("page", 3.6, ncols=len(states), sharex=True, sharey=True, squeeze=False)
-    best = _best(rows[rows.state == states[0]])
+    best = best_of_families(rows[rows.state == states[0]])
     for ax, state in zip(axes[0], states, strict=True):
-        here = rows[(rows.state == state) & rows.h.notna()].sort_values("h")
-        for method in style.ordered(here.method):
-            chosen = here[(here.method == method) & (here.error > 0)]
-            if not chosen.empty:
-                look = style.bold(method) if method in best else style.thin(method)
-                ax.loglog(chosen.h, chosen.error, **look)
+        draw_steps(ax, rows[rows.state == state], best, style)
         ax.set_title(TOPS[state].label)
-        ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
-        ax.set_xlabel("step h · (|J| + √(α|x|))")
-    axes[0, 0].set_ylabel(f"largest error up to t = {SPAN:g}")
-    axes[0, 0].set_ylim(1e-16, 30)
+        ax.set_ylabel("" if ax is not axes[0, 0] else ax.get_ylabel())
     style.label_ends(axes[0] if fig.stacked is not None else axes[0][-1:])
     fig.caption = (
         f"Largest error against the exact solution up to t = {SPAN:g}, relative to the scales of J and x, against the "
@@ -237,11 +229,22 @@ def _draw_h(rows: pd.DataFrame, style):
     return fig
 
 
-def _best(rows: pd.DataFrame) -> set[str]:
+def draw_steps(ax, rows: pd.DataFrame, best: set[str], style) -> None:
+    """Into one panel the error of every method against the step, on one top; the best bold."""
+    here = rows[(rows.part == "h") & rows.h.notna()].sort_values("h")
+    for method in style.ordered(here.method):
+        chosen = here[(here.method == method) & (here.error > 0)]
+        if not chosen.empty:
+            ax.loglog(chosen.h, chosen.error, **(style.bold(method) if method in best else style.thin(method)))
+    ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
+    ax.set(xlabel="step h · (|J| + √(α|x|))", ylabel=f"largest error up to t = {SPAN:g}", ylim=(1e-16, 30))
+
+
+def best_of_families(rows: pd.DataFrame) -> set[str]:
     """Of each family the method with the smallest error at the step nearest to 1/8."""
     from report import style
 
-    good = rows[(rows.status == "done") & rows.error.notna() & rows.h.notna()]
+    good = rows[(rows.part == "h") & (rows.status == "done") & rows.error.notna() & rows.h.notna()]
     if good.empty:
         return set()
     near = good.h.unique()[np.argmin(np.abs(np.log(8 * good.h.unique())))]

@@ -10,6 +10,7 @@ instance, is in a column of its own and is counted or not, as a table says. Nonl
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from time import perf_counter
 
 import numpy as np
@@ -130,6 +131,7 @@ def _seconds(stepper, y0, n) -> float:
 
 # ------------------------------------------------------------------------------------------ what the rows say
 
+WALL = "wall time of the run, s"
 TARGETS = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 
 
@@ -299,23 +301,15 @@ def _draw_frontier(good: pd.DataFrame, style):
     fig, grid = style.figure("page", 0.4 + 2.7 * size["nrows"], **size)
     for ax, span in zip(grid.flat, spans, strict=False):
         here = good[good.span == span]
-        chosen = champions(here)
-        for method in style.ordered(here.method):
-            run = here[here.method == method]
-            seconds, error = _curve(run)
-            look = style.bold(method) if method in chosen else style.thin(method)
-            if method in chosen and len(error) < 3:  # hardly a line, or none
-                look["marker"] = "o"
-            ax.loglog(seconds, error, **look, zorder=6 if method == OURS else 3)
+        draw_runs(ax, here, champions(here), style)
         front = here.iloc[metrics.pareto_front(here.seconds, here.error)]
         ax.loglog(front.seconds, front.error, color="#dedede", linewidth=9, zorder=1, label="_frontier")
         _shade_calls(ax, float(good.seconds.min()), style)
         ax.set_title(f"t = {show(span)}")
-        ax.set_ylim(1e-16, 1)
     for ax in grid.flat[len(spans) :]:
         ax.remove()
     for ax in grid[-1]:
-        ax.set_xlabel("wall time of the run, s")
+        ax.set_xlabel(WALL)
     for ax in grid[:, 0]:
         ax.set_ylabel("error at the end")
     style.label_ends(grid.flat[: len(spans)])
@@ -327,6 +321,17 @@ def _draw_frontier(good: pd.DataFrame, style):
         "whatever it does. Set-up and compilation are not included here; the tables count set-up too."
     )
     return fig
+
+
+def draw_runs(ax, good: pd.DataFrame, named: Collection[str], style) -> None:
+    """Into one panel the error of every method against its time, for runs of one length; some bold and named."""
+    for method in style.ordered(good.method):
+        seconds, error = _curve(good[good.method == method])
+        look = style.bold(method) if method in named else style.thin(method)
+        if method in named and len(error) < 3:  # hardly a line, or none
+            look["marker"] = "o"
+        ax.loglog(seconds, error, **look, zorder=6 if method == OURS else 3)
+    ax.set_ylim(1e-16, 1)
 
 
 def _shade_calls(ax, call: float, style) -> None:
@@ -354,7 +359,7 @@ def _draw_families(rows: pd.DataFrame, good: pd.DataFrame, style, span: float):
             width = {"linewidth": 2.0} if method in chosen else {}
             ax.loglog(*_curve(run), **{**width, **look})
 
-    fig, axes = style.by_family(rows.method, line, "wall time of the run, s", "error at the end", (1e-16, 1))
+    fig, axes = style.by_family(rows.method, line, WALL, "error at the end", (1e-16, 1))
     style.label_ends(axes)
     fig.caption = (
         f"Error against wall time, t = {show(span)}, a panel for each family, its best bold; in grey "

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
-from experiments import EXPERIMENTS
+import numpy as np
+
+from experiments import EXPERIMENTS, phase, work_precision
 from experiments.store import Store
-from report import export, page, tables
+from report import figures, page, style, tables
 
 ROOT = Path(__file__).resolve().parents[1]
 BEGIN = "<!-- claims: written by `python -m report.readme`, checked by tests/test_readme.py -->"
-PICTURE = "phase_h"
+PICTURE = ROOT / "docs" / "headline.svg"
+TOP, SPAN = "generic", 1e4  # of the picture
 END = "<!-- end of claims -->"
 WORDS = {True: "holds", False: "**refuted**", None: "no data"}
 
@@ -35,11 +39,41 @@ def with_claims(readme: str, results: Path) -> str:
     return f"{head}{BEGIN}\n\n{claims_table(results)}\n\n{END}{tail}"
 
 
+def picture(results: Path) -> str:
+    """The picture as SVG, with the digest of what it shows: layouts differ between versions of Matplotlib, this does not."""
+    figure = draw(results)
+    return figures.svg(figure).replace("<svg ", f'<svg data-shows="{shown(figure)}" ', 1)
+
+
+def draw(results: Path) -> style.Figure:
+    """Error against the step on one top, and against time of computation, the same methods bold in both."""
+    steps, runs = (Store(results).rows(name) for name in ("phase", "work_precision"))
+    steps = steps[steps.state == TOP]
+    good = work_precision.useful(runs[(runs.state == TOP) & (runs.span == SPAN)])
+    best = phase.best_of_families(steps)
+    with style.apply():
+        figure, (left, right) = style.figure("page", 3.3, ncols=2)
+        phase.draw_steps(left, steps, best, style)
+        work_precision.draw_runs(right, good, best, style)
+        left.set_title("Error against the step")
+        right.set_title("Error against time of computation")
+        right.set(xlabel=work_precision.WALL, ylabel=f"error at t = {tables.show(SPAN)}")
+        style.label_ends([right])
+    return figure
+
+
+def shown(figure: style.Figure) -> str:
+    """A digest of the curves in a figure, to three digits."""
+    curves = [[f"{x:.2e}" for x in np.ravel(line.get_data())] for ax in figure.axes for line in ax.get_lines()]
+    names = [(ax.get_title("left"), ax.get_xlabel(), ax.get_ylabel(), *(t.get_text() for t in ax.texts)) for ax in figure.axes]
+    return hashlib.sha256(repr((curves, names)).encode()).hexdigest()
+
+
 def main() -> None:
     path = ROOT / "README.md"
     text = with_claims(path.read_text(encoding="utf-8"), ROOT / "results" / "reference")
     print(page.write_file(path, text))
-    print(export.export(PICTURE, ROOT / "results" / "reference", ROOT / "docs" / "headline.svg"))
+    print(page.write_file(PICTURE, picture(ROOT / "results" / "reference")))
 
 
 if __name__ == "__main__":

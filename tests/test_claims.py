@@ -153,7 +153,7 @@ def test_no_data_for_want_of_long_runs_names_the_profile_that_has_them():
         "work_precision": pd.DataFrame({"status": ["done"], "method": "backlund", "span": 100.0}),
     }
     judged = {each.claim.id: each for each in page.judge(rows, quick)[0]}
-    assert judged["unpinned"].verdict.note == "no run of 10\u202f000\u202f000 steps is stored"
+    assert judged["unpinned"].verdict.note == "no run of 10⁷ steps is stored"
     assert judged["loses-short"].verdict.note == "no run up to t = 10 is stored"
     for name, experiment in (("unpinned", "drift"), ("loses-short", "work_precision")):
         assert judged[name].verdict.passed is None

@@ -15,6 +15,16 @@ def test_claims_in_the_readme_are_those_of_the_reference_run():
     assert readme.with_claims(TEXT, readme.ROOT / "results" / "reference") == TEXT
 
 
+def test_the_picture_shows_the_reference_run(monkeypatch):
+    """If this fails: `python -m report.readme`, and look at docs/headline.svg."""
+    results = readme.ROOT / "results" / "reference"
+    shown = readme.shown(readme.draw(results))
+    assert f'data-shows="{shown}"' in readme.PICTURE.read_text(encoding="utf-8")
+    useful = readme.work_precision.useful
+    monkeypatch.setattr(readme.work_precision, "useful", lambda rows: useful(rows.assign(seconds=2 * rows.seconds)))
+    assert readme.shown(readme.draw(results)) != shown
+
+
 def test_no_claim_is_refuted_or_without_data():
     block = TEXT.split(readme.BEGIN)[1].split(readme.END)[0]
     assert "refuted" not in block

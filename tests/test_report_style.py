@@ -32,7 +32,13 @@ TEX = next(filter(None, map(shutil.which, ("pdflatex", "lualatex", "xelatex", "t
         (0.125, "0.125", r"\num{0.125}"),
         (99.96, "100", r"\num{100}"),
         (1234.5, "1230", r"\num{1230}"),
-        (9999.9, "1×10⁴", r"\num{1e4}"),
+        (9999.9, "10⁴", r"\num{1e4}"),
+        (1024.0, "1024", r"\num{1024}"),
+        (47369.0, "47\u202f369", r"\num{47369}"),
+        (47369.5, "4.74×10⁴", r"\num{4.74e4}"),
+        (10_000_000, "10⁷", r"\num{1e7}"),
+        (-1e-12, "−10⁻¹²", r"\num{-1e-12}"),
+        ("rtol = 1e-05, h = 4.3e-05", "rtol = 10⁻⁵, h = 4.3×10⁻⁵", r"rtol = 10${}^{-}{}^{5}$, h = 4.3$\times$10${}^{-}{}^{5}$"),
         (-1.234e-5, "−1.23×10⁻⁵", r"\num{-1.23e-5}"),
         (5e-324, "4.94×10⁻³²⁴", r"\num{4.94e-324}"),
         (float("-inf"), "−∞", r"$-\infty$"),
@@ -55,6 +61,15 @@ def test_a_column_that_needs_three_digits_shows_three():
         ["2.25×10⁻⁹", "0.25", "20\u202f000"],
     ]
     assert pd.read_csv(io.StringIO(tables.csv(frame))).equals(frame)
+
+
+def test_a_column_of_whole_numbers_shows_them_whole():
+    """Also where a missing value made floats of them. Among measured numbers a whole one is a measured one."""
+    frame = pd.DataFrame({"tops": [1024.0, np.nan, 65536.0], "ns": [1024.0, 2048.4, np.nan], "huge": [1e7, 1e9, 2.5e8]})
+    expected = [["1024", "1020", "10⁷"], ["–", "2050", "10⁹"], ["65\u202f536", "–", "2.5×10⁸"]]
+    assert [[cell.text for cell in row] for row in tables.cells(frame)] == expected
+    assert tables.markdown(frame).splitlines()[2] == "| 1024 | 1020 | 10⁷ |"
+    assert r"\num{1024} & \num{1020}" in tables.latex(frame)
 
 
 def test_latex_tables_are_whole_and_long_ones_break_over_pages():
@@ -102,8 +117,8 @@ def test_every_letter_of_the_reference_tables_is_known_to_latex():
 
 
 def test_headings_are_words():
-    assert [tables.heading(name) for name in ("ns_per_step", "setup_us", "H", "us per use", 2)] == [
-        "ns per step", "setup µs", "H", "µs per use", "2",
+    assert [tables.heading(name) for name in ("ns_per_step", "setup_us", "H", "us per use", 2, 32.0, "1e-06")] == [
+        "ns per step", "setup µs", "H", "µs per use", "2", "32", "10⁻⁶",
     ]  # fmt: skip
 
 

@@ -188,12 +188,12 @@ def test_run_draws_and_resumes_and_the_report_needs_no_file(run, write, tmp_path
     code, out, err = run("run", path, "--results", results)
     assert (code, err) == (0, "")
     assert re.search(r"^sweep_my +5 +0 +5 ", out, re.MULTILINE)
-    page = tmp_path / "page"
-    assert f"next: lagrange-bench report --results {results} --output {results / 'page'}" in out
+    page = results / "page"
+    assert f"next: lagrange-bench report --results {results}" in out
     assert run("run", path, "--results", tmp_path / "again", "--quiet")[0] == 0
     assert run("compare", results, tmp_path / "again")[0] == 0  # every bit but the seconds
     sweep._cells.clear()
-    code, out, err = run("report", "--results", results, "--output", page)
+    code, out, err = run("report", "--results", results)
     assert code == 0, err
     assert "Sweep my" in (page / "index.html").read_text("utf-8")
     assert (page / "figures" / "sweep_my_time.svg").exists()
