@@ -67,7 +67,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Returns the exit code: 0, 1 if a part could not be drawn (the page says which), 2 for wrong usage."""
     parser = argparse.ArgumentParser(prog="lagrange-bench report", description="Draw what is stored; compute nothing.")
     parser.add_argument("--results", type=Path, metavar="DIR", help="where the results are (default: the reference)")
-    parser.add_argument("--output", type=Path, metavar="DIR", help="where index.html, figures and tables go (default: RESULTS/page)")
+    parser.add_argument(
+        "--output", type=Path, metavar="DIR", help="where index.html, figures and tables go (default: RESULTS/page)"
+    )
     options = parser.parse_args(argv)
     try:
         made = make(options.results, options.output)

@@ -47,7 +47,8 @@ def nothing(rows: pd.DataFrame) -> str:
 
 def steps(length: int) -> Need:
     """Runs of at least so many steps."""
-    return lambda rows: "" if (_column(rows, "steps") >= length).any() else f"no run of {tables.show(length)} steps is stored"
+    missing = f"no run of {tables.show(length)} steps is stored"
+    return lambda rows: "" if (_column(rows, "steps") >= length).any() else missing
 
 
 def spans(*lengths: float) -> Need:

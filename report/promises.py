@@ -110,7 +110,9 @@ def lead(errors: dict[float, float], price: str, longest: bool) -> Callable[[pd.
                     return Verdict(0.0, 1.0, False, f"no error {show(target)} at t = {show(span)} on {state}")
                 if len(ours) or len(others):
                     ratio = min(others, default=np.inf) / min(ours, default=np.inf) if len(ours) else 0.0
-                    ratios[ratio] = f"error {show(target)} at t = {show(span)} on {state}, which {len(others)} others reach"
+                    ratios[ratio] = (
+                        f"error {show(target)} at t = {show(span)} on {state}, which {len(others)} others reach"
+                    )
         told = min(ratios) if longest else max(ratios)
         return Verdict(float(told), 1.0, told > 1 if longest else told < 1, ratios[told])
 

@@ -64,8 +64,9 @@ def draw(results: Path) -> style.Figure:
 
 def shown(figure: style.Figure) -> str:
     """A digest of the curves in a figure, to three digits."""
-    curves = [[f"{x:.2e}" for x in np.ravel(line.get_data())] for ax in figure.axes for line in ax.get_lines()]
-    names = [(ax.get_title("left"), ax.get_xlabel(), ax.get_ylabel(), *(t.get_text() for t in ax.texts)) for ax in figure.axes]
+    lines = [np.asarray(line.get_xydata(), dtype=float).ravel() for ax in figure.axes for line in ax.get_lines()]
+    curves = [[f"{number:.2e}" for number in line] for line in lines]
+    names = [[ax.get_title("left"), ax.get_xlabel(), *(text.get_text() for text in ax.texts)] for ax in figure.axes]
     return hashlib.sha256(repr((curves, names)).encode()).hexdigest()
 
 

@@ -83,17 +83,17 @@ def cost(rows: dict[str, pd.DataFrame]) -> Said:
     """The headline run against the Taylor series; and where the exact step loses."""
     names = ("backlund_s", "heyoka_s", "ratio", "backlund_error", "heyoka_error", "steps", "h")
     ours, theirs, ratio, error, their_error, steps, h = values(rows["cost"], *names, part="headline", fraction=0.5)[0]
-    over = ratios_over_steps(rows["cost"])
+    times, over = tables.show(round(ratio)), ratios_over_steps(rows["cost"])
     gloss = (
         f"less time than a Taylor series at machine precision, for a run up to t\xa0=\xa0{_show(steps * h)} at half a "
         f"nutation period per step{f'; {over}' if over else ''}"
     )
     text = (
         f"A run up to t = {_show(steps * h)} at half a nutation period a step takes {_show(1e3 * ours)} ms, "
-        f"{tables.show(round(ratio))} times less than a Taylor series at machine precision ({_show(1e3 * theirs)} ms), with an error of "
+        f"{times} times less than a Taylor series at machine precision ({_show(1e3 * theirs)} ms), with an error of "
         f"{_show(error)} against {_show(their_error)}"
     )
-    return f"{tables.show(round(ratio))}×", gloss, text + _where_it_loses(rows.get("work_precision", pd.DataFrame())) + "."
+    return f"{times}×", gloss, text + _where_it_loses(rows.get("work_precision", pd.DataFrame())) + "."
 
 
 def _where_it_loses(rows: pd.DataFrame) -> str:

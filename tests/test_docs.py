@@ -1,25 +1,16 @@
-"""What the documents show is what happens: their code runs, their links resolve, their commands exist.
-
-Every ```python block of a tutorial is executed, all of a page in one namespace and an empty folder, and so is every
-line of an ```sh block. A block ```text directly below shows what is printed, and must be that to the letter; ```text
-varies shows what differs from machine to machine. A Python block that starts with `# name.py` is that file.
-"""
+"""What the documents show is what happens: their code runs, their links resolve, their commands exist."""
 
 from __future__ import annotations
 
-import contextlib
 import importlib.util
 import inspect
-import io
 import json
 import math
 import random
 import re
-import shlex
 import subprocess
 import sys
 import tomllib
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +27,6 @@ from integrators.integrable import time_step
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-EXECUTED = [*sorted((DOCS / "tutorials").glob("*.md")), *sorted(DOCS.glob("adding-*.md"))]
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 NOTEBOOK = DOCS / "notebook" / "the-top.ipynb"
 
@@ -44,54 +34,15 @@ NOTEBOOK = DOCS / "notebook" / "the-top.ipynb"
 # ---------------------------------------------------------------- running a page
 
 
-@dataclass(frozen=True)
-class Block:
-    """One fenced block: its language with what follows it, its text, the line it starts on, what is shown below it."""
-
-    kind: str
-    text: str
-    line: int
-    shown: str | None = None  # None: nothing, or what varies
-    varies: bool = False
+def script(path: Path):
+    """A file of docs/ as a module."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = sys.modules[path.stem] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
-def blocks(page: str) -> list[Block]:
-    """The fenced blocks of a page, each with the ```text block directly below it."""
-    found: list[Block] = []
-    end = 0
-    for match in re.finditer(r"^```(\w+(?: \w+)?)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL):
-        kind, text = match.groups()
-        if kind.startswith("text"):
-            assert found
-            assert not page[end : match.start()].strip(), f"output of nothing: {text!r}"
-            above, varies = found.pop(), kind == "text varies"
-            found.append(Block(above.kind, above.text, above.line, None if varies else text, varies))
-        else:
-            found.append(Block(kind, text, page.count("\n", 0, match.start()) + 1))
-        end = match.end()
-    return found
-
-
-def execute(page: Path) -> list[tuple[Block, str]]:
-    """Runs the blocks of a page in the current folder; what each printed."""
-    scope: dict = {"__name__": "__main__"}
-    done = []
-    for block in blocks(page.read_text(encoding="utf-8")):
-        printed = io.StringIO()
-        with contextlib.redirect_stdout(printed):
-            if block.kind == "python":
-                if file := re.match(r"# ([\w/]+\.py)\n", block.text):
-                    Path(file[1]).parent.mkdir(exist_ok=True)
-                    Path(file[1]).write_text(block.text, encoding="utf-8")
-                else:  # empty lines in front, so that a traceback names the line of the page
-                    exec(compile("\n" * block.line + block.text, str(page), "exec"), scope)
-            elif block.kind == "sh":
-                for line in filter(None, block.text.splitlines()):
-                    program, *words = shlex.split(line, comments=True)
-                    assert program == "lagrange-bench", f"{page.name}: only lagrange-bench is run; `console` is not"
-                    assert cli.main(words) == 0, line
-        done.append((block, printed.getvalue()))
-    return done
+outputs = script(DOCS / "outputs.py")
 
 
 @pytest.fixture
@@ -106,9 +57,10 @@ def folder(tmp_path, monkeypatch):
             del sys.modules[module]
 
 
-@pytest.mark.parametrize("page", EXECUTED, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", outputs.PAGES, ids=lambda page: page.stem)
 def test_pages_print_what_they_show(page, folder):
-    for block, printed in execute(page):
+    """If this fails: python docs/outputs.py, and read what changed."""
+    for block, printed in outputs.execute(page):
         where = f"{page.name}, line {block.line}"
         if block.shown is not None:
             assert printed.rstrip() == block.shown.rstrip(), where
@@ -121,14 +73,22 @@ def test_a_page_that_lies_is_found_out(folder):
     page.write_text(
         "```python\nx = 1\nprint(x + 1)\n```\n\n```text\n3\n```\n\n```python\nx / 0\n```\n", encoding="utf-8"
     )
-    (first, second) = blocks(page.read_text(encoding="utf-8"))
+    (first, second) = outputs.blocks(page.read_text(encoding="utf-8"))
     assert (first.shown, second.shown, second.line) == ("3\n", None, 10)
     with pytest.raises(ZeroDivisionError) as caught:
-        execute(page)
+        outputs.execute(page)
     assert caught.traceback[-1].lineno + 1 == 11
     page.write_text("```sh\nlagrange-bench methods --no-such-option\n```\n", encoding="utf-8")
     with pytest.raises(AssertionError, match="no-such-option"):
-        execute(page)
+        outputs.execute(page)
+
+
+def test_what_a_page_shows_is_written_anew(folder):
+    page = folder / "page.md"
+    shown = "```python\nprint({0})\n```\n\n```text{1}\n{2}\n```\n\nWords.\n\n"
+    text = shown.format("'long, longer'", "", "old") + shown.format("2", " varies", "1") + "```python\nx = 1\n```\n"
+    page.write_text(text, encoding="utf-8")
+    assert outputs.refreshed(page) == text.replace("\nold\n", "\nlong, longer\n").replace("varies\n1\n", "varies\n2\n")
 
 
 # ---------------------------------------------------------------- links and commands
@@ -264,9 +224,7 @@ def test_the_notebook_shows_what_its_source_does():
     """Cells as in the source, texts as when run, one picture for each figure. If not: python docs/notebook/build.py."""
     import matplotlib.pyplot as plt
 
-    spec = importlib.util.spec_from_file_location("build_notebook", NOTEBOOK.with_name("build.py"))
-    build = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(build)
+    build = script(NOTEBOOK.with_name("build.py"))
     stored = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
     assert NOTEBOOK.stat().st_size < 300_000
     assert (stored["nbformat"], stored["nbformat_minor"]) == (4, 5)

@@ -5,6 +5,7 @@ import re
 import numpy as np
 
 from experiments import errata
+from experiments.store import Store
 from report import readme
 
 TEXT = (readme.ROOT / "README.md").read_text(encoding="utf-8")
@@ -23,6 +24,15 @@ def test_the_picture_shows_the_reference_run(monkeypatch):
     useful = readme.work_precision.useful
     monkeypatch.setattr(readme.work_precision, "useful", lambda rows: useful(rows.assign(seconds=2 * rows.seconds)))
     assert readme.shown(readme.draw(results)) != shown
+
+
+def test_the_times_of_a_step_are_those_of_the_reference_run():
+    """In prose that nothing writes: if this fails, correct README.md and docs/tutorials/a-long-run.md."""
+    rows = Store(readme.ROOT / "results" / "reference").rows("cost")
+    found = f"{rows[(rows.part == 'step') & (rows.method == 'backlund')].ns_per_step.min():.0f} ns"
+    for page in ("README.md", "docs/tutorials/a-long-run.md"):
+        text = (readme.ROOT / page).read_text(encoding="utf-8")
+        assert re.findall(r"\d+ ns", text.split("<!-- claims")[0]) == [found], page
 
 
 def test_no_claim_is_refuted_or_without_data():

@@ -1,0 +1,101 @@
+"""Runs the code of the documents, and writes below each block what it prints: python docs/outputs.py.
+
+Every ```python block of a tutorial is executed, all of a page in one namespace and an empty folder, and so is every
+line of an ```sh block. A block ```text directly below shows what is printed, and must be that to the letter; ```text
+varies shows what differs from machine to machine. A Python block that starts with `# name.py` is that file.
+
+A part of every reference run, on the same machine and with nothing else running, for the times that pages show: see
+results/README.md. `tests/test_docs.py` holds the pages to what they show.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import shlex
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from experiments import __main__ as cli
+
+DOCS = Path(__file__).parent
+PAGES = [*sorted((DOCS / "tutorials").glob("*.md")), *sorted(DOCS.glob("adding-*.md"))]
+FENCED = re.compile(r"^```(\w+(?: \w+)?)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Block:
+    """One fenced block: its language with what follows it, its text, the line it starts on, what is shown below it."""
+
+    kind: str
+    text: str
+    line: int
+    shown: str | None = None  # None: nothing, or what varies
+    varies: bool = False
+    place: tuple[int, int] | None = None  # of what is shown, in the page
+
+
+def blocks(page: str) -> list[Block]:
+    """The fenced blocks of a page, each with the ```text block directly below it."""
+    found: list[Block] = []
+    end = 0
+    for match in FENCED.finditer(page):
+        kind, text = match.groups()
+        if kind.startswith("text"):
+            assert found
+            assert not page[end : match.start()].strip(), f"output of nothing: {text!r}"
+            above, varies = found.pop(), kind == "text varies"
+            found.append(Block(above.kind, above.text, above.line, None if varies else text, varies, match.span(2)))
+        else:
+            found.append(Block(kind, text, page.count("\n", 0, match.start()) + 1))
+        end = match.end()
+    return found
+
+
+def execute(page: Path) -> list[tuple[Block, str]]:
+    """Runs the blocks of a page in the current folder; what each printed."""
+    scope: dict = {"__name__": "__main__"}
+    done = []
+    for block in blocks(page.read_text(encoding="utf-8")):
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            if block.kind == "python":
+                if file := re.match(r"# ([\w/]+\.py)\n", block.text):
+                    Path(file[1]).parent.mkdir(exist_ok=True)
+                    Path(file[1]).write_text(block.text, encoding="utf-8")
+                else:  # empty lines in front, so that a traceback names the line of the page
+                    exec(compile("\n" * block.line + block.text, str(page), "exec"), scope)
+            elif block.kind == "sh":
+                for line in filter(None, block.text.splitlines()):
+                    program, *words = shlex.split(line, comments=True)
+                    assert program == "lagrange-bench", f"{page.name}: only lagrange-bench is run; `console` is not"
+                    assert cli.main(words) == 0, line
+        done.append((block, printed.getvalue()))
+    return done
+
+
+def refreshed(page: Path) -> str:
+    """The page with what its blocks print now, in the current folder."""
+    text = page.read_text(encoding="utf-8")
+    for block, printed in reversed(execute(page)):  # from the end, so that places stay right
+        if block.place is not None:
+            text = text[: block.place[0]] + printed.rstrip() + "\n" + text[block.place[1] :]
+    return text
+
+
+def main() -> None:
+    for page in PAGES:
+        with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+            sys.path.insert(0, folder)
+            text = refreshed(page)
+            sys.path.remove(folder)
+        if text != page.read_text(encoding="utf-8"):
+            page.write_text(text, encoding="utf-8")
+            print(page.relative_to(DOCS.parent))
+
+
+if __name__ == "__main__":
+    main()
