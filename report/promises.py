@@ -133,7 +133,7 @@ def ratios_over_steps(rows: pd.DataFrame) -> str:
         return ""
     (shortest, _), (longest, _) = runs.min(axis=0), runs.max(axis=0)
     least, most = (round(ratio) for ratio in (runs[:, 1].min(), runs[:, 1].max()))
-    return f"{least}–{most}× at {show(shortest)} to {show(longest)} nutation periods per step"
+    return f"{least}–{most}× at {show(shortest)} to {show(longest)}"
 
 
 def more_accurate(rows: pd.DataFrame) -> Verdict:

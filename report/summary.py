@@ -85,8 +85,8 @@ def cost(rows: dict[str, pd.DataFrame]) -> Said:
     ours, theirs, ratio, error, their_error, steps, h = values(rows["cost"], *names, part="headline", fraction=0.5)[0]
     times, over = tables.show(round(ratio)), ratios_over_steps(rows["cost"])
     gloss = (
-        f"less time than a Taylor series at machine precision, for a run up to t\xa0=\xa0{_show(steps * h)} at half a "
-        f"nutation period per step{f'; {over}' if over else ''}"
+        f"faster than a Taylor series up to t\xa0=\xa0{_show(steps * h)}, at half a nutation period per step"
+        f"{f' ({over})' if over else ''}"
     )
     text = (
         f"A run up to t = {_show(steps * h)} at half a nutation period a step takes {_show(1e3 * ours)} ms, "
@@ -107,8 +107,9 @@ def _where_it_loses(rows: pd.DataFrame) -> str:
             if len(found) and found.iloc[0].family not in EXACT and (found.family == "backlund").any():
                 first, ours = found.iloc[0], found[found.family == "backlund"].iloc[0]
                 return (
-                    f"; it loses short runs, where calls from Python are most of the work: up to t = {_show(span)}, for an error of "
-                    f"{_show(target)} on {state}, {_name(first.method)} takes {_show(ours.total / first.total)} times less"
+                    f"; it loses short runs, where calls from Python are most of the work: up to t = {_show(span)}, for an "
+                    f"error of {_show(target)} on {state}, {_name(first.method)} takes "
+                    f"{_show(ours.total / first.total)} times less"
                 )
     return "; in no run stored, however short, is a method cheaper that is not exact"
 
