@@ -19,7 +19,7 @@ from pathlib import Path
 os.environ["NUMBA_DISABLE_JIT"] = "1"  # compiled kernels are Python functions then, with a signature and a docstring
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("integrators", "experiments")
+PACKAGES = ("integrators", "experiments", "results")
 
 
 def modules() -> list[str]:

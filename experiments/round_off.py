@@ -30,6 +30,7 @@ from experiments.measuring.states import (
 from integrators import prepare
 from integrators.compiling.compiled import compiled
 from integrators.compiling.loops import MEMORY, NEVER, FixedStepper
+from integrators.interface import Array
 from integrators.problem.units import Units
 from integrators.torus import real_map
 from integrators.torus.real_map import (
@@ -137,6 +138,13 @@ def assigned(s, c, tally):
     return J1 - c[ALPHA_2] * w2, J2 + c[ALPHA_2] * w1, J3, y1, y2, y3
 
 
+class FormStepper(TorusStepper):
+    """Takes any state: a form that leaves its torus is what is measured here."""
+
+    def _enter(self, y: Array) -> Array:
+        return self.units.enter(y)
+
+
 def exact_map(kernel: Callable[..., Any], pin: int = 0) -> Callable[..., FixedStepper]:
     """Builder of a stepper with exact λ(h), this kernel, and a pin every so many steps."""
 
@@ -147,7 +155,7 @@ def exact_map(kernel: Callable[..., Any], pin: int = 0) -> Callable[..., FixedSt
         p, q = curve.py_func(tuple(state), c)
         n = c[MR] ** 2 + (c[MI_ETA] / c[ETA]) ** 2 + squares.py_func(p, q) + 4 * c[ALPHA] * c[ETA2] * state[5]
         back, block = (real_map.pin, pin) if pin else (None, NEVER)
-        return TorusStepper("form", h, units, np.append(c, n), kernel, back, block, turn=turn)
+        return FormStepper("form", h, units, np.append(c, n), kernel, back, block, turn=turn)
 
     return build
 

@@ -17,6 +17,7 @@ import numpy as np
 from experiments.measuring import metrics
 from experiments.measuring.states import truth
 from integrators import INVARIANTS, Trajectory
+from integrators.files import write_file
 from integrators.interface import Array, Method
 from integrators.truth import exact
 from lagrange_bench.text import table
@@ -154,20 +155,9 @@ def _parquet(trajectory: Trajectory, metadata: dict[str, Any]) -> bytes:
 
 
 def _replace(path: Path, content: bytes) -> str:
-    """Write a file beside the old one, then put it in its place; what was done. OSError naming `path` if that fails."""
-    target = path.resolve()  # of a link: what it points to
-    existed, temporary = target.exists(), target.with_name(f".{target.name}.{os.getpid()}.tmp")
-    try:
-        try:
-            with temporary.open("xb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, target)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise OSError(error.errno, f"cannot be written: {error.strerror}", str(path)) from error
+    """Write a file; what was done. OSError naming `path` if that fails."""
+    existed = path.exists()
+    write_file(path, content)
     return f"{'replaced' if existed else 'written'}: {path}"
 
 

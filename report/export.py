@@ -9,6 +9,7 @@ from pathlib import Path
 from experiments import EXPERIMENTS
 from experiments.catalogue import UnknownExperiment, load_stored
 from experiments.drawing import figures, style
+from integrators.files import write_file
 from report import page
 from results.store import Store
 
@@ -47,7 +48,7 @@ def export(name: str, results: Path, output: Path | None = None, kind: str = "sv
         for found, figure in draw(results, experiment, width):
             if found == name:
                 path = output or Path(f"{name}.{kind}")
-                return page.write_file(path, figures.FORMATS[kind](figure))
+                return write_file(path, figures.FORMATS[kind](figure))
             known.append(found)
     if not known:
         known = [found for experiment in stored for found, _ in draw(results, experiment)]
@@ -76,7 +77,7 @@ def export_all(
         for name, figure in draw(results, experiment, width):
             for kind in kinds:
                 path = Path(folder) / f"{name}-{width}.{kind}"
-                written.append(page.write_file(path, figures.FORMATS[kind](figure)))
+                written.append(write_file(path, figures.FORMATS[kind](figure)))
     return written, unknown
 
 

@@ -50,6 +50,8 @@ def _rules(records: dict[str, Method], step: pd.DataFrame, setup: str, work: pd.
     engines = [record.engine for record in records.values()]
     many = ", ".join(f"{engines.count(e)} {text}" for e, text in ENGINES.items() if e in engines)
     flags = "off" if not OPTIONS["fastmath"] else "on"
+    pinned = [name for name, record in records.items() if "pin" in record.options]
+    projected = [name for name in records if name.endswith("_projected")]
     compensated = [name for name, record in records.items() if {"compensated", "high_accuracy"} & set(record.options)]
     return [
         ("Compiled or not.", f"{many}. {_interpretation(step)}"),
@@ -85,8 +87,8 @@ def _rules(records: dict[str, Method], step: pd.DataFrame, setup: str, work: pd.
         ),
         (
             "Who is moved back onto the invariants.",
-            "`backlund` and `backlund_paper` are, every eighth step, `addition_theorem` every eighth or every step, and "
-            "`verner9_projected` every step; `backlund_unpinned` and `backlund_textbook` are not, nor is any other method.",
+            f"{_named(pinned)}, by default every eighth step, or in every step where steps of `addition_theorem` are long "
+            f"(option `pin`); {_named(projected)} in every step. No other method is.",
         ),
         (
             "Judged at its own time.",
@@ -142,6 +144,10 @@ def _start(start: pd.DataFrame, step: pd.DataFrame, parameters: pd.DataFrame) ->
         f"{said}. Most of that is Python: in an ensemble λ(h) and the constants of a step take {short} µs for a top, and up to "
         f"{long} µs for long steps, which need the period of nutation."
     )
+
+
+def _named(methods: list[str]) -> str:
+    return " and ".join(f"`{name}`" for name in methods)
 
 
 def _sweep(work: pd.DataFrame) -> str:

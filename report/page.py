@@ -32,6 +32,7 @@ from experiments import EXPERIMENTS
 from experiments.catalogue import UnknownExperiment, load, load_stored
 from experiments.drawing import figures, style, tables
 from experiments.measuring import errata
+from integrators.files import write_file
 from integrators.machine import interrupt_held_back
 from report import (
     claims,
@@ -383,21 +384,6 @@ def check_writable(output: Path) -> None:
         write_file(folder / f".probe-{os.getpid()}", b"").unlink()
     if (output / "index.html").is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(output / "index.html"))
-
-
-def write_file(path: Path, content: str | bytes) -> Path:
-    """Writes a file whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        try:
-            temporary.write_bytes(content if isinstance(content, bytes) else content.encode())
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:  # who asked for `path` knows nothing of another file
-        raise OSError(error.errno, error.strerror, str(path)) from error
-    return path
 
 
 # ---------------------------------------------------------------- to HTML

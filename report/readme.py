@@ -9,6 +9,7 @@ import numpy as np
 
 from experiments import EXPERIMENTS, phase, work_precision
 from experiments.drawing import figures, style, tables
+from integrators.files import write_file
 from report import page
 from results.store import Store
 
@@ -74,8 +75,8 @@ def shown(figure: style.Figure) -> str:
 def main() -> None:
     path = ROOT / "README.md"
     text = with_claims(path.read_text(encoding="utf-8"), ROOT / "results" / "reference")
-    print(page.write_file(path, text))
-    print(page.write_file(PICTURE, picture(ROOT / "results" / "reference")))
+    print(write_file(path, text))
+    print(write_file(PICTURE, picture(ROOT / "results" / "reference")))
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ EXAMPLES = """\
 examples:
   lagrange-bench bits                           every kernel, a million steps on three tops: a minute
   lagrange-bench bits backlund gauss4 --python  two, and their first thousand steps in the interpreter
+  lagrange-bench bits my_method --write         once, for a new method of the bench; then commit golden.json
   lagrange-bench bits --quick --json | jq '.verdicts[] | select(.passed == false) | .kernel'
 
 exit codes: 0 nothing differs · 1 a kernel differs · 2 no such kernel"""
@@ -29,6 +30,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("kernels", nargs="*", metavar="KERNEL", help=text)
     command.add_argument("--quick", action="store_true", help="ten thousand steps instead of a million")
     command.add_argument("--python", action="store_true", help="the first thousand steps in the interpreter, too")
+    text = "write the bits of these kernels into the golden file: for a method that is new, or was changed on purpose"
+    command.add_argument("--write", action="store_true", help=text)
     command.add_argument("--quiet", action="store_true", help="print only what differs or is not written down")
 
 
@@ -41,11 +44,16 @@ def run(options: argparse.Namespace) -> Answer:
         if (method := name.removesuffix(" compensated")) not in METHODS:
             raise ValueError(f"unknown kernel {name!r}{suggestion(method, METHODS)} See lagrange-bench methods")
     golden, only = machine.golden(), options.kernels or None
+    if options.write and (only is None or options.quick):
+        raise ValueError("--write goes with the names of kernels, and without --quick")
     found = {"compiled": machine.measured(machine.COUNTS[1 if options.quick else -1], only)}
     if strange := set(only or ()) - {
         word for kernel in found["compiled"] for word in (kernel, kernel.partition(" ")[0])
     }:
         raise ValueError(f"{sorted(strange)[0]} has no kernel of its own whose bits could be compared")
+    if options.write:
+        machine.write(found["compiled"])
+        golden = machine.golden()
     if options.python:
         found["interpreted"] = machine.in_python(only)
     verdicts = [(how, verdict) for how, hashes in found.items() for verdict in machine.compare(golden, hashes)]

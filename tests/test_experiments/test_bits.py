@@ -1,5 +1,7 @@
 """Every compiled kernel computes the bits written down in golden.json, and so does the interpreter."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -50,3 +52,18 @@ def test_a_failure_of_the_interpreted_run_is_told(monkeypatch):
     monkeypatch.setattr(bits.sys, "executable", "/bin/false")
     with pytest.raises(RuntimeError, match="interpreted run failed"):
         bits.in_python()
+
+
+def test_the_bits_of_a_new_method_are_written_and_no_others(run, monkeypatch, tmp_path):
+    file = tmp_path / "golden.json"
+    known = bits.golden()
+    file.write_text(json.dumps({name: {"old": "0"} for name in known if not name.startswith("kahan")}))
+    monkeypatch.setattr(bits, "GOLDEN", file)
+    monkeypatch.setattr(bits, "COUNTS", bits.COUNTS[:2])
+    assert run("bits", "kahan", "--write")[0] == 0
+    written = json.loads(file.read_text())
+    assert list(written) == list(known)
+    assert {place: known["kahan"][place] for place in written["kahan"]} == written["kahan"]
+    assert written["strang"] == {"old": "0"}
+    code, _, err = run("bits", "--write")
+    assert (code, "--write goes with the names" in err) == (2, True)

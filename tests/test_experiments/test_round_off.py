@@ -6,6 +6,7 @@ import pytest
 from experiments import round_off
 from experiments.measuring import metrics
 from experiments.measuring.states import find
+from integrators import StepError, prepare
 from integrators.truth import exact
 
 STEPS = 200
@@ -37,6 +38,16 @@ def test_forms_of_long_steps_are_one_map(fraction):
         ends = {form: round_off.FORMS[form][1](top, y0, h).advance(y0, STEPS) for form in forms}
         truth = exact.after_steps(top, y0, h, [STEPS])[0]
         assert max(metrics.scaled_error(top, y0, y, truth) for y in ends.values()) < 1e-10
+
+
+def test_a_form_that_leaves_its_torus_is_followed():
+    """Negative control: the registered method refuses such a state."""
+    top, y0 = find("generic")
+    away = y0 * (1 + 1e-9)
+    h = 0.125 * top.scales(y0)[2]
+    assert np.isfinite(round_off.FORMS["x assigned"][1](top, y0, h).advance(away, STEPS)).all()
+    with pytest.raises(StepError, match="not on the torus"):
+        prepare(top, y0, h, "backlund_unpinned").advance(away, STEPS)
 
 
 @pytest.mark.parametrize("of", ["implicit_midpoint", "strang"])
