@@ -57,7 +57,7 @@ def test_a_failure_of_the_interpreted_run_is_told(monkeypatch):
 def test_the_bits_of_a_new_method_are_written_and_no_others(run, monkeypatch, tmp_path):
     file = tmp_path / "golden.json"
     known = bits.golden()
-    file.write_text(json.dumps({name: {"old": "0"} for name in known if not name.startswith("kahan")}))
+    file.write_text(json.dumps({name: {"old": "0"} for name in known if name.partition(" ")[0] != "kahan"}))
     monkeypatch.setattr(bits, "GOLDEN", file)
     monkeypatch.setattr(bits, "COUNTS", bits.COUNTS[:2])
     assert run("bits", "kahan", "--write")[0] == 0
