@@ -43,7 +43,7 @@ KEYS = {
     "sweep": ("methods", "tops", *KNOBS, "time", "steps", "samples", "options"),
 }
 SAMPLES = 32
-PER_SAMPLE = 3000  # bytes of memory that a cell takes for each, measured
+PER_SAMPLE = 3000  # bytes of memory that a cell takes for each, a generous guess
 LARGEST = 1e100  # step: beyond, there is nothing to draw
 EARLIEST = 1e-3  # first recorded time of a method that chooses its own steps, as a part of the last
 

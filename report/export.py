@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from experiments import EXPERIMENTS
 from experiments.catalogue import UnknownExperiment, load_stored
 from experiments.drawing import figures, style
 from integrators.files import write_file
+from integrators.words import suggestion
 from report import page
 from results.store import Store
 
@@ -56,9 +56,7 @@ def export(name: str, results: Path, output: Path | None = None, kind: str = "sv
         raise UnknownFigure(f"{name!r} cannot be drawn from {results}: {'; '.join(unknown)}")
     if not known:
         raise UnknownFigure(f"nothing is stored in {results}: compute it with lagrange-bench run")
-    close = difflib.get_close_matches(name, known, n=1)
-    hint = f"; did you mean {close[0]!r}?" if close else "."
-    raise UnknownFigure(f"unknown figure {name!r}{hint} Known: {', '.join(known)}")
+    raise UnknownFigure(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
 
 
 def export_all(

@@ -12,7 +12,7 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
-OURS = {"integrators", "experiments", "results", "report", "lagrange_bench"}  # the packages of the bench
+from results.sources import BENCH
 
 
 @cache
@@ -53,7 +53,7 @@ def _files(modules: set[str]) -> dict[str, Path]:
     """The sources of these modules and of what they import from beside them, by their places."""
     files: dict[str, Path] = {}
     roots = {_sources(module)[0] for module in modules} - {None}
-    waiting, seen = set(modules), set(OURS)
+    waiting, seen = set(modules), set(BENCH)
     while waiting:
         seen.add(module := waiting.pop())
         root, fresh = _sources(module)
@@ -69,7 +69,7 @@ def _sources(module: str) -> tuple[Path | None, dict[str, Path]]:
     """The folder a module is found in and the sources of it, or of the package it is part of; None: it has none."""
     top = module.partition(".")[0]
     try:
-        spec = importlib.util.find_spec(module if top in OURS else top)
+        spec = importlib.util.find_spec(module if top in BENCH else top)
     except (ImportError, ValueError):  # the latter: __main__
         spec = None
     if spec is None:

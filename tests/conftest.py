@@ -34,3 +34,12 @@ def answer(run):
         return json.loads(out)
 
     return call
+
+
+@pytest.fixture
+def short_races(monkeypatch):
+    """The two experiments that race by the clock stop after a moment."""
+    from experiments import cost, work_precision
+
+    monkeypatch.setattr(cost, "HEADLINE_TIME", 100.0)
+    monkeypatch.setattr(work_precision, "SAMPLE", 2e-4)

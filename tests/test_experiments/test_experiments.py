@@ -4,16 +4,12 @@ import pandas as pd
 import pytest
 from tiny import tiny
 
-from experiments import EXPERIMENTS, cost, perturbed, work_precision
+from experiments import EXPERIMENTS, cost, perturbed
 from experiments.catalogue import load
 from experiments.drawing import style
 from results.store import Store, make_record
 
-
-@pytest.fixture(autouse=True)
-def short_races(monkeypatch):
-    monkeypatch.setattr(cost, "HEADLINE_TIME", 100.0)
-    monkeypatch.setattr(work_precision, "SAMPLE", 2e-4)
+pytestmark = pytest.mark.usefixtures("short_races")
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)

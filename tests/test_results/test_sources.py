@@ -13,12 +13,14 @@ from pathlib import Path
 import pytest
 from tiny import tiny
 
-from experiments import EXPERIMENTS, cost, work_precision
+import integrators
+from experiments import EXPERIMENTS
 from experiments.catalogue import load
 from integrators import METHODS
 from results import sources
 from results.store import Store
 
+pytestmark = pytest.mark.usefixtures("short_races")
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("integrators", "experiments", "results", "report", "lagrange_bench")
 
@@ -44,6 +46,8 @@ def covered(monkeypatch, experiment, method):
 def called(cell, experiment):
     """(file, first line, name) of every function of the bench that measuring a cell calls, in the interpreter."""
     seen, measure = set(), load(experiment).measure
+    for name in integrators.__all__:  # imported when first asked for, and importing is not measuring
+        getattr(integrators, name)
 
     def note(frame, event, _):
         if event == "call" and frame.f_code.co_name != "generic":  # Numba asks that of the types of all that is indexed
@@ -61,12 +65,6 @@ def called(cell, experiment):
 
 def missing(lines, calls):
     return {call for call in calls if not any(a <= call[1] <= b for a, b in lines.get(call[0], ()))}
-
-
-@pytest.fixture(autouse=True)
-def short_races(monkeypatch):
-    monkeypatch.setattr(cost, "HEADLINE_TIME", 100.0)
-    monkeypatch.setattr(work_precision, "SAMPLE", 2e-4)
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
