@@ -15,9 +15,11 @@ from integrators.lazy import face
 
 if TYPE_CHECKING:
     from integrators.api import Trajectory, integrate, prepare, two_point
+    from integrators.compiling.expression import sqrt
     from integrators.ensemble import integrate_ensemble
     from integrators.interface import INVARIANTS, Method, StepError, Stepper, Work
     from integrators.problem.body import HeavyTop
+    from integrators.problem.perturbed import PerturbedTop, Potential
     from integrators.problem.top import TOPS, LagrangeTop, NamedTop
     from integrators.registry import METHODS, available
     from integrators.truth import exact
@@ -30,6 +32,8 @@ __all__ = [
     "LagrangeTop",
     "Method",
     "NamedTop",
+    "PerturbedTop",
+    "Potential",
     "StepError",
     "Stepper",
     "Trajectory",
@@ -39,6 +43,7 @@ __all__ = [
     "integrate",
     "integrate_ensemble",
     "prepare",
+    "sqrt",
     "two_point",
 ]
 
@@ -49,6 +54,8 @@ __getattr__, __dir__ = face(
         "integrators.ensemble": ("integrate_ensemble",),
         "integrators.interface": ("INVARIANTS", "Method", "StepError", "Stepper", "Work"),
         "integrators.problem.body": ("HeavyTop",),
+        "integrators.compiling.expression": ("sqrt",),
+        "integrators.problem.perturbed": ("PerturbedTop", "Potential"),
         "integrators.problem.top": ("TOPS", "LagrangeTop", "NamedTop"),
         "integrators.registry": ("METHODS", "available"),
         "integrators.truth.exact": (),

@@ -14,16 +14,20 @@ from integrators.checks import check_count, check_options, check_state, check_st
 from integrators.interface import Array, Method, StepError, Stepper, Work
 from integrators.problem import body
 from integrators.problem.body import HeavyTop
+from integrators.problem.perturbed import PerturbedTop
+from integrators.problem.rotated import evaluate_for, prepare_for
 from integrators.problem.top import LagrangeTop, NamedTop
 from integrators.registry import find_method
 from integrators.torus import any_parameter
+
+TOP_TYPES = "a LagrangeTop, a HeavyTop or a PerturbedTop"
 
 
 @dataclass(frozen=True)
 class Trajectory:
     """What `integrate` returns: times (N,), states (N, 6), and the work it took."""
 
-    top: LagrangeTop
+    top: LagrangeTop | PerturbedTop
     method: str
     t: Array
     y: Array
@@ -42,27 +46,33 @@ class Trajectory:
 
 
 def prepare(
-    top: LagrangeTop | HeavyTop, y0: ArrayLike, h: float, method: str | Method = "backlund", **options: Any
+    top: LagrangeTop | HeavyTop | PerturbedTop,
+    y0: ArrayLike,
+    h: float,
+    method: str | Method = "backlund",
+    **options: Any,
 ) -> Stepper:
     """A stepper for `method` with step h; everything slow (compilation, λ(h)) happens here, once.
 
     Raises
     ------
-    ValueError : a state, step or option that makes no sense; the message names the argument.
+    ValueError : a state, step or option that makes no sense, or a method that does not take the top's potential; the
+    message names the argument.
     StepError : the method cannot be prepared for this top and step.
     """
     top = top.top if isinstance(top, HeavyTop) else top
     found, state = _look_up(top, y0, method)
     h = check_step(h)
-    check_options(found.name, found.prepare, options)
+    build = prepare_for(found, top)
+    check_options(found.name, build, options)
     start = perf_counter()
-    stepper = found.prepare(top, state, h, **options)
+    stepper = build(top, state, h, **options)
     stepper.work.setup_seconds = perf_counter() - start
     return stepper
 
 
 def integrate(
-    top: LagrangeTop | HeavyTop,
+    top: LagrangeTop | HeavyTop | PerturbedTop,
     y0: ArrayLike,
     h: float | None = None,
     steps: int | None = None,
@@ -80,7 +90,7 @@ def integrate(
 
     Parameters
     ----------
-    top : LagrangeTop, or HeavyTop (time in s then). y0 : (6,), initial (J, x). h : step, negative runs backwards.
+    top : LagrangeTop, HeavyTop (time in s then), or PerturbedTop. y0 : (6,), initial (J, x). h : step, negative runs backwards.
     steps : number of steps. method : a name in METHODS, or a Method. every : must divide `steps`.
     attitude : follow the whole body too: True, or its initial attitude as a unit quaternion (4,), scalar first; the
     body is that of a HeavyTop, or one with equal moments of inertia. options : the method's own.
@@ -92,6 +102,8 @@ def integrate(
     heavy, top = (top, top.top) if isinstance(top, HeavyTop) else (None, top)
     found, state = _look_up(top, y0, method)
     wanted = attitude is not False and attitude is not None
+    if wanted and isinstance(top, PerturbedTop):
+        raise ValueError("attitude: the body of a PerturbedTop is not followed; give a LagrangeTop or a HeavyTop")
     if wanted and found.attitude is None:
         raise ValueError(f"attitude: {found.name} does not follow the body; backlund and taylor do")
     if t is not None:
@@ -129,26 +141,32 @@ def two_point(top: LagrangeTop | HeavyTop, y: ArrayLike, lam: complex, sheet: in
     """
     top = top.top if isinstance(top, HeavyTop) else top
     _check_top(top)
+    if isinstance(top, PerturbedTop):
+        raise ValueError("top must be a LagrangeTop or a HeavyTop: the map is that of a uniform field")
     return any_parameter.two_point(top, check_state(y, "y"), lam, sheet)
 
 
-def _look_up(top: LagrangeTop, y0: ArrayLike, method: str | Method) -> tuple[Method, Array]:
+def _look_up(top: Any, y0: ArrayLike, method: str | Method) -> tuple[Method, Array]:
     _check_top(top)
-    return find_method(method), check_state(y0)
+    found, state = find_method(method), check_state(y0)
+    if isinstance(top, PerturbedTop):
+        top.check_state(state)
+    return found, state
 
 
-def _check_top(top: LagrangeTop) -> None:
+def _check_top(top: Any) -> None:
     if isinstance(top, NamedTop):
-        raise ValueError(f"top must be a LagrangeTop or a HeavyTop; {top.name!r} has one: pass named.top, named.state")
-    if not isinstance(top, LagrangeTop):
-        raise ValueError(f"top must be a LagrangeTop or a HeavyTop; got {type(top).__name__}")
+        raise ValueError(f"top must be {TOP_TYPES}; {top.name!r} has one: pass named.top, named.state")
+    if not isinstance(top, (LagrangeTop, PerturbedTop)):
+        raise ValueError(f"top must be {TOP_TYPES}; got {type(top).__name__}")
     top.single()
 
 
-def _evaluate(method: Method, top: LagrangeTop, y0: Array, t: ArrayLike, options: dict[str, Any]) -> Trajectory:
-    if method.evaluate is None:
+def _evaluate(method: Method, top: Any, y0: Array, t: ArrayLike, options: dict[str, Any]) -> Trajectory:
+    evaluate = evaluate_for(method, top)
+    if evaluate is None:
         raise ValueError(f"t: {method.name} steps on a grid only; give h and steps")
     times = check_times(t)
-    check_options(method.name, method.evaluate, options)
-    y, work = method.evaluate(top, y0, times, **options)
+    check_options(method.name, evaluate, options)
+    y, work = evaluate(top, y0, times, **options)
     return Trajectory(top, method.name, times, y, work)

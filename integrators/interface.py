@@ -72,6 +72,18 @@ Quantity = Callable[[Any, float, Array], tuple[Array, float]]
 
 
 @dataclass(frozen=True)
+class AnyField:
+    """How a method takes a `PerturbedTop`: the same formula for a force of any kind."""
+
+    prepare: Callable[..., Stepper]  # (problem, y0, h, **options), as `Method.prepare`
+    conserves: frozenset[str]  # of INVARIANTS, at round-off, for every h, as far as the problem conserves them
+    if_quadratic: frozenset[str] = frozenset()  # the same, kept in a quadratic potential only
+    needs: str = "force"  # of `PerturbedTop.offers`
+    evaluate: Callable[..., tuple[Array, Work]] | None = None  # (problem, y0, times, **options)
+    biased: Mapping[str, str] = field(default_factory=dict, hash=False)  # as `Method.biased`
+
+
+@dataclass(frozen=True)
 class Method:
     """What a method claims. Every field is read by a test, a legend or a table."""
 
@@ -98,6 +110,8 @@ class Method:
     keeps: Mapping[str, Quantity] = field(default_factory=dict, hash=False)
     # of `conserves` and `keeps`: those whose round-off grows faster than a random walk, and why
     biased: Mapping[str, str] = field(default_factory=dict, hash=False)
+    in_field: AnyField | None = None  # how it takes a top in any field; None: a uniform field only, for this reason:
+    uniform_only: str = "its formula is written for a uniform field"
     options: tuple[str, ...] = field(init=False)  # keyword options of `prepare`
 
     def __post_init__(self) -> None:
@@ -110,6 +124,27 @@ class Method:
         if unclaimed := sorted(set(self.biased) - self.conserves - set(self.keeps)):
             raise ValueError(f"biased names what is not claimed: {unclaimed}")
         object.__setattr__(self, "options", keyword_options(self.prepare))
+
+    def takes(self, problem: Any) -> str | None:
+        """None if the method can follow this LagrangeTop or PerturbedTop, else the reason why not."""
+        offers = getattr(problem, "offers", None)  # a LagrangeTop offers everything
+        if offers is None or "linear" in offers:
+            return None
+        if self.in_field is None:
+            return f"{self.name} does not take the potential {problem.potential.name}: {self.uniform_only}"
+        if self.in_field.needs not in offers:
+            return f"{self.name} needs a {self.in_field.needs} potential, which {problem.potential.name} is not"
+        return None
+
+    def kept(self, problem: Any) -> frozenset[str]:
+        """Of H, J3, C1, C2 those that the method keeps at round-off for this problem, which it takes."""
+        offers = getattr(problem, "offers", None)
+        if offers is None:
+            return self.conserves
+        if self.in_field is None:  # through the frame of a uniform field
+            return self.conserves & problem.conserved
+        quadratic = self.in_field.if_quadratic if "quadratic" in offers else frozenset()
+        return (self.in_field.conserves | quadratic) & problem.conserved
 
     @property
     def knob(self) -> str:

@@ -1,8 +1,8 @@
 """Straight-line machine code from an ordinary Python function, by running the function once on symbols.
 
 `@unrolled` turns a function of doubles and tuples of doubles into one that compiled code can call. Its loops, tuples and
-tests are those of Python and happen while compiling; what is left are the additions, subtractions, multiplications and
-divisions of doubles that it asks for, in its order. So a formula may be written as a loop over a table of coefficients, zeros
+tests are those of Python and happen while compiling; what is left are the additions, subtractions, multiplications,
+divisions and square roots (`.sqrt()`) of doubles that it asks for, in its order. So a formula may be written as a loop over a table of coefficients, zeros
 left out, and costs what it would cost written out by hand. Without compilation (NUMBA_DISABLE_JIT) the function is simply
 called, and computes the same bits.
 """
@@ -51,6 +51,13 @@ class Symbol:
     def __neg__(self) -> Symbol:
         return Symbol(self.emit, self.emit.fneg(self.value))
 
+    def sqrt(self) -> Symbol:
+        square_root = self.emit.module.declare_intrinsic("llvm.sqrt", [self.value.type])
+        return Symbol(self.emit, self.emit.call(square_root, [self.value]))
+
+    def __rtruediv__(self, other: Any) -> Symbol:
+        return self._of("fdiv", other, self)
+
     def __bool__(self) -> bool:
         raise TypeError("an unrolled function cannot branch on a number that is not known yet")
 
@@ -83,9 +90,19 @@ def unrolled(name: str) -> Callable[[Callable[..., Any]], Any]:
     return decorate
 
 
+class Unknown:
+    """Any double: whatever is done with it gives one again."""
+
+    def __add__(self, other: Any = None) -> Unknown:
+        return self
+
+    __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __neg__ = sqrt = __add__
+    __bool__ = Symbol.__bool__
+
+
 def example(kind: Any) -> Any:
     """Any value of a type: what a function returns for it shows what it returns for all."""
-    return tuple(map(example, kind.types)) if isinstance(kind, TUPLE) else 1.0
+    return tuple(map(example, kind.types)) if isinstance(kind, TUPLE) else Unknown()
 
 
 def type_of(value: Any) -> Any:

@@ -21,15 +21,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from integrators.compiling.compiled import jit, jit_as
 from integrators.compiling.double_double import two_sum
+from integrators.compiling.expression import take
 from integrators.compiling.loops import FAILURE, MEMORY, RESIDUAL, FixedStepper
 from integrators.compiling.unroll import unrolled
-from integrators.interface import Array, Method, StepError
+from integrators.interface import AnyField, Array, Method, StepError
 from integrators.methods.tableaux import (
     DOP853,
     DORMAND_PRINCE,
@@ -38,6 +40,7 @@ from integrators.methods.tableaux import (
     Row,
     Tableau,
 )
+from integrators.problem.perturbed import Field, PerturbedTop, cross
 from integrators.problem.top import LagrangeTop
 from integrators.problem.units import Units
 
@@ -168,6 +171,58 @@ def projected(s, d, c, tally):
     return J1, J2, J3, x1, x2, x3
 
 
+# ------------------------------------------------------------------------------------ a top in any field
+
+
+def slopes_in_field(torque: Any, level: bool, rows: Any, s: Any, q: Any, h: Any, slopes: Any = ()) -> Any:
+    """`slopes_of` for the torque of any field, with a place for J3, which a `level` field keeps: 0 then."""
+
+    def slope(u):
+        J, x = u[:3], u[3:]
+        t1, t2, t3 = torque(*x, *q)
+        return h * t1, h * t2, 0.0 if level else h * t3, *(h * v for v in cross(J, x))
+
+    slopes = list(slopes) or [slope(s)]
+    for row in rows:
+        slopes.append(slope(tuple(a + d for a, d in zip(s, weigh(row, slopes), strict=True))))
+    return tuple(slopes)
+
+
+@jit
+def plain_in_field(s, d, c, tally):
+    return s[0] + d[0], s[1] + d[1], s[2] + d[2], s[3] + d[3], s[4] + d[4], s[5] + d[5]
+
+
+@jit
+def compensated_in_field(s, d, c, tally):
+    return (
+        add(s[0], d[0], tally, MEMORY),
+        add(s[1], d[1], tally, MEMORY + 1),
+        add(s[2], d[2], tally, MEMORY + 2),
+        add(s[3], d[3], tally, MEMORY + 3),
+        add(s[4], d[4], tally, MEMORY + 4),
+        add(s[5], d[5], tally, MEMORY + 5),
+    )
+
+
+@cache
+def kernel_in_field(tableau: Tableau, field: Field, level: bool, carried: bool) -> Callable[..., Any]:
+    """The step of a formula in a field; constants: h, then alpha and the parameters of the potential."""
+    name = f"{tableau.name} {field.digest} {level}"
+    a, b = tuple(map(floats, tableau.a)), floats(tableau.b)
+    finish, numbers = compensated_in_field if carried else plain_in_field, take(field.parameters)
+
+    @unrolled(f"increment {name}")
+    def increment(s, q, h):
+        return weigh(b, slopes_in_field(field.torque, level, a, s, q, h))
+
+    @jit_as(f"{name} {carried}")
+    def step(s, c, tally):
+        return finish(s, increment(s, numbers(c, 1), c[0]), c, tally)
+
+    return step
+
+
 def kernel(tableau: Tableau, finish: Callable[..., Any]) -> Callable[..., Any]:
     """The step of a formula; `finish` adds the increment to the state."""
     increment = increment_of(tableau)
@@ -192,6 +247,13 @@ def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
         step = kernels[bool(compensated)]
         return FixedStepper(name, h, np.array((top.alpha, h)), step, rhs_per_step=tableau.stages, lane=True)
 
+    def prepare_in_field(top: PerturbedTop, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
+        """As `prepare`."""
+        if not isinstance(compensated, (bool, np.bool_)):
+            raise ValueError(f"compensated must be True or False; got {compensated!r}")
+        step = kernel_in_field(tableau, top.field, "J3" in top.conserved, bool(compensated))
+        return FixedStepper(name, h, np.array((h, *top.numbers)), step, rhs_per_step=tableau.stages, lane=True)
+
     return Method(
         name=name,
         label=label,
@@ -203,6 +265,7 @@ def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
         control="step",
         source=source,
         prepare=prepare,
+        in_field=AnyField(prepare_in_field, conserves=frozenset({"J3"})),
     )
 
 

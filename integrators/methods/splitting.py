@@ -36,10 +36,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from integrators.compiling.compiled import inlined, jit, jit_as
+from integrators.compiling.compiled import inlined, jit, jit_as, jit_over
 from integrators.compiling.double_double import two_sum
+from integrators.compiling.expression import take
 from integrators.compiling.loops import FAILURE, MEMORY, SIZE, FixedStepper
-from integrators.interface import Array, Method, StepError
+from integrators.compiling.unroll import unrolled
+from integrators.interface import AnyField, Array, Method, StepError
+from integrators.problem.perturbed import Field, PerturbedTop
 from integrators.problem.top import LagrangeTop
 
 # ------------------------------------------------------------------------------------ schemes
@@ -240,6 +243,100 @@ KERNELS, LANES = (
 )
 
 
+# ------------------------------------------------------------------------------------ kernels for any field
+
+
+@cache
+def pushes_in_field(field: Field, gradients: int) -> Any:
+    """(x, q) → the torque of the field, then those of as many commutators as `gradients` says."""
+    torque, twist, second = field.torque, field.twist, field.second_twist
+
+    @unrolled(f"pushes {field.digest} {gradients}")
+    def pushes(x, q):
+        return (torque(*x, *q), *((twist(*x, *q),) * (gradients > 0)), *((second(*x, *q),) * (gradients > 1)))
+
+    return pushes
+
+
+@cache
+def kernel_in_field(field: Field, level: bool, gradients: int, compensated: bool, at_once: bool = False) -> Any:
+    """`kernel` for any field: in each group of constants alpha and the parameters of the potential follow the four.
+
+    `level`: the field keeps J3.
+    """
+    pushes, numbers, stride = pushes_in_field(field, gradients), take(field.parameters), STRIDE + field.parameters
+
+    @jit_as(f"in field {field.digest} {level} {gradients} {compensated} {at_once}", forceinline=True)
+    def step(s, c, tally):
+        J1, J2, J3, x1, x2, x3 = s
+        k1 = k2 = k3 = l1 = l2 = l3 = 0.0
+        if compensated:
+            k1, k2, l1, l2, l3 = (
+                tally[MEMORY],
+                tally[MEMORY + 1],
+                tally[MEMORY + 2],
+                tally[MEMORY + 3],
+                tally[MEMORY + 4],
+            )
+            k3 = tally[MEMORY + 5]
+        for i in range(0, len(c), stride):
+            v1, v2, v3 = c[i + A] * J1, c[i + A] * J2, c[i + A] * J3
+            z = (v1 * v1 + v2 * v2) + v3 * v3
+            parts = 1
+            if z > PART:
+                if at_once or not z <= MOST:
+                    tally[FAILURE] = TOO_FAR
+                    return s
+                while z > PART:
+                    v1, v2, v3, z, parts = 0.5 * v1, 0.5 * v2, 0.5 * v3, 0.25 * z, 2 * parts
+            a, b = small_coefficients(z)
+            d1, d2, d3 = turn(x1, x2, x3, v1, v2, v3, a, b, z)
+            x1, l1 = add(x1, l1, d1, compensated)
+            x2, l2 = add(x2, l2, d2, compensated)
+            x3, l3 = add(x3, l3, d3, compensated)
+            for _ in range(1, parts):
+                d1, d2, d3 = turn(x1, x2, x3, v1, v2, v3, a, b, z)
+                x1, l1 = add(x1, l1, d1, compensated)
+                x2, l2 = add(x2, l2, d2, compensated)
+                x3, l3 = add(x3, l3, d3, compensated)
+            push = pushes((x1, x2, x3), numbers(c, i + STRIDE))
+            p1, p2, p3 = c[i + B] * push[0][0], c[i + B] * push[0][1], c[i + B] * push[0][2]
+            if gradients > 0:
+                p1, p2, p3 = p1 + c[i + C] * push[1][0], p2 + c[i + C] * push[1][1], p3 + c[i + C] * push[1][2]
+            if gradients > 1:
+                p1, p2, p3 = p1 + c[i + D] * push[2][0], p2 + c[i + D] * push[2][1], p3 + c[i + D] * push[2][2]
+            J1, k1 = add(J1, k1, p1, compensated)
+            J2, k2 = add(J2, k2, p2, compensated)
+            if not level:
+                J3, k3 = add(J3, k3, p3, compensated)
+        if compensated:
+            tally[MEMORY], tally[MEMORY + 1], tally[MEMORY + 2], tally[MEMORY + 3], tally[MEMORY + 4] = (
+                k1,
+                k2,
+                l1,
+                l2,
+                l3,
+            )
+            tally[MEMORY + 5] = k3
+        return J1, J2, J3, x1, x2, x3
+
+    return step
+
+
+@cache
+def map_in_field(step: Any) -> Any:
+    """One rotation and one kick of each row, in place."""
+
+    @jit_over(step)
+    def run(rows, flow, tally):
+        for row in rows:
+            row[0], row[1], row[2], row[3], row[4], row[5] = step(
+                (row[0], row[1], row[2], row[3], row[4], row[5]), flow, tally
+            )
+
+    return run
+
+
 @inlined
 def process(s, g):
     """The exact flow of [A,B] for a time 2g/alpha. Its Hamiltonian is alpha (x2 J1 − x1 J2), linear in J.
@@ -329,17 +426,76 @@ class SplittingStepper(FixedStepper):
         return rows
 
 
+class FieldSplittingStepper(FixedStepper):
+    """The same for a top in any field; no processor."""
+
+    def __init__(self, name: str, top: PerturbedTop, h: float, scheme: Scheme, compensated: bool):
+        steps, first = groups(scheme)
+        numbers, level = top.numbers, "J3" in top.conserved
+        with np.errstate(all="ignore"):
+            scales = np.array((0.5 * h, h, -h * (h * h), h * (h * h) ** 2))
+            # 0 · ∞ is not to be: a coefficient that vanishes has no scale
+            groups_of = [np.where(rows == 0.0, 0.0, rows * scales) for rows in (steps, first[None])]
+        if not all(np.isfinite(rows).all() for rows in groups_of):
+            raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
+        constants, self._first = (
+            np.hstack((rows, np.broadcast_to(numbers, (len(rows), len(numbers))))).ravel() for rows in groups_of
+        )
+        self._signs = np.concatenate((-np.ones(STRIDE), np.ones(len(numbers))))
+        field, gradients = top.field, bool(scheme.c) + bool(scheme.d)
+        super().__init__(
+            name,
+            h,
+            constants,
+            kernel_in_field(field, level, gradients, compensated),
+            enter=self._enter,
+            leave=self._leave,
+            rhs_per_step=len(steps),
+            failures=FAILURES,
+            lane=(kernel_in_field(field, level, gradients, compensated, at_once=True), STRIDE + field.parameters),
+        )
+        self._run_rows = map_in_field(kernel_in_field(field, level, gradients, False))
+        self._run_rows(np.empty((0, 6)), self._first, np.zeros(SIZE))  # compile
+
+    def _enter(self, y: Array) -> Array:
+        return self._map(np.array(y)[None], self._first)[0]
+
+    def _leave(self, rows: Array) -> Array:
+        return self._map(rows, self._first * self._signs)
+
+    def _map(self, rows: Array, flow: Array) -> Array:
+        tally = np.zeros(SIZE)
+        self._run_rows(rows, flow, tally)
+        if tally[FAILURE] or not np.all(np.isfinite(rows)):
+            left = "the state left the range of floating-point numbers"
+            raise StepError(self.name, FAILURES.get(int(tally[FAILURE]), left), h=self.h)
+        return rows
+
+
 def prepare(name: str, top: LagrangeTop, y0: Array, h: float, *, compensated: bool = False) -> SplittingStepper:
     """`compensated`: what rounding takes from a sum is kept for the next one, from step to step within a call."""
+    return SplittingStepper(name, top, h, SCHEMES[name], check_compensated(compensated))
+
+
+def prepare_in_field(
+    name: str, top: PerturbedTop, y0: Array, h: float, *, compensated: bool = False
+) -> FieldSplittingStepper:
+    """As `prepare`, kicks and their gradients being those of the whole potential."""
+    return FieldSplittingStepper(name, top, h, SCHEMES[name], check_compensated(compensated))
+
+
+def check_compensated(compensated: Any) -> bool:
     if not isinstance(compensated, (bool, np.bool_)):
         raise ValueError(f"compensated must be True or False; got {compensated!r}")
-    return SplittingStepper(name, top, h, SCHEMES[name], bool(compensated))
+    return bool(compensated)
 
 
 # ------------------------------------------------------------------------------------ records
 
 
 def _record(name: str, label: str) -> Method:
+    conserves = frozenset({"J3", "C1", "C2"})
+    processed = SCHEMES[name].processor != 0.0
     return Method(
         name=name,
         label=label,
@@ -347,10 +503,12 @@ def _record(name: str, label: str) -> Method:
         order=SCHEMES[name].order,
         symmetric=True,
         poisson=True,
-        conserves=frozenset({"J3", "C1", "C2"}),
+        conserves=conserves,
         control="step",
         source=SCHEMES[name].source,
         prepare=partial(prepare, name),
+        in_field=None if processed else AnyField(partial(prepare_in_field, name), conserves),
+        uniform_only="its processor is known in closed form in a uniform field only",
     )
 
 
