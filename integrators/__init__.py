@@ -20,13 +20,16 @@ if TYPE_CHECKING:
     from integrators.interface import INVARIANTS, Method, StepError, Stepper, Work
     from integrators.problem.body import HeavyTop
     from integrators.problem.perturbed import PerturbedTop, Potential
+    from integrators.problem.potentials import PERTURBED_TOPS
     from integrators.problem.top import TOPS, LagrangeTop, NamedTop
-    from integrators.registry import METHODS, available
+    from integrators.registry import METHODS, POTENTIALS, available
     from integrators.truth import exact
 
 __all__ = [
     "INVARIANTS",
     "METHODS",
+    "PERTURBED_TOPS",
+    "POTENTIALS",
     "TOPS",
     "HeavyTop",
     "LagrangeTop",
@@ -56,8 +59,9 @@ __getattr__, __dir__ = face(
         "integrators.problem.body": ("HeavyTop",),
         "integrators.compiling.expression": ("sqrt",),
         "integrators.problem.perturbed": ("PerturbedTop", "Potential"),
+        "integrators.problem.potentials": ("PERTURBED_TOPS",),
         "integrators.problem.top": ("TOPS", "LagrangeTop", "NamedTop"),
-        "integrators.registry": ("METHODS", "available"),
+        "integrators.registry": ("METHODS", "POTENTIALS", "available"),
         "integrators.truth.exact": (),
     },
 )

@@ -27,7 +27,7 @@ TOP_TYPES = "a LagrangeTop, a HeavyTop or a PerturbedTop"
 class Trajectory:
     """What `integrate` returns: times (N,), states (N, 6), and the work it took."""
 
-    top: LagrangeTop | PerturbedTop
+    top: Any  # the LagrangeTop or the PerturbedTop
     method: str
     t: Array
     y: Array
@@ -125,6 +125,7 @@ def integrate(
     g = None
     if g0 is not None:
         own_spin = heavy.own_spin(state) if heavy else 0.0
+        assert isinstance(top, LagrangeTop)
         g = body.follow(found, top, y, float(h), every, g0, own_spin, options)
     return Trajectory(top, found.name, float(h) * (every * np.arange(len(y), dtype=np.float64)), y, stepper.work, g)
 

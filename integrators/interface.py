@@ -142,9 +142,9 @@ class Method:
         if offers is None:
             return self.conserves
         if self.in_field is None:  # through the frame of a uniform field
-            return self.conserves & problem.conserved
+            return self.conserves & frozenset(problem.conserved)
         quadratic = self.in_field.if_quadratic if "quadratic" in offers else frozenset()
-        return (self.in_field.conserves | quadratic) & problem.conserved
+        return (self.in_field.conserves | quadratic) & frozenset(problem.conserved)
 
     @property
     def knob(self) -> str:

@@ -1,8 +1,8 @@
-"""METHODS: every method by name, in legend order, loaded when first asked for.
+"""METHODS and POTENTIALS: every method by name, in legend order, and every potential, loaded when first asked for.
 
 A method that lives in somebody else's package joins through the entry-point group `lagrange_bench.methods`
-(name = registry key, value = `package.module:METHOD`). One that cannot be loaded, or whose name is taken, is no reason
-for the others to fail.
+(name = registry key, value = `package.module:METHOD`), a potential through `lagrange_bench.potentials`. One that cannot be
+loaded, or whose name is taken, is no reason for the others to fail.
 """
 
 from __future__ import annotations
@@ -16,11 +16,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from typing import Any
 
 from integrators.interface import Method, StepError
 from integrators.words import suggestion
-
-GROUP = "lagrange_bench.methods"
 
 BUILT_IN = {
     # backlund
@@ -73,32 +72,52 @@ BUILT_IN = {
 }
 
 
-class Registry(Mapping[str, Method]):
-    """Name → Method. Listing the names imports nothing."""
+POTENTIALS_BUILT_IN = {
+    name: f"integrators.problem.potentials:{name.upper()}"
+    for name in ("quadratic", "axisymmetric", "charge", "dipole", "tide")
+}
+
+
+class Registry(Mapping[str, Any]):
+    """Name → Method, or Potential. Listing the names imports nothing.
+
+    word : "method" or "potential", also in the name of the entry-point group. kind : where its type is, "module:Type".
+    """
+
+    def __init__(self, word: str, built_in: Mapping[str, str], kind: str):
+        self.word, self.built_in, self.group = word, built_in, f"lagrange_bench.{word}s"
+        self._kind = kind
+
+    @property
+    def kind(self) -> Any:
+        """The type of what is registered."""
+        module, _, name = self._kind.partition(":")
+        return getattr(importlib.import_module(module), name)
 
     @cached_property
     def _entries(self) -> dict[str, EntryPoint]:
-        entries = {name: EntryPoint(name, value, GROUP) for name, value in BUILT_IN.items()}
+        entries = {name: EntryPoint(name, value, self.group) for name, value in self.built_in.items()}
         clashes = []
-        for entry in sorted(entry_points(group=GROUP), key=lambda e: (e.name, e.value)):
+        for entry in sorted(entry_points(group=self.group), key=lambda e: (e.name, e.value)):
             if entries.setdefault(entry.name, entry) is not entry:
-                clashes.append(_left_out(entry))
+                clashes.append(self._left_out(entry))
         if clashes and multiprocessing.parent_process() is None:  # said once, not by every worker
             warnings.warn("; ".join(clashes), RuntimeWarning, stacklevel=2)
         return entries
 
-    def __getitem__(self, name: str) -> Method:
+    def __getitem__(self, name: str) -> Any:
         if name not in self._entries:
             close = suggestion(str(name), self._entries)
-            known = "All: lagrange-bench methods" if close.endswith("?") else f"Known: {', '.join(self._entries)}"
-            raise KeyError(f"unknown method {name!r}{close} {known}")
+            whole = f"All: lagrange-bench {self.word}s"
+            known = whole if close.endswith("?") else f"Known: {', '.join(self._entries)}"
+            raise KeyError(f"unknown {self.word} {name!r}{close} {known}")
         entry = self._entries[name]
-        method = entry.load()
-        if not isinstance(method, Method):
-            raise TypeError(f"{entry.value} is a {type(method).__name__}, not an integrators.Method")
-        if method.name != name:
-            raise ValueError(f"{entry.value} calls itself {method.name!r} but is registered as {name!r}")
-        return method
+        found = entry.load()
+        if not isinstance(found, self.kind):
+            raise TypeError(f"{entry.value} is a {type(found).__name__}, not an integrators.{self.kind.__name__}")
+        if found.name != name:
+            raise ValueError(f"{entry.value} calls itself {found.name!r} but is registered as {name!r}")
+        return found
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._entries)
@@ -106,17 +125,17 @@ class Registry(Mapping[str, Method]):
     def __len__(self) -> int:
         return len(self._entries)
 
+    def _left_out(self, entry: EntryPoint) -> str:
+        """What is said of a plug-in whose name is taken."""
+        package = entry.dist.name if entry.dist else entry.module
+        return (
+            f"the plug-in {entry.name!r} ({entry.value} of the package {package}) is left out, for its name is taken: "
+            f"give the {self.word} another name, or pip uninstall {package}"
+        )
 
-def _left_out(entry: EntryPoint) -> str:
-    """What is said of a plug-in whose name is taken."""
-    package = entry.dist.name if entry.dist else entry.module
-    return (
-        f"the plug-in {entry.name!r} ({entry.value} of the package {package}) is left out, for its name is taken: "
-        f"give the method another name, or pip uninstall {package}"
-    )
 
-
-METHODS = Registry()
+METHODS = Registry("method", BUILT_IN, "integrators.interface:Method")
+POTENTIALS = Registry("potential", POTENTIALS_BUILT_IN, "integrators.problem.perturbed:Potential")
 
 
 class NotInstalled(StepError):
@@ -130,34 +149,50 @@ def find_method(method: str | Method) -> Method:
     ------
     ValueError : there is none, or it cannot be loaded; the message says why. NotInstalled : it needs another package.
     """
-    if isinstance(method, str):
-        method = _load(method)
-    elif not isinstance(method, Method):
+    found = _load(method, METHODS) if isinstance(method, str) else method
+    if not isinstance(found, Method):
         raise ValueError(f"method must be a name in METHODS, package.module:METHOD or a Method; got {method!r}")
-    if not available(method):
-        raise NotInstalled(method.name, how_to_get(str(method.requires)))
-    return method
+    if not available(found):
+        raise NotInstalled(found.name, how_to_get(str(found.requires)))
+    return found
 
 
-def _load(name: str) -> Method:
+def find_potential(potential: str | Any) -> Any:
+    """The potential of a name in POTENTIALS or of `package.module:POTENTIAL`, or the potential itself.
+
+    Raises
+    ------
+    ValueError : there is none of this name, or it cannot be loaded.
+    """
+    if isinstance(potential, str):
+        return _load(potential, POTENTIALS)
+    if not isinstance(potential, POTENTIALS.kind):
+        raise ValueError(
+            f"potential must be a name in POTENTIALS, package.module:POTENTIAL or a Potential; got {potential!r}"
+        )
+    return potential
+
+
+def _load(name: str, registry: Registry) -> Any:
+    word = registry.word
     try:
         if ":" in name:
             search_current_folder()
             module, _, attribute = name.partition(":")
-            method = getattr(importlib.import_module(module), attribute)
+            found = getattr(importlib.import_module(module), attribute)
         else:
-            method = METHODS[name]
+            found = registry[name]
     except KeyError as error:
         if Path(f"{name}.py").is_file():
             raise ValueError(
-                f"no method is registered as {name!r}; for the one in {name}.py use {name}:METHOD"
+                f"no {word} is registered as {name!r}; for the one in {name}.py use {name}:{word.upper()}"
             ) from None
         raise ValueError(str(error.args[0])) from None
     except Exception as error:  # importing somebody else's module may raise anything
-        raise ValueError(f"method {name} cannot be loaded: {type(error).__name__}: {error}") from error
-    if not isinstance(method, Method):
-        raise ValueError(f"method {name} is a {type(method).__name__}, not an integrators.Method")
-    return method
+        raise ValueError(f"{word} {name} cannot be loaded: {type(error).__name__}: {error}") from error
+    if not isinstance(found, registry.kind):
+        raise ValueError(f"{word} {name} is a {type(found).__name__}, not an integrators.{registry.kind.__name__}")
+    return found
 
 
 def find_stored_method(name: str) -> Method:

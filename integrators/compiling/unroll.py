@@ -1,8 +1,8 @@
 """Straight-line machine code from an ordinary Python function, by running the function once on symbols.
 
 `@unrolled` turns a function of doubles and tuples of doubles into one that compiled code can call. Its loops, tuples and
-tests are those of Python and happen while compiling; what is left are the additions, subtractions, multiplications,
-divisions and square roots (`.sqrt()`) of doubles that it asks for, in its order. So a formula may be written as a loop over a table of coefficients, zeros
+tests are those of Python and happen while compiling; what is left are the operations it asks for, in its order: + − × ÷ of
+doubles and their square roots (`.sqrt()`). So a formula may be written as a loop over a table of coefficients, zeros
 left out, and costs what it would cost written out by hand. Without compilation (NUMBA_DISABLE_JIT) the function is simply
 called, and computes the same bits.
 """

@@ -136,14 +136,14 @@ class Field:
         """How many numbers follow x: alpha and those of V."""
         return self.potential.inputs - 3
 
-    def _made(self, outputs: Callable[[Tape, Vector, Vector], Iterable[Any]], vectors: int = 0) -> Program:
+    def _made(self, outputs: Callable[..., Iterable[Any]], vectors: int = 0) -> Program:
         """A program of x, of more vectors, and of the parameters, from x and g."""
         tape = Tape()
-        x = tuple(tape.input() for _ in range(3))
+        x = [tape.input() for _ in range(3)]
         more = [tuple(tape.input() for _ in range(3)) for _ in range(vectors)]
         q = [tape.input() for _ in range(self.parameters)]
         g = tape.run(self.gradient, *x, *q)
-        return tape.program(outputs(tape, x, g, *more))  # type: ignore[arg-type, call-arg]
+        return tape.program(outputs(tape, x, g, *more))
 
     @cached_property
     def torque(self) -> Program:
@@ -320,9 +320,9 @@ class PerturbedTop:
     def check_state(self, y: Array) -> None:
         """ValueError, naming the potential, if the force is not finite at a state (6,)."""
         try:
-            values = (*self.gradient(*y[3:].tolist()), self.energy(*y[3:].tolist()))
+            values = [*self.gradient(*y[3:].tolist()), self.energy(*y[3:].tolist())]
         except (ZeroDivisionError, OverflowError):
-            values = (math.nan,)
+            values = [math.nan]
         if not all(map(math.isfinite, values)):
             raise ValueError(f"y0: the potential {self.potential.name} is not finite at x = {y[3:].tolist()}")
 
@@ -449,7 +449,7 @@ def _nature(formula: Formula, parameters: tuple[float, ...]) -> Nature:
 
     tape, x, q = _inputs(formula.value.inputs - 3)
     g = tape.run(formula.derived if formula.given is None else formula.given, *x, *q)
-    columns = [tape.along(g, x, e) for e in np.eye(3)]
+    columns = [tape.along(g, x, e) for e in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
     program = tape.program((*g, *(entry for column in columns for entry in column)))
     found = []
     with mpmath.workdps(DIGITS):

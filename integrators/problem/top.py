@@ -161,16 +161,16 @@ class NamedTop:
         return np.array(self.y0)
 
 
-class _Named(dict[str, NamedTop]):
+class Named(dict[str, Any]):
     """A dict that knows what was meant."""
 
-    def __missing__(self, name: str) -> NamedTop:
+    def __missing__(self, name: str) -> Any:
         raise KeyError(f"unknown top {name!r}{suggestion(str(name), self)} Known: {', '.join(self)}")
 
 
 # Where a state must lie exactly on a special orbit, every number is a short binary fraction, chosen so that the
 # defining identity holds without any rounding; |x| = 5/4 then takes the place of 1.
-TOPS: dict[str, NamedTop] = _Named(
+TOPS: dict[str, NamedTop] = Named(
     (t.name, t)
     for t in (
         NamedTop("figure1", "paper, Figure 1", 3.345, (2.34, 6.4, 8.0, 1.219, -0.78, 6.77),

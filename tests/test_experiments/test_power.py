@@ -186,7 +186,7 @@ def test_the_starter_of_a_multistep_method_does_not_hide_its_order():
 
 
 def test_phase_reads_the_order_of_a_multistep_method_off_runs(monkeypatch):
-    entries = {**METHODS._entries, "adams": registry.EntryPoint("adams", "toys.multistep:METHOD", registry.GROUP)}
+    entries = {**METHODS._entries, "adams": registry.EntryPoint("adams", "toys.multistep:METHOD", METHODS.group)}
     monkeypatch.setitem(vars(METHODS), "_entries", entries)
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     rows = {name: phase.measure({"part": "order", "method": name}) for name in ("adams", "rk4")}

@@ -14,7 +14,6 @@ import pytest
 from experiments import EXPERIMENTS
 from experiments.catalogue import load
 from integrators import METHODS
-from integrators.registry import GROUP
 from report import claims, origin, page, promises
 from report.claims import Claim, NoData, Verdict
 from results.store import Store, default_results
@@ -176,6 +175,6 @@ def test_an_installed_plug_in_without_rows_changes_no_verdict(monkeypatch):
     module = ModuleType("somebody_elses")
     module.METHOD = replace(METHODS["rk4"], name="mine")
     monkeypatch.setitem(sys.modules, "somebody_elses", module)
-    monkeypatch.setitem(METHODS._entries, "mine", EntryPoint("mine", "somebody_elses:METHOD", GROUP))
+    monkeypatch.setitem(METHODS._entries, "mine", EntryPoint("mine", "somebody_elses:METHOD", METHODS.group))
     assert "mine" in METHODS
     assert [each.verdict for each in page.judge(rows)[0]] == before

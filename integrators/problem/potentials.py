@@ -1,0 +1,151 @@
+"""Potentials that are built in, and named tops in them.
+
+V is energy over the moment of inertia across the axis, in the units of |J|², as alpha x3 is. Directions are unit vectors; x is
+the axis, of any length.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from integrators.compiling.expression import sqrt
+from integrators.problem.perturbed import PerturbedTop, Potential, dot
+from integrators.problem.top import TOPS, LagrangeTop, Named, NamedTop
+
+
+def _quadratic(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
+    across = p[3] * x1 * x2 + p[4] * x1 * x3 + p[5] * x2 * x3
+    return (p[0] * x1 * x1 + p[1] * x2 * x2 + p[2] * x3 * x3) / 2 + across
+
+
+def _quadratic_gradient(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
+    return (
+        p[0] * x1 + (p[3] * x2 + p[4] * x3),
+        p[1] * x2 + (p[3] * x1 + p[5] * x3),
+        p[2] * x3 + (p[4] * x1 + p[5] * x2),
+    )
+
+
+def _axisymmetric(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
+    total: Any = 0.0
+    for c in reversed(p):
+        total = (total + c) * x3
+    return total * x3
+
+
+def _axisymmetric_gradient(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
+    total: Any = 0.0
+    for power, c in reversed(list(enumerate(p, 2))):
+        total = total * x3 + power * c
+    return 0.0, 0.0, total * x3
+
+
+def _charge(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
+    d = (x1 - p[1], x2 - p[2], x3 - p[3])
+    return -p[0] / sqrt(dot(d, d))
+
+
+def _charge_gradient(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
+    d = (x1 - p[1], x2 - p[2], x3 - p[3])
+    square = dot(d, d)
+    pull = p[0] / (square * sqrt(square))
+    return pull * d[0], pull * d[1], pull * d[2]
+
+
+def _dipole(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
+    return dot(p, (x1, x2, x3))
+
+
+def _tide(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
+    along = dot(p[1:], (x1, x2, x3))
+    return p[0] * (along * along) / 2
+
+
+def _tide_gradient(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
+    pull = p[0] * dot(p[1:], (x1, x2, x3))
+    return pull * p[1], pull * p[2], pull * p[3]
+
+
+# An uneven field to second order: V = x·Sx/2. Any smooth field near a point is uniform up to this term; also a soft
+# magnetic body in a uniform field, whose induced moment is a linear function of the axis. Source: Landau & Lifshitz,
+# Electrodynamics of Continuous Media (1984), sections 4 and 44.
+QUADRATIC = Potential(
+    "quadratic", _quadratic, _quadratic_gradient, parameters=("S11", "S22", "S33", "S12", "S13", "S23"),
+    note="x·Sx/2: an uneven field to second order, or an induced moment; S in units of J²/x²",
+)  # fmt: skip
+
+# V = c2 x3² + c3 x3³ + …: any field that is symmetric about the vertical, as a polynomial in the height. J3 is conserved and
+# the motion integrable, but by hyperelliptic functions: there is no closed form here.
+AXISYMMETRIC = Potential(
+    "axisymmetric", _axisymmetric, _axisymmetric_gradient,
+    note="c2 x3² + c3 x3³ + …: a field symmetric about the vertical; ck in units of J²/x^k",
+)  # fmt: skip
+
+# V = −k/|x − a|: a point charge (or mass) at a attracts the tip of the axis, k > 0, or repels it. Singular at a.
+# Source: Jackson, Classical Electrodynamics (1998), section 1.5.
+CHARGE = Potential(
+    "charge", _charge, _charge_gradient, parameters=("k", "a1", "a2", "a3"),
+    note="−k/|x − a|: a point charge or mass at a pulls the tip of the axis; k in units of J² x",
+)  # fmt: skip
+
+# V = b·x: a dipole along the axis in a uniform field b that is tilted. With the weight it is a Lagrange top about another
+# vertical, and the exact step solves it. Source: Jackson, section 4.2.
+DIPOLE = Potential(
+    "dipole", _dipole, parameters=("b1", "b2", "b3"),
+    note="b·x: a dipole in a tilted uniform field: another Lagrange top, solved exactly; b in units of J²/x",
+)  # fmt: skip
+
+# V = k (n·x)²/2: the tide that a distant mass M in the direction n, at distance r, raises in the motion of a symmetric
+# body: k = 3 (GM/r³)(C − A)/A for |x| = 1, from MacCullagh's formula. Source: Murray & Dermott, Solar System Dynamics
+# (1999), section 5.3; Goldstein, Poole & Safko, Classical Mechanics (2002), section 5.8.
+TIDE = Potential(
+    "tide", _tide, _tide_gradient, parameters=("k", "n1", "n2", "n3"),
+    note="k (n·x)²/2: the tide of a distant mass in direction n; k = 3 (GM/r³)(C − A)/A, in units of J²/x²",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class NamedPerturbedTop(NamedTop):
+    """A named top in a potential."""
+
+    potential: Potential
+    parameters: tuple[float, ...]
+
+    @property
+    def top(self) -> PerturbedTop:  # type: ignore[override]
+        """The top."""
+        return PerturbedTop(LagrangeTop(self.alpha), self.potential, self.parameters)
+
+
+def _named(
+    name: str, label: str, base: str, potential: Potential, parameters: tuple[float, ...], note: str
+) -> NamedPerturbedTop:
+    return NamedPerturbedTop(name, label, TOPS[base].alpha, TOPS[base].y0, note, potential, parameters)
+
+
+PERTURBED_TOPS: dict[str, NamedPerturbedTop] = Named(
+    (t.name, t)
+    for t in (
+        _named("tide_1e-6", "tide, ε = 1e-6", "generic", TIDE, (1e-6, 1.0, 0.0, 0.0),
+               "the generic top in a tide of 1e-6 of its weight, from the horizon"),
+        _named("weak_tide", "weak tide, ε = 1e-4", "generic", TIDE, (1e-4, 1.0, 0.0, 0.0),
+               "the generic top in a tide of 1e-4 of its weight"),
+        _named("moderate_tide", "moderate tide, ε = 0.01", "generic", TIDE, (1e-2, 1.0, 0.0, 0.0),
+               "the generic top in a tide of a hundredth of its weight"),
+        _named("strong_tide", "strong tide, ε = 0.1", "generic", TIDE, (1e-1, 1.0, 0.0, 0.0),
+               "the generic top in a tide of a tenth of its weight"),
+        _named("fast_tide", "fast top, weak tide", "fast", TIDE, (1e-4, 1.0, 0.0, 0.0),
+               "the fast top in a tide of 1e-4 of its weight"),
+        _named("magnet", "magnet near the path", "generic", CHARGE, (0.02, 0.75, 0.75, 0.75),
+               "the generic top, its tip attracted by a point 0.3 beyond the sphere it moves on"),
+        _named("triaxial", "triaxial field", "generic", QUADRATIC, (0.06, -0.04, 0.02, 0.01, 0.02, -0.01),
+               "the generic top in an uneven field without symmetry"),
+        _named("axisymmetric", "axisymmetric field", "generic", AXISYMMETRIC, (0.3, -0.2),
+               "the generic top in a field of third order that keeps J3: integrable"),
+        _named("separatrix_tide", "near the separatrix, weak tide", "near_separatrix", TIDE, (1e-3, 1.0, 0.0, 0.0),
+               "the homoclinic state with a kick of 2^-10, in a tide of 1e-3 of its weight"),
+        _named("chaotic", "chaotic", "planar", QUADRATIC, (2.0, -1.5, 0.5, 0.5, 1.0, -0.5),
+               "the swinging planar pendulum in a strong uneven field: Lyapunov time 25 (exponent 0.04)"),
+    )
+)  # fmt: skip
