@@ -21,9 +21,15 @@ import math
 from fractions import Fraction
 from functools import cache
 
+import numpy as np
+
 from integrators.compiling.compiled import inlined, inlined_copy, jit
+from integrators.compiling.lanes import LANES
+from integrators.compiling.numba_internals import column, put_column
 from integrators.compiling.unroll import unrolled
 from integrators.torus import real_map
+from integrators.torus import time_step as ts
+from integrators.torus.real_map import CONSTANTS
 
 WEIGHT = 10  # of the polynomials of the start
 REACH = 2.0**-3  # times up to this, in units of 1/√max(2H + 2|alpha|√C1, |alpha|√C1), start from them
@@ -31,6 +37,7 @@ MOST = 12  # doublings at most
 LEAST = 1 / 8  # |m|²/C1 from which T is right to 2e-15; below it, towards the separatrix, the error grows like C1/|m|²
 
 increments = inlined_copy(real_map.increments)
+spectral_polynomial = inlined_copy(ts.spectral_polynomial)
 
 Polynomial = dict[tuple[int, int, int, int], Fraction]  # in p1, …, p4 by their exponents
 
@@ -271,3 +278,76 @@ def move(s, alpha, lam):
 def plain_step(s, alpha, h):
     """(Re λ, Im λ, Re m, Im m, ok) of the exact step over h from the state s = (J1, J2, J3, x1, x2, x3), in any units."""
     return parameter(invariants(s, alpha), s[2], alpha, h)
+
+
+# ---------------------------------------------------------------- many tops
+
+# places in a block of columns: state and alpha, |h|; z; P, τ, √C1; doublings left; ok; the constants of a step
+STATE, SPAN, POINT, CURVE, LEFT, TIME, OK, FOUND = 0, 7, 8, 12, 18, 19, 20, 21
+WIDTH = FOUND + real_map.CONSTANTS
+
+
+@jit
+def many_plain_constants(alphas, Y, h, states, c, units, forms, turns):
+    """`real_map.many_constants` with λ(h) in plain doubles where that has its digits; a block of tops at a time.
+
+    The loops over the lanes are SIMD code. No bit of a top depends on its lane or on its neighbours.
+    """
+    work = np.zeros(WIDTH * LANES)
+    for first in range(0, len(Y), LANES):
+        tops = min(LANES, len(Y) - first)
+        most = 0
+        for j in range(tops):
+            i = first + j
+            forms[i] = -1
+            alpha, span = real_map.enter(alphas, Y, h, i, states, units)
+            s = (states[i, 0], states[i, 1], states[i, 2], states[i, 3], states[i, 4], states[i, 5])
+            put_column(work, STATE * LANES + j, (*s, alpha, span), LANES)
+        for j in range(LANES):
+            s = column(work, STATE * LANES + j, 8, LANES)
+            q = spectral_polynomial(s[6], s[:6])
+            put_column(work, (FOUND + real_map.H) * LANES + j, (0.5 * q[2][0], q[0][0], 0.5 * q[1][0], 0.5 * q[2][1], q[0][1], 0.5 * q[1][1]), LANES)
+        for j in range(tops):
+            s = column(work, STATE * LANES + j, 8, LANES)
+            H, C1, C2 = column(work, (FOUND + real_map.H) * LANES + j, 3, LANES)
+            t, doublings = first_time((C1, 2.0 * C2, 2.0 * H), s[6], s[7])
+            most = max(most, doublings)
+            put_column(work, LEFT * LANES + j, (float(doublings), t), LANES)
+        for j in range(LANES):
+            s = column(work, STATE * LANES + j, 8, LANES)
+            H, C1, C2 = column(work, (FOUND + real_map.H) * LANES + j, 3, LANES)
+            _, t = column(work, LEFT * LANES + j, 2, LANES)
+            P, tau, length = scaled_curve((C1, 2.0 * C2, 2.0 * H), s[2], s[6], t)
+            put_column(work, POINT * LANES + j, (*start(P), *P, tau, length), LANES)
+            put_column(work, OK * LANES + j, (1.0,), LANES)
+        for k in range(min(most, MOST)):
+            for j in range(LANES):
+                z, P = column(work, POINT * LANES + j, 4, LANES), column(work, CURVE * LANES + j, 4, LANES)
+                left, _, ok = column(work, LEFT * LANES + j, 3, LANES)
+                twice, below = double_time(P, z)
+                more = k < left
+                z = (twice[0] if more else z[0], twice[1] if more else z[1], twice[2] if more else z[2], twice[3] if more else z[3])
+                put_column(work, POINT * LANES + j, z, LANES)
+                put_column(work, OK * LANES + j, ((ok if below else 0.0) if more else ok,), LANES)
+        for j in range(LANES):
+            z, (p1, p2, p3, p4, tau, length) = column(work, POINT * LANES + j, 4, LANES), column(work, CURVE * LANES + j, 6, LANES)
+            s, ok = column(work, STATE * LANES + j, 8, LANES), column(work, OK * LANES + j, 1, LANES)
+            m = math.copysign(length, s[7])
+            found = step_constants(s[6], s[2], tau * z[0], tau * z[1], m * z[2], m * z[3])
+            put_column(work, FOUND * LANES + j, found, LANES)
+            put_column(work, (FOUND + real_map.ALPHA) * LANES + j, (s[6],), LANES)
+            put_column(work, OK * LANES + j, (ok[0] if verdict((p1, p2, p3, p4), z) else 0.0,), LANES)
+        for j in range(tops):
+            i = first + j
+            alpha, span = work[(STATE + 6) * LANES + j], work[SPAN * LANES + j]
+            if span == math.inf:
+                continue
+            own = column(work, FOUND * LANES + j, CONSTANTS, LANES)
+            ok = work[OK * LANES + j] != 0.0 and work[LEFT * LANES + j] <= MOST
+            if ok and real_map.form(own) == 0:
+                for k in range(real_map.CONSTANTS):
+                    c[i, k] = own[k]
+                turns[i, 0], turns[i, 1], turns[i, 2], turns[i, 3] = 1.0, 0.0, 0.0, 0.0
+                forms[i] = 0
+            else:
+                real_map.set_up(alpha, span, i, states, c, forms, turns)
