@@ -10,7 +10,7 @@ import numpy as np
 from numba import TypingError
 from numpy.typing import NDArray
 
-from integrators.compiling.compiled import inlined_copy, jit_over
+from integrators.compiling.compiled import inlined_copy, jit, jit_over
 from integrators.compiling.loops import FAILURE, INTERRUPTIBLE, SIZE
 from integrators.compiling.numba_internals import column, put_column, strided
 from integrators.interface import Array
@@ -70,6 +70,21 @@ def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int) -
     return run
 
 
+@jit
+def fill(columns, states, constants, places, lanes):
+    """The `columns` of the loop above: those of the rows `places` of states and constants, and tallies of zeros."""
+    width = 6 + SIZE + constants.shape[1]
+    for b in range(len(places) // lanes):
+        origin = b * width * lanes
+        for j in range(lanes):
+            top = places[b * lanes + j]
+            for k in range(6):
+                columns[origin + k * lanes + j] = states[top, k]
+            for k in range(constants.shape[1]):
+                columns[origin + (6 + SIZE + k) * lanes + j] = constants[top, k]
+        columns[origin + 6 * lanes : origin + (6 + SIZE) * lanes] = 0.0
+
+
 def run_lanes(
     kernel: tuple[Callable, Callable | None, int],
     states: Array,
@@ -94,8 +109,8 @@ def run_lanes(
     size = constants.shape[1] if size is None else size
     parts = constants.shape[1] // size
     places = np.resize(tops, count * lanes)  # tops over again in the lanes left over: their numbers do no harm
-    rows = np.concatenate((states[places], np.zeros((len(places), SIZE)), constants[places]), axis=1)
-    columns = np.ascontiguousarray(rows.reshape(count, lanes, -1).transpose(0, 2, 1)).ravel()
+    columns = np.empty(len(places) * (6 + SIZE + constants.shape[1]))
+    fill(columns, states, constants, places, lanes)
     places[len(tops) :] = -1
     with compiling:  # once, not in every thread
         run = compile_lanes(step, pin, size, lanes)

@@ -31,6 +31,7 @@ from integrators.problem.units import Units
 from integrators.torus import attitude as at
 from integrators.torus import time_step as ts
 from integrators.torus.any_parameter import check_parameter, papers_parameter, plain_constants
+from integrators.torus.plain_step import many_plain_constants
 from integrators.torus.real_map import (
     CONSTANTS,
     KERNELS,
@@ -45,6 +46,7 @@ from integrators.torus.real_map import (
 from integrators.torus.real_map import pin as onto_torus
 from integrators.torus.stepper import TorusStepper, Turn, check_constants
 
+SHORT = 32  # steps of an ensemble up to which λ(h) in plain doubles is as good
 FEW = 4  # tops below which one after the other is quicker than a block of lanes
 MOST_PARTS = 10**8  # steps of an attitude between two rows: some seconds, not to be interrupted
 
@@ -125,9 +127,10 @@ def advance_many(
         return np.zeros(n, dtype=bool)
     states, units, forms = np.empty((n, 6)), np.empty((n, 6)), np.empty(n, dtype=np.int64)
     c, turns = np.empty((n, CONSTANTS)), np.empty((n, 4))
-    many_constants(alphas, Y0, h, states, c, units, forms, turns)
-    turned = (turns != np.ravel(NO_TURN)).any(axis=1) & (forms >= 0)
-    scales = np.where(turned[:, None], 1.0, units)  # what turns keeps its own units until it has turned
+    set_up = many_plain_constants if steps <= SHORT else many_constants
+    set_up(alphas, Y0, h, states, c, units, forms, turns)
+    turned = (forms >= 0) & ((turns[:, 0] != 1.0) | (turns[:, 2] != 0.0))
+    scales = np.where(turned[:, None], 1.0, units) if turned.any() else units  # what turns keeps its own units until it has turned
     back, block = (onto_torus, pin) if pin else (None, NEVER)
     for number in range(len(KERNELS)):
         tops = np.flatnonzero(forms == number)

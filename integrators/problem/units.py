@@ -11,12 +11,17 @@ from integrators.interface import Array, StepError
 from integrators.problem.top import LagrangeTop
 
 LARGEST_SPAN = 1e15  # of |h|, in time scales of the top: beyond it the phase has no digits left
+USUAL = 1e-200  # squares above it and below its inverse: nothing under- or overflows
 MODERATE = 1000  # of the powers of two of the units: then they are doubles themselves
 
 
 @jit
 def exponents(alpha, y, h):
     """Powers of two that bring |x|, and |J| + √(|alpha||x|) or, where that is 0, 1/|h| to between 1/2 and 1."""
+    jj, xx, a = y[0] * y[0] + y[1] * y[1] + y[2] * y[2], y[3] * y[3] + y[4] * y[4] + y[5] * y[5], abs(alpha)
+    if USUAL < jj < 1.0 / USUAL and USUAL < xx < 1.0 / USUAL and USUAL < a * a < 1.0 / USUAL:
+        x = math.sqrt(xx)
+        return math.frexp(math.sqrt(jj) + math.sqrt(a * x))[1], math.frexp(x)[1]
     J, rate = scaled_norm(y[0], y[1], y[2])
     x, length = scaled_norm(y[3], y[4], y[5])
     a, weight = math.frexp(abs(alpha))

@@ -281,6 +281,35 @@ def form(c):
 
 
 @jit
+def enter(alphas, Y, h, i, states, units):
+    """Top i in units of its own: (alpha, h) in them, its state and the units put into row i; h = inf if they are extreme."""
+    y = (Y[i, 0], Y[i, 1], Y[i, 2], Y[i, 3], Y[i, 4], Y[i, 5])
+    rate, length = exponents(alphas[i], y, h)
+    span = math.ldexp(h, rate)
+    if max(abs(rate), abs(length)) >= MODERATE or not abs(span) < LARGEST_SPAN:
+        return 0.0, math.inf
+    J, x = math.ldexp(1.0, rate), math.ldexp(1.0, length)
+    per_J, per_x = 1.0 / J, 1.0 / x
+    for k in range(3):
+        states[i, k], states[i, k + 3] = y[k] * per_J, y[k + 3] * per_x
+        units[i, k], units[i, k + 3] = J, x
+    return math.ldexp(alphas[i], length - 2 * rate), span
+
+
+@jit
+def set_up(alpha, span, i, states, c, forms, turns):
+    """The constants of top i, the number of its kernel, and its turn (4 numbers); see `many_constants`."""
+    s = (states[i, 0], states[i, 1], states[i, 2], states[i, 3], states[i, 4], states[i, 5])
+    own, turn = exact_constants(alpha, s, span)
+    (turns[i, 0], turns[i, 1]), (turns[i, 2], turns[i, 3]) = turn
+    finite = True
+    for k in range(len(own)):
+        c[i, k] = own[k]
+        finite = finite and math.isfinite(own[k])
+    forms[i] = form(own) if finite else -1
+
+
+@jit
 def many_constants(alphas, Y, h, states, c, units, forms, turns):
     """For each top its state and constants in its own units, these units, the number of its kernel, and its turn (4 numbers).
 
@@ -288,23 +317,9 @@ def many_constants(alphas, Y, h, states, c, units, forms, turns):
     """
     for i in range(len(Y)):
         forms[i] = -1
-        y = (Y[i, 0], Y[i, 1], Y[i, 2], Y[i, 3], Y[i, 4], Y[i, 5])
-        rate, length = exponents(alphas[i], y, h)
-        span, alpha = math.ldexp(h, rate), math.ldexp(alphas[i], length - 2 * rate)
-        if max(abs(rate), abs(length)) >= MODERATE or not abs(span) < LARGEST_SPAN:
-            continue
-        for k in range(6):
-            states[i, k] = math.ldexp(y[k], -(rate if k < 3 else length))
-            units[i, k] = math.ldexp(1.0, rate if k < 3 else length)
-        s = (states[i, 0], states[i, 1], states[i, 2], states[i, 3], states[i, 4], states[i, 5])
-        own, turn = exact_constants(alpha, s, span)
-        (turns[i, 0], turns[i, 1]), (turns[i, 2], turns[i, 3]) = turn
-        finite = True
-        for k in range(len(own)):
-            c[i, k] = own[k]
-            finite = finite and math.isfinite(own[k])
-        if finite:
-            forms[i] = form(own)
+        alpha, span = enter(alphas, Y, h, i, states, units)
+        if span != math.inf:
+            set_up(alpha, span, i, states, c, forms, turns)
 
 
 @jit

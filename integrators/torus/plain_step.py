@@ -1,0 +1,353 @@
+"""λ(h) in plain doubles: for steps that are used once, or a few times.
+
+`time_step` computes (λ, m) to 32 digits, which a long run with one h needs: an error of λ is an error of the clock that grows for
+ever. Here are 15 digits for a twentieth of the cost, and in SIMD lanes for a hundredth: for short runs of many tops, and for
+a step whose torus is another every time, as in a splitting whose integrable part is the exact flow.
+
+The start. On λ(h) is dλ/dh = −m λ̄/(2η), from T = h and Θ = 0. With s = iτ, τ = √C1 h/2, the power series λ = Σ l_k s^k, and m̂ = m/√C1
+
+    dλ/ds = m̂ (E − O)/E,    λ = s (E + O),    E and O the even and odd part of λ/s,
+
+so the l_k are polynomials in p_k = q_k/q_0, Q(u) = Σ q_k u^k, with rational coefficients: l_2 = p1/6, l_3 = p2/6 − p1²/24, …
+(`series`). As τ^k p_k = P_k, R/τ and η/τ are polynomials in P_1 … P_4; they are used up to weight `WEIGHT`. All here is in these
+units, λ in τ and m in √C1, where Q(u) = 1 + P_1 u + P_2 u² + P_3 u³ + P_4 u⁴ and nothing depends on the caller's units.
+
+Larger times: `double_time` is that of `time_step`, with its divisions by N = 2|m|² and by B = N b side by side.
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+
+from integrators.compiling.compiled import inlined, inlined_copy, jit
+from integrators.compiling.lanes import LANES
+from integrators.compiling.numba_internals import column, put_column
+from integrators.compiling.unroll import unrolled
+from integrators.torus import real_map
+from integrators.torus import time_step as ts
+from integrators.torus.real_map import CONSTANTS
+
+WEIGHT = 10  # of the polynomials of the start
+REACH = 2.0**-3  # times up to this, in units of 1/√max(2H + 2|alpha|√C1, |alpha|√C1), start from them
+MOST = 12  # doublings at most
+LEAST = 1 / 8  # |m|²/C1 from which T is right to 2e-15; below it, towards the separatrix, the error grows like C1/|m|²
+
+increments = inlined_copy(real_map.increments)
+spectral_polynomial = inlined_copy(ts.spectral_polynomial)
+
+Polynomial = dict[tuple[int, int, int, int], Fraction]  # in p1, …, p4 by their exponents
+
+
+# ---------------------------------------------------------------- the power series
+
+
+def _times(a: Polynomial, b: Polynomial) -> Polynomial:
+    product: Polynomial = {}
+    for i, u in a.items():
+        for j, v in b.items():
+            k = (i[0] + j[0], i[1] + j[1], i[2] + j[2], i[3] + j[3])
+            product[k] = product.get(k, Fraction(0)) + u * v
+    return product
+
+
+def _sum(*terms: tuple[Fraction | int, Polynomial]) -> Polynomial:
+    total: Polynomial = {}
+    for factor, a in terms:
+        for k, v in a.items():
+            total[k] = total.get(k, Fraction(0)) + factor * v
+    return {k: v for k, v in total.items() if v}
+
+
+@cache
+def series(weight: int) -> list[Polynomial]:
+    """a_n of λ/s = Σ a_n s^n, n up to `weight`: l_{n+1} of the docstring."""
+    one: Polynomial = {(0, 0, 0, 0): Fraction(1)}
+    p: list[Polynomial] = [{(1, 0, 0, 0): Fraction(1)}, {(0, 1, 0, 0): Fraction(1)}]
+    p += [{(0, 0, 1, 0): Fraction(1)}, {(0, 0, 0, 1): Fraction(1)}]
+    a, m = [one], [one]  # of λ/s and of m̂
+    powers = [[one] + [{}] * weight, a, [one], [one], [one]]  # of λ/s, by the power
+    for n in range(1, weight + 1):
+        # s^n in m̂² = 1 + Σ p_k s^k (λ/s)^k, then in E dλ/ds = m̂ (E − O): both are linear in what is new
+        square = _sum(*((1, _times(p[k - 1], powers[k][n - k])) for k in range(1, min(n, 4) + 1)))
+        m.append(_sum((Fraction(1, 2), square), *((Fraction(-1, 2), _times(m[j], m[n - j])) for j in range(1, n))))
+        right = [((-1) ** (n - j), _times(m[j], a[n - j])) for j in range(1, n + 1)]
+        left = [(i - n - 1, _times(a[i], a[n - i])) for i in range(2, n, 2)]
+        a.append(_sum(*((Fraction(c, n + 1 + n % 2), t) for c, t in (*right, *left))))
+        for k in range(2, 5):
+            powers[k].append(_sum(*((1, _times(powers[k - 1][i], a[n - i])) for i in range(n + 1))))
+    return a
+
+
+def _horner(a: Polynomial, P, order=(0, 2, 1, 3)):
+    """The value of a polynomial, nested: as one in P[order[0]], its coefficients as polynomials in P[order[1]], …"""
+    if not order:
+        return float(a[0, 0, 0, 0])
+    first, value, power = order[0], None, max(k[order[0]] for k in a)
+    for exponent in range(power, -1, -1):
+        if value is not None:
+            value = value * P[first]
+        part = {tuple(0 if i == first else e for i, e in enumerate(k)): v for k, v in a.items() if k[first] == exponent}
+        if part:
+            c = _horner(part, P, order[1:])
+            value = c if value is None else value + c
+    return value
+
+
+@unrolled("start_values")
+def start_values(P):
+    """R/τ and η/τ − 1."""
+    a = series(WEIGHT)
+    eta: Polynomial = {}
+    R: Polynomial = {}
+    for n in range(1, WEIGHT + 1):  # i s^n is real for odd n, s^n for even
+        part, sign = (R, (-1) ** ((n + 1) // 2)) if n % 2 else (eta, (-1) ** (n // 2))
+        part.update({k: sign * v for k, v in a[n].items()})
+    return _horner(R, P), _horner(eta, P)
+
+
+@inlined
+def start(P):
+    """(R, η, Re m, Im m) of the first time; m = √Q(λ) with Re m > 0."""
+    R, more = start_values(P)
+    eta = 1.0 + more
+    t, r = 2.0 * R, R * R + eta * eta
+    b3 = P[2] + t * P[3]
+    b2 = P[1] + (t * b3 - r * P[3])
+    b1 = P[0] + (t * b2 - r * b3)
+    re, im = 1.0 + (R * b1 - r * b2), eta * b1  # Q(λ): divided by (u − λ)(u − λ̄)
+    mr = math.sqrt(0.5 * (math.sqrt(re * re + im * im) + re))
+    return R, eta, mr, 0.5 * im / mr
+
+
+# ---------------------------------------------------------------- doubling the time
+
+
+@inlined
+def slope(P, z):
+    """N = 2|m|², G = Q'(λ) m̄ and B = N b = N Re m + η Im G; B > 0 as long as twice the time is below T_nut."""
+    R, eta, mr, mi = z
+    t, r = 2.0 * R, R * R + eta * eta
+    b3 = 4.0 * P[3]
+    b2 = 3.0 * P[2] + t * b3
+    b1 = 2.0 * P[1] + (t * b2 - r * b3)
+    re, im = P[0] + (R * b1 - r * b2), eta * b1
+    N = 2.0 * (mr * mr + mi * mi)
+    G = re * mr + im * mi, im * mr - re * mi
+    return N, G, N * mr + eta * G[1]
+
+
+@inlined
+def double_time(P, z):
+    """(R, η, Re m, Im m) of twice the time, and whether that is below T_nut; see `time_step`."""
+    R, eta, mr, mi = z
+    N, G, B = slope(P, z)
+    over_b, over_n = 1.0 / B, 1.0 / N
+    e = (eta * G[0]) * over_b
+    eta2 = eta * eta
+    r = N * over_b
+    b = mr + (eta * G[1]) * over_n
+    f = (P[3] * (eta2 * eta2)) * r
+    c = mr + f
+    s = math.sqrt(c * r)
+    re = s * (2.0 * (c + f) - b * (1.0 + e * e))
+    im = e * (3.0 * c + f) - mi
+    return (R - eta * e, 2.0 * (eta * s), re, im), B > 0.0
+
+# ---------------------------------------------------------------- λ(h) on a torus
+
+
+@inlined
+def first_time(q, alpha, h):
+    """How |h| is reached: the time the start is made for, and the number of doublings; MOST + 1 where that is too far."""
+    weight = abs(alpha) * math.sqrt(q[0])
+    t, far, doublings = abs(h), (h * h) * max(q[2] + 2.0 * weight, weight), 0
+    while far > REACH * REACH and doublings <= MOST:
+        t, far, doublings = 0.5 * t, 0.25 * far, doublings + 1
+    return t, doublings
+
+
+@inlined
+def scaled_curve(q, j3, alpha, t):
+    """P_1, …, P_4, the unit τ of λ and the unit √C1 of m, for the start at the time t."""
+    length = math.sqrt(q[0])
+    weight = (alpha * length) * (t * t)
+    P = 0.5 * (q[1] * (t / length)), 0.25 * (q[2] * (t * t)), 0.25 * (weight * (j3 * t)), 0.0625 * (weight * weight)
+    return P, 0.5 * (length * t), length
+
+
+@inlined
+def verdict(P, z):
+    """Whether the time of z is below T_nut/2 and |m| so large that T has its 15 digits."""
+    N, _, B = slope(P, z)
+    return (B > 0.0) & (N >= 2.0 * LEAST)
+
+
+@inlined
+def invariants(s, alpha):
+    """C1, 2 C2 and 2H: the coefficients of Q below u³."""
+    J1, J2, J3, x1, x2, x3 = s
+    c1 = (x1 * x1 + x2 * x2) + x3 * x3
+    c2 = (x1 * J1 + x2 * J2) + x3 * J3
+    return c1, 2.0 * c2, ((J1 * J1 + J2 * J2) + J3 * J3) + 2.0 * (alpha * x3)
+
+
+@jit
+def parameter(q, j3, alpha, h):
+    """(Re λ, Im λ, Re m, Im m, ok) of the exact step over h on a torus: q = (C1, 2 C2, 2H), and J3."""
+    t, doublings = first_time(q, alpha, h)
+    P, tau, length = scaled_curve(q, j3, alpha, t)
+    z, ok = start(P), doublings <= MOST
+    for _ in range(min(doublings, MOST)):
+        z, below = double_time(P, z)
+        ok = ok & below
+    ok = ok & verdict(P, z)
+    m = math.copysign(length, h)
+    return tau * z[0], tau * z[1], m * z[2], m * z[3], ok
+
+
+@cache
+def parameter_after(doublings: int):
+    """`parameter` with that many doublings, whatever h: code without a loop or a branch, for SIMD lanes.
+
+    ok is False also where the start would be out of reach.
+    """
+    last = _doubled(doublings)
+    part = 0.5**doublings
+
+    @inlined
+    def parameter(q, j3, alpha, h):
+        t = part * abs(h)
+        P, tau, length = scaled_curve(q, j3, alpha, t)
+        weight = abs(alpha) * length
+        near = (t * t) * max(q[2] + 2.0 * weight, weight) <= REACH * REACH
+        z, below = last(P)
+        m = math.copysign(length, h)
+        return tau * z[0], tau * z[1], m * z[2], m * z[3], near & below & verdict(P, z)
+
+    return parameter
+
+
+@cache
+def _doubled(doublings: int):
+    """The start and so many doublings of it; whether all times were below T_nut."""
+    if doublings == 0:
+
+        @inlined
+        def first(P):
+            return start(P), True
+
+        return first
+    before = _doubled(doublings - 1)
+
+    @inlined
+    def twice(P):
+        z, below = before(P)
+        z, more = double_time(P, z)
+        return z, below & more
+
+    return twice
+
+
+# ---------------------------------------------------------------- the step
+
+
+@inlined
+def step_constants(alpha, j3, R, eta, mr, mi):
+    """Those of `real_map.constants` that a step needs, in plain doubles, in the same order."""
+    q3 = eta * (j3 + (2.0 * alpha) * R)
+    rr, ee = R * R, eta * eta
+    return (
+        R, eta, 2.0 * eta, ee, q3, eta * (alpha * (rr + ee)), mr, mi * eta, mi * q3, (mr * mr + mi * mi) + q3 * q3,
+        R * j3 + alpha * (rr - ee), 2.0 * alpha, 2.0 * j3,
+    )  # fmt: skip
+
+
+@inlined
+def move(s, alpha, lam):
+    """The state after one two-point map with lam = (Re λ, Im λ, Re m, Im m)."""
+    J1, J2, J3, x1, x2, x3 = s
+    d1, d2, e1, e2, e3 = increments(s, step_constants(alpha, J3, lam[0], lam[1], lam[2], lam[3]))
+    return J1 + d1, J2 + d2, J3, x1 + e1, x2 + e2, x3 + e3
+
+
+@jit
+def plain_step(s, alpha, h):
+    """(Re λ, Im λ, Re m, Im m, ok) of the exact step over h from the state s = (J1, J2, J3, x1, x2, x3), in any units."""
+    return parameter(invariants(s, alpha), s[2], alpha, h)
+
+
+# ---------------------------------------------------------------- many tops
+
+# places in a block of columns: state and alpha, |h|; z; P, τ, √C1; doublings left; ok; the constants of a step
+STATE, SPAN, POINT, CURVE, LEFT, TIME, OK, FOUND = 0, 7, 8, 12, 18, 19, 20, 21
+WIDTH = FOUND + real_map.CONSTANTS
+
+
+@jit
+def many_plain_constants(alphas, Y, h, states, c, units, forms, turns):
+    """`real_map.many_constants` with λ(h) in plain doubles where that has its digits; a block of tops at a time.
+
+    The loops over the lanes are SIMD code. No bit of a top depends on its lane or on its neighbours.
+    """
+    work = np.zeros(WIDTH * LANES)
+    for first in range(0, len(Y), LANES):
+        tops = min(LANES, len(Y) - first)
+        most = 0
+        for j in range(tops):
+            i = first + j
+            forms[i] = -1
+            alpha, span = real_map.enter(alphas, Y, h, i, states, units)
+            s = (states[i, 0], states[i, 1], states[i, 2], states[i, 3], states[i, 4], states[i, 5])
+            put_column(work, STATE * LANES + j, (*s, alpha, span), LANES)
+        for j in range(LANES):
+            s = column(work, STATE * LANES + j, 8, LANES)
+            q = spectral_polynomial(s[6], s[:6])
+            put_column(work, (FOUND + real_map.H) * LANES + j, (0.5 * q[2][0], q[0][0], 0.5 * q[1][0], 0.5 * q[2][1], q[0][1], 0.5 * q[1][1]), LANES)
+        for j in range(tops):
+            s = column(work, STATE * LANES + j, 8, LANES)
+            H, C1, C2 = column(work, (FOUND + real_map.H) * LANES + j, 3, LANES)
+            t, doublings = first_time((C1, 2.0 * C2, 2.0 * H), s[6], s[7])
+            most = max(most, doublings)
+            put_column(work, LEFT * LANES + j, (float(doublings), t), LANES)
+        for j in range(LANES):
+            s = column(work, STATE * LANES + j, 8, LANES)
+            H, C1, C2 = column(work, (FOUND + real_map.H) * LANES + j, 3, LANES)
+            _, t = column(work, LEFT * LANES + j, 2, LANES)
+            P, tau, length = scaled_curve((C1, 2.0 * C2, 2.0 * H), s[2], s[6], t)
+            put_column(work, POINT * LANES + j, (*start(P), *P, tau, length), LANES)
+            put_column(work, OK * LANES + j, (1.0,), LANES)
+        for k in range(min(most, MOST)):
+            for j in range(LANES):
+                z, P = column(work, POINT * LANES + j, 4, LANES), column(work, CURVE * LANES + j, 4, LANES)
+                left, _, ok = column(work, LEFT * LANES + j, 3, LANES)
+                twice, below = double_time(P, z)
+                more = k < left
+                z = (twice[0] if more else z[0], twice[1] if more else z[1], twice[2] if more else z[2], twice[3] if more else z[3])
+                put_column(work, POINT * LANES + j, z, LANES)
+                put_column(work, OK * LANES + j, ((ok if below else 0.0) if more else ok,), LANES)
+        for j in range(LANES):
+            z, (p1, p2, p3, p4, tau, length) = column(work, POINT * LANES + j, 4, LANES), column(work, CURVE * LANES + j, 6, LANES)
+            s, ok = column(work, STATE * LANES + j, 8, LANES), column(work, OK * LANES + j, 1, LANES)
+            m = math.copysign(length, s[7])
+            found = step_constants(s[6], s[2], tau * z[0], tau * z[1], m * z[2], m * z[3])
+            put_column(work, FOUND * LANES + j, found, LANES)
+            put_column(work, (FOUND + real_map.ALPHA) * LANES + j, (s[6],), LANES)
+            put_column(work, OK * LANES + j, (ok[0] if verdict((p1, p2, p3, p4), z) else 0.0,), LANES)
+        for j in range(tops):
+            i = first + j
+            alpha, span = work[(STATE + 6) * LANES + j], work[SPAN * LANES + j]
+            if span == math.inf:
+                continue
+            own = column(work, FOUND * LANES + j, CONSTANTS, LANES)
+            ok = work[OK * LANES + j] != 0.0 and work[LEFT * LANES + j] <= MOST
+            if ok and real_map.form(own) == 0:
+                for k in range(real_map.CONSTANTS):
+                    c[i, k] = own[k]
+                turns[i, 0], turns[i, 1], turns[i, 2], turns[i, 3] = 1.0, 0.0, 0.0, 0.0
+                forms[i] = 0
+            else:
+                real_map.set_up(alpha, span, i, states, c, forms, turns)
