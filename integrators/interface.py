@@ -79,6 +79,7 @@ class AnyField:
     conserves: frozenset[str]  # of INVARIANTS, at round-off, for every h, as far as the problem conserves them
     if_quadratic: frozenset[str] = frozenset()  # the same, kept in a quadratic potential only
     needs: str = "force"  # of `PerturbedTop.offers`
+    order: int | None = None  # where it is not that of the method in a uniform field
     evaluate: Callable[..., tuple[Array, Work]] | None = None  # (problem, y0, times, **options)
     biased: Mapping[str, str] = field(default_factory=dict, hash=False)  # as `Method.biased`
 
@@ -145,6 +146,11 @@ class Method:
             return self.conserves & frozenset(problem.conserved)
         quadratic = self.in_field.if_quadratic if "quadratic" in offers else frozenset()
         return (self.in_field.conserves | quadratic) & frozenset(problem.conserved)
+
+    def order_for(self, problem: Any) -> int | None:
+        """The order for this problem, which the method takes; None: exact in time."""
+        in_field = None if getattr(problem, "offers", None) is None else self.in_field
+        return self.order if in_field is None or in_field.order is None else in_field.order
 
     @property
     def knob(self) -> str:

@@ -27,6 +27,7 @@ BUILT_IN = {
     "backlund_unpinned": "integrators.methods.backlund:UNPINNED",
     "backlund_paper": "integrators.methods.backlund:PAPER",
     "backlund_textbook": "integrators.methods.backlund_textbook:METHOD",
+    "backlund_splitting": "integrators.methods.backlund_splitting:METHOD",
     # closed-form
     "addition_theorem": "integrators.methods.addition_theorem:METHOD",
     "theta_functions": "integrators.methods.theta_functions:METHOD",

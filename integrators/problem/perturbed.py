@@ -118,6 +118,14 @@ class Formula:
         )
 
     @cached_property
+    def perturbation(self) -> Field:
+        """The field of V alone, with the same inputs."""
+        tape, x, q = _inputs(self.value.inputs - 2)
+        (V,) = tape.run(self.value, *x, *q[1:])
+        gradient = tape.run(self.given, *x, *q[1:]) if self.given else tape.gradient(V, x)
+        return Field(tape.program((V,)), tape.program(gradient))
+
+    @cached_property
     def derived(self) -> Program:
         """The gradient of V, derived."""
         tape, x, p = _inputs(self.value.inputs - 3)

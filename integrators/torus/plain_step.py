@@ -157,6 +157,7 @@ def double_time(P, z):
     im = e * (3.0 * c + f) - mi
     return (R - eta * e, 2.0 * (eta * s), re, im), B > 0.0
 
+
 # ---------------------------------------------------------------- λ(h) on a torus
 
 
@@ -306,7 +307,12 @@ def many_plain_constants(alphas, Y, h, states, c, units, forms, turns):
         for j in range(LANES):
             s = column(work, STATE * LANES + j, 8, LANES)
             q = spectral_polynomial(s[6], s[:6])
-            put_column(work, (FOUND + real_map.H) * LANES + j, (0.5 * q[2][0], q[0][0], 0.5 * q[1][0], 0.5 * q[2][1], q[0][1], 0.5 * q[1][1]), LANES)
+            put_column(
+                work,
+                (FOUND + real_map.H) * LANES + j,
+                (0.5 * q[2][0], q[0][0], 0.5 * q[1][0], 0.5 * q[2][1], q[0][1], 0.5 * q[1][1]),
+                LANES,
+            )
         for j in range(tops):
             s = column(work, STATE * LANES + j, 8, LANES)
             H, C1, C2 = column(work, (FOUND + real_map.H) * LANES + j, 3, LANES)
@@ -326,11 +332,19 @@ def many_plain_constants(alphas, Y, h, states, c, units, forms, turns):
                 left, _, ok = column(work, LEFT * LANES + j, 3, LANES)
                 twice, below = double_time(P, z)
                 more = k < left
-                z = (twice[0] if more else z[0], twice[1] if more else z[1], twice[2] if more else z[2], twice[3] if more else z[3])
+                z = (
+                    twice[0] if more else z[0],
+                    twice[1] if more else z[1],
+                    twice[2] if more else z[2],
+                    twice[3] if more else z[3],
+                )
                 put_column(work, POINT * LANES + j, z, LANES)
                 put_column(work, OK * LANES + j, ((ok if below else 0.0) if more else ok,), LANES)
         for j in range(LANES):
-            z, (p1, p2, p3, p4, tau, length) = column(work, POINT * LANES + j, 4, LANES), column(work, CURVE * LANES + j, 6, LANES)
+            z, (p1, p2, p3, p4, tau, length) = (
+                column(work, POINT * LANES + j, 4, LANES),
+                column(work, CURVE * LANES + j, 6, LANES),
+            )
             s, ok = column(work, STATE * LANES + j, 8, LANES), column(work, OK * LANES + j, 1, LANES)
             m = math.copysign(length, s[7])
             found = step_constants(s[6], s[2], tau * z[0], tau * z[1], m * z[2], m * z[3])

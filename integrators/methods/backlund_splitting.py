@@ -1,0 +1,625 @@
+"""The exact step inside a splitting: for a top in a weak potential V beside its weight.
+
+    H = A + B,    A = |J|²/2 + alpha x3,    B = V(x)
+
+The flow of A is a Bäcklund step, exact for any length; the flow of B is a kick, x being constant. As the flow of Kepler's motion in the
+maps of Wisdom and Holman, the step follows the period of what perturbs, not that of the top, and errors come with a factor ε, the
+size of V. A kick leaves the torus, so λ(h) is another at every step: C1, C2, alpha and h do not change, and λ is a function of
+(H, J3) of A, which move in a small box. Four polynomials in them, a table made once, give λ and m; one step of Newton's method
+puts m on the curve m² = Q(λ), on which the map keeps the invariants to round-off. Outside of the box, and where no table of
+degree 12 has all digits, λ(h) is computed in place (`torus.plain_step`), and where that does not reach, in double-double.
+
+Schemes, letters A and B with the sizes of their steps as parts of h:
+
+strang    A B A with one flow a step, a `modified_kick` V − (h²/24)|x × ∇V|², which takes away the error ε²h², and a `corrector`: a
+          canonical transformation at both ends of the run, and at every row that is recorded, which takes away the error ε h² of
+          every Strang step at all frequencies ω of V along the motion with |ω h| well below 2π. What is left is ε²h⁴.
+saba4     Gauss–Legendre quadrature of V along the flow: ε h⁸ + ε²h²
+aba84 … aba1064   ε h⁸ + ε²h⁴, ε h¹⁰ + ε²h⁴, ε h⁸ + ε²h⁶ + ε³h⁴, ε h¹⁰ + ε²h⁶ + ε³h⁴
+
+The corrector. At a frequency ω of V, w = ωh, n Strang steps sum up a kick h e^{iωt} in the middle of each, (e^{iωnh} − 1)/(2i sin(w/2)) h, where the
+motion has the integral, (e^{iωnh} − 1)/(iω). The difference is a matter of the ends alone, and kicks b_j h at times a_j h after the
+end and −b_j h before it make it up if 2 Σ b_j sin(a_j w) = 1/(2 sin(w/2)) − 1/w. a_j = 0.4 j; b by least squares (`corrector_kicks`). At w = 2π the
+step is in resonance with V, and no transformation helps.
+
+Every map here is Poisson and symmetric (the corrector is made of |h|), and C1 and C2 are pinned. A table to round-off, not any smooth
+function, is what makes it so: a flow with T(H, J3) and Θ(H, J3) is Poisson only if ∂T/∂J3 = ∂Θ/∂H.
+
+Sources: Wisdom & Holman, Astron. J. 102 (1991) 1528; Wisdom, Holman & Touma, Fields Inst. Commun. 10 (1996) 217 (correctors); Laskar &
+Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39 (saba4); McLachlan, BIT 35 (1995) 258 (aba84); Blanes, Casas, Farrés, Laskar, Makazaga &
+Murua, Appl. Numer. Math. 68 (2013) 58 (the others). The exact step as the flow of A, its table and this corrector: this project.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from integrators.checks import check_choice
+from integrators.compiling.compiled import jit, jit_as, jit_over
+from integrators.compiling.expression import take
+from integrators.compiling.loops import FAILURE, ITERATIONS, SIZE, FixedStepper
+from integrators.compiling.unroll import unrolled
+from integrators.interface import AnyField, Array, Method, StepError, Stepper
+from integrators.methods import backlund
+from integrators.problem.perturbed import Field, PerturbedTop
+from integrators.problem.top import LagrangeTop
+from integrators.torus import real_map
+from integrators.torus.plain_step import invariants, move, parameter
+from integrators.truth import exact
+
+# ------------------------------------------------------------------------------------ schemes
+
+
+class Scheme(NamedTuple):
+    """Flows `a` and kicks `b` of one step, A B A … B A, as parts of h; what error is left, and where from."""
+
+    a: tuple[float, ...]
+    b: tuple[float, ...]
+    order: int
+    source: str
+
+
+def scheme(flows: tuple[float, ...], kicks: tuple[float, ...], order: int, source: str) -> Scheme:
+    """From the first halves of flows and kicks; the middle one, or the last of the half, makes the sum 1."""
+
+    def whole(half: tuple[float, ...], n: int) -> tuple[float, ...]:
+        middle = (1.0,) if n % 2 else (0.5,)
+        rest = math.fsum((*middle, *(-w for w in half for _ in range(1 + n % 2))))
+        full = (*half, rest)
+        return (*full, *full[: n // 2][::-1])
+
+    n = 2 * len(kicks) + (2 if len(flows) > len(kicks) else 1)
+    return Scheme(whole(flows, n + 1), whole(kicks, n), order, source)
+
+
+BLANES = "Blanes, Casas, Farrés, Laskar, Makazaga and Murua, Appl. Numer. Math. 68 (2013) 58"
+SCHEMES = {
+    "strang": Scheme((0.5, 0.5), (1.0,), 2, "Strang, SIAM J. Numer. Anal. 5 (1968) 506"),
+    "saba4": scheme(
+        (0.06943184420297371238802675555359524745214, 0.2605776340045981552103640365648947824089476),
+        (0.1739274225687269286865319746109997036177,), 2, "Laskar and Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39",
+    ),
+    "aba84": scheme(
+        (0.07534696026989288842, 0.51791685468825678230), (0.19022593937367661925, 0.84652407044352625706), 4,
+        "McLachlan, BIT 35 (1995) 258",
+    ),
+    "aba104": scheme(
+        (0.04706710064597250612947887637243678556564, 0.1847569354170881069247376193702560968574,
+         0.2827060056798362053243616565541452479160),
+        (0.1188819173681970199453503950853885936957, 0.2410504605515015657441667865901651105675,
+         -0.2732866667053238060543113981664559460630), 4, BLANES,
+    ),
+    "aba864": scheme(
+        (0.0711334264982231177779387300061549964174, 0.241153427956640098736487795326289649618,
+         0.521411761772814789212136078067994229991),
+        (0.183083687472197221961703757166430291072, 0.310782859898574869507522291054262796375,
+         -0.0265646185119588006972121379164987592663), 4, BLANES,
+    ),
+    "aba1064": scheme(
+        (0.03809449742241219545697532230863756534060, 0.1452987161169137492940200726606637497442,
+         0.2076276957255412507162056113249882065158, 0.4359097036515261592231548624010651844006),
+        (0.09585888083707521061077150377145884776921, 0.2044461531429987806805077839164344779763,
+         0.2170703479789911017143385924306336714532), 4, BLANES,
+    ),
+}  # fmt: skip
+
+SPACING, NODES = 0.4, 10  # of the corrector's kicks, in h
+WIDEST = 4.0  # |ωh| up to which it is fitted
+
+
+@cache
+def corrector_kicks() -> tuple[float, ...]:
+    """b_j of the corrector: weighted least squares of 1/(2 sin(w/2)) − 1/w on (0, 4), the weight exp(−3w)/w."""
+    import mpmath
+
+    with mpmath.workdps(40):
+        points = [WIDEST * (k + mpmath.mpf(1) / 2) / 400 for k in range(400)]
+        A = mpmath.matrix(len(points), NODES)
+        f = mpmath.matrix(len(points), 1)
+        for i, w in enumerate(points):
+            weight = mpmath.exp(-3 * w) / w
+            f[i] = weight * (1 / (2 * mpmath.sin(w / 2)) - 1 / w)
+            for j in range(NODES):
+                A[i, j] = weight * 2 * mpmath.sin(mpmath.mpf(SPACING) * (j + 1) * w)
+        found = mpmath.lu_solve(A.T * A, A.T * f)
+        return tuple(float(b) for b in found)
+
+
+# ------------------------------------------------------------------------------------ kernels
+
+# places of the constants: those of the top, of the box, of each group, and after the groups the tables
+ALPHA, C1, C2, GROUPS, CENTRE_H, SCALE_H, CENTRE_J, SCALE_J, NUMBERS = range(9)
+TIME, KICK, TWIST, TABLE, INVERSE, GROUP = range(
+    6
+)  # of one flow and one kick; where its table begins, 1/(2|m|²) in the middle
+
+LOST = 1
+FAILURES = {LOST: "no exact step over this time was found; take a smaller |h|"}
+DEGREES = (1, 2, 3, 4, 6, 8, 10, 12)
+TAIL = 2.0**-50  # relative size of the coefficients of highest degree of a table that has all digits
+
+
+def monomials(degree: int, level: bool) -> int:
+    """How many coefficients a table of one function has; `level`: J3 is constant, it is a function of H alone."""
+    return degree + 1 if level else (degree + 1) * (degree + 2) // 2
+
+
+@cache
+def look_up(degree: int, level: bool) -> Any:
+    """(c, first, u, v) → the four functions of a table at (u, v) in [−1, 1]².
+
+    Coefficients of u^i v^j, the four functions side by side, fall in i, then in j.
+    """
+
+    @jit_as(f"look up {degree} {level}", forceinline=True)
+    def look(c, first, u, v):
+        p = q = r = s = 0.0
+        place = first
+        for i in range(degree, -1, -1):
+            d, e, f, g = c[place], c[place + 1], c[place + 2], c[place + 3]
+            place += 4
+            if not level:
+                for _ in range(degree - i):
+                    d, e, f, g = d * v + c[place], e * v + c[place + 1], f * v + c[place + 2], g * v + c[place + 3]
+                    place += 4
+            p, q, r, s = p * u + d, q * u + e, r * u + f, s * u + g
+        return p, q, r, s
+
+    return look
+
+
+@jit
+def far_flow(s, alpha, h, tally):
+    """The exact step over any time, in double-double: for what plain doubles do not reach."""
+    c, turn = real_map.exact_constants(alpha, s, h)
+    for value in c:
+        if not math.isfinite(value):
+            tally[FAILURE] = LOST
+            return s
+    form = real_map.form(c)
+    s = real_map.step(s, c, tally) if form == 0 else real_map.turning_step(s, c, tally)
+    cos, sin = turn[0][0], turn[1][0]
+    return (
+        cos * s[0] - sin * s[1],
+        sin * s[0] + cos * s[1],
+        s[2],
+        cos * s[3] - sin * s[4],
+        sin * s[3] + cos * s[4],
+        s[5],
+    )
+
+
+@jit
+def flow(s, alpha, h, tally):
+    """The exact step over h, λ(h) computed in place."""
+    R, eta, mr, mi, ok = parameter(invariants(s, alpha), s[2], alpha, h)
+    if ok:
+        return move(s, alpha, (R, eta, mr, mi))
+    return far_flow(s, alpha, h, tally)
+
+
+@jit
+def onto_curve(q, j3, alpha, R, eta, mr, mi, inverse):
+    """m with m² = Q(λ), by one step of Newton's method.
+
+    m comes with all its digits but the last: 1/(2|m|²) may be that of another torus of the box.
+    """
+    q3, q4 = 2.0 * alpha * j3, alpha * alpha
+    t, r = 2.0 * R, R * R + eta * eta
+    b3 = q3 + t * q4
+    b2 = q[2] + (t * b3 - r * q4)
+    b1 = q[1] + (t * b2 - r * b3)
+    re, im = (q[0] + (R * b1 - r * b2)) - (mr * mr - mi * mi), eta * b1 - 2.0 * mr * mi
+    return mr + inverse * (re * mr + im * mi), mi + inverse * (im * mr - re * mi)
+
+
+@cache
+def kick_of(field: Field, level: bool, twisted: bool) -> Any:
+    """(s, q, kick, twist) → the state after kicks by V and, with `twisted`, by |x × ∇V|²."""
+    name = f"{field.digest} {level} {twisted}"
+    torque, twist = field.torque, field.twist
+
+    @unrolled(f"kick {name}")
+    def kicked(s, q, b, c):
+        J1, J2, J3, x1, x2, x3 = s
+        t = tuple(b * v for v in torque(x1, x2, x3, *q))
+        if twisted:
+            t = tuple(v + c * w for v, w in zip(t, twist(x1, x2, x3, *q), strict=True))
+        return J1 + t[0], J2 + t[1], J3 if level else J3 + t[2], x1, x2, x3
+
+    return kicked
+
+
+@cache
+def kernel(field: Field, level: bool, twisted: bool, degree: int) -> Any:
+    """The step; `degree` of the tables, 0 for none."""
+    kicked, numbers, look = kick_of(field, level, twisted), take(field.parameters), look_up(degree or 1, level)
+
+    @jit_as(f"backlund splitting {field.digest} {level} {twisted} {degree}")
+    def step(s, c, tally):
+        alpha, first = c[ALPHA], NUMBERS + field_parameters
+        q = numbers(c, NUMBERS)
+        for g in range(int(c[GROUPS])):
+            place = first + g * GROUP
+            if degree > 0:
+                torus = invariants(s, alpha)
+                u, v = (torus[2] - c[CENTRE_H]) * c[SCALE_H], (s[2] - c[CENTRE_J]) * c[SCALE_J]
+                if abs(u) <= 1.0 and abs(v) <= 1.0:
+                    R, eta, mr, mi = look(c, int(c[place + TABLE]), u, v)
+                    mr, mi = onto_curve(torus, s[2], alpha, R, eta, mr, mi, c[place + INVERSE])
+                    s = move(s, alpha, (R, eta, mr, mi))
+                else:
+                    tally[ITERATIONS] += 1.0
+                    s = flow(s, alpha, c[place + TIME], tally)
+            else:
+                s = flow(s, alpha, c[place + TIME], tally)
+            s = kicked(s, q, c[place + KICK], c[place + TWIST])
+        return s
+
+    field_parameters = field.parameters
+    return step
+
+
+@jit
+def pin(s, c):
+    """Back onto C1 and C2: x along itself, then J along x."""
+    J1, J2, J3, x1, x2, x3 = s
+    f = 0.5 * (c[C1] - ((x1 * x1 + x2 * x2) + x3 * x3)) / c[C1]
+    x1, x2, x3 = x1 + f * x1, x2 + f * x2, x3 + f * x3
+    p = (c[C2] - ((x1 * J1 + x2 * J2) + x3 * J3)) / c[C1]
+    return J1 + p * x1, J2 + p * x2, J3 + p * x3, x1, x2, x3
+
+
+@jit
+def pin_level(s, c):
+    """The same where J3 is kept: J moves within the horizontal plane, and not at all where x is vertical."""
+    J1, J2, J3, x1, x2, x3 = s
+    f = 0.5 * (c[C1] - ((x1 * x1 + x2 * x2) + x3 * x3)) / c[C1]
+    x1, x2, x3 = x1 + f * x1, x2 + f * x2, x3 + f * x3
+    p = (c[C2] - ((x1 * J1 + x2 * J2) + x3 * J3)) / ((x1 * x1 + x2 * x2) + 2.0**-10 * c[C1])
+    return J1 + p * x1, J2 + p * x2, J3, x1, x2, x3
+
+
+PIN_EVERY = 16
+
+
+@cache
+def map_over(field: Field, level: bool) -> Any:
+    """Of each row, in place: flows and kicks of the lengths in `parts`, one after the other."""
+    kicked, numbers = kick_of(field, level, False), take(field.parameters)
+
+    @jit_as(f"map over {field.digest} {level}")
+    def run(rows, numbers_of, parts, tally):
+        alpha, q = numbers_of[0], numbers(numbers_of, 0)
+        for row in rows:
+            s = (row[0], row[1], row[2], row[3], row[4], row[5])
+            for k in range(len(parts)):
+                if parts[k, 0] != 0.0:
+                    s = flow(s, alpha, parts[k, 0], tally)
+                if parts[k, 1] != 0.0:
+                    s = kicked(s, q, parts[k, 1], 0.0)
+            row[0], row[1], row[2], row[3], row[4], row[5] = s
+
+    return run
+
+
+# ------------------------------------------------------------------------------------ tables
+
+PILOT, STRIDE = (
+    256,
+    1.2,
+)  # steps that show where (H, J3) go, and their length in time scales of the top: no need to be exact
+MARGIN = 2.0  # the box is so many times as wide
+GRIDS = (6, 14)  # nodes along each side, tried in turn
+
+
+@cache
+def chebyshev(n: int) -> tuple[Array, Array, Array]:
+    """Nodes on [−1, 1], the matrix from values there to Chebyshev coefficients, and the one from these to monomials."""
+    k = np.arange(n)
+    angles = np.pi * (k + 0.5) / n
+    to_chebyshev = 2.0 / n * np.cos(np.outer(k, angles))
+    to_chebyshev[0] *= 0.5
+    to_monomials = np.zeros((n, n))  # column k: T_k
+    to_monomials[0, 0] = 1.0
+    if n > 1:
+        to_monomials[1, 1] = 1.0
+    for i in range(2, n):
+        to_monomials[1:, i] = 2.0 * to_monomials[:-1, i - 1]
+        to_monomials[:, i] -= to_monomials[:, i - 2]
+    return np.cos(angles), to_chebyshev, to_monomials
+
+
+@jit
+def product(A, B, out):
+    """out = A B."""
+    for i in range(A.shape[0]):
+        for j in range(B.shape[1]):
+            total = 0.0
+            for k in range(A.shape[1]):
+                total += A[i, k] * B[k, j]
+            out[i, j] = total
+
+
+@jit
+def tabulate(c, h, nodes, to_chebyshev, to_monomials, level, found):
+    """Coefficients (4, n, m) of u^i v^j of λ and m over the box, and the least degree that has all digits, 0 if none has."""
+    n, m = len(nodes), 1 if level else len(nodes)
+    values, half = np.empty((4, n, m)), np.empty((n, m))
+    for i in range(n):
+        for j in range(m):
+            h2 = c[CENTRE_H] + nodes[i] / c[SCALE_H]
+            j3 = c[CENTRE_J] + (0.0 if level else nodes[j] / c[SCALE_J])
+            R, eta, mr, mi, ok = parameter((c[C1], 2.0 * c[C2], h2), j3, c[ALPHA], h)
+            if not ok:
+                return 0
+            values[0, i, j], values[1, i, j], values[2, i, j], values[3, i, j] = R, eta, mr, mi
+    tails = np.zeros(n + m)
+    for k in range(4):
+        product(to_chebyshev, values[k], half)
+        if level:
+            found[k] = half
+        else:
+            product(half, to_chebyshev.T, found[k])
+        size = 0.0
+        for i in range(n):
+            for j in range(m):
+                size = max(size, abs(values[k, i, j]))
+        if k < 2:  # R and η share one size, and so do the parts of m
+            size = max(size, np.max(np.abs(values[1])))
+        else:
+            size = max(size, np.max(np.abs(values[2])))
+        for i in range(n):
+            for j in range(m):
+                tails[i + j] = max(tails[i + j], abs(found[k, i, j]) / size)
+    least = 0
+    for degree in range(n - 2, 0, -1):  # the two highest degrees show that the series has ended
+        if tails[degree + 1] > TAIL:
+            break
+        least = degree
+    for k in range(4):
+        for i in range(n):
+            for j in range(m):
+                if i + j > max(least, 1):
+                    found[k, i, j] = 0.0
+        product(to_monomials, found[k], half)
+        if level:
+            found[k] = half
+        else:
+            product(half, to_monomials.T, found[k])
+    return least
+
+
+def tables(c: Array, times: tuple[float, ...], level: bool) -> tuple[int, list[Array]]:
+    """The degree, and for each time the coefficients in the order of `look_up`; degree 0 if some time has no table."""
+    for n in GRIDS:
+        made, degree = [], 0
+        for h in times:
+            found = np.empty((4, n, 1 if level else n))
+            least = tabulate(c, h, *chebyshev(n), level, found)
+            if least == 0:
+                break
+            degree = max(degree, least)
+            made.append(found)
+        else:
+            degree = next(d for d in DEGREES if d >= degree)
+            order = [(i, j) for i in range(degree, -1, -1) for j in range(0 if level else degree - i, -1, -1)]
+            rows, columns = np.array(order).T
+            inside = (rows < n) & (columns < n)
+            listed = []
+            for found in made:
+                values = np.zeros((len(order), 4))
+                values[inside] = found[:, rows[inside], columns[inside]].T
+                listed.append(values.ravel())
+            return degree, listed
+    return 0, []
+
+
+@cache
+def pilot(step: Any) -> Any:
+    """(y, c, alpha, steps, tally) → the least and the largest 2H and J3 of the top without V, along so many steps."""
+
+    @jit_over(step)
+    def run(y, c, alpha, steps, tally):
+        s = (y[0], y[1], y[2], y[3], y[4], y[5])
+        low_h = high_h = invariants(s, alpha)[2]
+        low_j = high_j = s[2]
+        for _ in range(steps):
+            s = step(s, c, tally)
+            if tally[FAILURE] != 0:
+                break
+            h2 = invariants(s, alpha)[2]
+            low_h, high_h = min(low_h, h2), max(high_h, h2)
+            low_j, high_j = min(low_j, s[2]), max(high_j, s[2])
+        return low_h, high_h, low_j, high_j
+
+    return run
+
+
+# ------------------------------------------------------------------------------------ steppers
+
+STRONG = 0.05  # of V's range along the pilot to the energy of the top, from which other methods are better
+RESONANT = 0.125  # of the nutation period, a step from which harmonics of the motion come near the step's own frequency
+
+
+class StepWarning(RuntimeWarning):
+    """A step or a potential for which another method, or another step, is better."""
+
+
+class ExactSplittingStepper(FixedStepper):
+    """Runs over the conjugate of a scheme; states enter and leave through its first flow and its corrector."""
+
+    def __init__(
+        self,
+        name: str,
+        top: PerturbedTop,
+        y0: Array,
+        h: float,
+        chosen: Scheme,
+        corrected: bool,
+        twisted: bool,
+        tabled: bool,
+    ):
+        numbers, level = np.array(top.numbers), "J3" in top.conserved
+        field, n = top.formula.perturbation, len(chosen.b)
+        J, x = y0[:3], y0[3:]
+        flows = np.array(((chosen.a[0] + chosen.a[-1]) * h, *(a * h for a in chosen.a[1:-1])))
+        groups = np.zeros((n, GROUP))
+        groups[:, TIME], groups[:, KICK] = flows, np.array(chosen.b) * h
+        if twisted:
+            groups[:, TWIST] = -h * h * h / 24.0
+        head = np.array((top.alpha, x @ x, x @ J, n, 0.0, 1.0, 0.0, 1.0))
+        c = np.concatenate((head, numbers, groups.ravel()))
+        if not np.isfinite(c).all():
+            raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
+        first, degree = NUMBERS + len(numbers), 0
+        if tabled and self._box(c, y0, kernel(field, level, False, 0), top.top.scales(y0), h):
+            times = tuple(dict.fromkeys(flows.tolist()))
+            degree, made = tables(c, times, level)
+            if degree:
+                places = np.cumsum([len(c), *map(len, made)])
+                for g in range(n):
+                    which = times.index(flows[g])
+                    place, (mr, mi) = first + g * GROUP, made[which][-2:]  # of the constant term
+                    c[place + TABLE], c[place + INVERSE] = places[which], 0.5 / (mr * mr + mi * mi)
+                c = np.concatenate((c, *made))
+        self.degree = degree  # of the tables, 0 for none
+        self._numbers = numbers
+        self._in, self._out = ends_of(chosen, h, corrected)
+        self._map_rows = map_over(field, level)
+        self._map_rows(np.empty((0, 6)), numbers, self._in, np.zeros(SIZE))  # compile
+        super().__init__(
+            name, h, c, kernel(field, level, twisted, degree), pin_level if level else pin, PIN_EVERY,
+            enter=self._enter, leave=self._leave, rhs_per_step=n, failures=FAILURES,
+        )  # fmt: skip
+
+    @staticmethod
+    def _box(c: Array, y0: Array, step: Any, scales: tuple[float, float, float], h: float) -> bool:
+        """Sets the box of the tables, from a run with long steps; False if that does not get through."""
+        rate, _, unit = scales
+        long = c.copy()
+        long[GROUPS] = 1
+        first = len(c) - int(c[GROUPS]) * GROUP
+        long[first : first + GROUP] = (math.copysign(STRIDE * unit, h), math.copysign(STRIDE * unit, h), 0.0, 0.0, 0.0)
+        low_h, high_h, low_j, high_j = pilot(step)(y0, long, c[ALPHA], PILOT, np.zeros(SIZE))
+        if not all(map(math.isfinite, (low_h, high_h, low_j, high_j))):
+            return False
+        for place, low, high, size in ((CENTRE_H, low_h, high_h, rate * rate), (CENTRE_J, low_j, high_j, rate)):
+            c[place] = 0.5 * (low + high)
+            c[place + 1] = 1.0 / (0.5 * MARGIN * (high - low) + 2.0**-40 * size)
+        return True
+
+    def _enter(self, y: Array) -> Array:
+        return self._map(np.array(y)[None], self._in)[0]
+
+    def _leave(self, rows: Array) -> Array:
+        return self._map(rows, self._out)
+
+    def _map(self, rows: Array, parts: Array) -> Array:
+        tally = np.zeros(SIZE)
+        self._map_rows(rows, self._numbers, parts, tally)
+        if tally[FAILURE] or not np.isfinite(rows).all():
+            left = "the state left the range of floating-point numbers"
+            raise StepError(self.name, FAILURES.get(int(tally[FAILURE]), left), h=self.h)
+        return rows
+
+
+@cache
+def _corrector(size: float) -> tuple[tuple[float, float], ...]:
+    """(flow, kick) one after the other: out with half the kicks on either side, and back with the other half."""
+    parts: list[tuple[float, float]] = []
+    for side in (size, -size):
+        kicks = [0.5 * side * b for b in corrector_kicks()]
+        parts += [(SPACING * side, b) for b in kicks[:-1]]
+        parts.append((SPACING * side, 2.0 * kicks[-1]))
+        parts += [(-SPACING * side, b) for b in reversed(kicks[:-1])]
+        parts.append((-SPACING * side, 0.0))
+    return tuple(parts)
+
+
+def ends_of(chosen: Scheme, h: float, corrected: bool) -> tuple[Array, Array]:
+    """(flow, kick) by which a state enters the run, and by which it leaves: inverse to each other."""
+    after = [(chosen.a[0] * h, 0.0), *(_corrector(abs(h)) if corrected else ())]
+    before, pending = [], 0.0
+    for time, kick in reversed(after):
+        before.append((pending, -kick))
+        pending = -time
+    before.append((pending, 0.0))
+    return np.array(before), np.array(after)
+
+
+def prepare(
+    top: LagrangeTop, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | None = None,
+    modified_kick: bool | None = None, table: bool = True,
+) -> Stepper:  # fmt: skip
+    """Without V every scheme is the exact step."""
+    _check(scheme, corrector, modified_kick, table)
+    try:
+        stepper = backlund.EXACT.prepare(top, y0, h)
+    except StepError as error:
+        raise StepError("backlund_splitting", error.reason, h=h) from None
+    stepper.name = "backlund_splitting"  # type: ignore[attr-defined]
+    return stepper
+
+
+def prepare_in_field(
+    top: PerturbedTop, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | None = None,
+    modified_kick: bool | None = None, table: bool = True,
+) -> ExactSplittingStepper:  # fmt: skip
+    """Kicks by V, exact flows of the top without it.
+
+    Parameters
+    ----------
+    scheme : of SCHEMES. corrector, modified_kick : on by default for "strang", and possible for it only. table : λ from a
+    table in (H, J3); False: computed at every flow.
+    """
+    corrected, twisted = _check(scheme, corrector, modified_kick, table)
+    _warn(top, y0, h)
+    return ExactSplittingStepper("backlund_splitting", top, y0, h, SCHEMES[scheme], corrected, twisted, bool(table))
+
+
+def _check(scheme: str, corrector: Any, modified_kick: Any, table: Any) -> tuple[bool, bool]:
+    check_choice(scheme, "scheme", SCHEMES)
+    chosen = []
+    for name, value in (("corrector", corrector), ("modified_kick", modified_kick)):
+        if value is not None and not isinstance(value, (bool, np.bool_)):
+            raise ValueError(f"{name} must be True or False; got {value!r}")
+        if value and scheme != "strang":
+            raise ValueError(f"{name} belongs to scheme='strang'; got scheme={scheme!r}")
+        chosen.append(scheme == "strang" if value is None else bool(value))
+    if not isinstance(table, (bool, np.bool_)):
+        raise ValueError(f"table must be True or False; got {table!r}")
+    return chosen[0], chosen[1]
+
+
+def _warn(top: PerturbedTop, y0: Array, h: float) -> None:
+    rate, length, unit = top.top.scales(y0)
+    strength = length * math.hypot(*map(float, top.formula.derived(*y0[3:].tolist(), *top.parameters)))
+    if strength > STRONG * rate * rate:
+        text = f"V is strong here (its torque is {strength / rate**2:.2g} of the top's own scale): blanes_moan6 or taylor costs less"
+        warnings.warn(text, StepWarning, stacklevel=4)
+    if abs(h) > 0.39 * unit:  # an eighth of the shortest period there is, π units
+        period = exact.nutation_period(top.top, y0)
+        if abs(h) > RESONANT * period:
+            text = f"h is {abs(h) / period:.2g} of the nutation period: from 1/8 on, harmonics of V come near resonance with the step"
+            warnings.warn(text, StepWarning, stacklevel=4)
+
+
+METHOD = Method(
+    name="backlund_splitting",
+    label="Bäcklund splitting",
+    family="backlund",
+    order=None,
+    symmetric=True,
+    poisson=True,
+    conserves=frozenset({"H", "J3", "C1", "C2"}),
+    control="step",
+    source="this project; Wisdom and Holman, Astron. J. 102 (1991) 1528; corrector and modified kick: see the module",
+    prepare=prepare,
+    in_field=AnyField(prepare_in_field, conserves=frozenset({"J3", "C1", "C2"}), order=4),
+)

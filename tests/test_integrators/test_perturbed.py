@@ -1,0 +1,211 @@
+"""Potentials, the tops in them, and the formulas they are recorded as."""
+
+import math
+import pickle
+
+import mpmath
+import numpy as np
+import pytest
+
+from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, LagrangeTop, PerturbedTop, Potential, integrate, sqrt
+from integrators.compiling.expression import Program, Tape, machine_code, record
+from integrators.problem.perturbed import SAME
+from integrators.registry import find_potential
+
+Y = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
+TOP = LagrangeTop(1.0)
+HOMEMADE = Potential(
+    "homemade", lambda x1, x2, x3, p: p[0] * x1**2 * x3 / 2 + p[1] * sqrt(2.0 + x2 * x3) - x1 / (3 + x3)
+)
+FIELDS = {
+    "homemade": PerturbedTop(TOP, HOMEMADE, (0.3, -0.2)),
+    **{name: named.top for name, named in PERTURBED_TOPS.items()},
+}
+
+
+def differences(function, y, step=1e-6):
+    return np.stack([(function(y + d) - function(y - d)) / (2 * step) for d in step * np.eye(6)], axis=-1)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_derivatives_are_those_of_the_value(name):
+    top = FIELDS[name]
+    assert np.allclose(differences(top.rhs, Y), top.jacobian(Y), atol=1e-8)
+    assert np.allclose(differences(top.invariants, Y), top.gradients(Y), atol=1e-8)
+    # f' = {f, H}, and every Casimir stays
+    assert np.allclose(top.poisson(Y) @ top.gradients(Y)[0], top.rhs(Y), atol=1e-14)
+    assert np.allclose(top.gradients(Y)[2:] @ top.rhs(Y), 0.0, atol=1e-14)
+    v = np.array((0.2, -0.5, 0.7))
+    bend = (np.array(top.gradient(*(Y[3:] + 1e-6 * v))) - np.array(top.gradient(*(Y[3:] - 1e-6 * v)))) / 2e-6
+    assert np.allclose(top.hessian_times(*Y[3:], *v), bend, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_force_gradients_are_those_of_the_commutators(name):
+    """W = |x × g|² and ∇W·(N × x), by differences of exact gradients."""
+    top = FIELDS[name]
+    q = top.numbers
+
+    def W(x):
+        N = np.cross(x, top.gradient(*x))
+        return N @ N
+
+    def slope(f, x, step=1e-4):  # of order four
+        return np.array(
+            [(8 * (f(x + d) - f(x - d)) - (f(x + 2 * d) - f(x - 2 * d))) / (12 * step) for d in step * np.eye(3)]
+        )
+
+    def second(x):
+        return slope(W, x) @ np.cross(np.cross(x, top.gradient(*x)), x)
+
+    x = Y[3:]
+    assert np.allclose(top.field.twist(*x, *q), np.cross(slope(W, x), x), atol=1e-8)
+    assert np.allclose(top.field.second_twist(*x, *q), np.cross(slope(second, x, 1e-3), x), atol=1e-5)
+
+
+def test_one_formula_serves_every_kind_of_number():
+    top = FIELDS["homemade"]
+    program, numbers = top.field.torque, (*Y[3:], *top.numbers)
+    here = program(*numbers)
+    with mpmath.workdps(40):
+        there = [float(v) for v in program(*map(mpmath.mpf, numbers))]
+    rows = program(*(np.array((v, 2 * v)) for v in Y[3:]), *top.numbers)
+    assert np.allclose(here, there, rtol=1e-14)
+    assert np.array_equal([v[0] for v in rows], here)
+
+    from integrators.compiling.compiled import compiled
+
+    code = machine_code(program)
+    assert compiled(lambda x, q: code(x, q))(tuple(Y[3:]), top.numbers) == here
+
+
+def test_a_field_knows_its_kind():
+    def top(name, *numbers):
+        return PerturbedTop(TOP, POTENTIALS[name], numbers)
+
+    assert top("tide", 0.1, 1.0, 0.0, 0.0).offers == {"force", "quadratic"}
+    assert top("charge", 0.1, 2.0, 0.0, 0.0).offers == {"force"}
+    assert top("dipole", 0.1, 0.2, 0.3).offers == {"force", "quadratic", "linear"}
+    assert top("tide", 0.0, 1.0, 0.0, 0.0).offers == {"force", "quadratic", "linear"}
+    assert "J3" not in top("tide", 0.1, 1.0, 0.0, 0.0).conserved
+    assert "J3" in top("tide", 0.1, 0.0, 0.0, 1.0).conserved
+    assert "J3" in top("quadratic", 0.1, 0.1, 0.3, 0.0, 0.0, 0.0).conserved
+    assert "J3" not in top("quadratic", 0.1, 0.1 + 1e-15, 0.3, 0.0, 0.0, 0.0).conserved
+    assert "J3" in top("charge", 0.1, 0.0, 0.0, 2.0).conserved
+
+
+def test_a_tilted_uniform_field_is_another_top():
+    top = PerturbedTop(TOP, POTENTIALS["dipole"], (0.1, 0.2, 0.3))
+    steps = integrate(top, Y, 0.01, 800, "verner9_fixed").y[-1]
+    for name in ("backlund", "theta_functions"):
+        assert np.allclose(integrate(top, Y, 8.0, 1, name).y[-1], steps, atol=1e-13)
+    assert np.allclose(integrate(top, Y, t=[8.0], method="backlund").y[-1], steps, atol=1e-13)
+    run = integrate(top, Y, 8.0, 1000, "backlund", every=10)
+    assert np.abs(run.invariants()[:, [0, 2, 3]] - top.invariants(Y)[[0, 2, 3]]).max() < 2e-14
+    other = PerturbedTop(TOP, POTENTIALS["dipole"], (0.1, 0.2, 0.4))
+    assert np.abs(integrate(other, Y, 8.0, 1).y[-1] - steps).max() > 0.01
+
+
+def test_methods_say_which_problems_they_take():
+    magnet, tide = FIELDS["magnet"], FIELDS["weak_tide"]
+    assert METHODS["strang"].takes(magnet) is None
+    assert METHODS["backlund"].takes(TOP) is None
+    assert "charge" in METHODS["backlund"].takes(magnet)
+    with pytest.raises(ValueError, match=r"^method: theta_functions does not take the potential tide"):
+        integrate(tide, Y, 0.1, 10, "theta_functions")
+    assert METHODS["strang"].kept(tide) == {"C1", "C2"}
+    assert METHODS["strang"].kept(FIELDS["axisymmetric"]) == {"J3", "C1", "C2"}
+
+
+def test_a_top_in_a_potential_is_a_value():
+    for top in FIELDS.values():
+        again = pickle.loads(pickle.dumps(top))
+        assert again == top and hash(again) == hash(top) and again.digest == top.digest
+        assert np.array_equal(again.rhs(Y), top.rhs(Y))
+    assert FIELDS["weak_tide"].digest != FIELDS["moderate_tide"].digest
+    retyped = Potential("tide", lambda x1, x2, x3, p: p[0] * x1 * x1 / 2)
+    renamed = Potential("other", lambda a, b, c, k: k[0] * a * a / 2)
+    assert PerturbedTop(TOP, retyped, (0.1,)) == PerturbedTop(TOP, renamed, (0.1,))
+
+
+@pytest.mark.parametrize(
+    ("value", "reason"),
+    [
+        (lambda x1, x2, x3, p: math.sqrt(x1), "sqrt of integrators"),
+        (lambda x1, x2, x3, p: x1 if x1 > 0 else x2, "cannot branch"),
+        (lambda x1, x2, x3: 0.0, "takes 3 positional arguments"),
+        (lambda x1, x2, x3, p: p[1] * x1, "asks for more than 1 parameters"),
+        (lambda x1, x2, x3, p: "much", "got 'much'"),
+        (lambda x1, x2, x3, p: np.sin(x1), "got numpy's sin"),
+        (lambda x1, x2, x3, p: x1**0.3, "got the power 0.3"),
+        (lambda x1, x2, x3, p: 1 / 0, "division by zero"),
+    ],
+)
+def test_what_is_no_formula_is_refused(value, reason):
+    with pytest.raises(ValueError, match=r"^potential mine: ") as refused:
+        PerturbedTop(TOP, Potential("mine", value), (1.0,))
+    assert reason in str(refused.value)
+
+
+def test_a_wrong_gradient_is_found():
+    def potential(factor):
+        return Potential("mine", lambda x1, x2, x3, p: x1 * x1, lambda x1, x2, x3, p: (factor * x1, 0.0, 0.0))
+
+    PerturbedTop(TOP, potential(2.0))
+    with pytest.raises(ValueError, match=r"potential mine: gradient is not the derivative of value at x = "):
+        PerturbedTop(TOP, potential(2.0 + 100 * SAME))
+
+
+def test_wrong_numbers_are_refused():
+    with pytest.raises(ValueError, match=r"parameters of the potential tide: 4 numbers \(k, n1, n2, n3\); got 1"):
+        PerturbedTop(TOP, POTENTIALS["tide"], (0.1,))
+    for parameters in (("a",), (math.nan,), (math.inf,), "1e-3", 3.0):
+        with pytest.raises(ValueError, match="parameters"):
+            PerturbedTop(TOP, HOMEMADE, parameters)
+    with pytest.raises(ValueError, match="the potential charge is not finite at x ="):
+        integrate(PerturbedTop(TOP, POTENTIALS["charge"], (0.1, *Y[3:])), Y, 0.1, 1, "strang")
+    with pytest.raises(ValueError, match="top of a PerturbedTop"):
+        PerturbedTop(FIELDS["magnet"], HOMEMADE, (0.3, -0.2))
+    with pytest.raises(ValueError, match="attitude"):
+        integrate(FIELDS["magnet"], Y, 0.1, 1, "taylor_fixed", attitude=True)
+
+
+def test_potentials_are_found_by_name():
+    assert find_potential("tide") is POTENTIALS["tide"]
+    assert find_potential(HOMEMADE) is HOMEMADE
+    with pytest.raises(ValueError, match=r"unknown potential 'tied'; did you mean 'tide'\?|unknown potential"):
+        find_potential("tied")
+    assert set(POTENTIALS) == {"quadratic", "axisymmetric", "charge", "dipole", "tide"}
+    assert all(potential.note for potential in POTENTIALS.values())
+
+
+# ---------------------------------------------------------------- formulas
+
+
+def test_a_program_repeats_nothing_and_drops_what_is_not_needed():
+    program = record(lambda a, b: ((a + b) * (a + b) + 0.0 * b, 1.0 * a), 2)
+    assert program.lines == (("add", 0, 1), ("mul", 2, 2))
+    assert program(2.0, 3.0) == (25.0, 2.0)
+    assert pickle.loads(pickle.dumps(program)) == program
+    assert record(lambda a: (a * 3.0,), 1).digest != record(lambda a: (a * 3.5,), 1).digest
+
+
+def test_powers_roots_and_quotients():
+    program = record(lambda a: (a**3, a**-2, a**0.5, a**1.5, 1 / a, 2 - a, -a, np.sqrt(a), np.square(a), 3.0 / a**2), 1)
+    assert np.allclose(program(4.0), (64, 1 / 16, 2, 8, 0.25, -2, -4, 2, 16, 3 / 16))
+
+
+def test_both_ways_of_differentiating_agree():
+    tape = Tape()
+    x = [tape.input() for _ in range(3)]
+    f = x[0] * x[1] / x[2] + sqrt(x[0] * x[2] + 1.0) - x[1] ** 3
+    gradient = tape.gradient(f, x)
+    forward = [tape.along((f,), x, e)[0] for e in np.eye(3)]
+    values = tape.program((*gradient, *forward))(0.7, -1.1, 2.3)
+    assert np.allclose(values[:3], values[3:], rtol=1e-14)
+    with mpmath.workdps(30):
+        value = lambda *v: tape.program((f,))(*v)[0]  # noqa: E731
+        orders = [tuple(int(i == k) for i in range(3)) for k in range(3)]
+        right = [float(mpmath.diff(value, (0.7, -1.1, 2.3), order)) for order in orders]
+    assert np.allclose(values[:3], right, rtol=1e-12)
+    assert isinstance(tape.program(gradient), Program)
