@@ -6,9 +6,8 @@ has no closed form in general. Two runs of Taylor's method with different orders
 difference is the estimate of its error and is returned with it. heyoka takes the steps in 128-bit numbers; where it is
 missing, or has no such numbers, mpmath takes them, about 50 times slower. No method of the bench is used.
 
-The potential's gradient is recorded once, as a list of operations + − × ÷ and powers. Both engines, and the derivatives for
-the Lyapunov exponent, are made from this list. Its numbers are the problem's doubles, taken as exact: heyoka on its own
-would turn a division by a number into a product with the rounded reciprocal.
+What is integrated is the program of the problem's gradient, with its constants and parameters as exact numbers: heyoka on its
+own would turn a division by a double into a product with the rounded reciprocal.
 
 Results are kept, in memory and in the folder `reference` of the user's cache directory (LAGRANGE_BENCH_CACHE moves it,
 empty switches it off). Neither engine may be called from several threads at once.
@@ -25,21 +24,22 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache, reduce
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
 from integrators.checks import check_choice, check_real, check_state, check_times
+from integrators.compiling.expression import OPERATIONS, Program, Tape
 from integrators.files import cache_folder, write_file
 from integrators.interface import StepError
+from integrators.problem.perturbed import PerturbedTop, cross
 from integrators.truth.exact import rounded_off
 
-__all__ = ["Problem", "Reference", "after_steps", "engines", "horizon", "lyapunov", "solution"]
+__all__ = ["Reference", "after_steps", "engines", "horizon", "lyapunov", "solution"]
 
 Array = NDArray[np.float64]
-Node = tuple[Any, ...]  # ("variable", i), ("number", value), (operation, place, place) or ("**", place, exponent)
 
 TOLERANCE, CHECK = 1e-33, 1e-29  # of the two runs
 TANGENT = 1e-20  # of a run for the Lyapunov exponent: its growth is wanted to a few digits
@@ -47,23 +47,6 @@ DIGITS = 40  # of mpmath
 PAIR = 2.0**-105  # what a number loses as a pair of doubles
 SHORTEST = 1e-12  # step, in units of the motion: only a singularity asks for less
 SEGMENT = 2.0  # units of the motion between two renormalisations of a tangent vector
-
-
-class Problem(Protocol):
-    """What is needed of a problem; `PerturbedTop` has it."""
-
-    @property
-    def digest(self) -> str:
-        """Stands for the formula of the potential and its numbers: equal digests, equal fields."""
-        ...
-
-    def field(self, x1: Any, x2: Any, x3: Any, /) -> tuple[Any, Any, Any]:
-        """The gradient of the whole potential, by + − × ÷ and powers (√ is **0.5) of anything that has them."""
-        ...
-
-    def scales(self, y: Any, /) -> tuple[float, float, float]:
-        """Scales of J, of x and of time, as `LagrangeTop.scales`."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -82,7 +65,7 @@ class Reference:
         return max(0, math.floor(-math.log10(worst)))
 
 
-def solution(problem: Problem, y0: ArrayLike, t: ArrayLike, engine: str | None = None) -> Reference:
+def solution(problem: PerturbedTop, y0: ArrayLike, t: ArrayLike, engine: str | None = None) -> Reference:
     """States at times t of the motion that is at y0 at t = 0.
 
     Parameters
@@ -104,7 +87,9 @@ def solution(problem: Problem, y0: ArrayLike, t: ArrayLike, engine: str | None =
     return _solution(problem, y0, times, np.zeros_like(times), engine)
 
 
-def after_steps(problem: Problem, y0: ArrayLike, h: float, counts: ArrayLike, engine: str | None = None) -> Reference:
+def after_steps(
+    problem: PerturbedTop, y0: ArrayLike, h: float, counts: ArrayLike, engine: str | None = None
+) -> Reference:
     """States after n steps of h for n in `counts`: at the times n·h themselves, not at the doubles next to them.
 
     `counts` are whole numbers up to 2^53, of any sign, in any order; the rest is as in `solution`.
@@ -120,7 +105,7 @@ def after_steps(problem: Problem, y0: ArrayLike, h: float, counts: ArrayLike, en
     return _solution(problem, y0, times, rounded_off(h, n), engine)
 
 
-def lyapunov(problem: Problem, y0: ArrayLike, t: float, engine: str | None = None) -> float:
+def lyapunov(problem: PerturbedTop, y0: ArrayLike, t: float, engine: str | None = None) -> float:
     """The largest Lyapunov exponent up to time t: log(|v(t)|/|v(0)|)/|t| of a tangent vector v, per unit of time.
 
     v obeys the variational equations along the orbit and starts in one direction that is special in no way; |v| is taken
@@ -141,7 +126,7 @@ def lyapunov(problem: Problem, y0: ArrayLike, t: float, engine: str | None = Non
 
 
 def horizon(
-    problem: Problem, y0: ArrayLike, tolerance: float, longest: float = 1e4, engine: str | None = None
+    problem: PerturbedTop, y0: ArrayLike, tolerance: float, longest: float = 1e4, engine: str | None = None
 ) -> float:
     """The time up to which an error of one ulp in y0 stays below `tolerance`, both relative to the scales of J and x.
 
@@ -167,7 +152,7 @@ def horizon(
     return float(_kept(orbit.key("horizon", tolerance.hex(), longest.hex()), (1,), compute)[0])
 
 
-def _solution(problem: Problem, y0: ArrayLike, times: Array, more: Array, engine: str | None) -> Reference:
+def _solution(problem: PerturbedTop, y0: ArrayLike, times: Array, more: Array, engine: str | None) -> Reference:
     orbit = Orbit(problem, y0, engine)
     key = orbit.key("solution", times.tobytes().hex(), more.tobytes().hex())
     table = _kept(key, (len(times), 13), lambda: orbit.compute(times, more))
@@ -177,10 +162,11 @@ def _solution(problem: Problem, y0: ArrayLike, times: Array, more: Array, engine
 class Orbit:
     """A motion in units where |x| and the rate are between 1/2 and 2: powers of two, so that changing units is exact."""
 
-    def __init__(self, problem: Problem, y0: ArrayLike, engine: str | None, tangent: bool = False):
+    def __init__(self, problem: PerturbedTop, y0: ArrayLike, engine: str | None, tangent: bool = False):
         y = check_state(y0)
         known = engines()
         self.engine = known[0] if engine is None else check_choice(engine, "engine", known)
+        problem.check_state(y)
         self.problem, self.y0, self.tangent = problem, y, tangent
         self.rate, self.size, _ = problem.scales(y)
         powers = [round(math.log2(v)) if 0.0 < v < math.inf else 0 for v in (self.rate, self.size)]
@@ -192,17 +178,10 @@ class Orbit:
         return hashlib.sha256("\n".join(words).encode()).digest()
 
     def runner(self, tolerance: float) -> Any:
-        rate, size = (int(e) for e in self.exponents[2:4])
-        equations = record(self.problem.field, math.ldexp(1.0, size), math.ldexp(1.0, size - 2 * rate), self.tangent)
-        start = np.ldexp(self.y0, -self.exponents)
-        try:
-            first = [c[1] for c in coefficients(equations, [mpf(v) for v in start] + [mpf(1)] * 6, 1)]
-            regular = all(isinstance(v, mpf) and mp.isfinite(v) for v in first)
-        except ZeroDivisionError:
-            regular = False
-        if not regular:
-            raise ValueError(f"y0 lies at a singularity of the potential: its gradient at x = {self.y0[3:].tolist()}")
-        return {"heyoka": Heyoka, "mpmath": Mpmath}[self.engine](equations, tolerance)
+        rate, size = self.clock, int(self.exponents[3])
+        units = math.ldexp(1.0, size), math.ldexp(1.0, size - 2 * rate)
+        program = equations(self.problem.field.gradient, self.tangent)
+        return {"heyoka": Heyoka, "mpmath": Mpmath}[self.engine](program, (*units, *self.problem.numbers), tolerance)
 
     def compute(self, times: Array, more: Array) -> Array:
         """Rows of states, tails and errors."""
@@ -226,7 +205,8 @@ class Orbit:
             if len(grid):
                 out[later] = self.advance(runner, start, sign * grid)[places.ravel()]
         out[times == 0] = start
-        return np.ldexp(out, self.exponents)
+        states: Array = np.ldexp(out, self.exponents)
+        return states
 
     def advance(self, runner: Any, start: Array, times: Array, since: float = 0.0) -> Array:
         try:
@@ -255,131 +235,19 @@ class Orbit:
             total += exponent * math.log(2)
 
 
-# ---------------------------------------------------------------- the equations as a list of operations
+@lru_cache(maxsize=64)
+def equations(gradient: Program, tangent: bool) -> Program:
+    """The rates of J and x, from J, x, two units and the parameters of the gradient.
 
-
-@dataclass(frozen=True)
-class Equations:
-    """y' as a list of operations, each on results of earlier ones, and the places of the rates in it."""
-
-    nodes: tuple[Node, ...]
-    rates: tuple[int, ...]
-
-
-def record(field: Callable[..., Any], size: float, weight: float, tangent: bool) -> Equations:
-    """The equations of motion for J and x in units of their own: U's gradient is taken at size·x, and times weight.
-
-    With `tangent` the variational equations follow, for the six components of a tangent vector.
+    In units of its own x is size·x and U weight·U. With `tangent` a tangent vector follows x, and its rates theirs.
     """
     tape = Tape()
-    y = [tape.add("variable", i) for i in range(6)]
-    J, x = y[:3], y[3:]
-    g = [weight * tape.number(part) for part in field(*(size * v for v in x))]
-    rates = cross(g, x) + cross(J, x)
-    if tangent:
-        rates += tape.derivatives(rates, y, [tape.add("variable", 6 + i) for i in range(6)])
-    return Equations(tuple(tape.nodes), tuple(r.place for r in rates))
-
-
-def cross(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-
-
-class Tape:
-    """Operations in the order they were done, each once."""
-
-    def __init__(self) -> None:
-        self.nodes: list[Node] = []
-        self.places: dict[Node, int] = {}
-
-    def add(self, *node: Any) -> Recorded:
-        if node not in self.places:
-            self.places[node] = len(self.nodes)
-            self.nodes.append(node)
-        return Recorded(self, self.places[node])
-
-    def number(self, value: Any) -> Recorded:
-        if isinstance(value, Recorded):
-            return value
-        number = float(value)
-        if number != value:
-            raise ValueError(f"the numbers in a potential must be doubles; got {value!r}")
-        return self.add("number", number)
-
-    def derivatives(self, results: Sequence[Recorded], at: Sequence[Recorded], v: Sequence[Recorded]) -> list[Recorded]:
-        """Derivatives of `results` at the variables `at` along v, by the rules of calculus for each operation."""
-        zero = self.number(0.0)
-        d = {a.place: b for a, b in zip(at, v, strict=True)}
-        for place, (operation, *rest) in enumerate(list(self.nodes)):
-            if operation in ("variable", "number"):
-                d.setdefault(place, zero)
-                continue
-            here, a, da = Recorded(self, place), Recorded(self, rest[0]), d[rest[0]]
-            if operation == "**":
-                d[place] = rest[1] * here / a * da
-                continue
-            b, db = Recorded(self, rest[1]), d[rest[1]]
-            if operation == "+":
-                d[place] = da + db
-            elif operation == "-":
-                d[place] = da - db
-            elif operation == "*":
-                d[place] = da * b + a * db
-            else:
-                d[place] = (da - here * db) / b
-        return [d[r.place] for r in results]
-
-
-class Recorded:
-    """A number whose arithmetic is recorded."""
-
-    def __init__(self, tape: Tape, place: int):
-        self.tape, self.place = tape, place
-
-    def _with(self, operation: str, other: Any, swapped: bool = False) -> Recorded:
-        a, b = self.place, self.tape.number(other).place
-        return self.tape.add(operation, b, a) if swapped else self.tape.add(operation, a, b)
-
-    def __add__(self, other: Any) -> Recorded:
-        return self._with("+", other)
-
-    def __sub__(self, other: Any) -> Recorded:
-        return self._with("-", other)
-
-    def __rsub__(self, other: Any) -> Recorded:
-        return self._with("-", other, swapped=True)
-
-    def __mul__(self, other: Any) -> Recorded:
-        return self._with("*", other)
-
-    def __truediv__(self, other: Any) -> Recorded:
-        return self._with("/", other)
-
-    def __rtruediv__(self, other: Any) -> Recorded:
-        return self._with("/", other, swapped=True)
-
-    __radd__, __rmul__ = __add__, __mul__
-
-    def __neg__(self) -> Recorded:
-        return -1.0 * self
-
-    def __pos__(self) -> Recorded:
-        return self
-
-    def __pow__(self, exponent: float) -> Recorded:
-        """Whole exponents as products, which are regular at 0."""
-        p = float(exponent)
-        if not p.is_integer():
-            return self.tape.add("**", self.place, p)
-        if p < 0:
-            return 1.0 / self ** (-p)
-        if p < 2:
-            return self if p else self.tape.number(1.0)
-        half = self ** (p // 2)
-        return half * half * self if p % 2 else half * half
-
-    def sqrt(self) -> Recorded:  # what numpy.sqrt calls
-        return self**0.5
+    y = [tape.input() for _ in range(12 if tangent else 6)]
+    size, weight, *parameters = (tape.input() for _ in range(gradient.inputs - 1))
+    J, x = y[:3], y[3:6]
+    g = tape.run(gradient, *(size * v for v in x), *parameters)
+    rates = (*cross([weight * part for part in g], x), *cross(J, x))
+    return tape.program((*rates, *tape.along(rates, y[:6], y[6:])) if tangent else rates)
 
 
 # ---------------------------------------------------------------- engines: states (N, 2, n) at times (N, 2), in pairs
@@ -402,11 +270,12 @@ class Singularity(Exception):
 class Heyoka:
     """Steps in IEEE 128-bit numbers, 34 digits."""
 
-    def __init__(self, equations: Equations, tolerance: float):
+    def __init__(self, program: Program, parameters: Sequence[float], tolerance: float):
         import heyoka as hy
 
         self.real, self.outcome = hy.real128, hy.taylor_outcome
-        self.integrator = compiled(equations, tolerance)
+        self.integrator = compiled(program, tolerance)
+        self.parameters = np.array(parameters)
 
     def states(self, start: Array, times: Array) -> Array:
         """States at `times`, which lead away from 0 in one direction, from `start` at 0."""
@@ -414,6 +283,7 @@ class Heyoka:
         grid = np.append(self.real(0.0), self.quadruple(times.T))
         ta.time, end = grid[0], grid[-1]
         ta.state[:] = self.quadruple(start)
+        ta.pars[:] = self.quadruple((self.parameters,))
 
         def go_on(ta: Any) -> bool:  # being called at all also lets Ctrl-C in
             return abs(float(ta.last_h)) > SHORTEST or ta.time == end
@@ -426,42 +296,48 @@ class Heyoka:
 
     def quadruple(self, parts: Sequence[Array] | Array) -> NDArray[Any]:
         """The sum of arrays of doubles."""
-        return np.sum([np.asarray(part, dtype=float).astype(self.real) for part in parts], axis=0)
+        total: NDArray[Any] = np.sum([part.astype(self.real) for part in parts], axis=0)
+        return total
 
 
 @lru_cache(maxsize=16)
-def compiled(equations: Equations, tolerance: float) -> Any:
+def compiled(program: Program, tolerance: float) -> Any:
     """heyoka's integrator. It has a state: nothing of a run is left in it that the next does not set."""
     import heyoka as hy
 
     hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
-    variables = hy.make_vars(*(f"y{i}" for i in range(len(equations.rates))))
-    e: list[Any] = []
-    for operation, *rest in equations.nodes:
-        if operation == "variable":
-            e.append(variables[rest[0]])
-        elif operation == "number":
-            e.append(hy.expression(hy.real128(rest[0])))
-        elif operation == "**":
-            e.append(e[rest[0]] ** hy.expression(hy.real128(rest[1])))
-        else:
-            a, b = e[rest[0]], e[rest[1]]
-            e.append(a + b if operation == "+" else a - b if operation == "-" else a * b if operation == "*" else a / b)
-    system = [(v, e[place]) for v, place in zip(variables, equations.rates, strict=True)]
-    zeros = [hy.real128(0.0)] * len(system)
+    n = len(program.outputs)
+    variables = hy.make_vars(*(f"y{i}" for i in range(n)))
+    values = [*variables, *(hy.par[i] for i in range(program.inputs - n))]
+
+    def value(place: Any) -> Any:
+        return hy.expression(hy.real128(place[1])) if isinstance(place, tuple) else values[place]
+
+    for operation, *arguments in program.lines:
+        values.append(OPERATIONS[operation](*map(value, arguments)))
+    system = list(zip(variables, map(value, program.outputs), strict=True))
+    zero = hy.real128(0.0)
     # unrolled code would take seconds to compile and is not faster here
-    return hy.taylor_adaptive(system, zeros, tol=hy.real128(tolerance), fp_type=hy.real128, compact_mode=True)
+    return hy.taylor_adaptive(
+        system,
+        [zero] * n,
+        pars=[zero] * (program.inputs - n),
+        tol=hy.real128(tolerance),
+        fp_type=hy.real128,
+        compact_mode=True,
+    )
 
 
 class Mpmath:
     """Steps in mpmath, with 40 digits: the same series, step by step in the interpreter."""
 
-    def __init__(self, equations: Equations, tolerance: float):
-        self.equations, self.order = equations, math.ceil(1 - math.log(tolerance) / 2)
+    def __init__(self, program: Program, parameters: Sequence[float], tolerance: float):
+        self.program, self.parameters = program, parameters
+        self.order = math.ceil(1 - math.log(tolerance) / 2)
 
     def states(self, start: Array, times: Array) -> Array:
         """As `Heyoka.states`."""
-        n = len(self.equations.rates)
+        n = len(self.program.outputs)
         out = np.empty((len(times), 2, n))
         with mp.workdps(DIGITS):
             y, now = [mpf(a) + mpf(b) for a, b in start.T], mpf(0)
@@ -469,7 +345,7 @@ class Mpmath:
             done, backward = 0, wanted[-1] < 0
             while done < len(wanted):
                 try:
-                    series = coefficients(self.equations, y, self.order)
+                    series = coefficients(self.program, y, self.parameters, self.order)
                 except ZeroDivisionError:
                     raise Singularity(float(now)) from None
                 h = self.step(series)
@@ -493,45 +369,48 @@ class Mpmath:
         return min([*radii, 1e6]) * math.exp(-2 - 0.7 / (p - 1))
 
 
-def coefficients(equations: Equations, y: Sequence[mpf], order: int) -> list[list[mpf]]:
-    """Taylor coefficients of each component of y from 0 to `order`.
+def coefficients(program: Program, y: Sequence[mpf], parameters: Sequence[float], order: int) -> list[list[mpf]]:
+    """Taylor coefficients of each component of y from 0 to `order`; ZeroDivisionError at a singularity."""
+    states = [[v] for v in y]
+    values = [*states, *([mpf(p)] for p in parameters)]  # a series, or the one number of what is constant
+    lines: list[tuple[str, list[mpf], list[mpf], list[mpf]]] = []
 
-    ZeroDivisionError where a divisor or the base of a power vanishes.
-    """
-    nodes = equations.nodes
-    c: list[list[mpf]] = [[] for _ in nodes]
-    fixed = [node[0] == "number" for node in nodes]
-    # y may have components that no rate contains, and that are not on the tape
-    states = [[mpf(v)] for v in y[: len(equations.rates)]]
+    def series(place: Any) -> list[mpf]:
+        return [mpf(place[1])] if isinstance(place, tuple) else values[place]
+
+    constant = [i >= len(states) for i in range(len(values))]
+    for operation, *arguments in program.lines:
+        a, b, new = series(arguments[0]), series(arguments[-1]), list[mpf]()
+        constant.append(all(isinstance(place, tuple) or constant[place] for place in arguments))
+        if constant[-1]:
+            _append(operation, a, b, new, 0)
+        else:
+            lines.append((operation, a, b, new))
+        values.append(new)
+    rates = [series(place) for place in program.outputs]
     for k in range(order):
-        for series, (operation, *rest) in zip(c, nodes, strict=True):
-            if operation == "variable":
-                series.append(states[rest[0]][k])
-                continue
-            if operation == "number":
-                series.append(mpf(0 if k else rest[0]))
-                continue
-            a = c[rest[0]]
-            if operation == "**":
-                series.append(_power(a, series, rest[1], k))
-                continue
-            b = c[rest[1]]
-            if operation == "+":
-                series.append(a[k] + b[k])
-            elif operation == "-":
-                series.append(a[k] - b[k])
-            elif operation == "/":
-                rest_of_sum = mp.fdot(b[1 : k + 1], series[k - 1 :: -1]) if k else mpf(0)
-                series.append((a[k] - rest_of_sum) / b[0])
-            elif fixed[rest[0]]:
-                series.append(a[0] * b[k])
-            elif fixed[rest[1]]:
-                series.append(a[k] * b[0])
-            else:
-                series.append(mp.fdot(a[: k + 1], b[k::-1]))
-        for state, place in zip(states, equations.rates, strict=True):
-            state.append(c[place][k] / (k + 1))
+        for line in lines:
+            _append(*line, k)
+        for state, rate in zip(states, rates, strict=True):
+            state.append(rate[k] / (k + 1) if k < len(rate) else mpf(0))
     return states
+
+
+def _append(operation: str, a: list[mpf], b: list[mpf], c: list[mpf], k: int) -> None:
+    """Coefficient k of c = a ∘ b, or of c = ∘a, from those below. Of a constant there is only the first."""
+    if operation in ("add", "sub", "neg"):
+        one, two = (v[k] if k < len(v) else mpf(0) for v in (a, b))
+        c.append(one + two if operation == "add" else one - two if operation == "sub" else -one)
+    elif operation == "mul":
+        c.append(a[0] * b[k] if len(a) <= k else a[k] * b[0] if len(b) <= k else mp.fdot(a[: k + 1], b[k::-1]))
+    elif operation == "div":
+        known = mp.fdot(b[1 : k + 1], c[k - 1 :: -1]) if k else mpf(0)
+        c.append(((a[k] if k < len(a) else mpf(0)) - known) / b[0])
+    elif k == 0:
+        c.append(mp.sqrt(a[0]))
+    else:
+        known = mp.fdot(c[1:], c[:0:-1])
+        c.append((a[k] - known) / (2 * c[0]))
 
 
 def _sum(c: list[mpf], t: Any) -> mpf:
