@@ -35,6 +35,7 @@ from integrators.compiling.expression import OPERATIONS, Program, Tape
 from integrators.files import cache_folder, write_file
 from integrators.interface import StepError
 from integrators.problem.perturbed import PerturbedTop, cross
+from integrators.problem.units import ldexp
 from integrators.truth.exact import rounded_off
 
 __all__ = ["Reference", "after_steps", "engines", "horizon", "lyapunov", "solution"]
@@ -179,16 +180,20 @@ class Orbit:
 
     def runner(self, tolerance: float) -> Any:
         rate, size = self.clock, int(self.exponents[3])
-        units = math.ldexp(1.0, size), math.ldexp(1.0, size - 2 * rate)
+        units = ldexp(1.0, size), ldexp(1.0, size - 2 * rate)
+        if not all(0.0 < unit < math.inf for unit in units):
+            raise ValueError(
+                "y0 and the potential are too large or too small: choose less extreme units of time and length"
+            )
         program = equations(self.problem.field.gradient, self.tangent)
         return {"heyoka": Heyoka, "mpmath": Mpmath}[self.engine](program, (*units, *self.problem.numbers), tolerance)
 
     def compute(self, times: Array, more: Array) -> Array:
         """Rows of states, tails and errors."""
         rows = np.array([self.run(tolerance, times, more) for tolerance in (TOLERANCE, CHECK)])
-        difference = np.sum(rows[0] - rows[1], axis=1)  # of the heads, and of the tails
         if not np.all(np.isfinite(rows)):
             raise StepError("reference", "the motion leaves the range of doubles")
+        difference = np.sum(rows[0] - rows[1], axis=1)  # of the heads, and of the tails
         J, x = (np.linalg.norm(part, axis=1) for part in (difference[:, :3], difference[:, 3:]))
         error = np.maximum(J / (self.rate or 1.0), x / self.size) + PAIR
         return np.column_stack((rows[0, :, 0], rows[0, :, 1], error))
@@ -205,7 +210,8 @@ class Orbit:
             if len(grid):
                 out[later] = self.advance(runner, start, sign * grid)[places.ravel()]
         out[times == 0] = start
-        states: Array = np.ldexp(out, self.exponents)
+        with np.errstate(over="ignore"):
+            states: Array = np.ldexp(out, self.exponents)
         return states
 
     def advance(self, runner: Any, start: Array, times: Array, since: float = 0.0) -> Array:

@@ -363,6 +363,8 @@ def test_bad_input():
         reference.horizon(QUADRATIC, Y0, 1e-17)
     with pytest.raises(ValueError, match="longest must be positive"):
         reference.horizon(QUADRATIC, Y0, 1e-6, longest=0.0)
+    with pytest.raises(ValueError, match="less extreme units"):
+        reference.solution(QUADRATIC, Y0 * ([1e200] * 3 + [1] * 3), [1e-200])
     assert asked(t=()).states.shape == (0, 6)
 
 
