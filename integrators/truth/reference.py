@@ -4,7 +4,7 @@
 
 has no closed form in general. Two runs of Taylor's method with different orders and steps give one solution; their
 difference is the estimate of its error and is returned with it. heyoka takes the steps in 128-bit numbers; where it is
-missing, or has no such numbers, mpmath takes them, about 50 times slower. No method of the bench is used.
+missing, or has no such numbers, mpmath takes them, about 20 times slower. No method of the bench is used.
 
 What is integrated is the program of the problem's gradient, with its constants and parameters as exact numbers: heyoka on its
 own would turn a division by a double into a product with the rounded reciprocal.
