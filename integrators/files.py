@@ -6,6 +6,17 @@ import os
 from pathlib import Path
 
 
+def cache_folder() -> Path | None:
+    """The folder for what can be computed again; None if the user wants none kept.
+
+    LAGRANGE_BENCH_CACHE moves it, empty switches it off.
+    """
+    home = os.environ.get("LAGRANGE_BENCH_CACHE")
+    if home is None:
+        home = os.path.join(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "lagrange-bench")
+    return Path(home) if home else None
+
+
 def write_file(path: Path, content: str | bytes) -> Path:
     """Writes a file beside the old one, then puts it in its place; makes its folder if need be.
 

@@ -1,0 +1,393 @@
+"""The reference solution of a top in any field: against the closed form, against itself, and what it keeps on disk."""
+
+import math
+import sys
+import types
+
+import numpy as np
+import pytest
+from mpmath import mp, mpf
+
+from integrators import TOPS, LagrangeTop, PerturbedTop, Potential, StepError
+from integrators.compiling.expression import sqrt
+from integrators.truth import exact, reference
+
+Y0 = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
+CHARGE = (0.125, 2.0, 0.1, 0.2)  # strength and place of a charge away from the sphere
+FALLING = (-2.0, 0.0, 0.0, 1.0)  # one on the sphere that attracts
+
+
+def charge(x1, x2, x3, p):
+    return p[0] / sqrt((x1 - p[1]) ** 2 + (x2 - p[2]) ** 2 + (x3 - p[3]) ** 2)
+
+
+POTENTIALS = {
+    "none": Potential("none", lambda x1, x2, x3, p: 0.0),
+    "dipole": Potential("dipole", lambda x1, x2, x3, p: p[0] * x1 + p[1] * x2 + p[2] * x3),
+    "quadratic": Potential("quadratic", lambda x1, x2, x3, p: p[0] * x1 * x1 / 2),
+    "charge": Potential("charge", charge),
+}
+
+
+def top(kind, alpha=1.0, parameters=()):
+    return PerturbedTop(LagrangeTop(alpha), POTENTIALS[kind], parameters)
+
+
+def name(problem):
+    return problem.potential.name
+
+
+FREE, QUADRATIC, CHARGED = top("none"), top("quadratic", 1.0, (0.3,)), top("charge", 1.0, CHARGE)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """A cache of its own for every test, on disk and in memory."""
+    monkeypatch.setenv("LAGRANGE_BENCH_CACHE", str(tmp_path))
+    monkeypatch.setattr(reference, "_memory", {})
+    return tmp_path / "reference"
+
+
+@pytest.fixture
+def quadruple():
+    """For tests that are too long for mpmath."""
+    pytest.importorskip("heyoka")
+    if "heyoka" not in reference.engines():
+        pytest.skip("heyoka without real128")
+
+
+@pytest.fixture(params=["heyoka", "mpmath"])
+def engine(request):
+    if request.param not in reference.engines():
+        pytest.skip("heyoka is not here, or without real128")
+    return request.param
+
+
+def digits(found):
+    """states + tail as mpf."""
+    with mp.workdps(40):
+        return [
+            [mpf(a) + mpf(b) for a, b in zip(*pair, strict=True)] for pair in zip(found.states, found.tail, strict=True)
+        ]
+
+
+def distance(problem, found, wanted):
+    """Largest error of each state in the scales of J and x."""
+    rate, size, _ = problem.scales(Y0)
+    with mp.workdps(40):
+        return [
+            float(max(abs(a - mpf(b)) / scale for a, b, scale in zip(y, z, [rate] * 3 + [size] * 3, strict=True)))
+            for y, z in zip(digits(found), wanted, strict=True)
+        ]
+
+
+# ---------------------------------------------------------------- against the closed form
+
+
+@pytest.mark.parametrize(
+    "name", ["generic", "figure2", "fast", "slow", "near_separatrix", "through_pole", "hanging", "weightless"]
+)
+def test_the_closed_form_of_the_top(quadruple, name):
+    named = TOPS[name]
+    problem, t = (
+        top("none", named.alpha),
+        np.array((20.0, -3.5, 0.0, 0.1, 20.0)) * min(named.top.scales(named.state)[2], 9),
+    )
+    found = reference.solution(problem, named.state, t)
+    wanted = exact.solution(named.top, named.state, t, digits=36)
+    rate, size, _ = named.top.scales(named.state)
+    for y, z, error in zip(digits(found), wanted, found.error, strict=True):
+        assert max(abs(a - b) / s for a, b, s in zip(y, z, [rate] * 3 + [size] * 3, strict=True)) <= error < 1e-25
+    assert found.engine == "heyoka"
+    assert found.digits >= 25
+    assert found.states[2].tolist() == named.state.tolist()
+
+
+def test_the_closed_form_of_the_top_without_heyoka():
+    t = (3.0, -1.0)
+    found = reference.solution(FREE, Y0, t, engine="mpmath")
+    errors = distance(FREE, found, exact.solution(LagrangeTop(1.0), Y0, t, digits=36))
+    assert all(a <= b < 1e-28 for a, b in zip(errors, found.error, strict=True))
+
+
+def test_a_dipole_is_another_vertical(engine):
+    """alpha e3 + b = e1·5/4: the top of before with its axes renamed, exactly."""
+    problem, renamed, t = top("dipole", 1.0, (1.25, 0.0, -1.0)), Y0[[1, 2, 0, 4, 5, 3]], (4.0, -2.0)
+    found = reference.solution(problem, Y0, t, engine)
+    wanted = exact.solution(LagrangeTop(1.25), renamed, t, digits=36)[:, [2, 0, 1, 5, 3, 4]]
+    assert max(distance(problem, found, wanted)) < 1e-29
+
+
+def test_a_dipole_in_any_direction(quadruple):
+    vertical = np.array((0.3, -0.5, 0.9))
+    problem, size = top("dipole", 1.0, (0.3, -0.5, -0.1)), float(np.linalg.norm(vertical))
+    third = vertical / size
+    first = np.cross(third, (1.0, 0.0, 0.0)) / np.linalg.norm(np.cross(third, (1.0, 0.0, 0.0)))
+    axes = np.array((first, np.cross(third, first), third))
+    turned = np.concatenate((axes @ Y0[:3], axes @ Y0[3:]))
+    wanted = exact.solution(LagrangeTop(size), turned, 10.0)
+    found = reference.solution(problem, Y0, [10.0]).states[0]
+    np.testing.assert_allclose(found, np.concatenate((wanted[:3] @ axes, wanted[3:] @ axes)), rtol=0, atol=2e-14)
+
+
+def test_a_field_of_the_wrong_sign_is_noticed(quadruple):
+    """The control of the tests above: what they compare with is far from this."""
+    wrong = top("dipole", 1.0, (-1.25, 0.0, -1.0))
+    wanted = exact.solution(LagrangeTop(1.25), Y0[[1, 2, 0, 4, 5, 3]], [4.0], digits=36)[:, [2, 0, 1, 5, 3, 4]]
+    assert distance(wrong, reference.solution(wrong, Y0, [4.0]), wanted)[0] > 0.1
+    energies = invariants(QUADRATIC, reference.solution(top("quadratic", 1.0, (-0.3,)), Y0, [0.0, 4.0]))
+    assert abs(energies[1][0] - energies[0][0]) > 1e-3
+
+
+# ---------------------------------------------------------------- against itself
+
+
+def invariants(problem, found):
+    """H, C1, C2 to 40 digits."""
+    values = []
+    with mp.workdps(40):
+        for J1, J2, J3, x1, x2, x3 in digits(found):
+            (U,) = problem.field.potential(x1, x2, x3, *map(mpf, problem.numbers))
+            H = (J1**2 + J2**2 + J3**2) / 2 + U
+            values.append((H, x1**2 + x2**2 + x3**2, J1 * x1 + J2 * x2 + J3 * x3))
+    return values
+
+
+@pytest.mark.parametrize("problem", [QUADRATIC, CHARGED], ids=name)
+def test_energy_and_casimirs(quadruple, problem):
+    first, *rest = invariants(problem, reference.solution(problem, Y0, [0.0, 1.0, 15.0, -15.0]))
+    assert max(abs(a - b) for later in rest for a, b in zip(later, first, strict=True)) < 1e-28
+
+
+@pytest.mark.parametrize("problem", [QUADRATIC, CHARGED], ids=name)
+def test_the_engines_agree(quadruple, problem):
+    t = (2.0, 0.3, -1.0)
+    one, two = (reference.solution(problem, Y0, t, engine) for engine in ("heyoka", "mpmath"))
+    assert max(distance(problem, one, digits(two))) < 1e-30
+    assert (one.engine, two.engine) == ("heyoka", "mpmath")
+
+
+def test_a_run_there_and_back(quadruple):
+    """x is the same, J the opposite where time runs backward; the doubles of the end are the start of the second run."""
+    there = reference.solution(QUADRATIC, Y0, [25.0])
+    back = reference.solution(QUADRATIC, there.states[0], [-25.0])
+    mirrored = reference.solution(QUADRATIC, there.states[0] * (-1, -1, -1, 1, 1, 1), [25.0])
+    np.testing.assert_allclose(back.states[0], Y0, rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(mirrored.states[0] * (-1, -1, -1, 1, 1, 1), back.states[0])
+
+
+def test_units_do_not_matter(quadruple):
+    """J in units of 2^-40, x in units of 2^30: the same digits, as far as they go."""
+    rate, size = 2.0**-40, 2.0**30
+    scaled = top("quadratic", rate * rate / size, (0.3 * (rate / size) ** 2,))
+    y0 = np.concatenate((Y0[:3] * rate, Y0[3:] * size))
+    one = reference.solution(scaled, y0, [8.0 / rate])
+    two = reference.solution(QUADRATIC, Y0, [8.0])
+    np.testing.assert_array_equal(one.states / ([rate] * 3 + [size] * 3), two.states)
+    assert 0 < one.error[0] < 1e-29
+
+
+def test_times_are_whole_numbers_of_steps(quadruple):
+    """n·h for h = 0.1 is not the double next to it: the motion in between is seen in the tail."""
+    h, counts = 0.1, np.array((3, 0, -7, 30, 3))
+    found = reference.after_steps(QUADRATIC, Y0, h, counts)
+    rounded = reference.solution(QUADRATIC, Y0, h * counts)
+    assert max(distance(QUADRATIC, found, digits(rounded))) > 1e-18
+    one = reference.after_steps(FREE, Y0, h, counts)
+    with mp.workdps(40):
+        times = [mpf(h) * int(n) for n in counts]
+    assert max(distance(FREE, one, exact.solution(LagrangeTop(1.0), Y0, times, digits=36))) < 1e-29
+    np.testing.assert_array_equal(one.states[0], one.states[4])
+
+
+def test_every_operation_in_both_engines(quadruple):
+    """With division by a double, whose reciprocal is not rounded to one, and by what varies; with constants only."""
+
+    def value(x1, x2, x3, p):
+        return x1 * x1 / 0.6 + sqrt(p[0]) * x2 / (2 - x3) - sqrt(2 + x1) * x2 - (-x3) / x2**3 - p[0] / 3 * x1
+
+    def gradient(x1, x2, x3, p):
+        return (
+            x1 / 0.3 - x2 / (2 * sqrt(2 + x1)) - p[0] / 3,
+            sqrt(p[0]) / (2 - x3) - sqrt(2 + x1) - 3 * x3 / x2**4,
+            sqrt(p[0]) * x2 / (2 - x3) ** 2 + x2**-3,
+        )
+
+    problem = PerturbedTop(LagrangeTop(1.0), Potential("all", value, gradient), (0.7,))
+    one, two = (reference.solution(problem, Y0, [0.25], engine) for engine in ("heyoka", "mpmath"))
+    assert max(distance(problem, one, digits(two))) < 1e-30
+    first, last = invariants(problem, reference.solution(problem, Y0, [0.0, 0.25]))
+    assert max(abs(a - b) for a, b in zip(first, last, strict=True)) < 1e-28
+
+
+def test_the_estimate_bounds_the_error(quadruple):
+    """On orbits next to the separatrix, which lose half their digits."""
+    for kick in (2.0**-20, 2.0**-24, 2.0**-28):
+        y0, t = TOPS["homoclinic"].state + kick * np.eye(6)[0], np.array((30.0, 40.0, 50.0))
+        found = reference.solution(FREE, y0, t)
+        wanted = exact.solution(LagrangeTop(1.0), y0, t, digits=36)
+        actual = distance(FREE, found, wanted)
+        assert all(a <= b <= 1e8 * a for a, b in zip(actual, found.error, strict=True))
+        assert max(actual) > 1e-28
+
+
+# ---------------------------------------------------------------- chaos
+
+
+def test_exponent_of_the_sleeping_top(quadruple):
+    """At the unstable equilibrium the tangent grows by the eigenvalue of the Jacobian."""
+    named = TOPS["sleeping_unstable"]
+    rate = max(np.linalg.eigvals(named.top.jacobian(named.state)).real)
+    assert rate > 0.5
+    growth = [reference.lyapunov(FREE, named.state, t) * t for t in (20.0, 30.0)]
+    assert (growth[1] - growth[0]) / 10 == pytest.approx(rate, rel=1e-9)
+
+
+def test_exponent_is_that_of_two_orbits(quadruple):
+    problem, t = top("charge", 1.0, (0.5, 1.0, 0.25, 0.0)), 6.0
+    rate, size, _ = problem.scales(Y0)
+    scale = np.exp2(np.round(np.log2([rate] * 3 + [size] * 3)))
+    v = np.cos(np.arange(1.0, 7.0))
+    step = 2.0**-30 * v / np.linalg.norm(v) * scale
+    ends = [reference.solution(problem, Y0 + sign * step, [t]) for sign in (1, -1)]
+    starts = ((Y0 + step) - (Y0 - step)) / scale
+    apart = ((ends[0].states - ends[1].states) + (ends[0].tail - ends[1].tail))[0] / scale
+    growth = math.log(np.linalg.norm(apart) / np.linalg.norm(starts))
+    assert reference.lyapunov(problem, Y0, t) * t == pytest.approx(growth, abs=1e-6)
+
+
+def test_exponent_without_heyoka(quadruple):
+    one, two = (reference.lyapunov(CHARGED, Y0, -0.75, engine) for engine in ("heyoka", "mpmath"))
+    assert one == pytest.approx(two, rel=1e-12)
+
+
+def test_horizon(quadruple):
+    """Near the unstable equilibrium an ulp grows like e^(√3 t/2); on a quiet orbit it takes for ever."""
+    named, tolerance = TOPS["sleeping_unstable"], 1e-6
+    rate = max(np.linalg.eigvals(named.top.jacobian(named.state)).real)
+    found = reference.horizon(FREE, named.state, tolerance)
+    assert found == pytest.approx(math.log(tolerance / 2.0**-52) / rate, abs=4.0)
+    assert found < reference.horizon(FREE, named.state, 1e-3)
+    assert reference.horizon(FREE, Y0, 1e-6, longest=20.0) == math.inf
+
+
+# ---------------------------------------------------------------- what is kept
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """The runs that are made from here on."""
+    runs = []
+    run = reference.Orbit.run
+    monkeypatch.setattr(reference.Orbit, "run", lambda self, *rest: runs.append(rest) or run(self, *rest))
+    return runs
+
+
+def asked(engine="mpmath", t=(0.5, 1.0), problem=QUADRATIC):
+    return reference.solution(problem, Y0, t, engine)
+
+
+def same(one, two):
+    return all(getattr(one, k).tobytes() == getattr(two, k).tobytes() for k in ("states", "tail", "error"))
+
+
+def test_what_is_kept_has_the_same_bits(folder, counted, monkeypatch):
+    first = asked()
+    assert len(counted) == 2  # the solution and its check
+    assert same(asked(), first)
+    monkeypatch.setattr(reference, "_memory", {})  # another process
+    assert same(asked(), first)
+    assert len(counted) == 2
+    assert len(list(folder.iterdir())) == 1
+    with pytest.raises(ValueError, match="read-only"):
+        first.states[0, 0] = 0.0
+    asked(t=(0.5, 1.0 + 2.0**-52))
+    asked(problem=top("quadratic", 1.0, (0.3 + 2.0**-50,)))
+    assert len(counted) == 6
+
+
+@pytest.mark.parametrize("damage", ["bit", "short", "empty", "foreign", "folder"])
+def test_a_damaged_file_is_written_anew(folder, counted, monkeypatch, damage):
+    first = asked()
+    (file,) = folder.iterdir()
+    good = file.read_bytes()
+    if damage == "folder":
+        file.unlink()
+        file.mkdir()
+    elif damage == "foreign":  # of another problem, whole
+        asked(problem=top("quadratic", 1.0, (0.5,)))
+        other = next(path for path in folder.iterdir() if path != file)
+        file.write_bytes(other.read_bytes())
+    else:
+        flipped = good[:-1] + bytes([good[-1] ^ 1])
+        file.write_bytes({"bit": flipped, "short": good[:-8], "empty": b""}[damage])
+    monkeypatch.setattr(reference, "_memory", {})
+    before = len(counted)
+    assert same(asked(), first)
+    assert len(counted) == before + 2
+    assert damage == "folder" or file.read_bytes() == good
+
+
+def test_nothing_is_kept_if_the_user_says_so(folder, counted, monkeypatch):
+    monkeypatch.setenv("LAGRANGE_BENCH_CACHE", "")
+    asked()
+    assert not folder.exists()
+
+
+def test_memory_is_bounded(monkeypatch):
+    monkeypatch.setattr(reference, "MOST_KEPT", 2)
+    for t in (0.1, 0.2, 0.3):
+        asked(t=(t,))
+    assert len(reference._memory) == 2
+
+
+# ---------------------------------------------------------------- what is refused
+
+
+def test_bad_input():
+    with pytest.raises(ValueError, match="finite real times"):
+        asked(t=(1.0, math.inf))
+    with pytest.raises(ValueError, match="y0 has x = 0"):
+        reference.solution(QUADRATIC, np.zeros(6), [1.0])
+    with pytest.raises(ValueError, match="engine must be one of"):
+        asked(engine="scipy")
+    with pytest.raises(ValueError, match="h must be finite"):
+        reference.after_steps(QUADRATIC, Y0, math.nan, [1])
+    with pytest.raises(ValueError, match="counts must be a sequence of whole numbers"):
+        reference.after_steps(QUADRATIC, Y0, 0.1, [1.5])
+    with pytest.raises(ValueError, match="h times counts must be finite"):
+        reference.after_steps(QUADRATIC, Y0, 1e300, [2**40])
+    with pytest.raises(ValueError, match="t must not be 0"):
+        reference.lyapunov(QUADRATIC, Y0, 0.0)
+    with pytest.raises(ValueError, match="tolerance must be larger than an ulp"):
+        reference.horizon(QUADRATIC, Y0, 1e-17)
+    with pytest.raises(ValueError, match="longest must be positive"):
+        reference.horizon(QUADRATIC, Y0, 1e-6, longest=0.0)
+    with pytest.raises(ValueError, match="less extreme units"):
+        reference.solution(QUADRATIC, Y0 * ([1e200] * 3 + [1] * 3), [1e-200])
+    assert asked(t=()).states.shape == (0, 6)
+
+
+def test_singularities(engine, monkeypatch):
+    """From (0.6, 0, 0.8) at rest the axis falls straight into the charge; its distance is about (t1 - t)^(2/3)."""
+    monkeypatch.setattr(reference, "SHORTEST", 1e-6)
+    monkeypatch.setattr(reference, "SEGMENT", 0.25)  # the fall takes several
+    falling = top("charge", 1.0, FALLING)
+    with pytest.raises(ValueError, match="the potential charge is not finite at x"):
+        reference.solution(falling, (0.1, 0.2, 0.3, 0.0, 0.0, 1.0), [1.0], engine)
+    still = (0.0, 0.0, 0.0, 0.6, 0.0, 0.8)
+    with pytest.raises(StepError, match=r"reference: the motion runs into a singularity at t = 0\.\d+") as one:
+        reference.solution(falling, still, [3.0], engine)
+    with pytest.raises(StepError, match="runs into a singularity at t = -0") as two:
+        reference.lyapunov(falling, still, -3.0, engine)
+    times = [abs(float(error.value.reason.rpartition("= ")[2])) for error in (one, two)]
+    assert times[0] == pytest.approx(times[1], rel=1e-4)
+    early = reference.solution(falling, still, [times[0] - 1e-3], engine).states[0]
+    assert np.linalg.norm(early[3:] - FALLING[1:]) == pytest.approx((4.5 * 2 * 1e-6) ** (1 / 3), rel=0.01)
+
+
+def test_without_heyoka(monkeypatch):
+    monkeypatch.setitem(sys.modules, "heyoka", None)
+    assert reference.engines.__wrapped__() == ("mpmath",)
+    monkeypatch.setitem(sys.modules, "heyoka", types.ModuleType("heyoka"))  # of a build without real128
+    assert reference.engines.__wrapped__() == ("mpmath",)
