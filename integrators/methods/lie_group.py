@@ -1,8 +1,9 @@
 """Two Lie-group methods of order 4: every update is a motion of space, an element of SE(3), acting on (J, x).
 
 The coadjoint action of exp(a, b) is x → R x, J → R J + (V b)×(R x), with R = exp(a×) and V = ∫₀¹ exp(s a×) ds. The top moves by
-the generator (J, alpha e3), in any field by (J, ∇U(x)), and the commutator is [(a, b), (c, d)] = (a×c, a×d − c×b). Whatever
-the generator, |x| and x·J stay: C1 and C2 are kept for every h. J3 and H are not; they drift in proportion to time, as for a plain Runge-Kutta method.
+the generator (J, ∇U), in a uniform field (J, alpha e3). The commutator is [(a, b), (c, d)] = (a×c, a×d − c×b). Whatever the
+generator, |x| and x·J stay: C1 and C2 are kept for every h. J3 and H are not; they drift in proportion to time, as for a plain
+Runge-Kutta method.
 
 `rkmk4` is the classical Runge-Kutta method on the Lie algebra, with the two commutators that order 4 needs; `commutator_free4`
 composes exponentials instead, five in all, of which one is used twice.
