@@ -300,6 +300,16 @@ def record(function: Callable[..., Any], inputs: int) -> Program:
 
 
 @cache
+def with_slopes(program: Program, count: int) -> Program:
+    """The outputs, then their derivatives by each of the first `count` inputs."""
+    tape = Tape()
+    inputs = [tape.input() for _ in range(program.inputs)]
+    outputs, by = tape.run(program, *inputs), inputs[:count]
+    columns = [tape.along(outputs, by, [float(i == k) for i in range(count)]) for k in range(count)]
+    return tape.program((*outputs, *(slope for column in columns for slope in column)))
+
+
+@cache
 def machine_code(program: Program) -> Any:
     """(x, q) → the outputs, for compiled kernels: two tuples of doubles that make up the inputs."""
 

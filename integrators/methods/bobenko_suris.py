@@ -16,18 +16,27 @@ order 1, not symmetric, and keeps H + (h/2) J·(alpha e3×x).
 Round-off is a random walk because no product is formed of constants alone: (h/2) J3, J3² or alpha h²/4 would err the same way in
 every step, and C1, C2 and E would drift in proportion to time. Hence |K|² = (K1 − J3)² + K2² + 2 K1 J3.
 
+In any field the kicks are (h/2) ∇U(x)×x; the map is Poisson and symmetric, and no energy of its own is known. The rotation is
+written as in `lie_group`, where a relative error of 1 + (h/2)²|K|² does not change |x| to first order.
+
 Source: Bobenko & Suris, Commun. Math. Phys. 204 (1999) 147, the discrete Lagrange top in the rest frame; symmetric form
 and its energy: this project.
 """
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any
+
 import numpy as np
 
 from integrators.checks import check_choice
-from integrators.compiling.compiled import jit
+from integrators.compiling.compiled import jit, jit_as
+from integrators.compiling.expression import machine_code, take
 from integrators.compiling.loops import FixedStepper
-from integrators.interface import Array, Method
+from integrators.interface import AnyField, Array, Method
+from integrators.methods.lie_group import turn as rotated
+from integrators.problem.perturbed import Field, PerturbedTop
 from integrators.problem.top import LagrangeTop
 from integrators.problem.units import Units
 
@@ -65,6 +74,33 @@ def lagrange_step(s, c, tally):
     return K1, K2, J3, x1 + d1, x2 + d2, x3 + d3
 
 
+# ------------------------------------------------------------------------------------ any field
+
+
+@cache
+def kernel_in_field(field: Field, level: bool, form: str) -> Any:
+    """The step in a field; constants: h, then alpha and the parameters of the potential. `level`: the field keeps J3."""
+    torque, numbers, symmetric = machine_code(field.torque), take(field.parameters), form == "symmetric"
+
+    @jit_as(f"bobenko_suris {field.digest} {level} {form}", forceinline=True)
+    def step(s, c, tally):
+        J, x, q, k = (s[0], s[1], s[2]), (s[3], s[4], s[5]), numbers(c, 1), 0.5 * c[0]
+        kick = k if symmetric else c[0]
+        t = torque(x, q)
+        J = J[0] + kick * t[0], J[1] + kick * t[1], J[2] if level else J[2] + kick * t[2]
+        v = k * J[0], k * J[1], k * J[2]
+        x = rotated(v, 1.0 / (1.0 + ((v[0] * v[0] + v[1] * v[1]) + v[2] * v[2])), x)
+        if symmetric:
+            t = torque(x, q)
+            J = J[0] + kick * t[0], J[1] + kick * t[1], J[2] if level else J[2] + kick * t[2]
+        return J[0], J[1], J[2], x[0], x[1], x[2]
+
+    return step
+
+
+# ------------------------------------------------------------------------------------ the method
+
+
 KERNELS = {"symmetric": symmetric_step, "lagrange": lagrange_step}
 
 
@@ -81,6 +117,13 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, form: str = "symmetric") -
     half = units.time(h) / 2
     c = np.array((half, half * units.alpha))
     return FixedStepper("bobenko_suris", h, c, KERNELS[form], enter=units.enter, leave=units.leave, lane=True)
+
+
+def prepare_in_field(top: PerturbedTop, y0: Array, h: float, *, form: str = "symmetric") -> FixedStepper:
+    """As `prepare`; the kicks are those of the whole potential, and no energy of its own is known."""
+    check_choice(form, "form", KERNELS)
+    step = kernel_in_field(top.field, "J3" in top.conserved, form)
+    return FixedStepper("bobenko_suris", h, np.array((h, *top.numbers)), step, lane=True)
 
 
 def energy(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
@@ -111,4 +154,5 @@ METHOD = Method(
     source="Bobenko and Suris, Commun. Math. Phys. 204 (1999) 147, in symmetric form",
     prepare=prepare,
     keeps={"E": energy},
+    in_field=AnyField(prepare_in_field, conserves=frozenset({"J3", "C1", "C2"})),
 )

@@ -14,6 +14,13 @@ The rule for q gives Q = (1 − u)⁻¹ q, hence Q k Q̄ = x̂/(1 + n) with x̂ 
 The derivative of (left − right) has a positive definite symmetric part if h²|alpha||x|/8 times (1 − t)² (1 + 2√t) is less than
 1, t = n/(1 + n). The largest value of that factor is 1.3254: for h²|alpha||x| < 6.03 the step is unique. Beyond, a StepError.
 
+In any field p' = ½Jp + 2gqk with g = ∇U(x), and with X = x̂/(1 + n), g = ∇U(X), in the same way
+
+    (1 + n) u = (h/4) (RJ + (h/2) (g×X − (g·X) u + u×(g×X))),    J̃ = J + h g×X,    x̃ = Rx̂.
+
+No bound for a unique step is known there. Newton's matrix I − … at the solution must have a positive determinant, as it
+has for h → 0: else a fold lies between, and a StepError says so.
+
 The spherical midpoint rule (McLachlan, Modin & Verdier, Phys. Rev. E 89 (2014) 061301) lives on products of spheres, which
 the states of a top do not make up; this is its counterpart for them. Discrete gradients: see `gauss`.
 
@@ -28,13 +35,19 @@ project.
 from __future__ import annotations
 
 import math
+from functools import cache
+from typing import Any
 
 import numpy as np
 
 from integrators.checks import check_choice
-from integrators.compiling.compiled import jit
+from integrators.compiling.compiled import jit, jit_as
+from integrators.compiling.expression import Program, Tape, machine_code, take, with_slopes
 from integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, FixedStepper
-from integrators.interface import Array, Method, StepError
+from integrators.interface import AnyField, Array, Method, StepError
+from integrators.methods.lie_group import cross as vector
+from integrators.methods.lie_group import dot as scalar
+from integrators.problem.perturbed import Field, PerturbedTop, cross, dot
 from integrators.problem.top import LagrangeTop
 
 QUARTER, KICK = range(2)  # places of the constants: h/4 and h alpha
@@ -42,9 +55,11 @@ UNIQUE = 6.03  # h²|alpha||x| below which the step is unique: 8/max (1 − t)²
 WEAK = 2.0**-8  # contraction below which the fixed point stagnates within half an ulp of the solution
 LIMIT = 500  # iterations; the fixed point takes 4 to 8, Newton 3 to 6
 LONGEST = 1e6  # of |h|, in time scales of the top
-NOT_CONVERGED = 1
+SOLVERS = ("fixed_point", "newton", "auto")
+NOT_CONVERGED, FOLDED = 1, 2
 FAILURES = {
-    NOT_CONVERGED: f"the midpoint equation is not solved after {LIMIT} iterations; take a smaller |h| or solver='newton'"
+    NOT_CONVERGED: f"the midpoint equation is not solved after {LIMIT} iterations; take a smaller |h| or solver='newton'",
+    FOLDED: "the midpoint equation has several solutions, and a wrong one was found; take a smaller |h|",
 }
 
 
@@ -137,6 +152,97 @@ def newton_step(s, c, tally):
     return step(s, c, tally, True)
 
 
+# ------------------------------------------------------------------------------------ any field
+
+
+@cache
+def rule_in_field(field: Field) -> Program:
+    """(u, J, x, h, q) → what is left of u = …, and the kick h g×X."""
+    tape = Tape()
+    u, J, x = (tuple(tape.input() for _ in range(3)) for _ in range(3))
+    h, *q = (tape.input() for _ in range(1 + field.parameters))
+    n = 1.0 / (1.0 + dot(u, u))
+    X = tuple(n * a for a in turned(u, x, n))
+    g = tape.run(field.gradient, *X, *q)
+    kick = tuple(h * t for t in cross(g, X))
+    w = h * dot(g, X)
+    pull = (0.5 * (k - w * a + b) for k, a, b in zip(kick, u, cross(u, kick), strict=True))
+    p = (0.25 * h) * n
+    left = tuple(p * (a + b) - c for a, b, c in zip(turned(u, J, n), pull, u, strict=True))
+    return tape.program((*left, *kick))
+
+
+def turned(u: Any, v: Any, q: Any) -> Any:
+    """`turn`, of symbols."""
+    a = cross(u, v)
+    d = tuple(q * (b + c) for b, c in zip(a, cross(u, a), strict=True))
+    return tuple(b + (c + (e + f)) for b, c, e, f in zip(v, d, a, cross(u, d), strict=True))
+
+
+@cache
+def kernel_in_field(field: Field, level: bool) -> Any:
+    """The step in a field; constants: the solver, h, alpha and the parameters. `level`: the field keeps J3."""
+    rule, slopes = machine_code(rule_in_field(field)), machine_code(with_slopes(rule_in_field(field), 3))
+    numbers = take(1 + field.parameters)
+
+    @jit_as(f"collective_midpoint {field.digest} {level}")
+    def step(s, c, tally):
+        J1, J2, J3, x1, x2, x3 = s
+        q, h = numbers(c, 1), 0.25 * c[1]
+        u1, u2, u3 = h * J1, h * J2, h * J3
+        last, det, newton = math.inf, 1.0, c[0] == 1.0
+        for i in range(LIMIT):
+            v = (u1, u2, u3, J1, J2, J3, x1, x2, x3)
+            r = rule(v, q)
+            size, kick = abs(r[0]) + abs(r[1]) + abs(r[2]), (r[3], r[4], r[5])
+            # a change that has stopped falling is round-off only if it is this small
+            terms = abs(u1) + abs(u2) + abs(u3) + abs(h) * (abs(r[3]) + abs(r[4]) + abs(r[5]))
+            small = 2.0**-45 * terms
+            if size == 0.0 or (size >= last and size <= small):
+                tally[ITERATIONS] += i + 1
+                break
+            if not size < math.inf:
+                tally[FAILURE] = NOT_CONVERGED
+                return s
+            newton = newton or (c[0] == 2.0 and size > max(WEAK * last, small))
+            last = size
+            d1, d2, d3 = r[0], r[1], r[2]
+            if newton:
+                f = slopes(v, q)
+                a, b, e = (-f[6], -f[7], -f[8]), (-f[12], -f[13], -f[14]), (-f[18], -f[19], -f[20])
+                p1, p2, p3 = vector(b, e), vector(e, a), vector(a, b)
+                det = scalar(a, p1)
+                d1, d2, d3 = scalar(p1, r) / det, scalar(p2, r) / det, scalar(p3, r) / det
+            u1 += d1
+            u2 += d2
+            u3 += d3
+        else:
+            tally[FAILURE] = NOT_CONVERGED
+            tally[RESIDUAL] = last
+        if det < 0.0:
+            tally[FAILURE] = FOLDED
+        p = 1.0 / (1.0 + ((u1 * u1 + u2 * u2) + u3 * u3))
+        y1, y2, y3 = turn(x1, x2, x3, u1, u2, u3, p)
+        z1, z2, z3 = turn(y1, y2, y3, u1, u2, u3, p)
+        return J1 + kick[0], J2 + kick[1], J3 if level else J3 + kick[2], z1, z2, z3
+
+    return step
+
+
+def prepare_in_field(top: PerturbedTop, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
+    """As `prepare`; "auto" passes to Newton in a step in which the fixed point contracts by less."""
+    check_choice(solver, "solver", SOLVERS)
+    if not abs(h) * top.scales(y0)[0] <= LONGEST:
+        raise StepError("collective_midpoint", f"|h| is over {LONGEST:g} times the time scale of the top", h=h)
+    c = np.array((SOLVERS.index(solver), h, *top.numbers))
+    return FixedStepper(
+        "collective_midpoint", h, c, kernel_in_field(top.field, "J3" in top.conserved), failures=FAILURES
+    )
+
+
+# ------------------------------------------------------------------------------------ a uniform field
+
+
 def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
     """Iterates every step until it stagnates.
 
@@ -144,7 +250,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> F
     ----------
     solver : "fixed_point"; "newton"; "auto": the fixed point where it contracts by 256 or more, else Newton.
     """
-    check_choice(solver, "solver", ("auto", "fixed_point", "newton"))
+    check_choice(solver, "solver", SOLVERS)
     span = abs(h) * top.scales(y0)[0]
     if not span <= LONGEST:
         raise StepError("collective_midpoint", f"|h| is over {LONGEST:g} times the time scale of the top", h=h)
@@ -168,4 +274,5 @@ METHOD = Method(
     control="step",
     source="McLachlan, Modin and Verdier, Nonlinearity 27 (2014) 1525",
     prepare=prepare,
+    in_field=AnyField(prepare_in_field, conserves=frozenset({"J3", "C1", "C2"})),
 )

@@ -6,6 +6,8 @@ second equation is a Cayley transform: x̄ = x + d, d = (v×x + v×(v×x))/(1 + 
 the step is unique. For any h the elimination of J̄1, J̄2, x̄1, x̄2 leaves one cubic for x̄3, with all its real roots in
 [−|x|, |x|]; where it has three, the step is not defined and a StepError says so.
 
+In any field it is Gauss collocation with one stage, and takes the kernel of `gauss`.
+
 All four invariants are linear or quadratic and kept (every Gauss method does); the map is symmetric, not Poisson.
 
 Round-off. Written as x̃ = x + d + v×x̄, a relative error of 1 + |v|² (whose constant part v3² is rounded the same way in every
@@ -24,7 +26,9 @@ import numpy as np
 from integrators.checks import check_choice
 from integrators.compiling.compiled import inlined
 from integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, FixedStepper
-from integrators.interface import Array, Method, StepError
+from integrators.interface import AnyField, Array, Method, StepError
+from integrators.methods.gauss import stepper_in_field
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import LagrangeTop
 
 ALPHA, H, LARGE = range(3)  # places of the constants
@@ -186,6 +190,11 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> F
     return FixedStepper("implicit_midpoint", h, c, kernel, failures=FAILURES)
 
 
+def prepare_in_field(top: PerturbedTop, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
+    """As `prepare`; "auto" passes to Newton in a step in which the fixed point contracts by less than 10."""
+    return stepper_in_field("implicit_midpoint", 1, top, y0, h, solver)
+
+
 METHOD = Method(
     name="implicit_midpoint",
     label="Implicit midpoint",
@@ -197,4 +206,5 @@ METHOD = Method(
     control="step",
     source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.1 and IV.2.1",
     prepare=prepare,
+    in_field=AnyField(prepare_in_field, frozenset({"J3", "C1", "C2"}), if_quadratic=frozenset({"H"})),
 )

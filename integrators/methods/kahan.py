@@ -21,23 +21,36 @@ the top: such steps are refused.
 Round-off is a random walk because no product is formed of constants alone: (h/2) J3 or alpha h²/4 would err the same way in
 every step, and e and r0 would drift in proportion to time. Hence k (J3 − …) and k (alpha k x3), with k = h/2.
 
+In any quadratic potential ỹ = y + h (1 − (h/2) f'(y))⁻¹ f(y). With the torque T(x) = ∇U×x and its derivative T' the part
+of J is eliminated, and d solves D d = h W×x, D = 1 − k J× + k² x× T', W = J + k T. A real eigenvalue of D that is not
+positive shows that a pole has been passed. Of the invariants J3 is kept where the top keeps it.
+
 Sources: Kimura & Hirota, J. Phys. Soc. Japan 69 (2000) 3193; Petrera, Pfadler & Suris, Regul. Chaotic Dyn. 16 (2011) 245
 (body frame). Rest frame, e, r0, κ and the volume: this project; the tests prove them in rational arithmetic.
 """
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any
+
 import numpy as np
 
-from integrators.compiling.compiled import jit
+from integrators.compiling.compiled import jit, jit_as
+from integrators.compiling.expression import machine_code, take, with_slopes
 from integrators.compiling.loops import FAILURE, FixedStepper
-from integrators.interface import Array, Method
+from integrators.interface import AnyField, Array, Method
+from integrators.methods.lie_group import add, cross, dot, times
+from integrators.problem.perturbed import Field, PerturbedTop
 from integrators.problem.top import LagrangeTop
 from integrators.problem.units import Units
 
 HALF, KICK = range(2)  # places of the constants h/2 and alpha h/2
-BEYOND = 1
-FAILURES = {BEYOND: "the orbit or the step has passed a pole of the map, as for h² alpha x3 ≥ 4; take a smaller |h|"}
+BEYOND, BEYOND_IN_FIELD = 1, 2
+FAILURES = {
+    BEYOND: "the orbit or the step has passed a pole of the map, as for h² alpha x3 ≥ 4; take a smaller |h|",
+    BEYOND_IN_FIELD: "the step has passed a pole of the map; take a smaller |h|",
+}
 
 
 @jit
@@ -63,6 +76,51 @@ def step(s, c, tally):
     d2 = r * (a * g2 + f * g1)
     d3 = (2.0 * k) * u3 + (w1 * d2 - w2 * d1)
     return J1 - kick * (2.0 * x2 + d2), J2 + kick * (2.0 * x1 + d1), J3, x1 + d1, x2 + d2, x3 + d3
+
+
+# ------------------------------------------------------------------------------------ any quadratic potential
+
+
+@cache
+def kernel_in_field(field: Field, level: bool) -> Any:
+    """The step in a field; constants: h, then alpha and the parameters of the potential. `level`: the field keeps J3."""
+    slopes, numbers = machine_code(with_slopes(field.torque, 3)), take(field.parameters)
+
+    @jit_as(f"kahan {field.digest} {level}", forceinline=True)
+    def step(s, c, tally):
+        J, x, k = (s[0], s[1], s[2]), (s[3], s[4], s[5]), 0.5 * c[0]
+        f = slopes(x, numbers(c, 1))
+        t, m1, m2, m3 = (f[0], f[1], f[2]), (f[3], f[4], f[5]), (f[6], f[7], f[8]), (f[9], f[10], f[11])
+        # columns of D = 1 − k J× + k² x× T'
+        v = times(k, J)
+        d1, d2, d3 = (
+            times(k, cross(x, times(k, m1))),
+            times(k, cross(x, times(k, m2))),
+            times(k, cross(x, times(k, m3))),
+        )
+        d1 = 1.0 + d1[0], d1[1] - v[2], d1[2] + v[1]
+        d2 = d2[0] + v[2], 1.0 + d2[1], d2[2] - v[0]
+        d3 = d3[0] - v[1], d3[1] + v[0], 1.0 + d3[2]
+        p1, p2, p3 = cross(d2, d3), cross(d3, d1), cross(d1, d2)
+        det = dot(d1, p1)
+        if not (det > 0.0 and p1[0] + p2[1] + p3[2] > 0.0 and d1[0] + d2[1] + d3[2] > 0.0):
+            tally[FAILURE] = BEYOND_IN_FIELD
+            return s
+        r, w = (2.0 * k) / det, cross(add(J, k, t), x)
+        e1, e2, e3 = r * dot(p1, w), r * dot(p2, w), r * dot(p3, w)
+        b = add(add(add(times(2.0, t), e1, m1), e2, m2), e3, m3)
+        return J[0] + k * b[0], J[1] + k * b[1], J[2] if level else J[2] + k * b[2], x[0] + e1, x[1] + e2, x[2] + e3
+
+    return step
+
+
+def prepare_in_field(top: PerturbedTop, y0: Array, h: float) -> FixedStepper:
+    """As `prepare`."""
+    step = kernel_in_field(top.field, "J3" in top.conserved)
+    return FixedStepper("kahan", h, np.array((h, *top.numbers)), step, failures=FAILURES, lane=True)
+
+
+# ------------------------------------------------------------------------------------ a uniform field
 
 
 def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
@@ -112,5 +170,6 @@ METHOD = Method(
     control="step",
     source="Kimura and Hirota, J. Phys. Soc. Japan 69 (2000) 3193; in the rest frame: this project",
     prepare=prepare,
+    in_field=AnyField(prepare_in_field, conserves=frozenset({"J3"}), needs="quadratic"),
     keeps={"e": e, "r0": r0, "kappa": kappa},
 )

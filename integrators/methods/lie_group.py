@@ -1,8 +1,9 @@
 """Two Lie-group methods of order 4: every update is a motion of space, an element of SE(3), acting on (J, x).
 
 The coadjoint action of exp(a, b) is x → R x, J → R J + (V b)×(R x), with R = exp(a×) and V = ∫₀¹ exp(s a×) ds. The top moves by
-the generator (J, alpha e3), and the commutator is [(a, b), (c, d)] = (a×c, a×d − c×b). Whatever the generator, |x| and x·J
-stay: C1 and C2 are kept for every h. J3 and H are not; they drift in proportion to time, as for a plain Runge-Kutta method.
+the generator (J, ∇U), in a uniform field (J, alpha e3). The commutator is [(a, b), (c, d)] = (a×c, a×d − c×b). Whatever the
+generator, |x| and x·J stay: C1 and C2 are kept for every h. J3 and H are not; they drift in proportion to time, as for a plain
+Runge-Kutta method.
 
 `rkmk4` is the classical Runge-Kutta method on the Lie algebra, with the two commutators that order 4 needs; `commutator_free4`
 composes exponentials instead, five in all, of which one is used twice.
@@ -20,16 +21,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 
-from integrators.compiling.compiled import jit
+from integrators.compiling.compiled import jit, jit_as
+from integrators.compiling.expression import machine_code, take
 from integrators.compiling.loops import FAILURE, FixedStepper
-from integrators.interface import Array, Method
+from integrators.interface import AnyField, Array, Method
+from integrators.problem.perturbed import Field, PerturbedTop
 from integrators.problem.top import LagrangeTop
 
-H, ALPHA_H = range(2)  # places of the constants
+H, ALPHA_H = range(2)  # places of the constants; in a field h, then alpha and the parameters of the potential
 STAGES = 4
 MOST = 1024.0
 TURNED = 1
@@ -54,6 +58,11 @@ def polynomial(p, z):
 @jit
 def cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@jit
+def dot(a, b):
+    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
 
 
 @jit
@@ -141,6 +150,98 @@ def commutator_free4_step(s, c, tally):
     return move(combine(LAST, a1, a2, a3, a4), half_b, middle, tally)
 
 
+# ------------------------------------------------------------------------------------ any field
+
+
+@jit
+def commutator(k, l):
+    """[k, l] of two generators (a, b)."""
+    return cross(k[0], l[0]), add(cross(k[0], l[1]), -1.0, cross(l[0], k[1]))
+
+
+@jit
+def scaled(r, k):
+    return times(r, k[0]), times(r, k[1])
+
+
+@jit
+def plus(k, r, l):
+    """k + r l."""
+    return add(k[0], r, l[0]), add(k[1], r, l[1])
+
+
+@jit
+def mean(w, k1, k2, k3, k4):
+    return combine(w, k1[0], k2[0], k3[0], k4[0]), combine(w, k1[1], k2[1], k3[1], k4[1])
+
+
+@cache
+def generator_in_field(field: Field) -> Any:
+    """(h, c, s) → h times the generator (J, g) at s."""
+    gradient, numbers = machine_code(field.gradient), take(field.parameters)
+
+    @jit_as(f"generator {field.digest}")
+    def generator(h, c, s):
+        g = gradient((s[3], s[4], s[5]), numbers(c, 1))
+        return (h * s[0], h * s[1], h * s[2]), (h * g[0], h * g[1], h * g[2])
+
+    return generator
+
+
+@cache
+def rkmk4_in_field(field: Field) -> Any:
+    generator = generator_in_field(field)
+
+    @jit_as(f"rkmk4 {field.digest}")
+    def step(s, c, tally):
+        h = c[H]
+        k1 = generator(h, c, s)
+        k = scaled(0.5, k1)
+        k2 = generator(h, c, move(k[0], k[1], s, tally))
+        k = plus(scaled(0.5, k2), -0.125, commutator(k1, k2))
+        k3 = generator(h, c, move(k[0], k[1], s, tally))
+        k4 = generator(h, c, move(k3[0], k3[1], s, tally))
+        k = plus(mean(RK4, k1, k2, k3, k4), -1.0 / 12.0, commutator(k1, k4))
+        return move(k[0], k[1], s, tally)
+
+    return step
+
+
+@cache
+def commutator_free4_in_field(field: Field) -> Any:
+    generator = generator_in_field(field)
+
+    @jit_as(f"commutator_free4 {field.digest}")
+    def step(s, c, tally):
+        h = c[H]
+        k1 = generator(h, c, s)
+        half = scaled(0.5, k1)
+        middle = move(half[0], half[1], s, tally)
+        k2 = generator(h, c, middle)
+        k = scaled(0.5, k2)
+        k3 = generator(h, c, move(k[0], k[1], s, tally))
+        k = plus(k3, -1.0, half)
+        k4 = generator(h, c, move(k[0], k[1], middle, tally))
+        k = mean(FIRST, k1, k2, k3, k4)
+        middle = move(k[0], k[1], s, tally)
+        k = mean(LAST, k1, k2, k3, k4)
+        return move(k[0], k[1], middle, tally)
+
+    return step
+
+
+def in_field(name: str, kernel: Any) -> AnyField:
+    def prepare(top: PerturbedTop, y0: Array, h: float) -> FixedStepper:
+        """Any h for which no exponential turns by more than `MOST` rad."""
+        c = np.array((h, *top.numbers))
+        return FixedStepper(name, h, c, kernel(top.field), rhs_per_step=STAGES, failures=FAILURES)
+
+    return AnyField(prepare, conserves=frozenset({"C1", "C2"}))
+
+
+# ------------------------------------------------------------------------------------ methods
+
+
 def prepare_rkmk4(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     """Any h for which no exponential turns by more than `MOST` rad: four exponentials, two commutators."""
     return _stepper("rkmk4", rkmk4_step, top, h)
@@ -166,6 +267,7 @@ RKMK4 = Method(
     control="step",
     source="Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115; Munthe-Kaas and Owren, Phil. Trans. R. Soc. A 357 (1999) 957",
     prepare=prepare_rkmk4,
+    in_field=in_field("rkmk4", rkmk4_in_field),
 )
 
 COMMUTATOR_FREE4 = replace(
@@ -174,4 +276,5 @@ COMMUTATOR_FREE4 = replace(
     label="Commutator-free 4",
     source="Celledoni, Marthinsen and Owren, Future Gener. Comput. Syst. 19 (2003) 341",
     prepare=prepare_commutator_free4,
+    in_field=in_field("commutator_free4", commutator_free4_in_field),
 )
