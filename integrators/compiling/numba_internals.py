@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import operator
+import secrets
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import Any
 
@@ -39,6 +40,18 @@ infer_global = inside(numba, "core.typing.templates.infer_global")
 AbstractTemplate: Any = inside(numba, "core.typing.templates.AbstractTemplate")
 for method in ("get_constant", "get_dummy_value", "get_value_type", "make_array", "make_tuple"):
     inside(numba, f"core.base.BaseContext.{method}")  # called while compiling, where Numba would hide what goes wrong
+
+
+def random_numbers() -> Iterator[int]:
+    """Never the same, in no two processes, forked ones included."""
+    while True:
+        yield secrets.randbits(62)
+
+
+# A function's number is part of the names of its machine code. Numba counts from 1 in every process: of two functions with one
+# source and one number, cached by two processes, a third that loads both would run the first in place of the second.
+inside(numba, "core.bytecode.FunctionIdentity._unique_ids")
+inside(numba, "core.bytecode.FunctionIdentity")._unique_ids = random_numbers()
 
 
 def keep_code(decorator: Callable[..., Any], function: Callable[..., Any], folder: str) -> Any:

@@ -14,16 +14,18 @@ import numpy as np
 from integrators.checks import check_count
 from integrators.compiling.loops import check_grid
 from integrators.interface import Array, StepError, Stepper, Work
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import LagrangeTop
 
 FARTHEST = 1e12  # in time scales of a top: at about a step each and a microsecond a step, eleven days
 Run = Callable[[Array, Array, Work], Array]
+Problem = LagrangeTop | PerturbedTop
 
 
 class DenseStepper(Stepper):
     """A `Stepper` whose h is only the output grid."""
 
-    def __init__(self, name: str, top: LagrangeTop, y0: Array, h: float, run: Run):
+    def __init__(self, name: str, top: Problem, y0: Array, h: float, run: Run):
         self.name, self.h, self.run, self.farthest = name, h, run, farthest(top, y0)
         self.work = Work()
 
@@ -54,7 +56,7 @@ class DenseStepper(Stepper):
             raise StepError(error.method, error.reason, h=self.h, step=error.step) from None
 
 
-def farthest(top: LagrangeTop, y0: Array) -> float:
+def farthest(top: Problem, y0: Array) -> float:
     """The longest time from y0 on that can be reached by steps; inf for an equilibrium, where they grow without limit."""
     with np.errstate(all="ignore"):
         return FARTHEST * top.scales(y0)[2] if np.any(top.rhs(y0)) else math.inf
@@ -68,7 +70,7 @@ def too_far(t: float, limit: float) -> str:
     )
 
 
-def at_times(name: str, top: LagrangeTop, run: Run, y0: Array, times: Array) -> tuple[Array, Work]:
+def at_times(name: str, top: Problem, run: Run, y0: Array, times: Array) -> tuple[Array, Work]:
     """States at any times, in any order and on both sides of 0."""
     work, limit, last = Work(), farthest(top, y0), np.max(np.abs(times), initial=0.0)
     if last > limit:

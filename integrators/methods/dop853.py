@@ -12,11 +12,15 @@ the program DOP853.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from integrators.checks import check_real
-from integrators.compiling.compiled import jit
+from integrators.compiling.compiled import jit, jit_as
+from integrators.compiling.expression import take
 from integrators.compiling.loops import INTERRUPTIBLE
 from integrators.compiling.natural import (
     INTERPOLATED,
@@ -30,17 +34,17 @@ from integrators.compiling.natural import (
     compile_natural_loop,
 )
 from integrators.compiling.unroll import unrolled
-from integrators.interface import Array, Method, StepError, Work
-from integrators.methods.dense import DenseStepper, Run, at_times
-from integrators.methods.runge_kutta import floats, slopes_of, weigh
+from integrators.interface import AnyField, Array, Method, StepError, Work
+from integrators.methods.dense import DenseStepper, Problem, Run, at_times
+from integrators.methods.runge_kutta import floats, slopes_in_field, slopes_of, weigh
 from integrators.methods.tableaux import DOP853, DOP853_MORE
+from integrators.problem.perturbed import Field
 from integrators.problem.top import LagrangeTop
 
-ALPHA, RTOL, ATOL = range(3)  # places of the constants
+RTOL, ATOL, ALPHA = range(3)  # places of the constants; parameters of a potential follow alpha
 LEAST_RTOL = 100 * float(np.finfo(float).eps)  # as SciPy's
 LEAST_SCALE = 2.0**-1022
 LARGEST = 2.0**1000  # of a state: beyond, stages overflow, and steps are cut until they change nothing
-PLACES = ((0, 0), (1, 1), (2, 3), (3, 4), (4, 5))  # of J1, J2, x1, x2, x3 in a slope and in a state
 SAFETY = 0.9
 NEGLIGIBLE = 1e-16  # an error that lets the step grow as much as it may
 
@@ -50,27 +54,6 @@ E5 = floats(DOP853_MORE["e5"])
 E3 = tuple(float(b - e) for b, e in zip(DOP853.b, DOP853_MORE["e3"], strict=True))
 AHEAD = (B, *(floats(DOP853_MORE[str(i)]) for i in (14, 15, 16)))  # stages 13 to 16
 D = tuple(floats(DOP853_MORE[f"d{i}"]) for i in (4, 5, 6, 7))
-
-
-@unrolled("attempt")
-def attempt(s, alpha, h):
-    """Increment, both errors, and all twelve slopes, each of (J1, J2, x1, x2, x3)."""
-    slopes = slopes_of(A, s, alpha, h)
-    return weigh(B, slopes), weigh(E5, slopes), weigh(E3, slopes), slopes
-
-
-@unrolled("polynomial")
-def polynomial(s, increment, alpha, h, slopes):
-    """Coefficients of the interpolant, in its own nested form."""
-    J1, J2, J3, x1, x2, x3 = s
-    slopes = slopes_of(AHEAD, s, alpha, h, slopes)
-
-    def minus(a, b):
-        return tuple(p - q for p, q in zip(a, b, strict=True))
-
-    bend = minus(slopes[0], increment)
-    twist = minus(minus(increment, slopes[12]), bend)
-    return (J1, J2, x1, x2, x3), increment, bend, twist, *(weigh(d, slopes) for d in D)
 
 
 @unrolled("nested")
@@ -83,86 +66,141 @@ def nested(f, theta):
 
 
 @jit
-def value(f, theta):
-    J1, J2, x1, x2, x3 = nested(f[1], theta)
-    return J1, J2, f[0], x1, x2, x3
-
-
-@jit
 def eighth_root(a):
     return math.sqrt(math.sqrt(math.sqrt(a)))
 
 
-@jit
-def trial(s, h, c):
-    J1, J2, J3, x1, x2, x3 = s
-    d, e, f, slopes = attempt(s, c[ALPHA], h)
-    new = (J1 + d[0], J2 + d[1], J3, x1 + d[2], x2 + d[3], x3 + d[4])
-    fifth = third = 0.0
-    for i, j in PLACES:
-        r = 1.0 / max(c[ATOL] + c[RTOL] * max(abs(s[j]), abs(new[j])), LEAST_SCALE)
-        p, q = e[i] * r, f[i] * r
-        fifth += p * p
-        third += q * q
-    both = fifth + 0.01 * third
-    error = fifth / math.sqrt(6.0 * both) if both > 0.0 else both  # six components share it; or NaN
-    growth = SAFETY / eighth_root(max(error, NEGLIGIBLE))
-    return new, error, growth, (d, slopes)
+class Kernels(NamedTuple):
+    """What the loop of natural steps runs on, and `first_step(s, end, c)`."""
+
+    trial: Callable[..., Any]
+    interpolant: Callable[..., Any]
+    value: Callable[..., Any]
+    first_step: Callable[..., Any]
 
 
-@jit
-def interpolant(s, new, h, c, made):
-    d, slopes = made
-    return s[2], polynomial(s, d, c[ALPHA], h, slopes)
+def kernels(name: str, slopes_of: Callable[..., Any], places: tuple[int, ...], count: int) -> Kernels:
+    """For `slopes_of(rows, s, q, h, slopes)`, slopes having the components `places` of a state; q: `count` numbers."""
+    numbered, numbers = tuple(enumerate(places)), take(count)
+
+    @unrolled(f"attempt {name}")
+    def attempt(s, q, h):
+        """Increment, both errors, and all twelve slopes."""
+        slopes = slopes_of(A, s, q, h)
+        return weigh(B, slopes), weigh(E5, slopes), weigh(E3, slopes), slopes
+
+    @unrolled(f"polynomial {name}")
+    def polynomial(s, increment, q, h, slopes):
+        """Coefficients of the interpolant, in its own nested form."""
+        slopes = slopes_of(AHEAD, s, q, h, slopes)
+
+        def minus(a, b):
+            return tuple(p - q for p, q in zip(a, b, strict=True))
+
+        bend = minus(slopes[0], increment)
+        twist = minus(minus(increment, slopes[12]), bend)
+        return tuple(s[j] for j in places), increment, bend, twist, *(weigh(d, slopes) for d in D)
+
+    @unrolled(f"slope {name}")
+    def slope(s, q):
+        return slopes_of((), s, q, 1.0)[0]
+
+    @unrolled(f"parts {name}")
+    def parts(s):
+        return tuple(s[j] for j in places)
+
+    @unrolled(f"replaced {name}")
+    def replaced(s, parts):
+        return tuple(parts[places.index(j)] if j in places else s[j] for j in range(6))
+
+    @unrolled(f"moved {name}")
+    def moved(s, h, d):
+        """s + h d"""
+        return tuple(s[j] + h * d[places.index(j)] if j in places else s[j] for j in range(6))
+
+    @unrolled(f"difference {name}")
+    def difference(a, b):
+        return tuple(p - q for p, q in zip(a, b, strict=True))
+
+    @jit_as(f"trial {name}")
+    def trial(s, h, c):
+        d, e, f, slopes = attempt(s, numbers(c, ALPHA), h)
+        new = moved(s, 1.0, d)
+        fifth = third = 0.0
+        for i, j in numbered:
+            r = 1.0 / max(c[ATOL] + c[RTOL] * max(abs(s[j]), abs(new[j])), LEAST_SCALE)
+            p, q = e[i] * r, f[i] * r
+            fifth += p * p
+            third += q * q
+        both = fifth + 0.01 * third
+        error = fifth / math.sqrt(6.0 * both) if both > 0.0 else both  # six components share it; or NaN
+        growth = SAFETY / eighth_root(max(error, NEGLIGIBLE))
+        return new, error, growth, (d, slopes)
+
+    @jit_as(f"interpolant {name}")
+    def interpolant(s, new, h, c, made):
+        d, slopes = made
+        return s, polynomial(s, d, numbers(c, ALPHA), h, slopes)
+
+    @jit_as(f"value {name}")
+    def value(f, theta):
+        return replaced(f[0], nested(f[1], theta))
+
+    @jit_as(f"size {name}")
+    def size(v, s, c):
+        """The largest component, in units of its tolerance: the squares of the root mean square might overflow."""
+        largest = 0.0
+        for i, j in numbered:
+            largest = max(largest, abs(v[i]) / max(c[ATOL] + c[RTOL] * abs(s[j]), LEAST_SCALE))
+        return largest
+
+    @jit_as(f"first step {name}")
+    def first_step(s, end, c):
+        """A step whose error should be a hundredth of the tolerance, from f and from its change along an Euler step."""
+        f = slope(s, numbers(c, ALPHA))
+        d0, d1 = size(parts(s), s, c), size(f, s, c)
+        h = 0.01 * d0 / d1 if min(d0, d1) > 1e-5 else 1e-6
+        h = math.copysign(min(h, abs(end)), end)
+        if h != 0.0:
+            g = slope(moved(s, h, f), numbers(c, ALPHA))
+            d2 = size(difference(g, f), s, c) / abs(h)
+            steepest = max(d1, d2)
+            best = eighth_root(0.01 / steepest) if steepest > 1e-15 else max(1e-6, 1e-3 * abs(h))
+            h = math.copysign(min(100.0 * abs(h), best, abs(end)), end)
+        return h if h != 0.0 else 1e-6 * end  # the control finds its step from anywhere
+
+    return Kernels(trial, interpolant, value, first_step)
 
 
-@unrolled("slope")
-def slope(s, alpha):
-    return slopes_of((), s, alpha, 1.0)[0]
+UNIFORM = kernels("uniform", lambda rows, s, q, *more: slopes_of(rows, s, q[0], *more), (0, 1, 3, 4, 5), 1)
 
 
-@jit
-def size(v, s, c):
-    """The largest component, in units of its tolerance: the squares of the root mean square might overflow."""
-    largest = 0.0
-    for i, j in PLACES:
-        largest = max(largest, abs(v[i]) / max(c[ATOL] + c[RTOL] * abs(s[j]), LEAST_SCALE))
-    return largest
+@cache
+def kernels_in_field(field: Field, level: bool) -> Kernels:
+    """`level`: the field keeps J3."""
+    slopes = partial(slopes_in_field, field.torque, level)
+    return kernels(f"{field.digest} {level}", slopes, tuple(range(6)), field.parameters)
 
 
-@jit
-def first_step(s, end, c):
-    """A step whose error should be a hundredth of the tolerance, from the size of f and of its change along an Euler step."""
-    J1, J2, J3, x1, x2, x3 = s
-    f = slope(s, c[ALPHA])
-    d0, d1 = size((J1, J2, x1, x2, x3), s, c), size(f, s, c)
-    h = 0.01 * d0 / d1 if min(d0, d1) > 1e-5 else 1e-6
-    h = math.copysign(min(h, abs(end)), end)
-    if h != 0.0:
-        g = slope((J1 + h * f[0], J2 + h * f[1], J3, x1 + h * f[2], x2 + h * f[3], x3 + h * f[4]), c[ALPHA])
-        d2 = size((g[0] - f[0], g[1] - f[1], g[2] - f[2], g[3] - f[3], g[4] - f[4]), s, c) / abs(h)
-        steepest = max(d1, d2)
-        best = eighth_root(0.01 / steepest) if steepest > 1e-15 else max(1e-6, 1e-3 * abs(h))
-        h = math.copysign(min(100.0 * abs(h), best, abs(end)), end)
-    return h if h != 0.0 else 1e-6 * end  # the control finds its step from anywhere
-
-
-def prepare(top: LagrangeTop, y0: Array, h: float, *, rtol: float = 1e-9, atol: float = 1e-12) -> DenseStepper:
+def prepare(top: Problem, y0: Array, h: float, *, rtol: float = 1e-9, atol: float = 1e-12) -> DenseStepper:
     """Natural steps with the local error kept below atol + rtol |y_i|, root mean square over the components."""
     return DenseStepper("dop853", top, y0, h, _runner(top, rtol, atol))
 
 
-def evaluate(
-    top: LagrangeTop, y0: Array, times: Array, *, rtol: float = 1e-9, atol: float = 1e-12
-) -> tuple[Array, Work]:
+def evaluate(top: Problem, y0: Array, times: Array, *, rtol: float = 1e-9, atol: float = 1e-12) -> tuple[Array, Work]:
     """Dense output at any times; options as in `prepare`."""
     return at_times("dop853", top, _runner(top, rtol, atol), y0, times)
 
 
-def _runner(top: LagrangeTop, rtol: float, atol: float) -> Run:
+def _runner(top: Problem, rtol: float, atol: float) -> Run:
     rtol, atol = check_tolerances(rtol, atol)
+    if isinstance(top, LagrangeTop):
+        (trial, interpolant, value, first_step), numbers = UNIFORM, (top.alpha,)
+    else:
+        level = "J3" in top.conserved
+        (trial, interpolant, value, first_step), numbers = kernels_in_field(top.field, level), top.numbers
     loop = compile_natural_loop(trial, interpolant, value)
-    c = np.array((top.alpha, rtol, atol))
+    c = np.array((rtol, atol, *numbers))
     loop(np.zeros(6), np.zeros(1), 0, c, np.zeros(WALK), np.zeros((1, 6)))  # compile
     first_step((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0, c)
 
@@ -206,4 +244,5 @@ METHOD = Method(
     source="Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5 and II.6; program DOP853",
     prepare=prepare,
     evaluate=evaluate,
+    in_field=AnyField(prepare, conserves=frozenset({"J3"}), evaluate=evaluate),
 )

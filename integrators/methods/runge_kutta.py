@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from integrators.compiling.compiled import jit, jit_as
+from integrators.compiling.compiled import inlined, jit, jit_as
 from integrators.compiling.double_double import two_sum
 from integrators.compiling.expression import take
 from integrators.compiling.loops import FAILURE, MEMORY, RESIDUAL, FixedStepper
@@ -40,9 +40,9 @@ from integrators.methods.tableaux import (
     Row,
     Tableau,
 )
-from integrators.problem.perturbed import Field, PerturbedTop, cross
+from integrators.problem.perturbed import Field, PerturbedTop, cross, dot
 from integrators.problem.top import LagrangeTop
-from integrators.problem.units import Units
+from integrators.problem.units import Units, ldexp, units_in_field
 
 ALPHA, H, ENERGY, C1, C2 = range(5)  # places of the constants
 DAMPING = 2.0**-46
@@ -139,6 +139,17 @@ def lack(c, j, J3, x3, xx, xJ):
     return c[ENERGY] - (0.5 * (j + J3 * J3) + c[ALPHA] * x3), 0.5 * (c[C1] - xx), c[C2] - xJ
 
 
+@inlined
+def multipliers(a11, a12, a13, a22, a23, a33, g1, g2, g3):
+    """λ of G Gᵀ λ = g, damped."""
+    # a22 times the Schur complement of a22, and its right-hand side
+    u1, u3, u = a22 * a11 - a12 * a12 + DAMPING, a22 * a33 - a23 * a23 + DAMPING, a22 * a13 - a12 * a23
+    b1, b3 = a22 * g1 - a12 * g2, a22 * g3 - a23 * g2
+    r, q = 1.0 / (u1 * u3 - u * u), 1.0 / a22
+    l1, l3 = (u3 * b1 - u * b3) * r, (u1 * b3 - u * b1) * r
+    return l1, (g2 - (a12 * l1 + a23 * l3)) * q, l3
+
+
 @jit
 def projected(s, d, c, tally):
     J1, J2, J3, x1, x2, x3 = plain(s, d, c, tally)
@@ -149,12 +160,7 @@ def projected(s, d, c, tally):
         # G Gᵀ; gradients by (J1, J2, x1, x2, x3): (J1, J2, 0, 0, alpha), (0, 0, x), (x1, x2, J)
         a11, a33 = j + alpha * alpha, (a22 - x3 * x3) + (j + J3 * J3)
         a12, a13 = alpha * x3, t + alpha * J3
-        # a22 times the Schur complement of a22, and its right-hand side
-        u1, u3, u = a22 * a11 - a12 * a12 + DAMPING, a22 * a33 - a23 * a23 + DAMPING, a22 * a13 - a12 * a23
-        b1, b3 = a22 * g1 - a12 * g2, a22 * g3 - a23 * g2
-        r, q = 1.0 / (u1 * u3 - u * u), 1.0 / a22
-        l1, l3 = (u3 * b1 - u * b3) * r, (u1 * b3 - u * b1) * r
-        l2 = (g2 - (a12 * l1 + a23 * l3)) * q
+        l1, l2, l3 = multipliers(a11, a12, a13, a22, a23, a33, g1, g2, g3)
         J1, J2, x1, x2, x3 = (
             J1 + (l1 * J1 + l3 * x1),
             J2 + (l1 * J2 + l3 * x2),
@@ -206,21 +212,91 @@ def compensated_in_field(s, d, c, tally):
 
 
 @cache
-def kernel_in_field(tableau: Tableau, field: Field, level: bool, carried: bool) -> Callable[..., Any]:
-    """The step of a formula in a field; constants: h, then alpha and the parameters of the potential."""
+def kernel_in_field(
+    tableau: Tableau, field: Field, level: bool, finish: Callable[..., Any], first: int = 1
+) -> Callable[..., Any]:
+    """The step of a formula in a field; constants: h, and from `first` on alpha and the parameters of the potential."""
     name = f"{tableau.name} {field.digest} {level}"
-    a, b = tuple(map(floats, tableau.a)), floats(tableau.b)
-    finish, numbers = compensated_in_field if carried else plain_in_field, take(field.parameters)
+    a, b, numbers = tuple(map(floats, tableau.a)), floats(tableau.b), take(field.parameters)
 
     @unrolled(f"increment {name}")
     def increment(s, q, h):
         return weigh(b, slopes_in_field(field.torque, level, a, s, q, h))
 
-    @jit_as(f"{name} {carried}")
+    @jit_as(f"{name} {finish.__name__}")
     def step(s, c, tally):
-        return finish(s, increment(s, numbers(c, 1), c[0]), c, tally)
+        return finish(s, increment(s, numbers(c, first), c[0]), c, tally)
 
     return step
+
+
+TIME_STEP, IN_ENERGY, IN_C1, IN_C2, PER_RATE, PER_LENGTH, NUMBERS = range(
+    7
+)  # places of the constants of the projection
+
+
+@cache
+def projected_in_field(field: Field, level: bool) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """`projected` for any field, and (s, c) → what it makes up for; J3 of a `level` field stays. `c`: the places above, then the numbers.
+
+    The state is the user's; what is projected is the state in units of order one.
+    """
+    potential, gradient, name, numbers = (
+        field.potential,
+        field.gradient,
+        f"{field.digest} {level}",
+        take(field.parameters),
+    )
+
+    @unrolled(f"scaled {name}")
+    def scaled(s, q, per_rate, per_length):
+        """J, x, the force, and what H, |x|²/2 and x·J amount to, in units of order one."""
+        per_energy = per_rate * per_rate
+        J, x = tuple(v * per_rate for v in s[:3]), tuple(v * per_length for v in s[3:])
+        (U,) = potential(*s[3:], *q)
+        g = tuple(v * (per_energy / per_length) for v in gradient(*s[3:], *q))
+        return J, x, g, (0.5 * dot(J, J) + U * per_energy, 0.5 * dot(x, x), dot(x, J))
+
+    @unrolled(f"products {name}")
+    def products(J, x, g):
+        """G Gᵀ of the gradients (J, g), (0, x), (x, J), J3 left out if it stays."""
+
+        def moving(v, w):
+            plane = v[0] * w[0] + v[1] * w[1]
+            return plane if level else plane + v[2] * w[2]
+
+        a11, a13, a33 = moving(J, J) + dot(g, g), moving(J, x) + dot(g, J), moving(x, x) + dot(J, J)
+        return a11, dot(g, x), a13, dot(x, x), dot(x, J), a33
+
+    @unrolled(f"correction {name}")
+    def correction(J, x, g, l1, l2, l3, per_rate, per_length):
+        rows = [(l1 * a + l3 * b) / per_rate for a, b in zip(J, x, strict=True)]
+        if level:
+            rows[2] = 0.0
+        return *rows, *((l1 * a + (l2 * b + l3 * j)) / per_length for a, b, j in zip(g, x, J, strict=True))
+
+    @jit_as(f"lacking {name}")
+    def lacking(s, c):
+        J, x, g, values = scaled(s, numbers(c, NUMBERS), c[PER_RATE], c[PER_LENGTH])
+        return J, x, g, (c[IN_ENERGY] - values[0], c[IN_C1] - values[1], c[IN_C2] - values[2])
+
+    @jit_as(f"projected {name}")
+    def finish(s, d, c, tally):
+        s = plain_in_field(s, d, c, tally)
+        for _ in range(LIMIT):
+            J, x, g, (g1, g2, g3) = lacking(s, c)
+            a11, a12, a13, a22, a23, a33 = products(J, x, g)
+            l1, l2, l3 = multipliers(a11, a12, a13, a22, a23, a33, g1, g2, g3)
+            s = plain_in_field(s, correction(J, x, g, l1, l2, l3, c[PER_RATE], c[PER_LENGTH]), c, tally)
+            square = l1 * g1 + l2 * g2 + l3 * g3
+            if square <= TINY:
+                break
+        else:
+            tally[FAILURE] = NOT_CONVERGED
+            tally[RESIDUAL] = square
+        return s
+
+    return finish, lacking
 
 
 def kernel(tableau: Tableau, finish: Callable[..., Any]) -> Callable[..., Any]:
@@ -251,7 +327,8 @@ def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
         """As `prepare`."""
         if not isinstance(compensated, (bool, np.bool_)):
             raise ValueError(f"compensated must be True or False; got {compensated!r}")
-        step = kernel_in_field(tableau, top.field, "J3" in top.conserved, bool(compensated))
+        finish = compensated_in_field if compensated else plain_in_field
+        step = kernel_in_field(tableau, top.field, "J3" in top.conserved, finish)
         return FixedStepper(name, h, np.array((h, *top.numbers)), step, rhs_per_step=tableau.stages, lane=True)
 
     return Method(
@@ -311,6 +388,29 @@ def prepare_projected(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     return FixedStepper(name, h, c, projected_step, enter=enter, leave=leave, rhs_per_step=stages, failures=FAILURES)
 
 
+def prepare_projected_in_field(top: PerturbedTop, y0: Array, h: float) -> FixedStepper:
+    """As `prepare_projected`."""
+    name, units, level = "verner9_projected", units_in_field("verner9_projected", top, y0, h), "J3" in top.conserved
+    finish, lacking = projected_in_field(top.field, level)
+    scales = ldexp(1.0, -units.rate), ldexp(1.0, -units.length)
+    c = np.array((h, 0.0, 0.0, 0.0, *scales, *top.numbers))
+
+    def lack_of(y: Array) -> Array:
+        return np.array(lacking(tuple(y.tolist()), c)[3])
+
+    c[IN_ENERGY : IN_C2 + 1] = -lack_of(y0)
+    if not (np.isfinite(c).all() and min(scales) > 0.0):
+        raise StepError(name, "the top, its state or h is beyond the range of doubles", h=h)
+
+    def enter(y: Array) -> Array:
+        if not np.max(np.abs(lack_of(y))) <= OFF_TORUS:
+            raise StepError(name, "the state is not on the torus this step was prepared for", h=h)
+        return np.array(y)
+
+    step = kernel_in_field(VERNER9, top.field, level, finish, NUMBERS)
+    return FixedStepper(name, h, c, step, enter=enter, rhs_per_step=VERNER9.stages, failures=FAILURES)
+
+
 PROJECTED = replace(
     NINTH,
     name="verner9_projected",
@@ -318,4 +418,5 @@ PROJECTED = replace(
     conserves=frozenset({"H", "J3", "C1", "C2"}),
     source=f"{VERNER}; Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), IV.4",
     prepare=prepare_projected,
+    in_field=AnyField(prepare_projected_in_field, conserves=frozenset({"H", "J3", "C1", "C2"})),
 )

@@ -23,21 +23,27 @@ I (1993), II.5; Petzold, SIAM J. Sci. Stat. Comput. 4 (1983) 136; Hairer & Wanne
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 import warnings
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
 import scipy.integrate
 from scipy.linalg import LinAlgWarning
 
-from integrators.compiling.compiled import jit
-from integrators.interface import Array, Method, StepError, Work
-from integrators.methods.dense import DenseStepper, Run, at_times
+from integrators.compiling.compiled import jit, jit_as
+from integrators.compiling.expression import take
+from integrators.compiling.unroll import unrolled
+from integrators.interface import AnyField, Array, Method, StepError, Work
+from integrators.methods.dense import DenseStepper, Problem, Run, at_times
 from integrators.methods.dop853 import check_tolerances
+from integrators.problem.perturbed import Field, cross
 from integrators.problem.top import LagrangeTop
-from integrators.problem.units import Units
+from integrators.problem.units import Units, ldexp, units_in_field
 
 IN_TURNS = threading.Lock()
 
@@ -66,17 +72,66 @@ def jacobian(alpha, y):
     )
 
 
+@cache
+def in_field(field: Field, level: bool) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """(c, y) → right-hand side and Jacobian of any field. `c`: units of x and of the torque, then alpha and the parameters.
+
+    `level`: the field keeps J3.
+    """
+    name, numbers, axes = f"{field.digest} {level}", take(field.parameters), np.eye(3).tolist()
+
+    @unrolled(f"rates {name}")
+    def rates(y, q, length, force):
+        x = tuple(length * v for v in y[3:])
+        t1, t2, t3 = (v / force for v in field.torque(*x, *q))
+        return t1, t2, 0.0 if level else t3, *cross(y[:3], y[3:])
+
+    @unrolled(f"slopes {name}")
+    def slopes(y, q, length, force):
+        """The derivatives of the torque by x, row by row."""
+        x = tuple(length * v for v in y[3:])
+        columns = [tuple(length * v / force for v in field.torque_along(*x, *axis, *q)) for axis in axes]
+        a, b, c = (tuple(column[i] for column in columns) for i in range(3))
+        return a, b, (0.0, 0.0, 0.0) if level else c
+
+    @jit_as(f"rhs {name}")
+    def rhs(c, y):
+        f = np.array(rates((y[0], y[1], y[2], y[3], y[4], y[5]), numbers(c, 2), c[0], c[1]))
+        if not math.isfinite(f.sum()):
+            raise OverflowError
+        return f
+
+    @jit_as(f"jacobian {name}")
+    def jacobian(c, y):
+        J1, J2, J3, x1, x2, x3 = y
+        u, v, w = slopes((J1, J2, J3, x1, x2, x3), numbers(c, 2), c[0], c[1])
+        return np.array(
+            (
+                (0.0, 0.0, 0.0, u[0], u[1], u[2]),
+                (0.0, 0.0, 0.0, v[0], v[1], v[2]),
+                (0.0, 0.0, 0.0, w[0], w[1], w[2]),
+                (0.0, x3, -x2, 0.0, -J3, J2),
+                (-x3, 0.0, x1, J3, 0.0, -J1),
+                (x2, -x1, 0.0, -J2, J1, 0.0),
+            )
+        )
+
+    return rhs, jacobian
+
+
 class Solver:
     """One of SciPy's classes under the name of a method. `times`, of an implicit one: how many a trial asks for."""
 
     def __init__(self, name: str, scipys: Any, times: int = 0):
         self.name, self.scipys, self.times = name, scipys, times
 
-    def runner(self, top: LagrangeTop, rtol: float, atol: float) -> Run:
+    def runner(self, top: Problem, rtol: float, atol: float) -> Run:
         rtol, atol = check_tolerances(rtol, atol)
-        rhs(0.0, np.zeros(6))  # compile
-        jacobian(0.0, np.zeros(6))
         follow = self.implicit if self.times else self.explicit
+        f, c, matrix = functions_of(top)
+        for function in (f, matrix) if self.times else (f,):
+            with contextlib.suppress(ArithmeticError):  # a potential may have no value at x = 0
+                function(c, np.zeros(6))  # compile
 
         def run(y: Array, grid: Array, work: Work) -> Array:
             try:
@@ -90,21 +145,23 @@ class Solver:
 
         return run
 
-    def explicit(self, top: LagrangeTop, y: Array, grid: Array, work: Work, rtol: float, atol: float) -> Array:
-        solver = self.scipys(lambda t, y: rhs(top.alpha, y), 0.0, y, grid[-1], rtol=rtol, atol=atol)
+    def explicit(self, top: Problem, y: Array, grid: Array, work: Work, rtol: float, atol: float) -> Array:
+        f, c, _ = functions_of(top)
+        solver = self.scipys(lambda t, y: f(c, y), 0.0, y, grid[-1], rtol=rtol, atol=atol)
         return self.steps(solver, grid, work)
 
-    def implicit(self, top: LagrangeTop, y: Array, grid: Array, work: Work, rtol: float, atol: float) -> Array:
-        units = Units(top, y, float(grid[-1]))
+    def implicit(self, top: Problem, y: Array, grid: Array, work: Work, rtol: float, atol: float) -> Array:
+        units = units_of(self.name, top, y, float(grid[-1]))
+        slope, c, matrix = functions_of(top, units)
         times = np.array([units.time(t) for t in grid.tolist()])
         tried: set[float] = set()
 
         def f(t: float, y: Array) -> Any:
             tried.add(t)
-            return rhs(units.alpha, y)
+            return slope(c, y)
 
         def jac(t: float, y: Array) -> Any:
-            return jacobian(units.alpha, y)
+            return matrix(c, y)
 
         with IN_TURNS, warnings.catch_warnings():
             warnings.filterwarnings("error", message="lsoda")
@@ -138,20 +195,33 @@ class Solver:
         return out
 
 
+def units_of(name: str, top: Problem, y: Array, end: float) -> Units:
+    return Units(top, y, end) if isinstance(top, LagrangeTop) else units_in_field(name, top, y, end)
+
+
+def functions_of(top: Problem, units: Units | None = None) -> tuple[Callable[..., Any], Any, Callable[..., Any]]:
+    """Right-hand side, what it takes besides a state, and Jacobian; in units of order one or in the user's."""
+    if isinstance(top, LagrangeTop):
+        f, matrix, c = rhs, jacobian, units.alpha if units else top.alpha
+    else:
+        f, matrix = in_field(top.field, "J3" in top.conserved)
+        length, rate = (units.length, units.rate) if units else (0, 0)
+        c = np.array((ldexp(1.0, length), ldexp(1.0, 2 * rate), *top.numbers))
+    return f, c, matrix
+
+
 def natural(
     solver: Solver, label: str, family: str, order: int, source: str, tolerances: tuple[float, float] = (1e-9, 1e-12)
 ) -> Method:
     """The record of a solver; `tolerances` are its defaults, rtol and atol."""
     relative, absolute = tolerances
 
-    def prepare(
-        top: LagrangeTop, y0: Array, h: float, *, rtol: float = relative, atol: float = absolute
-    ) -> DenseStepper:
+    def prepare(top: Problem, y0: Array, h: float, *, rtol: float = relative, atol: float = absolute) -> DenseStepper:
         """Natural steps with the local error kept below atol + rtol |y_i|."""
         return DenseStepper(solver.name, top, y0, h, solver.runner(top, rtol, atol))
 
     def evaluate(
-        top: LagrangeTop, y0: Array, times: Array, *, rtol: float = relative, atol: float = absolute
+        top: Problem, y0: Array, times: Array, *, rtol: float = relative, atol: float = absolute
     ) -> tuple[Array, Work]:
         """Dense output at any times; options as in `prepare`."""
         return at_times(solver.name, top, solver.runner(top, rtol, atol), y0, times)
@@ -168,6 +238,7 @@ def natural(
         source=f"scipy.integrate.{solver.scipys.__name__}; {source}",
         prepare=prepare,
         evaluate=evaluate,
+        in_field=AnyField(prepare, conserves=frozenset({"J3"}), evaluate=evaluate),
         engine="scipy",
     )
 

@@ -29,7 +29,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,8 +38,9 @@ from integrators.checks import check_count, check_real
 from integrators.compiling.compiled import jit
 from integrators.compiling.loops import FixedStepper
 from integrators.compiling.numba_internals import stack
-from integrators.interface import Array, Method, StepError, Work
-from integrators.methods.dense import DenseStepper, Run, at_times
+from integrators.interface import AnyField, Array, Method, StepError, Work
+from integrators.methods.dense import DenseStepper, Problem, Run, at_times
+from integrators.problem.perturbed import Field
 from integrators.problem.top import LagrangeTop
 
 EPS = float(np.finfo(float).eps)
@@ -51,13 +52,13 @@ SCRATCH = 8 * (MAX_ORDER + 1)
 # ------------------------------------------------------------------------------------ natural steps, heyoka
 
 
-def prepare(top: LagrangeTop, y0: Array, h: float, *, tol: float = EPS, high_accuracy: bool = False) -> DenseStepper:
+def prepare(top: Problem, y0: Array, h: float, *, tol: float = EPS, high_accuracy: bool = False) -> DenseStepper:
     """Natural steps with the local error kept below `tol` (relative above norm 1); `high_accuracy`: compensated sums."""
     return DenseStepper("taylor", top, y0, h, _runner("taylor", top, tol, high_accuracy))
 
 
 def evaluate(
-    top: LagrangeTop, y0: Array, times: Array, *, tol: float = EPS, high_accuracy: bool = False
+    top: Problem, y0: Array, times: Array, *, tol: float = EPS, high_accuracy: bool = False
 ) -> tuple[Array, Work]:
     """Dense output at any times; options as in `prepare`."""
     return at_times("taylor", top, _runner("taylor", top, tol, high_accuracy), y0, times)
@@ -66,43 +67,64 @@ def evaluate(
 def variant(name: str, high_accuracy: bool = False, compact_mode: bool = False) -> tuple[Callable, Callable]:
     """`prepare` and `evaluate` of a method that sets heyoka's switches for good."""
 
-    def prepare(top: LagrangeTop, y0: Array, h: float, *, tol: float = EPS) -> DenseStepper:
+    def prepare(top: Problem, y0: Array, h: float, *, tol: float = EPS) -> DenseStepper:
         return DenseStepper(name, top, y0, h, _runner(name, top, tol, high_accuracy, compact_mode))
 
-    def evaluate(top: LagrangeTop, y0: Array, times: Array, *, tol: float = EPS) -> tuple[Array, Work]:
+    def evaluate(top: Problem, y0: Array, times: Array, *, tol: float = EPS) -> tuple[Array, Work]:
         return at_times(name, top, _runner(name, top, tol, high_accuracy, compact_mode), y0, times)
 
     return prepare, evaluate
 
 
-def equations() -> list[Any]:
-    """The equations of motion in heyoka's symbols, alpha its first runtime parameter."""
+class Form(NamedTuple):
+    """What equations depend on, besides numbers: the field, and whether it keeps J3."""
+
+    field: Field
+    level: bool
+
+
+def form_of(top: Problem) -> Form | None:
+    """None for a uniform field."""
+    return None if isinstance(top, LagrangeTop) else Form(top.field, "J3" in top.conserved)
+
+
+def equations(form: Form | None = None) -> list[Any]:
+    """The equations of motion in heyoka's symbols; alpha and the parameters of a potential are its runtime parameters."""
     import heyoka as hy
 
     hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
     J1, J2, J3, x1, x2, x3 = hy.make_vars("J1", "J2", "J3", "x1", "x2", "x3")
-    alpha = hy.par[0]
-    moments = [(J1, -alpha * x2), (J2, alpha * x1), (J3, hy.expression(0.0))]
+    if form is None:
+        alpha = hy.par[0]
+        t1, t2, t3 = -alpha * x2, alpha * x1, 0.0
+    else:
+        t1, t2, t3 = form.field.torque(x1, x2, x3, *(hy.par[i] for i in range(form.field.parameters)))
+        t3 = 0.0 if form.level else t3
+    moments = [(J, t if isinstance(t, hy.expression) else hy.expression(t)) for J, t in ((J1, t1), (J2, t2), (J3, t3))]
     return [*moments, (x1, J2 * x3 - J3 * x2), (x2, J3 * x1 - J1 * x3), (x3, J1 * x2 - J2 * x1)]
 
 
+def set_numbers(ta: Any, numbers: Any) -> None:
+    """The runtime parameters, of which heyoka has only those that the equations contain, up to the last of them."""
+    ta.pars[:] = numbers[: len(ta.pars)]
+
+
 @lru_cache(maxsize=64)
-def compile_integrator(tol: float, high_accuracy: bool, compact_mode: bool = False) -> Any:
+def compile_integrator(tol: float, high_accuracy: bool, compact_mode: bool = False, form: Form | None = None) -> Any:
     """heyoka's integrator for one tolerance. It has a state: see `integrator_here`."""
     import heyoka as hy
 
     return hy.taylor_adaptive(
-        equations(), [1.0] * 6, pars=[1.0], tol=tol, high_accuracy=high_accuracy, compact_mode=compact_mode
+        equations(form), [1.0] * 6, tol=tol, high_accuracy=high_accuracy, compact_mode=compact_mode
     )
 
 
-def integrator_here(tol: float, high_accuracy: bool, compact_mode: bool = False) -> Any:
+def integrator_here(*key: Any) -> Any:
     """The same, one for each thread: a copy takes 0.7 ms, as long as heyoka needs for 700 units of time.
 
     Steppers share it; nothing of a run is left in it that the next does not set.
     """
     kept: dict[Any, Any] = _here.__dict__.setdefault("integrators", {})
-    key = (tol, high_accuracy, compact_mode)
     if key not in kept:
         kept[key] = copy.deepcopy(compile_integrator(*key))
     return kept[key]
@@ -118,15 +140,17 @@ def check_tolerance(tol: Any) -> float:
     return tol
 
 
-def _runner(name: str, top: LagrangeTop, tol: float, high_accuracy: bool, compact_mode: bool = False) -> Run:
+def _runner(name: str, top: Problem, tol: float, high_accuracy: bool, compact_mode: bool = False) -> Run:
     tol = check_tolerance(tol)
     if not isinstance(high_accuracy, (bool, np.bool_)):
         raise ValueError(f"high_accuracy must be True or False; got {high_accuracy!r}")
-    integrator_here(tol, bool(high_accuracy), compact_mode)
+    key = tol, bool(high_accuracy), compact_mode, form_of(top)
+    numbers = (top.alpha,) if isinstance(top, LagrangeTop) else top.numbers
+    integrator_here(*key)
 
     def run(y: Array, grid: Array, work: Work) -> Array:
-        ta = integrator_here(tol, bool(high_accuracy), compact_mode)  # of the thread that runs
-        ta.pars[0] = top.alpha
+        ta = integrator_here(*key)  # of the thread that runs
+        set_numbers(ta, numbers)
         ta.time = 0.0
         ta.state[:] = y
         try:
@@ -380,6 +404,7 @@ NATURAL = Method(
     requires="heyoka",
     engine="heyoka",
     advance_many=advance_many,
+    in_field=AnyField(prepare, conserves=frozenset({"J3"}), evaluate=evaluate),
 )
 
 ACCURATE_PREPARE, ACCURATE_EVALUATE = variant("taylor_accurate", high_accuracy=True)
@@ -391,6 +416,7 @@ ACCURATE = replace(
     evaluate=ACCURATE_EVALUATE,
     attitude=None,
     advance_many=None,
+    in_field=AnyField(ACCURATE_PREPARE, conserves=frozenset({"J3"}), evaluate=ACCURATE_EVALUATE),
 )
 
 COMPACT_PREPARE, COMPACT_EVALUATE = variant("taylor_compact", compact_mode=True)
@@ -402,6 +428,7 @@ COMPACT = replace(
     evaluate=COMPACT_EVALUATE,
     attitude=None,
     advance_many=None,
+    in_field=AnyField(COMPACT_PREPARE, conserves=frozenset({"J3"}), evaluate=COMPACT_EVALUATE),
 )
 
 FIXED = Method(
@@ -415,4 +442,5 @@ FIXED = Method(
     control="step",
     source="Jorba and Zou, Exp. Math. 14 (2005) 99, section 2",
     prepare=prepare_fixed,
+    uniform_only="its recurrence is written for a uniform field; taylor takes any",
 )

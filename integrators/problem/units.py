@@ -8,6 +8,7 @@ import numpy as np
 
 from integrators.compiling.compiled import jit
 from integrators.interface import Array, StepError
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import LagrangeTop
 
 LARGEST_SPAN = 1e15  # of |h|, in time scales of the top: beyond it the phase has no digits left
@@ -90,3 +91,15 @@ class Units:
         """λ has the units of x/J."""
         shift = self.rate - self.length
         return complex(ldexp(lam.real, shift), ldexp(lam.imag, shift))
+
+
+def units_in_field(method: str, problem: PerturbedTop, y0: Array, h: float) -> Units:
+    """The same for a top in any field: its force at y0 counts where it is larger than the weight.
+
+    `alpha` of these units is of no use: a potential is evaluated in the user's.
+    """
+    with np.errstate(all="ignore"):
+        force = float(np.max(np.abs((problem.alpha, *problem.gradient(*y0[3:])))))
+    if not math.isfinite(force):
+        raise StepError(method, f"the potential {problem.potential.name} is not finite at x = {y0[3:].tolist()}", h=h)
+    return Units(LagrangeTop(force), y0, h)

@@ -15,6 +15,7 @@ import numba
 import pytest
 from numba.core import caching, cgutils, extending
 from numba.core.base import BaseContext
+from numba.core.bytecode import FunctionIdentity
 from numba.core.dispatcher import Dispatcher, _MemoMixin
 from numba.core.typing import templates
 
@@ -65,6 +66,35 @@ def test_a_second_process_finds_the_code_of_the_first(tmp_path):
     assert first.stdout == second.stdout
     assert len(kept) >= 3  # the step, the addition in it, the loop around it
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")} == kept
+
+
+# the end of the run of each method; with the numbers of functions as Numba counts them, if it is asked to
+METHODS_ONE_BY_ONE = """
+import itertools, sys
+import numba
+from integrators import TOPS, integrate
+from integrators.compiling import numba_internals
+if sys.argv[1] == "counted":
+    numba.core.bytecode.FunctionIdentity._unique_ids = itertools.count(1)
+named = TOPS["generic"]
+for name in sys.argv[2:]:
+    print(name, integrate(named.top, named.state, 0.3, 20, name).y[-1].tolist())
+"""
+
+
+@pytest.mark.parametrize("numbers", ["random", "counted"])
+def test_code_that_two_processes_kept_is_told_apart_by_a_third(tmp_path, numbers):
+    """Two loops of one source: with Numba's own numbers for functions, the first that is loaded runs for both."""
+
+    def run(*names):
+        environment = {**os.environ, "LAGRANGE_BENCH_CACHE": str(tmp_path)}
+        command = [sys.executable, "-c", METHODS_ONE_BY_ONE, numbers, *names]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    alone = run("rk4") + run("rk45_fixed")
+    assert (run("rk4", "rk45_fixed") == alone) == (numbers == "random")
 
 
 # a kernel of `methods` that calls one of `torus`: its result, and how many of its variants came from the cache. (Where a
@@ -129,6 +159,7 @@ def load(_):
         ([templates], "infer_global", load),
         ([templates], "AbstractTemplate", load),
         ([BaseContext], "make_array", load),
+        ([FunctionIdentity], "_unique_ids", load),
     ],
 )
 def test_a_numba_without_one_of_its_insides_is_refused_by_name(tmp_path, monkeypatch, owners, name, use):
@@ -156,7 +187,7 @@ def test_supported_versions_are_those_of_the_package():
 
 def test_only_one_file_knows_numbas_insides():
     """No other imports `numba.core` or names what is private there; and that file takes it by `inside` only."""
-    private = {"_set_uuid", "_uuid", "_cache", "save_overload", "CACHE_DIR", "alloca_once", "cgutils"}
+    private = {"_set_uuid", "_uuid", "_unique_ids", "_cache", "save_overload", "CACHE_DIR", "alloca_once", "cgutils"}
     found = {}
     for path in PACKAGE.rglob("*.py"):
         tree = ast.parse(path.read_text(encoding="utf-8"))
@@ -165,4 +196,4 @@ def test_only_one_file_knows_numbas_insides():
         named |= {module for module in taken if module.startswith(("numba.core", "numba.typing"))}
         if named:
             found[path.name] = named
-    assert found == {INTERNALS.name: {"CACHE_DIR", "save_overload"}}  # both set, once `inside` has found them
+    assert found == {INTERNALS.name: {"CACHE_DIR", "save_overload", "_unique_ids"}}  # set, once `inside` has found them
