@@ -22,6 +22,7 @@ from experiments.measuring.states import (
     find,
     interpreted,
     knobs,
+    methods_on,
     options_of,
     rounded,
 )
@@ -48,11 +49,11 @@ CALL = {"step": 20_000, "tolerance": 1000, "interpreted": 100, "implicit": 10}
 def cells(profile: str) -> list[dict]:
     listed: list[dict] = []
     for round_ in range(ROUNDS[profile]):
-        for name, method in METHODS.items():
+        for name, method in methods_on().items():
             for knob in knobs(method, STEPS[profile], TOLERANCES[profile]):
                 cell = {"part": "step", "method": name, "round": round_, "repeats": REPEATS[profile], **knob}
                 listed.append(cell)
-    listed += [{"part": "start", "method": method} for method in START[profile] or METHODS]
+    listed += [{"part": "start", "method": method} for method in START[profile] or methods_on()]
     listed += [{"part": "headline", "method": "taylor", **race} for race in HEADLINES[profile]]
     return [{"timing": True, **cell} for cell in listed]
 

@@ -21,11 +21,13 @@ from experiments.measuring.states import (
     affordable,
     find,
     log_counts,
+    methods_on,
     options_of,
     rounded,
     sample,
 )
 from integrators.interface import INVARIANTS
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import TOPS
 from integrators.truth import exact
 
@@ -44,23 +46,21 @@ FLOOR = 16 * 2.0**-52  # sixteen ulps: an error that never exceeds this is round
 
 
 def cells(profile: str) -> list[dict]:
-    from integrators import METHODS
-
-    full = profile == "full"
+    methods, full = methods_on(), profile == "full"
     listed = []
     # state by state, so that two workers do not compile the same method at the same time
     for state in (*RANDOM, *(TOPS if full else NAMED)):
-        for name, method in METHODS.items():
+        for name, method in methods.items():
             steps = affordable(method, STEPS[full], full)
             if state in TOPS and method.order is not None:  # only who is exact in time goes all the way on each of them
                 steps //= 10
             listed.append({"part": "time", "method": name, "state": state, "h": STEP, "steps": steps})
     for state in H_STATES[profile]:
-        for name in (name for name, method in METHODS.items() if method.control == "step"):
+        for name in (name for name, method in methods.items() if method.control == "step"):
             for h in SIZES[profile]:
                 listed.append({"part": "h", "method": name, "state": state, "span": SPAN[profile], "h": h})
     tops, steps = LONG[profile]
-    exact_steps = [name for name, method in METHODS.items() if method.family == "backlund" and method.order is None]
+    exact_steps = [name for name, method in methods.items() if method.family == "backlund" and method.order is None]
     for state in WIDE[:tops]:
         listed += [{"part": "long", "method": name, "state": state, "steps": steps} for name in exact_steps]
     return listed
@@ -71,15 +71,19 @@ def measure(cell: dict) -> list[dict]:
     if cell["part"] == "long":
         period, counts = exact.nutation_period(top, y0), log_counts(cell["steps"], per_octave=1)
         return [{"fraction": f, **_largest(cell, top, y0, f * period, counts)} for f in FRACTIONS]
-    rate, _, unit = top.scales(y0)
-    h = cell["h"] * unit
+    h = cell["h"] * top.scales(y0)[2]
     steps = cell["steps"] if cell["part"] == "time" else round(cell["span"] / cell["h"])
     counts = log_counts(steps, per_octave=4)
     if cell["part"] == "h":
         return [_largest(cell, top, y0, h, counts)]
+    return against_steps(cell, top, y0, h, counts)
+
+
+def against_steps(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> list[dict]:
+    """A row of errors after each of `counts` steps."""
     times, states = sample(top, y0, cell["method"], h, counts, **options_of(cell))
     drift = errors(cell["method"], top, h, np.vstack((y0, states)))
-    columns = {"t": times * rate, **drift}
+    columns = {"t": times * top.scales(y0)[0], **drift}
     return [{name: rounded(value[i]) for name, value in columns.items()} for i in range(len(times))]
 
 
@@ -96,7 +100,8 @@ def errors(name: str, top, h: float, states: np.ndarray) -> dict[str, np.ndarray
 
     drift = metrics.relative_drift(top.invariants(states), top.invariant_scales(states[0]))
     found = dict(zip(INVARIANTS, drift[1:].T, strict=True))
-    for own, quantity in METHODS[name].keeps.items():
+    own_quantities = {} if isinstance(top, PerturbedTop) else METHODS[name].keeps  # these hold in a uniform field
+    for own, quantity in own_quantities.items():
         values, size = quantity(top, h, states)
         found[KEPT + own] = (values[1:] - values[0]) / size
     return found

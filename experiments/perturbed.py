@@ -1,235 +1,251 @@
-"""Perturbed top: what is the exact step worth where the top is not integrable?
+"""Perturbed tops: which method is best where an integrator is needed?
 
-A potential ε alpha x1²/(2|x|) breaks the symmetry about the vertical: there is no torus, no λ(h) for good, and no exact
-step. What is left of it is a flow to split with: half a kick by the perturbation, the exact flow of the unperturbed top
-over h, half a kick, with an error of ε h² (“exact, order 2”), or the composition of Laskar and Robutel with five flows
-and an error of ε h⁸ + ε² h² (“exact, SABA4”). Since a kick leaves the torus, every flow needs its λ(h) anew. Their
-rivals split off the rotation by J instead and do not care what the potential is: order 2, and order 6 of Kahan and Li.
-Times are in units of 1/(|J| + √(|alpha||x|)).
-
-What is compared is the error at equal steps, not the time. The wall times in the rows compare nothing: the splittings
-with the exact flow run in the interpreter, through `prepare` at every flow, and their rivals are compiled whole.
-
-Source: Laskar & Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39; Kahan & Li, Math. Comp. 66 (1997) 1089.
+A top in a uniform field has a closed form. In any other field it has none: a tide, a magnet, an uneven field. Every method that
+takes a potential follows ten tops in five of them. Part “drift” asks what each keeps of H, J3, C1 and C2, part “order” how its error
+falls with the step, part “work” what an error costs on runs of 10³ and 10⁴ units of time. Errors are those against the
+reference in quadruple precision. On a chaotic orbit no method follows the exact solution for long: errors are reported up to
+the time at which an ulp has grown to 1e-6, drift of the invariants beyond. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from functools import cache
-
 import numpy as np
 import pandas as pd
-from scipy.integrate import solve_ivp
 
-from experiments import script
-from experiments.measuring import metrics, timing
-from experiments.measuring.states import find, rounded
-from integrators import prepare
-from integrators.compiling.compiled import compiled
-from integrators.interface import Array, StepError
-from integrators.problem.top import LagrangeTop
+from experiments import drift, script, work_precision
+from experiments.measuring import metrics
+from experiments.measuring.states import affordable, find, interpreted, log_counts, methods_on, rounded, truth
+from integrators import METHODS, prepare
+from integrators.interface import INVARIANTS
+from integrators.problem.potentials import PERTURBED_TOPS
+from integrators.truth import reference
 
-VERSION = 1
+VERSION = 2
 
-STATE = "generic"
-SPAN = 32.0
-SIZES = {"quick": (1e-4, 1e-1), "full": (1e-6, 1e-4, 1e-2, 1.0)}  # ε
-EXACT = ("exact, order 2", "exact, SABA4")
-ROTATION = ("rotation, order 2", "rotation, order 6")
-STEPS = {  # exact flows, rotations
-    "quick": ((4.0, 1.0, 0.25), (0.5, 0.125, 2.0**-5, 2.0**-7)),
-    "full": (tuple(2.0**-k for k in range(-2, 4)), tuple(2.0**-k for k in range(12))),
-}
-
-_ROOT = math.sqrt(30)
-_OUTER, _INNER = math.sqrt(525 + 70 * _ROOT), math.sqrt(525 - 70 * _ROOT)
-# (flow, kick, flow, …, flow), fractions of h
-SCHEMES = {
-    "exact, order 2": ((0.0, 1.0, 0.0), (0.5, 0.5)),
-    "exact, SABA4": (
-        (0.5 - _OUTER / 70, (_OUTER - _INNER) / 70, _INNER / 35, (_OUTER - _INNER) / 70, 0.5 - _OUTER / 70),
-        (0.25 - _ROOT / 72, 0.25 + _ROOT / 72, 0.25 + _ROOT / 72, 0.25 - _ROOT / 72),
-    ),
-}
-WEIGHTS = {  # of the steps of order 2 in a symmetric composition, up to the middle one
-    "rotation, order 2": (1.0,),
-    "rotation, order 6": (
-        0.39216144400731413928,
-        0.33259913678935943860,
-        -0.70624617255763935981,
-        0.08221359629355080023,
-        0.79854399093482996340,
-    ),
-}
+STEP = 0.125  # of the drift part
+STEPS = {"quick": 10**4, "full": 10**6}
+SPAN = 32.0  # of the order part
+SIZES = {"quick": tuple(2.0**-k for k in range(0, 6, 2)), "full": tuple(2.0**-k for k in range(-1, 9))}
+QUICK = ("weak_tide", "strong_tide")  # in one potential: kernels are compiled once
+# span: longest run in s; steps to an octave, decades of tolerance between two
+WORK = {"quick": {1e3: 0.05}, "full": {1e3: 0.2, 1e4: 0.5}}
+GRID = {"quick": (1, 3), "full": (2, 1)}
+LOST = 1e-6  # an ulp has grown to this where a chaotic orbit is given up
+OURS = "backlund_splitting"
+EPSILON = {"tide_1e-6": 1e-6, "weak_tide": 1e-4, "moderate_tide": 1e-2, "strong_tide": 1e-1}  # of one top in one tide
 
 
 def cells(profile: str) -> list[dict]:
-    listed = []
-    for eps in SIZES[profile]:
-        for variants, steps in zip((EXACT, ROTATION), STEPS[profile], strict=True):
-            for variant in variants:
-                listed += [{"timing": True, "eps": eps, "variant": variant, "h": h} for h in steps]
+    listed: list[dict] = []
+    per_octave, decades = GRID[profile]
+    for state in QUICK if profile == "quick" else PERTURBED_TOPS:
+        methods = methods_on(state)
+        for name, method in methods.items():
+            steps = affordable(method, STEPS[profile], profile == "full")
+            listed.append({"part": "drift", "method": name, "state": state, "h": STEP, "steps": steps})
+        for name, method in methods.items():
+            if method.control == "step":
+                listed += [{"part": "order", "method": name, "state": state, "h": h} for h in SIZES[profile]]
+        for span, longest in WORK[profile].items():
+            sweep = {"span": span, "per_octave": per_octave, "decades": decades, "longest": longest}
+            for name, method in methods.items():
+                if not interpreted(method):  # a thousand times behind: every run would be too long
+                    listed.append({"timing": True, "part": "work", "method": name, "state": state, **sweep})
     return listed
 
 
 def measure(cell: dict) -> list[dict]:
-    top, y0 = find(STATE)
+    top, y0 = find(cell["state"])
     unit = top.scales(y0)[2]
-    strength = cell["eps"] * top.alpha / float(np.linalg.norm(y0[3:]))
-    n = round(SPAN / cell["h"])
-    run = exact_run if cell["variant"] in EXACT else rotation_run
-    advance = run(top, strength, cell["h"] * unit, n, cell["variant"])
-    advance(y0)  # compiles
-    y = advance(y0)
-    error = metrics.scaled_error(top, y0, y, reference(cell["eps"]))
-    seconds = timing.time_call(lambda: advance(y0), min_time=0.002, repeats=3).min
-    return [{"error": rounded(float(error)), "seconds": rounded(seconds), "us_per_step": rounded(seconds / n * 1e6)}]
-
-
-def kick(y: Array, strength: float, h: float) -> Array:
-    """J' = ∇V × x for the perturbation V = strength x1²/2; x stays."""
-    push = h * strength * y[3]
-    return np.array((y[0], y[1] - push * y[5], y[2] + push * y[4], y[3], y[4], y[5]))
-
-
-def exact_run(top: LagrangeTop, strength: float, h: float, n: int, variant: str) -> Callable[[Array], Array]:
-    """n steps of kicks and exact flows of the unperturbed top, each a Bäcklund step of its own torus."""
-    flows, kicks = SCHEMES[variant]
-
-    def advance(y: Array) -> Array:
-        for _ in range(n):
-            for i, part in enumerate(flows):
-                if part:
-                    y = prepare(top, y, part * h, "backlund").advance(y, 1)
-                if i < len(kicks):
-                    y = kick(y, strength, kicks[i] * h)
-        return y
-
-    return advance
-
-
-@cache
-def _rotations() -> Callable:
-    """The compiled rival: half a kick by the whole potential, rotation of x about J, half a kick; composed."""
-
-    @compiled
-    def run(y, alpha, strength, h, n, weights):
-        J1, J2, J3, x1, x2, x3 = y
-        for _ in range(n):
-            for w in weights:
-                half = 0.5 * w * h
-                J1, J2, J3 = (
-                    J1 - half * alpha * x2,
-                    J2 + half * (alpha * x1 - strength * x1 * x3),
-                    J3 + half * strength * x1 * x2,
-                )
-                size = math.sqrt(J1 * J1 + J2 * J2 + J3 * J3)
-                angle = 0.5 * w * h * size
-                s = math.sin(angle) / size if size else w * half
-                a, b = 2 * s * math.cos(angle), 2 * s * s
-                d1, d2, d3 = J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1
-                x1, x2, x3 = (
-                    x1 + a * d1 + b * (J2 * d3 - J3 * d2),
-                    x2 + a * d2 + b * (J3 * d1 - J1 * d3),
-                    x3 + a * d3 + b * (J1 * d2 - J2 * d1),
-                )
-                J1, J2, J3 = (
-                    J1 - half * alpha * x2,
-                    J2 + half * (alpha * x1 - strength * x1 * x3),
-                    J3 + half * strength * x1 * x2,
-                )
-        return J1, J2, J3, x1, x2, x3
-
-    return run
-
-
-def rotation_run(top: LagrangeTop, strength: float, h: float, n: int, variant: str) -> Callable[[Array], Array]:
-    """n compiled steps of a symmetric composition of kicks and rotations."""
-    half = WEIGHTS[variant]
-    weights = np.array((*half[:-1], *half[::-1]))
-    run = _rotations()
-    return lambda y: np.array(run(y, top.alpha, strength, h, n, weights))
-
-
-@cache
-def reference(eps: float) -> Array:
-    """The end of the run by SciPy's DOP853 at its tightest, good to about 1e-13 here; no method of the comparison."""
-    top, y0 = find(STATE)
-    strength = eps * top.alpha / float(np.linalg.norm(y0[3:]))
-
-    def rhs(_: float, y: Array) -> Array:
-        rate: Array = top.rhs(y)
-        rate[1] -= strength * y[3] * y[5]
-        rate[2] += strength * y[3] * y[4]
-        return rate
-
-    found = solve_ivp(rhs, (0, SPAN * top.scales(y0)[2]), y0, method="DOP853", rtol=3e-14, atol=1e-15)
-    if not found.success:
-        raise StepError("DOP853", found.message)
-    end: Array = found.y[:, -1]
-    return end
+    if cell["part"] == "drift":
+        counts = log_counts(cell["steps"], per_octave=2)
+        return drift.against_steps(cell, top, y0, cell["h"] * unit, counts)
+    span = cell.get("span", SPAN)
+    if reference.horizon(top, y0, LOST, longest=span * unit) < span * unit:
+        return [{"stopped": "chaotic", "reason": f"an ulp grows to {LOST:g} before t = {span:g}"}]
+    if cell["part"] == "work":
+        return work_precision.measure(cell)
+    method, n = METHODS[cell["method"]], round(SPAN / cell["h"])
+    h = SPAN * unit / n
+    y = prepare(top, y0, h, method).advance(y0, n)
+    return [{"error": rounded(float(metrics.scaled_error(top, y0, y, truth(top, y0, method, h, [n])[0])))}]
 
 
 # ------------------------------------------------------------------------------------------ what the rows say
 
-TARGETS = (1e-4, 1e-6, 1e-8, 1e-10)
+
+def part(rows: pd.DataFrame, name: str) -> pd.DataFrame:
+    """The rows of one part that were computed."""
+    return rows[(rows.part == name) & (rows.status == "done")]
 
 
-def longest_steps(rows: pd.DataFrame) -> pd.DataFrame:
-    """For each ε and error the longest step of each variant that reaches it; empty where none does."""
-    good = rows[rows.status == "done"]
+def claimed(method: str, state: str) -> frozenset[str]:
+    """What a method says it keeps on a state."""
+    return METHODS[method].kept(PERTURBED_TOPS[state].top) if method in METHODS else frozenset()
+
+
+def kept(rows: pd.DataFrame) -> pd.DataFrame:
+    """The largest error of each invariant by method and top; an invariant that the top has not got is left out."""
     table = []
-    for eps, group in good.groupby("eps", sort=False):
-        for target in TARGETS:
-            steps = group[group.error <= target].groupby("variant").h.max()
-            table.append({"ε": eps, "error at most": target, **steps.reindex([*EXACT, *ROTATION])})
+    for (state, method), run in part(rows, "drift").groupby(["state", "method"], sort=False):
+        top = PERTURBED_TOPS[state].top
+        found = {name: float(run[name].abs().max()) if name in top.conserved else np.nan for name in INVARIANTS}
+        says = ", ".join(name for name in INVARIANTS if name in claimed(method, state))
+        table.append({"state": state, "method": method, "steps": int(run.steps.max()), **found, "claimed": says})
+    return pd.DataFrame(table)
+
+
+def orders(rows: pd.DataFrame) -> pd.DataFrame:
+    """The order of each method on each top, from the steps whose errors are neither round-off nor saturated."""
+    table = []
+    good = part(rows, "order")
+    good = good[good.error.notna()] if "error" in good else good[:0]
+    for (state, method), run in good.groupby(["state", "method"], sort=False):
+        run = run[(run.error > 1e-12) & (run.error < 1e-3)].sort_values("h")[:4]
+        slope = float(np.polyfit(np.log(run.h), np.log(run.error), 1)[0]) if len(run) > 2 else np.nan
+        says = METHODS[method].order_for(PERTURBED_TOPS[state].top) if method in METHODS else None
+        table.append({"state": state, "method": method, "claimed": says, "measured": slope, "points": len(run)})
+    return pd.DataFrame(table)
+
+
+def winners(rows: pd.DataFrame) -> pd.DataFrame:
+    """For each run and error the cheapest method, set-up counted, and how many times as long the best of the others takes."""
+    good = work_precision.useful(part(rows, "work")) if "error" in rows and "seconds" in rows else rows[:0]
+    table = []
+    for (span, state), group in good.groupby(["span", "state"], sort=False):
+        for target in work_precision.TARGETS[:-1]:
+            found = work_precision.best(group, target, "total")
+            if found.empty:
+                continue
+            ours, others = found[found.method == OURS].total, found[found.method != OURS]
+            ratio = others.total.min() / ours.min() if len(ours) and len(others) else np.nan
+            rival = others.method.iloc[0] if len(others) else ""
+            table.append(
+                {
+                    "span": span,
+                    "state": state,
+                    "error at most": target,
+                    "cheapest": found.method.iloc[0],
+                    "seconds": found.total.iloc[0],
+                    "best of the others": rival,
+                    "times as long as the exact step inside": ratio,
+                }
+            )
     return pd.DataFrame(table)
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    table = longest_steps(rows)
-    table.attrs["caption"] = f"Longest step that reaches an error at t = {SPAN:g}, with exact flows and without"
-    return {"steps": table} if len(table) else {}
+    made = {"kept": kept(rows), "orders": orders(rows), "winners": winners(rows)}
+    captions = {
+        "kept": "Tops in a potential: the largest relative error of each invariant that the top has",
+        "orders": "Tops in a potential: orders claimed and measured; empty where fewer than three steps tell",
+        "winners": "Tops in a potential: the cheapest method, set-up counted, and the best of the others",
+    }
+    for name, table in made.items():
+        table.attrs["caption"] = captions[name]
+    return {name: table for name, table in made.items() if len(table)}
 
 
 def draw(rows: pd.DataFrame) -> dict:
     from experiments.drawing import style
+
+    figures = {}
+    work = part(rows, "work")
+    good = work_precision.useful(work) if "error" in work and "seconds" in work else work[:0]
+    for span in sorted(set(good.span)):
+        figures[f"work_t{span:.0f}"] = _draw_work(good[good.span == span], style, span)
+    ratios = winners(rows)
+    if len(ratios) and ratios.state.isin(EPSILON).any():
+        figures["winner"] = _draw_winner(ratios[ratios.state.isin(EPSILON)], style)
+    order = part(rows, "order")
+    if "error" in order and order.error.notna().any():
+        figures["order"] = _draw_order(order, style)
+    return figures
+
+
+def _panels(style, states: list[str], height: float = 2.1):
+    columns = min(len(states), 3)
+    shape = {"nrows": -(-len(states) // columns), "ncols": columns, "sharex": True, "sharey": True, "squeeze": False}
+    fig, grid = style.figure("page", 0.5 + height * shape["nrows"], **shape)
+    for ax in grid.flat[len(states) :]:
+        ax.remove()
+    for ax, state in zip(grid.flat, states, strict=False):
+        ax.set_title(PERTURBED_TOPS[state].label)
+    return fig, grid
+
+
+def _draw_work(good: pd.DataFrame, style, span: float):
     from experiments.drawing.tables import show
 
-    good = rows[rows.status == "done"]
-    if good.empty:
-        return {}
-    sizes = list(dict.fromkeys(good.eps))
-    columns = min(len(sizes), 2)
-    shape = {"nrows": -(-len(sizes) // columns), "ncols": columns, "sharex": True, "sharey": True, "squeeze": False}
-    fig, grid = style.figure("page", 0.5 + 2.1 * shape["nrows"], **shape)
-    blue, orange = style.FAMILIES["backlund"], style.FAMILIES["splitting"]
-    looks = dict(zip((*EXACT, *ROTATION), ((blue, 0), (blue, 1), (orange, 0), (orange, 1)), strict=True))
-    for ax, eps in zip(grid.flat, sizes, strict=False):
-        for variant, ((colours, markers), place) in looks.items():
-            run = good[(good.eps == eps) & (good.variant == variant)].sort_values("h")
-            look = {"color": colours[place], "marker": markers[place], "linestyle": style.DASHES[place]}
-            if not run.empty:
-                ax.loglog(run.h, run.error.clip(lower=1e-15), **look, label=variant)
-        ax.set_title(f"ε = {show(eps)}")
-        ax.set_ylim(3e-16, 10)
-    for ax in grid.flat[len(sizes) :]:
-        ax.remove()
+    states = list(dict.fromkeys(good.state))
+    fig, grid = _panels(style, states)
+    for ax, state in zip(grid.flat, states, strict=False):
+        here = good[good.state == state]
+        best = work_precision.best(here, 1e-8, "total").method
+        named = {OURS, *best[best != OURS][:2]}
+        work_precision.draw_runs(ax, here.assign(seconds=here.total), named, style, ours=OURS)
     for ax in grid[-1]:
-        ax.set_xlabel("step h")
+        ax.set_xlabel("wall time of the run with set-up, s")
     for ax in grid[:, 0]:
-        ax.set_ylabel(f"error at t = {SPAN:g}")
-    style.legend_below(fig)
+        ax.set_ylabel("error at the end")
+    style.label_ends(grid.flat[: len(states)])
     fig.caption = (
-        "A top in a potential that breaks its symmetry: error against step, for splittings with the exact flow of the "
-        "symmetric top and kicks by the perturbation, and for splittings with a rotation and kicks by the whole potential. "
-        "The smaller ε is, the longer the steps with the exact flow may be. A step of order 2 has one flow or rotation, one "
-        "of SABA4 five, one of order 6 nine. Times are not compared: the exact flows run in the interpreter here, the "
-        "rotations are compiled."
+        f"Error at t = {show(span)} against wall time, set-up included, for tops in a potential; down and to the left is better. "
+        "Thin: all compiled methods in the colours of their families; bold: the splitting with the exact step, and the two "
+        "others that reach 1e-8 in the least time. Each point is one step size or tolerance."
     )
-    return {"h": fig}
+    return fig
+
+
+def _draw_winner(table: pd.DataFrame, style):
+    """A map over (ε, error): how many times as long the best of the others takes."""
+    from matplotlib import colors
+
+    spans = sorted(set(table.span))
+    fig, grid = style.figure("page", 2.6, ncols=len(spans), squeeze=False)
+    for ax, span in zip(grid[0], spans, strict=True):
+        here = table[table.span == span]
+        states = [state for state in EPSILON if state in set(here.state)]
+        targets = sorted(set(here["error at most"]), reverse=True)
+        wide = here.pivot(index="error at most", columns="state", values="times as long as the exact step inside")
+        ratios = wide.reindex(index=targets, columns=states).to_numpy(dtype=float)
+        norm = colors.LogNorm(vmin=0.1, vmax=10.0)
+        ax.pcolormesh(np.ma.masked_invalid(ratios), cmap="RdBu", norm=norm, edgecolors="white", linewidth=1.0)
+        for (i, j), ratio in np.ndenumerate(ratios):
+            word = f"{ratio:.2g}" if np.isfinite(ratio) else "–"
+            dark = np.isfinite(ratio) and not 0.3 < ratio < 3.3
+            ax.text(j + 0.5, i + 0.5, word, ha="center", va="center", fontsize=7, color="white" if dark else "black")
+        ax.set_xticks(np.arange(len(states)) + 0.5, [f"{EPSILON[state]:g}" for state in states])
+        ax.set_yticks(np.arange(len(targets)) + 0.5, [f"{target:g}" for target in targets])
+        ax.set_xlabel("size of the tide, ε")
+        ax.set_title(f"t = {span:g}")
+        ax.grid(visible=False)
+    grid[0, 0].set_ylabel("error at most")
+    fig.caption = (
+        "Who wins on the generic top in a tide of size ε: the wall time of the best of the other methods, set-up included, in units "
+        "of that of the splitting with the exact step. Above 1, blue: the exact step inside is quicker. Below, red: another "
+        "method is. A dash: one of the two does not get there."
+    )
+    return fig
+
+
+def _draw_order(rows: pd.DataFrame, style):
+    state = next(name for name in (*QUICK, *PERTURBED_TOPS) if (rows.state == name).any())
+
+    def line(ax, method, look):
+        run = rows[(rows.method == method) & (rows.state == state) & rows.error.notna()].sort_values("h")
+        if run.empty:
+            style.failed_label(ax, method)
+        else:
+            ax.loglog(run.h, run.error.clip(lower=1e-16), **look)
+
+    fig, axes = style.by_family(rows.method, line, "step h", f"error at t = {SPAN:g}", (1e-16, 10))
+    style.label_ends(axes)
+    fig.caption = (
+        f"Error against the step on “{PERTURBED_TOPS[state].label}”, one panel for each family of methods. The slopes are the orders; "
+        "their numbers for all tops are in the table. A cross before a name: the method failed."
+    )
+    return fig
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from experiments.measuring.states import (
     affordable,
     find,
     log_counts,
+    methods_on,
     options_of,
     rounded,
     sample,
@@ -48,14 +49,14 @@ UNSTABLE_SPAN = 20.0  # of orbits without a period: there errors grow exponentia
 
 def cells(profile: str) -> list[dict]:
     listed = []
-    stepping = [name for name, method in METHODS.items() if method.control == "step"]
+    stepping = [name for name, method in methods_on().items() if method.control == "step"]
     for state in STATES[profile]:
         for name in stepping:
             listed += [{"part": "h", "method": name, "state": state, "h": h} for h in STEPS[profile]]
     listed += [{"part": "order", "method": name} for name in stepping if METHODS[name].order is not None]
     h, steps = LONG[profile]
     for state in LONG_STATES[profile]:
-        for name, method in METHODS.items():
+        for name, method in methods_on().items():
             n = affordable(method, steps, profile == "full")
             listed.append({"part": "time", "method": name, "state": state, "h": h, "steps": n})
     some = PROMISE_RANDOM[profile]

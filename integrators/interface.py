@@ -113,6 +113,7 @@ class Method:
     biased: Mapping[str, str] = field(default_factory=dict, hash=False)
     in_field: AnyField | None = None  # how it takes a top in any field; None: a uniform field only, for this reason:
     uniform_only: str = "its formula is written for a uniform field"
+    reduces_to: str = ""  # in a uniform field it is this other method, and measured under its name
     options: tuple[str, ...] = field(init=False)  # keyword options of `prepare`
 
     def __post_init__(self) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from experiments.drawing import tables
+from experiments.measuring.states import methods_on
 from integrators.compiling.compiled import OPTIONS
 from integrators.interface import Method
 from integrators.registry import METHODS
@@ -32,7 +33,7 @@ def assemble(rows: dict[str, pd.DataFrame]) -> Fairness:
     """From the rows of all experiments, by name; what is not stored is not said."""
     cost, work, ensemble = (rows.get(name, pd.DataFrame()) for name in ("cost", "work_precision", "ensemble"))
     records = {}
-    for name in METHODS:
+    for name in methods_on():
         try:
             records[name] = METHODS[name]
         except Exception:  # somebody else's method that cannot be loaded here

@@ -13,7 +13,7 @@ from experiments import work_precision
 from experiments.catalogue import load
 from experiments.drawing.tables import flat, show
 from experiments.measuring.metrics import ROUND_OFF
-from experiments.measuring.states import CLOSE, WIDE
+from experiments.measuring.states import CLOSE, WIDE, methods_on
 from integrators.interface import INVARIANTS
 from integrators.problem.top import TOPS
 from integrators.registry import BUILT_IN, METHODS, available
@@ -87,7 +87,9 @@ def kept_as_claimed(rows: pd.DataFrame) -> Verdict:
 
 def all_methods(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows, if every method of the bench that can run here is among them. Plug-ins are judged where they have rows."""
-    if missing := sorted(name for name in BUILT_IN if available(METHODS[name]) and name not in set(rows.method)):
+    if missing := sorted(
+        name for name in methods_on() if name in BUILT_IN and available(METHODS[name]) and name not in set(rows.method)
+    ):
         raise NoData(f"not measured: {', '.join(missing)}")
     return rows
 

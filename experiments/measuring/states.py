@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from integrators.interface import Method, Stepper
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.potentials import PERTURBED_TOPS
 from integrators.problem.top import TOPS, Array, LagrangeTop
-from integrators.truth import exact
+from integrators.truth import exact, reference
 
 RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
 CLOSE = tuple(f"close{i:03d}" for i in range(32))  # to the separatrix; likewise
@@ -59,6 +60,19 @@ def _near_separatrix(alpha: float, x: Array, share: float, off: float) -> list[f
     return [(along * x[0] - across * x[1]) / flat, (along * x[1] + across * x[0]) / flat, J3]
 
 
+def methods_on(state: str | None = None) -> dict[str, Method]:
+    """The methods that are measured on a state, by name; None: on any top in a uniform field.
+
+    In a potential these are the methods with a formula for it, else all but those that are another one in a uniform field.
+    """
+    from integrators import METHODS
+
+    if state not in PERTURBED_TOPS:
+        return {name: method for name, method in METHODS.items() if not method.reduces_to}
+    top = PERTURBED_TOPS[state].top
+    return {name: method for name, method in METHODS.items() if method.in_field and method.takes(top) is None}
+
+
 def log_counts(last: int, per_octave: int) -> list[int]:
     """Whole numbers from 1 to `last`, `per_octave` to each doubling (as far as there are so many), and `last`."""
     counts = {round(2 ** (k / per_octave)) for k in range(per_octave * last.bit_length() + 1)}
@@ -92,11 +106,32 @@ def follow(stepper: Stepper, y0: Array, counts: Iterable[int]) -> Iterator[tuple
         yield y, seconds
 
 
-def truth(top: LagrangeTop, y0: Array, method: Method, h: float, counts: ArrayLike) -> Array:
+def truth(top: Any, y0: Array, method: Method, h: float, counts: ArrayLike) -> Array:
     """The exact states (N, 6) after n steps of h. What steps by h is at n·h itself, which no double need be."""
+    if isinstance(top, PerturbedTop):
+        return truth_in_field(top, y0, h, counts)
     if method.control == "tolerance":
         return exact.solution(top, y0, h * np.asarray(counts, dtype=float))
     return exact.after_steps(top, y0, h, counts)
+
+
+BITS = 44  # of the times for which reference solutions are computed and kept
+
+
+def truth_in_field(top: PerturbedTop, y0: Array, h: float, counts: ArrayLike) -> Array:
+    """States (N, 6) after n steps of h by the reference in quadruple precision.
+
+    Runs of one length with different steps end an ulp apart. They share one reference, at times of BITS bits, and the
+    rest of the time, some 1e-13 of it, is one term of the Taylor series.
+    """
+    n = np.asarray(counts, dtype=np.int64)
+    times = h * n.astype(float)
+    mantissas, exponents = np.frexp(times)
+    shared = np.ldexp(np.rint(np.ldexp(mantissas, BITS)), exponents - BITS)
+    rest = (times - shared) + np.asarray(exact.rounded_off(h, n.astype(float)))
+    found = reference.solution(top, y0, shared)
+    states: Array = found.states + (found.tail + rest[:, None] * top.rhs(found.states))
+    return states
 
 
 KNOBS = ("h", "tol", "rtol")

@@ -622,4 +622,5 @@ METHOD = Method(
     source="this project; Wisdom and Holman, Astron. J. 102 (1991) 1528; corrector and modified kick: see the module",
     prepare=prepare,
     in_field=AnyField(prepare_in_field, conserves=frozenset({"J3", "C1", "C2"}), order=4),
+    reduces_to="backlund",
 )

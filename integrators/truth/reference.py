@@ -31,7 +31,7 @@ from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
 from integrators.checks import check_choice, check_real, check_state, check_times
-from integrators.compiling.expression import OPERATIONS, Program, Tape
+from integrators.compiling.expression import Program, Tape
 from integrators.files import cache_folder, write_file
 from integrators.interface import StepError
 from integrators.problem.perturbed import PerturbedTop, cross
@@ -314,14 +314,8 @@ def compiled(program: Program, tolerance: float) -> Any:
     hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
     n = len(program.outputs)
     variables = hy.make_vars(*(f"y{i}" for i in range(n)))
-    values = [*variables, *(hy.par[i] for i in range(program.inputs - n))]
-
-    def value(place: Any) -> Any:
-        return hy.expression(hy.real128(place[1])) if isinstance(place, tuple) else values[place]
-
-    for operation, *arguments in program.lines:
-        values.append(OPERATIONS[operation](*map(value, arguments)))
-    system = list(zip(variables, map(value, program.outputs), strict=True))
+    rates = program.with_constants(lambda value: hy.expression(hy.real128(value)))
+    system = list(zip(variables, rates(*variables, *(hy.par[i] for i in range(program.inputs - n))), strict=True))
     zero = hy.real128(0.0)
     # unrolled code would take seconds to compile and is not faster here
     return hy.taylor_adaptive(
