@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
 
 from experiments import script
 from experiments.measuring import check, metrics
@@ -156,7 +156,7 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
     for name, points in single.groupby("method", sort=False):
         if name in METHODS:
             few = len(points) < 4
-            fit = None if few else stats.linregress(np.log(points.h), np.log(points.error))
+            fit = None if few else scipy.stats.linregress(np.log(points.h), np.log(points.error))
             order, stderr = (np.nan, np.nan) if fit is None else (fit.slope - 1, fit.stderr)
             where = "short runs" if "run" in points and points.run.notna().any() else "single steps"
             enter(name, f"{where}, 8 tops", points, order, stderr, len(points))

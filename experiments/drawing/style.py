@@ -241,6 +241,8 @@ def _formula(text: str) -> bool:
 
 def finish(fig: matplotlib.figure.Figure) -> None:
     """Makes a figure ready to be saved; panels on top of each other get the labels they had from their neighbours."""
+    for ax in fig.axes:
+        _no_ticks_between(ax)  # or thousands of them are made, to be looked at and thrown away
     _keep_to_the_letter(fig)
     if fig.get_figwidth() == WIDTHS["column"]:
         for ax in fig.axes:

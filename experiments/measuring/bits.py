@@ -45,12 +45,16 @@ class Verdict:
     compared: int
 
 
-def kernels() -> list[tuple[str, str, dict[str, Any]]]:
-    """(name, method, options) of every kernel of this package: the methods compiled here, and their compensated forms."""
+def kernels(only: Iterable[str] | None = None) -> list[tuple[str, str, dict[str, Any]]]:
+    """(name, method, options) of every kernel of this package: the methods compiled here, and their compensated forms.
+
+    `only` names some of them, or methods: no other is compiled.
+    """
+    chosen = set(METHODS) if only is None else set(only)
     found: list[tuple[str, str, dict[str, Any]]] = []
     top, y0 = find(STATES[0])
     for name in METHODS:
-        if name in LIBRARY:
+        if name in LIBRARY or chosen.isdisjoint((name, f"{name} compensated")):
             continue
         method = METHODS[name]
         builder = getattr(method.prepare, "func", method.prepare)  # of a partial, too
@@ -60,16 +64,13 @@ def kernels() -> list[tuple[str, str, dict[str, Any]]]:
             found.append((name, name, {}))
             if "compensated" in method.options:
                 found.append((f"{name} compensated", name, {"compensated": True}))
-    return found
+    return [kernel for kernel in found if not chosen.isdisjoint(kernel[:2])]
 
 
 def measured(last: int = COUNTS[-1], only: Iterable[str] | None = None) -> Hashes:
     """The hashes as this process computes them, up to `last` steps."""
-    chosen = None if only is None else set(only)
     hashes: Hashes = {}
-    for kernel, method, options in kernels():
-        if chosen is not None and kernel not in chosen and method not in chosen:
-            continue
+    for kernel, method, options in kernels(only):
         hashes[kernel] = {}
         for state in STATES:
             top, y = find(state)
@@ -119,7 +120,7 @@ def compare(expected: Hashes, found: Hashes) -> list[Verdict]:
 def write(found: Hashes) -> None:
     """Puts the hashes found into the golden file, in the order of the registry; those of other kernels stay."""
     known = {**golden(), **found}
-    order = [name for name, *_ in kernels() if name in known]
+    order = [name for method in METHODS for name in (method, f"{method} compensated") if name in known]
     write_file(GOLDEN, json.dumps({name: known[name] for name in order}, indent=1, ensure_ascii=False) + "\n")
 
 

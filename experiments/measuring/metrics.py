@@ -11,8 +11,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from integrators.problem.top import LagrangeTop
 from integrators.truth import exact
@@ -133,7 +133,7 @@ def growth_exponent(
     # resamples that drew only states without any error have no logarithm: the floor stands in for it
     slopes = _slope(x, np.log(np.maximum(weights @ V, floor**2 + np.finfo(float).tiny)) / 2)
     # percentiles moved out as far as Student's t with n − 1 degrees of freedom reaches beyond the bootstrap's normal
-    tail = stats.norm.cdf(np.sqrt(n / (n - 1)) * stats.t.ppf(0.025, n - 1))
+    tail = scipy.stats.norm.cdf(np.sqrt(n / (n - 1)) * scipy.stats.t.ppf(0.025, n - 1))
     low, high = np.quantile(slopes, (tail, 1 - tail))
     return Growth(p, min(p, float(low)), max(p, float(high)))
 
@@ -297,7 +297,7 @@ def order(h: ArrayLike, error: ArrayLike, floor: float | None = None, saturation
         return Order(np.nan, np.nan, mask)
     run = slice(first, last + 1)
     mask[candidates[run]] = True
-    fit = stats.linregress(x[run], y[run])
+    fit = scipy.stats.linregress(x[run], y[run])
     return Order(float(fit.slope), float(fit.stderr), mask)
 
 
