@@ -49,7 +49,7 @@ COARSEST, FINEST = 16.0, 2.0**-24  # steps; nobody gets to the last
 LOOSEST, TIGHTEST = 2, 15  # decades of tolerance
 OURS = "backlund"  # the exact step
 USEFUL = 0.1  # an error above this is no solution: its time is not measured
-FLOOR_RUNS = 3  # runs in a row that do not lower the least error so far end a curve
+COARSE, FLOOR_RUNS = 1e-4, 3  # below this error, runs in a row that do not lower the least one so far end a curve
 TRIALS = 4  # short runs, at most, that tell how long a run would take
 SAMPLE = 0.005  # s, the least length of a timing sample; longer runs are timed a second time only
 
@@ -76,7 +76,7 @@ def measure(cell: dict) -> list[dict]:
         except StepError as refusal:  # of a step too large or a tolerance too small: the curve goes on without it
             row = {"stopped": "refused", "reason": refusal.reason}
         error = row.get("error", np.inf)
-        in_vain = 0 if error < 0.9 * least or least > USEFUL else in_vain + 1
+        in_vain = 0 if error < 0.9 * least or least > COARSE else in_vain + 1
         least = min(least, error)
         if in_vain == FLOOR_RUNS:
             row["stopped"] = "round-off"
@@ -135,12 +135,13 @@ def _predicted(cell: dict, method, stepper, h: float, n: int, options: dict) -> 
         share = n / steps
     else:
         stepper, share = prepare(top, y0, trial * top.scales(y0)[2], method, **options), cell["span"] / trial
-    seconds = _seconds(stepper, y0, steps)
-    for _ in range(TRIALS - 1):
-        if seconds * share <= cell["longest"]:
+    once = twice = np.inf
+    for _ in range(TRIALS):
+        once, twice = min(once, _seconds(stepper, y0, steps)), min(twice, _seconds(stepper, y0, 2 * steps))
+        predicted = once + max(twice - once, 0.0) * (share - 1)  # what a call costs whatever its length is paid once
+        if predicted <= cell["longest"]:
             break
-        seconds = min(seconds, _seconds(stepper, y0, steps))
-    return seconds * share
+    return predicted
 
 
 def _seconds(stepper, y0, n) -> float:

@@ -531,15 +531,19 @@ class ExactSplittingStepper(FixedStepper):
 
 @cache
 def _corrector(size: float) -> tuple[tuple[float, float], ...]:
-    """(flow, kick) one after the other: out with half the kicks on either side, and back with the other half."""
-    parts: list[tuple[float, float]] = []
-    for side in (size, -size):
-        kicks = [0.5 * side * b for b in corrector_kicks()]
-        parts += [(SPACING * side, b) for b in kicks[:-1]]
-        parts.append((SPACING * side, 2.0 * kicks[-1]))
-        parts += [(-SPACING * side, b) for b in reversed(kicks[:-1])]
-        parts.append((-SPACING * side, 0.0))
-    return tuple(parts)
+    """(flow, kick) one after the other: half of all kicks, the side ahead first, and the other half in the order reversed.
+
+    So no commutator of two kicks is left, of size ε²h³.
+    """
+    kicks, out = [0.5 * size * b for b in corrector_kicks()], SPACING * size
+    ahead = [(out, b) for b in kicks]
+    behind = [(-out, -b) for b in kicks[:-1]]
+    turn = [(-out, -2.0 * kicks[-1])]
+    behind_back = [(out, -b) for b in reversed(kicks[:-1])]
+    ahead_back = [(out + NODES * out, kicks[-1]), *((-out, b) for b in reversed(kicks[:-1]))]
+    first, *rest = behind or turn
+    start = [(first[0] - NODES * out, first[1]), *rest]  # from the end of the side ahead in one flow
+    return (*ahead, *start, *turn, *behind_back, *ahead_back, (-out, 0.0))
 
 
 def ends_of(chosen: Scheme, h: float, corrected: bool) -> tuple[Array, Array]:
@@ -605,6 +609,9 @@ def _warn(top: PerturbedTop, y0: Array, h: float) -> None:
         warnings.warn(text, StepWarning, stacklevel=4)
     if abs(h) > 0.39 * unit:  # an eighth of the shortest period there is, π units
         period = exact.nutation_period(top.top, y0)
+        if abs(h) >= 0.5 * period:
+            reason = f"h is {abs(h) / period:.2g} of the nutation period, in resonance with it; take less than a half"
+            raise StepError("backlund_splitting", reason, h=h)
         if abs(h) > RESONANT * period:
             text = f"h is {abs(h) / period:.2g} of the nutation period: from 1/8 on, harmonics of V come near resonance with the step"
             warnings.warn(text, StepWarning, stacklevel=4)

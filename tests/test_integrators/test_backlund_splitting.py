@@ -1,0 +1,234 @@
+"""The exact step inside a splitting: schemes, corrector, tables, and what the whole keeps."""
+
+import math
+import warnings
+from fractions import Fraction
+
+import mpmath
+import numpy as np
+import pytest
+
+from experiments.measuring import metrics
+from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, LagrangeTop, PerturbedTop, StepError, integrate, prepare
+from integrators.methods import backlund_splitting as bs
+from integrators.truth import reference
+
+NAME = "backlund_splitting"
+ORDERS = {"strang": (2, 2), "saba4": (8, 2), "aba84": (8, 4), "aba104": (10, 4), "aba864": (8, 6), "aba1064": (10, 6)}
+pytestmark = pytest.mark.filterwarnings("ignore::integrators.methods.backlund_splitting.StepWarning")
+
+
+def problem(name):
+    named = PERTURBED_TOPS[name]
+    return named.top, named.state, named.top.scales(named.state)[2]
+
+
+# ---------------------------------------------------------------- schemes
+
+
+@pytest.mark.parametrize("name", bs.SCHEMES)
+def test_schemes_are_symmetric_and_consistent(name):
+    a, b, *_ = bs.SCHEMES[name]
+    assert len(a) == len(b) + 1
+    assert a == a[::-1]
+    assert b == b[::-1]
+    assert math.isclose(math.fsum(a), 1.0, abs_tol=1e-15)
+    assert math.isclose(math.fsum(b), 1.0, abs_tol=1e-15)
+
+
+@pytest.mark.parametrize("name", bs.SCHEMES)
+def test_schemes_integrate_the_perturbation_to_their_order(name):
+    """To first order in ε a scheme is a quadrature of V along the flow: exact for polynomials below its first order."""
+    a, b, *_ = bs.SCHEMES[name]
+    nodes, order = np.cumsum([Fraction(w) for w in a])[:-1] - Fraction(1, 2), ORDERS[name][0]
+    defects = [
+        abs(float(sum(w * c**k for w, c in zip(map(Fraction, b), nodes, strict=True)) - moment(k)))
+        for k in range(order + 1)
+    ]
+    assert max(defects[:order]) < 1e-15
+    assert defects[order] > 1e-7  # and no more
+
+
+def moment(k):
+    return Fraction(1, (k + 1) * 2**k) if k % 2 == 0 else Fraction(0)
+
+
+def oscillator(name, h, eps, t=3.0):
+    """The error of p²/2 + q²/2 + ε q²/2 with the flow of ε = 0 exact; 2 × 2 matrices in extended precision."""
+    a, b, *_ = bs.SCHEMES[name]
+    a, b = ([mpmath.mpf(w) / sum(map(mpmath.mpf, part)) for w in part] for part in (a, b))
+    n, h, step = round(t / h), mpmath.mpf(h), mpmath.eye(2)
+    for i, part in enumerate(a):
+        c, s = mpmath.cos(part * h), mpmath.sin(part * h)
+        step = mpmath.matrix([[c, s], [-s, c]]) * step
+        if i < len(b):
+            step = mpmath.matrix([[1, 0], [-eps * b[i] * h, 1]]) * step
+    w = mpmath.sqrt(1 + mpmath.mpf(eps))
+    c, s = mpmath.cos(w * n * h), mpmath.sin(w * n * h)
+    return step**n - mpmath.matrix([[c, s / w], [-w * s, c]])
+
+
+@pytest.mark.parametrize("name", bs.SCHEMES)
+def test_schemes_have_their_order_in_the_square_of_the_perturbation(name):
+    """The part of the error that is even in ε, ε² and higher, falls like the second number of the scheme."""
+    with mpmath.workdps(40):
+        eps = mpmath.mpf(10) ** -6
+        errors = [mpmath.norm(oscillator(name, h, eps) + oscillator(name, h, -eps)) for h in (0.25, 0.125)]
+        assert float(mpmath.log(errors[0] / errors[1], 2)) == pytest.approx(ORDERS[name][1], abs=0.3)
+
+
+def test_the_corrector_fits_the_boundary_term():
+    b = bs.corrector_kicks()
+    for w, bound in ((0.3, 1e-11), (0.65, 5e-11), (1.3, 1e-9), (2.0, 1e-8), (3.0, 1e-6)):
+        fitted = 2 * sum(b[j] * math.sin(bs.SPACING * (j + 1) * w) for j in range(bs.NODES))
+        assert abs(fitted - (1 / (2 * math.sin(w / 2)) - 1 / w)) < bound
+
+
+def test_the_corrector_is_a_palindrome_of_kicks_about_its_end():
+    parts = bs._corrector(1.0)
+    times = np.cumsum([flow for flow, _ in parts])
+    kicks = [(round(t, 9), k) for t, (_, k) in zip(times, parts, strict=True) if k]
+    assert [k for _, k in kicks] == [k for _, k in reversed(kicks)]
+    assert abs(times[-1]) < 1e-14
+    total = {}
+    for t, k in kicks:
+        total[t] = total.get(t, 0.0) + k
+    for j, weight in enumerate(bs.corrector_kicks(), 1):
+        assert total[round(bs.SPACING * j, 9)] == pytest.approx(weight)
+        assert total[-round(bs.SPACING * j, 9)] == pytest.approx(-weight)
+
+
+# ---------------------------------------------------------------- the method
+
+
+@pytest.mark.parametrize("scheme", bs.SCHEMES)
+def test_without_a_potential_it_is_the_exact_step(scheme):
+    y = PERTURBED_TOPS["weak_tide"].state
+    top = LagrangeTop(1.0)
+    exact = integrate(top, y, 0.3, 100).y[-1]
+    nothing = PerturbedTop(top, POTENTIALS["tide"], (0.0, 1.0, 0.0, 0.0))
+    assert np.abs(integrate(nothing, y, 0.3, 100, NAME, scheme=scheme).y[-1] - exact).max() < 2e-13
+    assert np.array_equal(integrate(top, y, 0.3, 100, NAME, scheme=scheme).y[-1], exact)
+
+
+@pytest.mark.parametrize("name", ["moderate_tide", "triaxial", "axisymmetric", "separatrix_tide"])
+def test_strang_with_both_corrections_has_order_four(name):
+    top, y, unit = problem(name)
+    right = reference.solution(top, y, [16 * unit]).states[0]
+
+    def error(h, **options):
+        return metrics.scaled_error(top, y, prepare(top, y, h * unit, NAME, **options).advance(y, round(16 / h)), right)
+
+    errors = [error(h) for h in (0.25, 0.125)]
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.25)
+    assert errors[1] < 1e-6
+    # negative controls: without either it has order two, and is worse
+    for without in ("corrector", "modified_kick"):
+        worse = [error(h, **{without: False}) for h in (0.25, 0.125)]
+        assert math.log2(worse[0] / worse[1]) == pytest.approx(2, abs=0.3)
+        assert worse[1] > 3 * errors[1]
+
+
+@pytest.mark.parametrize("name", ["weak_tide", "magnet"])
+@pytest.mark.parametrize("scheme", bs.SCHEMES)
+def test_tables_and_plain_doubles_agree(name, scheme):
+    top, y, unit = problem(name)
+    tabled, plain = (prepare(top, y, 0.25 * unit, NAME, scheme=scheme, table=table) for table in (True, False))
+    assert tabled.degree > 0
+    assert plain.degree == 0
+    a, b = tabled.advance(y, 400), plain.advance(y, 400)
+    assert tabled.work.iterations == 0  # no flow outside of the box
+    assert metrics.scaled_error(top, y, a, b) < 1e-12
+
+
+def test_outside_of_its_box_a_table_is_not_used(monkeypatch):
+    monkeypatch.setattr(bs, "MARGIN", 0.2)
+    top, y, unit = problem("moderate_tide")
+    small, plain = (prepare(top, y, 0.25 * unit, NAME, table=table) for table in (True, False))
+    assert metrics.scaled_error(top, y, small.advance(y, 400), plain.advance(y, 400)) < 1e-12
+    assert 0 < small.work.iterations < 400
+
+
+@pytest.mark.parametrize("name", ["moderate_tide", "magnet", "axisymmetric"])
+def test_it_is_poisson_and_symmetric(name):
+    top, y, unit = problem(name)
+    for options in ({}, {"scheme": "aba864"}, {"table": False}):
+        for h in (0.5 * unit, -0.25 * unit):
+            defect = metrics.poisson_defect(
+                lambda z, h=h, o=options: prepare(top, z, h, NAME, **o).advance(z, 1), top, y
+            )
+            assert defect.defect < 1e-8
+            there = prepare(top, y, h, NAME, **options).advance(y, 5)
+            back = prepare(top, there, -h, NAME, **options).advance(there, 5)
+            assert metrics.scaled_error(top, y, back, y) < 1e-13
+
+
+def test_a_kick_that_is_no_gradient_is_not_poisson(monkeypatch):
+    """Negative control: the pin and the table cannot hide a wrong force."""
+    top, y, unit = problem("moderate_tide")
+    wrong = PerturbedTop(top.top, top.potential, top.parameters)
+    gradient = wrong.formula.perturbation.gradient
+    swapped = type(gradient)(gradient.inputs, gradient.lines, gradient.outputs[1:] + gradient.outputs[:1])
+    bad = type(wrong.formula.perturbation)(wrong.formula.perturbation.potential, swapped)
+    monkeypatch.setitem(wrong.formula.__dict__, "perturbation", bad)
+    step = lambda z: prepare(wrong, z, 0.5 * unit, NAME).advance(z, 1)  # noqa: E731
+    assert metrics.poisson_defect(step, top, y).defect > 1e-4
+
+
+def test_the_energy_error_does_not_grow():
+    top, y, unit = problem("moderate_tide")
+    run = integrate(top, y, 0.5 * unit, 300_000, NAME, every=300)
+    drift = np.abs(metrics.relative_drift(run.invariants(), top.invariant_scales(y)))
+    assert drift[:, 2:].max() < 64 * 2.0**-52
+    early, late = drift[1:334, 0].max(), drift[-333:, 0].max()
+    assert late < 1.5 * early
+    assert early < 1e-7
+
+
+def test_output_on_the_way_is_corrected_output():
+    top, y, unit = problem("moderate_tide")
+    rows = integrate(top, y, 0.5 * unit, 64, NAME, every=8).y
+    for k in (1, 5):
+        assert np.array_equal(rows[k], integrate(top, y, 0.5 * unit, 8 * k, NAME).y[-1])
+
+
+def test_it_says_where_it_is_the_wrong_method():
+    top, y, unit = problem("strong_tide")
+    with pytest.warns(bs.StepWarning, match="blanes_moan6 or taylor costs less"):
+        prepare(PerturbedTop(top.top, POTENTIALS["tide"], (3.0, 1.0, 0.0, 0.0)), y, 0.1 * unit, NAME)
+    with pytest.warns(bs.StepWarning, match="near resonance"):
+        prepare(top, y, 1.5 * unit, NAME)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        prepare(*problem("weak_tide")[:2], 0.25 * unit, NAME)
+    with pytest.raises(StepError, match="in resonance with it; take less than a half"):
+        prepare(top, y, 12 * unit, NAME)
+    for options, message in (
+        ({"scheme": "leapfrog"}, "scheme must be one of"),
+        ({"scheme": "aba864", "corrector": True}, "corrector belongs to scheme='strang'"),
+        ({"modified_kick": "yes"}, "modified_kick must be True or False"),
+        ({"table": 3}, "table must be True or False"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            prepare(top, y, 0.1, NAME, **options)
+
+
+def test_near_the_separatrix_it_falls_back():
+    """λ(H, J3) is not smooth there: no table, or none of its digits, and the step is exact all the same."""
+    top, y, unit = problem("separatrix_tide")
+    for h in (0.5, 1.0):
+        stepper = prepare(top, y, h * unit, NAME, corrector=False, modified_kick=False)
+        run = stepper.record(y, 2000, 20)
+        assert np.isfinite(run).all()
+        drift = np.abs(metrics.relative_drift(top.invariants(run), top.invariant_scales(y)))
+        assert drift[:, 2:].max() < 64 * 2.0**-52
+        assert drift[:, 0].max() < 1e-3
+
+
+def test_the_record():
+    record = METHODS[NAME]
+    tide = PERTURBED_TOPS["weak_tide"].top
+    assert record.order is None
+    assert record.order_for(tide) == 4
+    assert record.kept(tide) == {"C1", "C2"}
+    assert record.kept(PERTURBED_TOPS["axisymmetric"].top) == {"J3", "C1", "C2"}
