@@ -46,8 +46,8 @@ from integrators.torus.real_map import (
 from integrators.torus.real_map import pin as onto_torus
 from integrators.torus.stepper import TorusStepper, Turn, check_constants
 
-SHORT = 32  # steps of an ensemble up to which λ(h) in plain doubles is as good
-FEW = 4  # tops below which one after the other is quicker than a block of lanes
+SHORT = 16  # steps of an ensemble up to which λ(h) comes in plain doubles: the set-up would cost ten times as much as all steps
+FEW = 4  # tops below which, in longer runs, one after the other is quicker than a block of lanes
 MOST_PARTS = 10**8  # steps of an attitude between two rows: some seconds, not to be interrupted
 
 
@@ -118,12 +118,15 @@ def advance_many(
     pin: int = 8,
     lam: complex | None = None,
 ) -> NDArray[np.bool_]:
-    """The exact steps of many tops, each with λ(h) and constants of its own; options as in `prepare_exact`."""
+    """The exact steps of many tops, each with λ(h) and constants of its own; options as in `prepare_exact`.
+
+    More than `SHORT` steps have the bits of `prepare_exact`.
+    """
     pin = check_count(pin, "pin")
     n = len(Y0)
     if lam is not None:
         check_parameter(lam)
-    if lam is not None or n < FEW:  # one by one: λ is another in the units of each top, and a block wants to be filled
+    if lam is not None or (n < FEW and steps > SHORT):  # one by one: λ is another in the units of each top, and a block wants to be filled
         return np.zeros(n, dtype=bool)
     states, units, forms = np.empty((n, 6)), np.empty((n, 6)), np.empty(n, dtype=np.int64)
     c, turns = np.empty((n, CONSTANTS)), np.empty((n, 4))
