@@ -4,7 +4,7 @@
 ever. Here are 15 digits for a twentieth of the cost, and in SIMD lanes for a hundredth: for short runs of many tops, and for
 a step whose torus is another every time, as in a splitting whose integrable part is the exact flow.
 
-The start. On λ(h) is dλ/dh = −m λ̄/(2η), from T = h and Θ = 0. With s = iτ, τ = √C1 h/2, the power series λ = Σ l_k s^k, and m̂ = m/√C1
+The start. T = h and Θ = 0 say dλ/dh = −m λ̄/(2η). With s = iτ, τ = √C1 h/2, m̂ = m/√C1 and the power series λ = Σ l_k s^k
 
     dλ/ds = m̂ (E − O)/E,    λ = s (E + O),    E and O the even and odd part of λ/s,
 
@@ -13,6 +13,15 @@ so the l_k are polynomials in p_k = q_k/q_0, Q(u) = Σ q_k u^k, with rational co
 units, λ in τ and m in √C1, where Q(u) = 1 + P_1 u + P_2 u² + P_3 u³ + P_4 u⁴ and nothing depends on the caller's units.
 
 Larger times: `double_time` is that of `time_step`, with its divisions by N = 2|m|² and by B = N b side by side.
+
+`ok` says that T is right to 2e-15, relative: that 2|h| is below the nutation period, |m|² at least C1/4, and the start in
+reach. |m| falls towards a double root of Q, next to the separatrix, and for a nearly planar top from |h| = T_nut/3 on; the error of T grows
+like C1/|m|². Elsewhere `time_step` is right. Lengths and rates may have any size from 1e-70 to 1e70. h < 0 takes the inverse map;
+alpha may have either sign or be 0.
+
+In a kernel of one top: `R, eta, mr, mi, ok = plain_step(s, alpha, h)`, then `move(s, alpha, (R, eta, mr, mi))`. In SIMD lanes:
+`parameter_after(doublings)` in place of `plain_step`, without a loop or a branch, for a number of doublings that is enough for all
+tops (`first_time` counts them; one too many costs 3 ns); and `move` in a loop of its own.
 """
 
 from __future__ import annotations
@@ -20,6 +29,7 @@ from __future__ import annotations
 import math
 from fractions import Fraction
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -90,7 +100,9 @@ def _horner(a: Polynomial, P, order=(0, 2, 1, 3)):
     for exponent in range(power, -1, -1):
         if value is not None:
             value = value * P[first]
-        part = {tuple(0 if i == first else e for i, e in enumerate(k)): v for k, v in a.items() if k[first] == exponent}
+        part: Any = {
+            tuple(0 if i == first else e for i, e in enumerate(k)): v for k, v in a.items() if k[first] == exponent
+        }
         if part:
             c = _horner(part, P, order[1:])
             value = c if value is None else value + c
@@ -292,7 +304,7 @@ INVARIANTS, END = FOUND + H * LANES, FOUND + CONSTANTS * LANES
 def many_plain_constants(alphas, Y, h, states, c, units, forms, turns):
     """`real_map.many_constants` with λ(h) in plain doubles wherever that is good enough.
 
-    A block of tops at a time, for loops over its lanes that are SIMD code. No bit of a top depends on its lane or on its neighbours.
+    A block of tops at a time: the loops over its lanes are SIMD code. No bit of a top depends on its lane or its neighbours.
     """
     work = np.ones(END)
     for first in range(0, len(Y), LANES):
@@ -324,7 +336,10 @@ def many_plain_constants(alphas, Y, h, states, c, units, forms, turns):
                 put_column(work, LEFT + j, (left, fine, *z), LANES)
         for j in range(LANES):
             z, P = column(work, POINT + j, 4, LANES), column(work, CURVE + j, 4, LANES)
-            (left, fine), (tau, length) = column(work, LEFT + j, 2, LANES), column(work, CURVE + 4 * LANES + j, 2, LANES)
+            (left, fine), (tau, length) = (
+                column(work, LEFT + j, 2, LANES),
+                column(work, CURVE + 4 * LANES + j, 2, LANES),
+            )
             J3, (alpha, span) = work[STATE + 2 * LANES + j], column(work, GIVEN + j, 2, LANES)
             m = math.copysign(length, span)
             put_column(work, FOUND + j, step_constants(alpha, J3, tau * z[0], tau * z[1], m * z[2], m * z[3]), LANES)

@@ -1,4 +1,7 @@
-"""Many tops at once: the bits of one at a time (short runs of the exact step: its accuracy), whatever the chunks and threads; failures are named; input is checked."""
+"""Many tops at once: the bits of one at a time, whatever the chunks and threads; failures are named; input is checked.
+
+Short runs of the exact step have λ(h) in plain doubles, and the accuracy of one at a time, not its bits.
+"""
 
 import math
 import os
@@ -170,7 +173,9 @@ def test_ten_steps_of_half_a_unit():
     """A hundred thousand tops against jumps in double-double."""
     alphas, states = draw(100_000, seed=4)
     top = LagrangeTop(alphas)
-    error = errors(alphas, states, integrate_ensemble(top, states, 0.5, 10), integrate_ensemble(top, states, t=[5.0])[0])
+    error = errors(
+        alphas, states, integrate_ensemble(top, states, 0.5, 10), integrate_ensemble(top, states, t=[5.0])[0]
+    )
     assert np.median(error) < 2e-15
     assert np.max(error) < 5e-14
 
@@ -193,7 +198,9 @@ def test_a_plain_parameter_that_errs_would_be_found(monkeypatch):
         many_plain_constants(alphas, Y, h * (1 + 1e-13), *rest)
 
     monkeypatch.setattr(backlund, "many_plain_constants", late)
-    error = errors(alphas, states, integrate_ensemble(top, states, 0.5, 10), integrate_ensemble(top, states, t=[5.0])[0])
+    error = errors(
+        alphas, states, integrate_ensemble(top, states, 0.5, 10), integrate_ensemble(top, states, t=[5.0])[0]
+    )
     assert np.max(error) > 5e-14
 
 

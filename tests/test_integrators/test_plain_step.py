@@ -69,7 +69,10 @@ def test_a_wrong_coefficient_would_be_noticed():
 
 
 def test_the_first_coefficients():
-    assert ps.series(2)[1:] == [{(1, 0, 0, 0): Fraction(1, 6)}, {(2, 0, 0, 0): Fraction(-1, 24), (0, 1, 0, 0): Fraction(1, 6)}]
+    assert ps.series(2)[1:] == [
+        {(1, 0, 0, 0): Fraction(1, 6)},
+        {(2, 0, 0, 0): Fraction(-1, 24), (0, 1, 0, 0): Fraction(1, 6)},
+    ]
 
 
 # ---------------------------------------------------------------- the clock
