@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -67,14 +66,9 @@ def inlined(function: Callable[..., Any]) -> Any:
 
 
 def jit_as(name: str, **more: Any) -> Callable[[Callable[..., Any]], Any]:
-    """The decorator `jit` for a function that a factory makes; `name` tells it from its siblings, in all processes.
-
-    Also in machine code: Numba numbers the functions of one qualified name in the order in which a process compiles them. So a
-    sibling from the cache and one compiled now could have the same symbol, and one would be called for the other.
-    """
+    """The decorator `jit` for a function that a factory makes; `name` tells it from its siblings, in all processes."""
 
     def decorate(function: Callable[..., Any]) -> Any:
-        function.__qualname__ += "." + re.sub(r"\W+", "_", name)
         dispatcher = jit(function, **more)
         return dispatcher if config.DISABLE_JIT else set_name(dispatcher, f"{_folder()} {function.__module__}.{name}")
 

@@ -15,13 +15,13 @@ units, λ in τ and m in √C1, where Q(u) = 1 + P_1 u + P_2 u² + P_3 u³ + P_4
 Larger times: `double_time` is that of `time_step`, with its divisions by N = 2|m|² and by B = N b side by side.
 
 `ok` says that T is right to 2e-15, relative: that 2|h| is below the nutation period, |m|² at least C1/4, and the start in
-reach. |m| falls towards a double root of Q, next to the separatrix, and for a nearly planar top from |h| = T_nut/3 on; the error of T grows
-like C1/|m|². Elsewhere `time_step` is right. Lengths and rates may have any size from 1e-70 to 1e70. h < 0 takes the inverse map;
-alpha may have either sign or be 0.
+reach. |m| falls towards a double root of Q, next to the separatrix, and for a nearly planar top from |h| = T_nut/3 on; the
+error of T grows like C1/|m|². Elsewhere `time_step` is right. Lengths and rates may have any size from 1e-70 to 1e70. h < 0
+takes the inverse map; alpha may have either sign or be 0.
 
 In a kernel of one top: `R, eta, mr, mi, ok = plain_step(s, alpha, h)`, then `move(s, alpha, (R, eta, mr, mi))`. In SIMD lanes:
-`parameter_after(doublings)` in place of `plain_step`, without a loop or a branch, for a number of doublings that is enough for all
-tops (`first_time` counts them; one too many costs 3 ns); and `move` in a loop of its own.
+`parameter_after(doublings)` in place of `plain_step`, free of loops and branches, for a number of doublings that is enough for
+all tops (`first_time` counts them; one too many costs 3 ns); and `move` in a loop of its own.
 """
 
 from __future__ import annotations
