@@ -3,10 +3,12 @@
 The tops are cut into chunks, the chunks shared out among threads; compiled code lets go of Python's lock. A method that
 offers `advance_many` (or `evaluate_many`) takes a chunk in one call: the exact Bäcklund step with its set-up compiled,
 heyoka in its batch mode. Other fixed-step methods whose steppers declare a `lane` take their tops in the same SIMD
-lanes as the Bäcklund step, with the bits of one top alone; splittings one rotation and kick after the other. Implicit
-methods, whose iterations end where they end, and all that is not compiled here take their tops one by one, and so do tops
-that are left undone, because of their extreme size or because the method fails for them: then the StepError is the scalar
-one. What becomes of a top depends on nothing but itself: not on the chunks, the threads, or its place.
+lanes as the Bäcklund step. All have the bits of one top alone, but for short runs of the Bäcklund step, where they
+differ by round-off: `backlund.SHORT` steps or fewer take λ(h) in plain doubles. Splittings take one rotation and kick
+after the other. Implicit methods, whose iterations end where they end, and all that is not compiled here take their
+tops one by one, and so do tops that are left undone, because of their extreme size or because the method fails for
+them: then the StepError is the scalar one. What becomes of a top depends on nothing but itself: not on the chunks, the
+threads, or its place.
 """
 
 from __future__ import annotations

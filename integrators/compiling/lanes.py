@@ -104,6 +104,8 @@ def run_lanes(
     (steps // every, m, 6) are the states times `units` (m, 6) after every, 2 every, … steps. Ends early, its rows
     unfinished, once `stopped()`. Returns which of the `tops` it did not fail for.
     """
+    if np.result_type(states, constants) != np.float64:  # complex numbers
+        return np.zeros(len(tops), dtype=bool)
     step, pin, block = kernel
     count = -(-len(tops) // lanes)
     size = constants.shape[1] if size is None else size

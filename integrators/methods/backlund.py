@@ -46,8 +46,8 @@ from integrators.torus.real_map import (
 from integrators.torus.real_map import pin as onto_torus
 from integrators.torus.stepper import TorusStepper, Turn, check_constants
 
-SHORT = 32  # steps of an ensemble up to which λ(h) in plain doubles is as good
-FEW = 4  # tops below which one after the other is quicker than a block of lanes
+SHORT = 16  # steps of an ensemble up to which λ(h) comes in plain doubles: else set-up would cost fifty times as much as they
+FEW = 4  # tops below which, in longer runs, one after the other is quicker than a block of lanes
 MOST_PARTS = 10**8  # steps of an attitude between two rows: some seconds, not to be interrupted
 
 
@@ -118,21 +118,24 @@ def advance_many(
     pin: int = 8,
     lam: complex | None = None,
 ) -> NDArray[np.bool_]:
-    """The exact steps of many tops, each with λ(h) and constants of its own; options as in `prepare_exact`."""
+    """The exact steps of many tops, each with λ(h) and constants of its own; options as in `prepare_exact`.
+
+    More than `SHORT` steps have the bits of `prepare_exact`.
+    """
     pin = check_count(pin, "pin")
     n = len(Y0)
     if lam is not None:
         check_parameter(lam)
-    if lam is not None or n < FEW:  # one by one: λ is another in the units of each top, and a block wants to be filled
+    # one by one: λ is another in the units of each top, and a block wants to be filled
+    if lam is not None or (n < FEW and steps > SHORT):
         return np.zeros(n, dtype=bool)
     states, units, forms = np.empty((n, 6)), np.empty((n, 6)), np.empty(n, dtype=np.int64)
     c, turns = np.empty((n, CONSTANTS)), np.empty((n, 4))
     set_up = many_plain_constants if steps <= SHORT else many_constants
     set_up(alphas, Y0, h, states, c, units, forms, turns)
     turned = (forms >= 0) & ((turns[:, 0] != 1.0) | (turns[:, 2] != 0.0))
-    scales = (
-        np.where(turned[:, None], 1.0, units) if turned.any() else units
-    )  # what turns keeps its own units until it has turned
+    # what turns keeps its own units until it has turned
+    scales = np.where(turned[:, None], 1.0, units) if turned.any() else units
     back, block = (onto_torus, pin) if pin else (None, NEVER)
     for number in range(len(KERNELS)):
         tops = np.flatnonzero(forms == number)

@@ -4,7 +4,7 @@
 ever. Here are 15 digits for a twentieth of the cost, and in SIMD lanes for a hundredth: for short runs of many tops, and for
 a step whose torus is another every time, as in a splitting whose integrable part is the exact flow.
 
-The start. On λ(h) is dλ/dh = −m λ̄/(2η), from T = h and Θ = 0. With s = iτ, τ = √C1 h/2, the power series λ = Σ l_k s^k, and m̂ = m/√C1
+The start. T = h and Θ = 0 say dλ/dh = −m λ̄/(2η). With s = iτ, τ = √C1 h/2, m̂ = m/√C1 and the power series λ = Σ l_k s^k
 
     dλ/ds = m̂ (E − O)/E,    λ = s (E + O),    E and O the even and odd part of λ/s,
 
@@ -13,6 +13,15 @@ so the l_k are polynomials in p_k = q_k/q_0, Q(u) = Σ q_k u^k, with rational co
 units, λ in τ and m in √C1, where Q(u) = 1 + P_1 u + P_2 u² + P_3 u³ + P_4 u⁴ and nothing depends on the caller's units.
 
 Larger times: `double_time` is that of `time_step`, with its divisions by N = 2|m|² and by B = N b side by side.
+
+`ok` says that T is right to 2e-15, relative: that 2|h| is below the nutation period, |m|² at least C1/4, and the start in
+reach. |m| falls towards a double root of Q, next to the separatrix, and for a nearly planar top from |h| = T_nut/3 on; the
+error of T grows like C1/|m|². Elsewhere `time_step` is right. Lengths and rates may have any size from 1e-70 to 1e70. h < 0
+takes the inverse map; alpha may have either sign or be 0.
+
+In a kernel of one top: `R, eta, mr, mi, ok = plain_step(s, alpha, h)`, then `move(s, alpha, (R, eta, mr, mi))`. In SIMD lanes:
+`parameter_after(doublings)` in place of `plain_step`, free of loops and branches, for a number of doublings that is enough for
+all tops (`first_time` counts them; one too many costs 3 ns); and `move` in a loop of its own.
 """
 
 from __future__ import annotations
@@ -20,21 +29,22 @@ from __future__ import annotations
 import math
 from fractions import Fraction
 from functools import cache
+from typing import Any
 
 import numpy as np
 
-from integrators.compiling.compiled import inlined, inlined_copy, jit
+from integrators.compiling.compiled import inlined, inlined_copy, jit, jit_as
 from integrators.compiling.lanes import LANES
 from integrators.compiling.numba_internals import column, put_column
 from integrators.compiling.unroll import unrolled
 from integrators.torus import real_map
 from integrators.torus import time_step as ts
-from integrators.torus.real_map import CONSTANTS
+from integrators.torus.real_map import ALPHA, CONSTANTS, H
 
 WEIGHT = 10  # of the polynomials of the start
 REACH = 2.0**-3  # times up to this, in units of 1/√max(2H + 2|alpha|√C1, |alpha|√C1), start from them
 MOST = 12  # doublings at most
-LEAST = 1 / 8  # |m|²/C1 from which T is right to 2e-15; below it, towards the separatrix, the error grows like C1/|m|²
+LEAST = 1 / 4  # |m|²/C1 from which T is right to 2e-15; below it, towards the separatrix, the error grows like C1/|m|²
 
 increments = inlined_copy(real_map.increments)
 spectral_polynomial = inlined_copy(ts.spectral_polynomial)
@@ -90,7 +100,9 @@ def _horner(a: Polynomial, P, order=(0, 2, 1, 3)):
     for exponent in range(power, -1, -1):
         if value is not None:
             value = value * P[first]
-        part = {tuple(0 if i == first else e for i, e in enumerate(k)): v for k, v in a.items() if k[first] == exponent}
+        part: Any = {
+            tuple(0 if i == first else e for i, e in enumerate(k)): v for k, v in a.items() if k[first] == exponent
+        }
         if part:
             c = _horner(part, P, order[1:])
             value = c if value is None else value + c
@@ -168,7 +180,7 @@ def first_time(q, alpha, h):
     t, far, doublings = abs(h), (h * h) * max(q[2] + 2.0 * weight, weight), 0
     while far > REACH * REACH and doublings <= MOST:
         t, far, doublings = 0.5 * t, 0.25 * far, doublings + 1
-    return t, doublings
+    return t if doublings <= MOST else 0.0, doublings
 
 
 @inlined
@@ -219,7 +231,7 @@ def parameter_after(doublings: int):
     last = _doubled(doublings)
     part = 0.5**doublings
 
-    @inlined
+    @jit_as(f"parameter {doublings}", forceinline=True)
     def parameter(q, j3, alpha, h):
         t = part * abs(h)
         P, tau, length = scaled_curve(q, j3, alpha, t)
@@ -232,19 +244,19 @@ def parameter_after(doublings: int):
     return parameter
 
 
+@inlined
+def _undoubled(P):
+    return start(P), True
+
+
 @cache
 def _doubled(doublings: int):
     """The start and so many doublings of it; whether all times were below T_nut."""
     if doublings == 0:
-
-        @inlined
-        def first(P):
-            return start(P), True
-
-        return first
+        return _undoubled
     before = _doubled(doublings - 1)
 
-    @inlined
+    @jit_as(f"twice {doublings}", forceinline=True)
     def twice(P):
         z, below = before(P)
         z, more = double_time(P, z)
@@ -283,85 +295,64 @@ def plain_step(s, alpha, h):
 
 # ---------------------------------------------------------------- many tops
 
-# places in a block of columns: state and alpha, |h|; z; P, τ, √C1; doublings left; ok; the constants of a step
-STATE, SPAN, POINT, CURVE, LEFT, TIME, OK, FOUND = 0, 7, 8, 12, 18, 19, 20, 21
-WIDTH = FOUND + real_map.CONSTANTS
+# places in a block of columns: state; alpha, h and first time; doublings left, 1 where all is well; z; P, τ, √C1; the constants
+STATE, GIVEN, LEFT, POINT, CURVE, FOUND = 0, 6 * LANES, 9 * LANES, 11 * LANES, 15 * LANES, 21 * LANES
+INVARIANTS, END = FOUND + H * LANES, FOUND + CONSTANTS * LANES
 
 
 @jit
 def many_plain_constants(alphas, Y, h, states, c, units, forms, turns):
-    """`real_map.many_constants` with λ(h) in plain doubles where that has its digits; a block of tops at a time.
+    """`real_map.many_constants` with λ(h) in plain doubles wherever that is good enough.
 
-    The loops over the lanes are SIMD code. No bit of a top depends on its lane or on its neighbours.
+    A block of tops at a time: the loops over its lanes are SIMD code. No bit of a top depends on its lane or its neighbours.
     """
-    work = np.zeros(WIDTH * LANES)
+    work = np.ones(END)
     for first in range(0, len(Y), LANES):
-        tops = min(LANES, len(Y) - first)
+        tops = range(first, min(first + LANES, len(Y)))
         most = 0
-        for j in range(tops):
-            i = first + j
+        for i in tops:
             forms[i] = -1
             alpha, span = real_map.enter(alphas, Y, h, i, states, units)
-            s = (states[i, 0], states[i, 1], states[i, 2], states[i, 3], states[i, 4], states[i, 5])
-            put_column(work, STATE * LANES + j, (*s, alpha, span), LANES)
-        for j in range(LANES):
-            s = column(work, STATE * LANES + j, 8, LANES)
-            q = spectral_polynomial(s[6], s[:6])
-            put_column(
-                work,
-                (FOUND + real_map.H) * LANES + j,
-                (0.5 * q[2][0], q[0][0], 0.5 * q[1][0], 0.5 * q[2][1], q[0][1], 0.5 * q[1][1]),
-                LANES,
-            )
-        for j in range(tops):
-            s = column(work, STATE * LANES + j, 8, LANES)
-            H, C1, C2 = column(work, (FOUND + real_map.H) * LANES + j, 3, LANES)
-            t, doublings = first_time((C1, 2.0 * C2, 2.0 * H), s[6], s[7])
-            most = max(most, doublings)
-            put_column(work, LEFT * LANES + j, (float(doublings), t), LANES)
-        for j in range(LANES):
-            s = column(work, STATE * LANES + j, 8, LANES)
-            H, C1, C2 = column(work, (FOUND + real_map.H) * LANES + j, 3, LANES)
-            _, t = column(work, LEFT * LANES + j, 2, LANES)
-            P, tau, length = scaled_curve((C1, 2.0 * C2, 2.0 * H), s[2], s[6], t)
-            put_column(work, POINT * LANES + j, (*start(P), *P, tau, length), LANES)
-            put_column(work, OK * LANES + j, (1.0,), LANES)
-        for k in range(min(most, MOST)):
-            for j in range(LANES):
-                z, P = column(work, POINT * LANES + j, 4, LANES), column(work, CURVE * LANES + j, 4, LANES)
-                left, _, ok = column(work, LEFT * LANES + j, 3, LANES)
-                twice, below = double_time(P, z)
-                more = k < left
-                z = (
-                    twice[0] if more else z[0],
-                    twice[1] if more else z[1],
-                    twice[2] if more else z[2],
-                    twice[3] if more else z[3],
-                )
-                put_column(work, POINT * LANES + j, z, LANES)
-                put_column(work, OK * LANES + j, ((ok if below else 0.0) if more else ok,), LANES)
-        for j in range(LANES):
-            z, (p1, p2, p3, p4, tau, length) = (
-                column(work, POINT * LANES + j, 4, LANES),
-                column(work, CURVE * LANES + j, 6, LANES),
-            )
-            s, ok = column(work, STATE * LANES + j, 8, LANES), column(work, OK * LANES + j, 1, LANES)
-            m = math.copysign(length, s[7])
-            found = step_constants(s[6], s[2], tau * z[0], tau * z[1], m * z[2], m * z[3])
-            put_column(work, FOUND * LANES + j, found, LANES)
-            put_column(work, (FOUND + real_map.ALPHA) * LANES + j, (s[6],), LANES)
-            put_column(work, OK * LANES + j, (ok[0] if verdict((p1, p2, p3, p4), z) else 0.0,), LANES)
-        for j in range(tops):
-            i = first + j
-            alpha, span = work[(STATE + 6) * LANES + j], work[SPAN * LANES + j]
-            if span == math.inf:
+            if span == math.inf:  # of extreme size: whatever stands in the lane does no harm
                 continue
-            own = column(work, FOUND * LANES + j, CONSTANTS, LANES)
-            ok = work[OK * LANES + j] != 0.0 and work[LEFT * LANES + j] <= MOST
-            if ok and real_map.form(own) == 0:
-                for k in range(real_map.CONSTANTS):
+            forms[i] = 0
+            s = (states[i, 0], states[i, 1], states[i, 2], states[i, 3], states[i, 4], states[i, 5])
+            t, doublings = first_time(invariants(s, alpha), alpha, span)
+            most = max(most, doublings)
+            put_column(work, STATE + i - first, (*s, alpha, span, t, float(doublings), 1.0), LANES)
+        for j in range(LANES):
+            s, (alpha, _, t) = column(work, STATE + j, 6, LANES), column(work, GIVEN + j, 3, LANES)
+            (c1, c1_lo), (c2, c2_lo), (h2, h2_lo), _, _ = spectral_polynomial(alpha, s)
+            P, tau, length = scaled_curve((c1, c2, h2), s[2], alpha, t)
+            put_column(work, POINT + j, (*start(P), *P, tau, length), LANES)
+            put_column(work, INVARIANTS + j, (0.5 * h2, c1, 0.5 * c2, 0.5 * h2_lo, c1_lo, 0.5 * c2_lo), LANES)
+        for k in range(most):
+            for j in range(LANES):
+                (left, fine), z = column(work, LEFT + j, 2, LANES), column(work, POINT + j, 4, LANES)
+                y, below = double_time(column(work, CURVE + j, 4, LANES), z)
+                more = k < left
+                fine = fine if below or not more else 0.0
+                z = y[0] if more else z[0], y[1] if more else z[1], y[2] if more else z[2], y[3] if more else z[3]
+                put_column(work, LEFT + j, (left, fine, *z), LANES)
+        for j in range(LANES):
+            z, P = column(work, POINT + j, 4, LANES), column(work, CURVE + j, 4, LANES)
+            (left, fine), (tau, length) = (
+                column(work, LEFT + j, 2, LANES),
+                column(work, CURVE + 4 * LANES + j, 2, LANES),
+            )
+            J3, (alpha, span) = work[STATE + 2 * LANES + j], column(work, GIVEN + j, 2, LANES)
+            m = math.copysign(length, span)
+            put_column(work, FOUND + j, step_constants(alpha, J3, tau * z[0], tau * z[1], m * z[2], m * z[3]), LANES)
+            put_column(work, LEFT + j, (left, fine if verdict(P, z) else 0.0), LANES)
+            put_column(work, FOUND + ALPHA * LANES + j, (alpha,), LANES)
+        for i in tops:
+            if forms[i] < 0:
+                continue
+            j = i - first
+            own = column(work, FOUND + j, CONSTANTS, LANES)
+            if work[LEFT + LANES + j] != 0.0 and work[LEFT + j] <= MOST and real_map.form(own) == 0:
+                for k in range(CONSTANTS):
                     c[i, k] = own[k]
                 turns[i, 0], turns[i, 1], turns[i, 2], turns[i, 3] = 1.0, 0.0, 0.0, 0.0
-                forms[i] = 0
             else:
-                real_map.set_up(alpha, span, i, states, c, forms, turns)
+                real_map.set_up(work[GIVEN + j], work[GIVEN + LANES + j], i, states, c, forms, turns)

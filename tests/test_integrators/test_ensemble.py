@@ -1,4 +1,7 @@
-"""Many tops at once: the bits of one at a time, whatever the chunks and threads; failures are named; input is checked."""
+"""Many tops at once: the bits of one at a time, whatever the chunks and threads; failures are named; input is checked.
+
+Short runs of the exact step have λ(h) in plain doubles, and the accuracy of one at a time, not its bits.
+"""
 
 import math
 import os
@@ -24,6 +27,9 @@ from integrators import (
 )
 from integrators.compiling import lanes
 from integrators.compiling.loops import FixedStepper
+from integrators.methods import backlund
+from integrators.methods.backlund import SHORT
+from integrators.torus.plain_step import many_plain_constants
 from integrators.torus.real_map import (
     CONSTANTS,
     KERNELS,
@@ -137,9 +143,9 @@ def test_extreme_sizes_side_by_side():
     for a, b in ((0, 0), (-400, 0), (400, 0), (-1000, -300), (500, 0), (0, -1060)):
         states.append(y * np.ldexp(1.0, [b, b, b, a, a, a]))
         alphas.append(math.ldexp(1.0, max(2 * b - a, -1074)))
-    got = integrate_ensemble(LagrangeTop(np.array(alphas)), np.array(states), 0.01, 10)
+    got = integrate_ensemble(LagrangeTop(np.array(alphas)), np.array(states), 0.01, 20)
     for alpha, start, end in zip(alphas, states, got, strict=True):
-        assert np.array_equal(end, prepare(LagrangeTop(alpha), start, 0.01).advance(start, 10))
+        assert np.array_equal(end, prepare(LagrangeTop(alpha), start, 0.01).advance(start, 20))
 
 
 def test_jumps():
@@ -150,6 +156,63 @@ def test_jumps():
     for i in range(SIZE):
         assert np.array_equal(got[:, i], integrate(LagrangeTop(ALPHAS[i]), Y0[i], t=t).y)
     assert integrate_ensemble(TOP, Y0, t=[]).shape == (0, SIZE, 6)
+
+
+# ---------------------------------------------------------------- short runs of the exact step: λ(h) in plain doubles
+
+
+def errors(alphas, states, got, expected):
+    """Of states (n, 6), as `metrics.scaled_error`."""
+    size = np.linalg.norm(states[:, 3:], axis=1)
+    rate = np.linalg.norm(states[:, :3], axis=1) + np.sqrt(np.abs(alphas) * size)
+    off = got - expected
+    return np.maximum(np.linalg.norm(off[:, :3], axis=1) / rate, np.linalg.norm(off[:, 3:], axis=1) / size)
+
+
+def test_ten_steps_of_half_a_unit():
+    """A hundred thousand tops against jumps in double-double."""
+    alphas, states = draw(100_000, seed=4)
+    top = LagrangeTop(alphas)
+    error = errors(
+        alphas, states, integrate_ensemble(top, states, 0.5, 10), integrate_ensemble(top, states, t=[5.0])[0]
+    )
+    assert np.median(error) < 2e-15
+    assert np.max(error) < 5e-14
+
+
+@pytest.mark.parametrize("h", [0.1, -0.3, 2.5, 40.0])
+def test_long_runs_have_the_bits_of_one_top_alone_short_ones_its_accuracy(h):
+    for steps in (SHORT, SHORT + 1):
+        got, expected = integrate_ensemble(TOP, Y0, h, steps), one_by_one(h, steps)
+        same = (got == expected).all(axis=1)
+        assert np.max(errors(ALPHAS, Y0, got, expected)) < 5e-14 * max(1.0, abs(h))
+        assert same.all() if steps > SHORT else (same.all() == (abs(h) == 40.0))  # at 40 no top has |h| < T_nut/2
+
+
+def test_a_plain_parameter_that_errs_would_be_found(monkeypatch):
+    """Negative control: a clock that is wrong by 1e-13."""
+    alphas, states = draw(2000, seed=4)
+    top = LagrangeTop(alphas)
+
+    def late(alphas, Y, h, *rest):
+        many_plain_constants(alphas, Y, h * (1 + 1e-13), *rest)
+
+    monkeypatch.setattr(backlund, "many_plain_constants", late)
+    error = errors(
+        alphas, states, integrate_ensemble(top, states, 0.5, 10), integrate_ensemble(top, states, t=[5.0])[0]
+    )
+    assert np.max(error) > 5e-14
+
+
+def test_in_short_runs_too_nothing_depends_on_place_chunks_or_threads(monkeypatch):
+    """Few tops or many, ordinary or of extreme size."""
+    states, alphas = np.concatenate((Y0, Y0[:2] * 1e200, Y0[:2] * 2.0**-1040)), np.concatenate((ALPHAS, ALPHAS[:4]))
+    end = integrate_ensemble(LagrangeTop(alphas), states, 1e-3, 8, threads=1, on_failure="nan")
+    assert np.isfinite(end[:SIZE]).all()
+    for chunk, threads in ((1, 3), (37, 2)):
+        monkeypatch.setattr(ensemble, "CHUNK", chunk)
+        again = integrate_ensemble(LagrangeTop(alphas), states, 1e-3, 8, threads=threads, on_failure="nan")
+        assert np.array_equal(again, end, equal_nan=True)
 
 
 # ---------------------------------------------------------------- every other method
@@ -165,10 +228,10 @@ def kinds():
 def test_every_kind_of_method(name):
     """As one by one: the same bits, or for heyoka in its batch mode the same up to what its tolerance leaves."""
     alphas, states, unit = ALPHAS[:5], Y0[:5], 0.02
-    got = integrate_ensemble(LagrangeTop(alphas), states, unit, 6, name, every=3, threads=2)
+    got = integrate_ensemble(LagrangeTop(alphas), states, unit, 18, name, every=9, threads=2)
     assert got.shape == (3, 5, 6)
     for i in range(5):
-        alone = prepare(LagrangeTop(alphas[i]), states[i], unit, name).record(states[i], 6, 3)
+        alone = prepare(LagrangeTop(alphas[i]), states[i], unit, name).record(states[i], 18, 9)
         if METHODS[name].advance_many is None or METHODS[name].engine == "numba":
             assert np.array_equal(got[:, i], alone)
         else:
@@ -207,8 +270,8 @@ def alone(n, h, steps, every, name, **options):
 def test_every_compiled_method_has_the_bits_of_one_top_alone(name, in_lanes):
     """In lanes or not; of 85 tops a block of 21 is left over, which fills more than half of one."""
     n, h = 85, 0.02
-    got = integrate_ensemble(LagrangeTop(ALPHAS[:n]), Y0[:n], h, 12, name, every=3, threads=1)
-    assert np.array_equal(got, alone(n, h, 12, 3, name))
+    got = integrate_ensemble(LagrangeTop(ALPHAS[:n]), Y0[:n], h, 18, name, every=3, threads=1)
+    assert np.array_equal(got, alone(n, h, 18, 3, name))
     if METHODS[name].advance_many is None:
         assert sum(in_lanes) == (0 if name in ALONE else n)
 

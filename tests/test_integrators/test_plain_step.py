@@ -1,0 +1,249 @@
+"""λ(h) in plain doubles: its series in exact rationals, its clock against the double-double route, its step against the flow."""
+
+import math
+import random
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from integrators import TOPS, LagrangeTop, prepare
+from integrators.compiling.compiled import compiled
+from integrators.compiling.numba_internals import column, put_column
+from integrators.torus import plain_step as ps
+from integrators.torus import time_step as ts
+from tests.test_integrators.test_time_step import random_torus
+
+TORI = 10_000
+T_ERROR = 2e-15  # of the clock, relative, wherever ok
+
+
+# ---------------------------------------------------------------- the series
+
+
+def value(a, p):
+    return sum(c * math.prod(x**e for x, e in zip(p, k, strict=True)) for k, c in a.items())
+
+
+def product(a, b):
+    return [sum(a[i] * b[n - i] for i in range(n + 1)) for n in range(len(a))]
+
+
+def clock_and_turn(series, p):
+    """The odd coefficients, in s, of √C1 ∫ du/√Q and of √C1 ∫ u du/√Q up to λ = s Σ a_n sⁿ, in rationals."""
+    lam = [Fraction(0), *(value(a, p) for a in series)]
+    q, g = (Fraction(1), *p), [Fraction(1)]  # g of √C1/√Q, from 2 Q g' = −Q' g
+    for n in range(1, len(lam)):
+        g.append(-sum(Fraction(2 * n - k, 2 * n) * q[k] * g[n - k] for k in range(1, min(n, 4) + 1)))
+    F = G = [Fraction(0)] * len(lam)
+    power = [Fraction(1)] + [Fraction(0)] * (len(lam) - 1)
+    for n in range(len(lam)):
+        power = product(power, lam)  # λ^(n + 1)
+        F = [f + g[n] * c / (n + 1) for f, c in zip(F, power, strict=True)]
+        if n > 0:
+            G = [f + g[n - 1] * c / (n + 1) for f, c in zip(G, power, strict=True)]
+    return F[1::2], G[1::2]
+
+
+POINTS = [[Fraction(random.Random(seed).randint(-9, 9), 7 + k) for k in range(4)] for seed in range(3)]
+
+
+@pytest.mark.parametrize("p", POINTS)
+def test_the_series_solves_the_two_equations_exactly(p):
+    """s = iτ: T = h and Θ = 0 say that the odd part of the one is s, and that of the other 0."""
+    clock, turn = clock_and_turn(ps.series(ps.WEIGHT), p)
+    assert clock == [1] + [0] * (len(clock) - 1)
+    assert not any(turn)
+
+
+def test_a_wrong_coefficient_would_be_noticed():
+    """Negative control: any one of the eighty, off by a millionth."""
+    series = ps.series(ps.WEIGHT)
+    assert sum(map(len, series)) == 80
+    for n, a in enumerate(series):
+        for k in a:
+            wrong = [dict(b) for b in series]
+            wrong[n][k] *= 1 + Fraction(1, 10**6)
+            clock, turn = clock_and_turn(wrong, [Fraction(3, 7), Fraction(-2, 5), Fraction(5, 9), Fraction(1, 3)])
+            assert clock != [1] + [0] * (len(clock) - 1) or any(turn)
+
+
+def test_the_first_coefficients():
+    assert ps.series(2)[1:] == [
+        {(1, 0, 0, 0): Fraction(1, 6)},
+        {(2, 0, 0, 0): Fraction(-1, 24), (0, 1, 0, 0): Fraction(1, 6)},
+    ]
+
+
+# ---------------------------------------------------------------- the clock
+
+
+def wrong_clock(alpha, y, h, found):
+    """(T/h − 1, Θ, |m − √Q(λ)|/|m|) of a λ and m that are nearly right, by the derivatives of T and Θ; and |m|²/C1."""
+    q = ts.spectral_polynomial(alpha, y)
+    lam, m = ts.parameter(q, (abs(h), 0.0))
+    off = complex(found[0] - lam[0][0] - lam[0][1], found[1] - lam[1][0] - lam[1][1])
+    sign = math.copysign(1.0, h)
+    m_off = complex(sign * found[2] - m[0][0] - m[0][1], sign * found[3] - m[1][0] - m[1][1])
+    u, v = complex(lam[0][0], lam[1][0]), complex(m[0][0], m[1][0])
+    slope = sum(k * q[k][0] * u ** (k - 1) for k in range(1, 5)) / (2 * v)
+    turn = 2 * alpha * (u * off / v).imag
+    return 2 * (off / v).imag / abs(h), turn, abs(m_off - slope * off) / abs(v), abs(v) ** 2 / q[0][0]
+
+
+def drawn(n, seed):
+    """n random tori of all regimes, with |h| up to half a nutation period, or 15 units."""
+    draw = random.Random(seed)
+    for i in range(n):
+        alpha, y = random_torus(draw)
+        if i % 3 == 0:  # units far from 1
+            length, rate = 10 ** draw.uniform(-4, 4), 10 ** draw.uniform(-4, 4)
+            alpha, y = alpha * rate**2 / length, y * np.repeat((rate, length), 3)
+        y = tuple(y.tolist())
+        period, unit = ts.nutation_period(alpha, y)[0], 1 / LagrangeTop(alpha).scales(y)[0]
+        h = draw.choice((-1, 1)) * draw.uniform(0, 0.49) * min(period, 30 * unit)
+        yield alpha, y, h, period
+
+
+def test_the_clock_on_ten_thousand_tori():
+    """2e-15 wherever ok; and ok wherever |h| < T_nut/2 and |m|² > C1/4, which all but few tori with |h| ≤ 0.4 T_nut are."""
+    worst, refused, near = 0.0, 0, 0
+    for alpha, y, h, period in drawn(TORI, 7):
+        found = ps.plain_step(y, alpha, h)
+        clock, turn, off_curve, branch = wrong_clock(alpha, y, h, found)
+        assert found[4] == (branch >= ps.LEAST) or abs(branch - ps.LEAST) < 1e-9
+        if found[4]:
+            worst = max(worst, abs(clock))
+            assert abs(turn) < 5e-14
+            assert off_curve < 5e-14
+        elif abs(h) <= 0.4 * period:
+            refused += 1
+        else:
+            near += 1
+            assert abs(clock) < 1e-15 / branch or branch < 1e-9
+    assert worst < T_ERROR
+    assert refused < 0.08 * TORI
+    assert 0 < near < 0.08 * TORI
+
+
+def test_a_wrong_lambda_would_be_noticed():
+    """Negative control: λ off by 1e-13 in any direction is seen, in the clock or in the turn."""
+    alpha, y = TOPS["generic"].alpha, TOPS["generic"].y0
+    R, eta, *m, _ = ps.plain_step(y, alpha, 0.5)
+    assert max(map(abs, wrong_clock(alpha, y, 0.5, (R, eta, *m))[:3])) < T_ERROR
+    for turned in (1, 1j):
+        lam = complex(R, eta) * (1 + 1e-13 * turned)
+        assert max(map(abs, wrong_clock(alpha, y, 0.5, (lam.real, lam.imag, *m))[:2])) > T_ERROR
+
+
+def test_half_a_period_is_the_limit():
+    """ok is False from there on, whatever |m|; here the branch is large."""
+    for alpha, y, _, period in drawn(2000, 3):
+        if period * LagrangeTop(alpha).scales(y)[0] < 100:
+            for part in (0.501, 0.75, 0.99, 1.01, 1.3, 2.2, 7.7):
+                assert not ps.plain_step(y, alpha, part * period)[4]
+
+
+def test_too_long_and_no_step_at_all():
+    named = TOPS["homoclinic"]  # no period
+    assert not ps.plain_step(named.y0, named.alpha, 1e4)[4]
+    assert not ps.plain_step(named.y0, named.alpha, math.nan)[4]
+    assert not ps.plain_step((1.0, 2.0, 3.0, 0.0, 0.0, 0.0), 1.0, 0.1)[4]
+    R, eta, mr, mi, ok = ps.plain_step(TOPS["generic"].y0, TOPS["generic"].alpha, 0.0)
+    assert (R, eta, mi, ok) == (0.0, 0.0, 0.0, True)
+    assert mr == math.hypot(*TOPS["generic"].y0[3:])
+
+
+def test_powers_of_two_and_signs_change_no_bit():
+    for alpha, y, h, _ in drawn(300, 5):
+        R, eta, mr, mi, ok = ps.plain_step(y, alpha, h)
+        assert ps.plain_step(y, alpha, -h) == (R, eta, -mr, -mi, ok)
+        s = (*(v * 2.0**40 for v in y[:3]), *(v * 2.0**-70 for v in y[3:]))
+        scaled = ps.plain_step(s, alpha * 2.0**150, h * 2.0**-40)
+        assert scaled == (R * 2.0**-110, eta * 2.0**-110, mr * 2.0**-70, mi * 2.0**-70, ok)
+
+
+# ---------------------------------------------------------------- in lanes
+
+
+def test_in_lanes_the_bits_of_one_alone():
+    n, h = 64, 0.3
+    tops = [(a, y) for a, y, *_ in drawn(3 * n, 9) if 0.1 < LagrangeTop(a).scales(y)[0] < 100][:n]
+    columns = np.array([(*y, a) for a, y in tops]).T.copy().ravel()
+    met = 0
+    for doublings in range(8):
+        parameter = ps.parameter_after(doublings)
+
+        @compiled
+        def run(columns, out, h, parameter=parameter):
+            for j in range(64):
+                s = column(columns, j, 6, 64)
+                alpha = columns[6 * 64 + j]
+                R, eta, mr, mi, ok = parameter(ps.invariants(s, alpha), s[2], alpha, h)
+                put_column(out, j, (R, eta, mr, mi, 1.0 if ok else 0.0), 64)
+
+        out = np.empty(5 * n)
+        run(columns, out, h)
+        for (alpha, y), got in zip(tops, out.reshape(5, n).T, strict=True):
+            if ps.first_time(ps.invariants(y, alpha), alpha, h)[1] == doublings:
+                met += 1
+                assert np.array_equal(got, ps.plain_step(y, alpha, h))
+            elif ps.first_time(ps.invariants(y, alpha), alpha, h)[1] > doublings:
+                assert got[4] == 0.0
+            elif got[4]:
+                assert abs(wrong_clock(alpha, y, h, got)[0]) < T_ERROR
+    assert met == n
+
+
+# ---------------------------------------------------------------- the step
+
+
+def moved(alpha, y, found):
+    @compiled
+    def run(alpha, y, found):
+        return ps.move(y, alpha, found)
+
+    return run(alpha, y, found)
+
+
+@compiled
+def one_step(alpha, y, h):
+    R, eta, mr, mi, ok = ps.plain_step(y, alpha, h)
+    return ps.move(y, alpha, (R, eta, mr, mi)), ok
+
+
+def test_the_step_is_that_of_backlund_and_keeps_the_invariants():
+    worst = np.zeros(2)
+    for alpha, y, h, _ in drawn(3000, 13):
+        top, state = LagrangeTop(alpha), np.array(y)
+        rate, size, _ = top.scales(state)
+        got, ok = one_step(alpha, y, h)
+        if ok:
+            units = np.repeat((rate, size), 3) * 2.0**-52
+            away = np.max(np.abs(np.array(got) - prepare(top, state, h).advance(state, 1)) / units)
+            change = np.abs(top.invariants(np.array(got)) - top.invariants(state)) / top.invariant_scales(state)
+            worst = np.maximum(worst, (away, np.max(change) * 2.0**52))
+            assert got[2] == y[2]
+    assert worst[0] < 20
+    assert worst[1] < 30
+
+
+@pytest.mark.parametrize("name", [n for n in TOPS if n not in ("homoclinic",)])
+@pytest.mark.parametrize("span", [1e-6, 0.3, -1.0])
+def test_named_tops(name, span):
+    """Degenerate tori too: regular precession, sleeping, hanging, planar, next to the separatrix."""
+    named = TOPS[name]
+    rate, size, _ = named.top.scales(named.state)
+    got, ok = one_step(named.alpha, named.y0, span / rate)
+    assert ok
+    expected = ts.flow(named.alpha, named.y0, np.array([span / rate]))[0]
+    assert np.max(np.abs(got - expected) / np.repeat((rate, size), 3)) < 2e-15
+
+
+def test_a_branch_off_the_curve_would_be_noticed():
+    """Negative control: with m off by 1e-13, the step keeps its invariants no more to thirty ulps."""
+    named = TOPS["generic"]
+    R, eta, mr, mi, _ = ps.plain_step(named.y0, named.alpha, 0.5)
+    got = moved(named.alpha, named.y0, (R, eta, mr * (1 + 1e-13), mi))
+    change = np.abs(named.top.invariants(np.array(got)) - named.top.invariants(named.state))
+    assert np.max(change / named.top.invariant_scales(named.state)) > 30 * 2.0**-52
