@@ -468,10 +468,10 @@ def kernel_in_field(stages: int, field: Field, level: bool) -> Any:
         last, sign, newton, fresh = math.inf, 1.0, c[0] == 1.0, True
         for k in range(LIMIT):
             size, terms = residual(s, c, low, K, X, L, J, R)
+            if not size < math.inf:
+                break
             small = 2.0**-45 * terms
             done = size == 0.0 or (size >= last and size <= small)
-            if not (done or size < math.inf):
-                break
             if not done:
                 newton = newton or (c[0] == 2.0 and size > max(weak * last, small))
                 if newton:
