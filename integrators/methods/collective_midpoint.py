@@ -195,15 +195,15 @@ def kernel_in_field(field: Field, level: bool) -> Any:
             v = (u1, u2, u3, J1, J2, J3, x1, x2, x3)
             r = rule(v, q)
             size, kick = abs(r[0]) + abs(r[1]) + abs(r[2]), (r[3], r[4], r[5])
+            if not size < math.inf:
+                tally[FAILURE] = NOT_CONVERGED
+                return s
             # a change that has stopped falling is round-off only if it is this small
             terms = abs(u1) + abs(u2) + abs(u3) + abs(h) * (abs(r[3]) + abs(r[4]) + abs(r[5]))
             small = 2.0**-45 * terms
             if size == 0.0 or (size >= last and size <= small):
                 tally[ITERATIONS] += i + 1
                 break
-            if not size < math.inf:
-                tally[FAILURE] = NOT_CONVERGED
-                return s
             newton = newton or (c[0] == 2.0 and size > max(WEAK * last, small))
             last = size
             d1, d2, d3 = r[0], r[1], r[2]

@@ -21,9 +21,10 @@ the top: such steps are refused.
 Round-off is a random walk because no product is formed of constants alone: (h/2) J3 or alpha h²/4 would err the same way in
 every step, and e and r0 would drift in proportion to time. Hence k (J3 − …) and k (alpha k x3), with k = h/2.
 
-In any quadratic potential ỹ = y + h (1 − (h/2) f'(y))⁻¹ f(y). With the torque T(x) = ∇U×x and its derivative T' the part
-of J is eliminated, and d solves D d = h W×x, D = 1 − k J× + k² x× T', W = J + k T. A real eigenvalue of D that is not
-positive shows that a pole has been passed. Of the invariants J3 is kept where the top keeps it.
+In any quadratic potential ỹ = y + h (1 − (h/2) f'(y))⁻¹ f(y). With the torque T(x) = ∇U×x and its derivative T' the part of J is
+eliminated, and d solves D d = h W×x, D = 1 − k J× + k² x× T', W = J + k T. A real eigenvalue of D that is not positive shows that
+a pole has been passed, and is refused; of poles of invariants, such as eps x3 = 1, nothing is known. J3 is kept where the top
+keeps it.
 
 Sources: Kimura & Hirota, J. Phys. Soc. Japan 69 (2000) 3193; Petrera, Pfadler & Suris, Regul. Chaotic Dyn. 16 (2011) 245
 (body frame). Rest frame, e, r0, κ and the volume: this project; the tests prove them in rational arithmetic.
