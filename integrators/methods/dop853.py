@@ -194,13 +194,10 @@ def evaluate(top: Problem, y0: Array, times: Array, *, rtol: float = 1e-9, atol:
 
 def _runner(top: Problem, rtol: float, atol: float) -> Run:
     rtol, atol = check_tolerances(rtol, atol)
-    if isinstance(top, LagrangeTop):
-        (trial, interpolant, value, first_step), numbers = UNIFORM, (top.alpha,)
-    else:
-        level = "J3" in top.conserved
-        (trial, interpolant, value, first_step), numbers = kernels_in_field(top.field, level), top.numbers
-    loop = compile_natural_loop(trial, interpolant, value)
-    c = np.array((rtol, atol, *numbers))
+    uniform = isinstance(top, LagrangeTop)
+    made = UNIFORM if uniform else kernels_in_field(top.field, "J3" in top.conserved)
+    c = np.array((rtol, atol, top.alpha) if uniform else (rtol, atol, *top.numbers))
+    loop, first_step = compile_natural_loop(made.trial, made.interpolant, made.value), made.first_step
     loop(np.zeros(6), np.zeros(1), 0, c, np.zeros(WALK), np.zeros((1, 6)))  # compile
     first_step((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0, c)
 
