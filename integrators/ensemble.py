@@ -338,7 +338,7 @@ def _check_tops(top: Any, Y0: ArrayLike) -> tuple[_Tops, Array]:
         for value in (*top.field.potential(*arguments), *top.field.gradient(*arguments)):
             bad |= ~np.isfinite(value)
     _refuse(bad, f"is where the potential {top.potential.name} is not finite", states)
-    return _TopsInField(top, alphas, np.reshape(columns, (-1, len(states))).T), states
+    return _TopsInField(top, alphas, np.reshape(columns, (len(columns), len(states))).T), states
 
 
 def _one_for_each(value: Any, name: str, n: int) -> Array:
