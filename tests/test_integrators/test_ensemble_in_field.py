@@ -59,7 +59,9 @@ def in_lanes(monkeypatch):
 
 
 @pytest.mark.parametrize("kind", TOPS_IN)
-@pytest.mark.parametrize("name", ["strang", "force_gradient6", "rk4", "verner9_projected", "dop853"])
+@pytest.mark.parametrize(
+    "name", ["strang", "force_gradient6", "rk4", "verner9_projected", "dop853", "backlund_splitting"]
+)
 def test_the_bits_of_one_top_alone(name, kind, in_lanes):
     problem = TOPS_IN[kind]
     got = integrate_ensemble(problem, STATES, 0.02, 12, name, every=3, threads=1)
@@ -67,6 +69,13 @@ def test_the_bits_of_one_top_alone(name, kind, in_lanes):
     assert sum(in_lanes) == (0 if name in ("verner9_projected", "dop853") else 32)
     another = integrate_ensemble(LagrangeTop(problem.alpha), STATES, 0.02, 12, name, every=3)
     assert np.max(np.abs(another - got)) > 1e-4  # the potential is there
+
+
+def test_the_exact_step_in_a_weak_potential():
+    problem = PerturbedTop(LagrangeTop(ALPHAS[:5]), QUADRATIC, (0.01 * NUMBERS[:5],))
+    got = integrate_ensemble(problem, STATES[:5], 0.02, 12, "backlund_splitting", every=3)
+    assert np.array_equal(got, one_by_one(problem, STATES[:5], 0.02, 12, 3, "backlund_splitting"))
+    assert not np.array_equal(got, integrate_ensemble(LagrangeTop(ALPHAS[:5]), STATES[:5], 0.02, 12, every=3))
 
 
 def test_compensated_and_threads(in_lanes):
@@ -154,7 +163,7 @@ def test_failures():
     pole = Potential("pole", lambda x1, x2, x3, p: -p[0] / (1 - x3) ** 2)
     states = np.array([(0.0, 0.0, 0.0, 0.0, 0.6, -0.8), (0.0, 0.0, 0.0, 1.0, 0.0, 0.0)])
     problem = PerturbedTop(LagrangeTop(0.0), pole, (np.array([0.0, 1.0]),))
-    with pytest.raises(StepError, match="dop853 .*top 1: the step fell below"):
+    with pytest.raises(StepError, match=r"dop853.*top 1: the step fell below"):
         integrate_ensemble(problem, states, 0.05, 400, "dop853")
     got = integrate_ensemble(problem, states, 0.05, 400, "dop853", on_failure="nan")
     assert np.isnan(got[1]).all()
