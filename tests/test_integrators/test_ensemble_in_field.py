@@ -59,9 +59,7 @@ def in_lanes(monkeypatch):
 
 
 @pytest.mark.parametrize("kind", TOPS_IN)
-@pytest.mark.parametrize(
-    "name", ["strang", "force_gradient6", "rk4", "verner9_projected", "dop853", "backlund_splitting"]
-)
+@pytest.mark.parametrize("name", ["strang", "force_gradient6", "rk4", "verner9_projected", "dop853"])
 def test_the_bits_of_one_top_alone(name, kind, in_lanes):
     problem = TOPS_IN[kind]
     got = integrate_ensemble(problem, STATES, 0.02, 12, name, every=3, threads=1)
