@@ -7,7 +7,9 @@ lanes as the Bäcklund step. All have the bits of one top alone, but for short r
 differ by round-off: `backlund.SHORT` steps or fewer take λ(h) in plain doubles. Splittings take one rotation and kick
 after the other. Implicit methods, whose iterations end where they end, and all that is not compiled here take their
 tops one by one, and so do tops that are left undone, because of their extreme size or because the method fails for
-them: then the StepError is the scalar one. What becomes of a top depends on nothing but itself: not on the chunks, the
+them: then the StepError is the scalar one. A `PerturbedTop` goes the same ways, each top with its own
+numbers; where its field is uniform but not vertical, a method for uniform fields takes it one by one, in another frame.
+What becomes of a top depends on nothing but itself: not on the chunks, the
 threads, or its place.
 """
 
@@ -15,7 +17,9 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,6 +31,8 @@ from integrators.compiling.lanes import LANES, run_lanes
 from integrators.compiling.loops import FixedStepper
 from integrators.interface import Array, Method, StepError, Stepper
 from integrators.problem.body import HeavyTop
+from integrators.problem.perturbed import PerturbedTop
+from integrators.problem.rotated import ManyInField, evaluate_for, prepare_for
 from integrators.problem.top import LagrangeTop
 from integrators.registry import find_method
 
@@ -35,7 +41,7 @@ FEW = LANES // 2  # tops of the last block below which they are quicker one by o
 
 
 def integrate_ensemble(
-    top: LagrangeTop | HeavyTop,
+    top: LagrangeTop | HeavyTop | PerturbedTop,
     Y0: ArrayLike,
     h: float | None = None,
     steps: int | None = None,
@@ -50,8 +56,9 @@ def integrate_ensemble(
 
     Parameters
     ----------
-    top : LagrangeTop or HeavyTop, the same for all, or LagrangeTop(alpha=array) with one alpha for each. h, steps,
-    method, options : as in `integrate`. every : record every `every` steps, row 0 is Y0; shape (steps//every + 1, n, 6).
+    top : LagrangeTop, HeavyTop or PerturbedTop, the same for all, or LagrangeTop(alpha=array) with one alpha for each; of a
+    PerturbedTop alpha and every parameter may be such an array. h, steps, method, options : as in `integrate`.
+    every : record every `every` steps, row 0 is Y0; shape (steps//every + 1, n, 6).
     t : output times (m,) in place of h and steps, shape (m, n, 6); for the exact Bäcklund map one map away from Y0 each:
     jumps, not steps. threads : default: one per usable core.
     on_failure : "raise" a StepError that names the first top for which the method fails, and says how many there are; or
@@ -62,9 +69,11 @@ def integrate_ensemble(
     ValueError : bad input; the message names the argument. StepError : see `on_failure`.
     KeyboardInterrupt : Ctrl-C, seen within a fraction of a second (between two tops, where they are taken one by one).
     """
-    alphas, states = _check_tops(top, Y0)
+    tops, states = _check_tops(top, Y0)
     n = len(states)
     found = find_method(method)
+    sample = tops.one(0) if n else LagrangeTop()
+    build, evaluate = prepare_for(found, sample), evaluate_for(found, sample)
     threads = machine.usable_cores() if threads is None else check_count(threads, "threads", least=1)
     if on_failure not in ("raise", "nan"):
         raise ValueError(f"on_failure must be 'raise' or 'nan'; got {on_failure!r}")
@@ -72,17 +81,17 @@ def integrate_ensemble(
         for name, given in (("h", h), ("steps", steps), ("every", every)):
             if given is not None:
                 raise ValueError(f"give either t or h and steps; got t and {name}")
-        if found.evaluate is None:
+        if evaluate is None:
             raise ValueError(f"t: {found.name} steps on a grid only; give h and steps")
         times = check_times(t)
-        check_options(found.name, found.evaluate, options)
+        check_options(found.name, evaluate, options)
         out = np.empty((len(times), n, 6))
-        failures = _run(_Jumps(found, alphas, states, times, out, options), threads)
+        failures = _run(_Jumps(found, tops, states, times, out, options), threads)
         return _judge(found, None, out, failures, on_failure)
     if h is None or steps is None:
         raise ValueError("give h and steps, or output times t")
     h, steps = check_step(h), check_count(steps, "steps")
-    check_options(found.name, found.prepare, options)
+    check_options(found.name, build, options)
     stride = max(steps, 1) if every is None else check_count(every, "every", least=1)
     if steps % stride and every is not None:
         raise ValueError(f"every = {every} does not divide steps = {steps}")
@@ -94,7 +103,7 @@ def integrate_ensemble(
         rows = out[1:]
     if every is not None or steps == 0:
         out[0] = states
-    failures = _run(_Steps(found, alphas, states, h, steps, stride, rows, options), threads)
+    failures = _run(_Steps(found, tops, states, h, steps, stride, rows, options), threads)
     _judge(found, h, out, failures, on_failure)
     return out[0] if every is None else out
 
@@ -105,11 +114,47 @@ Failures = list[tuple[int, StepError]]
 Mask = NDArray[np.bool_]
 
 
+class _Tops:
+    """Tops in a uniform field, one for each alpha."""
+
+    def __init__(self, alphas: Array):
+        self.alphas = alphas
+
+    def one(self, place: int) -> LagrangeTop | PerturbedTop:
+        return LagrangeTop(float(self.alphas[place]))
+
+    def advance_many(self, method: Method, chunk: slice) -> Callable[..., Mask] | None:
+        """The method's own way to take the tops of a chunk, without them."""
+        return method.advance_many and partial(method.advance_many, self.alphas[chunk])
+
+    def evaluate_many(self, method: Method, chunk: slice) -> Callable[..., Mask] | None:
+        return method.evaluate_many and partial(method.evaluate_many, self.alphas[chunk])
+
+
+class _TopsInField(_Tops):
+    """Tops in a potential, one for each row of its parameters."""
+
+    def __init__(self, problem: PerturbedTop, alphas: Array, parameters: Array):
+        super().__init__(alphas)
+        self.potential, self.parameters = problem.potential, parameters
+
+    def one(self, place: int) -> PerturbedTop:
+        return PerturbedTop(LagrangeTop(float(self.alphas[place])), self.potential, self.parameters[place].tolist())
+
+    def advance_many(self, method: Method, chunk: slice) -> Callable[..., Mask] | None:
+        if not isinstance(method.in_field, ManyInField):
+            return None
+        return partial(method.in_field.advance_many, [self.one(i) for i in range(*chunk.indices(len(self.alphas)))])
+
+    def evaluate_many(self, method: Method, chunk: slice) -> None:
+        return None
+
+
 class _Work:
     """What is to be done with each top; `out` (rows, n, 6) is filled."""
 
-    def __init__(self, method: Method, alphas: Array, states: Array, out: Array, options: dict[str, Any]):
-        self.method, self.alphas, self.states, self.out, self.options = method, alphas, states, out, options
+    def __init__(self, method: Method, tops: _Tops, states: Array, out: Array, options: dict[str, Any]):
+        self.method, self.tops, self.states, self.out, self.options = method, tops, states, out, options
         self.stop = threading.Event()
         self.preparing = threading.Lock()  # what makes a step may use mpmath, whose precision is global
 
@@ -143,20 +188,20 @@ class _Work:
 
 class _Steps(_Work):
     def __init__(
-        self, method: Method, alphas: Array, states: Array, h: float, steps: int, every: int, out: Array, options: Any
+        self, method: Method, tops: _Tops, states: Array, h: float, steps: int, every: int, out: Array, options: Any
     ):
-        super().__init__(method, alphas, states, out, options)
+        super().__init__(method, tops, states, out, options)
         self.h, self.steps, self.every = h, steps, every
 
         self.prepared: dict[int, Stepper] = {}  # by place, for tops that are taken alone after all
 
     def many(self, chunk: slice) -> Mask:
-        call = self.method.advance_many
+        call = self.tops.advance_many(self.method, chunk)
         states, out = self.states[chunk], self.out[:, chunk]
         done = np.zeros(len(states), dtype=bool)
         if call is not None:
             grid = (self.h, self.steps, self.every)
-            done = call(self.alphas[chunk], states, *grid, out, self.stop.is_set, **self.options)
+            done = call(states, *grid, out, self.stop.is_set, **self.options)
         if self.method.engine == "numba" and np.count_nonzero(~done) >= FEW:
             for members in self._alike(chunk, done):
                 self._in_lanes(members, chunk, done)
@@ -206,8 +251,8 @@ class _Steps(_Work):
 
     def prepare(self, place: int) -> Stepper:
         with self.preparing:
-            top = LagrangeTop(float(self.alphas[place]))
-            return self.method.prepare(top, self.states[place].copy(), self.h, **self.options)
+            top = self.tops.one(place)
+            return prepare_for(self.method, top)(top, self.states[place].copy(), self.h, **self.options)
 
     def one(self, place: int) -> Array:
         stepper = self.prepared.pop(place, None) or self.prepare(place)
@@ -215,21 +260,22 @@ class _Steps(_Work):
 
 
 class _Jumps(_Work):
-    def __init__(self, method: Method, alphas: Array, states: Array, times: Array, out: Array, options: Any):
-        super().__init__(method, alphas, states, out, options)
+    def __init__(self, method: Method, tops: _Tops, states: Array, times: Array, out: Array, options: Any):
+        super().__init__(method, tops, states, out, options)
         self.times = times
 
     def many(self, chunk: slice) -> Mask:
-        call, states = self.method.evaluate_many, self.states[chunk]
+        call, states = self.tops.evaluate_many(self.method, chunk), self.states[chunk]
         if call is None:
             return np.zeros(len(states), dtype=bool)
-        return call(self.alphas[chunk], states, self.times, self.out[:, chunk], **self.options)
+        return call(states, self.times, self.out[:, chunk], **self.options)
 
     def one(self, place: int) -> Array:
-        assert self.method.evaluate is not None
-        top, y0 = LagrangeTop(float(self.alphas[place])), self.states[place].copy()
+        top, y0 = self.tops.one(place), self.states[place].copy()
         with self.preparing:
-            return self.method.evaluate(top, y0, self.times, **self.options)[0]
+            evaluate = evaluate_for(self.method, top)
+            assert evaluate is not None
+            return evaluate(top, y0, self.times, **self.options)[0]
 
 
 def _run(work: _Work, threads: int) -> Failures:
@@ -267,11 +313,11 @@ def _judge(method: Method, h: float | None, out: Array, failures: Failures, on_f
 # ---------------------------------------------------------------- checking what a user passes in
 
 
-def _check_tops(top: LagrangeTop | HeavyTop, Y0: ArrayLike) -> tuple[Array, Array]:
-    """alphas (n,) and states (n, 6), contiguous float64; the caller's own memory where that is what it holds."""
+def _check_tops(top: Any, Y0: ArrayLike) -> tuple[_Tops, Array]:
+    """The tops, and their states (n, 6), contiguous float64; the caller's own memory where that is what it holds."""
     top = top.top if isinstance(top, HeavyTop) else top
-    if not isinstance(top, LagrangeTop):
-        raise ValueError(f"top must be a LagrangeTop or a HeavyTop; got {type(top).__name__}")
+    if not isinstance(top, (LagrangeTop, PerturbedTop)):
+        raise ValueError(f"top must be a LagrangeTop, a HeavyTop or a PerturbedTop; got {type(top).__name__}")
     try:
         states = np.asarray(Y0)
     except ValueError as error:
@@ -285,10 +331,24 @@ def _check_tops(top: LagrangeTop | HeavyTop, Y0: ArrayLike) -> tuple[Array, Arra
         _refuse(np.any(~np.isfinite(states), axis=1), "is not finite", states)
     vertical = (states[:, 3] == 0.0) & (states[:, 4] == 0.0)
     _refuse(vertical & (states[:, 5] == 0.0), "has x = 0: the axis of a top needs |x| > 0", states)
-    alphas = np.asarray(top.alpha, dtype=np.float64)
-    if alphas.ndim and len(alphas) != len(states):
-        raise ValueError(f"top holds {len(alphas)} values of alpha, Y0 {len(states)} states")
-    return np.broadcast_to(alphas, len(states)), states
+    alphas = _one_for_each(top.alpha, "alpha", len(states))
+    if isinstance(top, LagrangeTop):
+        return _Tops(alphas), states
+    columns = [_one_for_each(value, f"parameters[{i}]", len(states)) for i, value in enumerate(top.parameters)]
+    arguments, bad = (*states[:, 3:].T, alphas, *columns), np.zeros(len(states), dtype=bool)
+    with np.errstate(all="ignore"):
+        for value in (*top.field.potential(*arguments), *top.field.gradient(*arguments)):
+            bad |= ~np.isfinite(value)
+    _refuse(bad, f"is where the potential {top.potential.name} is not finite", states)
+    return _TopsInField(top, alphas, np.reshape(columns, (len(columns), len(states))).T), states
+
+
+def _one_for_each(value: Any, name: str, n: int) -> Array:
+    """A number, or an array with one for each of n tops, as an array (n,)."""
+    numbers = np.asarray(value, dtype=np.float64)
+    if numbers.ndim and len(numbers) != n:
+        raise ValueError(f"top holds {len(numbers)} values of {name}, Y0 {n} states")
+    return np.broadcast_to(numbers, n)
 
 
 def _refuse(bad: Mask, why: str, states: Array) -> None:

@@ -38,8 +38,7 @@ from integrators.interface import AnyField, Array, Method, StepError, Work
 from integrators.methods.dense import DenseStepper, Problem, Run, at_times
 from integrators.methods.runge_kutta import floats, slopes_in_field, slopes_of, weigh
 from integrators.methods.tableaux import DOP853, DOP853_MORE
-from integrators.problem.perturbed import Field
-from integrators.problem.top import LagrangeTop
+from integrators.problem.perturbed import Field, PerturbedTop
 
 RTOL, ATOL, ALPHA = range(3)  # places of the constants; parameters of a potential follow alpha
 LEAST_RTOL = 100 * float(np.finfo(float).eps)  # as SciPy's
@@ -194,13 +193,11 @@ def evaluate(top: Problem, y0: Array, times: Array, *, rtol: float = 1e-9, atol:
 
 def _runner(top: Problem, rtol: float, atol: float) -> Run:
     rtol, atol = check_tolerances(rtol, atol)
-    if isinstance(top, LagrangeTop):
-        (trial, interpolant, value, first_step), numbers = UNIFORM, (top.alpha,)
-    else:
-        level = "J3" in top.conserved
-        (trial, interpolant, value, first_step), numbers = kernels_in_field(top.field, level), top.numbers
-    loop = compile_natural_loop(trial, interpolant, value)
+    made, numbers = UNIFORM, [top.alpha]
+    if isinstance(top, PerturbedTop):
+        made, numbers = kernels_in_field(top.field, "J3" in top.conserved), [*top.numbers]
     c = np.array((rtol, atol, *numbers))
+    loop, first_step = compile_natural_loop(made.trial, made.interpolant, made.value), made.first_step
     loop(np.zeros(6), np.zeros(1), 0, c, np.zeros(WALK), np.zeros((1, 6)))  # compile
     first_step((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0, c)
 

@@ -237,9 +237,9 @@ TIME_STEP, IN_ENERGY, IN_C1, IN_C2, PER_RATE, PER_LENGTH, NUMBERS = range(
 
 @cache
 def projected_in_field(field: Field, level: bool) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """`projected` for any field, and (s, c) → what it makes up for; J3 of a `level` field stays. `c`: the places above, then the numbers.
+    """`projected` for any field, and (s, c) → what it makes up for. J3 of a `level` field stays.
 
-    The state is the user's; what is projected is the state in units of order one.
+    `c`: the places above, then the numbers. The state is the user's; what is projected is the state in units of order one.
     """
     potential, gradient, name, numbers = (
         field.potential,

@@ -202,12 +202,10 @@ def units_of(name: str, top: Problem, y: Array, end: float) -> Units:
 def functions_of(top: Problem, units: Units | None = None) -> tuple[Callable[..., Any], Any, Callable[..., Any]]:
     """Right-hand side, what it takes besides a state, and Jacobian; in units of order one or in the user's."""
     if isinstance(top, LagrangeTop):
-        f, matrix, c = rhs, jacobian, units.alpha if units else top.alpha
-    else:
-        f, matrix = in_field(top.field, "J3" in top.conserved)
-        length, rate = (units.length, units.rate) if units else (0, 0)
-        c = np.array((ldexp(1.0, length), ldexp(1.0, 2 * rate), *top.numbers))
-    return f, c, matrix
+        return rhs, units.alpha if units else top.alpha, jacobian
+    f, matrix = in_field(top.field, "J3" in top.conserved)
+    length, rate = (units.length, units.rate) if units else (0, 0)
+    return f, np.array((ldexp(1.0, length), ldexp(1.0, 2 * rate), *top.numbers)), matrix
 
 
 def natural(

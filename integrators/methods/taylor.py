@@ -26,7 +26,7 @@ import contextlib
 import copy
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -40,7 +40,8 @@ from integrators.compiling.loops import FixedStepper
 from integrators.compiling.numba_internals import stack
 from integrators.interface import AnyField, Array, Method, StepError, Work
 from integrators.methods.dense import DenseStepper, Problem, Run, at_times
-from integrators.problem.perturbed import Field
+from integrators.problem.perturbed import Field, PerturbedTop
+from integrators.problem.rotated import ManyInField
 from integrators.problem.top import LagrangeTop
 
 EPS = float(np.finfo(float).eps)
@@ -258,18 +259,22 @@ def propagate_batch(
     steps = np.diff(times, prepend=0.0)
     if not (np.all(steps[1:] > 0) and np.all(times >= 0)) and not (np.all(steps[1:] < 0) and np.all(times <= 0)):
         raise ValueError("times must lead away from 0 in one direction, each once")
-    tol = check_tolerance(tol)
     width = recommended_width() if batch_size is None else check_count(batch_size, "batch_size", least=1)
-    out = np.empty((len(times), n, 6))
+    return _batches(None, alphas[:, None], Y0, times, check_tolerance(tol), width)
+
+
+def _batches(form: Form | None, numbers: Array, Y0: Array, times: Array, tol: float, width: int) -> Array:
+    """As `propagate_batch`; `numbers` (n, k) are alpha and the parameters of a potential."""
+    n, out = len(Y0), np.empty((len(times), len(Y0), 6))
     moving = times != 0.0
     out[~moving] = Y0
     if not np.any(moving) or n == 0:
         return out
-    ta = copy.deepcopy(compile_batch(tol, width))
+    ta = copy.deepcopy(compile_batch(tol, width, form))
     for first in range(0, n, width):
         places = np.minimum(np.arange(first, first + width), n - 1)  # the last top fills up the last register
         ta.set_time(0.0)
-        ta.pars[:] = alphas[places]
+        set_numbers(ta, numbers[places].T)
         ta.state[:] = Y0[places].T
         states = _batch_on_grid(ta, times[moving], first)
         out[moving, first : first + width] = states.transpose(0, 2, 1)[:, : n - first]
@@ -299,6 +304,35 @@ def advance_many(
     return done
 
 
+def advance_many_in_field(
+    problems: Sequence[PerturbedTop],
+    Y0: Array,
+    h: float,
+    steps: int,
+    every: int,
+    out: Array,
+    stopped: Callable[[], bool],
+    *,
+    tol: float = EPS,
+    high_accuracy: bool = False,
+) -> NDArray[np.bool_]:
+    """As `advance_many`; tops that keep J3 and tops that do not are in batches of their own."""
+    done, tol = np.zeros(len(Y0), dtype=bool), check_tolerance(tol)
+    if high_accuracy or not math.isfinite(h * steps):
+        return done
+    kinds: dict[Form | None, list[int]] = {}
+    for i, problem in enumerate(problems):
+        kinds.setdefault(form_of(problem), []).append(i)
+    times = h * every * np.arange(1.0, steps // every + 1)
+    for form, places in kinds.items():
+        numbers = np.array([problems[i].numbers for i in places])
+        with contextlib.suppress(StepError):
+            if not stopped():
+                out[:, places] = _batches(form, numbers, Y0[places], times, tol, recommended_width())
+                done[places] = True
+    return done
+
+
 def recommended_width() -> int:
     """Doubles in a SIMD register of this machine."""
     import heyoka as hy
@@ -307,13 +341,11 @@ def recommended_width() -> int:
 
 
 @lru_cache(maxsize=16)
-def compile_batch(tol: float, width: int) -> Any:
+def compile_batch(tol: float, width: int, form: Form | None = None) -> Any:
     """heyoka's integrator for `width` tops at once. It has a state: take a copy."""
     import heyoka as hy
 
-    return hy.taylor_adaptive_batch(
-        equations(), np.ones((6, width)), pars=np.ones((1, width)), tol=tol, compact_mode=False
-    )
+    return hy.taylor_adaptive_batch(equations(form), np.ones((6, width)), tol=tol, compact_mode=False)
 
 
 def _batch_on_grid(ta: Any, times: Array, first: int) -> Array:
@@ -404,7 +436,7 @@ NATURAL = Method(
     requires="heyoka",
     engine="heyoka",
     advance_many=advance_many,
-    in_field=AnyField(prepare, conserves=frozenset({"J3"}), evaluate=evaluate),
+    in_field=ManyInField(prepare, conserves=frozenset({"J3"}), evaluate=evaluate, advance_many=advance_many_in_field),
 )
 
 ACCURATE_PREPARE, ACCURATE_EVALUATE = variant("taylor_accurate", high_accuracy=True)

@@ -1,0 +1,196 @@
+"""Many tops in a potential at once: the bits of one at a time, each with its own numbers; what is refused says why."""
+
+import math
+
+import numpy as np
+import pytest
+
+from integrators import METHODS, LagrangeTop, StepError, available, ensemble, integrate, integrate_ensemble, prepare
+from integrators.compiling import lanes
+from integrators.compiling.expression import sqrt
+from integrators.methods import taylor
+from integrators.problem.perturbed import PerturbedTop, Potential
+
+SIZE = 45  # a block of lanes and thirteen tops more
+RNG = np.random.default_rng(5)
+STATES = RNG.uniform(-1, 1, (SIZE, 6))
+STATES[:, 3:] /= np.linalg.norm(STATES[:, 3:], axis=1)[:, None]
+ALPHAS, NUMBERS = RNG.uniform(0.5, 2, SIZE), RNG.uniform(0.1, 0.9, SIZE)
+
+QUADRATIC = Potential("quadratic", lambda x1, x2, x3, p: p[0] * x1 * x1 / 2)
+CHARGE = Potential("charge", lambda x1, x2, x3, p: -p[0] / sqrt((x1 - p[1]) ** 2 + (x2 - 1) ** 2 + (x3 - 0.5) ** 2))
+AXIAL = Potential("axial", lambda x1, x2, x3, p: p[0] * x3**2)
+TILTED = Potential("tilted", lambda x1, x2, x3, p: p[0] * x1 + 0.3 * x2)
+TOPS_IN = {
+    "all numbers": PerturbedTop(LagrangeTop(ALPHAS), QUADRATIC, (NUMBERS,)),
+    "some numbers": PerturbedTop(LagrangeTop(0.7), CHARGE, (NUMBERS, 2.0)),
+    "alpha only": PerturbedTop(LagrangeTop(ALPHAS), AXIAL, (0.4,)),
+    "the same for all": PerturbedTop(LagrangeTop(1.0), AXIAL, (0.4,)),
+}
+HEYOKA = pytest.mark.skipif(not available(METHODS["taylor"]), reason="heyoka is not installed")
+
+
+def at(value, place):
+    return float(value[place]) if isinstance(value, np.ndarray) else value
+
+
+def one(problem, place):
+    parameters = [at(value, place) for value in problem.parameters]
+    return PerturbedTop(LagrangeTop(at(problem.alpha, place)), problem.potential, parameters)
+
+
+def one_by_one(problem, states, h, steps, every, name, **options):
+    rows = [prepare(one(problem, i), y, h, name, **options).record(y, steps, every) for i, y in enumerate(states)]
+    return np.stack(rows, axis=1)
+
+
+@pytest.fixture
+def in_lanes(monkeypatch):
+    """The numbers of tops that were done in lanes, call by call."""
+    met = []
+
+    def run(*arguments, **options):
+        fine = lanes.run_lanes(*arguments, **options)
+        met.append(int(fine.sum()))
+        return fine
+
+    monkeypatch.setattr(ensemble, "run_lanes", run)
+    return met
+
+
+@pytest.mark.parametrize("kind", TOPS_IN)
+@pytest.mark.parametrize("name", ["strang", "force_gradient6", "rk4", "verner9_projected", "dop853"])
+def test_the_bits_of_one_top_alone(name, kind, in_lanes):
+    problem = TOPS_IN[kind]
+    got = integrate_ensemble(problem, STATES, 0.02, 12, name, every=3, threads=1)
+    assert np.array_equal(got, one_by_one(problem, STATES, 0.02, 12, 3, name))
+    assert sum(in_lanes) == (0 if name in ("verner9_projected", "dop853") else 32)
+    another = integrate_ensemble(LagrangeTop(problem.alpha), STATES, 0.02, 12, name, every=3)
+    assert np.max(np.abs(another - got)) > 1e-4  # the potential is there
+
+
+def test_the_exact_step_in_a_weak_potential():
+    problem = PerturbedTop(LagrangeTop(ALPHAS[:5]), QUADRATIC, (0.01 * NUMBERS[:5],))
+    got = integrate_ensemble(problem, STATES[:5], 0.02, 12, "backlund_splitting", every=3)
+    assert np.array_equal(got, one_by_one(problem, STATES[:5], 0.02, 12, 3, "backlund_splitting"))
+    assert not np.array_equal(got, integrate_ensemble(LagrangeTop(ALPHAS[:5]), STATES[:5], 0.02, 12, every=3))
+
+
+def test_compensated_and_threads(in_lanes):
+    problem = TOPS_IN["some numbers"]
+    got = integrate_ensemble(problem, STATES, 0.05, 20, "blanes_moan6", every=10, threads=3, compensated=True)
+    assert np.array_equal(got, one_by_one(problem, STATES, 0.05, 20, 10, "blanes_moan6", compensated=True))
+
+
+def test_a_lane_that_takes_the_numbers_of_its_neighbour_would_be_found(monkeypatch):
+    problem = TOPS_IN["all numbers"]
+    right = integrate_ensemble(problem, STATES, 0.02, 5, "rk4", threads=1)
+
+    def run(kernel, states, constants, *rest, **options):
+        return lanes.run_lanes(kernel, states, np.roll(constants, 1, axis=0), *rest, **options)
+
+    monkeypatch.setattr(ensemble, "run_lanes", run)
+    assert not np.array_equal(integrate_ensemble(problem, STATES, 0.02, 5, "rk4", threads=1), right)
+
+
+def test_tops_that_keep_j3_and_tops_that_do_not(in_lanes):
+    """For some of the numbers the potential does not depend on the direction: other kernels, side by side."""
+    both = Potential("both", lambda x1, x2, x3, p: x3 * x3 + p[0] * x1 * x2)
+    numbers = np.where(np.arange(SIZE) % 2 == 0, 0.0, NUMBERS)
+    problem = PerturbedTop(LagrangeTop(ALPHAS), both, (numbers,))
+    got = integrate_ensemble(problem, STATES, 0.05, 10, "rk4", threads=1)
+    assert np.array_equal(got, one_by_one(problem, STATES, 0.05, 10, 10, "rk4")[-1])
+    assert in_lanes == [23, 22]
+    assert np.array_equal(got[::2, 2], STATES[::2, 2])
+    assert not np.any(got[1::2, 2] == STATES[1::2, 2])
+
+
+@HEYOKA
+@pytest.mark.parametrize("kind", TOPS_IN)
+def test_heyoka_in_batches(kind, monkeypatch):
+    problem = TOPS_IN[kind]
+    alone = one_by_one(problem, STATES, 0.1, 20, 10, "taylor")
+    monkeypatch.setattr(ensemble._Steps, "one", None)  # none is taken alone
+    got = integrate_ensemble(problem, STATES, 0.1, 20, "taylor", every=10)
+    assert np.max(np.abs(got - alone)) < 2e-14
+    assert np.array_equal(got[0], STATES)
+    if kind in ("alpha only", "the same for all"):
+        assert np.array_equal(got[2, :, 2], STATES[:, 2])
+
+
+@HEYOKA
+def test_heyoka_in_batches_of_two_kinds(monkeypatch):
+    both = Potential("both", lambda x1, x2, x3, p: x3 * x3 + p[0] * x1 * x2)
+    numbers = np.where(np.arange(SIZE) % 2 == 0, 0.0, NUMBERS)
+    problem = PerturbedTop(LagrangeTop(ALPHAS), both, (numbers,))
+    alone = one_by_one(problem, STATES, 0.1, 20, 20, "taylor")[-1]
+    wrong = one_by_one(TOPS_IN["all numbers"], STATES, 0.1, 20, 20, "taylor")[-1]
+    batches = []
+    make = taylor._batches
+    monkeypatch.setattr(taylor, "_batches", lambda form, *rest: batches.append(form.level) or make(form, *rest))
+    got = integrate_ensemble(problem, STATES, 0.1, 20, "taylor", threads=1)
+    assert sorted(batches) == [False, True]
+    assert np.max(np.abs(got - alone)) < 2e-14 < np.max(np.abs(got - wrong))
+
+
+@pytest.mark.parametrize("name", ["dop853", "scipy_dop853", pytest.param("taylor", marks=HEYOKA)])
+def test_at_times(name):
+    problem, t = TOPS_IN["some numbers"], [1.0, 0.0, -0.5]
+    problem = PerturbedTop(problem.top, problem.potential, (NUMBERS[:4], 2.0))
+    got = integrate_ensemble(problem, STATES[:4], t=t, method=name)
+    for i in range(4):
+        assert np.array_equal(got[:, i], integrate(one(problem, i), STATES[i], t=t, method=name).y)
+    assert not np.array_equal(got[0], got[2])
+
+
+def test_a_uniform_field_that_is_tilted():
+    """By a method that takes no other, in its own frame: one by one, each with a frame of its own."""
+    problem = PerturbedTop(LagrangeTop(ALPHAS[:5]), TILTED, (NUMBERS[:5],))
+    for name in ("backlund", "theta_functions"):
+        got = integrate_ensemble(problem, STATES[:5], 0.1, 10, name, every=5)
+        assert np.array_equal(got, one_by_one(problem, STATES[:5], 0.1, 10, 5, name))
+        other = integrate_ensemble(problem, STATES[:5], 0.1, 10, "dop853", every=5, rtol=1e-12)
+        assert np.max(np.abs(got - other)) < 1e-10
+        assert np.max(np.abs(got - integrate_ensemble(LagrangeTop(ALPHAS[:5]), STATES[:5], 0.1, 10, every=5))) > 0.01
+    jumps = integrate_ensemble(problem, STATES[:5], t=[1.0])
+    assert np.max(np.abs(jumps[0] - got[2])) < 1e-13
+
+
+def test_failures():
+    """The charge is met by the axis of top 1."""
+    pole = Potential("pole", lambda x1, x2, x3, p: -p[0] / (1 - x3) ** 2)
+    states = np.array([(0.0, 0.0, 0.0, 0.0, 0.6, -0.8), (0.0, 0.0, 0.0, 1.0, 0.0, 0.0)])
+    problem = PerturbedTop(LagrangeTop(0.0), pole, (np.array([0.0, 1.0]),))
+    with pytest.raises(StepError, match=r"dop853.*top 1: the step fell below"):
+        integrate_ensemble(problem, states, 0.05, 400, "dop853")
+    got = integrate_ensemble(problem, states, 0.05, 400, "dop853", on_failure="nan")
+    assert np.isnan(got[1]).all()
+    assert np.isfinite(got[0]).all()
+
+
+def test_bad_input():
+    problem, charge = TOPS_IN["all numbers"], STATES.copy()
+    charge[3, 3:] = 2.0, 1.0, 0.5
+    calls = [
+        (
+            r"Y0\[3\] = \[.*, 2\.0, 1\.0, 0\.5\] .* the potential charge is not finite",
+            TOPS_IN["some numbers"],
+            charge,
+            {},
+        ),
+        ("values of alpha, Y0 44", problem, STATES[1:], {}),
+        (r"values of parameters\[0\], Y0 44", TOPS_IN["some numbers"], STATES[1:], {}),
+        ("backlund does not take the potential quadratic: its formula", problem, STATES, {"method": "backlund"}),
+        ("unknown option 'pin' of strang", problem, STATES, {"pin": 1}),
+        ("Y0.* is not finite", problem, STATES * math.nan, {}),
+    ]
+    for message, top, states, more in calls:
+        with pytest.raises(ValueError, match=message):
+            integrate_ensemble(top, states, 0.1, 10, **{"method": "strang", **more})
+    with pytest.raises(ValueError, match="t: strang steps on a grid only"):
+        integrate_ensemble(problem, STATES, t=[1.0], method="strang")
+
+
+def test_none():
+    nobody = PerturbedTop(LagrangeTop(1.0), QUADRATIC, (np.empty(0),))
+    assert integrate_ensemble(nobody, np.empty((0, 6)), 0.1, 10, "strang").shape == (0, 6)

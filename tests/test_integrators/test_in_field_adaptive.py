@@ -1,0 +1,205 @@
+"""The methods that choose their steps, and projected Verner, for a top in any potential."""
+
+import math
+import threading
+
+import numpy as np
+import pytest
+import scipy.integrate
+
+from integrators import METHODS, TOPS, LagrangeTop, StepError, available, integrate, prepare
+from integrators.compiling.expression import sqrt
+from integrators.methods import taylor
+from integrators.problem.perturbed import PerturbedTop, Potential
+
+QUADRATIC = Potential("quadratic", lambda x1, x2, x3, p: p[0] * x1 * x1 / 2)
+CHARGE = Potential("charge", lambda x1, x2, x3, p: -p[0] / sqrt((x1 - 2) ** 2 + (x2 - 1) ** 2 + (x3 - p[1]) ** 2))
+AXIAL = Potential("axial", lambda x1, x2, x3, p: p[0] * x3**2 + p[1] * (x1 * x1 + x2 * x2) * x3)
+FIELDS = {
+    "quadratic": PerturbedTop(LagrangeTop(1.0), QUADRATIC, (0.7,)),
+    "charge": PerturbedTop(LagrangeTop(0.8), CHARGE, (0.9, 0.5)),
+    "axial": PerturbedTop(LagrangeTop(1.0), AXIAL, (0.4, -0.3)),
+}
+NOTHING = PerturbedTop(LagrangeTop(1.0), QUADRATIC, (0.0,))
+Y0 = TOPS["generic"].state
+# what is asked for, the step, and the error after t = 5 in units of the state that it leads to at most
+SETTINGS = {
+    "dop853": ({"rtol": 1e-12, "atol": 1e-14}, 2e-11),
+    "rk45": ({"rtol": 1e-9, "atol": 1e-11}, 5e-8),
+    "scipy_dop853": ({"rtol": 1e-12, "atol": 1e-14}, 2e-11),
+    "lsoda": ({"rtol": 1e-11, "atol": 1e-13}, 2e-8),
+    "radau": ({"rtol": 1e-8, "atol": 1e-10}, 2e-7),
+    "taylor": ({}, 2e-14),
+    "taylor_accurate": ({}, 2e-14),
+    "taylor_compact": ({}, 2e-14),
+    "verner9_projected": ({}, 1e-12),
+}
+NAMES = [pytest.param(n, marks=pytest.mark.skipif(not available(METHODS[n]), reason="not installed")) for n in SETTINGS]
+ADAPTIVE = [p for p in NAMES if p.values[0] != "verner9_projected"]
+needs_heyoka = pytest.mark.skipif(not available(METHODS["taylor"]), reason="heyoka is not installed")
+
+
+def truth(problem, times, y=Y0):
+    """SciPy's DOP853 at rtol 3e-14, on the right-hand side of the problem itself."""
+    ends = []
+    for t in times:
+        run = scipy.integrate.solve_ivp(lambda t, y: problem.rhs(y), (0, t), y, "DOP853", rtol=3e-14, atol=1e-16)
+        ends.append(run.y[:, -1])
+    return np.array(ends)
+
+
+def error(problem, y, exact):
+    rate, size, _ = problem.scales(Y0)
+    return np.max(np.abs(y - exact) / np.repeat((rate, size), 3))
+
+
+TIMES = (5.0, -2.5)
+EXACT = {name: truth(problem, TIMES) for name, problem in FIELDS.items()}
+
+
+@pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.parametrize("name", NAMES)
+def test_error(name, field):
+    options, most = SETTINGS[name]
+    problem = FIELDS[field]
+    for t, exact in zip(TIMES, EXACT[field], strict=True):
+        h = math.copysign(0.05, t)
+        end = prepare(problem, Y0, h, name, **options).advance(Y0, round(t / h))
+        assert error(problem, end, exact) <= most
+        assert error(NOTHING, end, integrate(LagrangeTop(1.0), Y0, t=[t]).y[0]) > 1e-3  # not the top without V
+
+
+@pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_output_at_any_times(name, field):
+    options, most = SETTINGS[name]
+    ends = integrate(FIELDS[field], Y0, t=[*TIMES, 0.0], method=name, **options)
+    assert np.array_equal(ends.y[2], Y0)
+    assert ends.work.steps > 0
+    for y, exact in zip(ends.y[:2], EXACT[field], strict=True):
+        assert error(FIELDS[field], y, exact) <= most
+    rows = prepare(FIELDS[field], Y0, 0.25, name, **options).record(Y0, 20, 10)
+    assert error(FIELDS[field], rows[1], truth(FIELDS[field], [2.5])[0]) <= most
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_without_a_potential_it_is_the_method_for_uniform_fields(name):
+    options, _ = SETTINGS[name]
+    one = prepare(NOTHING, Y0, 0.05, name, **options)
+    other = prepare(LagrangeTop(1.0), Y0, 0.05, name, **options)
+    # the first step of dop853 takes account of J3 in a potential: its steps are not quite the same
+    most = 1e-11 if name == "dop853" else 1e-12 if name == "radau" else 1e-14
+    assert error(NOTHING, one.advance(Y0, 20), other.advance(Y0, 20)) <= most
+    assert abs(one.work.steps - other.work.steps) <= 1
+
+
+@pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_claimed_is_kept_and_only_that(name, field):
+    """`kept` at round-off, at a step or tolerance where the error itself is far larger."""
+    problem, method = FIELDS[field], METHODS[name]
+    options = {} if method.control == "step" else {method.knob: 1e-4}
+    rows = prepare(problem, Y0, 0.3, name, **options).record(Y0, 300, 3)
+    drift = np.max(np.abs(problem.invariants(rows) - problem.invariants(Y0)), axis=0) / problem.invariant_scales(Y0)
+    kept = method.kept(problem)
+    assert "J3" in kept if field == "axial" else "J3" not in kept
+    for invariant, d in zip(("H", "J3", "C1", "C2"), drift, strict=True):
+        if invariant in kept:
+            assert d <= (0.0 if invariant == "J3" else 4e-15), invariant
+        else:
+            assert d > 1e-9, invariant
+
+
+@pytest.mark.parametrize("name", ["verner9_projected", "radau", "lsoda"])
+def test_units_do_not_matter(name):
+    """Powers of two: J by 2^a, x by 2^b, V by 2^2a; the same bits where steps are made in units of order one."""
+    rate, length = 2.0**30, 2.0**-20
+    scaled = Potential("scaled", lambda x1, x2, x3, p: p[0] * x1 * x1 / 2 + p[1] * x1 * x2 * x3)
+    y = Y0 * np.repeat((rate, length), 3)
+    small = PerturbedTop(LagrangeTop(1.0), scaled, (0.7, 0.2))
+    large = PerturbedTop(LagrangeTop(rate**2 / length), scaled, (0.7 * rate**2 / length**2, 0.2 * rate**2 / length**3))
+    options = {} if name == "verner9_projected" else {"rtol": 1e-6, "atol": 0.0}
+    got = prepare(large, y, 0.1 / rate, name, **options).advance(y, 50) / np.repeat((rate, length), 3)
+    assert np.array_equal(got, prepare(small, Y0, 0.1, name, **options).advance(Y0, 50))
+
+
+def test_projection_refuses_another_torus_and_knows_where_it_does_not_converge():
+    problem = FIELDS["charge"]
+    stepper = prepare(problem, Y0, 0.05, "verner9_projected")
+    with pytest.raises(StepError, match="not on the torus"):
+        stepper.advance(Y0 * (1 + 1e-9), 1)
+    on_the_way = stepper.advance(Y0, 1000)
+    assert np.isfinite(stepper.advance(on_the_way, 1000)).all()
+    with pytest.raises(StepError):
+        prepare(problem, Y0, 40.0, "verner9_projected").advance(Y0, 100)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_into_a_singularity(name):
+    """A charge that attracts, and stands where the axis goes: an end with a StepError, not a number."""
+    problem = PerturbedTop(LagrangeTop(0.0), Potential("pole", lambda x1, x2, x3, p: -p[0] / (1 - x3) ** 2), (1.0,))
+    y = np.array((0.0, 0.0, 0.0, 1.0, 0.0, 0.0))
+    with pytest.raises(StepError):
+        prepare(problem, y, 0.05, name).advance(y, 400)
+    with pytest.raises(ValueError, match="the potential pole is not finite"):
+        prepare(problem, np.array((0.0, 0.0, 1.0, 0.0, 0.0, 1.0)), 0.05, name)
+
+
+@needs_heyoka
+def test_heyoka_compiles_once_for_each_formula(monkeypatch):
+    monkeypatch.setattr(taylor, "_here", threading.local())
+    taylor.compile_integrator.cache_clear()
+    for number in (0.3, 0.4, 0.5):
+        for alpha in (1.0, 2.0):
+            problem = PerturbedTop(LagrangeTop(alpha), QUADRATIC, (number,))
+            end = prepare(problem, Y0, 0.5, "taylor").advance(Y0, 2)
+            assert error(problem, end, truth(problem, [1.0])[0]) <= 2e-14
+    assert taylor.compile_integrator.cache_info().misses == 1
+    prepare(FIELDS["axial"], Y0, 0.5, "taylor")
+    assert taylor.compile_integrator.cache_info().misses == 2
+
+
+@needs_heyoka
+def test_parameters_that_the_force_does_not_contain():
+    """heyoka has no place for the last ones."""
+    idle = Potential("idle", lambda x1, x2, x3, p: p[1] + p[0] * x1 * x1 / 2 + p[2] * 0.0)
+    problem = PerturbedTop(LagrangeTop(1.0), idle, (0.7, 5.0, 6.0))
+    same = prepare(FIELDS["quadratic"], Y0, 0.5, "taylor").advance(Y0, 10)
+    assert np.array_equal(prepare(problem, Y0, 0.5, "taylor").advance(Y0, 10), same)
+
+
+@needs_heyoka
+def test_threads_do_not_share_numbers():
+    """Two potentials of one formula, in two threads at once: each has the bits of a run alone."""
+    problems = [PerturbedTop(LagrangeTop(1.0), QUADRATIC, (number,)) for number in (0.2, 0.9)]
+    steppers = [prepare(problem, Y0, 0.1, "taylor") for problem in problems]
+    alone = [stepper.advance(Y0, 3000) for stepper in steppers]
+    got = [[], []]
+
+    def work(i):
+        got[i] = [steppers[i].advance(Y0, 3000) for _ in range(20)]
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for i in range(2):
+        assert all(np.array_equal(y, alone[i]) for y in got[i])
+    assert not np.array_equal(*alone)
+
+
+def test_the_jacobians_are_those_of_the_problem():
+    from integrators.methods.scipy_ivp import in_field
+
+    for problem in FIELDS.values():
+        f, jacobian = in_field(problem.field, "J3" in problem.conserved)
+        c = np.array((1.0, 1.0, *problem.numbers))
+        assert np.max(np.abs(f(c, Y0) - problem.rhs(Y0))) <= 1e-15
+        assert np.max(np.abs(jacobian(c, Y0) - problem.jacobian(Y0))) <= 1e-15
+        assert not np.array_equal(jacobian(c, Y0), jacobian(c, Y0 + 1e-6))
+
+
+def test_taylor_fixed_says_why_not():
+    with pytest.raises(ValueError, match="taylor_fixed does not take the potential quadratic: its recurrence"):
+        prepare(FIELDS["quadratic"], Y0, 0.1, "taylor_fixed")
