@@ -1,10 +1,11 @@
 """Perturbed tops: which method is best where an integrator is needed?
 
-A top in a uniform field has a closed form. In any other field it has none: a tide, a magnet, an uneven field. Every method that
-takes a potential follows ten tops in five of them. Part “drift” asks what each keeps of H, J3, C1 and C2, part “order” how its error
-falls with the step, part “work” what an error costs on runs of 10³ and 10⁴ units of time. Errors are those against the
-reference in quadruple precision. On a chaotic orbit no method follows the exact solution for long: errors are reported up to
-the time at which an ulp has grown to 1e-6, drift of the invariants beyond. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
+A top in a uniform field has a closed form. In any other field it has none: a tide, a magnet, an uneven field. Every method
+that takes a potential follows ten tops in five of them. Part “drift” asks what each keeps of H, J3, C1 and C2, part “order”
+how its error falls with the step, part “work” what an error costs on runs of 10³ and 10⁴ units of time. Errors are those
+against the reference in quadruple precision. On a chaotic orbit no method follows the exact solution for long: errors are
+reported up to the time at which an ulp has grown to 1e-6, drift of the invariants beyond. Times and steps are in units of
+1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations
@@ -190,7 +191,7 @@ def _draw_work(good: pd.DataFrame, style, span: float):
         ax.set_ylabel("error at the end")
     style.label_ends(grid.flat[: len(states)])
     fig.caption = (
-        f"Error at t = {show(span)} against wall time, set-up included, for tops in a potential; down and to the left is better. "
+        f"Error at t = {show(span)} against wall time, set-up included, for tops in a potential; down and left is better. "
         "Thin: all compiled methods in the colours of their families; bold: the splitting with the exact step, and the two "
         "others that reach 1e-8 in the least time. Each point is one step size or tolerance."
     )
@@ -222,7 +223,7 @@ def _draw_winner(table: pd.DataFrame, style):
         ax.grid(visible=False)
     grid[0, 0].set_ylabel("error at most")
     fig.caption = (
-        "Who wins on the generic top in a tide of size ε: the wall time of the best of the other methods, set-up included, in units "
+        "Who wins on the generic top in a tide of size ε: the wall time of the best other method, set-up included, in units "
         "of that of the splitting with the exact step. Above 1, blue: the exact step inside is quicker. Below, red: another "
         "method is. A dash: one of the two does not get there."
     )
@@ -242,8 +243,8 @@ def _draw_order(rows: pd.DataFrame, style):
     fig, axes = style.by_family(rows.method, line, "step h", f"error at t = {SPAN:g}", (1e-16, 10))
     style.label_ends(axes)
     fig.caption = (
-        f"Error against the step on “{PERTURBED_TOPS[state].label}”, one panel for each family of methods. The slopes are the orders; "
-        "their numbers for all tops are in the table. A cross before a name: the method failed."
+        f"Error against the step on “{PERTURBED_TOPS[state].label}”, one panel for each family of methods. The slopes are the "
+        "orders; their numbers for all tops are in the table. A cross before a name: the method failed."
     )
     return fig
 

@@ -7,10 +7,9 @@ lanes as the Bäcklund step. All have the bits of one top alone, but for short r
 differ by round-off: `backlund.SHORT` steps or fewer take λ(h) in plain doubles. Splittings take one rotation and kick
 after the other. Implicit methods, whose iterations end where they end, and all that is not compiled here take their
 tops one by one, and so do tops that are left undone, because of their extreme size or because the method fails for
-them: then the StepError is the scalar one. A `PerturbedTop` goes the same ways, each top with its own
-numbers; where its field is uniform but not vertical, a method for uniform fields takes it one by one, in another frame.
-What becomes of a top depends on nothing but itself: not on the chunks, the
-threads, or its place.
+them: then the StepError is the scalar one. A `PerturbedTop` goes the same ways, each top with
+its own numbers; where its field is uniform but not vertical, a method for uniform fields takes it one by one, in
+another frame. What becomes of a top depends on nothing but itself: not on the chunks, the threads, or its place.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from integrators.compiling.loops import FixedStepper
 from integrators.interface import Array, Method, StepError, Stepper
 from integrators.problem.body import HeavyTop
 from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.rotated import ManyInField, evaluate_for, prepare_for
+from integrators.problem.rotated import evaluate_for, prepare_for
 from integrators.problem.top import LagrangeTop
 from integrators.registry import find_method
 
@@ -142,7 +141,7 @@ class _TopsInField(_Tops):
         return PerturbedTop(LagrangeTop(float(self.alphas[place])), self.potential, self.parameters[place].tolist())
 
     def advance_many(self, method: Method, chunk: slice) -> Callable[..., Mask] | None:
-        if not isinstance(method.in_field, ManyInField):
+        if method.in_field is None or method.in_field.advance_many is None:
             return None
         return partial(method.in_field.advance_many, [self.one(i) for i in range(*chunk.indices(len(self.alphas)))])
 

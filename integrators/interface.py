@@ -81,6 +81,8 @@ class AnyField:
     needs: str = "force"  # of `PerturbedTop.offers`
     order: int | None = None  # where it is not that of the method in a uniform field
     evaluate: Callable[..., tuple[Array, Work]] | None = None  # (problem, y0, times, **options)
+    # ([problem, …], Y0, h, steps, every, out, stopped, **options) → the tops done, a mask; as `Method.advance_many`
+    advance_many: Callable[..., NDArray[np.bool_]] | None = None
     biased: Mapping[str, str] = field(default_factory=dict, hash=False)  # as `Method.biased`
 
 

@@ -2,32 +2,34 @@
 
     H = A + B,    A = |J|²/2 + alpha x3,    B = V(x)
 
-The flow of A is a Bäcklund step, exact for any length; the flow of B is a kick, x being constant. As the flow of Kepler's motion in the
-maps of Wisdom and Holman, the step follows the period of what perturbs, not that of the top, and errors come with a factor ε, the
-size of V. A kick leaves the torus, so λ(h) is another at every step: C1, C2, alpha and h do not change, and λ is a function of
-(H, J3) of A, which move in a small box. Four polynomials in them, a table made once, give λ and m; one step of Newton's method
-puts m on the curve m² = Q(λ), on which the map keeps the invariants to round-off. Outside of the box, and where no table of
-degree 12 has all digits, λ(h) is computed in place (`torus.plain_step`), and where that does not reach, in double-double.
+The flow of A is a Bäcklund step, exact for any length; the flow of B is a kick, x being constant. As with Kepler's motion in the
+maps of Wisdom and Holman, the step follows what perturbs the top, not the top, and errors come with a factor ε, the size of V.
+A kick leaves the torus, so λ(h) is another at every step. C1, C2, alpha and h do not change: λ is a function of (H, J3) of A,
+which move in a small box. Four polynomials in them, a table made once, give λ and m; one step of Newton's method puts m on the
+curve m² = Q(λ), on which the map keeps the invariants to round-off. Outside of the box, and where no table of degree 12 has all
+digits, λ(h) is computed in place (`torus.plain_step`), and where that does not reach, in double-double.
 
-Schemes, letters A and B with the sizes of their steps as parts of h:
+Schemes, A B A … B A, and the errors they leave:
 
-strang    A B A with one flow a step, a `modified_kick` V − (h²/24)|x × ∇V|², which takes away the error ε²h², and a `corrector`: a
-          canonical transformation at both ends of the run, and at every row that is recorded, which takes away the error ε h² of
-          every Strang step at all frequencies ω of V along the motion with |ω h| well below 2π. What is left is ε²h⁴.
-saba4     Gauss–Legendre quadrature of V along the flow: ε h⁸ + ε²h²
-aba84 … aba1064   ε h⁸ + ε²h⁴, ε h¹⁰ + ε²h⁴, ε h⁸ + ε²h⁶ + ε³h⁴, ε h¹⁰ + ε²h⁶ + ε³h⁴
+strang    one flow a step. A `modified_kick` by V − (h²/24)|x × ∇V|² takes away the error ε²h². A `corrector`, a canonical
+          transformation at both ends of the run and at every recorded row, takes away the error εh² at all frequencies ω of
+          V along the motion with |ωh| well below 2π. What is left is ε²h⁴.
+saba4     Gauss–Legendre quadrature of V along the flow: εh⁸ + ε²h²
+aba…      aba84: εh⁸ + ε²h⁴, aba104: εh¹⁰ + ε²h⁴, aba864: εh⁸ + ε²h⁶ + ε³h⁴, aba1064: εh¹⁰ + ε²h⁶ + ε³h⁴
 
-The corrector. At a frequency ω of V, w = ωh, n Strang steps sum up a kick h e^{iωt} in the middle of each, (e^{iωnh} − 1)/(2i sin(w/2)) h, where the
-motion has the integral, (e^{iωnh} − 1)/(iω). The difference is a matter of the ends alone, and kicks b_j h at times a_j h after the
-end and −b_j h before it make it up if 2 Σ b_j sin(a_j w) = 1/(2 sin(w/2)) − 1/w. a_j = 0.4 j; b by least squares (`corrector_kicks`). At w = 2π the
-step is in resonance with V, and no transformation helps.
+The corrector. At a frequency ω of V, w = ωh, the kicks of n Strang steps add up to h (e^{iωnh} − 1)/(2i sin(w/2)); the motion
+has the integral (e^{iωnh} − 1)/(iω). The difference belongs to the ends alone. Kicks b_j h at times a_j h after an end and −b_j h
+before it make it up if 2 Σ b_j sin(a_j w) = 1/(2 sin(w/2)) − 1/w. a_j = 0.4 j; b by least squares (`corrector_kicks`). Half of
+the kicks are made first, the others in the order reversed, so that no commutator of two of them is left. At w = 2π the step is
+in resonance with V, and no transformation helps.
 
-Every map here is Poisson and symmetric (the corrector is made of |h|), and C1 and C2 are pinned. A table to round-off, not any smooth
-function, is what makes it so: a flow with T(H, J3) and Θ(H, J3) is Poisson only if ∂T/∂J3 = ∂Θ/∂H.
+Every map here is Poisson and symmetric (the corrector is made of |h|), and C1 and C2 are pinned. Only a table with all digits
+makes it so, not any smooth one: a step of time T(H, J3) and turn Θ(H, J3) is Poisson only if ∂T/∂J3 = ∂Θ/∂H.
 
-Sources: Wisdom & Holman, Astron. J. 102 (1991) 1528; Wisdom, Holman & Touma, Fields Inst. Commun. 10 (1996) 217 (correctors); Laskar &
-Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39 (saba4); McLachlan, BIT 35 (1995) 258 (aba84); Blanes, Casas, Farrés, Laskar, Makazaga &
-Murua, Appl. Numer. Math. 68 (2013) 58 (the others). The exact step as the flow of A, its table and this corrector: this project.
+Sources: Wisdom & Holman, Astron. J. 102 (1991) 1528; Wisdom, Holman & Touma, Fields Inst. Commun. 10 (1996) 217 (correctors);
+Laskar & Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39 (saba4); McLachlan, BIT 35 (1995) 258 (aba84); Blanes, Casas, Farrés,
+Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58 (the others). The exact step as the flow of A, its table, this
+corrector: this project.
 """
 
 from __future__ import annotations
@@ -370,10 +372,7 @@ def tabulate(c, h, nodes, to_chebyshev, to_monomials, level, found):
         for i in range(n):
             for j in range(m):
                 size = max(size, abs(values[k, i, j]))
-        if k < 2:  # R and η share one size, and so do the parts of m
-            size = max(size, np.max(np.abs(values[1])))
-        else:
-            size = max(size, np.max(np.abs(values[2])))
+        size = max(size, np.max(np.abs(values[1 if k < 2 else 2])))  # R and η share one size, so do the parts of m
         for i in range(n):
             for j in range(m):
                 tails[i + j] = max(tails[i + j], abs(found[k, i, j]) / size)
@@ -605,7 +604,7 @@ def _warn(top: PerturbedTop, y0: Array, h: float) -> None:
     rate, length, unit = top.top.scales(y0)
     strength = length * math.hypot(*map(float, top.formula.derived(*y0[3:].tolist(), *top.parameters)))
     if strength > STRONG * rate * rate:
-        text = f"V is strong here (its torque is {strength / rate**2:.2g} of the top's own scale): blanes_moan6 or taylor costs less"
+        text = f"V is strong here, {strength / rate**2:.2g} of the top's own scale: blanes_moan6 or taylor costs less"
         warnings.warn(text, StepWarning, stacklevel=4)
     if abs(h) > 0.39 * unit:  # an eighth of the shortest period there is, π units
         period = exact.nutation_period(top.top, y0)
@@ -613,7 +612,7 @@ def _warn(top: PerturbedTop, y0: Array, h: float) -> None:
             reason = f"h is {abs(h) / period:.2g} of the nutation period, in resonance with it; take less than a half"
             raise StepError("backlund_splitting", reason, h=h)
         if abs(h) > RESONANT * period:
-            text = f"h is {abs(h) / period:.2g} of the nutation period: from 1/8 on, harmonics of V come near resonance with the step"
+            text = f"h is {abs(h) / period:.2g} of the nutation period: from 1/8 on, V's harmonics are near resonance with it"
             warnings.warn(text, StepWarning, stacklevel=4)
 
 

@@ -41,7 +41,6 @@ from integrators.compiling.numba_internals import stack
 from integrators.interface import AnyField, Array, Method, StepError, Work
 from integrators.methods.dense import DenseStepper, Problem, Run, at_times
 from integrators.problem.perturbed import Field, PerturbedTop
-from integrators.problem.rotated import ManyInField
 from integrators.problem.top import LagrangeTop
 
 EPS = float(np.finfo(float).eps)
@@ -436,7 +435,7 @@ NATURAL = Method(
     requires="heyoka",
     engine="heyoka",
     advance_many=advance_many,
-    in_field=ManyInField(prepare, conserves=frozenset({"J3"}), evaluate=evaluate, advance_many=advance_many_in_field),
+    in_field=AnyField(prepare, conserves=frozenset({"J3"}), evaluate=evaluate, advance_many=advance_many_in_field),
 )
 
 ACCURATE_PREPARE, ACCURATE_EVALUATE = variant("taylor_accurate", high_accuracy=True)

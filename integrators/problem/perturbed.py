@@ -126,6 +126,14 @@ class Formula:
         return Field(tape.program((V,)), tape.program(gradient))
 
     @cached_property
+    def bends(self) -> Program:
+        """(x, p) → ∇V and the nine entries of V''."""
+        tape, x, p = _inputs(self.value.inputs - 3)
+        g = tape.run(self.derived if self.given is None else self.given, *x, *p)
+        columns = [tape.along(g, x, e) for e in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+        return tape.program((*g, *(entry for column in columns for entry in column)))
+
+    @cached_property
     def derived(self) -> Program:
         """The gradient of V, derived."""
         tape, x, p = _inputs(self.value.inputs - 3)
@@ -450,32 +458,38 @@ def _points() -> list[tuple[float, float, float]]:
     return [(draw.uniform(-1, 1), draw.uniform(-1, 1), draw.uniform(-1, 1)) for _ in range(POINTS)]
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=4096)
 def _nature(formula: Formula, parameters: tuple[float, ...]) -> Nature:
-    """Formulas that are the same everywhere are so at random points, in 50 digits; others differ there."""
+    """Formulas that are the same everywhere are so at random points, in 50 digits; others differ there, most in doubles."""
     import mpmath
 
-    tape, x, q = _inputs(formula.value.inputs - 3)
-    g = tape.run(formula.derived if formula.given is None else formula.given, *x, *q)
-    columns = [tape.along(g, x, e) for e in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
-    program = tape.program((*g, *(entry for column in columns for entry in column)))
-    found = []
+    rough = _looks(formula, parameters, 1e-6)
+    if rough is not None and not (rough.quadratic or rough.axisymmetric):
+        return rough
     with mpmath.workdps(DIGITS):
-        for point in _points():
-            try:
-                values = program(*map(mpmath.mpf, point), *map(mpmath.mpf, parameters))
-            except (ZeroDivisionError, ValueError):
-                continue
-            if all(mpmath.isfinite(v) and mpmath.im(v) == 0 for v in values):
+        return _looks(formula, parameters, mpmath.mpf(10) ** (10 - DIGITS), mpmath.mpf) or Nature(False, False, False)
+
+
+def _looks(formula: Formula, parameters: tuple[float, ...], small: Any, number: Any = float) -> Nature | None:
+    """What the field looks like, up to a relative size; None if it is finite at less than two of the points."""
+    found = []
+    for point in _points():
+        try:
+            values = formula.bends(*map(number, point), *map(number, parameters))
+            if all(v - v == 0 for v in values) and not any(
+                isinstance(v, complex) or getattr(v, "imag", 0) for v in values
+            ):
                 found.append((point, values[:3], values[3:]))
-        if len(found) < 2:
-            return Nature(False, False, False)
-        size = max(abs(v) for _, slope, bend in found for v in (*slope, *bend))
-        small = size * mpmath.mpf(10) ** (10 - DIGITS)
-        linear = all(abs(v) <= small for _, _, bend in found for v in bend)
-        quadratic = all(abs(v - w) <= small for _, _, bend in found for v, w in zip(bend, found[0][2], strict=True))
-        axisymmetric = all(abs(slope[0] * x[1] - slope[1] * x[0]) <= small for x, slope, _ in found)
-    return Nature(linear, quadratic, axisymmetric)
+        except (ZeroDivisionError, OverflowError, ValueError):
+            continue
+    if len(found) < 2:
+        return None
+    least = small * max(abs(v) for _, slope, bend in found for v in (*slope, *bend))
+    return Nature(
+        linear=all(abs(v) <= least for _, _, bend in found for v in bend),
+        quadratic=all(abs(v - w) <= least for _, _, bend in found for v, w in zip(bend, found[0][2], strict=True)),
+        axisymmetric=all(abs(slope[0] * x[1] - slope[1] * x[0]) <= least for x, slope, _ in found),
+    )
 
 
 def _wrong(formula: Formula, parameters: tuple[float, ...]) -> tuple[float, ...] | None:

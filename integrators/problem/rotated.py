@@ -6,28 +6,14 @@ compute in that frame is turned back. Rotations are Poisson maps; they cost an e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import wraps
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from integrators.interface import AnyField, Array, Method, Stepper, Work
+from integrators.interface import Array, Method, Stepper, Work
 from integrators.problem.perturbed import PerturbedTop
-
-
-def none_of_them(problems: Sequence[PerturbedTop], *_: Any, **options: Any) -> NDArray[np.bool_]:
-    return np.zeros(len(problems), dtype=bool)
-
-
-@dataclass(frozen=True)
-class ManyInField(AnyField):
-    """`AnyField` of a method that takes many tops in one call, in a potential too."""
-
-    # ([problem, …], Y0, h, steps, every, out, stopped, **options) → the tops done, a mask; as `Method.advance_many`
-    advance_many: Callable[..., NDArray[np.bool_]] = none_of_them
 
 
 class Rotated(Stepper):

@@ -120,7 +120,7 @@ def test_methods_say_which_problems_they_take():
 def test_a_top_in_a_potential_is_a_value():
     for top in FIELDS.values():
         again = pickle.loads(pickle.dumps(top))
-        assert again == top and hash(again) == hash(top) and again.digest == top.digest
+        assert (again, hash(again), again.digest) == (top, hash(top), top.digest)
         assert np.array_equal(again.rhs(Y), top.rhs(Y))
     assert FIELDS["weak_tide"].digest != FIELDS["moderate_tide"].digest
     retyped = Potential("tide", lambda x1, x2, x3, p: p[0] * x1 * x1 / 2)
