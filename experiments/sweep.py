@@ -1,7 +1,7 @@
 """Sweeps: an experiment described by a TOML file, with tops, methods, steps and tolerances of your own.
 
 Every field of such a file is explained in docs/sweeps.md. What is read becomes an experiment like all others, called
-sweep_NAME. Its cells carry alpha and the initial state, so that whoever computes or draws them needs no file.
+sweep_NAME. Its cells carry alpha, the potential and the initial state, so that no file is needed to compute or draw them.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from experiments import SWEEP
-from experiments.measuring import metrics
-from experiments.measuring.states import find, follow, rounded, truth
-from integrators import INVARIANTS, TOPS, StepError, integrate, machine, prepare
+from experiments.measuring import metrics, truths
+from experiments.measuring.states import find, follow, rounded
+from integrators import INVARIANTS, PERTURBED_TOPS, TOPS, PerturbedTop, StepError, integrate, machine, prepare
 from integrators.checks import MOST, check_count, check_options, check_real, check_state, check_step
 from integrators.interface import Array, Method
+from integrators.problem.rotated import evaluate_for, prepare_for
 from integrators.problem.top import LagrangeTop
-from integrators.registry import NotInstalled, find_method, find_stored_method
-from integrators.truth import exact
+from integrators.registry import NotInstalled, find_method, find_potential, find_stored_method
 from integrators.words import numbers, option, suggestion
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ TIMES = ("seconds",)  # columns that no two runs have in common
 KNOBS = ("h", "tol", "rtol")
 KEYS = {
     "file": ("name", "tops", "sweep"),
-    "top": ("alpha", "J", "x"),
+    "top": ("alpha", "J", "x", "potential", "parameters"),
     "sweep": ("methods", "tops", *KNOBS, "time", "steps", "samples", "options"),
 }
 SAMPLES = 32
@@ -48,6 +48,7 @@ LARGEST = 1e100  # step: beyond, there is nothing to draw
 EARLIEST = 1e-3  # first recorded time of a method that chooses its own steps, as a part of the last
 
 Cell = dict[str, Any]
+Start = dict[str, Any]  # the fields of a cell that say where it starts
 _cells: dict[str, list[Cell]] = {}  # of the files read in this process, by experiment
 
 
@@ -87,42 +88,78 @@ def read(path: str | Path) -> str:
     return experiment
 
 
-def _tops(tables: Any, path: str) -> dict[str, tuple[float, Array]]:
-    """alpha and initial state of the file's own tops."""
+def _tops(tables: Any, path: str) -> dict[str, Start]:
+    """The file's own tops."""
     if not isinstance(tables, dict):
         raise ValueError(f"{path}: tops must be tables [tops.NAME]")
     tops = {}
     for name, table in tables.items():
         place = f"{path}, [tops.{name}]"
         if not isinstance(table, dict):
-            raise ValueError(f"{place} must be a table with {', '.join(KEYS['top'])}")
+            raise ValueError(f"{place} must be a table with {', '.join(KEYS['top'][:3])}")
         if _own(name):
             raise ValueError(f"{place}: the bench has a top of this name; choose another")
         _known(table, KEYS["top"], place)
-        if missing := [key for key in KEYS["top"] if key not in table]:
+        if missing := [key for key in KEYS["top"][:3] if key not in table]:
             raise ValueError(f"{place} lacks {', '.join(missing)}")
-        parts = []
-        for key in ("J", "x"):
-            if len(_list(table[key], f"{place}, {key}")) != 3:
-                raise ValueError(f"{place}, {key} must be three numbers; got {len(table[key])}")
-            parts += [check_real(value, f"{place}, {key}[{i}]") for i, value in enumerate(table[key])]
-        alpha, y0 = check_real(table["alpha"], f"{place}, alpha"), check_state(parts, place)
-        if not math.isfinite(LagrangeTop(alpha).scales(y0)[2]):
+        J, x = (_numbers(table[key], f"{place}, {key}") for key in ("J", "x"))
+        for key, given in (("J", J), ("x", x)):
+            if len(given) != 3:
+                raise ValueError(f"{place}, {key} must be three numbers; got {len(given)}")
+        alpha, y0 = check_real(table["alpha"], f"{place}, alpha"), check_state([*J, *x], place)
+        start = {"top": name, "alpha": alpha, "y0": _words(y0), **_potential(table, place)}
+        try:
+            top = _top(start)
+            if isinstance(top, PerturbedTop):
+                top.check_state(y0)
+        except ValueError as error:
+            raise ValueError(f"{place}, {error}") from None
+        if not math.isfinite(top.scales(y0)[2]):
             raise ValueError(f"{place} is at rest for ever, without weight and spin: its time has no scale")
-        tops[name] = (alpha, y0)
+        tops[name] = start
     return tops
+
+
+def _potential(table: dict[str, Any], place: str) -> Start:
+    """The potential of a top, if it has one."""
+    if "potential" not in table:
+        if "parameters" in table:
+            raise ValueError(f"{place}, parameters: of which potential? Give potential = NAME, too")
+        return {}
+    if not isinstance(table["potential"], str):
+        raise ValueError(f"{place}, potential must be a name; got {table['potential']!r}")
+    parameters = table.get("parameters", [])
+    if parameters != []:
+        parameters = _numbers(parameters, f"{place}, parameters")
+    return {"potential": table["potential"], "parameters": _words(parameters)}
+
+
+def _words(values: Iterable[float]) -> str:
+    return ",".join(repr(float(value)) for value in values)  # as the options of `integrate` take them
+
+
+def _top(start: Start) -> Any:
+    """The top of a cell; ValueError if its potential cannot be had."""
+    top = LagrangeTop(start["alpha"])
+    if "potential" not in start:
+        return top
+    try:
+        parameters = tuple(numbers(start["parameters"])) if start["parameters"] else ()
+        return PerturbedTop(top, find_potential(start["potential"]), parameters)
+    except ValueError as error:
+        raise ValueError(f"potential: {error}") from None
 
 
 def _own(name: str) -> bool:
     """Whether the bench itself has a top of this name."""
-    return name in TOPS or re.fullmatch(r"random\d{3}", name) is not None
+    return name in TOPS or name in PERTURBED_TOPS or re.fullmatch(r"random\d{3}", name) is not None
 
 
-def _sweep(table: dict[str, Any], tops: dict[str, tuple[float, Array]], place: str) -> Iterator[Cell]:
+def _sweep(table: dict[str, Any], tops: dict[str, Start], place: str) -> Iterator[Cell]:
     """The cells of one table."""
     _known(table, KEYS["sweep"], place)
     knob = _one_of(table, KNOBS, place)
-    values = [check_real(v, f"{place}, {knob}[{i}]") for i, v in enumerate(_list(table[knob], f"{place}, {knob}"))]
+    values = _numbers(table[knob], f"{place}, {knob}")
     for i, value in enumerate(values):
         check_step(value, f"{place}, {knob}[{i}]")
         if not 1 / LARGEST <= abs(value) <= LARGEST:
@@ -143,7 +180,9 @@ def _sweep(table: dict[str, Any], tops: dict[str, tuple[float, Array]], place: s
     starts = [_start(name, tops, f"{place}, tops") for name in _list(names, f"{place}, tops")]
     methods = _list(table.get("methods"), f"{place}, methods")
     for name in methods:
-        _check_method(name, knob, options, place)
+        _check_method(name, knob, place)
+        for start in starts:
+            _check_taken(name, start, knob, options, place)
         if options:
             _try_options(name, starts[0], {knob: values[0]}, options, place)
     text = ", ".join(f"{key}={value}" for key, value in options.items())
@@ -157,22 +196,23 @@ def _sweep(table: dict[str, Any], tops: dict[str, tuple[float, Array]], place: s
                 yield {"method": name, **start, "options": text, knob: value, **extent, "samples": samples}
 
 
-def _start(name: Any, tops: dict[str, tuple[float, Array]], place: str) -> Cell:
+def _start(name: Any, tops: dict[str, Start], place: str) -> Start:
     """The fields of a cell that say where it starts."""
     if not isinstance(name, str) or not (name in tops or _own(name)):
-        names = [*tops, *TOPS, "random000"]
+        names = [*tops, *TOPS, *PERTURBED_TOPS, "random000"]
         raise ValueError(
             f"{place}: unknown top {name!r}{suggestion(str(name), names)} Known: {', '.join(names)} … random999"
         )
     if name in tops:
-        alpha, y0 = tops[name]
-    else:
-        top, y0 = find(name)
-        alpha = top.single()
-    return {"top": name, "alpha": alpha, "y0": ",".join(map(repr, y0.tolist()))}  # as --state of `integrate` takes it
+        return tops[name]
+    top, y0 = find(name)
+    start = {"top": name, "alpha": top.single(), "y0": _words(y0)}
+    if isinstance(top, PerturbedTop):
+        start |= {"potential": top.potential.name, "parameters": _words(top.parameters)}
+    return start
 
 
-def _check_method(name: Any, knob: str, options: dict[str, Any], place: str) -> None:
+def _check_method(name: Any, knob: str, place: str) -> None:
     if not isinstance(name, str):
         raise ValueError(f"{place}, methods must be names; got {name!r}")
     try:
@@ -182,17 +222,28 @@ def _check_method(name: Any, knob: str, options: dict[str, Any], place: str) -> 
     if knob != method.knob and (knob == "h" or method.control == "step" or knob not in method.options):
         what = "steps by h" if method.control == "step" else "chooses its own steps"
         raise ValueError(f"{place}, {knob}: {name} {what}: give it {method.knob} = […], in a [[sweep]] of its own")
+
+
+def _check_taken(name: str, start: Start, knob: str, options: dict[str, Any], place: str) -> None:
+    """Whether the method takes the top, and these options with it."""
+    method, top = find_method(name), _top(start)
+    if reason := method.takes(top):
+        raise ValueError(
+            f"{place}, methods: {reason}: give the top {start['top']} to others, in a [[sweep]] of their own"
+        )
+    if knob != "h" and evaluate_for(method, top) is None:
+        raise ValueError(f"{place}, methods: {name} has no dense output for the top {start['top']}")
     try:
-        check_options(name, method.prepare, options)
+        check_options(name, prepare_for(method, top), options)
     except ValueError as error:
         raise ValueError(f"{place}, options: {error}") from None
     if knob in options:
         raise ValueError(f"{place}, options: {knob} is swept already")
 
 
-def _try_options(name: str, start: Cell, knob: dict[str, float], words: dict[str, str], place: str) -> None:
+def _try_options(name: str, start: Start, knob: dict[str, float], words: dict[str, str], place: str) -> None:
     """Prepares the method once: what an option may be, only the method knows."""
-    method, top, y0 = find_method(name), LagrangeTop(start["alpha"]), np.array(numbers(start["y0"]))
+    method, top, y0 = find_method(name), _top(start), np.array(numbers(start["y0"]))
     options: dict[str, Any] = dict(option(f"{key}={word}") for key, word in words.items())
     try:
         if "h" in knob:
@@ -229,6 +280,10 @@ def _list(value: Any, place: str) -> list[Any]:
     return value
 
 
+def _numbers(value: Any, place: str) -> list[float]:
+    return [check_real(number, f"{place}[{i}]") for i, number in enumerate(_list(value, place))]
+
+
 def _one_of(table: dict[str, Any], keys: tuple[str, ...], place: str) -> str:
     given = [key for key in keys if key in table]
     if len(given) != 1:
@@ -261,26 +316,32 @@ def module(experiment: str) -> ModuleType:
 
 def measure(cell: Cell) -> list[dict[str, Any]]:
     """Drift of the invariants and errors along one run."""
-    method, top, y0 = find_method(cell["method"]), LagrangeTop(cell["alpha"]), np.array(numbers(cell["y0"]))
+    method, top, y0 = find_method(cell["method"]), _top(cell), np.array(numbers(cell["y0"]))
     options = dict(option(word) for word in cell["options"].split(", ") if word)
     rate, _, unit = top.scales(y0)
     counts, times, states, seconds = _run(method, top, y0, unit, cell, options)
     drift = metrics.relative_drift(top.invariants(np.vstack([y0, states])), top.invariant_scales(y0))[1:]
     columns = {"t": times * rate, **dict(zip(INVARIANTS, drift.T, strict=True))}
+    if "J3" not in getattr(top, "conserved", INVARIANTS):
+        columns["J3"] = np.full(len(times), np.nan)
+    columns |= dict.fromkeys(("error", "time", "angle"), np.full(len(times), np.nan))
     try:
-        right = exact.solution(top, y0, times) if counts is None else truth(top, y0, method, cell["h"] * unit, counts)
-        split = metrics.phase_split(top, right, states - right)
+        if counts is None or method.control == "tolerance":
+            right = truths.solution(top, y0, times)
+        else:
+            right = truths.after_steps(top, y0, cell["h"] * unit, counts)
         columns["error"] = metrics.scaled_error(top, y0, states, right)
-        columns |= {"time": split["time"] * rate, "angle": split["angle"]}
+        if isinstance(top, LagrangeTop):  # there is no torus in a potential
+            split = metrics.phase_split(top, right, states - right)
+            columns |= {"time": split["time"] * rate, "angle": split["angle"]}
     except ValueError as error:  # beyond what doubles resolve: the method has an answer, the truth has none
-        warnings.warn(f"no exact solution to compare with: {error}", RuntimeWarning, stacklevel=1)
-        columns |= dict.fromkeys(("error", "time", "angle"), np.full(len(times), np.nan))
+        warnings.warn(f"no {truths.name(top)} to compare with: {error}", RuntimeWarning, stacklevel=1)
     columns["seconds"] = seconds
     return [{name: rounded(value[i]) for name, value in columns.items()} for i in range(len(times))]
 
 
 def _run(
-    method: Method, top: LagrangeTop, y0: Array, unit: float, cell: Cell, options: dict[str, Any]
+    method: Method, top: Any, y0: Array, unit: float, cell: Cell, options: dict[str, Any]
 ) -> tuple[list[int] | None, Array, Array, Array]:
     """Steps if it takes them, times (N,), states (N, 6) and the seconds spent until then (N,), at times growing geometrically."""
     if "h" in cell:
@@ -319,11 +380,18 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     made = pd.DataFrame(table).dropna(axis=1, how="all")
     made = made.drop(columns=[name for name in ("options", "failure") if name in made and not made[name].any()])
     made.attrs["caption"] = (
-        "The largest error against the exact solution, relative to the scales of J and x, and the largest drift of each "
+        f"The largest error against {_truth(rows)}, relative to the scales of J and x, and the largest drift of each "
         "invariant, relative to the size of its terms, among the recorded states; seconds of stepping, measured beside "
         "other cells."
     )
     return {"runs": made}
+
+
+def _truth(rows: pd.DataFrame) -> str:
+    """What the errors of the rows are measured against."""
+    if "potential" not in rows or rows.potential.isna().all():
+        return "the exact solution"
+    return "the exact solution (in a potential: a reference solution in quadruple precision)"
 
 
 def _runs(rows: pd.DataFrame) -> Iterator[tuple[Cell, pd.DataFrame]]:
@@ -346,11 +414,11 @@ def draw(rows: pd.DataFrame) -> dict[str, Any]:
             or _fineness(cell) < _fineness(old[0])
         ):
             finest[_series(cell)] = (cell, run)
-    figures["time"] = _draw_time(list(finest.values()))
+    figures["time"] = _draw_time(list(finest.values()), _truth(rows))
     for knob in KNOBS:
         swept = [(cell, run) for cell, run in runs if knob in cell]
         if len({abs(cell[knob]) for cell, _ in swept}) > 1:
-            figures[knob] = _draw_knob(swept, knob)
+            figures[knob] = _draw_knob(swept, knob, _truth(rows))
     return figures
 
 
@@ -372,8 +440,8 @@ def _panels(runs: list[tuple[Cell, pd.DataFrame]], xlabel: str) -> tuple[Any, di
         left.set_title(style.plain(f"{top}: error"))
         right.set_title(style.plain(f"{top}: worst invariant"))
         for ax in (left, right):
-            ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
             ax.set(xscale="log", yscale="log")
+            ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
     for ax in axes[-1]:
         ax.set_xlabel(xlabel)
     return figure, dict(zip(tops, axes, strict=True))
@@ -412,7 +480,7 @@ def _line(ax: Any, x: Any, y: Any, look: dict[str, Any]) -> None:
         ax.plot(x, np.where(y > 0, y, np.nan), **look)
 
 
-def _draw_time(runs: list[tuple[Cell, pd.DataFrame]]) -> Any:
+def _draw_time(runs: list[tuple[Cell, pd.DataFrame]], truth: str) -> Any:
     from experiments.drawing import style
 
     figure, panels = _panels(runs, "time · (|J| + √(|α||x|))")
@@ -426,14 +494,14 @@ def _draw_time(runs: list[tuple[Cell, pd.DataFrame]]) -> Any:
             _line(ax, run.t, values, look)
     style.legend_below(figure)
     figure.caption = (
-        "Error against the exact solution, relative to the scales of J and x, and the largest of the relative drifts of H, "
+        f"Error against {truth}, relative to the scales of J and x, and the largest of the relative drifts of H, "
         "J3, C1 and C2, against time: each method at its smallest step or tolerance. Values that are exactly zero are left "
         "out; the grey line is the spacing of doubles at 1. A cross before a name: the method failed."
     )
     return figure
 
 
-def _draw_knob(runs: list[tuple[Cell, pd.DataFrame]], knob: str) -> Any:
+def _draw_knob(runs: list[tuple[Cell, pd.DataFrame]], knob: str, truth: str) -> Any:
     from experiments.drawing import style
 
     texts = {"h": "step h · (|J| + √(|α||x|))", "tol": "tolerance", "rtol": "relative tolerance"}
@@ -455,7 +523,7 @@ def _draw_knob(runs: list[tuple[Cell, pd.DataFrame]], knob: str) -> Any:
         style.failure_marks(panels[top][0], steps, method)
     style.legend_below(figure)
     figure.caption = (
-        "Largest error against the exact solution among the recorded states, relative to the scales of J and x, and the "
+        f"Largest error against {truth} among the recorded states, relative to the scales of J and x, and the "
         f"largest relative drift of H, J3, C1 and C2, against the {texts[knob].split(' h ')[0]}. Crosses: failed."
     )
     return figure

@@ -198,10 +198,20 @@ def _load(name: str, registry: Registry) -> Any:
 
 def find_stored_method(name: str) -> Method:
     """As `find_method`, of a name that results bring with them: no module is imported for `module:METHOD`."""
+    _check_imported(name, METHODS)
+    return find_method(name)
+
+
+def find_stored_potential(name: str) -> Any:
+    """As `find_potential`, of a name that results bring with them: no module is imported for `module:POTENTIAL`."""
+    _check_imported(name, POTENTIALS)
+    return find_potential(name)
+
+
+def _check_imported(name: str, registry: Registry) -> None:
     module, colon, _ = name.partition(":")
     if colon and module not in sys.modules:
-        raise ValueError(f"unknown method {name!r}; if it is your own, add --module {module}")
-    return find_method(name)
+        raise ValueError(f"unknown {registry.word} {name!r}; if it is your own, add --module {module}")
 
 
 def import_modules(names: Iterable[str]) -> None:

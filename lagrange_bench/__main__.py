@@ -28,6 +28,7 @@ from lagrange_bench.commands import (
     integrate,
     merge,
     methods,
+    potentials,
     report,
     run,
     tops,
@@ -189,7 +190,10 @@ def _stdout_for_data_only() -> Iterator[None]:
             os.close(saved)
 
 
-COMMANDS = (methods, tops, run, report, figure, merge, compare, verify, integrate, check, errata, completion, bits)
+COMMANDS = (
+    *(methods, tops, potentials, run, report, figure, merge, compare),
+    *(verify, integrate, check, errata, completion, bits),
+)
 
 
 def parser() -> Parser:

@@ -76,7 +76,41 @@ def shard(text: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
+def named_top(name: str) -> Any:
+    """The named top, in a potential or not."""
+    from integrators import PERTURBED_TOPS, TOPS
+
+    known = {**TOPS, **PERTURBED_TOPS}
+    if name not in known:
+        raise ValueError(f"--top: unknown top {name!r}{words.suggestion(name, known)} See lagrange-bench tops")
+    return known[name]
+
+
+def add_potential(command: Any) -> None:
+    text = "put the top in this potential: a name, see lagrange-bench potentials, or package.module:POTENTIAL"
+    command.add_argument("--potential", metavar="NAME", help=text)
+    text = "the numbers of its parameters, in their order"
+    command.add_argument("--parameters", type=numbers, metavar="p,p,…", help=text)
+
+
+def in_potential(top: Any, options: argparse.Namespace) -> Any:
+    """The top in the potential of --potential and --parameters, if there is one."""
+    from integrators import PerturbedTop
+    from integrators.registry import find_potential
+
+    if options.potential is None:
+        if options.parameters is not None:
+            raise ValueError("--parameters belongs to --potential")
+        return top
+    if isinstance(top, PerturbedTop):
+        raise ValueError(f"--potential: {options.top} is in the potential {top.potential.name} already")
+    try:
+        return PerturbedTop(top, find_potential(options.potential), tuple(options.parameters or ()))
+    except ValueError as error:
+        raise ValueError(f"--potential: {error}") from None
+
+
 def add_module(command: argparse.ArgumentParser) -> None:
-    text = "import this module of yours: an experiment, or methods named MODULE:METHOD; else only what is built in, "
-    text += "installed or a sweep is known, whatever the results say; may be repeated"
+    text = "import this module of yours: an experiment, or methods and potentials named MODULE:NAME; else only what is built "
+    text += "in, installed or a sweep is known, whatever the results say; may be repeated"
     command.add_argument("--module", action="append", default=[], metavar="MODULE", help=text)

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments.measuring import metrics
-from experiments.measuring.states import truth
-from integrators import INVARIANTS, Trajectory
+from experiments.measuring import metrics, truths
+from integrators import INVARIANTS, PerturbedTop, Trajectory
 from integrators.files import write_file
 from integrators.interface import Array, Method
 from integrators.truth import exact
@@ -39,7 +38,7 @@ LAM = "lam given: one step is the flow over another time than h, and a turn"
 
 
 def judge(trajectory: Trajectory, y0: Array, method: Method, h: float | None, lam: bool = False) -> dict[str, Any]:
-    """Invariants, their drift relative to `invariant_scales`, and the error against the exact solution.
+    """Invariants, their drift relative to `invariant_scales`, and the error against the exact or reference solution.
 
     h : None for jumps. lam : whether a parameter of the map was given, which is then no step of time h.
     """
@@ -48,20 +47,30 @@ def judge(trajectory: Trajectory, y0: Array, method: Method, h: float | None, la
     try:
         if lam:
             raise ValueError(LAM)
-        if h is None:
-            right = exact.solution(top, y0, trajectory.t)
+        if h is None or method.control == "tolerance":
+            right = truths.solution(top, y0, trajectory.t)
         else:
-            right = truth(top, y0, method, h, np.rint(trajectory.t / h).astype(np.int64))
+            right = truths.after_steps(top, y0, h, np.rint(trajectory.t / h).astype(np.int64))
         errors = metrics.scaled_error(top, y0, trajectory.y, right)
+        if np.isnan(errors).any():
+            raise ValueError("the motion is chaotic, and its end is known to no digit")
         judged: dict[str, Any] = {"final": errors[-1], "largest": errors.max(), "note": ""}
     except ValueError as error:  # say, beyond what doubles resolve: the method has an answer, the truth has none
         judged = {"final": None, "largest": None, "note": str(error)}
+    judged["against"] = truths.name(top)
+    conserved = getattr(top, "conserved", INVARIANTS)
     return {
         "t_final": trajectory.t[-1],
         "y_final": trajectory.y[-1],
         "recorded": len(trajectory.t),
         "invariants": {
-            name: {"start": first, "final": last, "drift": final, "largest_drift": largest}
+            name: {
+                "start": first,
+                "final": last,
+                "drift": final,
+                "largest_drift": largest,
+                "conserved": name in conserved,
+            }
             for name, first, last, final, largest in zip(
                 INVARIANTS, invariants[0], invariants[-1], drift[-1], np.abs(drift).max(axis=0), strict=True
             )
@@ -78,8 +87,7 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
     upto = f"up to t = {data['t_final']:.10g}" if error["note"] != LAM else "which h only labels"
     count = data["recorded"]
     head = [
-        f"top     {data['top'] or 'of your own'}: alpha = {top.alpha:.10g}, {exact.regime(top, y0)}, "
-        f"nutation period {exact.nutation_period(top, y0):.6g}",
+        f"top     {data['top'] or 'of your own'}: alpha = {top.alpha:.10g}, {_kind(top, y0)}",
         f"method  {data['method']}: {label}{settings}",
         f"times   {grid}, {upto}, {count} state{'' if count == 1 else 's'} recorded",
     ]
@@ -90,16 +98,27 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
     ]
     rows = [("invariant", "start", "end", "drift at the end", "largest recorded")]
     for name, v in data["invariants"].items():
-        rows.append((name, *_exactly((v["start"], v["final"])), f"{v['drift']:+.1e}", f"{v['largest_drift']:.1e}"))
+        changes = "" if v["conserved"] else ", not conserved"
+        start, end = _exactly((v["start"], v["final"]))
+        rows.append((f"{name}{changes}", start, end, f"{v['drift']:+.1e}", f"{v['largest_drift']:.1e}"))
     if error["note"]:
-        judged = f"error   no exact solution to compare with: {error['note']}"
+        judged = f"error   no {error['against']} to compare with: {error['note']}"
     else:
         judged = f"error   {error['final']:.1e} at the end, {error['largest']:.1e} the largest recorded, against the "
-        judged += "exact solution (relative to the sizes of J and x)"
+        judged += f"{error['against']} (relative to the sizes of J and x)"
     counts = f"work    {work['steps']} steps, {work['rhs_evals']} right-hand sides, {work['iterations']} iterations, "
     counts += f"{work['rejected']} rejected; {data['seconds']:.3g} s in all, compilation included, "
     counts += f"{work['setup_seconds']:.3g} s of it to prepare"
     return "\n".join([*head, "", *table(states), "", *table(rows), "", judged, counts])
+
+
+def _kind(top: Any, y0: Array) -> str:
+    """What motion it is; in a potential, which one."""
+    if not isinstance(top, PerturbedTop):
+        return f"{exact.regime(top, y0)}, nutation period {exact.nutation_period(top, y0):.6g}"
+    names = top.potential.parameters or [f"p{i}" for i in range(1, len(top.parameters) + 1)]
+    values = ", ".join(f"{name} = {value:.10g}" for name, value in zip(names, top.parameters, strict=True))
+    return f"in the potential {top.potential.name}" + (f" ({values})" if values else "")
 
 
 def _exactly(values: Any) -> tuple[str, ...]:

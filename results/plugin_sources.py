@@ -1,6 +1,6 @@
-"""What a method of somebody's own consists of: a digest of its sources, under which its results are stored.
+"""What a method or potential of somebody's own consists of: a digest of its sources, under which its results are stored.
 
-A method of the bench has none: the version of the bench stands for it.
+One of the bench has none: the version of the bench stands for it.
 """
 
 from __future__ import annotations
@@ -11,42 +11,49 @@ import importlib.util
 from functools import cache
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 from results.sources import BENCH
 
 
 @cache
-def digest(name: str) -> str | None:
+def digest(name: str, word: str = "method") -> str | None:
     """Of the method of a plug-in or of `module:METHOD`; None if it is one of the bench, or cannot be loaded.
 
     A function of the contents of files alone, the same in every process and on every machine: of the modules with the
-    record and with its `prepare`, or the whole packages these are in; of what they import from beside them, unless that is
-    where packages are installed; and of the version of the package.
+    record and with its functions, or the whole packages these are in; of what they import from beside them, unless that is
+    where packages are installed; and of the version of the package. `word` is "method" or "potential".
     """
-    from integrators.registry import BUILT_IN, METHODS
+    from integrators.registry import METHODS, POTENTIALS, find_method, find_potential
 
-    if name in BUILT_IN or not (":" in name or name in METHODS):
+    registry, find = (METHODS, find_method) if word == "method" else (POTENTIALS, find_potential)
+    if name in registry.built_in or not (":" in name or name in registry):
         return None
     try:
         if ":" in name:
-            from integrators.registry import find_method
-
-            method, module = find_method(name), name.partition(":")[0]
+            found, module = find(name), name.partition(":")[0]
             packages = metadata.packages_distributions().get(module.partition(".")[0], [])
             versions = [
                 f"{package} {metadata.version(package)}" for package in sorted(set(packages) - {"lagrange-bench"})
             ]
         else:
-            method, entry = METHODS[name], METHODS._entries[name]
+            found, entry = registry[name], registry._entries[name]
             module = entry.module
             versions = [f"{entry.dist.name} {entry.dist.version}"] if entry.dist else []
     except Exception:  # its cells fail, each with the reason
         return None
-    prepare = getattr(method.prepare, "func", method.prepare)  # of a functools.partial
-    found = hashlib.sha256("\n".join(versions).encode())
-    for place, file in sorted(_files({module, prepare.__module__}).items()):
-        found.update(f"\n{place}\n".encode() + hashlib.sha256(file.read_bytes()).digest())
-    return found.hexdigest()
+    modules = {module, *filter(None, (getattr(f, "__module__", None) for f in _functions(found)))}
+    hashed = hashlib.sha256("\n".join(versions).encode())
+    for place, file in sorted(_files(modules).items()):
+        hashed.update(f"\n{place}\n".encode() + hashlib.sha256(file.read_bytes()).digest())
+    return hashed.hexdigest()
+
+
+def _functions(found: Any) -> list[Any]:
+    """What computes, of a Method or a Potential."""
+    field = getattr(found, "in_field", None)
+    functions = [found.prepare, field and field.prepare] if hasattr(found, "prepare") else [found.value, found.given]
+    return [getattr(function, "func", function) for function in functions]  # of a functools.partial
 
 
 def _files(modules: set[str]) -> dict[str, Path]:

@@ -1,8 +1,9 @@
 """Which sources computed a cell: a digest of the definitions its rows come from, stored with them.
 
-It starts at the experiment's `measure` and at the records of the methods, and follows every name to the function, class
-or constant of the bench that it stands for, in whatever file that is. So an edit of one method marks that method's
-cells, an edit of a figure marks none. A method counts if the cell names it or the code that measures does, in a string.
+It starts at the experiment's `measure`, at the records of the methods and at the cell's potential, and follows every name
+to the function, class or constant of the bench that it stands for, in whatever file that is. So an edit of one method marks
+that method's cells, an edit of a figure marks none. A method counts if the cell names it or the code that measures does, in
+a string.
 
 Comments, docstrings, layout, type annotations and import statements are left out, and no path or module name goes in:
 files may be moved. What comes from outside the bench counts by its name there.
@@ -33,8 +34,8 @@ Place = tuple[str, str]  # a module and a name defined there; "" for all of them
 
 def of_cell(experiment: str, cell: Mapping[str, Any]) -> str | None:
     """Digest of the sources that compute a cell here and now, as they were first asked for; None if it cannot be told."""
-    method = cell.get("method")
-    return _of(experiment, method if isinstance(method, str) else None)
+    method, potential = (cell.get(word) for word in ("method", "potential"))
+    return _of(experiment, *(name if isinstance(name, str) else None for name in (method, potential)))
 
 
 def judge(record: Mapping[str, Any]) -> str:
@@ -65,15 +66,15 @@ def _cells(count: int) -> str:
 
 
 @cache
-def _of(experiment: str, method: str | None) -> str | None:
+def _of(experiment: str, method: str | None, potential: str | None = None) -> str | None:
     try:
         module = load(experiment)
         if _module(module.__name__) is not None:
             start = {(module.__name__, "measure")}
         else:  # a sweep, made of a file
             start = {(module.measure.__module__, module.measure.__qualname__)}
-        if method is not None and (record := _record(method)):
-            start.add(record)
+        records = [_record(method) if method else None, _record(potential, "potential") if potential else None]
+        start.update(filter(None, records))
         found = _reached(start, {DEFAULT} if method is None else set())
     except Exception:  # somebody else's, and not here, or not fit to be loaded or read
         return None
@@ -103,11 +104,12 @@ def _reached(start: set[Place], words: set[str]) -> set[str] | None:
 
 
 @cache
-def _record(method: str) -> Place | None:
-    """Where the record of a method is, by its name or as `module:METHOD`; None if there is no such method."""
-    from integrators.registry import METHODS
+def _record(name: str, word: str = "method") -> Place | None:
+    """Where the record of a method or potential is, by its name or as `module:NAME`; None if there is none."""
+    from integrators.registry import METHODS, POTENTIALS
 
-    value = METHODS._entries[method].value if method in METHODS else method
+    registry = METHODS if word == "method" else POTENTIALS
+    value = registry._entries[name].value if name in registry else name
     module, colon, name = value.partition(":")
     return (module, name.partition(".")[0]) if colon else None
 

@@ -22,8 +22,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from results import plugin_sources as method_source
-from results import provenance, sources
+from results import plugin_sources, provenance, sources
 
 try:
     import fcntl
@@ -98,12 +97,13 @@ def _frame(table: list[dict[str, Any]], columns: list[str] | None = None) -> pd.
 def cell_key(experiment: str, version: int, cell: Mapping[str, Any]) -> str:
     """SHA-256 of everything a cell's rows depend on: experiment, its VERSION, the cell, the packages' versions.
 
-    And, where the cell's method is not one of the bench, the method's sources.
+    And, where the cell's method or potential is not one of the bench, its sources.
     """
     content = {"experiment": experiment, "version": version, "cell": clean(cell), "packages": _packages()}
-    method = cell.get("method")
-    if isinstance(method, str) and (source := method_source.digest(method)):
-        content["source"] = source
+    for word, place in (("method", "source"), ("potential", "potential_source")):
+        name = cell.get(word)
+        if isinstance(name, str) and (source := plugin_sources.digest(name, word)):
+            content[place] = source
     return _digest(content)
 
 

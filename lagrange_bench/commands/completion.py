@@ -19,7 +19,7 @@ Commands = dict[str, argparse.ArgumentParser]
 SUMMARY = "completion for bash, zsh or fish"
 
 DESCRIPTION = """\
-Print a script that lets the shell complete commands, options, experiments, methods and tops."""
+Print a script that lets the shell complete commands, options, experiments, methods, tops and potentials."""
 
 
 EXAMPLES = """\
@@ -62,9 +62,10 @@ def commands(parser: argparse.ArgumentParser) -> Commands:
 
 def words(action: argparse.Action) -> list[str]:
     """What may follow an option, or stand where an operand is asked for; none: files, or what nobody can guess."""
-    from integrators import METHODS, TOPS
+    from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS
 
-    known: dict[str, Any] = {"method": METHODS, "kernels": METHODS, "top": TOPS, "experiments": EXPERIMENTS}
+    known: dict[str, Any] = {"method": METHODS, "kernels": METHODS, "experiments": EXPERIMENTS}
+    known |= {"top": (*TOPS, *PERTURBED_TOPS), "potential": POTENTIALS}
     return [str(word) for word in action.choices or known.get(action.dest, ())]
 
 

@@ -11,19 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 from integrators import machine
 from integrators.words import suggestion
-from lagrange_bench.arguments import count, number, numbers, option
+from lagrange_bench.arguments import add_potential, count, in_potential, named_top, number, numbers, option
 from lagrange_bench.text import Answer, plain
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from integrators import LagrangeTop
-
 SUMMARY = "follow one top with one method"
 
 DESCRIPTION = """\
 Follow one top with one method. Prints the final state, the invariants and their drift, the error against the exact
-solution, and the work done; --output keeps the trajectory, --draw and --animate show the axis on its sphere."""
+solution (in a potential: a reference solution in quadruple precision), and the work done; --output keeps the trajectory,
+--draw and --animate show the axis on its sphere."""
 
 
 EXAMPLES = """\
@@ -31,7 +30,7 @@ examples:
   lagrange-bench integrate --top generic --h 0.1 --steps 10000
   lagrange-bench integrate --state 0.3,-0.4,1.2,0.48,0.6,0.64 --alpha 2 --times 0:1000:11 --output run.csv
   lagrange-bench integrate --top figure1 --method rk45 --option rtol=1e-6 --h 0.05 --steps 400 --draw axis.svg
-  lagrange-bench integrate --top figure2 --h 0.05 --steps 200 --animate axis.gif
+  lagrange-bench integrate --top generic --potential tide --parameters 0.01,1,0,0 --method strang --h 0.1 --steps 100
   lagrange-bench integrate --physical mass=0.5,distance=0.04,A=1.2e-3,C=4e-4,theta=0.5,dpsi=200 --h 1e-3 --steps 2000
 
 reading what --output wrote, without losing a bit:
@@ -72,6 +71,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     )
     text += "dphi are 0 by default. Time is then in s, J in 1/s, |x| = 1"
     start.add_argument("--physical", type=physical, metavar="mass=…,A=…,…", help=text)
+    add_potential(start)
 
     grid = command.add_argument_group("the times (--h and --steps, or --times)")
     grid.add_argument("--h", type=number, metavar="H", help="step, in the top's unit of time; negative: backwards")
@@ -143,14 +143,19 @@ def physical(text: str) -> dict[str, float]:
 def run(options: argparse.Namespace) -> Answer:
     """Follow the top, write what is wanted, and sum up."""
     from integrators.checks import check_options
+    from integrators.problem.rotated import evaluate_for, prepare_for
     from integrators.registry import find_method
     from lagrange_bench import trajectory as output
 
     name, top, y0 = _start(options)
     grid, method, settings = _grid(options), find_method(options.method), _settings(options)
-    if options.times is not None and method.evaluate is None:
+    if reason := method.takes(top):
+        given = (f"--{word} {getattr(options, word)}" for word in ("top", "potential") if getattr(options, word))
+        raise ValueError(f"--method: {reason} (those that do: lagrange-bench methods {' '.join(given)})")
+    evaluate = None if options.times is None else evaluate_for(method, top)
+    if options.times is not None and evaluate is None:
         raise ValueError(f"--times: {method.name} steps on a grid only; give --h and --steps")
-    check_options(method.name, method.evaluate if options.times and method.evaluate else method.prepare, settings)
+    check_options(method.name, evaluate or prepare_for(method, top), settings)
     files = {"--output": options.output, "--draw": options.draw, "--animate": options.animate}
     for (flag, path), suffixes in zip(files.items(), (TABLES, PICTURES, FILMS), strict=True):
         if path is not None:  # nobody wants to learn after an hour that there is no such folder
@@ -161,7 +166,10 @@ def run(options: argparse.Namespace) -> Answer:
     begin = perf_counter()
     trajectory = integrators.integrate(top, y0, method=method, **grid, **settings)
     seconds = perf_counter() - begin
+    potential = getattr(top, "potential", None)
     facts = {"top": name, "alpha": top.alpha, "y0": y0, "method": method.name, "options": settings}
+    facts |= {"potential": potential and (options.potential or potential.name)}
+    facts |= {"parameters": list(getattr(top, "parameters", ()))}
     facts |= {"h": options.h, "steps": options.steps, "every": grid.get("every"), "work": vars(trajectory.work)}
     lam = method.family == "backlund" and settings.get("lam") is not None
     if lam:
@@ -182,14 +190,20 @@ def run(options: argparse.Namespace) -> Answer:
     return Answer(output.describe(trajectory, y0, data, method.label), data)
 
 
-def _start(options: argparse.Namespace) -> tuple[str | None, LagrangeTop, np.ndarray]:
+def _start(options: argparse.Namespace) -> tuple[str | None, Any, np.ndarray]:
     """Name, top and initial state."""
     given = [f"--{word}" for word in ("top", "state", "physical") if getattr(options, word) is not None]
     if len(given) > 1:
         raise ValueError(f"give only one of {' and '.join(given)}")
     if options.alpha is not None and options.state is None:
         raise ValueError("--alpha belongs to --state J1,J2,J3,x1,x2,x3; a named top has its own")
-    from integrators import TOPS, HeavyTop, LagrangeTop
+    name, top, y0 = _unperturbed(options)
+    return name, in_potential(top, options), y0
+
+
+def _unperturbed(options: argparse.Namespace) -> tuple[str | None, Any, np.ndarray]:
+    """As `_start`, without the potential of --potential."""
+    from integrators import HeavyTop, LagrangeTop
     from integrators.checks import check_state
 
     if options.state is not None:
@@ -203,10 +217,8 @@ def _start(options: argparse.Namespace) -> tuple[str | None, LagrangeTop, np.nda
             return None, heavy.top, heavy.state(angles, rates)
         except ValueError as error:
             raise ValueError(f"--physical: {error}") from None
-    name = options.top or "generic"
-    if name not in TOPS:
-        raise ValueError(f"--top: unknown top {name!r}{suggestion(name, TOPS)} See lagrange-bench tops")
-    return name, TOPS[name].top, TOPS[name].state
+    named = named_top(options.top or "generic")
+    return named.name, named.top, named.state
 
 
 def _grid(options: argparse.Namespace) -> dict[str, Any]:

@@ -5,18 +5,21 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from lagrange_bench.arguments import add_potential, in_potential, named_top
 from lagrange_bench.text import Answer, table
 
 SUMMARY = "the integrators and what they claim"
 
 DESCRIPTION = """\
-List the integration methods and what they claim: order, symmetry, Poisson map, invariants kept at round-off."""
+List the integration methods and what they claim: order, symmetry, Poisson map, invariants kept at round-off. With --top or
+--potential, which of them take this top, and why the others do not."""
 
 
 EXAMPLES = """\
 examples:
   lagrange-bench methods
   lagrange-bench methods --verbose              with sources and options (for integrate --option)
+  lagrange-bench methods --top weak_tide        those that take this top, and the invariants they keep of it
   lagrange-bench methods --json | jq -r '.[] | select(.poisson) | .name'
 
 A method of your own package joins through the entry-point group lagrange_bench.methods (name = package.module:METHOD);
@@ -27,6 +30,7 @@ def run(options: argparse.Namespace) -> Answer:
     """Every method in legend order; one that cannot be loaded is listed with the reason."""
     from integrators import INVARIANTS, METHODS, available
 
+    problem = in_potential(named_top(options.top or "generic").top, options)
     data: list[dict[str, Any]] = []
     for name in METHODS:
         try:
@@ -36,13 +40,18 @@ def run(options: argparse.Namespace) -> Answer:
             continue
         fields = ("label", "family", "order", "symmetric", "poisson", "control", "requires", "source")
         claims = {field: getattr(method, field) for field in fields}
-        kept = [invariant for invariant in INVARIANTS if invariant in method.conserves]
+        refuses = method.takes(problem)
+        conserves = method.conserves if refuses else method.kept(problem)
+        kept = [invariant for invariant in INVARIANTS if invariant in conserves]
         more = {"conserves": kept, "available": available(method), "options": list(method.options)}
+        if options.top or options.potential:
+            more["refuses"] = refuses
         data.append({"name": name, **claims, **more})
     header = ("name", "label", "family", "order", "symmetric", "Poisson", "conserves", "control", "available")
-    lines = [*table([header, *map(_method_row, data)]), *_method_notes(data)]
+    taken = [claims for claims in data if not claims.get("refuses")]
+    lines = [*table([header, *map(_method_row, taken)]), *_method_notes(taken), *_left_out(data)]
     if options.verbose:
-        for claims in data:
+        for claims in taken:
             known = ", ".join(claims.get("options") or ["none"])
             lines += ["", claims["name"], f"  source:  {claims.get('source', '?')}", f"  options: {known}"]
     return Answer("\n".join(lines), data)
@@ -69,8 +78,19 @@ def _method_notes(data: list[dict[str, Any]]) -> list[str]:
     return notes + [f"{claims['name']}: cannot be loaded: {claims['error']}" for claims in data if "error" in claims]
 
 
+def _left_out(data: list[dict[str, Any]]) -> list[str]:
+    """The methods that do not take the top, by reason."""
+    reasons: dict[str, list[str]] = {}
+    for claims in data:
+        if claims.get("refuses"):
+            reasons.setdefault(claims["refuses"].removeprefix(claims["name"]).strip(), []).append(claims["name"])
+    return [f"left out: {', '.join(names)}: {reason}" for reason, names in reasons.items()]
+
+
 YES_NO = {True: "yes", False: "no", None: "?"}
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--top", metavar="NAME", help="only methods that take this top, see lagrange-bench tops")
+    add_potential(command)
     command.add_argument("--verbose", action="store_true", help="also print where each method comes from, its options")

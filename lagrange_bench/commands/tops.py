@@ -3,38 +3,59 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING, Any
 
 from lagrange_bench.text import Answer, plain, table
+
+if TYPE_CHECKING:
+    from integrators import NamedTop
 
 SUMMARY = "the named tops"
 
 DESCRIPTION = """\
-List the named tops: weight parameter alpha, initial state (J1, J2, J3, x1, x2, x3), kind of motion, nutation period."""
+List the named tops: weight parameter alpha, initial state (J1, J2, J3, x1, x2, x3), kind of motion, nutation period; and
+those in a potential, with its parameters and what the motion conserves."""
 
 
 EXAMPLES = """\
 The equations are J' = alpha e3 × x, x' = J × x; units are yours, alpha has those of J²/x. A period is inf where x3 is
-constant and unstable, or on the separatrix (null in JSON).
+constant and unstable, or on the separatrix (null in JSON). In a potential V(x), J' is that of alpha x3 + V: see
+lagrange-bench potentials.
 
 examples:
   lagrange-bench tops
   lagrange-bench tops --json | jq '.[] | select(.regime == "elliptic") | .name'
-  lagrange-bench integrate --top near_separatrix --h 0.1 --steps 1000"""
+  lagrange-bench integrate --top near_separatrix --h 0.1 --steps 1000
+  lagrange-bench integrate --top magnet --method blanes_moan4 --h 0.1 --steps 1000"""
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """The named tops."""
-    from integrators import TOPS
+    """The named tops, of both kinds."""
+    from integrators import INVARIANTS, PERTURBED_TOPS, TOPS
     from integrators.truth import exact
 
     data, rows = [], [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "motion", "nutation", "note")]
     for named in TOPS.values():
         kind, period = exact.regime(named.top, named.state), exact.nutation_period(named.top, named.state)
-        state = ",".join(f"{v:.10g}" for v in named.y0)
-        rows.append((named.name, f"{named.alpha:g}", state, kind, f"{period:.4g}", named.note))
-        facts = {"regime": kind, "nutation_period": plain(period), "label": named.label, "note": named.note}
-        data.append({"name": named.name, "alpha": named.alpha, "state": list(named.y0), **facts})
-    return Answer("\n".join(table(rows)), data)
+        rows.append((*_start(named), kind, f"{period:.4g}", named.note))
+        data.append({**_facts(named), "regime": kind, "nutation_period": plain(period)})
+    inside = [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "potential", "parameters", "conserves", "note")]
+    for named in PERTURBED_TOPS.values():
+        kept = [name for name in INVARIANTS if name in named.top.conserved]
+        numbers = ",".join(f"{value:.10g}" for value in named.parameters)
+        inside.append((*_start(named), named.potential.name, numbers, " ".join(kept), named.note))
+        facts = {"potential": named.potential.name, "parameters": list(named.parameters), "conserves": kept}
+        data.append({**_facts(named), **facts})
+    return Answer("\n".join([*table(rows), "", "in a potential:", *table(inside)]), data)
+
+
+def _start(named: NamedTop) -> tuple[str, str, str]:
+    return named.name, f"{named.alpha:g}", ",".join(f"{v:.10g}" for v in named.y0)
+
+
+def _facts(named: NamedTop) -> dict[str, Any]:
+    facts = {"label": named.label, "note": named.note}
+    return {"name": named.name, "alpha": named.alpha, "state": list(named.y0), **facts}
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

@@ -1,0 +1,51 @@
+"""`lagrange-bench potentials`: the potentials a top can be in."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from lagrange_bench.text import Answer, table
+
+SUMMARY = "the potentials a top can be in"
+
+DESCRIPTION = """\
+List the potentials V(x) that can be added to the weight of a top: their parameters, in the order in which --parameters takes
+them, and the formula with its units."""
+
+
+EXAMPLES = """\
+The top moves by J' = ∇U × x, x' = J × x with U = alpha x3 + V(x): V has the units of J², x is the axis, of any length.
+
+examples:
+  lagrange-bench potentials
+  lagrange-bench integrate --state 0,1,2,0.6,0,0.8 --potential tide --parameters 1e-3,1,0,0 --method rk4 --h 0.01 --steps 100
+  lagrange-bench methods --potential charge --parameters 0.1,0,0,2      which methods take it
+
+A potential of your own: a file my_field.py with POTENTIAL = Potential("name", value), value a function (x1, x2, x3, p) of
++ - * / and sqrt from integrators, is --potential my_field:POTENTIAL. One of your package joins this list through the
+entry-point group lagrange_bench.potentials (name = package.module:POTENTIAL)."""
+
+
+def run(options: argparse.Namespace) -> Answer:
+    """Every potential; one that cannot be loaded is listed with the reason."""
+    from integrators import POTENTIALS
+
+    data: list[dict[str, Any]] = []
+    rows, notes = [("name", "parameters", "formula and units")], []
+    for name in POTENTIALS:
+        try:
+            found = POTENTIALS[name]
+        except Exception as error:  # somebody else's package: whatever is wrong with it, the others are still there
+            data.append({"name": name, "error": f"{type(error).__name__}: {error}"})
+            rows.append((name, "-", "-"))
+            notes.append(f"{name}: cannot be loaded: {data[-1]['error']}")
+            continue
+        parameters = None if found.parameters is None else list(found.parameters)
+        rows.append((name, "any number" if parameters is None else ",".join(parameters) or "none", found.note))
+        data.append({"name": name, "parameters": parameters, "note": found.note})
+    return Answer("\n".join([*table(rows), *notes]), data)
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """It has none."""
