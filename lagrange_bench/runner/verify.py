@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from experiments.catalogue import UnknownExperiment, load_stored
 from integrators import machine
-from integrators.registry import find_stored_method
+from integrators.registry import find_stored_method, find_stored_potential
 from lagrange_bench.runner import progress, workers
 from lagrange_bench.runner.workers import Task
 from results import sources
@@ -114,8 +114,8 @@ def _sample(
                 continue
             if record["version"] != module.VERSION:
                 outdated.add(experiment)
-            elif method is not None and _method(method) is None:
-                absent.add(method)
+            elif lacking := _absent(cell):
+                absent.add(lacking)
             elif record["seconds"] > longest:
                 long += 1
             elif _comparable(record, times_of(experiment)):
@@ -142,6 +142,19 @@ def _comparable(record: Record, own: Iterable[str]) -> bool:
     if record["status"] == "failed":
         return record["error"]["type"] not in ("TimeLimit", workers.DIED)
     return any(not is_time(column, record["cell"], own) for row in record["rows"] for column in row)
+
+
+def _absent(cell: dict[str, Any]) -> str | None:
+    """The method or potential of a stored cell that is not available here."""
+    method, potential = cell.get("method"), cell.get("potential")
+    if method is not None and _method(method) is None:
+        return str(method)
+    if isinstance(potential, str):
+        try:
+            find_stored_potential(potential)
+        except ValueError:
+            return potential
+    return None
 
 
 def _method(name: str) -> Method | None:

@@ -16,7 +16,7 @@ import pytest
 import integrators
 from experiments import EXPERIMENTS
 from experiments.measuring import bits, check
-from integrators import METHODS, TOPS, registry
+from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
 from lagrange_bench import __main__ as cli
 from lagrange_bench.commands import completion
 from lagrange_bench.runner import engine
@@ -25,6 +25,7 @@ from results.store import default_results
 COMMANDS = (
     "methods",
     "tops",
+    "potentials",
     "run",
     "report",
     "merge",
@@ -184,6 +185,30 @@ BAD = [  # words, what the line must name
     ("integrate --h 0.1 --steps 3 --output no/such/folder/run.csv", "--output"),
     ("integrate --h 0.1 --steps 3 --draw axis.gif", "--draw"),
     ("integrate --h 0.1 --steps 3 --animate axis.mp4", "--animate"),
+    ("integrate --times 0,1 --parameters 1,2", "--parameters"),
+    ("integrate --times 0,1 --potential tid", "did you mean 'tide'?"),
+    ("integrate --times 0,1 --potential json:loads", "json:loads is a function, not an integrators.Potential"),
+    ("integrate --times 0,1 --potential no.such_module:POTENTIAL", "no.such_module"),
+    ("integrate --times 0,1 --potential tide", "4 numbers (k, n1, n2, n3); got 0"),
+    ("integrate --times 0,1 --potential tide --parameters 1,x", "--parameters"),
+    (
+        "integrate --times 0,1 --potential tide --parameters 1,2,3,4,5",
+        "the potential tide: 4 numbers (k, n1, n2, n3); got 5",
+    ),
+    (
+        "integrate --times 0,1 --top magnet --potential dipole --parameters 1,0,0",
+        "magnet is in the potential charge already",
+    ),
+    ("integrate --times 0,1 --top magnt --method dop853", "did you mean 'magnet'?"),
+    ("integrate --h 0.1 --steps 3 --top magnet", "--method: backlund does not take the potential charge"),
+    ("integrate --h 0.1 --steps 3 --top magnet", "lagrange-bench methods --top magnet"),
+    ("integrate --times 0,1 --top magnet --method strang", "--times: strang"),
+    (
+        "integrate --h 0.1 --steps 3 --method rk4 --potential charge --parameters 1,0.48,0.6,0.64",
+        "the potential charge is not finite",
+    ),
+    ("methods --top generi", "did you mean 'generic'?"),
+    ("methods --parameters 1", "--parameters"),
     ("check nothing", "'nothing'"),
     ("bits backlnd", "did you mean 'backlund'?"),
 ]
@@ -295,7 +320,7 @@ def test_methods(run, answer):
 
 
 def test_a_plug_in_that_cannot_be_loaded_is_listed(run, answer, monkeypatch):
-    entries = {**METHODS._entries, "broken": registry.EntryPoint("broken", "no_such_module:METHOD", registry.GROUP)}
+    entries = {**METHODS._entries, "broken": registry.EntryPoint("broken", "no_such_module:METHOD", METHODS.group)}
     monkeypatch.setitem(vars(METHODS), "_entries", entries)
     code, out, _ = run("methods", "--verbose")
     assert code == 0
@@ -306,12 +331,53 @@ def test_a_plug_in_that_cannot_be_loaded_is_listed(run, answer, monkeypatch):
 def test_tops(run, answer):
     code, out, _ = run("tops")
     assert code == 0
-    assert [line.split()[0] for line in out.splitlines()[1:]] == list(TOPS)
+    above, below = out.split("\n\nin a potential:\n")
+    assert [line.split()[0] for line in above.splitlines()[1:]] == list(TOPS)
+    assert [line.split()[0] for line in below.splitlines()[1:]] == list(PERTURBED_TOPS)
     data = {top["name"]: top for top in answer("tops")}
     assert data["generic"]["nutation_period"] == pytest.approx(4.22213, abs=1e-5)
     assert data["homoclinic"]["nutation_period"] is None
     for name, top in TOPS.items():
         assert (data[name]["alpha"], data[name]["state"]) == (top.alpha, list(top.y0))
+
+    for name, top in PERTURBED_TOPS.items():
+        assert (data[name]["potential"], data[name]["parameters"]) == (top.potential.name, list(top.parameters))
+        assert data[name]["state"] == list(top.y0)
+    assert data["axisymmetric"]["conserves"] == ["H", "J3", "C1", "C2"]
+    assert data["magnet"]["conserves"] == ["H", "C1", "C2"]
+
+
+def test_potentials(run, answer, monkeypatch):
+    code, out, _ = run("potentials")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()[1:]] == list(POTENTIALS)
+    data = {potential["name"]: potential for potential in answer("potentials")}
+    assert data["tide"]["parameters"] == ["k", "n1", "n2", "n3"]
+    assert data["axisymmetric"]["parameters"] is None
+    assert all("units of" in potential["note"] for potential in data.values())
+    broken = registry.EntryPoint("broken", "no_such_module:POTENTIAL", POTENTIALS.group)
+    monkeypatch.setitem(vars(POTENTIALS), "_entries", {**POTENTIALS._entries, "broken": broken})
+    assert "broken: cannot be loaded: ModuleNotFoundError" in run("potentials")[1]
+    assert answer("potentials")[-1]["error"].startswith("ModuleNotFoundError")
+
+
+def test_methods_of_a_top(run, answer):
+    """Which take it, what they keep of it, and why the others do not."""
+    code, out, err = run("methods", "--top", "magnet")
+    assert (code, err) == (0, "")
+    table, left_out = out.split("\nleft out: ", 1)
+    taken = [line.split()[0] for line in table.splitlines()[1:]]
+    top = PERTURBED_TOPS["magnet"].top
+    assert taken == [name for name, method in METHODS.items() if method.takes(top) is None]
+    assert "strang" in taken
+    assert "theta_functions: does not take the potential charge: its formula is written for a uniform field" in left_out
+    data = {method["name"]: method for method in answer("methods", "--top", "magnet")}
+    assert data["theta_functions"]["refuses"] == METHODS["theta_functions"].takes(top)
+    assert (data["strang"]["refuses"], data["strang"]["conserves"]) == (None, ["C1", "C2"])
+    words = ("methods", "--potential", "charge", "--parameters", "0.1,0,0,2")  # on the vertical: J3 stays
+    assert {m["name"]: m for m in answer(*words)}["strang"]["conserves"] == ["J3", "C1", "C2"]
+    assert not any(method["refuses"] for method in answer("methods", "--top", "generic"))
+    assert "refuses" not in answer("methods")[0]
 
 
 # ---------------------------------------------------------------- run, report, check
@@ -479,7 +545,7 @@ def test_check_a_method_that_does_not(run, monkeypatch):
 
 def test_check_finds_plug_ins(run, monkeypatch):
     monkeypatch.syspath_prepend(str(HERE))
-    entries = {**METHODS._entries, "lies": registry.EntryPoint("lies", "toys.lies:METHOD", registry.GROUP)}
+    entries = {**METHODS._entries, "lies": registry.EntryPoint("lies", "toys.lies:METHOD", METHODS.group)}
     monkeypatch.setitem(vars(METHODS), "_entries", entries)
     monkeypatch.setattr(check, "CHECKS", (check.order,))
     code, out, _ = run("check", "lies")

@@ -18,7 +18,8 @@ from pyarrow import parquet
 from test_cli import examples
 
 import integrators
-from integrators import METHODS, TOPS, HeavyTop
+from experiments.measuring import truths
+from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, HeavyTop, LagrangeTop, PerturbedTop
 from lagrange_bench import trajectory as output
 from lagrange_bench.arguments import option
 from lagrange_bench.commands.integrate import EXAMPLES
@@ -31,7 +32,7 @@ def test_the_examples_of_integrate_run(run, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, err = run(*words)
     assert code == 0, err
-    assert "against the exact solution" in out
+    assert re.search("against the (exact|reference) solution", out)
     for flag in {"--output", "--draw", "--animate"} & set(words):
         assert Path(words[words.index(flag) + 1]).stat().st_size > 0
 
@@ -229,3 +230,77 @@ def test_what_is_drawn():
     seen = ~np.isnan(np.array([front.get_data_3d()[0], back.get_data_3d()[0]]))
     assert seen.any(axis=0).all()  # every state is before or behind the sphere
     assert (seen.sum(axis=1) > 20).all()
+
+
+# ---------------------------------------------------------------- in a potential
+
+IN_A_FIELD = ("integrate", "--method", "strang", "--h", "0.1")
+
+
+def test_a_named_top_in_a_potential(run, answer):
+    code, out, err = run(*IN_A_FIELD, "--steps", "20", "--top", "strong_tide")
+    assert (code, err) == (0, "")
+    assert "in the potential tide (k = 0.1, n1 = 1, n2 = 0, n3 = 0)" in out
+    assert "J3, not conserved" in out
+    assert "against the reference solution" in out
+    for wrong in ("nutation", "exact solution", "C1, not"):
+        assert wrong not in out
+    data = answer(*IN_A_FIELD, "--steps", "20", "--top", "strong_tide")
+    top = PERTURBED_TOPS["strong_tide"]
+    expected = integrators.integrate(top.top, top.state, 0.1, 20, "strang")
+    assert data["y_final"] == expected.y[-1].tolist()
+    assert [data["invariants"][name]["conserved"] for name in ("H", "J3", "C1", "C2")] == [True, False, True, True]
+    finer = answer("integrate", "--method", "strang", "--h", "0.05", "--steps", "40", "--top", "strong_tide")
+    assert (
+        3.8 < data["error"]["final"] / finer["error"]["final"] < 4.2
+    )  # of second order, so the reference is the truth
+
+
+def test_a_potential_on_any_top(answer, tmp_path):
+    words = ("--potential", "charge", "--parameters", "-0.1,0,0,2", "--steps", "5")
+    for start in (("--top", "figure1"), ("--state", "0,1,2,0.6,0,0.8", "--alpha", "2")):
+        path = tmp_path / "run.csv"
+        data = answer(*IN_A_FIELD, *words, *start, "--output", path)
+        top = PerturbedTop(LagrangeTop(data["alpha"]), POTENTIALS["charge"], (-0.1, 0.0, 0.0, 2.0))
+        assert data["y_final"] == integrators.integrate(top, data["y0"], 0.1, 5, "strang").y[-1].tolist()
+        assert (data["potential"], data["parameters"]) == ("charge", [-0.1, 0.0, 0.0, 2.0])
+        assert all(v["conserved"] for v in data["invariants"].values())
+        header = dict(line[2:].split(": ", 1) for line in path.read_text("utf-8").splitlines() if line[0] == "#")
+        assert (json.loads(header["potential"]), json.loads(header["parameters"])) == ("charge", [-0.1, 0.0, 0.0, 2.0])
+    plain = answer(*SHORT)
+    assert (plain["potential"], plain["parameters"]) == (None, [])
+
+
+def test_a_tilted_uniform_field_has_an_exact_solution(run, answer):
+    words = ("integrate", "--potential", "dipole", "--parameters", "0.1,0.2,0.3", "--h", "1", "--steps", "50")
+    data = answer(*words)
+    assert data["error"]["against"] == "exact solution"
+    assert data["error"]["largest"] < 1e-13
+    assert answer(*words, "--method", "strang")["error"]["largest"] > 1e-3
+
+
+def test_a_potential_of_ones_own(run, answer, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    text = "from integrators import Potential\nPOTENTIAL = Potential('well', lambda x1, x2, x3, p: p[0] * x1**2 / (2 + x2))\n"
+    (tmp_path / "my_well.py").write_text(text)
+    words = (*IN_A_FIELD, "--steps", "5", "--parameters", "0.5", "--draw", "axis.svg")
+    data = answer(*words, "--potential", "my_well:POTENTIAL")
+    assert data["potential"] == "my_well:POTENTIAL"
+    assert data["error"]["largest"] < 0.01
+    assert (tmp_path / "axis.svg").stat().st_size > 1000
+    code, _, err = run(*words, "--potential", "my_well")
+    assert code == 2
+    assert "use my_well:POTENTIAL" in err
+
+
+def test_a_long_run_is_not_judged(answer):
+    long = ("--h", "1", "--steps", "3000", "--top", "axisymmetric", "--method", "strang")
+    assert "longer than 2000 time scales" in answer("integrate", *long)["error"]["note"]
+
+
+def test_a_lost_orbit_is_not_judged(answer, monkeypatch):
+    monkeypatch.setattr(truths, "LOST", 0.0)
+    error = answer(*IN_A_FIELD, "--steps", "5", "--top", "magnet")["error"]
+    assert (error["final"], error["largest"]) == (None, None)
+    assert "chaotic" in error["note"]
