@@ -38,7 +38,9 @@ SPANS = (0.1, 0.5, 3.0)  # the last is out of reach of any series; a method need
 AT = "h = 0.1, 0.5, 3, {} states"
 BIAS, WALK = 8, 128  # ulps a step that go the same way, that go either way: what round-off may make of an invariant
 TOLERANCE = 0.15  # of a measured order
-FIELD_TOLERANCE = 0.3  # in a potential, which varies over less than |x|: at orders beyond 5 the next term shows in doubles
+FIELD_TOLERANCE = (
+    0.3  # in a potential, which varies over less than |x|: at orders beyond 5 the next term shows in doubles
+)
 EXACT = 1e-12  # an error below this over some hundred steps is round-off
 FLOOR, CEILING = 1e-14, 1e-2  # of one-step errors an order is read from: above round-off, below saturation
 POINTS = 8  # the smallest steps above the floor

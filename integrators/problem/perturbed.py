@@ -93,7 +93,8 @@ class Potential:
         except IndexError as error:
             raise ValueError(f"potential {self.name}: {word} asks for more than {count} parameters ({error})") from None
         except Exception as error:  # somebody else's function may raise anything
-            raise ValueError(f"potential {self.name}: {word}(x1, x2, x3, p) fails: {error}") from None
+            reason = " ".join(str(error).split())  # in one line
+            raise ValueError(f"potential {self.name}: {word}(x1, x2, x3, p) fails: {reason}") from None
         if len(program.outputs) != outputs:
             raise ValueError(f"potential {self.name}: {word} must return {outputs} numbers; got {len(program.outputs)}")
         return program

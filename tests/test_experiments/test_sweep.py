@@ -14,7 +14,7 @@ from matplotlib.text import Text
 
 from experiments import sweep
 from experiments.catalogue import load
-from integrators import METHODS, TOPS, integrate
+from integrators import METHODS, PERTURBED_TOPS, TOPS, integrate
 from integrators.problem.top import LagrangeTop
 from lagrange_bench.arguments import numbers
 from results.store import Store
@@ -95,6 +95,35 @@ BAD = [  # what to replace in GOOD, by what, and what the message must say
     ("time = 50", "time = 50\noptions = { compensated = [1] }", "options.compensated must be a number"),
     ("time = 50", "time = 50\noptions = { compensated = 7 }", "[[sweep]], options of strang: compensated must be"),
     ("time = 50", "time = 50\noptions = 3", "[[sweep]], options must be a table"),
+    (
+        "alpha = 1.5",
+        'alpha = 1.5\npotential = "tid"',
+        "[tops.heavy], potential: unknown potential 'tid'; did you mean 'tide'?",
+    ),
+    ("alpha = 1.5", 'alpha = 1.5\npotential = "tide"', "potential tide: 4 numbers (k, n1, n2, n3); got 0"),
+    (
+        "alpha = 1.5",
+        'alpha = 1.5\npotential = "tide"\nparameters = [1, 2]',
+        "potential tide: 4 numbers (k, n1, n2, n3); got 2",
+    ),
+    (
+        "alpha = 1.5",
+        'alpha = 1.5\npotential = "tide"\nparameters = ["1"]',
+        "[tops.heavy], parameters[0] must be a real",
+    ),
+    ("alpha = 1.5", 'alpha = 1.5\npotential = "tide"\nparameters = 1', "[tops.heavy], parameters must be a list"),
+    ("alpha = 1.5", "alpha = 1.5\npotential = 1", "[tops.heavy], potential must be a name; got 1"),
+    ("alpha = 1.5", "alpha = 1.5\nparameters = [1]", "[tops.heavy], parameters: of which potential?"),
+    (
+        "alpha = 1.5",
+        'alpha = 1.5\npotential = "charge"\nparameters = [1, 0.48, 0.6, 0.64]',
+        "[tops.heavy], y0: the potential charge is not finite",
+    ),
+    (
+        "time = 50",
+        'time = 50\ntops = ["magnet"]',
+        "[[sweep]], methods: backlund does not take the potential charge: its formula is written for a uniform field",
+    ),
     ("[tops", 'name = "a b"\n[tops', "name must consist of letters"),
 ]
 
@@ -171,6 +200,55 @@ def test_beyond_the_exact_solution_the_invariants_remain():
         rows = sweep.measure({**cell, "h": 1e13, "steps": 10000, "samples": 2})
     assert np.isnan(rows[-1]["error"])
     assert abs(rows[-1]["C1"]) < 1e-12
+
+
+# ---------------------------------------------------------------- tops in a potential
+
+IN_A_FIELD = GOOD.replace('"backlund"', '"rk4"').replace(
+    "alpha = 1.5", 'alpha = 1.5\npotential = "charge"\nparameters = [0.1, 0, 0, 2]'
+)
+
+
+def test_cells_carry_the_potential(write):
+    found = cells(write(IN_A_FIELD + 'tops = ["heavy", "weak_tide", "generic"]\n'))
+    kinds = {cell["top"]: (cell.get("potential"), cell.get("parameters")) for cell in found}
+    assert kinds["heavy"] == ("charge", "0.1,0.0,0.0,2.0")
+    assert kinds["weak_tide"] == ("tide", "0.0001,1.0,0.0,0.0")
+    assert kinds["generic"] == (None, None)
+    assert "potential" not in next(cell for cell in found if cell["top"] == "generic")  # its key is what it was
+
+
+def test_rows_in_a_potential_are_judged_by_the_reference():
+    named = PERTURBED_TOPS["strong_tide"]
+    cell = {"method": "strang", "top": "strong_tide", "alpha": 1.0, "options": "", "samples": 4}
+    cell |= {"y0": ",".join(map(repr, named.y0)), "potential": "tide", "parameters": "0.1,1,0,0"}
+    coarse, fine = (sweep.measure({**cell, "h": 4 / n, "steps": n})[-1] for n in (64, 128))
+    assert 3.8 < coarse["error"] / fine["error"] < 4.2  # of second order
+    assert max(abs(coarse[name]) for name in ("C1", "C2")) < 1e-14
+    assert abs(coarse["H"]) > 1e-6
+    assert all(np.isnan(coarse[name]) for name in ("J3", "time", "angle"))  # there is no such invariant, and no torus
+    uniform = sweep.measure({**cell, "parameters": "0,1,0,0", "h": 4 / 64, "steps": 64})[-1]
+    assert uniform["J3"] == 0.0
+    long = {**cell, "h": 1.0, "steps": 3000}
+    with pytest.warns(RuntimeWarning, match="no reference solution to compare with"):
+        assert np.isnan(sweep.measure(long)[-1]["error"])
+
+
+@pytest.mark.processes
+def test_a_run_in_a_potential_is_drawn(run, write, tmp_path):
+    text = IN_A_FIELD.replace("time = 50", "time = 5") + 'samples = 4\ntops = ["heavy", "generic"]\n'
+    results = tmp_path / "results"
+    code, out, err = run("run", write(text), "--results", results, "--jobs", "1", "--quiet")
+    assert code == 0, err
+    rows = Store(results).rows("sweep_my")
+    table = load("sweep_my").tables(rows)["runs"]
+    assert table["largest error"].notna().all()
+    assert table["drift of J3"].notna().all()  # a charge on the vertical keeps it
+    assert "a reference solution" in table.attrs["caption"]
+    assert "a reference solution" in load("sweep_my").draw(rows)["time"].caption
+    code, out, err = run("verify", results, "--sample", "2", "--jobs", "1")
+    assert code == 0, out + err
+    assert run("report", "--results", results)[0] == 0
 
 
 # ---------------------------------------------------------------- run and report
@@ -258,5 +336,5 @@ def test_the_documented_file_works(write):
     documented = set(
         re.findall(r"`(\w+)`", "".join(line.split("|")[1] for line in PAGE.read_text().splitlines() if "|" in line[:1]))
     )
-    assert documented == set(sweep.KEYS["sweep"]) | {"name"}
+    assert documented == set(sweep.KEYS["sweep"]) | {"name", "potential", "parameters"}
     assert set(tomllib.loads(text)) == set(sweep.KEYS["file"])

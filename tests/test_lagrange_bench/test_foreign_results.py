@@ -21,10 +21,11 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-from integrators import METHODS
+from integrators import METHODS, Potential
 
 Path(__file__).with_name("ran").touch()
 VERSION = 1
+POTENTIAL = Potential("evil", lambda x1, x2, x3, p: p[0] * x1)
 METHOD = replace(METHODS["strang"], name="evil", label="Evil Strang")
 def cells(profile): return [{"i": 0}]
 def measure(cell): return [{"h": 0.1}]
@@ -120,6 +121,20 @@ def test_no_other_command_does(folder, command):
     code, out, err, ran = typed(folder, *words, "--module", "evilpkg.exp")
     assert ran
     assert "unknown experiment 'evilpkg.exp'" not in out + err
+
+
+def test_a_potential_is_imported_only_if_its_module_is_named(folder):
+    own = folder / "own"
+    field = {"potential": "evilpkg.method:POTENTIAL", "parameters": "0.1", "samples": 2}
+    stored(own, "sweep_x", {"method": "strang", **START, **field}, SWEPT, load("sweep_x").VERSION)
+    for words in (("report", "--output", "page", "--results", "own"), ("verify", "own", "--quiet")):
+        code, out, err, ran = typed(folder, *words)
+        assert (code, ran) == (0, False), err
+    assert "not computed: evilpkg.method:POTENTIAL: not available here" in out + err
+    code, out, err, ran = typed(folder, "verify", "own", "--quiet", "--module", "evilpkg.method")
+    assert ran
+    assert "not computed" not in out + err
+    assert code == 1  # the stored rows are made up
 
 
 def test_one_figure_of_an_unknown_experiment(folder):

@@ -215,11 +215,72 @@ def test_built_in_methods_keep_their_keys(monkeypatch):
         assert store.cell_key("drift", 3, {"method": name}) == hashlib.sha256(text.encode()).hexdigest()
 
 
+# ---------------------------------------------------------------- potentials
+
+WELL = """
+from integrators import Potential
+import depth
+POTENTIAL = Potential("well", lambda x1, x2, x3, p: -p[0] / (depth.DEPTH + x1 * x1), parameters=("k",), note="a well")
+"""
+
+
+@pytest.fixture
+def well(tmp_path):
+    """A package with a potential, installed beside the example; and its folder."""
+    site, info = tmp_path / "site", tmp_path / "site" / "well_top-1.0.dist-info"
+    (tmp_path / "my_well.py").write_text(WELL, encoding="utf-8")
+    (tmp_path / "depth.py").write_text("DEPTH = 2\n", encoding="utf-8")
+    info.mkdir(parents=True, exist_ok=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: well-top\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[lagrange_bench.potentials]\nwell = my_well:POTENTIAL\n")
+    return site
+
+
+def test_a_potential_of_a_package(python, well):
+    code, out, err = python("-m", "lagrange_bench", "potentials", "--json")
+    assert code == 0, err
+    assert {"name": "well", "parameters": ["k"], "note": "a well"} in json.loads(out)
+    words = ("-m", "lagrange_bench", "integrate", "--h", "0.1", "--steps", "5", "--method", "rk4", "--json")
+    runs = [python(*words, "--potential", name, "--parameters", "0.1") for name in ("well", "my_well:POTENTIAL")]
+    assert [code for code, _, _ in runs] == [0, 0], runs
+    assert len({str(json.loads(out)["y_final"]) for _, out, _ in runs}) == 1
+
+
+def test_a_potential_of_a_taken_name_is_left_out(python, well):
+    (entries,) = well.glob("well_top*/entry_points.txt")
+    entries.write_text("[lagrange_bench.potentials]\ntide = my_well:POTENTIAL\n")
+    code, out, err = python("-m", "lagrange_bench", "potentials", "--json")
+    assert code == 0, err
+    assert [potential["name"] for potential in json.loads(out)].count("tide") == 1
+    assert "give the potential another name, or pip uninstall well-top" in err
+
+
+POTENTIAL_KEYS = """
+import json, sys
+from results.store import cell_key
+print(json.dumps([cell_key("toy", 1, {"method": "rk4", "potential": name}) for name in sys.argv[1:]]))
+"""
+
+
+def test_an_edit_of_ones_own_potential_is_another_key(python, well, tmp_path):
+    def keys():
+        code, out, err = python("-c", POTENTIAL_KEYS, "tide", "well", "my_well:POTENTIAL", "nobody")
+        assert code == 0, err
+        return json.loads(out)
+
+    first = keys()
+    assert len(set(first)) == 4
+    assert keys() == first
+    (tmp_path / "depth.py").write_text("DEPTH = 3\n", encoding="utf-8")
+    assert [a == b for a, b in zip(first, keys(), strict=True)] == [True, False, False, True]
+
+
 def test_not_there_unless_installed():
     """The control: without its package the name is unknown."""
-    from integrators import METHODS
+    from integrators import METHODS, POTENTIALS
 
     assert "suzuki4" not in METHODS
+    assert "well" not in POTENTIALS
 
 
 def test_the_documents_name_what_there_is():
