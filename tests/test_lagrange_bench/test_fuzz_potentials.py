@@ -3,6 +3,8 @@
 No function, number or state may end in anything but a ValueError that names the potential.
 """
 
+# ruff: noqa: PT017, an error that is allowed is looked at where it is caught
+
 from __future__ import annotations
 
 import math
