@@ -15,7 +15,8 @@ SUMMARY = "test what a method claims"
 
 DESCRIPTION = """\
 Test what a method claims: its order, symmetry, Poisson map, invariants, and the contract of a stepper. Prints a verdict
-per claim: pass, fail or not judged. For your own method before you publish it, too."""
+per claim: pass, fail or not judged. A method that takes tops in a potential is tested there, too ("in a field: …"). Also for your
+own method, before you publish it."""
 
 
 EXAMPLES = """\

@@ -595,6 +595,8 @@ def test_bits_that_differ_or_are_not_written_down(run, written):
 # ---------------------------------------------------------------- completion
 
 COMPLETED = [  # what is typed, some of what is offered, and what is not
+    ("lagrange-bench integrate --top ", {"generic", "magnet"}, {"backlund"}),
+    ("lagrange-bench methods --potential ", {"tide", "charge"}, {"generic"}),
     ("lagrange-bench ", {"run", "integrate", "completion", "--help"}, {"backlund", "--json"}),
     ("lagrange-bench in", {"integrate"}, {"run"}),
     ("lagrange-bench run ", {"drift", "phase"}, {"--jobs", "run"}),

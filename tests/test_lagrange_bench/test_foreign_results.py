@@ -125,6 +125,7 @@ def test_no_other_command_does(folder, command):
 
 def test_a_potential_is_imported_only_if_its_module_is_named(folder):
     own = folder / "own"
+    own.mkdir()
     field = {"potential": "evilpkg.method:POTENTIAL", "parameters": "0.1", "samples": 2}
     stored(own, "sweep_x", {"method": "strang", **START, **field}, SWEPT, load("sweep_x").VERSION)
     for words in (("report", "--output", "page", "--results", "own"), ("verify", "own", "--quiet")):
