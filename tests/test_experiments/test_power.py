@@ -379,7 +379,7 @@ def test_a_check_that_crashes_is_a_failure():
     def broken(top, y0, h):
         raise KeyError("no such thing")
 
-    verdicts = check.check(replace(METHODS["rk45_fixed"], prepare=broken), quick=True)
+    verdicts = check.check(replace(METHODS["rk45_fixed"], prepare=broken, in_field=None), quick=True)
     assert {v.how for v in verdicts if v.passed is False} >= {"ended in KeyError: 'no such thing'"}
     assert not any(v.passed for v in verdicts)
 
