@@ -29,7 +29,8 @@ SPAN = 32.0  # of the order part
 SIZES = {"quick": tuple(2.0**-k for k in range(0, 6, 2)), "full": tuple(2.0**-k for k in range(-1, 9))}
 QUICK = ("weak_tide", "strong_tide")  # in one potential: kernels are compiled once
 # span: longest run in s; steps to an octave, decades of tolerance between two
-WORK = {"quick": {1e3: 0.05}, "full": {1e3: 0.2, 1e4: 0.5}}
+WORK = {"quick": {1e3: 0.05}, "full": {1e3: 0.1, 1e4: 0.4}}
+RACES = ("tide_1e-6", "weak_tide", "moderate_tide", "strong_tide", "fast_tide", "magnet", "triaxial")  # full profile
 GRID = {"quick": (1, 3), "full": (2, 1)}
 LOST = 1e-6  # an ulp has grown to this where a chaotic orbit is given up
 OURS = "backlund_splitting"
@@ -47,7 +48,7 @@ def cells(profile: str) -> list[dict]:
         for name, method in methods.items():
             if method.control == "step":
                 listed += [{"part": "order", "method": name, "state": state, "h": h} for h in SIZES[profile]]
-        for span, longest in WORK[profile].items():
+        for span, longest in WORK[profile].items() if state in RACES else ():
             sweep = {"span": span, "per_octave": per_octave, "decades": decades, "longest": longest}
             for name, method in methods.items():
                 if not interpreted(method):  # a thousand times behind: every run would be too long
