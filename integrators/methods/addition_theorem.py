@@ -344,4 +344,5 @@ METHOD = Method(
     control="step",
     source="Whittaker and Watson, A Course of Modern Analysis, 20.3 and 23.7; matrix form: this project",
     prepare=prepare,
+    uniform_only="it is the closed form of an integrable top; backlund_splitting takes any potential",
 )

@@ -195,6 +195,7 @@ EXACT = Method(
     control="step",
     source=SOURCE + "; λ(h) by time doubling, this project",
     prepare=prepare_exact,
+    uniform_only="it is a map of the torus of an integrable top; backlund_splitting takes any potential",
     evaluate=evaluate_exact,
     attitude=attitude_exact,
     advance_many=advance_many,

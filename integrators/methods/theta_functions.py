@@ -562,5 +562,6 @@ METHOD = Method(
     control="step",
     source="Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477",
     prepare=prepare,
+    uniform_only="it is the closed form of an integrable top; backlund_splitting takes any potential",
     evaluate=evaluate,
 )
