@@ -62,13 +62,7 @@ def prepare(
     """
     top = top.top if isinstance(top, HeavyTop) else top
     found, state = _look_up(top, y0, method)
-    h = check_step(h)
-    build = prepare_for(found, top)
-    check_options(found.name, build, options)
-    start = perf_counter()
-    stepper = build(top, state, h, **options)
-    stepper.work.setup_seconds = perf_counter() - start
-    return stepper
+    return _prepare(found, top, state, check_step(h), options)
 
 
 def integrate(
@@ -117,17 +111,18 @@ def integrate(
     every = max(steps, 1) if every is None else check_count(every, "every", least=1)
     if steps % every:
         raise ValueError(f"every = {every} does not divide steps = {steps}")
-    stepper = prepare(top, state, h, found, **options)
-    if not math.isfinite(float(h) * steps):
-        raise StepError(found.name, "the time n h is beyond the largest double", h=float(h))
+    h = check_step(h)
+    stepper = _prepare(found, top, state, h, options)
+    if not math.isfinite(h * steps):
+        raise StepError(found.name, "the time n h is beyond the largest double", h=h)
     g0 = body.check_attitude(attitude, state) if wanted else None
     y = stepper.record(state, steps, every)
     g = None
     if g0 is not None:
         own_spin = heavy.own_spin(state) if heavy else 0.0
         assert isinstance(top, LagrangeTop)
-        g = body.follow(found, top, y, float(h), every, g0, own_spin, options)
-    return Trajectory(top, found.name, float(h) * (every * np.arange(len(y), dtype=np.float64)), y, stepper.work, g)
+        g = body.follow(found, top, y, h, every, g0, own_spin, options)
+    return Trajectory(top, found.name, h * np.arange(0, steps + 1, every), y, stepper.work, g)
 
 
 def two_point(top: LagrangeTop | HeavyTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
@@ -153,6 +148,16 @@ def _look_up(top: Any, y0: ArrayLike, method: str | Method) -> tuple[Method, Arr
     if isinstance(top, PerturbedTop):
         top.check_state(state)
     return found, state
+
+
+def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, Any]) -> Stepper:
+    """`prepare`, of what has been checked."""
+    build = prepare_for(method, top)
+    check_options(method.name, build, options)
+    start = perf_counter()
+    stepper = build(top, y0, h, **options)
+    stepper.work.setup_seconds = perf_counter() - start
+    return stepper
 
 
 def _check_top(top: Any) -> None:

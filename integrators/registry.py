@@ -88,8 +88,9 @@ class Registry(Mapping[str, Any]):
     def __init__(self, word: str, built_in: Mapping[str, str], kind: str):
         self.word, self.built_in, self.group = word, built_in, f"lagrange_bench.{word}s"
         self._kind = kind
+        self._loaded: dict[str, tuple[EntryPoint, Any]] = {}
 
-    @property
+    @cached_property
     def kind(self) -> Any:
         """The type of what is registered."""
         module, _, name = self._kind.partition(":")
@@ -113,11 +114,15 @@ class Registry(Mapping[str, Any]):
             known = whole if close.endswith("?") else f"Known: {', '.join(self._entries)}"
             raise KeyError(f"unknown {self.word} {name!r}{close} {known}")
         entry = self._entries[name]
+        loaded = self._loaded.get(name)
+        if loaded is not None and loaded[0] is entry:
+            return loaded[1]
         found = entry.load()
         if not isinstance(found, self.kind):
             raise TypeError(f"{entry.value} is a {type(found).__name__}, not an integrators.{self.kind.__name__}")
         if found.name != name:
             raise ValueError(f"{entry.value} calls itself {found.name!r} but is registered as {name!r}")
+        self._loaded[name] = entry, found
         return found
 
     def __iter__(self) -> Iterator[str]:
@@ -177,12 +182,11 @@ def find_potential(potential: str | Any) -> Any:
 def _load(name: str, registry: Registry) -> Any:
     word = registry.word
     try:
-        if ":" in name:
-            search_current_folder()
-            module, _, attribute = name.partition(":")
-            found = getattr(importlib.import_module(module), attribute)
-        else:
-            found = registry[name]
+        if ":" not in name:
+            return registry[name]
+        search_current_folder()
+        module, _, attribute = name.partition(":")
+        found = getattr(importlib.import_module(module), attribute)
     except KeyError as error:
         if Path(f"{name}.py").is_file():
             raise ValueError(

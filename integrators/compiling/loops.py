@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 
 from integrators.checks import check_count
-from integrators.compiling.compiled import jit_over
+from integrators.compiling.compiled import jit, jit_over
 from integrators.interface import Array, StepError, Stepper, Work
 
 # places in `tally`; a kernel that fails puts a code into FAILURE and what it could not reduce into RESIDUAL; from MEMORY on
@@ -26,9 +26,18 @@ NEVER = 1 << 62  # a block no run reaches the end of
 INTERRUPTIBLE = 1 << 20  # steps in one compiled call, at most: Ctrl-C is seen between two of them
 
 
+@jit
+def finite(numbers):
+    """Whether an array has neither infinities nor nans; on few numbers a fifth of the time that NumPy takes."""
+    for number in numbers.flat:
+        if not np.isfinite(number):
+            return False
+    return True
+
+
 @cache
 def compile_loop(step: Callable, pin: Callable | None) -> Callable:
-    """The loop around one kernel."""
+    """The loop around one kernel; False where a step fails, or the last state is not finite."""
 
     @jit_over(step, pin)
     def run(y, first, last, every, block, c, tally, out):
@@ -50,13 +59,14 @@ def compile_loop(step: Callable, pin: Callable | None) -> Callable:
                 s = step(s, c, tally)
                 if tally[FAILURE] != 0:
                     tally[FAILED_AT] = k
-                    return
+                    return False
             i = stop
             if i == next_row:
                 row += 1
                 next_row += every
                 out[row, 0], out[row, 1], out[row, 2], out[row, 3], out[row, 4], out[row, 5] = s
         y[0], y[1], y[2], y[3], y[4], y[5] = s
+        return finite(y)
 
     return run
 
@@ -115,14 +125,14 @@ class FixedStepper(Stepper):
         tally = np.zeros(SIZE)
         for first in range(0, n, INTERRUPTIBLE):
             last = min(first + INTERRUPTIBLE, n)
-            self._run(state, first, last, every, self.block, self.constants, tally, out)
-            self._check(state, last, tally)
+            if not self._run(state, first, last, every, self.block, self.constants, tally, out):
+                raise self._failure(last, tally)
         self.work.steps += n
         self.work.iterations += int(tally[ITERATIONS])
         self.work.rhs_evals += int(tally[RHS_EVALS]) + n * self.rhs_per_step
         result = self.rows(out, every)
         result[0] = y
-        if self.leave is not np.asarray and not np.isfinite(result).all():  # a change of units may overflow
+        if self.leave is not np.asarray and not finite(result):  # a change of units may overflow
             raise StepError(self.name, "the state left the range of floating-point numbers", h=self.h)
         return result
 
@@ -130,15 +140,14 @@ class FixedStepper(Stepper):
         """The kernel's states after 0, every, 2 every, … steps as those of the user, (rows, 6); may work in `out`."""
         return self.leave(out)
 
-    def _check(self, state: Array, last: int, tally: Array) -> None:
+    def _failure(self, last: int, tally: Array) -> StepError:
         if code := int(tally[FAILURE]):
             reason = self.failures.get(code, f"failure code {code}")
             if tally[RESIDUAL]:
                 reason += f" (residual {tally[RESIDUAL]:.1e})"
-            raise StepError(self.name, reason, h=self.h, step=int(tally[FAILED_AT]))
-        if not np.all(np.isfinite(state)):
-            reason = "the state left the range of floating-point numbers in this step or before it"
-            raise StepError(self.name, reason, h=self.h, step=last)
+            return StepError(self.name, reason, h=self.h, step=int(tally[FAILED_AT]))
+        reason = "the state left the range of floating-point numbers in this step or before it"
+        return StepError(self.name, reason, h=self.h, step=last)
 
 
 def check_grid(n: int, every: int) -> None:

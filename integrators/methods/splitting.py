@@ -39,7 +39,7 @@ import numpy as np
 from integrators.compiling.compiled import inlined, jit, jit_as, jit_over
 from integrators.compiling.double_double import two_sum
 from integrators.compiling.expression import take
-from integrators.compiling.loops import FAILURE, MEMORY, SIZE, FixedStepper
+from integrators.compiling.loops import FAILURE, MEMORY, SIZE, FixedStepper, finite
 from integrators.compiling.unroll import unrolled
 from integrators.interface import AnyField, Array, Method, StepError
 from integrators.problem.perturbed import Field, PerturbedTop
@@ -395,7 +395,7 @@ class SplittingStepper(FixedStepper):
             constants = np.where(steps == 0.0, 0.0, steps * scales).ravel()
             self._first = np.where(first == 0.0, 0.0, first * scales)
             self._processor = float(0.5 * scheme.processor * force * h)
-        if not (np.all(np.isfinite(constants)) and np.isfinite(self._processor)):
+        if not (finite(constants) and math.isfinite(self._processor)):
             raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
         gradients = bool(scheme.c) + bool(scheme.d)
         super().__init__(
@@ -420,7 +420,7 @@ class SplittingStepper(FixedStepper):
     def _map(self, rows: Array, before: float, flow: Array, after: float) -> Array:
         tally = np.zeros(SIZE)
         map_rows(rows, before, flow, after, tally)
-        if tally[FAILURE] or not np.all(np.isfinite(rows)):
+        if tally[FAILURE] or not finite(rows):
             left = "the state left the range of floating-point numbers"
             raise StepError(self.name, FAILURES.get(int(tally[FAILURE]), left), h=self.h)
         return rows
@@ -436,7 +436,7 @@ class FieldSplittingStepper(FixedStepper):
             scales = np.array((0.5 * h, h, -h * (h * h), h * (h * h) ** 2))
             # 0 · ∞ is not to be: a coefficient that vanishes has no scale
             groups_of = [np.where(rows == 0.0, 0.0, rows * scales) for rows in (steps, first[None])]
-        if not all(np.isfinite(rows).all() for rows in groups_of):
+        if not all(finite(rows) for rows in groups_of):
             raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
         constants, self._first = (
             np.hstack((rows, np.broadcast_to(numbers, (len(rows), len(numbers))))).ravel() for rows in groups_of
@@ -466,7 +466,7 @@ class FieldSplittingStepper(FixedStepper):
     def _map(self, rows: Array, flow: Array) -> Array:
         tally = np.zeros(SIZE)
         self._run_rows(rows, flow, tally)
-        if tally[FAILURE] or not np.all(np.isfinite(rows)):
+        if tally[FAILURE] or not finite(rows):
             left = "the state left the range of floating-point numbers"
             raise StepError(self.name, FAILURES.get(int(tally[FAILURE]), left), h=self.h)
         return rows

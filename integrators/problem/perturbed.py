@@ -283,7 +283,7 @@ class PerturbedTop:
         """The weight parameter of the top."""
         return self.top.alpha
 
-    @property
+    @cached_property
     def many(self) -> int | None:
         """The number of tops, if alpha or a parameter is an array."""
         return next((len(v) for v in (self.alpha, *self.parameters) if isinstance(v, np.ndarray)), None)
@@ -294,7 +294,7 @@ class PerturbedTop:
             raise ValueError(f"top holds {self.many} values of a parameter, which only integrate_ensemble takes")
         return self.top.single()
 
-    @property
+    @cached_property
     def numbers(self) -> tuple[float, ...]:
         """(alpha, *parameters): what the programs of `field` take after x. ValueError if there are many tops."""
         return self.single(), *self.parameters
@@ -305,18 +305,18 @@ class PerturbedTop:
         text = self.field.digest + repr(tuple(map(float, self.numbers)))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
-    @property
+    @cached_property
     def nature(self) -> Nature:
         """What kind of field it is, found from its values at random points."""
         return _nature(self.formula, self.numbers[1:])
 
-    @property
+    @cached_property
     def offers(self) -> frozenset[str]:
         """What methods may rely on: "force", always; "quadratic", a linear force; "linear", a uniform one."""
         nature = self.nature
         return frozenset({"force", *(("quadratic",) * nature.quadratic), *(("linear",) * nature.linear)})
 
-    @property
+    @cached_property
     def conserved(self) -> frozenset[str]:
         """Of H, J3, C1, C2 those that the exact motion keeps."""
         return frozenset({"H", "C1", "C2", *(("J3",) * self.nature.axisymmetric)})

@@ -46,6 +46,18 @@ def scaled_norm(a, b, c):
     return norm, power + more
 
 
+@jit
+def product(y, factors):
+    """States times factors (6,); compiled, it is quick for one state, and an overflow is no warning."""
+    return y * factors
+
+
+@jit
+def quotient(y, factors):
+    """States divided by factors (6,)."""
+    return y / factors
+
+
 def ldexp(number: float, exponent: int) -> float:
     """number · 2^exponent; beyond the largest double ±inf, which the checks of what follows refuse."""
     try:
@@ -70,12 +82,16 @@ class Units:
         return [-self.rate] * 3 + [-self.length] * 3
 
     def enter(self, y: Array) -> Array:
+        if self.moderate:
+            return product(y, self.factors)
         with np.errstate(over="ignore"):  # what leaves the range of doubles is refused as a state
-            return y * self.factors if self.moderate else np.ldexp(y, self.exponents)
+            return np.ldexp(y, self.exponents)
 
     def leave(self, y: Array) -> Array:
+        if self.moderate:
+            return quotient(y, self.factors)
         with np.errstate(over="ignore"):
-            return y / self.factors if self.moderate else np.ldexp(y, [-n for n in self.exponents])
+            return np.ldexp(y, [-n for n in self.exponents])
 
     def time(self, t: float) -> float:
         return ldexp(t, self.rate)

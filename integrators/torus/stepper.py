@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from integrators.compiling.loops import FixedStepper
+from integrators.compiling.loops import FixedStepper, finite
 from integrators.interface import Array, StepError
 from integrators.problem.units import Units
 from integrators.torus.real_map import NO_TURN, on_torus, turn_rows
@@ -38,5 +36,5 @@ class TorusStepper(FixedStepper):
 
 
 def check_constants(name: str, c: Array, h: float | None = None) -> None:
-    if not np.isfinite(c).all():
+    if not finite(c):
         raise StepError(name, "no Bäcklund parameter within the range of doubles was found", h=h)
