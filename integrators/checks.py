@@ -90,6 +90,8 @@ def check_choice(value: Any, name: str, choices: Iterable[str]) -> str:
 
 def check_count(n: Any, name: str, least: int = 0) -> int:
     """`n` as an int of at least `least`."""
+    if type(n) is int and least <= n <= MOST:
+        return n
     if isinstance(n, (bool, np.bool_)) or not isinstance(n, (int, np.integer)):
         raise ValueError(f"{name} must be a whole number; got {n!r}")
     if n < least:

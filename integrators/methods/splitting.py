@@ -144,6 +144,8 @@ SCHEMES = {
 
 A, B, C, D, STRIDE = range(5)  # places in each group of constants: one rotation, one kick
 PART = 0.25  # z = (angle/2)² of a turn made at once: an angle of 1
+LARGE = 1e154  # what has a square
+NOTHING, NO_ROWS = np.empty(0), np.empty((0, 6))
 MOST = 128.0**2  # z beyond which no turn is made: an angle of 256
 TOO_FAR = 1
 FAILURES = {TOO_FAR: "the axis turns by more than 256 radians in one part of the step; take a smaller |h|"}
@@ -381,7 +383,25 @@ def groups(scheme: Scheme) -> tuple[Array, Array]:
     else:
         first[B:] = kicks[0]
         kicks = np.vstack((kicks[1:-1], kicks[0] + kicks[-1]))
-    return np.column_stack((rotations, kicks)), first
+    return np.column_stack((rotations, kicks)), first[None]
+
+
+@jit
+def scaled(groups, scales, numbers):
+    """Groups of coefficients times their scales, each followed by the numbers, in one row."""
+    stride = STRIDE + len(numbers)
+    c = np.zeros(len(groups) * stride)
+    for i in range(len(groups)):
+        for k in range(STRIDE):
+            if groups[i, k] != 0.0:  # 0 · ∞ is not to be: a coefficient that vanishes has no scale
+                c[i * stride + k] = groups[i, k] * scales[k]
+        c[i * stride + STRIDE : (i + 1) * stride] = numbers
+    return c
+
+
+def square(number: float) -> float:
+    """number²; beyond the range of doubles it is infinite."""
+    return number**2 if abs(number) < LARGE else math.inf
 
 
 class SplittingStepper(FixedStepper):
@@ -389,12 +409,10 @@ class SplittingStepper(FixedStepper):
 
     def __init__(self, name: str, top: LagrangeTop, h: float, scheme: Scheme, compensated: bool):
         steps, first = groups(scheme)
-        with np.errstate(all="ignore"):
-            force = np.float64(top.alpha) * h  # the size of a kick; its gradients come with factors alpha h²
-            scales = np.array((0.5 * h, force, 2.0 * force * (force * h), -2.0 * force * (force * h) ** 2))
-            constants = np.where(steps == 0.0, 0.0, steps * scales).ravel()
-            self._first = np.where(first == 0.0, 0.0, first * scales)
-            self._processor = float(0.5 * scheme.processor * force * h)
+        force = top.single() * h  # the size of a kick; its gradients come with factors alpha h²
+        scales = np.array((0.5 * h, force, 2.0 * force * (force * h), -2.0 * force * square(force * h)))
+        constants, self._first = scaled(steps, scales, NOTHING), scaled(first, scales, NOTHING)
+        self._processor = 0.5 * scheme.processor * force * h
         if not (finite(constants) and math.isfinite(self._processor)):
             raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
         gradients = bool(scheme.c) + bool(scheme.d)
@@ -409,7 +427,7 @@ class SplittingStepper(FixedStepper):
             failures=FAILURES,
             lane=(LANES[compensated][gradients], STRIDE),
         )
-        self._map(np.zeros((1, 6)), 0.0, self._first, 0.0)  # compile
+        map_rows(NO_ROWS, 0.0, self._first, 0.0, NOTHING)  # compile
 
     def _enter(self, y: Array) -> Array:
         return self._map(np.array(y)[None], self._processor, self._first, 0.0)[0]
@@ -431,17 +449,12 @@ class FieldSplittingStepper(FixedStepper):
 
     def __init__(self, name: str, top: PerturbedTop, h: float, scheme: Scheme, compensated: bool):
         steps, first = groups(scheme)
-        numbers, level = top.numbers, "J3" in top.conserved
-        with np.errstate(all="ignore"):
-            scales = np.array((0.5 * h, h, -h * (h * h), h * (h * h) ** 2))
-            # 0 · ∞ is not to be: a coefficient that vanishes has no scale
-            groups_of = [np.where(rows == 0.0, 0.0, rows * scales) for rows in (steps, first[None])]
-        if not all(finite(rows) for rows in groups_of):
+        numbers, level = np.array(top.numbers), "J3" in top.conserved
+        scales = np.array((0.5 * h, h, -h * (h * h), h * square(h * h)))
+        constants, self._first = scaled(steps, scales, numbers), scaled(first, scales, numbers)
+        if not (finite(constants) and finite(self._first)):
             raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
-        constants, self._first = (
-            np.hstack((rows, np.broadcast_to(numbers, (len(rows), len(numbers))))).ravel() for rows in groups_of
-        )
-        self._signs = np.concatenate((-np.ones(STRIDE), np.ones(len(numbers))))
+        self._last = scaled(first, -scales, numbers)
         field, gradients = top.field, bool(scheme.c) + bool(scheme.d)
         super().__init__(
             name,
@@ -455,13 +468,13 @@ class FieldSplittingStepper(FixedStepper):
             lane=(kernel_in_field(field, level, gradients, compensated, at_once=True), STRIDE + field.parameters),
         )
         self._run_rows = map_in_field(kernel_in_field(field, level, gradients, False))
-        self._run_rows(np.empty((0, 6)), self._first, np.zeros(SIZE))  # compile
+        self._run_rows(NO_ROWS, self._first, NOTHING)  # compile
 
     def _enter(self, y: Array) -> Array:
         return self._map(np.array(y)[None], self._first)[0]
 
     def _leave(self, rows: Array) -> Array:
-        return self._map(rows, self._first * self._signs)
+        return self._map(rows, self._last)
 
     def _map(self, rows: Array, flow: Array) -> Array:
         tally = np.zeros(SIZE)

@@ -47,15 +47,17 @@ def scaled_norm(a, b, c):
 
 
 @jit
-def product(y, factors):
-    """States times factors (6,); compiled, it is quick for one state, and an overflow is no warning."""
-    return y * factors
-
-
-@jit
-def quotient(y, factors):
-    """States divided by factors (6,)."""
-    return y / factors
+def shift(y, rate, length):
+    """States (..., 6), in place: J times 2^rate, x times 2^length. What is too large becomes infinite."""
+    moderate = max(abs(rate), abs(length)) < MODERATE
+    J, x = math.ldexp(1.0, rate), math.ldexp(1.0, length)
+    for first in range(0, y.size, 6):
+        for k in range(6):
+            number = y.flat[first + k]
+            if moderate:
+                y.flat[first + k] = number * (J if k < 3 else x)
+            else:
+                y.flat[first + k] = math.ldexp(number, rate if k < 3 else length)
 
 
 def ldexp(number: float, exponent: int) -> float:
@@ -71,27 +73,17 @@ class Units:
 
     def __init__(self, top: LagrangeTop, y0: Array, h: float):
         self.rate, self.length = exponents(top.alpha, tuple(y0.tolist()), h)
-        self.moderate = max(abs(self.rate), abs(self.length)) < MODERATE
-        if self.moderate:
-            rates, lengths = math.ldexp(1.0, -self.rate), math.ldexp(1.0, -self.length)
-            self.factors = np.array((rates, rates, rates, lengths, lengths, lengths))
         self.alpha = ldexp(top.alpha, self.length - 2 * self.rate)
 
-    @property
-    def exponents(self) -> list[int]:
-        return [-self.rate] * 3 + [-self.length] * 3
-
     def enter(self, y: Array) -> Array:
-        if self.moderate:
-            return product(y, self.factors)
-        with np.errstate(over="ignore"):  # what leaves the range of doubles is refused as a state
-            return np.ldexp(y, self.exponents)
+        scaled = np.array(y)
+        shift(scaled, -self.rate, -self.length)
+        return scaled
 
     def leave(self, y: Array) -> Array:
-        if self.moderate:
-            return quotient(y, self.factors)
-        with np.errstate(over="ignore"):
-            return np.ldexp(y, [-n for n in self.exponents])
+        """Works in `y`."""
+        shift(y, self.rate, self.length)
+        return y
 
     def time(self, t: float) -> float:
         return ldexp(t, self.rate)
