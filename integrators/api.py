@@ -122,7 +122,7 @@ def integrate(
         own_spin = heavy.own_spin(state) if heavy else 0.0
         assert isinstance(top, LagrangeTop)
         g = body.follow(found, top, y, h, every, g0, own_spin, options)
-    return Trajectory(top, found.name, h * np.arange(0, steps + 1, every), y, stepper.work, g)
+    return Trajectory(top, found.name, h * (every * np.arange(len(y), dtype=np.float64)), y, stepper.work, g)
 
 
 def two_point(top: LagrangeTop | HeavyTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ Array = NDArray[np.float64]
 MOST = 2**62  # of anything that is counted
 
 
+@lru_cache(maxsize=256)
 def keyword_options(function: Callable[..., Any]) -> tuple[str, ...]:
     """Names of the keyword-only parameters: the options a user may set."""
     parameters = inspect.signature(function).parameters.values()

@@ -29,10 +29,10 @@ INTERRUPTIBLE = 1 << 20  # steps in one compiled call, at most: Ctrl-C is seen b
 @jit
 def finite(numbers):
     """Whether an array has neither infinities nor nans; on few numbers a fifth of the time that NumPy takes."""
+    good = True
     for number in numbers.flat:
-        if not np.isfinite(number):
-            return False
-    return True
+        good = good and np.isfinite(number)
+    return good
 
 
 @cache

@@ -145,7 +145,7 @@ SCHEMES = {
 A, B, C, D, STRIDE = range(5)  # places in each group of constants: one rotation, one kick
 PART = 0.25  # z = (angle/2)² of a turn made at once: an angle of 1
 LARGE = 1e154  # what has a square
-NOTHING, NO_ROWS = np.empty(0), np.empty((0, 6))
+NOTHING = np.empty(0)
 MOST = 128.0**2  # z beyond which no turn is made: an angle of 256
 TOO_FAR = 1
 FAILURES = {TOO_FAR: "the axis turns by more than 256 radians in one part of the step; take a smaller |h|"}
@@ -336,7 +336,16 @@ def map_in_field(step: Any) -> Any:
                 (row[0], row[1], row[2], row[3], row[4], row[5]), flow, tally
             )
 
+    run(np.empty((0, 6)), np.zeros(STRIDE), np.zeros(SIZE))  # compile
     return run
+
+
+@cache
+def kernels_in_field(field: Field, level: bool, gradients: int, compensated: bool) -> tuple[Any, Any, Any]:
+    """The kernels of the time loop and of the SIMD lanes, and the map of rows."""
+    step = kernel_in_field(field, level, gradients, compensated)
+    lanes = kernel_in_field(field, level, gradients, compensated, at_once=True)
+    return step, lanes, map_in_field(kernel_in_field(field, level, gradients, False))
 
 
 @inlined
@@ -427,7 +436,7 @@ class SplittingStepper(FixedStepper):
             failures=FAILURES,
             lane=(LANES[compensated][gradients], STRIDE),
         )
-        map_rows(NO_ROWS, 0.0, self._first, 0.0, NOTHING)  # compile
+        map_rows(np.empty((0, 6)), 0.0, self._first, 0.0, NOTHING)  # compile
 
     def _enter(self, y: Array) -> Array:
         return self._map(np.array(y)[None], self._processor, self._first, 0.0)[0]
@@ -455,20 +464,19 @@ class FieldSplittingStepper(FixedStepper):
         if not (finite(constants) and finite(self._first)):
             raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
         self._last = scaled(first, -scales, numbers)
-        field, gradients = top.field, bool(scheme.c) + bool(scheme.d)
+        field = top.field
+        step, lanes, self._run_rows = kernels_in_field(field, level, bool(scheme.c) + bool(scheme.d), compensated)
         super().__init__(
             name,
             h,
             constants,
-            kernel_in_field(field, level, gradients, compensated),
+            step,
             enter=self._enter,
             leave=self._leave,
             rhs_per_step=len(steps),
             failures=FAILURES,
-            lane=(kernel_in_field(field, level, gradients, compensated, at_once=True), STRIDE + field.parameters),
+            lane=(lanes, STRIDE + field.parameters),
         )
-        self._run_rows = map_in_field(kernel_in_field(field, level, gradients, False))
-        self._run_rows(NO_ROWS, self._first, NOTHING)  # compile
 
     def _enter(self, y: Array) -> Array:
         return self._map(np.array(y)[None], self._first)[0]

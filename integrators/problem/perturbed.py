@@ -336,12 +336,13 @@ class PerturbedTop:
 
     def check_state(self, y: Array) -> None:
         """ValueError, naming the potential, if the force is not finite at a state (6,)."""
+        x = y[3:].tolist()
         try:
-            values = [*self.gradient(*y[3:].tolist()), self.energy(*y[3:].tolist())]
+            values = [*self.gradient(*x), self.energy(*x)]
         except (ZeroDivisionError, OverflowError):
             values = [math.nan]
         if not all(map(math.isfinite, values)):
-            raise ValueError(f"y0: the potential {self.potential.name} is not finite at x = {y[3:].tolist()}")
+            raise ValueError(f"y0: the potential {self.potential.name} is not finite at x = {x}")
 
     # ------------------------------------------------------------------ its functions, as those of LagrangeTop
 
