@@ -80,7 +80,7 @@ def integrate(
 
     Either `h` and `steps`, recording every `every` steps (default: only the start and the end), or `t`, any
     output times from 0: then the method's dense output is used, or, for the exact Bäcklund map, one map
-    for each time (a jump, not a sequence of steps).
+    for each time (a jump, not a sequence of steps); backlund_splitting chooses its step for `tol` and reports it in `work.notes`.
 
     Parameters
     ----------

@@ -109,7 +109,8 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
     counts = f"work    {work['steps']} steps, {work['rhs_evals']} right-hand sides, {work['iterations']} iterations, "
     counts += f"{work['rejected']} rejected; {data['seconds']:.3g} s in all, compilation included, "
     counts += f"{work['setup_seconds']:.3g} s of it to prepare"
-    return "\n".join([*head, "", *table(states), "", *table(rows), "", judged, counts])
+    chosen = [f"chosen  {work['notes']}"] if work.get("notes") else []
+    return "\n".join([*head, "", *table(states), "", *table(rows), "", judged, counts, *chosen])
 
 
 def _kind(top: Any, y0: Array) -> str:

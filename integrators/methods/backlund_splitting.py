@@ -47,7 +47,8 @@ from integrators.compiling.expression import take
 from integrators.compiling.loops import FAILURE, ITERATIONS, SIZE, FixedStepper
 from integrators.compiling.unroll import unrolled
 from integrators.interface import AnyField, Array, Method, StepError, Stepper
-from integrators.methods import backlund
+from integrators.methods import backlund, backlund_choice
+from integrators.methods.backlund_choice import Candidate, ChosenWork
 from integrators.problem.perturbed import Field, PerturbedTop
 from integrators.problem.top import LagrangeTop
 from integrators.torus import real_map
@@ -443,6 +444,12 @@ def pilot(step: Any) -> Any:
 # ------------------------------------------------------------------------------------ steppers
 
 STRONG = 0.05  # of V's range along the pilot to the energy of the top, from which other methods are better
+CHOICES = (
+    "aba864",
+    "aba1064",
+    "strang",
+)  # of SCHEMES, where the step is chosen; the others are never the cheapest by much
+TOLERANCE = 1e-9  # default of the error at the last time
 RESONANT = 0.125  # of the nutation period, a step from which harmonics of the motion come near the step's own frequency
 
 
@@ -582,7 +589,8 @@ def prepare_in_field(
     table in (H, J3); False: computed at every flow.
     """
     corrected, twisted = _check(scheme, corrector, modified_kick, table)
-    _warn(top, y0, h)
+    _warn_strong(top, y0, stacklevel=4)
+    _warn_long(top, y0, h)
     return ExactSplittingStepper("backlund_splitting", top, y0, h, SCHEMES[scheme], corrected, twisted, bool(table))
 
 
@@ -600,12 +608,54 @@ def _check(scheme: str, corrector: Any, modified_kick: Any, table: Any) -> tuple
     return chosen[0], chosen[1]
 
 
-def _warn(top: PerturbedTop, y0: Array, h: float) -> None:
-    rate, length, unit = top.top.scales(y0)
+def evaluate(top: LagrangeTop, y0: Array, times: Array, *, tol: float = TOLERANCE) -> tuple[Array, ChosenWork]:
+    """One exact step to each time, whatever `tol`."""
+    backlund_choice.check_tolerance(tol)
+    try:
+        states, work = backlund.evaluate_exact(top, y0, times)
+    except StepError as error:
+        raise StepError("backlund_splitting", error.reason) from None
+    return states, ChosenWork(**vars(work), notes="one exact step to each time")
+
+
+def evaluate_in_field(
+    top: PerturbedTop, y0: Array, times: Array, *, tol: float = TOLERANCE
+) -> tuple[Array, ChosenWork]:
+    """Scheme and step chosen by a short pilot: `tol` is the error at the last time, relative to the scales of J and x."""
+    tol = backlund_choice.check_tolerance(tol)
+    _warn_strong(top, y0, stacklevel=5)
+    small, map_rows = SCHEMES["aba1064"], map_over(top.formula.perturbation, "J3" in top.conserved)
+    numbers = np.array(top.numbers)
+
+    def candidate(name: str, widest: float) -> Candidate:
+        chosen, strang = SCHEMES[name], name == "strang"
+
+        def build(h: float, table: bool) -> ExactSplittingStepper:
+            return ExactSplittingStepper("backlund_splitting", top, y0, h, chosen, strang, strang, table)
+
+        return Candidate(build, len(chosen.b) + strang, widest)
+
+    def shorter(y: Array, h: float, parts: int) -> tuple[Array, int]:
+        rows, tally = np.array(y)[None], np.zeros(SIZE)
+        map_rows(rows, numbers, np.tile(np.column_stack((small.a, (*small.b, 0.0))) * (h / parts), (parts, 1)), tally)
+        if tally[FAILURE]:
+            raise StepError("backlund_splitting", FAILURES[int(tally[FAILURE])], h=h)
+        return rows[0], parts * len(small.b)
+
+    candidates = {name: candidate(name, RESONANT * (1 if name == "strang" else 2)) for name in CHOICES}
+    return backlund_choice.evaluate("backlund_splitting", top, y0, times, tol, candidates, shorter)
+
+
+def _warn_strong(top: PerturbedTop, y0: Array, stacklevel: int) -> None:
+    rate, length, _ = top.top.scales(y0)
     strength = length * math.hypot(*map(float, top.formula.derived(*y0[3:].tolist(), *top.parameters)))
     if strength > STRONG * rate * rate:
         text = f"V is strong here, {strength / rate**2:.2g} of the top's own scale: blanes_moan6 or taylor costs less"
-        warnings.warn(text, StepWarning, stacklevel=4)
+        warnings.warn(text, StepWarning, stacklevel=stacklevel)
+
+
+def _warn_long(top: PerturbedTop, y0: Array, h: float) -> None:
+    unit = top.top.scales(y0)[2]
     if abs(h) > 0.39 * unit:  # an eighth of the shortest period there is, π units
         period = exact.nutation_period(top.top, y0)
         if abs(h) >= 0.5 * period:
@@ -627,6 +677,7 @@ METHOD = Method(
     control="step",
     source="this project; Wisdom and Holman, Astron. J. 102 (1991) 1528; corrector and modified kick: see the module",
     prepare=prepare,
-    in_field=AnyField(prepare_in_field, conserves=frozenset({"J3", "C1", "C2"}), order=4),
+    evaluate=evaluate,
+    in_field=AnyField(prepare_in_field, conserves=frozenset({"J3", "C1", "C2"}), order=4, evaluate=evaluate_in_field),
     reduces_to="backlund",
 )
