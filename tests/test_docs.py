@@ -21,10 +21,11 @@ from packaging.version import Version
 import integrators
 from experiments import EXPERIMENTS
 from experiments.measuring import states
-from experiments.measuring.metrics import phase_split
-from integrators import TOPS, LagrangeTop, prepare, two_point
+from experiments.measuring.metrics import phase_split, poisson_defect, scaled_error
+from integrators import PERTURBED_TOPS, TOPS, LagrangeTop, integrate, prepare, two_point
+from integrators.methods import backlund_splitting
 from integrators.torus import time_step
-from integrators.truth import exact
+from integrators.truth import exact, reference
 from lagrange_bench import __main__ as cli
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -330,6 +331,80 @@ def test_lambda_meets_a_real_double_root_only_where_the_flow_is_the_identity():
         (re, im), _, _ = time_step.time_step(*time_step.torus(top.alpha, tuple(y), h), h)
         assert (abs(complex(re[0], im[0]) - 1) < 1e-12) == (h == 2 * math.pi)
         assert np.max(np.abs(prepare(top, y, h).advance(y, 1) - turned(y, -h))) < 1e-14
+
+
+# ---------------------------------------------------------------- what docs/perturbed.md says and no other test shows
+
+
+def tide(name):
+    named = PERTURBED_TOPS[name]
+    return named.top, named.state, named.top.scales(named.state)[2]
+
+
+def test_degrees_of_the_tables():
+    text = (DOCS / "perturbed.md").read_text("utf-8")
+    (shown,) = re.findall(r"^\| degree \| (.*) \|$", text, re.MULTILINE)
+    found = []
+    for name in ("tide_1e-6", "weak_tide", "moderate_tide", "strong_tide"):
+        top, y0, unit = tide(name)
+        found.append(prepare(top, y0, 0.5 * unit, "backlund_splitting").degree)
+    assert [int(word) for word in shown.split(" | ")] == found
+
+
+def test_kicks_of_the_schemes():
+    shown = re.findall(r"^\| (\w+) \| (\d+) \|", (DOCS / "perturbed.md").read_text("utf-8"), re.MULTILINE)
+    assert {name: int(kicks) for name, kicks in shown} == {
+        name: len(scheme.b) for name, scheme in backlund_splitting.SCHEMES.items()
+    }
+
+
+def test_a_smooth_lambda_is_not_enough_for_a_poisson_map():
+    top, y0 = TOPS["generic"].top, TOPS["generic"].state
+
+    def defect(of_H, of_J3):
+        def step(y):
+            H, J3 = (top.invariants(y) - top.invariants(y0))[:2]
+            return two_point(top, y, 0.1 + 0.4j + of_H * H + of_J3 * J3)
+
+        return poisson_defect(step, top, y0).defect
+
+    assert defect(0, 0) < 1e-10
+    assert min(defect(c, 0) for c in (0.1, 0.1j)) > 1e-2
+    assert min(defect(0, c) for c in (0.1, 0.1j)) > 1e-2
+
+
+def in_one_sweep(size):
+    """The kicks of the corrector in one sweep on each side of the end."""
+    out, kicks = backlund_splitting.SPACING * size, [size * b for b in backlund_splitting.corrector_kicks()]
+    n = len(kicks)
+    ahead = [(out, b) for b in kicks]
+    behind = [(-(n + 1) * out, -kicks[0]), *((-out, -b) for b in kicks[1:])]
+    return (*ahead, *behind, (n * out, 0.0))
+
+
+@pytest.mark.parametrize("name", ["moderate_tide", "axisymmetric"])
+@pytest.mark.filterwarnings("ignore::integrators.methods.backlund_splitting.StepWarning")
+def test_a_corrector_in_one_sweep_leaves_a_commutator(name, monkeypatch):
+    top, y0, unit = tide(name)
+    right = reference.solution(top, y0, [16 * unit]).states[0]
+
+    def errors():
+        ends = [prepare(top, y0, h * unit, "backlund_splitting").advance(y0, round(16 / h)) for h in (1 / 8, 1 / 16)]
+        return [float(scaled_error(top, y0, end, right)) for end in ends]
+
+    palindrome = errors()
+    monkeypatch.setattr(backlund_splitting, "_corrector", in_one_sweep)
+    sweep = errors()
+    assert math.log2(palindrome[0] / palindrome[1]) == pytest.approx(4.0, abs=0.05)
+    assert math.log2(sweep[0] / sweep[1]) < 3.6
+    assert sweep[1] > 3 * palindrome[1]
+
+
+@pytest.mark.filterwarnings("ignore::integrators.methods.backlund_splitting.StepWarning")
+def test_an_instability_that_comes_late():
+    top, y0, unit = tide("triaxial")
+    run = integrate(top, y0, t=[3000 * unit], method="backlund_splitting", tol=1e-6)
+    assert scaled_error(top, y0, run.y[0], reference.solution(top, y0, run.t).states[0]) > 1e-5
 
 
 def test_the_least_versions_are_those_that_are_tested():

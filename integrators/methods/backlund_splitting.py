@@ -508,6 +508,8 @@ class ExactSplittingStepper(FixedStepper):
     def _box(c: Array, y0: Array, step: Any, scales: tuple[float, float, float], h: float) -> bool:
         """Sets the box of the tables, from a run with long steps; False if that does not get through."""
         rate, _, unit = scales
+        if not math.isfinite(unit):  # without V nothing moves
+            return False
         long = c.copy()
         long[GROUPS] = 1
         first = len(c) - int(c[GROUPS]) * GROUP
@@ -650,7 +652,8 @@ def _warn_strong(top: PerturbedTop, y0: Array, stacklevel: int) -> None:
     rate, length, _ = top.top.scales(y0)
     strength = length * math.hypot(*map(float, top.formula.derived(*y0[3:].tolist(), *top.parameters)))
     if strength > STRONG * rate * rate:
-        text = f"V is strong here, {strength / rate**2:.2g} of the top's own scale: blanes_moan6 or taylor costs less"
+        share = strength / rate**2 if rate > 0 else math.inf
+        text = f"V is strong here, {share:.2g} of the top's own scale: blanes_moan6 or taylor costs less"
         warnings.warn(text, StepWarning, stacklevel=stacklevel)
 
 
