@@ -352,10 +352,9 @@ def test_degrees_of_the_tables():
 
 
 def test_kicks_of_the_schemes():
-    shown = re.findall(r"^\| (\w+) \| (\d+) \|", (DOCS / "perturbed.md").read_text("utf-8"), re.MULTILINE)
-    assert {name: int(kicks) for name, kicks in shown} == {
-        name: len(scheme.b) for name, scheme in backlund_splitting.SCHEMES.items()
-    }
+    shown = re.findall(r"^\| (\w+) \| (\d+) \|.*ε", (DOCS / "perturbed.md").read_text("utf-8"), re.MULTILINE)
+    kicks = {name: len(scheme.b) for name, scheme in backlund_splitting.SCHEMES.items()}
+    assert {name: int(number) for name, number in shown} == kicks
 
 
 def test_a_smooth_lambda_is_not_enough_for_a_poisson_map():

@@ -627,7 +627,7 @@ def evaluate_in_field(
     tol = backlund_choice.check_tolerance(tol)
     _warn_strong(top, y0, stacklevel=5)
     small, map_rows = SCHEMES["aba1064"], map_over(top.formula.perturbation, "J3" in top.conserved)
-    numbers = np.array(top.numbers)
+    numbers, one = np.array(top.numbers), np.column_stack((small.a, (*small.b, 0.0)))
 
     def candidate(name: str, widest: float) -> Candidate:
         chosen, strang = SCHEMES[name], name == "strang"
@@ -639,7 +639,7 @@ def evaluate_in_field(
 
     def shorter(y: Array, h: float, parts: int) -> tuple[Array, int]:
         rows, tally = np.array(y)[None], np.zeros(SIZE)
-        map_rows(rows, numbers, np.tile(np.column_stack((small.a, (*small.b, 0.0))) * (h / parts), (parts, 1)), tally)
+        map_rows(rows, numbers, np.tile(one * (h / parts), (parts, 1)), tally)
         if tally[FAILURE]:
             raise StepError("backlund_splitting", FAILURES[int(tally[FAILURE])], h=h)
         return rows[0], parts * len(small.b)

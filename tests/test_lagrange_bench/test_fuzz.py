@@ -164,6 +164,10 @@ GOOD = {
     "solver": st.sampled_from(("auto", "newton", "fixed_point")),
     "compensated": st.booleans(),
     "form": st.sampled_from(("symmetric", "lagrange")),
+    "scheme": st.sampled_from(("strang", "saba4", "aba864")),
+    "corrector": st.sampled_from((None, False, True)),
+    "modified_kick": st.sampled_from((None, False, True)),
+    "table": st.booleans(),
 }
 JUNK = (
     *(
