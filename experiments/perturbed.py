@@ -78,7 +78,7 @@ def measure(cell: dict) -> list[dict]:
 
 def part(rows: pd.DataFrame, name: str) -> pd.DataFrame:
     """The rows of one part that were computed."""
-    return rows[(rows.part == name) & (rows.status == "done")]
+    return rows[(rows.part == name) & (rows.status == "done")] if "part" in rows else rows[:0]
 
 
 def claimed(method: str, state: str) -> frozenset[str]:
