@@ -402,10 +402,8 @@ def spoiled(module, old="", new=""):
     assert not old or source.count(old) == 1, old
     copy = types.ModuleType("spoiled")
     source = source.replace(old, new) if old else source
-    exec(
-        compile(source.replace("compiled import jit", "compiled import compiled as jit"), module.__file__, "exec"),
-        copy.__dict__,
-    )
+    source = source.replace("compiled import jit", "compiled import compiled as jit")
+    exec(compile(source, module.__file__, "exec"), copy.__dict__)
     return copy.METHOD
 
 
