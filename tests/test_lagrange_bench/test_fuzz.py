@@ -576,7 +576,7 @@ def test_any_ensemble(name):
                 assert np.all(np.isnan(many[:, i]))
             elif (record.family == "backlund" and n <= backlund.SHORT) or (
                 record.advance_many is not None and record.engine == "heyoka"
-            ):  # λ(h) in plain doubles there
+            ):  # λ(h) of a short run in plain doubles
                 assert np.all(np.isfinite(many[:, i]))
             else:
                 assert np.array_equal(alone, many[:, i])
