@@ -296,7 +296,7 @@ class PerturbedTop:
 
     @cached_property
     def numbers(self) -> tuple[float, ...]:
-        """(alpha, *parameters): what the programs of `field` take after x. ValueError if there are many tops."""
+        """alpha and the parameters: what the programs of `field` take after x. ValueError if there are many tops."""
         return self.single(), *self.parameters
 
     @cached_property

@@ -94,7 +94,7 @@ def test_a_record_that_promises_too_much_fails():
 def test_methods_are_judged_where_they_go():
     (verdict,) = check.in_field(METHODS["theta_functions"], quick=True)
     assert (verdict.claim, verdict.passed) == ("in a field", None)
-    assert "uniform field" in verdict.how
+    assert "closed form of an integrable top" in verdict.how
     verdicts = check.in_field(spoiled(None, needs="quadratic"), quick=True)
     assert {v.claim: v for v in verdicts}["in a field: conserves C1"].how.endswith("2 states")
 

@@ -68,12 +68,19 @@ def test_what_a_fresh_process_needs():
     assert rows[1]["first_s"] < rows[0]["first_s"], "nothing was kept for the second process"
 
 
-def test_perturbed_tops_are_compared_by_steps_and_not_by_time():
-    runs = [("exact, order 2", 1.0, 1e-9), ("exact, order 2", 4.0, 1e-5), ("rotation, order 2", 0.5, 1e-9)]
-    rows = pd.DataFrame(runs, columns=["variant", "h", "error"]).assign(eps=1e-4, status="done", seconds=1.0)
-    table = perturbed.longest_steps(rows).set_index("error at most")
-    assert table["exact, order 2"].tolist()[:3] == [4.0, 1.0, 1.0]
-    assert table["exact, order 2"].isna().tolist() == [False, False, False, True]
-    assert table["rotation, order 2"].tolist()[:3] == [0.5] * 3
-    assert table["exact, SABA4"].isna().all()
-    assert set(table) == {"ε", *perturbed.EXACT, *perturbed.ROTATION}
+def test_perturbed_tops_say_who_wins_and_who_loses():
+    """The cheapest run of each method that reaches an error, set-up counted."""
+    runs = [
+        (perturbed.OURS, 1e-9, 1.0, 0.5),
+        (perturbed.OURS, 1e-5, 0.25, 0.5),
+        ("taylor", 1e-11, 3.0, 0.0),
+        ("rk4", 1e-3, 0.1, 0.0),
+    ]
+    rows = pd.DataFrame(runs, columns=["method", "error", "seconds", "setup_seconds"])
+    rows = rows.assign(part="work", status="done", state="weak_tide", span=1e3)
+    table = perturbed.winners(rows).set_index("error at most")
+    ratios = table["times as long as the exact step inside"]
+    assert ratios.tolist()[:3] == [4.0, 2.0, 2.0]
+    assert ratios.isna().tolist() == [False, False, False, True]
+    assert table.cheapest.tolist() == [perturbed.OURS] * 3 + ["taylor"]
+    assert table["best of the others"].tolist() == ["taylor"] * 4

@@ -122,7 +122,7 @@ BAD = [  # what to replace in GOOD, by what, and what the message must say
     (
         "time = 50",
         'time = 50\ntops = ["magnet"]',
-        "[[sweep]], methods: backlund does not take the potential charge: its formula is written for a uniform field",
+        "[[sweep]], methods: backlund does not take the potential charge: it is a map of the torus of an integrable top",
     ),
     ("[tops", 'name = "a b"\n[tops', "name must consist of letters"),
 ]

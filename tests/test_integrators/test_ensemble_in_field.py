@@ -180,7 +180,7 @@ def test_bad_input():
         ),
         ("values of alpha, Y0 44", problem, STATES[1:], {}),
         (r"values of parameters\[0\], Y0 44", TOPS_IN["some numbers"], STATES[1:], {}),
-        ("backlund does not take the potential quadratic: its formula", problem, STATES, {"method": "backlund"}),
+        ("backlund does not take the potential quadratic: it is a map", problem, STATES, {"method": "backlund"}),
         ("unknown option 'pin' of strang", problem, STATES, {"pin": 1}),
         ("Y0.* is not finite", problem, STATES * math.nan, {}),
     ]

@@ -28,6 +28,7 @@ LAGRANGE = replace(
     symmetric=False,
     prepare=partial(bobenko_suris.prepare, form="lagrange"),
     keeps={"E": bobenko_suris.energy_lagrange},
+    in_field=None,  # that of the symmetric form
 )
 
 
@@ -401,7 +402,8 @@ def spoiled(module, old="", new=""):
     assert not old or source.count(old) == 1, old
     copy = types.ModuleType("spoiled")
     source = source.replace(old, new) if old else source
-    exec(compile(source.replace("import jit\n", "import compiled as jit\n"), module.__file__, "exec"), copy.__dict__)
+    source = source.replace("compiled import jit", "compiled import compiled as jit")
+    exec(compile(source, module.__file__, "exec"), copy.__dict__)
     return copy.METHOD
 
 

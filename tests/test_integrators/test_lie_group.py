@@ -156,7 +156,7 @@ def spoiled(record, old, new):
     source = inspect.getsource(lie_group)
     assert source.count(old) == 1, old
     copy = types.ModuleType("spoiled")
-    source = source.replace(old, new).replace("import jit\n", "import compiled as jit\n")
+    source = source.replace(old, new).replace("compiled import jit", "compiled import compiled as jit")
     exec(compile(source, lie_group.__file__, "exec"), copy.__dict__)
     return getattr(copy, record)
 

@@ -370,7 +370,7 @@ def test_methods_of_a_top(run, answer):
     top = PERTURBED_TOPS["magnet"].top
     assert taken == [name for name, method in METHODS.items() if method.takes(top) is None]
     assert "strang" in taken
-    assert "theta_functions: does not take the potential charge: its formula is written for a uniform field" in left_out
+    assert "theta_functions: does not take the potential charge: it is the closed form" in left_out
     data = {method["name"]: method for method in answer("methods", "--top", "magnet")}
     assert data["theta_functions"]["refuses"] == METHODS["theta_functions"].takes(top)
     assert (data["strang"]["refuses"], data["strang"]["conserves"]) == (None, ["C1", "C2"])
@@ -497,9 +497,9 @@ def test_an_experiment_of_your_own_is_drawn_where_it_was_run(tmp_path):
 
 def test_a_figure_that_cannot_be_written_is_named(run, tmp_path):
     (tmp_path / "file").write_text("in the way")
-    shutil.copy(default_results() / "perturbed.jsonl", tmp_path)
+    shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
     target = tmp_path / "file" / "z.svg"
-    code, _, err = run("figure", "perturbed_h", "--results", tmp_path, "--output", target)
+    code, _, err = run("figure", "ensemble_tops", "--results", tmp_path, "--output", target)
     assert code == 2
     assert str(tmp_path / "file") in err
     assert ".z.svg" not in err

@@ -37,7 +37,7 @@ from integrators import (
 )
 from integrators.checks import keyword_options
 from integrators.interface import INVARIANTS
-from integrators.methods import runge_kutta
+from integrators.methods import backlund, runge_kutta
 from integrators.truth import exact
 from integrators.truth.orbit import units
 
@@ -574,7 +574,9 @@ def test_any_ensemble(name):
                 assert np.array_equal(many[0, i], y)
             elif alone is None:
                 assert np.all(np.isnan(many[:, i]))
-            elif record.advance_many is not None and record.engine == "heyoka":
+            elif (record.family == "backlund" and n <= backlund.SHORT) or (
+                record.advance_many is not None and record.engine == "heyoka"
+            ):  # λ(h) of a short run in plain doubles
                 assert np.all(np.isfinite(many[:, i]))
             else:
                 assert np.array_equal(alone, many[:, i])

@@ -18,7 +18,7 @@ import pandas as pd
 import pytest
 
 from experiments.drawing import style
-from integrators import METHODS
+from experiments.measuring.states import methods_on
 from lagrange_bench.__main__ import main
 from report import (
     claims,
@@ -301,9 +301,9 @@ def test_commands_of_the_usual_folders_are_short():
 
 
 def test_drawn_in_two_processes_it_is_the_same(tmp_path):
-    shutil.copy(store.default_results() / "perturbed.jsonl", tmp_path)
+    shutil.copy(store.default_results() / "ensemble.jsonl", tmp_path)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(page, "EXPERIMENTS", ("perturbed", "no_such_experiment"))
+        patch.setattr(page, "EXPERIMENTS", ("ensemble", "no_such_experiment"))
         alone, shared = page.assemble(tmp_path), page.assemble(tmp_path, processes=2)
     assert page.html(shared) == page.html(alone)
     assert [len(section.figures) > 0 for section in shared.sections] == [True, False]
@@ -405,7 +405,7 @@ def test_verdicts(report, text):
 
 def test_fairness_tells_every_method_and_needs_no_rows(report, text):
     methods = report.fairness.methods.set_index("method")
-    assert list(methods.index) == list(METHODS)
+    assert list(methods.index) == list(methods_on())
     assert methods.engine["rk45"] == "SciPy, interpreted"
     assert methods.engine["backlund"].startswith("compiled")
     assert '<section id="fairness">' in text
