@@ -47,7 +47,7 @@ INK, FAINT = "#222222", "#6b6b6b"
 
 # family → (colours, markers), used in registry order within the family
 FAMILIES: dict[str, tuple[Sequence[str], Sequence[str]]] = {
-    "backlund": (("#0072B2", "#3F93CF", "#003B5C", "#7D9BD1"), ("o", "s", "D", "h")),
+    "backlund": (("#0072B2", "#3F93CF", "#003B5C", "#7D9BD1", "#0B4F9E"), ("o", "s", "D", "h", "^")),
     "closed-form": (("#1A1A1A", "#6E6E6E", "#454545"), ("o", "s", "D")),
     "taylor": (("#009E73", "#00503A", "#45B894", "#2E7D5B", "#4FA98A"), ("^", "v", "<", ">", "o", "s")),
     "runge-kutta": (("#D55E00", "#8A3A00", "#E8742E", "#B04C00", "#5C2700"), ("X", "P", "p", "8", "o", "s", "D")),

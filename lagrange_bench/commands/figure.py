@@ -11,6 +11,8 @@ from lagrange_bench.text import Answer
 
 SUMMARY = "one figure, for a paper"
 
+FORMATS = ("svg", "pdf", "png")
+
 DESCRIPTION = """\
 Draw a stored figure again, for a paper: as SVG, PDF (fonts embedded) or PNG, as wide as a column or a page. The same
 rows give the same bytes."""
@@ -28,7 +30,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--all", action="store_true", help="every figure, in every format and width unless one is given"
     )
-    command.add_argument("--format", choices=("svg", "pdf", "png"), help="of the file (default: svg)")
+    command.add_argument("--format", choices=FORMATS, help="of the file (default: as its name ends, else svg)")
     command.add_argument("--width", choices=("column", "page"), help="3.4 or 7 inches (default: as on the page)")
     text = "what lagrange-bench run stored (default: as for lagrange-bench report)"
     command.add_argument("--results", type=Path, metavar="DIR", help=text)
@@ -57,9 +59,15 @@ def run(options: argparse.Namespace) -> Answer:
         else:
             unknown, written = (
                 [],
-                [export.export(options.name, results, options.output, options.format or "svg", options.width)],
+                [export.export(options.name, results, options.output, _format(options), options.width)],
             )
     for reason in unknown if not options.quiet else ():
         print(f"not drawn: {reason}", file=sys.stderr)
     data = {"written": [str(path) for path in written], "not_drawn": unknown, "results": str(results)}
     return Answer("\n".join(map(str, written)), data, 1 if unknown else 0)
+
+
+def _format(options: argparse.Namespace) -> str:
+    """As asked for, or as the name of the file ends, or SVG."""
+    suffix = "" if options.output is None else Path(options.output).suffix.removeprefix(".").lower()
+    return str(options.format or (suffix if suffix in FORMATS else "svg"))
