@@ -88,7 +88,8 @@ def measured_order(name, field, top, **options):
     return np.log(error / less) / np.log(m / n)
 
 
-@pytest.mark.parametrize(("name", "field"), PAIRS)
+# the errors of gauss12 are round-off before its slope is its order; `check` reads that off single steps
+@pytest.mark.parametrize(("name", "field"), [(name, field) for name, field in PAIRS if name != "gauss12"])
 def test_order(name, field):
     assert abs(measured_order(name, field, FIELDS[field]) - METHODS[name].order) < 0.35
     top = FIELDS[field]

@@ -499,7 +499,7 @@ def test_a_figure_that_cannot_be_written_is_named(run, tmp_path):
     (tmp_path / "file").write_text("in the way")
     shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
     target = tmp_path / "file" / "z.svg"
-    code, _, err = run("figure", "ensemble_tops", "--results", tmp_path, "--output", target)
+    code, _, err = run("figure", "ensemble_throughput", "--results", tmp_path, "--output", target)
     assert code == 2
     assert str(tmp_path / "file") in err
     assert ".z.svg" not in err
