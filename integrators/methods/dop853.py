@@ -206,7 +206,11 @@ def _runner(top: Problem, rtol: float, atol: float) -> Run:
             raise StepError("dop853", "a state this close to the largest double leaves a step no room")
         state, out, walk = y.copy(), np.empty((len(grid), 6)), np.zeros(WALK)
         walk[STEP] = first_step(tuple(y.tolist()), float(grid[-1]), c)
+        length = math.hypot(*y[3:])
         while walk[ROW] < len(grid) and not walk[STUCK]:
+            if not 0.5 * length <= math.hypot(*state[3:]) <= 2.0 * length:  # it spins ever faster, in ever smaller steps
+                reason = f"rtol and atol do not hold this state: |x| is off by a factor over 2 at t = {walk[TIME]:g}"
+                raise StepError("dop853", reason, step=int(walk[TAKEN]))
             loop(state, grid, INTERRUPTIBLE, c, walk, out)
         taken, rejected, interpolated = (int(walk[place]) for place in (TAKEN, REJECTED, INTERPOLATED))
         work.steps += taken
