@@ -82,6 +82,13 @@ def check_real(value: Any, name: str) -> float:
     return number
 
 
+def check_flag(value: Any, name: str) -> bool:
+    """`value` as True or False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise ValueError(f"{name} must be True or False; got {value!r}")
+    return bool(value)
+
+
 def check_choice(value: Any, name: str, choices: Iterable[str]) -> str:
     """`value` as one of the `choices`."""
     known = list(choices)

@@ -37,6 +37,10 @@ def _rebuild_step_error(method: str, reason: str, h: float | None, step: int | N
     return StepError(method, reason, h=h, step=step)
 
 
+class StepWarning(RuntimeWarning):
+    """A step, or a potential, for which another step or another method is better: advice to a user, and no fault."""
+
+
 @dataclass
 class Work:
     """What a stepper has done so far. Set-up is counted apart, with the compilation of a kernel's first use."""

@@ -382,7 +382,7 @@ def in_one_sweep(size):
 
 
 @pytest.mark.parametrize("name", ["moderate_tide", "axisymmetric"])
-@pytest.mark.filterwarnings("ignore::integrators.methods.backlund_splitting.StepWarning")
+@pytest.mark.filterwarnings("ignore::integrators.interface.StepWarning")
 def test_a_corrector_in_one_sweep_leaves_a_commutator(name, monkeypatch):
     top, y0, unit = tide(name)
     right = reference.solution(top, y0, [16 * unit]).states[0]
@@ -399,7 +399,7 @@ def test_a_corrector_in_one_sweep_leaves_a_commutator(name, monkeypatch):
     assert sweep[1] > 3 * palindrome[1]
 
 
-@pytest.mark.filterwarnings("ignore::integrators.methods.backlund_splitting.StepWarning")
+@pytest.mark.filterwarnings("ignore::integrators.interface.StepWarning")
 def test_an_instability_that_comes_late():
     top, y0, unit = tide("triaxial")
     run = integrate(top, y0, t=[3000 * unit], method="backlund_splitting", tol=1e-6)

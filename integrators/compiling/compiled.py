@@ -17,6 +17,7 @@ from typing import Any
 import numba
 
 from integrators.compiling.numba_internals import config, keep_code, name_of, set_name
+from integrators.files import cache_folder
 
 njit: Any = numba.njit  # its types know fewer options than it has
 OPTIONS = {"error_model": "numpy", "nogil": True, "fastmath": False, "no_cfunc_wrapper": True}
@@ -24,10 +25,8 @@ OPTIONS = {"error_model": "numpy", "nogil": True, "fastmath": False, "no_cfunc_w
 
 @cache
 def _folder() -> str | None:
-    home = os.environ.get("LAGRANGE_BENCH_CACHE")
+    home = cache_folder()
     if home is None:
-        home = os.path.join(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "lagrange-bench")
-    if not home:
         return None
     digest = hashlib.sha256(numba.__version__.encode())
     for source in sorted(Path(__file__).parents[1].rglob("*.py")):  # the whole package: kernels call across its rooms

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -148,6 +149,35 @@ class FixedStepper(Stepper):
             return StepError(self.name, reason, h=self.h, step=int(tally[FAILED_AT]))
         reason = "the state left the range of floating-point numbers in this step or before it"
         return StepError(self.name, reason, h=self.h, step=last)
+
+
+class ConjugateStepper(FixedStepper):
+    """Runs over a conjugate of its step: states enter and leave the kernel through a compiled map of rows.
+
+    `map_rows(rows, *way, tally)` maps rows in their place; `way_in` and `way_out` are inverse to each other. The other
+    arguments are those of `FixedStepper`.
+    """
+
+    def __init__(
+        self, name: str, h: float, *args: Any, map_rows: Callable, way_in: tuple, way_out: tuple, **more: Any
+    ) -> None:
+        self._map_rows, self._way_in, self._way_out = map_rows, way_in, way_out
+        super().__init__(name, h, *args, enter=self._enter, leave=self._leave, **more)
+        map_rows(np.empty((0, 6)), *way_in, np.zeros(SIZE))  # compile
+
+    def _enter(self, y: Array) -> Array:
+        return self._map(np.array(y)[None], self._way_in)[0]
+
+    def _leave(self, rows: Array) -> Array:
+        return self._map(rows, self._way_out)
+
+    def _map(self, rows: Array, way: tuple) -> Array:
+        tally = np.zeros(SIZE)
+        self._map_rows(rows, *way, tally)
+        if tally[FAILURE] or not finite(rows):
+            left = "the state left the range of floating-point numbers"
+            raise StepError(self.name, self.failures.get(int(tally[FAILURE]), left), h=self.h)
+        return rows
 
 
 def check_grid(n: int, every: int) -> None:

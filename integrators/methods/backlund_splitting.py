@@ -36,17 +36,17 @@ from __future__ import annotations
 
 import math
 import warnings
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from integrators.checks import check_choice
+from integrators.checks import check_choice, check_flag
 from integrators.compiling.compiled import jit, jit_as, jit_over
 from integrators.compiling.expression import take
-from integrators.compiling.loops import FAILURE, ITERATIONS, SIZE, FixedStepper
+from integrators.compiling.loops import FAILURE, ITERATIONS, SIZE, ConjugateStepper
 from integrators.compiling.unroll import unrolled
-from integrators.interface import AnyField, Array, Method, StepError, Stepper
+from integrators.interface import AnyField, Array, Method, StepError, Stepper, StepWarning
 from integrators.methods import backlund, backlund_choice
 from integrators.methods.backlund_choice import Candidate, ChosenWork
 from integrators.problem.perturbed import Field, PerturbedTop
@@ -145,11 +145,6 @@ LOST = 1
 FAILURES = {LOST: "no exact step over this time was found; take a smaller |h|"}
 DEGREES = (1, 2, 3, 4, 6, 8, 10, 12)
 TAIL = 2.0**-50  # relative size of the coefficients of highest degree of a table that has all digits
-
-
-def monomials(degree: int, level: bool) -> int:
-    """How many coefficients a table of one function has; `level`: J3 is constant, it is a function of H alone."""
-    return degree + 1 if level else (degree + 1) * (degree + 2) // 2
 
 
 @cache
@@ -313,10 +308,8 @@ def map_over(field: Field, level: bool) -> Any:
 
 # ------------------------------------------------------------------------------------ tables
 
-PILOT, STRIDE = (
-    256,
-    1.2,
-)  # steps that show where (H, J3) go, and their length in time scales of the top: no need to be exact
+# steps that show where (H, J3) go, and their length in time scales of the top: they need not be exact
+PILOT, STRIDE = 256, 1.2
 MARGIN = 2.0  # the box is so many times as wide
 GRIDS = (6, 14)  # nodes along each side, tried in turn
 
@@ -369,11 +362,8 @@ def tabulate(c, h, nodes, to_chebyshev, to_monomials, level, found):
             found[k] = half
         else:
             product(half, to_chebyshev.T, found[k])
-        size = 0.0
-        for i in range(n):
-            for j in range(m):
-                size = max(size, abs(values[k, i, j]))
-        size = max(size, np.max(np.abs(values[1 if k < 2 else 2])))  # R and η share one size, so do the parts of m
+        # R and η share one size, so do the parts of m
+        size = max(np.max(np.abs(values[k])), np.max(np.abs(values[1 if k < 2 else 2])))
         for i in range(n):
             for j in range(m):
                 tails[i + j] = max(tails[i + j], abs(found[k, i, j]) / size)
@@ -444,20 +434,12 @@ def pilot(step: Any) -> Any:
 # ------------------------------------------------------------------------------------ steppers
 
 STRONG = 0.05  # of V's range along the pilot to the energy of the top, from which other methods are better
-CHOICES = (
-    "aba864",
-    "aba1064",
-    "strang",
-)  # of SCHEMES, where the step is chosen; the others are never the cheapest by much
+CHOICES = ("aba864", "aba1064", "strang")  # where the step is chosen: the others are never the cheapest by much
 TOLERANCE = 1e-9  # default of the error at the last time
 RESONANT = 0.125  # of the nutation period, a step from which harmonics of the motion come near the step's own frequency
 
 
-class StepWarning(RuntimeWarning):
-    """A step or a potential for which another method, or another step, is better."""
-
-
-class ExactSplittingStepper(FixedStepper):
+class ExactSplittingStepper(ConjugateStepper):
     """Runs over the conjugate of a scheme; states enter and leave through its first flow and its corrector."""
 
     def __init__(
@@ -495,13 +477,11 @@ class ExactSplittingStepper(FixedStepper):
                     c[place + TABLE], c[place + INVERSE] = places[which], 0.5 / (mr * mr + mi * mi)
                 c = np.concatenate((c, *made))
         self.degree = degree  # of the tables, 0 for none
-        self._numbers = numbers
-        self._in, self._out = ends_of(chosen, h, corrected)
-        self._map_rows = map_over(field, level)
-        self._map_rows(np.empty((0, 6)), numbers, self._in, np.zeros(SIZE))  # compile
+        before, after = ends_of(chosen, h, corrected)
         super().__init__(
             name, h, c, kernel(field, level, twisted, degree), pin_level if level else pin, PIN_EVERY,
-            enter=self._enter, leave=self._leave, rhs_per_step=n, failures=FAILURES,
+            map_rows=map_over(field, level), way_in=(numbers, before), way_out=(numbers, after),
+            rhs_per_step=n, failures=FAILURES,
         )  # fmt: skip
 
     @staticmethod
@@ -522,36 +502,19 @@ class ExactSplittingStepper(FixedStepper):
             c[place + 1] = 1.0 / (0.5 * MARGIN * (high - low) + 2.0**-40 * size)
         return True
 
-    def _enter(self, y: Array) -> Array:
-        return self._map(np.array(y)[None], self._in)[0]
 
-    def _leave(self, rows: Array) -> Array:
-        return self._map(rows, self._out)
-
-    def _map(self, rows: Array, parts: Array) -> Array:
-        tally = np.zeros(SIZE)
-        self._map_rows(rows, self._numbers, parts, tally)
-        if tally[FAILURE] or not np.isfinite(rows).all():
-            left = "the state left the range of floating-point numbers"
-            raise StepError(self.name, FAILURES.get(int(tally[FAILURE]), left), h=self.h)
-        return rows
-
-
-@cache
+@lru_cache(maxsize=64)
 def _corrector(size: float) -> tuple[tuple[float, float], ...]:
     """(flow, kick) one after the other: half of all kicks, the side ahead first, and the other half in the order reversed.
 
     So no commutator of two kicks is left, of size ε²h³.
     """
-    kicks, out = [0.5 * size * b for b in corrector_kicks()], SPACING * size
-    ahead = [(out, b) for b in kicks]
-    behind = [(-out, -b) for b in kicks[:-1]]
-    turn = [(-out, -2.0 * kicks[-1])]
-    behind_back = [(out, -b) for b in reversed(kicks[:-1])]
-    ahead_back = [(out + NODES * out, kicks[-1]), *((-out, b) for b in reversed(kicks[:-1]))]
-    first, *rest = behind or turn
-    start = [(first[0] - NODES * out, first[1]), *rest]  # from the end of the side ahead in one flow
-    return (*ahead, *start, *turn, *behind_back, *ahead_back, (-out, 0.0))
+    half = [(side * j, side * 0.5 * b) for side in (1, -1) for j, b in enumerate(corrector_kicks(), 1)]
+    parts, at = [], 0
+    for place, kick in (*half, *reversed(half), (0, 0.0)):
+        parts.append((SPACING * size * (place - at), size * kick))
+        at = place
+    return tuple(parts)
 
 
 def ends_of(chosen: Scheme, h: float, corrected: bool) -> tuple[Array, Array]:
@@ -600,13 +563,11 @@ def _check(scheme: str, corrector: Any, modified_kick: Any, table: Any) -> tuple
     check_choice(scheme, "scheme", SCHEMES)
     chosen = []
     for name, value in (("corrector", corrector), ("modified_kick", modified_kick)):
-        if value is not None and not isinstance(value, (bool, np.bool_)):
-            raise ValueError(f"{name} must be True or False; got {value!r}")
-        if value and scheme != "strang":
+        flag = scheme == "strang" if value is None else check_flag(value, name)
+        if flag and scheme != "strang":
             raise ValueError(f"{name} belongs to scheme='strang'; got scheme={scheme!r}")
-        chosen.append(scheme == "strang" if value is None else bool(value))
-    if not isinstance(table, (bool, np.bool_)):
-        raise ValueError(f"table must be True or False; got {table!r}")
+        chosen.append(flag)
+    check_flag(table, "table")
     return chosen[0], chosen[1]
 
 

@@ -41,7 +41,7 @@ from typing import Any
 
 import numpy as np
 
-from integrators.checks import check_choice
+from integrators.checks import check_choice, check_flag
 from integrators.compiling.compiled import inlined, jit, jit_as
 from integrators.compiling.double_double import two_sum
 from integrators.compiling.expression import machine_code, take, with_slopes
@@ -135,6 +135,17 @@ def lagrange(c: list[Fraction], j: int, t: Fraction) -> Fraction:
 
 
 @inlined
+def accumulate(S, c, place, K, X):
+    """X += M K of three components, the matrix M (S, S) by columns at c[place]."""
+    for j in range(S):
+        for i in range(S):
+            w = c[place + S * j + i]
+            X[i] += w * K[j]
+            X[S + i] += w * K[S + j]
+            X[2 * S + i] += w * K[2 * S + j]
+
+
+@inlined
 def residual(n, s, c, low, K, X, L, J, R):
     """X, L, J and R = h b J×x − K of the stages that K makes; returns Σ|R|."""
     S = len(n)
@@ -143,12 +154,7 @@ def residual(n, s, c, low, K, X, L, J, R):
     for i in range(S):
         X[i], X[S + i], X[2 * S + i] = low[2], low[3], low[4]
         J[i], J[S + i] = low[0], low[1]
-    for j in range(S):  # small terms first
-        for i in range(S):
-            m = c[MU + S * j + i]
-            X[i] += m * K[j]
-            X[S + i] += m * K[S + j]
-            X[2 * S + i] += m * K[2 * S + j]
+    accumulate(S, c, MU, K, X)  # small terms first
     for i in range(S):
         X[i] += x1
         X[S + i] += x2
@@ -312,12 +318,7 @@ def step(n, s, c, tally):
     K, L, low = stack(18), stack(12), stack(5)
     for i in range(3 * S):
         K[i] = 0.0
-    for j in range(S):
-        for i in range(S):
-            w = c[AHEAD + S * j + i]
-            K[i] += w * tally[MEMORY + j]
-            K[S + i] += w * tally[MEMORY + S + j]
-            K[2 * S + i] += w * tally[MEMORY + 2 * S + j]
+    accumulate(S, c, AHEAD, tally[MEMORY:], K)
     for i in range(5):
         low[i] = tally[LOW + i]
     iterations = newton(n, s, c, low, K, L, tally) if c[NEWTON] != 0.0 else fixed_point(n, s, c, low, K, L, tally)
@@ -392,12 +393,7 @@ def kernel_in_field(stages: int, field: Field, level: bool) -> Any:
         for i in range(S):
             X[i], X[S + i], X[2 * S + i] = low[3], low[4], low[5]
             J[i], J[S + i], J[2 * S + i] = low[0], low[1], low[2]
-        for j in range(S):  # small terms first
-            for i in range(S):
-                w = c[MU + S * j + i]
-                X[i] += w * K[j]
-                X[S + i] += w * K[S + j]
-                X[2 * S + i] += w * K[2 * S + j]
+        accumulate(S, c, MU, K, X)  # small terms first
         for i in range(S):
             X[i] += s[3]
             X[S + i] += s[4]
@@ -507,12 +503,7 @@ def kernel_in_field(stages: int, field: Field, level: bool) -> Any:
         K, L, low = stack(18), stack(18), stack(6)
         for i in range(m):
             K[i] = 0.0
-        for j in range(S):
-            for i in range(S):
-                w = c[AHEAD + S * j + i]
-                K[i] += w * tally[MEMORY + j]
-                K[S + i] += w * tally[MEMORY + S + j]
-                K[2 * S + i] += w * tally[MEMORY + 2 * S + j]
+        accumulate(S, c, AHEAD, tally[MEMORY:], K)
         for i in range(6):
             low[i] = tally[LOW + i]
         iterations = solve(s, c, low, K, L, tally, c[0] == 1.0)
@@ -553,8 +544,7 @@ def stepper_in_field(
 ) -> FixedStepper:
     """Collocation in so many Gauss nodes. Options as those of `method`."""
     check_choice(solver, "solver", SOLVERS)
-    if not isinstance(compensated, (bool, np.bool_)):
-        raise ValueError(f"compensated must be True or False; got {compensated!r}")
+    check_flag(compensated, "compensated")
     slope = np.linalg.norm(top.jacobian(y0)[:3, 3:], 2)
     span = abs(h) * (math.hypot(*y0[:3]) + math.sqrt(slope * math.hypot(*y0[3:])))
     if not span <= LONGEST:
@@ -584,8 +574,7 @@ def method(stages: int) -> Method:
         compensated : carry what the sums of a step round off into the next one.
         """
         check_choice(solver, "solver", SOLVERS)
-        if not isinstance(compensated, (bool, np.bool_)):
-            raise ValueError(f"compensated must be True or False; got {compensated!r}")
+        check_flag(compensated, "compensated")
         span = abs(h) * top.scales(y0)[0]
         if not span <= LONGEST:
             raise StepError(name, f"|h| is over {LONGEST:g} times the time scale of the top", h=h)

@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from integrators.checks import check_flag
 from integrators.compiling.compiled import inlined, jit, jit_as
 from integrators.compiling.double_double import two_sum
 from integrators.compiling.expression import take
@@ -318,16 +319,12 @@ def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
 
     def prepare(top: LagrangeTop, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
         """`compensated`: carry the rounding error of the state along, at most a few per cent dearer."""
-        if not isinstance(compensated, (bool, np.bool_)):
-            raise ValueError(f"compensated must be True or False; got {compensated!r}")
-        step = kernels[bool(compensated)]
+        step = kernels[check_flag(compensated, "compensated")]
         return FixedStepper(name, h, np.array((top.alpha, h)), step, rhs_per_step=tableau.stages, lane=True)
 
     def prepare_in_field(top: PerturbedTop, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
         """As `prepare`."""
-        if not isinstance(compensated, (bool, np.bool_)):
-            raise ValueError(f"compensated must be True or False; got {compensated!r}")
-        finish = compensated_in_field if compensated else plain_in_field
+        finish = compensated_in_field if check_flag(compensated, "compensated") else plain_in_field
         step = kernel_in_field(tableau, top.field, "J3" in top.conserved, finish)
         return FixedStepper(name, h, np.array((h, *top.numbers)), step, rhs_per_step=tableau.stages, lane=True)
 

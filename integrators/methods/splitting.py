@@ -36,10 +36,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from integrators.checks import check_flag
 from integrators.compiling.compiled import inlined, jit, jit_as, jit_over
 from integrators.compiling.double_double import two_sum
 from integrators.compiling.expression import take
-from integrators.compiling.loops import FAILURE, MEMORY, SIZE, FixedStepper, finite
+from integrators.compiling.loops import FAILURE, MEMORY, ConjugateStepper, finite
 from integrators.compiling.unroll import unrolled
 from integrators.interface import AnyField, Array, Method, StepError
 from integrators.problem.perturbed import Field, PerturbedTop
@@ -187,6 +188,33 @@ def add(x, lost, change, compensated):
 
 
 @inlined
+def rotate(part, J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated, at_once):
+    """x turned about v = part·J, |v| half the angle, and what its sums lose; False if that is too far to be done.
+
+    `at_once`: also where it takes parts.
+    """
+    v1, v2, v3 = part * J1, part * J2, part * J3
+    z = (v1 * v1 + v2 * v2) + v3 * v3
+    parts = 1
+    if z > PART:
+        if at_once or not z <= MOST:
+            return False, x1, x2, x3, l1, l2, l3
+        while z > PART:
+            v1, v2, v3, z, parts = 0.5 * v1, 0.5 * v2, 0.5 * v3, 0.25 * z, 2 * parts
+    a, b = small_coefficients(z)
+    d1, d2, d3 = turn(x1, x2, x3, v1, v2, v3, a, b, z)
+    x1, l1 = add(x1, l1, d1, compensated)
+    x2, l2 = add(x2, l2, d2, compensated)
+    x3, l3 = add(x3, l3, d3, compensated)
+    for _ in range(1, parts):
+        d1, d2, d3 = turn(x1, x2, x3, v1, v2, v3, a, b, z)
+        x1, l1 = add(x1, l1, d1, compensated)
+        x2, l2 = add(x2, l2, d2, compensated)
+        x3, l3 = add(x3, l3, d3, compensated)
+    return True, x1, x2, x3, l1, l2, l3
+
+
+@inlined
 def compose(s, c, tally, gradients, compensated, at_once=False):
     """One step: rotation and kick for each group of constants; `gradients` 0, 1 or 2 terms in each kick.
 
@@ -197,25 +225,10 @@ def compose(s, c, tally, gradients, compensated, at_once=False):
     if compensated:
         k1, k2, l1, l2, l3 = tally[MEMORY], tally[MEMORY + 1], tally[MEMORY + 2], tally[MEMORY + 3], tally[MEMORY + 4]
     for i in range(0, len(c), STRIDE):
-        v1, v2, v3 = c[i + A] * J1, c[i + A] * J2, c[i + A] * J3
-        z = (v1 * v1 + v2 * v2) + v3 * v3
-        parts = 1
-        if z > PART:
-            if at_once or not z <= MOST:
-                tally[FAILURE] = TOO_FAR
-                return s
-            while z > PART:
-                v1, v2, v3, z, parts = 0.5 * v1, 0.5 * v2, 0.5 * v3, 0.25 * z, 2 * parts
-        a, b = small_coefficients(z)
-        d1, d2, d3 = turn(x1, x2, x3, v1, v2, v3, a, b, z)
-        x1, l1 = add(x1, l1, d1, compensated)
-        x2, l2 = add(x2, l2, d2, compensated)
-        x3, l3 = add(x3, l3, d3, compensated)
-        for _ in range(1, parts):
-            d1, d2, d3 = turn(x1, x2, x3, v1, v2, v3, a, b, z)
-            x1, l1 = add(x1, l1, d1, compensated)
-            x2, l2 = add(x2, l2, d2, compensated)
-            x3, l3 = add(x3, l3, d3, compensated)
+        done, x1, x2, x3, l1, l2, l3 = rotate(c[i + A], J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated, at_once)
+        if not done:
+            tally[FAILURE] = TOO_FAR
+            return s
         kick = c[i + B]
         if gradients > 0:
             kick += c[i + C] * x3
@@ -282,25 +295,10 @@ def kernel_in_field(field: Field, level: bool, gradients: int, compensated: bool
             )
             k3 = tally[MEMORY + 5]
         for i in range(0, len(c), stride):
-            v1, v2, v3 = c[i + A] * J1, c[i + A] * J2, c[i + A] * J3
-            z = (v1 * v1 + v2 * v2) + v3 * v3
-            parts = 1
-            if z > PART:
-                if at_once or not z <= MOST:
-                    tally[FAILURE] = TOO_FAR
-                    return s
-                while z > PART:
-                    v1, v2, v3, z, parts = 0.5 * v1, 0.5 * v2, 0.5 * v3, 0.25 * z, 2 * parts
-            a, b = small_coefficients(z)
-            d1, d2, d3 = turn(x1, x2, x3, v1, v2, v3, a, b, z)
-            x1, l1 = add(x1, l1, d1, compensated)
-            x2, l2 = add(x2, l2, d2, compensated)
-            x3, l3 = add(x3, l3, d3, compensated)
-            for _ in range(1, parts):
-                d1, d2, d3 = turn(x1, x2, x3, v1, v2, v3, a, b, z)
-                x1, l1 = add(x1, l1, d1, compensated)
-                x2, l2 = add(x2, l2, d2, compensated)
-                x3, l3 = add(x3, l3, d3, compensated)
+            done, x1, x2, x3, l1, l2, l3 = rotate(c[i + A], J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated, at_once)
+            if not done:
+                tally[FAILURE] = TOO_FAR
+                return s
             push = pushes((x1, x2, x3), numbers(c, i + STRIDE))
             p1, p2, p3 = c[i + B] * push[0][0], c[i + B] * push[0][1], c[i + B] * push[0][2]
             if gradients > 0:
@@ -336,7 +334,6 @@ def map_in_field(step: Any) -> Any:
                 (row[0], row[1], row[2], row[3], row[4], row[5]), flow, tally
             )
 
-    run(np.empty((0, 6)), np.zeros(STRIDE), np.zeros(SIZE))  # compile
     return run
 
 
@@ -413,102 +410,58 @@ def square(number: float) -> float:
     return number**2 if abs(number) < LARGE else math.inf
 
 
-class SplittingStepper(FixedStepper):
-    """Runs over the conjugate of a scheme; states enter and leave through its first flow and its processor."""
+def prepare(name: str, top: LagrangeTop, y0: Array, h: float, *, compensated: bool = False) -> ConjugateStepper:
+    """Over the conjugate of a scheme; states enter and leave through its first flow and its processor.
 
-    def __init__(self, name: str, top: LagrangeTop, h: float, scheme: Scheme, compensated: bool):
-        steps, first = groups(scheme)
-        force = top.single() * h  # the size of a kick; its gradients come with factors alpha h²
-        scales = np.array((0.5 * h, force, 2.0 * force * (force * h), -2.0 * force * square(force * h)))
-        constants, self._first = scaled(steps, scales, NOTHING), scaled(first, scales, NOTHING)
-        self._processor = 0.5 * scheme.processor * force * h
-        if not (finite(constants) and math.isfinite(self._processor)):
-            raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
-        gradients = bool(scheme.c) + bool(scheme.d)
-        super().__init__(
-            name,
-            h,
-            constants,
-            KERNELS[compensated][gradients],
-            enter=self._enter,
-            leave=self._leave,
-            rhs_per_step=len(steps),
-            failures=FAILURES,
-            lane=(LANES[compensated][gradients], STRIDE),
-        )
-        map_rows(np.empty((0, 6)), 0.0, self._first, 0.0, NOTHING)  # compile
-
-    def _enter(self, y: Array) -> Array:
-        return self._map(np.array(y)[None], self._processor, self._first, 0.0)[0]
-
-    def _leave(self, rows: Array) -> Array:
-        return self._map(rows, 0.0, -self._first, -self._processor)
-
-    def _map(self, rows: Array, before: float, flow: Array, after: float) -> Array:
-        tally = np.zeros(SIZE)
-        map_rows(rows, before, flow, after, tally)
-        if tally[FAILURE] or not finite(rows):
-            left = "the state left the range of floating-point numbers"
-            raise StepError(self.name, FAILURES.get(int(tally[FAILURE]), left), h=self.h)
-        return rows
-
-
-class FieldSplittingStepper(FixedStepper):
-    """The same for a top in any field; no processor."""
-
-    def __init__(self, name: str, top: PerturbedTop, h: float, scheme: Scheme, compensated: bool):
-        steps, first = groups(scheme)
-        numbers, level = np.array(top.numbers), "J3" in top.conserved
-        scales = np.array((0.5 * h, h, -h * (h * h), h * square(h * h)))
-        constants, self._first = scaled(steps, scales, numbers), scaled(first, scales, numbers)
-        if not (finite(constants) and finite(self._first)):
-            raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
-        self._last = scaled(first, -scales, numbers)
-        field = top.field
-        step, lanes, self._run_rows = kernels_in_field(field, level, bool(scheme.c) + bool(scheme.d), compensated)
-        super().__init__(
-            name,
-            h,
-            constants,
-            step,
-            enter=self._enter,
-            leave=self._leave,
-            rhs_per_step=len(steps),
-            failures=FAILURES,
-            lane=(lanes, STRIDE + field.parameters),
-        )
-
-    def _enter(self, y: Array) -> Array:
-        return self._map(np.array(y)[None], self._first)[0]
-
-    def _leave(self, rows: Array) -> Array:
-        return self._map(rows, self._last)
-
-    def _map(self, rows: Array, flow: Array) -> Array:
-        tally = np.zeros(SIZE)
-        self._run_rows(rows, flow, tally)
-        if tally[FAILURE] or not finite(rows):
-            left = "the state left the range of floating-point numbers"
-            raise StepError(self.name, FAILURES.get(int(tally[FAILURE]), left), h=self.h)
-        return rows
-
-
-def prepare(name: str, top: LagrangeTop, y0: Array, h: float, *, compensated: bool = False) -> SplittingStepper:
-    """`compensated`: what rounding takes from a sum is kept for the next one, from step to step within a call."""
-    return SplittingStepper(name, top, h, SCHEMES[name], check_compensated(compensated))
+    `compensated`: what rounding takes from a sum is kept for the next one, from step to step within a call.
+    """
+    scheme, carried = SCHEMES[name], check_flag(compensated, "compensated")
+    steps, first = groups(scheme)
+    force = top.single() * h  # the size of a kick; its gradients come with factors alpha h²
+    scales = np.array((0.5 * h, force, 2.0 * force * (force * h), -2.0 * force * square(force * h)))
+    constants, begin = scaled(steps, scales, NOTHING), scaled(first, scales, NOTHING)
+    processor = 0.5 * scheme.processor * force * h
+    if not (finite(constants) and math.isfinite(processor)):
+        raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
+    gradients = bool(scheme.c) + bool(scheme.d)
+    return ConjugateStepper(
+        name,
+        h,
+        constants,
+        KERNELS[carried][gradients],
+        map_rows=map_rows,
+        way_in=(processor, begin, 0.0),
+        way_out=(0.0, -begin, -processor),
+        rhs_per_step=len(steps),
+        failures=FAILURES,
+        lane=(LANES[carried][gradients], STRIDE),
+    )
 
 
 def prepare_in_field(
     name: str, top: PerturbedTop, y0: Array, h: float, *, compensated: bool = False
-) -> FieldSplittingStepper:
-    """As `prepare`, kicks and their gradients being those of the whole potential."""
-    return FieldSplittingStepper(name, top, h, SCHEMES[name], check_compensated(compensated))
-
-
-def check_compensated(compensated: Any) -> bool:
-    if not isinstance(compensated, (bool, np.bool_)):
-        raise ValueError(f"compensated must be True or False; got {compensated!r}")
-    return bool(compensated)
+) -> ConjugateStepper:
+    """As `prepare`, kicks and their gradients being those of the whole potential; there is no processor."""
+    scheme, carried = SCHEMES[name], check_flag(compensated, "compensated")
+    steps, first = groups(scheme)
+    numbers, level = np.array(top.numbers), "J3" in top.conserved
+    scales = np.array((0.5 * h, h, -h * (h * h), h * square(h * h)))
+    constants, begin = scaled(steps, scales, numbers), scaled(first, scales, numbers)
+    if not (finite(constants) and finite(begin)):
+        raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
+    step, lanes, rows = kernels_in_field(top.field, level, bool(scheme.c) + bool(scheme.d), carried)
+    return ConjugateStepper(
+        name,
+        h,
+        constants,
+        step,
+        map_rows=rows,
+        way_in=(begin,),
+        way_out=(scaled(first, -scales, numbers),),
+        rhs_per_step=len(steps),
+        failures=FAILURES,
+        lane=(lanes, STRIDE + top.field.parameters),
+    )
 
 
 # ------------------------------------------------------------------------------------ records

@@ -34,7 +34,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from integrators.checks import check_count, check_real
+from integrators.checks import check_count, check_flag, check_real
 from integrators.compiling.compiled import jit
 from integrators.compiling.loops import FixedStepper
 from integrators.compiling.numba_internals import stack
@@ -142,9 +142,7 @@ def check_tolerance(tol: Any) -> float:
 
 def _runner(name: str, top: Problem, tol: float, high_accuracy: bool, compact_mode: bool = False) -> Run:
     tol = check_tolerance(tol)
-    if not isinstance(high_accuracy, (bool, np.bool_)):
-        raise ValueError(f"high_accuracy must be True or False; got {high_accuracy!r}")
-    key = tol, bool(high_accuracy), compact_mode, form_of(top)
+    key = tol, check_flag(high_accuracy, "high_accuracy"), compact_mode, form_of(top)
     numbers = (top.alpha,) if isinstance(top, LagrangeTop) else top.numbers
     integrator_here(*key)
 

@@ -594,6 +594,8 @@ def test_a_run_that_lost_its_top_ends():
     y = (5.6e-18, -6.9e-18, 1.1e-17, -4.6e-70, -2.1e-70, 2.8e-70)
     with pytest.raises(StepError, match="rtol and atol do not hold this state"):
         integrate(LagrangeTop(-1.7e35), y, -2.9e17, 40, "dop853", every=10, atol=1e-12)
+
+
 HUGE = 1.7976931348623157e308
 FOUND = {
     "the time n h overflows": (1.0, (0.0, 0.0, 3e-309, 1.0, -0.8, 6.0), 9e307, 2, "kahan"),
