@@ -280,49 +280,40 @@ def _batches(form: Form | None, numbers: Array, Y0: Array, times: Array, tol: fl
     return out
 
 
-def advance_many(
-    alphas: Array,
-    Y0: Array,
-    h: float,
-    steps: int,
-    every: int,
-    out: Array,
-    stopped: Callable[[], bool],
-    *,
-    tol: float = EPS,
-    high_accuracy: bool = False,
-) -> NDArray[np.bool_]:
+def advance_many(alphas: Array, *run: Any, **options: Any) -> NDArray[np.bool_]:
     """Natural steps of many tops, in heyoka's batch mode; what it refuses, and compensated sums, are taken one by one."""
-    done = np.zeros(len(Y0), dtype=bool)
-    if not high_accuracy and math.isfinite(h * steps) and not stopped():
-        with contextlib.suppress(StepError):
-            out[:] = propagate_batch(alphas, Y0, h * every * np.arange(1.0, steps // every + 1), tol)
-            done[:] = True
-    return done
+    return _advance([(None, np.arange(len(alphas)), alphas[:, None])], *run, **options)
 
 
-def advance_many_in_field(
-    problems: Sequence[PerturbedTop],
-    Y0: Array,
-    h: float,
-    steps: int,
-    every: int,
-    out: Array,
-    stopped: Callable[[], bool],
-    *,
-    tol: float = EPS,
-    high_accuracy: bool = False,
-) -> NDArray[np.bool_]:
+def advance_many_in_field(problems: Sequence[PerturbedTop], *run: Any, **options: Any) -> NDArray[np.bool_]:
     """As `advance_many`; tops that keep J3 and tops that do not are in batches of their own."""
-    done, tol = np.zeros(len(Y0), dtype=bool), check_tolerance(tol)
-    if high_accuracy or not math.isfinite(h * steps):
-        return done
     kinds: dict[Form | None, list[int]] = {}
     for i, problem in enumerate(problems):
         kinds.setdefault(form_of(problem), []).append(i)
+    groups = [
+        (form, np.array(places), np.array([problems[i].numbers for i in places])) for form, places in kinds.items()
+    ]
+    return _advance(groups, *run, **options)
+
+
+def _advance(
+    groups: Sequence[tuple[Form | None, NDArray[np.intp], Array]],
+    Y0: Array,
+    h: float,
+    steps: int,
+    every: int,
+    out: Array,
+    stopped: Callable[[], bool],
+    *,
+    tol: float = EPS,
+    high_accuracy: bool = False,
+) -> NDArray[np.bool_]:
+    """For groups (form, places in Y0, numbers): rows of `out`, and which tops were done."""
+    done, tol = np.zeros(len(Y0), dtype=bool), check_tolerance(tol)
+    if high_accuracy or not math.isfinite(h * steps):
+        return done
     times = h * every * np.arange(1.0, steps // every + 1)
-    for form, places in kinds.items():
-        numbers = np.array([problems[i].numbers for i in places])
+    for form, places, numbers in groups:
         with contextlib.suppress(StepError):
             if not stopped():
                 out[:, places] = _batches(form, numbers, Y0[places], times, tol, recommended_width())
