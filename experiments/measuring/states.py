@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from experiments.measuring import truths
 from integrators.interface import Method, Stepper
-from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.potentials import PERTURBED_TOPS
 from integrators.problem.top import TOPS, Array, LagrangeTop
-from integrators.truth import exact, reference
 
 RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
 CLOSE = tuple(f"close{i:03d}" for i in range(32))  # to the separatrix; likewise
@@ -108,30 +107,9 @@ def follow(stepper: Stepper, y0: Array, counts: Iterable[int]) -> Iterator[tuple
 
 def truth(top: Any, y0: Array, method: Method, h: float, counts: ArrayLike) -> Array:
     """The exact states (N, 6) after n steps of h. What steps by h is at n·h itself, which no double need be."""
-    if isinstance(top, PerturbedTop):
-        return truth_in_field(top, y0, h, counts)
     if method.control == "tolerance":
-        return exact.solution(top, y0, h * np.asarray(counts, dtype=float))
-    return exact.after_steps(top, y0, h, counts)
-
-
-BITS = 44  # of the times for which reference solutions are computed and kept
-
-
-def truth_in_field(top: PerturbedTop, y0: Array, h: float, counts: ArrayLike) -> Array:
-    """States (N, 6) after n steps of h by the reference in quadruple precision.
-
-    Runs of one length with different steps end an ulp apart. They share one reference, at times of BITS bits, and the
-    rest of the time, some 1e-13 of it, is one term of the Taylor series.
-    """
-    n = np.asarray(counts, dtype=np.int64)
-    times = h * n.astype(float)
-    mantissas, exponents = np.frexp(times)
-    shared = np.ldexp(np.rint(np.ldexp(mantissas, BITS)), exponents - BITS)
-    rest = (times - shared) + np.asarray(exact.rounded_off(h, n.astype(float)))
-    found = reference.solution(top, y0, shared)
-    states: Array = found.states + (found.tail + rest[:, None] * top.rhs(found.states))
-    return states
+        return truths.solution(top, y0, h * np.asarray(counts, dtype=float), longest=math.inf)
+    return truths.after_steps(top, y0, h, counts, longest=math.inf)
 
 
 KNOBS = ("h", "tol", "rtol")

@@ -5,6 +5,7 @@ A top in a uniform field is a Lagrange top about another vertical, and has an ex
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -17,21 +18,26 @@ from integrators.truth import exact
 
 LONGEST = 2000.0  # time scales: a reference of this length takes some ten seconds
 LOST = 1e-12  # error of a reference state: where it is larger no method that computes in doubles follows the motion
+BITS = 44  # of the times for which reference solutions are computed and kept
 
 
-def solution(problem: Any, y0: Array, times: ArrayLike) -> Array:
+def solution(problem: Any, y0: Array, times: ArrayLike, longest: float = LONGEST) -> Array:
     """The states (N, 6) at `times` of the motion that is at y0 at t = 0; NaN where a chaotic motion is lost.
+
+    longest : of a run in a potential, in time scales.
 
     Raises
     ------
     ValueError : there is nothing to compare with; the message says why.
     """
-    return _found("solution", problem, y0, np.asarray(times, dtype=float))
+    times = np.asarray(times, dtype=float)
+    return _found("solution", problem, y0, (times,), times, np.zeros_like(times), longest)
 
 
-def after_steps(problem: Any, y0: Array, h: float, counts: ArrayLike) -> Array:
+def after_steps(problem: Any, y0: Array, h: float, counts: ArrayLike, longest: float = LONGEST) -> Array:
     """As `solution`, after n steps of h: at the times n·h themselves, which no doubles need be."""
-    return _found("after_steps", problem, y0, h, counts)
+    n = np.asarray(counts, dtype=float)
+    return _found("after_steps", problem, y0, (h, counts), h * n, exact.rounded_off(h, n), longest)
 
 
 def name(problem: Any) -> str:
@@ -40,20 +46,32 @@ def name(problem: Any) -> str:
     return "reference solution" if perturbed else "exact solution"
 
 
-def _found(which: str, problem: Any, y0: Array, *when: Any) -> Array:
+def _found(
+    which: str, problem: Any, y0: Array, when: tuple[Any, ...], times: Array, rest: Array, longest: float
+) -> Array:
+    """By the function `which` of `exact` of `when`; or by the reference at `times` + `rest`."""
     if not isinstance(problem, PerturbedTop):
         states: Array = getattr(exact, which)(problem, y0, *when)
         return states
     if (uniform := problem.uniform()) is not None:
         top, R = uniform
         return turn(R.T, getattr(exact, which)(top, turn(R, y0), *when))
+    if np.max(np.abs(times), initial=0.0) > longest * problem.scales(y0)[2]:
+        raise ValueError(f"the run is longer than {longest:g} time scales 1/(|J| + √(|alpha||x|))")
+    return _reference(problem, y0, times, rest)
+
+
+def _reference(problem: PerturbedTop, y0: Array, times: Array, rest: Array) -> Array:
+    """Runs of one length with different steps end an ulp apart. They share one reference, at times of BITS bits, and the
+    rest of the time, some 1e-13 of it, is one term of the Taylor series.
+    """
     from integrators.truth import reference
 
-    times = np.abs(when[0] if len(when) == 1 else when[0] * np.asarray(when[1], dtype=float))
-    if np.max(times, initial=0.0) > LONGEST * problem.scales(y0)[2]:
-        raise ValueError(f"the run is longer than {LONGEST:g} time scales 1/(|J| + √(|alpha||x|))")
+    mantissas, exponents = np.frexp(times)
+    shared = np.ldexp(np.rint(np.ldexp(mantissas, BITS)), exponents - BITS)
     try:
-        found = getattr(reference, which)(problem, y0, *when)
+        found = reference.solution(problem, y0, shared)
     except StepError as error:
         raise ValueError(error.reason) from None
-    return np.where(found.error[:, None] <= LOST, found.states, np.nan)
+    states = found.states + (found.tail + ((times - shared) + rest)[:, None] * problem.rhs(found.states))
+    return np.where(found.error[:, None] <= LOST, states, math.nan)
