@@ -166,32 +166,19 @@ def draw(rows: pd.DataFrame) -> dict:
     return figures
 
 
-def _panels(style, states: list[str], height: float = 2.1):
-    columns = min(len(states), 3)
-    shape = {"nrows": -(-len(states) // columns), "ncols": columns, "sharex": True, "sharey": True, "squeeze": False}
-    fig, grid = style.figure("page", 0.5 + height * shape["nrows"], **shape)
-    for ax in grid.flat[len(states) :]:
-        ax.remove()
-    for ax, state in zip(grid.flat, states, strict=False):
-        ax.set_title(PERTURBED_TOPS[state].label)
-    return fig, grid
-
-
 def _draw_work(good: pd.DataFrame, style, span: float):
     from experiments.drawing.tables import show
 
     states = list(dict.fromkeys(good.state))
-    fig, grid = _panels(style, states)
-    for ax, state in zip(grid.flat, states, strict=False):
+    titles, xlabel = [PERTURBED_TOPS[state].label for state in states], "wall time of the run with set-up, s"
+    columns, shared = min(len(states), 3), {"sharex": True, "sharey": True}
+    fig, axes = style.panels(titles, columns, (0.5, 2.1), xlabel, "error at the end", **shared)
+    for ax, state in zip(axes, states, strict=True):
         here = good[good.state == state]
         best = work_precision.best(here, 1e-8, "total").method
         named = {OURS, *best[best != OURS][:2]}
         work_precision.draw_runs(ax, here.assign(seconds=here.total), named, style, ours=OURS)
-    for ax in grid[-1]:
-        ax.set_xlabel("wall time of the run with set-up, s")
-    for ax in grid[:, 0]:
-        ax.set_ylabel("error at the end")
-    style.label_ends(grid.flat[: len(states)])
+    style.label_ends(axes)
     fig.caption = (
         f"Error at t = {show(span)} against wall time, set-up included, for tops in a potential; down and left is better. "
         "Thin: all compiled methods in the colours of their families; bold: the splitting with the exact step, and the two "
@@ -203,6 +190,8 @@ def _draw_work(good: pd.DataFrame, style, span: float):
 def _draw_winner(table: pd.DataFrame, style):
     """A map over (ε, error): how many times as long the best of the others takes."""
     from matplotlib import colors
+
+    from experiments.drawing.tables import show
 
     spans = sorted(set(table.span))
     fig, grid = style.figure("page", 2.6, ncols=len(spans), squeeze=False)
@@ -218,10 +207,10 @@ def _draw_winner(table: pd.DataFrame, style):
             word = f"{ratio:.2g}" if np.isfinite(ratio) else "–"
             dark = np.isfinite(ratio) and not 0.3 < ratio < 3.3
             ax.text(j + 0.5, i + 0.5, word, ha="center", va="center", fontsize=7, color="white" if dark else "black")
-        ax.set_xticks(np.arange(len(states)) + 0.5, [f"{EPSILON[state]:g}" for state in states])
-        ax.set_yticks(np.arange(len(targets)) + 0.5, [f"{target:g}" for target in targets])
+        ax.set_xticks(np.arange(len(states)) + 0.5, [show(EPSILON[state]) for state in states])
+        ax.set_yticks(np.arange(len(targets)) + 0.5, [show(target) for target in targets])
         ax.set_xlabel("size of the tide, ε")
-        ax.set_title(f"t = {span:g}")
+        ax.set_title(f"t = {show(span)}")
         ax.grid(visible=False)
     grid[0, 0].set_ylabel("error at most")
     fig.caption = (

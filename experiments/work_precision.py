@@ -317,23 +317,15 @@ def _draw_frontier(good: pd.DataFrame, style):
     from experiments.drawing.tables import show
 
     spans = sorted(set(good.span))
-    columns = min(len(spans), 2)
-    size = {"nrows": -(-len(spans) // columns), "ncols": columns, "sharey": True, "squeeze": False}
-    fig, grid = style.figure("page", 0.4 + 2.7 * size["nrows"], **size)
-    for ax, span in zip(grid.flat, spans, strict=False):
+    titles = [f"t = {show(span)}" for span in spans]
+    fig, axes = style.panels(titles, min(len(spans), 2), (0.4, 2.7), WALL, "error at the end", sharey=True)
+    for ax, span in zip(axes, spans, strict=True):
         here = good[good.span == span]
         draw_runs(ax, here, champions(here), style)
         front = here.iloc[metrics.pareto_front(here.seconds, here.error)]
         ax.loglog(front.seconds, front.error, color="#dedede", linewidth=9, zorder=1, label="_frontier")
         _shade_calls(ax, float(good.seconds.min()), style)
-        ax.set_title(f"t = {show(span)}")
-    for ax in grid.flat[len(spans) :]:
-        ax.remove()
-    for ax in grid[-1]:
-        ax.set_xlabel(WALL)
-    for ax in grid[:, 0]:
-        ax.set_ylabel("error at the end")
-    style.label_ends(grid.flat[: len(spans)])
+    style.label_ends(axes)
     fig.caption = (
         f"Error at the end of the run against its wall time on “{TOPS[good.state.iloc[0]].label}”; down and to the left is "
         "better. Of each method the runs that no other of its own beats; thin in the colour of its family, and of each "

@@ -379,22 +379,31 @@ def by_family(
     narrow = width() == "column"
     columns = 1 if narrow else min(len(groups), 2)
     small = {"markersize": 2.2 if narrow else 3.0, "markeredgewidth": 0.4}
-    rows = -(-len(groups) // columns)
-    size: dict[str, Any] = {"nrows": rows, "ncols": columns, "sharex": True, "sharey": True, "squeeze": False}
-    fig, grid = figure("page", 0.45 + 1.75 * rows, **size)
-    for ax, group in zip(grid.flat, groups, strict=False):
+    titles = [TITLES.get(group, group) for group in groups]
+    fig, axes = panels(titles, columns, (0.45, 1.75), xlabel, ylabel, sharex=True, sharey=True)
+    for ax, group in zip(axes, groups, strict=True):
         if group != family(REFERENCE) and REFERENCE in names:
             grey = {"color": "#a5a5a5", "linewidth": 2.2, "marker": "o", "label": "_reference", "zorder": 1}
             line(ax, REFERENCE, {**grey, **small})
         for name in names:
             if family(name) == group:
                 line(ax, name, {**of(name), **small})
-        ax.set_title(TITLES.get(group, group))
         ax.set_ylim(ylim)
     low, high = (math.ceil(math.log10(limit)) for limit in ylim)
     powers = [10.0**k for k in range(low, high + 1) if k % (5 if narrow else 3) == 0]
-    grid[0, 0].yaxis.set_major_locator(FixedLocator(powers))
-    for ax in grid.flat[len(groups) :]:
+    axes[0].yaxis.set_major_locator(FixedLocator(powers))
+    return fig, axes
+
+
+def panels(
+    titles: Sequence[str], columns: int, heights: tuple[float, float], xlabel: str, ylabel: str, **shared: Any
+) -> tuple[Figure, list[Axes]]:
+    """A panel for each title, so many to a row; `heights` of the figure without them, and of a row, in inches."""
+    rows = -(-len(titles) // columns)
+    fig, grid = figure("page", heights[0] + heights[1] * rows, nrows=rows, ncols=columns, squeeze=False, **shared)
+    for ax, title in zip(grid.flat, titles, strict=False):
+        ax.set_title(title)
+    for ax in grid.flat[len(titles) :]:
         ax.remove()
     for column in grid.T:
         last = [ax for ax in column if ax.figure is not None][-1]
@@ -405,7 +414,7 @@ def by_family(
     else:
         for ax in grid[:, 0]:
             ax.set_ylabel(ylabel)
-    return fig, list(grid.flat[: len(groups)])
+    return fig, list(grid.flat[: len(titles)])
 
 
 def label_end(ax: Axes, fontsize: float = 7) -> None:
