@@ -1,14 +1,15 @@
 """How this project compiles: one decorator, and a cache of machine code that cannot go stale.
 
 Fused multiply-add contraction and fastmath are off: the same bits on every IEEE machine. Numba's own cache only
-notices a change in the file of the function itself, not in the functions it calls; so ours lives in a folder named by
-a digest of all compiled sources, in the user's cache directory (LAGRANGE_BENCH_CACHE moves it, empty switches it off).
+notices a change in the file of the function itself, not in the functions it calls. So ours lives in a folder named by a digest
+of every source the function can call, in the user's cache directory (LAGRANGE_BENCH_CACHE moves it, empty switches it off).
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -23,13 +24,39 @@ njit: Any = numba.njit  # its types know fewer options than it has
 OPTIONS = {"error_model": "numpy", "nogil": True, "fastmath": False, "no_cfunc_wrapper": True}
 
 
+PACKAGE = Path(__file__).parents[1]
+BELOW = ("compiling", "problem")  # rooms whose kernels reach others as arguments: part of every digest
+IMPORT = re.compile(r"^\s*from (integrators\b[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
+
+
 @cache
-def _folder() -> str | None:
+def _imported(source: Path) -> frozenset[Path]:
+    """The files of this package that one of them imports, at the top or within a function."""
+    found = set()
+    for module, names in IMPORT.findall(source.read_text(encoding="utf-8")):
+        place = PACKAGE.joinpath(*module.split(".")[1:])
+        found |= {file for word in re.findall(r"\w+", names) if (file := (place / word).with_suffix(".py")).is_file()}
+        found |= {file for file in (place.with_suffix(".py"), place / "__init__.py") if file.is_file()}
+    return frozenset(found)
+
+
+@cache
+def _folder(module: str) -> str | None:
+    """Where the machine code of a module's functions is kept: named by all sources that they can call."""
     home = cache_folder()
     if home is None:
         return None
+    own = PACKAGE.joinpath(*module.split(".")[1:]).with_suffix(".py")
+    if module.startswith("integrators.") and own.is_file():
+        waiting = {own, *(file for room in BELOW for file in (PACKAGE / room).glob("*.py"))}
+    else:  # somebody else's function calls what it likes
+        waiting = set(PACKAGE.rglob("*.py"))
+    sources: set[Path] = set()
+    while waiting:
+        sources |= waiting
+        waiting = set().union(*map(_imported, waiting)) - sources
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in sorted(Path(__file__).parents[1].rglob("*.py")):  # the whole package: kernels call across its rooms
+    for source in sorted(sources):
         digest.update(source.read_bytes())
     folder = os.path.join(home, digest.hexdigest()[:16])
     try:
@@ -49,7 +76,7 @@ def jit(function: Callable[..., Any], **more: Any) -> Any:
 
     With NUMBA_DISABLE_JIT=1 in the environment it stays a Python function, and computes the same bits.
     """
-    folder = None if config.DISABLE_JIT else _folder()
+    folder = None if config.DISABLE_JIT else _folder(function.__module__)
     if folder is None:
         return compiled(function, **more)
     dispatcher = keep_code(njit(**OPTIONS, **more, cache=True), function, folder)
@@ -69,7 +96,9 @@ def jit_as(name: str, **more: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def decorate(function: Callable[..., Any]) -> Any:
         dispatcher = jit(function, **more)
-        return dispatcher if config.DISABLE_JIT else set_name(dispatcher, f"{_folder()} {function.__module__}.{name}")
+        return dispatcher if config.DISABLE_JIT else set_name(
+            dispatcher, f"{_folder(function.__module__)} {function.__module__}.{name}"
+        )
 
     return decorate
 
