@@ -96,8 +96,10 @@ def jit_as(name: str, **more: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def decorate(function: Callable[..., Any]) -> Any:
         dispatcher = jit(function, **more)
-        return dispatcher if config.DISABLE_JIT else set_name(
-            dispatcher, f"{_folder(function.__module__)} {function.__module__}.{name}"
+        return (
+            dispatcher
+            if config.DISABLE_JIT
+            else set_name(dispatcher, f"{_folder(function.__module__)} {function.__module__}.{name}")
         )
 
     return decorate
