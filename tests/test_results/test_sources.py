@@ -148,21 +148,29 @@ def tree(tmp_path):
     return tmp_path
 
 
+def forget():
+    for cached in (sources._of, sources._module, sources._places, sources._read):
+        cached.cache_clear()
+
+
+def digests():
+    forget()
+    return {(e, m): sources.of_cell(e, {"method": m}) for e in ("drift", "phase", "work_precision") for m in METHODS}
+
+
+@pytest.fixture(scope="module")
+def untouched():
+    found = digests()
+    assert None not in found.values()
+    return found
+
+
 @pytest.fixture
-def marked(tree, monkeypatch):
+def marked(untouched, tree, monkeypatch):
     """marked(file, old, new) → the cells of an experiment and a method that the edit marks; edits add up."""
     find = sources._file
     monkeypatch.setattr(sources, "_file", lambda name: None if (path := find(name)) is None else _copied(path, tree))
-
-    def digests():
-        for cached in (sources._of, sources._module, sources._places, sources._read):
-            cached.cache_clear()
-        return {
-            (e, m): sources.of_cell(e, {"method": m}) for e in ("drift", "phase", "work_precision") for m in METHODS
-        }
-
-    before = digests()
-    assert None not in before.values()
+    before = untouched
 
     def edit(file, old, new):
         nonlocal before
@@ -174,7 +182,7 @@ def marked(tree, monkeypatch):
 
     yield edit
     monkeypatch.undo()
-    digests()
+    forget()
 
 
 def _copied(path, tree):
