@@ -507,7 +507,7 @@ def test_a_figure_that_cannot_be_written_is_named(run, tmp_path):
 
 def test_a_cache_that_cannot_be_written_is_told_once(run, monkeypatch):
     compiled = sys.modules["integrators.compiling.compiled"]
-    monkeypatch.setattr(compiled, "_folder", lambda: None)
+    monkeypatch.setattr(compiled, "_folder", lambda module: None)
     monkeypatch.setenv("LAGRANGE_BENCH_CACHE", "/read/only")
     cli._note_cache.cache_clear()
     err = run("tops")[2]
