@@ -146,7 +146,12 @@ def _exit_code(error: Exception) -> int | None:
 def _note_cache() -> None:
     """Where nothing compiled can be kept, every start takes as long as the first: worth a word, once."""
     compiled, place = sys.modules.get("integrators.compiling.compiled"), os.environ.get("LAGRANGE_BENCH_CACHE")
-    if compiled is None or compiled.config.DISABLE_JIT or place == "" or compiled._folder(compiled.__name__) is not None:
+    if (
+        compiled is None
+        or compiled.config.DISABLE_JIT
+        or place == ""
+        or compiled._folder(compiled.__name__) is not None
+    ):
         return
     where = f"in {place}, where LAGRANGE_BENCH_CACHE points" if place else "in your cache folder"
     advice = "let LAGRANGE_BENCH_CACHE name a folder that can be written to"

@@ -18,6 +18,7 @@ from experiments import PROFILES
 from experiments.catalogue import load
 from experiments.drawing import tables
 
+SIGNS = {operator.le: "≤", operator.ge: "≥"}
 WORDS = {True: "pass", False: "fail", None: "no data"}
 
 
@@ -30,6 +31,7 @@ class Verdict:
     passed: bool | None
     note: str = ""
     over: str = ""  # what was found under other conditions than those of the bound, in short
+    sign: str = "≤"  # of the bound: value sign bound is what the claim requires
 
     @property
     def word(self) -> str:
@@ -75,6 +77,8 @@ class Claim:
     check: Check
     needs: Need = nothing  # the runs it is about; without them there is no data
     command: str = ""  # how to check it; default: a run of the experiment, and its report
+    brief: str = ""  # the sentence in at most fifteen words, for the README; "" where it is not among those named there
+    unit: str = ""  # of what is found and required
 
     @property
     def profile(self) -> str:
@@ -175,8 +179,8 @@ def compare(measure: Callable[[pd.DataFrame], float], holds: Callable[..., bool]
         try:
             value = measure(rows)
         except CellFailed as failure:
-            return Verdict(None, bound, False, str(failure))
-        return Verdict(value, bound, bool(holds(value, bound)))
+            return Verdict(None, bound, False, str(failure), sign=SIGNS[holds])
+        return Verdict(value, bound, bool(holds(value, bound)), sign=SIGNS[holds])
 
     return check
 

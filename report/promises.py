@@ -83,7 +83,7 @@ def kept_as_claimed(rows: pd.DataFrame) -> Verdict:
     note = f"{len(asked)} claims of {found.method.nunique()} methods; worst: {worst.invariant} of {worst.method}"
     if len(excused):
         note += f"; called biased: {', '.join(f'{r.invariant} of {r.method}' for r in excused.itertuples())}"
-    return Verdict(float(worst.exponent), 0.75, bool((walking.exponent < 0.75).all()), note)
+    return Verdict(float(worst.exponent), 0.75, bool((walking.exponent < 0.75).all()), note, sign="<")
 
 
 def all_methods(rows: pd.DataFrame) -> pd.DataFrame:
@@ -138,7 +138,8 @@ def lead(errors: dict[float, float], price: str, longest: bool) -> Callable[[pd.
                         f"error {show(target)} at t = {show(span)} on {state}, which {len(others)} others reach"
                     )
         told = min(ratios) if longest else max(ratios)
-        return Verdict(float(told), 1.0, told > 1 if longest else told < 1, ratios[told])
+        holds = told > 1 if longest else told < 1
+        return Verdict(float(told), 1.0, holds, ratios[told], sign=">" if longest else "<")
 
     return check
 
@@ -164,7 +165,7 @@ def more_accurate(rows: pd.DataFrame) -> Verdict:
     """Error of the exact step over that of heyoka, worst of the headline runs."""
     ours, theirs = values(rows, "backlund_error", "heyoka_error", part="headline").T
     worst = float((ours / theirs).max())
-    return Verdict(worst, 1.0, worst < 1.0)
+    return Verdict(worst, 1.0, worst < 1.0, sign="<")
 
 
 def ensemble_step(rows: pd.DataFrame) -> float:
@@ -203,148 +204,179 @@ def long_run_lead(rows: pd.DataFrame) -> Verdict:
 CLAIMS = [
     Claim(
         "exact-in-time",
-        "The Bäcklund step with λ(h) is the exact flow: after up to 2000 real steps of any size, from 0.03 to 11 and from ¼ to "
-        "1½ nutation periods, it is off by no more than a change of the initial state by ten ulps would make it, on every "
-        "named top, 200 random ones and 32 close to the separatrix (quick: 16 and 8; up to t = 20 where the period is "
-        "infinite; found: ulps) …",
+        "The Bäcklund step with λ(h) is the exact flow at any step size: its error is at most that of a change of the "
+        "initial state by ten ulps. Steps from 0.03 to 11 units and from ¼ to 1½ nutation periods, up to 2000 steps, on "
+        "every named top, 200 random ones and 32 close to the separatrix (quick profile: 16 and 8; up to t = 20 where the"
+        " period is infinite).",
         "phase",
         at_most(10.0, "ulps", part="promise", state=(*TOPS, *RANDOM_TOPS, *CLOSE)),
+        brief="At any step size, the Bäcklund step's error is that of round-off.",
+        unit="ulps",
     ),
     Claim(
         "exact-in-time-wide",
-        "… and of sixteen ulps on 200 tops with alpha of either sign and |J|²/(|alpha||x|) from 1e-3 to 1e3 (quick: 16).",
+        "The same holds with sixteen ulps on 200 tops with alpha of either sign and |J|²/(|alpha||x|) from 1e-3 to 1e3 "
+        "(quick profile: 16 tops).",
         "phase",
         at_most(16.0, "ulps", part="promise", state=WIDE),
+        unit="ulps",
     ),
     Claim(
         "invariants-for-ever",
-        "It keeps H, J3, C1 and C2 within 16 ulps of their scales over ten million steps of 1/8, on every top, pinned "
-        "onto them every eighth step …",
+        "The Bäcklund step keeps H, J3, C1 and C2 within 16 ulps of their scales over ten million steps of 1/8, on every "
+        "top. It is pinned: moved back onto the invariants every eighth step.",
         "drift",
         within(16 * ULP, *INVARIANTS, part="time", method="backlund"),
         steps(10**7),
+        brief="It keeps all four invariants over ten million steps.",
+        unit="of scale",
     ),
     Claim(
         "unpinned",
-        "… and without any pinning within 1e-11.",
+        "Without pinning it keeps them within 1e-11 over the same runs.",
         "drift",
         within(1e-11, *INVARIANTS, part="time", method="backlund_unpinned"),
         steps(10**7),
+        unit="of scale",
     ),
     Claim(
         "unpinned-long-steps",
-        "A million unpinned steps of 1.3 nutation periods each keep them within 1e-12 on 200 tops with alpha of either sign and "
-        "|J|²/(|alpha||x|) from 1e-3 to 1e3 (quick profile: ten thousand steps, 16 tops).",
+        "A million unpinned steps of 1.3 nutation periods each keep them within 1e-12, on 200 tops with alpha of either "
+        "sign and |J|²/(|alpha||x|) from 1e-3 to 1e3 (quick profile: ten thousand steps, 16 tops).",
         "drift",
         within(1e-12, *INVARIANTS, part="long", method="backlund_unpinned", fraction=1.3),
+        unit="of scale",
     ),
     Claim(
         "hundred-times-heyoka",
-        "Over t = 10⁶ (quick profile: 10⁵) on the generic unit top, at half a nutation period per step, it is at least 100 times "
-        "faster than heyoka at machine epsilon (set-up and call overhead included, compilation excluded) …",
+        "Over t = 10⁶ (quick profile: 10⁵) on the generic unit top, at half a nutation period per step, the Bäcklund step"
+        " is at least 100 times faster than heyoka at machine epsilon. Set-up and call overhead count, compilation does "
+        "not.",
         "cost",
         headline_ratio,
+        brief="Over t = 10⁶ it is this many times faster than heyoka's Taylor series.",
+        unit="×",
     ),
-    Claim("smaller-error", "… with a smaller error, at every step size tried.", "cost", more_accurate),
+    Claim(
+        "smaller-error",
+        "In the same runs, at every step size tried, its error is the smaller one.",
+        "cost",
+        more_accurate,
+        unit="of heyoka's",
+    ),
     Claim(
         "set-up",
-        "Finding λ(h) and the constants of a step takes at most 100 µs once compiled, call from Python included (found: µs).",
+        "Finding λ(h) and the constants of a step takes at most 100 µs once compiled, the call from Python included.",
         "cost",
         at_most(100.0, "setup_us", part="step", method="backlund"),
+        unit="µs",
     ),
     Claim(
         "orders",
-        "Every method with a fixed step has the order it claims, within 0.15 (found: the largest distance), or is steeper, its "
-        "leading term being too small to show above round-off: the page says which.",
+        "Every method with a fixed step has the order it claims, within 0.15, or is steeper because its leading term is "
+        "too small to show above round-off. The page names the steeper ones.",
         "phase",
         orders_as_claimed,
+        unit="(difference)",
     ),
     Claim(
         "claims-of-methods",
-        "What a method claims to keep, an invariant of the top or a quantity of its own, it keeps over ten million steps "
-        "(interpreted methods: 2000 to 20 000) with no more than a random walk of round-off, growth exponent below 0.75; or its "
-        "record calls it biased and says why.",
+        "What a method claims to keep, it keeps over ten million steps (interpreted methods: 2000 to 20 000) with no more"
+        " than a random walk of round-off: growth exponent below 0.75. Otherwise its record calls it biased and says why.",
         "drift",
         kept_as_claimed,
         steps(10**7),
+        unit="(exponent)",
     ),
     Claim(
         "cheapest-long",
-        "Over t = 10⁴, to any error from 1e-4 to 1e-12, and over t = 10⁶, to 1e-10 (no map that is iterated gets to 1e-12), "
-        "every method that is not exact in time takes longer than a Bäcklund map, pinned or not, set-up counted, or does not "
-        "get there (found: times as long, at least).",
+        "Over t = 10⁴, to any error from 1e-4 to 1e-12, and over t = 10⁶, to 1e-10, a Bäcklund map is the cheapest method"
+        " but for other exact solutions. Set-up counts. Every other method takes longer or never gets there. (No iterated"
+        " map reaches 1e-12 at t = 10⁶.)",
         "work_precision",
         lead({1e4: 1e-12, 1e6: 1e-10}, "total", longest=True),
         spans(1e4, 1e6),
+        unit="times as long",
     ),
     Claim(
         "loses-short",
-        "Over t = 10 it loses, set-up counted, at every error: its set-up and its call, most of both Python and not λ(h), take "
-        "longer than the whole run of another method (found: share of the Bäcklund map's time, at most).",
+        "Over t = 10 the Bäcklund map loses at every error, set-up counted: another method's whole run takes less time. "
+        "Most of the time of the Bäcklund run is Python around the call, not λ(h).",
         "work_precision",
         lead({10.0: 1e-12}, "total", longest=False),
         spans(10.0),
+        brief="Over t = 10 it loses: another method takes only this share of its time.",
+        unit="of its time",
     ),
     Claim(
         "perturbed-kept",
-        "On tops in a potential every method keeps what it claims to keep there, C1 and C2 for Poisson methods, H and J3 as "
-        "the top conserves them, as far as round-off lets it (found: share of what round-off may make of it, at most).",
+        "On tops in a potential every method keeps what it claims to keep there, as far as round-off allows: C1 and C2 "
+        "for Poisson methods, H and J3 as the top conserves them.",
         "perturbed",
         kept_in_a_field,
+        unit="of what round-off may do",
     ),
     Claim(
         "wins-perturbed",
-        "Where the field is weak the exact step inside a splitting wins: in a tide of 1e-4 of the weight or less, t = 1e4, error "
-        "1e-8, the best other method takes at least three times as long, all compiled, set-up counted (found: times as long).",
+        "Where the field is weak, the exact step inside a splitting wins. In a tide of 1e-4 of the weight or less, t = "
+        "1e4, error 1e-8, the best other method takes at least three times as long. All are compiled, set-up counts.",
         "perturbed",
         on(
             table("perturbed", "winners"),
             at_least(3.0, RATIO, state=("tide_1e-6", "weak_tide"), span=1e4, **{TARGET: 1e-8}),
         ),
         spans(1e4),
+        brief="In weak fields, as part of a splitting, it beats the best other method.",
+        unit="times as long",
     ),
     Claim(
         "loses-perturbed",
-        "Where the field is strong it loses: in a tide of a tenth of the weight, t = 1e3, errors 1e-6 to 1e-10, another method "
-        "is quicker (found: its time as a part of the splitting's, at most).",
+        "Where the field is strong, it loses. In a tide of a tenth of the weight, t = 1e3, errors 1e-6 to 1e-10, another "
+        "method takes less time.",
         "perturbed",
         on(
             table("perturbed", "winners"),
             at_most(1.0, RATIO, state="strong_tide", span=1e3, **{TARGET: (1e-6, 1e-8, 1e-10)}),
         ),
         spans(1e4),
+        brief="In strong fields it loses: another method takes only this share of its time.",
+        unit="of its time",
     ),
     Claim(
         "midpoint-is-unbiased",
-        "The implicit midpoint rule keeps H, C1 and C2 with no more than a random walk of round-off over ten million steps: "
-        "growth exponent below 0.75 …",
+        "The implicit midpoint rule keeps H, C1 and C2 with no more than a random walk of round-off over ten million "
+        "steps: growth exponent below 0.75.",
         "drift",
         on(
             table("drift", "verdicts"),
             at_most(0.75, "exponent", method="implicit_midpoint", invariant=("H", "C1", "C2")),
         ),
         steps(10**7),
+        unit="(exponent)",
     ),
     Claim(
         "midpoint-keeps-J3",
-        "… and J3 to the last bit.",
+        "It keeps J3 to the last bit.",
         "drift",
         within(0.0, "J3", part="time", method="implicit_midpoint"),
         steps(10**7),
+        unit="of scale",
     ),
     Claim(
         "rk45-drifts",
-        "Runge-Kutta with fixed steps loses energy steadily over ten million steps, exponent at least 0.75: the measurement can "
-        "tell.",
+        "Runge-Kutta with fixed steps loses energy steadily over ten million steps: exponent at least 0.75. This is the "
+        "negative control: the test does detect drift.",
         "drift",
         on(table("drift", "verdicts"), at_least(0.75, "exponent", method="rk45_fixed", invariant="H")),
         steps(10**7),
+        unit="(exponent)",
     ),
     Claim(
         "thin-adapter",
         "Over a long run the `taylor` method costs at most 5 % more than heyoka called directly.",
         "cost",
         at_most(1.05, "adapter_ratio", part="headline"),
+        unit="of heyoka's time",
     ),
     Claim(
         "magnet",
@@ -353,55 +385,63 @@ CLAIMS = [
         "gaudin",
         within(1e-12, "spins", "hamiltonians", part="time", n=8, variant=("order 2", "exact")),
         steps(10**5),
+        unit="of scale",
     ),
     Claim(
         "program-loses-digits",
-        "On the data of the paper's Figure 2 its program loses at least seven digits of |x|² …",
+        "On the data of the paper's Figure 2 its program loses at least seven digits of |x|².",
         "paper",
         on(table("paper", "invariants"), at_least(1e-9, "C1", figure=2, form="paper's program")),
+        unit="of scale",
     ),
     Claim(
         "real-form-keeps-them",
-        "… where the real form of the same map, nothing pinned, keeps all but the last three or four.",
+        "On the same data the real form of the same map, without pinning, loses only the last three or four digits.",
         "paper",
         on(table("paper", "invariants"), at_most(1e-12, *INVARIANTS, figure=2, form="real form")),
+        unit="of scale",
     ),
     Claim(
         "ensemble-step",
-        "Among a thousand tops and more, each with a torus and a λ(h) of its own, a pinned step of one takes at most 3 ns of one "
-        "core (one thread; median over 1024 to 65 536 tops) …",
+        "Among a thousand tops and more, each with a torus and a λ(h) of its own, a pinned step of one takes at most 3 ns"
+        " of one core (one thread; median over 1024 to 65 536 tops).",
         "ensemble",
         compare(ensemble_step, operator.le, 3.0),
+        unit="ns",
     ),
     Claim(
         "ensemble-heyoka",
-        "… and at t = 10⁴ heyoka in batch mode takes at least 50 times as long for a top and a unit of time, at no smaller "
+        "At t = 10⁴ heyoka in batch mode takes at least 50 times as long for a top and a unit of time, at no smaller "
         "error, set-up of both included.",
         "ensemble",
         compare(batch_ratio, operator.ge, 50.0),
         spans(1e4),
+        unit="times as long",
     ),
     Claim(
         "phase-of-the-pinned-step",
-        "Pinned every eighth step, the phase of the exact step is off by no more than 1e-16 of the time, root mean square over "
-        "sixteen tops, after ten million steps.",
+        "Pinned every eighth step, the phase of the exact step is off by at most 1e-16 of the time after ten million "
+        "steps: root mean square over sixteen tops.",
         "round_off",
         on(table("round_off", "forms"), at_most(1e-16, "phase error / t", form="pinned, every 8", steps=10**7)),
         steps(10**7),
+        unit="of the time",
     ),
     Claim(
         "forms-differ",
-        "The same map with x assigned instead of incremented drifts in proportion to time, exponent of C1 at least 0.75 over "
-        "the longest runs: how it is written matters.",
+        "The same map with x assigned instead of incremented drifts in proportion to time: exponent of C1 at least 0.75 "
+        "over the longest runs. Rounding depends on how the formula is coded.",
         "round_off",
         on(table("round_off", "forms"), at_least(0.75, "exponent of C1", form="x assigned", h=0.125)),
+        unit="(exponent)",
     ),
     Claim(
         "long-run",
-        "After 10⁹ steps the error of the exact step is no larger than heyoka's after as long on the clock, at an earlier "
-        "time (found: ratio of the errors).",
+        "After 10⁹ steps the exact step's error is no larger than heyoka's after the same time on the clock, although "
+        "heyoka has then reached an earlier time.",
         "round_off",
         long_run_lead,
         steps(10**9),
+        unit="of heyoka's",
     ),
 ]

@@ -1,4 +1,4 @@
-"""`python -m report.readme`: writes the claims, with what was found, into the README between its two marks, and its picture."""
+"""`python -m report.readme`: writes the claims with what was measured into README.md and docs/claims.md, and the picture."""
 
 from __future__ import annotations
 
@@ -21,24 +21,51 @@ END = "<!-- end of claims -->"
 WORDS = {True: "holds", False: "**refuted**", None: "no data"}
 
 
-def claims_table(results: Path) -> str:
-    """The claims as a Markdown table: sentence, what was found, bound, verdict, experiment."""
-    lines = ["| claim | found | bound | | experiment |", "|---|---|---|---|---|"]
-    rows = {experiment: Store(results).rows(experiment) for experiment in EXPERIMENTS}
-    for judged in page.judge(rows)[0]:
-        verdict = judged.verdict
-        found, bound = ("" if v is None else tables.show(v) for v in (verdict.value, verdict.bound))
-        found += f" ({verdict.over})" if verdict.over else ""
-        text = tables.numbers_in(judged.claim.text).replace("|", "\\|")
-        lines.append(f"| {text} | {found} | {bound} | {WORDS[verdict.passed]} | `{judged.claim.experiment}` |")
+def six_claims(judged: list[page.Judged]) -> str:
+    """The claims that have a brief sentence, as a Markdown table: the sentence, measured, required, how to reproduce it."""
+    lines = ["| claim | measured | required | reproduce |", "|---|---|---|---|"]
+    for each in (each for each in judged if each.claim.brief):
+        found, bound = values(each)
+        verdict = "" if each.verdict.passed else f" {WORDS[each.verdict.passed]}"
+        lines.append(f"| {each.claim.brief} | {found}{verdict} | {bound} | `{command(each)}` |")
     return "\n".join(lines)
 
 
-def with_claims(readme: str, results: Path) -> str:
-    """The README with its claims written anew."""
-    head, rest = readme.split(BEGIN)
+def all_claims(judged: list[page.Judged]) -> str:
+    """Every claim as a Markdown table: the sentence, measured, required, verdict, experiment."""
+    lines = ["| claim | measured | required | | experiment |", "|---|---|---|---|---|"]
+    for each in judged:
+        found, bound = values(each)
+        text = tables.numbers_in(each.claim.text).replace("|", "\\|")
+        lines.append(f"| {text} | {found} | {bound} | {WORDS[each.verdict.passed]} | `{each.claim.experiment}` |")
+    return "\n".join(lines)
+
+
+def values(judged: page.Judged) -> tuple[str, str]:
+    """What was measured, with its unit, and the bound with its sign."""
+    verdict, unit = judged.verdict, judged.claim.unit
+    found, bound = ("" if v is None else tables.show(v) for v in (verdict.value, verdict.bound))
+    found += ("" if unit == "×" else " ") + unit if found else ""
+    return f"{found} ({verdict.over})" if verdict.over else found, f"{verdict.sign} {bound}" if bound else ""
+
+
+def command(judged: page.Judged) -> str:
+    return f"lagrange-bench run {judged.claim.experiment} --profile full"
+
+
+def with_claims(text: str, made: str) -> str:
+    """A document with the table between its marks written anew."""
+    head, rest = text.split(BEGIN)
     _, tail = rest.split(END)
-    return f"{head}{BEGIN}\n\n{claims_table(results)}\n\n{END}{tail}"
+    return f"{head}{BEGIN}\n\n{made}\n\n{END}{tail}"
+
+
+def documents(results: Path) -> dict[Path, str]:
+    """The documents that show claims, written anew from stored rows."""
+    rows = {experiment: Store(results).rows(experiment) for experiment in EXPERIMENTS}
+    judged = page.judge(rows)[0]
+    made = {ROOT / "README.md": six_claims(judged), ROOT / "docs" / "claims.md": all_claims(judged)}
+    return {path: with_claims(path.read_text(encoding="utf-8"), table) for path, table in made.items()}
 
 
 def picture(results: Path) -> str:
@@ -73,10 +100,10 @@ def shown(figure: style.Figure) -> str:
 
 
 def main() -> None:
-    path = ROOT / "README.md"
-    text = with_claims(path.read_text(encoding="utf-8"), ROOT / "results" / "reference")
-    print(write_file(path, text))
-    print(write_file(PICTURE, picture(ROOT / "results" / "reference")))
+    results = ROOT / "results" / "reference"
+    for path, text in documents(results).items():
+        print(write_file(path, text))
+    print(write_file(PICTURE, picture(results)))
 
 
 if __name__ == "__main__":
