@@ -1,0 +1,37 @@
+"""The documents are in plain English: short sentences, usual words."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCUMENTS = sorted([ROOT / "README.md", ROOT / "results" / "README.md", *(ROOT / "docs").rglob("*.md")])
+LONGEST, MEAN = 40, 20  # words
+UNUSUAL = r"\btold\b|\bwhoever\b|\bis said\b|, say[,.;)]|\bamong them\b|\bthereof\b|\bwherein\b|\bwhat is of\b"
+SKIPPED = r"^ {0,3}```.*?^ {0,3}```|<!--.*?-->|^ {4,}\S[^\n]*$|^ *\|[^\n]*$|!\[.*?\]\(.*?\)"  # code, formulas, tables, pictures
+
+
+def sentences(text):
+    """Of the running text: lists of words."""
+    text = re.sub(SKIPPED, "\n\n", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
+    text = re.sub(r"`[^`]*`", "code", text)
+    for block in re.split(r"\n\s*\n|\n(?=\s*(?:[-*#]|\d+\.) )", text):
+        for sentence in re.split(r"(?<=[.!?:;])[*_”)]*\s+(?=[^a-z0-9])|;\s", " ".join(block.split())):
+            if words := re.findall(r"[^\W\d_][\w’'-]*", sentence):
+                yield words
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_sentences_are_short_and_words_usual(path):
+    text = path.read_text(encoding="utf-8")
+    found = list(sentences(text))
+    assert not [" ".join(words) for words in found if len(words) > LONGEST]
+    assert sum(map(len, found)) <= MEAN * len(found)
+    assert not re.findall(UNUSUAL, re.sub(SKIPPED, "", text, flags=re.DOTALL | re.MULTILINE))
+
+
+def test_a_long_sentence_and_a_rare_word_are_found():
+    assert [len(words) for words in sentences("A b, c. D `e` f\n\n- g h\n\n    h = 1\n")] == [3, 3, 2]
+    assert re.findall(UNUSUAL, "take one, say, and whoever is told")
