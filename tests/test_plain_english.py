@@ -16,7 +16,7 @@ def sentences(text):
     """Of the running text: lists of words."""
     text = re.sub(SKIPPED, "\n\n", text, flags=re.DOTALL | re.MULTILINE)
     text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
-    text = re.sub(r"`[^`]*`", "code", text)
+    text = re.sub(r"`[^`]*`", "Code", text)
     for block in re.split(r"\n\s*\n|\n(?=\s*(?:[-*#]|\d+\.) )", text):
         for sentence in re.split(r"(?<=[.!?:;])[*_”)]*\s+(?=[^a-z0-9])|;\s", " ".join(block.split())):
             if words := re.findall(r"[^\W\d_][\w’'-]*", sentence):

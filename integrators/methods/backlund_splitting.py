@@ -357,13 +357,15 @@ def tabulate(c, h, nodes, to_chebyshev, to_monomials, level, found):
             values[0, i, j], values[1, i, j], values[2, i, j], values[3, i, j] = R, eta, mr, mi
     tails = np.zeros(n + m)
     for k in range(4):
-        product(to_chebyshev, values[k], half)
         if level:
-            found[k] = half
+            product(to_chebyshev, values[k], found[k])
         else:
+            product(to_chebyshev, values[k], half)
             product(half, to_chebyshev.T, found[k])
-        # R and η share one size, so do the parts of m
-        size = max(np.max(np.abs(values[k])), np.max(np.abs(values[1 if k < 2 else 2])))
+        size = 0.0  # R and η share one, so do the parts of m
+        for i in range(n):
+            for j in range(m):
+                size = max(size, abs(values[k, i, j]), abs(values[1 if k < 2 else 2, i, j]))
         for i in range(n):
             for j in range(m):
                 tails[i + j] = max(tails[i + j], abs(found[k, i, j]) / size)
@@ -379,7 +381,8 @@ def tabulate(c, h, nodes, to_chebyshev, to_monomials, level, found):
                     found[k, i, j] = 0.0
         product(to_monomials, found[k], half)
         if level:
-            found[k] = half
+            for i in range(n):
+                found[k, i, 0] = half[i, 0]
         else:
             product(half, to_monomials.T, found[k])
     return least

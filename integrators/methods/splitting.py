@@ -401,7 +401,8 @@ def scaled(groups, scales, numbers):
         for k in range(STRIDE):
             if groups[i, k] != 0.0:  # 0 · ∞ is not to be: a coefficient that vanishes has no scale
                 c[i * stride + k] = groups[i, k] * scales[k]
-        c[i * stride + STRIDE : (i + 1) * stride] = numbers
+        for k in range(len(numbers)):  # Numba compiles an assignment to a slice for two seconds
+            c[i * stride + STRIDE + k] = numbers[k]
     return c
 
 
