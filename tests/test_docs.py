@@ -224,6 +224,35 @@ def test_the_reference_is_written_without_a_warning(tmp_path):
         assert fetched == [], page.name
 
 
+# ---------------------------------------------------------------- the paper
+
+
+def test_the_paper_names_figures_that_exist_and_programs_that_are_missing(monkeypatch, capsys):
+    paper = script(DOCS / "paper.py")
+    named = [name for name, _ in paper.FIGURE.findall(paper.PAGE.read_text(encoding="utf-8"))]
+    assert len(named) > 3
+    assert all(name.partition("_")[0] in EXPERIMENTS for name in named)
+    monkeypatch.setattr(paper.shutil, "which", lambda program: None)
+    monkeypatch.setattr(sys, "argv", ["paper.py"])
+    with pytest.raises(SystemExit) as caught:
+        paper.main()
+    assert caught.value.code == 2
+    assert re.search("not installed: apt-get install pandoc texlive-xetex", capsys.readouterr().err)
+
+
+def test_the_paper_in_latex():
+    """Formulas stay formulas, links into the repository become text, and no letter is left that the font lacks."""
+    paper = script(DOCS / "paper.py")
+    if paper.missing():
+        pytest.skip("needs pandoc and xelatex")
+    text = paper.latex("# Title\n\n(5) [λ(h)](a.md) and `test_a.b` with $\\lambda$ ∎\n")
+    body = text.partition(r"\begin{document}")[2]
+    assert r"(5) \ensuremath{\lambda}(h) and \texttt{test\_\allowbreak{}a.\allowbreak{}b} with \(\lambda\)" in " ".join(
+        body.split()
+    )
+    assert not set(body) & set(paper.LETTERS)
+
+
 # ---------------------------------------------------------------- the notebook
 
 
