@@ -247,8 +247,9 @@ def test_the_paper_in_latex():
         pytest.skip("needs pandoc and xelatex")
     text = paper.latex("# Title\n\n(5) [λ(h)](a.md) and `test_a.b` with $\\lambda$ ∎\n")
     body = text.partition(r"\begin{document}")[2]
-    assert r"(5) {\ensuremath{\lambda}(h)} and \texttt{test\_\allowbreak{}a.\allowbreak{}b} with \(\lambda\)" in " ".join(
-        body.split()
+    assert (
+        r"(5) {\ensuremath{\lambda}(h)} and \texttt{test\_\allowbreak{}a.\allowbreak{}b} with \(\lambda\)"
+        in " ".join(body.split())
     )
     assert not set(body) & set(paper.LETTERS)
 

@@ -32,12 +32,12 @@ step. With its invariants r0 and κ, eps = alpha h²/4 and β² = 1 − κ eps²
     J → (J1, J2, β (J3 + eps r0))        x → (β x1, β x2, x3 + κ eps)        h → h/β            (`of_kahan`)
 
 takes it to the map of Bobenko and Suris, so both have this Lax pair and this clock, as long as κ eps² < 1. Why: written
-with K, Kahan's step is x̃ (1 − eps x3) − x (1 − eps x̃3) = (h/2) K×(x + x̃), and K̃₋ = K. The third component is that of the
-rotation, and so are the others, for they are equal to
+with K and Σ = x + x̃, Kahan's step is x̃ (1 − eps x3) − x (1 − eps x̃3) = (h/2) K×Σ, and K̃₋ = K. Its third component is that
+of the rotation, and so are the others if K·Σ = r0 (2 − eps Σ3), which holds because r0 is kept, and
 
-    (x̃ − x)_i = (h/2) [(x3 + x̃3 + 2 κ eps)/β² K×e3 + (J3 + eps r0) e3×(x + x̃)]_i,        i = 1, 2,
+    Σ·Σ = κ (4 + eps² (Σ1² + Σ2²)),
 
-an identity of rational functions, which the tests prove in rational arithmetic.
+an identity of rational functions, which the tests check in rational arithmetic.
 
 Sources: Bobenko & Suris, Commun. Math. Phys. 204 (1999) 147, whose abstract says that Lax representations are found. Its
 text was not accessible to us: the pair, its proof, and that both maps are the two-point map, are derived here. Of the

@@ -48,10 +48,11 @@ def run(options: argparse.Namespace) -> Answer:
     if options.section is None:
         listed = [("section", "in the paper", "what it shows")]
         listed += [(name, number, paper_sections.title(name)) for name, (number, _) in known.items()]
-        return Answer("\n".join(table(listed)), [dict(zip(("name", "number", "title"), row)) for row in listed[1:]])
+        data = [{"name": name, "number": number, "title": title} for name, number, title in listed[1:]]
+        return Answer("\n".join(table(listed)), data)
     for word, names, what in ((options.section, known, "section"), (options.top, TOPS, "top")):
         if word not in names:
-            raise ValueError(f"unknown {what} {word!r}{suggestion(word, names)} Known: {', '.join(names)}")
+            raise ValueError(f"unknown {what} {word!r}{suggestion(word, list(names))} Known: {', '.join(names)}")
     path = options.output or Path(f"paper-{options.section}.svg")
     kind = path.suffix.removeprefix(".").lower()
     if kind not in FORMATS:
@@ -64,6 +65,6 @@ def run(options: argparse.Namespace) -> Answer:
         rows.append((name, f"{found:.1e}", f"{allowed:.0e}", "" if found <= allowed else "too much"))
     good = all(found <= allowed for found, allowed in shown.residuals.values())
     residuals = {name: {"found": found, "allowed": allowed} for name, (found, allowed) in shown.residuals.items()}
-    data = {"section": options.section, "top": options.top, "written": str(path), "residuals": plain(residuals)}
+    answer = {"section": options.section, "top": options.top, "written": str(path), "residuals": plain(residuals)}
     text = [*table(rows), "", shown.figure.caption, f"drawn: {path}"]
-    return Answer("\n".join(text), data, 0 if good else 1)
+    return Answer("\n".join(text), answer, 0 if good else 1)

@@ -101,7 +101,7 @@ def test_kahan_is_bobenko_and_suris_elsewhere():
         assert largest(prepare(top, z, h, "bobenko_suris").advance(z, 1) - new) > 1e-7
 
 
-def test_the_identity_behind_it_is_exact():
+def test_the_identities_behind_it_are_exact():
     e3 = np.array((0, 0, 1))
     for alpha, h, y in rational_cases():
         image, eps, c1 = MAPS["kahan"](alpha, h, y), alpha * h * h / 4, sum(v * v for v in y[3:])
@@ -115,6 +115,9 @@ def test_the_identity_behind_it_is_exact():
         right = (x[2] + new[2] + 2 * kappa * eps) / (1 - kappa * eps**2) * cross(K, e3)
         right = h / 2 * (right + (J[2] + eps * r0) * cross(e3, x + new))
         assert np.all((new - x)[:2] == right[:2])
+        total = x + new
+        assert sum(K * total) == r0 * (2 - eps * total[2])
+        assert sum(total * total) == kappa * (4 + eps**2 * (total[0] ** 2 + total[1] ** 2))
 
 
 def test_kahans_pair_and_clock():
