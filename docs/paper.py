@@ -21,7 +21,7 @@ NEEDED = {"pandoc": "pandoc", "xelatex": "texlive-xetex texlive-latex-recommende
 FIGURE = re.compile(r"^\*\*Figure\*\* \(`lagrange-bench figure (\w+)`\): (.*)$", re.MULTILINE)
 LETTERS = {  # outside of formulas, where the text font lacks them
     "λ": r"\lambda", "χ": r"\chi", "φ": r"\varphi", "Θ": r"\Theta", "Ω": r"\Omega", "μ": r"\mu", "η": r"\eta",
-    "β": r"\beta", "σ": r"\sigma", "∎": r"\blacksquare", "½": r"\tfrac12", "²": "^2",
+    "α": r"\alpha", "β": r"\beta", "ε": r"\varepsilon", "κ": r"\kappa", "π": r"\pi", "Σ": r"\Sigma", "σ": r"\sigma", "∎": r"\blacksquare", "½": r"\tfrac12", "²": "^2",
 }  # fmt: skip
 HEADER = r"""\usepackage{amssymb}
 \emergencystretch=3em
@@ -105,6 +105,9 @@ def write(results: Path, output: Path) -> list[Path]:
         if done.returncode:
             wrong = [line for line in done.stdout.splitlines() if line.startswith("!")]
             raise SystemExit(f"make paper: xelatex failed: {' '.join(wrong)} (see {tex.with_suffix('.log')})")
+    log = tex.with_suffix(".log").read_text(encoding="utf-8", errors="replace")
+    if lost := sorted(set(re.findall(r"Missing character: There is no (\S+)", log))):
+        raise SystemExit(f"make paper: the font lacks {' '.join(lost)}: add them to LETTERS in docs/paper.py")
     return [tex, tex.with_suffix(".pdf")]
 
 

@@ -37,7 +37,7 @@ of the rotation, and so are the others if K·Σ = r0 (2 − eps Σ3), which hold
 
     Σ·Σ = κ (4 + eps² (Σ1² + Σ2²)),
 
-an identity of rational functions, which the tests check in rational arithmetic.
+an identity of rational functions: computer algebra expands it to 0, and the tests check it in rational arithmetic.
 
 Sources: Bobenko & Suris, Commun. Math. Phys. 204 (1999) 147, whose abstract says that Lax representations are found. Its
 text was not accessible to us: the pair, its proof, and that both maps are the two-point map, are derived here. Of the
