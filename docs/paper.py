@@ -21,7 +21,8 @@ NEEDED = {"pandoc": "pandoc", "xelatex": "texlive-xetex texlive-latex-recommende
 FIGURE = re.compile(r"^\*\*Figure\*\* \(`lagrange-bench figure (\w+)`\): (.*)$", re.MULTILINE)
 LETTERS = {  # outside of formulas, where the text font lacks them
     "λ": r"\lambda", "χ": r"\chi", "φ": r"\varphi", "Θ": r"\Theta", "Ω": r"\Omega", "μ": r"\mu", "η": r"\eta",
-    "α": r"\alpha", "β": r"\beta", "ε": r"\varepsilon", "κ": r"\kappa", "π": r"\pi", "Σ": r"\Sigma", "σ": r"\sigma", "∎": r"\blacksquare", "½": r"\tfrac12", "²": "^2",
+    "α": r"\alpha", "β": r"\beta", "ε": r"\varepsilon", "κ": r"\kappa", "π": r"\pi",
+    "Σ": r"\Sigma", "σ": r"\sigma", "∎": r"\blacksquare", "½": r"\tfrac12", "²": "^2",
 }  # fmt: skip
 HEADER = r"""\usepackage{amssymb}
 \emergencystretch=3em
