@@ -139,7 +139,7 @@ def show_separation(top: LagrangeTop, y: Array) -> Shown:
 
 def show_euler(top: LagrangeTop, y: Array) -> Shown:
     """4: Euler angles, and the motion by ℘, ζ and σ."""
-    t, states = orbit(top, y, 2.0, 81)
+    t, states = orbit(top, y, 2.0, 41)
     by_sigma, angles = euler_angles.states(top, y, t), euler_angles.angles(top, y, t)
     _, _, c1, c2 = (float(v) for v in invariants(top, y))
     H = float(invariants(top, y)[0])
@@ -280,7 +280,7 @@ def show_two_point(top: LagrangeTop, y: Array) -> Shown:
 def show_flow(top: LagrangeTop, y: Array) -> Shown:
     """5.6: the interpolating flow, T and Θ of a step."""
     lam = parameter(top, y, 0.9)
-    shares = np.linspace(0.05, 1.0, 20)
+    shares = np.linspace(0.1, 1.0, 10)
     clock = np.array([[float(v) for v in interpolating_flow.time_and_turn(top, y, complex(s * lam))] for s in shares])
     errors = []
     for share, (T, turn) in zip(shares, clock, strict=True):
