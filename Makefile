@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help bench test test-oldest stress lint full report docs clean
+.PHONY: help bench test test-oldest stress lint full report docs paper clean
 
 help:
 	@echo "make bench   set up, run the quick profile (about 3 minutes), draw the report and print where it is"
@@ -12,6 +12,7 @@ help:
 	@echo "make full    set up, run the full profile (about 40 minutes), draw the report and print where it is"
 	@echo "make report  draw the committed reference run again, computing nothing"
 	@echo "make docs    write the reference of all modules to build/docs, to be read offline"
+	@echo "make paper   docs/exact-step.md as LaTeX and PDF in build/paper; needs pandoc and xelatex"
 	@echo "make lint    ruff and mypy"
 	@echo "make clean   remove what the commands above made, results of your own excepted"
 
@@ -39,6 +40,9 @@ test-oldest: .venv-oldest/ready
 
 docs: .venv/ready
 	$(BIN)/python docs/reference.py
+
+paper: .venv/ready
+	$(BIN)/python docs/paper.py
 
 lint: .venv/ready
 	$(BIN)/ruff check .

@@ -28,6 +28,7 @@ from lagrange_bench.commands import (
     integrate,
     merge,
     methods,
+    paper,
     potentials,
     report,
     run,
@@ -197,7 +198,7 @@ def _stdout_for_data_only() -> Iterator[None]:
 
 COMMANDS = (
     *(methods, tops, potentials, run, report, figure, merge, compare),
-    *(verify, integrate, check, errata, completion, bits),
+    *(verify, integrate, check, errata, paper, completion, bits),
 )
 
 

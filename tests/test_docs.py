@@ -15,8 +15,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mpmath import mp
 from packaging.requirements import Requirement
 from packaging.version import Version
+from scipy.integrate import solve_ivp
 
 import integrators
 from experiments import EXPERIMENTS
@@ -24,6 +26,8 @@ from experiments.measuring import states
 from experiments.measuring.metrics import phase_split, poisson_defect, scaled_error
 from integrators import PERTURBED_TOPS, TOPS, LagrangeTop, integrate, prepare, two_point
 from integrators.methods import backlund_splitting
+from integrators.paper import lax
+from integrators.paper import two_point as paper_two_point
 from integrators.torus import time_step
 from integrators.truth import exact, reference
 from lagrange_bench import __main__ as cli
@@ -220,6 +224,36 @@ def test_the_reference_is_written_without_a_warning(tmp_path):
         assert fetched == [], page.name
 
 
+# ---------------------------------------------------------------- the paper
+
+
+def test_the_paper_names_figures_that_exist_and_programs_that_are_missing(monkeypatch, capsys):
+    paper = script(DOCS / "paper.py")
+    named = [name for name, _ in paper.FIGURE.findall(paper.PAGE.read_text(encoding="utf-8"))]
+    assert len(named) > 3
+    assert all(name.partition("_")[0] in EXPERIMENTS for name in named)
+    monkeypatch.setattr(paper.shutil, "which", lambda program: None)
+    monkeypatch.setattr(sys, "argv", ["paper.py"])
+    with pytest.raises(SystemExit) as caught:
+        paper.main()
+    assert caught.value.code == 2
+    assert re.search("not installed: apt-get install pandoc texlive-xetex", capsys.readouterr().err)
+
+
+def test_the_paper_in_latex():
+    """Formulas stay formulas, links into the repository become text, and no letter is left that the font lacks."""
+    paper = script(DOCS / "paper.py")
+    if paper.missing():
+        pytest.skip("needs pandoc and xelatex")
+    text = paper.latex("# Title\n\n(5) [λ(h)](a.md) and `test_a.b` with $\\lambda$ ∎\n")
+    body = text.partition(r"\begin{document}")[2]
+    assert (
+        r"(5) {\ensuremath{\lambda}(h)} and \texttt{test\_\allowbreak{}a.\allowbreak{}b} with \(\lambda\)"
+        in " ".join(body.split())
+    )
+    assert not set(body) & set(paper.LETTERS)
+
+
 # ---------------------------------------------------------------- the notebook
 
 
@@ -331,6 +365,87 @@ def test_lambda_meets_a_real_double_root_only_where_the_flow_is_the_identity():
         (re, im), _, _ = time_step.time_step(*time_step.torus(top.alpha, tuple(y), h), h)
         assert (abs(complex(re[0], im[0]) - 1) < 1e-12) == (h == 2 * math.pi)
         assert np.max(np.abs(prepare(top, y, h).advance(y, 1) - turned(y, -h))) < 1e-14
+
+
+def random_steps(count=5):
+    """Real tops and states, λ well inside the nearest root of Q, and a direction in which λ moves; 40 digits."""
+    draw = random.Random(9)
+    for _ in range(count):
+        top, y = LagrangeTop(draw.choice((-1.5, 0.75))), np.array([mp.mpf(draw.gauss(0, 1)) for _ in range(6)])
+        yield (
+            top,
+            y,
+            mp.mpc(draw.uniform(-0.1, 0.1), draw.uniform(0.05, 0.1)),
+            mp.mpc(draw.gauss(0, 1), draw.gauss(0, 1)),
+        )
+
+
+def test_the_residue_that_the_proof_takes():
+    """Res_λ N = −(λ'/2)(1 − σ·ã(λ)/m), N = M'/M, against a difference quotient of M at λ; with the other sign not."""
+    with mp.workdps(40):
+        for top, y, lam, rate in random_steps():
+
+            def dressing(s, u, top=top, y=y, lam=lam, rate=rate):
+                z = lam + s * rate
+                w = [v.real for v in paper_two_point.axis(top, y, z, z.conjugate())]
+                return (u - z.real) * np.eye(2, dtype=int) + 1j * lax.pauli(np.array(w))
+
+            d = mp.mpf(10) ** -15
+            moved = (dressing(d, lam) - dressing(-d, lam)) / (2 * d)
+            adjugate = 2 * (lam - lam.real) * np.eye(2, dtype=int) - dressing(0, lam)
+            residue = moved @ adjugate / (lam - lam.conjugate())
+            image = paper_two_point.pole_free(top, y, lam, lam.conjugate())
+            a = lax.pauli(image[3:] + lam * image[:3] + np.array((0, 0, lam * lam * top.alpha)))
+            for sign, right in ((1, True), (-1, False)):
+                claimed = -rate / 2 * (np.eye(2, dtype=int) - sign * a / lax.root(top, y, lam))
+                assert (max(abs(v) for v in (residue - claimed).ravel()) < 1e-20) == right
+
+
+def test_the_field_of_a_step_is_hamiltonian():
+    """∂T/∂J3 = ∂Θ/∂H, both −2 alpha Im ∫ u³ du/m³: what makes the step a Poisson map."""
+    with mp.workdps(30):
+        for top, y, lam, _ in random_steps(2):
+            q, d = [c.real for c in lax.spectral_polynomial(top, y + 0 * mp.mpc(1))], mp.mpf(10) ** -10
+
+            def integral(H, J3, power, root, q=q, lam=lam, alpha=top.alpha):
+                def f(u):
+                    Q = q[0] + u * (q[1] + u * (q[2] + 2 * H + u * (q[3] + 2 * alpha * J3 + u * q[4])))
+                    return u**power / mp.sqrt(Q) ** root
+
+                return 2 * mp.quad(lambda t: lam * f(t * lam), [0, 1]).imag
+
+            by_J3 = (integral(0, d, 0, 1) - integral(0, -d, 0, 1)) / (2 * d)
+            by_H = top.alpha * (integral(d, 0, 1, 1) - integral(-d, 0, 1, 1)) / (2 * d)
+            assert abs(by_J3 - by_H) < 1e-15 * (1 + abs(by_H))
+            assert abs(by_J3 + top.alpha * integral(0, 0, 3, 3)) < 1e-15 * (1 + abs(by_H))
+            assert abs(by_J3) > 1e-9
+
+
+@pytest.mark.parametrize(("name", "back"), [("generic", False), ("inverted", False), (None, True)])
+def test_where_lambda_goes_after_a_whole_nutation(name, back):
+    """dλ/dh = −m λ̄/2η up to T_nut: to infinity, or, where kP is a multiple of 2π as in a plane, back to 0 on the other sheet."""
+    if name:
+        top, y = TOPS[name].top, TOPS[name].state
+    else:  # over the top, in a plane
+        top, y = LagrangeTop(1.0), np.array([3.0, 0.0, 0.0, 0.0, math.sin(1.0), math.cos(1.0)])
+    q, end = [float(c) for c in lax.spectral_polynomial(top, y)], 0.999 * exact.nutation_period(top, y)
+    slope = [k * c for k, c in enumerate(q)][1:]
+    start, r = 1e-4, math.sqrt(q[0])
+
+    def rhs(_, z):  # dm/dh = Q'(λ)/2m dλ/dh, regular at m = 0
+        lam, m = complex(z[0], z[1]), complex(z[2], z[3])
+        rates = -m * lam.conjugate(), -sum(c * lam**k for k, c in enumerate(slope)) * lam.conjugate() / 2
+        return [part for rate in rates for part in ((rate / (2 * lam.imag)).real, (rate / (2 * lam.imag)).imag)]
+
+    first = (0.0, start * r / 2, r, q[1] / (2 * r) * start * r / 2)
+    found = solve_ivp(rhs, (start, end), first, "DOP853", rtol=1e-10, atol=1e-12).y
+    size, unit = np.hypot(found[0], found[1]), top.scales(y)[1] / top.scales(y)[0]
+    assert np.all(found[1] > 0)
+    if back:
+        assert size[-1] < 0.01 * size.max()
+        assert found[2, -1] == pytest.approx(-r, rel=0.01)
+    else:
+        assert size[-1] > 50 * unit
 
 
 # ---------------------------------------------------------------- what docs/perturbed.md says and no other test shows

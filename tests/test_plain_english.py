@@ -9,14 +9,15 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([ROOT / "README.md", ROOT / "results" / "README.md", *(ROOT / "docs").rglob("*.md")])
 LONGEST, MEAN = 40, 20  # words
 UNUSUAL = r"\btold\b|\bwhoever\b|\bis said\b|, say[,.;)]|\bamong them\b|\bthereof\b|\bwherein\b|\bwhat is of\b"
-SKIPPED = r"^ {0,3}```.*?^ {0,3}```|<!--.*?-->|^ {4,}\S[^\n]*$|^ *\|[^\n]*$|!\[.*?\]\(.*?\)"  # code, formulas, tables, pictures
+# code, formulas, tables, pictures
+SKIPPED = r"^ {0,3}```.*?^ {0,3}```|<!--.*?-->|\$\$.*?\$\$|^ {4,}\S[^\n]*$|^ *\|[^\n]*$|!\[.*?\]\(.*?\)"
 
 
 def sentences(text):
     """Of the running text: lists of words."""
     text = re.sub(SKIPPED, "\n\n", text, flags=re.DOTALL | re.MULTILINE)
     text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
-    text = re.sub(r"`[^`]*`", "Code", text)
+    text = re.sub(r"`[^`]*`", "Code", re.sub(r"\$[^$]+\$", "formula", text))
     for block in re.split(r"\n\s*\n|\n(?=\s*(?:[-*#]|\d+\.) )", text):
         for sentence in re.split(r"(?<=[.!?:;])[*_”)]*\s+(?=[^a-z0-9])|;\s", " ".join(block.split())):
             if words := re.findall(r"[^\W\d_][\w’'-]*", sentence):

@@ -9,6 +9,7 @@
     5.4       eulerian                                             the one-point map in Euler angles
     5.5       two_point                                            the two-point map
     5.6       interpolating_flow                                   its time step and the flow it interpolates
+    rivals    discrete_lax                                         the discrete tops of others, as two-point maps
     n sites   gaudin_maps, gaudin_step                             both maps of the magnet, and a compiled step
 
 `errata` gathers the misprints. Nothing here is on the path of an integrator: `torus` and `methods` import none of it.

@@ -34,6 +34,7 @@ COMMANDS = (
     "integrate",
     "check",
     "errata",
+    "paper",
     "bits",
     "completion",
 )

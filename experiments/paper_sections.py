@@ -1,0 +1,379 @@
+"""The paper, section by section, run at one top: a picture of what it says, and what its formulas miss by.
+
+Each function takes a top and a real state and gives residuals, name → (found, allowed), and a figure. Errors are absolute
+in units where the state has size one. Nothing is stored: `lagrange-bench paper` runs a section in seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from mpmath import mp
+
+from experiments.drawing import style
+from integrators import prepare
+from integrators.interface import Array
+from integrators.paper import (
+    contraction,
+    discrete_lax,
+    euler_angles,
+    eulerian,
+    generating_functions,
+    interpolating_flow,
+    lax,
+    one_point,
+    separation,
+    two_point,
+)
+from integrators.paper.phase_space import invariants, vector_field
+from integrators.problem.top import LagrangeTop
+from integrators.truth import exact
+
+NAMES = ("H", "J3", "C1", "C2")
+
+Residuals = dict[str, tuple[float, float]]
+
+
+class Shown(NamedTuple):
+    residuals: Residuals
+    figure: Any
+
+
+def size(a: Any) -> float:
+    return float(np.max(np.abs(np.asarray(a)), initial=0.0))
+
+
+def miss(a: Any, b: Any, *terms: Any) -> float:
+    """Largest |a − b| of any row, relative to 1 + the largest number in that row of a, b and the terms behind them."""
+    a, b, *more = (np.asarray(v, dtype=complex) for v in (a, b, *terms))
+    a, b = np.broadcast_arrays(a, b)
+    sizes = [1 + np.zeros(a.shape[0] if a.ndim else 1)]
+    sizes += [np.abs(v).reshape(len(v), -1).max(axis=1) if v.ndim else np.abs(v)[None] for v in (a, b, *more)]
+    rows = np.abs(a - b).reshape(len(a), -1).max(axis=1) if a.ndim else np.abs(a - b)[None]
+    return float(np.max(rows / sum(sizes)))
+
+
+def parameter(top: LagrangeTop, y: Array, share: float = 0.4) -> complex:
+    """A λ well above the real axis, closer to it than any root of Q."""
+    roots = np.roots([complex(c) for c in lax.spectral_polynomial(top, y)][::-1])
+    nearest: float = min(abs(r) for r in roots)
+    return share * nearest * complex(math.cos(1.2), math.sin(1.2))
+
+
+def orbit(top: LagrangeTop, y: Array, nutations: float, points: int) -> tuple[Array, Array]:
+    """Times and states of the exact motion."""
+    period = exact.nutation_period(top, y)
+    t = np.linspace(0.0, nutations * (period if math.isfinite(period) else 10 * top.scales(y)[2]), points)
+    states: Array = exact.solution(top, y, t)
+    return t, states
+
+
+def slope(x: Any, error: Any) -> float:
+    """Of log error against log x, least squares."""
+    found: float = np.polyfit(np.log(x), np.log(error), 1)[0]
+    return float(found)
+
+
+# ------------------------------------------------------------------------------------------------- section 2
+
+
+def show_contraction(top: LagrangeTop, y: Array) -> Shown:
+    """2: two spins of the magnet become the top; what is contracted, against ε."""
+    lam, eps = parameter(top, y), 2.0 ** -np.arange(6, 15)
+    found = [contraction.deviations(top, y, lam, float(e)) for e in eps]
+    fig, ax = style.figure("page", 3.2)
+    residuals: Residuals = {}
+    for name in found[0]:
+        error = np.array([row[name] for row in found])
+        ax.loglog(eps, error, marker=".", label=name)
+        residuals[f"{name}: order in ε, less 1"] = (abs(slope(eps, error) - 1), 0.05)
+    magnet, spins = contraction.to_magnet(top, y, 0.125)
+    residuals["H from the magnet at ε = 1/8"] = (abs(contraction.energy(magnet, spins) - invariants(top, y)[0]), 1e-11)
+    ax.set(xlabel="ε", ylabel="distance from the limit")
+    style.legend_below(fig)
+    fig.caption = "The contraction: distance of each object of the two-site magnet from that of the top. All are O(ε)."
+    return Shown(residuals, fig)
+
+
+# ------------------------------------------------------------------------------------------------- section 3
+
+
+def show_separation(top: LagrangeTop, y: Array) -> Shown:
+    """3: the separation variables and the Darboux chart along an orbit."""
+    states = orbit(top, y, 3.0, 601)[1].astype(complex)
+    H, J3, c1, c2 = (v[0] for v in invariants(top, states))
+    w, z = separation.separate(states), separation.to_darboux(states)
+    d = 1e-5 * top.scales(y)[2]
+    ahead, behind = (separation.separate(states + s * d * vector_field(top, states)) for s in (1, -1))
+    rates = separation.separated_rates(top, w, c1, c2)
+    p, u = separation.generated(z[:, :2], w[:, 1::2], c1, c2)
+    v = w[:, 1] - 1j * top.alpha
+    terms = np.concatenate((w, 1 / w), axis=1) ** 2
+    residuals: Residuals = {
+        "(3.8) and back": (miss(separation.unseparate(w, c1, c2), states, terms), 1e-13),
+        "(3.9) H": (miss(separation.separated_hamiltonian(top, w, c1, c2), H + 0 * v, terms), 1e-13),
+        "(3.10) J3": (miss(separation.separated_J3(w), J3 + 0 * v), 1e-13),
+        "(u1, v1 − iα) on the curve": (miss(v * v, lax.spectral_curve(top, states, w[:, 0]), terms), 1e-13),
+        "motion of u, v": (miss((ahead - behind) / (2 * d), rates, terms), 1e-8),
+        "(3.11) and back": (miss(separation.from_darboux(z, c1, c2), states, z**2), 1e-13),
+        "(3.14) p": (miss(p, z[:, 2:], terms), 1e-13),
+        "(3.14) u": (miss(u, w[:, ::2]), 1e-13),
+    }
+    fig, axes = style.figure("page", 2.9, ncols=2)
+    for ax, curves, names in zip(axes, ((w[:, 0], w[:, 2]), (z[:, 2], z[:, 3])), (("u", "u"), ("p", "p")), strict=True):
+        for k, (curve, name) in enumerate(zip(curves, names, strict=True), start=1):
+            ax.plot(curve.real, curve.imag, linewidth=0.8, label=f"${name}_{k}$")
+        ax.set(xlabel="real part", ylabel="imaginary part")
+        ax.legend()
+    axes[0].set_title("separation variables")
+    axes[1].set_title("momenta of the Darboux chart")
+    fig.caption = "Three nutations of the motion in the complex variables of section 3."
+    return Shown(residuals, fig)
+
+
+# ------------------------------------------------------------------------------------------------- section 4
+
+
+def show_euler(top: LagrangeTop, y: Array) -> Shown:
+    """4: Euler angles, and the motion by ℘, ζ and σ."""
+    t, states = orbit(top, y, 2.0, 41)
+    by_sigma, angles = euler_angles.states(top, y, t), euler_angles.angles(top, y, t)
+    _, _, c1, c2 = (float(v) for v in invariants(top, y))
+    H = float(invariants(top, y)[0])
+    rates = euler_angles.rates(top.alpha, angles, c1, c2)
+    d = 1e-5 * top.scales(y)[2]
+    ahead, behind = (euler_angles.angles(top, y, t[1::8] + s * d) for s in (1, -1))
+    residuals: Residuals = {
+        "℘, ζ, σ against theta functions": (miss(by_sigma, states), 1e-13),
+        "(4.1) and (4.5)": (miss(euler_angles.from_angles(angles, c1, c2), states), 1e-12),
+        "(4.3) H": (miss(euler_angles.hamiltonian(top.alpha, angles, c1, c2), np.full(len(t), H)), 1e-12),
+        "(4.2) θ', φ', p'": (miss((ahead - behind) / (2 * d), rates[1::8]), 1e-8),
+    }
+    fig, axes = style.figure("page", 2.6, ncols=2)
+    for ax, column, name in zip(axes, (0, 1), ("θ", "φ"), strict=True):
+        ax.plot(t, angles[:, column])
+        ax.set(xlabel="time", ylabel=name)
+    fig.caption = "Two nutations: θ = arccos(x3/|x|) is an elliptic function, φ an integral of the third kind."
+    return Shown(residuals, fig)
+
+
+# ------------------------------------------------------------------------------------------------- section 5
+
+
+def show_one_point(top: LagrangeTop, y: Array) -> Shown:
+    """5.1: the one-point map on its complex orbit."""
+    lam, steps = parameter(top, y), 60
+    states, _ = one_point.orbit(top, y + 0j, lam, steps)
+    kept = np.array(invariants(top, states)).T
+    error = np.abs(kept - kept[0]) / (1 + np.sum(np.abs(states) ** 2, axis=1))[:, None]
+    image = one_point.one_point(top, states, lam)
+    _, q = one_point.parameters(top, states, lam)
+    terms = np.concatenate((q[:, None] ** 2 * states**2, q[:, None] * states**3, states**2), axis=1)
+    other = 0.5 * lam + 0.1
+    twice = [one_point.one_point(top, one_point.one_point(top, states, a), b) for a, b in ((lam, other), (other, lam))]
+    residuals: Residuals = {
+        **{f"{name} along {steps} steps": (size(error[:, i]), 1e-12) for i, name in enumerate(NAMES)},
+        "(5.1.11) against (5.1.10)": (miss(one_point.real_form(top, states, lam), image, terms), 1e-12),
+        "the inverse": (miss(one_point.inverse(top, image, lam), states, image**2), 1e-11),
+        "two λ commute": (miss(*twice, image**2), 1e-11),
+    }
+    fig, axes = style.figure("page", 2.9, ncols=2)
+    axes[0].plot(states[:, 5].real, states[:, 5].imag, ".-", linewidth=0.4)
+    axes[0].set(xlabel=r"Re $x_3$", ylabel=r"Im $x_3$", title="the orbit leaves the real states")
+    for name, column in zip(NAMES, error.T, strict=True):
+        axes[1].semilogy(column[1:].clip(1e-18), label=name)
+    axes[1].set(xlabel="number of steps", ylabel="relative error", title="the invariants")
+    axes[1].legend()
+    fig.caption = f"{steps} steps of the one-point map, λ = {lam:.3g}. Errors are relative to the square of the state."
+    return Shown(residuals, fig)
+
+
+def show_generating(top: LagrangeTop, y: Array) -> Shown:
+    """5.2 to 5.4: generating functions, spectrality, and the same in Euler angles."""
+    lam = parameter(top, y)
+    lams = lam * np.linspace(0.2, 1.0, 25)
+    _, _, c1, c2 = (complex(v) for v in invariants(top, y + 0j))
+    mu, middle, slopes, misses, angles = [], [], [], [], []
+    for u in map(complex, lams):
+        image = one_point.one_point(top, y + 0j, u)
+        old, new, k = generating_functions.arguments(top, y + 0j, image)
+        mu.append(lax.eigenvalue(top, y + 0j, u))
+        middle.append(generating_functions.eigenvalue(top, u, c1, c2, old, new, k))
+        d = 1e-6 * abs(u)
+        ahead, behind = (generating_functions.generating_function(top, u + s * d, c1, c2, old, new, k) for s in (1, -1))
+        slopes.append(-(ahead - behind) / (2 * d))
+        momenta = generating_functions.momenta(top, u, c1, c2, old, new, k)
+        right = np.array((y[2], y[5], image[2], image[5]))
+        misses.append(size(np.array(momenta) - right) / (1 + size(image)))
+        old, new, kappa = eulerian.arguments(top, y + 0j, image)
+        p = [euler_angles.to_angles(s)[..., 2:] for s in (y + 0j, image)]
+        gradient = eulerian.gradient(top, u, c1, c2, old, new, kappa)
+        found = np.array((*gradient[:2], -gradient[2], -gradient[3]))
+        angles.append(size(found - np.concatenate(p)) / (1 + size(image) ** 2))
+    mu_, middle_, slopes_ = map(np.array, (mu, middle, slopes))
+    residuals: Residuals = {
+        "(5.2.6) J3, x3 and their images": (size(misses), 1e-11),
+        "(5.3.2) μ": (size((middle_ - mu_) / mu_), 1e-11),
+        "(5.3.1) −∂F/∂λ, by differences": (size((slopes_ - mu_) / mu_), 1e-6),
+        "(5.4) momenta of the Euler angles": (size(angles), 1e-10),
+    }
+    fig, ax = style.figure("page", 2.8)
+    share = np.linspace(0.2, 1.0, 25)
+    for part, name in ((np.real, "Re"), (np.imag, "Im")):
+        (line,) = ax.plot(share, part(mu_), label=f"{name} μ")
+        ax.plot(share, part(slopes_), "o", color=line.get_color(), markersize=3, label=f"{name} −∂F/∂λ")
+    ax.set(xlabel="λ, as a share of the λ of this section", ylabel="μ")
+    style.legend_below(fig)
+    fig.caption = "Spectrality: the derivative of the generating function by λ is the eigenvalue μ of the Lax matrix."
+    return Shown(residuals, fig)
+
+
+def show_two_point(top: LagrangeTop, y: Array) -> Shown:
+    """5.5, 5.6: the two-point map with independent λ1, λ2, and the flows it discretises."""
+    lam1, lam2 = parameter(top, y), parameter(top, y, 0.25).conjugate() + 0.05
+    start = y + 0j
+    first, second = two_point.point(top, start, lam1, -1), two_point.point(top, start, lam2, -1)
+    image = two_point.explicit(top, start, first, second)
+    m = tuple(1j * lam * lam * mu for lam, mu in (first, second))
+    scale = 1 + size(image) ** 2
+    forms = {
+        "(5.5.10)": two_point.real_generators(top, start, first, second),
+        "the program's": two_point.matrix_form(top, start, first, second),
+        "pole-free": two_point.pole_free(top, start, lam1, lam2, m=m),
+    }
+    residuals: Residuals = {f"(5.5.9) against {name}": (size(f - image) / scale, 1e-11) for name, f in forms.items()}
+    residuals["the inverse"] = (size(two_point.inverse(top, image, first, second) - start) / scale, 1e-11)
+    residuals["H, J3, C1, C2"] = (
+        size(np.array(invariants(top, image)) - np.array(invariants(top, start))) / scale,
+        1e-11,
+    )
+    T, turn = (complex(v) for v in interpolating_flow.time_and_turn(top, y, lam1, lam2))
+    by_flow = interpolating_flow.interpolated(top, start, T, turn)
+    ours = two_point.pole_free(top, start, lam1, lam2)
+    residuals["complex time and turn of the step"] = (size(by_flow - ours) / (1 + size(ours)), 1e-10)
+    # λ1 → λ2: (image − y)/ε, ε = iΔλ, against the flow of iμ2
+    eps = 2.0 ** -np.arange(4, 15)
+    rate = interpolating_flow.limit_rate(top, start, lam2)
+    error = [
+        size((two_point.pole_free(top, start, lam2 - 1j * e, lam2) - start) / e - rate) / (1 + size(rate)) for e in eps
+    ]
+    residuals["the flow of iμ2: order in ε, less 1"] = (abs(slope(eps[3:], error[3:]) - 1), 0.05)
+    offsets = np.linspace(0.0, 1.0, 41) * abs(lam1)
+    imaginary = [size(two_point.pole_free(top, start, lam1, lam1.conjugate() + s).imag) for s in offsets]
+    residuals["imaginary part at λ2 = λ̄1"] = (imaginary[0] / scale, 1e-12)
+    fig, axes = style.figure("page", 2.8, ncols=2)
+    axes[0].plot(offsets / abs(lam1), imaginary)
+    axes[0].set(
+        xlabel=r"$(\lambda_2 - \bar\lambda_1)/|\lambda_1|$", ylabel="largest imaginary part", title="real or not"
+    )
+    axes[1].loglog(eps, error, ".-")
+    axes[1].set(xlabel="ε = iΔλ", ylabel="distance from the flow of iμ2", title="the flow it discretises")
+    fig.caption = (
+        "The image of a real state is real only for λ2 = λ̄1. For λ1 → λ2 the map is the flow of iμ2(λ2), to O(ε)."
+    )
+    return Shown(residuals, fig)
+
+
+def show_flow(top: LagrangeTop, y: Array) -> Shown:
+    """5.6: the interpolating flow, T and Θ of a step."""
+    lam = parameter(top, y, 0.9)
+    shares = np.linspace(0.1, 1.0, 10)
+    clock = np.array([[float(v) for v in interpolating_flow.time_and_turn(top, y, complex(s * lam))] for s in shares])
+    errors = []
+    for share, (T, turn) in zip(shares, clock, strict=True):
+        image = two_point.real_form(top, y, complex(share * lam))
+        errors.append(size(interpolating_flow.interpolated(top, y, T, turn) - image))
+    orbit_, plain = [y], [y]
+    T, turn = clock[-1]
+    for n in range(1, 200):
+        orbit_.append(two_point.real_form(top, orbit_[-1], complex(lam)))
+        c, s, z = math.cos(n * turn), math.sin(n * turn), exact.solution(top, y, n * T)
+        J1, J2, J3, x1, x2, x3 = z
+        plain.append(np.array((c * J1 - s * J2, s * J1 + c * J2, J3, c * x1 - s * x2, s * x1 + c * x2, x3)))
+    d = 1e-4
+    with mp.workdps(30):
+        ahead, behind = (
+            interpolating_flow.hamiltonian(top, y, *(lam * (1 + s * d), (lam * (1 + s * d)).conjugate()))
+            for s in (1, -1)
+        )
+        mu = lax.eigenvalue(top, y + 0j, lam, -1)
+        rate = complex((ahead - behind) / (2 * d))
+    residuals: Residuals = {
+        "the step is the flow over T, turned by Θ": (size(errors), 1e-11),
+        "the same after 200 steps": (size(np.array(orbit_) - np.array(plain)), 1e-10),
+        "∂H_int/∂λ is −μ": (abs(rate + 2 * (lam * mu).real) / (1 + abs(rate)), 1e-6),
+    }
+    fig, axes = style.figure("page", 2.8, ncols=2)
+    axes[0].plot(shares, clock[:, 0], label="T")
+    axes[0].plot(shares, clock[:, 1], label="Θ")
+    axes[0].set(xlabel="λ, as a share of the λ of this section")
+    axes[0].legend()
+    points = np.array(orbit_)
+    axes[1].plot(points[:, 3], points[:, 4], ".", markersize=2)
+    axes[1].set(xlabel=r"$x_1$", ylabel=r"$x_2$", aspect="equal", title="200 steps")
+    fig.caption = "Time and turn of one step against λ, and 200 steps with the largest of these λ, seen from above."
+    return Shown(residuals, fig)
+
+
+def show_discrete(top: LagrangeTop, y: Array) -> Shown:
+    """5: the discrete tops of Bobenko–Suris and Kahan, their Lax pair and their clock."""
+    unit = top.scales(y)[2]
+    h = 0.5 * unit
+    image = prepare(top, y, h, "bobenko_suris").advance(y, 1)
+    u = 0.7 + 0.3j
+    M, L, new = discrete_lax.dressing(y, h, u), *(discrete_lax.lax_matrix(top, s, h, u) for s in (y, image))
+    elsewhere, step = discrete_lax.of_kahan(top, y, h)
+    kahan = discrete_lax.of_kahan(top, prepare(top, y, h, "kahan").advance(y, 1), h)[0]
+    same = prepare(top, elsewhere, step, "bobenko_suris").advance(elsewhere, 1)
+    residuals: Residuals = {
+        "M L − L̃ M of Bobenko and Suris": (size(M @ L - new @ M) / (1 + size(L)), 1e-12),
+        "Kahan's step as one of theirs": (size(same - kahan) / (1 + size(kahan)), 1e-12),
+    }
+    hs = unit * 2.0 ** -np.arange(1.0, 7.0)
+    rates: dict[str, list[float]] = {"bobenko_suris": [], "kahan": [], "backlund_paper": []}
+    for k in map(float, hs):
+        z = {"bobenko_suris": (y, k), "kahan": discrete_lax.of_kahan(top, y, k)}
+        for name, (state, length) in z.items():
+            T = discrete_lax.clock(top, state, length)[0]
+            period = exact.nutation_period(top, discrete_lax.deformed(top, state, length))
+            rates[name].append(abs(T / period * exact.nutation_period(top, y) / k - 1))
+        T = float(interpolating_flow.time_and_turn(top, y, 0.5j * k * math.hypot(*y[3:]))[0])
+        rates["backlund_paper"].append(abs(T / k - 1))
+    for name, found in rates.items():
+        residuals[f"clock of {style.label(name)}: order, less 2"] = (abs(slope(hs[2:], found[2:]) - 2), 0.1)
+    fig, ax = style.figure("page", 2.9)
+    for name, found in rates.items():
+        ax.loglog(hs / unit, found, **style.of(name))
+    ax.set(xlabel="step, in units of 1/(|J| + √(|α||x|))", ylabel="error of the rate of nutation")
+    style.legend_below(fig)
+    fig.caption = (
+        "Three integrable maps have a wrong clock: relative error of nutations per time, by elliptic integrals."
+    )
+    return Shown(residuals, fig)
+
+
+SECTIONS: dict[str, tuple[str, Callable[[LagrangeTop, Array], Shown]]] = {
+    "contraction": ("2", show_contraction),
+    "separation": ("3", show_separation),
+    "euler": ("4", show_euler),
+    "discrete": ("5", show_discrete),
+    "one-point": ("5.1", show_one_point),
+    "generating": ("5.2–5.4", show_generating),
+    "two-point": ("5.5, 5.6", show_two_point),
+    "flow": ("5.6", show_flow),
+}
+
+
+def title(name: str) -> str:
+    """What a section shows, in one line."""
+    text = SECTIONS[name][1].__doc__ or ""
+    return text.strip().partition(": ")[2].rstrip(".")
+
+
+def show(name: str, top: LagrangeTop, y: Array) -> Shown:
+    """One section at one top, drawn in the style of all figures."""
+    with style.apply():
+        return SECTIONS[name][1](top, np.asarray(y, dtype=float))

@@ -1,0 +1,109 @@
+"""The discrete Lagrange top of Bobenko and Suris has a Lax pair, and is a two-point Bäcklund map in disguise.
+
+The paper mentions it after (5.1): “their discrete Lax matrix is deformed with respect to the continuous one”. The step is
+that of `integrators.methods.bobenko_suris`, symmetric form: K = J + (h/2) alpha e3×x, x̃ − x = (h/2) K×(x + x̃),
+J̃ = K + (h/2) alpha e3×x̃. With
+
+    K₋ = J − (h/2) alpha e3×x        X = (1 + alpha h² x3/4) x − (h/2) J×x                         (`deformed`)
+    L(u) = i σ·(alpha e3 + K₋/u + X/u²)        M(u) = u + (ih/2) σ·x                             (`lax_matrix`, `dressing`)
+
+M L = L̃ M. Proof: its vector part is u (ℓ̃ − ℓ) = (h/2) (ℓ + ℓ̃)×x, and its scalar part x·(ℓ̃ − ℓ) = 0 follows. Order by order
+
+    K̃₋ − K₋ = h alpha e3×x        X̃ − X = (h/2) (K₋ + K̃₋)×x        (X + X̃)×x = 0.
+
+The first line is the step, K̃₋ = K. The step also gives X̃ = x + (h/2) K×x + (alpha h²/4)|x|² e3, and X is
+x − (h/2) K₋×x + (alpha h²/4)|x|² e3: their difference is the second, and their sum, (2 + alpha h² x3/2) x, the third.
+
+So (K₋, X) moves by the two-point map of section 5.5, w = (h/2) x, at the point
+
+    λ = i h |x|/2        m = X·x/|x| + λ K₋·x/|x| + λ² alpha x3/|x| = |x| + i h x·J/2            (`curve_point`)
+
+of the deformed curve m² = Q_h(λ), Q_h the polynomial of (K₋, X). λ is the paper's time step, with |x| in place of |X|: each
+step is the flow of the top with the state (K₋, X), over a time T and with a turn Θ that are elliptic integrals (`clock`).
+The coefficients of Q_h are what the step keeps: J3, C2 + alpha h² C1 J3/4, E + alpha² h² C1/4 in place of H, and
+
+    |X|² = C1 (1 + h² E/2 + alpha² h⁴ C1/16) − h² C2²/4,        E = H − (h²/8) alpha² (x1² + x2²).
+
+Everything tends to the paper's as h → 0. (K₋, X) is no Poisson image of (J, x): |X|² is no function of the Casimirs.
+
+The map of Kahan, Hirota and Kimura, `integrators.methods.kahan`, is the same map again, at another state with another
+step. With its invariants r0 and κ, eps = alpha h²/4 and β² = 1 − κ eps²
+
+    J → (J1, J2, β (J3 + eps r0))        x → (β x1, β x2, x3 + κ eps)        h → h/β            (`of_kahan`)
+
+takes it to the map of Bobenko and Suris, so both have this Lax pair and this clock, as long as κ eps² < 1. Why: written
+with K and Σ = x + x̃, Kahan's step is x̃ (1 − eps x3) − x (1 − eps x̃3) = (h/2) K×Σ, and K̃₋ = K. Its third component is that
+of the rotation, and so are the others if K·Σ = r0 (2 − eps Σ3), which holds because r0 is kept, and
+
+    Σ·Σ = κ (4 + eps² (Σ1² + Σ2²)),
+
+an identity of rational functions: computer algebra expands it to 0, and the tests check it in rational arithmetic.
+
+Sources: Bobenko & Suris, Commun. Math. Phys. 204 (1999) 147, whose abstract says that Lax representations are found. Its
+text was not accessible to us: the pair, its proof, and that both maps are the two-point map, are derived here. Of the
+map of Kahan, Hirota and Kimura we found no Lax pair for this top in the literature; Kimura, arXiv 1611.02271, has one for
+their Euler top.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from integrators.paper import interpolating_flow, lax
+from integrators.paper.phase_space import E3, Numbers, cross, sqrt
+from integrators.problem.top import LagrangeTop
+
+
+def deformed(top: LagrangeTop, y: Any, h: Any) -> Numbers:
+    """(K₋, X), shape (..., 6), of states (..., 6) of the symmetric form."""
+    y = np.asarray(y)
+    J, x = y[..., :3], y[..., 3:]
+    X = x * (1 + top.alpha * h * h * x[..., 2:] / 4) - cross(J, x) * (h / 2)
+    return np.concatenate((J - cross(E3, x) * (top.alpha * h / 2), X), axis=-1)
+
+
+def lax_matrix(top: LagrangeTop, y: Any, h: Any, u: Any) -> Numbers:
+    """i σ·ℓ(u), (..., 2, 2): the paper's (2.21) of the deformed state."""
+    return lax.lax_matrix(top, deformed(top, y, h), u)
+
+
+def dressing(y: Any, h: Any, u: Any) -> Numbers:
+    """M(u) = u + (ih/2) σ·x, (..., 2, 2), with det M = u² + h²|x|²/4."""
+    M: Numbers = u * np.eye(2, dtype=int) + lax.pauli(np.asarray(y)[..., 3:]) * (h / 2 * 1j)
+    return M
+
+
+def curve_point(y: Any, h: Any) -> tuple[Any, Any]:
+    """λ = i h |x|/2 and m = |x| + i h x·J/2, m² = Q_h(λ)."""
+    y = np.asarray(y)
+    J, x = y[..., :3], y[..., 3:]
+    size = sqrt(np.sum(x * x, axis=-1))
+    return size * h * 0.5j, size + np.sum(x * J, axis=-1) * h * 0.5j
+
+
+def clock(top: LagrangeTop, y: Any, h: float) -> tuple[float, float]:
+    """T and Θ of one step of a real state, h > 0, modulo whole nutations: see `interpolating_flow.time_and_turn`."""
+    z, (lam, m) = deformed(top, y, h), curve_point(y, h)
+    sheet = 1 if abs(lax.root(top, z, lam) - m) < abs(m) else -1
+    T, turn = interpolating_flow.time_and_turn(top, z, complex(lam), sheet=sheet)
+    return float(T), float(turn)
+
+
+def of_kahan(top: LagrangeTop, y: Any, h: Any) -> tuple[Numbers, Any]:
+    """The state and the step at which the map of Bobenko and Suris does what Kahan's does at y (6,) with h.
+
+    ValueError where κ eps² ≥ 1.
+    """
+    y = np.asarray(y)
+    J, x = y[:3], y[3:]
+    eps = top.alpha * h * h / 4
+    r0 = np.sum(x * J) / (1 - eps * x[2])
+    v = J * (h / 2) + E3 * (eps * h / 2 * r0)
+    kappa = (np.sum(x * x) + (h / 2 * r0) ** 2) / (1 + np.sum(v * v))
+    square = 1 - kappa * eps * eps
+    if not square > 0:
+        raise ValueError(f"kappa eps² = {float(1 - square):.3g}: the step is too long for a real state")
+    beta = square**0.5
+    return np.array((J[0], J[1], beta * (J[2] + eps * r0), beta * x[0], beta * x[1], x[2] + kappa * eps)), h / beta

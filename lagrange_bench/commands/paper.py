@@ -1,0 +1,70 @@
+"""`lagrange-bench paper`: the sections of the paper, run."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from lagrange_bench.commands.figure import FORMATS
+from lagrange_bench.text import Answer, plain, table
+
+SUMMARY = "run a section of the paper: a picture and the residuals"
+
+DESCRIPTION = """\
+Evaluate what a section of the paper says, in its corrected form, along an orbit of a named top. Draws a picture and lists
+what each formula misses by. Without a section: the sections there are."""
+
+
+EXAMPLES = """\
+examples:
+  lagrange-bench paper                          the sections
+  lagrange-bench paper two-point                two parameters that are independent; writes paper-two-point.svg
+  lagrange-bench paper flow --top figure1 --output flow.pdf
+  lagrange-bench paper separation --json | jq .residuals
+
+The functions are those of integrators.paper; docs/equations.md has them equation by equation, lagrange-bench errata what is
+misprinted.
+
+exit codes: 0 done · 1 a formula misses by more than is allowed · 2 bad input, as a section that this top has not"""
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument("section", nargs="?", metavar="SECTION", help="as listed without one: flow, say")
+    command.add_argument("--top", default="generic", metavar="NAME", help="a named top (default: generic)")
+    text = "of the picture, which ends in .svg, .pdf or .png (default: paper-SECTION.svg)"
+    command.add_argument("--output", type=Path, metavar="FILE", help=text)
+
+
+def run(options: argparse.Namespace) -> Answer:
+    """List the sections, or show one."""
+    from experiments import paper_sections
+    from experiments.drawing import figures
+    from integrators import TOPS
+    from integrators.files import write_file
+    from integrators.words import suggestion
+
+    known = paper_sections.SECTIONS
+    if options.section is None:
+        listed = [("section", "in the paper", "what it shows")]
+        listed += [(name, number, paper_sections.title(name)) for name, (number, _) in known.items()]
+        data = [{"name": name, "number": number, "title": title} for name, number, title in listed[1:]]
+        return Answer("\n".join(table(listed)), data)
+    for word, names, what in ((options.section, known, "section"), (options.top, TOPS, "top")):
+        if word not in names:
+            raise ValueError(f"unknown {what} {word!r}{suggestion(word, list(names))} Known: {', '.join(names)}")
+    path = options.output or Path(f"paper-{options.section}.svg")
+    kind = path.suffix.removeprefix(".").lower()
+    if kind not in FORMATS:
+        raise ValueError(f"--output must end in .svg, .pdf or .png; got {path}")
+    named = TOPS[options.top]
+    shown = paper_sections.show(options.section, named.top, named.state)
+    write_file(path, figures.FORMATS[kind](shown.figure))
+    rows: list[Any] = [("formula", "misses by", "allowed", "")]
+    for name, (found, allowed) in shown.residuals.items():
+        rows.append((name, f"{found:.1e}", f"{allowed:.0e}", "" if found <= allowed else "too much"))
+    good = all(found <= allowed for found, allowed in shown.residuals.values())
+    residuals = {name: {"found": found, "allowed": allowed} for name, (found, allowed) in shown.residuals.items()}
+    answer = {"section": options.section, "top": options.top, "written": str(path), "residuals": plain(residuals)}
+    text = [*table(rows), "", shown.figure.caption, f"drawn: {path}"]
+    return Answer("\n".join(text), answer, 0 if good else 1)

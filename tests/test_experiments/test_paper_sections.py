@@ -1,0 +1,50 @@
+"""`lagrange-bench paper`: every section holds at tops of both signs of alpha, and what is wrong is found."""
+
+import json
+
+import pytest
+
+from experiments import paper_sections
+from integrators import TOPS
+from integrators.paper import one_point, two_point
+from lagrange_bench import __main__ as cli
+
+
+def missed(name, top):
+    shown = paper_sections.show(name, TOPS[top].top, TOPS[top].state)
+    assert shown.figure.caption.endswith(".")
+    return {what for what, (found, allowed) in shown.residuals.items() if not found <= allowed}
+
+
+@pytest.mark.parametrize("name", paper_sections.SECTIONS)
+def test_sections_hold(name):
+    """At one sign of alpha each, in turn: two of them take a second."""
+    top = ("generic", "inverted")[list(paper_sections.SECTIONS).index(name) % 2]
+    assert missed(name, top) == set()
+
+
+def test_what_is_wrong_is_found(monkeypatch):
+    right = one_point.real_form
+    monkeypatch.setattr(one_point, "real_form", lambda *args: right(*args) * (1 + 1e-9))
+    assert "(5.1.11) against (5.1.10)" in missed("one-point", "generic")
+    monkeypatch.setattr(two_point, "inverse", lambda top, y, first, second: two_point.explicit(top, y, first, second))
+    assert missed("two-point", "generic") == {"the inverse"}
+
+
+def test_the_command(tmp_path, capsys):
+    assert cli.main(["paper"]) == 0
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in paper_sections.SECTIONS)
+    path = tmp_path / "picture.svg"
+    assert cli.main(["paper", "separation", "--output", str(path), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert path.read_text("utf-8").startswith("<?xml")
+    assert len(answer["residuals"]) > 5
+    for words, says in (
+        (["paper", "three-point"], "unknown section 'three-point'"),
+        (["paper", "flow", "--top", "spinning"], "unknown top 'spinning'"),
+        (["paper", "flow", "--output", "x.doc"], "--output must end in"),
+        (["paper", "euler", "--top", "planar_rotation", "--output", str(path)], "the axis passes through a pole"),
+    ):
+        assert cli.main(words) == 2
+        assert says in capsys.readouterr().err

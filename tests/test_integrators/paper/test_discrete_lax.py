@@ -1,0 +1,137 @@
+"""The discrete Lax pair of Bobenko and Suris: L̃ = M L M⁻¹, its curve and clock, and that Kahan's map has it too."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from integrators import TOPS, LagrangeTop, prepare
+from integrators.paper import discrete_lax, lax
+from integrators.paper.phase_space import cross
+from integrators.paper.two_point import pole_free
+from integrators.truth import exact
+from tests.reference import turned
+from tests.test_integrators.paper.tools import largest
+from tests.test_integrators.test_integrable_maps import MAPS, rational_cases
+
+STEPS = (0.1, 1.0, 3.0)
+
+
+def steps(count=20):
+    """Random tops, states and steps, and the images under the method the benchmark has."""
+    rng = np.random.default_rng(14)
+    for n in range(count):
+        top, y, h = LagrangeTop(float(rng.uniform(-2, 2))), rng.normal(size=6), STEPS[n % len(STEPS)]
+        yield top, y, h, prepare(top, y, h, "bobenko_suris").advance(y, 1)
+
+
+@pytest.mark.parametrize("u", [0.7, -0.4 + 0.9j])
+def test_the_pair_conjugates(u):
+    for top, y, h, image in steps():
+        M, L, new = discrete_lax.dressing(y, h, u), *(discrete_lax.lax_matrix(top, z, h, u) for z in (y, image))
+        assert largest(M @ L - new @ M) < 1e-12 * (1 + largest(L))
+        plain = [lax.lax_matrix(top, z, u) for z in (y, image)]  # without the deformation it does not
+        assert largest(M @ plain[0] - plain[1] @ M) > 1e-5
+
+
+def test_the_pair_conjugates_exactly():
+    """The orders of the proof in rational arithmetic, in which the Cayley transform stays."""
+    for alpha, h, y in rational_cases():
+        top, x, e3 = SimpleNamespace(alpha=alpha), np.array(y[3:]), np.array((0, 0, 1))
+        z, new = (discrete_lax.deformed(top, s, h) for s in (y, MAPS["bobenko_suris"](alpha, h, y)))
+        assert np.all(new[:3] - z[:3] == h * alpha * cross(e3, x))
+        assert np.all(new[3:] - z[3:] == h / 2 * cross(z[:3] + new[:3], x))
+        assert np.all(cross(z[3:] + new[3:], x) == 0)
+        assert np.any(cross(z[3:], x) != 0)
+
+
+def test_it_is_the_two_point_map_of_the_deformed_state():
+    for top, y, h, image in steps():
+        z, new, (lam, m) = *(discrete_lax.deformed(top, s, h) for s in (y, image)), discrete_lax.curve_point(y, h)
+        assert abs(sum(q * lam**k for k, q in enumerate(lax.spectral_polynomial(top, z))) - m * m) < 1e-12 * abs(m) ** 2
+        for sign, right in ((1, True), (-1, False)):
+            step = pole_free(top, z + 0j, lam, lam.conjugate(), m=(sign * m, (sign * m).conjugate()))
+            assert (largest(step - new) < 1e-12 * (1 + largest(new))) == right
+
+
+def test_what_the_curve_keeps():
+    for top, y, h, _ in steps():
+        H, J3, C1, C2 = top.invariants(y)
+        E, a2 = H - (top.alpha * h) ** 2 / 8 * (y[3] ** 2 + y[4] ** 2), (top.alpha * h) ** 2
+        size = C1 * (1 + h * h * E / 2 + a2 * h * h * C1 / 16) - h * h * C2 * C2 / 4
+        right = (E + a2 * C1 / 4, J3, size, C2 + top.alpha * h * h * C1 * J3 / 4)
+        assert top.invariants(discrete_lax.deformed(top, y, h)) == pytest.approx(right, rel=1e-11, abs=1e-11)
+
+
+@pytest.mark.parametrize("h", [0.25, 0.5])
+def test_the_clock_of_a_thousand_steps(h):
+    top, y = TOPS["generic"].top, TOPS["generic"].state
+    T, turn = discrete_lax.clock(top, y, h)
+    n = 1000
+    end = discrete_lax.deformed(top, prepare(top, y, h, "bobenko_suris").advance(y, n), h)
+    z = discrete_lax.deformed(top, y, h)
+
+    def error(T):
+        moved = exact.solution(top, z, [n * T])[0]
+        angle = math.fmod(n * turn, 2 * math.pi)
+        return largest(np.array(turned(math.cos(angle), math.sin(angle), moved)) - end)
+
+    assert error(T) < 1e-10
+    assert error(h) > 0.1  # the nominal step is not it
+
+
+# ------------------------------------------------------------------------------------------------------ Kahan's map
+
+
+def kahan_steps(count=20):
+    rng = np.random.default_rng(15)
+    for _ in range(count):
+        top, y, h = LagrangeTop(float(rng.choice((-1.5, 0.8)))), rng.normal(size=6), float(rng.uniform(0.2, 0.6))
+        yield top, y, h, prepare(top, y, h, "kahan").advance(y, 1)
+
+
+def test_kahan_is_bobenko_and_suris_elsewhere():
+    for top, y, h, image in kahan_steps():
+        z, step = discrete_lax.of_kahan(top, y, h)
+        new, same = discrete_lax.of_kahan(top, image, h)
+        assert step == pytest.approx(same, rel=1e-12)
+        assert step > h
+        assert largest(prepare(top, z, step, "bobenko_suris").advance(z, 1) - new) < 1e-12
+        assert largest(prepare(top, z, h, "bobenko_suris").advance(z, 1) - new) > 1e-7
+
+
+def test_the_identities_behind_it_are_exact():
+    e3 = np.array((0, 0, 1))
+    for alpha, h, y in rational_cases():
+        image, eps, c1 = MAPS["kahan"](alpha, h, y), alpha * h * h / 4, sum(v * v for v in y[3:])
+        r0 = sum(a * b for a, b in zip(y[:3], y[3:], strict=True)) / (1 - eps * y[5])
+        v = [h / 2 * a + (eps * h / 2 * r0 if i == 2 else 0) for i, a in enumerate(y[:3])]
+        kappa = (c1 + (h / 2 * r0) ** 2) / (1 + sum(a * a for a in v))
+        J, x, new = np.array(y[:3]), np.array(y[3:]), np.array(image[3:])
+        K = J + h / 2 * alpha * cross(e3, x)
+        assert np.all(np.array(image[:3]) - h / 2 * alpha * cross(e3, new) == K)
+        assert np.all(new * (1 - eps * x[2]) - x * (1 - eps * new[2]) == h / 2 * cross(K, x + new))
+        right = (x[2] + new[2] + 2 * kappa * eps) / (1 - kappa * eps**2) * cross(K, e3)
+        right = h / 2 * (right + (J[2] + eps * r0) * cross(e3, x + new))
+        assert np.all((new - x)[:2] == right[:2])
+        total = x + new
+        assert sum(K * total) == r0 * (2 - eps * total[2])
+        assert sum(total * total) == kappa * (4 + eps**2 * (total[0] ** 2 + total[1] ** 2))
+
+
+def test_kahans_pair_and_clock():
+    top, y, h = TOPS["generic"].top, TOPS["generic"].state, 0.25
+    z, step = discrete_lax.of_kahan(top, y, h)
+    T, turn = discrete_lax.clock(top, z, step)
+    n, start = 1000, discrete_lax.deformed(top, z, step)
+    end = discrete_lax.deformed(top, *discrete_lax.of_kahan(top, prepare(top, y, h, "kahan").advance(y, n), h))
+    angle = math.fmod(n * turn, 2 * math.pi)
+    moved = turned(math.cos(angle), math.sin(angle), exact.solution(top, start, [n * T])[0])
+    assert largest(np.array(moved) - end) < 1e-10
+    assert largest(exact.solution(top, start, [n * h])[0] - end) > 0.1
+
+
+def test_bad_input():
+    with pytest.raises(ValueError, match="the step is too long"):
+        discrete_lax.of_kahan(LagrangeTop(1.0), [0.1, 0, 0, 1, 0, 0.5], 3.0)
