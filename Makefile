@@ -28,7 +28,7 @@ report: .venv/ready
 	$(BIN)/lagrange-bench report
 
 test: .venv/ready
-	$(BIN)/python -m pytest -n auto --dist worksteal -q
+	$(BIN)/python -m pytest -n auto --dist loadgroup -q
 
 ROUNDS ?= 30
 MINUTES ?= 240
@@ -36,7 +36,7 @@ stress: .venv/ready
 	$(BIN)/python tests/stress.py --rounds $(ROUNDS) --minutes $(MINUTES) -- -n auto --dist loadgroup
 
 test-oldest: .venv-oldest/ready
-	.venv-oldest/bin/python -m pytest -n auto --dist worksteal -q
+	.venv-oldest/bin/python -m pytest -n auto --dist loadgroup -q
 
 docs: .venv/ready
 	$(BIN)/python docs/reference.py

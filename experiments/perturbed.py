@@ -27,7 +27,7 @@ STEP = 0.125  # of the drift part
 STEPS = {"quick": 10**4, "full": 10**6}
 SPAN = 32.0  # of the order part
 SIZES = {"quick": tuple(2.0**-k for k in range(0, 6, 2)), "full": tuple(2.0**-k for k in range(-1, 9))}
-QUICK = ("weak_tide", "strong_tide")  # in one potential: kernels are compiled once
+QUICK = ("weak_tide",)
 # span: longest run in s; steps to an octave, decades of tolerance between two
 WORK = {"quick": {1e3: 0.05}, "full": {1e3: 0.1, 1e4: 0.4}}
 RACES = ("tide_1e-6", "weak_tide", "moderate_tide", "strong_tide", "fast_tide", "magnet")  # full profile

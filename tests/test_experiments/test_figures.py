@@ -17,6 +17,8 @@ from lagrange_bench.__main__ import main
 from report import export, page
 from results import store
 
+pytestmark = pytest.mark.xdist_group("figures")  # they are drawn once
+
 
 def draw(rows):
     """Panels side by side, some taken out; small multiples; one panel as wide as a column."""

@@ -28,7 +28,13 @@ ZERO = PerturbedTop(TOP, TIDE, (0.0, 0.6, -0.4, 0.7))
 STAGES = {"implicit_midpoint": 1, "gauss4": 2, "gauss6": 3, "gauss8": 4, "gauss12": 6}
 SOLVED = (*STAGES, "collective_midpoint")
 NAMES = ("rkmk4", "commutator_free4", "bobenko_suris", "kahan", *SOLVED)
-PAIRS = [(name, field) for name in NAMES for field, top in FIELDS.items() if METHODS[name].takes(top) is None]
+PAIRS = [
+    (name, field)
+    for name in NAMES
+    for field, top in FIELDS.items()
+    # a field that is level everywhere is tried with two Gauss methods: each takes seconds to compile
+    if METHODS[name].takes(top) is None and not (field == "polynomial" and STAGES.get(name, 0) > 2)
+]
 
 
 def starts(count, speed=1.5):
@@ -210,8 +216,7 @@ def stages_by_newton(top, y, h, s):
     return None, 0.0
 
 
-@pytest.mark.parametrize("field", FIELDS)
-@pytest.mark.parametrize("name", STAGES)
+@pytest.mark.parametrize(("name", "field"), [pair for pair in PAIRS if pair[0] in STAGES])
 def test_gauss_step_is_what_the_tableau_says(name, field):
     """All solvers; the second step starts from the first."""
     top = FIELDS[field]

@@ -11,6 +11,7 @@ from report import readme
 from report.promises import CLAIMS
 from results.store import Store
 
+pytestmark = pytest.mark.xdist_group("readme")  # all claims are judged once
 TEXT = (readme.ROOT / "README.md").read_text(encoding="utf-8")
 
 
