@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help bench test test-oldest stress lint full report docs paper clean
+.PHONY: help bench test test-oldest stress lint full report dist docs paper clean
 
 help:
 	@echo "make bench   set up, run the quick profile (about 3 minutes), draw the report and print where it is"
@@ -13,6 +13,7 @@ help:
 	@echo "make report  draw the committed reference run again, computing nothing"
 	@echo "make docs    write the reference of all modules to build/docs, to be read offline"
 	@echo "make paper   docs/exact-step.md as LaTeX and PDF in build/paper; needs pandoc and xelatex"
+	@echo "make dist    build wheel and sdist, install the wheel alone and run it from an empty folder, without heyoka"
 	@echo "make lint    ruff and mypy"
 	@echo "make clean   remove what the commands above made, results of your own excepted"
 
@@ -38,6 +39,18 @@ stress: .venv/ready
 test-oldest: .venv-oldest/ready
 	.venv-oldest/bin/python -m pytest -n auto --dist loadgroup -q
 
+dist:
+	$(PYTHON) -m venv --clear .venv-dist
+	.venv-dist/bin/pip install --quiet --disable-pip-version-check build
+	rm -rf build dist
+	.venv-dist/bin/python -m build --outdir dist . >/dev/null
+	$(PYTHON) -m venv --clear .venv-dist
+	.venv-dist/bin/pip install --quiet --disable-pip-version-check dist/*.whl
+	.venv-dist/bin/pip uninstall --quiet --yes heyoka
+	folder=$$(mktemp -d) && trap "rm -rf $$folder" EXIT && bench=$(CURDIR)/.venv-dist/bin/lagrange-bench && cd $$folder && \
+	$$bench run paper --profile quick --results rows --quiet && $$bench report --results rows --quiet
+	@ls dist/*
+
 docs: .venv/ready
 	$(BIN)/python docs/reference.py
 
@@ -62,5 +75,5 @@ lint: .venv/ready
 	@touch $@
 
 clean:
-	rm -rf .venv .venv-oldest build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf .venv .venv-oldest .venv-dist build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	rm -rf results/reference/page results/local/*/page
