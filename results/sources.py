@@ -3,7 +3,7 @@
 It starts at the experiment's `measure`, at the records of the methods and at the cell's potential, and follows every name
 to the function, class or constant of the bench that it stands for, in whatever file that is. So an edit of one method marks
 that method's cells, an edit of a figure marks none. A method counts if the cell names it or the code that measures does, in
-a string. Of a table by names of methods only what it has for the cell's method counts.
+a string. Of a table `ByMethod` only the entry of the cell's method counts.
 
 Comments, docstrings, layout, type annotations and import statements are left out, and no path or module name goes in:
 files may be moved. What comes from outside the bench counts by its name there.
@@ -25,6 +25,7 @@ from experiments.catalogue import load, load_stored
 BENCH = frozenset(("integrators", "experiments", "results", "report", "lagrange_bench"))
 INDEX = "integrators.registry"  # not followed: which methods there are decides about no row
 DEFAULT = "backlund"  # the method of a cell that names none, as of `integrators.prepare`
+TABLE = "ByMethod"  # the annotation of a dict by names of methods
 IGNORED = frozenset(("annotation", "ctx", "kind", "returns", "type_comment"))  # fields of syntax trees
 
 SAME, OTHER, UNKNOWN = "same", "other", "unknown"
@@ -210,17 +211,14 @@ def _places(path: str, packages: frozenset[str]) -> frozenset[Place | str]:
 
 @cache
 def _entry(unit: ast.stmt, method: str | None) -> ast.stmt:
-    """Of a table by names of methods, what it has for one of them; all of any other definition."""
-    from integrators.registry import METHODS
-
-    table = getattr(unit, "value", None)
-    if method is None or not isinstance(table, ast.Dict) or not table.keys:
+    """Of a table by names of methods, what it has for one of them; any other definition as it is."""
+    if method is None or not (isinstance(unit, ast.AnnAssign) and isinstance(unit.value, ast.Dict)):
         return unit
-    names = [getattr(key, "value", None) for key in table.keys]
-    if not all(name in METHODS for name in names):
+    if ast.unparse(unit.annotation) != TABLE:
         return unit
-    own = [value for name, value in zip(names, table.values, strict=True) if name == method]
-    return ast.Expr(ast.List(own))
+    pairs = zip(unit.value.keys, unit.value.values, strict=True)
+    own = [value for name, value in pairs if isinstance(name, ast.Constant) and name.value == method]
+    return ast.copy_location(ast.Expr(ast.List(own)), unit)
 
 
 @cache

@@ -24,6 +24,8 @@ from integrators.problem.perturbed import cross
 State = tuple[Any, ...]  # J1, J2, J3, x1, x2, x3
 Step = Callable[[float, State, Series, int], State]  # (alpha, state, h, highest power of h) → the state after a step
 
+ByMethod = dict[str, Step]  # `results.sources` knows this word: of such a table a cell uses its own method's entry
+
 TALLY = np.zeros(SIZE)  # what a kernel reports, which is nothing here
 
 
@@ -140,7 +142,7 @@ def whole_step(alpha: float, h: Series) -> Any:
 
 
 # one entry for each method, in the order of the registry
-STEPS: dict[str, Step] = {
+STEPS: ByMethod = {
     "taylor_fixed": partial(taylor_step, 20),
     "rk4": partial(runge_kutta_step, RK4),
     "rk45_fixed": partial(runge_kutta_step, DORMAND_PRINCE),
