@@ -15,7 +15,8 @@ e = X p + E o with E = Gᵀ(G Gᵀ)⁻¹: p is the error along the torus, o = G 
     o ← o + Gδ        p ← p + S o + X⁺δ        S = Σ(s + h) − Σ(s),   Σ' = X⁺(f' E − E'),
 
 where everything is periodic in s, the time modulo a nutation, and is summed by its Fourier series. Terms of second order in δ
-are left out.
+are left out. A symmetric method takes the mirror image of an orbit in a vertical plane, run backwards, to such an image, and
+every torus is its own image: the mean of Gδ vanishes, and what first order leaves of it is taken off.
 """
 
 from __future__ import annotations
@@ -207,13 +208,16 @@ def of_first_order(user_top: LagrangeTop, user_y0: Array, user_h: float, method:
     for points in POINTS:
         s = np.arange(points) * (period / points)
         states, ends = exact.solution(top, y0, s), exact.solution(top, y0, s + h)
-        error, X, G = local_error(top, states, h, method), flows(top, ends), gradients(top, ends)
+        error, X = local_error(top, states, h, method), flows(top, ends)
+        G = gradients(top, ends + error / 2)  # invariants are of second degree: G e is their change
         step = np.concatenate((times(np.linalg.pinv(X), error), times(G, error)), axis=1)
         shear = shears(top, states)
         if smooth(step) and smooth(shear):
             break
     else:
         raise NoPrediction(f"{points} points of a nutation do not resolve the local error")
+    if method.symmetric:
+        step[:, 2:] -= np.mean(step[:, 2:], axis=0)
     angle = (2 * np.pi / period * h) * np.fft.fftfreq(points, 1 / points)
     modes = np.fft.fft(shear, axis=0)
     modes[1:] *= (np.expm1(1j * angle[1:]) / (1j * angle[1:]))[:, None, None]
