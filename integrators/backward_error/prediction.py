@@ -22,10 +22,11 @@ every torus is its own image: the mean of Gδ vanishes, and what first order lea
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from mpmath import mp
 from numpy.typing import ArrayLike, NDArray
 
 from integrators.backward_error.power_series import Series
@@ -41,10 +42,13 @@ from integrators.torus.any_parameter import check_parameter, papers_parameter
 from integrators.truth import exact
 
 PAPERS = ("backlund_paper", "backlund_textbook")  # two-point maps with λ = i h √C1/2
+SPANS = (1e-6, 1e3)  # of |h|, in time scales of the top
+DIGITS = 30  # of T(λ), which for small h is nearly h
 TERMS = 20  # of the power series of the local error
 CONVERGED = 1e-3  # the last two of these terms over their sum, at most
 POINTS = (64, 256, 1024)  # of a nutation; more where 64 do not resolve it
 SMOOTH = 1e-5  # the highest Fourier modes over the largest, at most
+RESONANT = 1e-9  # |e^{iθ} − 1| of a mode that every step meets in the same phase θ
 THIN = 1e-6  # the least singular value of vectors of length 1 over the largest, if they are independent
 
 
@@ -105,10 +109,11 @@ class Sum:
 
     @classmethod
     def of(cls, g: Array, angle: NDArray[Any]) -> Sum:
-        modes = np.fft.fft(g, axis=0) / len(g)
-        mean = modes[0].real.copy()
-        modes[0], modes[1:] = 0.0, modes[1:] / np.expm1(1j * angle[1:, None])
-        return cls(mean, modes, angle)
+        modes, divisors = np.fft.fft(g, axis=0) / len(g), np.expm1(1j * angle)
+        still = np.abs(divisors) < RESONANT
+        mean = modes[still].sum(axis=0).real
+        modes[still] = 0.0
+        return cls(mean, modes / np.where(still, 1.0, divisors)[:, None], angle)
 
     def values(self) -> Array:
         """w on the grid of g."""
@@ -131,13 +136,23 @@ class Theory:
     """The error of a method, to first order in its local error; within, everything is in units of the top.
 
     step : (points, 6), what a step adds to p and o, at equal distances over a nutation. S : (points, 2, 4), or 0. angle :
-    (points,), by what a step turns each Fourier mode.
+    (points,), by what a step turns each Fourier mode. drifts : whether the invariants do, in the mean.
     """
 
-    def __init__(self, top: LagrangeTop, y0: Array, h: float, step: Array, S: NDArray[Any], angle: NDArray[Any]):
+    def __init__(
+        self,
+        top: LagrangeTop,
+        y0: Array,
+        h: float,
+        step: Array,
+        S: NDArray[Any],
+        angle: NDArray[Any],
+        drifts: bool = False,
+    ):
         self.units = Units(top, y0, h)
         self.top, self.y0, self.h = LagrangeTop(self.units.alpha), self.units.enter(y0), self.units.time(h)
-        self.off = Sum.of(step[:, 2:], angle)
+        off = Sum.of(step[:, 2:], angle)
+        self.off = off if drifts else replace(off, mean=np.zeros(4))
         Q = self.off.values()
         self.along = Sum.of(step[:, :2] + times(S, Q - Q[0]), angle)
         self.ramp = Sum.of(times(S, np.broadcast_to(self.off.mean, Q.shape)), angle)
@@ -175,6 +190,8 @@ class Theory:
 
 def theory(top: LagrangeTop, y0: Array, h: float, method: Method, lam: complex | None = None) -> Theory:
     """Of what has been checked; NoPrediction if there is none."""
+    if not SPANS[0] <= abs(h) / top.scales(y0)[2] <= SPANS[1]:
+        raise NoPrediction(f"h = {h:g} is not between {SPANS[0]:g} and {SPANS[1]:g} time scales of the top")
     if lam is None and method.name in PAPERS:
         lam = papers_parameter(method.name, y0, h)
     if lam is not None:
@@ -191,11 +208,13 @@ def theory(top: LagrangeTop, y0: Array, h: float, method: Method, lam: complex |
 def of_two_point(top: LagrangeTop, y0: Array, h: float, lam: complex) -> Theory:
     """Exact: the time T(λ) and a turn by Θ(λ); a step with h < 0 is the inverse map."""
     try:
-        T, turn = map(float, time_and_turn(top, y0, lam))
+        with mp.workdps(DIGITS):
+            T, turn = time_and_turn(top, y0, lam)
+            ahead = float(T - abs(h))
     except ValueError as error:
         raise NoPrediction(f"T(λ) and Θ(λ) are not known: {error}") from None
     sign, units = math.copysign(1.0, h), Units(top, y0, h)
-    step = np.array([[units.time(sign * T - h), sign * turn, 0.0, 0.0, 0.0, 0.0]])
+    step = sign * np.array([[units.time(ahead), float(turn), 0.0, 0.0, 0.0, 0.0]])
     return Theory(top, y0, h, step, np.zeros((1, 2, 4)), np.zeros(1))
 
 
@@ -216,12 +235,10 @@ def of_first_order(user_top: LagrangeTop, user_y0: Array, user_h: float, method:
             break
     else:
         raise NoPrediction(f"{points} points of a nutation do not resolve the local error")
-    if method.symmetric:
-        step[:, 2:] -= np.mean(step[:, 2:], axis=0)
     angle = (2 * np.pi / period * h) * np.fft.fftfreq(points, 1 / points)
     modes = np.fft.fft(shear, axis=0)
     modes[1:] *= (np.expm1(1j * angle[1:]) / (1j * angle[1:]))[:, None, None]
-    return Theory(user_top, user_y0, user_h, step, h * np.fft.ifft(modes, axis=0).real, angle)
+    return Theory(user_top, user_y0, user_h, step, h * np.fft.ifft(modes, axis=0).real, angle, not method.symmetric)
 
 
 def local_error(top: LagrangeTop, states: Array, h: float, method: Method) -> Array:

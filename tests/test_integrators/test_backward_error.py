@@ -132,6 +132,13 @@ def test_theory_takes_the_error_away(name, h, share):
     assert rest < share * error
 
 
+def test_steps_that_divide_the_nutation_are_no_trouble():
+    """All modes of number 16, 32, … have the same phase at every step."""
+    error, rest = left(TOP, Y0, exact.nutation_period(TOP, Y0) / 16, "rkmk4", 800)
+    assert error > 1e-3
+    assert rest < 0.01 * error
+
+
 @pytest.mark.parametrize("name", ["implicit_midpoint", "strang"])
 def test_the_rates_alone_say_where_a_long_run_is(name):
     """What oscillates about them does not grow. Negative control: the rates of twice the step."""
@@ -181,6 +188,8 @@ def test_rates_follow_the_units():
         ("sleeping_stable", "kahan", 0.1, "regular precession"),
         ("generic", "taylor", 0.1, "chooses its own steps"),
         ("generic", "strang", 50.0, "does not converge"),
+        ("generic", "strang", 1e300, "time scales"),
+        ("weightless", "backlund_paper", 1e-300, "time scales"),
     ],
 )
 def test_why_there_is_no_prediction(state, name, h, reason):
