@@ -3,8 +3,9 @@
 A method that conserves every invariant can still be anywhere on the torus. The error against the exact solution is
 split along the two flows of the torus: a time error (nutation phase) and an angle error (precession phase); what is
 left is drift off the torus. Against time they split into a constant frequency shift and a residual. Orders are
-measured on single steps. A last part holds the exact Bäcklund step to its promise, on every named top, four hundred
-others and thirty-two close to the separatrix: its error is what some ulps more in the initial state would make.
+measured on single steps. A part holds the exact Bäcklund step to its promise, on every named top, four hundred
+others and thirty-two close to the separatrix: its error is what some ulps more in the initial state would make. A last part
+holds every other step against backward error analysis: `integrators.backward_error` predicts its phases.
 Times are in units of 1/(|J| + √(|alpha||x|)).
 """
 
@@ -29,6 +30,7 @@ from experiments.measuring.states import (
     truth,
 )
 from integrators import METHODS
+from integrators.backward_error.prediction import NoPrediction, theory
 from integrators.problem.top import TOPS
 from integrators.truth import exact
 
@@ -45,6 +47,8 @@ PROMISE_H = (0.03, 0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 7.0, 11.0)
 PROMISE_TURNS = (0.25, 0.49, 0.5, 1.0, 1.5)  # and of these fractions of the nutation period
 PROMISE_RANDOM = {"quick": 16, "full": 200}  # as many of them, and as many of every kind
 UNSTABLE_SPAN = 20.0  # of orbits without a period: there errors grow exponentially
+THEORY_STATES = {"quick": ("generic",), "full": STATES["full"]}
+THEORY_SPAN = 512.0  # length of the runs that are held against theory
 
 
 def cells(profile: str) -> list[dict]:
@@ -59,6 +63,10 @@ def cells(profile: str) -> list[dict]:
         for name, method in methods_on().items():
             n = affordable(method, steps, profile == "full")
             listed.append({"part": "time", "method": name, "state": state, "h": h, "steps": n})
+    for state in THEORY_STATES[profile]:
+        for name in stepping:
+            sizes = theory_steps(METHODS[name].order)
+            listed += [{"part": "theory", "method": name, "state": state, "h": h} for h in sizes]
     some = PROMISE_RANDOM[profile]
     for state in (*TOPS, *(f"random{i:03d}" for i in range(some)), *CLOSE[: some // 2], *WIDE[:some]):
         listed.append({"part": "promise", "method": "backlund", "state": state})
@@ -72,6 +80,8 @@ def measure(cell: dict) -> list[dict]:
     rate, _, unit = top.scales(y0)
     if cell["part"] == "promise":
         return [_promise(top, y0, cell["method"], h) for h in _promise_steps(top, y0)]
+    if cell["part"] == "theory":
+        return _against_theory(top, y0, cell["method"], cell["h"])
     options = options_of(cell)
     if cell["part"] == "h":
         h = cell["h"]
@@ -97,6 +107,40 @@ def _one_step(name: str) -> list[dict]:
     length = {"run": check.RUN} if points.runs else {}
     pairs = zip(points.spans, points.errors, strict=True)
     return [{"h": rounded(h), "error": rounded(error), **length} for h, error in pairs]
+
+
+def theory_steps(order: int | None) -> tuple[float, ...]:
+    """Two steps at which a method of this order is neither far off nor as good as exact in runs of `THEORY_SPAN`."""
+    return () if order is None else tuple(rounded(2.0 ** (k + 1 - 15 / order)) for k in (1, 0))
+
+
+def _against_theory(top, y0, name, h) -> list[dict]:
+    """Phase errors of a run, measured and predicted, and what is left of its error beside the state that theory predicts."""
+    rate, _, unit = top.scales(y0)
+    try:
+        predicted = theory(top, y0, h * unit, METHODS[name])
+    except NoPrediction as reason:
+        return [{"reason": str(reason)}]
+    counts = log_counts(round(THEORY_SPAN / h), per_octave=1)
+    times, states = sample(top, y0, name, h * unit, counts)
+    errors = _errors(top, states, truth(top, y0, METHODS[name], h * unit, counts), y0, rate)
+    time, angle = predicted.shifts(counts)
+    columns = {
+        "t": times * rate,
+        **errors,
+        "predicted_time": time * rate,
+        "predicted_angle": angle,
+        "left": metrics.scaled_error(top, y0, states, predicted.states(counts)),
+    }
+    phase = predicted.phase
+    rates = {
+        "clock": phase.clock,
+        "turn": phase.turn * unit,
+        "clock_growth": phase.clock_growth * unit,
+        "turn_growth": phase.turn_growth * unit * unit,
+    }
+    rates = {name: rounded(value) for name, value in rates.items()}
+    return [{name: rounded(value[i]) for name, value in columns.items()} | rates for i in range(len(times))]
 
 
 def _errors(top, states, truth, y0, rate) -> dict[str, np.ndarray]:
@@ -202,12 +246,33 @@ def promise(rows: pd.DataFrame) -> pd.DataFrame:
     return table.rename(columns={"state": "worst top", "ulps": "ulps of the initial state"})
 
 
+RANGE = (1e-9, 1e-2)  # errors of runs that say how good the theory is: no round-off, and of first order
+
+
+def against_theory(rows: pd.DataFrame) -> pd.DataFrame:
+    """What theory takes away of the largest error of each run, and the rates it predicts."""
+    rows = rows[(rows.part == "theory") & (rows.status == "done")]
+    table = []
+    for (method, state, h), run in rows.groupby(["method", "state", "h"], sort=False):
+        first, error = run.iloc[0], run.error.max()
+        if pd.isna(first.get("left")):
+            table.append({"method": method, "state": state, "h": h, "reason": first.reason})
+            continue
+        rates = {name.replace("_", " "): first[name] for name in ("clock", "turn", "clock_growth", "turn_growth")}
+        taken = {"error": error, "left": run.left.max(), "share left": run.left.max() / error}
+        judged = bool(RANGE[0] <= error <= RANGE[1])
+        table.append({"method": method, "state": state, "h": h, **rates, **taken, "in range": judged})
+    return pd.DataFrame(table)
+
+
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     made = {"orders": orders(rows)}
     if (rows.part == "time").any():
         made["frequency_shifts"] = shifts(rows)
     if "ulps" in rows:
         made["promise"] = promise(rows)
+    if (rows.part == "theory").any():
+        made["theory"] = against_theory(rows)
     return {name: table for name, table in made.items() if len(table)}
 
 
@@ -220,6 +285,8 @@ def draw(rows: pd.DataFrame) -> dict:
         figures["families"] = _draw_families(rows[rows.part == "h"], style)
     if (rows.part == "time").any():
         figures["time"] = _draw_time(rows[rows.part == "time"], style)
+    if (rows.part == "theory").any() and "left" in rows:
+        figures["theory"] = _draw_theory(rows[rows.part == "theory"], style)
     return figures
 
 
@@ -303,6 +370,32 @@ def _draw_time(rows: pd.DataFrame, style):
         "in units of 1/(|J| + √(α|x|)), largest over blocks of time; in grey the exact Bäcklund step. A straight line of "
         "slope 1 is a constant shift of frequency, slope 2 one that drifts; of the order of one, the phase is lost. The "
         "precession and the other tops are in the table of frequency shifts."
+    )
+    return fig
+
+
+def _draw_theory(rows: pd.DataFrame, style):
+    here = rows[(rows.state == "generic") & (rows.status == "done") & (rows.error > 0)]
+
+    def line(ax, method, look):
+        run = here[here.method == method]
+        run = run[run.h == run.h.max()]
+        if run.empty:
+            return
+        both = np.hypot(run.predicted_time, run.predicted_angle)
+        ax.loglog(run.t, both, **{**look, "linestyle": "-", "marker": "none"})
+        measured = {**look, "linestyle": "none", "marker": "o", "markersize": 2.6, "label": "_measured"}
+        ax.loglog(run.t, np.hypot(run.time, run.angle), **measured)
+        ax.loglog(
+            run.t, run.left.cummax(), **{**look, "linewidth": 0.5, "linestyle": ":", "marker": "none", "label": "_left"}
+        )
+
+    fig, axes = style.by_family(here.method, line, "time · (|J| + √(α|x|))", "phase error", (1e-17, 1e0))
+    style.label_ends(axes)
+    fig.caption = (
+        "Phase errors against time, measured (dots) and predicted by backward error analysis (lines under them): the hypotenuse "
+        "of the nutation's and the precession's, on “generic unit top”, each method at the larger of its two steps. Dotted: the "
+        "largest error so far that the prediction leaves of the whole state. It is round-off, or of second order."
     )
     return fig
 

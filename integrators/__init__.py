@@ -15,6 +15,7 @@ from integrators.lazy import face
 
 if TYPE_CHECKING:
     from integrators.api import Trajectory, integrate, prepare, two_point
+    from integrators.backward_error.prediction import PredictedPhase, predicted_phase
     from integrators.compiling.expression import sqrt
     from integrators.ensemble import integrate_ensemble
     from integrators.interface import INVARIANTS, Method, StepError, Stepper, Work
@@ -37,6 +38,7 @@ __all__ = [
     "NamedTop",
     "PerturbedTop",
     "Potential",
+    "PredictedPhase",
     "StepError",
     "Stepper",
     "Trajectory",
@@ -45,6 +47,7 @@ __all__ = [
     "exact",
     "integrate",
     "integrate_ensemble",
+    "predicted_phase",
     "prepare",
     "sqrt",
     "two_point",
@@ -54,6 +57,7 @@ __getattr__, __dir__ = face(
     __name__,
     {
         "integrators.api": ("Trajectory", "integrate", "prepare", "two_point"),
+        "integrators.backward_error.prediction": ("PredictedPhase", "predicted_phase"),
         "integrators.ensemble": ("integrate_ensemble",),
         "integrators.interface": ("INVARIANTS", "Method", "StepError", "Stepper", "Work"),
         "integrators.problem.body": ("HeavyTop",),

@@ -3,7 +3,7 @@
 It starts at the experiment's `measure`, at the records of the methods and at the cell's potential, and follows every name
 to the function, class or constant of the bench that it stands for, in whatever file that is. So an edit of one method marks
 that method's cells, an edit of a figure marks none. A method counts if the cell names it or the code that measures does, in
-a string.
+a string. Of a table `ByMethod` only the entry of the cell's method counts.
 
 Comments, docstrings, layout, type annotations and import statements are left out, and no path or module name goes in:
 files may be moved. What comes from outside the bench counts by its name there.
@@ -25,6 +25,7 @@ from experiments.catalogue import load, load_stored
 BENCH = frozenset(("integrators", "experiments", "results", "report", "lagrange_bench"))
 INDEX = "integrators.registry"  # not followed: which methods there are decides about no row
 DEFAULT = "backlund"  # the method of a cell that names none, as of `integrators.prepare`
+TABLE = "ByMethod"  # the annotation of a dict by names of methods
 IGNORED = frozenset(("annotation", "ctx", "kind", "returns", "type_comment"))  # fields of syntax trees
 
 SAME, OTHER, UNKNOWN = "same", "other", "unknown"
@@ -75,14 +76,17 @@ def _of(experiment: str, method: str | None, potential: str | None = None) -> st
             start = {(module.measure.__module__, module.measure.__qualname__)}
         records = [_record(method) if method else None, _record(potential, "potential") if potential else None]
         start.update(filter(None, records))
-        found = _reached(start, {DEFAULT} if method is None else set())
+        found = _reached(start, {DEFAULT} if method is None else set(), method)
     except Exception:  # somebody else's, and not here, or not fit to be loaded or read
         return None
     return None if found is None else hashlib.sha256("".join(sorted(found)).encode()).hexdigest()[:16]
 
 
-def _reached(start: set[Place], words: set[str]) -> set[str] | None:
-    """Digests of all that is used from these places on, and by methods of these names; None: not all have a source."""
+def _reached(start: set[Place], words: set[str], method: str | None) -> set[str] | None:
+    """Digests of all that is used from these places on, and by methods of these names; None: not all have a source.
+
+    method : of the cell.
+    """
     if any(_module(module) is None for module, _ in start):
         return None
     packages = BENCH | {module.partition(".")[0] for module, _ in start}
@@ -91,7 +95,7 @@ def _reached(start: set[Place], words: set[str]) -> set[str] | None:
     while waiting:
         module, name = waiting.pop()
         for unit in _units(module, name) if module != INDEX else ():
-            text, paths, said = _read(module, unit)
+            text, paths, said = _read(module, _entry(unit, method))
             places = frozenset().union(*(_places(path, packages) for path in paths))
             digests |= {text, *(place for place in places if isinstance(place, str))}
             waiting |= {place for place in places if not isinstance(place, str)} - seen
@@ -203,6 +207,18 @@ def _places(path: str, packages: frozenset[str]) -> frozenset[Place | str]:
 
 
 # ---------------------------------------------------------------- one definition
+
+
+@cache
+def _entry(unit: ast.stmt, method: str | None) -> ast.stmt:
+    """Of a table by names of methods, what it has for one of them; any other definition as it is."""
+    if method is None or not (isinstance(unit, ast.AnnAssign) and isinstance(unit.value, ast.Dict)):
+        return unit
+    if ast.unparse(unit.annotation) != TABLE:
+        return unit
+    pairs = zip(unit.value.keys, unit.value.values, strict=True)
+    own = [value for name, value in pairs if isinstance(name, ast.Constant) and name.value == method]
+    return ast.copy_location(ast.Expr(ast.List(own)), unit)
 
 
 @cache

@@ -82,6 +82,28 @@ REASON = "biased, as the method says"
     ("changes", "passed"),
     [
         ({}, True),
+        ({"share left": 0.03}, False),
+        ({"share left": np.nan}, False),
+        ({"in range": False}, False),  # the only run of this method says nothing
+        ({"in range": np.nan, "method": "mine"}, True),  # of a plug-in there is no theory
+    ],
+)
+def test_theory_must_hold_for_every_method(monkeypatch, changes, passed):
+    monkeypatch.setattr(promises, "table", lambda *_: lambda rows: rows)
+    names = [name for name in METHODS if METHODS[name].order and METHODS[name].control == "step"]
+    rows = [{"method": name, "state": "generic", "h": 0.1, "share left": 0.01, "in range": True} for name in names]
+    table = pd.DataFrame([*rows, {**rows[3], **changes}]).assign(part="theory")
+    if changes.get("in range") is False:
+        table = table.drop(index=3)
+    assert promises.taken_by_theory(table).passed is passed
+    with pytest.raises(NoData, match=f"not held against theory: {min(names[:3])}"):
+        promises.taken_by_theory(table[~table.method.isin(names[:3])])
+
+
+@pytest.mark.parametrize(
+    ("changes", "passed"),
+    [
+        ({}, True),
         ({"exponent": 0.8}, False),
         ({"exponent": 0.8, "claimed": False}, True),
         ({"exponent": 0.8, REASON: "a rounded constant"}, True),

@@ -1,0 +1,307 @@
+"""The phase error of a method by backward error analysis: how fast its clock is wrong, and how fast its torus turns.
+
+After n steps of h a state is at the exact solution of the time t + τ(t), t = nh, turned about e3 by θ(t),
+
+    τ = clock t + ½ clock_growth t²        θ = turn t + ½ turn_growth t²,
+
+up to what oscillates with the nutation. docs/phase-theory.md has the formulas and their sources.
+
+The two-point map: T(λ) and Θ(λ) are known, so clock = T/h − 1 and turn = Θ/h, and nothing oscillates.
+
+Any other: the local error δ = Φ_h − φ_h = h^{p+1} d + … is a power series in h (`steps`), of which `TERMS` terms are taken. To
+first order in δ the error follows e ← Dφ_h e + δ. Let X = (X_H, X_J3), G the gradients of H, J3, C1 and C2 as rows, and
+e = X p + E o with E = Gᵀ(G Gᵀ)⁻¹: p is the error along the torus, o = G e what the invariants are off. In one step
+
+    o ← o + Gδ        p ← p + S o + X⁺δ        S = Σ(s + h) − Σ(s),   Σ' = X⁺(f' E − E'),
+
+where everything is periodic in s, the time modulo a nutation, and is summed by its Fourier series. Terms of second order in δ
+are left out. A symmetric method takes the mirror image of an orbit in a vertical plane, run backwards, to such an image, and
+every torus is its own image: the mean of Gδ vanishes, and what first order leaves of it is taken off.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from mpmath import mp
+from numpy.typing import ArrayLike, NDArray
+
+from integrators.backward_error.power_series import Series
+from integrators.backward_error.steps import STEPS, flow
+from integrators.checks import check_state, check_step
+from integrators.interface import Array, Method
+from integrators.paper.interpolating_flow import time_and_turn
+from integrators.problem.body import HeavyTop
+from integrators.problem.top import LagrangeTop
+from integrators.problem.units import Units
+from integrators.registry import find_method
+from integrators.torus.any_parameter import check_parameter, papers_parameter
+from integrators.truth import exact
+
+PAPERS = ("backlund_paper", "backlund_textbook")  # two-point maps with λ = i h √C1/2
+SPANS = (1e-6, 1e3)  # of |h|, in time scales of the top
+DIGITS = 30  # of T(λ), which for small h is nearly h
+TERMS = 20  # of the power series of the local error
+CONVERGED = 1e-3  # the last two of these terms over their sum, at most
+POINTS = (64, 256, 1024)  # of a nutation; more where 64 do not resolve it
+SMOOTH = 1e-5  # the highest Fourier modes over the largest, at most
+RESONANT = 1e-9  # |e^{iθ} − 1| of a mode that every step meets in the same phase θ
+THIN = 1e-6  # the least singular value of vectors of length 1 over the largest, if they are independent
+
+
+class PredictedPhase(NamedTuple):
+    """Rates per unit of time; None where there is no prediction, and then the reason."""
+
+    clock: float | None
+    turn: float | None
+    clock_growth: float = 0.0
+    turn_growth: float = 0.0
+    reason: str = ""
+
+
+class NoPrediction(ValueError):
+    """There is no theory of a method on a top; the message is the reason."""
+
+
+def predicted_phase(
+    top: LagrangeTop | HeavyTop, y0: ArrayLike, h: float, method: str | Method = "backlund", lam: complex | None = None
+) -> PredictedPhase:
+    """How fast the phases of `method` go wrong, by backward error analysis; without taking a step.
+
+    Parameters
+    ----------
+    top, y0, h, method : as of `integrate`. lam : of a two-point map with any λ; h then says by how much it is to step.
+
+    Returns
+    -------
+    (clock, turn, clock_growth, turn_growth, reason): after a time t the method is at the exact solution of the time
+    t + clock t + ½ clock_growth t², turned about e3 by turn t + ½ turn_growth t². Growth is 0 if the method keeps the
+    invariants in the mean. Where there is no prediction clock and turn are None, and `reason` says why.
+
+    Raises
+    ------
+    ValueError : an argument that makes no sense; the message names it.
+    """
+    top = top.top if isinstance(top, HeavyTop) else top
+    if not isinstance(top, LagrangeTop):
+        raise ValueError(f"top must be a LagrangeTop or a HeavyTop; got {type(top).__name__}")
+    top.single()
+    found, state, h = find_method(method), check_state(y0), check_step(h)
+    try:
+        return theory(top, state, h, found, None if lam is None else check_parameter(lam)).phase
+    except NoPrediction as reason:
+        return PredictedPhase(None, None, reason=str(reason))
+
+
+# ------------------------------------------------------------------------------------------ sums of a periodic function
+
+
+@dataclass(frozen=True)
+class Sum:
+    """Σ of g(s0), g(s1), … up to g(s_{n−1}), s_n = nh, g periodic: n mean + w(s_n) − w(s0), w(s + h) − w(s) = g(s) − mean."""
+
+    mean: Array
+    modes: NDArray[Any]  # of w
+    angle: Array  # of the modes, from step to step
+
+    @classmethod
+    def of(cls, g: Array, angle: NDArray[Any]) -> Sum:
+        modes, divisors = np.fft.fft(g, axis=0) / len(g), np.expm1(1j * angle)
+        still = np.abs(divisors) < RESONANT
+        mean = modes[still].sum(axis=0).real
+        modes[still] = 0.0
+        return cls(mean, modes / np.where(still, 1.0, divisors)[:, None], angle)
+
+    def values(self) -> Array:
+        """w on the grid of g."""
+        w: Array = np.fft.ifft(self.modes, axis=0).real * len(self.modes)
+        return w
+
+    def wave(self, n: Array) -> Array:
+        """w(s_n)."""
+        w: Array = (np.exp(1j * np.outer(n, self.angle)) @ self.modes).real
+        return w
+
+    def __call__(self, n: Array) -> Array:
+        return np.outer(n, self.mean) + self.wave(n) - self.wave(np.zeros(1))
+
+
+# ------------------------------------------------------------------------------------------ the theory
+
+
+class Theory:
+    """The error of a method, to first order in its local error; within, everything is in units of the top.
+
+    step : (points, 6), what a step adds to p and o, at equal distances over a nutation. S : (points, 2, 4), or 0. angle :
+    (points,), by what a step turns each Fourier mode. drifts : whether the invariants do, in the mean.
+    """
+
+    def __init__(
+        self,
+        top: LagrangeTop,
+        y0: Array,
+        h: float,
+        step: Array,
+        S: NDArray[Any],
+        angle: NDArray[Any],
+        drifts: bool = False,
+    ):
+        self.units = Units(top, y0, h)
+        self.top, self.y0, self.h = LagrangeTop(self.units.alpha), self.units.enter(y0), self.units.time(h)
+        off = Sum.of(step[:, 2:], angle)
+        self.off = off if drifts else replace(off, mean=np.zeros(4))
+        Q = self.off.values()
+        self.along = Sum.of(step[:, :2] + times(S, Q - Q[0]), angle)
+        self.ramp = Sum.of(times(S, np.broadcast_to(self.off.mean, Q.shape)), angle)
+        self.ramps = Sum.of(self.ramp.values(), angle)
+
+    @property
+    def phase(self) -> PredictedPhase:
+        second = self.units.time(1.0)
+        clock, turn = (self.along.mean - self.ramp.mean / 2) / self.h
+        clock_growth, turn_growth = self.ramp.mean / self.h**2
+        return PredictedPhase(
+            float(clock), float(turn * second), float(clock_growth * second), float(turn_growth * second**2)
+        )
+
+    def shifts(self, n: ArrayLike) -> tuple[Array, Array]:
+        """After n steps (N,): how far ahead the method is in time, and by what angle it has turned too far."""
+        p = self._along(np.asarray(n, dtype=float))
+        return p[:, 0] / self.units.time(1.0), p[:, 1]
+
+    def states(self, n: ArrayLike) -> Array:
+        """Where the method is after n steps (N,), (N, 6)."""
+        n = np.asarray(n, dtype=float)
+        p = self._along(n)
+        y = exact.solution(self.top, self.y0, self.h * n + p[:, 0])
+        c, s = np.cos(p[:, 1]), np.sin(p[:, 1])
+        for i in (0, 3):
+            y[:, i], y[:, i + 1] = c * y[:, i] - s * y[:, i + 1], s * y[:, i] + c * y[:, i + 1]
+        return self.units.leave(y + times(np.linalg.pinv(gradients(self.top, y)), self.off(n)))
+
+    def _along(self, n: Array) -> Array:
+        # Σ k g(s_k) of a periodic g, by parts
+        ramped = np.outer(n * (n - 1) / 2, self.ramp.mean) + (n - 1)[:, None] * self.ramp.wave(n)
+        return self.along(n) + ramped + self.ramp.wave(np.zeros(1)) - self.ramps(n)
+
+
+def theory(top: LagrangeTop, y0: Array, h: float, method: Method, lam: complex | None = None) -> Theory:
+    """Of what has been checked; NoPrediction if there is none."""
+    if not SPANS[0] <= abs(h) / top.scales(y0)[2] <= SPANS[1]:
+        raise NoPrediction(f"h = {h:g} is not between {SPANS[0]:g} and {SPANS[1]:g} time scales of the top")
+    if lam is None and method.name in PAPERS:
+        lam = papers_parameter(method.name, y0, h)
+    if lam is not None:
+        return of_two_point(top, y0, h, lam)
+    if method.control != "step":
+        raise NoPrediction(f"{method.name} chooses its own steps")
+    if method.order is None:
+        return Theory(top, y0, h, np.zeros((1, 6)), np.zeros((1, 2, 4)), np.zeros(1))
+    if method.name not in STEPS:
+        raise NoPrediction(f"of {method.name} no power series of a step is written down")
+    return of_first_order(top, y0, h, method)
+
+
+def of_two_point(top: LagrangeTop, y0: Array, h: float, lam: complex) -> Theory:
+    """Exact: the time T(λ) and a turn by Θ(λ); a step with h < 0 is the inverse map."""
+    try:
+        with mp.workdps(DIGITS):
+            T, turn = time_and_turn(top, y0, lam)
+            ahead = float(T - abs(h))
+    except ValueError as error:
+        raise NoPrediction(f"T(λ) and Θ(λ) are not known: {error}") from None
+    sign, units = math.copysign(1.0, h), Units(top, y0, h)
+    step = sign * np.array([[units.time(ahead), float(turn), 0.0, 0.0, 0.0, 0.0]])
+    return Theory(top, y0, h, step, np.zeros((1, 2, 4)), np.zeros(1))
+
+
+def of_first_order(user_top: LagrangeTop, user_y0: Array, user_h: float, method: Method) -> Theory:
+    units = Units(user_top, user_y0, user_h)
+    top, y0, h = LagrangeTop(units.alpha), units.enter(user_y0), units.time(user_h)
+    period = exact.nutation_period(top, y0)
+    if not np.isfinite(period):
+        raise NoPrediction("the motion has no period")
+    for points in POINTS:
+        s = np.arange(points) * (period / points)
+        states, ends = exact.solution(top, y0, s), exact.solution(top, y0, s + h)
+        error, X = local_error(top, states, h, method), flows(top, ends)
+        G = gradients(top, ends + error / 2)  # invariants are of second degree: G e is their change
+        step = np.concatenate((times(np.linalg.pinv(X), error), times(G, error)), axis=1)
+        shear = shears(top, states)
+        if smooth(step) and smooth(shear):
+            break
+    else:
+        raise NoPrediction(f"{points} points of a nutation do not resolve the local error")
+    angle = (2 * np.pi / period * h) * np.fft.fftfreq(points, 1 / points)
+    modes = np.fft.fft(shear, axis=0)
+    modes[1:] *= (np.expm1(1j * angle[1:]) / (1j * angle[1:]))[:, None, None]
+    return Theory(user_top, user_y0, user_h, step, h * np.fft.ifft(modes, axis=0).real, angle, not method.symmetric)
+
+
+def local_error(top: LagrangeTop, states: Array, h: float, method: Method) -> Array:
+    """Φ_h − φ_h at states (N, 6): `TERMS` terms of its power series in h, from the order on."""
+    assert method.order is not None
+    alpha, first, power = top.single(), method.order + 1, method.order + TERMS
+    *y, step = (Series(np.zeros((power + 1, len(states)))) for _ in range(7))
+    for part, column in zip(y, states.T, strict=True):
+        part.c[0] = column
+    step.c[1] = 1.0
+    pairs = zip(STEPS[method.name](alpha, tuple(y), step, power), flow(alpha, tuple(y), step, power), strict=True)
+    terms = (
+        np.array([(after - there).c[first:] for after, there in pairs]) * (h ** np.arange(first, power + 1))[:, None]
+    )
+    total: Array = terms.sum(axis=1)
+    if not np.abs(terms[:, -2:]).max() <= CONVERGED * np.abs(total).max():
+        raise NoPrediction(f"the power series of the local error does not converge at h = {h:g} time scales")
+    return total.T
+
+
+def times(matrices: NDArray[Any], vectors: Array) -> Array:
+    return np.einsum("nij,nj->ni", matrices, vectors)
+
+
+def flows(top: LagrangeTop, states: Array) -> Array:
+    """X_H and X_J3 at states (N, 6), as columns (N, 6, 2)."""
+    X = np.zeros((*states.shape, 2))
+    X[:, :, 0] = top.rhs(states)
+    X[:, (0, 3), 1], X[:, (1, 4), 1] = -states[:, (1, 4)], states[:, (0, 3)]
+    if not independent(X):
+        raise NoPrediction("the flows of H and J3 are one: a regular precession, or very close to it")
+    return X
+
+
+def gradients(top: LagrangeTop, states: Array) -> Array:
+    """Of H, J3, C1 and C2, as rows (N, 4, 6)."""
+    return np.array([top.gradients(y) for y in states])
+
+
+def shears(top: LagrangeTop, states: Array) -> Array:
+    """X⁺(f' E − E') at states (N, 6), (N, 2, 4). As X⁺ Gᵀ = 0, it is X⁺(f' Gᵀ − Gᵀ')(G Gᵀ)⁻¹."""
+    G, rates = gradients(top, states), top.rhs(states)
+    still = gradients(top, np.zeros_like(states))  # gradients are affine functions of the state
+    changes = gradients(top, rates) - still
+    transposed = G.transpose(0, 2, 1)
+    if not independent(transposed):
+        raise NoPrediction("the gradients of the invariants are not independent")
+    f = np.array([top.jacobian(y) for y in states])
+    sigma: Array = (
+        np.linalg.pinv(flows(top, states))
+        @ (f @ transposed - changes.transpose(0, 2, 1))
+        @ np.linalg.inv(G @ transposed)
+    )
+    return sigma
+
+
+def independent(columns: Array) -> bool:
+    lengths = np.linalg.norm(columns, axis=1, keepdims=True)
+    values = np.linalg.svd(columns / np.where(lengths > 0, lengths, 1.0), compute_uv=False)
+    return bool(np.all(values[:, -1] > THIN * values[:, 0]))
+
+
+def smooth(values: Array) -> bool:
+    """Whether a periodic function on a grid has a Fourier series that ends before the grid does."""
+    size = np.abs(np.fft.fft(values, axis=0)).reshape(len(values), -1).max(axis=1)
+    return bool(size[3 * len(size) // 8 : 5 * len(size) // 8].max() <= SMOOTH * size.max())

@@ -1,0 +1,171 @@
+"""One step of a method as a power series in h, at many states at once.
+
+Where a kernel is a formula, the kernel itself runs on power series; where it iterates, or rounds a function to a
+polynomial, its equations do. A step without a series is missing in `STEPS`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from integrators.backward_error.power_series import Series, interpreted
+from integrators.compiling.loops import SIZE
+from integrators.methods import bobenko_suris as bs
+from integrators.methods import collective_midpoint as cm
+from integrators.methods import gauss, kahan, lie_group, runge_kutta, splitting
+from integrators.methods.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Tableau
+from integrators.problem.perturbed import cross
+
+State = tuple[Any, ...]  # J1, J2, J3, x1, x2, x3
+Step = Callable[[float, State, Series, int], State]  # (alpha, state, h, highest power of h) → the state after a step
+
+ByMethod = dict[str, Step]  # `results.sources` knows this word: of such a table a cell uses its own method's entry
+
+TALLY = np.zeros(SIZE)  # what a kernel reports, which is nothing here
+
+
+def rhs(alpha: float, s: State) -> State:
+    return -alpha * s[4], alpha * s[3], 0.0 * s[2], *cross(s[:3], s[3:])
+
+
+def flow(alpha: float, s: State, h: Series, power: int) -> State:
+    """The motion itself: its Taylor series by Picard's iteration, one term after the other."""
+    c = [part.c.copy() for part in s]
+    for k in range(power):
+        rates = rhs(alpha, tuple(Series(part[: k + 1]) for part in c))
+        for part, rate in zip(c, rates, strict=True):
+            part[k + 1] = rate.c[k] / (k + 1)
+    return tuple(map(Series, c))
+
+
+def runge_kutta_step(tableau: Tableau, alpha: float, s: State, h: Series, power: int) -> State:
+    rows = tuple(map(runge_kutta.floats, tableau.a))
+    d = runge_kutta.weigh(runge_kutta.floats(tableau.b), runge_kutta.slopes_of(rows, s, alpha, h))
+    return s[0] + d[0], s[1] + d[1], s[2], s[3] + d[2], s[4] + d[3], s[5] + d[4]
+
+
+def projected_step(tableau: Tableau, alpha: float, s: State, h: Series, power: int) -> State:
+    """Back to the nearest point with the invariants of s, by one Newton step: the second changes what is of second order."""
+    rows = tuple(map(runge_kutta.floats, tableau.a))
+    d = runge_kutta.weigh(runge_kutta.floats(tableau.b), runge_kutta.slopes_of(rows, s, alpha, h))
+    j, _, xx, xJ = interpreted(runge_kutta.products)(*s)
+    energy = 0.5 * (j + s[2] * s[2]) + alpha * s[5]
+    state: State = interpreted(runge_kutta.projected)(s, d, (alpha, h, energy, xx, xJ), TALLY)
+    return state
+
+
+def taylor_step(order: int, alpha: float, s: State, h: Series, power: int) -> State:
+    after = flow(alpha, s, h, order)
+    for part in after:
+        part.c[order + 1 :] = 0.0
+    return after
+
+
+def collocation_step(stages: int, alpha: float, s: State, h: Series, power: int) -> State:
+    """K = h b f(y + μ K) by iteration, which settles one more power of h each time."""
+    _, b, mu = gauss.tableau(stages)
+    weights, mu_ = [h * float(w) for w in b], [[float(m) for m in row] for row in mu]
+    K: list[State] = [tuple(0.0 * part for part in s)] * stages
+    for _ in range(power):
+        Y = [tuple(y + sum(m * k[i] for m, k in zip(row, K, strict=True)) for i, y in enumerate(s)) for row in mu_]
+        K = [tuple(w * rate for rate in rhs(alpha, u)) for w, u in zip(weights, Y, strict=True)]
+    return tuple(y + sum(k[i] for k in K) for i, y in enumerate(s))
+
+
+def collective_step(alpha: float, s: State, h: Series, power: int) -> State:
+    residual, turn = interpreted(cm.residual), interpreted(cm.turn)
+    c, u, q = (0.25 * h, alpha * h), (0.0 * h,) * 3, 1.0
+    for _ in range(power + 1):
+        *_, q, r1, r2, r3 = residual(s, c, *u)
+        u = u[0] + r1, u[1] + r2, u[2] + r3
+    y = turn(*s[3:], *u, q)
+    kick = q * c[cm.KICK]
+    return s[0] - kick * y[1], s[1] + kick * y[0], s[2], *turn(*y, *u, q)
+
+
+def splitting_step(name: str, alpha: float, s: State, h: Series, power: int) -> State:
+    scheme = splitting.SCHEMES[name]
+    force = alpha * (h * h)
+    process = interpreted(splitting.process)
+    if scheme.processor:
+        s = process(s, 0.5 * scheme.processor * force)
+    none = (0.0,) * len(scheme.b)
+    kicks = list(zip(scheme.b, scheme.c or none, scheme.d or none, strict=True))
+    if scheme.first == "B":
+        s = kicked(kicks.pop(0), alpha, s, h, force)
+    for k, a in enumerate(scheme.a):
+        s = *s[:3], *turned(a * h, s[:3], s[3:], power)
+        if k < len(kicks):
+            s = kicked(kicks[k], alpha, s, h, force)
+    return process(s, -0.5 * scheme.processor * force) if scheme.processor else s
+
+
+def kicked(coefficients: tuple[float, float, float], alpha: float, s: State, h: Series, force: Series) -> State:
+    b, c, d = coefficients
+    x1, x2, x3 = s[3:]
+    kick = b + (2.0 * c) * force * x3 - (2.0 * d) * (force * force) * (x1 * x1 + x2 * x2 - 2.0 * (x3 * x3))
+    kick = (alpha * h) * kick
+    return s[0] - kick * x2, s[1] + kick * x1, *s[2:]
+
+
+def turned(t: Series, J: State, x: State, power: int) -> State:
+    """x turned about J by the angle t|J|: x + sin(t|J|)/|J| J×x + (1 − cos t|J|)/|J|² J×(J×x)."""
+    z = -(t * t) * (J[0] * J[0] + J[1] * J[1] + J[2] * J[2])
+    sine, cosine, term = Series(0.0 * z.c), Series(0.0 * z.c), z
+    sine.c[0], cosine.c[0] = 1.0, 0.5
+    for k in range(1, power // 2 + 1):
+        sine, cosine = sine + term / math.factorial(2 * k + 1), cosine + term / math.factorial(2 * k + 2)
+        term = z * term
+    u = cross(J, x)
+    v, sine, cosine = cross(J, u), t * sine, t * (t * cosine)
+    return tuple(a + sine * b + cosine * c for a, b, c in zip(x, u, v, strict=True))
+
+
+def kernel_step(
+    kernel: Any, constants: Callable[[float, Series], Any], alpha: float, s: State, h: Series, _: int
+) -> State:
+    state: State = interpreted(kernel)(s, constants(alpha, h), TALLY)
+    return state
+
+
+def half_step(alpha: float, h: Series) -> Any:
+    return 0.5 * h, 0.5 * alpha * h
+
+
+def whole_step(alpha: float, h: Series) -> Any:
+    return h, alpha * h
+
+
+# one entry for each method, in the order of the registry
+STEPS: ByMethod = {
+    "taylor_fixed": partial(taylor_step, 20),
+    "rk4": partial(runge_kutta_step, RK4),
+    "rk45_fixed": partial(runge_kutta_step, DORMAND_PRINCE),
+    "dop853_fixed": partial(runge_kutta_step, DOP853),
+    "verner9_fixed": partial(runge_kutta_step, VERNER9),
+    "verner9_projected": partial(projected_step, VERNER9),
+    "strang": partial(splitting_step, "strang"),
+    "takahashi_imada": partial(splitting_step, "takahashi_imada"),
+    "blanes_moan4": partial(splitting_step, "blanes_moan4"),
+    "force_gradient4": partial(splitting_step, "force_gradient4"),
+    "blanes_moan6": partial(splitting_step, "blanes_moan6"),
+    "force_gradient6": partial(splitting_step, "force_gradient6"),
+    "kahan_li6": partial(splitting_step, "kahan_li6"),
+    "kahan_li8": partial(splitting_step, "kahan_li8"),
+    "sofroniou_spaletta10": partial(splitting_step, "sofroniou_spaletta10"),
+    "kahan": partial(kernel_step, kahan.step, half_step),
+    "bobenko_suris": partial(kernel_step, bs.symmetric_step, half_step),
+    "implicit_midpoint": partial(collocation_step, 1),
+    "collective_midpoint": collective_step,
+    "gauss4": partial(collocation_step, 2),
+    "gauss6": partial(collocation_step, 3),
+    "gauss8": partial(collocation_step, 4),
+    "gauss12": partial(collocation_step, 6),
+    "rkmk4": partial(kernel_step, lie_group.rkmk4_step, whole_step),
+    "commutator_free4": partial(kernel_step, lie_group.commutator_free4_step, whole_step),
+}

@@ -1,0 +1,223 @@
+"""Backward error analysis: power series of steps are those steps, and runs go wrong as predicted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from experiments.measuring import metrics
+from experiments.phase import theory_steps
+from integrators import METHODS, TOPS, HeavyTop, LagrangeTop, PerturbedTop, exact, integrate, predicted_phase, prepare
+from integrators.backward_error.power_series import Series, interpreted
+from integrators.backward_error.prediction import NoPrediction, local_error, theory
+from integrators.backward_error.steps import STEPS
+from integrators.problem.potentials import PERTURBED_TOPS
+
+TOP, Y0 = LagrangeTop(0.9), np.array([0.5, -0.7, 0.3, 0.6, -0.3, 0.5])
+SLOW, Z0 = LagrangeTop(0.9 / 4), Y0 / (2, 2, 2, 1, 1, 1)  # the same in the units of `Units`
+
+
+def series(name, top, y, h):
+    return local_error(top, y[None], h, METHODS[name])[0]
+
+
+# ------------------------------------------------------------------------------------------ the local error
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_the_series_of_a_step_is_the_step(name):
+    h = theory_steps(METHODS[name].order)[1] * (1.1 if name == "verner9_projected" else 1.4)
+    step = prepare(SLOW, Z0, h, name).advance(Z0, 1) - exact.solution(SLOW, Z0, h)
+    size = np.max(np.abs(step))
+    assert size > 5e-15
+    assert np.max(np.abs(series(name, SLOW, Z0, h) - step)) < 1e-3 * size + 2e-15
+    assert np.max(np.abs(series(name, SLOW, Z0, 0.9 * h) - step)) > 0.1 * size, "negative control"
+
+
+def test_every_step_has_a_series():
+    stepping = {name for name, method in METHODS.items() if method.control == "step" and method.order}
+    assert stepping - set(STEPS) == {"backlund_paper", "backlund_textbook"}  # of which T(λ) and Θ(λ) are known
+
+
+def derivatives():
+    """f, f'f, f'f'f and f''(f, f)."""
+    f, D = TOP.rhs(Y0), TOP.jacobian(Y0)
+    return f, D @ f, D @ D @ f, np.concatenate((np.zeros(3), 2 * np.cross(f[:3], f[3:])))
+
+
+def hamiltonian_field(gradient):
+    return TOP.poisson(Y0) @ gradient
+
+
+def strang_term(rest=0.0):
+    """The gradient of alpha (e3·J×(J×x))/12 − alpha² |e3×x|²/24 + `rest`·|J|⁴."""
+    J, x, e3, alpha = Y0[:3], Y0[3:], np.array([0.0, 0.0, 1.0]), TOP.alpha
+    # J×(J×x) = J (J·x) − x J²
+    by_J = alpha / 12 * (e3 * (J @ x) + J[2] * x - 2 * x[2] * J) + 4 * rest * (J @ J) * J
+    by_x = alpha / 12 * (J[2] * J - e3 * (J @ J)) - alpha**2 / 12 * np.array([x[0], x[1], 0.0])
+    return np.concatenate((by_J, by_x))
+
+
+def test_leading_terms_are_the_ones_written_down():
+    """docs/phase-theory.md: of the implicit midpoint rule, Kahan's, Strang's and that of Bobenko and Suris."""
+    _, _, nested, second = derivatives()
+    h = 1e-4
+    written = {
+        "implicit_midpoint": nested / 12 - second / 24,
+        "kahan": nested / 12 - second / 6,
+        "strang": hamiltonian_field(strang_term()),
+        "bobenko_suris": hamiltonian_field(strang_term(rest=-1 / 48)),
+    }
+    for name, d in written.items():
+        leading = series(name, TOP, Y0, h) / h**3
+        assert leading == pytest.approx(d, abs=1e-3), name
+        assert leading != pytest.approx(written["kahan" if name != "kahan" else "strang"], abs=1e-2), "negative control"
+
+
+def test_power_series():
+    """Of functions known otherwise; at two points at once."""
+    h = Series(np.zeros((8, 2)))
+    h.c[1] = 1.0
+    geometric = 1.0 / (1.0 - h)
+    assert np.array_equal(geometric.c, np.ones((8, 2)))
+    assert (geometric * geometric).c[:, 1].tolist() == [1, 2, 3, 4, 5, 6, 7, 8]
+    root = (1.0 + h).sqrt()
+    assert (root * root - (1.0 + h)).c == pytest.approx(np.zeros((8, 2)), abs=1e-15)
+    assert ((h - 0.5) <= 0.0, (h - 0.5) > 0.0) == (True, False)
+
+    def kernel(x):
+        return math.sqrt(x) / 2.0
+
+    assert interpreted(kernel)(1.0 + h).c == pytest.approx(root.c / 2.0)
+
+
+# ------------------------------------------------------------------------------------------ the phase
+
+
+def left(top, y0, h, name, steps, **options):
+    """(error, what theory leaves of it) of runs, the largest of sixteen."""
+    lam = options.get("lam")
+    n = steps // 16 * np.arange(1, 17)
+    y = integrate(top, y0, h=h, steps=int(n[-1]), method=name, every=int(n[0]), **options).y[1:]
+    predicted = theory(top, y0, h, METHODS[name], lam)
+    error = metrics.scaled_error(top, y0, y, exact.after_steps(top, y0, h, n))
+    return error.max(), metrics.scaled_error(top, y0, y, predicted.states(n)).max()
+
+
+@pytest.mark.parametrize(
+    ("name", "h", "options"),
+    [
+        ("backlund_paper", 0.1, {}),
+        ("backlund_paper", -0.1, {}),
+        ("backlund", 0.1, {"lam": 0.02 + 0.07j}),
+        ("backlund_textbook", 0.1, {}),
+    ],
+)
+def test_of_the_two_point_map_theory_leaves_round_off(name, h, options):
+    error, rest = left(TOP, Y0, h, name, 32_000, **options)
+    assert error > 0.5
+    assert rest < 1e-10
+
+
+@pytest.mark.parametrize(
+    ("name", "h", "share"), [("strang", 0.01, 1e-4), ("rkmk4", -0.1, 1e-3), ("gauss6", 0.3, 1e-3), ("rk4", 0.05, 1e-4)]
+)
+def test_theory_takes_the_error_away(name, h, share):
+    """Symmetric or not, drifting or not, backwards too; the rest is of second order."""
+    error, rest = left(TOP, Y0, h, name, round(300 / abs(h) / 16) * 16)
+    assert error > 1e-5
+    assert rest < share * error
+
+
+def test_steps_that_divide_the_nutation_are_no_trouble():
+    """All modes of number 16, 32, … have the same phase at every step."""
+    error, rest = left(TOP, Y0, exact.nutation_period(TOP, Y0) / 16, "rkmk4", 800)
+    assert error > 1e-3
+    assert rest < 0.01 * error
+
+
+@pytest.mark.parametrize("name", ["implicit_midpoint", "strang"])
+def test_the_rates_alone_say_where_a_long_run_is(name):
+    """What oscillates about them does not grow. Negative control: the rates of twice the step."""
+    h, n = 0.05, np.array([100_000])
+    y = prepare(TOP, Y0, h, name).advance(Y0, int(n[0]))
+
+    def off(rates):
+        t = h * float(n[0])
+        moved = exact.solution(TOP, Y0, t + rates.clock * t)
+        c, s = math.cos(rates.turn * t), math.sin(rates.turn * t)
+        R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        return metrics.scaled_error(TOP, Y0, y, np.concatenate((R @ moved[:3], R @ moved[3:])))
+
+    error = metrics.scaled_error(TOP, Y0, y, exact.after_steps(TOP, Y0, h, n)[0])
+    assert error > 0.1
+    assert off(predicted_phase(TOP, Y0, h, name)) < 0.02 * error
+    assert off(predicted_phase(TOP, Y0, 2 * h, name)) > 0.2 * error
+
+
+def test_growth_is_that_of_methods_that_lose_invariants():
+    for name, keeps in (("implicit_midpoint", True), ("strang", True), ("rk4", False)):
+        found = predicted_phase(TOP, Y0, 0.1, name)
+        growth = abs(found.clock_growth) * 1e6  # after a time of 10⁶
+        assert (growth < 1e-3 * abs(found.clock)) == keeps, name
+
+
+def test_rates_follow_the_units():
+    """The same top in other units of time and length, also as a real one; twice the step is four times the rates."""
+    plain = predicted_phase(TOP, Y0, 0.01, "strang")
+    rate, size = 3.0, 5.0
+    y = Y0 * np.repeat((rate, size), 3)
+    same = predicted_phase(LagrangeTop(TOP.alpha * rate**2 / size), y, 0.01 / rate, "strang")
+    assert same[:4] == pytest.approx([v * rate**k for v, k in zip(plain[:4], (0, 1, 1, 2), strict=True)], abs=1e-12)
+    assert predicted_phase(TOP, Y0, 0.02, "strang").clock == pytest.approx(4 * plain.clock, rel=1e-3)
+    heavy = HeavyTop(mass=0.2, distance=0.1, gravity=9.8, A=0.3, C=0.2)
+    assert predicted_phase(heavy, Y0, 0.01, "kahan") == predicted_phase(heavy.top, Y0, 0.01, "kahan")
+
+
+# ------------------------------------------------------------------------------------------ no prediction
+
+
+@pytest.mark.parametrize(
+    ("state", "name", "h", "reason"),
+    [
+        ("homoclinic", "strang", 0.1, "no period"),
+        ("regular", "strang", 0.1, "regular precession"),
+        ("sleeping_stable", "kahan", 0.1, "regular precession"),
+        ("generic", "taylor", 0.1, "chooses its own steps"),
+        ("generic", "strang", 50.0, "does not converge"),
+        ("generic", "strang", 1e300, "time scales"),
+        ("weightless", "backlund_paper", 1e-300, "time scales"),
+    ],
+)
+def test_why_there_is_no_prediction(state, name, h, reason):
+    found = predicted_phase(TOPS[state].top, TOPS[state].state, h, name)
+    assert (found.clock, found.turn) == (None, None)
+    assert reason in found.reason
+
+
+def test_of_a_method_without_a_series_nothing_is_predicted():
+    stranger = replace(METHODS["rk4"], name="stranger")
+    assert "no power series of a step" in predicted_phase(TOP, Y0, 0.1, stranger).reason
+    with pytest.raises(NoPrediction):
+        theory(TOP, Y0, 0.1, stranger)
+    assert predicted_phase(TOP, Y0, 0.1, "backlund")[:2] == (0.0, 0.0)  # of an exact one: that it is exact
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        ((1.0, Y0, 0.1), "top"),
+        ((PERTURBED_TOPS["weak_tide"].top, Y0, 0.1), "top"),
+        ((TOP, Y0[:5], 0.1), "y0"),
+        ((TOP, Y0, 0.0), "h"),
+        ((TOP, Y0, 0.1, "none"), "none"),
+        ((TOP, Y0, 0.1, "backlund", -1j), "lam"),
+    ],
+)
+def test_bad_input_is_named(arguments, name):
+    assert isinstance(PERTURBED_TOPS["weak_tide"].top, PerturbedTop)
+    with pytest.raises(ValueError, match=name):
+        predicted_phase(*arguments)
