@@ -13,6 +13,7 @@ import multiprocessing
 import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -124,6 +125,20 @@ class Registry(Mapping[str, Any]):
             raise ValueError(f"{entry.value} calls itself {found.name!r} but is registered as {name!r}")
         self._loaded[name] = entry, found
         return found
+
+    @contextmanager
+    def lent(self, found: Any) -> Iterator[str]:
+        """Inside, what need not be registered is known by its own name, in this process; gives the name."""
+        before, entry = self._entries, EntryPoint(found.name, "", self.group)
+        loaded = self._loaded.get(found.name)
+        self._entries, self._loaded[found.name] = {**before, found.name: entry}, (entry, found)
+        try:
+            yield found.name
+        finally:
+            self._entries = before
+            del self._loaded[found.name]
+            if loaded is not None:
+                self._loaded[found.name] = loaded
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._entries)

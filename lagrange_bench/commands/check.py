@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from lagrange_bench.text import Answer, plain, table
 
@@ -16,7 +17,7 @@ SUMMARY = "test what a method claims"
 DESCRIPTION = """\
 Test what a method claims: its order, symmetry, Poisson map, invariants, and the contract of a stepper. Prints a verdict
 per claim: pass, fail or not judged. A method that takes tops in a potential is tested there, too ("in a field: …"). Also for your
-own method, before you publish it."""
+own method, before you publish it. With --bounds, tests the drift of its invariants against a file of bounds, too."""
 
 
 EXAMPLES = """\
@@ -24,8 +25,10 @@ examples:
   lagrange-bench check backlund
   lagrange-bench check implicit_midpoint --quick
   lagrange-bench check my_package.my_method:METHOD     no entry point needed; the current folder is searched too
+  lagrange-bench check mine:METHOD --write-bounds bounds.toml     measure the drift, once
+  lagrange-bench check mine:METHOD --bounds bounds.toml           test it from then on (docs/ci.md)
 
-exit codes: 0 nothing fails · 1 a claim fails · 2 no such method"""
+exit codes: 0 nothing fails · 1 a claim fails, or a bound is exceeded · 2 no such method or file"""
 
 
 def run(options: argparse.Namespace) -> Answer:
@@ -34,7 +37,14 @@ def run(options: argparse.Namespace) -> Answer:
     from integrators.registry import find_method
 
     method = find_method(options.method)
+    if options.write_bounds:
+        return _write(options.write_bounds, method)
+    bounds = _bounds(options.bounds, method) if options.bounds else []
     verdicts = checks.check(method, quick=options.quick)
+    if bounds:
+        from lagrange_bench import testing
+
+        verdicts += testing.judge(method, bounds)
     rows = [("verdict", "claim", "measured", "bound", "how")]
     for verdict in verdicts:
         measured = "" if verdict.measured is None else f"{verdict.measured:.3g}"
@@ -47,6 +57,34 @@ def run(options: argparse.Namespace) -> Answer:
     listed = [{**asdict(verdict), "verdict": verdict.word} for verdict in verdicts]
     data = {"method": method.name, "passed": not failed, "verdicts": plain(listed), "notes": notes}
     return Answer("\n".join([*table(rows), "", *notes, sum_up]), data, 1 if failed else 0)
+
+
+def _bounds(path: Path, method: Method) -> list[dict[str, Any]]:
+    """What the file allows this method."""
+    from lagrange_bench import testing
+
+    bounds = [bound for bound in testing.read_bounds(path) if bound["method"] == method.name]
+    if not bounds:
+        raise ValueError(f"--bounds {path} has no bound for {method.name}: measure some with --write-bounds {path}")
+    return bounds
+
+
+def _write(path: Path, method: Method) -> Answer:
+    """Measures the runs that the file has of this method, or the usual ones, and writes bounds on their drift."""
+    from lagrange_bench import testing
+
+    known = testing.read_bounds(path) if path.exists() else []
+    plan = [bound for bound in known if bound["method"] == method.name] or testing.plan(method)
+    bounds: list[dict[str, Any]] = []
+    notes = []
+    for run in plan:
+        try:
+            bounds += testing.measured(method, [run])
+        except testing.Refused as error:
+            notes.append(f"no bound: {error}")
+    testing.write_bounds(path, bounds)
+    text = "\n".join([*notes, f"written: {path}, with bounds on {len(bounds)} runs of {method.name}"])
+    return Answer(text, {"method": method.name, "bounds": bounds, "notes": notes})
 
 
 def _name_taken(word: str, method: Method) -> list[str]:
@@ -67,3 +105,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "method", metavar="METHOD", help="a name (see lagrange-bench methods) or package.module:METHOD"
     )
     command.add_argument("--quick", action="store_true", help="fewer and shorter runs, for while you are developing")
+    either = command.add_mutually_exclusive_group()
+    text = "also test the largest drifts, in ulps, that this file allows the method"
+    either.add_argument("--bounds", type=Path, metavar="FILE", help=text)
+    text = "measure the drifts and write twice what was found into this file, and test nothing"
+    either.add_argument("--write-bounds", type=Path, metavar="FILE", help=text)

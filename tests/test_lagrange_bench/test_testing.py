@@ -1,0 +1,207 @@
+"""Tests for users' own methods: the assertions fail where they should, and name the top, the step and the value."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from experiments.measuring import check
+from integrators import METHODS, LagrangeTop, StepError
+from lagrange_bench import testing
+from lagrange_bench.testing import assert_drift, assert_order
+
+MINE = replace(METHODS["strang"], name="mine")  # of nobody's registry
+
+
+def test_a_method_within_its_bounds():
+    assert_drift("backlund", tops=("generic", "fast"), h=(0.1, 2.0), steps=20_000, H=16, C1=16, C2=16)
+    assert_drift(MINE, tops=["generic", "magnet"], steps=1000, C1=200)
+    assert_drift(MINE, tops=[(LagrangeTop(1.0), [0.0, 1, 2, 0.6, 0, 0.8])], steps=1000, J3=0)
+    assert "mine" not in METHODS
+
+
+def test_a_bound_that_is_exceeded_names_top_step_and_value():
+    with pytest.raises(AssertionError) as caught:
+        assert_drift(MINE, tops=("generic", "figure1"), h=(0.1, 0.2), steps=1000, H=16, J3=0)
+    lines = str(caught.value).splitlines()
+    assert len(lines) == 4, "J3 stays"
+    assert lines[1].startswith("mine: H is off by ")
+    assert lines[1].endswith(" on generic, h = 0.2: 16 allowed")
+    assert " ulps at step " in lines[1]
+
+
+def test_drift_is_in_ulps_of_the_scale():
+    """Against invariants computed here, at the counts the run has."""
+    (run,) = testing.drifts(MINE, ["generic"], 0.1, 64)
+    top, y0 = check.find("generic")
+    y = METHODS["strang"].prepare(top, y0, 0.1 * top.scales(y0)[2]).record(y0, 64, 1)
+    scale = top.invariant_scales(y0)[0]
+    expected = (top.invariants(y)[:, 0] - top.invariants(y0)[0]) / np.spacing(scale)
+    assert run.ulps[:, 0] == pytest.approx(expected[run.counts], abs=4)  # H itself is rounded
+    at = int(np.argmax(abs(expected[run.counts])))
+    assert run.largest("H") == (pytest.approx(abs(expected[run.counts[at]]), abs=4), run.counts[at])
+
+
+def test_growth():
+    assert_drift("backlund_unpinned", growth="H", below=0.75, steps=20_000)
+    with pytest.raises(
+        AssertionError, match=r"rk4: H grows like t\^\d\.\d\d .* 16 tops, h = 0.1, 20000 steps: below 0.75"
+    ):
+        assert_drift("rk4", growth="H", below=0.75, steps=20_000)
+    assert_drift("rk4", growth="J3", below=0.1, steps=100)  # no error at all has no exponent
+
+
+def test_a_run_that_ends_early_or_is_not_finite():
+    with pytest.raises(AssertionError, match=r"^rk4 on generic, h = 30, in 100 steps: the state left the range"):
+        assert_drift("rk4", tops=["generic"], h=30, steps=100, J3=0)
+    run = testing.Run("generic", 0.1, [1, 2, 3], np.array([[1.0] * 4, [np.nan] * 4, [2.0] * 4]), ("H",))
+    assert run.largest("H")[1] == 2
+    assert not run.largest("H")[0] <= 1e300
+
+
+NO_TEST = [
+    ({}, "give a bound"),
+    ({"C3": 16}, "unknown invariant 'C3'"),
+    ({"H": float("nan")}, "H must be a bound"),
+    ({"growth": "H"}, "go together"),
+    ({"growth": "E", "below": 0.5}, "unknown invariant 'E'"),
+    ({"H": 16, "tops": ["generi"]}, "unknown state 'generi'"),
+    ({"H": 16, "tops": []}, "tops and h"),
+    ({"H": 16, "h": 0.0}, "h must not be 0"),
+    ({"H": 16, "steps": 0}, "steps must be at least 1"),
+    ({"J3": 0, "tops": ["magnet"], "steps": 1}, "magnet does not conserve it"),
+]
+
+
+@pytest.mark.parametrize(("more", "message"), NO_TEST, ids=[message for _, message in NO_TEST])
+def test_what_would_test_nothing(more, message):
+    with pytest.raises(ValueError, match=message):
+        assert_drift(MINE, **more)
+
+
+def test_a_top_the_method_does_not_take():
+    with pytest.raises(ValueError, match="does not take the potential charge"):
+        assert_drift("backlund", tops=["magnet"], H=16)
+    with pytest.raises(ValueError, match="does not take the potential charge"):
+        assert_order("backlund_paper", 2, tops=["magnet"])
+
+
+def test_order():
+    assert_order(MINE)
+    with pytest.raises(AssertionError, match=r"mine, order 4: \d\.\d+, bound 4 ± 0\.15; .*random000"):
+        assert_order(MINE, 4)
+    with pytest.raises(ValueError, match="exact in time"):
+        assert_order("backlund")
+    with pytest.raises(ValueError, match="chooses its own steps"):
+        assert_order("rk45")
+
+
+# ---------------------------------------------------------------- files
+
+
+def test_bounds_in_a_file(run, tmp_path, monkeypatch):
+    path = tmp_path / "bounds.toml"
+    monkeypatch.setattr(check, "CHECKS", ())
+    testing.write_bounds(path, [{"method": "rk4", "top": "generic", "h": 0.1, "steps": 7, "H": 1}])
+    plan = testing.plan(MINE, ["generic", "magnet"], 0.1, 500)
+    testing.write_bounds(path, testing.measured(MINE, plan))
+    bounds = testing.read_bounds(path)
+    assert [bound["method"] for bound in bounds] == ["rk4", "mine", "mine"], "the others stay"
+    assert "J3" not in bounds[2], "magnet does not conserve it"
+    assert all(verdict.passed for verdict in testing.judge(MINE, bounds))
+    code, out, _ = run("check", "rk4", "--bounds", path)
+    assert code == 1
+    assert "rk4 (RK4): 0 claims hold, 1 fail: drift of H on generic, h = 0.1" in " ".join(out.split())
+    code, out, _ = run("check", "rk4", "--write-bounds", path)
+    assert code == 0
+    assert [bound["method"] for bound in testing.read_bounds(path)] == ["rk4", "mine", "mine"]
+    assert testing.read_bounds(path)[0]["H"] > 1
+    assert run("check", "rk4", "--bounds", path)[0] == 0
+    code, _, err = run("check", "strang", "--bounds", path)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "has no bound for strang" in err
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("x", "not TOML"),
+        ("drift = 3", r"tables \[\[drift\]\]"),
+        ("[[drift]]\nmethod = 'rk4'", "lacks top, h, steps"),
+        ("[[drift]]\nmethod = 'rk4'\ntop = 'generic'\nh = 0.1\nsteps = 10", "give a bound"),
+        ("[[drift]]\nmethod = 'rk4'\ntop = 'generic'\nh = 0.1\nsteps = 10\nJ4 = 1", "unknown key 'J4'"),
+        ("[[drift]]\nmethod = 'rk4'\ntop = 'generic'\nh = 0.1\nsteps = 10\nJ3 = -1", "J3 must be a bound"),
+    ],
+)
+def test_a_file_with_mistakes(tmp_path, text, named):
+    (tmp_path / "bounds.toml").write_text(text)
+    with pytest.raises(ValueError, match=named):
+        testing.read_bounds(tmp_path / "bounds.toml")
+
+
+def test_the_plug_in_of_pytest(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "test_mine.py").write_text(
+        "def test_mine(drift_bounds):\n    drift_bounds('rk4', tops=['generic'], h=0.1, steps=100)\n"
+    )
+
+    def pytest_says(*words):
+        code = pytest.main(["-q", "-p", "no:cacheprovider", "-p", "lagrange_bench_pytest", *words, str(tmp_path)])
+        captured = capsys.readouterr()
+        sys.modules.pop("test_mine", None)
+        return code, captured.out + captured.err
+
+    code, out = pytest_says()
+    assert code == 1
+    assert "has no bound for method = rk4, top = generic, h = 0.1, steps = 100" in out
+    assert pytest_says("--write-drift-bounds", "-n", "2")[0] == 4
+    assert pytest_says("--write-drift-bounds")[0] == 0
+    assert pytest_says()[0] == 0
+    written = (tmp_path / "drift-bounds.toml").read_text().replace("H = ", "H = 0.")
+    (tmp_path / "other.toml").write_text(written)
+    code, out = pytest_says("--drift-bounds", "other.toml")
+    assert code == 1
+    assert "rk4: drift of H on generic, h = 0.1: " in out
+
+
+# ---------------------------------------------------------------- what `check` says
+
+
+def test_check_names_the_top_and_the_step():
+    liar = replace(MINE, conserves=frozenset({"H"}))
+    (verdict,) = (v for v in check.conserves(liar, True) if v.claim == "conserves H")
+    assert verdict.passed is False
+    assert verdict.how.endswith(", h = 3")
+    assert "; largest on " in verdict.how
+
+
+def test_an_error_that_is_no_number_is_the_largest():
+    worst = check.Worst().or_(1.0, "a", 0.1).or_(np.nan, "b", 0.2).or_(2.0, "c", 0.3)
+    assert (worst.size, worst.at) == (np.inf, "b, h = 0.2")
+
+
+def test_an_overflow_of_the_bench_is_not_the_methods():
+    """What the method asks of the top overflows; its answer is a StepError, as it should be."""
+
+    class Careful:
+        from_start, work = False, None
+
+        def __init__(self, top):
+            self.top = top
+
+        def record(self, y, n, every):
+            if not np.all(np.isfinite(self.top.invariants(y))):
+                raise StepError("mine", "out of range")
+            return np.tile(y, (n // every + 1, 1))
+
+    def verdicts(prepare):
+        return {v.claim: v for v in check.check(replace(MINE, prepare=prepare, in_field=None))}
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(check, "CHECKS", (check.extremes,))
+        assert verdicts(lambda top, y0, h: Careful(top))["finite, or a StepError"].passed
+        passed = verdicts(lambda top, y0, h: 1 / 0)["finite, or a StepError"].passed
+    assert passed is False
