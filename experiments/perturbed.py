@@ -181,8 +181,8 @@ def _draw_work(good: pd.DataFrame, style, span: float):
     style.label_ends(axes)
     fig.caption = (
         f"Error at t = {show(span)} against wall time, set-up included, for tops in a potential; down and left is better. "
-        "Thin: all compiled methods in the colours of their families; bold: the splitting with the exact step, and the two "
-        "others that reach 1e-8 in the least time. Each point is one step size or tolerance."
+        f"{style.naming(good.method, 'bold: the splitting with the exact step, and the two others quickest to 1e-8')}. "
+        "Each point is one step size or tolerance."
     )
     return fig
 

@@ -302,8 +302,8 @@ def _draw_h(rows: pd.DataFrame, style):
     style.label_ends(axes[0] if fig.stacked is not None else axes[0][-1:])
     fig.caption = (
         f"Largest error against the exact solution up to t = {SPAN:g}, relative to the scales of J and x, against the "
-        "step: every method thin in the colour of its family, of each family the one with the smallest error at a step of "
-        "1/8 bold and named. A method of order p has slope p; the exact Bäcklund step has none, at any h. A line ends where "
+        f"step. {style.naming(rows.method, 'bold: of each family the one with the smallest error at a step of 1/8')}. "
+        "A method of order p has slope p; the exact Bäcklund step has none, at any h. A line ends where "
         "its method fails. The thin grey line is one ulp."
     )
     return fig
@@ -312,10 +312,10 @@ def _draw_h(rows: pd.DataFrame, style):
 def draw_steps(ax, rows: pd.DataFrame, best: set[str], style) -> None:
     """Into one panel the error of every method against the step, on one top; the best bold."""
     here = rows[(rows.part == "h") & rows.h.notna()].sort_values("h")
-    for method in style.ordered(here.method):
+    for method, look in style.looks(here.method, best).items():
         chosen = here[(here.method == method) & (here.error > 0)]
         if not chosen.empty:
-            ax.loglog(chosen.h, chosen.error, **(style.bold(method) if method in best else style.thin(method)))
+            ax.loglog(chosen.h, chosen.error, **look)
     ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
     ax.set(xlabel="step h · (|J| + √(α|x|))", ylabel=f"largest error up to t = {SPAN:g}", ylim=(1e-16, 30))
 

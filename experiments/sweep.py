@@ -456,7 +456,8 @@ def _looks(runs: list[tuple[Cell, pd.DataFrame]]) -> dict[tuple[str, str], dict[
         for i, options in enumerate(dict.fromkeys(cell["options"] for cell, _ in runs if cell["method"] == method)):
             look = style.of(method)
             if i:
-                look["linestyle"] = style.DASHES[(style.DASHES.index(look["linestyle"]) + i) % len(style.DASHES)]
+                dashes = style.DASHES if look["linestyle"] in style.DASHES else style.OWN_DASHES
+                look["linestyle"] = dashes[(dashes.index(look["linestyle"]) + i) % len(dashes)]
             looks[method, options] = {
                 **look,
                 "label": style.plain(_label(method) + (f" ({options})" if options else "")),

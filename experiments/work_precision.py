@@ -287,7 +287,7 @@ def draw(rows: pd.DataFrame) -> dict:
     good = useful(rows)
     if good.empty:
         return {}
-    figures = {"time": _draw_frontier(good, style)}
+    figures = {"time": draw_frontier(good, style)}
     for span in sorted(set(rows.span)):
         figures[f"t{span:.0f}"] = _draw_families(rows[rows.span == span], good[good.span == span], style, span)
     return figures
@@ -313,7 +313,8 @@ def _curve(good: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
     return good.seconds, good.error.clip(lower=1e-17)
 
 
-def _draw_frontier(good: pd.DataFrame, style):
+def draw_frontier(good: pd.DataFrame, style):
+    """Error against time of `useful` runs on one top, a panel for each length."""
     from experiments.drawing.tables import show
 
     spans = sorted(set(good.span))
@@ -326,10 +327,12 @@ def _draw_frontier(good: pd.DataFrame, style):
         ax.loglog(front.seconds, front.error, color="#dedede", linewidth=9, zorder=1, label="_frontier")
         _shade_calls(ax, float(good.seconds.min()), style)
     style.label_ends(axes)
+    state = good.state.iloc[0]
+    label = TOPS[state].label if state in TOPS else state
     fig.caption = (
-        f"Error at the end of the run against its wall time on “{TOPS[good.state.iloc[0]].label}”; down and to the left is "
-        "better. Of each method the runs that no other of its own beats; thin in the colour of its family, and of each "
-        "family the one that is cheapest at most errors bold and named, of the Bäcklund maps the exact step. Wide "
+        f"Error at the end of the run against its wall time on “{label}”; down and to the left is "
+        "better. Of each method the runs that no other of its own beats. "
+        f"{style.naming(good.method, 'bold: of each family the one that is cheapest at most errors, or the exact step')}. Wide "
         "and pale: the efficient frontier, runs that no other run beats in both. Shaded: what one call from Python takes "
         "whatever it does. Set-up and compilation are not included here; the tables count set-up too."
     )
@@ -338,9 +341,8 @@ def _draw_frontier(good: pd.DataFrame, style):
 
 def draw_runs(ax, good: pd.DataFrame, named: Collection[str], style, ours: str = OURS) -> None:
     """Into one panel the error of every method against its time, for runs of one length; some bold and named."""
-    for method in style.ordered(good.method):
+    for method, look in style.looks(good.method, named).items():
         seconds, error = _curve(good[good.method == method])
-        look = style.bold(method) if method in named else style.thin(method)
         if method in named and len(error) < 3:  # hardly a line, or none
             look["marker"] = "o"
         ax.loglog(seconds, error, **look, zorder=6 if method == ours else 3)

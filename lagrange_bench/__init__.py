@@ -2,6 +2,7 @@
 
     from lagrange_bench import LagrangeTop, integrate, METHODS      # the integrators
     from lagrange_bench import metrics, states, timing, check       # what the experiments measure with
+    from lagrange_bench import work_precision                       # a few methods against each other: a figure and a frame
     from lagrange_bench import FixedStepper, compiled               # for a method of your own
 
 Beside it, this package holds the command line (`commands`) and what runs cells (`runner`).
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from integrators import *  # noqa: F403
     from integrators.compiling.compiled import compiled
     from integrators.compiling.loops import MEMORY, FixedStepper
+    from lagrange_bench.comparison import work_precision
     from results.store import Store
 
 __getattr__, __dir__ = face(
@@ -54,6 +56,7 @@ __getattr__, __dir__ = face(
         "experiments.measuring.metrics": (),
         "experiments.measuring.states": (),
         "experiments.measuring.timing": (),
+        "lagrange_bench.comparison": ("work_precision",),
         "results.store": ("Store",),
     },
 )
@@ -68,4 +71,5 @@ __all__ = [
     "states",
     "style",
     "timing",
+    "work_precision",
 ]

@@ -76,6 +76,37 @@ def shard(text: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
+def names(text: str) -> tuple[str, ...]:
+    """Names separated by commas."""
+    found = tuple(word.strip() for word in text.split(","))
+    if not all(found):
+        raise argparse.ArgumentTypeError(f"must be names separated by commas; got {text!r}")
+    return found
+
+
+def add_choice(command: argparse.ArgumentParser) -> None:
+    for flag, what in (("--methods", "methods"), ("--tops", "tops")):
+        text = f"only the cells of these {what}; cells that belong to none are left out, too (default: all)"
+        command.add_argument(flag, type=names, metavar="a,b,…", default=(), help=text)
+    text = "draw these methods in black dashes and name them in every figure, as plug-ins always are"
+    command.add_argument("--highlight", type=names, metavar="a,b,…", default=(), help=text)
+
+
+def choice_of(options: argparse.Namespace) -> Any:
+    """What `add_choice` was given."""
+    from results.choice import Choice
+
+    return Choice(options.methods, options.tops, options.highlight)
+
+
+def check_choice(results: Any, choice: Any) -> None:
+    """ValueError for a name that nothing in a folder of results has."""
+    from results.store import Store
+
+    store = Store(results)
+    choice.check(record["cell"] for name in store.experiments() for record in store.latest(name))
+
+
 def named_top(name: str) -> Any:
     """The named top, in a potential or not."""
     from integrators import PERTURBED_TOPS, TOPS

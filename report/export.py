@@ -11,6 +11,7 @@ from experiments.drawing import figures, style
 from integrators.files import write_file
 from integrators.words import suggestion
 from report import page
+from results.choice import ALL, Choice
 from results.store import Store
 
 
@@ -18,18 +19,27 @@ class UnknownFigure(ValueError):
     """No stored rows draw a figure of this name; the message says which they draw."""
 
 
-def draw(results: Path, experiment: str, width: str | None = None) -> Iterator[tuple[str, figures.Figure]]:
+def draw(
+    results: Path, experiment: str, width: str | None = None, choice: Choice = ALL
+) -> Iterator[tuple[str, figures.Figure]]:
     """(name, figure) of every figure an experiment draws from its stored rows."""
-    rows = Store(results).rows(experiment)
+    rows = Store(results, choice).rows(experiment)
     if rows.empty:
         return
-    with style.apply(width):
+    with style.apply(width, choice.highlight):
         drawn = load_stored(experiment).draw(rows)
     for name, figure in drawn.items():
         yield page.Section(experiment).file(name), figure
 
 
-def export(name: str, results: Path, output: Path | None = None, kind: str = "svg", width: str | None = None) -> Path:
+def export(
+    name: str,
+    results: Path,
+    output: Path | None = None,
+    kind: str = "svg",
+    width: str | None = None,
+    choice: Choice = ALL,
+) -> Path:
     """Writes one figure and gives its path.
 
     name : as in the page, `phase_h` for instance. kind : svg, pdf or png. width : "column", "page" or None, as drawn.
@@ -45,13 +55,13 @@ def export(name: str, results: Path, output: Path | None = None, kind: str = "sv
     mine = [experiment for experiment in stored if name.startswith(f"{experiment}_")]
     known: list[str] = []
     for experiment in sorted(mine, key=len, reverse=True):
-        for found, figure in draw(results, experiment, width):
+        for found, figure in draw(results, experiment, width, choice):
             if found == name:
                 path = output or Path(f"{name}.{kind}")
                 return write_file(path, figures.FORMATS[kind](figure))
             known.append(found)
     if not known:
-        known = [found for experiment in stored for found, _ in draw(results, experiment)]
+        known = [found for experiment in stored for found, _ in draw(results, experiment, choice=choice)]
     if not known and unknown:
         raise UnknownFigure(f"{name!r} cannot be drawn from {results}: {'; '.join(unknown)}")
     if not known:
@@ -65,6 +75,7 @@ def export_all(
     kinds: Sequence[str] = tuple(figures.FORMATS),
     widths: Sequence[str] = tuple(style.WIDTHS),
     drawn: page.Drawn = lambda done, total: None,
+    choice: Choice = ALL,
 ) -> tuple[list[Path], list[str]]:
     """Writes every figure as `NAME-WIDTH.KIND` into a folder; gives the paths, and what cannot be drawn and why."""
     written = []
@@ -72,7 +83,7 @@ def export_all(
     parts = [(width, experiment) for width in widths for experiment in stored]
     for done, (width, experiment) in enumerate(parts):
         drawn(done, len(parts))
-        for name, figure in draw(results, experiment, width):
+        for name, figure in draw(results, experiment, width, choice):
             for kind in kinds:
                 path = Path(folder) / f"{name}-{width}.{kind}"
                 written.append(write_file(path, figures.FORMATS[kind](figure)))

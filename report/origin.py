@@ -13,6 +13,7 @@ import pandas as pd
 
 from experiments import PROFILES, SWEEP
 from results import provenance
+from results.choice import ALL, Choice
 from results.store import Record, _canonical, clean, default_results
 
 
@@ -23,10 +24,15 @@ class Origin:
     folder: str  # as commands name it: from the checkout, or from the current folder
     profile: str | None = None
     default: bool = False  # the one that is drawn if nobody says which
+    choice: Choice = ALL  # of what is stored there
 
     @property
     def option(self) -> str:
         """What `report` and `figure` need to draw it."""
+        return self._there + self.choice.words
+
+    @property
+    def _there(self) -> str:
         return "" if self.default else f" --results {shlex.quote(self.folder)}"
 
     def run(self, experiment: str) -> str:
@@ -34,14 +40,14 @@ class Origin:
         sweep = experiment.startswith(SWEEP)
         profile = "" if sweep or self.profile is None else f" --profile {self.profile}"
         usual = experiment.removeprefix(SWEEP) if sweep else self.profile or PROFILES[0]
-        there = "" if self.default or self.folder == named(default_results(usual)) else self.option
+        there = "" if self.default or self.folder == named(default_results(usual)) else self._there
         return f"lagrange-bench run {'FILE.toml' if sweep else shlex.quote(experiment)}{profile}{there}"
 
     @property
     def report(self) -> str:
         """The command that draws what `run` computed. The published results are never written to."""
         if self.default and self.profile is not None:
-            return f"lagrange-bench report --results {shlex.quote(named(default_results(self.profile)))}"
+            return f"lagrange-bench report --results {shlex.quote(named(default_results(self.profile)))}{self.choice.words}"
         return f"lagrange-bench report{self.option}"
 
     def reaching(self, profile: str) -> Origin:
@@ -86,6 +92,8 @@ def told(origin: Origin, sources: Sequence[pd.DataFrame]) -> str:
     """Folder, profile, dates, machine and commit in one line. sources : provenance of each experiment."""
     stored = [source for source in sources if len(source)]
     words = [origin.folder, *([f"{origin.profile} profile"] if origin.profile else [])]
+    chosen = {"methods": origin.choice.methods, "tops": origin.choice.tops}
+    words += [f"only the {what} {', '.join(names)}" for what, names in chosen.items() if names]
     if stored:
         p = pd.concat(stored, ignore_index=True)
         words += [days(p), _few(p["cpu"].dropna(), "", "machines"), _few(commits(p), "commit ", "commits")]

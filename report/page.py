@@ -18,7 +18,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from multiprocessing import active_children, get_context
 from pathlib import Path
@@ -44,6 +44,7 @@ from report import (
 )
 from report.origin import PUBLISHED, Origin, commits, days
 from results import sources
+from results.choice import ALL, Choice
 from results.store import Store, StoreError
 
 HERE = Path(__file__).parent
@@ -53,6 +54,7 @@ LONG = 14  # rows beyond which a table is folded
 FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table of the environment; then the packages
 POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
 SUFFIXES = (".svg", ".md", ".tex", ".csv")
+NO_FAIRNESS = fairness.Fairness([], pd.DataFrame())
 Drawn = Callable[[int, int], None]  # told how many sections are drawn, of how many
 MEASURED_WHEN = ("key", "seconds", "utc", "dirty")
 
@@ -155,6 +157,7 @@ class Report:
     summary: list[summary.Sentence]
     errors: list[str]  # what could not be drawn or checked; the page shows each in its place
     origin: str  # what it was drawn from
+    whole: bool  # the bench's own page: with claims, summary, fairness and errata
 
 
 # ---------------------------------------------------------------- what others call
@@ -168,40 +171,52 @@ def build(results: Path, output: Path) -> Path:
     return write(assemble(results), output)
 
 
-def write_experiment(experiment: str, results: Path, output: Path) -> list[Path]:
+def write_experiment(experiment: str, results: Path, output: Path, choice: Choice = ALL) -> list[Path]:
     """Draws one experiment's figures and tables into `output`; raises whatever drawing raises."""
-    module, section = load(experiment), Section(experiment, rows=Store(results).rows(experiment))
-    section.figures, section.tables = _figures(module, section.rows), _tables(module, section.rows)
+    module, section = load(experiment), Section(experiment, rows=Store(results, choice).rows(experiment))
+    section.figures = _figures(module, section.rows, choice.highlight)
+    section.tables = _tables(module, section.rows)
     return _write_files(section, Path(output))
 
 
 def assemble(
-    results: Path, processes: int = 1, drawn: Drawn = lambda done, total: None, modules: Sequence[str] = ()
+    results: Path,
+    processes: int = 1,
+    drawn: Drawn = lambda done, total: None,
+    modules: Sequence[str] = (),
+    choice: Choice = ALL,
 ) -> Report:
     """Everything the page shows, from the journals in `results`; never raises for a part that cannot be drawn.
 
     modules : those of the user's own that were imported for it; processes of the drawing import them, too.
+    choice : of methods and tops. The user's own experiments come first. Where there is nothing else, or a choice was made,
+    the page has no claims, and what has no rows is left out.
     """
-    others = sorted(path.stem for path in Path(results).glob("*.jsonl") if path.stem not in EXPERIMENTS)
-    sections = _sections([*EXPERIMENTS, *others], Store(results), processes, drawn, modules)
+    own = sorted(path.stem for path in Path(results).glob("*.jsonl") if path.stem not in EXPERIMENTS)
+    sections = _sections([*own, *EXPERIMENTS], Store(results, choice), processes, drawn, modules)
+    whole = not choice and (any(len(s.rows) for s in sections if s.experiment in EXPERIMENTS) or not own)
+    if not whole:
+        sections = [s for s in sections if len(s.rows) or s.experiment in own or s.errors]
     source = origin.find(results, [section.profiles for section in sections if len(section.rows)])
+    source = replace(source, choice=choice)
     rows = {section.experiment: section.rows for section in sections}
     for section in sections:
         section.origin = source
         promises.keep(section.experiment, section.rows, {made.name: made.frame for made in section.tables})
     errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
-    judged, wrong = judge(rows, source)
-    errors += wrong
-    fair, error = _fairness(rows)
-    errors += [error] if error else []
-    misprints, error = _errata()
-    errors += [error] if error else []
-    shown, error = _summary(rows)
-    errors += [error] if error else []
+    judged: list[Judged] = []
+    shown: list[summary.Sentence] = []
+    fair, misprints = NO_FAIRNESS, pd.DataFrame()
+    if whole:
+        judged, wrong = judge(rows, source)
+        fair, error = _fairness(rows)
+        misprints, error_of_errata = _errata()
+        shown, error_of_summary = _summary(rows)
+        errors += [*wrong, *filter(None, (error, error_of_errata, error_of_summary))]
     ages = sum((section.ages for section in sections), Counter[str]())
     old = sources.told(ages[sources.OTHER], ages[sources.UNKNOWN])
     told = "; ".join(filter(None, (origin.told(source, [section.provenance for section in sections]), old)))
-    return Report(sections, judged, fair, misprints, shown, errors, told)
+    return Report(sections, judged, fair, misprints, shown, errors, told, whole)
 
 
 def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> tuple[list[Judged], list[str]]:
@@ -301,7 +316,7 @@ def _section(experiment: str, store: Store) -> Section:
     if module is None or section.rows.empty:
         return section
     try:
-        section.figures = _figures(module, section.rows)
+        section.figures = _figures(module, section.rows, store.choice.highlight)
     except Exception as error:
         section.errors.append(f"figures cannot be drawn: {_said(error)}")
     try:
@@ -311,8 +326,8 @@ def _section(experiment: str, store: Store) -> Section:
     return section
 
 
-def _figures(module: ModuleType, rows: pd.DataFrame) -> list[DrawnFigure]:
-    with style.apply():
+def _figures(module: ModuleType, rows: pd.DataFrame, highlight: Sequence[str]) -> list[DrawnFigure]:
+    with style.apply(highlight=highlight):
         drawn = module.draw(rows.copy())
         return [DrawnFigure(name, figures.svg(f), getattr(f, "caption", "")) for name, f in drawn.items()]
 
@@ -327,7 +342,7 @@ def _fairness(rows: dict[str, pd.DataFrame]) -> tuple[fairness.Fairness, str | N
     try:
         return fairness.assemble(rows), None
     except Exception as error:  # rows of another version, say: no reason to lose the page
-        return fairness.Fairness([], pd.DataFrame()), f"fairness: cannot be told: {_said(error)}"
+        return NO_FAIRNESS, f"fairness: cannot be told: {_said(error)}"
 
 
 def _summary(rows: dict[str, pd.DataFrame]) -> tuple[list[summary.Sentence], str | None]:

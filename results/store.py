@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from results import plugin_sources, provenance, sources
+from results.choice import ALL, Choice
 
 try:
     import fcntl
@@ -246,10 +247,13 @@ class Journal:
 
 
 class Store:
-    """The journals in one folder. Nothing is read or created before it is asked for."""
+    """The journals in one folder. Nothing is read or created before it is asked for.
 
-    def __init__(self, folder: str | Path):
-        self.folder = Path(folder)
+    choice : the cells that `open`, `latest` and `rows` give; all that is written or merged is.
+    """
+
+    def __init__(self, folder: str | Path, choice: Choice = ALL):
+        self.folder, self.choice = Path(folder), choice
 
     def path(self, experiment: str) -> Path:
         return self.folder / f"{experiment}.jsonl"
@@ -389,7 +393,7 @@ class Store:
     def open(self, experiment: str) -> Journal:
         """What is stored of an experiment now, read once."""
         records, problems = self.read(experiment)
-        return Journal(latest(records), problems)
+        return Journal([record for record in latest(records) if self.choice.takes(record["cell"])], problems)
 
     def latest(self, experiment: str) -> list[Record]:
         """One record per cell of the newest VERSION stored, in the order of the experiment's cells; see `latest`."""

@@ -2,10 +2,11 @@
 
 Colours go by family (the hues of Okabe and Ito, safe for colour-blind readers, yellow and orange darkened so that
 text in them can be read), shades, markers and dashes by the place of a method within its family, so a figure also
-reads in grey. A method nobody registered gets a grey of its own, always the same.
+reads in grey. A method nobody registered gets a grey of its own, always the same. One of a plug-in, or a highlighted one,
+has black dashes, which no method of the bench has, and is named in every figure.
 
 Forty lines in one panel are not readable. Either every family has a panel of its own (`by_family`), or all are thin
-but the best of each (`thin`, `bold`); lines are named where they end (`label_ends`), not in a legend.
+but the best of each (`looks`); lines are named where they end (`label_ends`), not in a legend.
 
 Text in SVG files is drawn as outlines (`svg.fonttype: path`): a figure looks the same on a phone, in print and in a
 journal's production line, none of which has DejaVu Sans. The price is about 30 kB a figure.
@@ -17,7 +18,8 @@ import hashlib
 import math
 import textwrap
 import unicodedata
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache
@@ -37,10 +39,13 @@ from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator, StrMethodFormatter
 from matplotlib.transforms import blended_transform_factory, offset_copy
 
+from integrators.registry import BUILT_IN, METHODS
+
 WIDTHS = {"column": 3.4, "page": 7.0}  # inches: one and two columns of a journal page
 TALLEST = 9.2  # inches: what a journal page holds
 LONGEST = 44  # letters of a label in a column
 _FORCED: ContextVar[str | None] = ContextVar("width of every figure", default=None)
+_HIGHLIGHTED: ContextVar[tuple[str, ...]] = ContextVar("methods that stand out", default=())
 DECADES = 4  # an axis of more has no ticks between the powers of ten
 CONTRAST = 4.5  # of coloured text on white, as WCAG asks for
 INK, FAINT = "#222222", "#6b6b6b"
@@ -69,6 +74,10 @@ TITLES = {
 OTHERS = "others"  # methods no longer registered, and families of plug-ins
 REFERENCE = "backlund"  # in grey in every panel of small multiples
 STRANGERS = (("#5A5A5A", "#8F8F8F", "#333333", "#B0B0B0"), ("+", "x", "1", "2"))
+OWN = "#000000"  # of what stands out, with these markers and dashes
+OWN_MARKERS = ("*", "P", "X", "d")
+OWN_DASHES: tuple[Any, ...] = ((0, (3, 1)), (0, (6, 1, 1, 1)), (0, (1, 0.8)), (0, (9, 2)))
+FEW = 8  # methods: all of so many can be named
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 
 RC: Any = {
@@ -153,14 +162,15 @@ def _no_ticks_between(ax: Axes) -> None:
 
 
 @contextmanager
-def apply(width: str | None = None) -> Iterator[None]:
+def apply(width: str | None = None, highlight: Sequence[str] = ()) -> Iterator[None]:
     """The style, whatever the reader's own matplotlibrc says. Draw and save inside.
 
-    width : "column" or "page", of every figure drawn inside; None leaves it to who draws.
+    width : "column" or "page", of every figure drawn inside; None leaves it to who draws. highlight : methods that stand
+    out, as those of plug-ins do.
     """
     if width is not None and width not in WIDTHS:
         raise ValueError(f"width must be one of {', '.join(WIDTHS)}, got {width!r}")
-    before = _FORCED.set(width)
+    before, highlighted = _FORCED.set(width), _HIGHLIGHTED.set(tuple(highlight))
     try:
         with matplotlib.rc_context():
             matplotlib.rcdefaults()
@@ -168,6 +178,7 @@ def apply(width: str | None = None) -> Iterator[None]:
             yield
     finally:
         _FORCED.reset(before)
+        _HIGHLIGHTED.reset(highlighted)
 
 
 def width() -> str:
@@ -287,7 +298,20 @@ def of(method: str) -> dict[str, Any]:
 
 
 def _look(method: str) -> dict[str, Any]:
-    return _methods().get(method) or _stranger(method)
+    look = _methods().get(method) or _stranger(method)
+    mine = _standing_out()
+    if method not in mine and ":" not in method:
+        return look
+    with suppress(Exception):  # one that cannot be loaded here keeps the name that it has in the rows
+        look = {**look, "label": METHODS[method].label}
+    place = mine.index(method) if method in mine else _digest(method)
+    marker, dashes = OWN_MARKERS[place % len(OWN_MARKERS)], OWN_DASHES[place % len(OWN_DASHES)]
+    return {"label": look["label"], "color": OWN, "marker": marker, "linestyle": dashes, "linewidth": 1.8}
+
+
+def _standing_out() -> list[str]:
+    """The methods with the reserved look: those of plug-ins, and the highlighted ones."""
+    return list(dict.fromkeys((*(name for name in METHODS if name not in BUILT_IN), *_HIGHLIGHTED.get())))
 
 
 def label(method: str) -> str:
@@ -306,6 +330,25 @@ def family(method: str) -> str:
     return _families().get(method, OTHERS)
 
 
+def looks(methods: Iterable[str], named: Collection[str]) -> dict[str, dict[str, Any]]:
+    """The look of each method where some are named and bold, in legend order; what stands out, and FEW, are all named."""
+    names = ordered(methods)
+    if len(names) <= FEW:
+        alone = Counter(family(name) for name in names)
+        return {name: bold(name) if alone[family(name)] == 1 else {**of(name), "linewidth": 1.6} for name in names}
+    mine = _standing_out()
+    return {name: of(name) if name in mine else bold(name) if name in named else thin(name) for name in names}
+
+
+def naming(methods: Collection[str], chosen: str) -> str:
+    """What a caption says of the lines of `looks`; chosen : which are named, if not all."""
+    return (
+        "Every method is named"
+        if len(set(methods)) <= FEW
+        else f"Thin: every method, in the colour of its family; {chosen}"
+    )
+
+
 def thin(method: str) -> dict[str, Any]:
     """A method in the background: the colour of its family, no name."""
     return {"color": of(method)["color"], "linewidth": 0.55, "alpha": 0.5, "label": "_thin"}
@@ -313,6 +356,8 @@ def thin(method: str) -> dict[str, Any]:
 
 def bold(method: str) -> dict[str, Any]:
     """The best of a family: what `label_ends` names."""
+    if method in _standing_out():
+        return of(method)
     return {**of(method), "color": _main_colour(method), "linestyle": "-", "linewidth": 1.9, "marker": "none"}
 
 
@@ -323,8 +368,6 @@ def _main_colour(method: str) -> str:
 
 @cache
 def _families() -> dict[str, str]:
-    from integrators.registry import METHODS
-
     found = {}
     for name in METHODS:
         with suppress(Exception):  # a method that cannot be loaded here: one of the others
@@ -334,8 +377,6 @@ def _families() -> dict[str, str]:
 
 @cache
 def _methods() -> dict[str, dict[str, Any]]:
-    from integrators.registry import METHODS
-
     styles: dict[str, dict[str, Any]] = {}
     members: dict[str, int] = {}
     for name in METHODS:
@@ -354,7 +395,11 @@ def _methods() -> dict[str, dict[str, Any]]:
 
 
 def _stranger(name: str) -> dict[str, Any]:
-    return _style(name, *STRANGERS, hashlib.sha256(name.encode(errors="surrogatepass")).digest()[0])
+    return _style(name, *STRANGERS, _digest(name))
+
+
+def _digest(name: str) -> int:
+    return hashlib.sha256(name.encode(errors="surrogatepass")).digest()[0]
 
 
 def _style(text: str, colours: Sequence[str], markers: Sequence[str], place: int) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from lagrange_bench.arguments import add_module
+from lagrange_bench.arguments import add_choice, add_module, check_choice, choice_of
 from lagrange_bench.text import Answer
 
 SUMMARY = "one figure, for a paper"
@@ -21,6 +21,7 @@ rows give the same bytes."""
 EXAMPLES = """\
 examples:
   lagrange-bench figure phase_h --format pdf --width column
+  lagrange-bench figure work_precision_time --methods mine,rk4,backlund --results results/local/quick
   lagrange-bench figure drift_time --results results/local/quick --output drift.svg
   lagrange-bench figure --all --format pdf --output paper/figures"""
 
@@ -37,6 +38,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "the file, or the folder for --all (default: NAME.FORMAT, or ./figures)"
     command.add_argument("--output", type=Path, metavar="PATH", help=text)
     command.add_argument("--quiet", action="store_true", help="nothing on stderr")
+    add_choice(command)
     add_module(command)
 
 
@@ -51,16 +53,17 @@ def run(options: argparse.Namespace) -> Answer:
         raise ValueError("give the name of a figure, as phase_h, or --all")
     import_modules(options.module)
     results, _ = find_results(options.results)
+    choice = choice_of(options)
+    check_choice(results, choice)
     with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
         if options.all:
             chosen = {"kinds": options.format, "widths": options.width}
             some = {name: (value,) for name, value in chosen.items() if value}
-            written, unknown = export.export_all(results, options.output or Path("figures"), **some, drawn=drawn)
+            folder = options.output or Path("figures")
+            written, unknown = export.export_all(results, folder, **some, drawn=drawn, choice=choice)
         else:
-            unknown, written = (
-                [],
-                [export.export(options.name, results, options.output, _format(options), options.width)],
-            )
+            kind, width = _format(options), options.width
+            unknown, written = [], [export.export(options.name, results, options.output, kind, width, choice)]
     for reason in unknown if not options.quiet else ():
         print(f"not drawn: {reason}", file=sys.stderr)
     data = {"written": [str(path) for path in written], "not_drawn": unknown, "results": str(results)}

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from lagrange_bench.arguments import add_module
+from lagrange_bench.arguments import add_choice, add_module, check_choice, choice_of
 from lagrange_bench.text import Answer
 
 LARGE = 8_000_000  # bytes of a page that is slow on a phone
@@ -21,7 +21,7 @@ EXAMPLES = """\
 examples:
   lagrange-bench report                                        the published results
   lagrange-bench report --results results/local/quick          your own run
-  lagrange-bench report --results /scratch/top --output /tmp/page
+  lagrange-bench report --results results/local/quick --methods mine,rk4,backlund --output my_page
 
 exit codes: 0 the page is complete; a claim that is refuted is a finding, told on stderr and on the page · 1 a part could
 not be drawn, which the page says in its place · 2 no such results, or files cannot be written"""
@@ -35,6 +35,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--quiet", action="store_true", help="no remarks on stderr; the page and the exit code have them"
     )
+    add_choice(command)
     add_module(command)
 
 
@@ -50,8 +51,10 @@ def run(options: argparse.Namespace) -> Answer:
     output = options.output or results / "page"
     page.check_writable(output)
     import_modules(options.module)
+    choice = choice_of(options)
+    check_choice(results, choice)
     with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
-        report = page.assemble(results, machine.usable_cores(), drawn, options.module)
+        report = page.assemble(results, machine.usable_cores(), drawn, options.module, choice)
         path = page.write(report, output).resolve()
     size = path.stat().st_size
     if size > LARGE:

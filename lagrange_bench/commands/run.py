@@ -6,10 +6,14 @@ import argparse
 import shlex
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from experiments import EXPERIMENTS, SWEEP
-from lagrange_bench.arguments import argument, positive, seconds, shard
+from lagrange_bench.arguments import add_choice, argument, choice_of, positive, seconds, shard
 from lagrange_bench.text import Answer
+
+if TYPE_CHECKING:
+    from results.choice import Choice
 
 SUMMARY = "measure what is missing"
 
@@ -23,9 +27,11 @@ EXAMPLES = """\
 examples:
   lagrange-bench run                            everything, quick: less than three minutes on two cores
   lagrange-bench run cost --profile full        one experiment as published; leave the machine alone meanwhile
+  lagrange-bench run drift phase --methods mine,rk4,strang --tops generic,fast
   lagrange-bench run my.toml                    tops, methods and steps of your own (docs/sweeps.md)
   lagrange-bench run drift --scheduler tcp://head:8786      on the workers of a Dask scheduler
-  lagrange-bench run drift --shard 3/100 --no-timings       a hundredth of the cells, for one of a hundred jobs
+
+With --shard 3/100 --no-timings each of a hundred jobs computes a hundredth of the cells.
 
 After you edited a method or an experiment, lagrange-bench run --again computes the cells it changed: with each cell the
 source code is recorded that its rows come from, what measures, the method, and all the functions these call. Comments,
@@ -59,6 +65,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "where results are stored, and looked for (default: results/local/PROFILE of the source tree, or "
     text += "./results/PROFILE; of a FILE.toml its name instead of PROFILE)"
     command.add_argument("--results", type=Path, metavar="DIR", help=text)
+    add_choice(command)
     text = "worker processes; timings always run one at a time (default: one per usable core)"
     command.add_argument("--jobs", type=positive, metavar="N", help=text)
     text = "a cell that takes longer fails, and the rest goes on (default: 300 in the quick, 3600 in the full profile)"
@@ -90,16 +97,16 @@ def run(options: argparse.Namespace) -> Answer:
     results = options.results or default_results(sweeps[0].removeprefix(SWEEP) if own else options.profile)
     where = {"shard": options.shard, "scheduler": options.scheduler, "timings": not options.no_timings}
     where["again"] = options.again
-    limit, show = options.time_limit, not options.quiet
-    summary = engine.run(names, options.profile, results, options.jobs, show, time_limit=limit, **where)
-    drawn = [path for name in (names if options.draw else sweeps) for path in _draw(name, results)]
+    limit, show, choice = options.time_limit, not options.quiet, choice_of(options)
+    summary = engine.run(names, options.profile, results, options.jobs, show, time_limit=limit, choice=choice, **where)
+    drawn = [path for name in (names if options.draw else sweeps) for path in _draw(name, results, choice)]
     lines = [str(summary), *(f"drawn: {path}" for path in drawn if path.suffix == ".svg")]
     if summary.exit_code:
         lines.append(f"again, the failed cells only: {shlex.join(['lagrange-bench', *options.words])}")
     if summary.old and not options.again:
         lines.append(f"again, the old cells: {shlex.join(['lagrange-bench', *options.words, '--again'])}")
     report = f"lagrange-bench report --results {shlex.quote(str(results))}"
-    report += "".join(f" --module {module}" for module in _own_modules(names))
+    report += "".join(f" --module {module}" for module in _own_modules(names)) + choice.words
     data = {**summary.as_dict(), "drawn": [str(path) for path in drawn], "next": report}
     return Answer("\n".join([*lines, f"next: {report}"]), data, summary.exit_code)
 
@@ -127,10 +134,10 @@ def _sweep(name: str) -> str:
     return sweep.read(name)
 
 
-def _draw(name: str, results: Path) -> list[Path]:
+def _draw(name: str, results: Path, choice: Choice) -> list[Path]:
     """Figures and tables of an experiment; of a shard, or where all is skipped, perhaps none. A sweep's lie by its journal."""
     from report import page
     from results.store import Store
 
     output = results if name.startswith(SWEEP) else results / "page"
-    return page.write_experiment(name, results, output) if Store(results).latest(name) else []
+    return page.write_experiment(name, results, output, choice) if Store(results, choice).latest(name) else []

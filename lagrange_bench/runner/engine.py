@@ -21,6 +21,7 @@ from integrators import machine as memory
 from lagrange_bench.runner import progress, workers
 from lagrange_bench.runner.workers import Outcome, Task
 from results import sources
+from results.choice import ALL, Choice
 from results.store import (
     ADDED,
     Store,
@@ -102,6 +103,7 @@ def run(
     scheduler: str | None = None,
     timings: bool = True,
     again: bool = False,
+    choice: Choice = ALL,
 ) -> Summary:
     """Computes the cells of some experiments that are not stored in `results` yet.
 
@@ -114,11 +116,12 @@ def run(
     scheduler : of Dask, "tcp://host:port" or "local:N": accuracy cells are computed there. Timing cells never are.
     timings : whether to compute timing cells.
     again : also compute the stored cells that are not known to come from the sources that are here.
+    choice : the methods and tops whose cells are asked for.
 
     Raises
     ------
-    ValueError : no such experiment, profile or scheduler. StoreError : `results` cannot be written or read; nothing is
-    lost. ClusterError : the scheduler went away, or its workers would give other rows.
+    ValueError : no such experiment, profile, scheduler, method or top. StoreError : `results` cannot be written or read;
+    nothing is lost. ClusterError : the scheduler went away, or its workers would give other rows.
     KeyboardInterrupt : Ctrl-C; the workers are gone, what was finished is stored, and the message says so.
     """
     if profile not in PROFILES:
@@ -133,7 +136,9 @@ def run(
     memory.limit()  # ValueError for a wrong one
     store, summary = Store(results), Summary(Path(results), profile)
     store.check_writable()  # before anything is computed
-    plans = [_plan(name, profile, shard, store, summary, timings, again) for name in dict.fromkeys(experiments)]
+    choice.check(cell for name in experiments for cell in load(name).cells(profile))
+    names = dict.fromkeys(experiments)
+    plans = [_plan(name, profile, shard, store, summary, timings, again, choice) for name in names]
     at_a_time = None if scheduler else jobs or machine.usable_cores()
     with progress.follow({plan.experiment: plan.missing for plan in plans if plan.missing}, show, at_a_time) as bar:
 
@@ -184,6 +189,7 @@ class _Plan:
     experiment: str
     profile: str
     shard: Shard
+    choice: Choice = ALL
     accuracy: bytearray = field(default_factory=bytearray)  # of each cell of the shard: to be computed?
     timing: bytearray = field(default_factory=bytearray)
 
@@ -192,9 +198,10 @@ class _Plan:
         return sum(self.accuracy) + sum(self.timing)
 
     def cells(self) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Position and content of every cell of the shard, in the experiment's order."""
+        """Position and content of every cell of the shard that is asked for, in the experiment's order."""
         numbered = enumerate(load(self.experiment).cells(self.profile))
-        return ((position, clean(cell)) for position, cell in islice(numbered, self.shard[0], None, self.shard[1]))
+        mine = islice(numbered, self.shard[0], None, self.shard[1])
+        return ((position, clean(cell)) for position, cell in mine if self.choice.takes(cell))
 
     def tasks(self, chosen: bytearray) -> Iterator[Task]:
         version = load(self.experiment).VERSION
@@ -203,7 +210,14 @@ class _Plan:
 
 
 def _plan(
-    experiment: str, profile: str, shard: Shard, store: Store, summary: Summary, timings: bool, again: bool = False
+    experiment: str,
+    profile: str,
+    shard: Shard,
+    store: Store,
+    summary: Summary,
+    timings: bool,
+    again: bool = False,
+    choice: Choice = ALL,
 ) -> _Plan:
     """Finds the cells to compute now, and enters the others in the summary.
 
@@ -211,7 +225,7 @@ def _plan(
     ------
     ValueError : two cells are equal, or a field has a name the store adds.
     """
-    plan, version = _Plan(experiment, profile, shard), load(experiment).VERSION
+    plan, version = _Plan(experiment, profile, shard, choice), load(experiment).VERSION
     tally = summary.tallies[experiment] = Tally()
     done, problems = store.done(experiment)
     summary.notes += problems

@@ -30,6 +30,7 @@ from report import (
 )
 from report.claims import Claim
 from results import store
+from results.choice import Choice
 
 NASTY = "50 % of a_b & <script>alert(1)</script> | α"
 
@@ -333,6 +334,29 @@ def test_no_results_at_all(tmp_path):
     text = page.write(report, tmp_path / "out").read_text(encoding="utf-8")
     assert text.count("nothing of this experiment is stored") == len(page.EXPERIMENTS)
     assert {judged.verdict.passed for judged in report.claims} == {None}
+
+
+def test_the_page_of_an_experiment_of_ones_own_shows_nothing_else(results, monkeypatch):
+    monkeypatch.setattr(page, "EXPERIMENTS", ("drift", "phase"))
+    monkeypatch.setattr(page.errata, "measure", lambda: pytest.fail("evaluated for nothing"))
+    report = page.assemble(results)
+    assert [section.experiment for section in report.sections] == ["toy.broken", "toy.good"]
+    text = markup(page.html(report))
+    assert re.findall('<section id="([^"]+)"', text) == ["toy.broken", "toy.good", "failures", "environment"]
+    assert "No data" not in text
+    assert "<h1>" in text
+    links = set(re.findall(r'href="#([\w.]+)"', text))
+    assert links <= {value for name, value in Elements(text).attributes if name == "id"}
+
+
+def test_a_page_of_some_methods(results):
+    report = page.assemble(results, choice=Choice(methods=("rk45",), highlight=("rk45",)))
+    assert {method for section in report.sections for method in section.rows.method} == {"rk45"}
+    assert [section.experiment for section in report.sections] == ["toy.good", "toy.broken"]
+    assert report.claims == [], "they are about all methods"
+    assert "only the methods rk45" in report.origin
+    assert " --methods rk45 --highlight rk45" in report.sections[0].redraw("first")
+    assert "--methods" not in report.sections[0].command.partition("--results")[0]
 
 
 def test_a_journal_of_another_schema_costs_only_its_section(results, tmp_path, monkeypatch):

@@ -1,0 +1,59 @@
+"""Which of the cells are asked for: those of some methods, on some tops. All that run, store and draw know it."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from integrators.words import suggestion
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Names of methods and tops; none: all of them. A cell without a method, or without a top, is of none that is named."""
+
+    methods: tuple[str, ...] = ()
+    tops: tuple[str, ...] = ()
+    highlight: tuple[str, ...] = ()  # methods that are drawn with the reserved look, as plug-ins are
+
+    def __bool__(self) -> bool:
+        """Whether it leaves anything out."""
+        return bool(self.methods or self.tops)
+
+    @property
+    def words(self) -> str:
+        """As the options of a command."""
+        given = {"--methods": self.methods, "--tops": self.tops, "--highlight": self.highlight}
+        return "".join(f" {flag} {shlex.quote(','.join(names))}" for flag, names in given.items() if names)
+
+    def takes(self, cell: Mapping[str, Any]) -> bool:
+        """Whether a cell is asked for."""
+        return (not self.methods or cell.get("method") in self.methods) and (not self.tops or _top(cell) in self.tops)
+
+    def check(self, cells: Iterable[Mapping[str, Any]]) -> None:
+        """ValueError for a name that none of the cells has: what is spelled wrong would be left out in silence."""
+        if not (self or self.highlight):
+            return
+        found: dict[str, set[Any]] = {"method": set(), "top": set()}
+        for cell in cells:
+            found["method"].add(cell.get("method"))
+            found["top"].add(_top(cell))
+        for flag, word, names in (
+            ("--methods", "method", self.methods),
+            ("--tops", "top", self.tops),
+            ("--highlight", "method", self.highlight),
+        ):
+            known = sorted(name for name in found[word] if isinstance(name, str))
+            if unknown := [name for name in names if name not in known]:
+                close = suggestion(unknown[0], known)
+                more = f" Known: {', '.join(known)}" if close == "." and known else ""
+                raise ValueError(f"{flag}: no cell here is of the {word} {unknown[0]!r}{close}{more}")
+
+
+ALL = Choice()
+
+
+def _top(cell: Mapping[str, Any]) -> Any:
+    return cell.get("state", cell.get("top"))  # the experiments of the bench say state, sweeps say top

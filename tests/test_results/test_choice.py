@@ -1,0 +1,152 @@
+"""Some methods, some tops: what is run, stored and drawn of them, and how what stands out looks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+
+from experiments.drawing import style
+from integrators import METHODS
+from lagrange_bench import work_precision
+from lagrange_bench.runner import engine
+from results.choice import ALL, Choice
+from results.store import Store, make_record
+
+CELLS = [
+    {"method": "rk4", "state": "generic"},
+    {"method": "strang", "state": "generic"},
+    {"method": "strang", "top": "mine"},
+    {"part": "cost"},
+]
+
+
+def test_what_is_chosen():
+    def taken(**names):
+        return [CELLS.index(cell) for cell in CELLS if Choice(**names).takes(cell)]
+
+    assert taken() == [0, 1, 2, 3]
+    assert taken(methods=("strang",)) == [1, 2]
+    assert taken(tops=("mine",)) == [2]
+    assert taken(methods=("rk4", "strang"), tops=("generic",)) == [0, 1]
+    assert taken(highlight=("rk4",)) == [0, 1, 2, 3]
+    assert (bool(ALL), bool(Choice(tops=("mine",))), bool(Choice(highlight=("rk4",)))) == (False, True, False)
+    assert Choice(("a", "b c"), (), ("d",)).words == " --methods 'a,b c' --highlight d"
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ({"methods": ("rk4", "strnag")}, "--methods: no cell here is of the method 'strnag'; did you mean 'strang'?"),
+        ({"tops": ("x",)}, "--tops: no cell here is of the top 'x'. Known: generic, mine"),
+        ({"highlight": ("rk44",)}, "--highlight: no cell here is of the method 'rk44'; did you mean 'rk4'?"),
+    ],
+)
+def test_a_name_that_nothing_has(names, message):
+    with pytest.raises(ValueError, match="no cell here") as caught:
+        Choice(**names).check(CELLS)
+    assert str(caught.value) == message
+    Choice(("rk4",), ("mine",)).check(CELLS)
+
+
+def test_a_store_shows_what_is_chosen(tmp_path):
+    done = {"status": "done", "rows": [{"error": 1.0}], "error": None, "warnings": [], "seconds": 0.1}
+    Store(tmp_path).append(*(make_record("toy", 1, i, cell, **done) for i, cell in enumerate(CELLS)))
+    assert len(Store(tmp_path).rows("toy")) == 4
+    assert Store(tmp_path, Choice(("strang",))).rows("toy").method.tolist() == ["strang"] * 2
+    assert len(Store(tmp_path, Choice(("strang",))).open("toy").provenance()) == 2
+
+
+def test_a_run_computes_what_is_chosen():
+    def cells(choice):
+        return dict(engine._Plan("phase", "quick", (0, 2), choice).cells())
+
+    every, some = cells(ALL), cells(Choice(("rk4", "strang"), ("generic",)))
+    assert some == {place: cell for place, cell in every.items() if Choice(("rk4", "strang"), ("generic",)).takes(cell)}
+    assert {(cell["method"], cell["state"]) for cell in some.values()} == {("rk4", "generic"), ("strang", "generic")}
+    assert len(some) < len(every)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (
+            "run drift --methods rk44 --results {0}",
+            "--methods: no cell here is of the method 'rk44'; did you mean 'rk4'?",
+        ),
+        ("run drift --tops , --results {0}", "--tops: must be names separated by commas"),
+        ("figure phase_h --methods bakclund", "did you mean 'backlund'?"),
+        ("report --tops generik --output {0}", "did you mean 'generic'?"),
+    ],
+)
+def test_wrong_names_on_the_command_line(run, tmp_path, words, named):
+    code, out, err = run(*words.format(tmp_path).split())
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert named in err
+
+
+# ---------------------------------------------------------------- what stands out
+
+BENCH = ["backlund", "rk4", "strang", "kahan", "gauss4", "taylor_fixed", "rkmk4", "theta_functions", "gauss6"]
+
+
+def test_what_stands_out_has_a_look_that_nothing_else_has():
+    plain = {name: style.of(name) for name in METHODS}
+    assert style.OWN not in {look["color"] for look in plain.values()}
+    assert not {str(dash) for dash in style.OWN_DASHES} & {str(look["linestyle"]) for look in plain.values()}
+    with style.apply(highlight=["rk4", "kahan"]):
+        looks = {name: style.of(name) for name in METHODS}
+        assert [name for name in METHODS if looks[name]["color"] == style.OWN] == ["rk4", "kahan"]
+        assert looks["rk4"]["label"] == plain["rk4"]["label"]
+        assert len({str(looks[name]["linestyle"]) for name in ("rk4", "kahan")}) == 2
+    assert {name: style.of(name) for name in METHODS} == plain
+
+
+def test_a_plug_in_stands_out_and_is_named_among_many():
+    mine = replace(METHODS["strang"], name="mine", label="Mine")
+    assert style.of("somebody:METHOD")["color"] == style.OWN
+    with METHODS.lent(mine):
+        looks = style.looks([*BENCH, "mine"], named=["backlund"])
+        assert (looks["mine"]["color"], looks["mine"]["label"]) == (style.OWN, "Mine")
+        assert looks["rk4"]["label"] == "_thin"
+    assert style.of("mine")["color"] != style.OWN
+
+
+def test_a_few_are_all_named():
+    looks = style.looks(BENCH[: style.FEW], named=[])
+    assert not [look for look in looks.values() if look["label"].startswith("_")]
+    both = style.looks(["gauss4", "gauss6"], named=[])
+    assert both["gauss4"]["color"] != both["gauss6"]["color"], "of one family, and still told apart"
+
+
+# ---------------------------------------------------------------- from Python
+
+
+def test_work_precision_from_python(short_races):
+    mine = replace(METHODS["strang"], name="mine", label="Mine")
+    figure, frame = work_precision([mine, "rk4"], top="moderate_tide", time=10, longest=0.005)
+    assert isinstance(frame, pd.DataFrame)
+    assert frame.groupby("method").error.min().between(1e-15, 1e-3).all()
+    (ax,) = figure.axes
+    looks = {line.get_label(): line.get_color() for line in ax.get_lines()}
+    assert looks["Mine"] == style.OWN
+    assert looks[METHODS["rk4"].label] != style.OWN
+    assert "mine" not in METHODS
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ({"methods": []}, "methods: give at least one"),
+        ({"methods": ["rk4", "rk4"]}, "each name once"),
+        ({"methods": ["rk44"]}, "did you mean 'rk4'"),
+        ({"methods": ["rk4"], "top": "nowhere"}, "unknown state 'nowhere'"),
+        ({"methods": ["backlund"], "top": "magnet"}, "does not take the potential charge"),
+        ({"methods": ["rk4"], "time": 0}, "must be positive"),
+        ({"methods": ["rk4"], "longest": 1e-9}, "no run has an error below"),
+    ],
+)
+def test_work_precision_of_what_cannot_be(words, named):
+    with pytest.raises(ValueError, match=named):
+        work_precision(**words)
