@@ -34,7 +34,9 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.fixture
 def drift_bounds(request: pytest.FixtureRequest) -> Callable[..., None]:
     """drift_bounds(METHOD, tops=…, h=…, steps=…, options=…) fails if an invariant drifts beyond its bound in the file."""
-    from lagrange_bench import testing
+    import lagrange_bench  # noqa: F401, which names a folder that hides a package of the bench
+    from experiments.measuring import bounds
+    from integrators.registry import find_method
 
     config = request.config
     chosen = config.getoption("drift_bounds")
@@ -42,16 +44,16 @@ def drift_bounds(request: pytest.FixtureRequest) -> Callable[..., None]:
 
     def test(method: Any, *, options: Any = None, **runs: Any) -> None:
         __tracebackhide__ = True
-        found = testing.find_method(method)
-        wanted = testing.plan(found, **runs)
+        found = find_method(method)
+        wanted = bounds.plan(found, **runs)
         if config.getoption("write_drift_bounds"):
-            testing.write_bounds(path, testing.measured(found, wanted, options))
+            bounds.write_bounds(path, bounds.measured(found, wanted, options))
             return
-        known = {testing.run_of(bound): bound for bound in testing.read_bounds(path)} if path.exists() else {}
-        if missing := [bound for bound in wanted if testing.run_of(bound) not in known]:
+        known = {bounds.run_of(bound): bound for bound in bounds.read_bounds(path)} if path.exists() else {}
+        if missing := [bound for bound in wanted if bounds.run_of(bound) not in known]:
             first = ", ".join(f"{key} = {value}" for key, value in missing[0].items())
             pytest.fail(f"{path} has no bound for {first}: write it with pytest --write-drift-bounds", pytrace=False)
-        verdicts = list(testing.judge(found, [known[testing.run_of(bound)] for bound in wanted], options))
+        verdicts = list(bounds.judge(found, [known[bounds.run_of(bound)] for bound in wanted], options))
         if wrong := [f"{found.name}: {verdict}" for verdict in verdicts if not verdict.passed]:
             pytest.fail("\n".join(wrong), pytrace=False)
 

@@ -42,9 +42,9 @@ def run(options: argparse.Namespace) -> Answer:
     bounds = _bounds(options.bounds, method) if options.bounds else []
     verdicts = checks.check(method, quick=options.quick)
     if bounds:
-        from lagrange_bench import testing
+        from experiments.measuring import bounds as drift
 
-        verdicts += testing.judge(method, bounds)
+        verdicts += drift.judge(method, bounds)
     rows = [("verdict", "claim", "measured", "bound", "how")]
     for verdict in verdicts:
         measured = "" if verdict.measured is None else f"{verdict.measured:.3g}"
@@ -61,9 +61,9 @@ def run(options: argparse.Namespace) -> Answer:
 
 def _bounds(path: Path, method: Method) -> list[dict[str, Any]]:
     """What the file allows this method."""
-    from lagrange_bench import testing
+    from experiments.measuring import bounds as drift
 
-    bounds = [bound for bound in testing.read_bounds(path) if bound["method"] == method.name]
+    bounds = [bound for bound in drift.read_bounds(path) if bound["method"] == method.name]
     if not bounds:
         raise ValueError(f"--bounds {path} has no bound for {method.name}: measure some with --write-bounds {path}")
     return bounds
@@ -71,18 +71,18 @@ def _bounds(path: Path, method: Method) -> list[dict[str, Any]]:
 
 def _write(path: Path, method: Method) -> Answer:
     """Measures the runs that the file has of this method, or the usual ones, and writes bounds on their drift."""
-    from lagrange_bench import testing
+    from experiments.measuring import bounds as drift
 
-    known = testing.read_bounds(path) if path.exists() else []
-    plan = [bound for bound in known if bound["method"] == method.name] or testing.plan(method)
+    known = drift.read_bounds(path) if path.exists() else []
+    plan = [bound for bound in known if bound["method"] == method.name] or drift.plan(method)
     bounds: list[dict[str, Any]] = []
     notes = []
     for run in plan:
         try:
-            bounds += testing.measured(method, [run])
-        except testing.Refused as error:
+            bounds += drift.measured(method, [run])
+        except drift.Refused as error:
             notes.append(f"no bound: {error}")
-    testing.write_bounds(path, bounds)
+    drift.write_bounds(path, bounds)
     text = "\n".join([*notes, f"written: {path}, with bounds on {len(bounds)} runs of {method.name}"])
     return Answer(text, {"method": method.name, "bounds": bounds, "notes": notes})
 

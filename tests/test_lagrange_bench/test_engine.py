@@ -363,7 +363,7 @@ def test_cells_that_cannot_be_told_apart(toy, cells, match):
 def test_run_draws_if_asked(toy, tmp_path, monkeypatch, run):
     written = []
 
-    def write_experiment(experiment, results, output):
+    def write_experiment(experiment, results, output, choice):
         written.append((experiment, results, output))
         return [output / "figure.svg"]
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from experiments.measuring import bounds as drift
 from experiments.measuring import check
 from integrators import METHODS, LagrangeTop, StepError
-from lagrange_bench import testing
 from lagrange_bench.testing import assert_drift, assert_order
 
 MINE = replace(METHODS["strang"], name="mine")  # of nobody's registry
@@ -35,7 +35,7 @@ def test_a_bound_that_is_exceeded_names_top_step_and_value():
 
 def test_drift_is_in_ulps_of_the_scale():
     """Against invariants computed here, at the counts the run has."""
-    (run,) = testing.drifts(MINE, ["generic"], 0.1, 64)
+    (run,) = drift.drifts(MINE, ["generic"], 0.1, 64)
     top, y0 = check.find("generic")
     y = METHODS["strang"].prepare(top, y0, 0.1 * top.scales(y0)[2]).record(y0, 64, 1)
     scale = top.invariant_scales(y0)[0]
@@ -57,7 +57,7 @@ def test_growth():
 def test_a_run_that_ends_early_or_is_not_finite():
     with pytest.raises(AssertionError, match=r"^rk4 on generic, h = 30, in 100 steps: the state left the range"):
         assert_drift("rk4", tops=["generic"], h=30, steps=100, J3=0)
-    run = testing.Run("generic", 0.1, [1, 2, 3], np.array([[1.0] * 4, [np.nan] * 4, [2.0] * 4]), ("H",))
+    run = drift.Run("generic", 0.1, [1, 2, 3], np.array([[1.0] * 4, [np.nan] * 4, [2.0] * 4]), ("H",))
     assert run.largest("H")[1] == 2
     assert not run.largest("H")[0] <= 1e300
 
@@ -105,20 +105,20 @@ def test_order():
 def test_bounds_in_a_file(run, tmp_path, monkeypatch):
     path = tmp_path / "bounds.toml"
     monkeypatch.setattr(check, "CHECKS", ())
-    testing.write_bounds(path, [{"method": "rk4", "top": "generic", "h": 0.1, "steps": 7, "H": 1}])
-    plan = testing.plan(MINE, ["generic", "magnet"], 0.1, 500)
-    testing.write_bounds(path, testing.measured(MINE, plan))
-    bounds = testing.read_bounds(path)
+    drift.write_bounds(path, [{"method": "rk4", "top": "generic", "h": 0.1, "steps": 7, "H": 1}])
+    plan = drift.plan(MINE, ["generic", "magnet"], 0.1, 500)
+    drift.write_bounds(path, drift.measured(MINE, plan))
+    bounds = drift.read_bounds(path)
     assert [bound["method"] for bound in bounds] == ["rk4", "mine", "mine"], "the others stay"
     assert "J3" not in bounds[2], "magnet does not conserve it"
-    assert all(verdict.passed for verdict in testing.judge(MINE, bounds))
+    assert all(verdict.passed for verdict in drift.judge(MINE, bounds))
     code, out, _ = run("check", "rk4", "--bounds", path)
     assert code == 1
     assert "rk4 (RK4): 0 claims hold, 1 fail: drift of H on generic, h = 0.1" in " ".join(out.split())
     code, out, _ = run("check", "rk4", "--write-bounds", path)
     assert code == 0
-    assert [bound["method"] for bound in testing.read_bounds(path)] == ["rk4", "mine", "mine"]
-    assert testing.read_bounds(path)[0]["H"] > 1
+    assert [bound["method"] for bound in drift.read_bounds(path)] == ["rk4", "mine", "mine"]
+    assert drift.read_bounds(path)[0]["H"] > 1
     assert run("check", "rk4", "--bounds", path)[0] == 0
     code, _, err = run("check", "strang", "--bounds", path)
     assert (code, err.count("\n")) == (2, 1)
@@ -139,7 +139,7 @@ def test_bounds_in_a_file(run, tmp_path, monkeypatch):
 def test_a_file_with_mistakes(tmp_path, text, named):
     (tmp_path / "bounds.toml").write_text(text)
     with pytest.raises(ValueError, match=named):
-        testing.read_bounds(tmp_path / "bounds.toml")
+        drift.read_bounds(tmp_path / "bounds.toml")
 
 
 def test_the_plug_in_of_pytest(tmp_path, monkeypatch, capsys):
