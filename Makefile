@@ -17,15 +17,15 @@ help:
 	@echo "make lint    ruff and mypy"
 	@echo "make clean   remove what the commands above made, results of your own excepted"
 
-bench: .venv/ready
+bench: .venv/bench
 	$(BIN)/lagrange-bench run --profile quick; status=$$?; \
 	$(BIN)/lagrange-bench report --results results/local/quick && exit $$status
 
-full: .venv/ready
+full: .venv/bench
 	$(BIN)/lagrange-bench run --profile full; status=$$?; \
 	$(BIN)/lagrange-bench report --results results/local/full && exit $$status
 
-report: .venv/ready
+report: .venv/bench
 	$(BIN)/lagrange-bench report
 
 test: .venv/ready
@@ -63,11 +63,19 @@ lint: .venv/ready
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 
-.venv/ready: pyproject.toml
+# A stamp for each set of extras: none, for who only runs and draws; and those of the tests, which include the former.
+.venv/made:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed; set PYTHON=…")'
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
 	@touch $@
+
+.venv/bench: pyproject.toml | .venv/made
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+.venv/ready: pyproject.toml | .venv/made
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
+	@touch .venv/bench $@
 
 .venv-oldest/ready: pyproject.toml tests/oldest.txt
 	$(PYTHON) -m venv .venv-oldest

@@ -18,6 +18,7 @@ from functools import cache
 from typing import Any, NoReturn
 
 from integrators.machine import interrupted_once
+from integrators.words import suggestion
 from lagrange_bench.commands import (
     bits,
     check,
@@ -66,6 +67,12 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **settings: Any):
         super().__init__(**settings, formatter_class=Help, allow_abbrev=False)
 
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            known = list(map(str, action.choices))
+            message = f"unknown {value!r}{suggestion(str(value), known)} Known: {', '.join(known)}"
+            raise argparse.ArgumentError(action, message)
+
     def print_help(self, file: Any = None) -> None:
         _emit(self.format_help().rstrip())  # argparse's own hides a full disk
 
@@ -100,7 +107,7 @@ def _run(argv: list[str]) -> int:
             stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     try:
         commands = parser()
-        options = commands.parse_args(_join_negative(argv))
+        options, unknown = commands.parse_known_args(_join_negative(argv))
     except SystemExit as done:  # --help
         return int(done.code or 0)
     if options.version:
@@ -108,8 +115,13 @@ def _run(argv: list[str]) -> int:
 
         _emit(f"lagrange-bench {version('lagrange-bench') or '(not installed)'}")
         return 0
+    if unknown:
+        known = options.flags if hasattr(options, "run") else commands._option_string_actions
+        command = f"lagrange-bench {options.command}" if hasattr(options, "run") else "lagrange-bench"
+        raise ValueError(f"unknown argument {unknown[0]!r}{suggestion(unknown[0], known)} (see {command} --help)")
     if not hasattr(options, "run"):
-        raise ValueError("give a command: run, report or integrate, say (see lagrange-bench --help)")
+        commands.print_help()
+        return 0
     options.words, options.parser = argv, commands
     with _stdout_for_data_only() if options.json else contextlib.nullcontext():
         answer = options.run(options)
@@ -210,7 +222,7 @@ def parser() -> Parser:
     for module in COMMANDS:
         name = module.__name__.rpartition(".")[2]
         command = commands.add_parser(name, help=module.SUMMARY, description=module.DESCRIPTION, epilog=module.EXAMPLES)
-        command.set_defaults(run=module.run)
+        command.set_defaults(run=module.run, command=name, flags=command._option_string_actions)
         command.add_argument("--json", action="store_true", help="print JSON, and nothing else, on stdout")
         module.add_options(command)
     return top

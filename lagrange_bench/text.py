@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import math
-import unicodedata
+import shutil
+import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
+
+WIDEST = 10_000  # columns of what is no terminal
 
 
 class Answer(NamedTuple):
@@ -17,15 +21,26 @@ class Answer(NamedTuple):
 
 
 def table(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines with aligned columns."""
-    widths = [max(map(_width, column)) for column in zip(*rows, strict=True)]
-    padded = ([cell + " " * (width - _width(cell)) for cell, width in zip(row, widths, strict=True)] for row in rows)
-    return ["  ".join(row).rstrip() for row in padded]
+    """Lines with aligned columns, the first row above them; in a terminal wrapped to its width, else a line for each row."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    head, *body = rows
+    made = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="")
+    for i, name in enumerate(head):
+        made.add_column(Text(name), no_wrap=i == 0, overflow="fold", min_width=max(map(len, name.split()), default=0))
+    for row in body:
+        made.add_row(*map(Text, row))
+    console = Console(file=io.StringIO(), width=room(), color_system=None)
+    with console.capture() as captured:
+        console.print(made)
+    return [line.rstrip() for line in captured.get().splitlines()]
 
 
-def _width(text: str) -> int:
-    """Columns of a terminal: the tilde of J̃ takes none."""
-    return sum(not unicodedata.combining(character) for character in text)
+def room() -> int:
+    """Columns of the terminal; plenty where stdout is none: a line for each row can be searched."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else WIDEST
 
 
 def plain(value: Any) -> Any:

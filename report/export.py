@@ -32,6 +32,12 @@ def draw(
         yield page.Section(experiment).file(name), figure
 
 
+def names(results: Path, choice: Choice = ALL) -> list[str]:
+    """The names of all figures that can be drawn, in the order of the page."""
+    stored, _ = _stored(results)
+    return [name for experiment in stored for name, _ in draw(results, experiment, choice=choice)]
+
+
 def export(
     name: str,
     results: Path,
@@ -61,7 +67,7 @@ def export(
                 return write_file(path, figures.FORMATS[kind](figure))
             known.append(found)
     if not known:
-        known = [found for experiment in stored for found, _ in draw(results, experiment, choice=choice)]
+        known = names(results, choice)
     if not known and unknown:
         raise UnknownFigure(f"{name!r} cannot be drawn from {results}: {'; '.join(unknown)}")
     if not known:

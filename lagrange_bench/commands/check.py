@@ -45,10 +45,14 @@ def run(options: argparse.Namespace) -> Answer:
         from experiments.measuring import bounds as drift
 
         verdicts += drift.judge(method, bounds)
-    rows = [("verdict", "claim", "measured", "bound", "how")]
+    rows = [("verdict", "claim", "measured", "bound", *(["how"] if options.verbose else []))]
+    reasons = []
     for verdict in verdicts:
         measured = "" if verdict.measured is None else f"{verdict.measured:.3g}"
-        rows.append((verdict.word, verdict.claim, measured, verdict.bound, " ".join(verdict.how.split())))
+        how = " ".join(verdict.how.split())
+        rows.append((verdict.word, verdict.claim, measured, verdict.bound, *([how] if options.verbose else [])))
+        if verdict.passed is False:
+            reasons.append(f"fail: {verdict.claim}: {how}")
     failed = [verdict.claim for verdict in verdicts if verdict.passed is False]
     held = sum(verdict.passed is True for verdict in verdicts)
     sum_up = f"{method.name} ({method.label}): {held} claims hold, {len(failed)} fail"
@@ -56,7 +60,7 @@ def run(options: argparse.Namespace) -> Answer:
     notes = _name_taken(options.method, method)
     listed = [{**asdict(verdict), "verdict": verdict.word} for verdict in verdicts]
     data = {"method": method.name, "passed": not failed, "verdicts": plain(listed), "notes": notes}
-    return Answer("\n".join([*table(rows), "", *notes, sum_up]), data, 1 if failed else 0)
+    return Answer("\n".join([*table(rows), "", *reasons, *notes, sum_up]), data, 1 if failed else 0)
 
 
 def _bounds(path: Path, method: Method) -> list[dict[str, Any]]:
@@ -105,6 +109,9 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "method", metavar="METHOD", help="a name (see lagrange-bench methods) or package.module:METHOD"
     )
     command.add_argument("--quick", action="store_true", help="fewer and shorter runs, for while you are developing")
+    command.add_argument(
+        "--verbose", action="store_true", help="say how each claim was measured, not only those that fail"
+    )
     either = command.add_mutually_exclusive_group()
     text = "also test the largest drifts, in ulps, that this file allows the method"
     either.add_argument("--bounds", type=Path, metavar="FILE", help=text)

@@ -20,6 +20,7 @@ rows give the same bytes."""
 
 EXAMPLES = """\
 examples:
+  lagrange-bench figure --list
   lagrange-bench figure phase_h --format pdf --width column
   lagrange-bench figure work_precision_time --methods mine,rk4,backlund --results results/local/quick
   lagrange-bench figure drift_time --results results/local/quick --output drift.svg
@@ -27,10 +28,11 @@ examples:
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("name", nargs="?", metavar="NAME", help="as below a figure of the page: phase_h, say")
+    command.add_argument("name", nargs="?", metavar="NAME", help="as below a figure of the page, e.g. phase_h")
     command.add_argument(
         "--all", action="store_true", help="every figure, in every format and width unless one is given"
     )
+    command.add_argument("--list", action="store_true", help="print the names of the figures that can be drawn")
     command.add_argument("--format", choices=FORMATS, help="of the file (default: as its name ends, else svg)")
     command.add_argument("--width", choices=("column", "page"), help="3.4 or 7 inches (default: as on the page)")
     text = "what lagrange-bench run stored (default: as for lagrange-bench report)"
@@ -49,12 +51,15 @@ def run(options: argparse.Namespace) -> Answer:
     from report import export
     from results.store import find_results
 
-    if options.all == (options.name is not None):
-        raise ValueError("give the name of a figure, as phase_h, or --all")
+    if sum((options.all, options.list, options.name is not None)) != 1:
+        raise ValueError("give one of: the name of a figure, as phase_h; --all; --list")
     import_modules(options.module)
     results, _ = find_results(options.results)
     choice = choice_of(options)
     check_choice(results, choice)
+    if options.list:
+        found = export.names(results, choice)
+        return Answer("\n".join(found), {"figures": found, "results": str(results)})
     with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
         if options.all:
             chosen = {"kinds": options.format, "widths": options.width}

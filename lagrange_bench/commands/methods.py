@@ -18,7 +18,7 @@ List the integration methods and what they claim: order, symmetry, Poisson map, 
 EXAMPLES = """\
 examples:
   lagrange-bench methods
-  lagrange-bench methods --verbose              with sources and options (for integrate --option)
+  lagrange-bench methods --verbose              with sources, options (for integrate --option) and families
   lagrange-bench methods --top weak_tide        those that take this top, and the invariants they keep of it
   lagrange-bench methods --json | jq -r '.[] | select(.poisson) | .name'
 
@@ -47,23 +47,23 @@ def run(options: argparse.Namespace) -> Answer:
         if options.top or options.potential:
             more["refuses"] = refuses
         data.append({"name": name, **claims, **more})
-    header = ("name", "label", "family", "order", "symmetric", "Poisson", "conserves", "control", "available")
+    header = ("name", "label", "order", "symmetric", "Poisson", "conserves")
     taken = [claims for claims in data if not claims.get("refuses")]
     lines = [*table([header, *map(_method_row, taken)]), *_method_notes(taken), *_left_out(data)]
     if options.verbose:
         for claims in taken:
             known = ", ".join(claims.get("options") or ["none"])
             lines += ["", claims["name"], f"  source:  {claims.get('source', '?')}", f"  options: {known}"]
+            lines += [f"  family:  {claims.get('family', '?')}", f"  control: {claims.get('control', '?')}"]
     return Answer("\n".join(lines), data)
 
 
 def _method_row(claims: dict[str, Any]) -> tuple[str, ...]:
     if "error" in claims:
-        return (claims["name"], *"-------", "no")
+        return (claims["name"], *"-----")
     order = "exact" if claims["order"] is None else str(claims["order"])
-    symmetric, poisson, here = (YES_NO[claims[field]] for field in ("symmetric", "poisson", "available"))
-    kept = " ".join(claims["conserves"]) or "-"
-    return claims["name"], claims["label"], claims["family"], order, symmetric, poisson, kept, claims["control"], here
+    symmetric, poisson = (YES_NO[claims[field]] for field in ("symmetric", "poisson"))
+    return claims["name"], claims["label"], order, symmetric, poisson, " ".join(claims["conserves"]) or "-"
 
 
 def _method_notes(data: list[dict[str, Any]]) -> list[str]:
@@ -93,4 +93,4 @@ YES_NO = {True: "yes", False: "no", None: "?"}
 def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--top", metavar="NAME", help="only methods that take this top, see lagrange-bench tops")
     add_potential(command)
-    command.add_argument("--verbose", action="store_true", help="also print where each method comes from, its options")
+    command.add_argument("--verbose", action="store_true", help="also print each method's source, options and family")

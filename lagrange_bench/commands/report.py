@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import webbrowser
 from pathlib import Path
 
 from lagrange_bench.arguments import add_choice, add_module, check_choice, choice_of
@@ -20,7 +21,7 @@ Turn stored results into one offline page (index.html), figures (SVG) and tables
 EXAMPLES = """\
 examples:
   lagrange-bench report                                        the published results
-  lagrange-bench report --results results/local/quick          your own run
+  lagrange-bench report --results results/local/quick --open   your own run, in the browser
   lagrange-bench report --results results/local/quick --methods mine,rk4,backlund --output my_page
 
 exit codes: 0 the page is complete; a claim that is refuted is a finding, told on stderr and on the page · 1 a part could
@@ -35,6 +36,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--quiet", action="store_true", help="no remarks on stderr; the page and the exit code have them"
     )
+    command.add_argument("--open", action="store_true", help="open the page in the browser")
     add_choice(command)
     add_module(command)
 
@@ -64,5 +66,7 @@ def run(options: argparse.Namespace) -> Answer:
     remarks = [*(f"not drawn: {error}" for error in report.errors), *notes, summary]
     for line in remarks if not options.quiet else ():
         print(line, file=sys.stderr)
+    if options.open:
+        webbrowser.open(path.as_uri())
     data = {"page": str(path), "results": str(results), "not_drawn": report.errors, "notes": notes}
     return Answer(str(path), data, 1 if report.errors else 0)

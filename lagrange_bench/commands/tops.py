@@ -23,7 +23,7 @@ constant and unstable, or on the separatrix (null in JSON). In a potential V(x),
 lagrange-bench potentials.
 
 examples:
-  lagrange-bench tops
+  lagrange-bench tops --verbose
   lagrange-bench tops --json | jq '.[] | select(.regime == "elliptic") | .name'
   lagrange-bench integrate --top near_separatrix --h 0.1 --steps 1000
   lagrange-bench integrate --top magnet --method blanes_moan4 --h 0.1 --steps 1000"""
@@ -34,19 +34,22 @@ def run(options: argparse.Namespace) -> Answer:
     from integrators import INVARIANTS, PERTURBED_TOPS, TOPS
     from integrators.truth import exact
 
-    data, rows = [], [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "motion", "nutation", "note")]
+    data, rows = [], [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "motion", "nutation")]
     for named in TOPS.values():
         kind, period = exact.regime(named.top, named.state), exact.nutation_period(named.top, named.state)
-        rows.append((*_start(named), kind, f"{period:.4g}", named.note))
+        rows.append((*_start(named), kind, f"{period:.4g}"))
         data.append({**_facts(named), "regime": kind, "nutation_period": plain(period)})
-    inside = [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "potential", "parameters", "conserves", "note")]
+    inside = [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "potential", "parameters", "conserves")]
     for named in PERTURBED_TOPS.values():
         kept = [name for name in INVARIANTS if name in named.top.conserved]
         numbers = ",".join(f"{value:.10g}" for value in named.parameters)
-        inside.append((*_start(named), named.potential.name, numbers, " ".join(kept), named.note))
+        inside.append((*_start(named), named.potential.name, numbers, " ".join(kept)))
         facts = {"potential": named.potential.name, "parameters": list(named.parameters), "conserves": kept}
         data.append({**_facts(named), **facts})
-    return Answer("\n".join([*table(rows), "", "in a potential:", *table(inside)]), data)
+    lines = [*table(rows), "", "in a potential:", *table(inside)]
+    if options.verbose:
+        lines += ["", *table([("name", "note"), *((facts["name"], facts["note"]) for facts in data)])]
+    return Answer("\n".join(lines), data)
 
 
 def _start(named: NamedTop) -> tuple[str, str, str]:
@@ -59,4 +62,4 @@ def _facts(named: NamedTop) -> dict[str, Any]:
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """It has none."""
+    command.add_argument("--verbose", action="store_true", help="also say what is special about each")

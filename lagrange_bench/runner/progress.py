@@ -17,6 +17,7 @@ INTERVAL = 10.0  # s between two plain lines of one experiment
 WIDE = 72  # columns of a terminal that has room for bars
 NARROW = 32  # columns that the numbers take in a narrower one
 TELLING = 5  # cells an estimate needs; and a tenth of all, and WARM: the first ones compile
+SOON = 3.0  # s: a first cell that takes longer is being compiled, for every other one is done by then
 WARM, PATIENT = 30.0, 300.0  # s before an estimate, and before one from less than a tenth of the cells
 
 
@@ -129,6 +130,8 @@ class Live:
         if done == total:
             return duration(last - start)
         elapsed = monotonic() - start
+        if not done and elapsed > SOON:
+            return "compiling"
         left = remaining(done, total, elapsed)
         return duration(elapsed) if left is None else f"{duration(left)} left"
 

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 import integrators
@@ -18,8 +19,10 @@ from experiments import EXPERIMENTS
 from experiments.measuring import bits, check
 from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
 from lagrange_bench import __main__ as cli
+from lagrange_bench import text
 from lagrange_bench.commands import completion
 from lagrange_bench.runner import engine
+from report import page
 from results.store import default_results
 
 COMMANDS = (
@@ -94,6 +97,12 @@ def test_every_help_teaches(run, command, monkeypatch):
         assert hasattr(cli.parser().parse_args(words), "run")
 
 
+def test_the_bare_command_helps(run):
+    code, out, err = run()
+    assert (code, err) == (0, "")
+    assert out == run("--help")[1]
+
+
 def test_version(run):
     code, out, _ = run("--version")
     assert code == 0
@@ -104,8 +113,15 @@ def test_version(run):
 
 OWN = ("h", "steps", "every", "t", "top", "y0", "method", "attitude")  # of `integrate` itself
 BAD = [  # words, what the line must name
-    ("", "command"),
-    ("integrat", "'integrat'"),
+    ("integrat", "unknown 'integrat'; did you mean 'integrate'?"),
+    ("--versio", "did you mean '--version'? (see lagrange-bench --help)"),
+    (
+        "run drift --profil quick",
+        "unknown argument '--profil'; did you mean '--profile'? (see lagrange-bench run --help)",
+    ),
+    ("run --profile fulll", "did you mean 'full'?"),
+    ("figure", "the name of a figure"),
+    ("figure phase_h --list", "the name of a figure"),
     ("methods --vebose", "--vebose"),
     ("run nothing", "'nothing'"),
     ("run no.such_module", "no.such_module"),
@@ -306,6 +322,17 @@ def test_a_terminal_without_greek():
 # ---------------------------------------------------------------- methods and tops
 
 
+@pytest.mark.parametrize("command", [("methods",), ("tops", "--verbose"), ("potentials",), ("check", "rk4", "--quick")])
+def test_tables_fit_a_terminal(run, command, monkeypatch):
+    wide = run(*command)[1]
+    assert max(map(len, wide.splitlines())) > 80 or command[0] == "check"
+    monkeypatch.setattr(text, "room", lambda: 80)
+    narrow = run(*command)[1]
+    lines = narrow.splitlines()[:-1] if command[0] == "check" else narrow.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert sorted("".join(narrow.split())) == sorted("".join(wide.split())), "wrapped, and nothing is lost"
+
+
 def test_methods(run, answer):
     code, out, err = run("methods", "--verbose")
     assert (code, err) == (0, "")
@@ -333,6 +360,8 @@ def test_tops(run, answer):
     code, out, _ = run("tops")
     assert code == 0
     above, below = out.split("\n\nin a potential:\n")
+    assert TOPS["figure2"].note not in out
+    assert TOPS["figure2"].note in run("tops", "--verbose")[1]
     assert [line.split()[0] for line in above.splitlines()[1:]] == list(TOPS)
     assert [line.split()[0] for line in below.splitlines()[1:]] == list(PERTURBED_TOPS)
     data = {top["name"]: top for top in answer("tops")}
@@ -496,6 +525,28 @@ def test_an_experiment_of_your_own_is_drawn_where_it_was_run(tmp_path):
     assert typed(again).stdout == "my_study.energy_squares.svg\n"
 
 
+def test_figures_are_listed_and_completed(run, answer, tmp_path, monkeypatch):
+    shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
+    listed = ["ensemble_throughput", "ensemble_rivals"]
+    assert run("figure", "--list", "--results", tmp_path)[:2] == (0, "\n".join(listed) + "\n")
+    (tmp_path / "page" / "figures").mkdir(parents=True)
+    for name in listed:
+        (tmp_path / "page" / "figures" / f"{name}.svg").touch()
+    monkeypatch.setattr("results.store.default_results", lambda profile=None: tmp_path)
+    assert set(listed) <= set(completion.names()["name"])
+
+
+def test_report_opens_the_page(run, tmp_path, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
+    empty = page.Report([], [], page.NO_FAIRNESS, pd.DataFrame(), [], [], "", False)
+    monkeypatch.setattr(page, "assemble", lambda *_: empty)
+    code, out, _ = run("report", "--results", tmp_path, "--quiet", "--open")
+    assert code == 0
+    assert opened == [Path(out.strip()).as_uri()]
+
+
 def test_a_figure_that_cannot_be_written_is_named(run, tmp_path):
     (tmp_path / "file").write_text("in the way")
     shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
@@ -524,7 +575,7 @@ def test_check_a_method_that_keeps_its_word(run):
     code, out, err = run("check", "backlund", "--quick")
     assert (code, err) == (0, "")
     lines = out.splitlines()
-    assert lines[0].split() == ["verdict", "claim", "measured", "bound", "how"]
+    assert lines[0].split() == ["verdict", "claim", "measured", "bound"]
     assert any(line.startswith("pass") and "conserves H" in line for line in lines)
     assert lines[-1].endswith(" claims hold, 0 fail")
 
@@ -542,6 +593,15 @@ def test_check_a_method_that_does_not(run, monkeypatch):
     assert passed["Poisson map"]
     assert passed["conserves J3"]
     assert passed["conserves C2"] is None
+
+
+def test_check_says_why_a_claim_fails_and_with_verbose_how_every_one_was_measured(run, monkeypatch):
+    monkeypatch.syspath_prepend(str(HERE))
+    monkeypatch.setattr(check, "CHECKS", (check.symmetric, check.poisson))
+    out = run("check", "toys.lies:METHOD", "--quick")[1]
+    assert re.search(r"^fail: symmetric: a step and its inverse, .*; largest on \w+, h = 3$", out, re.MULTILINE)
+    assert "central differences" not in out
+    assert "central differences" in run("check", "toys.lies:METHOD", "--quick", "--verbose")[1]
 
 
 def test_check_finds_plug_ins(run, monkeypatch):
@@ -598,7 +658,8 @@ def test_bits_that_differ_or_are_not_written_down(run, written):
 COMPLETED = [  # what is typed, some of what is offered, and what is not
     ("lagrange-bench integrate --top ", {"generic", "magnet"}, {"backlund"}),
     ("lagrange-bench methods --potential ", {"tide", "charge"}, {"generic"}),
-    ("lagrange-bench ", {"run", "integrate", "completion", "--help"}, {"backlund", "--json"}),
+    ("lagrange-bench ", {"run", "integrate", "completion"}, {"backlund", "--json"}),
+    ("lagrange-bench -", {"--help", "--version"}, {"run"}),
     ("lagrange-bench in", {"integrate"}, {"run"}),
     ("lagrange-bench run ", {"drift", "phase"}, {"--jobs", "run"}),
     ("lagrange-bench run drift ph", {"phase"}, {"drift"}),
@@ -607,7 +668,9 @@ COMPLETED = [  # what is typed, some of what is offered, and what is not
     ("lagrange-bench integrate --method back", {"backlund", "backlund_paper"}, {"strang"}),
     ("lagrange-bench integrate --top fi", {"figure1", "figure2"}, {"generic"}),
     ("lagrange-bench check ba", {"backlund"}, {"figure1"}),
-    ("lagrange-bench report --results ", set(), {"backlund", "--json"}),
+    ("lagrange-bench report --results ", {"tests"}, {"backlund", "--json"}),
+    ("lagrange-bench report --methods ba", {"backlund"}, {"strang"}),
+    ("lagrange-bench run --tops g", {"generic"}, {"backlund"}),
 ]
 
 
@@ -620,7 +683,7 @@ def script():
 @pytest.mark.parametrize(("typed", "offered", "not_offered"), COMPLETED, ids=[typed for typed, *_ in COMPLETED])
 def test_completion_in_bash(script, typed, offered, not_offered):
     program = f"{script}\nCOMP_WORDS=({typed.rstrip()}{' ' + chr(34) * 2 if typed.endswith(' ') else ''})\n"
-    program += 'COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); _lagrange_bench; printf "%s\\n" "${COMPREPLY[@]}"'
+    program += 'COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); _shtab_lagrange_bench; printf "%s\\n" "${COMPREPLY[@]}"'
     done = subprocess.run(["bash", "-u", "-c", program], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     words = set(done.stdout.split())
@@ -645,13 +708,22 @@ def test_completion_in_fish(run, tmp_path, typed, offered):
     assert {line.split("\t")[0] for line in done.stdout.splitlines()} == offered
 
 
+NEEDED = {  # of these commands, for them to be understood
+    "merge": ("a", "--results", "b"),
+    "compare": ("a", "b"),
+    "check": ("rk4",),
+    "completion": ("bash",),
+}
+
+
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_knows_every_option(run, shell):
     code, out, err = run("completion", shell)
     assert (code, err) == (0, "")
-    for name, command in completion.commands(cli.parser()).items():
+    for module in cli.COMMANDS:
+        name = module.__name__.rpartition(".")[2]
         assert name in out
-        for flag in command._option_string_actions:
+        for flag in cli.parser().parse_args([name, *NEEDED.get(name, ())]).flags:
             assert flag.lstrip("-") in out or len(flag) == 2
     if syntax := shutil.which(shell):
         assert subprocess.run([syntax, "-n"], input=out, capture_output=True, text=True, check=False).stderr == ""
