@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+HEAD = 9  # letters of a word above a column that are not broken
 WIDEST = 10_000  # columns of what is no terminal
 
 
@@ -29,7 +30,8 @@ def table(rows: Sequence[Sequence[str]]) -> list[str]:
     head, *body = rows
     made = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="")
     for i, name in enumerate(head):
-        made.add_column(Text(name), no_wrap=i == 0, overflow="fold", min_width=max(map(len, name.split()), default=0))
+        least = min(max(map(len, name.split()), default=0), HEAD)
+        made.add_column(Text(name), no_wrap=i == 0, overflow="fold", min_width=least)
     for row in body:
         made.add_row(*map(Text, row))
     console = Console(file=io.StringIO(), width=room(), color_system=None)
