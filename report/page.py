@@ -235,7 +235,7 @@ def counted(report: Report) -> str:
     drawn = sum(len(section.figures) for section in report.sections)
     made = sum(len(section.tables) for section in report.sections)
     fare = ", ".join(f"{count} {word}" for word, count in _counts(report.claims).items() if count)
-    return f"{drawn} figures, {made} tables, {len(report.claims)} claims ({fare})"
+    return f"{drawn} figures, {made} tables" + (f", {len(report.claims)} claims ({fare})" if report.claims else "")
 
 
 def _counts(judged: list[Judged]) -> dict[str, int]:

@@ -15,6 +15,7 @@ import types
 
 import pytest
 from faults import HERE, TOY, comparable, nobody_left, session, squares, wait_for_lines
+from rich.console import Console
 
 import report
 from integrators import machine, registry
@@ -428,6 +429,19 @@ def test_a_terminal_gets_a_live_table(monkeypatch, capsys):
         bar.begin("drift")
         bar.advance("drift", failed=False)
     assert capsys.readouterr().err == ""
+
+
+def test_a_terminal_is_told_that_the_first_cell_compiles(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(progress, "monotonic", lambda: now[0])
+    bar = progress.Live({"drift": 9}, Console())
+    bar.begin("drift")
+    now[0] = progress.SOON
+    assert bar._time("drift") == "3.0 s"
+    now[0] += 1
+    assert bar._time("drift") == "compiling"
+    bar.advance("drift", failed=False)
+    assert bar._time("drift") == "4.0 s"
 
 
 @pytest.mark.parametrize(

@@ -102,7 +102,7 @@ def test_measured_and_drawn(python):
     said = json.loads(out.splitlines()[-1])
     assert all(said["cells"].values())
     assert said["order"] == pytest.approx(4, abs=0.15)
-    assert said["family"] == "splitting"
+    assert (said["family"], said["colour"]) == ("splitting", "#000000"), "its own look"
     assert said["fair"].startswith("compiled")
 
 
