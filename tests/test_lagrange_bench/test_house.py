@@ -33,8 +33,7 @@ def test_every_experiment_is_a_script(monkeypatch):
     run = []
     monkeypatch.setattr(script, "run", run.append)
     for name in EXPERIMENTS:
-        monkeypatch.delitem(sys.modules, f"experiments.{name}", raising=False)
-        runpy.run_module(f"experiments.{name}", run_name="__main__")
+        runpy.run_path(str(ROOT / "experiments" / f"{name}.py"), run_name="__main__")  # pytest loads modules by itself
     assert tuple(run) == EXPERIMENTS
 
 
