@@ -137,6 +137,11 @@ class Figure(matplotlib.figure.Figure):
     stacked: Any = None  # the panels as they would be side by side, where they are on top of each other
     ends: tuple[_Ends, ...] = ()  # names at the ends of lines: how high they go is known only after the layout
 
+    def savefig(self, *args: Any, **settings: Any) -> None:
+        """In this style, whatever the reader's own matplotlibrc says."""
+        with apply():
+            super().savefig(*args, **settings)
+
     def draw(self, renderer: Any) -> None:
         for ax in self.axes:
             _no_ticks_between(ax)
