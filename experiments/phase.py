@@ -316,6 +316,8 @@ def draw_steps(ax, rows: pd.DataFrame, best: set[str], style) -> None:
         chosen = here[(here.method == method) & (here.error > 0)]
         if not chosen.empty:
             ax.loglog(chosen.h, chosen.error, **look)
+        elif not look["label"].startswith("_"):
+            style.failed_label(ax, method)
     ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
     ax.set(xlabel="step h · (|J| + √(α|x|))", ylabel=f"largest error up to t = {SPAN:g}", ylim=(1e-16, 30))
 

@@ -287,7 +287,7 @@ def draw(rows: pd.DataFrame) -> dict:
     good = useful(rows)
     if good.empty:
         return {}
-    figures = {"time": draw_frontier(good, style)}
+    figures = {"time": draw_frontier(rows, style)}
     for span in sorted(set(rows.span)):
         figures[f"t{span:.0f}"] = _draw_families(rows[rows.span == span], good[good.span == span], style, span)
     return figures
@@ -313,10 +313,11 @@ def _curve(good: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
     return good.seconds, good.error.clip(lower=1e-17)
 
 
-def draw_frontier(good: pd.DataFrame, style):
-    """Error against time of `useful` runs on one top, a panel for each length."""
+def draw_frontier(rows: pd.DataFrame, style):
+    """Error against time of runs on one top, a panel for each length in which any is useful."""
     from experiments.drawing.tables import show
 
+    good, named = useful(rows), [name for name, look in style.looks(rows.method, ()).items() if look["label"][0] != "_"]
     spans = sorted(set(good.span))
     titles = [f"t = {show(span)}" for span in spans]
     fig, axes = style.panels(titles, min(len(spans), 2), (0.4, 2.7), WALL, "error at the end", sharey=True)
@@ -326,6 +327,9 @@ def draw_frontier(good: pd.DataFrame, style):
         front = here.iloc[metrics.pareto_front(here.seconds, here.error)]
         ax.loglog(front.seconds, front.error, color="#dedede", linewidth=9, zorder=1, label="_frontier")
         _shade_calls(ax, float(good.seconds.min()), style)
+        tried = rows[rows.span == span].method.unique()
+        for method in (name for name in named if name in tried and name not in set(here.method)):
+            style.failed_label(ax, method)
     style.label_ends(axes)
     state = good.state.iloc[0]
     label = TOPS[state].label if state in TOPS else state
@@ -334,7 +338,8 @@ def draw_frontier(good: pd.DataFrame, style):
         "better. Of each method the runs that no other of its own beats. "
         f"{style.naming(good.method, 'bold: of each family the one that is cheapest at most errors, or the exact step')}. Wide "
         "and pale: the efficient frontier, runs that no other run beats in both. Shaded: what one call from Python takes "
-        "whatever it does. Set-up and compilation are not included here; the tables count set-up too."
+        "whatever it does. A cross before a name: no run is within the limits of time and of error. "
+        "Set-up and compilation are not included here; the tables count set-up too."
     )
     return fig
 

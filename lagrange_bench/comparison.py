@@ -62,9 +62,8 @@ def work_precision(
             for row in experiment.measure({"method": name, **cell})
         ]
         frame = pd.DataFrame(rows, columns=list(dict.fromkeys([*COLUMNS, *(name for row in rows for name in row)])))
-        good = experiment.useful(frame)
-        if good.empty:
+        if experiment.useful(frame).empty:
             raise ValueError(f"methods: no run has an error below {experiment.USEFUL:g} within longest = {longest:g} s")
         with style.apply():
-            figure = experiment.draw_frontier(good, style)
+            figure = experiment.draw_frontier(frame, style)
     return figure, frame

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 import pytest
 
+from experiments import work_precision as experiment
 from experiments.drawing import style
 from integrators import METHODS
 from lagrange_bench import work_precision
@@ -121,6 +123,14 @@ def test_a_few_are_all_named():
 
 
 # ---------------------------------------------------------------- from Python
+
+
+def test_a_method_without_a_useful_run_is_named_too():
+    rows = pd.DataFrame({"method": ["rk4", "rk4", "strang"], "error": [1e-3, 1e-6, 2.0], "seconds": [1.0, 2.0, np.nan]})
+    rows = rows.assign(setup_seconds=0.0, state="generic", span=100.0, status="done")
+    with style.apply():
+        (ax,) = experiment.draw_frontier(rows, style).axes
+    assert [text.get_text() for text in ax.texts if text.get_gid() == "failed"] == ["× Strang"]
 
 
 def test_work_precision_from_python(short_races):
