@@ -174,8 +174,8 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     wide.insert(0, "steps", named.groupby("method").steps.max())
     verdicts = against_time(rows)
     verdicts.attrs["caption"] = (
-        "How each invariant's error grows: sixteen generic tops. Quantities that are no invariant of the top are what "
-        "the method keeps of its own"
+        "How each invariant's error grows: sixteen generic tops. Other quantities (e.g. a modified energy) are those a "
+        "method itself claims to conserve"
     )
     wide = wide.reset_index()
     wide.attrs["caption"] = "Largest relative error of H, J3, C1 and C2 on the named tops"

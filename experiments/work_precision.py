@@ -1,7 +1,7 @@
 """Work against precision: what does an error cost, over short, long and very long runs?
 
 Each method runs with ever smaller steps or tolerances, from the coarsest on, until one run would take longer than the
-limit of its length (told from a short one) or the error has stopped falling: that is where its curve ends, no matter
+limit of its length (estimated from a short one) or the error has stopped falling: that is where its curve ends, no matter
 whose it is. The error is the largest at four places of the last fifth of the run, against the exact solution,
 relative to the scales of J and x. Wall time is the least of several compiled runs; set-up, the λ(h) of a torus for
 instance, is in a column of its own and is counted or not, as a table says. Nonlinear equations are solved to round-off.
@@ -308,7 +308,7 @@ def champions(good: pd.DataFrame) -> list[str]:
 
 
 def _curve(good: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
-    """Of one method the runs that no other of its own beats in both time and error."""
+    """The Pareto-optimal runs of one method: no other of its runs beats them in both time and error."""
     good = good.iloc[metrics.pareto_front(good.seconds, good.error)]
     return good.seconds, good.error.clip(lower=1e-17)
 
@@ -335,10 +335,10 @@ def draw_frontier(rows: pd.DataFrame, style):
     label = TOPS[state].label if state in TOPS else state
     fig.caption = (
         f"Error at the end of the run against its wall time on “{label}”; down and to the left is "
-        "better. Of each method the runs that no other of its own beats. "
+        "better. Each curve shows a method's Pareto-optimal runs. "
         f"{style.naming(good.method, 'bold: of each family the one that is cheapest at most errors, or the exact step')}. Wide "
-        "and pale: the efficient frontier, runs that no other run beats in both. Shaded: what one call from Python takes "
-        "whatever it does. A cross before a name: no run is within the limits of time and of error. "
+        "and pale: the efficient frontier, runs that no other run beats in both. Shaded: the time of one call from "
+        "Python, which every run pays. A cross before a name: no run is within the limits of time and of error. "
         "Set-up and compilation are not included here; the tables count set-up too."
     )
     return fig

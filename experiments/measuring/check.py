@@ -119,7 +119,7 @@ def order(method: Method, quick: bool, names: tuple[str, ...] = ORDER_STATES) ->
     order 20 can be read off in doubles. Not always: where the leading term is made very small (Verner's formulas), the next
     ones show as long as the error is above round-off, and the slope is steeper than the order. Then it is not judged.
 
-    One step of a method that remembers others (Adams, say) is a step of its starter: there runs of one length tell.
+    One step of a method that remembers others (e.g. Adams) is a step of its starter: there runs of one length decide.
     """
     claimed = method.order_for(find(names[0])[0])
     if claimed is None:

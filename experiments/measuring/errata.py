@@ -10,7 +10,7 @@ from random import Random
 
 from integrators.paper import errata
 
-POINTS, SEED = 8, 0  # what the command and the page take unless told otherwise
+POINTS, SEED = 8, 0  # what the command and the page take by default
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ Timing cells are measured on this machine, one at a time, after all others, what
 An experiment of your own is named by its module: lagrange-bench run my_package.my_experiment. `python -m experiments.drift`
 does what `lagrange-bench run drift` does, with the same options.
 
-exit codes: 0 done; a method that refuses a step (StepError) is a result, told and drawn · 1 a cell failed otherwise ·
+exit codes: 0 done; a method that refuses a step (StepError) is a result, reported and drawn · 1 a cell failed otherwise ·
 2 bad input, or results cannot be written · 130 interrupted; what was finished is stored"""
 
 

@@ -61,7 +61,7 @@ class Summary:
 
     @property
     def exit_code(self) -> int:
-        """1 if a cell failed by accident. A method that refuses (StepError) is a result: it is drawn and told."""
+        """1 if a cell failed by accident. A method that refuses (StepError) is a result: it is drawn and reported."""
         return 1 if any(not error.startswith("StepError:") for _, _, error in self.failures) else 0
 
     def as_dict(self) -> dict[str, Any]:
@@ -246,7 +246,7 @@ def _plan(
             _note(summary, f"skipped: {cell['method']} needs {package}, which is not installed here")
         elif missing and timed and not timings:
             missing = False
-            _note(summary, f"skipped: the timing cells of {experiment}, as told")
+            _note(summary, f"skipped: the timing cells of {experiment}, as asked")
         if stored and not missing:
             tally.stored += 1
             tally.other_sources += age == sources.OTHER

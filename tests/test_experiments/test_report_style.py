@@ -92,7 +92,14 @@ def test_latex_tables_are_whole_and_long_ones_break_over_pages():
         assert ("longtable" in text.splitlines()[0]) == (n > tables.PAGE)
 
 
+def lacks_siunitx():
+    """Whether a TeX distribution is here that tells what it has, and has not the package."""
+    asked = shutil.which("kpsewhich")
+    return asked is not None and not subprocess.run([asked, "siunitx.sty"], capture_output=True, check=False).stdout
+
+
 @pytest.mark.skipif(TEX is None, reason="needs a TeX engine: pdflatex, lualatex, xelatex or tectonic")
+@pytest.mark.skipif(lacks_siunitx(), reason="needs the LaTeX package siunitx")
 def test_latex_tables_compile(tmp_path):
     rows = {
         "text": ["50 % of a_b & [λ²] * ~ ^ \\ <a|b>", "…–—, 2x̄ − λ̄ µs"],
