@@ -38,7 +38,7 @@ addEventListener("afterprint", () => {
   }
 });
 
-// What is long is embedded as gzip in base64: the rows of each experiment, and Plotly.
+// The rows of each experiment are embedded as gzip in base64.
 async function unpack(id) {
   const bytes = Uint8Array.from(atob(document.getElementById(id).textContent.trim()), (c) => c.charCodeAt(0));
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -166,4 +166,28 @@ function fingers(element, { drag, pinch }) {
   }, { passive: false });
 
   fingers(pane, { drag: (right, down) => pane.scrollBy(-right, -down), pinch: (ratio, x, y) => zoom(scale * ratio, x, y) });
+}
+
+// The section in view is marked in the navigation, and its entry kept in sight.
+{
+  const links = new Map([...document.querySelectorAll("nav a")].map((a) => [a.hash.slice(1), a]));
+  const parts = [...document.querySelectorAll("main > section")].filter((part) => links.has(part.id));
+  let current = null, waiting = false;
+  function mark() {
+    waiting = false;
+    const here = parts.filter((part) => part.getBoundingClientRect().top < 0.4 * innerHeight).pop();
+    const link = links.get(here?.id ?? "top");
+    if (link === current) return;
+    current?.removeAttribute("aria-current");
+    current = link;
+    link.setAttribute("aria-current", "true");
+    const row = link.parentElement;
+    row.scrollTo({ left: link.offsetLeft - row.offsetLeft - (row.clientWidth - link.offsetWidth) / 2 });
+  }
+  addEventListener("scroll", () => {
+    if (waiting) return;
+    waiting = true;
+    requestAnimationFrame(mark);
+  }, { passive: true });
+  mark();
 }

@@ -37,6 +37,7 @@ from integrators.machine import interrupt_held_back
 from report import (
     claims,
     fairness,
+    lists,
     live,
     origin,
     promises,
@@ -424,15 +425,18 @@ def html(report: Report) -> str:
         counts=_counts(report.claims),
         environment=environment_facts(report.sections),
         long=LONG,
+        lists={
+            "Methods: what each is called, claims and comes from": lists.methods(),
+            "Tops: what each is called and stands for": lists.tops(),
+            "Potentials: fields other than the uniform one": lists.built_in_potentials(),
+        },
         points=errata.POINTS,
         seed=errata.SEED,
         svg=lambda section, figure: Markup(
             figures.inline(figure.document, section.file(figure.name), figure.caption or section.title)
         ),
-        glyphs=Markup(figures.glyphs([figure.document for section in report.sections for figure in section.figures])),
         packed_rows={name: Markup(text) for name, text in _packed_rows(report.sections).items() if len(text) < HEAVY},
         live=live.script(),
-        library=Markup(packed(live.library())),
         **parts,
     )
 

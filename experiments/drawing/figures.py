@@ -23,7 +23,8 @@ WIDE = 360  # points: a figure wider than a column gets a row of the page to its
 DENSE = 20_000  # points of one line or scatter beyond which it is stored as pixels
 DPI = {"column": 600, "page": 400}  # of a PNG: what journals ask for line art
 
-GLYPH = re.compile(r'<path id="(DejaVu[\w-]+)"[^>]*/>')
+FONTS = "'DejaVu Sans',Verdana,sans-serif"
+TITLED = re.compile(rf'<g id="{style.TITLE}([^"]*)">')
 NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
 
 
@@ -64,6 +65,9 @@ def _printed(figure: Figure, canvas: Any, kind: str, dpi: float, metadata: dict[
 def _prepare(figure: Figure) -> None:
     style.finish(figure)
     for ax in figure.axes:
+        for line in ax.lines:
+            if line.get_gid() is None and not str(line.get_label()).startswith("_"):
+                line.set_gid(style.title(str(line.get_label())))
         for artist in (*ax.lines, *ax.collections):
             if _points(artist) > DENSE:
                 artist.set_rasterized(True)
@@ -81,6 +85,10 @@ def _points(artist: Artist) -> int:
 def compact(document: str) -> str:
     """The same picture in fewer bytes: hundredths of a point, relative paths, no comments, no ids nobody refers to."""
     document = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>", "", document, flags=re.DOTALL)
+    document = TITLED.sub(r"<g><title>\1</title>", document)
+    document = document.replace("font-family: 'DejaVu Sans'; ", "")  # that of the document, once
+    document = re.sub(r' transform="rotate\(-?0 [^"]*\)"', "", document)
+    document = document.replace("<svg ", f'<svg font-family="{FONTS}" ', 1)
     used = set(re.findall(r'href="#([^"]+)"|url\(#([^)]+)\)', document))
     kept = {name for pair in used for name in pair}
     document = re.sub(r' id="([^"]+)"', lambda match: match[0] if match[1] in kept else "", document)
@@ -158,25 +166,15 @@ def _hundredths(n: int) -> str:
 
 
 def inline(document: str, prefix: str, label: str) -> str:
-    """The `<svg>` element of a document for a page with others: ids get a prefix, a reader gets a label.
-
-    The outlines of letters are left out: the page has those of all its figures once, see `glyphs`.
-    """
+    """The `<svg>` element of a document for a page with others: ids get a prefix, a reader gets a label."""
     element = document[document.index("<svg") :]
     element = re.sub(r"<style.*?</style>", "", element, flags=re.DOTALL)  # would style the page; page.css has it
-    element = GLYPH.sub("", element).replace("<defs></defs>", "")
-    element = re.sub(r'(\bid="|href="#|url\(#)(?!DejaVu)', lambda match: f"{match[1]}{prefix}-", element)
+    element = re.sub(r'(\bid="|href="#|url\(#)', lambda match: f"{match[1]}{prefix}-", element)
     element = element.replace("xlink:href=", "href=")
     head, rest = element.split(">", 1)
     view = re.search(r'viewBox="[^"]*"', head)
     assert view, "matplotlib writes a viewBox"
     width = float(view[0].split()[2])
     size = f'class="{"wide" if width > WIDE else "narrow"}" style="--w:{width:g}"'
-    return f'<svg xmlns="http://www.w3.org/2000/svg" {view[0]} {size} role="img" aria-label="{escape(label)}">{rest}'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" font-family="{FONTS}" {view[0]} {size} role="img" aria-label="{escape(label)}">{rest}'
 
-
-def glyphs(documents: list[str]) -> str:
-    """The outlines of every letter in the documents, each once: an `<svg>` that shows nothing by itself."""
-    found = {match[1]: match[0] for document in documents for match in GLYPH.finditer(document)}
-    outlines = "".join(found[name] for name in sorted(found))
-    return f'<svg class="glyphs" width="0" height="0" aria-hidden="true"><defs>{outlines}</defs></svg>'

@@ -8,8 +8,8 @@ has black dashes, which no method of the bench has, and is named in every figure
 Forty lines in one panel are not readable. Either every family has a panel of its own (`by_family`), or all are thin
 but the best of each (`looks`); lines are named where they end (`label_ends`), not in a legend.
 
-Text in SVG files is drawn as outlines (`svg.fonttype: path`): a figure looks the same on a phone, in print and in a
-journal's production line, none of which has DejaVu Sans. The price is about 30 kB a figure.
+Text in SVG files is text: a reader can search and copy it. Where there is no DejaVu Sans, Verdana has the same widths; PDF and
+PNG have the font in them.
 """
 
 from __future__ import annotations
@@ -71,6 +71,7 @@ TITLES = {
     "implicit": "implicit, multistep",
     "lie-group": "Lie group",
 }
+TITLE = "title: "  # before the name of a line, as its gid: what an SVG shows of a line pointed at
 OTHERS = "others"  # methods no longer registered, and families of plug-ins
 REFERENCE = "backlund"  # in grey in every panel of small multiples
 STRANGERS = (("#5A5A5A", "#8F8F8F", "#333333", "#B0B0B0"), ("+", "x", "1", "2"))
@@ -82,7 +83,7 @@ DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2
 
 RC: Any = {
     "svg.hashsalt": "lagrange-bench",  # ids in an SVG depend on its content only: same rows, same bytes
-    "svg.fonttype": "path",
+    "svg.fonttype": "none",
     "pdf.fonttype": 42,  # TrueType, which journals ask for
     "savefig.dpi": 200,  # of what is rasterized inside an SVG
     "font.family": "DejaVu Sans",  # comes with matplotlib, so every machine lays out the same figure
@@ -355,8 +356,14 @@ def naming(methods: Collection[str], chosen: str) -> str:
 
 
 def thin(method: str) -> dict[str, Any]:
-    """A method in the background: the colour of its family, no name."""
-    return {"color": of(method)["color"], "linewidth": 0.55, "alpha": 0.5, "label": "_thin"}
+    """A method in the background: the colour of its family, its name only where one points at it."""
+    look = {"color": of(method)["color"], "linewidth": 0.55, "alpha": 0.5}
+    return {**look, "label": "_thin", "gid": title(label(method))}
+
+
+def title(text: str) -> str:
+    """The gid of a line that an SVG is to name by this text where one points at it."""
+    return TITLE + _printable(text).replace(r"\$", "$")
 
 
 def bold(method: str) -> dict[str, Any]:

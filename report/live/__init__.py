@@ -1,7 +1,7 @@
 """The live top: the part of the page that computes in the reader's browser.
 
-`top.js` is the mathematics (the exact Bäcklund map and three rivals), `picture.js` draws, the sphere by Plotly, which is
-embedded once and started when the section comes into view, `view.js` has the controls. Nothing is fetched.
+`top.js` is the mathematics (the exact Bäcklund map and three rivals), `picture.js` draws on canvases,
+`view.js` has the controls. Nothing is fetched.
 """
 
 from __future__ import annotations
@@ -30,13 +30,6 @@ def script() -> Markup:
     }
     parts = [f"const LIVE = {json.dumps(data, ensure_ascii=False)};", *map(_read, ("top.js", "picture.js", "view.js"))]
     return Markup("\n".join(parts).replace("</", "<\\/"))
-
-
-def library() -> Markup:
-    """Plotly, as text that is not run before it is needed."""
-    from plotly.offline import get_plotlyjs
-
-    return Markup(get_plotlyjs().replace("</script", "<\\/script"))
 
 
 def _read(name: str) -> str:

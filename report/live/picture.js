@@ -1,4 +1,4 @@
-// The pictures of the live top: the axis on its sphere, by Plotly; errors against time, on a canvas.
+// The pictures of the live top: the axis on its sphere, and errors against time. Each on a canvas.
 
 const Picture = (() => {
   const RING = Array.from({ length: 61 }, (_, i) => [Math.cos((i * Math.PI) / 30), Math.sin((i * Math.PI) / 30)]);
@@ -10,33 +10,71 @@ const Picture = (() => {
     const [c, s] = [Math.cos((k * Math.PI) / 6), Math.sin((k * Math.PI) / 6)];
     return RING.map(([a, b]) => [c * a, s * a, b]);
   });
-  const GRID = [...PARALLELS, ...MERIDIANS].flatMap((line) => [...line, null]); // null: the pen is lifted
+  const GRID = [...PARALLELS, ...MERIDIANS];
 
-  // Plotly only draws: fingers, mouse and keys are the page's, for the page is to scroll under a finger
-  const BARE = { displayModeBar: false, responsive: true };
-  const AXIS = { visible: false, range: [-1.05, 1.05], autorange: false };
-
-  function camera({ around, up }) {
+  // The sphere seen from `eye`, from afar. `curve`: the true orbit; `truth`: where it ends; a run has marks and a tip.
+  // Lengths are in units of the radius. What is behind the sphere is pale.
+  function sphere(canvas, { eye: { around, up, size }, radius, curve, truth, runs, colours }) {
+    const { pen, width, height } = blank(canvas);
     const [ca, sa, cu, su] = [Math.cos(around), Math.sin(around), Math.cos(up), Math.sin(up)];
-    return { eye: { x: 1.7 * ca * cu, y: 1.7 * sa * cu, z: 1.7 * su }, projection: { type: "orthographic" } };
-  }
+    const scale = 0.44 * size * Math.min(width, height);
+    const seen = ([x, y, z], unit = radius) => ({
+      across: width / 2 + (scale * (ca * y - sa * x)) / unit,
+      down: height / 2 - (scale * (cu * z - su * (ca * x + sa * y))) / unit,
+      near: (cu * (ca * x + sa * y) + su * z) / unit,
+    });
+    pen.lineCap = pen.lineJoin = "round";
+    const FAR = 0.3;
 
-  // `curve`: the true orbit; `truth`: where it ends; a run has marks and a tip. Lengths are in units of the radius.
-  function sphere(place, { eye, radius, curve, truth, runs, colours }) {
-    const columns = (points, unit) => Object.fromEntries(["x", "y", "z"].map((c, i) => [c, points.map((p) => p && p[i] / unit)]));
-    const trace = (mode, points, more, unit = radius) => ({ type: "scatter3d", mode, ...columns(points, unit), hoverinfo: "skip", ...more });
-    const traces = [
-      trace("lines", GRID, { line: { color: colours.grid, width: 1.5 } }, 1),
-      trace("lines", curve, { line: { color: colours.line, width: 2 } }),
-      ...runs.flatMap(({ marks, tip, colour }) => [
-        trace("markers", marks, { marker: { color: colour, size: marks.length > 500 ? 2 : 4.5, line: { width: 0 } } }),
-        trace("lines+markers", [[0, 0, 0], tip], { line: { color: colour, width: 5 }, marker: { color: colour, size: [0.1, 9], line: { width: 0 } } }),
-      ]),
-      trace("markers", [truth], { marker: { symbol: "circle-open", color: colours.ink, size: 15, line: { color: colours.ink, width: 3 } } }),
-    ];
-    const [x, y, z] = Array(3).fill(1.95 * eye.size);
-    const scene = { xaxis: AXIS, yaxis: AXIS, zaxis: AXIS, aspectmode: "manual", aspectratio: { x, y, z }, camera: camera(eye), dragmode: false, hovermode: false };
-    return Plotly.react(place, traces, { showlegend: false, margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", scene }, BARE);
+    // a path in pieces, so that each is pale or not
+    function path(points, colour, thick, unit) {
+      pen.strokeStyle = colour;
+      pen.lineWidth = thick;
+      for (const behind of [true, false]) {
+        pen.globalAlpha = behind ? FAR : 1;
+        pen.beginPath();
+        points.map((p) => seen(p, unit)).forEach((p, i, all) => {
+          const q = all[i - 1];
+          if (!q || p.near + q.near < 0 !== behind) return;
+          pen.moveTo(q.across, q.down);
+          pen.lineTo(p.across, p.down);
+        });
+        pen.stroke();
+      }
+      pen.globalAlpha = 1;
+    }
+    function dot(p, colour, thick) {
+      const { across, down, near } = seen(p);
+      pen.globalAlpha = near < 0 ? FAR : 1;
+      pen.fillStyle = colour;
+      pen.beginPath();
+      pen.arc(across, down, thick, 0, 2 * Math.PI);
+      pen.fill();
+      pen.globalAlpha = 1;
+    }
+
+    for (const line of GRID) path(line, colours.grid, 1, 1);
+    path(curve, colours.line, 1.5);
+    for (const { marks, colour } of runs) for (const p of marks) dot(p, colour, marks.length > 500 ? 1.2 : 2.6);
+    for (const { tip, colour } of runs) {
+      const from = seen([0, 0, 0]), to = seen(tip);
+      pen.globalAlpha = to.near < 0 ? 2 * FAR : 1;
+      pen.strokeStyle = colour;
+      pen.lineWidth = 3.5;
+      pen.beginPath();
+      pen.moveTo(from.across, from.down);
+      pen.lineTo(to.across, to.down);
+      pen.stroke();
+      pen.globalAlpha = 1;
+      dot(tip, colour, 5.5);
+    }
+    const there = seen(truth);
+    pen.globalAlpha = there.near < 0 ? 2 * FAR : 1;
+    pen.strokeStyle = colours.ink;
+    pen.lineWidth = 2.5;
+    pen.beginPath();
+    pen.arc(there.across, there.down, 9, 0, 2 * Math.PI);
+    pen.stroke();
   }
 
   // An empty canvas as fine as the screen; lengths are those of the page

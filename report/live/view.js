@@ -4,7 +4,7 @@
   const section = document.getElementById("live");
   if (!section) return;
   const $ = (name) => section.querySelector(`[name="${name}"]`);
-  const globe = section.querySelector(".sphere"), sphere = globe.querySelector("div"), errors = section.querySelector(".errors");
+  const globe = section.querySelector(".sphere"), errors = section.querySelector(".errors");
   const numbers = section.querySelector(".numbers tbody"), told = section.querySelector(".told"), note = section.querySelector(".exact");
   const STATE = ["J1", "J2", "J3", "x1", "x2", "x3"];
   const ORBIT = 3000; // points of the true orbit, at most
@@ -107,7 +107,7 @@
     tell(runs, exact, alpha, y, h, steps);
     const colours = { grid: css("--line"), line: css("--soft"), ink: css("--ink") };
     const axis = (state) => state.slice(3);
-    if (window.Plotly) Picture.sphere(sphere, {
+    Picture.sphere(globe, {
       eye, colours, radius: Math.hypot(...axis(y)), curve: orbit(alpha, y, end).map(axis),
       truth: axis(steps ? exact[exact.length - 1].y : y),
       runs: runs.map(({ name, all, last, states }) => ({ colour: visible(about(name).color), marks: states.map((s) => axis(s.y)), tip: axis(all[last]) })),
@@ -117,7 +117,7 @@
       points: exact.filter(({ n }) => n <= last).map(({ n, y: there }) => ({ t: n * h, error: distance(all[n], there) })),
     }));
     Picture.chart(errors, { title: errors.dataset.title, end: end || h, lines, colours });
-    if (window.Plotly) section.dataset.ready = "yes";
+    section.dataset.ready = "yes";
   }
 
   function show(v) {
@@ -244,19 +244,4 @@
   offer();
   dark.addEventListener("change", offer);
   new ResizeObserver(redraw).observe(globe);
-
-  // Plotly is five megabytes of code: run it when the section is about to be seen
-  new IntersectionObserver(async (entries, observer) => {
-    if (!entries.some((e) => e.isIntersecting)) return;
-    observer.disconnect();
-    const code = document.createElement("script");
-    try {
-      code.textContent = await unpack("plotly");
-    } catch (error) {
-      sphere.textContent = `This browser cannot unpack Plotly (${error.message}): no sphere, but the numbers are right.`;
-      return;
-    }
-    document.body.append(code);
-    redraw();
-  }, { rootMargin: "400px" }).observe(section);
 })();

@@ -1,0 +1,63 @@
+"""What takes part, as tables: the methods, the tops they follow and the potentials the tops stand in."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from experiments.measuring.states import CLOSE, RANDOM, WIDE, methods_on
+from integrators.interface import INVARIANTS, Method
+from integrators.problem import potentials
+from integrators.problem.perturbed import Potential
+from integrators.problem.potentials import PERTURBED_TOPS
+from integrators.problem.top import TOPS
+
+TAKES = {"linear": "uniform field", "quadratic": "quadratic potentials", "force": "any potential"}
+DRAWN = {  # of `experiments.measuring.states`, by the first word of their names
+    RANDOM: "generic: α from 0.3 to 2, each J from −2 to 2, |x| from 0.5 to 2, drawn at random",
+    CLOSE: "on the separatrix but for 10⁻⁸ to 10⁻¹ of J, drawn at random",
+    WIDE: "of every kind: α of either sign, |J|²/(|α||x|) from 10⁻³ to 10³, drawn at random",
+}
+
+
+def methods() -> pd.DataFrame:
+    """Each method: what figures and tables call it, what it claims and where it comes from."""
+    return pd.DataFrame([_method(record) for record in methods_on().values()])
+
+
+def _method(record: Method) -> dict[str, str | int]:
+    kept = [name for name in INVARIANTS if name in record.conserves]
+    return {
+        "in figures": record.label,
+        "in tables": record.name,
+        "family": record.family,
+        "order": record.order or "exact",
+        "keeps to round-off": ", ".join([*kept, *record.keeps]) or "nothing",
+        "symmetric": "yes" if record.symmetric else "no",
+        "takes": TAKES[record.in_field.needs if record.in_field else "linear"],
+        "source": record.source,
+    }
+
+
+def tops() -> pd.DataFrame:
+    """The named tops, those in a potential, and those that are drawn at random."""
+    rows = [
+        {"in figures": top.label, "in tables": name, "α": f"{top.alpha:g}", "potential": "", "what it is": top.note}
+        for name, top in TOPS.items()
+    ]
+    for name, top in PERTURBED_TOPS.items():
+        row = {"in figures": top.label, "in tables": name, "α": f"{top.alpha:g}"}
+        rows.append({**row, "potential": top.potential.name, "what it is": top.note})
+    for names, what in DRAWN.items():
+        rows.append({"in figures": "", "in tables": f"{names[0]} …", "α": "", "potential": "", "what it is": what})
+    return pd.DataFrame(rows)
+
+
+def built_in_potentials() -> pd.DataFrame:
+    """The potentials that come with the bench."""
+    found = [value for value in vars(potentials).values() if isinstance(value, Potential)]
+    return pd.DataFrame(
+        [
+            {"potential": p.name, "parameters": ", ".join(p.parameters or ()) or "any number", "V(x)": p.note}
+            for p in found
+        ]
+    )
