@@ -37,8 +37,8 @@ KEPT = "kept: "  # before the name of a quantity of a method's own, in the name 
 STEP = 0.125  # of the runs against time
 STEPS = (10**5, 10**7)  # their number in the quick, in the full profile
 NAMED = ("generic", "figure1", "through_pole", "near_separatrix")  # of the named tops, those of the quick profile
-SIZES = {"quick": (1 / 16, 1 / 4, 1.0), "full": tuple(2.0**k for k in range(-6, 3))}  # steps tried against h
-SPAN = {"quick": 10**3, "full": 10**4}  # length of the runs against h
+SIZES = {"quick": (1 / 4, 1.0, 4.0), "full": tuple(2.0**k for k in range(-6, 3))}  # steps tried against h
+SPAN = 10**4  # length of the runs against h: the quick profile's are some of the full one's
 H_STATES = {"quick": ("generic",), "full": ("generic", "figure1")}
 FRACTIONS = (0.51, 1.0, 1.3)  # long steps, in nutation periods
 LONG = {"quick": (16, 10**4), "full": (len(WIDE), 10**6)}  # tops that take them, and how many each
@@ -58,7 +58,7 @@ def cells(profile: str) -> list[dict]:
     for state in H_STATES[profile]:
         for name in (name for name, method in methods.items() if method.control == "step"):
             for h in SIZES[profile]:
-                listed.append({"part": "h", "method": name, "state": state, "span": SPAN[profile], "h": h})
+                listed.append({"part": "h", "method": name, "state": state, "span": SPAN, "h": h})
     tops, steps = LONG[profile]
     exact_steps = [name for name, method in methods.items() if method.family == "backlund" and method.order is None]
     for state in WIDE[:tops]:

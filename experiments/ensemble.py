@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 
 from experiments import script
+from experiments.drawing.tables import captioned
 from experiments.measuring import metrics, timing
 from experiments.measuring.states import options_of, rounded, truth
 from integrators import METHODS, LagrangeTop, integrate_ensemble, prepare
@@ -320,7 +321,19 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
         name: good.loc[good.part == name, columns] for name, columns in wanted.items() if (good.part == name).any()
     }
     compared = rivals(good)
-    return found if compared.empty else {**found, "rivals": compared}
+    captions = {
+        "bound": "One top: nanoseconds per step, pinned or not (free), and those of a loop of only the operations that "
+        "must wait for each other: no code can be faster",
+        "tops": "Many tops in one call: nanoseconds per step and top, on all cores and for one; set-up in µs per top",
+        "lanes": "How many tops a core takes at once, and nanoseconds per step and top",
+        "setup": "Set-up of each top, λ(h) and the constants of its step, in µs, by step size",
+        "many": "A large ensemble: seconds in all, µs per top, memory in units of one array "
+        "of states",
+        "jump": "One jump to a far time for each top: the median and the largest error, µs per top",
+        "rivals": "Ensembles on one core: for each method and step or tolerance the median and the largest error at the end, µs "
+        "per top, and times the cost of the cheapest exact step that is no less accurate",
+    }
+    return captioned({**found, "rivals": compared}, captions)
 
 
 def draw(rows: pd.DataFrame) -> dict:

@@ -16,6 +16,7 @@ import pandas as pd
 import scipy
 
 from experiments import script
+from experiments.drawing.tables import captioned
 from experiments.measuring import check, metrics
 from experiments.measuring.states import (
     CLOSE,
@@ -273,7 +274,17 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
         made["promise"] = promise(rows)
     if (rows.part == "theory").any():
         made["theory"] = against_theory(rows)
-    return {name: table for name, table in made.items() if len(table)}
+    captions = {
+        "orders": "Orders: claimed, and measured as the slope of the error of single steps against the step. Errors are "
+        "relative to the scales of J and x; hidden: the leading term is too small to show",
+        "frequency_shifts": "Phase errors of the runs against time, fitted as a constant shift of each frequency (relative for "
+        "the nutation, radians per unit of time for the precession) and a residual, while the error is below 0.1",
+        "promise": "The exact step on every named top and many others: for each step size the largest error, and how many "
+        "ulps in the initial state would make the same error",
+        "theory": "Predicted phases: the rates of the clock (nutation) and of the turn (precession) that theory gives, the "
+        "largest error of the run, what is left of it after the prediction is taken away, and that share",
+    }
+    return captioned(made, captions)
 
 
 def draw(rows: pd.DataFrame) -> dict:

@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 from experiments import script
+from experiments.drawing.tables import captioned
 from experiments.measuring import metrics, timing
 from experiments.measuring.states import (
     KNOBS,
@@ -37,7 +38,7 @@ VERSION = 3
 
 # span: (states, steps to an octave, decades of tolerance between two, longest run in s)
 SPANS: dict[str, dict[float, tuple[tuple[str, ...], int, int, float]]] = {
-    "quick": {100.0: (("generic",), 1, 3, 0.05), 10_000.0: (("generic",), 1, 3, 0.08)},
+    "quick": {10.0: (("generic",), 1, 3, 0.05), 10_000.0: (("generic",), 1, 3, 0.08)},
     "full": {
         10.0: (("generic", "figure1"), 2, 1, 0.1),
         100.0: (("generic", "figure1"), 2, 1, 0.4),
@@ -275,9 +276,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
         "best_steps": "Each method at its best step or tolerance",
         "ends": "Where each curve ends: only the limit of time, the same for all, or round-off ends one",
     }
-    for name, table in made.items():
-        table.attrs["caption"] = captions[name]
-    return {name: table for name, table in made.items() if len(table)}
+    return captioned(made, captions)
 
 
 def draw(rows: pd.DataFrame) -> dict:

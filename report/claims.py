@@ -1,7 +1,7 @@
 """How a claim is checked against stored rows; `promises` has the claims themselves.
 
-A check is a function of one experiment's rows. Where the rows to judge are missing the answer is "no data", never
-a pass; a cell that failed refutes every claim about it.
+A check is a function of one experiment's rows. A claim is confirmed or refuted by the runs it is about. Where these are
+missing it is consistent with shorter ones, or not tested; a cell that failed refutes every claim about it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from experiments.catalogue import load
 from experiments.drawing import tables
 
 SIGNS = {operator.le: "≤", operator.ge: "≥"}
-WORDS = {True: "pass", False: "fail", None: "no data"}
+CONFIRMED, CONSISTENT, REFUTED, UNTESTED = "confirmed", "consistent", "refuted", "not tested"
+WORDS = (CONFIRMED, CONSISTENT, REFUTED, UNTESTED)
 
 
 @dataclass(frozen=True)
@@ -32,10 +33,13 @@ class Verdict:
     note: str = ""
     over: str = ""  # what was found under other conditions than those of the bound, in short
     sign: str = "≤"  # of the bound: value sign bound is what the claim requires
+    short: str = ""  # which of the claim's runs are missing, where shorter ones were judged instead
 
     @property
     def word(self) -> str:
-        return WORDS[self.passed]
+        if self.passed is None:
+            return UNTESTED
+        return (CONSISTENT if self.short else CONFIRMED) if self.passed else REFUTED
 
 
 Check = Callable[[pd.DataFrame], Verdict]
@@ -101,18 +105,23 @@ def judge(claim: Claim, rows: pd.DataFrame) -> tuple[Verdict, str | None]:
     """The verdict on a claim, and what went wrong in the check itself (None: nothing)."""
     if rows.empty:
         return Verdict(None, None, None, f"nothing of {claim.experiment} is stored"), None
-    if missing_runs := claim.needs(rows):
-        return Verdict(None, None, None, missing_runs), None
+    missing_runs = claim.needs(rows)
     try:
         verdict = claim.check(rows)
     except NoData as missing:
-        return Verdict(None, None, None, str(missing)), None
+        return Verdict(None, None, None, missing_runs or str(missing)), None
     except KeyError as missing:
         return Verdict(None, None, None, f"{claim.experiment} has no column {missing}"), None
     except Exception as error:  # a mistake in one check must not take the page with it
+        if missing_runs:
+            return Verdict(None, None, None, missing_runs), None
         reason = f"{type(error).__name__}: {error}"
         return Verdict(None, None, None, f"the check itself failed: {reason}"), f"claim {claim.id}: {reason}"
     passed = verdict.passed
+    if missing_runs:  # shorter runs can agree with a claim, not refute it: what they found is shown
+        note = f"{missing_runs}, judged by shorter ones"
+        verdict = replace(verdict, note="; ".join(filter(None, (note, verdict.note))), short=missing_runs)
+        passed = passed or None
     return replace(verdict, passed=None if passed is None else bool(passed)), None  # a NumPy bool is not a bool
 
 

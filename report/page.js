@@ -25,7 +25,7 @@ document.addEventListener("click", (event) => {
 const PRINTED = 60; // rows
 addEventListener("beforeprint", () => {
   for (const folded of document.querySelectorAll("details:not([open])")) {
-    const rows = folded.querySelector("table")?.tBodies[0].rows.length ?? 0;
+    const rows = folded.querySelector(":scope > .scroll table")?.tBodies[0].rows.length ?? 0;
     if (rows > PRINTED) continue;
     folded.open = true;
     folded.dataset.printed = "";

@@ -145,6 +145,7 @@ class Judged:
     claim: claims.Claim
     verdict: claims.Verdict
     command: str
+    beside: claims.Verdict | None = None  # by the results that these are held against
 
 
 @dataclass
@@ -159,6 +160,7 @@ class Report:
     errors: list[str]  # what could not be drawn or checked; the page shows each in its place
     origin: str  # what it was drawn from
     whole: bool  # the bench's own page: with claims, summary, fairness and errata
+    beside: str = ""  # what its claims are held against
 
 
 # ---------------------------------------------------------------- what others call
@@ -186,12 +188,14 @@ def assemble(
     drawn: Drawn = lambda done, total: None,
     modules: Sequence[str] = (),
     choice: Choice = ALL,
+    beside: Path | None = None,
 ) -> Report:
     """Everything the page shows, from the journals in `results`; never raises for a part that cannot be drawn.
 
     modules : those of the user's own that were imported for it; processes of the drawing import them, too.
     choice : of methods and tops. The user's own experiments come first. Where there is nothing else, or a choice was made,
     the page has no claims, and what has no rows is left out.
+    beside : other results, whose verdict stands beside that on each claim.
     """
     own = sorted(path.stem for path in Path(results).glob("*.jsonl") if path.stem not in EXPERIMENTS)
     sections = _sections([*own, *EXPERIMENTS], Store(results, choice), processes, drawn, modules)
@@ -208,8 +212,10 @@ def assemble(
     judged: list[Judged] = []
     shown: list[summary.Sentence] = []
     fair, misprints = NO_FAIRNESS, pd.DataFrame()
+    held = ""
     if whole:
         judged, wrong = judge(rows, source)
+        held = _held_against(beside, judged) if beside else ""
         fair, error = _fairness(rows)
         misprints, error_of_errata = _errata()
         shown, error_of_summary = _summary(rows)
@@ -217,7 +223,7 @@ def assemble(
     ages = sum((section.ages for section in sections), Counter[str]())
     old = sources.told(ages[sources.OTHER], ages[sources.UNKNOWN])
     told = "; ".join(filter(None, (origin.told(source, [section.provenance for section in sections]), old)))
-    return Report(sections, judged, fair, misprints, shown, errors, told, whole)
+    return Report(sections, judged, fair, misprints, shown, errors, told, whole, held)
 
 
 def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> tuple[list[Judged], list[str]]:
@@ -231,17 +237,30 @@ def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> tuple[li
     return judged, errors
 
 
+def _held_against(beside: Path, judged: list[Judged]) -> str:
+    """Puts the verdict of other results beside each; what those are, and how the claims fare by them."""
+    stored = Store(beside)
+    published, _ = judge({name: stored.rows(name) for name in dict.fromkeys(j.claim.experiment for j in judged)})
+    for one, other in zip(judged, published, strict=True):
+        one.beside = other.verdict
+    return f"{origin.named(beside)}: {_told(_counts(published))}"
+
+
 def counted(report: Report) -> str:
     """How much the page shows, and how its claims fare."""
     drawn = sum(len(section.figures) for section in report.sections)
     made = sum(len(section.tables) for section in report.sections)
-    fare = ", ".join(f"{count} {word}" for word, count in _counts(report.claims).items() if count)
+    fare = _told(_counts(report.claims))
     return f"{drawn} figures, {made} tables" + (f", {len(report.claims)} claims ({fare})" if report.claims else "")
+
+
+def _told(counts: dict[str, int]) -> str:
+    return ", ".join(f"{count} {word}" for word, count in counts.items() if count)
 
 
 def _counts(judged: list[Judged]) -> dict[str, int]:
     words = [j.verdict.word for j in judged]
-    return {word: words.count(word) for word in claims.WORDS.values()}
+    return {word: words.count(word) for word in claims.WORDS}
 
 
 def write(report: Report, output: Path) -> Path:

@@ -97,7 +97,7 @@ def compact(document: str) -> str:
         r'\b(x|y|width|height)="(-?\d+\.\d+)"', lambda match: f'{match[1]}="{_short(match[2])}"', document
     )
     document = re.sub(
-        r"translate\(([^)]*)\)", lambda match: f"translate({NUMBER.sub(lambda n: _short(n[0]), match[1])})", document
+        r"(translate|rotate)(\([^)]*\))", lambda match: match[1] + NUMBER.sub(lambda n: _short(n[0]), match[2]), document
     )
     document = re.sub(r'style="[^"]*"', lambda match: match[0].replace(": ", ":").replace("; ", ";"), document)
     document = re.sub(r">\s+<", "><", document)

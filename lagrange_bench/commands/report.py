@@ -22,6 +22,7 @@ EXAMPLES = """\
 examples:
   lagrange-bench report                                        the published results
   lagrange-bench report --results results/local/quick --open   your own run, in the browser
+  lagrange-bench report --results results/local/quick --beside results/reference
   lagrange-bench report --results results/local/quick --methods mine,rk4,backlund --output my_page
 
 exit codes: 0 the page is complete; a claim that is refuted is a finding, reported on stderr and on the page · 1 a part could
@@ -38,6 +39,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--open", action="store_true", help="open the page in the browser")
     add_choice(command)
+    text = "other results, whose verdict on each claim stands beside yours: results/reference, the published ones"
+    command.add_argument("--beside", type=Path, metavar="DIR", help=text)
     add_module(command)
 
 
@@ -50,13 +53,14 @@ def run(options: argparse.Namespace) -> Answer:
     from results.store import find_results
 
     results, notes = find_results(options.results)
+    beside = options.beside and find_results(options.beside)[0]
     output = options.output or results / "page"
     page.check_writable(output)
     import_modules(options.module)
     choice = choice_of(options)
     check_choice(results, choice)
     with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
-        report = page.assemble(results, machine.usable_cores(), drawn, options.module, choice)
+        report = page.assemble(results, machine.usable_cores(), drawn, options.module, choice, beside)
         path = page.write(report, output).resolve()
     size = path.stat().st_size
     if size > LARGE:

@@ -536,11 +536,11 @@ def test_it_prints(browser):
         browser.execute_script("dispatchEvent(new Event('beforeprint'))")
         assert browser.execute_script("return document.documentElement.scrollWidth") <= 703  # else all is shrunk
         shown = browser.execute_script(
-            "return [...document.querySelectorAll('details')].filter(d => d.querySelector('.sortable'))"
-            ".map(d => [d.querySelector('tbody').rows.length, d.open])"
+            "return [...document.querySelectorAll('details')].map(d => [d, d.querySelector(':scope > .scroll tbody')])"
+            ".filter(([d, body]) => body).map(([d, body]) => [body.rows.length, d.open])"
         )
         ground = "return getComputedStyle(document.querySelector(arguments[0])).backgroundColor"
-        grounds = [browser.execute_script(ground, where) for where in ("body", ".badge.pass")]
+        grounds = [browser.execute_script(ground, where) for where in ("body", ".badge.confirmed")]
         browser.execute_script("dispatchEvent(new Event('afterprint'))")
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})
     assert all(opened == (rows <= 60) for rows, opened in shown if rows > 14)
