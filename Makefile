@@ -19,11 +19,11 @@ help:
 
 bench: .venv/bench
 	$(BIN)/lagrange-bench run --profile quick; status=$$?; \
-	$(BIN)/lagrange-bench report --results results/local/quick && exit $$status
+	$(BIN)/lagrange-bench report --results results/local/quick --beside results/reference && exit $$status
 
 full: .venv/bench
 	$(BIN)/lagrange-bench run --profile full; status=$$?; \
-	$(BIN)/lagrange-bench report --results results/local/full && exit $$status
+	$(BIN)/lagrange-bench report --results results/local/full --beside results/reference && exit $$status
 
 report: .venv/bench
 	$(BIN)/lagrange-bench report

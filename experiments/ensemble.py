@@ -327,8 +327,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
         "tops": "Many tops in one call: nanoseconds per step and top, on all cores and for one; set-up in µs per top",
         "lanes": "How many tops a core takes at once, and nanoseconds per step and top",
         "setup": "Set-up of each top, λ(h) and the constants of its step, in µs, by step size",
-        "many": "A large ensemble: seconds in all, µs per top, memory in units of one array "
-        "of states",
+        "many": "A large ensemble: seconds in all, µs per top, memory in units of one array of states",
         "jump": "One jump to a far time for each top: the median and the largest error, µs per top",
         "rivals": "Ensembles on one core: for each method and step or tolerance the median and the largest error at the end, µs "
         "per top, and times the cost of the cheapest exact step that is no less accurate",

@@ -407,7 +407,8 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     captions = {
         "forms": "Ways to write a step: largest relative error of each invariant, exponent of its growth with its interval "
         "(low, high), phase error, nanoseconds a step. Exponent 0: bounded, ½: a random walk, 1: drift",
-        "long_run": "The longest runs, which take the same wall time: where they end, and the errors there, relative to the scales of J and x and of each invariant",
+        "long_run": "The longest runs, which take the same wall time: where they end, and the errors there, relative to "
+        "the scales of J and x and of each invariant",
     }
     return captioned(found, captions)
 

@@ -282,13 +282,12 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 def draw(rows: pd.DataFrame) -> dict:
     from experiments.drawing import style
 
-    rows = rows[rows.state == rows.state.iloc[0]]
     good = useful(rows)
     if good.empty:
         return {}
-    figures = {"time": draw_frontier(rows, style)}
-    for span in sorted(set(rows.span)):
-        figures[f"t{span:.0f}"] = _draw_families(rows[rows.span == span], good[good.span == span], style, span)
+    figures = {"time": draw_frontier(rows[rows.state == rows.state.iloc[0]], style)}
+    if (good.error <= TARGETS[0]).any():
+        figures["profile"] = _draw_profile(good, style)
     return figures
 
 
@@ -365,25 +364,39 @@ def _shade_calls(ax, call: float, style) -> None:
     ax.text((low * call) ** 0.5, 1e-8, "one call from Python", **text)
 
 
-def _draw_families(rows: pd.DataFrame, good: pd.DataFrame, style, span: float):
-    from experiments.drawing.tables import show
+def profiles(good: pd.DataFrame) -> tuple[dict[str, np.ndarray], int]:
+    """How many times as long as the cheapest each method takes, set-up counted, where it reaches an error at all; in order.
 
-    chosen = champions(good)
+    Each run and target error is a race. And the number of races. Source: Dolan and Moré, Math. Program. 91 (2002) 201.
+    """
+    factors: dict[str, list[float]] = {}
+    races = 0
+    for _, group in good.groupby(["span", "state"], sort=False):
+        for target in TARGETS:
+            found = best(group, target, "total")
+            races += len(found) > 0
+            for run in found.itertuples():
+                factors.setdefault(run.method, []).append(run.total / found.total.iloc[0])
+    return {method: np.sort(taken) for method, taken in factors.items()}, races
 
-    def line(ax, method, look):
-        run = good[good.method == method]
-        if run.empty:
-            style.failed_label(ax, method)
-        else:
-            width = {"linewidth": 2.0} if method in chosen else {}
-            ax.loglog(*_curve(run), **{**width, **look})
 
-    fig, axes = style.by_family(rows.method, line, WALL, "error at the end", (1e-16, 1))
-    style.label_ends(axes)
+def _draw_profile(good: pd.DataFrame, style):
+    fig, ax = style.figure("page", 3.4)
+    found, races = profiles(good)
+    longest = max(1.5 * max(taken[-1] for taken in found.values()), 10.0)
+    for method, look in style.looks(found, champions(good)).items():
+        taken = found[method]
+        share = np.arange(len(taken) + 1) / races
+        above = {"marker": "none", "zorder": 6 if method == OURS else 3}
+        ax.step([1.0, *taken, longest], [*share, share[-1]], where="post", **{**look, **above})
+    ax.set(xscale="log", xlim=(1.0, longest), ylim=(0, 1.02))
+    ax.set(xlabel="factor τ: at most so many times as long as the cheapest", ylabel="share of the races")
+    style.label_end(ax)
     fig.caption = (
-        f"Error against wall time, t = {show(span)}, a panel for each family, its best bold; in grey "
-        "the exact Bäcklund step. Each point is one step size or tolerance; runs that another of the same method beats in "
-        "both are left out. A cross before a name: no run of the method is within the limits of time and of error."
+        f"All races in one figure: {races} pairs of a run (a top and a length) and an error, from 1e-4 to 1e-12. For each "
+        "method the share of them in which it takes at most τ times as long as the cheapest, set-up counted. Up and left is "
+        "better: at τ = 1 is the share that it wins, at the right the share that it finishes within the limits. "
+        f"{style.naming(found, 'bold: the one of each family that is cheapest at most errors')}. Point at a line to see its name."
     )
     return fig
 

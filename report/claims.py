@@ -118,7 +118,8 @@ def judge(claim: Claim, rows: pd.DataFrame) -> tuple[Verdict, str | None]:
         reason = f"{type(error).__name__}: {error}"
         return Verdict(None, None, None, f"the check itself failed: {reason}"), f"claim {claim.id}: {reason}"
     passed = verdict.passed
-    if missing_runs:  # shorter runs can agree with a claim, not refute it: what they found is shown
+    if missing_runs and (passed or verdict.value is not None):
+        # shorter runs can agree with a claim, but not refute it unless they failed; what they found is shown
         note = f"{missing_runs}, judged by shorter ones"
         verdict = replace(verdict, note="; ".join(filter(None, (note, verdict.note))), short=missing_runs)
         passed = passed or None

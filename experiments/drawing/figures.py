@@ -97,7 +97,9 @@ def compact(document: str) -> str:
         r'\b(x|y|width|height)="(-?\d+\.\d+)"', lambda match: f'{match[1]}="{_short(match[2])}"', document
     )
     document = re.sub(
-        r"(translate|rotate)(\([^)]*\))", lambda match: match[1] + NUMBER.sub(lambda n: _short(n[0]), match[2]), document
+        r"(translate|rotate)(\([^)]*\))",
+        lambda match: match[1] + NUMBER.sub(lambda n: _short(n[0]), match[2]),
+        document,
     )
     document = re.sub(r'style="[^"]*"', lambda match: match[0].replace(": ", ":").replace("; ", ";"), document)
     document = re.sub(r">\s+<", "><", document)
@@ -176,5 +178,5 @@ def inline(document: str, prefix: str, label: str) -> str:
     assert view, "matplotlib writes a viewBox"
     width = float(view[0].split()[2])
     size = f'class="{"wide" if width > WIDE else "narrow"}" style="--w:{width:g}"'
-    return f'<svg xmlns="http://www.w3.org/2000/svg" font-family="{FONTS}" {view[0]} {size} role="img" aria-label="{escape(label)}">{rest}'
-
+    named = f'{size} role="img" aria-label="{escape(label)}"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" font-family="{FONTS}" {view[0]} {named}>{rest}'

@@ -150,6 +150,7 @@ def test_the_console_is_listened_to(browser):
 
 
 def test_tables_sort(browser):
+    browser.execute_script("document.querySelector('#phase details.more').open = true")
     table = next(t for t in browser.find_elements(By.CSS_SELECTOR, "table.sortable") if t.is_displayed())
     button = table.find_element(By.CSS_SELECTOR, "thead button")
     browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)

@@ -156,7 +156,7 @@ def test_who_leads_is_told_with_set_up_and_without():
 # ---------------------------------------------------------------- which runs a claim needs
 
 FULL = {
-    "invariants-for-ever", "unpinned", "claims-of-methods", "cheapest-long", "loses-short", "midpoint-is-unbiased",
+    "invariants-for-ever", "unpinned", "claims-of-methods", "cheapest-long", "midpoint-is-unbiased",
     "midpoint-keeps-J3", "rk45-drifts", "magnet", "ensemble-heyoka", "phase-of-the-pinned-step", "long-run",
     "wins-perturbed", "loses-perturbed",
 }  # fmt: skip
@@ -177,13 +177,37 @@ def test_no_data_for_want_of_long_runs_names_the_profile_that_has_them():
     }
     judged = {each.claim.id: each for each in page.judge(rows, quick)[0]}
     assert judged["unpinned"].verdict.note == "no run of 10⁷ steps is stored"
-    assert judged["loses-short"].verdict.note == "no run up to t = 10 is stored"
-    for name, experiment in (("unpinned", "drift"), ("loses-short", "work_precision")):
+    assert judged["cheapest-long"].verdict.note == "no run up to t = 10⁴ is stored"
+    for name, experiment in (("unpinned", "drift"), ("cheapest-long", "work_precision")):
         assert judged[name].verdict.passed is None
         assert judged[name].command == (
             f"lagrange-bench run {experiment} --profile full && lagrange-bench report --results results/local/full"
         )
     assert judged["orders"].command.startswith("lagrange-bench run phase --profile quick && "), "that will do"
+
+
+@pytest.mark.parametrize(
+    ("length", "drift", "word", "passed"),
+    [
+        (10**7, 0.5, "confirmed", True),
+        (10**7, 2.0, "refuted", False),
+        (10**5, 0.5, "consistent", True),
+        (10**5, 2.0, "not tested", None),
+    ],
+)
+def test_shorter_runs_can_agree_with_a_claim_but_not_decide_it(length, drift, word, passed):
+    claim = Claim("c", "", "drift", claims.within(1.0, "drift"), claims.steps(10**7))
+    verdict, _ = claims.judge(claim, pd.DataFrame({"status": ["done"], "steps": [length], "drift": [drift]}))
+    assert (verdict.word, verdict.passed, verdict.value) == (word, passed, drift)
+    assert bool(verdict.short) == (length < 10**7)
+    if verdict.short:
+        assert verdict.note == "no run of 10⁷ steps is stored, judged by shorter ones"
+
+
+def test_runs_that_failed_refute_a_claim_about_longer_ones():
+    claim = Claim("c", "", "drift", claims.within(1.0, "drift"), claims.steps(10**7))
+    rows = pd.DataFrame({"status": ["failed"], "failure": ["E"], "steps": [10], "drift": [None]})
+    assert claims.judge(claim, rows)[0].word == "refuted"
 
 
 # ---------------------------------------------------------------- somebody else's method

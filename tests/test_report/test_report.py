@@ -416,16 +416,31 @@ def test_command_line(results, tmp_path, capsys):
 def test_verdicts(report, text):
     verdicts = {judged.claim.id: judged.verdict for judged in report.claims}
     assert {name: verdict.word for name, verdict in verdicts.items()} == {
-        "holds": "pass",
-        "refuted": "fail",
-        "failed": "fail",
-        "absent": "no data",
-        "unstored": "no data",
+        "holds": "confirmed",
+        "refuted": "refuted",
+        "failed": "refuted",
+        "absent": "not tested",
+        "unstored": "not tested",
     }
     assert "1 of 3 failed: StepError" in verdicts["failed"].note
     assert "colour" in verdicts["absent"].note
-    for words in ("1 pass", "2 fail", "2 no data", "run</span> <span>toy.good</span>"):
+    for words in ("1 confirmed", "2 refuted", "2 not tested", "run</span> <span>toy.good</span>"):
         assert words in text
+
+
+def test_other_results_stand_beside(results, tmp_path, monkeypatch):
+    """Where the other run drifts the verdict beside is another one, and those on the page stay."""
+    folder = tmp_path / "published"
+    folder.mkdir()
+    for i, method in enumerate(("backlund", "rk45")):
+        rows = [{"drift": 1.0 if method == "backlund" else 1e-12}]
+        store.Store(folder).append(store.make_record("toy.good", 1, i, {"method": method, "h": 0.1}, **outcome(rows)))
+    held = page.assemble(results, beside=folder)
+    assert [judged.verdict.word for judged in held.claims][:3] == ["confirmed", "refuted", "refuted"]
+    assert [judged.beside.word for judged in held.claims][:3] == ["refuted", "refuted", "confirmed"]
+    words = unescape(re.sub("<[^>]*>", "", markup(page.html(held))))
+    assert "published: 1 confirmed, 2 refuted, 2 not tested" in words
+    assert "beside: refuted, 1 · check" in words
 
 
 def test_fairness_tells_every_method_and_needs_no_rows(report, text):
