@@ -156,7 +156,7 @@ def test_who_leads_is_told_with_set_up_and_without():
 # ---------------------------------------------------------------- which runs a claim needs
 
 FULL = {
-    "invariants-for-ever", "unpinned", "claims-of-methods", "cheapest-long", "midpoint-is-unbiased",
+    "invariants-for-ever", "unpinned", "claims-of-methods", "cheapest-long", "loses-short", "midpoint-is-unbiased",
     "midpoint-keeps-J3", "rk45-drifts", "magnet", "ensemble-heyoka", "phase-of-the-pinned-step", "long-run",
     "wins-perturbed", "loses-perturbed",
 }  # fmt: skip
