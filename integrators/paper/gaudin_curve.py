@@ -163,11 +163,16 @@ def pade_parameters(magnet: GaudinMagnet, spins: Any, h: float, factors: int = 1
     size = np.sqrt(complex(np.sum(np.asarray(spins[site]) ** 2)))
     if start.imag or size.imag or not size.real > 0:
         raise ValueError(f"site: {site} must be a real site with a real spin that is not zero")
-    k, f = factors, math.factorial
-    denominator = [f(2 * k - j) * f(k) / (f(2 * k) * f(j) * f(k - j)) * (-1) ** j for j in range(k + 1)]
-    z = 2j / np.roots(denominator[::-1])
-    lams: Numbers = start + size.real * h * z[np.argsort(z.real)]
+    lams: Numbers = start + size.real * h * pade_roots(factors)
     return lams
+
+
+def pade_roots(k: int) -> Numbers:
+    """The z_i, shape (k,), with Im Σ z_i = 1 and Im Σ z_i^m = 0 for m = 2 … 2k."""
+    f = math.factorial
+    denominator = [f(2 * k - j) * f(k) // (f(j) * f(k - j)) / f(2 * k) * (-1) ** j for j in range(k + 1)]
+    z: Numbers = 2j / np.roots(denominator[::-1])
+    return z[np.argsort(z.real)]
 
 
 def exact_parameters(magnet: GaudinMagnet, spins: Any, h: float, factors: int | None = None, site: int = 0) -> Numbers:
