@@ -45,7 +45,7 @@ from integrators.paper.phase_space import Numbers
 DIGITS = 20  # of the first run, and three more for each spin
 AGREE = 1e-18  # of λ and of the turn, relative, between two runs with different numbers of digits
 MOST_DIGITS = 4000
-REACH = 0.25  # the series is used up to this part of its radius of convergence
+REACH = 1 / 16  # the series is used up to this part of its radius of convergence
 PHASES = 8  # tried in the last doubling of a magnet with an even number of spins
 
 
@@ -97,7 +97,7 @@ def _distance(a: tuple, b: tuple) -> float:
 
 
 def _rounded(lams: list, v: list, angle: Any) -> ExactStep:
-    with mp.workdps(60):
+    with mp.workdps(50):
         turn = Fraction(int(mp.floor(angle / (2 * mp.pi) * mp.mpf(2) ** 128)) % 2**128, 2**128)
     return ExactStep(np.array([complex(x) for x in lams]), np.array([complex(x) for x in v]), turn)
 
@@ -222,13 +222,15 @@ class _Start:
     def _solve(self, g: list) -> tuple[list, Any]:
         """z_i with Σ Im ∫_0^z w^m Σ g_j w^j dw = (1, 0, 0, …), m < 2k, and the same sum for m = 2k."""
         k, z = self.k, [mp.mpmathify(x) for x in self.guess.tolist()]
+        integrals = [[c / (m + j + 1) for j, c in enumerate(g)] for m in range(2 * k + 1)]
         for _ in range(100):
             rests, J = [], mp.matrix(2 * k, 2 * k)
             for i, x in enumerate(z):
                 powers = [x]
                 while len(powers) < len(g) + 2 * k:
                     powers.append(powers[-1] * x)
-                rests.append([mp.fdot((c / (m + j + 1), powers[m + j]) for j, c in enumerate(g)).imag for m in range(2 * k + 1)])
+                heights = [power.imag for power in powers]
+                rests.append([mp.fdot(integrals[m], heights[m : m + len(g)]) for m in range(2 * k + 1)])
                 slope = mp.fdot(g, [mp.mpf(1), *powers[: len(g) - 1]])
                 for m in range(2 * k):
                     J[m, i], J[m, k + i] = slope.imag, slope.real
@@ -273,9 +275,21 @@ def inverse(p: Numbers, m: Numbers) -> Numbers:
 
 
 def upper_roots(U: Numbers) -> list:
-    """The roots of a positive polynomial in the upper half-plane."""
-    roots = mp.polyroots(list(U[::-1]), maxsteps=500, extraprec=mp.prec)
-    return [x for x in roots if x.imag > 0]
+    """The roots of a positive polynomial in the upper half-plane, by the method of Ehrlich and Aberth."""
+    guess = np.roots(U[::-1].astype(float))
+    z = [mp.mpmathify(complex(x)) for x in guess[np.argsort(-guess.imag)][: len(U) // 2]]
+    slope = U[1:] * np.arange(1, len(U))
+    for _ in range(200):
+        others = [*z, *(x.conjugate() for x in z)]
+        steps = []
+        for i, x in enumerate(z):
+            newton = _value(U, x) / _value(slope, x)
+            pull = mp.fsum(1 / (x - y) for j, y in enumerate(others) if j != i)
+            steps.append(newton / (1 - newton * pull))
+        z = [x - step for x, step in zip(z, steps, strict=True)]
+        if all(abs(step) <= mp.mpf(10) ** (5 - 2 * mp.dps / 3) * abs(x) for x, step in zip(z, steps, strict=True)):
+            return [x if x.imag > 0 else x.conjugate() for x in z]
+    raise ArithmeticError("the parameters of a step were not found")
 
 
 def _product_mod(p: Numbers, q: Numbers, m: Numbers) -> Numbers:
@@ -293,7 +307,10 @@ def _coefficient(p: Numbers, power: int) -> Any:
 
 
 def _value(p: Numbers, x: Any) -> Any:
-    return mp.polyval(list(p[::-1]), x)
+    value = mp.mpf(0)
+    for c in p[::-1]:
+        value = value * x + c
+    return value
 
 
 def _real(p: Numbers) -> Numbers:

@@ -14,11 +14,14 @@ Round-off is what decides here. Three things make it a random walk of a few ulp,
   step itself, on either sheet: every map holds two real combinations of the H_j. (Correcting v from the current state
   lets all H_j drift.) The frozen map is not Poisson off its torus; `gaudin_maps.two_point` is.
 - Every eighth step and at the end of a run |s_j| is put back, a change of an ulp.
+- The turn about e3 that is part of an exact step commutes with the maps. It is left out of the loop and made once for a
+  state that is handed out, by the whole angle: cos² + sin² − 1, the same at every step, would change all H_j linearly.
 """
 
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -28,7 +31,8 @@ from integrators.checks import check_step
 from integrators.compiling.compiled import jit
 from integrators.compiling.loops import INTERRUPTIBLE, check_grid
 from integrators.interface import StepError, Work
-from integrators.paper.gaudin_curve import eigenvalue, exact_parameters, pade_parameters
+from integrators.paper.gaudin_curve import eigenvalue, pade_parameters
+from integrators.paper.gaudin_doubling import exact_step
 from integrators.paper.gaudin_model import GaudinMagnet, check_upper
 from integrators.paper.phase_space import Numbers
 
@@ -101,7 +105,7 @@ def pin(s, square, low):
 @jit
 def run(s, alpha, g, eta, v, rho, edge, square, low, first, last, total, every, out):
     """Steps `first` to `last` of `total` of spins s (3, n), row by row into out; g is (k, n), eta, v, rho, edge (k,)."""
-    weight = np.empty_like(g[0])
+    weight = np.empty(s.shape[1], g.dtype)
     for step in range(first, last):
         for i in range(len(eta)):
             n1, n2, n3 = axis(s, alpha, g[i], rho[i], edge[i], v[i], weight)
@@ -120,24 +124,40 @@ class MagnetStepper:
 
     Parameters
     ----------
-    lams : one λ or several, in the upper half-plane. sheet, site : see `gaudin_curve`; sheet −1 steps backwards.
+    lams : λ, one or several or none, in the upper half-plane. sheet, site : see `gaudin_curve`; sheet −1 steps backwards.
+    v : in place of sheet and site, each v to a few digits. turn : about e3 after the maps, in revolutions.
     """
 
+    from_start = False
+
     def __init__(
-        self, magnet: GaudinMagnet, spins: Any, lams: Any, sheet: int = 1, site: int | None = 0, h: float | None = None
+        self,
+        magnet: GaudinMagnet,
+        spins: Any,
+        lams: Any,
+        sheet: int = 1,
+        site: int | None = 0,
+        h: float | None = None,
+        *,
+        v: Any = None,
+        turn: Fraction = Fraction(0),
     ):
         self.magnet, self.h, self.work = magnet, h, Work()
         spins = magnet.check_spins(spins)
         magnet.check_real(spins)
         sites = np.array(magnet.sites)
         self.dtype = sites.dtype if sites.dtype.kind == "c" else np.dtype(float)
-        self.lams = np.array([check_upper(magnet, complex(lam), "lams") for lam in np.atleast_1d(lams)])
+        self.lams = np.array([check_upper(magnet, complex(lam), "lams") for lam in np.atleast_1d(lams)], dtype=complex)
+        self.turn = turn
         with mp.workdps(34):  # so that what is kept is correctly rounded
             fine = GaudinMagnet(tuple(mp.mpmathify(a) for a in magnet.sites), mp.mpmathify(magnet.alpha))
             exactly = np.array([[mp.mpmathify(v) for v in s] for s in spins.tolist()])
-            points = [eigenvalue(fine, exactly, mp.mpc(lam), sheet, site) for lam in self.lams]
+            if v is None:
+                points = [eigenvalue(fine, exactly, mp.mpc(lam), sheet, site) for lam in self.lams]
+            else:
+                points = [_near(fine.vector(exactly, mp.mpc(lam)), w) for lam, w in zip(self.lams, v, strict=True)]
             squares = fine.casimirs(exactly)
-            self.v = np.array([complex(v) for v in points])
+            self.v = np.array([complex(v) for v in points], dtype=complex)
             self.square = self._round(squares)
             self.low = self._round(squares - np.array([mp.mpmathify(c) for c in self.square.tolist()]))
         self.gaps = sites - self.lams.real[:, None]
@@ -168,20 +188,41 @@ class MagnetStepper:
         if not np.all(np.isfinite(s)):
             raise StepError("two-point map", "the spins left the range of floating-point numbers", h=self.h, step=n)
         self.work.steps += n
-        return np.swapaxes(out, 1, 2)
+        rows: Numbers = np.swapaxes(out, 1, 2)
+        return rows if self.turn == 0 else self._turned(rows, every)
+
+    def _turned(self, rows: Numbers, every: int) -> Numbers:
+        """Row r turned about e3 by r · every times the turn of a step; row 0 is left alone."""
+        whole, part = self.turn.denominator, every * self.turn.numerator
+        angle = 2 * math.pi * np.array([(r * part) % whole / whole for r in range(1, len(rows))])[:, None]
+        turned, (x, y) = rows.copy(), np.moveaxis(rows[1:, :, :2], -1, 0)
+        turned[1:, :, 0] = np.cos(angle) * x - np.sin(angle) * y
+        turned[1:, :, 1] = np.sin(angle) * x + np.cos(angle) * y
+        return turned
 
 
-def prepare(
-    magnet: GaudinMagnet, spins: Any, h: float, factors: int | None = 1, site: int = 0, exact: bool = False
-) -> MagnetStepper:
-    """The step over h, positive or negative, for the flow of H_site: of order 2·factors, or exact.
+def _near(ell: Numbers, guess: complex) -> Any:
+    """The root v of ℓ·ℓ close to a guess."""
+    v = mp.sqrt(mp.fsum(x * x for x in ell))
+    return v if (v * complex(guess).conjugate()).real > 0 else -v
 
-    factors : maps to a step; None (only for the exact step): as few as suffice, half the number of spins.
-    """
+
+def prepare(magnet: GaudinMagnet, spins: Any, h: float, *, factors: int = 1) -> MagnetStepper:
+    """The step of order 2·factors over h, positive or negative, for the flow of H_site."""
     h = check_step(h)
-    spins = magnet.check_spins(spins)
-    if exact:
-        lams = exact_parameters(magnet, spins, abs(h), factors, site)
-    else:
-        lams = pade_parameters(magnet, spins, abs(h), 1 if factors is None else factors, site)
+    if magnet.hamiltonian is not None:
+        raise ValueError("hamiltonian: a step of finite order follows one H_j only; give the magnet a site")
+    spins, site = magnet.check_spins(spins), magnet.site or 0
+    lams = pade_parameters(magnet, spins, abs(h), factors, site)
     return MagnetStepper(magnet, spins, lams, 1 if h > 0 else -1, site, h)
+
+
+def prepare_exact(magnet: GaudinMagnet, spins: Any, h: float) -> MagnetStepper:
+    """The exact step over h, positive or negative: half as many maps as spins, and a turn about e3."""
+    h, spins = check_step(h), magnet.check_spins(spins)
+    magnet.check_real(spins)
+    try:
+        lams, v, turn = exact_step(magnet, spins, h * magnet.flow)
+    except ArithmeticError as error:
+        raise StepError("backlund", str(error), h=h) from None
+    return MagnetStepper(magnet, spins, lams, h=h, v=v, turn=turn)
