@@ -105,6 +105,10 @@ class GaudinMagnet:
         scales: Numbers = size * (2 * abs(self.alpha) + size @ np.abs(self.couplings))
         return scales
 
+    def invariants(self, spins: Any) -> Numbers:
+        """H_j and s_j², shape (..., 2n)."""
+        return np.concatenate((self.hamiltonians(spins), self.casimirs(spins)), axis=-1)
+
     @property
     def couplings(self) -> Numbers:
         """2/(a_j − a_k), 0 on the diagonal, shape (n, n)."""

@@ -161,7 +161,7 @@ class MagnetStepper:
             self.square = self._round(squares)
             self.low = self._round(squares - np.array([mp.mpmathify(c) for c in self.square.tolist()]))
         self.gaps = sites - self.lams.real[:, None]
-        self.home = np.concatenate((magnet.hamiltonians(spins), magnet.casimirs(spins)))
+        self.home = magnet.invariants(spins)
 
     def _round(self, values: Numbers) -> Numbers:
         rounded = np.array([complex(v) for v in values])
@@ -175,7 +175,7 @@ class MagnetStepper:
         """Spins after 0, every, 2·every, … n steps, (n//every + 1, sites, 3)."""
         check_grid(n, every)
         spins = self.magnet.check_spins(spins)
-        here = np.concatenate((self.magnet.hamiltonians(spins), self.magnet.casimirs(spins)))
+        here = self.magnet.invariants(spins)
         if np.max(np.abs(here - self.home)) > OFF_TORUS * np.max(np.abs(self.home)):
             raise StepError("two-point map", "the spins are not on the torus this step was prepared for", h=self.h)
         s = np.ascontiguousarray(spins.T).astype(self.dtype, copy=True)
