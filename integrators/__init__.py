@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING
 from integrators.lazy import face
 
 if TYPE_CHECKING:
-    from integrators.api import Trajectory, integrate, prepare, two_point
+    from integrators.any_problem import integrate
+    from integrators.api import Trajectory, prepare, two_point
     from integrators.backward_error.prediction import PredictedPhase, predicted_phase
     from integrators.compiling.expression import sqrt
     from integrators.ensemble import integrate_ensemble
@@ -65,7 +66,8 @@ __all__ = [
 __getattr__, __dir__ = face(
     __name__,
     {
-        "integrators.api": ("Trajectory", "integrate", "prepare", "two_point"),
+        "integrators.any_problem": ("integrate",),
+        "integrators.api": ("Trajectory", "prepare", "two_point"),
         "integrators.backward_error.prediction": ("PredictedPhase", "predicted_phase"),
         "integrators.ensemble": ("integrate_ensemble",),
         "integrators.interface": ("INVARIANTS", "Method", "StepError", "Stepper", "Work"),

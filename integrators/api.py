@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike
 
 from integrators.checks import check_count, check_options, check_state, check_step, check_times
 from integrators.interface import Array, Method, StepError, Stepper, Work
-from integrators.paper import gaudin_methods
-from integrators.paper.gaudin_model import GaudinMagnet
 from integrators.problem import body
 from integrators.problem.body import HeavyTop
 from integrators.problem.perturbed import PerturbedTop
@@ -22,7 +20,7 @@ from integrators.problem.top import LagrangeTop, NamedTop
 from integrators.registry import find_method
 from integrators.torus import any_parameter
 
-TOP_TYPES = "a LagrangeTop, a HeavyTop, a PerturbedTop or a GaudinMagnet"
+TOP_TYPES = "a LagrangeTop, a HeavyTop or a PerturbedTop"
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ class Trajectory:
 
 
 def prepare(
-    top: LagrangeTop | HeavyTop | PerturbedTop | GaudinMagnet,
+    top: LagrangeTop | HeavyTop | PerturbedTop,
     y0: ArrayLike,
     h: float,
     method: str | Method = "backlund",
@@ -62,15 +60,13 @@ def prepare(
     message names the argument.
     StepError : the method cannot be prepared for this top and step.
     """
-    if isinstance(top, GaudinMagnet):
-        return gaudin_methods.prepare_method(top, y0, h, method, options)
     top = top.top if isinstance(top, HeavyTop) else top
     found, state = _look_up(top, y0, method)
     return _prepare(found, top, state, check_step(h), options)
 
 
 def integrate(
-    top: LagrangeTop | HeavyTop | PerturbedTop | GaudinMagnet,
+    top: LagrangeTop | HeavyTop | PerturbedTop,
     y0: ArrayLike,
     h: float | None = None,
     steps: int | None = None,
@@ -88,10 +84,8 @@ def integrate(
 
     Parameters
     ----------
-    top : LagrangeTop, HeavyTop (time in s then), or PerturbedTop; or a GaudinMagnet, with h and steps. y0 : (6,), initial
-    (J, x), of a magnet its spins (n, 3). h : step, negative runs backwards.
-    steps : number of steps. method : a name in METHODS, or a Method; for a magnet a name in MAGNET_METHODS. every : must
-    divide `steps`.
+    top : LagrangeTop, HeavyTop (time in s then), or PerturbedTop. y0 : (6,), initial (J, x). h : step, negative runs backwards.
+    steps : number of steps. method : a name in METHODS, or a Method. every : must divide `steps`.
     attitude : follow the whole body too: True, or its initial attitude as a unit quaternion (4,), scalar first; the
     body is that of a HeavyTop, or one with equal moments of inertia. options : the method's own.
 
@@ -99,13 +93,9 @@ def integrate(
     ------
     ValueError : bad input; the message names the argument. StepError : the method failed.
     """
-    wanted = attitude is not False and attitude is not None
-    if isinstance(top, GaudinMagnet):
-        if t is not None or wanted:
-            raise ValueError(f"{'t' if t is not None else 'attitude'}: not for a GaudinMagnet; give h and steps")
-        return _integrate_magnet(top, y0, h, steps, method, every, options)
     heavy, top = (top, top.top) if isinstance(top, HeavyTop) else (None, top)
     found, state = _look_up(top, y0, method)
+    wanted = attitude is not False and attitude is not None
     if wanted and isinstance(top, PerturbedTop):
         raise ValueError("attitude: the body of a PerturbedTop is not followed; give a LagrangeTop or a HeavyTop")
     if wanted and found.attitude is None:
@@ -115,7 +105,13 @@ def integrate(
             if given is not None:
                 raise ValueError(f"give either t or h and steps; got t and {name}")
         return _evaluate(found, top, state, t, options)
-    h, steps, every = _check_grid(h, steps, every)
+    if h is None or steps is None:
+        raise ValueError("give h and steps, or output times t")
+    steps = check_count(steps, "steps")
+    every = max(steps, 1) if every is None else check_count(every, "every", least=1)
+    if steps % every:
+        raise ValueError(f"every = {every} does not divide steps = {steps}")
+    h = check_step(h)
     stepper = _prepare(found, top, state, h, options)
     if not math.isfinite(h * steps):
         raise StepError(found.name, "the time n h is beyond the largest double", h=h)
@@ -144,25 +140,6 @@ def two_point(top: LagrangeTop | HeavyTop, y: ArrayLike, lam: complex, sheet: in
     if isinstance(top, PerturbedTop):
         raise ValueError("top must be a LagrangeTop or a HeavyTop: the map is that of a uniform field")
     return any_parameter.two_point(top, check_state(y, "y"), lam, sheet)
-
-
-def _check_grid(h: Any, steps: Any, every: Any) -> tuple[float, int, int]:
-    if h is None or steps is None:
-        raise ValueError("give h and steps, or output times t")
-    steps = check_count(steps, "steps")
-    every = max(steps, 1) if every is None else check_count(every, "every", least=1)
-    if steps % every:
-        raise ValueError(f"every = {every} does not divide steps = {steps}")
-    return check_step(h), steps, every
-
-
-def _integrate_magnet(
-    magnet: GaudinMagnet, spins: Any, h: Any, steps: Any, method: Any, every: Any, options: dict[str, Any]
-) -> Trajectory:
-    h, steps, every = _check_grid(h, steps, every)
-    stepper = gaudin_methods.prepare_method(magnet, spins, h, method, options)
-    y = stepper.record(spins, steps, every)
-    return Trajectory(magnet, method, h * (every * np.arange(len(y), dtype=np.float64)), y, stepper.work)
 
 
 def _look_up(top: Any, y0: ArrayLike, method: str | Method) -> tuple[Method, Array]:

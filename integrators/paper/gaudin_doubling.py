@@ -33,6 +33,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from fractions import Fraction
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -116,10 +117,8 @@ def _exact_step(magnet: GaudinMagnet, spins: Any, base: float, times: Numbers) -
     curve = _Curve(Q, alpha, n)
     starts = [_Start(fine, exactly, j, mp.mpf(times[j])) for j in moved]
     doublings = max(start.halvings for start in starts)
-    step = None
-    for start in starts:
-        first = start.divisor(doublings)
-        step = first if step is None else curve.compose(step, first)
+    first, *others = (start.divisor(doublings) for start in starts)
+    step = reduce(curve.compose, others, first)
     for i in range(doublings):
         step = curve.compose(step, step, last=i == doublings - 1)
     lams = upper_roots(step.U)
@@ -167,14 +166,13 @@ class _Curve:
         both = tuple(_sum(p, q) for p, q in zip(even, odd, strict=True))
         first, second, mixed = (self._norm(U, *row) for row in (even, odd, both))
         mixed = mixed - first - second
-        best = None
-        for i in range(PHASES):
-            c, s = mp.cospi(mp.mpf(i) / PHASES), mp.sinpi(mp.mpf(i) / PHASES)
-            reduced = (c * c * first + c * s * mixed + s * s * second).astype(float)
-            size = float(np.max(np.abs(np.roots(reduced[::-1]))))
-            if best is None or size < best[0]:
-                best = size, c, s
-        _, c, s = best
+        phases = [(mp.cospi(mp.mpf(i) / PHASES), mp.sinpi(mp.mpf(i) / PHASES)) for i in range(PHASES)]
+
+        def largest(phase: tuple) -> float:
+            c, s = phase
+            return float(np.max(np.abs(np.roots((c * c * first + c * s * mixed + s * s * second)[::-1].astype(float)))))
+
+        c, s = min(phases, key=largest)
         return even if s == 0 else tuple(_sum(c * p, s * q) for p, q in zip(even, odd, strict=True))
 
 
@@ -277,7 +275,9 @@ def inverse(p: Numbers, m: Numbers) -> Numbers:
 def upper_roots(U: Numbers) -> list:
     """The roots of a positive polynomial in the upper half-plane, by the method of Ehrlich and Aberth."""
     guess = np.roots(U[::-1].astype(float))
-    z = [mp.mpmathify(complex(x)) for x in guess[np.argsort(-guess.imag)][: len(U) // 2]]
+    guess = guess[np.argsort(-guess.imag)][: len(U) // 2]
+    lowest = 1e-3 * np.max(np.abs(guess))  # a pair close to the real axis may have been taken for two real roots
+    z = [mp.mpc(x.real, x.imag if x.imag > 0 else lowest * (i + 1)) for i, x in enumerate(guess)]
     slope = U[1:] * np.arange(1, len(U))
     for _ in range(200):
         others = [*z, *(x.conjugate() for x in z)]

@@ -29,6 +29,7 @@ from integrators.compiling.loops import INTERRUPTIBLE, check_grid
 from integrators.interface import StepError, Work
 from integrators.paper.gaudin_model import GaudinMagnet
 from integrators.paper.gaudin_step import prepare, prepare_exact
+from integrators.paper.phase_space import Numbers
 from integrators.words import suggestion
 
 ITERATIONS = 200  # of an implicit step, at most
@@ -56,7 +57,7 @@ class MagnetMethod:
 # ------------------------------------------------------------------------------------------ terms of the Hamiltonian
 
 
-def terms(magnet: GaudinMagnet) -> tuple[Array, Array, Array]:
+def terms(magnet: GaudinMagnet) -> tuple[Numbers, Numbers, Numbers]:
     """b (n,), pairs (m, 2) with K ≠ 0 and K (m,)."""
     c = magnet.flow
     K = magnet.couplings * (c[:, None] - c)
@@ -206,7 +207,7 @@ def run_midpoint(s, b, pairs, K, h, spherical, first, last, every, out):
                     mean[j, i] = new[j, i]
             if not change < np.inf:
                 break
-            if change <= 1e-15 * np.max(size) and change >= 0.5 * old or change == 0.0:
+            if change == 0.0 or (change <= 1e-15 * np.max(size) and change >= 0.5 * old):
                 done = True
                 break
             old = change
@@ -232,7 +233,9 @@ class _GridStepper:
 
     from_start = True
 
-    def __init__(self, magnet: GaudinMagnet, spins: Array, h: float, solve: Callable[[Array, Array], Array], work: Work):
+    def __init__(
+        self, magnet: GaudinMagnet, spins: Array, h: float, solve: Callable[[Array, Array], Array], work: Work
+    ):
         self.magnet, self.h, self.solve, self.work = magnet, check_step(h), solve, work
         magnet.check_spins(spins)
 
@@ -246,7 +249,7 @@ class _GridStepper:
         out = np.empty((n // every + 1, len(self.magnet), 3))
         out[0] = self.magnet.check_spins(spins)
         if n:
-            out[1:] = self.solve(out[0], self.h * every * np.arange(1, len(out)))
+            out[1:] = self.solve(out[0], self.h * every * np.arange(1.0, len(out)))
         return out
 
 
@@ -328,7 +331,8 @@ MAGNET_METHODS: Mapping[str, MagnetMethod] = {
         ),
         MagnetMethod(
             "blanes_moan4", "Blanes–Moan S6, pairs of spins", 4, True, SPHERES,
-            "Blanes and Moan, J. Comput. Appl. Math. 142 (2002) 313", partial(_prepare_splitting, "blanes_moan4", _blanes_moan4()),
+            "Blanes and Moan, J. Comput. Appl. Math. 142 (2002) 313",
+            partial(_prepare_splitting, "blanes_moan4", _blanes_moan4()),
         ),
         MagnetMethod(
             "implicit_midpoint", "implicit midpoint", 2, False, ALL, "Hairer, Lubich and Wanner, section IV.2",

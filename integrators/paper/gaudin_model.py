@@ -67,7 +67,9 @@ class GaudinMagnet:
                 raise ValueError("give either site or hamiltonian")
             c = check_numbers(self.hamiltonian, "hamiltonian")
             if c.shape != sites.shape or c.dtype.kind not in "iuf":
-                raise ValueError(f"hamiltonian must be {len(sites)} real numbers, one for each site; got {c.tolist()!r}")
+                raise ValueError(
+                    f"hamiltonian must be {len(sites)} real numbers, one for each site; got {c.tolist()!r}"
+                )
             object.__setattr__(self, "hamiltonian", tuple(c.astype(float).tolist()))
         elif self.site is not None and check_count(self.site, "site") >= len(sites):
             raise ValueError(f"site must be from 0 to {len(sites) - 1}; got {self.site}")
