@@ -261,22 +261,29 @@ def prepare_taylor(magnet: GaudinMagnet, spins: Array, h: float, *, tol: float |
     n, (b, pairs, K), work = len(magnet), terms(magnet), Work()
     s = [hy.make_vars(*(f"s{j}_{i}" for i in "123")) for j in range(n)]
     parts: list[list[list[Any]]] = [[[], [], []] for _ in range(n)]
-    for (j, k), strength in zip(pairs.tolist(), K.tolist(), strict=True):
+    for p, (j, k) in enumerate(pairs.tolist()):  # strengths are parameters: magnets of one size share the machine code
         for i in range(3):
-            parts[j][i].append(strength * s[k][i])
-            parts[k][i].append(strength * s[j][i])
+            parts[j][i].append(hy.par[p] * s[k][i])
+            parts[k][i].append(hy.par[p] * s[j][i])
+    fields = np.flatnonzero(b).tolist()
+    for p, j in enumerate(fields, start=len(K)):
+        parts[j][2].append(hy.par[p])
     system = []
-    for (x, y, z), field_, own in zip(s, parts, b.tolist(), strict=True):
-        p, q, r = (hy.sum(part) if part else hy.expression(0.0) for part in field_)
-        r = r + own
+    for (x, y, z), sums in zip(s, parts, strict=True):
+        p, q, r = (hy.sum(addends) if addends else hy.expression(0.0) for addends in sums)
         system += [(x, q * z - r * y), (y, r * x - p * z), (z, p * y - q * x)]
     given = {} if tol is None else {"tol": check_real(tol, "tol")}
-    ta = hy.taylor_adaptive(system, [0.0] * (3 * n), compact_mode=n > 8, **given)
+    strengths = [*K.tolist(), *b[fields].tolist()]
+    ta = hy.taylor_adaptive(system, [0.0] * (3 * n), pars=strengths, compact_mode=n > 8, **given)
 
     def solve(start: Array, times: Array) -> Array:
         ta.time = 0.0
         ta.state[:] = start.ravel()
-        outcome, _, _, steps, _, rows = ta.propagate_grid([0.0, *times])
+        if len(times) == 1:  # without dense output
+            outcome, _, _, steps, _, _ = ta.propagate_until(float(times[0]))
+            rows = np.array((start.ravel(), ta.state))
+        else:
+            outcome, _, _, steps, _, rows = ta.propagate_grid([0.0, *times])
         if outcome != hy.taylor_outcome.time_limit:
             raise StepError("taylor", f"heyoka stopped: {outcome}", h=h)
         work.steps += int(steps)
