@@ -110,8 +110,12 @@ def sweep(s, b, pairs, K, t, forward):
             for j in range(len(b)):
                 cos, sin = math.cos(t * b[j]), math.sin(t * b[j])
                 x, y = s[j, 0], s[j, 1]
-                s[j, 0] = cos * x - sin * y
-                s[j, 1] = sin * x + cos * y
+                square = x * x + y * y
+                u, v = cos * x - sin * y, sin * x + cos * y
+                if square > 0.0:  # the turn is the same at every step, and so is cos² + sin² − 1
+                    e = 0.5 * ((u * u - square) + v * v) / square
+                    u, v = u - e * u, v - e * v
+                s[j, 0], s[j, 1] = u, v
             continue
         j, k = pairs[p, 0], pairs[p, 1]
         w1, w2, w3 = s[j, 0] + s[k, 0], s[j, 1] + s[k, 1], s[j, 2] + s[k, 2]
