@@ -61,7 +61,7 @@ def terms(magnet: GaudinMagnet) -> tuple[Numbers, Numbers, Numbers]:
     """b (n,), pairs (m, 2) with K ≠ 0 and K (m,)."""
     c = magnet.flow
     K = magnet.couplings * (c[:, None] - c)
-    pairs = np.argwhere(np.triu(K) != 0)
+    pairs = np.ascontiguousarray(np.argwhere(np.triu(K) != 0))  # else one or many pairs are two types to Numba
     return 2.0 * magnet.alpha * c, pairs, K[pairs[:, 0], pairs[:, 1]]
 
 
@@ -207,11 +207,11 @@ def run_midpoint(s, b, pairs, K, h, spherical, first, last, every, out):
                 for i in range(3):
                     u, v = (i + 1) % 3, (i + 2) % 3
                     new[j, i] = s[j, i] + 0.5 * h * (field[j, u] * middle[j, v] - field[j, v] * middle[j, u])
-                    change = max(change, abs(new[j, i] - mean[j, i]))
+                    change += abs(new[j, i] - mean[j, i])
                     mean[j, i] = new[j, i]
             if not change < np.inf:
                 break
-            if change == 0.0 or (change <= 1e-15 * np.max(size) and change >= 0.5 * old):
+            if change == 0.0 or (change <= 1e-15 * np.sum(size) and change >= 0.5 * old):
                 done = True
                 break
             old = change
