@@ -282,7 +282,8 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
     """Measured order of each variant from the whole error against the step."""
     table = []
     for variant, group in rows.groupby("variant", sort=False):
-        fit = metrics.order(group.h, group.error, floor=1e-13)
+        steps = SPAN / np.round(SPAN / group.h)  # a whole number of them was taken
+        fit = metrics.order(steps, group.error, floor=1e-13)
         maps = group.maps.iloc[0] if "maps" in group else np.nan
         smallest = float(group.error.min())
         table.append({"variant": variant, "maps": maps, "order": fit.p, "±": fit.stderr, "smallest error": smallest})
@@ -350,7 +351,7 @@ def _draw_h(rows: pd.DataFrame, style):
     for variant in dict.fromkeys(rows.variant):
         chosen = rows[(rows.variant == variant) & (rows.status == "done")].sort_values("h")
         if not chosen.empty:
-            ax.loglog(chosen.h, chosen.error.clip(lower=1e-16), **_look(style, variant))
+            ax.loglog(SPAN / np.round(SPAN / chosen.h), chosen.error.clip(lower=1e-16), **_look(style, variant))
     ticks = sorted({2.0 ** round(math.log2(h)) for h in rows.h})[:: 2 if len(set(rows.h)) > 6 else 1]
     ax.set_xticks(ticks, [f"{h:g}" if h >= 1 else f"1/{1 / h:g}" for h in ticks])
     ax.minorticks_off()
