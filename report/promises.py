@@ -440,7 +440,7 @@ CLAIMS = [
     Claim(
         "magnet-any-step",
         "The exact step of the Gaudin magnet is found for every random magnet tried, and for every step of 1, 5, 20 and 80 "
-        "units of time: 200 magnets each of 2, 3, 4, 5, 8 and 12 spins (quick profile: 4, 4 and 2 of 2, 3 and 8).",
+        "units of time: 200 magnets each of 2, 3, 4, 5, 8 and 12 spins (quick profile: 4, 4 and 1 of 2, 3 and 8).",
         "gaudin",
         at_most(0.0, "failed", part="random"),
         unit="failed",

@@ -56,7 +56,7 @@ def test_rows_are_tabulated_and_drawn():
         for cell in small
         if cell["part"] in ("time", "h")
         or (cell["part"] == "cost" and cell["n"] == 2)
-        or (cell["part"] == "work" and cell["variant"] in ("order 8", "strang"))
+        or (cell["part"] == "work" and cell["variant"] in ("exact", "order 8", "strang"))
     )
     maps = rows[(rows.part == "time") & (rows.method.str.startswith("backlund"))]
     assert maps[["spins", "hamiltonians"]].max().max() < 1e-14
