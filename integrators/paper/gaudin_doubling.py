@@ -47,7 +47,8 @@ from integrators.paper.phase_space import Numbers
 
 DIGITS = 24  # of the first run, and two more for each spin
 AGREE = 1e-18  # of λ and of the turn, relative, between two runs with different numbers of digits
-MOST_DIGITS = 4000
+MOST_DIGITS = 600
+MOST_SPINS = 32  # the Padé parameters lose too many digits in double soon after
 REACH = 1 / 16  # the series is used up to this part of its radius of convergence
 PHASES = 8  # tried in the last doubling of a magnet with an even number of spins
 
@@ -69,7 +70,14 @@ class Divisor(NamedTuple):
 
 
 def exact_step(magnet: GaudinMagnet, spins: Any, times: Any) -> ExactStep:
-    """The flow of Σ times_j H_j over time 1. Sites whose times count must be real. ArithmeticError if digits run out."""
+    """The flow of Σ times_j H_j over time 1. Sites whose times count must be real.
+
+    ValueError for more than MOST_SPINS spins. ArithmeticError if MOST_DIGITS do not suffice.
+    """
+    if len(magnet) > MOST_SPINS:
+        raise ValueError(
+            f"spins: the exact step is for at most {MOST_SPINS}; got {len(magnet)}. backlund_paper takes any number"
+        )
     base, times = split_off_turn(np.asarray(times, dtype=float))
     digits, before = DIGITS + 2 * len(magnet), None
     while digits <= MOST_DIGITS:

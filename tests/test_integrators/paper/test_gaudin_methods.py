@@ -108,6 +108,7 @@ def test_named_and_random_magnets():
         ({"method": "dop853", "rtol": "small"}, "rtol"),
         ({"method": "backlund_paper", "factors": 0}, "factors"),
         ({"method": "backlund_paper", "top": GENERAL}, "hamiltonian"),
+        ({"top": MAGNETS["central128"].magnet, "y0": MAGNETS["central128"].spins}, "at most 32"),
         ({"top": GaudinMagnet((0, 1j, -1j, 2), 0.5)}, "sites"),
         ({"top": "magnet"}, "top"),
     ],
