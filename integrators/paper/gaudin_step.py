@@ -12,7 +12,8 @@ Round-off is what decides here. Three things make it a random walk of a few ulp,
   1e-16 per step; so they did here.
 - v is frozen at its correctly rounded value on the torus of the initial state. Then ℓ(λ)² is drawn back to v² by the
   step itself, on either sheet: every map holds two real combinations of the H_j. (Correcting v from the current state
-  lets all H_j drift.) The frozen map is not Poisson off its torus; `gaudin_maps.two_point` is.
+  lets all H_j drift.) The frozen map is not Poisson off its torus; `gaudin_maps.two_point` is. Several maps of one step
+  may together drive a state away, by a factor e in thousands of steps. Where they do, v follows the state.
 - Every eighth step and at the end of a run |s_j| is put back, a change of an ulp.
 - The turn about e3 that is part of an exact step commutes with the maps. It is left out of the loop and made once for a
   state that is handed out, by the whole angle: cos² + sin² − 1, the same at every step, would change all H_j linearly.
@@ -37,11 +38,12 @@ from integrators.paper.gaudin_model import GaudinMagnet, check_upper
 from integrators.paper.phase_space import Numbers
 
 PIN = 8  # steps between two corrections of |s_j|
+TRIED = 20_000  # steps by which an exact step shows whether its torus attracts
 OFF_TORUS = 1e-9  # relative distance of an invariant from the prepared torus that is no longer round-off
 
 
 @jit
-def axis(s, alpha, g, r, e, v, weight):
+def axis(s, alpha, g, r, e, v, follow, weight):
     """n = Re v p + Im v q − p×q of spins s (3, n); r, e: ρ and |n| of the step before, weight (n,): scratch."""
     for j in range(s.shape[1]):
         h = g[j] * r
@@ -65,6 +67,11 @@ def axis(s, alpha, g, r, e, v, weight):
     q1 = f * b1.real
     q2 = f * b2.real
     q3 = f * b3.real
+    if follow:  # v of the present state, by a step of Newton's method from the frozen one
+        square = complex(
+            (p1 * p1 + p2 * p2 + p3 * p3) - (q1 * q1 + q2 * q2 + q3 * q3), 2 * (p1 * q1 + p2 * q2 + p3 * q3)
+        )
+        v = v + (square - v * v) / (2.0 * v)
     n1 = (v.real * p1 + v.imag * q1) - (p2 * q3 - p3 * q2)
     n2 = (v.real * p2 + v.imag * q2) - (p3 * q1 - p1 * q3)
     n3 = (v.real * p3 + v.imag * q3) - (p1 * q2 - p2 * q1)
@@ -103,12 +110,12 @@ def pin(s, square, low):
 
 
 @jit
-def run(s, alpha, g, eta, v, rho, edge, square, low, first, last, total, every, out):
+def run(s, alpha, g, eta, v, follow, rho, edge, square, low, first, last, total, every, out):
     """Steps `first` to `last` of `total` of spins s (3, n), row by row into out; g is (k, n), eta, v, rho, edge (k,)."""
     weight = np.empty(s.shape[1], g.dtype)
     for step in range(first, last):
         for i in range(len(eta)):
-            n1, n2, n3 = axis(s, alpha, g[i], rho[i], edge[i], v[i], weight)
+            n1, n2, n3 = axis(s, alpha, g[i], rho[i], edge[i], v[i], follow, weight)
             nn = n1 * n1 + n2 * n2 + n3 * n3
             edge[i] = math.sqrt(nn)
             rho[i] = edge[i] / eta[i]
@@ -148,7 +155,7 @@ class MagnetStepper:
         sites = np.array(magnet.sites)
         self.dtype = sites.dtype if sites.dtype.kind == "c" else np.dtype(float)
         self.lams = np.array([check_upper(magnet, complex(lam), "lams") for lam in np.atleast_1d(lams)], dtype=complex)
-        self.turn = turn
+        self.turn, self.follow = turn, False
         with mp.workdps(34):  # so that what is kept is correctly rounded
             fine = GaudinMagnet(tuple(mp.mpmathify(a) for a in magnet.sites), mp.mpmathify(magnet.alpha))
             exactly = np.array([[mp.mpmathify(v) for v in s] for s in spins.tolist()])
@@ -178,18 +185,40 @@ class MagnetStepper:
         here = self.magnet.invariants(spins)
         if np.max(np.abs(here - self.home)) > OFF_TORUS * np.max(np.abs(self.home)):
             raise StepError("two-point map", "the spins are not on the torus this step was prepared for", h=self.h)
+        rows = self._run(spins, n, every)
+        if not np.all(np.isfinite(rows[-1])):
+            raise StepError("two-point map", "the spins left the range of floating-point numbers", h=self.h, step=n)
+        self.work.steps += n
+        return rows if self.turn == 0 else self._turned(rows, every)
+
+    def _run(self, spins: Numbers, n: int, every: int) -> Numbers:
+        """As `record`, without the turn, from spins on any torus."""
         s = np.ascontiguousarray(spins.T).astype(self.dtype, copy=True)
         out = np.empty((n // every + 1, *s.shape), dtype=self.dtype)
         out[0] = s
         rho, edge = np.ones(len(self.lams)), self.lams.imag.copy()
-        constants = (float(self.magnet.alpha), self.gaps, edge.copy(), self.v, rho, edge, self.square, self.low)
+        constants = (
+            float(self.magnet.alpha),
+            self.gaps,
+            edge.copy(),
+            self.v,
+            self.follow,
+            rho,
+            edge,
+            self.square,
+            self.low,
+        )
         for first in range(0, n, INTERRUPTIBLE):
             run(s, *constants, first, min(first + INTERRUPTIBLE, n), n, every, out)
-        if not np.all(np.isfinite(s)):
-            raise StepError("two-point map", "the spins left the range of floating-point numbers", h=self.h, step=n)
-        self.work.steps += n
         rows: Numbers = np.swapaxes(out, 1, 2)
-        return rows if self.turn == 0 else self._turned(rows, every)
+        return rows
+
+    def repels(self, spins: Numbers) -> bool:
+        """Whether a state beside the torus is driven away from it: by TRIED steps with frozen v, from 1e-7 away."""
+        beside = spins + 1e-7 * np.cross(np.random.default_rng(0).normal(size=spins.shape), spins)  # lengths stay
+        rows = self._run(beside, TRIED, TRIED // 2)
+        middle, last = np.max(np.abs(self.magnet.hamiltonians(rows[1:]) - self.magnet.hamiltonians(spins)), axis=1)
+        return not last <= 1.2 * middle  # where one combination of the H_j is not held at all, both are the same
 
     def _turned(self, rows: Numbers, every: int) -> Numbers:
         """Row r turned about e3 by r · every times the turn of a step; row 0 is left alone."""
@@ -225,4 +254,6 @@ def prepare_exact(magnet: GaudinMagnet, spins: Any, h: float) -> MagnetStepper:
         lams, v, turn = exact_step(magnet, spins, h * magnet.flow)
     except ArithmeticError as error:
         raise StepError("backlund", str(error), h=h) from None
-    return MagnetStepper(magnet, spins, lams, h=h, v=v, turn=turn)
+    stepper = MagnetStepper(magnet, spins, lams, h=h, v=v, turn=turn)
+    stepper.follow = len(lams) > 1 and stepper.dtype.kind == "f" and stepper.repels(spins)
+    return stepper

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 
 from integrators import StepError
 from integrators.paper.gaudin_curve import pade_parameters, times
+from integrators.paper.gaudin_magnets import random_magnet, unit_of_time
 from integrators.paper.gaudin_maps import two_point
 from integrators.paper.gaudin_model import GaudinMagnet
 from integrators.paper.gaudin_step import MagnetStepper, prepare, prepare_exact
@@ -201,6 +202,16 @@ def test_long_runs_of_long_steps_keep_everything():
         m, spins = magnet(n)
         lengths, energies = drift(m, spins, prepare_exact(m, spins, 10.0).advance(spins, 100_000))
         assert max(lengths, energies) <= PROMISE
+
+
+def test_a_step_that_drives_states_away_follows_them():
+    """Two maps that nearly undo one another: with frozen v round-off grows by a factor e in thousands of steps."""
+    m, spins = random_magnet(4, 3)
+    stepper = prepare_exact(m, spins, 5 * unit_of_time(m, spins))
+    assert stepper.follow
+    assert max(drift(m, spins, stepper.advance(spins, 50_000))) < PROMISE
+    stepper.follow = False
+    assert max(drift(m, spins, stepper.advance(spins, 50_000))) > 1e-8
 
 
 def test_exact_step_with_conjugate_sites():
