@@ -27,7 +27,8 @@ from experiments.measuring.states import (
     options_of,
     rounded,
 )
-from integrators import METHODS, Method, integrate, prepare
+from integrators import METHODS, Method, prepare
+from integrators.api import integrate
 from integrators.truth import exact
 
 VERSION = 3

@@ -1,17 +1,20 @@
 """Gaudin magnet: how long do a central spin and its bath keep their conservation laws, and at what price?
 
 One spin in a field couples to n − 1 others with strengths that fall off, the central-spin model: the flow of H_1 of
-the magnet the top comes from. It is followed by two-point Bäcklund maps and by heyoka. One map with the paper's time
-step is of order two; k maps at the roots of a Padé approximant are of order 2k; half as many maps as spins, with
-parameters fitted to the torus, are exact. Relative errors of the spins |s_j| and of all the H_j against time, of the
-whole state against the step, and what a step costs. Times are in units of 1/√(Σ A_k²), A_k the couplings.
+the magnet the top comes from. It is followed by two-point Bäcklund maps and by their rivals: heyoka, DOP853, splittings
+into pairs of spins, midpoint rules. One map with the paper's time step is of order two; k maps at the roots of a Padé
+approximant are of order 2k; half as many maps as spins, with parameters found by time doubling, are exact for any step.
+Relative errors of the spins |s_j| and of all the H_j against time, of the whole state against the step, what a step
+costs, and how long a run takes to an error. Times are in units of 1/√(Σ A_k²), A_k the couplings.
+
+"random" is the test of the exact step: on random magnets, with steps of 1 to 80 units, its error after one step, judged
+by heyoka, and the drift after many.
 """
 
 from __future__ import annotations
 
 import math
-import random
-from collections.abc import Callable
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -22,161 +25,153 @@ from experiments.drawing.tables import captioned
 from experiments.measuring import metrics, timing
 from experiments.measuring.states import log_counts, rounded
 from integrators.interface import Array, StepError
-from integrators.paper import gaudin_step
+from integrators.paper.gaudin_magnets import central_spin, random_magnet, unit_of_time
+from integrators.paper.gaudin_methods import MAGNET_METHODS, prepare_method
 from integrators.paper.gaudin_model import GaudinMagnet
 
-VERSION = 1
+VERSION = 2
 
 SIZES = (2, 3, 8, 32)
+EXACT_SIZES = {"quick": (2, 3, 8), "full": SIZES}  # the exact step of 32 spins takes seconds to prepare
 STEP = {"order 2": 0.25, "exact": 2.0, "taylor": 2.0}  # of the runs against time; for heyoka only between outputs
+RIVALS = ("strang", "blanes_moan4", "implicit_midpoint", "spherical_midpoint")
 SPAN_LONG = {"quick": 2.0**11, "full": 2.0**18}
-SWEPT = 8  # size of the magnet of the runs against the step
+SWEPT = 8  # size of the magnet of the runs against the step, and of the rivals
 SPAN = 8.0  # and their length
 SWEEP = {"quick": (0.125, 0.25, 0.5, 1.0, 2.0), "full": tuple(2.0 ** (-k / 2) for k in range(-4, 15))}
+SWEEP_RIVALS = {"quick": (0.03125, 0.0625, 0.125), "full": tuple(2.0 ** (-k / 2) for k in range(2, 15))}
 ORDERS = (2, 4, 6, 8)
 ROUNDS = {"quick": 1, "full": 3}
+RANDOM = {"quick": {2: 4, 3: 4, 8: 1}, "full": dict.fromkeys((2, 3, 4, 5, 8, 12), 200)}  # n → how many magnets
+RANDOM_STEPS = (1, 5, 20, 80)
+DRIFT_STEPS = {"quick": 2000, "full": 10**5}
+SPANS = {"quick": (64.0,), "full": (64.0, 2.0**10, 2.0**14)}  # of the runs to an error
+# the exact step: one jump; the others: steps, or tolerances
+WORK = {
+    "exact": (), "order 2": (-7, -5, -3), "order 8": (-3, -2, -1), "strang": (-7, -5, -3), "blanes_moan4": (-6, -4, -2),
+    "implicit_midpoint": (-7, -5, -3), "spherical_midpoint": (-7, -5, -3),
+}  # fmt: skip
+WORK_TOLERANCES = {"taylor": (1e-16, 1e-12, 1e-8, 1e-5), "dop853": (1e-13, 1e-9, 1e-5)}
+LONGEST = 2.0**10  # span up to which DOP853, interpreted, is measured
 
 
 def cells(profile: str) -> list[dict]:
     listed: list[dict] = []
+    sizes = {variant: EXACT_SIZES[profile] if variant == "exact" else SIZES for variant in STEP}
     for n in SIZES:
         for variant, h in STEP.items():
-            steps = round(SPAN_LONG[profile] / h)
-            listed.append({"part": "time", "n": n, "variant": variant, "h": h, "steps": steps})
-    for variant in (*(f"order {p}" for p in ORDERS), "exact"):
-        listed += [{"part": "h", "n": SWEPT, "variant": variant, "h": h} for h in SWEEP[profile]]
+            if n in sizes[variant]:
+                steps = round(SPAN_LONG[profile] / h)
+                listed.append({"part": "time", "n": n, "variant": variant, "h": h, "steps": steps})
+    for variant in RIVALS:
+        h = STEP["order 2"]
+        listed.append({"part": "time", "n": SWEPT, "variant": variant, "h": h, "steps": round(SPAN_LONG[profile] / h)})
+    for variant in (*(f"order {p}" for p in ORDERS), "exact", *RIVALS):
+        steps_tried = (SWEEP_RIVALS if variant in RIVALS else SWEEP)[profile]
+        listed += [{"part": "h", "n": SWEPT, "variant": variant, "h": h} for h in steps_tried]
+    for n, magnets in RANDOM[profile].items():
+        given = {"magnets": magnets, "steps": DRIFT_STEPS[profile]}
+        listed += [{"part": "random", "n": n, "variant": "exact", "h": h, **given} for h in RANDOM_STEPS]
     for round_ in range(ROUNDS[profile]):
         for n in SIZES:
             for variant in STEP:
-                listed.append({"part": "cost", "n": n, "variant": variant, "round": round_, "timing": True})
+                if n in sizes[variant]:
+                    listed.append({"part": "cost", "n": n, "variant": variant, "round": round_, "timing": True})
+    for span in SPANS[profile]:
+        for variant in (*WORK, *WORK_TOLERANCES):
+            if variant == "dop853" and span > LONGEST:
+                continue
+            listed.append({"part": "work", "n": SWEPT, "variant": variant, "span": span, "timing": True})
     return [{"method": _method(cell["variant"]), **cell} for cell in listed]
 
 
 def _method(variant: str) -> str:
     """The method of the top that a variant goes with: what it needs to be installed, and its colour."""
-    return {"exact": "backlund", "taylor": "taylor"}.get(variant, "backlund_paper")
-
-
-def central_spin(n: int) -> tuple[GaudinMagnet, Array]:
-    """Unit spins in random directions, couplings A_k = 2/(a_1 − a_k) ~ exp(−2k/n) with Σ A_k² = 1, field 2 alpha = 1.
-
-    The generator is Python's own, whose `random()` never changes.
-    """
-    couplings = [math.exp(-2 * k / n) for k in range(1, n)]
-    size = math.sqrt(math.fsum(A * A for A in couplings))
-    draw = random.Random(f"gaudin{n}")
-    spins = []
-    for _ in range(n):
-        z, phi = draw.uniform(-1, 1), draw.uniform(0, 2 * math.pi)
-        r = math.sqrt(1 - z * z)
-        spins.append((r * math.cos(phi), r * math.sin(phi), z))
-    return GaudinMagnet((0.0, *(-2 * size / A for A in couplings)), 0.5), np.array(spins)
+    if variant.startswith("order"):
+        return "backlund_paper"
+    return {"exact": "backlund", "spherical_midpoint": "collective_midpoint"}.get(variant, variant)
 
 
 def measure(cell: dict) -> list[dict]:
-    return {"time": _measure_time, "h": _measure_h, "cost": _measure_cost}[cell["part"]](cell)
+    parts = {"time": _time, "h": _h, "random": _random, "cost": _cost, "work": _work}
+    return parts[cell["part"]](cell)
 
 
-def _stepper(magnet: GaudinMagnet, spins: Array, variant: str, h: float) -> gaudin_step.MagnetStepper:
-    if variant == "exact":
-        return gaudin_step.prepare(magnet, spins, h, None, exact=True)
-    return gaudin_step.prepare(magnet, spins, h, int(variant.removeprefix("order ")) // 2)
+def _stepper(magnet: GaudinMagnet, spins: Array, variant: str, h: float, **options: Any) -> Any:
+    if variant.startswith("order "):
+        return prepare_method(magnet, spins, h, "backlund_paper", {"factors": int(variant.removeprefix("order ")) // 2})
+    return prepare_method(magnet, spins, h, "backlund" if variant == "exact" else variant, options)
 
 
-def _measure_time(cell: dict) -> list[dict]:
+def _drift(magnet: GaudinMagnet, spins: Array, state: Array) -> dict[str, float]:
+    lengths = np.sqrt(magnet.casimirs(state) / magnet.casimirs(spins)) - 1
+    energies = (magnet.hamiltonians(state) - magnet.hamiltonians(spins)) / magnet.hamiltonian_scales(spins)
+    return {"spins": rounded(np.max(np.abs(lengths))), "hamiltonians": rounded(np.max(np.abs(energies)))}
+
+
+def _time(cell: dict) -> list[dict]:
     magnet, spins = central_spin(cell["n"])
     counts = log_counts(cell["steps"], per_octave=4)
-    times = cell["h"] * np.array(counts, dtype=float)
-    if cell["variant"] == "taylor":
-        states = heyoka(magnet, spins)[0](times)
+    stepper = _stepper(magnet, spins, cell["variant"], cell["h"])
+    if stepper.from_start:
+        states = stepper.solve(spins, cell["h"] * np.array(counts, dtype=float))
     else:
-        stepper = _stepper(magnet, spins, cell["variant"], cell["h"])
         states, s, done = np.empty((len(counts), *spins.shape)), spins, 0
         for i, count in enumerate(counts):
             s = states[i] = stepper.advance(s, count - done)
             done = count
-    rows = []
-    for t, state in zip(times, states, strict=True):
-        lengths = np.sqrt(magnet.casimirs(state) / magnet.casimirs(spins)) - 1
-        energies = (magnet.hamiltonians(state) - magnet.hamiltonians(spins)) / magnet.hamiltonian_scales(spins)
-        errors = {"spins": rounded(np.max(np.abs(lengths))), "hamiltonians": rounded(np.max(np.abs(energies)))}
-        rows.append({"t": rounded(t), **errors})
-    return rows
+    return [
+        {"t": rounded(cell["h"] * count), **_drift(magnet, spins, state)}
+        for count, state in zip(counts, states, strict=True)
+    ]
 
 
-def _measure_h(cell: dict) -> list[dict]:
+def _h(cell: dict) -> list[dict]:
     magnet, spins = central_spin(cell["n"])
     steps = round(SPAN / cell["h"])
     stepper = _stepper(magnet, spins, cell["variant"], SPAN / steps)
     error = np.max(np.abs(stepper.advance(spins, steps) - reference(magnet, spins, SPAN)))
-    return [{"error": rounded(error), "maps": len(stepper.lams)}]
+    return [{"error": rounded(error), **_maps(stepper)}]
+
+
+def _maps(stepper: Any) -> dict[str, int]:
+    return {"maps": len(stepper.lams)} if hasattr(stepper, "lams") else {}
 
 
 def reference(magnet: GaudinMagnet, spins: Array, t: float) -> Array:
-    """The flow of H_1 by SciPy's DOP853 at its tightest, good to about 1e-13 here; no method of the comparison."""
-    from scipy.integrate import solve_ivp
-
-    c = np.eye(len(magnet))[0]
-
-    def rhs(_: float, y: Array) -> Array:
-        rate: Array = magnet.rhs(y.reshape(-1, 3), c).ravel()
-        return rate
-
-    found = solve_ivp(rhs, (0, t), spins.ravel(), method="DOP853", rtol=3e-14, atol=1e-15)
-    if not found.success:
-        raise StepError("DOP853", found.message)
-    end: Array = found.y[:, -1].reshape(-1, 3)
+    """The flow by SciPy's DOP853 at its tightest, good to about 1e-13 over SPAN."""
+    end: Array = _stepper(magnet, spins, "dop853", t).advance(spins, 1)
     return end
 
 
-def heyoka(magnet: GaudinMagnet, spins: Array) -> tuple[Callable[[Array], Array], Callable[[float], int]]:
-    """heyoka on its natural steps: times → states by dense output, and t → the number of steps it took."""
-    import heyoka as hy
-
-    hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
-    n = len(magnet)
-    s = [hy.make_vars(*(f"s{j}_{i}" for i in "123")) for j in range(n)]
-    couplings = [2 / (magnet.sites[0] - a) for a in magnet.sites[1:]]
-    field = [hy.sum([A * s_k[i] for A, s_k in zip(couplings, s[1:], strict=True)]) for i in range(3)]
-    field[2] = field[2] + 2 * magnet.alpha
-    system = []
-    for j, (x, y, z) in enumerate(s):
-        a, b, c = field if j == 0 else [couplings[j - 1] * s[0][i] for i in range(3)]
-        system += [(x, b * z - c * y), (y, c * x - a * z), (z, a * y - b * x)]
-    ta = hy.taylor_adaptive(system, list(spins.ravel()), compact_mode=n > 8)
-
-    def restart() -> None:
-        ta.time = 0.0
-        ta.state[:] = spins.ravel()
-
-    def states(times: Array) -> Array:
-        restart()
-        outcome, *_, rows = ta.propagate_grid([0.0, *times])
-        _check(outcome, hy)
-        found: Array = rows[1:].reshape(-1, n, 3)
-        return found
-
-    def steps(t: float) -> int:
-        restart()
-        outcome, _, _, count, *_ = ta.propagate_until(t)
-        _check(outcome, hy)
-        return int(count)
-
-    return states, steps
+def _random(cell: dict) -> list[dict]:
+    """One step on each magnet against heyoka, and many steps; a magnet without a step counts as failed."""
+    failed, errors, drifts = 0, [0.0], [0.0]
+    for seed in range(cell["magnets"]):
+        magnet, spins = random_magnet(cell["n"], seed)
+        h = cell["h"] * unit_of_time(magnet, spins)
+        first = np.argsort(np.arange(len(magnet)) != magnet.site, kind="stable")  # the system heyoka has compiled
+        other = GaudinMagnet(tuple(np.array(magnet.sites)[first]), magnet.alpha, site=0)
+        truth = _stepper(other, spins[first], "taylor", h).advance(spins[first], 1)
+        try:
+            stepper = _stepper(magnet, spins, "exact", h)
+        except StepError:
+            failed += 1
+            continue
+        errors.append(np.max(np.abs(stepper.advance(spins, 1)[first] - truth)))
+        drifts += _drift(magnet, spins, stepper.advance(spins, cell["steps"])).values()
+    return [{"failed": failed, "error": rounded(max(errors)), "drift": rounded(max(drifts))}]
 
 
-def _check(outcome: Any, hy: Any) -> None:
-    if outcome != hy.taylor_outcome.time_limit:
-        raise StepError("taylor", f"heyoka stopped: {outcome}")
-
-
-def _measure_cost(cell: dict) -> list[dict]:
+def _cost(cell: dict) -> list[dict]:
     magnet, spins = central_spin(cell["n"])
     n, variant = cell["n"], cell["variant"]
     if variant == "taylor":
-        run, span = heyoka(magnet, spins)[1], 200.0
-        steps, maps = run(span), 0
-        timed = timing.time_call(lambda: run(span), repeats=5)
+        span = 200.0
+        stepper = _stepper(magnet, spins, variant, span)
+        stepper.advance(spins, 1)
+        steps, maps = stepper.work.steps, 0
+        timed = timing.time_call(lambda: stepper.advance(spins, 1), repeats=5)
         h = span / steps
     else:
         h = STEP[variant]
@@ -188,7 +183,41 @@ def _measure_cost(cell: dict) -> list[dict]:
     row = {"h": rounded(h), "maps": maps, "ns_per_step": rounded(ns), "ns_per_time": rounded(ns / h)}
     if maps:
         row["ns_per_spin_and_map"] = rounded(ns / (n * maps))
+    if variant == "exact":
+        row["setup_ms"] = rounded(1e3 * stepper.work.setup_seconds)
     return [{**row, "unstable": timed.unstable}]
+
+
+def _work(cell: dict) -> list[dict]:
+    """Error at the end of the span and seconds of the run, compilation excluded, for every step or tolerance.
+
+    The exact step jumps there at once. heyoka judges all others, and is judged by the exact step.
+    """
+    magnet, spins = central_spin(cell["n"])
+    variant, span = cell["variant"], cell["span"]
+    truth = _stepper(magnet, spins, "exact" if variant == "taylor" else "taylor", span).advance(spins, 1)
+    runs: list[tuple[float, int, dict]] = [(span, 1, {})]
+    if variant in WORK_TOLERANCES:
+        name = MAGNET_METHODS[variant].options[0]
+        runs = [(span, 1, {name: tolerance}) for tolerance in WORK_TOLERANCES[variant]]
+    elif WORK[variant]:
+        runs = [(2.0**k, round(span / 2.0**k), {}) for k in WORK[variant]]
+    rows = []
+    for h, steps, options in runs:
+        stepper = _stepper(magnet, spins, variant, h, **options)
+        if variant not in WORK_TOLERANCES:
+            stepper.advance(spins, 1)  # compiles
+        start = perf_counter()
+        error = np.max(np.abs(stepper.advance(spins, steps) - truth))
+        seconds, unstable = perf_counter() - start, False
+        if seconds < 0.1:
+            timed = timing.time_call(lambda: stepper.advance(spins, steps), min_time=0.002, repeats=3)  # noqa: B023
+            seconds, unstable = timed.min, timed.unstable
+        setup = 0.0 if variant == "taylor" else stepper.work.setup_seconds  # of heyoka it is compilation
+        knob = next(iter(options.values()), h)
+        row = {"knob": knob, "error": rounded(error), "seconds": rounded(seconds), "setup_seconds": rounded(setup)}
+        rows.append({**row, "unstable": unstable})
+    return rows
 
 
 # ------------------------------------------------------------------------------------------ what the rows say
@@ -207,23 +236,62 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
         found["orders"] = orders(swept)
     cost = good[good.part == "cost"]
     if not cost.empty:
-        columns = ["h", "maps", "ns_per_step", "ns_per_spin_and_map", "ns_per_time"]
+        columns = ["h", "maps", "ns_per_step", "ns_per_spin_and_map", "ns_per_time", "setup_ms"]
         columns = [name for name in columns if name in cost]
         found["cost"] = cost.groupby(["n", "variant"], sort=False)[columns].min().reset_index()
+    judged = good[good.part == "random"]
+    if not judged.empty:
+        columns = ["n", "h", "magnets", "failed", "error", "steps", "drift"]
+        found["random"] = judged[columns].reset_index(drop=True)
+    work = good[good.part == "work"]
+    if not work.empty:
+        found["work"] = winners(work)
     captions = {
         "drift": "Gaudin magnets of n spins: the largest relative error of the lengths of the spins and of the Hamiltonians",
         "orders": "Order of each variant, as the slope of the error against the step, with its standard error (±)",
-        "cost": "Gaudin magnets of n spins: nanoseconds per step, per spin and map, and per unit of time",
+        "cost": "Gaudin magnets of n spins: nanoseconds per step, per spin and map, and per unit of time; set-up in ms",
+        "random": "Random magnets at steps of h units: one exact step against heyoka, and the drift of the invariants over a run",
+        "work": "Gaudin magnets: the quickest method but the Bäcklund maps, and its time over that of the exact step",
     }
     return captioned(found, captions)
+
+
+TARGETS = (1e-4, 1e-7, 1e-10)
+RUN, WHOLE = "times as long as the exact step", "with set-up"
+
+
+def winners(rows: pd.DataFrame) -> pd.DataFrame:
+    """For each span and error the quickest method but the Bäcklund maps, and how much longer it takes than the exact one."""
+    table = []
+    for span, group in rows.groupby("span"):
+        for target in TARGETS:
+            reached = group[group.error <= target]
+            ours, others = (
+                reached[reached.variant == "exact"],
+                reached[~reached.method.isin(("backlund", "backlund_paper"))],
+            )
+            if ours.empty or others.empty:
+                continue
+            own, best = ours.iloc[0], others.loc[others.seconds.idxmin()]
+            whole = others.seconds + others.setup_seconds
+            row = {
+                "span": span,
+                "error at most": target,
+                "quickest other": best.variant,
+                RUN: best.seconds / own.seconds,
+            }
+            quickest = others.loc[whole.idxmin()].variant
+            table.append({**row, "quickest": quickest, WHOLE: whole.min() / (own.seconds + own.setup_seconds)})
+    return pd.DataFrame(table)
 
 
 def orders(rows: pd.DataFrame) -> pd.DataFrame:
     """Measured order of each variant from the whole error against the step."""
     table = []
     for variant, group in rows.groupby("variant", sort=False):
-        fit = metrics.order(group.h, group.error, floor=1e-13)
-        maps = int(group.maps.iloc[0])
+        steps = SPAN / np.round(SPAN / group.h)  # a whole number of them was taken
+        fit = metrics.order(steps, group.error, floor=1e-13)
+        maps = group.maps.iloc[0] if "maps" in group else np.nan
         smallest = float(group.error.min())
         table.append({"variant": variant, "maps": maps, "order": fit.p, "±": fit.stderr, "smallest error": smallest})
     return pd.DataFrame(table)
@@ -237,10 +305,13 @@ def draw(rows: pd.DataFrame) -> dict:
         figures["time"] = _draw_time(rows[rows.part == "time"], style)
     if (rows.part == "h").any():
         figures["h"] = _draw_h(rows[rows.part == "h"], style)
+    if (rows.part == "work").any():
+        figures["work"] = _draw_work(rows[(rows.part == "work") & (rows.status == "done")], style)
     return figures
 
 
-LABELS = {"exact": "Bäcklund, exact", "taylor": "heyoka", **{f"order {p}": f"Bäcklund, order {p}" for p in ORDERS}}
+LABELS = {name: method.label for name, method in MAGNET_METHODS.items()}
+LABELS |= {"exact": "Bäcklund, exact", **{f"order {p}": f"Bäcklund, order {p}" for p in ORDERS}}
 
 
 SHADES = {"order 4": ("#7D9BD1", "s", 1), "order 6": ("#3F93CF", "h", 3), "order 8": ("#0F5C80", "^", 0)}
@@ -287,7 +358,7 @@ def _draw_h(rows: pd.DataFrame, style):
     for variant in dict.fromkeys(rows.variant):
         chosen = rows[(rows.variant == variant) & (rows.status == "done")].sort_values("h")
         if not chosen.empty:
-            ax.loglog(chosen.h, chosen.error.clip(lower=1e-16), **_look(style, variant))
+            ax.loglog(SPAN / np.round(SPAN / chosen.h), chosen.error.clip(lower=1e-16), **_look(style, variant))
     ticks = sorted({2.0 ** round(math.log2(h)) for h in rows.h})[:: 2 if len(set(rows.h)) > 6 else 1]
     ax.set_xticks(ticks, [f"{h:g}" if h >= 1 else f"1/{1 / h:g}" for h in ticks])
     ax.minorticks_off()
@@ -297,6 +368,27 @@ def _draw_h(rows: pd.DataFrame, style):
     fig.caption = (
         f"Largest error of a spin component at t = {SPAN:g} against the step, n = {SWEPT}: k maps to a step have order "
         "2k, fitted to the torus they have no error in time. The floor is round-off, that of the reference (DOP853) included."
+    )
+    return fig
+
+
+def _draw_work(rows: pd.DataFrame, style):
+    spans = sorted(set(rows.span))
+    fig, grid = style.figure("page", 3.4, ncols=len(spans), sharey=True, squeeze=False)
+    for ax, span in zip(grid.flat, spans, strict=True):
+        for variant in dict.fromkeys(rows.variant):
+            chosen = rows[(rows.span == span) & (rows.variant == variant)].sort_values("seconds")
+            if not chosen.empty:
+                ax.loglog(chosen.seconds, chosen.error.clip(lower=1e-15), **_look(style, variant))
+        for own in rows[(rows.span == span) & (rows.variant == "exact")].head(1).itertuples():
+            ax.plot(own.seconds + own.setup_seconds, max(own.error, 1e-15), "o", mfc="none", color=style.INK)
+        ax.set_title(f"t = {span:g}")
+        ax.set_xlabel("time of one run, s")
+    grid[0, 0].set_ylabel("largest error at the end")
+    style.legend_below(fig)
+    fig.caption = (
+        f"Error against time of a run, set-up and compilation excluded, n = {SWEPT}. The exact step takes one jump; the "
+        "empty circle is the jump with its set-up, which is Python with many digits. DOP853 calls Python at every stage."
     )
     return fig
 

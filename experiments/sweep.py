@@ -22,7 +22,8 @@ import numpy as np
 from experiments import SWEEP
 from experiments.measuring import metrics, truths
 from experiments.measuring.states import find, follow, rounded
-from integrators import INVARIANTS, PERTURBED_TOPS, TOPS, PerturbedTop, StepError, integrate, machine, prepare
+from integrators import INVARIANTS, PERTURBED_TOPS, TOPS, PerturbedTop, StepError, machine, prepare
+from integrators.api import integrate
 from integrators.checks import MOST, check_count, check_options, check_real, check_state, check_step
 from integrators.interface import Array, Method
 from integrators.problem.rotated import evaluate_for, prepare_for

@@ -25,9 +25,9 @@ TOP_TYPES = "a LagrangeTop, a HeavyTop or a PerturbedTop"
 
 @dataclass(frozen=True)
 class Trajectory:
-    """What `integrate` returns: times (N,), states (N, 6), and the work it took."""
+    """What `integrate` returns: times (N,), states (N, 6), of a magnet (N, n, 3), and the work it took."""
 
-    top: Any  # the LagrangeTop or the PerturbedTop
+    top: Any  # the LagrangeTop, the PerturbedTop or the GaudinMagnet
     method: str
     t: Array
     y: Array
@@ -35,7 +35,7 @@ class Trajectory:
     attitude: Array | None = None  # (N, 4) unit quaternions, scalar first, body to rest frame; see `body`
 
     def invariants(self) -> Array:
-        """H, J3, C1, C2 along the trajectory, shape (N, 4)."""
+        """H, J3, C1, C2 along the trajectory, shape (N, 4); of a magnet all H_j and s_j², shape (N, 2n)."""
         return self.top.invariants(self.y)
 
     def euler_angles(self) -> Array:

@@ -84,7 +84,8 @@ def sample(top: LagrangeTop, y0: Array, method: str, h: float, counts: list[int]
     A method that steps by h is advanced from count to count. One that chooses its own steps runs through in
     one go, with dense output: restarting it at every sample would change what it does.
     """
-    from integrators import METHODS, integrate, prepare
+    from integrators import METHODS, prepare
+    from integrators.api import integrate
 
     times = h * np.array(counts, dtype=float)
     if METHODS[method].control == "tolerance":

@@ -14,9 +14,9 @@ flow with the sum of their c. The flow of one H_j over a time h, the central-spi
 
 - to order 2k with λ_i = a_j + |s_j| h z_i, Im Σ z_i = 1, Im Σ z_i^m = 0 for m = 2 … 2k: 1/z_i are the roots of the
   denominator of the diagonal Padé approximant of exp(2it). k = 1 is λ = a_j + i |s_j| h, the paper's time step;
-- exactly, by k ≥ n/2 steps whose λ_i solve the n equations Σ c = h e_j, from these values by Newton's method.
+- exactly, by k = ⌊n/2⌋ steps and, for odd n, a turn about e3: see `gaudin_doubling`.
 
-(Both are results of this project. For n = 2 the doubling formula of `time_step` holds with the Q of this module.)
+(Both are results of this project.)
 """
 
 from __future__ import annotations
@@ -163,70 +163,13 @@ def pade_parameters(magnet: GaudinMagnet, spins: Any, h: float, factors: int = 1
     size = np.sqrt(complex(np.sum(np.asarray(spins[site]) ** 2)))
     if start.imag or size.imag or not size.real > 0:
         raise ValueError(f"site: {site} must be a real site with a real spin that is not zero")
-    k, f = factors, math.factorial
-    denominator = [f(2 * k - j) * f(k) / (f(2 * k) * f(j) * f(k - j)) * (-1) ** j for j in range(k + 1)]
-    z = 2j / np.roots(denominator[::-1])
-    lams: Numbers = start + size.real * h * z[np.argsort(z.real)]
+    lams: Numbers = start + size.real * h * pade_roots(factors)
     return lams
 
 
-def exact_parameters(magnet: GaudinMagnet, spins: Any, h: float, factors: int | None = None, site: int = 0) -> Numbers:
-    """λ_i of `factors` ≥ n/2 (default: the least) steps that are the flow of H_site over the time h > 0.
-
-    Newton's method, the shortest correction where there are more unknowns than equations. ValueError if h is too long
-    for it (a few times the time scale of the magnet): two steps of half the length are as exact.
-    """
-    n = len(magnet)
-    factors = (n + 1) // 2 if factors is None else factors
-    if 2 * factors < n:
-        raise ValueError(f"factors must be at least {(n + 1) // 2} for {n} sites; got {factors}")
-    start = pade_parameters(magnet, spins, h, factors, site)
-    lams, miss = best = _closest(magnet, spins, h, site, [start])
-    for descent in (False, True):  # Newton's method, which may go up before it goes down; then what can be polished
-        for _ in range(40):
-            if np.max(np.abs(best[1])) <= 4e-16 * h or not np.all(np.isfinite(miss)):
-                break
-            trials = _corrections(magnet, spins, lams, miss, site)
-            lams, miss = _closest(magnet, spins, h, site, trials if descent else trials[:1])
-            if np.max(np.abs(miss)) < np.max(np.abs(best[1])):
-                best = lams, miss
-            elif descent:
-                break
-        lams, miss = best
-    share = float(np.max(np.abs(miss))) / h
-    if not share <= 1e-12:
-        raise ValueError(f"h = {h} is too long for one exact step of this magnet (misses by {share:.1e} of it)")
-    return lams
-
-
-def _closest(magnet: GaudinMagnet, spins: Any, h: float, site: int, trials: list[Numbers]) -> tuple[Numbers, Numbers]:
-    """Of several sets of λ_i the one whose Σ c misses h e_site by least, and by what."""
-    best = (trials[0], np.full(len(magnet), np.inf))
-    for lams in trials:
-        try:
-            miss = h * np.eye(len(magnet))[site] - times(magnet, spins, lams, 1, site)
-        except ValueError:  # λ out of the upper half-plane, or a branch point on its segment
-            continue
-        if np.max(np.abs(miss)) < np.max(np.abs(best[1])):
-            best = lams, miss
-    return best
-
-
-def _corrections(magnet: GaudinMagnet, spins: Any, lams: Numbers, miss: Numbers, site: int) -> list[Numbers]:
-    """λ_i + δλ_i by Newton: Σ_i i (conj δλ_i/(2v̄_i (λ̄_i − a_j)) − δλ_i/(2v_i (λ_i − a_j))) = miss_j.
-
-    For short steps the equations are all but dependent: solutions with several singular values left out are offered.
-    """
-    sites = np.array(magnet.sites, dtype=complex)[:, None]
-    v = np.array([eigenvalue(magnet, spins, lam, 1, site) for lam in lams], dtype=complex)
-    upper, lower = 0.5 / (v * (lams - sites)), 0.5 / (v.conj() * (lams.conj() - sites))
-    J = np.hstack((1j * (lower - upper), lower + upper))
-    U, s, Vt = np.linalg.svd(np.vstack((J.real, J.imag)), full_matrices=False)
-    coordinates = U.T @ np.concatenate((miss.real, miss.imag))
-    found = []
-    for smallest in (1e-15, 1e-13, 1e-11, 1e-9, 1e-6):
-        keep = s > smallest * s[0]
-        solution = Vt[keep].T @ (coordinates[keep] / s[keep])
-        delta = solution[: len(lams)] + 1j * solution[len(lams) :]
-        found.append(lams + delta * min(1.0, 0.5 / float(np.max(np.abs(delta) / lams.imag))))
-    return found
+def pade_roots(k: int) -> Numbers:
+    """The z_i, shape (k,), with Im Σ z_i = 1 and Im Σ z_i^m = 0 for m = 2 … 2k."""
+    f = math.factorial
+    denominator = [f(2 * k - j) * f(k) // (f(j) * f(k - j)) / f(2 * k) * (-1) ** j for j in range(k + 1)]
+    z: Numbers = 2j / np.roots(denominator[::-1])
+    return z[np.argsort(z.real)]

@@ -25,6 +25,7 @@ from typing import Any
 import mpmath
 import numpy as np
 
+from integrators.checks import check_count
 from integrators.paper.errata import Erratum
 from integrators.paper.phase_space import E3, Numbers, cross, poisson_tensor
 
@@ -37,13 +38,17 @@ def dot(a: Any, b: Any) -> Numbers:
 
 @dataclass(frozen=True)
 class GaudinMagnet:
-    """Sites and field of a magnet: numbers, also complex or mpmath ones. Hashable, picklable.
+    """Sites and field of a magnet: numbers, also complex or mpmath ones; and which flow it follows. Hashable, picklable.
 
-    ValueError for sites that coincide, are not finite or not numbers; for alpha that is not real and finite.
+    site : the flow of H_site, by default of H_0. hamiltonian : numbers c, the flow of Σ c_j H_j instead.
+    ValueError for sites that coincide, are not finite or not numbers; for alpha that is not real and finite; for both
+    site and hamiltonian, or one that does not fit the sites.
     """
 
     sites: tuple[Any, ...]
     alpha: Any = 1.0
+    site: int | None = None
+    hamiltonian: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         sites = check_numbers(self.sites, "sites")
@@ -57,6 +62,22 @@ class GaudinMagnet:
             raise ValueError(f"alpha must be a real number; got {self.alpha!r}")
         object.__setattr__(self, "sites", tuple(sites.tolist()))
         object.__setattr__(self, "alpha", alpha.tolist())
+        if self.hamiltonian is not None:
+            if self.site is not None:
+                raise ValueError("give either site or hamiltonian")
+            c = check_numbers(self.hamiltonian, "hamiltonian")
+            if c.shape != sites.shape or c.dtype.kind not in "iuf":
+                raise ValueError(
+                    f"hamiltonian must be {len(sites)} real numbers, one for each site; got {c.tolist()!r}"
+                )
+            object.__setattr__(self, "hamiltonian", tuple(c.astype(float).tolist()))
+        elif self.site is not None and check_count(self.site, "site") >= len(sites):
+            raise ValueError(f"site must be from 0 to {len(sites) - 1}; got {self.site}")
+
+    @property
+    def flow(self) -> Numbers:
+        """The c, shape (n,), with which the magnet moves by Σ c_j H_j."""
+        return np.eye(len(self))[self.site or 0] if self.hamiltonian is None else np.array(self.hamiltonian)
 
     def __len__(self) -> int:
         return len(self.sites)
@@ -85,6 +106,10 @@ class GaudinMagnet:
         size = np.sqrt(np.sum(np.abs(np.asarray(spins)) ** 2, axis=-1))
         scales: Numbers = size * (2 * abs(self.alpha) + size @ np.abs(self.couplings))
         return scales
+
+    def invariants(self, spins: Any) -> Numbers:
+        """H_j and s_j², shape (..., 2n)."""
+        return np.concatenate((self.hamiltonians(spins), self.casimirs(spins)), axis=-1)
 
     @property
     def couplings(self) -> Numbers:

@@ -12,13 +12,18 @@ Round-off is what decides here. Three things make it a random walk of a few ulp,
   1e-16 per step; so they did here.
 - v is frozen at its correctly rounded value on the torus of the initial state. Then ℓ(λ)² is drawn back to v² by the
   step itself, on either sheet: every map holds two real combinations of the H_j. (Correcting v from the current state
-  lets all H_j drift.) The frozen map is not Poisson off its torus; `gaudin_maps.two_point` is.
+  lets all H_j drift.) The frozen map is not Poisson off its torus; `gaudin_maps.two_point` is. Several maps of one step
+  may together drive a state away, by a factor e in thousands of steps. So v follows the state in an exact step of
+  two maps and more, and all H_j drift by up to 3e-17 a step.
 - Every eighth step and at the end of a run |s_j| is put back, a change of an ulp.
+- The turn about e3 that is part of an exact step commutes with the maps. It is left out of the loop and made once for a
+  state that is handed out, by the whole angle: cos² + sin² − 1, the same at every step, would change all H_j linearly.
 """
 
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -28,7 +33,8 @@ from integrators.checks import check_step
 from integrators.compiling.compiled import jit
 from integrators.compiling.loops import INTERRUPTIBLE, check_grid
 from integrators.interface import StepError, Work
-from integrators.paper.gaudin_curve import eigenvalue, exact_parameters, pade_parameters
+from integrators.paper.gaudin_curve import eigenvalue, pade_parameters
+from integrators.paper.gaudin_doubling import exact_step
 from integrators.paper.gaudin_model import GaudinMagnet, check_upper
 from integrators.paper.phase_space import Numbers
 
@@ -37,7 +43,7 @@ OFF_TORUS = 1e-9  # relative distance of an invariant from the prepared torus th
 
 
 @jit
-def axis(s, alpha, g, r, e, v, weight):
+def axis(s, alpha, g, r, e, v, follow, weight):
     """n = Re v p + Im v q − p×q of spins s (3, n); r, e: ρ and |n| of the step before, weight (n,): scratch."""
     for j in range(s.shape[1]):
         h = g[j] * r
@@ -61,6 +67,11 @@ def axis(s, alpha, g, r, e, v, weight):
     q1 = f * b1.real
     q2 = f * b2.real
     q3 = f * b3.real
+    if follow:  # v of the present state, by a step of Newton's method from the frozen one
+        square = complex(
+            (p1 * p1 + p2 * p2 + p3 * p3) - (q1 * q1 + q2 * q2 + q3 * q3), 2 * (p1 * q1 + p2 * q2 + p3 * q3)
+        )
+        v = v + (square - v * v) / (2.0 * v)
     n1 = (v.real * p1 + v.imag * q1) - (p2 * q3 - p3 * q2)
     n2 = (v.real * p2 + v.imag * q2) - (p3 * q1 - p1 * q3)
     n3 = (v.real * p3 + v.imag * q3) - (p1 * q2 - p2 * q1)
@@ -99,12 +110,12 @@ def pin(s, square, low):
 
 
 @jit
-def run(s, alpha, g, eta, v, rho, edge, square, low, first, last, total, every, out):
+def run(s, alpha, g, eta, v, follow, rho, edge, square, low, first, last, total, every, out):
     """Steps `first` to `last` of `total` of spins s (3, n), row by row into out; g is (k, n), eta, v, rho, edge (k,)."""
-    weight = np.empty_like(g[0])
+    weight = np.empty(s.shape[1], g.dtype)
     for step in range(first, last):
         for i in range(len(eta)):
-            n1, n2, n3 = axis(s, alpha, g[i], rho[i], edge[i], v[i], weight)
+            n1, n2, n3 = axis(s, alpha, g[i], rho[i], edge[i], v[i], follow, weight)
             nn = n1 * n1 + n2 * n2 + n3 * n3
             edge[i] = math.sqrt(nn)
             rho[i] = edge[i] / eta[i]
@@ -120,28 +131,44 @@ class MagnetStepper:
 
     Parameters
     ----------
-    lams : one λ or several, in the upper half-plane. sheet, site : see `gaudin_curve`; sheet −1 steps backwards.
+    lams : λ, one or several or none, in the upper half-plane. sheet, site : see `gaudin_curve`; sheet −1 steps backwards.
+    v : in place of sheet and site, each v to a few digits. turn : about e3 after the maps, in revolutions.
     """
 
+    from_start = False
+
     def __init__(
-        self, magnet: GaudinMagnet, spins: Any, lams: Any, sheet: int = 1, site: int | None = 0, h: float | None = None
+        self,
+        magnet: GaudinMagnet,
+        spins: Any,
+        lams: Any,
+        sheet: int = 1,
+        site: int | None = 0,
+        h: float | None = None,
+        *,
+        v: Any = None,
+        turn: Fraction = Fraction(0),
     ):
         self.magnet, self.h, self.work = magnet, h, Work()
         spins = magnet.check_spins(spins)
         magnet.check_real(spins)
         sites = np.array(magnet.sites)
         self.dtype = sites.dtype if sites.dtype.kind == "c" else np.dtype(float)
-        self.lams = np.array([check_upper(magnet, complex(lam), "lams") for lam in np.atleast_1d(lams)])
+        self.lams = np.array([check_upper(magnet, complex(lam), "lams") for lam in np.atleast_1d(lams)], dtype=complex)
+        self.turn, self.follow = turn, False
         with mp.workdps(34):  # so that what is kept is correctly rounded
             fine = GaudinMagnet(tuple(mp.mpmathify(a) for a in magnet.sites), mp.mpmathify(magnet.alpha))
             exactly = np.array([[mp.mpmathify(v) for v in s] for s in spins.tolist()])
-            points = [eigenvalue(fine, exactly, mp.mpc(lam), sheet, site) for lam in self.lams]
+            if v is None:
+                points = [eigenvalue(fine, exactly, mp.mpc(lam), sheet, site) for lam in self.lams]
+            else:
+                points = [_near(fine.vector(exactly, mp.mpc(lam)), w) for lam, w in zip(self.lams, v, strict=True)]
             squares = fine.casimirs(exactly)
-            self.v = np.array([complex(v) for v in points])
+            self.v = np.array([complex(v) for v in points], dtype=complex)
             self.square = self._round(squares)
             self.low = self._round(squares - np.array([mp.mpmathify(c) for c in self.square.tolist()]))
         self.gaps = sites - self.lams.real[:, None]
-        self.home = np.concatenate((magnet.hamiltonians(spins), magnet.casimirs(spins)))
+        self.home = magnet.invariants(spins)
 
     def _round(self, values: Numbers) -> Numbers:
         rounded = np.array([complex(v) for v in values])
@@ -155,33 +182,71 @@ class MagnetStepper:
         """Spins after 0, every, 2·every, … n steps, (n//every + 1, sites, 3)."""
         check_grid(n, every)
         spins = self.magnet.check_spins(spins)
-        here = np.concatenate((self.magnet.hamiltonians(spins), self.magnet.casimirs(spins)))
+        here = self.magnet.invariants(spins)
         if np.max(np.abs(here - self.home)) > OFF_TORUS * np.max(np.abs(self.home)):
             raise StepError("two-point map", "the spins are not on the torus this step was prepared for", h=self.h)
+        rows = self._run(spins, n, every)
+        if not np.all(np.isfinite(rows[-1])):
+            raise StepError("two-point map", "the spins left the range of floating-point numbers", h=self.h, step=n)
+        self.work.steps += n
+        return rows if self.turn == 0 else self._turned(rows, every)
+
+    def _run(self, spins: Numbers, n: int, every: int) -> Numbers:
+        """As `record`, without the turn, from spins on any torus."""
         s = np.ascontiguousarray(spins.T).astype(self.dtype, copy=True)
         out = np.empty((n // every + 1, *s.shape), dtype=self.dtype)
         out[0] = s
         rho, edge = np.ones(len(self.lams)), self.lams.imag.copy()
-        constants = (float(self.magnet.alpha), self.gaps, edge.copy(), self.v, rho, edge, self.square, self.low)
+        constants = (
+            float(self.magnet.alpha),
+            self.gaps,
+            edge.copy(),
+            self.v,
+            self.follow,
+            rho,
+            edge,
+            self.square,
+            self.low,
+        )
         for first in range(0, n, INTERRUPTIBLE):
             run(s, *constants, first, min(first + INTERRUPTIBLE, n), n, every, out)
-        if not np.all(np.isfinite(s)):
-            raise StepError("two-point map", "the spins left the range of floating-point numbers", h=self.h, step=n)
-        self.work.steps += n
-        return np.swapaxes(out, 1, 2)
+        rows: Numbers = np.swapaxes(out, 1, 2)
+        return rows
+
+    def _turned(self, rows: Numbers, every: int) -> Numbers:
+        """Row r turned about e3 by r · every times the turn of a step; row 0 is left alone."""
+        whole, part = self.turn.denominator, every * self.turn.numerator
+        angle = 2 * math.pi * np.array([(r * part) % whole / whole for r in range(1, len(rows))])[:, None]
+        turned, (x, y) = rows.copy(), np.moveaxis(rows[1:, :, :2], -1, 0)
+        turned[1:, :, 0] = np.cos(angle) * x - np.sin(angle) * y
+        turned[1:, :, 1] = np.sin(angle) * x + np.cos(angle) * y
+        return turned
 
 
-def prepare(
-    magnet: GaudinMagnet, spins: Any, h: float, factors: int | None = 1, site: int = 0, exact: bool = False
-) -> MagnetStepper:
-    """The step over h, positive or negative, for the flow of H_site: of order 2·factors, or exact.
+def _near(ell: Numbers, guess: complex) -> Any:
+    """The root v of ℓ·ℓ close to a guess."""
+    v = mp.sqrt(mp.fsum(x * x for x in ell))
+    return v if (v * complex(guess).conjugate()).real > 0 else -v
 
-    factors : maps to a step; None (only for the exact step): as few as suffice, half the number of spins.
-    """
+
+def prepare(magnet: GaudinMagnet, spins: Any, h: float, *, factors: int = 1) -> MagnetStepper:
+    """The step of order 2·factors over h, positive or negative, for the flow of H_site."""
     h = check_step(h)
-    spins = magnet.check_spins(spins)
-    if exact:
-        lams = exact_parameters(magnet, spins, abs(h), factors, site)
-    else:
-        lams = pade_parameters(magnet, spins, abs(h), 1 if factors is None else factors, site)
+    if magnet.hamiltonian is not None:
+        raise ValueError("hamiltonian: a step of finite order follows one H_j only; give the magnet a site")
+    spins, site = magnet.check_spins(spins), magnet.site or 0
+    lams = pade_parameters(magnet, spins, abs(h), factors, site)
     return MagnetStepper(magnet, spins, lams, 1 if h > 0 else -1, site, h)
+
+
+def prepare_exact(magnet: GaudinMagnet, spins: Any, h: float) -> MagnetStepper:
+    """The exact step over h, positive or negative: half as many maps as spins, and a turn about e3."""
+    h, spins = check_step(h), magnet.check_spins(spins)
+    magnet.check_real(spins)
+    try:
+        lams, v, turn = exact_step(magnet, spins, h * magnet.flow)
+    except ArithmeticError as error:
+        raise StepError("backlund", str(error), h=h) from None
+    stepper = MagnetStepper(magnet, spins, lams, h=h, v=v, turn=turn)
+    stepper.follow = len(lams) > 1
+    return stepper

@@ -1,4 +1,4 @@
-"""The experiment on the central-spin magnet, at a tiny size: heyoka and the maps agree, every row is drawn."""
+"""The experiment on the Gaudin magnet, at a tiny size: heyoka and the maps agree, every row is drawn."""
 
 import math
 
@@ -19,45 +19,74 @@ def test_the_magnet_is_the_central_spin_model():
     magnet, spins = gaudin.central_spin(8)
     assert np.allclose(np.linalg.norm(spins, axis=1), 1, atol=1e-15)
     assert math.isclose(np.sum(magnet.couplings[0] ** 2), 1)
+    assert math.isclose(gaudin.unit_of_time(magnet, spins), 1)
     field = magnet.gradient(spins, np.eye(8)[0])
     assert np.allclose(
         field[1:], magnet.couplings[0, 1:, None] * spins[0], atol=1e-15
     )  # the bath feels the centre only
 
 
-@pytest.mark.parametrize("n", [2, 9])
-def test_heyoka_follows_the_same_flow(n):
-    pytest.importorskip("heyoka")
-    magnet, spins = gaudin.central_spin(n)
-    states, steps = gaudin.heyoka(magnet, spins)
-    assert np.max(np.abs(states(np.array((1.0, 2.0)))[-1] - gaudin.reference(magnet, spins, 2.0))) < 1e-12
-    exact = gaudin.gaudin_step.prepare(magnet, spins, 0.5, None, exact=True)
-    assert np.max(np.abs(states(np.array((8.0,)))[0] - exact.advance(spins, 16))) < 1e-12
-    assert steps(2.0) > 0
-
-
 @pytest.mark.parametrize("profile", ["quick", "full"])
 def test_cells_are_distinct_and_timing_cells_are_marked(profile):
     cells = gaudin.cells(profile)
     assert len({str(cell) for cell in cells}) == len(cells)
-    assert {cell["part"] for cell in cells if cell.get("timing")} == {"cost"}
+    assert {cell["part"] for cell in cells if cell.get("timing")} == {"cost", "work"}
+
+
+def test_a_step_that_is_off_shows_in_the_rows_of_random_magnets(monkeypatch):
+    pytest.importorskip("heyoka")
+    cell = {"part": "random", "n": 2, "variant": "exact", "h": 5, "magnets": 2, "steps": 100}
+    (row,) = gaudin.measure(cell)
+    assert row["failed"] == 0
+    assert row["error"] < 1e-13
+    assert row["drift"] < 1e-14
+    real = gaudin._stepper
+    monkeypatch.setattr(gaudin, "_stepper", lambda m, s, v, h: real(m, s, v, h * (1 + 1e-9 * (v == "exact"))))
+    assert gaudin.measure(cell)[0]["error"] > 1e-10
 
 
 def test_rows_are_tabulated_and_drawn():
     listed = [cell for cell in gaudin.cells("quick") if cell["n"] in (2, 8) and cell["variant"] != "taylor"]
+    listed = [
+        cell for cell in listed if cell["part"] != "h" or cell["variant"] in ("order 2", "order 6", "exact", "strang")
+    ]
     small = [{**cell, "steps": 40} if cell["part"] == "time" else cell for cell in listed]
-    rows = rows_of([cell for cell in small if cell["part"] != "cost" or cell["n"] == 2])
-    assert rows[rows.part == "time"][["spins", "hamiltonians"]].max().max() < 1e-14
+    rows = rows_of(
+        cell
+        for cell in small
+        if cell["part"] in ("time", "h")
+        or (cell["part"] == "cost" and cell["n"] == 2)
+        or (cell["part"] == "work" and cell["variant"] in ("exact", "order 8", "strang"))
+    )
+    maps = rows[(rows.part == "time") & (rows.method.str.startswith("backlund"))]
+    assert maps[["spins", "hamiltonians"]].max().max() < 1e-14
     tables = gaudin.tables(rows)
     found = tables["orders"].set_index("variant")
-    for order in gaudin.ORDERS:
+    for order in (2, 6):
         assert abs(found.order[f"order {order}"] - order) < 0.35
     assert rows[(rows.part == "h") & (rows.variant == "exact")].error.max() < 1e-12
-    assert set(tables) == {"drift", "orders", "cost"}
+    assert set(tables) == {"drift", "orders", "cost", "work"}
     with style.apply():
         figures = gaudin.draw(rows)
-        assert set(figures) == {"time", "h"}
+        assert set(figures) == {"time", "h", "work"}
         for figure in figures.values():
             assert figure.caption
             figure.draw_without_rendering()
         assert gaudin.draw(rows[:0]) == {}
+
+
+def test_the_quickest_other_is_no_map_of_ours():
+    rows = pd.DataFrame(
+        [
+            {"variant": "exact", "method": "backlund", "error": 1e-14, "seconds": 1.0, "setup_seconds": 9.0},
+            {"variant": "order 8", "method": "backlund_paper", "error": 1e-12, "seconds": 0.5, "setup_seconds": 0.0},
+            {"variant": "taylor", "method": "taylor", "error": 1e-8, "seconds": 3.0, "setup_seconds": 0.0},
+            {"variant": "strang", "method": "strang", "error": 1e-5, "seconds": 2.0, "setup_seconds": 2.0},
+        ]
+    ).assign(span=64.0)
+    found = gaudin.winners(rows).set_index("error at most")
+    assert list(found.index) == [1e-4, 1e-7]
+    assert list(found["quickest other"]) == ["strang", "taylor"]
+    assert list(found[gaudin.RUN]) == [2, 3]
+    assert list(found["quickest"]) == ["taylor", "taylor"]
+    assert list(found[gaudin.WHOLE]) == [0.3, 0.3]

@@ -1,14 +1,18 @@
 """Compiled steps of the magnet: the map itself, round-off over long runs, which flow a step is, order and exactness."""
 
+from dataclasses import replace
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from integrators import StepError
-from integrators.paper.gaudin_curve import exact_parameters, pade_parameters, times
+from integrators.paper.gaudin_curve import pade_parameters, times
+from integrators.paper.gaudin_magnets import random_magnet, unit_of_time
 from integrators.paper.gaudin_maps import two_point
 from integrators.paper.gaudin_model import GaudinMagnet
-from integrators.paper.gaudin_step import MagnetStepper, prepare
+from integrators.paper.gaudin_step import MagnetStepper, prepare, prepare_exact
 
 PROMISE = 1e-12  # of issue 3: relative change of every |s_j| and H_j over 1e5 steps
 
@@ -94,7 +98,7 @@ def test_recording():
 @pytest.mark.parametrize("seed", [0, 1])
 def test_promise_of_long_runs(n, factors, steps, seed):
     m, spins = magnet(n, seed)
-    image = prepare(m, spins, 0.3, factors).advance(spins, steps)
+    image = prepare(m, spins, 0.3, factors=factors).advance(spins, steps)
     lengths, energies = drift(m, spins, image)
     assert lengths <= 4e-16  # pinned
     assert energies <= PROMISE
@@ -152,7 +156,7 @@ def test_pade_steps_have_order_twice_their_number(factors):
     truth = flow(m, spins, np.eye(6)[0])
     errors = []
     for steps in (4, 8, 16):
-        image = prepare(m, spins, 1 / steps, factors).advance(spins, steps)
+        image = prepare(m, spins, 1 / steps, factors=factors).advance(spins, steps)
         errors.append(np.max(np.abs(image - truth)))
     orders = -np.diff(np.log2(errors))
     assert abs(orders[-1] - 2 * factors) < 0.35
@@ -163,20 +167,57 @@ def test_first_pade_parameter_is_the_papers():
     assert abs(pade_parameters(m, spins, 0.2)[0] - 0.2j * np.linalg.norm(spins[0])) < 1e-16
 
 
-@pytest.mark.parametrize(("n", "h"), [(1, 0.7), (2, 0.7), (3, 0.5), (4, 0.5), (5, -0.5), (8, 0.3)])
+@pytest.mark.parametrize(("n", "h"), [(1, 0.7), (2, 12.0), (3, 0.5), (4, 8.0), (5, -7.0), (8, 5.0)])
 def test_exact_steps(n, h):
-    """⌈n/2⌉ maps are the flow of H_1 over h; also of another H_j; also for a pair of conjugate sites."""
+    """⌊n/2⌋ maps, and a turn for odd n, are the flow of H_1 over any h; also of another H_j."""
     m, spins = magnet(n)
     for site in {0, n - 1}:
-        stepper = prepare(m, spins, h, None, site, exact=True)
-        assert len(stepper.lams) == (n + 1) // 2
-        assert np.max(np.abs(stepper.advance(spins, 4) - flow(m, spins, np.eye(n)[site], 4 * h))) < 2e-11
+        stepper = prepare_exact(replace(m, site=site), spins, h)
+        assert len(stepper.lams) == n // 2
+        truth = flow(m, spins, np.eye(n)[site], 2 * h)
+        assert np.max(np.abs(stepper.advance(spins, 2) - truth)) < 2e-11
+        stepper.turn += Fraction(1, 10**6)  # negative control
+        assert np.max(np.abs(stepper.advance(spins, 2) - truth)) > 1e-7
+
+
+@pytest.mark.parametrize("alpha", [0.7, 0.0])
+@pytest.mark.parametrize("c", [(0.5, -1.5, 0.25, 0.0), (1.0, 1.0, 1.0, 1.0)])
+def test_exact_steps_of_any_hamiltonian(c, alpha):
+    m, spins = magnet(4)
+    m = replace(m, alpha=alpha, hamiltonian=c)
+    image = prepare_exact(m, spins, 3.0).advance(spins, 1)
+    assert np.max(np.abs(image - flow(m, spins, np.array(c), 3.0))) < 2e-11
+
+
+def test_exact_step_without_all_spins():
+    """A spin that is zero stays so."""
+    m, spins = magnet(4)
+    spins[2] = 0
+    image = prepare_exact(m, spins, 3.0).advance(spins, 1)
+    assert np.max(np.abs(image - flow(m, spins, np.eye(4)[0], 3.0))) < 2e-11
+
+
+def test_long_runs_of_long_steps_keep_everything():
+    for n in (5, 8):
+        m, spins = magnet(n)
+        lengths, energies = drift(m, spins, prepare_exact(m, spins, 10.0).advance(spins, 100_000))
+        assert max(lengths, energies) <= PROMISE
+
+
+def test_a_step_that_drives_states_away_follows_them():
+    """Two maps that nearly undo one another: with frozen v round-off grows by a factor e in thousands of steps."""
+    m, spins = random_magnet(4, 3)
+    stepper = prepare_exact(m, spins, 5 * unit_of_time(m, spins))
+    assert stepper.follow
+    assert max(drift(m, spins, stepper.advance(spins, 50_000))) < PROMISE
+    stepper.follow = False
+    assert max(drift(m, spins, stepper.advance(spins, 50_000))) > 1e-8
 
 
 def test_exact_step_with_conjugate_sites():
     m, spins = magnet(3, pairs=True)
-    stepper = prepare(m, spins, 0.4, None, exact=True)
-    assert np.max(np.abs(stepper.advance(spins, 1) - flow(m, spins, np.eye(3)[0], 0.4))) < 1e-11
+    stepper = prepare_exact(m, spins, 4.0)
+    assert np.max(np.abs(stepper.advance(spins, 1) - flow(m, spins, np.eye(3)[0], 4.0))) < 1e-11
 
 
 @pytest.mark.parametrize(
@@ -186,12 +227,13 @@ def test_exact_step_with_conjugate_sites():
         (lambda m, s: prepare(m, s, np.nan), "h"),
         (lambda m, s: prepare(m, s, 0.1, factors=0), "factors"),
         (lambda m, s: prepare(m, s, 0.1, factors=99), "factors"),
-        (lambda m, s: prepare(m, s, 0.1, factors=1, exact=True), "factors"),
-        (lambda m, s: prepare(m, s, 1e3, factors=2, exact=True), "h"),
-        (lambda m, s: prepare(m, s, 0.1, site=4), "site"),
+        (lambda m, s: prepare(replace(m, site=4), s, 0.1), "site"),
+        (lambda m, s: prepare(replace(m, hamiltonian=(1, 2, 3)), s, 0.1), "hamiltonian"),
+        (lambda m, s: replace(m, hamiltonian=(1, 2)), "hamiltonian"),
+        (lambda m, s: replace(m, site=1, hamiltonian=(1, 2, 3)), "either"),
         (lambda m, s: prepare(m, s * np.array(((0,), (1,), (1,))), 0.1), "site"),
+        (lambda m, s: prepare_exact(m, s, np.inf), "h"),
         (lambda m, s: pade_parameters(m, s, -0.1), "h"),
-        (lambda m, s: exact_parameters(m, s, np.inf), "h"),
         (lambda m, s: MagnetStepper(m, s, -1j), "lams"),
         (lambda m, s: MagnetStepper(m, s, np.nan), "lams"),
         (lambda m, s: MagnetStepper(m, s[:2], 1j), "spins"),

@@ -1,0 +1,346 @@
+"""The exact flow of a Gaudin magnet over any time as one step: two-point maps and a turn about e3, by time doubling.
+
+A step of k = ⌊n/2⌋ maps with the points (λ_i, m_i) of the curve m² = Q(λ), m = v Π(λ − a_j), is held as a pair of real
+polynomials (Mumford's form): U = Π |u − λ_i|², and V of lower degree with V(λ_i) = i m_i, so that U divides V² + Q. All
+steps commute. One step after another is
+
+- composition: U = U1 U2, V ≡ V1 mod U1, V ≡ V2 mod U2; for a step with itself V = V1 mod U1², which one division gives;
+- reduction: real A, B with A ≡ B V mod U, deg A ≤ 3k, deg B ≤ 3k − n, by Euclid's algorithm. A − iBy then vanishes at
+  all points of both steps, and the other zeros of its norm, of the positive polynomial
+
+      U' = (A² + B² Q)/U,   V' = −A/B mod U',
+
+  are the λ' of the step that does the work of both, up to a turn about e3 (below).
+
+At the two points at infinity A − iBy takes values whose ratio has the phase ∓2 arg(a + i alpha b), a and b the
+coefficients of u^3k in A and of u^(3k − n) in B: the divisor is trivial but for a turn about e3 by that angle. So
+
+- n odd: a step is k = (n − 1)/2 maps and a turn, 2k + 1 = n numbers for n times. λ' is infinite only where a = b = 0.
+- n even: k = n/2 maps suffice. A with deg B < k leads to λ' = ∞ wherever a = 0, at one in a continuum of times. But two
+  rows of Euclid's algorithm, one with a = 1, b = 0 and one with a = 0, alpha b = 1, give a step for every phase between
+  them; the last doubling takes the phase with the smallest λ'.
+
+Doubling starts from a time so short that ∫ du/√Q is a power series at a_site; there n equations for the λ_i in the scale
+of that time are well conditioned, and Newton's method falls from the Padé parameters of `gaudin_curve` onto the solution.
+The polynomials lose digits: with 2 spins 0 for a step of one unit of time and up to 6 for 80 units, with 5 up to 2 and 14,
+with 12 up to 8 and 27 (a magnet with 4, where a λ' comes close to infinity: 21). So double is enough for short steps
+only. `exact_step` takes as many digits as two runs need to agree.
+
+(Result of this project, with numerical evidence: all of 200 random magnets for each n = 2, 3, 4, 5, 8, 12 and steps of up
+to 80 units of time. That reduction never fails, and that a good phase always exists, is not proved.)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from fractions import Fraction
+from functools import reduce
+from typing import Any, NamedTuple
+
+import numpy as np
+from mpmath import mp
+
+from integrators.paper.gaudin_curve import pade_roots, spectral_polynomial
+from integrators.paper.gaudin_model import GaudinMagnet
+from integrators.paper.phase_space import Numbers
+
+DIGITS = 24  # of the first run, and two more for each spin
+AGREE = 1e-18  # of λ and of the turn, relative, between two runs with different numbers of digits
+MOST_DIGITS = 600
+MOST_SPINS = 32  # the Padé parameters lose too many digits in double soon after
+REACH = 1 / 16  # the series is used up to this part of its radius of convergence
+PHASES = 8  # tried in the last doubling of a magnet with an even number of spins
+
+
+class ExactStep(NamedTuple):
+    """λ_i and v_i of the maps of a step, and the part of a revolution about e3 that follows them."""
+
+    lams: Numbers
+    v: Numbers
+    turn: Fraction
+
+
+class Divisor(NamedTuple):
+    """A step in Mumford's form, ascending coefficients, and the angle of the turn."""
+
+    U: Numbers
+    V: Numbers
+    angle: Any
+
+
+def exact_step(magnet: GaudinMagnet, spins: Any, times: Any) -> ExactStep:
+    """The flow of Σ times_j H_j over time 1. Sites whose times count must be real.
+
+    ValueError for more than MOST_SPINS spins. ArithmeticError if MOST_DIGITS do not suffice.
+    """
+    if len(magnet) > MOST_SPINS:
+        raise ValueError(
+            f"spins: the exact step is for at most {MOST_SPINS}; got {len(magnet)}. backlund_paper takes any number"
+        )
+    base, times = split_off_turn(np.asarray(times, dtype=float))
+    digits, before = DIGITS + 2 * len(magnet), None
+    while digits <= MOST_DIGITS:
+        try:
+            with mp.workdps(digits):
+                found = _exact_step(magnet, spins, base, times)
+        except ArithmeticError:  # so few digits that a polynomial lost its positivity
+            found = None
+        if before is not None and found is not None and _distance(before, found) <= AGREE:
+            return _rounded(*found)
+        digits, before = digits + max(10, digits // 3), found
+    raise ArithmeticError(f"{MOST_DIGITS} digits do not suffice for the exact step of this magnet")
+
+
+def split_off_turn(times: Numbers) -> tuple[float, Numbers]:
+    """The most frequent number in `times`, the smallest of several, and what is left: a common time is a turn about e3."""
+    values, counts = np.unique(times, return_counts=True)
+    base = min(values[counts == counts.max()], key=abs)
+    return float(base), times - base
+
+
+def _distance(a: tuple, b: tuple) -> float:
+    """Of two runs: the largest relative change of a λ, or change of the turn."""
+    turned = (a[2] - b[2]) / (2 * mp.pi)
+    changes = [abs(turned - mp.nint(turned))]
+    for lam in a[0]:
+        changes.append(min((abs(lam - other) / abs(lam.imag) for other in b[0]), default=math.inf))
+    return float(max(changes))
+
+
+def _rounded(lams: list, v: list, angle: Any) -> ExactStep:
+    with mp.workdps(50):
+        turn = Fraction(int(mp.floor(angle / (2 * mp.pi) * mp.mpf(2) ** 128)) % 2**128, 2**128)
+    return ExactStep(np.array([complex(x) for x in lams]), np.array([complex(x) for x in v]), turn)
+
+
+def _exact_step(magnet: GaudinMagnet, spins: Any, base: float, times: Numbers) -> tuple[list, list, Any]:
+    n, alpha = len(magnet), mp.mpf(magnet.alpha)
+    angle = 2 * alpha * mp.mpf(base)
+    moved = [j for j in range(n) if times[j] and np.any(spins[j])]
+    if n == 1 or not moved:
+        return [], [], angle
+    sites = [mp.mpmathify(a) for a in magnet.sites]
+    centre = mp.fsum(sites[j] for j in moved) / len(moved)
+    fine = GaudinMagnet(tuple(a - centre for a in sites), alpha)
+    exactly = np.array([[mp.mpmathify(x) for x in s] for s in np.asarray(spins).tolist()])
+    Q = _real(spectral_polynomial(fine, exactly))
+    curve = _Curve(Q, alpha, n)
+    starts = [_Start(fine, Q, exactly, j, mp.mpf(times[j])) for j in moved]
+    doublings = max(start.halvings for start in starts)
+    first, *others = (start.divisor(doublings) for start in starts)
+    step = reduce(curve.compose, others, first)
+    for i in range(doublings):
+        step = curve.compose(step, step, last=i == doublings - 1)
+    lams = upper_roots(step.U)
+    v = [_value(step.V, x) / (1j * mp.fprod(x - a for a in fine.sites)) for x in lams]
+    return [x + centre for x in lams], v, angle + step.angle
+
+
+class _Curve:
+    """Steps on one curve y² = Q(u)."""
+
+    def __init__(self, Q: Numbers, alpha: Any, n: int):
+        self.Q, self.alpha, self.n, self.k = Q, alpha, n, n // 2
+
+    def compose(self, one: Divisor, other: Divisor, last: bool = False) -> Divisor:
+        """Both steps as one; `last`: with the best of many phases."""
+        U, V = one.U, one.V
+        if other is one:
+            rest = divide(-_sum(np.convolve(V, V), self.Q), U)[0]
+            added = _product_mod(rest, inverse(2 * V, U), U)
+        else:
+            added = _product_mod(_sum(other.V, -V), inverse(U, other.U), other.U)
+        return self._reduce(np.convolve(U, other.U), _sum(V, np.convolve(U, added)), one.angle + other.angle, last)
+
+    def _reduce(self, U: Numbers, V: Numbers, angle: Any, last: bool) -> Divisor:
+        rows = euclid(U, V, 3 * self.k)
+        _, (A, B) = next(rows), next(rows)
+        if last and self.n % 2 == 0 and self.alpha:
+            A, B = self._best_phase(U, (A, B), next(rows))
+        reduced = self._norm(U, A, B)
+        reduced = reduced / reduced[-1]
+        V = divide(-_product_mod(A, inverse(B, reduced), reduced), reduced)[1]
+        top = 3 * self.k
+        phase = mp.arg(mp.mpc(_coefficient(A, top), self.alpha * _coefficient(B, top - self.n)))
+        return Divisor(reduced, V, angle + 2 * phase)
+
+    def _norm(self, U: Numbers, A: Numbers, B: Numbers) -> Numbers:
+        norm = _sum(np.convolve(A, A), np.convolve(np.convolve(B, B), self.Q))
+        return divide(norm, U)[0][: 2 * self.k + 1]
+
+    def _best_phase(self, U: Numbers, even: tuple, odd: tuple) -> tuple:
+        """Of the A, B between two rows of Euclid's algorithm those whose λ' stay farthest from infinity."""
+        top = 3 * self.k
+        scales = even[0][top], self.alpha * odd[1][top - self.n]
+        even, odd = (tuple(p / scale for p in row) for row, scale in zip((even, odd), scales, strict=True))
+        both = tuple(_sum(p, q) for p, q in zip(even, odd, strict=True))
+        first, second, mixed = (self._norm(U, *row) for row in (even, odd, both))
+        mixed = mixed - first - second
+        phases = [(mp.cospi(mp.mpf(i) / PHASES), mp.sinpi(mp.mpf(i) / PHASES)) for i in range(PHASES)]
+
+        def largest(phase: tuple) -> float:
+            c, s = phase
+            return float(np.max(np.abs(rough_roots(c * c * first + c * s * mixed + s * s * second))))
+
+        c, s = min(phases, key=largest)
+        return even if s == 0 else tuple(_sum(c * p, s * q) for p, q in zip(even, odd, strict=True))
+
+
+class _Start:
+    """A short enough part 2^−halvings of the flow of H_site over a time, from the power series of ∫ du/√Q at a_site."""
+
+    def __init__(self, magnet: GaudinMagnet, Q: Numbers, spins: Numbers, site: int, time: Any):
+        n, self.k = len(magnet), len(magnet) // 2
+        a, size = magnet.sites[site], mp.sqrt(mp.fsum(x * x for x in spins[site]))
+        if a.imag or size.imag or not size.real > 0:
+            raise ValueError(f"site: {site} must be a real site with a real spin that is not zero")
+        self.a, self.size, self.time = a.real, size.real, time
+        self.Q = _moved(Q, self.a)
+        self.root = self.size * mp.fprod(a - b for b in magnet.sites if b != a).real  # y at the site
+        self.alpha, self.odd = magnet.alpha, n % 2
+        terms = math.ceil(mp.dps / -math.log10(REACH)) + 2 * n + 10
+        q = self.Q / self.Q[0]
+        g = [mp.mpf(1)]  # of y(a_site)/y, from 2 Q f' = −Q' f
+        for m in range(1, terms):
+            g.append(-mp.fsum(q[j] * (1 - mp.mpf(j) / (2 * m)) * g[m - j] for j in range(1, min(m, 2 * n) + 1)))
+        self.series = g
+        rate = max(float(mp.root(abs(x), i)) for i, x in enumerate(g) if i)
+        self.guess = pade_roots(self.k)
+        reach = float(self.size * abs(time)) * float(np.max(np.abs(self.guess))) * rate
+        self.halvings = max(0, math.ceil(math.log2(reach / REACH)))
+
+    def divisor(self, halvings: int) -> Divisor:
+        """The step over time · 2^−halvings: U, V and the turn."""
+        length = self.size * abs(self.time) / 2**halvings  # the scale of λ − a_site
+        z, excess = self._solve([x * length**i for i, x in enumerate(self.series)])
+        sign = 1 if self.time > 0 else -1
+        U, V = np.array([mp.mpf(1)]), np.array([mp.mpf(0)])
+        for w in (length * x for x in z):
+            y = mp.sqrt(_value(self.Q, w))
+            y = sign * (y if (y * self.root).real > 0 else -y)
+            lam = w + self.a
+            value = (1j * y - _value(V, lam)) / _value(U, lam)
+            slope = value.imag / lam.imag
+            V = _sum(V, np.convolve(U, np.array([value.real - slope * lam.real, slope])))
+            U = np.convolve(U, np.array([abs(lam) ** 2, -2 * lam.real, mp.mpf(1)]))
+        # the times of the maps are those of the flow and a common one, which the turn takes back
+        common = sign * excess * length ** (2 * self.k + 1) / self.root if self.odd else mp.mpf(0)
+        return Divisor(U, V, -2 * self.alpha * common)
+
+    def _solve(self, g: list) -> tuple[list, Any]:
+        """z_i with Σ Im ∫_0^z w^m Σ g_j w^j dw = (1, 0, 0, …), m < 2k, and the same sum for m = 2k."""
+        k, z = self.k, [mp.mpmathify(x) for x in self.guess.tolist()]
+        integrals = [[c / (m + j + 1) for j, c in enumerate(g)] for m in range(2 * k + 1)]
+        for _ in range(100):
+            rests, J = [], mp.matrix(2 * k, 2 * k)
+            for i, x in enumerate(z):
+                powers = [x]
+                while len(powers) < len(g) + 2 * k:
+                    powers.append(powers[-1] * x)
+                heights = [power.imag for power in powers]
+                rests.append([mp.fdot(integrals[m], heights[m : m + len(g)]) for m in range(2 * k + 1)])
+                slope = mp.fdot(g, [mp.mpf(1), *powers[: len(g) - 1]])
+                for m in range(2 * k):
+                    J[m, i], J[m, k + i] = slope.imag, slope.real
+                    slope *= x
+            sums = [mp.fsum(column) for column in zip(*rests, strict=True)]
+            delta = mp.lu_solve(J, mp.matrix([1 - sums[0], *(-x for x in sums[1 : 2 * k])]))
+            z = [x + mp.mpc(delta[i], delta[k + i]) for i, x in enumerate(z)]
+            if max(abs(x) for x in delta) < mp.mpf(10) ** (2 - mp.dps):
+                return z, sums[2 * k]
+        raise ArithmeticError("the parameters of a short step were not found")
+
+
+# ------------------------------------------------------------------------------------------ polynomials, ascending
+
+
+def divide(p: Numbers, q: Numbers) -> tuple[Numbers, Numbers]:
+    """Quotient and remainder; the remainder has one coefficient less than q."""
+    rest, low = list(p), list(q[:-1])
+    quotient = [mp.mpf(0)] * max(len(p) - len(low), 1)
+    for i in range(len(p) - len(q), -1, -1):
+        c = quotient[i] = rest.pop() / q[-1]
+        rest[i:] = [x - c * y for x, y in zip(rest[i:], low, strict=True)]
+    return np.array(quotient), np.array(rest)
+
+
+def euclid(m: Numbers, p: Numbers, degree: int) -> Iterator[tuple[Numbers, Numbers]]:
+    """Rows r, t with r ≡ t p mod m of Euclid's algorithm: the last of degree above `degree`, and all that follow it."""
+    row, following = (m, np.array([mp.mpf(0)])), (p, np.array([mp.mpf(1)]))
+    while True:
+        if len(following[0]) - 1 <= degree:
+            yield row
+        quotient, rest = divide(row[0], following[0])
+        row, following = following, (rest, _sum(row[1], -np.convolve(quotient, following[1])))
+
+
+def inverse(p: Numbers, m: Numbers) -> Numbers:
+    """1/p mod m."""
+    rows = euclid(m, divide(p, m)[1] if len(p) >= len(m) else p, 0)
+    _, (one, t) = next(rows), next(rows)
+    result: Numbers = t / one[0]
+    return result
+
+
+def rough_roots(p: Numbers) -> Numbers:
+    """All roots, in double."""
+    p = p.astype(float)
+    if not np.all(np.isfinite(p)):
+        raise ArithmeticError("a polynomial left the range of doubles")
+    roots: Numbers = np.roots(p[::-1])
+    return roots
+
+
+def upper_roots(U: Numbers) -> list:
+    """The roots of a positive polynomial in the upper half-plane, by the method of Ehrlich and Aberth."""
+    guess = rough_roots(U)
+    guess = guess[np.argsort(-guess.imag)][: len(U) // 2]
+    lowest = 1e-3 * np.max(np.abs(guess))  # a pair close to the real axis may have been taken for two real roots
+    z = [mp.mpc(x.real, x.imag if x.imag > 0 else lowest * (i + 1)) for i, x in enumerate(guess)]
+    slope = U[1:] * np.arange(1, len(U))
+    for _ in range(200):
+        others = [*z, *(x.conjugate() for x in z)]
+        steps = []
+        for i, x in enumerate(z):
+            newton = _value(U, x) / _value(slope, x)
+            pull = mp.fsum(1 / (x - y) for j, y in enumerate(others) if j != i)
+            steps.append(newton / (1 - newton * pull))
+        z = [x - step for x, step in zip(z, steps, strict=True)]
+        if all(abs(step) <= mp.mpf(10) ** (5 - 2 * mp.dps / 3) * abs(x) for x, step in zip(z, steps, strict=True)):
+            return [x if x.imag > 0 else x.conjugate() for x in z]
+    raise ArithmeticError("the parameters of a step were not found")
+
+
+def _product_mod(p: Numbers, q: Numbers, m: Numbers) -> Numbers:
+    return divide(np.convolve(p, q), m)[1]
+
+
+def _sum(p: Numbers, q: Numbers) -> Numbers:
+    if len(p) < len(q):
+        p, q = q, p
+    return np.concatenate((p[: len(q)] + q, p[len(q) :]))
+
+
+def _coefficient(p: Numbers, power: int) -> Any:
+    return p[power] if 0 <= power < len(p) else mp.mpf(0)
+
+
+def _value(p: Numbers, x: Any) -> Any:
+    value = mp.mpf(0)
+    for c in p[::-1]:
+        value = value * x + c
+    return value
+
+
+def _moved(p: Numbers, a: Any) -> Numbers:
+    """p(u + a) as a polynomial in u."""
+    p = p.copy()
+    for i in range(len(p) - 1 if a else 0):
+        for j in range(len(p) - 2, i - 1, -1):
+            p[j] += a * p[j + 1]
+    return p
+
+
+def _real(p: Numbers) -> Numbers:
+    return np.array([x.real for x in p])

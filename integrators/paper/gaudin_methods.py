@@ -1,0 +1,378 @@
+"""Methods for the Gaudin magnet behind `integrate`: the Bäcklund maps and their rivals, MAGNET_METHODS.
+
+The flow of Σ c_j H_j turns each spin about the gradient of
+
+    Σ_j b_j s_j³ + Σ_{j<k} K_jk s_j·s_k,    b_j = 2 alpha c_j,    K_jk = 2 (c_j − c_k)/(a_j − a_k).
+
+- Splitting by pairs: b_j alone is a turn of s_j about e3, and K_jk alone a turn of s_j and s_k about s_j + s_k. A sweep
+  φ takes all of them one after another, its adjoint φ* in the opposite order; schemes are φ*, φ, φ*, … with weights.
+- Implicit midpoint: it keeps the H_j and s_j², which are quadratic. Spherical midpoint: the field at the
+  midpoint put back on its sphere; it is symplectic and keeps s_j² and the total s³.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from integrators.checks import Array, check_options, check_real, check_step, keyword_options
+from integrators.compiling.compiled import jit
+from integrators.compiling.loops import INTERRUPTIBLE, check_grid
+from integrators.interface import StepError, Work
+from integrators.paper.gaudin_model import GaudinMagnet
+from integrators.paper.gaudin_step import prepare, prepare_exact
+from integrators.paper.phase_space import Numbers
+from integrators.words import suggestion
+
+ITERATIONS = 200  # of an implicit step, at most
+
+
+@dataclass(frozen=True)
+class MagnetMethod:
+    """What a method claims for the magnet; fields as in `interface.Method`."""
+
+    name: str
+    label: str
+    order: int | None  # None: exact in time, or to the tolerance
+    poisson: bool
+    conserves: frozenset[str]  # of "H_j", "|s_j|", "S3" (the total s³), at round-off, for every h
+    source: str
+    prepare: Callable[..., Any]  # (magnet, spins, h, **options) → stepper
+    control: str = "step"  # or "tolerance"
+    requires: str | None = None
+    options: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "options", keyword_options(self.prepare))
+
+
+# ------------------------------------------------------------------------------------------ terms of the Hamiltonian
+
+
+def terms(magnet: GaudinMagnet) -> tuple[Numbers, Numbers, Numbers]:
+    """b (n,), pairs (m, 2) with K ≠ 0 and K (m,)."""
+    c = magnet.flow
+    K = magnet.couplings * (c[:, None] - c)
+    pairs = np.ascontiguousarray(np.argwhere(np.triu(K) != 0))  # else one or many pairs are two types to Numba
+    return 2.0 * magnet.alpha * c, pairs, K[pairs[:, 0], pairs[:, 1]]
+
+
+class _CompiledStepper:
+    """Advances real spins by a compiled loop: run(s, b, pairs, K, h, *constants, first, last, every, out) → failed step."""
+
+    from_start = False
+
+    def __init__(self, name: str, run: Callable, magnet: GaudinMagnet, spins: Array, h: float, *constants: Any):
+        magnet.check_spins(spins)
+        self.name, self.run, self.magnet, self.h, self.work = name, run, magnet, check_step(h), Work()
+        self.constants = (*terms(magnet), self.h, *constants)
+
+    def advance(self, spins: Array, n: int) -> Array:
+        """Spins (n, 3) after n steps; the argument is not modified."""
+        return self.record(spins, n, max(n, 1))[-1]
+
+    def record(self, spins: Array, n: int, every: int) -> Array:
+        """Spins after 0, every, 2·every, … n steps, (n//every + 1, sites, 3)."""
+        check_grid(n, every)
+        s = np.array(self.magnet.check_spins(spins), dtype=float)
+        out = np.empty((n // every + 1, *s.shape))
+        out[0] = s
+        for first in range(0, n, INTERRUPTIBLE):
+            last = min(first + INTERRUPTIBLE, n)
+            failed, iterations = self.run(s, *self.constants, first, last, every, out)
+            self.work.iterations += iterations
+            if failed >= 0:
+                raise StepError(self.name, f"no solution after {ITERATIONS} iterations", h=self.h, step=failed)
+        if not np.all(np.isfinite(s)):
+            raise StepError(self.name, "the spins left the range of floating-point numbers", h=self.h, step=n)
+        self.work.steps += n
+        return out
+
+
+# ------------------------------------------------------------------------------------------ splitting by pairs
+
+
+@jit
+def sweep(s, b, pairs, K, t, forward):
+    """All parts of the Hamiltonian over the time t, the field first or last."""
+    m = len(K)
+    for i in range(m + 1):
+        p = i - 1 if forward else m - 1 - i
+        if p < 0:
+            for j in range(len(b)):
+                cos, sin = math.cos(t * b[j]), math.sin(t * b[j])
+                x, y = s[j, 0], s[j, 1]
+                square = x * x + y * y
+                u, v = cos * x - sin * y, sin * x + cos * y
+                if square > 0.0:  # the turn is the same at every step, and so is cos² + sin² − 1
+                    e = 0.5 * ((u * u - square) + v * v) / square
+                    u, v = u - e * u, v - e * v
+                s[j, 0], s[j, 1] = u, v
+            continue
+        j, k = pairs[p, 0], pairs[p, 1]
+        w1, w2, w3 = s[j, 0] + s[k, 0], s[j, 1] + s[k, 1], s[j, 2] + s[k, 2]
+        size = math.sqrt(w1 * w1 + w2 * w2 + w3 * w3)
+        if size == 0.0:
+            continue
+        half = 0.5 * t * K[p] * size
+        sin = math.sin(half)
+        f = 2.0 * sin * math.cos(half) / size
+        g = 2.0 * sin * sin / (size * size)
+        x, y, z = s[j, 0], s[j, 1], s[j, 2]
+        t1, t2, t3 = w2 * z - w3 * y, w3 * x - w1 * z, w1 * y - w2 * x
+        d1 = f * t1 + g * (w2 * t3 - w3 * t2)
+        d2 = f * t2 + g * (w3 * t1 - w1 * t3)
+        d3 = f * t3 + g * (w1 * t2 - w2 * t1)
+        s[j, 0] += d1
+        s[j, 1] += d2
+        s[j, 2] += d3
+        s[k, 0] -= d1
+        s[k, 1] -= d2
+        s[k, 2] -= d3
+
+
+@jit
+def run_splitting(s, b, pairs, K, h, weights, first, last, every, out):
+    """Steps of φ*, φ, φ*, φ, … with weights (an even number)."""
+    for step in range(first, last):
+        for i in range(len(weights)):
+            sweep(s, b, pairs, K, h * weights[i], i % 2 == 1)
+        if (step + 1) % every == 0:
+            out[(step + 1) // every] = s
+    return -1, 0
+
+
+def weights_of_two(a: tuple[float, ...], b: tuple[float, ...]) -> Array:
+    """The weights of φ*, φ, φ*, … that for a sum of two parts is the splitting a1, b1, a2, b2, … (McLachlan)."""
+    letters = [x for pair in itertools.zip_longest(a, b, fillvalue=None) for x in pair if x is not None]
+    weights: list[float] = []
+    for letter in letters[:-1]:
+        weights.append(letter - (weights[-1] if weights else 0.0))
+    return np.array(weights)
+
+
+def _blanes_moan4() -> Array:
+    a1, a2, a3 = 0.0792036964311957, 0.353172906049774, -0.0420650803577195
+    b1, b2 = 0.209515106613362, -0.143851773179818
+    a = (a1, a2, a3, 1 - 2 * (a1 + a2 + a3), a3, a2, a1)
+    b = (b1, b2, 0.5 - (b1 + b2), 0.5 - (b1 + b2), b2, b1)
+    return weights_of_two(a, b)
+
+
+def _prepare_splitting(name: str, weights: Array, magnet: GaudinMagnet, spins: Array, h: float) -> _CompiledStepper:
+    return _CompiledStepper(name, run_splitting, magnet, spins, h, weights)
+
+
+# ------------------------------------------------------------------------------------------ midpoint rules
+
+
+@jit
+def run_midpoint(s, b, pairs, K, h, spherical, first, last, every, out):
+    """s' = s + h grad × m at m = (s + s')/2; spherical: at |s| m/|m|. By fixed-point iteration until it stalls."""
+    n = len(b)
+    middle, field, mean = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
+    new, size = np.empty((n, 3)), np.empty(n)
+    iterations = 0
+    for step in range(first, last):
+        for j in range(n):
+            size[j] = math.sqrt(s[j, 0] ** 2 + s[j, 1] ** 2 + s[j, 2] ** 2)
+        mean[:] = s
+        old = np.inf
+        done = False
+        for _ in range(ITERATIONS):
+            iterations += 1
+            for j in range(n):
+                factor = 1.0
+                if spherical and size[j] > 0.0:
+                    factor = size[j] / math.sqrt(mean[j, 0] ** 2 + mean[j, 1] ** 2 + mean[j, 2] ** 2)
+                for i in range(3):
+                    middle[j, i] = factor * mean[j, i]
+                    field[j, i] = 0.0
+                field[j, 2] = b[j]
+            for p in range(len(K)):
+                j, k = pairs[p, 0], pairs[p, 1]
+                for i in range(3):
+                    field[j, i] += K[p] * middle[k, i]
+                    field[k, i] += K[p] * middle[j, i]
+            change = 0.0
+            for j in range(n):
+                for i in range(3):
+                    u, v = (i + 1) % 3, (i + 2) % 3
+                    new[j, i] = s[j, i] + 0.5 * h * (field[j, u] * middle[j, v] - field[j, v] * middle[j, u])
+                    change += abs(new[j, i] - mean[j, i])
+                    mean[j, i] = new[j, i]
+            if not change < np.inf:
+                break
+            if change == 0.0 or (change <= 1e-15 * np.sum(size) and change >= 0.5 * old):
+                done = True
+                break
+            old = change
+        if not done:
+            return step, iterations
+        for j in range(n):
+            for i in range(3):
+                s[j, i] += 2.0 * (mean[j, i] - s[j, i])
+        if (step + 1) % every == 0:
+            out[(step + 1) // every] = s
+    return -1, iterations
+
+
+def _prepare_midpoint(name: str, spherical: bool, magnet: GaudinMagnet, spins: Array, h: float) -> _CompiledStepper:
+    return _CompiledStepper(name, run_midpoint, magnet, spins, h, spherical)
+
+
+# ------------------------------------------------------------------------------------------ by tolerance
+
+
+class _GridStepper:
+    """Advances spins by a solver that chooses its own steps: solve(spins, times) → states (times, n, 3)."""
+
+    from_start = True
+
+    def __init__(
+        self, magnet: GaudinMagnet, spins: Array, h: float, solve: Callable[[Array, Array], Array], work: Work
+    ):
+        self.magnet, self.h, self.solve, self.work = magnet, check_step(h), solve, work
+        magnet.check_spins(spins)
+
+    def advance(self, spins: Array, n: int) -> Array:
+        """Spins (n, 3) after the time n h."""
+        return self.record(spins, n, max(n, 1))[-1]
+
+    def record(self, spins: Array, n: int, every: int) -> Array:
+        """Spins after the times 0, every h, … n h."""
+        check_grid(n, every)
+        out = np.empty((n // every + 1, len(self.magnet), 3))
+        out[0] = self.magnet.check_spins(spins)
+        if n:
+            out[1:] = self.solve(out[0], self.h * every * np.arange(1.0, len(out)))
+        return out
+
+
+def prepare_taylor(magnet: GaudinMagnet, spins: Array, h: float, *, tol: float | None = None) -> _GridStepper:
+    """heyoka on its natural steps, with dense output; tol: by default an ulp."""
+    import heyoka as hy
+
+    hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
+    n, (b, pairs, K), work = len(magnet), terms(magnet), Work()
+    s = [hy.make_vars(*(f"s{j}_{i}" for i in "123")) for j in range(n)]
+    parts: list[list[list[Any]]] = [[[], [], []] for _ in range(n)]
+    for p, (j, k) in enumerate(pairs.tolist()):  # strengths are parameters: magnets of one size share the machine code
+        for i in range(3):
+            parts[j][i].append(hy.par[p] * s[k][i])
+            parts[k][i].append(hy.par[p] * s[j][i])
+    fields = np.flatnonzero(b).tolist()
+    for p, j in enumerate(fields, start=len(K)):
+        parts[j][2].append(hy.par[p])
+    system = []
+    for (x, y, z), sums in zip(s, parts, strict=True):
+        p, q, r = (hy.sum(addends) if addends else hy.expression(0.0) for addends in sums)
+        system += [(x, q * z - r * y), (y, r * x - p * z), (z, p * y - q * x)]
+    given = {} if tol is None else {"tol": check_real(tol, "tol")}
+    strengths = [*K.tolist(), *b[fields].tolist()]
+    ta = hy.taylor_adaptive(system, [0.0] * (3 * n), pars=strengths, compact_mode=n > 8, **given)
+
+    def solve(start: Array, times: Array) -> Array:
+        ta.time = 0.0
+        ta.state[:] = start.ravel()
+        if len(times) == 1:  # without dense output
+            outcome, _, _, steps, _, _ = ta.propagate_until(float(times[0]))
+            rows = np.array((start.ravel(), ta.state))
+        else:
+            outcome, _, _, steps, _, rows = ta.propagate_grid([0.0, *times])
+        if outcome != hy.taylor_outcome.time_limit:
+            raise StepError("taylor", f"heyoka stopped: {outcome}", h=h)
+        work.steps += int(steps)
+        found: Array = rows[1:].reshape(-1, n, 3)
+        return found
+
+    return _GridStepper(magnet, spins, h, solve, work)
+
+
+def prepare_dop853(magnet: GaudinMagnet, spins: Array, h: float, *, rtol: float = 3e-14) -> _GridStepper:
+    """SciPy's DOP853 with its dense output; the absolute tolerance is a tenth of the relative one."""
+    from scipy.integrate import solve_ivp
+
+    rtol, c, work, n = check_real(rtol, "rtol"), magnet.flow, Work(), len(magnet)
+
+    def rhs(_: float, y: Array) -> Array:
+        rate: Array = magnet.rhs(y.reshape(n, 3), c).ravel()
+        return rate
+
+    def solve(start: Array, times: Array) -> Array:
+        found = solve_ivp(rhs, (0, times[-1]), start.ravel(), "DOP853", times, rtol=rtol, atol=rtol / 10)
+        if not found.success:
+            raise StepError("dop853", found.message, h=h)
+        work.rhs_evals += found.nfev
+        rows: Array = found.y.T.reshape(-1, n, 3)
+        return rows
+
+    return _GridStepper(magnet, spins, h, solve, work)
+
+
+# ------------------------------------------------------------------------------------------ the list
+
+ALL = frozenset({"H_j", "|s_j|", "S3"})
+SPHERES = frozenset({"|s_j|", "S3"})
+
+MAGNET_METHODS: Mapping[str, MagnetMethod] = {
+    method.name: method
+    for method in (
+        MagnetMethod("backlund", "Bäcklund, exact", None, True, ALL, "this project, gaudin_doubling", prepare_exact),
+        MagnetMethod("backlund_paper", "Bäcklund, order 2k", 2, True, ALL, "paper, section 5.5; gaudin_curve", prepare),
+        MagnetMethod(
+            "taylor", "heyoka", None, False, frozenset(), "Biscani and Izzo, MNRAS 504 (2021) 2614", prepare_taylor,
+            "tolerance", "heyoka",
+        ),
+        MagnetMethod(
+            "dop853", "DOP853 (SciPy)", None, False, frozenset(), "Hairer, Nørsett and Wanner, Solving ODEs I",
+            prepare_dop853, "tolerance",
+        ),
+        MagnetMethod(
+            "strang", "Strang, pairs of spins", 2, True, SPHERES, "Strang, SIAM J. Numer. Anal. 5 (1968) 506",
+            partial(_prepare_splitting, "strang", np.array((0.5, 0.5))),
+        ),
+        MagnetMethod(
+            "blanes_moan4", "Blanes–Moan S6, pairs of spins", 4, True, SPHERES,
+            "Blanes and Moan, J. Comput. Appl. Math. 142 (2002) 313",
+            partial(_prepare_splitting, "blanes_moan4", _blanes_moan4()),
+        ),
+        MagnetMethod(
+            "implicit_midpoint", "implicit midpoint", 2, False, ALL, "Hairer, Lubich and Wanner, section IV.2",
+            partial(_prepare_midpoint, "implicit_midpoint", False),
+        ),
+        MagnetMethod(
+            "spherical_midpoint", "spherical midpoint", 2, True, SPHERES,
+            "McLachlan, Modin and Verdier, Phys. Rev. E 89 (2014) 061301",
+            partial(_prepare_midpoint, "spherical_midpoint", True),
+        ),
+    )
+}  # fmt: skip
+
+
+def prepare_method(magnet: GaudinMagnet, spins: Any, h: Any, method: Any, options: Mapping[str, Any]) -> Any:
+    """A stepper of the named method; ValueError naming the argument that makes no sense."""
+    if any(isinstance(a, complex) and a.imag for a in magnet.sites):
+        raise ValueError("sites must be real numbers for `integrate`; integrators.paper takes conjugate pairs too")
+    if not isinstance(method, str) or method not in MAGNET_METHODS:
+        close = suggestion(str(method), MAGNET_METHODS)
+        raise ValueError(f"unknown method {method!r} of a magnet{close} Known: {', '.join(MAGNET_METHODS)}")
+    found = MAGNET_METHODS[method]
+    if found.requires and importlib.util.find_spec(found.requires) is None:
+        raise StepError(method, f"{found.requires} is not installed here")
+    spins = magnet.check_spins(spins)
+    if spins.dtype.kind != "f":
+        raise ValueError(f"spins must be real numbers; got dtype {spins.dtype}")
+    check_options(method, found.prepare, options)
+    start = perf_counter()
+    stepper = found.prepare(magnet, spins, check_step(h), **options)
+    stepper.work.setup_seconds = perf_counter() - start
+    return stepper

@@ -1,0 +1,126 @@
+"""Magnets behind `integrate`: all methods follow one flow, with the orders and invariants they claim; bad input is named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from integrators import MAGNET_METHODS, MAGNETS, GaudinMagnet, StepError, integrate
+from integrators.paper.gaudin_magnets import central_spin, random_magnet
+from integrators.paper.gaudin_methods import prepare_method, weights_of_two
+from integrators.registry import available
+
+MAGNET, SPINS = central_spin(4)
+GENERAL = replace(MAGNET, hamiltonian=(1.0, -0.5, 0.25, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("method", "magnet"),
+    [
+        pytest.param(method, magnet, id=f"{method.name}-{word}")
+        for method in MAGNET_METHODS.values()
+        for word, magnet in (("site", MAGNET), ("hamiltonian", GENERAL))
+        if (method.requires is None or available(method)) and (method.name, word) != ("backlund_paper", "hamiltonian")
+    ],
+)
+def test_methods_follow_one_flow_and_keep_what_they_claim(method, magnet):
+    truth = integrate(magnet, SPINS, h=2.0, steps=1, method="backlund").y[-1]
+    errors = []
+    for steps in (32, 64):
+        run = integrate(magnet, SPINS, h=2 / steps, steps=steps, method=method.name, every=8)
+        assert run.y.shape == (steps // 8 + 1, 4, 3)
+        assert np.array_equal(run.y[0], SPINS)
+        assert run.t[-1] == 2.0
+        errors.append(np.max(np.abs(run.y[-1] - truth)))
+    if method.order is None:
+        assert max(errors) < 1e-12
+    else:
+        assert abs(np.log2(errors[0] / errors[1]) - method.order) < 0.1
+    found = run.invariants()
+    kept = {"H_j": found[:, :4], "|s_j|": found[:, 4:], "S3": np.sum(run.y[..., 2], axis=1)[:, None]}
+    drift = {name: np.max(np.abs(values - values[0])) for name, values in kept.items()}
+    assert max(drift[name] for name in (method.conserves or kept)) < 1e-13
+    if method.order and "H_j" not in method.conserves:  # negative control: the claim leaves out what is not kept
+        assert drift["H_j"] > 1e-10
+
+
+@pytest.mark.parametrize("method", [m for m in MAGNET_METHODS.values() if m.control == "step"], ids=lambda m: m.name)
+def test_methods_are_poisson_as_claimed(method):
+    """M P M^T = P at the image, the derivative M of one step by central differences."""
+    magnet, spins = central_spin(2)
+    spins = 0.7 * spins
+
+    def step(y):
+        given = {"magnet": magnet, "spins": y.reshape(2, 3), "h": 0.5, "method": method.name, "options": {}}
+        return prepare_method(**given).advance(y.reshape(2, 3), 1).ravel()
+
+    y, d = spins.ravel(), 1e-5
+    M = np.array([(step(y + d * e) - step(y - d * e)) / (2 * d) for e in np.eye(6)]).T
+    here, there = magnet.poisson(spins), magnet.poisson(step(y).reshape(2, 3))
+    defect = np.max(np.abs(M @ here.astype(float) @ M.T - there.astype(float)))
+    assert defect < 1e-8 if method.poisson else defect > 1e-5
+
+
+def test_steps_backwards():
+    for name in ("backlund", "strang", "implicit_midpoint"):
+        there = integrate(MAGNET, SPINS, h=0.5, steps=1, method=name).y[-1]
+        assert np.max(np.abs(integrate(MAGNET, there, h=-0.5, steps=1, method=name).y[-1] - SPINS)) < 1e-13
+
+
+def test_options_reach_the_method():
+    loose = integrate(MAGNET, SPINS, h=5.0, steps=1, method="dop853", rtol=1e-4).y[-1]
+    truth = integrate(MAGNET, SPINS, h=5.0, steps=1).y[-1]
+    assert 1e-7 < np.max(np.abs(loose - truth)) < 1e-2
+    four = integrate(MAGNET, SPINS, h=0.25, steps=20, method="backlund_paper", factors=2).y[-1]
+    assert np.max(np.abs(four - truth)) < 1e-3
+
+
+def test_coefficients_of_two_parts():
+    """Strang is φ* φ at half the step; a scheme of two parts and its weights have the same sums."""
+    assert np.array_equal(weights_of_two((0.5, 0.5), (1.0,)), (0.5, 0.5))
+    weights = weights_of_two((0.1, 0.3, 0.2, 0.3, 0.1), (0.25, 0.25, 0.25, 0.25))
+    assert np.isclose(np.sum(weights), 1)
+    assert np.allclose(weights, weights[::-1])
+
+
+def test_named_and_random_magnets():
+    assert {len(named.magnet) for named in MAGNETS.values()} == {8, 32, 128}
+    magnet, spins = random_magnet(5, 3)
+    assert magnet == random_magnet(5, 3).magnet
+    assert magnet != random_magnet(5, 4).magnet
+    assert spins.shape == (5, 3)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"method": "backlnd"}, "backlund"),
+        ({"h": 0.0}, "h"),
+        ({"h": None}, "h and steps"),
+        ({"steps": -1}, "steps"),
+        ({"every": 3}, "every"),
+        ({"y0": SPINS[:3]}, "spins"),
+        ({"y0": SPINS * np.nan}, "spins"),
+        ({"y0": SPINS * 1j}, "spins"),
+        ({"t": [0.0, 1.0]}, "t"),
+        ({"attitude": True}, "attitude"),
+        ({"tol": 1e-3}, "tol"),
+        ({"method": "dop853", "rtol": "small"}, "rtol"),
+        ({"method": "backlund_paper", "factors": 0}, "factors"),
+        ({"method": "backlund_paper", "top": GENERAL}, "hamiltonian"),
+        ({"top": MAGNETS["central128"].magnet, "y0": MAGNETS["central128"].spins}, "at most 32"),
+        ({"top": GaudinMagnet((0, 1j, -1j, 2), 0.5)}, "sites"),
+        ({"top": "magnet"}, "top"),
+    ],
+)
+def test_bad_input(change, named):
+    call = {"top": MAGNET, "y0": SPINS, "h": 0.5, "steps": 2}
+    if "t" in change:
+        call |= {"h": None, "steps": None}
+    with pytest.raises(ValueError, match=named):
+        integrate(**call | change)
+
+
+def test_an_iteration_that_does_not_converge_is_an_error():
+    with pytest.raises(StepError, match="iterations"):
+        integrate(MAGNET, SPINS, h=50.0, steps=1, method="implicit_midpoint")
