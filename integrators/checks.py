@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import inspect
 import math
+import os
+import sys
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from typing import Any
@@ -16,6 +19,14 @@ from integrators.words import suggestion
 Array = NDArray[np.float64]
 
 MOST = 2**62  # of anything that is counted
+
+
+def warn_caller(text: str, category: type[Warning]) -> None:
+    """A warning that names the line of the user's code, however many calls of this package are between."""
+    level, frame, package = 1, sys._getframe(), os.path.dirname(__file__) + os.sep
+    while frame.f_back and frame.f_code.co_filename.startswith(package):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, category, stacklevel=level)
 
 
 @lru_cache(maxsize=256)

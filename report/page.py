@@ -280,6 +280,7 @@ def write(report: Report, output: Path) -> Path:
 def _sections(names: list[str], store: Store, processes: int, drawn: Drawn, modules: Sequence[str]) -> list[Section]:
     """One for each name, drawn in as many processes: laying figures out takes longer than all else."""
     sections: dict[str, Section] = {}
+    drawn(0, len(names))
     for section in _drawn(names, store, processes, modules):
         sections[section.experiment] = section
         drawn(len(sections), len(names))

@@ -35,13 +35,12 @@ corrector: this project.
 from __future__ import annotations
 
 import math
-import warnings
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from integrators.checks import check_choice, check_flag
+from integrators.checks import check_choice, check_flag, warn_caller
 from integrators.compiling.compiled import jit, jit_as, jit_over
 from integrators.compiling.expression import take
 from integrators.compiling.loops import FAILURE, ITERATIONS, SIZE, ConjugateStepper
@@ -557,7 +556,7 @@ def prepare_in_field(
     table in (H, J3); False: computed at every flow.
     """
     corrected, twisted = _check(scheme, corrector, modified_kick, table)
-    _warn_strong(top, y0, stacklevel=4)
+    _warn_strong(top, y0)
     _warn_long(top, y0, h)
     return ExactSplittingStepper("backlund_splitting", top, y0, h, SCHEMES[scheme], corrected, twisted, bool(table))
 
@@ -589,7 +588,7 @@ def evaluate_in_field(
 ) -> tuple[Array, ChosenWork]:
     """Scheme and step chosen by a short pilot: `tol` is the error at the last time, relative to the scales of J and x."""
     tol = backlund_choice.check_tolerance(tol)
-    _warn_strong(top, y0, stacklevel=5)
+    _warn_strong(top, y0)
     small, map_rows = SCHEMES["aba1064"], map_over(top.formula.perturbation, "J3" in top.conserved)
     numbers, one = np.array(top.numbers), np.column_stack((small.a, (*small.b, 0.0)))
 
@@ -612,13 +611,13 @@ def evaluate_in_field(
     return backlund_choice.evaluate("backlund_splitting", top, y0, times, tol, candidates, shorter)
 
 
-def _warn_strong(top: PerturbedTop, y0: Array, stacklevel: int) -> None:
+def _warn_strong(top: PerturbedTop, y0: Array) -> None:
     rate, length, _ = top.top.scales(y0)
     strength = length * math.hypot(*map(float, top.formula.derived(*y0[3:].tolist(), *top.parameters)))
     if strength > STRONG * rate * rate:
         share = strength / rate**2 if rate > 0 else math.inf
         text = f"V is strong here, {share:.2g} of the top's own scale: blanes_moan6 or taylor costs less"
-        warnings.warn(text, StepWarning, stacklevel=stacklevel)
+        warn_caller(text, StepWarning)
 
 
 def _warn_long(top: PerturbedTop, y0: Array, h: float) -> None:
@@ -630,7 +629,7 @@ def _warn_long(top: PerturbedTop, y0: Array, h: float) -> None:
             raise StepError("backlund_splitting", reason, h=h)
         if abs(h) > RESONANT * period:
             text = f"h is {abs(h) / period:.2g} of the nutation period: from 1/8 on, V's harmonics are near resonance with it"
-            warnings.warn(text, StepWarning, stacklevel=4)
+            warn_caller(text, StepWarning)
 
 
 METHOD = Method(

