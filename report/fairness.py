@@ -59,42 +59,44 @@ def _rules(records: dict[str, Method], step: pd.DataFrame, setup: str, work: pd.
         (
             "The same flags.",
             f"Fused multiply-add and fast-math are {flags} for everything compiled here, rotations and kicks use no "
-            "library sine; heyoka and SciPy run as they come.",
+            "library sine. heyoka and SciPy run as installed.",
         ),
         ("Set-up and compilation apart.", setup),
         (
             "What an evaluation is.",
-            "A right-hand side or a force, counted where a method has any: stages of Runge-Kutta, kicks of a splitting, orders "
-            "of a Taylor step, stages times iterations of an implicit step. Explicit maps and closed forms have none and are "
-            "compared by time only.",
+            "A right-hand side or a force, counted where a method has any. That is a stage of Runge-Kutta, a kick of a "
+            "splitting, "
+            "an order of a Taylor step, or a stage of one iteration of an implicit step. Explicit maps and closed forms have "
+            "none and are compared by time only.",
         ),
         (
             "Tolerances are not errors.",
-            "A tolerance bounds what one step does, the error of a run can be ten or a thousand times as large. Methods are "
+            "A tolerance bounds the error of one step. That of a run can be ten or a thousand times as large. Methods are "
             "compared at the error they reach against the exact solution, never at equal tolerances or equal steps.",
         ),
         ("Each at its best step.", _sweep(work)),
         (
             "The efficient frontier.",
-            "Marked are the runs no other run beats in both time and error. Set-up is counted in one column and not in the "
-            "other: over short runs it decides.",
+            "A run on the frontier is one that no other run beats in both time and error. Set-up counts in one column and not in "
+            "the other: over short runs it decides.",
         ),
         (
             "Final state, one trajectory.",
-            "What is timed is the state at the end, reached by steps of at most 16 units of time, whoever takes them: what is "
-            "exact in time could jump there at once, for the price of a set-up (the ensembles show it). Fixed steps give every "
-            "step for the price of storing it, Taylor and Runge-Kutta methods dense output at an extra price. Latency of one "
-            "trajectory, not throughput of many.",
+            "Times are those to the state at the end. No method may step over more than 16 units of time, although an exact one "
+            "could jump to the end for the price of a set-up (the ensembles show it). Storing every step costs extra, and so "
+            "does "
+            "dense output of Taylor and Runge-Kutta methods. This is the latency of one trajectory, not the throughput of many.",
         ),
         (
-            "Who is moved back onto the invariants.",
+            "Methods that are moved back onto the invariants.",
             f"{_named(pinned)}, by default every eighth step, or in every step where steps of `addition_theorem` are long "
             f"(option `pin`); {_named(projected)} in every step. No other method is.",
         ),
         (
             "Judged at its own time.",
-            "A method with fixed steps is compared with the exact solution at n·h itself, not at the double next to it, which "
-            "at t = 10⁶ may be 6·10⁻¹¹ away: more than some of them are.",
+            "A method with fixed steps is compared with the exact solution at exactly n·h rather than at the nearest double, "
+            "which "
+            "can differ by 6·10⁻¹¹ at t = 10⁶. That is more than some methods' error.",
         ),
         (
             "Summation.",
@@ -104,8 +106,8 @@ def _rules(records: dict[str, Method], step: pd.DataFrame, setup: str, work: pd.
         ),
         (
             "The same data.",
-            "All start from the same doubles as the exact solution. |x| is not 1 on the sixteen random tops: a formula that "
-            "takes it for granted would be seen.",
+            "All start from the same doubles as the exact solution. |x| is not 1 on the sixteen random tops, so a formula that "
+            "assumes |x| = 1 would fail there.",
         ),
     ]
 
@@ -117,13 +119,14 @@ def _interpretation(step: pd.DataFrame) -> str:
     least = step.groupby("method").ns_per_step.min()
     return (
         f"A step of the pair of Dormand and Prince takes {tables.show(float(least['rk45']) / 1000)} µs in SciPy and "
-        f"{tables.show(float(least['rk45_fixed']))} ns compiled: a factor of {least['rk45'] / least['rk45_fixed']:.0f} that is "
-        "no property of the method. So each interpreted method stands beside a compiled relative, and its runs are shorter."
+        f"{tables.show(float(least['rk45_fixed']))} ns compiled: a factor of {least['rk45'] / least['rk45_fixed']:.0f}, "
+        "due to the interpreter and not the method. So each interpreted method stands beside a compiled relative, and "
+        "its runs are shorter."
     )
 
 
 def _start(start: pd.DataFrame, step: pd.DataFrame, parameters: pd.DataFrame) -> str:
-    said = "Compilation is never in a time; it is in the table of the cost experiment"
+    said = "Reported times exclude compilation; the table of the cost experiment has it"
     if not start.empty:
         first = start[start.cached == False].set_index("method").first_s  # noqa: E712, an object column
         said += (
@@ -164,7 +167,7 @@ def _sweep(work: pd.DataFrame) -> str:
     return (
         f"{said}; a curve ends where the error falls no more ({int((last == 'round-off').sum())} of {len(last)} curves) or "
         f"one run would take too long ({int((last == 'too long').sum())}), with the same limits for all: {limits}. A run is one "
-        f"call from Python, which takes {call} µs or more whoever is called. Each is judged at the step that is cheapest for "
+        f"call from Python, and that call alone takes at least {call} µs. Each is judged at the step that is cheapest for "
         "the error asked for."
     )
 

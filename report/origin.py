@@ -19,7 +19,7 @@ from results.store import Record, _canonical, clean, default_results
 
 @dataclass(frozen=True)
 class Origin:
-    """A folder of results, and the profile it was computed with, if that can be told."""
+    """A folder of results, and the profile it was computed with, if that is known."""
 
     folder: str  # as commands name it: from the checkout, or from the current folder
     profile: str | None = None

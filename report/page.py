@@ -56,7 +56,7 @@ FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table o
 POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
 SUFFIXES = (".svg", ".md", ".tex", ".csv")
 NO_FAIRNESS = fairness.Fairness([], pd.DataFrame())
-Drawn = Callable[[int, int], None]  # told how many sections are drawn, of how many
+Drawn = Callable[[int, int], None]  # gets how many sections are drawn, of how many
 MEASURED_WHEN = ("key", "seconds", "utc", "dirty")
 
 
@@ -322,7 +322,7 @@ def _section(experiment: str, store: Store) -> Section:
     except UnknownExperiment as error:
         section.errors.append(str(error))
         module = None
-    except Exception as error:  # its rows are still told about
+    except Exception as error:  # its rows are still shown
         section.errors.append(f"cannot be loaded: {_said(error)}")
         module = None
     try:
@@ -363,7 +363,7 @@ def _fairness(rows: dict[str, pd.DataFrame]) -> tuple[fairness.Fairness, str | N
     try:
         return fairness.assemble(rows), None
     except Exception as error:  # rows of another version, say: no reason to lose the page
-        return NO_FAIRNESS, f"fairness: cannot be told: {_said(error)}"
+        return NO_FAIRNESS, f"fairness: cannot be shown: {_said(error)}"
 
 
 def _summary(rows: dict[str, pd.DataFrame]) -> tuple[list[summary.Sentence], str | None]:

@@ -136,8 +136,8 @@ def lead(errors: dict[float, float], price: str, longest: bool) -> Callable[[pd.
     """How many times as long the cheapest method takes that is not exact in time as the cheapest Bäcklund map.
 
     errors : length of the runs, and the smallest error asked for. price : "seconds", or "total" with set-up. longest : the
-    claim is that it reaches every error and is the cheapest (ratio above 1, the least is told) or that it is not (below
-    1, the largest is told). Who does not reach an error is no rival.
+    claim is that it reaches every error and is the cheapest (ratio above 1, the least is reported) or that it is not (below
+    1, the largest is reported). Methods that never reach the target error are excluded.
     """
 
     def check(rows: pd.DataFrame) -> Verdict:
