@@ -22,13 +22,13 @@ import numpy as np
 from experiments import SWEEP
 from experiments.measuring import metrics, truths
 from experiments.measuring.states import find, follow, rounded
-from integrators import INVARIANTS, PERTURBED_TOPS, TOPS, PerturbedTop, StepError, machine, prepare
+from integrators import INVARIANTS, PerturbedTop, StepError, machine, prepare
 from integrators.api import integrate
 from integrators.checks import MOST, check_count, check_options, check_real, check_state, check_step
 from integrators.interface import Array, Method
 from integrators.problem.rotated import evaluate_for, prepare_for
 from integrators.problem.top import LagrangeTop
-from integrators.registry import NotInstalled, find_method, find_potential, find_stored_method
+from integrators.registry import NAMED_TOPS, NotInstalled, find_method, find_potential, find_stored_method
 from integrators.words import numbers, option, suggestion
 
 if TYPE_CHECKING:
@@ -152,8 +152,8 @@ def _top(start: Start) -> Any:
 
 
 def _own(name: str) -> bool:
-    """Whether the bench itself has a top of this name."""
-    return name in TOPS or name in PERTURBED_TOPS or re.fullmatch(r"random\d{3}", name) is not None
+    """Whether the bench itself, or a package, has a top of this name."""
+    return name in NAMED_TOPS or re.fullmatch(r"random\d{3}", name) is not None
 
 
 def _sweep(table: dict[str, Any], tops: dict[str, Start], place: str) -> Iterator[Cell]:
@@ -200,13 +200,13 @@ def _sweep(table: dict[str, Any], tops: dict[str, Start], place: str) -> Iterato
 def _start(name: Any, tops: dict[str, Start], place: str) -> Start:
     """The fields of a cell that say where it starts."""
     if not isinstance(name, str) or not (name in tops or _own(name)):
-        names = [*tops, *TOPS, *PERTURBED_TOPS, "random000"]
+        names = [*tops, *NAMED_TOPS, "random000"]
         raise ValueError(
             f"{place}: unknown top {name!r}{suggestion(str(name), names)} Known: {', '.join(names)} … random999"
         )
     if name in tops:
         return tops[name]
-    top, y0 = find(name)
+    top, y0 = (NAMED_TOPS[name].top, NAMED_TOPS[name].state) if name in NAMED_TOPS else find(name)
     start = {"top": name, "alpha": top.single(), "y0": _words(y0)}
     if isinstance(top, PerturbedTop):
         start |= {"potential": top.potential.name, "parameters": _words(top.parameters)}

@@ -1,7 +1,8 @@
-"""METHODS and POTENTIALS: every method by name, in legend order, and every potential, loaded when first asked for.
+"""METHODS, POTENTIALS and NAMED_TOPS: all methods by name, in legend order, potentials and tops, loaded when first asked for.
 
 A method that lives in somebody else's package joins through the entry-point group `lagrange_bench.methods`
-(name = registry key, value = `package.module:METHOD`), a potential through `lagrange_bench.potentials`. One that cannot be
+(name = registry key, value = `package.module:METHOD`), a potential through `lagrange_bench.potentials`, a top with a name and an
+initial state through `lagrange_bench.tops`. One that cannot be
 loaded, or whose name is taken, is no reason for the others to fail.
 """
 
@@ -155,8 +156,34 @@ class Registry(Mapping[str, Any]):
         )
 
 
+class TopRegistry(Registry):
+    """Name → NamedTop: the named tops of the bench, in a potential or not, and those of packages."""
+
+    def __init__(self) -> None:
+        super().__init__("top", {}, "integrators.problem.top:NamedTop")
+
+    @cached_property
+    def _ours(self) -> dict[str, Any]:
+        from integrators.problem.potentials import PERTURBED_TOPS
+        from integrators.problem.top import TOPS
+
+        self.built_in = dict.fromkeys((*TOPS, *PERTURBED_TOPS), "")  # taken names; they are not loaded as entry points
+        return {**TOPS, **PERTURBED_TOPS}
+
+    def __getitem__(self, name: str) -> Any:
+        return self._ours[name] if name in self._ours else super().__getitem__(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter({**self._ours, **self._entries})
+
+    def __len__(self) -> int:
+        return len({**self._ours, **self._entries})
+
+
+
 METHODS = Registry("method", BUILT_IN, "integrators.interface:Method")
 POTENTIALS = Registry("potential", POTENTIALS_BUILT_IN, "integrators.problem.perturbed:Potential")
+NAMED_TOPS = TopRegistry()
 
 
 class NotInstalled(StepError):

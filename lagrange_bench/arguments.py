@@ -108,13 +108,12 @@ def check_choice(results: Any, choice: Any) -> None:
 
 
 def named_top(name: str) -> Any:
-    """The named top, in a potential or not."""
-    from integrators import PERTURBED_TOPS, TOPS
+    """The named top, in a potential or not, of the bench or of a package."""
+    from integrators.registry import NAMED_TOPS
 
-    known = {**TOPS, **PERTURBED_TOPS}
-    if name not in known:
-        raise ValueError(f"--top: unknown top {name!r}{words.suggestion(name, known)} See lagrange-bench tops")
-    return known[name]
+    if name not in NAMED_TOPS:
+        raise ValueError(f"--top: unknown top {name!r}{words.suggestion(name, NAMED_TOPS)} See lagrange-bench tops")
+    return NAMED_TOPS[name]
 
 
 def add_potential(command: Any) -> None:

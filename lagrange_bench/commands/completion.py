@@ -45,12 +45,12 @@ def run(options: argparse.Namespace) -> Answer:
 
 def names() -> dict[str, list[str]]:
     """What may be given for an option or operand, by its name in the parser."""
-    from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS
+    from integrators.registry import METHODS, NAMED_TOPS, POTENTIALS
     from results.store import default_results
 
     results = default_results(), *default_results("quick").parent.glob("*")
     figures = sorted({path.stem for folder in results for path in folder.glob("page/figures/*.svg")})
-    tops, methods = [*TOPS, *PERTURBED_TOPS], list(METHODS)
+    tops, methods = list(NAMED_TOPS), list(METHODS)
     found: dict[str, Any] = {"method": methods, "kernels": methods, "methods": methods, "highlight": methods}
     return found | {
         "top": tops,

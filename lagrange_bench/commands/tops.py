@@ -31,16 +31,20 @@ examples:
 
 def run(options: argparse.Namespace) -> Answer:
     """The named tops, of both kinds."""
-    from integrators import INVARIANTS, PERTURBED_TOPS, TOPS
+    from integrators import INVARIANTS
+    from integrators.problem.potentials import NamedPerturbedTop
+    from integrators.registry import NAMED_TOPS
     from integrators.truth import exact
 
+    tops = list(NAMED_TOPS.values())
+
     data, rows = [], [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "motion", "nutation")]
-    for named in TOPS.values():
+    for named in (top for top in tops if not isinstance(top, NamedPerturbedTop)):
         kind, period = exact.regime(named.top, named.state), exact.nutation_period(named.top, named.state)
         rows.append((*_start(named), kind, f"{period:.4g}"))
         data.append({**_facts(named), "regime": kind, "nutation_period": plain(period)})
     inside = [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "potential", "parameters", "conserves")]
-    for named in PERTURBED_TOPS.values():
+    for named in (top for top in tops if isinstance(top, NamedPerturbedTop)):
         kept = [name for name in INVARIANTS if name in named.top.conserved]
         numbers = ",".join(f"{value:.10g}" for value in named.parameters)
         inside.append((*_start(named), named.potential.name, numbers, " ".join(kept)))

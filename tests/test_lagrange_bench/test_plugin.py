@@ -255,6 +255,33 @@ def test_a_potential_of_a_taken_name_is_left_out(python, well):
     assert "give the potential another name, or pip uninstall well-top" in err
 
 
+def test_a_top_of_a_package(python, well, tmp_path):
+    """It is listed, followed, and swept with its numbers; one whose name is taken is left out."""
+    (tmp_path / "my_tops.py").write_text(
+        "from integrators import NamedTop\nMINE = NamedTop('mine', 'my top', 2.0, (0.5, 0.0, 1.25, 0.5, 0.0, 1.0), 'a test')\n"
+    )
+    (entries,) = well.glob("well_top*/entry_points.txt")
+    entries.write_text("[lagrange_bench.tops]\nmine = my_tops:MINE\nfast = my_tops:MINE\n")
+    code, out, err = python("-m", "lagrange_bench", "tops", "--json")
+    assert code == 0, err
+    listed = [(top["name"], top["alpha"]) for top in json.loads(out)]
+    assert listed.count(("mine", 2.0)) == listed.count(("fast", 1.0)) == 1
+    assert "give the top another name, or pip uninstall well-top" in err
+    entries.write_text("[lagrange_bench.tops]\nmine = my_tops:MINE\n")
+    code, out, err = python(
+        "-m", "lagrange_bench", "integrate", "--top", "mine", "--h", "0.5", "--steps", "20", "--json"
+    )
+    assert code == 0, err
+    assert json.loads(out)["error"]["final"] < 1e-13
+    sweep = tmp_path / "own.toml"
+    sweep.write_text('[[sweep]]\ntops = ["mine"]\nmethods = ["rk4"]\nh = [0.5]\ntime = 2.0\n')
+    code, out, err = python(
+        "-m", "lagrange_bench", "run", sweep, "--results", tmp_path / "out", "--jobs", "1", "--quiet"
+    )
+    assert code == 0, err
+    assert '"alpha": 2.0' in (tmp_path / "out" / "sweep_own.jsonl").read_text().replace('":2.0', '": 2.0')
+
+
 POTENTIAL_KEYS = """
 import json, sys
 from results.store import cell_key
