@@ -38,7 +38,7 @@ SPAN = 32.0  # of the order part
 SIZES = {"quick": tuple(2.0**-k for k in range(0, 6, 2)), "full": tuple(2.0**-k for k in range(-1, 9))}
 QUICK = ("weak_tide",)
 # span: longest run in s; steps to an octave, decades of tolerance between two
-WORK = {"quick": {1e3: 0.05}, "full": {1e3: 0.1, 1e4: 0.4}}
+WORK = {"quick": {1e3: 0.03}, "full": {1e3: 0.1, 1e4: 0.4}}
 RACES = ("tide_1e-6", "weak_tide", "moderate_tide", "strong_tide", "fast_tide", "magnet")  # full profile
 GRID = {"quick": (1, 3), "full": (2, 1)}
 LOST = 1e-6  # an ulp has grown to this where a chaotic orbit is given up
