@@ -5,11 +5,11 @@ BIN := .venv/bin
 .PHONY: help bench test test-oldest stress lint full report dist docs paper clean
 
 help:
-	@echo "make bench   set up, run the quick profile (about 3 minutes), draw the report and print where it is"
-	@echo "make test    set up, run the tests (about 7 minutes)"
+	@echo "make bench   set up, run the quick profile (about 4 minutes), draw the report and print where it is"
+	@echo "make test    set up, run the tests (about 12 minutes)"
 	@echo "make stress  repeat the tests that start processes beside busy loops (hours); ROUNDS=30 MINUTES=240"
 	@echo "make test-oldest   the tests with the oldest versions of all packages (tests/oldest.txt), in .venv-oldest"
-	@echo "make full    set up, run the full profile (about 40 minutes), draw the report and print where it is"
+	@echo "make full    set up, run the full profile (about an hour), draw the report and print where it is"
 	@echo "make report  draw the committed reference run again, computing nothing"
 	@echo "make docs    write the reference of all modules to build/docs, to be read offline"
 	@echo "make paper   docs/exact-step.md as LaTeX and PDF in build/paper; needs pandoc and xelatex"
