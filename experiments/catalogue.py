@@ -63,7 +63,7 @@ def load(name: str) -> ModuleType:
 def load_stored(name: str) -> ModuleType:
     """As `load`, of a name that results bring with them: a module that nobody has imported yet is unknown.
 
-    Whoever wrote the results chose the name, and importing a module runs its code.
+    The author of the results chose the name, and importing a module runs its code.
     """
     if "." in name and name not in sys.modules:
         raise UnknownExperiment(f"unknown experiment {name!r}; if it is your own, add --module {name}")

@@ -180,7 +180,6 @@ class TopRegistry(Registry):
         return len({**self._ours, **self._entries})
 
 
-
 METHODS = Registry("method", BUILT_IN, "integrators.interface:Method")
 POTENTIALS = Registry("potential", POTENTIALS_BUILT_IN, "integrators.problem.perturbed:Potential")
 NAMED_TOPS = TopRegistry()

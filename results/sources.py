@@ -34,7 +34,7 @@ Place = tuple[str, str]  # a module and a name defined there; "" for all of them
 
 
 def of_cell(experiment: str, cell: Mapping[str, Any]) -> str | None:
-    """Digest of the sources that compute a cell here and now, as they were first asked for; None if it cannot be told."""
+    """Digest of the sources that compute a cell here and now, as they were first asked for; None if it is not known."""
     method, potential = (cell.get(word) for word in ("method", "potential"))
     return _of(experiment, *(name if isinstance(name, str) else None for name in (method, potential)))
 

@@ -1,5 +1,6 @@
 """The documents are in plain English: short sentences, usual words."""
 
+import ast
 import re
 from pathlib import Path
 
@@ -10,6 +11,7 @@ DOCUMENTS = sorted([ROOT / "README.md", ROOT / "results" / "README.md", *(ROOT /
 LONGEST, MEAN = 40, 20  # words
 UNUSUAL = r"\btold\b|\bwhoever\b|\bis said\b|, say[,.;)]|\bamong them\b|\bthereof\b|\bwherein\b|\bwhat is of\b"
 # code, formulas, tables, pictures
+RARE = r"\btold\b|\b[Ww]hoever\b|, say[,.;)]"  # in the code
 SKIPPED = r"^ {0,3}```.*?^ {0,3}```|<!--.*?-->|\$\$.*?\$\$|^ {4,}\S[^\n]*$|^ *\|[^\n]*$|!\[.*?\]\(.*?\)"
 
 
@@ -33,6 +35,17 @@ def test_sentences_are_short_and_words_usual(path):
     assert not re.findall(UNUSUAL, re.sub(SKIPPED, "", text, flags=re.DOTALL | re.MULTILINE))
 
 
+@pytest.mark.parametrize("room", ["integrators", "experiments", "results", "report", "lagrange_bench"])
+def test_docstrings_and_messages_use_usual_words(room):
+    found = []
+    for path in (ROOT / room).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                found += [(path.name, node.lineno, word) for word in re.findall(RARE, node.value)]
+    assert not found
+
+
 def test_a_long_sentence_and_a_rare_word_are_found():
     assert [len(words) for words in sentences("A b, c. D `e` f\n\n- g h\n\n    h = 1\n")] == [3, 3, 2]
-    assert re.findall(UNUSUAL, "take one, say, and whoever is told")
+    assert len(re.findall(UNUSUAL, "take one, say, and whoever is told")) >= 3
+    assert len(re.findall(RARE, "take one, say, and whoever is told")) == 3

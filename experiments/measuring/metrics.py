@@ -212,7 +212,7 @@ def phase_split(top: LagrangeTop, y_exact: ArrayLike, error: ArrayLike) -> dict[
     -------
     "time" (units of t: the nutation phase), "angle" (rad: the precession phase), "H", "J3", "C1", "C2" and "rank",
     each (N,). rank < 6 marks states where the flows or the gradients are dependent (regular precession, sleeping):
-    there "time" and "angle" cannot be told apart.
+    there "time" and "angle" cannot be separated.
     """
     y = np.atleast_2d(_floats(y_exact))
     e = np.atleast_2d(_floats(error))

@@ -5,7 +5,7 @@ States and numbers are those of `phase_space`. With Pauli matrices
     L_G(u) = alpha σ3 + Σ σ·s_j/(u − a_j)                n sites                                    (2.1), (2.2)
     L(u)   = i (alpha σ3 + σ·J/u + σ·x/u²)               the top, L = i L_G after the contraction   (2.21)
 
-Two points lie over each λ of the spectral curve, told apart by `sheet`: μ = ±i m/λ² with m = √Q(λ), the branch that
+Two points lie over each λ of the spectral curve, distinguished by `sheet`: μ = ±i m/λ² with m = √Q(λ), the branch that
 comes from √C1 at λ = 0 along the straight segment. Code passes m, which has no pole, where the paper passes μ.
 
 Corrected here (see `ERRATA`): the curve (2.22) has 2 alpha J3/u, and L of (2.21) has the r-matrix −P/(u − v).
