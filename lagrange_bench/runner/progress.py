@@ -145,7 +145,7 @@ def follow(totals: Mapping[str, int], show: bool = True, at_a_time: int | None =
 
 @contextlib.contextmanager
 def drawing(results: Path, show: bool = True) -> Iterator[Callable[[int, int], None]]:
-    """A bar while something is drawn, on a terminal; then what it was drawn from. To be called with the parts done, and of how many."""
+    """A bar while something is drawn, on a terminal; then what it was drawn from. Called with (parts done, of how many)."""
     console = _terminal() if show else None
     if console is None:
         yield lambda done, total: None
