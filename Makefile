@@ -5,7 +5,7 @@ BIN := .venv/bin
 .PHONY: help bench test test-oldest stress lint full report dist docs paper clean
 
 help:
-	@echo "make bench   set up, run the quick profile (about 4 minutes), draw the report and print where it is"
+	@echo "make bench   set up, run the quick profile (about 5 minutes), draw the report and print where it is"
 	@echo "make test    set up, run the tests (about 12 minutes)"
 	@echo "make stress  repeat the tests that start processes beside busy loops (hours); ROUNDS=30 MINUTES=240"
 	@echo "make test-oldest   the tests with the oldest versions of all packages (tests/oldest.txt), in .venv-oldest"
