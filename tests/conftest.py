@@ -12,11 +12,6 @@ _folder = tempfile.TemporaryDirectory(prefix="heyoka-")
 os.environ["HEYOKA_CACHE_DIR"] = _folder.name
 
 
-def pytest_collection_modifyitems(items):
-    """Groups that one worker runs come first: begun last, they would keep it busy when the others have nothing left to do."""
-    items.sort(key=lambda item: item.get_closest_marker("xdist_group") is None)
-
-
 @pytest.fixture
 def run(capsys):
     """run(*words) -> (exit code, stdout, stderr)."""
