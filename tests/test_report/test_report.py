@@ -478,7 +478,7 @@ def test_fairness_says_what_the_rows_say():
     rules, methods = fairness.assemble({"cost": cost, "work_precision": work, "ensemble": ensemble})
     said = dict(rules)
     assert "take 2 µs for a top, and up to 7 µs" in said["Set-up and compilation apart."]
-    assert "a factor of 900 " in said["Compiled or not."]
+    assert "a factor of 900," in said["Compiled or not."]
     assert "60 µs for the exact" in said["Set-up and compilation apart."]
     assert "falls no more (0 of 2 curves) or one run would take too long (1)" in said["Each at its best step."]
     methods = methods.set_index("method")
