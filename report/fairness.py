@@ -65,9 +65,8 @@ def _rules(records: dict[str, Method], step: pd.DataFrame, setup: str, work: pd.
         (
             "What an evaluation is.",
             "A right-hand side or a force, counted where a method has any. That is a stage of Runge-Kutta, a kick of a "
-            "splitting, "
-            "an order of a Taylor step, or a stage of one iteration of an implicit step. Explicit maps and closed forms have "
-            "none and are compared by time only.",
+            "splitting, an order of a Taylor step, or a stage of one iteration of an implicit step. Explicit maps and closed "
+            "forms have none and are compared by time only.",
         ),
         (
             "Tolerances are not errors.",
@@ -84,8 +83,8 @@ def _rules(records: dict[str, Method], step: pd.DataFrame, setup: str, work: pd.
             "Final state, one trajectory.",
             "Times are those to the state at the end. No method may step over more than 16 units of time, although an exact one "
             "could jump to the end for the price of a set-up (the ensembles show it). Storing every step costs extra, and so "
-            "does "
-            "dense output of Taylor and Runge-Kutta methods. This is the latency of one trajectory, not the throughput of many.",
+            "does dense output of Taylor and Runge-Kutta methods. This is the latency of one trajectory, not the throughput of "
+            "many.",
         ),
         (
             "Methods that are moved back onto the invariants.",
@@ -95,8 +94,7 @@ def _rules(records: dict[str, Method], step: pd.DataFrame, setup: str, work: pd.
         (
             "Judged at its own time.",
             "A method with fixed steps is compared with the exact solution at exactly n·h rather than at the nearest double, "
-            "which "
-            "can differ by 6·10⁻¹¹ at t = 10⁶. That is more than some methods' error.",
+            "which can differ by 6·10⁻¹¹ at t = 10⁶. That is more than some methods' error.",
         ),
         (
             "Summation.",

@@ -6,10 +6,9 @@ import pandas as pd
 
 from experiments.measuring.states import CLOSE, RANDOM, WIDE, methods_on
 from integrators.interface import INVARIANTS, Method
-from integrators.problem import potentials
-from integrators.problem.perturbed import Potential
 from integrators.problem.potentials import PERTURBED_TOPS
 from integrators.problem.top import TOPS
+from integrators.registry import POTENTIALS, POTENTIALS_BUILT_IN
 
 TAKES = {"linear": "uniform field", "quadratic": "quadratic potentials", "force": "any potential"}
 DRAWN = {  # of `experiments.measuring.states`, by the first word of their names
@@ -54,10 +53,9 @@ def tops() -> pd.DataFrame:
 
 def built_in_potentials() -> pd.DataFrame:
     """The potentials that come with the bench."""
-    found = [value for value in vars(potentials).values() if isinstance(value, Potential)]
     return pd.DataFrame(
         [
             {"potential": p.name, "parameters": ", ".join(p.parameters or ()) or "any number", "V(x)": p.note}
-            for p in found
+            for p in (POTENTIALS[name] for name in POTENTIALS_BUILT_IN)
         ]
     )

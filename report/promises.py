@@ -486,8 +486,8 @@ CLAIMS = [
     ),
     Claim(
         "magnet-set-up",
-        "The set-up of the exact step is slow, because it is Python with many digits. Over t = 64 with 8 spins, set-up counted, "
-        "another method is quicker at every error.",
+        "Over t = 64 with 8 spins the exact step of the magnet loses, set-up counted: another method is quicker at every "
+        "error.",
         "gaudin",
         on(table("gaudin", "work"), at_most(1.0, "with set-up", span=64.0)),
         spans(64.0),

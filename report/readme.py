@@ -11,6 +11,8 @@ from experiments import EXPERIMENTS, phase, work_precision
 from experiments.drawing import figures, style, tables
 from integrators.files import write_file
 from report import page
+from report.claims import CONFIRMED
+from report.origin import PUBLISHED
 from results.store import Store
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -18,7 +20,6 @@ BEGIN = "<!-- claims: written by `python -m report.readme`, checked by tests/tes
 PICTURE = ROOT / "docs" / "headline.svg"
 TOP, SPAN = "generic", 1e4  # of the picture
 END = "<!-- end of claims -->"
-WORDS = {True: "holds", False: "**refuted**", None: "no data"}
 
 
 def six_claims(judged: list[page.Judged]) -> str:
@@ -26,8 +27,8 @@ def six_claims(judged: list[page.Judged]) -> str:
     lines = ["| claim | measured | required | reproduce |", "|---|---|---|---|"]
     for each in (each for each in judged if each.claim.brief):
         found, bound = values(each)
-        verdict = "" if each.verdict.passed else f" {WORDS[each.verdict.passed]}"
-        lines.append(f"| {each.claim.brief} | {found}{verdict} | {bound} | `{command(each)}` |")
+        verdict = "" if each.verdict.word == CONFIRMED else f" (**{each.verdict.word}**)"
+        lines.append(f"| {each.claim.brief} | {found}{verdict} | {bound} | `{PUBLISHED.run(each.claim.experiment)}` |")
     return "\n".join(lines)
 
 
@@ -37,7 +38,7 @@ def all_claims(judged: list[page.Judged]) -> str:
     for each in judged:
         found, bound = values(each)
         text = tables.numbers_in(each.claim.text).replace("|", "\\|")
-        lines.append(f"| {text} | {found} | {bound} | {WORDS[each.verdict.passed]} | `{each.claim.experiment}` |")
+        lines.append(f"| {text} | {found} | {bound} | {each.verdict.word} | `{each.claim.experiment}` |")
     return "\n".join(lines)
 
 
@@ -47,10 +48,6 @@ def values(judged: page.Judged) -> tuple[str, str]:
     found, bound = ("" if v is None else tables.show(v) for v in (verdict.value, verdict.bound))
     found += ("" if unit == "×" else " ") + unit if found else ""
     return f"{found} ({verdict.over})" if verdict.over else found, f"{verdict.sign} {bound}" if bound else ""
-
-
-def command(judged: page.Judged) -> str:
-    return f"lagrange-bench run {judged.claim.experiment} --profile full"
 
 
 def with_claims(text: str, made: str) -> str:
