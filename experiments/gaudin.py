@@ -29,7 +29,7 @@ from integrators.paper.gaudin_magnets import central_spin, random_magnet, unit_o
 from integrators.paper.gaudin_methods import MAGNET_METHODS, prepare_method
 from integrators.paper.gaudin_model import GaudinMagnet
 
-VERSION = 2
+VERSION = 3
 
 SIZES = (2, 3, 8, 32)
 EXACT_SIZES = {"quick": (2, 3, 8), "full": SIZES}  # the exact step of 32 spins takes seconds to prepare
@@ -86,10 +86,8 @@ def cells(profile: str) -> list[dict]:
 
 
 def _method(variant: str) -> str:
-    """The method of the top that a variant goes with: what it needs to be installed, and its colour."""
-    if variant.startswith("order"):
-        return "backlund_paper"
-    return {"exact": "backlund", "spherical_midpoint": "collective_midpoint"}.get(variant, variant)
+    """The name of a variant's method in MAGNET_METHODS."""
+    return "backlund_paper" if variant.startswith("order") else {"exact": "backlund"}.get(variant, variant)
 
 
 def measure(cell: dict) -> list[dict]:
@@ -99,8 +97,8 @@ def measure(cell: dict) -> list[dict]:
 
 def _stepper(magnet: GaudinMagnet, spins: Array, variant: str, h: float, **options: Any) -> Any:
     if variant.startswith("order "):
-        return prepare_method(magnet, spins, h, "backlund_paper", {"factors": int(variant.removeprefix("order ")) // 2})
-    return prepare_method(magnet, spins, h, "backlund" if variant == "exact" else variant, options)
+        options["factors"] = int(variant.removeprefix("order ")) // 2
+    return prepare_method(magnet, spins, h, _method(variant), options)
 
 
 def _drift(magnet: GaudinMagnet, spins: Array, state: Array) -> dict[str, float]:
@@ -318,7 +316,8 @@ SHADES = {"order 4": ("#7D9BD1", "s", 1), "order 6": ("#3F93CF", "h", 3), "order
 
 
 def _look(style, variant: str) -> dict:
-    look = {**style.of(_method(variant)), "label": LABELS[variant]}
+    like = {"spherical_midpoint": "collective_midpoint"}.get(variant, _method(variant))  # of the methods for tops
+    look = {**style.of(like), "label": LABELS[variant]}
     if variant in SHADES:
         colour, marker, dash = SHADES[variant]
         look |= {"color": colour, "marker": marker, "linestyle": style.DASHES[dash]}

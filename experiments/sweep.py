@@ -206,7 +206,7 @@ def _start(name: Any, tops: dict[str, Start], place: str) -> Start:
         )
     if name in tops:
         return tops[name]
-    top, y0 = (NAMED_TOPS[name].top, NAMED_TOPS[name].state) if name in NAMED_TOPS else find(name)
+    top, y0 = find(name)
     start = {"top": name, "alpha": top.single(), "y0": _words(y0)}
     if isinstance(top, PerturbedTop):
         start |= {"potential": top.potential.name, "parameters": _words(top.parameters)}

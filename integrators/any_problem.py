@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from integrators import api
 from integrators.api import Trajectory
-from integrators.checks import check_count
+from integrators.checks import check_grid
 from integrators.interface import Method
 from integrators.problem.body import HeavyTop
 from integrators.problem.perturbed import PerturbedTop
@@ -65,10 +65,7 @@ def _integrate_magnet(
 
     if h is None or steps is None:
         raise ValueError("give h and steps")
-    steps = check_count(steps, "steps")
-    every = max(steps, 1) if every is None else check_count(every, "every", least=1)
-    if steps % every:
-        raise ValueError(f"every = {every} does not divide steps = {steps}")
+    steps, every = check_grid(steps, every, "steps")
     stepper = prepare_method(magnet, spins, h, method, options)
     y = stepper.record(spins, steps, every)
     return Trajectory(magnet, method, stepper.h * (every * np.arange(len(y), dtype=np.float64)), y, stepper.work)

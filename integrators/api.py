@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from integrators.checks import check_count, check_options, check_state, check_step, check_times
+from integrators.checks import check_grid, check_options, check_state, check_step, check_times
 from integrators.interface import Array, Method, StepError, Stepper, Work
 from integrators.problem import body
 from integrators.problem.body import HeavyTop
@@ -76,22 +76,9 @@ def integrate(
     attitude: bool | ArrayLike = False,
     **options: Any,
 ) -> Trajectory:
-    """Follow the top from y0.
+    """Follow the top from y0: `any_problem.integrate`, which describes the arguments, without the magnets.
 
-    Either `h` and `steps`, recording every `every` steps (default: only the start and the end), or `t`, any
-    output times from 0: then the method's dense output is used, or, for the exact Bäcklund map, one map
-    for each time (a jump, not a sequence of steps); backlund_splitting chooses its step for `tol` and reports it in `work.notes`.
-
-    Parameters
-    ----------
-    top : LagrangeTop, HeavyTop (time in s then), or PerturbedTop. y0 : (6,), initial (J, x). h : step, negative runs backwards.
-    steps : number of steps. method : a name in METHODS, or a Method. every : must divide `steps`.
-    attitude : follow the whole body too: True, or its initial attitude as a unit quaternion (4,), scalar first; the
-    body is that of a HeavyTop, or one with equal moments of inertia. options : the method's own.
-
-    Raises
-    ------
-    ValueError : bad input; the message names the argument. StepError : the method failed.
+    What measures tops calls this one: its rows do not depend on the sources of the magnets.
     """
     heavy, top = (top, top.top) if isinstance(top, HeavyTop) else (None, top)
     found, state = _look_up(top, y0, method)
@@ -107,10 +94,7 @@ def integrate(
         return _evaluate(found, top, state, t, options)
     if h is None or steps is None:
         raise ValueError("give h and steps, or output times t")
-    steps = check_count(steps, "steps")
-    every = max(steps, 1) if every is None else check_count(every, "every", least=1)
-    if steps % every:
-        raise ValueError(f"every = {every} does not divide steps = {steps}")
+    steps, every = check_grid(steps, every, "steps")
     h = check_step(h)
     stepper = _prepare(found, top, state, h, options)
     if not math.isfinite(h * steps):

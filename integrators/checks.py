@@ -80,6 +80,15 @@ def check_options(name: str, function: Callable[..., Any], options: Mapping[str,
             raise ValueError(f"unknown option {option!r} of {name}{suggestion(option, known)} Its options: {offered}")
 
 
+def check_grid(n: Any, every: Any = None, name: str = "n") -> tuple[int, int]:
+    """`n` steps and `every`, how many of them lead from one row to the next; by default all of them."""
+    n = check_count(n, name)
+    every = max(n, 1) if every is None else check_count(every, "every", least=1)
+    if n % every:
+        raise ValueError(f"every = {every} does not divide {name} = {n}")
+    return n, every
+
+
 def check_real(value: Any, name: str) -> float:
     """`value` as a finite float."""
     if isinstance(value, (bool, np.bool_, str, bytes, complex)):

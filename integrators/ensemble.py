@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from integrators import machine
-from integrators.checks import check_count, check_options, check_step, check_times
+from integrators.checks import check_count, check_grid, check_options, check_step, check_times
 from integrators.compiling.lanes import LANES, run_lanes
 from integrators.compiling.loops import FixedStepper
 from integrators.interface import Array, Method, StepError, Stepper
@@ -89,11 +89,9 @@ def integrate_ensemble(
         return _judge(found, None, out, failures, on_failure)
     if h is None or steps is None:
         raise ValueError("give h and steps, or output times t")
-    h, steps = check_step(h), check_count(steps, "steps")
+    h = check_step(h)
     check_options(found.name, build, options)
-    stride = max(steps, 1) if every is None else check_count(every, "every", least=1)
-    if steps % stride and every is not None:
-        raise ValueError(f"every = {every} does not divide steps = {steps}")
+    steps, stride = check_grid(steps, every, "steps")
     if every is None:
         out = np.empty((1, n, 6))
         rows = out if steps else out[:0]

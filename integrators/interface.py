@@ -64,8 +64,9 @@ class Stepper(Protocol):
     from_start: bool = False
 
     def advance(self, y: Array, n: int) -> Array:
-        """State (6,) after time n*h. `y` is (6,) float64 and is not modified."""
-        ...
+        """State (6,) after time n*h. `y` is (6,) float64 and is not modified. By default the last row of `record`."""
+        last: Array = self.record(y, n, max(n, 1))[-1]
+        return last
 
     def record(self, y: Array, n: int, every: int) -> Array:
         """States after 0, every, 2*every, … n steps, shape (n//every + 1, 6); row 0 is `y`."""

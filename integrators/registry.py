@@ -2,8 +2,8 @@
 
 A method that lives in somebody else's package joins through the entry-point group `lagrange_bench.methods`
 (name = registry key, value = `package.module:METHOD`), a potential through `lagrange_bench.potentials`, a top with a name and an
-initial state through `lagrange_bench.tops`. One that cannot be
-loaded, or whose name is taken, is no reason for the others to fail.
+initial state through `lagrange_bench.tops`. One that cannot be loaded, or whose name is taken, is no reason for the others
+to fail.
 """
 
 from __future__ import annotations
@@ -167,17 +167,15 @@ class TopRegistry(Registry):
         from integrators.problem.potentials import PERTURBED_TOPS
         from integrators.problem.top import TOPS
 
-        self.built_in = dict.fromkeys((*TOPS, *PERTURBED_TOPS), "")  # taken names; they are not loaded as entry points
         return {**TOPS, **PERTURBED_TOPS}
+
+    @cached_property
+    def _entries(self) -> dict[str, EntryPoint]:
+        self.built_in = dict.fromkeys(self._ours, "")  # names that are taken; what they stand for is here already
+        return super()._entries
 
     def __getitem__(self, name: str) -> Any:
         return self._ours[name] if name in self._ours else super().__getitem__(name)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter({**self._ours, **self._entries})
-
-    def __len__(self) -> int:
-        return len({**self._ours, **self._entries})
 
 
 METHODS = Registry("method", BUILT_IN, "integrators.interface:Method")

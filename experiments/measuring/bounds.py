@@ -27,9 +27,8 @@ from integrators.words import suggestion
 TOPS = ("generic", "figure1", "fast", "slow")
 IN_POTENTIALS = ("moderate_tide", "magnet")  # written bounds have these, too, for methods that take them
 STEPS = (0.1, 0.5)  # of written bounds
-LENGTH = (
-    10**5
-)  # steps of a run, if nobody says; 2000 for methods that are interpreted, 200 for those that are implicit, too
+# steps of a run by default; 2000 for methods that are interpreted, 200 for those that are implicit, too
+LENGTH = 10**5
 MARGIN = 2  # of a written bound, times what was measured
 WHERE = ("method", "top", "h", "steps")  # in a file of bounds: what a bound is for
 HEAD = """\

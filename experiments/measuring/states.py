@@ -16,6 +16,7 @@ from experiments.measuring import truths
 from integrators.interface import Method, Stepper
 from integrators.problem.potentials import PERTURBED_TOPS
 from integrators.problem.top import TOPS, Array, LagrangeTop
+from integrators.registry import NAMED_TOPS
 
 RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
 CLOSE = tuple(f"close{i:03d}" for i in range(32))  # to the separatrix; likewise
@@ -23,18 +24,20 @@ WIDE = tuple(f"wide{i:03d}" for i in range(200))  # of every kind; likewise
 
 
 def find(name: str) -> tuple[Any, Array]:
-    """Top and initial state of a named top, in a potential or not, or of "random000" … "random999", "wide000" … or "close000" ….
+    """Top and initial state of a named top, or of "random000" … "random999", "wide000" … or "close000" ….
 
     The random ones have alpha in [0.3, 2], each J in [-2, 2] and |x| in [0.5, 2]; the generator is Python's own,
     whose `random()` never changes. The wide ones have either sign of alpha and |J|²/(|alpha||x|) from 1e-3 to 1e3. The close
     ones are on the separatrix but for a part of 1e-1 to 1e-8 of J.
     """
-    if name in TOPS:
+    if name in TOPS:  # not by NAMED_TOPS: `results.sources` is to see on which definitions a row depends
         return TOPS[name].top, TOPS[name].state
     if name in PERTURBED_TOPS:
         return PERTURBED_TOPS[name].top, PERTURBED_TOPS[name].state
+    if name in NAMED_TOPS:  # of a package
+        return NAMED_TOPS[name].top, NAMED_TOPS[name].state
     if not re.fullmatch(r"(random|wide|close)\d{3}", name):
-        known = f"{', '.join((*TOPS, *PERTURBED_TOPS))}, random000 … random999, wide000 … wide999, close000 … close999"
+        known = f"{', '.join(NAMED_TOPS)}, random000 … random999, wide000 … wide999, close000 … close999"
         raise ValueError(f"unknown state {name!r}; known: {known}")
     draw = random.Random(name)  # seeded by the text itself, through SHA-512
     J = [draw.uniform(-2, 2) for _ in range(3)]

@@ -96,11 +96,8 @@ def jit_as(name: str, **more: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def decorate(function: Callable[..., Any]) -> Any:
         dispatcher = jit(function, **more)
-        return (
-            dispatcher
-            if config.DISABLE_JIT
-            else set_name(dispatcher, f"{_folder(function.__module__)} {function.__module__}.{name}")
-        )
+        module = function.__module__
+        return dispatcher if config.DISABLE_JIT else set_name(dispatcher, f"{_folder(module)} {module}.{name}")
 
     return decorate
 

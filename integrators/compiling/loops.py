@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from integrators.checks import check_count
+from integrators.checks import check_grid
 from integrators.compiling.compiled import jit, jit_over
 from integrators.interface import Array, StepError, Stepper, Work
 
@@ -115,9 +115,6 @@ class FixedStepper(Stepper):
         self._run = compiled_loop(step, pin, constants.dtype)
         self.work = Work()
 
-    def advance(self, y: Array, n: int) -> Array:
-        return self.record(y, n, max(n, 1))[-1]
-
     def record(self, y: Array, n: int, every: int) -> Array:
         check_grid(n, every)
         state = self.enter(y)
@@ -178,10 +175,3 @@ class ConjugateStepper(FixedStepper):
             left = "the state left the range of floating-point numbers"
             raise StepError(self.name, self.failures.get(int(tally[FAILURE]), left), h=self.h)
         return rows
-
-
-def check_grid(n: int, every: int) -> None:
-    """ValueError unless n steps can be recorded every `every` of them."""
-    check_count(n, "n")
-    if n % check_count(every, "every", least=1):
-        raise ValueError(f"every = {every} does not divide n = {n}")

@@ -11,8 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from integrators.checks import check_count
-from integrators.compiling.loops import check_grid
+from integrators.checks import check_count, check_grid
 from integrators.interface import Array, StepError, Stepper, Work
 from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import LagrangeTop

@@ -208,9 +208,8 @@ def _runner(top: Problem, rtol: float, atol: float) -> Run:
         walk[STEP] = first_step(tuple(y.tolist()), float(grid[-1]), c)
         length = math.hypot(*y[3:])
         while walk[ROW] < len(grid) and not walk[STUCK]:
-            if (
-                not 0.5 * length <= math.hypot(*state[3:]) <= 2.0 * length
-            ):  # it spins ever faster, in ever smaller steps
+            # else it may spin ever faster, in ever smaller steps
+            if not 0.5 * length <= math.hypot(*state[3:]) <= 2.0 * length:
                 reason = f"rtol and atol do not hold this state: |x| is off by a factor over 2 at t = {walk[TIME]:g}"
                 raise StepError("dop853", reason, step=int(walk[TAKEN]))
             loop(state, grid, INTERRUPTIBLE, c, walk, out)

@@ -23,10 +23,10 @@ from typing import Any
 
 import numpy as np
 
-from integrators.checks import Array, check_options, check_real, check_step, keyword_options
+from integrators.checks import Array, check_grid, check_options, check_real, check_step, keyword_options
 from integrators.compiling.compiled import jit
-from integrators.compiling.loops import INTERRUPTIBLE, check_grid
-from integrators.interface import StepError, Work
+from integrators.compiling.loops import INTERRUPTIBLE
+from integrators.interface import StepError, Stepper, Work
 from integrators.paper.gaudin_model import GaudinMagnet
 from integrators.paper.gaudin_step import prepare, prepare_exact
 from integrators.paper.phase_space import Numbers
@@ -65,19 +65,13 @@ def terms(magnet: GaudinMagnet) -> tuple[Numbers, Numbers, Numbers]:
     return 2.0 * magnet.alpha * c, pairs, K[pairs[:, 0], pairs[:, 1]]
 
 
-class _CompiledStepper:
+class _CompiledStepper(Stepper):
     """Advances real spins by a compiled loop: run(s, b, pairs, K, h, *constants, first, last, every, out) → failed step."""
-
-    from_start = False
 
     def __init__(self, name: str, run: Callable, magnet: GaudinMagnet, spins: Array, h: float, *constants: Any):
         magnet.check_spins(spins)
         self.name, self.run, self.magnet, self.h, self.work = name, run, magnet, check_step(h), Work()
         self.constants = (*terms(magnet), self.h, *constants)
-
-    def advance(self, spins: Array, n: int) -> Array:
-        """Spins (n, 3) after n steps; the argument is not modified."""
-        return self.record(spins, n, max(n, 1))[-1]
 
     def record(self, spins: Array, n: int, every: int) -> Array:
         """Spins after 0, every, 2·every, … n steps, (n//every + 1, sites, 3)."""
@@ -232,7 +226,7 @@ def _prepare_midpoint(name: str, spherical: bool, magnet: GaudinMagnet, spins: A
 # ------------------------------------------------------------------------------------------ by tolerance
 
 
-class _GridStepper:
+class _GridStepper(Stepper):
     """Advances spins by a solver that chooses its own steps: solve(spins, times) → states (times, n, 3)."""
 
     from_start = True
@@ -242,10 +236,6 @@ class _GridStepper:
     ):
         self.magnet, self.h, self.solve, self.work = magnet, check_step(h), solve, work
         magnet.check_spins(spins)
-
-    def advance(self, spins: Array, n: int) -> Array:
-        """Spins (n, 3) after the time n h."""
-        return self.record(spins, n, max(n, 1))[-1]
 
     def record(self, spins: Array, n: int, every: int) -> Array:
         """Spins after the times 0, every h, … n h."""

@@ -29,10 +29,10 @@ from typing import Any
 import numpy as np
 from mpmath import mp
 
-from integrators.checks import check_step
+from integrators.checks import check_grid, check_step
 from integrators.compiling.compiled import jit
-from integrators.compiling.loops import INTERRUPTIBLE, check_grid
-from integrators.interface import StepError, Work
+from integrators.compiling.loops import INTERRUPTIBLE
+from integrators.interface import StepError, Stepper, Work
 from integrators.paper.gaudin_curve import eigenvalue, pade_parameters
 from integrators.paper.gaudin_doubling import exact_step
 from integrators.paper.gaudin_model import GaudinMagnet, check_upper
@@ -126,7 +126,7 @@ def run(s, alpha, g, eta, v, follow, rho, edge, square, low, first, last, total,
             out[(step + 1) // every] = s
 
 
-class MagnetStepper:
+class MagnetStepper(Stepper):
     """Advances the spins (n, 3) of one torus by steps of one or more two-point maps.
 
     Parameters
@@ -134,8 +134,6 @@ class MagnetStepper:
     lams : λ, one or several or none, in the upper half-plane. sheet, site : see `gaudin_curve`; sheet −1 steps backwards.
     v : in place of sheet and site, each v to a few digits. turn : about e3 after the maps, in revolutions.
     """
-
-    from_start = False
 
     def __init__(
         self,
@@ -173,10 +171,6 @@ class MagnetStepper:
     def _round(self, values: Numbers) -> Numbers:
         rounded = np.array([complex(v) for v in values])
         return rounded if self.dtype.kind == "c" else rounded.real.copy()
-
-    def advance(self, spins: Numbers, n: int) -> Numbers:
-        """Spins (n, 3) after n steps; the argument is not modified."""
-        return self.record(spins, n, max(n, 1))[-1]
 
     def record(self, spins: Numbers, n: int, every: int) -> Numbers:
         """Spins after 0, every, 2·every, … n steps, (n//every + 1, sites, 3)."""

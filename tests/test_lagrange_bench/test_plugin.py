@@ -273,6 +273,9 @@ def test_a_top_of_a_package(python, well, tmp_path):
     )
     assert code == 0, err
     assert json.loads(out)["error"]["final"] < 1e-13
+    names_a_top = "from lagrange_bench.testing import assert_drift; assert_drift('rk4', tops=['mine'], steps=10, J3=0)"
+    code, out, err = python("-c", names_a_top)
+    assert code == 0, err
     sweep = tmp_path / "own.toml"
     sweep.write_text('[[sweep]]\ntops = ["mine"]\nmethods = ["rk4"]\nh = [0.5]\ntime = 2.0\n')
     code, out, err = python(
