@@ -28,6 +28,7 @@ from integrators.interface import Array, StepError
 from integrators.paper.gaudin_magnets import central_spin, random_magnet, unit_of_time
 from integrators.paper.gaudin_methods import MAGNET_METHODS, prepare_method
 from integrators.paper.gaudin_model import GaudinMagnet
+from integrators.registry import METHODS
 
 VERSION = 3
 
@@ -82,7 +83,9 @@ def cells(profile: str) -> list[dict]:
             if variant == "dop853" and span > LONGEST:
                 continue
             listed.append({"part": "work", "n": SWEPT, "variant": variant, "span": span, "timing": True})
-    return [{"method": _method(cell["variant"]), **cell} for cell in listed]
+    # a cell names its method where that is one for tops, too: so it is known what has to be installed, and chosen by name
+    named = ((_method(cell["variant"]), cell) for cell in listed)
+    return [{"method": name, **cell} if name in METHODS else cell for name, cell in named]
 
 
 def _method(variant: str) -> str:
