@@ -142,7 +142,7 @@ def assigned(s, c, tally):
 class FormStepper(TorusStepper):
     """Takes any state: a form that leaves its torus is what is measured here."""
 
-    def _enter(self, y: Array) -> Array:
+    def enter(self, y: Array) -> Array:
         return self.units.enter(y)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from integrators.checks import check_grid, check_options, check_state, check_step, check_times
+from integrators.compiling.loops import INTERRUPTIBLE
 from integrators.interface import Array, Method, StepError, Stepper, Work
 from integrators.problem import body
 from integrators.problem.body import HeavyTop
@@ -96,6 +97,10 @@ def integrate(
         raise ValueError("give h and steps, or output times t")
     steps, every = check_grid(steps, every, "steps")
     h = check_step(h)
+    if found.at_once and steps <= INTERRUPTIBLE and not (options or wanted or isinstance(top, PerturbedTop)):
+        y = found.at_once(top, state, h, steps, every)
+        if y is not None and math.isfinite(h * steps):
+            return Trajectory(top, found.name, _times(h, every, len(y)), y, Work(steps=steps))
     stepper = _prepare(found, top, state, h, options)
     if not math.isfinite(h * steps):
         raise StepError(found.name, "the time n h is beyond the largest double", h=h)
@@ -106,7 +111,7 @@ def integrate(
         own_spin = heavy.own_spin(state) if heavy else 0.0
         assert isinstance(top, LagrangeTop)
         g = body.follow(found, top, y, h, every, g0, own_spin, options)
-    return Trajectory(top, found.name, h * (every * np.arange(len(y), dtype=np.float64)), y, stepper.work, g)
+    return Trajectory(top, found.name, _times(h, every, len(y)), y, stepper.work, g)
 
 
 def two_point(top: LagrangeTop | HeavyTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
@@ -124,6 +129,14 @@ def two_point(top: LagrangeTop | HeavyTop, y: ArrayLike, lam: complex, sheet: in
     if isinstance(top, PerturbedTop):
         raise ValueError("top must be a LagrangeTop or a HeavyTop: the map is that of a uniform field")
     return any_parameter.two_point(top, check_state(y, "y"), lam, sheet)
+
+
+def _times(h: float, every: int, rows: int) -> Array:
+    """0, every·h, 2 every·h, …"""
+    times = np.arange(rows, dtype=np.float64)
+    times *= every
+    times *= h
+    return times
 
 
 def _look_up(top: Any, y0: ArrayLike, method: str | Method) -> tuple[Method, Array]:

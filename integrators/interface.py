@@ -49,7 +49,7 @@ class Work:
     rhs_evals: int = 0  # right-hand sides, or their equivalent where a method has any
     iterations: int = 0  # of a nonlinear solver
     rejected: int = 0  # steps tried and thrown away
-    setup_seconds: float = 0.0
+    setup_seconds: float = 0.0  # 0 also where it is part of one compiled call with the steps
 
 
 class Stepper(Protocol):
@@ -106,6 +106,9 @@ class Method:
     source: str  # citation, equation numbers
     prepare: Callable[..., Stepper]  # (top, y0, h, **options): everything slow happens here, once
     evaluate: Callable[..., tuple[Array, Work]] | None = None  # (top, y0, times, **options): dense output or jumps
+    # (top, y0, h, steps, every) → rows, or None: those of `prepare` and `record`, without options, in one call; where it
+    # gives None, as on a failure, those two are asked
+    at_once: Callable[..., Array | None] | None = None
     attitude: Callable[..., Array] | None = None  # (top, y0, h, n, every, g0) -> unit quaternions, see `body`
     # many tops in one call, (n,) alphas and (n, 6) states: (alphas, Y0, h, steps, every, out, stopped, **options) and
     # (alphas, Y0, times, out, **options) → the tops done, a mask; see `ensemble`

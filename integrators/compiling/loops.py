@@ -102,18 +102,28 @@ class FixedStepper(Stepper):
         pin: Callable | None = None,
         block: int = NEVER,
         *,
-        enter: Callable[[Array], Array] = np.array,
-        leave: Callable[[Array], Array] = np.asarray,
+        enter: Callable[[Array], Array] | None = None,
+        leave: Callable[[Array], Array] | None = None,
         rhs_per_step: int = 0,
         failures: dict[int, str] | None = None,
         lane: bool | tuple[Callable, int] = False,
     ):
         self.name, self.h, self.constants, self.block = name, h, constants, block
-        self.enter, self.leave = enter, leave
+        self._enter, self._leave = enter, leave
         self.rhs_per_step, self.failures = rhs_per_step, failures or {}
         self.pin, self.lane = pin, (step, len(constants)) if lane is True else lane or None
         self._run = compiled_loop(step, pin, constants.dtype)
         self.work = Work()
+
+    # not attributes: a stepper that holds methods of its own waits for the garbage collector, which costs as much as a
+    # short run
+    def enter(self, y: Array) -> Array:
+        """A state (6,) in the kernel's units, a fresh array."""
+        return self._enter(y) if self._enter else np.array(y)
+
+    def leave(self, rows: Array) -> Array:
+        """The kernel's rows as states (rows, 6) of the user; may work in `rows`."""
+        return self._leave(rows) if self._leave else rows
 
     def record(self, y: Array, n: int, every: int) -> Array:
         check_grid(n, every)
@@ -130,7 +140,7 @@ class FixedStepper(Stepper):
         self.work.rhs_evals += int(tally[RHS_EVALS]) + n * self.rhs_per_step
         result = self.rows(out, every)
         result[0] = y
-        if self.leave is not np.asarray and not finite(result):  # a change of units may overflow
+        if not finite(result):  # a change of units may overflow
             raise StepError(self.name, "the state left the range of floating-point numbers", h=self.h)
         return result
 
@@ -159,13 +169,13 @@ class ConjugateStepper(FixedStepper):
         self, name: str, h: float, *args: Any, map_rows: Callable, way_in: tuple, way_out: tuple, **more: Any
     ) -> None:
         self._map_rows, self._way_in, self._way_out = map_rows, way_in, way_out
-        super().__init__(name, h, *args, enter=self._enter, leave=self._leave, **more)
+        super().__init__(name, h, *args, **more)
         map_rows(np.empty((0, 6)), *way_in, np.zeros(SIZE))  # compile
 
-    def _enter(self, y: Array) -> Array:
+    def enter(self, y: Array) -> Array:
         return self._map(np.array(y)[None], self._way_in)[0]
 
-    def _leave(self, rows: Array) -> Array:
+    def leave(self, rows: Array) -> Array:
         return self._map(rows, self._way_out)
 
     def _map(self, rows: Array, way: tuple) -> Array:

@@ -23,11 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from integrators.checks import check_count
+from integrators.compiling.compiled import jit
 from integrators.compiling.lanes import run_lanes
-from integrators.compiling.loops import NEVER, FixedStepper
+from integrators.compiling.loops import NEVER, SIZE, FixedStepper, compile_loop, finite
 from integrators.interface import Array, Method, StepError, Work
 from integrators.problem.top import LagrangeTop
-from integrators.problem.units import Units
+from integrators.problem.units import LARGEST_SPAN, MODERATE, Units, exponents, shift
 from integrators.torus import attitude as at
 from integrators.torus import time_step as ts
 from integrators.torus.any_parameter import check_parameter, papers_parameter, plain_constants
@@ -41,11 +42,14 @@ from integrators.torus.real_map import (
     form,
     many_constants,
     many_jumps,
+    on_torus,
     turn_many,
+    turn_rows,
 )
 from integrators.torus.real_map import pin as onto_torus
-from integrators.torus.stepper import TorusStepper, Turn, check_constants
+from integrators.torus.stepper import OFF_TORUS, TorusStepper, Turn, check_constants
 
+PIN = 8  # steps between two pins, by default
 SHORT = 16  # steps of an ensemble up to which λ(h) comes in plain doubles: else set-up would cost fifty times as much as they
 FEW = 4  # tops below which, in longer runs, one after the other is quicker than a block of lanes
 MOST_PARTS = 10**8  # steps of an attitude between two rows: some seconds, not to be interrupted
@@ -57,7 +61,7 @@ def _stepper(name: str, h: float, units: Units, c: Array, pin_every: int, turn: 
     return TorusStepper(name, h, units, c, KERNELS[form(c)], back, block, turn=turn, lane=True)
 
 
-def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = 8, lam: complex | None = None) -> FixedStepper:
+def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN, lam: complex | None = None) -> FixedStepper:
     """The exact step over h, any h ≠ 0; or, with `lam`, the two-point map of that parameter.
 
     Parameters
@@ -68,6 +72,38 @@ def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = 8, lam: c
     """
     pin = check_count(pin, "pin")
     return _exact("backlund", top, y0, h, pin) if lam is None else _plain("backlund", top, y0, h, lam, pin)
+
+
+LOOP = compile_loop(KERNELS[0], onto_torus)
+
+
+@jit
+def run(alpha, y, h, steps, every, out):
+    """`prepare_exact(…).record(y, steps, every)` as one compiled call, into the rows of `out`; False where it takes more."""
+    state = y.copy()
+    rate, length = exponents(alpha, (y[0], y[1], y[2], y[3], y[4], y[5]), h)
+    span = math.ldexp(h, rate)
+    if max(abs(rate), abs(length)) >= MODERATE or not abs(span) < LARGEST_SPAN:
+        return False
+    shift(state, -rate, -length)
+    s = (state[0], state[1], state[2], state[3], state[4], state[5])
+    c, turn = exact_constants(math.ldexp(alpha, length - 2 * rate), s, span)
+    if not finite(c) or form(c) != 0 or not on_torus(s, c, OFF_TORUS):
+        return False
+    if not LOOP(state, 0, steps, every, PIN, c, np.zeros(SIZE), out):
+        return False
+    if turn != NO_TURN:
+        turn_rows(out[1:], turn[0], turn[1], every)
+    shift(out, rate, length)
+    for k in range(6):
+        out[0, k] = y[k]
+    return finite(out)
+
+
+def at_once(top: LagrangeTop, y0: Array, h: float, steps: int, every: int) -> Array | None:
+    """What `Method.at_once` is."""
+    out = np.empty((steps // every + 1, 6))
+    return out if run(top.alpha, y0, h, steps, every, out) else None
 
 
 def prepare_unpinned(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
@@ -82,7 +118,7 @@ def _exact(name: str, top: LagrangeTop, y0: Array, h: float, pin_every: int) -> 
     return _stepper(name, h, units, c, pin_every, turn)
 
 
-def prepare_paper(top: LagrangeTop, y0: Array, h: float, *, pin: int = 8) -> FixedStepper:
+def prepare_paper(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN) -> FixedStepper:
     """The two-point map with the paper's time step, λ = i h √C1/2: second order, T = h + O(h³)."""
     return _plain("backlund_paper", top, y0, h, papers_parameter("backlund_paper", y0, h), check_count(pin, "pin"))
 
@@ -115,7 +151,7 @@ def advance_many(
     out: Array,
     stopped: Callable[[], bool],
     *,
-    pin: int = 8,
+    pin: int = PIN,
     lam: complex | None = None,
 ) -> NDArray[np.bool_]:
     """The exact steps of many tops, each with λ(h) and constants of its own; options as in `prepare_exact`.
@@ -158,7 +194,7 @@ def evaluate_many(alphas: Array, Y0: Array, times: Array, out: Array) -> NDArray
 
 
 def attitude_exact(
-    top: LagrangeTop, y0: Array, h: float, n: int, every: int, g0: Array, *, pin: int = 8, lam: complex | None = None
+    top: LagrangeTop, y0: Array, h: float, n: int, every: int, g0: Array, *, pin: int = PIN, lam: complex | None = None
 ) -> Array:
     """Attitude of the frame that turns with J at 0, every·h, …, n·h, (n//every + 1, 4); exact, see `torus.attitude`."""
     if lam is not None:
@@ -195,6 +231,7 @@ EXACT = Method(
     control="step",
     source=SOURCE + "; λ(h) by time doubling, this project",
     prepare=prepare_exact,
+    at_once=at_once,
     uniform_only="it is a map of the torus of an integrable top; backlund_splitting takes any potential",
     evaluate=evaluate_exact,
     attitude=attitude_exact,
@@ -206,6 +243,7 @@ UNPINNED = replace(
     name="backlund_unpinned",
     label="Bäcklund, exact, not pinned",
     prepare=prepare_unpinned,
+    at_once=None,
     evaluate=None,
     attitude=None,
     advance_many=advance_many_unpinned,

@@ -21,10 +21,10 @@ class TorusStepper(FixedStepper):
 
     def __init__(self, name: str, h: float, units: Units, *args: Any, turn: Turn = NO_TURN, **kwargs: Any):
         self.units, self.turn = units, turn
-        super().__init__(name, h, *args, enter=self._enter, leave=units.leave, **kwargs)
+        super().__init__(name, h, *args, enter=units.enter, leave=units.leave, **kwargs)
 
-    def _enter(self, y: Array) -> Array:
-        state = self.units.enter(y)
+    def enter(self, y: Array) -> Array:
+        state = super().enter(y)
         if not on_torus(state, self.constants, OFF_TORUS):
             raise StepError(self.name, "the state is not on the torus this step was prepared for", h=self.h)
         return state

@@ -1,5 +1,6 @@
 """The Bäcklund map as it is sold: exact in time at any step, invariants at round-off for ever, any λ, any scale."""
 
+import itertools
 import math
 import random
 
@@ -10,6 +11,7 @@ from experiments import drift
 from experiments.measuring import metrics
 from experiments.measuring.states import WIDE, find
 from integrators import (
+    METHODS,
     TOPS,
     LagrangeTop,
     StepError,
@@ -24,6 +26,7 @@ from integrators.torus import real_map
 from integrators.torus import time_step as ts
 from integrators.truth import exact
 
+GENERIC = TOPS["generic"]
 STEPS = 2000
 TIMES = (0.03, 0.1, 0.5, 2.0, 5.0, 11.0)  # steps, in units of 1/(|J| + √(|alpha||x|))
 
@@ -137,6 +140,20 @@ def test_jumps_are_the_exact_solution(name):
     assert np.array_equal(y[0], named.state)
     error = metrics.scaled_error(named.top, named.state, y, exact.solution(named.top, named.state, t))
     assert np.all(error <= 8e-15)
+
+
+def test_a_run_in_one_call_has_the_bits_of_its_stepper():
+    rows, at_once = {}, METHODS["backlund"].at_once
+    for name, h in itertools.product(TOPS, (-0.7, 0.03, 0.5, 2.5, 11.0, 1e6, 1e-30)):
+        rows[name, h] = at_once(TOPS[name].top, TOPS[name].state, h, 24, 6)
+    taken = [case for case, found in rows.items() if found is not None]
+    assert len(taken) > 90  # on the others, tiny and very long steps, another form of the map loses less
+    for name, h in taken:
+        assert np.array_equal(
+            rows[name, h], prepare(TOPS[name].top, TOPS[name].state, h).record(TOPS[name].state, 24, 6)
+        )
+    with_other_pins = prepare(GENERIC.top, GENERIC.state, 0.5, pin=5).record(GENERIC.state, 24, 6)
+    assert not np.array_equal(rows["generic", 0.5], with_other_pins)
 
 
 def test_an_inverse_step_undoes_a_step():
