@@ -217,7 +217,7 @@ def assemble(
         judged, wrong = judge(rows, source)
         held = _held_against(beside, judged) if beside else ""
         fair, error = _fairness(rows)
-        misprints, error_of_errata = _errata()
+        misprints, error_of_errata = _errata() if len(rows.get("paper", ())) else (misprints, None)
         shown, error_of_summary = _summary(rows)
         errors += [*wrong, *filter(None, (error, error_of_errata, error_of_summary))]
     ages = sum((section.ages for section in sections), Counter[str]())

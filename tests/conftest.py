@@ -12,6 +12,11 @@ _folder = tempfile.TemporaryDirectory(prefix="heyoka-")
 os.environ["HEYOKA_CACHE_DIR"] = _folder.name
 
 
+def pytest_collection_modifyitems(items):
+    """Groups come first: each is long, and the last one would keep the other processes waiting."""
+    items.sort(key=lambda item: item.get_closest_marker("xdist_group") is None)
+
+
 @pytest.fixture
 def run(capsys):
     """run(*words) -> (exit code, stdout, stderr)."""

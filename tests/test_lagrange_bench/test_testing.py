@@ -144,6 +144,7 @@ def test_a_file_with_mistakes(tmp_path, text, named):
 
 def test_the_plug_in_of_pytest(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")  # the root folder, whatever lies above
     (tmp_path / "test_mine.py").write_text(
         "def test_mine(drift_bounds):\n    drift_bounds('rk4', tops=['generic'], h=0.1, steps=100)\n"
     )

@@ -8,7 +8,7 @@ import pytest
 
 from experiments.measuring import errata
 from lagrange_bench import __main__ as cli
-from report import page
+from report import page, readme
 
 # What was found wrong when every equation was checked, by section and equation.
 PROSE = {  # a sentence, beside formulas that are right
@@ -148,14 +148,17 @@ def test_command_help(capsys):
 
 
 @pytest.fixture
-def empty(tmp_path):
+def results(tmp_path):
+    """One stored cell of the experiment that the errata belong to."""
     (tmp_path / "results").mkdir()
+    stored = (readme.ROOT / "results" / "reference" / "paper.jsonl").read_text(encoding="utf-8")
+    (tmp_path / "results" / "paper.jsonl").write_text(stored.splitlines(keepends=True)[0], encoding="utf-8")
     return tmp_path / "results"
 
 
-def test_page(empty):
-    text = page.html(page.assemble(empty))
-    assert text == page.html(page.assemble(empty))
+def test_page(results):
+    text = page.html(page.assemble(results))
+    assert text == page.html(page.assemble(results))
     assert text.count('href="#errata"') == 1
     section = text.split('<section id="errata">')[1].split("</section>")[0]
     assert section.count("<tr>") == len(errata.measure()) + 1
@@ -168,11 +171,11 @@ def test_page(empty):
     assert after == sorted(after)
 
 
-def test_page_without_errata(empty, monkeypatch):
+def test_page_without_errata(results, monkeypatch):
     def broken():
         raise ZeroDivisionError("no luck")
 
     monkeypatch.setattr(errata, "measure", broken)
-    report = page.assemble(empty)
+    report = page.assemble(results)
     assert report.errors == ["errata: cannot be evaluated: ZeroDivisionError: no luck"]
-    assert "the formulas could not be evaluated" in page.html(report)
+    assert "where its formulas can be evaluated" in page.html(report)
