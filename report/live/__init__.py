@@ -1,7 +1,7 @@
 """The live top: the part of the page that computes in the reader's browser.
 
-`top.js` is the mathematics (the exact Bäcklund map and three rivals), `picture.js` draws on canvases,
-`view.js` has the controls. Nothing is fetched.
+`top.js` is the mathematics (the exact Bäcklund map, three rivals, and all in a weak tide), `picture.js` draws on
+canvases, `view.js` has the controls. Nothing is fetched.
 """
 
 from __future__ import annotations
@@ -15,8 +15,15 @@ from experiments.drawing import style
 from integrators.problem.top import TOPS
 
 HERE = Path(__file__).parent
-METHODS = ("backlund", "backlund_paper", "implicit_midpoint", "strang", "rk4")  # those of top.js
-FREE = {"name": "free", "label": "Bäcklund, λ of your own", "color": "#5A5A5A"}
+# those of top.js, and what each becomes in a tide: the exact step the inside of a splitting; None: it is for no tide
+METHODS = {
+    "backlund": "backlund_splitting",
+    "backlund_paper": None,
+    "implicit_midpoint": "implicit_midpoint",
+    "strang": "strang",
+    "rk4": "rk4",
+}
+FREE = {"name": "free", "label": "Bäcklund, λ of your own", "color": "#5A5A5A", "offered": True}
 
 
 def script() -> Markup:
@@ -25,11 +32,19 @@ def script() -> Markup:
         "tops": [
             {"name": t.name, "label": t.label, "note": t.note, "alpha": t.alpha, "y": t.y0} for t in TOPS.values()
         ],
-        "methods": [{"name": name, **{key: style.of(name)[key] for key in ("label", "color")}} for name in METHODS]
-        + [FREE],
+        "methods": [
+            *({**_look(name), "offered": True, "tide": other} for name, other in METHODS.items()),
+            FREE,
+            *(_look(other) for other in METHODS.values() if other and other not in METHODS),
+        ],
     }
     parts = [f"const LIVE = {json.dumps(data, ensure_ascii=False)};", *map(_read, ("top.js", "picture.js", "view.js"))]
     return Markup("\n".join(parts).replace("</", "<\\/"))
+
+
+def _look(name: str) -> dict[str, str]:
+    look = style.of(name)
+    return {"name": name, "label": look["label"], "color": look["color"]}
 
 
 def _read(name: str) -> str:

@@ -1,8 +1,9 @@
 "use strict";
 
 // The Lagrange top in the browser: the real form of the two-point Bäcklund map with λ(h) by time doubling, three other
-// integrators, and the invariants. The formulas are those of integrators/integrable (real_map, time_step), in plain
-// doubles; tests/test_report/test_browser.py compares the states with Python's. A state is [J1, J2, J3, x1, x2, x3].
+// integrators, and the invariants; all of it also in a tide k x1²/2. The formulas are those of integrators/torus and
+// integrators/methods, in plain doubles; tests/test_report/test_browser.py compares the states with Python's. A state is
+// [J1, J2, J3, x1, x2, x3].
 
 const Top = (() => {
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -22,10 +23,10 @@ const Top = (() => {
     return z[0] >= 0 ? [re, im] : im >= 0 ? [im, re] : [-im, -re];
   };
 
-  // H, J3, C1, C2
-  function invariants(alpha, y) {
+  // H, J3, C1, C2; in a tide J3 changes
+  function invariants(alpha, y, k = 0) {
     const [J, x] = split(y);
-    return [0.5 * dot(J, J) + alpha * x[2], J[2], dot(x, x), dot(x, J)];
+    return [0.5 * dot(J, J) + alpha * x[2] + 0.5 * k * x[0] * x[0], J[2], dot(x, x), dot(x, J)];
   }
 
   // coefficients of Q(u) = C1 + 2 C2 u + 2H u² + 2 alpha J3 u³ + alpha² u⁴
@@ -68,7 +69,7 @@ const Top = (() => {
       lambda = add(lambda, scale([a, b], size));
       if (Math.abs(a) + Math.abs(b) < 1e-17 * lambda[1]) break;
     }
-    return { lambda, m: branch(q, lambda) };
+    return { lambda, m: root(horner(q, lambda)) }; // so close to 0 that Re m > 0
   }
 
   // (λ, m) of twice the time: the group law of the spectral curve
@@ -158,11 +159,14 @@ const Top = (() => {
     return { lambda, m: sheet, turns: 0, step: (s) => twoPoint(alpha, s, lambda, sheet) };
   }
 
-  const slope = (alpha, y) => {
+  // ∇U × x of U = alpha x3 + k x1²/2
+  const torque = (alpha, k, x) => [-alpha * x[1], alpha * x[0] - k * x[0] * x[2], k * x[0] * x[1]];
+  const slope = (alpha, k, y) => {
     const [J, x] = split(y);
-    return [-alpha * x[1], alpha * x[0], 0, ...cross(J, x)];
+    return [...torque(alpha, k, x), ...cross(J, x)];
   };
-  const along = (y, h, k) => y.map((c, i) => c + h * k[i]);
+  const along = (y, h, d) => y.map((c, i) => c + h * d[i]);
+  const kicked = (alpha, k, h, y) => along(y, h, [...torque(alpha, k, y.slice(3)), 0, 0, 0]);
 
   // The implicit midpoint rule at any h, as in integrators/methods/implicit_midpoint: the height z of the midpoint is the
   // root of a cubic, then Newton's method for v = (h/2) J at the midpoint. Not a number where there are three solutions.
@@ -209,28 +213,96 @@ const Top = (() => {
     return y.map(() => NaN);
   }
 
+  // A u = b by elimination; b becomes u
+  function solved(A, b) {
+    const n = b.length;
+    for (let i = 0; i < n; i++) {
+      let p = i;
+      for (let r = i + 1; r < n; r++) if (Math.abs(A[r][i]) > Math.abs(A[p][i])) p = r;
+      [A[i], A[p], b[i], b[p]] = [A[p], A[i], b[p], b[i]];
+      for (let r = i + 1; r < n; r++) {
+        const f = A[r][i] / A[i][i];
+        for (let c = i; c < n; c++) A[r][c] -= f * A[i][c];
+        b[r] -= f * b[i];
+      }
+    }
+    for (let i = n - 1; i >= 0; i--) {
+      for (let c = i + 1; c < n; c++) b[i] -= A[i][c] * b[c];
+      b[i] /= A[i][i];
+    }
+    return b;
+  }
+
+  // The same in a tide, from its solution without: Newton's method for the midpoint z = y + (h/2) slope(z)
+  function midpointInTide(alpha, k, h, y) {
+    let z = midpoint(alpha, h, y).map((c, i) => 0.5 * (c + y[i])), last = Infinity;
+    for (let i = 0; i < 50; i++) {
+      const f = slope(alpha, k, z), r = z.map((c, l) => y[l] - c + 0.5 * h * f[l]);
+      const size = r.reduce((sum, c) => sum + Math.abs(c), 0);
+      if (size === 0 || (size >= last && size < 1e-14 * Math.hypot(...z))) return y.map((c, l) => c + h * f[l]);
+      last = size;
+      const [j1, j2, j3, x1, x2, x3] = z;
+      const D = [
+        [0, 0, 0, 0, -alpha, 0], [0, 0, 0, alpha - k * x3, 0, -k * x1], [0, 0, 0, k * x2, k * x1, 0],
+        [0, x3, -x2, 0, -j3, j2], [-x3, 0, x1, j3, 0, -j1], [x2, -x1, 0, -j2, j1, 0],
+      ];
+      z = along(z, 1, solved(D.map((row, p) => row.map((c, q) => (p === q ? 1 : 0) - 0.5 * h * c)), r));
+    }
+    return y.map(() => NaN);
+  }
+
+  const ORDER = 24, SHARE = 0.2; // of the Taylor series, and its step as a part of the radius of convergence
+
+  // The motion in a tide over h, to round-off: by Taylor series
+  function taylor(alpha, k, y, h) {
+    const unit = scaleOfTime(alpha, y), sizes = [1 / unit, Math.hypot(...y.slice(3))];
+    const times = (a, b, n) => { let s = 0; for (let i = 0; i <= n; i++) s += a[i] * b[n - i]; return s; };
+    let s = y, left = Math.abs(h);
+    while (left > 0) {
+      const [a, b, c, u, v, w] = s.map((value) => [value]);
+      for (let n = 0; n < ORDER; n++) {
+        const f = Math.sign(h) / (n + 1);
+        const next = [-alpha * v[n], alpha * u[n] - k * times(u, w, n), k * times(u, v, n),
+          times(b, w, n) - times(c, v, n), times(c, u, n) - times(a, w, n), times(a, v, n) - times(b, u, n)];
+        [a, b, c, u, v, w].forEach((series, i) => series.push(f * next[i]));
+      }
+      const all = [a, b, c, u, v, w], tail = all.map((series, i) => Math.abs(series[ORDER]) / sizes[i < 3 ? 0 : 1]);
+      const step = Math.min(left, SHARE * Math.max(...tail) ** (-1 / ORDER));
+      if (!(step > 0)) return y.map(() => NaN);
+      s = all.map((series) => series.reduceRight((sum, e) => sum * step + e, 0));
+      left -= step;
+    }
+    return s;
+  }
+
   // Rivals: y → y after h
   const rivals = {
-    rk4: (alpha, h) => (y) => {
-      const k1 = slope(alpha, y), k2 = slope(alpha, along(y, h / 2, k1));
-      const k3 = slope(alpha, along(y, h / 2, k2)), k4 = slope(alpha, along(y, h, k3));
+    rk4: (alpha, h, k) => (y) => {
+      const k1 = slope(alpha, k, y), k2 = slope(alpha, k, along(y, h / 2, k1));
+      const k3 = slope(alpha, k, along(y, h / 2, k2)), k4 = slope(alpha, k, along(y, h, k3));
       return y.map((c, i) => c + (h / 6) * (k1[i] + 2 * k2[i] + 2 * k3[i] + k4[i]));
     },
-    implicit_midpoint: (alpha, h) => (y) => midpoint(alpha, h, y),
-    strang: (alpha, h) => (y) => {
-      const J = [y[0] - 0.5 * h * alpha * y[4], y[1] + 0.5 * h * alpha * y[3], y[2]], x = y.slice(3);
+    implicit_midpoint: (alpha, h, k) => (y) => (k ? midpointInTide(alpha, k, h, y) : midpoint(alpha, h, y)),
+    strang: (alpha, h, k) => (y) => {
+      const [J, x] = split(kicked(alpha, k, 0.5 * h, y));
       const size = Math.hypot(...J), angle = h * size;
       const s = size > 0 ? Math.sin(angle) / size : h, c = size > 0 ? 2 * (Math.sin(angle / 2) / size) ** 2 : 0.5 * h * h;
-      const u = cross(J, x), v = cross(J, u), z = x.map((a, i) => a + s * u[i] + c * v[i]);
-      return [J[0] - 0.5 * h * alpha * z[1], J[1] + 0.5 * h * alpha * z[0], J[2], ...z];
+      const u = cross(J, x), v = cross(J, u);
+      return kicked(alpha, k, 0.5 * h, [...J, ...x.map((a, i) => a + s * u[i] + c * v[i])]);
     },
+    // half of the exact flow without the tide, a kick by the tide, the other half: λ is another after every kick
+    backlund_splitting: (alpha, h, k) => (y) => {
+      const flow = (s) => exactStep(alpha, s, 0.5 * h).step(s);
+      return flow(kicked(0, k, h, flow(y)));
+    },
+    truth: (alpha, h, k) => (y) => taylor(alpha, k, y, h),
   };
 
-  // The step of a method from y: exact λ(h), the paper's λ = i h √C1/2, or a rival
-  function stepper(method, alpha, y, h) {
+  // The step of a method from y: exact λ(h), the paper's λ = i h √C1/2, which know of no tide, or another
+  function stepper(method, alpha, y, h, k = 0) {
     if (method === "backlund") return exactStep(alpha, y, h);
     if (method === "backlund_paper") return freeStep(alpha, y, [0, 0.5 * Math.abs(h) * Math.hypot(...y.slice(3))], h);
-    return { step: rivals[method](alpha, h) };
+    return { step: rivals[method](alpha, h, k) };
   }
 
   // y and its images, `steps` of them
@@ -240,7 +312,7 @@ const Top = (() => {
     return states;
   }
 
-  return { exactStep, freeStep, invariants, iterate, nutationPeriod, scaleOfTime, stepper, rivals: Object.keys(rivals) };
+  return { exactStep, freeStep, invariants, iterate, nutationPeriod, scaleOfTime, stepper };
 })();
 
 if (typeof module !== "undefined") module.exports = Top;

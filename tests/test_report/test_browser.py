@@ -16,6 +16,8 @@ import pandas as pd
 import pytest
 
 from integrators import TOPS, StepError, integrate
+from integrators.problem.perturbed import PerturbedTop
+from integrators.problem.potentials import TIDE
 from report import page, readme
 from results.store import Store
 
@@ -334,6 +336,29 @@ def test_the_first_screen_says_what_the_bench_shows(browser):
         assert parts[1][0] + seen * (parts[1][1] - parts[1][0]) < height
 
 
+def test_the_navigation_fits_and_shows_where_one_is(browser):
+    marked = "return [...document.querySelectorAll('nav [aria-current]')].map(a => a.hash)"
+    seen = (
+        "const r = document.querySelector('nav [aria-current]').getBoundingClientRect(); return [r.left, r.right, innerWidth]"
+    )
+    for width in (1280, 800, 390):
+        with screen(browser, width, 900):
+            row = "const row = document.querySelector('nav div'); return row.scrollWidth - row.clientWidth"
+            assert (browser.execute_script(row) > 0) == (width < 600)  # a phone's is moved by a finger
+            for name in ("perturbed", "environment", "claims"):
+                browser.execute_script("document.getElementById(arguments[0]).scrollIntoView()", name)
+                WebDriverWait(browser, 10).until(lambda b, name=name: b.execute_script(marked) == [f"#{name}"])
+                left, right, inner = browser.execute_script(seen)
+                assert 0 <= left < right <= inner
+                bottom = browser.execute_script(
+                    "return document.querySelector(`#${arguments[0]} h2`).getBoundingClientRect().top"
+                    " - document.querySelector('nav').getBoundingClientRect().bottom", name,
+                )  # fmt: skip
+                assert bottom >= 0  # the navigation covers no heading
+    browser.execute_script("scrollTo(0, 0)")
+    WebDriverWait(browser, 10).until(lambda b: b.execute_script(marked) == ["#top"])
+
+
 def test_a_reader_who_hears_the_page_is_told_what_is_drawn(browser):
     figures = browser.find_elements(By.CSS_SELECTOR, "figure .card svg")
     assert all(f.get_attribute("role") == "img" and len(f.get_attribute("aria-label")) > 20 for f in figures)
@@ -472,6 +497,81 @@ def test_the_browser_computes_what_python_computes(browser, method):
             assert np.max(np.abs(np.array(found) - expected) / scale) < UNSTABLE.get(name, 1e-12), (name, span)
             compared += 1
     assert compared > 25
+
+
+IN_A_TIDE = {  # of top.js: Python's method and its options
+    "backlund_splitting": ("backlund_splitting", {"corrector": False, "modified_kick": False}),
+    "implicit_midpoint": ("implicit_midpoint", {}),
+    "strang": ("strang", {}),
+    "rk4": ("rk4", {}),
+    "truth": ("taylor", {}),
+}
+
+
+@pytest.mark.parametrize("method", IN_A_TIDE)
+def test_the_browser_computes_what_python_computes_in_a_tide(browser, method):
+    """The largest of the named tides, and a weak one; a hundred steps, to 1e-12 of the scales. Another tide is told apart."""
+    name, options = IN_A_TIDE[method]
+    for state, epsilon in (("generic", 1e-2), ("fast", 1e-4)):
+        base = TOPS[state]
+        top = PerturbedTop(base.top, TIDE, (epsilon, 1.0, 0.0, 0.0))
+        scale = np.repeat(top.scales(base.state)[:2], 3)
+        h = 0.3 * float(top.scales(base.state)[2])
+        expected = integrate(top, base.state, h, 100, name, **options).y[-1]
+
+        def off(tide, base=base, h=h, scale=scale, expected=expected):
+            found = browser.execute_script(
+                "const [m, a, y, h, k] = arguments; return Top.iterate(Top.stepper(m, a, y, h, k).step, y, 100)[100]",
+                method, base.alpha, list(base.y0), h, tide,
+            )  # fmt: skip
+            return np.max(np.abs(np.array(found) - expected) / scale)
+
+        assert off(epsilon) < 1e-12
+        assert off(1.01 * epsilon) > 1e-9
+
+
+def test_the_tide_of_the_live_top(browser):
+    """Leftmost there is none and the exact step is right; then it is a splitting's, whose energy error shrinks with the tide."""
+    afresh(browser)
+    section = live(browser)
+
+    def numbers():
+        frame(browser)
+        cells = "[...document.querySelectorAll('#live .numbers tbody tr')].map(r => [...r.cells].map(c => c.innerText))"
+        return browser.execute_script(f"return {cells}")
+
+    calm, picture = numbers(), drawn(browser)
+    assert not section.find_element(By.CSS_SELECTOR, ".energy").is_displayed()
+    move(browser, "h", -0.2)
+    found = []
+    for exponent in (-2, -4):
+        move(browser, "eps", exponent)
+        rows = numbers()
+        assert [row[0] for row in rows] == ["Bäcklund splitting", "Implicit midpoint", "Strang"]
+        assert {row[3] for row in rows} == {"–"}  # J3 changes
+        energies = browser.execute_script(
+            "const k = 10 ** arguments[0]; return section.runs.map(r => Math.abs(Top.invariants(1, r.all[r.last], k)[0] - "
+            "Top.invariants(1, r.all[0], k)[0]))".replace("section", "document.getElementById('live')"), exponent,
+        )  # fmt: skip
+        found.append(energies)
+    assert section.find_element(By.CSS_SELECTOR, ".energy").is_displayed()
+    assert 30 < found[0][0] / found[1][0] < 300  # of the splitting: like the tide
+    assert max(found[0][1], found[1][1]) < 1e-14  # the midpoint rule keeps a quadratic energy
+    assert found[1][2] > 100 * found[1][0]  # of Strang: as without
+    assert section.find_element(By.CSS_SELECTOR, '[value="backlund_paper"]').get_attribute("disabled")
+    move(browser, "h", 0.4)
+    move(browser, "eps", -7)
+    assert numbers() == calm
+    assert drawn(browser) == picture
+    move(browser, "eps", -1)
+    move(browser, "h", 1.5)
+    browser.execute_script("for (let i = 0; i < 3; i++) document.querySelector('#live [name=more]').click()")
+    move(browser, "steps", 6400)
+    frame(browser)
+    assert "so far the truth" in section.find_element(By.CSS_SELECTOR, '[for="live-steps"] output').text
+    assert not re.search("NaN|Infinity|undefined", section.text)
+    assert said(browser) == []
+    afresh(browser)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
