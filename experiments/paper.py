@@ -19,6 +19,7 @@ from integrators import prepare
 VERSION = 1
 
 FIGURES = {1: ("figure1", 0.0, 0.02, 1000), 2: ("figure2", 500.0, 5000.0, 4000)}
+TITLES = {1: "steps close together, λ = 0.02i", 2: "steps far apart, λ = 500 + 5000i"}
 FORMS = {  # name in tables: method, its options
     "real form": ("backlund", {"pin": 0}),
     "real form, pinned": ("backlund", {"pin": 8}),
@@ -79,20 +80,23 @@ def draw(rows: pd.DataFrame) -> dict:
 
 def _draw_orbits(rows: pd.DataFrame, style):
     fig, axes = style.figure("page", 3.3, ncols=2, subplot_kw={"projection": "3d"})
-    for ax, (figure, (state, re, im, _)) in zip(axes, FIGURES.items(), strict=True):
+    for ax, (figure, (state, *_)) in zip(axes, FIGURES.items(), strict=True):
         points = rows[(rows.figure == figure) & (rows.form == "real form")]
         x = points[["x1", "x2", "x3"]].to_numpy()
         size = float(np.linalg.norm(find(state)[1][3:]))
         theta, phi = np.linspace(0, np.pi, 25), np.linspace(0, 2 * np.pi, 49)
         grid = [np.outer(np.sin(theta), f(phi)) * size for f in (np.cos, np.sin)]
         grid.append(np.outer(np.cos(theta), np.ones_like(phi)) * size)
-        ax.plot_wireframe(*grid, color="#dddddd", linewidth=0.3, rstride=3, cstride=4, rasterized=True)
+        ax.plot_wireframe(*grid, color="#dddddd", linewidth=0.3, rstride=3, cstride=4)
         if figure == 1:
-            ax.plot(*x.T, color="#E69F00", linewidth=0.5, rasterized=True)
-        ax.plot(*x.T, ".", color="#0072B2", markersize=1.3, rasterized=True)
+            ax.plot(*x.T, color="#E69F00", linewidth=0.3)
+        # each point a line of hardly any length: as marks or pixels they would be many more bytes
+        ends = np.repeat(x, 3, axis=0)
+        ends[1::3, 0] += 0.006 * size
+        ends[2::3] = np.nan
+        ax.plot(*ends.T, color="#0072B2", linewidth=1.0, solid_capstyle="round")
         ax.set_box_aspect((1, 1, 1), zoom=0.94)  # leaves room for the labels, which the layout engine does not see
-        real = f"{re:g} + " if re else ""
-        ax.set_title(f"Figure {figure}: λ = {real}{im:g}i", y=1.0)
+        ax.set_title(TITLES[figure], y=1.0)
         for i, axis in enumerate((ax.xaxis, ax.yaxis, ax.zaxis), start=1):
             axis.set_label_text(f"$x_{i}$")
             axis.set_rotate_label(False)
@@ -100,8 +104,8 @@ def _draw_orbits(rows: pd.DataFrame, style):
         ax.tick_params(pad=-1)
         ax.locator_params(nbins=4)
     fig.caption = (
-        "The axis of the top, x, on the sphere |x| = constant: 1000 steps with λ = 0.02i from the data of the paper's "
-        "Figure 1 (joined by lines, as there) and 4000 steps with λ = 500 + 5000i from those of its Figure 2."
+        "The axis of the top, x, on the sphere |x| = constant: left 1000 steps from the data of the paper's "
+        "Figure 1, joined by lines as there; right 4000 steps from those of its Figure 2."
     )
     return fig
 
@@ -114,13 +118,14 @@ def _draw_drift(rows: pd.DataFrame, style):
             look = style.of("backlund_paper" if options.get("pin") else method)
             worst = chosen[list(INVARIANTS)].abs().max(axis=1).cummax()
             ax.loglog(chosen.n, worst.clip(lower=1e-17), **{**look, "marker": "none", "label": form})
-        ax.set_title(f"data of Figure {figure}")
+        ax.set_title(TITLES[figure])
         ax.set_xlabel("number of steps")
         ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
     axes[0].set_ylabel("largest relative error so far")
     style.legend_below(fig)
     fig.caption = (
-        "Largest relative error so far of H, J3, |x|² and x·J, for the same map in two forms. The program divides by "
+        "Largest relative error so far of H, J3, |x|² and x·J, for the same map in two forms, from the data of the paper's "
+        "Figures 1 (left) and 2 (right). The program divides by "
         "numbers that nearly vanish; the real form has no pole; pinned, it is moved back onto its invariants every eighth "
         "step. The grey line is one ulp."
     )

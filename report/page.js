@@ -45,6 +45,23 @@ async function unpack(id) {
   return new Response(stream).text();
 }
 
+// On a phone the panels of a figure stand one below the other: another drawing, embedded as the rows are.
+{
+  const phone = matchMedia("(max-width: 40rem)");
+  async function stack() {
+    if (!phone.matches) return;
+    for (const drawing of document.querySelectorAll("script.phone")) {
+      const card = document.querySelector(`#figure-${CSS.escape(drawing.id.slice(6))} .wide-scroll`);
+      const text = await unpack(drawing.id);
+      drawing.remove();
+      card.insertAdjacentHTML("beforeend", text);
+      card.lastElementChild.classList.add("phone");
+    }
+  }
+  phone.addEventListener("change", stack);
+  stack();
+}
+
 // The rows of a figure, as a file.
 document.addEventListener("click", async (event) => {
   const link = event.target.closest("a.rows");
@@ -114,6 +131,8 @@ function fingers(element, { drag, pinch }) {
   const dialog = document.getElementById("zoom"), pane = dialog.querySelector(".pane");
   const part = (name) => dialog.querySelector(`[name="${name}"]`);
   const LEAST = 0.5, MOST = 12;
+  const LEGIBLE = 1.15; // pixels a point, at least
+  const tapped = matchMedia("(hover: none)");
   let picture = null, scale = 1, fit = 1;
 
   // to scale s, the point (x, y) of the window staying where it is
@@ -130,7 +149,7 @@ function fingers(element, { drag, pinch }) {
   }
 
   function open(figure) {
-    const source = figure.querySelector(".card svg");
+    const source = figure.querySelector(".card svg"); // not that for a phone
     picture = source.cloneNode(true);
     for (const element of [picture, ...picture.querySelectorAll("[id]")]) element.removeAttribute("id"); // they are those of the original
     dialog.querySelector("b").textContent = figure.querySelector("figcaption b").textContent;
@@ -139,6 +158,7 @@ function fingers(element, { drag, pinch }) {
     const [, , width, height] = source.getAttribute("viewBox").split(" ").map(Number);
     fit = Math.min(pane.clientWidth - 16, ((pane.clientHeight - 16) * width) / height);
     zoom(1);
+    if (fit < LEGIBLE * width) zoom((LEGIBLE * width) / fit); // on a phone
     pane.focus();
   }
 
@@ -150,6 +170,7 @@ function fingers(element, { drag, pinch }) {
     button.setAttribute("aria-label", `Enlarge ${figure.querySelector("figcaption b").textContent}`);
     button.addEventListener("click", () => open(figure));
     figure.querySelector(".card").append(button);
+    figure.querySelector(".wide-scroll").addEventListener("click", () => { if (tapped.matches) open(figure); });
   }
   part("in").addEventListener("click", () => zoom(1.5 * scale));
   part("out").addEventListener("click", () => zoom(scale / 1.5));

@@ -65,6 +65,7 @@ class DrawnFigure:
     name: str
     document: str
     caption: str
+    phone: str = ""  # the document of a drawing for a narrow screen, if there is one
 
 
 @dataclass
@@ -350,7 +351,11 @@ def _section(experiment: str, store: Store) -> Section:
 def _figures(module: ModuleType, rows: pd.DataFrame, highlight: Sequence[str]) -> list[DrawnFigure]:
     with style.apply(highlight=highlight):
         drawn = module.draw(rows.copy())
-        return [DrawnFigure(name, figures.svg(f), getattr(f, "caption", "")) for name, f in drawn.items()]
+        made = [DrawnFigure(name, figures.svg(f), getattr(f, "caption", "")) for name, f in drawn.items()]
+    if made and figures.wide(drawn[made[0].name]):
+        with style.apply("column", highlight):
+            made[0].phone = figures.svg(module.draw(rows.copy())[made[0].name])
+    return made
 
 
 def _tables(module: ModuleType, rows: pd.DataFrame) -> list[DrawnTable]:
@@ -456,6 +461,7 @@ def html(report: Report) -> str:
             figures.inline(figure.document, section.file(figure.name), figure.caption or section.title)
         ),
         packed_rows={name: Markup(text) for name, text in _packed_rows(report.sections).items() if len(text) < HEAVY},
+        packed_phones={name: Markup(text) for name, text in _packed_phones(report.sections).items()},
         live=live.script(),
         **parts,
     )
@@ -486,6 +492,17 @@ def stored_rows(section: Section) -> str:
 def packed(text: str) -> str:
     """A long text for a script of the page to unpack: gzip, as base64. Empty if there is none."""
     return base64.b64encode(gzip.compress(text.encode(), compresslevel=9, mtime=0)).decode() if text else ""
+
+
+def _packed_phones(sections: list[Section]) -> dict[str, str]:
+    """The drawings for phones, ready to be put into their cards: of each section the figure that is not folded."""
+    packs = {}
+    for section in sections:
+        for figure in section.figures:
+            if figure.phone:
+                name = section.file(figure.name)
+                packs[name] = packed(figures.inline(figure.phone, f"{name}-phone", figure.caption or section.title))
+    return packs
 
 
 def _headline(sections: list[Section]) -> Section | None:

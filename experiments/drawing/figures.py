@@ -43,9 +43,14 @@ def pdf(figure: Figure) -> bytes:
     return _printed(figure, FigureCanvasPdf, "pdf", style.RC["savefig.dpi"], without)
 
 
+def wide(figure: Figure) -> bool:
+    """Whether it is wider than a column."""
+    return bool(72 * figure.get_figwidth() > WIDE)
+
+
 def png(figure: Figure) -> bytes:
     """The figure as PNG."""
-    width = "column" if 72 * figure.get_figwidth() <= WIDE else "page"
+    width = "page" if wide(figure) else "column"
     return _printed(figure, FigureCanvasAgg, "png", DPI[width], {"Software": None})
 
 

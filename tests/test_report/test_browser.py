@@ -325,11 +325,11 @@ def test_the_first_screen_says_what_the_bench_shows(browser):
     assert not browser.find_elements(By.CSS_SELECTOR, ".summary .no-data")
     key = browser.find_elements(By.CSS_SELECTOR, ".key dt")
     assert [number.text in sentence.text for number, sentence in zip(key, sentences, strict=True)][::2] == [True, True]
-    for width, height, seen in ((1280, 800, 1.0), (360, 740, 0.3)):
+    for width, height, seen in ((1280, 800, 1.0), (360, 740, 0.3)):  # on a phone of two panels on top of each other
         with screen(browser, width, height):
             parts = browser.execute_script(
                 "scrollTo(0, 0); for (const e of document.querySelectorAll('header .error')) e.hidden = true;"  # bad news may
-                "return ['.key', 'main > figure .card svg'].map(s => document.querySelector(s))"
+                "return ['.key', 'main > figure .card svg'].map(s => [...document.querySelectorAll(s)].find(e => e.getClientRects().length))"
                 ".map(e => e.getBoundingClientRect()).map(r => [r.top, r.bottom])"
             )
         assert parts[0][1] < parts[1][0]  # the three numbers, then the figure
@@ -338,9 +338,7 @@ def test_the_first_screen_says_what_the_bench_shows(browser):
 
 def test_the_navigation_fits_and_shows_where_one_is(browser):
     marked = "return [...document.querySelectorAll('nav [aria-current]')].map(a => a.hash)"
-    seen = (
-        "const r = document.querySelector('nav [aria-current]').getBoundingClientRect(); return [r.left, r.right, innerWidth]"
-    )
+    seen = "const r = document.querySelector('nav [aria-current]').getBoundingClientRect(); return [r.left, r.right, innerWidth]"
     for width in (1280, 800, 390):
         with screen(browser, width, 900):
             row = "const row = document.querySelector('nav div'); return row.scrollWidth - row.clientWidth"
@@ -636,6 +634,36 @@ def test_on_a_phone_nothing_sticks_out(browser):
     width = browser.execute_script("return document.documentElement.scrollWidth")
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     assert width <= 390
+
+
+def test_on_a_phone_every_figure_is_seen_whole(browser):
+    """Those that are not folded have drawings of their own, in letters one can read; the others are a tap from full size."""
+    afresh(browser)
+    sizes = (
+        "return [...document.querySelectorAll('figure')].map(f => [f, [...f.querySelectorAll('svg')]"
+        ".filter(s => s.getClientRects().length)]).filter(([f, s]) => s.length).map(([f, s]) => [f.id, s.length, "
+        "s[0].clientWidth / parseFloat(s[0].style.getPropertyValue('--w')), f.querySelector('.wide-scroll').scrollWidth"
+        " - f.querySelector('.wide-scroll').clientWidth])"
+    )
+    assert all(count == 1 for _, count, _, _ in browser.execute_script(sizes))
+    with screen(browser, 390, 844):
+        WebDriverWait(browser, 20).until(lambda b: not b.find_elements(By.CSS_SELECTOR, "script.phone"))
+        seen = browser.execute_script(sizes)
+        assert len(seen) == len(browser.find_elements(By.CSS_SELECTOR, "main > section > figure, main > figure"))
+        for name, count, scale, beyond in seen:
+            assert (count, beyond) == (1, 0), name
+            assert scale > 1.3, name  # pixels a point: the smallest letters have 6.5 points
+        browser.execute_script("document.querySelector('#drift details.more').open = true")
+        frame(browser)
+        assert all(beyond <= 0 for _, _, _, beyond in browser.execute_script(sizes))
+        x, y, width, height = box(browser, "#drift .figures figure .card svg")
+        swipe(browser, ((x + width / 2, y + height / 2),) * 2)
+        dialog = browser.find_element(By.ID, "zoom")
+        assert dialog.is_displayed()
+        assert dialog.find_element(By.CSS_SELECTOR, ".pane svg").rect["width"] > 1.4 * width
+        dialog.find_element(By.CSS_SELECTOR, "[name=close]").click()
+    assert all(count == 1 for _, count, _, _ in browser.execute_script(sizes))
+    afresh(browser)
 
 
 def test_it_prints(browser):
