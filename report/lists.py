@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pandas as pd
 
-from experiments.measuring.states import CLOSE, RANDOM, WIDE, methods_on
+from experiments.measuring.states import CLOSE, RANDOM, WIDE
 from integrators.interface import INVARIANTS, Method
 from integrators.problem.potentials import PERTURBED_TOPS
 from integrators.problem.top import TOPS
-from integrators.registry import POTENTIALS, POTENTIALS_BUILT_IN
+from integrators.registry import METHODS, POTENTIALS, POTENTIALS_BUILT_IN
 
 TAKES = {"linear": "uniform field", "quadratic": "quadratic potentials", "force": "any potential"}
 DRAWN = {  # of `experiments.measuring.states`, by the first word of their names
@@ -20,16 +20,18 @@ DRAWN = {  # of `experiments.measuring.states`, by the first word of their names
 
 def methods() -> pd.DataFrame:
     """Each method: what figures and tables call it, what it claims and where it comes from."""
-    return pd.DataFrame([_method(record) for record in methods_on().values()])
+    return pd.DataFrame([_method(record) for record in METHODS.values()])
 
 
 def _method(record: Method) -> dict[str, str | int]:
-    kept = [name for name in INVARIANTS if name in record.conserves]
+    alone = record.in_field if record.reduces_to else None  # else it is another method
+    conserves, order = (alone.conserves, alone.order) if alone else (record.conserves, record.order)
+    kept = [name for name in INVARIANTS if name in conserves]
     return {
         "in figures": record.label,
         "in tables": record.name,
         "family": record.family,
-        "order": record.order or "exact",
+        "order": order or "exact",
         "keeps to round-off": ", ".join([*kept, *record.keeps]) or "nothing",
         "symmetric": "yes" if record.symmetric else "no",
         "takes": TAKES[record.in_field.needs if record.in_field else "linear"],

@@ -40,6 +40,7 @@ from report import (
     lists,
     live,
     origin,
+    panels,
     promises,
     summary,
 )
@@ -162,6 +163,7 @@ class Report:
     origin: str  # what it was drawn from
     whole: bool  # the bench's own page: with claims, summary, fairness and errata
     beside: str = ""  # what its claims are held against
+    panels: str = ""  # the data of the panels of the methods
 
 
 # ---------------------------------------------------------------- what others call
@@ -212,6 +214,7 @@ def assemble(
     errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
     judged: list[Judged] = []
     shown: list[summary.Sentence] = []
+    curves = ""
     fair, misprints = NO_FAIRNESS, pd.DataFrame()
     held = ""
     if whole:
@@ -220,11 +223,12 @@ def assemble(
         fair, error = _fairness(rows)
         misprints, error_of_errata = _errata() if len(rows.get("paper", ())) else (misprints, None)
         shown, error_of_summary = _summary(rows)
-        errors += [*wrong, *filter(None, (error, error_of_errata, error_of_summary))]
+        curves, error_of_panels = _panels(rows)
+        errors += [*wrong, *filter(None, (error, error_of_errata, error_of_summary, error_of_panels))]
     ages = sum((section.ages for section in sections), Counter[str]())
     old = sources.told(ages[sources.OTHER], ages[sources.UNKNOWN])
     told = "; ".join(filter(None, (origin.told(source, [section.provenance for section in sections]), old)))
-    return Report(sections, judged, fair, misprints, shown, errors, told, whole, held)
+    return Report(sections, judged, fair, misprints, shown, errors, told, whole, held, curves)
 
 
 def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> tuple[list[Judged], list[str]]:
@@ -379,6 +383,14 @@ def _summary(rows: dict[str, pd.DataFrame]) -> tuple[list[summary.Sentence], str
         return [], f"summary: cannot be written: {_said(error)}"
 
 
+def _panels(rows: dict[str, pd.DataFrame]) -> tuple[str, str | None]:
+    """The data of the methods' panels, or why there are none."""
+    try:
+        return panels.script(rows), None
+    except Exception as error:
+        return "", f"panels of the methods: cannot be made: {_said(error)}"
+
+
 def _errata() -> tuple[pd.DataFrame, str | None]:
     """The errata of the paper with the magnitudes of their residuals, or why there are none."""
     names = ("section", "equation", "wrong", "as printed", "misses by", "corrected", "then misses by")
@@ -461,6 +473,7 @@ def html(report: Report) -> str:
             figures.inline(figure.document, section.file(figure.name), figure.caption or section.title)
         ),
         packed_rows={name: Markup(text) for name, text in _packed_rows(report.sections).items() if len(text) < HEAVY},
+        packed_panels=Markup(packed(report.panels)),
         packed_phones={name: Markup(text) for name, text in _packed_phones(report.sections).items()},
         live=live.script(),
         **parts,

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from integrators import TOPS, StepError, integrate
+from integrators import TOPS, StepError, integrate, registry
 from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.potentials import TIDE
 from report import page, readme
@@ -34,6 +34,7 @@ pytestmark = [
     pytest.mark.xdist_group("browser"),
     pytest.mark.processes,
 ]
+METHODS_LISTED = {method.name: method.label for method in registry.METHODS.values()}
 SWITCHES = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-background-networking")
 
 
@@ -305,6 +306,47 @@ def test_fingers_and_keys_turn_and_enlarge_the_sphere(browser):
     assert pictures[-1] == pictures[0]
 
 
+def test_a_name_in_the_list_opens_the_panel_of_the_method(browser):
+    """By keyboard; with its facts, claims and curves, also on tops in a tide; Escape leads back."""
+    afresh(browser)
+    browser.execute_script("document.getElementById('methods').open = true")
+    buttons = browser.find_elements(By.CSS_SELECTOR, "#methods tbody td:first-child button")
+    assert len(buttons) == len(METHODS_LISTED)
+    dialog = browser.find_element(By.ID, "method")
+
+    def curves():
+        WebDriverWait(browser, 20).until(lambda _: dialog.is_displayed())
+        kinds = "[...s.querySelectorAll('path:not(.grid)')].map(p => [p.getAttribute('class'), p.textContent])"
+        return browser.execute_script(f"return [...document.querySelectorAll('#method svg')].map(s => {kinds})")
+
+    for name, top in (("implicit_midpoint", "generic"), ("backlund_splitting", "weak_tide")):
+        label = METHODS_LISTED[name]
+        button = next(b for b in buttons if b.text == label)
+        browser.execute_script("arguments[0].focus()", button)
+        button.send_keys(Keys.ENTER)
+        curves()
+        choose = (
+            "const s = document.querySelector('#method select'); s.value = arguments[0];"
+            "s.dispatchEvent(new Event('change'))"
+        )
+        browser.execute_script(choose, top)
+        drawn = curves()
+        assert len(drawn) == 3
+        for lines in drawn:
+            assert len(lines) > 20
+            assert [text for kind, text in lines if kind == "own"] == [label]
+        assert dialog.find_element(By.TAG_NAME, "b").text == label
+        text = dialog.text
+        assert name in text
+        assert "confirmed" in text
+        assert ("order 2" in text) == (name == "implicit_midpoint")
+        look(browser, f"panel-{name}")
+        browser.switch_to.active_element.send_keys(Keys.ESCAPE)
+        assert not dialog.is_displayed()
+        assert browser.switch_to.active_element == button
+    assert said(browser) == []
+
+
 def test_rows_are_a_link_away(browser, built, tmp_path):
     browser.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
     link = browser.find_element(By.CSS_SELECTOR, "#gaudin a.rows")
@@ -329,7 +371,8 @@ def test_the_first_screen_says_what_the_bench_shows(browser):
         with screen(browser, width, height):
             parts = browser.execute_script(
                 "scrollTo(0, 0); for (const e of document.querySelectorAll('header .error')) e.hidden = true;"  # bad news may
-                "return ['.key', 'main > figure .card svg'].map(s => [...document.querySelectorAll(s)].find(e => e.getClientRects().length))"
+                "return ['.key', 'main > figure .card svg'].map(s => [...document.querySelectorAll(s)])"
+                ".map(found => found.find(e => e.getClientRects().length))"
                 ".map(e => e.getBoundingClientRect()).map(r => [r.top, r.bottom])"
             )
         assert parts[0][1] < parts[1][0]  # the three numbers, then the figure
@@ -640,7 +683,8 @@ def test_on_a_phone_every_figure_is_seen_whole(browser):
     """Those that are not folded have drawings of their own, in letters one can read; the others are a tap from full size."""
     afresh(browser)
     sizes = (
-        "return [...document.querySelectorAll('figure')].map(f => [f, [...f.querySelectorAll('svg')]"
+        "return [...document.querySelectorAll('figure')].filter(f => !f.closest('details:not([open])'))"
+        ".map(f => [f, [...f.querySelectorAll('svg')]"
         ".filter(s => s.getClientRects().length)]).filter(([f, s]) => s.length).map(([f, s]) => [f.id, s.length, "
         "s[0].clientWidth / parseFloat(s[0].style.getPropertyValue('--w')), f.querySelector('.wide-scroll').scrollWidth"
         " - f.querySelector('.wide-scroll').clientWidth])"

@@ -1,0 +1,127 @@
+"""What the panel of a method shows beside its row in the list: its curves on a few tops, and how its claims fare.
+
+All curves together, so that each is seen among the others: as decimal logarithms, in twentieths of a decade.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from experiments import work_precision
+from experiments.drawing.tables import show
+from integrators.interface import INVARIANTS
+from integrators.registry import NAMED_TOPS
+from report.promises import table
+
+PARTS = 20  # of a decade
+LEAST = 1e-17  # what is smaller, or 0, is drawn here
+THINNED = 4  # of the drift every fourth time is drawn
+SPAN = 1e4  # length of the runs of the work, or the longest below that
+
+# claims of the page by the methods they are about
+ABOUT = {
+    "backlund": (
+        "exact-in-time", "exact-in-time-wide", "invariants-for-ever", "hundred-times-heyoka", "smaller-error", "set-up",
+        "cheapest-long", "loses-short", "phase-of-the-pinned-step", "long-run", "ensemble-step", "ensemble-heyoka",
+    ),
+    "backlund_unpinned": ("unpinned", "unpinned-long-steps"),
+    "backlund_splitting": ("wins-perturbed", "loses-perturbed"),
+    "backlund_textbook": ("program-loses-digits",),
+    "implicit_midpoint": ("midpoint-is-unbiased", "midpoint-keeps-J3"),
+    "rk45_fixed": ("rk45-drifts",),
+    "taylor": ("thin-adapter", "hundred-times-heyoka", "smaller-error", "long-run", "ensemble-heyoka"),
+}  # fmt: skip
+
+Curves = dict[str, list[int]]  # method → x0, y0, x1, y1, …
+
+
+def script(rows: dict[str, pd.DataFrame]) -> str:
+    """The data of all panels as JSON; empty if there are no curves."""
+    tops = [_top(name, rows) for name in _states(rows)]
+    if not tops:
+        return ""
+    data = {"tops": tops, "kept": _kept(rows), "about": ABOUT, "parts": PARTS}
+    return json.dumps(data, ensure_ascii=False, separators=(",", ":"))
+
+
+def _states(rows: dict[str, pd.DataFrame]) -> list[str]:
+    """The tops on which errors were measured against the step, in a uniform field and in potentials."""
+    found = [*_part(rows, "phase", "h").get("state", ()), *_part(rows, "perturbed", "work").get("state", ())]
+    return [name for name in dict.fromkeys(found) if name in NAMED_TOPS]
+
+
+def _top(state: str, rows: dict[str, pd.DataFrame]) -> dict[str, Any]:
+    def here(*choices: tuple[str, str]) -> pd.DataFrame:
+        chosen = [_part(rows, experiment, part) for experiment, part in choices]
+        return pd.concat([each[each.state == state] for each in chosen if len(each)] or [pd.DataFrame()])
+
+    errors, drift = here(("phase", "h"), ("perturbed", "order")), here(("drift", "time"), ("perturbed", "drift"))
+    work = here(("work_precision", ""), ("perturbed", "work"))
+    if len(work):
+        work = work[work.span == max((s for s in work.span.unique() if s <= SPAN), default=work.span.min())]
+    return {
+        "name": state,
+        "label": NAMED_TOPS[state].label,
+        "h": _curves(errors, "h", "error"),
+        "drift": _curves(_largest_so_far(drift, state), "t", "error"),
+        "work": _curves(_useful(work), "total", "error"),
+        "span": show(float(work.span.iloc[0])) if len(work) else "",
+    }
+
+
+def _part(rows: dict[str, pd.DataFrame], experiment: str, part: str) -> pd.DataFrame:
+    """What was computed of a part of an experiment, or nothing."""
+    frame = rows.get(experiment, pd.DataFrame())
+    if frame.empty or (part and "part" not in frame):
+        return pd.DataFrame()
+    return frame[(frame.status == "done") & ((frame.part == part) if part else True)]
+
+
+def _largest_so_far(rows: pd.DataFrame, state: str) -> pd.DataFrame:
+    """Of the invariants of the top, at every fourth time."""
+    top = NAMED_TOPS[state].top
+    names = [name for name in INVARIANTS if name in getattr(top, "conserved", INVARIANTS)]
+    made = [
+        run.assign(error=run[names].abs().max(axis=1).cummax())[::-THINNED][::-1]
+        for _, run in (rows.groupby("method", sort=False) if len(rows) else ())
+    ]
+    return pd.concat(made or [pd.DataFrame()])
+
+
+def _useful(rows: pd.DataFrame) -> pd.DataFrame:
+    return work_precision.useful(rows) if len(rows) else rows
+
+
+def _curves(rows: pd.DataFrame, x: str, y: str) -> Curves:
+    if not {"method", x, y} <= set(rows.columns):
+        return {}
+    return {str(name): list(_points(run[x], run[y])) for name, run in rows.groupby("method", sort=False)}
+
+
+def _points(x: pd.Series, y: pd.Series) -> Iterator[int]:
+    for pair in zip(x.astype(float), y.astype(float), strict=True):
+        if np.isfinite(pair).all() and pair[0] > 0:
+            yield from (round(PARTS * float(np.log10(max(value, LEAST)))) for value in pair)
+
+
+def _kept(rows: dict[str, pd.DataFrame]) -> dict[str, list[list[str]]]:
+    """Of each method (what it claims, what was found): its order, and each invariant on generic tops."""
+    found: dict[str, list[list[str]]] = {}
+    if len(_part(rows, "phase", "h")):
+        for run in table("phase", "orders")(rows["phase"]).to_dict("records"):
+            measured = "the leading term is below round-off" if run["hidden"] else show(round(run["measured"], 2))
+            if run["claimed"] != "exact":
+                found.setdefault(run["method"], []).append([f"order {run['claimed']}", f"{measured} ({run['state']})"])
+    if len(_part(rows, "drift", "time")):
+        for run in table("drift", "verdicts")(rows["drift"]).to_dict("records"):
+            claimed = f"{run['invariant']} kept" if run["claimed"] else f"{run['invariant']} not claimed"
+            error = show(float(f"{run['largest relative error']:.1e}"))
+            found.setdefault(run["method"], []).append(
+                [claimed, f"{run['verdict']}, largest error {error} (generic tops)"]
+            )
+    return found
