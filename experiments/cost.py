@@ -37,7 +37,7 @@ STATE = "generic"
 STEPS = {"quick": (1 / 16, 1.0), "full": tuple(2.0**k for k in range(-8, 3, 2))}
 TOLERANCES = {"quick": (1e-6, 1e-12), "full": (1e-3, 1e-6, 1e-9, 1e-12, 1e-14)}
 ROUNDS = {"quick": 1, "full": 2}
-REPEATS = {"quick": 3, "full": 5}
+REPEATS = 5
 START = {"quick": ("backlund", "taylor", "implicit_midpoint"), "full": ()}  # none: all
 HEADLINE_TIME = 1e6  # of a cell without a `time` of its own
 HEADLINES = {  # h as a fraction of the nutation period
@@ -53,7 +53,7 @@ def cells(profile: str) -> list[dict]:
     for round_ in range(ROUNDS[profile]):
         for name, method in methods_on().items():
             for knob in knobs(method, STEPS[profile], TOLERANCES[profile]):
-                cell = {"part": "step", "method": name, "round": round_, "repeats": REPEATS[profile], **knob}
+                cell = {"part": "step", "method": name, "round": round_, "repeats": REPEATS, **knob}
                 listed.append(cell)
     listed += [{"part": "start", "method": method} for method in START[profile] or methods_on()]
     listed += [{"part": "headline", "method": "taylor", **race} for race in HEADLINES[profile]]

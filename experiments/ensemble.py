@@ -33,14 +33,14 @@ from integrators.truth import exact
 VERSION = 2
 
 STEP = 0.1
-BUDGET = {"quick": 1e6, "full": 2e7}  # steps of a top in one sample of throughput
-TOPS = {"quick": (32, 1024, 4096), "full": (1, 8, 32, 128, 1024, 8192, 65_536, 262_144)}
+BUDGET = 2e7  # steps of a top in one sample of throughput
+TOPS = {"quick": (32, 1024, 8192), "full": (1, 8, 32, 128, 1024, 8192, 65_536, 262_144)}
 WIDTHS = {"quick": (8, 32), "full": (8, 16, 32, 64, 128, 256)}
 FEW = 8  # steps of the runs that measure set-up, memory and growth
-MANY = {"quick": (1000, 10_000, 100_000), "full": (10_000, 100_000, 1_000_000, 10_000_000)}
+MANY = {"quick": (10_000, 100_000), "full": (10_000, 100_000, 1_000_000, 10_000_000)}
 SETUP = {"quick": (0.1, 1.0, 10.0), "full": (0.001, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)}
-SPAN = {"quick": 100.0, "full": 10_000.0}  # time the rivals cover
-RIVALS = {"quick": {"numba": 64, "heyoka": 16}, "full": {"numba": 128, "heyoka": 64}}  # tops they do it with
+SPAN = 10_000.0  # time the rivals cover
+RIVALS = {"numba": 128, "heyoka": 64}  # tops they do it with
 JUDGED = 8  # the first tops: their error is measured
 KNOBS: dict[str, dict[str, tuple[float, ...]]] = {
     "quick": {"backlund": (1.0,), "taylor": (2.3e-16,), "blanes_moan6": (0.1,)},
@@ -61,17 +61,17 @@ def cells(profile: str) -> list[dict]:
     cores = usable_cores()
     listed: list[dict] = [{"part": "bound"}]
     for tops in TOPS[profile]:
-        listed.append({"part": "tops", "tops": tops, "threads": 1, "budget": BUDGET[profile]})
+        listed.append({"part": "tops", "tops": tops, "threads": 1, "budget": BUDGET})
         if cores > 1 and tops >= 1024:
-            listed.append({"part": "tops", "tops": tops, "threads": cores, "budget": BUDGET[profile]})
+            listed.append({"part": "tops", "tops": tops, "threads": cores, "budget": BUDGET})
     listed += [{"part": "lanes", "lanes": lanes} for lanes in WIDTHS[profile]]
     listed += [{"part": "setup", "h": h} for h in SETUP[profile]]
     listed += [{"part": "many", "tops": tops} for tops in MANY[profile]]
     for method, knobs in KNOBS[profile].items():
-        tops = RIVALS[profile][METHODS[method].engine]
-        run = {"part": "rival", "method": method, "tops": tops, "span": SPAN[profile]}
+        tops = RIVALS[METHODS[method].engine]
+        run = {"part": "rival", "method": method, "tops": tops, "span": SPAN}
         listed += [{**run, METHODS[method].knob: knob} for knob in knobs]
-    listed.append({"part": "jump", "method": "backlund", "tops": JUDGED, "span": SPAN[profile]})
+    listed.append({"part": "jump", "method": "backlund", "tops": JUDGED, "span": SPAN})
     return [{"timing": True, **cell} for cell in listed]
 
 
