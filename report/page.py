@@ -95,6 +95,11 @@ class Section:
     errors: list[str] = field(default_factory=list)  # of the drawing
 
     @property
+    def absent(self) -> bool:
+        """Whether nothing of it is stored, and nothing else is to be said of it."""
+        return self.rows.empty and not self.errors and not self.notes
+
+    @property
     def command(self) -> str:
         """What computes it."""
         return self.origin.run(self.experiment)

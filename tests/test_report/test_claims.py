@@ -157,7 +157,7 @@ def test_who_leads_is_told_with_set_up_and_without():
 
 FULL = {
     "invariants-for-ever", "unpinned", "claims-of-methods", "cheapest-long", "loses-short", "midpoint-is-unbiased",
-    "midpoint-keeps-J3", "rk45-drifts", "magnet", "magnet-long-steps", "ensemble-heyoka", "phase-of-the-pinned-step", "long-run",
+    "midpoint-keeps-J3", "rk45-drifts", "magnet", "magnet-long-steps", "phase-of-the-pinned-step", "long-run",
     "wins-perturbed", "loses-perturbed",
 }  # fmt: skip
 
