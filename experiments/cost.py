@@ -239,7 +239,7 @@ def draw(rows: pd.DataFrame) -> dict:
     return {} if steps.empty else {"steps": _draw_steps(steps, style)}
 
 
-PRICES = {"ns_per_step": "ns per step", "ns_per_time": "ns per unit of time", "setup_us": "set-up of a stepper, µs"}
+PRICES = {"ns_per_step": "ns per step", "setup_us": "set-up of a stepper, µs"}
 
 
 def _draw_steps(steps: pd.DataFrame, style):
@@ -265,9 +265,9 @@ def _draw_steps(steps: pd.DataFrame, style):
         tick.set(color=style.readable(style.bold(name)["color"]), fontsize=6.5)
     axes[0].set_ylim(-0.7, len(names) - 0.3)
     fig.caption = (
-        "What a step, a unit of time and a set-up cost, by family: the dot is the least of all step sizes or tolerances "
-        "tried, the bar reaches to the most. One trajectory; minima of repeated samples, compilation not included. Per "
-        "unit of time, at the largest step tried, a method may be worth nothing: see work_precision."
+        "What a step and a set-up cost, by family: the dot is the least of all step sizes or tolerances tried, the bar "
+        "reaches to the most. One trajectory; minima of repeated samples, compilation not included. What a given error "
+        "costs is in `work_precision`."
     )
     return fig
 

@@ -237,12 +237,12 @@ def _draw_h(rows: pd.DataFrame, style):
 
     stepping = _stepping(rows)
     fig, axes = style.by_family(
-        stepping, line, "step h · (|J| + √(α|x|))", "largest error of H, J3, C1, C2", (1e-17, 1e6)
+        stepping, line, "step h · (|J| + √(α|x|))", "largest error of H, J3, C1, C2", (1e-17, 1e2)
     )
     style.label_ends(axes)
     fig.caption = (
-        f"The worst of the four invariants over a run of fixed length on “{TOPS[state].label}”, against the step; in grey "
-        "the exact Bäcklund step. Crosses: a method failed, in its colour."
+        f"The worst of the four invariants over t = {SPAN} on “{TOPS[state].label}”, against the step; in grey "
+        "the exact Bäcklund step. Crosses: a method failed, in its colour. Errors above 100 are cut off."
     )
     return fig
 

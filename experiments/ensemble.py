@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from experiments import script
-from experiments.drawing.tables import captioned
+from experiments.drawing.tables import captioned, show
 from experiments.measuring import metrics, timing
 from experiments.measuring.states import options_of, rounded, truth
 from integrators import METHODS, LagrangeTop, integrate_ensemble, prepare
@@ -363,6 +363,8 @@ def _draw_throughput(good: pd.DataFrame, style):
         steps.annotate("one top alone", (0.98, alone), (0, -2), textcoords="offset points", fontsize=7, ha="right",
                        va="top", xycoords=("axes fraction", "data"))  # fmt: skip
     style.few_decades(steps.yaxis)
+    for ax, title in ((steps, "a step of many tops"), (setups, "the set-up of one"), (growth, "a short run of many")):
+        ax.set_title(title)
     steps.set_xlabel("tops")
     steps.set_ylabel("ns per step of a top, one core")
     steps.legend(loc="upper right", bbox_to_anchor=(1.0, 0.88))
@@ -398,7 +400,8 @@ def _draw_rivals(good: pd.DataFrame, style):
     style.legend_below(fig)
     fig.caption = (
         "Many tops over the same time on one core, all in SIMD form: the exact step and the fixed steps of others, in the same "
-        f"blocks of {LANES}, and heyoka's batch mode. A jump is one map from the start to the end, not a sequence of steps."
+        f"blocks of {LANES}, and heyoka's batch mode. The runs are t = {show(float(runs.span.iloc[0]))} long. Along a line "
+        "the step or, for heyoka, the tolerance changes. A jump is one map from the start to the end, not a sequence of steps."
     )
     return fig
 

@@ -312,7 +312,11 @@ def draw(rows: pd.DataFrame) -> dict:
 
 
 LABELS = {name: method.label for name, method in MAGNET_METHODS.items()}
-LABELS |= {"exact": "Bäcklund, exact", **{f"order {p}": f"Bäcklund, order {p}" for p in ORDERS}}
+LABELS |= {
+    "taylor": "Taylor (heyoka)",
+    "exact": "Bäcklund, exact",
+    **{f"order {p}": f"Bäcklund, order {p}" for p in ORDERS},
+}
 
 
 SHADES = {"order 4": ("#7D9BD1", "s", 1), "order 6": ("#3F93CF", "h", 3), "order 8": ("#0F5C80", "^", 0)}
@@ -343,7 +347,7 @@ def _draw_time(rows: pd.DataFrame, style):
         ax.set_title(f"{quantities[name]}, n = {n}")
         ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
     for ax in grid[-1]:
-        ax.set_xlabel("time")
+        ax.set_xlabel("time t")
     for ax in grid[:, 0]:
         ax.set_ylabel("largest relative error")
     style.legend_below(fig)

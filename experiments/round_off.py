@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from experiments import script
-from experiments.drawing.tables import captioned
+from experiments.drawing.tables import captioned, numbers_in
 from experiments.measuring import metrics, timing
 from experiments.measuring.states import (
     RANDOM,
@@ -437,7 +437,7 @@ def _draw_forms(rows: pd.DataFrame, style):
         "lower left": ("implicit_midpoint", "worst", "largest error of H, C1, C2", "Implicit midpoint"),
         "lower right": ("strang", "casimirs", "largest error of C1, C2", "Strang splitting"),
     }
-    shades = colormaps["viridis"]
+    shades = {False: colormaps["viridis"], True: colormaps["Oranges"]}
     fig, axes = style.figure("page", 4.9, nrows=2, ncols=2, sharex=True)
     for ax, (of, what, text, title) in zip(axes.flat, panels.values(), strict=True):
         if what != "time" and ax is not axes[0, 0]:
@@ -446,8 +446,13 @@ def _draw_forms(rows: pd.DataFrame, style):
         for i, form in enumerate(names):
             run = drift[drift.form == form]
             rms = np.sqrt(run[what].pow(2).groupby(run.place).mean())
-            look = {"color": shades(i / len(names)), "linestyle": style.DASHES[i % len(style.DASHES)], "linewidth": 1.0}
-            ax.loglog(run.groupby("place").t.median(), rms.where(rms > 0), **look, label=form)
+            pinned = form.startswith("pinned")
+            look = {
+                "color": shades[pinned](0.5 + 0.05 * i if pinned else 0.7 * i / len(names)),
+                "linestyle": style.DASHES[i % len(style.DASHES)],
+                "linewidth": 1.0,
+            }
+            ax.loglog(run.groupby("place").t.median(), rms.where(rms > 0), **look, label=numbers_in(form))
         ax.set_title(title)
         ax.set_ylabel(text)
         if what != "time":
@@ -457,8 +462,11 @@ def _draw_forms(rows: pd.DataFrame, style):
     style.label_ends(axes.flat)
     fig.caption = (
         "The same maps in different forms, root mean square over sixteen tops, h = 1/8: the worst relative error of the "
-        "invariants a map conserves, and the phase error of the exact one, in units of 1/(|J| + √(α|x|)); that of the "
-        "others is the error of their method, in any form. The thin line is one ulp."
+        "invariants a map conserves, and the phase error of the exact one, in units of 1/(|J| + √(α|x|)). Assigned: the new x "
+        "is computed as a whole; increments: its change is added; turned: x is turned about a vector made exactly long. "
+        "Constant denominator and corrected m take a part of the formula from the torus, or bring it up to date. "
+        "Compensated: what an addition rounds off goes into the next. Pinned (orange): moved back onto the invariants. "
+        "The thin line is one ulp."
     )
     return fig
 

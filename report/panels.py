@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from experiments import work_precision
-from experiments.drawing.tables import show
+from experiments.drawing.tables import numbers_in, show
 from integrators.interface import INVARIANTS
 from integrators.registry import NAMED_TOPS
 from report.promises import table
@@ -66,7 +66,7 @@ def _top(state: str, rows: dict[str, pd.DataFrame]) -> dict[str, Any]:
         work = work[work.span == max((s for s in work.span.unique() if s <= SPAN), default=work.span.min())]
     return {
         "name": state,
-        "label": NAMED_TOPS[state].label,
+        "label": numbers_in(NAMED_TOPS[state].label),
         "h": _curves(errors, "h", "error"),
         "drift": _curves(_largest_so_far(drift, state), "t", "error"),
         "work": _curves(_useful(work), "total", "error"),
