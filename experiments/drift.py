@@ -2,8 +2,8 @@
 
 Every method follows sixteen generic tops and the named ones; the relative error of each invariant is recorded at
 log-spaced times. How its root-mean-square over the sixteen grows, error ~ t^p, gives the verdict: bounded (p near 0),
-a random walk of round-off (p near 1/2, Brouwer's law) or biased (p near 1). Quantities a method keeps of its own, a
-modified energy say, are followed beside the four. A second part varies h at a fixed length of run. A third takes the exact
+a random walk of round-off (p near 1/2, Brouwer's law) or biased (p near 1). Quantities a method keeps of its own, such as a
+modified energy, are followed beside the four. A second part varies h at a fixed length of run. A third takes the exact
 Bäcklund steps of about half a nutation period and more, on tops of every kind. Times and steps are in units of
 1/(|J| + √(|alpha||x|)).
 """

@@ -116,7 +116,7 @@ class Method:
     evaluate_many: Callable[..., NDArray[np.bool_]] | None = None
     requires: str | None = None  # a package that may be missing on some platforms
     engine: str = "numba"  # what takes the steps: "numba" compiled here · "heyoka" · "scipy" and "python" interpreted
-    # what else is kept at round-off for every h, a modified energy say: name → function of (top, h, states (N, 6))
+    # what else is kept at round-off for every h, such as a modified energy: name → function of (top, h, states (N, 6))
     # that returns its values (N,) and the size of its terms at the first state
     keeps: Mapping[str, Quantity] = field(default_factory=dict, hash=False)
     # of `conserves` and `keeps`: those whose round-off grows faster than a random walk, and why

@@ -84,7 +84,7 @@ def profiles_of(module: ModuleType, records: Sequence[Record]) -> tuple[str, ...
     stored = {_canonical(record["cell"]) for record in records}
     try:
         return tuple(p for p in PROFILES if stored <= {_canonical(clean(cell)) for cell in module.cells(p)})
-    except Exception:  # somebody's own, of another version say: no reason to lose the page
+    except Exception:  # somebody's own, perhaps of another version: no reason to lose the page
         return None
 
 

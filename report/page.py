@@ -376,7 +376,7 @@ def _fairness(rows: dict[str, pd.DataFrame]) -> tuple[fairness.Fairness, str | N
     """What the page says of the conditions, or why it says nothing."""
     try:
         return fairness.assemble(rows), None
-    except Exception as error:  # rows of another version, say: no reason to lose the page
+    except Exception as error:  # perhaps rows of another version: no reason to lose the page
         return NO_FAIRNESS, f"fairness: cannot be shown: {_said(error)}"
 
 

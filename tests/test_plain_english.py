@@ -11,7 +11,7 @@ DOCUMENTS = sorted([ROOT / "README.md", ROOT / "results" / "README.md", *(ROOT /
 LONGEST, MEAN = 40, 20  # words
 UNUSUAL = r"\btold\b|\bwhoever\b|\bis said\b|, say[,.;)]|\bamong them\b|\bthereof\b|\bwherein\b|\bwhat is of\b"
 # code, formulas, tables, pictures
-RARE = r"\btold\b|\b[Ww]hoever\b|, say[,.;)]"  # in the code
+RARE = r"\btold\b|\b[Ww]hoever\b|, say[.;)]|\bsay,"  # in the code
 SKIPPED = r"^ {0,3}```.*?^ {0,3}```|<!--.*?-->|\$\$.*?\$\$|^ {4,}\S[^\n]*$|^ *\|[^\n]*$|!\[.*?\]\(.*?\)"
 
 

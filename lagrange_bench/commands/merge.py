@@ -10,7 +10,7 @@ from lagrange_bench.text import Answer, table
 SUMMARY = "gather results of several folders"
 
 DESCRIPTION = """\
-Gather the results of several folders, of the shards of a run say, in one: append what it has not yet. Damaged lines are
+Gather the results of several folders in one, such as the shards of a run: append what it has not yet. Damaged lines are
 left behind. Of two records of one cell the one merged last counts."""
 
 
