@@ -66,14 +66,13 @@ class Scheme(NamedTuple):
 
     a: tuple[float, ...]
     b: tuple[float, ...]
-    order: int
     source: str
     c: tuple[float, ...] = ()
     d: tuple[float, ...] = ()
     second: float = 0.0
 
 
-def scheme(flows: tuple[float, ...], kicks: tuple[float, ...], order: int, source: str) -> Scheme:
+def scheme(flows: tuple[float, ...], kicks: tuple[float, ...], source: str) -> Scheme:
     """From the first halves of flows and kicks; the middle one, or the last of the half, makes the sum 1."""
 
     def whole(half: tuple[float, ...], n: int) -> tuple[float, ...]:
@@ -83,7 +82,7 @@ def scheme(flows: tuple[float, ...], kicks: tuple[float, ...], order: int, sourc
         return (*full, *full[: n // 2][::-1])
 
     n = 2 * len(kicks) + (2 if len(flows) > len(kicks) else 1)
-    return Scheme(whole(flows, n + 1), whole(kicks, n), order, source)
+    return Scheme(whole(flows, n + 1), whole(kicks, n), source)
 
 
 # processed6. At a frequency w = ωh of V, with kicks at ∓τ in this order, the part of second order in ε is right for long times if
@@ -96,36 +95,36 @@ DELTA, SECOND_ORDER = 0.00546734954597738, -0.00180092478026637
 
 BLANES = "Blanes, Casas, Farrés, Laskar, Makazaga and Murua, Appl. Numer. Math. 68 (2013) 58"
 SCHEMES = {
-    "strang": Scheme((0.5, 0.5), (1.0,), 4, "Strang, SIAM J. Numer. Anal. 5 (1968) 506", c=(1 / 24,)),
+    "strang": Scheme((0.5, 0.5), (1.0,), "Strang, SIAM J. Numer. Anal. 5 (1968) 506", c=(1 / 24,)),
     "processed6": Scheme(
-        (0.5 - TAU, 2.0 * TAU, 0.5 - TAU), (0.5, 0.5), 6, "this project", c=(GAMMA / 4, GAMMA / 4),
+        (0.5 - TAU, 2.0 * TAU, 0.5 - TAU), (0.5, 0.5), "this project", c=(GAMMA / 4, GAMMA / 4),
         d=(DELTA / 2, DELTA / 2), second=SECOND_ORDER,
     ),
     "saba4": scheme(
         (0.06943184420297371238802675555359524745214, 0.2605776340045981552103640365648947824089476),
-        (0.1739274225687269286865319746109997036177,), 2, "Laskar and Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39",
+        (0.1739274225687269286865319746109997036177,), "Laskar and Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39",
     ),
     "aba84": scheme(
-        (0.07534696026989288842, 0.51791685468825678230), (0.19022593937367661925, 0.84652407044352625706), 4,
+        (0.07534696026989288842, 0.51791685468825678230), (0.19022593937367661925, 0.84652407044352625706),
         "McLachlan, BIT 35 (1995) 258",
     ),
     "aba104": scheme(
         (0.04706710064597250612947887637243678556564, 0.1847569354170881069247376193702560968574,
          0.2827060056798362053243616565541452479160),
         (0.1188819173681970199453503950853885936957, 0.2410504605515015657441667865901651105675,
-         -0.2732866667053238060543113981664559460630), 4, BLANES,
+         -0.2732866667053238060543113981664559460630), BLANES,
     ),
     "aba864": scheme(
         (0.0711334264982231177779387300061549964174, 0.241153427956640098736487795326289649618,
          0.521411761772814789212136078067994229991),
         (0.183083687472197221961703757166430291072, 0.310782859898574869507522291054262796375,
-         -0.0265646185119588006972121379164987592663), 4, BLANES,
+         -0.0265646185119588006972121379164987592663), BLANES,
     ),
     "aba1064": scheme(
         (0.03809449742241219545697532230863756534060, 0.1452987161169137492940200726606637497442,
          0.2076276957255412507162056113249882065158, 0.4359097036515261592231548624010651844006),
         (0.09585888083707521061077150377145884776921, 0.2044461531429987806805077839164344779763,
-         0.2170703479789911017143385924306336714532), 4, BLANES,
+         0.2170703479789911017143385924306336714532), BLANES,
     ),
 }  # fmt: skip
 
@@ -501,7 +500,7 @@ def pilot(step: Any) -> Any:
 # ------------------------------------------------------------------------------------ steppers
 
 STRONG = 0.05  # of V's range along the pilot to the energy of the top, from which other methods are better
-CHOICES = ("aba864", "aba1064", "strang")  # where the step is chosen: the others are never the cheapest by much
+CHOICES = ("aba864", "processed6", "strang")  # where the step is chosen: the others are never the cheapest by much
 TOLERANCE = 1e-9  # default of the error at the last time
 RESONANT = 0.125  # of the nutation period, a step from which harmonics of the motion come near the step's own frequency
 
@@ -687,7 +686,7 @@ def evaluate_in_field(
         def build(h: float, table: bool) -> ExactSplittingStepper:
             return ExactSplittingStepper("backlund_splitting", top, y0, h, chosen, processed, processed, table)
 
-        return Candidate(build, len(chosen.b) + processed, widest)
+        return Candidate(build, len(chosen.b) * (1.5 if processed else 1.0), widest)
 
     def shorter(y: Array, h: float, parts: int) -> tuple[Array, int]:
         rows, tally = np.array(y)[None], np.zeros(SIZE)
@@ -696,7 +695,7 @@ def evaluate_in_field(
             raise StepError("backlund_splitting", FAILURES[int(tally[FAILURE])], h=h)
         return rows[0], parts * len(small.b)
 
-    candidates = {name: candidate(name, RESONANT * (1 if name == "strang" else 2)) for name in CHOICES}
+    candidates = {name: candidate(name, RESONANT * (1 if name in PROCESSED else 2)) for name in CHOICES}
     return backlund_choice.evaluate("backlund_splitting", top, y0, times, tol, candidates, shorter)
 
 
