@@ -10,11 +10,11 @@ error in proportion to ε, so it can take long steps in weak fields; each of its
 of winners shows where the border is.
 
 Every method that takes a potential follows ten tops. Part “drift” asks what each keeps of H, J3, C1 and C2, part “order”
-how its error falls with the step, part “work” what an error costs on runs of 10³ and 10⁴ units of time, and on one top of 10⁵
-among the methods that are near the first place there. The splitting with the exact step races with two of its schemes. Errors are those
-against the reference in quadruple precision. On a chaotic orbit no method follows the exact solution for long: errors are
-reported up to the time at which an ulp has grown to 1e-6, drift of the invariants beyond. Times and steps are in units of
-1/(|J| + √(|alpha||x|)).
+how its error falls with the step, part “work” what an error costs on runs of 10³ and 10⁴ units of time, and of 10⁵ on one
+top, by the methods that are near the first place there. The splitting with the exact step races with two of its schemes.
+Errors are those against the reference in quadruple precision. On a chaotic orbit no method follows the exact solution for
+long: errors are reported up to the time at which an ulp has grown to 1e-6, drift of the invariants beyond. Times and steps
+are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations

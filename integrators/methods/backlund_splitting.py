@@ -14,6 +14,7 @@ Schemes, A B A … B A, and the errors they leave:
 strang    one flow a step. A `modified_kick` by V − (h²/24)|x × ∇V|² takes away the error ε²h². A `corrector`, a canonical
           transformation at both ends of the run and at every recorded row, takes away the error εh² at all frequencies ω of
           V along the motion with |ωh| well below 2π. What is left is ε²h⁴.
+processed6  two kicks and a flow back between them, with both corrections too, and one more of each: ε²h⁶
 saba4     Gauss–Legendre quadrature of V along the flow: εh⁸ + ε²h²
 aba…      aba84: εh⁸ + ε²h⁴, aba104: εh¹⁰ + ε²h⁴, aba864: εh⁸ + ε²h⁶ + ε³h⁴, aba1064: εh¹⁰ + ε²h⁶ + ε³h⁴
 
@@ -589,7 +590,8 @@ def _corrector(chosen: Scheme) -> tuple[tuple[float, float], ...]:
                 (-SECOND_REACH, -v),
                 (SECOND_REACH, -v),
             ]
-    parts, at = [], 0.0
+    parts: list[tuple[float, float]] = []
+    at = 0.0
     for place, kick in (*kicks, (0.0, 0.0)):
         hops = math.ceil(abs(place - at) / LEAP)  # a long flow takes the slow route to its λ
         if hops == 0 and parts:
@@ -640,8 +642,8 @@ def prepare_in_field(
 
     Parameters
     ----------
-    scheme : of SCHEMES. corrector, modified_kick : on by default for "strang", and possible for it only. table : λ from a
-    table in (H, J3); False: computed at every flow.
+    scheme : of SCHEMES. corrector, modified_kick : on by default for "strang" and "processed6", and possible for these only.
+    table : λ from a table in (H, J3); False: computed at every flow.
     """
     corrected, twisted = _check(scheme, corrector, modified_kick, table)
     _warn_strong(top, y0)
