@@ -164,7 +164,7 @@ def corrector_kicks(chosen: Scheme) -> tuple[float, ...]:
 # ------------------------------------------------------------------------------------ kernels
 
 # places of the constants: those of the top, of the box, of the field, then of each group its own and its table
-ALPHA, C1, C2, CENTRE_H, SCALE_H, CENTRE_J, SCALE_J, NUMBERS = range(8)
+ALPHA, C1, C2, GROUPS, CENTRE_H, SCALE_H, CENTRE_J, SCALE_J, NUMBERS = range(9)
 TIME, KICK, TWIST, SECOND, INVERSE, GROUP = range(6)  # of one flow and one kick; 1/(2|m|²) in the middle of the box
 
 LOST = 1
@@ -293,17 +293,17 @@ def kick_of(field: Field, level: bool, gradients: int) -> Any:
 
 
 @cache
-def kernel(field: Field, level: bool, gradients: int, degree: int, groups: int) -> Any:
-    """The step; `degree` of the tables, 0 for none. All places are known when it is compiled: it is one chain without calls."""
+def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool) -> Any:
+    """The step; `degree` of the tables, 0 for none; `single`: of one flow and one kick, at places that the compiler knows."""
     kicked, numbers, look = kick_of(field, level, gradients), take(field.parameters), look_up(degree or 1, level)
     first = NUMBERS + field.parameters
     stride = GROUP + table_size(degree, level)
 
-    @jit_as(f"backlund splitting {field.digest} {level} {gradients} {degree} {groups}", forceinline=True)
+    @jit_as(f"backlund splitting {field.digest} {level} {gradients} {degree} {single}", forceinline=True)
     def step(s, c, tally):
         alpha = c[ALPHA]
         q = numbers(c, NUMBERS)
-        for g in range(groups):
+        for g in range(1 if single else int(c[GROUPS])):
             place = first + g * stride
             if degree > 0:
                 torus = invariants(s, alpha)
@@ -531,7 +531,7 @@ class ExactSplittingStepper(ConjugateStepper):
             groups[:, TWIST] = np.array(chosen.c) * -(h**3)
         if gradients > 1:
             groups[:, SECOND] = np.array(chosen.d) * h**5
-        head = np.array((top.alpha, x @ x, x @ J, 0.0, 1.0, 0.0, 1.0, *numbers))
+        head = np.array((top.alpha, x @ x, x @ J, n, 0.0, 1.0, 0.0, 1.0, *numbers))
         degree, made = 0, []
         if tabled and self._box(head, y0, field, level, top.top.scales(y0), h):
             different = tuple(dict.fromkeys(times))
@@ -544,8 +544,9 @@ class ExactSplittingStepper(ConjugateStepper):
             raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
         self.degree = degree  # of the tables, 0 for none
         before, after = ends_of(chosen, h, corrected)
+        step = kernel(field, level, gradients, degree, n == 1 and gradients > 0 and degree > 0)
         super().__init__(
-            name, h, c, kernel(field, level, gradients, degree, n), pin_level if level else pin, PIN_EVERY,
+            name, h, c, step, pin_level if level else pin, PIN_EVERY,
             map_rows=map_over(field, level), way_in=(numbers, before), way_out=(numbers, after),
             rhs_per_step=n, failures=FAILURES,
         )  # fmt: skip
@@ -558,8 +559,8 @@ class ExactSplittingStepper(ConjugateStepper):
             return False
         long = np.zeros(len(c) + GROUP)
         long[: len(c)] = c
-        long[len(c) + TIME] = long[len(c) + KICK] = math.copysign(STRIDE * unit, h)
-        step = kernel(field, level, 0, 0, 1)
+        long[GROUPS], long[len(c) + TIME], long[len(c) + KICK] = 1, *(math.copysign(STRIDE * unit, h),) * 2
+        step = kernel(field, level, 0, 0, False)
         low_h, high_h, low_j, high_j = pilot(step)(y0, long, c[ALPHA], PILOT, np.zeros(SIZE))
         if not all(map(math.isfinite, (low_h, high_h, low_j, high_j))):
             return False
