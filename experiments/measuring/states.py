@@ -141,10 +141,10 @@ def knobs(method: Method, steps: Iterable[float], tolerances: Iterable[float]) -
 
 
 def options_of(cell: dict[str, Any]) -> dict[str, Any]:
-    """The options a cell sets: a tolerance, and an atol of a thousandth of an rtol; the interval between pins."""
+    """The options a cell sets: a tolerance, and an atol of a thousandth of an rtol; the interval between pins; a scheme."""
     from integrators import METHODS
 
-    options: dict[str, Any] = {name: cell[name] for name in ("tol", "rtol", "pin") if name in cell}
+    options: dict[str, Any] = {name: cell[name] for name in ("tol", "rtol", "pin", "scheme") if name in cell}
     if "rtol" in options and "atol" in METHODS[cell["method"]].options:
         options["atol"] = options["rtol"] * 1e-3
     return options

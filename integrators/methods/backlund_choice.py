@@ -56,7 +56,7 @@ class Candidate(NamedTuple):
     """What may be chosen: `build(h, table)` makes the stepper; `cost` in kicks; `widest` step in nutation periods."""
 
     build: Callable[[float, bool], FixedStepper]
-    cost: int
+    cost: float
     widest: float
 
 

@@ -14,6 +14,7 @@ Schemes, A B A … B A, and the errors they leave:
 strang    one flow a step. A `modified_kick` by V − (h²/24)|x × ∇V|² takes away the error ε²h². A `corrector`, a canonical
           transformation at both ends of the run and at every recorded row, takes away the error εh² at all frequencies ω of
           V along the motion with |ωh| well below 2π. What is left is ε²h⁴.
+processed6  two kicks and a flow back between them, with both corrections too, and one more of each: ε²h⁶
 saba4     Gauss–Legendre quadrature of V along the flow: εh⁸ + ε²h²
 aba…      aba84: εh⁸ + ε²h⁴, aba104: εh¹⁰ + ε²h⁴, aba864: εh⁸ + ε²h⁶ + ε³h⁴, aba1064: εh¹⁰ + ε²h⁶ + ε³h⁴
 
@@ -35,13 +36,13 @@ corrector: this project.
 from __future__ import annotations
 
 import math
-from functools import cache, lru_cache
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from integrators.checks import check_choice, check_flag, warn_caller
-from integrators.compiling.compiled import jit, jit_as, jit_over
+from integrators.compiling.compiled import inlined, jit, jit_as, jit_over
 from integrators.compiling.expression import take
 from integrators.compiling.loops import FAILURE, ITERATIONS, SIZE, ConjugateStepper
 from integrators.compiling.unroll import unrolled
@@ -58,15 +59,21 @@ from integrators.truth import exact
 
 
 class Scheme(NamedTuple):
-    """Flows `a` and kicks `b` of one step, A B A … B A, as parts of h; what error is left, and where from."""
+    """Flows `a` and kicks `b` of one step, A B A … B A, as parts of h; what error is left, and where from.
+
+    A processed scheme kicks by b_i h V − c_i h³ W + d_i h⁵ Z, W = |x × ∇V|² and Z = ∇W·(N × x), N = x × ∇V, and has a corrector:
+    that of `corrector_kicks`, and exp(second h⁴ [B,[A,[A,B]]]) as a composition of kicks.
+    """
 
     a: tuple[float, ...]
     b: tuple[float, ...]
-    order: int
     source: str
+    c: tuple[float, ...] = ()
+    d: tuple[float, ...] = ()
+    second: float = 0.0
 
 
-def scheme(flows: tuple[float, ...], kicks: tuple[float, ...], order: int, source: str) -> Scheme:
+def scheme(flows: tuple[float, ...], kicks: tuple[float, ...], source: str) -> Scheme:
     """From the first halves of flows and kicks; the middle one, or the last of the half, makes the sum 1."""
 
     def whole(half: tuple[float, ...], n: int) -> tuple[float, ...]:
@@ -76,56 +83,78 @@ def scheme(flows: tuple[float, ...], kicks: tuple[float, ...], order: int, sourc
         return (*full, *full[: n // 2][::-1])
 
     n = 2 * len(kicks) + (2 if len(flows) > len(kicks) else 1)
-    return Scheme(whole(flows, n + 1), whole(kicks, n), order, source)
+    return Scheme(whole(flows, n + 1), whole(kicks, n), source)
 
+
+# processed6. At a frequency w = ωh of V, with kicks at ∓τ in this order, the part of second order in ε is right for long times if
+# sin(2τw)/4 + cos²(τw) cot(w/2)/2 + γw = 1/w: w gives γ = 1/12 + τ² − τ/2, w³ gives (τ² − τ/2)² = 1/240. Of the two τ < 0, and
+# τ > 1/2, which is the same kernel; the flow between the kicks goes back. DELTA and SECOND_ORDER are for what is left at h⁵, of
+# order ε³ and of the ends: see docs/perturbed.md, section 5.
+TAU = 0.25 * (1.0 - math.sqrt(1.0 + 16.0 / math.sqrt(240.0)))
+GAMMA = 1.0 / 12.0 + 1.0 / math.sqrt(240.0)
+DELTA, SECOND_ORDER = 0.00546734954597738, -0.00180092478026637
 
 BLANES = "Blanes, Casas, Farrés, Laskar, Makazaga and Murua, Appl. Numer. Math. 68 (2013) 58"
 SCHEMES = {
-    "strang": Scheme((0.5, 0.5), (1.0,), 2, "Strang, SIAM J. Numer. Anal. 5 (1968) 506"),
+    "strang": Scheme((0.5, 0.5), (1.0,), "Strang, SIAM J. Numer. Anal. 5 (1968) 506", c=(1 / 24,)),
+    "processed6": Scheme(
+        (0.5 - TAU, 2.0 * TAU, 0.5 - TAU), (0.5, 0.5), "this project", c=(GAMMA / 4, GAMMA / 4),
+        d=(DELTA / 2, DELTA / 2), second=SECOND_ORDER,
+    ),
     "saba4": scheme(
         (0.06943184420297371238802675555359524745214, 0.2605776340045981552103640365648947824089476),
-        (0.1739274225687269286865319746109997036177,), 2, "Laskar and Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39",
+        (0.1739274225687269286865319746109997036177,), "Laskar and Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39",
     ),
     "aba84": scheme(
-        (0.07534696026989288842, 0.51791685468825678230), (0.19022593937367661925, 0.84652407044352625706), 4,
+        (0.07534696026989288842, 0.51791685468825678230), (0.19022593937367661925, 0.84652407044352625706),
         "McLachlan, BIT 35 (1995) 258",
     ),
     "aba104": scheme(
         (0.04706710064597250612947887637243678556564, 0.1847569354170881069247376193702560968574,
          0.2827060056798362053243616565541452479160),
         (0.1188819173681970199453503950853885936957, 0.2410504605515015657441667865901651105675,
-         -0.2732866667053238060543113981664559460630), 4, BLANES,
+         -0.2732866667053238060543113981664559460630), BLANES,
     ),
     "aba864": scheme(
         (0.0711334264982231177779387300061549964174, 0.241153427956640098736487795326289649618,
          0.521411761772814789212136078067994229991),
         (0.183083687472197221961703757166430291072, 0.310782859898574869507522291054262796375,
-         -0.0265646185119588006972121379164987592663), 4, BLANES,
+         -0.0265646185119588006972121379164987592663), BLANES,
     ),
     "aba1064": scheme(
         (0.03809449742241219545697532230863756534060, 0.1452987161169137492940200726606637497442,
          0.2076276957255412507162056113249882065158, 0.4359097036515261592231548624010651844006),
         (0.09585888083707521061077150377145884776921, 0.2044461531429987806805077839164344779763,
-         0.2170703479789911017143385924306336714532), 4, BLANES,
+         0.2170703479789911017143385924306336714532), BLANES,
     ),
 }  # fmt: skip
+
+PROCESSED = tuple(name for name, one in SCHEMES.items() if one.c)
 
 SPACING, NODES = 0.4, 10  # of the corrector's kicks, in h
 WIDEST = 4.0  # |ωh| up to which it is fitted
 
 
+LEAP = 2.0  # the longest flow between two of them, in h
+SECOND_REACH = 0.5  # of the kicks whose commutators make the part of second order, in h
+
+
 @cache
-def corrector_kicks() -> tuple[float, ...]:
-    """b_j of the corrector: weighted least squares of 1/(2 sin(w/2)) − 1/w on (0, 4), the weight exp(−3w)/w."""
+def corrector_kicks(chosen: Scheme) -> tuple[float, ...]:
+    """b_j of the corrector: least squares of Σ b_i cos(w t_i)/(2 sin(w/2)) − 1/w on (0, 4), t_i the times of the kicks from
+    the middle of the step, the weight exp(−3w)/w.
+    """
     import mpmath
 
+    times = [math.fsum(chosen.a[: i + 1]) - 0.5 for i in range(len(chosen.b))]
     with mpmath.workdps(40):
         points = [WIDEST * (k + mpmath.mpf(1) / 2) / 400 for k in range(400)]
         A = mpmath.matrix(len(points), NODES)
         f = mpmath.matrix(len(points), 1)
         for i, w in enumerate(points):
             weight = mpmath.exp(-3 * w) / w
-            f[i] = weight * (1 / (2 * mpmath.sin(w / 2)) - 1 / w)
+            kicks = mpmath.fsum(b * mpmath.cos(w * t) for b, t in zip(chosen.b, times, strict=True))
+            f[i] = weight * (kicks / (2 * mpmath.sin(w / 2)) - 1 / w)
             for j in range(NODES):
                 A[i, j] = weight * 2 * mpmath.sin(mpmath.mpf(SPACING) * (j + 1) * w)
         found = mpmath.lu_solve(A.T * A, A.T * f)
@@ -134,11 +163,9 @@ def corrector_kicks() -> tuple[float, ...]:
 
 # ------------------------------------------------------------------------------------ kernels
 
-# places of the constants: those of the top, of the box, of each group, and after the groups the tables
+# places of the constants: those of the top, of the box, of the field, then of each group its own and its table
 ALPHA, C1, C2, GROUPS, CENTRE_H, SCALE_H, CENTRE_J, SCALE_J, NUMBERS = range(9)
-TIME, KICK, TWIST, TABLE, INVERSE, GROUP = range(
-    6
-)  # of one flow and one kick; where its table begins, 1/(2|m|²) in the middle
+TIME, KICK, TWIST, SECOND, INVERSE, GROUP = range(6)  # of one flow and one kick; 1/(2|m|²) in the middle of the box
 
 LOST = 1
 FAILURES = {LOST: "no exact step over this time was found; take a smaller |h|"}
@@ -170,16 +197,20 @@ def look_up(degree: int, level: bool) -> Any:
     return look
 
 
+def table_size(degree: int, level: bool) -> int:
+    """How many numbers `look_up` needs."""
+    return 4 * (degree + 1) * (1 if level else degree + 2) // (1 if level else 2) if degree else 0
+
+
 @jit
-def far_flow(s, alpha, h, tally):
+def far_flow(s, alpha, h):
     """The exact step over any time, in double-double: for what plain doubles do not reach."""
     c, turn = real_map.exact_constants(alpha, s, h)
     for value in c:
         if not math.isfinite(value):
-            tally[FAILURE] = LOST
-            return s
-    form = real_map.form(c)
-    s = real_map.step(s, c, tally) if form == 0 else real_map.turning_step(s, c, tally)
+            return s, False
+    form, unused = real_map.form(c), c
+    s = real_map.step(s, c, unused) if form == 0 else real_map.turning_step(s, c, unused)
     cos, sin = turn[0][0], turn[1][0]
     return (
         cos * s[0] - sin * s[1],
@@ -188,77 +219,110 @@ def far_flow(s, alpha, h, tally):
         cos * s[3] - sin * s[4],
         sin * s[3] + cos * s[4],
         s[5],
+    ), True
+
+
+@jit
+def flow(s, alpha, h):
+    """The exact step over h, λ(h) computed in place, and whether one was found."""
+    R, eta, mr, mi, ok = parameter(invariants(s, alpha), s[2], alpha, h)
+    if ok:
+        return move(s, alpha, (R, eta, mr, mi)), True
+    return far_flow(s, alpha, h)
+
+
+@inlined
+def tabled_flow(s, torus, alpha, R, eta, mr, mi, inverse):
+    """The exact step with λ and m of a table, and one step of Newton's method for m on the curve m² = Q(λ).
+
+    It is `plain_step.move`, arranged for a short chain of operations. m comes with all its digits but the last, so the division
+    by n need not wait for its correction d: 1/(n + δ) is 1/n − δ/n², and 1/(2|m|²) may be that of another torus of the box.
+    """
+    J1, J2, J3, x1, x2, x3 = s
+    double = 2.0 * alpha
+    l2, i2 = R * R - eta * eta, 2.0 * (R * eta)  # λ²
+    ee, mm = eta * eta, mr * mr + mi * mi
+    q3 = eta * (J3 + double * R)
+    p1, p2, p3 = x1 + R * J1, x2 + R * J2, x3 + (R * J3 + alpha * l2)
+    n = (p1 * p1 + p2 * p2) + (((mm + q3 * q3) + p3 * p3) + ee * (J1 * J1 + J2 * J2))
+    over = 1.0 / n
+    c3, c4 = double * J3, alpha * alpha
+    re = ((torus[0] - (mr * mr - mi * mi)) + torus[1] * R) + (l2 * (torus[2] + c3 * R) - i2 * (c3 * eta))
+    im = (torus[1] * eta - 2.0 * (mr * mi)) + (i2 * (torus[2] + c3 * R) + l2 * (c3 * eta))
+    re, im = re + c4 * (l2 * l2 - i2 * i2), im + c4 * (2.0 * (l2 * i2))
+    d, e = inverse * (re * mr + im * mi), inverse * (im * mr - re * mi)
+    f = 2.0 * (mr * d + mi * e)
+    mr, mi = mr + d, mi + e
+    r = 2.0 * eta * over
+    r -= r * (f * over)
+    me = mi * eta
+    z = eta * x3 - eta * (alpha * (R * R + ee))
+    u1 = (mr * p1 + me * J1) - (q3 * x2 - z * J2)
+    u2 = (mr * p2 + me * J2) + (q3 * x1 - z * J1)
+    u3 = (mr * p3 + mi * q3) - eta * (x1 * J2 - x2 * J1)
+    v1, v2 = double * u1, double * u2
+    K1, K2 = J1 + J1, J2 + J2
+    w = 2.0 * J3
+    y1 = K2 * u3 - (R * v2 + w * u2)
+    y2 = (R * v1 + w * u1) - K1 * u3
+    y3 = K1 * u2 - K2 * u1
+    return (
+        J1 - r * v2,
+        J2 + r * v1,
+        J3,
+        x1 + r * (y1 + r * (v1 * u3)),
+        x2 + r * (y2 + r * (v2 * u3)),
+        x3 + r * (y3 - r * (v1 * u1 + v2 * u2)),
     )
 
 
-@jit
-def flow(s, alpha, h, tally):
-    """The exact step over h, λ(h) computed in place."""
-    R, eta, mr, mi, ok = parameter(invariants(s, alpha), s[2], alpha, h)
-    if ok:
-        return move(s, alpha, (R, eta, mr, mi))
-    return far_flow(s, alpha, h, tally)
-
-
-@jit
-def onto_curve(q, j3, alpha, R, eta, mr, mi, inverse):
-    """m with m² = Q(λ), by one step of Newton's method.
-
-    m comes with all its digits but the last: 1/(2|m|²) may be that of another torus of the box.
-    """
-    q3, q4 = 2.0 * alpha * j3, alpha * alpha
-    t, r = 2.0 * R, R * R + eta * eta
-    b3 = q3 + t * q4
-    b2 = q[2] + (t * b3 - r * q4)
-    b1 = q[1] + (t * b2 - r * b3)
-    re, im = (q[0] + (R * b1 - r * b2)) - (mr * mr - mi * mi), eta * b1 - 2.0 * mr * mi
-    return mr + inverse * (re * mr + im * mi), mi + inverse * (im * mr - re * mi)
-
-
 @cache
-def kick_of(field: Field, level: bool, twisted: bool) -> Any:
-    """(s, q, kick, twist) → the state after kicks by V and, with `twisted`, by |x × ∇V|²."""
-    name = f"{field.digest} {level} {twisted}"
-    torque, twist = field.torque, field.twist
+def kick_of(field: Field, level: bool, gradients: int) -> Any:
+    """(s, q, weights) → the state after kicks by V and as many of W and Z as `gradients` says."""
+    programs = (field.torque, field.twist, field.second_twist)[: gradients + 1]
 
-    @unrolled(f"kick {name}")
-    def kicked(s, q, b, c):
+    @unrolled(f"kick {field.digest} {level} {gradients}")
+    def kicked(s, q, weights):
         J1, J2, J3, x1, x2, x3 = s
-        t = tuple(b * v for v in torque(x1, x2, x3, *q))
-        if twisted:
-            t = tuple(v + c * w for v, w in zip(t, twist(x1, x2, x3, *q), strict=True))
+        t = tuple(weights[0] * v for v in programs[0](x1, x2, x3, *q))
+        for k in range(1, gradients + 1):
+            t = tuple(v + weights[k] * w for v, w in zip(t, programs[k](x1, x2, x3, *q), strict=True))
         return J1 + t[0], J2 + t[1], J3 if level else J3 + t[2], x1, x2, x3
 
     return kicked
 
 
 @cache
-def kernel(field: Field, level: bool, twisted: bool, degree: int) -> Any:
-    """The step; `degree` of the tables, 0 for none."""
-    kicked, numbers, look = kick_of(field, level, twisted), take(field.parameters), look_up(degree or 1, level)
+def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool) -> Any:
+    """The step; `degree` of the tables, 0 for none; `single`: of one flow and one kick, at places that the compiler knows."""
+    kicked, numbers, look = kick_of(field, level, gradients), take(field.parameters), look_up(degree or 1, level)
+    first = NUMBERS + field.parameters
+    stride = GROUP + table_size(degree, level)
 
-    @jit_as(f"backlund splitting {field.digest} {level} {twisted} {degree}")
+    @jit_as(f"backlund splitting {field.digest} {level} {gradients} {degree} {single}", forceinline=True)
     def step(s, c, tally):
-        alpha, first = c[ALPHA], NUMBERS + field_parameters
+        alpha = c[ALPHA]
         q = numbers(c, NUMBERS)
-        for g in range(int(c[GROUPS])):
-            place = first + g * GROUP
+        for g in range(1 if single else int(c[GROUPS])):
+            place = first + g * stride
             if degree > 0:
                 torus = invariants(s, alpha)
                 u, v = (torus[2] - c[CENTRE_H]) * c[SCALE_H], (s[2] - c[CENTRE_J]) * c[SCALE_J]
                 if abs(u) <= 1.0 and abs(v) <= 1.0:
-                    R, eta, mr, mi = look(c, int(c[place + TABLE]), u, v)
-                    mr, mi = onto_curve(torus, s[2], alpha, R, eta, mr, mi, c[place + INVERSE])
-                    s = move(s, alpha, (R, eta, mr, mi))
+                    R, eta, mr, mi = look(c, place + GROUP, u, v)
+                    s = tabled_flow(s, torus, alpha, R, eta, mr, mi, c[place + INVERSE])
                 else:
                     tally[ITERATIONS] += 1.0
-                    s = flow(s, alpha, c[place + TIME], tally)
+                    s, found = flow(s, alpha, c[place + TIME])
+                    if not found:
+                        tally[FAILURE] = LOST
             else:
-                s = flow(s, alpha, c[place + TIME], tally)
-            s = kicked(s, q, c[place + KICK], c[place + TWIST])
+                s, found = flow(s, alpha, c[place + TIME])
+                if not found:
+                    tally[FAILURE] = LOST
+            s = kicked(s, q, (c[place + KICK], c[place + TWIST], c[place + SECOND]))
         return s
 
-    field_parameters = field.parameters
     return step
 
 
@@ -288,7 +352,7 @@ PIN_EVERY = 16
 @cache
 def map_over(field: Field, level: bool) -> Any:
     """Of each row, in place: flows and kicks of the lengths in `parts`, one after the other."""
-    kicked, numbers = kick_of(field, level, False), take(field.parameters)
+    kicked, numbers = kick_of(field, level, 0), take(field.parameters)
 
     @jit_as(f"map over {field.digest} {level}")
     def run(rows, numbers_of, parts, tally):
@@ -297,9 +361,11 @@ def map_over(field: Field, level: bool) -> Any:
             s = (row[0], row[1], row[2], row[3], row[4], row[5])
             for k in range(len(parts)):
                 if parts[k, 0] != 0.0:
-                    s = flow(s, alpha, parts[k, 0], tally)
+                    s, found = flow(s, alpha, parts[k, 0])
+                    if not found:
+                        tally[FAILURE] = LOST
                 if parts[k, 1] != 0.0:
-                    s = kicked(s, q, parts[k, 1], 0.0)
+                    s = kicked(s, q, (parts[k, 1],))
             row[0], row[1], row[2], row[3], row[4], row[5] = s
 
     return run
@@ -308,8 +374,8 @@ def map_over(field: Field, level: bool) -> Any:
 # ------------------------------------------------------------------------------------ tables
 
 # steps that show where (H, J3) go, and their length in time scales of the top: they need not be exact
-PILOT, STRIDE = 256, 1.2
-MARGIN = 2.0  # the box is so many times as wide
+PILOT, STRIDE = 96, 1.2
+MARGIN = 8.0  # the box is so many times as wide: a slow motion goes further than the pilot, and a table is cheap
 GRIDS = (6, 14)  # nodes along each side, tried in turn
 
 
@@ -387,28 +453,27 @@ def tabulate(c, h, nodes, to_chebyshev, to_monomials, level, found):
     return least
 
 
+@cache
+def order_of(degree: int, level: bool) -> tuple[Array, Array]:
+    """Powers of u and v, in the order of `look_up`."""
+    order = [(i, j) for i in range(degree, -1, -1) for j in range(0 if level else degree - i, -1, -1)]
+    rows, columns = np.array(order).T
+    return rows, columns
+
+
 def tables(c: Array, times: tuple[float, ...], level: bool) -> tuple[int, list[Array]]:
     """The degree, and for each time the coefficients in the order of `look_up`; degree 0 if some time has no table."""
     for n in GRIDS:
-        made, degree = [], 0
-        for h in times:
-            found = np.empty((4, n, 1 if level else n))
-            least = tabulate(c, h, *chebyshev(n), level, found)
+        found, degree = np.zeros((len(times), 4, max(n, DEGREES[-1] + 1), 1 if level else max(n, DEGREES[-1] + 1))), 0
+        for k, h in enumerate(times):
+            least = tabulate(c, h, *chebyshev(n), level, found[k])
             if least == 0:
                 break
             degree = max(degree, least)
-            made.append(found)
         else:
             degree = next(d for d in DEGREES if d >= degree)
-            order = [(i, j) for i in range(degree, -1, -1) for j in range(0 if level else degree - i, -1, -1)]
-            rows, columns = np.array(order).T
-            inside = (rows < n) & (columns < n)
-            listed = []
-            for found in made:
-                values = np.zeros((len(order), 4))
-                values[inside] = found[:, rows[inside], columns[inside]].T
-                listed.append(values.ravel())
-            return degree, listed
+            rows, columns = order_of(degree, level)
+            return degree, [of_time[:, rows, columns].T.ravel() for of_time in found]
     return 0, []
 
 
@@ -436,7 +501,7 @@ def pilot(step: Any) -> Any:
 # ------------------------------------------------------------------------------------ steppers
 
 STRONG = 0.05  # of V's range along the pilot to the energy of the top, from which other methods are better
-CHOICES = ("aba864", "aba1064", "strang")  # where the step is chosen: the others are never the cheapest by much
+CHOICES = ("aba864", "processed6", "strang")  # where the step is chosen: the others are never the cheapest by much
 TOLERANCE = 1e-9  # default of the error at the last time
 RESONANT = 0.125  # of the nutation period, a step from which harmonics of the motion come near the step's own frequency
 
@@ -458,44 +523,44 @@ class ExactSplittingStepper(ConjugateStepper):
         numbers, level = np.array(top.numbers), "J3" in top.conserved
         field, n = top.formula.perturbation, len(chosen.b)
         J, x = y0[:3], y0[3:]
-        flows = np.array(((chosen.a[0] + chosen.a[-1]) * h, *(a * h for a in chosen.a[1:-1])))
+        times = ((chosen.a[0] + chosen.a[-1]) * h, *(a * h for a in chosen.a[1:-1]))
         groups = np.zeros((n, GROUP))
-        groups[:, TIME], groups[:, KICK] = flows, np.array(chosen.b) * h
-        if twisted:
-            groups[:, TWIST] = -h * h * h / 24.0
-        head = np.array((top.alpha, x @ x, x @ J, n, 0.0, 1.0, 0.0, 1.0))
-        c = np.concatenate((head, numbers, groups.ravel()))
+        groups[:, TIME], groups[:, KICK] = times, np.array(chosen.b) * h
+        gradients = (1 + bool(chosen.d)) if twisted else 0
+        if gradients > 0:
+            groups[:, TWIST] = np.array(chosen.c) * -(h**3)
+        if gradients > 1:
+            groups[:, SECOND] = np.array(chosen.d) * h**5
+        head = np.array((top.alpha, x @ x, x @ J, n, 0.0, 1.0, 0.0, 1.0, *numbers))
+        degree, made = 0, []
+        if tabled and self._box(head, y0, field, level, top.top.scales(y0), h):
+            different = tuple(dict.fromkeys(times))
+            degree, listed = tables(head, different, level)
+            if degree:
+                made = [listed[different.index(time)] for time in times]
+                groups[:, INVERSE] = [0.5 / (t[-2] * t[-2] + t[-1] * t[-1]) for t in made]  # of the constant term
+        c = np.concatenate((head, *(part for g in range(n) for part in (groups[g], *made[g : g + 1]))))
         if not np.isfinite(c).all():
             raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
-        first, degree = NUMBERS + len(numbers), 0
-        if tabled and self._box(c, y0, kernel(field, level, False, 0), top.top.scales(y0), h):
-            times = tuple(dict.fromkeys(flows.tolist()))
-            degree, made = tables(c, times, level)
-            if degree:
-                places = np.cumsum([len(c), *map(len, made)])
-                for g in range(n):
-                    which = times.index(flows[g])
-                    place, (mr, mi) = first + g * GROUP, made[which][-2:]  # of the constant term
-                    c[place + TABLE], c[place + INVERSE] = places[which], 0.5 / (mr * mr + mi * mi)
-                c = np.concatenate((c, *made))
         self.degree = degree  # of the tables, 0 for none
         before, after = ends_of(chosen, h, corrected)
+        step = kernel(field, level, gradients, degree, n == 1 and gradients > 0 and degree > 0)
         super().__init__(
-            name, h, c, kernel(field, level, twisted, degree), pin_level if level else pin, PIN_EVERY,
+            name, h, c, step, pin_level if level else pin, PIN_EVERY,
             map_rows=map_over(field, level), way_in=(numbers, before), way_out=(numbers, after),
             rhs_per_step=n, failures=FAILURES,
         )  # fmt: skip
 
     @staticmethod
-    def _box(c: Array, y0: Array, step: Any, scales: tuple[float, float, float], h: float) -> bool:
+    def _box(c: Array, y0: Array, field: Field, level: bool, scales: tuple[float, float, float], h: float) -> bool:
         """Sets the box of the tables, from a run with long steps; False if that does not get through."""
         rate, _, unit = scales
         if not math.isfinite(unit):  # without V nothing moves
             return False
-        long = c.copy()
-        long[GROUPS] = 1
-        first = len(c) - int(c[GROUPS]) * GROUP
-        long[first : first + GROUP] = (math.copysign(STRIDE * unit, h), math.copysign(STRIDE * unit, h), 0.0, 0.0, 0.0)
+        long = np.zeros(len(c) + GROUP)
+        long[: len(c)] = c
+        long[GROUPS], long[len(c) + TIME], long[len(c) + KICK] = 1, *(math.copysign(STRIDE * unit, h),) * 2
+        step = kernel(field, level, 0, 0, False)
         low_h, high_h, low_j, high_j = pilot(step)(y0, long, c[ALPHA], PILOT, np.zeros(SIZE))
         if not all(map(math.isfinite, (low_h, high_h, low_j, high_j))):
             return False
@@ -505,29 +570,55 @@ class ExactSplittingStepper(ConjugateStepper):
         return True
 
 
-@lru_cache(maxsize=64)
-def _corrector(size: float) -> tuple[tuple[float, float], ...]:
-    """(flow, kick) one after the other: half of all kicks, the side ahead first, and the other half in the order reversed.
+@cache
+def _corrector(chosen: Scheme) -> tuple[tuple[float, float], ...]:
+    """(flow, kick) one after the other, for h = 1: half of all kicks in the order of their times, and the other half backwards.
 
-    So no commutator of two kicks is left, of size ε²h³.
+    So no commutator of two kicks is left, of size ε²h³. What is of second order is made of commutators, once with both signs of
+    their kicks: so nothing of order ε³ is left.
     """
-    half = [(side * j, side * 0.5 * b) for side in (1, -1) for j, b in enumerate(corrector_kicks(), 1)]
-    parts, at = [], 0
-    for place, kick in (*half, *reversed(half), (0, 0.0)):
-        parts.append((SPACING * size * (place - at), size * kick))
+    numbered = list(enumerate(corrector_kicks(chosen), 1))
+    half = [(side * SPACING * j, side * 0.5 * b) for side in (-1, 1) for j, b in numbered[::side]]
+    kicks = [*half, *reversed(half)]
+    if chosen.second:
+        a = math.sqrt(0.5 * abs(chosen.second)) / SECOND_REACH
+        for u, v in ((a, math.copysign(a, chosen.second)), (-a, -math.copysign(a, chosen.second))):
+            kicks += [
+                (0.0, u),
+                (SECOND_REACH, v),
+                (-SECOND_REACH, v),
+                (0.0, -u),
+                (-SECOND_REACH, -v),
+                (SECOND_REACH, -v),
+            ]
+    parts: list[tuple[float, float]] = []
+    at = 0.0
+    for place, kick in (*kicks, (0.0, 0.0)):
+        hops = math.ceil(abs(place - at) / LEAP)  # a long flow takes the slow route to its λ
+        if hops == 0 and parts:
+            parts[-1] = (parts[-1][0], parts[-1][1] + kick)
+        else:
+            parts += [*(((place - at) / max(hops, 1), 0.0),) * (hops - 1), ((place - at) / max(hops, 1), kick)]
         at = place
     return tuple(parts)
 
 
-def ends_of(chosen: Scheme, h: float, corrected: bool) -> tuple[Array, Array]:
-    """(flow, kick) by which a state enters the run, and by which it leaves: inverse to each other."""
-    after = [(chosen.a[0] * h, 0.0), *(_corrector(abs(h)) if corrected else ())]
+@cache
+def _ends(chosen: Scheme, corrected: bool, sign: float) -> tuple[Array, Array]:
+    """`ends_of` for |h| = 1."""
+    after = [(chosen.a[0] * sign, 0.0), *(_corrector(chosen) if corrected else ())]
     before, pending = [], 0.0
     for time, kick in reversed(after):
         before.append((pending, -kick))
         pending = -time
     before.append((pending, 0.0))
     return np.array(before), np.array(after)
+
+
+def ends_of(chosen: Scheme, h: float, corrected: bool) -> tuple[Array, Array]:
+    """(flow, kick) by which a state enters the run, and by which it leaves: inverse to each other."""
+    before, after = _ends(chosen, corrected, math.copysign(1.0, h))
+    return abs(h) * before, abs(h) * after
 
 
 def prepare(
@@ -552,8 +643,8 @@ def prepare_in_field(
 
     Parameters
     ----------
-    scheme : of SCHEMES. corrector, modified_kick : on by default for "strang", and possible for it only. table : λ from a
-    table in (H, J3); False: computed at every flow.
+    scheme : of SCHEMES. corrector, modified_kick : on by default for "strang" and "processed6", and possible for these only.
+    table : λ from a table in (H, J3); False: computed at every flow.
     """
     corrected, twisted = _check(scheme, corrector, modified_kick, table)
     _warn_strong(top, y0)
@@ -565,9 +656,9 @@ def _check(scheme: str, corrector: Any, modified_kick: Any, table: Any) -> tuple
     check_choice(scheme, "scheme", SCHEMES)
     chosen = []
     for name, value in (("corrector", corrector), ("modified_kick", modified_kick)):
-        flag = scheme == "strang" if value is None else check_flag(value, name)
-        if flag and scheme != "strang":
-            raise ValueError(f"{name} belongs to scheme='strang'; got scheme={scheme!r}")
+        flag = scheme in PROCESSED if value is None else check_flag(value, name)
+        if flag and scheme not in PROCESSED:
+            raise ValueError(f"{name} belongs to scheme={' or '.join(map(repr, PROCESSED))}; got scheme={scheme!r}")
         chosen.append(flag)
     check_flag(table, "table")
     return chosen[0], chosen[1]
@@ -593,12 +684,12 @@ def evaluate_in_field(
     numbers, one = np.array(top.numbers), np.column_stack((small.a, (*small.b, 0.0)))
 
     def candidate(name: str, widest: float) -> Candidate:
-        chosen, strang = SCHEMES[name], name == "strang"
+        chosen, processed = SCHEMES[name], name in PROCESSED
 
         def build(h: float, table: bool) -> ExactSplittingStepper:
-            return ExactSplittingStepper("backlund_splitting", top, y0, h, chosen, strang, strang, table)
+            return ExactSplittingStepper("backlund_splitting", top, y0, h, chosen, processed, processed, table)
 
-        return Candidate(build, len(chosen.b) + strang, widest)
+        return Candidate(build, len(chosen.b) * (1.5 if processed else 1.0), widest)
 
     def shorter(y: Array, h: float, parts: int) -> tuple[Array, int]:
         rows, tally = np.array(y)[None], np.zeros(SIZE)
@@ -607,7 +698,7 @@ def evaluate_in_field(
             raise StepError("backlund_splitting", FAILURES[int(tally[FAILURE])], h=h)
         return rows[0], parts * len(small.b)
 
-    candidates = {name: candidate(name, RESONANT * (1 if name == "strang" else 2)) for name in CHOICES}
+    candidates = {name: candidate(name, RESONANT * (1 if name in PROCESSED else 2)) for name in CHOICES}
     return backlund_choice.evaluate("backlund_splitting", top, y0, times, tol, candidates, shorter)
 
 

@@ -14,7 +14,15 @@ from integrators.methods import backlund_splitting as bs
 from integrators.truth import reference
 
 NAME = "backlund_splitting"
-ORDERS = {"strang": (2, 2), "saba4": (8, 2), "aba84": (8, 4), "aba104": (10, 4), "aba864": (8, 6), "aba1064": (10, 6)}
+ORDERS = {
+    "strang": (2, 2),
+    "processed6": (2, 2),
+    "saba4": (8, 2),
+    "aba84": (8, 4),
+    "aba104": (10, 4),
+    "aba864": (8, 6),
+    "aba1064": (10, 6),
+}
 pytestmark = pytest.mark.filterwarnings("ignore::integrators.interface.StepWarning")
 
 
@@ -77,15 +85,34 @@ def test_schemes_have_their_order_in_the_square_of_the_perturbation(name):
         assert float(mpmath.log(errors[0] / errors[1], 2)) == pytest.approx(ORDERS[name][1], abs=0.3)
 
 
-def test_the_corrector_fits_the_boundary_term():
-    b = bs.corrector_kicks()
+@pytest.mark.parametrize("name", bs.PROCESSED)
+def test_the_corrector_fits_the_boundary_term(name):
+    chosen, b = bs.SCHEMES[name], bs.corrector_kicks(bs.SCHEMES[name])
+    times = np.cumsum(chosen.a)[:-1] - 0.5
     for w, bound in ((0.3, 1e-11), (0.65, 5e-11), (1.3, 1e-9), (2.0, 1e-8), (3.0, 1e-6)):
         fitted = 2 * sum(b[j] * math.sin(bs.SPACING * (j + 1) * w) for j in range(bs.NODES))
-        assert abs(fitted - (1 / (2 * math.sin(w / 2)) - 1 / w)) < bound
+        assert abs(fitted - (np.cos(w * times) @ chosen.b / (2 * math.sin(w / 2)) - 1 / w)) < bound
+
+
+@pytest.mark.parametrize(("name", "left"), [("strang", 3), ("processed6", 5)])
+def test_the_part_of_second_order_is_right_for_long_times(name, left):
+    """Of kicks at the times t_i, in this order whatever the times are, and of kicks by W: 1/w is left as w³, or w⁵."""
+    a, b, _, c, *_ = bs.SCHEMES[name]
+    with mpmath.workdps(40):
+        times = np.cumsum([mpmath.mpf(w) for w in a])[:-1] - mpmath.mpf(1) / 2
+
+        def excess(w):
+            pairs = [(i, j) for j in range(len(b)) for i in range(j)]
+            within = mpmath.fsum(b[i] * b[j] * mpmath.sin(w * (times[j] - times[i])) for i, j in pairs)
+            total = mpmath.fsum(k * mpmath.cos(w * t) for k, t in zip(b, times, strict=True))
+            return within + total**2 * mpmath.cot(w / 2) / 2 + 2 * sum(map(mpmath.mpf, c)) * w - 1 / w
+
+        w = mpmath.mpf(2) ** -5
+        assert float(mpmath.log(abs(excess(w) / excess(w / 2)), 2)) == pytest.approx(left, abs=0.01)
 
 
 def test_the_corrector_is_a_palindrome_of_kicks_about_its_end():
-    parts = bs._corrector(1.0)
+    parts = bs._corrector(bs.SCHEMES["strang"])
     times = np.cumsum([flow for flow, _ in parts])
     kicks = [(round(t, 9), k) for t, (_, k) in zip(times, parts, strict=True) if k]
     assert [k for _, k in kicks] == [k for _, k in reversed(kicks)]
@@ -93,7 +120,7 @@ def test_the_corrector_is_a_palindrome_of_kicks_about_its_end():
     total = {}
     for t, k in kicks:
         total[t] = total.get(t, 0.0) + k
-    for j, weight in enumerate(bs.corrector_kicks(), 1):
+    for j, weight in enumerate(bs.corrector_kicks(bs.SCHEMES["strang"]), 1):
         assert total[round(bs.SPACING * j, 9)] == pytest.approx(weight)
         assert total[-round(bs.SPACING * j, 9)] == pytest.approx(-weight)
 
@@ -129,6 +156,28 @@ def test_strang_with_both_corrections_has_order_four(name):
         assert worse[1] > 3 * errors[1]
 
 
+@pytest.mark.parametrize("name", ["strong_tide", "axisymmetric"])
+def test_processed6_has_order_six(name, monkeypatch):
+    top, y, unit = problem(name)
+    right = reference.solution(top, y, [16 * unit]).states[0]
+
+    def errors(**without):
+        monkeypatch.setitem(bs.SCHEMES, "processed6", whole._replace(**without))
+        steps = (0.5, 0.25)
+        runs = [prepare(top, y, h * unit, NAME, scheme="processed6").advance(y, round(16 / h)) for h in steps]
+        return [float(metrics.scaled_error(top, y, run, right)) for run in runs]
+
+    whole = bs.SCHEMES["processed6"]
+    coarse, fine = errors()
+    assert math.log2(coarse / fine) == pytest.approx(6, abs=0.5)
+    # negative controls: without any of its parts it has order four or two
+    for part, order in (("c", 2), ("d", 4), ("second", 4)):
+        wrong = {"c": (0.0, 0.0), "d": (), "second": 0.0}[part]
+        worse = errors(**{part: wrong})
+        assert math.log2(worse[0] / worse[1]) < order + 0.6, part
+        assert worse[1] > 3 * fine, part
+
+
 @pytest.mark.parametrize("name", ["weak_tide", "magnet"])
 @pytest.mark.parametrize("scheme", bs.SCHEMES)
 def test_tables_and_plain_doubles_agree(name, scheme):
@@ -152,7 +201,7 @@ def test_outside_of_its_box_a_table_is_not_used(monkeypatch):
 @pytest.mark.parametrize("name", ["moderate_tide", "magnet", "axisymmetric"])
 def test_it_is_poisson_and_symmetric(name):
     top, y, unit = problem(name)
-    for options in ({}, {"scheme": "aba864"}, {"table": False}):
+    for options in ({}, {"scheme": "aba864"}, {"scheme": "processed6"}, {"table": False}):
         for h in (0.5 * unit, -0.25 * unit):
             defect = metrics.poisson_defect(
                 lambda z, h=h, o=options: prepare(top, z, h, NAME, **o).advance(z, 1), top, y
@@ -205,7 +254,7 @@ def test_it_says_where_it_is_the_wrong_method():
         prepare(top, y, 12 * unit, NAME)
     for options, message in (
         ({"scheme": "leapfrog"}, "scheme must be one of"),
-        ({"scheme": "aba864", "corrector": True}, "corrector belongs to scheme='strang'"),
+        ({"scheme": "aba864", "corrector": True}, "corrector belongs to scheme='strang' or 'processed6'"),
         ({"modified_kick": "yes"}, "modified_kick must be True or False"),
         ({"table": 3}, "table must be True or False"),
     ):
