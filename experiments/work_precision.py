@@ -1,11 +1,11 @@
 """Work against precision: what does an error cost, over short, long and very long runs?
 
-Each method runs with ever smaller steps or tolerances, from the coarsest on, until one run would take longer than the
-limit of its length (estimated from a short one) or the error has stopped falling: that is where its curve ends, no matter
-whose it is. The error is the largest at four places of the last fifth of the run, against the exact solution,
-relative to the scales of J and x. Wall time is the least of several compiled runs; set-up, the λ(h) of a torus for
-instance, is in a column of its own and is counted or not, as a table says. Nonlinear equations are solved to round-off.
-"Evaluations" are right-hand sides, for methods that have any. Times are in units of 1/(|J| + √(|alpha||x|)).
+Each method runs with ever smaller steps or tolerances, from the coarsest on. Its curve ends where one run would take
+longer than the limit of its length (estimated from a short one), or where the error has stopped falling. This rule is
+the same for every method. The error is the largest at four places of the last fifth of the run, against the exact
+solution, relative to the scales of J and x. Wall time is the least of several compiled runs; set-up, the λ(h) of a
+torus for instance, is in a column of its own and is counted or not, as a table says. Nonlinear equations are solved to
+round-off. "Evaluations" are right-hand sides, for methods that have any. Times are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations

@@ -32,9 +32,10 @@ def integrate(
 ) -> Trajectory:
     """Follow a top, or a magnet, from y0.
 
-    Either `h` and `steps`, recording every `every` steps (default: only the start and the end), or `t`, any
-    output times from 0: then the method's dense output is used, or, for the exact Bäcklund map, one map
-    for each time (a jump, not a sequence of steps); backlund_splitting chooses its step for `tol` and reports it in `work.notes`.
+    Give either `h` and `steps`, or `t`. With `h` and `steps` every `every` steps are recorded (default: only the start
+    and the end). With `t`, any output times from 0, the method's dense output is used. The exact Bäcklund map takes one
+    map for each time then: a jump, not a sequence of steps. With `t`, `backlund_splitting` chooses its step for `tol`
+    and reports it in `work.notes`.
 
     Parameters
     ----------

@@ -1,9 +1,10 @@
 """Do two stores say the same? And does this machine, today, still compute what a store says?
 
 Cells are matched by experiment and content. What is not a time must be equal, to the last digit stored unless a
-tolerance is given. Times differ from run to run: they are tested in groups, a method's column over all its cells, with
-Wilcoxon's signed-rank test on the logarithms of the ratios, and called different only if that is significant and the
-ratio is larger than what two runs of the same code differ by on a machine that is not quite idle.
+tolerance is given. Times differ from run to run, so they are tested in groups: a method's column over all its cells.
+The test is Wilcoxon's signed-rank test on the logarithms of the ratios. The times are called different only if the test
+is significant and the ratio is large enough. It must be larger than what two runs of the same code differ by on a
+machine that is not quite idle.
 """
 
 from __future__ import annotations

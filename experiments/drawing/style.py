@@ -1,9 +1,9 @@
 """One look for every figure: sizes, fonts, and method name → label, colour, marker, line style.
 
-Colours go by family (the hues of Okabe and Ito, safe for colour-blind readers, yellow and orange darkened so that
-text in them can be read), shades, markers and dashes by the place of a method within its family, so a figure also
-reads in grey. A method nobody registered gets a grey of its own, always the same. One of a plug-in, or a highlighted one,
-has black dashes, which no method of the bench has, and is named in every figure.
+Colours go by family. They are the hues of Okabe and Ito, safe for colour-blind readers, with yellow and orange darkened
+so that text in them can be read. Shades, markers and dashes go by the place of a method within its family, so a figure
+also reads in grey. A method nobody registered gets a grey of its own, always the same. One of a plug-in, or a
+highlighted one, has black dashes, which no method of the bench has, and is named in every figure.
 
 Forty lines in one panel are not readable. Either every family has a panel of its own (`by_family`), or all are thin
 but the best of each (`looks`); lines are named where they end (`label_ends`), not in a legend.

@@ -141,9 +141,9 @@ def growth_exponent(
 def verdict(p: float, low: float, high: float, max_error: float, floor: float = 4 * ROUND_OFF) -> str:
     """What a growth exponent with interval [low, high] means, in words.
 
-    "exact" no error at all · "round-off" never above `floor` · "bounded" p < ¼ and high < ½ ·
-    "random walk" ¼ ≤ p < ¾, 0 < low, high < 1 (Brouwer's law) · "biased" p ≥ ¾ and low > ½ ·
-    "undecided" the interval does not tell these apart · "failed" the error is not finite.
+    "exact": no error at all. "round-off": never above `floor`. "bounded": p < ¼ and high < ½.
+    "random walk": ¼ ≤ p < ¾, 0 < low, high < 1 (Brouwer's law). "biased": p ≥ ¾ and low > ½.
+    "undecided": the interval does not tell these apart. "failed": the error is not finite.
     """
     if not np.isfinite(max_error):
         return "failed"
@@ -198,10 +198,10 @@ def condition(top: LagrangeTop, y0: Array, times: Array) -> Array:
 def phase_split(top: LagrangeTop, y_exact: ArrayLike, error: ArrayLike) -> dict[str, Array]:
     """Splits an error into shifts along the torus and drift off it.
 
-    y ≈ the exact state at t + `time`, rotated about e3 by `angle`, plus the other four, from
-    e = time X_H + angle X_J3 + H ∇H + J3 ∇J3 + C1 ∇C1 + C2 ∇C2 half-way between y_exact and y, where what is left
-    out is of third order in e (at y_exact: of second). Each basis vector is scaled to length 1 in scaled units;
-    singular values below 1e-7 of the largest are dropped, and the shortest solution is taken.
+    The state y is close to the exact state at t + `time`, rotated about e3 by `angle`, plus the other four terms of
+    e = time X_H + angle X_J3 + H ∇H + J3 ∇J3 + C1 ∇C1 + C2 ∇C2. The vectors are taken half-way between y_exact and y.
+    What is left out is then of third order in e; at y_exact it would be of second. Each basis vector is scaled to
+    length 1 in scaled units. Singular values below 1e-7 of the largest are dropped, and the shortest solution is taken.
 
     Parameters
     ----------
@@ -211,8 +211,8 @@ def phase_split(top: LagrangeTop, y_exact: ArrayLike, error: ArrayLike) -> dict[
     Returns
     -------
     "time" (units of t: the nutation phase), "angle" (rad: the precession phase), "H", "J3", "C1", "C2" and "rank",
-    each (N,). rank < 6 marks states where the flows or the gradients are dependent (regular precession, sleeping):
-    there "time" and "angle" cannot be separated.
+    each (N,). A "rank" below 6 marks states where the flows or the gradients are dependent (regular precession,
+    sleeping). There "time" and "angle" cannot be separated.
     """
     y = np.atleast_2d(_floats(y_exact))
     e = np.atleast_2d(_floats(error))

@@ -8,15 +8,17 @@ up to what oscillates with the nutation. docs/phase-theory.md has the formulas a
 
 The two-point map: T(λ) and Θ(λ) are known, so clock = T/h − 1 and turn = Θ/h, and nothing oscillates.
 
-Any other: the local error δ = Φ_h − φ_h = h^{p+1} d + … is a power series in h (`steps`), of which `TERMS` terms are taken. To
-first order in δ the error follows e ← Dφ_h e + δ. Let X = (X_H, X_J3), G the gradients of H, J3, C1 and C2 as rows, and
-e = X p + E o with E = Gᵀ(G Gᵀ)⁻¹: p is the error along the torus, o = G e what the invariants are off. In one step
+Any other: the local error δ = Φ_h − φ_h = h^{p+1} d + … is a power series in h (`steps`), of which `TERMS` terms are
+taken. To first order in δ the error follows e ← Dφ_h e + δ. Let X = (X_H, X_J3), and let the rows of G be the gradients
+of H, J3, C1 and C2. Write e = X p + E o with E = Gᵀ(G Gᵀ)⁻¹. Then p is the error along the torus, and o = G e is the
+error of the invariants. In one step
 
     o ← o + Gδ        p ← p + S o + X⁺δ        S = Σ(s + h) − Σ(s),   Σ' = X⁺(f' E − E'),
 
-where everything is periodic in s, the time modulo a nutation, and is summed by its Fourier series. Terms of second order in δ
-are left out. A symmetric method takes the mirror image of an orbit in a vertical plane, run backwards, to such an image, and
-every torus is its own image: the mean of Gδ vanishes, and what first order leaves of it is taken off.
+where everything is periodic in s, the time modulo a nutation, and is summed by its Fourier series. Terms of second
+order in δ are left out. Reflect an orbit of a symmetric method in a vertical plane and run it backwards: it is again an
+orbit of the method. Every torus is its own image, so the mean of Gδ vanishes. What first order leaves of this mean is
+taken off.
 """
 
 from __future__ import annotations

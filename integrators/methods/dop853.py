@@ -1,9 +1,10 @@
 """DOP853: the explicit Runge-Kutta pair of order 8 with error estimates of orders 5 and 3, on its natural steps, compiled.
 
-The step control is that of Hairer's program with its defaults (safety 0.9, a step at most 6 times and at least a third of
-the one before, no stabilization), as are the first step and the interpolant of order 7: the strongest explicit Runge-Kutta method
-with step control, without interpretation. The exponent 1/8 of the control is three square roots. h is only the output grid.
-A step takes 12 right-hand sides, the slope at its start among them, and 4 more if it is interpolated.
+The step control, the first step and the interpolant of order 7 are those of Hairer's program. The control has its
+defaults: safety 0.9, a step at most 6 times and at least a third of the one before, no stabilization. So this is the
+strongest explicit Runge-Kutta method with step control, compiled and not interpreted. The exponent 1/8 of the control
+is three square roots. h is only the output grid. A step takes 12 right-hand sides, the slope at its start among them,
+and 4 more if it is interpolated.
 
 Source: Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I (1993), sections II.4 (first step), II.5, II.6, and
 the program DOP853.

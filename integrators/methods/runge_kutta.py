@@ -3,12 +3,14 @@
 A formula is a tableau of coefficients; the step is written out from it, with nothing for coefficients that vanish. Of the
 invariants only J3, whose derivative vanishes, is kept; the others drift, and the phase error grows like t².
 
-`verner9_projected` moves the state after every step to the nearest point, in units where |x| and |J| + √(|alpha||x|) are of
-order one, with the H, C1 and C2 it was prepared with: z + Gᵀλ with G Gᵀ λ = g, where g is what H, |x|²/2 and x·J lack and the
-rows of G are their gradients; a second Newton step only if the first was longer than √TINY. Where the gradients depend on
-each other (regular precession, a vertical or hanging top) only part of g can be corrected: of G Gᵀ the Schur complement of |x|²,
-which never vanishes, is damped by DAMPING, so the round-off u of an invariant moves the state by u/(2√DAMPING) at most, and what
-is left undone is no larger than DAMPING.
+`verner9_projected` moves the state z after every step to the nearest point with the H, C1 and C2 it was prepared with.
+Distances are in units where |x| and |J| + √(|alpha||x|) are of order one. A Newton step goes to z + Gᵀλ with
+G Gᵀ λ = g. Here g is what H, |x|²/2 and x·J lack, and the rows of G are their gradients. A second Newton step follows
+only if the first was longer than √TINY.
+
+The gradients depend on each other in a regular precession and for a vertical or hanging top. Only part of g can be
+corrected there. So the Schur complement of |x|² in G Gᵀ is damped by DAMPING; |x|² itself never vanishes. The round-off
+u of an invariant then moves the state by u/(2√DAMPING) at most, and what is left undone is no larger than DAMPING.
 
 `compensated` carries what the addition of the increment to the state rounds away to the next step.
 

@@ -20,9 +20,10 @@ Rotation. With v = (t/2) J, z = |v|² and u = v×x, p = v×u, r = v×p, the rota
 
     x + 2u + 2p + r + a(z) u + b(z) p,    a = sin(2√z)/√z − 2 + z,   b = (1 − cos 2√z)/z − 2,
 
-in which r takes the place of −zu: what is left of an error in z (v3² is rounded the same way in every step) is then a
-change of the angle, and the length of x is kept to higher order. a and b are small, of order z, and so are their errors.
-Beyond 2|v| = 1 the turn is made in 2, 4, 8, … equal parts. No library function is called: the bits are the same everywhere.
+in which r takes the place of −zu. Part of the error of z is the same in every step, because v3² is rounded the same
+way. With r, what is left of this error is a change of the angle, and the length of x is kept to higher order. Both a
+and b are small, of order z, and so are their errors. Beyond 2|v| = 1 the turn is made in 2, 4, 8, … equal parts. No
+library function is called: the bits are the same everywhere.
 
 Sources: with each scheme. McLachlan & Quispel, Acta Numerica 11 (2002) 341, for splittings; López-Marcos, Sanz-Serna &
 Skeel, SIAM J. Sci. Comput. 18 (1997) 223, for processing; the rotation and the processor: this project.

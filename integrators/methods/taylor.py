@@ -1,11 +1,12 @@
 """Taylor series methods: heyoka on its natural steps, and a compiled fixed step of any order.
 
 `taylor` is heyoka's adaptive integrator as it is meant to be used: natural steps, unrolled machine code
-(`compact_mode=False`), one call for a whole run; h is only the output grid, which its dense output fills. A step clamped to
-h would be a straw man: the order follows from the tolerance, the step from the decay of the coefficients.
-heyoka's tolerance is relative above norm 1 and absolute below: a state much smaller than 1 wants other units. A state so
-large that its twentieth power overflows ends in a StepError (not in `taylor_fixed`, whose coefficients carry powers of h).
-alpha is a runtime parameter, so heyoka compiles once per process for each tolerance and variant.
+(`compact_mode=False`), one call for a whole run; h is only the output grid, which its dense output fills. A step
+clamped to h would be unfair to heyoka: the order follows from the tolerance, and the step from the decay of the
+coefficients. The tolerance is relative above norm 1 and absolute below, so a state much smaller than 1 needs other
+units. A state so large that its twentieth power overflows ends in a StepError (not in `taylor_fixed`, whose
+coefficients carry powers of h). alpha is a runtime parameter, so heyoka compiles once per process for each tolerance
+and variant.
 
 `taylor_accurate` adds compensated summation of the series, `taylor_compact` the machine code heyoka makes for large systems
 (loops over tables instead of unrolled; slower here). `propagate_batch` runs many tops at once, one in each SIMD lane.

@@ -1,7 +1,8 @@
 """The closed-form solution evaluated at any time from theta functions, compiled: no state is carried from step to step.
 
-With m = J3, l = x·J, s = |x| and ζ = alpha (x3(t) − x3(0)), ζ'² = 2 (ζ − ζ1)(ζ − ζ2)(ζ − ζ3), so ζ goes to and fro between ζ3 and
-ζ2 as ζ3 + (ζ2 − ζ3) sn²(w, k), w = κ (t − t0), κ² = (ζ1 − ζ3)/2, k² = (ζ2 − ζ3)/(ζ1 − ζ3). Three quantities are linear in ζ,
+Let m = J3, l = x·J, s = |x| and ζ = alpha (x3(t) − x3(0)). Then ζ'² = 2 (ζ − ζ1)(ζ − ζ2)(ζ − ζ3), so ζ goes to and fro
+between ζ3 and ζ2. The solution is ζ = ζ3 + (ζ2 − ζ3) sn²(w, k) with w = κ (t − t0), κ² = (ζ1 − ζ3)/2 and
+k² = (ζ2 − ζ3)/(ζ1 − ζ3). Three quantities are linear in ζ,
 
     |J+|² = 2 (ζ_J − ζ)     |A|² = s − x3 = (ζ_A − ζ)/alpha     |B|² = s + x3 = (ζ − ζ_B)/alpha     ζ_B ≤ ζ3, ζ2 ≤ ζ_J, ζ_A ≤ ζ1
 

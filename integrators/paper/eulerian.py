@@ -5,9 +5,11 @@ With r = √c1, ℓ = c2, c = cos θ, c̃ = cos θ̃ and κ² = 1 + λ e^{i(φ �
     F = 2iαλ (c − κ)(c̃ − κ)/(κ² − 1) − iαλ + i r κ/λ + i (ℓ/r) ln[(1 + κ)/(1 − κ) · tan(θ/2) tan(θ̃/2)]
     p_θ = ∂F/∂θ,   p_φ = ∂F/∂φ,   p̃_θ = −∂F/∂θ̃,   p̃_φ = −∂F/∂φ̃,   μ = −∂F/∂λ,
 
-instead of the paper's elliptic integrals, which are wrong. Proof: with (4.1), p_θ dθ + p_φ dφ and the one-form that
-(5.2.7) generates differ by d[i x3 J-/x- + i (ℓ/r) ln tan(θ/2)], likewise with tildes, and by (5.2.6)
-r J-/x- = 2αλ (c̃ − κ)/(κ² − 1), r J̃+/x̃+ = 2αλ (c − κ)/(κ² − 1): insert into (5.2.7).
+instead of the paper's elliptic integrals, which are wrong.
+
+Proof. By (4.1), p_θ dθ + p_φ dφ and the one-form that (5.2.7) generates differ by d[i x3 J-/x- + i (ℓ/r) ln tan(θ/2)].
+The same holds with tildes. By (5.2.6), r J-/x- = 2αλ (c̃ − κ)/(κ² − 1) and r J̃+/x̃+ = 2αλ (c − κ)/(κ² − 1). Insert
+both into (5.2.7).
 
 `old` = (θ, φ), `new` = (θ̃, φ̃): complex numbers, arrays of them or mpmath numbers. κ is the root closest to `near`:
 the sheet of the curve decides which of the two (`arguments`), never a principal root.

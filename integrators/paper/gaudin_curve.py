@@ -12,8 +12,9 @@ paper's factor i), with μ = iv and the path from λ back along the segment and 
 The c_j are functions of the H_j and s_j²: the same at every step. All steps commute, so steps with λ_1 … λ_k are the
 flow with the sum of their c. The flow of one H_j over a time h, the central-spin model for j the central site, is got
 
-- to order 2k with λ_i = a_j + |s_j| h z_i, Im Σ z_i = 1, Im Σ z_i^m = 0 for m = 2 … 2k: 1/z_i are the roots of the
-  denominator of the diagonal Padé approximant of exp(2it). k = 1 is λ = a_j + i |s_j| h, the paper's time step;
+- to order 2k with λ_i = a_j + |s_j| h z_i, where Im Σ z_i = 1 and Im Σ z_i^m = 0 for m = 2 … 2k. The 1/z_i are the
+  roots of the denominator of the diagonal Padé approximant of exp(2it). For k = 1 this is λ = a_j + i |s_j| h, the
+  paper's time step;
 - exactly, by k = ⌊n/2⌋ steps and, for odd n, a turn about e3: see `gaudin_doubling`.
 
 (Both are results of this project.)

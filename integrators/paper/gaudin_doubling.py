@@ -12,8 +12,9 @@ steps commute. One step after another is
 
   are the λ' of the step that does the work of both, up to a turn about e3 (below).
 
-At the two points at infinity A − iBy takes values whose ratio has the phase ∓2 arg(a + i alpha b), a and b the
-coefficients of u^3k in A and of u^(3k − n) in B: the divisor is trivial but for a turn about e3 by that angle. So
+At the two points at infinity A − iBy takes two values. The phase of their ratio is ∓2 arg(a + i alpha b), where a is
+the coefficient of u^3k in A, and b that of u^(3k − n) in B. The divisor is trivial but for a turn about e3 by that
+angle. So
 
 - n odd: a step is k = (n − 1)/2 maps and a turn, 2k + 1 = n numbers for n times. λ' is infinite only where a = b = 0.
 - n even: k = n/2 maps suffice. A with deg B < k leads to λ' = ∞ wherever a = 0, at one in a continuum of times. But two

@@ -1,7 +1,7 @@
 """The Bäcklund transformations of the Gaudin magnet (paper, sections 5.1, 5.2, 5.5 with n sites).
 
-Maps take a point (λ, v) of the curve by λ, `sheet` and `site`, see `gaudin_curve`. v is a function of the state: with v
-from the curve at every state the maps are Poisson, with v frozen they are not.
+A map takes a point (λ, v) of the curve, given by λ, `sheet` and `site`: see `gaudin_curve`. The value v is a function
+of the state. With v from the curve at every state the maps are Poisson. With v frozen they are not.
 """
 
 from __future__ import annotations

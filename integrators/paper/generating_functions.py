@@ -1,7 +1,8 @@
 """Sections 5.2 and 5.3: generating functions of the one-point map, of the top and of the Gaudin magnet; spectrality.
 
 On the leaf |x|² = c1, x·J = c2 the four numbers x-, J- | x̃+, J̃+ determine the states on both sides of the one-point
-map, up to the root k = x3 − q x- = x̃3 − p x̃+, where p = J-/2α, q = J̃+/2α. With r = √c1, ℓ = c2
+map, up to the choice of a root k. This root is k = x3 − q x- = x̃3 − p x̃+ with p = J-/2α and q = J̃+/2α. With r = √c1,
+ℓ = c2
 
     F = −i J- J̃+/2α − ik (J-/x- + J̃+/x̃+ − 1/λ) + i (ℓ/r) log[(r + k)/(r − k)] − iαλ                    (5.2.7) [104]
     k² = c1 + λ x- x̃+                                                                                  (5.2.6) [99]
