@@ -5,15 +5,17 @@ as lie between one state and the next. Its SIMD form is timed against the number
 (λ(h) and all constants, in double-double) against h; memory against the arrays of states. The rivals, heyoka in batch mode,
 and splittings and a Runge-Kutta formula in the same SIMD lanes as the exact step, cover the same time with tops of the same
 kind: nanoseconds for a top and a unit of time, set-up included, against the error. Output far away by one jump is a row of
-its own. Times are in the units of the tops themselves: alpha in [0.3, 2], each J in [−2, 2], |x| in [0.5, 2].
+its own. Tops in a weak tide, each with a strength of its own, are followed by the exact step inside a splitting and by its
+rivals, all in SIMD lanes. Times are in the units of the tops themselves: alpha in [0.3, 2], each J in [−2, 2], |x| in [0.5, 2].
 """
 
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,13 +24,13 @@ from experiments import script
 from experiments.drawing.tables import captioned, show
 from experiments.measuring import metrics, timing
 from experiments.measuring.states import options_of, rounded, truth
-from integrators import METHODS, LagrangeTop, integrate_ensemble, prepare
+from integrators import METHODS, POTENTIALS, LagrangeTop, PerturbedTop, integrate_ensemble, prepare
 from integrators.compiling.compiled import compiled
 from integrators.compiling.lanes import LANES, run_lanes
 from integrators.interface import Array
 from integrators.machine import usable_cores
 from integrators.torus import real_map
-from integrators.truth import exact
+from integrators.truth import exact, reference
 
 VERSION = 2
 
@@ -55,6 +57,17 @@ KNOBS: dict[str, dict[str, tuple[float, ...]]] = {
         "verner9_fixed": (0.05, 0.1, 0.2, 0.4),
     },
 }
+IN_FIELD: dict[str, dict[str, tuple[float, ...]]] = {  # h, below an eighth of all nutation periods
+    "quick": {"backlund_splitting": (0.15,), "blanes_moan6": (0.15,)},
+    "full": {
+        "backlund_splitting": (0.075, 0.15),
+        "force_gradient6": (0.15,),
+        "blanes_moan6": (0.075, 0.15),
+        "sofroniou_spaletta10": (0.15,),
+    },
+}
+FIELD_SPAN, FIELD_TOPS, FIELD_JUDGED = 1000.0, 512, 3  # the truth takes a second or so for each top
+STRENGTH, DIRECTION = 1e-4, (1.0, 0.0, 0.0)  # of the tide, more or less by half
 
 
 def cells(profile: str) -> list[dict]:
@@ -72,6 +85,9 @@ def cells(profile: str) -> list[dict]:
         run = {"part": "rival", "method": method, "tops": tops, "span": SPAN}
         listed += [{**run, METHODS[method].knob: knob} for knob in knobs]
     listed.append({"part": "jump", "method": "backlund", "tops": JUDGED, "span": SPAN})
+    for method, steps in IN_FIELD[profile].items():
+        run = {"part": "perturbed", "method": method, "potential": "tide", "tops": FIELD_TOPS, "span": FIELD_SPAN}
+        listed += [{**run, "h": h} for h in steps]
     return [{"timing": True, **cell} for cell in listed]
 
 
@@ -248,7 +264,7 @@ def _measure_rival(cell: dict) -> dict:
         return integrate_ensemble(top, Y, span / steps, steps, cell["method"], threads=1, **options)
 
     right = partial(truth, method=METHODS[cell["method"]], h=span / steps, counts=[steps])
-    return _judged(run, lambda one, y0: right(one, y0)[0], alphas, Y, span)
+    return _judged(run, lambda one, y0: right(one, y0)[0], map(LagrangeTop, alphas), Y, span)
 
 
 def _measure_jump(cell: dict) -> dict:
@@ -258,15 +274,38 @@ def _measure_jump(cell: dict) -> dict:
     def run() -> Array:
         return integrate_ensemble(top, Y, t=[span], threads=1)[0]
 
-    return _judged(run, lambda one, y0: exact.solution(one, y0, span), alphas, Y, span)
+    return _judged(run, lambda one, y0: exact.solution(one, y0, span), map(LagrangeTop, alphas), Y, span)
 
 
-def _judged(run: Callable[[], Array], right: Callable[..., Array], alphas: Array, Y: Array, span: float) -> dict:
-    """Cost on one core, and the errors of the first tops; `right` is where a top should be."""
-    end, errors = run(), []
-    for alpha, y0, y in list(zip(alphas, Y, end, strict=True))[:JUDGED]:
-        one = LagrangeTop(alpha)
-        errors.append(float(metrics.scaled_error(one, y0, y, right(one, y0))))
+def _measure_perturbed(cell: dict) -> dict:
+    """Each top in a tide of its own; a kick and the flow before it from the difference to a run of one step."""
+    n, method, span = cell["tops"], cell["method"], cell["span"]
+    (alphas, Y), steps = alphas_and_states(n), round(span / cell["h"])
+    h = span / steps
+    strengths, tide = STRENGTH * np.random.default_rng(20040328).uniform(0.5, 1.5, n), POTENTIALS[cell["potential"]]
+    problem = PerturbedTop(LagrangeTop(alphas), tide, (strengths, *DIRECTION))
+
+    def run(steps: int = steps) -> Array:
+        return integrate_ensemble(problem, Y, h, steps, method, threads=1)
+
+    pairs = list(zip(alphas, strengths, strict=True))[:FIELD_JUDGED]
+    ones = [PerturbedTop(LagrangeTop(a), tide, (k, *DIRECTION)) for a, k in pairs]
+    row = _judged(run, lambda one, y0: reference.solution(one, y0, [span]).states[0], ones, Y, span)
+    alone = prepare(ones[0], Y[0], h, method)
+    alone.advance(Y[0], 1)
+    timed = timing.interleave({"long": run, "short": lambda: run(1)}, repeats=5).timings
+    short = timed["short"].min / n
+    per_kick = (timed["long"].min / n - short) / (steps - 1) / alone.work.rhs_evals
+    return {**row, "setup_us": rounded(short * 1e6), "ns_per_kick": rounded(per_kick * 1e9)}
+
+
+def _judged(
+    run: Callable[[], Array], right: Callable[..., Array], ones: Iterable[Any], Y: Array, span: float
+) -> dict[str, float]:
+    """Cost on one core, and the errors of the first of the tops `ones`; `right` is where a top should be."""
+    end = run()
+    judged = list(zip(ones, Y, end, strict=False))[:JUDGED]
+    errors = [float(metrics.scaled_error(one, y0, y, right(one, y0))) for one, y0, y in judged]
     seconds = timing.time_call(run, repeats=3).min
     per_top = seconds / len(Y)
     return {
@@ -285,6 +324,7 @@ MEASURES = {
     "many": _measure_many,
     "rival": _measure_rival,
     "jump": _measure_jump,
+    "perturbed": _measure_perturbed,
 }
 
 
@@ -316,6 +356,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
         "setup": ["h", "setup_us", "first_step_us"],
         "many": ["tops", "steps", "threads", "seconds", "us_per_top", "memory"],
         "jump": ["span", "error", "largest_error", "us_per_top"],
+        "perturbed": ["method", "h", "error", "largest_error", "setup_us", "us_per_top", "ns_per_time", "ns_per_kick"],
     }
     found = {
         name: good.loc[good.part == name, columns] for name, columns in wanted.items() if (good.part == name).any()
@@ -329,6 +370,8 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
         "setup": "Set-up of each top, λ(h) and the constants of its step, in µs, by step size",
         "many": "A large ensemble: seconds in all, µs per top, memory in units of one array of states",
         "jump": "One jump to a far time for each top: the median and the largest error, µs per top",
+        "perturbed": "Tops in a weak tide, in SIMD lanes on one core: the median and the largest error at the end; set-up, and "
+        "all, in µs per top; nanoseconds per top and unit of time, and per kick with the flow before it, without set-up",
         "rivals": "Ensembles on one core: for each method and step or tolerance the median and the largest error at the end, µs "
         "per top, and times the cost of the cheapest exact step that is no less accurate",
     }

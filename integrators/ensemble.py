@@ -4,12 +4,13 @@ The tops are cut into chunks, the chunks shared out among threads; compiled code
 offers `advance_many` (or `evaluate_many`) takes a chunk in one call: the exact Bäcklund step with its set-up compiled,
 heyoka in its batch mode. Other fixed-step methods whose steppers declare a `lane` take their tops in the same SIMD
 lanes as the Bäcklund step. All have the bits of one top alone, but for short runs of the Bäcklund step, where they
-differ by round-off: `backlund.SHORT` steps or fewer take λ(h) in plain doubles. Splittings take one rotation and kick
-after the other. Implicit methods, whose iterations end where they end, and all that is not compiled here take their
-tops one by one, and so do tops that are left undone, because of their extreme size or because the method fails for
-them: then the StepError is the scalar one. A `PerturbedTop` goes the same ways, each top with
-its own numbers; where its field is uniform but not vertical, a method for uniform fields takes it one by one, in
-another frame. What becomes of a top depends on nothing but itself: not on the chunks, the threads, or its place.
+differ by round-off: `backlund.SHORT` steps or fewer take λ(h) in plain doubles, of any h. The splitting with the exact
+step inside takes λ(h) from the table of each top, other splittings one rotation and kick after the other. Implicit
+methods, whose iterations end where they end, and all that is not compiled here take their tops one by one, and so do
+tops that are left undone, because of their extreme size or because the method fails for them: then the StepError is the
+scalar one. A `PerturbedTop` goes the same ways, each top with its own numbers; where its field is uniform but not
+vertical, a method for uniform fields takes it one by one, in another frame. What becomes of a top depends on nothing but
+itself: not on the chunks, the threads, or its place.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from integrators.compiling.lanes import LANES, run_lanes
 from integrators.compiling.loops import FixedStepper
 from integrators.interface import Array, Method, StepError, Stepper
 from integrators.problem.body import HeavyTop
-from integrators.problem.perturbed import PerturbedTop
+from integrators.problem.perturbed import PerturbedTop, natures
 from integrators.problem.rotated import evaluate_for, prepare_for
 from integrators.problem.top import LagrangeTop
 from integrators.registry import find_method
@@ -133,10 +134,12 @@ class _TopsInField(_Tops):
 
     def __init__(self, problem: PerturbedTop, alphas: Array, parameters: Array):
         super().__init__(alphas)
-        self.potential, self.parameters = problem.potential, parameters
+        self.problem, self.parameters = problem, parameters
+        parts = (parameters[first : first + CHUNK] for first in range(0, len(parameters), CHUNK))
+        self.natures = [nature for part in parts for nature in natures(problem.formula, part)]
 
     def one(self, place: int) -> PerturbedTop:
-        return PerturbedTop(LagrangeTop(float(self.alphas[place])), self.potential, self.parameters[place].tolist())
+        return self.problem.like(float(self.alphas[place]), tuple(self.parameters[place].tolist()), self.natures[place])
 
     def advance_many(self, method: Method, chunk: slice) -> Callable[..., Mask] | None:
         if method.in_field is None or method.in_field.advance_many is None:

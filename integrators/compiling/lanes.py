@@ -20,8 +20,10 @@ LANES = 32  # tops that take a step together: some SIMD registers full, so that 
 
 
 @cache
-def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int) -> Callable:
+def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int, whole: bool) -> Callable:
     """The loop around one kernel for `lanes` tops at a time, each with constants of its own, `size` for each call of it.
+
+    `whole`: a step has one part. Where all distances between state and constants are known, a kernel may take hundreds of them.
 
     If the kernel is free of loops, the loop over the lanes is SIMD code. No bit of a top depends on its lane or on its
     neighbours, and all bits are those of `compile_loop`.
@@ -50,7 +52,7 @@ def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int) -
                             put_column(columns, origin + j, pin(s, c), lanes)
                 stop = min(last, next_row, next_pin)
                 for _ in range(i, stop):
-                    for part in range(parts):
+                    for part in range(1 if whole else parts):
                         place = constants + part * size * lanes
                         for j in range(lanes):
                             s = column(columns, origin + j, 6, lanes)
@@ -115,7 +117,7 @@ def run_lanes(
     fill(columns, states, constants, places, lanes)
     places[len(tops) :] = -1
     with compiling:  # once, not in every thread
-        run = compile_lanes(step, pin, size, lanes)
+        run = compile_lanes(step, pin, size, lanes, parts == 1)
         try:
             run(columns, 0, 0, 1, 1, parts, places, units, out)
         except TypingError:  # a kernel of somebody else that needs its constants to be an array

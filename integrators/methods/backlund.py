@@ -32,7 +32,7 @@ from integrators.problem.units import LARGEST_SPAN, MODERATE, Units, exponents, 
 from integrators.torus import attitude as at
 from integrators.torus import time_step as ts
 from integrators.torus.any_parameter import check_parameter, papers_parameter, plain_constants
-from integrators.torus.plain_step import many_plain_constants
+from integrators.torus.plain_step import HALVES, many_plain_constants
 from integrators.torus.real_map import (
     CONSTANTS,
     KERNELS,
@@ -173,10 +173,10 @@ def advance_many(
     # what turns keeps its own units until it has turned
     scales = np.where(turned[:, None], 1.0, units) if turned.any() else units
     back, block = (onto_torus, pin) if pin else (None, NEVER)
-    for number in range(len(KERNELS)):
+    for number, kernel, parts in (*((i, k, 1) for i, k in enumerate(KERNELS)), (HALVES, KERNELS[0], 2)):
         tops = np.flatnonzero(forms == number)
         if len(tops):
-            run_lanes((KERNELS[number], back, block), states, c, tops, scales, steps, every, out, stopped)
+            run_lanes((kernel, back, block), states, c, tops, scales, parts * steps, parts * every, out, stopped)
     turn_many(out, np.flatnonzero(turned), turns, every, units)
     done: NDArray[np.bool_] = forms >= 0
     return done

@@ -174,13 +174,12 @@ TAIL = 2.0**-50  # relative size of the coefficients of highest degree of a tabl
 
 
 @cache
-def look_up(degree: int, level: bool) -> Any:
-    """(c, first, u, v) → the four functions of a table at (u, v) in [−1, 1]².
+def look_up(degree: int, level: bool) -> tuple[Any, Any]:
+    """(c, first, u, v) → the four functions of a table at (u, v) in [−1, 1]², for an array c; and the same for a tuple.
 
     Coefficients of u^i v^j, the four functions side by side, fall in i, then in j.
     """
 
-    @jit_as(f"look up {degree} {level}", forceinline=True)
     def look(c, first, u, v):
         p = q = r = s = 0.0
         place = first
@@ -194,7 +193,11 @@ def look_up(degree: int, level: bool) -> Any:
             p, q, r, s = p * u + d, q * u + e, r * u + f, s * u + g
         return p, q, r, s
 
-    return look
+    @unrolled(f"look up {degree} {level}")
+    def look_in_lane(table, u, v):
+        return look(table, 0, u, v)
+
+    return jit_as(f"look up {degree} {level}", forceinline=True)(look), look_in_lane
 
 
 def table_size(degree: int, level: bool) -> int:
@@ -295,7 +298,7 @@ def kick_of(field: Field, level: bool, gradients: int) -> Any:
 @cache
 def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool) -> Any:
     """The step; `degree` of the tables, 0 for none; `single`: of one flow and one kick, at places that the compiler knows."""
-    kicked, numbers, look = kick_of(field, level, gradients), take(field.parameters), look_up(degree or 1, level)
+    kicked, numbers, look = kick_of(field, level, gradients), take(field.parameters), look_up(degree or 1, level)[0]
     first = NUMBERS + field.parameters
     stride = GROUP + table_size(degree, level)
 
@@ -326,6 +329,35 @@ def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool)
     return step
 
 
+@cache
+def lane_of(field: Field, level: bool, gradients: int, degree: int, groups: int) -> Any:
+    """The step of `kernel` in SIMD lanes, with its bits; fails outside of the box of its tables."""
+    kicked, look = kick_of(field, level, gradients), look_up(degree, level)[1]
+    stride, first = GROUP + table_size(degree, level), NUMBERS + field.parameters
+    place = first + (groups - 1) * stride
+    before = lane_of(field, level, gradients, degree, groups - 1) if groups > 1 else None
+
+    @unrolled(f"constants {first} {place} {stride}")
+    def last_group(c):
+        return c[NUMBERS:first], c[place : place + GROUP], c[place + GROUP : place + stride]
+
+    @jit_as(f"lane {field.digest} {level} {gradients} {degree} {groups}", forceinline=True)
+    def step(s, c, tally):
+        if before is not None:
+            s = before(s, c, tally)
+        alpha, (q, own, table) = c[ALPHA], last_group(c)
+        torus = invariants(s, alpha)
+        u, v = (torus[2] - c[CENTRE_H]) * c[SCALE_H], (s[2] - c[CENTRE_J]) * c[SCALE_J]
+        if not ((abs(u) <= 1.0) & (abs(v) <= 1.0)):
+            tally[FAILURE] = LOST
+            return s
+        R, eta, mr, mi = look(table, u, v)
+        s = tabled_flow(s, torus, alpha, R, eta, mr, mi, own[INVERSE])
+        return kicked(s, q, (own[KICK], own[TWIST], own[SECOND]))
+
+    return step
+
+
 @jit
 def pin(s, c):
     """Back onto C1 and C2: x along itself, then J along x."""
@@ -347,6 +379,7 @@ def pin_level(s, c):
 
 
 PIN_EVERY = 16
+LARGEST = 600  # constants of a step in SIMD lanes: with more its compilation would take long
 
 
 @cache
@@ -545,10 +578,11 @@ class ExactSplittingStepper(ConjugateStepper):
         self.degree = degree  # of the tables, 0 for none
         before, after = ends_of(chosen, h, corrected)
         step = kernel(field, level, gradients, degree, n == 1 and gradients > 0 and degree > 0)
+        lane = degree > 0 and len(c) <= LARGEST and (lane_of(field, level, gradients, degree, n), len(c))
         super().__init__(
             name, h, c, step, pin_level if level else pin, PIN_EVERY,
             map_rows=map_over(field, level), way_in=(numbers, before), way_out=(numbers, after),
-            rhs_per_step=n, failures=FAILURES,
+            rhs_per_step=n, failures=FAILURES, lane=lane,
         )  # fmt: skip
 
     @staticmethod

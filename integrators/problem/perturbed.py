@@ -253,7 +253,7 @@ class PerturbedTop:
         object.__setattr__(self, "parameters", checked)
         formula = self.potential.formula(len(checked))
         object.__setattr__(self, "_formula", formula)
-        if formula.given and self.many is None and (where := _wrong(formula, checked)):
+        if formula.given and all(map(np.size, checked)) and (where := _wrong(formula, self.first())):
             raise ValueError(f"potential {self.potential.name}: gradient is not the derivative of value at x = {where}")
 
     def __hash__(self) -> int:
@@ -287,6 +287,20 @@ class PerturbedTop:
     def many(self) -> int | None:
         """The number of tops, if alpha or a parameter is an array."""
         return next((len(v) for v in (self.alpha, *self.parameters) if isinstance(v, np.ndarray)), None)
+
+    def first(self) -> tuple[float, ...]:
+        """The parameters, of many tops those of the first."""
+        return tuple(float(v[0]) if isinstance(v, np.ndarray) else v for v in self.parameters)
+
+    def like(self, alpha: float, parameters: tuple[float, ...], nature: Nature | None) -> PerturbedTop:
+        """A top in the same potential with other numbers, which are taken as checked; its nature if that is known."""
+        other = object.__new__(PerturbedTop)
+        for name, value in (("top", LagrangeTop(alpha)), ("potential", self.potential), ("parameters", parameters)):
+            object.__setattr__(other, name, value)
+        object.__setattr__(other, "_formula", self.formula)
+        if nature is not None:
+            object.__setattr__(other, "nature", nature)
+        return other
 
     def single(self) -> float:
         """alpha; ValueError if there are many tops."""
@@ -462,14 +476,49 @@ def _points() -> list[tuple[float, float, float]]:
 
 @lru_cache(maxsize=4096)
 def _nature(formula: Formula, parameters: tuple[float, ...]) -> Nature:
-    """Formulas that are the same everywhere are so at random points, in 50 digits; others differ there, most in doubles."""
+    """Formulas that are the same everywhere are so at random points, in 50 digits; others differ there, most in doubles.
+
+    What a formula is with random parameters it is with all. So digits are needed only for what parameters of their own do.
+    """
+    rough = _looks(formula, parameters, 1e-6)
+    if rough is not None and (
+        not (rough.quadratic or rough.axisymmetric) or rough == _generic(formula, len(parameters))
+    ):
+        return rough
+    return _looks_exactly(formula, parameters) or Nature(False, False, False)
+
+
+def natures(formula: Formula, parameters: Array) -> list[Nature | None]:
+    """Those of many rows of parameters (n, k) at once; None where it takes digits to tell."""
+    n, k = parameters.shape
+    generic, found = _generic(formula, k), np.empty((POINTS, 12, n))
+    with np.errstate(all="ignore"):
+        for values, point in zip(found, _points(), strict=True):
+            for i, value in enumerate(formula.bends(*map(np.float64, point), *parameters.T)):
+                values[i] = value
+        slope, bend, (x1, x2, _) = found[:, :3], found[:, 3:], np.array(_points()).T[..., None]
+        least = 1e-6 * np.max(np.abs(found), axis=(0, 1))
+        linear = (np.abs(bend) <= least).all(axis=(0, 1))
+        quadratic = (np.abs(bend - bend[0]) <= least).all(axis=(0, 1))
+        axisymmetric = (np.abs(slope[:, 0] * x2 - slope[:, 1] * x1) <= least).all(axis=0)
+        finite = np.isfinite(least)
+    rough = [Nature(*flags) for flags in np.transpose((linear, quadratic, axisymmetric)).tolist()]
+    plain = Nature(False, False, False)
+    return [kind if good and kind in (plain, generic) else None for kind, good in zip(rough, finite, strict=True)]
+
+
+@cache
+def _generic(formula: Formula, count: int) -> Nature | None:
+    """What the field is with random parameters; None if they do not tell."""
+    draw = random.Random("generic parameters")
+    return _looks_exactly(formula, tuple(draw.uniform(0.1, 1) for _ in range(count)))
+
+
+def _looks_exactly(formula: Formula, parameters: tuple[float, ...]) -> Nature | None:
     import mpmath
 
-    rough = _looks(formula, parameters, 1e-6)
-    if rough is not None and not (rough.quadratic or rough.axisymmetric):
-        return rough
     with mpmath.workdps(DIGITS):
-        return _looks(formula, parameters, mpmath.mpf(10) ** (10 - DIGITS), mpmath.mpf) or Nature(False, False, False)
+        return _looks(formula, parameters, mpmath.mpf(10) ** (10 - DIGITS), mpmath.mpf)
 
 
 def _looks(formula: Formula, parameters: tuple[float, ...], small: Any, number: Any = float) -> Nature | None:

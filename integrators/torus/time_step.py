@@ -279,11 +279,11 @@ def cubic_root(c, z):
 
 
 @jit
-def nutation_roots(alpha, y):
-    """z1 >= z2 >= z3, the roots of the cubic of nutation, less z at y; z = alpha x3 moves in [z3, z2].
+def nutation_cubic(alpha, y):
+    """c0, c1, c2 of the cubic of nutation, c3 = 2: with ζ = z − z(y), z = alpha x3, ζ'² = 2ζ³ + c2 ζ² + c1 ζ + c0.
 
-    With ζ = z − z(y), ζ'² = 2ζ³ + (4 alpha x3 − |J|²) ζ² + 2 alpha x3'' ζ + alpha² x3'², coefficients at y: each keeps
-    its digits where all roots come together, at the marginal sleeping top. Either sign of alpha, and 0.
+    ζ'² = 2ζ³ + (4 alpha x3 − |J|²) ζ² + 2 alpha x3'' ζ + alpha² x3'², coefficients at y: each keeps its digits where
+    all roots come together, at the marginal sleeping top. Either sign of alpha, and 0.
     """
     J1, J2, J3, x1, x2, x3 = y
     slope = sub(two_prod(J1, x2), two_prod(J2, x1))
@@ -295,14 +295,27 @@ def nutation_roots(alpha, y):
     c2 = sub(sub(scale(two_prod(alpha, x3), 4.0), two_prod(J3, J3)), jj)
     c1 = scale(mul(a, curvature), 2.0)
     c0 = mul(mul(a, slope), mul(a, slope))
-    # ζ1 from the right, where the cubic is convex: Newton's method descends monotonically
-    bound = max(abs(c2[0]), math.sqrt(abs(c1[0])), abs(c0[0]) ** (1.0 / 3.0))
-    z1 = cubic_root((c0, c1, c2, dd(2.0)), 2.0 * bound + 1e-300)
-    # ζ2 and ζ3 from the quadratic left over: their mean, their product, half their distance
+    return c0, c1, c2
+
+
+@jit
+def lower_roots(c1, c2, z1):
+    """ζ2 and ζ3 of the cubic of nutation, from the quadratic left over by ζ1: their mean, their product, half their distance."""
     mean = scale(add(c2, scale(z1, 2.0)), -0.25)
     product = sub(scale(c1, 0.5), scale(mul(z1, mean), 2.0))
     half = sqrt(sub(mul(mean, mean), product))
-    return z1, add(mean, half), sub(mean, half)
+    return add(mean, half), sub(mean, half)
+
+
+@jit
+def nutation_roots(alpha, y):
+    """z1 >= z2 >= z3, the roots of the cubic of nutation, less z at y; z = alpha x3 moves in [z3, z2]."""
+    c0, c1, c2 = nutation_cubic(alpha, y)
+    # ζ1 from the right, where the cubic is convex: Newton's method descends monotonically
+    bound = max(abs(c2[0]), math.sqrt(abs(c1[0])), abs(c0[0]) ** (1.0 / 3.0))
+    z1 = cubic_root((c0, c1, c2, dd(2.0)), 2.0 * bound + 1e-300)
+    z2, z3 = lower_roots(c1, c2, z1)
+    return z1, z2, z3
 
 
 @jit

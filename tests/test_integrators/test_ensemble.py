@@ -29,7 +29,7 @@ from integrators.compiling import lanes
 from integrators.compiling.loops import FixedStepper
 from integrators.methods import backlund
 from integrators.methods.backlund import SHORT
-from integrators.torus.plain_step import many_plain_constants
+from integrators.torus.plain_step import HALVES, many_plain_constants
 from integrators.torus.real_map import (
     CONSTANTS,
     KERNELS,
@@ -186,20 +186,39 @@ def test_long_runs_have_the_bits_of_one_top_alone_short_ones_its_accuracy(h):
         got, expected = integrate_ensemble(TOP, Y0, h, steps), one_by_one(h, steps)
         same = (got == expected).all(axis=1)
         assert np.max(errors(ALPHAS, Y0, got, expected)) < 5e-14 * max(1.0, abs(h))
-        assert same.all() if steps > SHORT else (same.all() == (abs(h) == 40.0))  # at 40 no top has |h| < T_nut/2
+        assert same.all() == (steps > SHORT)
 
 
-def test_a_plain_parameter_that_errs_would_be_found(monkeypatch):
-    """Negative control: a clock that is wrong by 1e-13."""
+@pytest.mark.parametrize("h", [1.9, -7.3, 31.0])
+def test_ten_steps_of_up_to_many_nutations(h):
+    """Whole nutations are taken off; few tops are left to double-double. Periods are 1.3 to 10 here."""
+    n = 10_000
+    alphas, states = draw(n, seed=4)
+    top = LagrangeTop(alphas)
+    error = errors(
+        alphas, states, integrate_ensemble(top, states, h, 10), integrate_ensemble(top, states, t=[10 * h])[0]
+    )
+    assert np.median(error) < 5e-15
+    assert np.max(error) < 5e-14
+    exact_c, plain_c, numbers = np.empty((n, CONSTANTS)), np.empty((n, CONSTANTS)), np.empty(n, dtype=np.int64)
+    for set_up, c in ((many_constants, exact_c), (many_plain_constants, plain_c)):
+        set_up(alphas, states, h, np.empty((n, 6)), c, np.empty((n, 6)), numbers, np.empty((n, 4)))
+    assert HALVES in numbers
+    assert np.mean((exact_c == plain_c).all(axis=1)) < 0.02
+
+
+@pytest.mark.parametrize(("h", "wrong"), [(0.5, 1e-13), (31.0, 2e-15)])
+def test_a_plain_parameter_that_errs_would_be_found(h, wrong, monkeypatch):
+    """Negative control: a clock that is wrong, or a period."""
     alphas, states = draw(2000, seed=4)
     top = LagrangeTop(alphas)
 
     def late(alphas, Y, h, *rest):
-        many_plain_constants(alphas, Y, h * (1 + 1e-13), *rest)
+        many_plain_constants(alphas, Y, h * (1 + wrong), *rest)
 
     monkeypatch.setattr(backlund, "many_plain_constants", late)
     error = errors(
-        alphas, states, integrate_ensemble(top, states, 0.5, 10), integrate_ensemble(top, states, t=[5.0])[0]
+        alphas, states, integrate_ensemble(top, states, h, 10), integrate_ensemble(top, states, t=[10 * h])[0]
     )
     assert np.max(error) > 5e-14
 

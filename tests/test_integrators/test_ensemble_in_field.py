@@ -8,7 +8,7 @@ import pytest
 from integrators import METHODS, LagrangeTop, StepError, available, ensemble, integrate, integrate_ensemble, prepare
 from integrators.compiling import lanes
 from integrators.compiling.expression import sqrt
-from integrators.methods import taylor
+from integrators.methods import backlund_splitting, taylor
 from integrators.problem.perturbed import PerturbedTop, Potential
 
 SIZE = 45  # a block of lanes and thirteen tops more
@@ -69,11 +69,28 @@ def test_the_bits_of_one_top_alone(name, kind, in_lanes):
     assert np.max(np.abs(another - got)) > 1e-4  # the potential is there
 
 
-def test_the_exact_step_in_a_weak_potential():
-    problem = PerturbedTop(LagrangeTop(ALPHAS[:5]), QUADRATIC, (0.01 * NUMBERS[:5],))
-    got = integrate_ensemble(problem, STATES[:5], 0.02, 12, "backlund_splitting", every=3)
-    assert np.array_equal(got, one_by_one(problem, STATES[:5], 0.02, 12, 3, "backlund_splitting"))
-    assert not np.array_equal(got, integrate_ensemble(LagrangeTop(ALPHAS[:5]), STATES[:5], 0.02, 12, every=3))
+WEAK = PerturbedTop(LagrangeTop(ALPHAS), QUADRATIC, (1e-3 * NUMBERS,))
+
+
+@pytest.mark.parametrize(("potential", "options"), [(QUADRATIC, {}), (AXIAL, {"scheme": "saba4"})])
+def test_the_exact_step_with_a_parameter_for_each_top(potential, options, in_lanes):
+    """From a table or without one, rows on the way included; C1 and C2 stay."""
+    problem = PerturbedTop(LagrangeTop(ALPHAS), potential, (1e-6 * NUMBERS,))
+    got = integrate_ensemble(problem, STATES, 0.1, 120, "backlund_splitting", every=60, threads=1, **options)
+    assert np.array_equal(got, one_by_one(problem, STATES, 0.1, 120, 60, "backlund_splitting", **options))
+    assert sum(in_lanes) >= 32
+    C = np.stack([np.sum(got[..., 3:] ** 2, axis=-1), np.sum(got[..., 3:] * got[..., :3], axis=-1)])
+    assert np.max(np.abs(C - C[:, :1])) < 16 * 2.0**-52
+    other = integrate_ensemble(LagrangeTop(ALPHAS), STATES, 0.1, 120, every=60)
+    assert np.max(np.abs(got - other)) > 1e-7  # the potential is there
+
+
+def test_where_lanes_do_not_reach_tops_are_taken_alone(in_lanes, monkeypatch):
+    """They leave the box of their table."""
+    monkeypatch.setattr(backlund_splitting, "MARGIN", 0.9)
+    got = integrate_ensemble(WEAK, STATES, 0.1, 120, "backlund_splitting", threads=1)
+    assert np.array_equal(got, one_by_one(WEAK, STATES, 0.1, 120, 120, "backlund_splitting")[-1])
+    assert 0 < sum(in_lanes) < 32
 
 
 def test_compensated_and_threads(in_lanes):
