@@ -2,11 +2,12 @@
 
 The scalar step is held against its bound: a chain of as many additions, products and divisions, each waiting for the last,
 as lie between one state and the next. Its SIMD form is timed against the number of tops, of lanes and of threads; set-up
-(λ(h) and all constants, in double-double) against h; memory against the arrays of states. The rivals, heyoka in batch mode,
-and splittings and a Runge-Kutta formula in the same SIMD lanes as the exact step, cover the same time with tops of the same
-kind: nanoseconds for a top and a unit of time, set-up included, against the error. Output far away by one jump is a row of
-its own. Tops in a weak tide, each with a strength of its own, are followed by the exact step inside a splitting and by its
-rivals, all in SIMD lanes. Times are in the units of the tops themselves: alpha in [0.3, 2], each J in [−2, 2], |x| in [0.5, 2].
+(λ(h) and all constants, in double-double) against h; memory against the arrays of states. The rivals are heyoka in
+batch mode, and splittings and a Runge-Kutta formula in the same SIMD lanes as the exact step. All cover the same time
+with tops of the same kind. Nanoseconds for a top and a unit of time, set-up included, are shown against the error.
+Output far away by one jump is a row of its own. Tops in a weak tide, each with a strength of its own, are followed by
+the exact step inside a splitting and by its rivals, all in SIMD lanes. Times are in the units of the tops themselves:
+alpha in [0.3, 2], each J in [−2, 2], |x| in [0.5, 2].
 """
 
 from __future__ import annotations

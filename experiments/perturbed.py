@@ -9,12 +9,12 @@ Who wins depends on ε, on the length of the run and on the error asked for. A s
 error in proportion to ε, so it can take long steps in weak fields; each of its steps costs more than one of rotations. The map
 of winners shows where the border is.
 
-Every method that takes a potential follows ten tops. Part “drift” asks what each keeps of H, J3, C1 and C2, part “order”
-how its error falls with the step, part “work” what an error costs on runs of 10³ and 10⁴ units of time, and of 10⁵ on one
-top, by the methods that are near the first place there. The splitting with the exact step races with two of its schemes.
-Errors are those against the reference in quadruple precision. On a chaotic orbit no method follows the exact solution for
-long: errors are reported up to the time at which an ulp has grown to 1e-6, drift of the invariants beyond. Times and steps
-are in units of 1/(|J| + √(|alpha||x|)).
+Every method that takes a potential follows ten tops. Part “drift” asks what each keeps of H, J3, C1 and C2. Part
+“order” asks how its error falls with the step. Part “work” asks what an error costs on runs of 10³ and 10⁴ units of
+time. On one top it also has runs of 10⁵, by the methods that are near the first place there. The splitting with the
+exact step races with two of its schemes. Errors are those against the reference in quadruple precision. On a chaotic
+orbit no method follows the exact solution for long: errors are reported up to the time at which an ulp has grown to
+1e-6, drift of the invariants beyond. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations

@@ -97,8 +97,9 @@ def integrate(
         raise ValueError("give h and steps, or output times t")
     steps, every = check_grid(steps, every, "steps")
     h = check_step(h)
-    if found.at_once and steps <= INTERRUPTIBLE and not (options or wanted or isinstance(top, PerturbedTop)):
-        y = found.at_once(top, state, h, steps, every)
+    at_once = getattr(found.prepare, "at_once", None)
+    if at_once and steps <= INTERRUPTIBLE and not (options or wanted or isinstance(top, PerturbedTop)):
+        y = at_once(top, state, h, steps, every)
         if y is not None and math.isfinite(h * steps):
             return Trajectory(top, found.name, _times(h, every, len(y)), y, Work(steps=steps))
     stepper = _prepare(found, top, state, h, options)

@@ -6,11 +6,11 @@ heyoka in its batch mode. Other fixed-step methods whose steppers declare a `lan
 lanes as the Bäcklund step. All have the bits of one top alone, but for short runs of the Bäcklund step, where they
 differ by round-off: `backlund.SHORT` steps or fewer take λ(h) in plain doubles, of any h. The splitting with the exact
 step inside takes λ(h) from the table of each top, other splittings one rotation and kick after the other. Implicit
-methods, whose iterations end where they end, and all that is not compiled here take their tops one by one, and so do
-tops that are left undone, because of their extreme size or because the method fails for them: then the StepError is the
-scalar one. A `PerturbedTop` goes the same ways, each top with its own numbers; where its field is uniform but not
-vertical, a method for uniform fields takes it one by one, in another frame. What becomes of a top depends on nothing but
-itself: not on the chunks, the threads, or its place.
+methods take their tops one by one, because each top needs its own number of iterations. So does all that is not
+compiled here. Tops that are left undone are also taken one by one: those of extreme size, and those for which the
+method fails. Then the StepError is the scalar one. A `PerturbedTop` goes the same ways, each top with its own numbers;
+where its field is uniform but not vertical, a method for uniform fields takes it one by one, in another frame. What
+becomes of a top depends on nothing but itself: not on the chunks, the threads, or its place.
 """
 
 from __future__ import annotations

@@ -104,11 +104,10 @@ class Method:
     conserves: frozenset[str]  # of INVARIANTS: at round-off, for every h
     control: str  # "step": one internal step per h · "tolerance": h is the output grid, tol the knob
     source: str  # citation, equation numbers
-    prepare: Callable[..., Stepper]  # (top, y0, h, **options): everything slow happens here, once
+    # (top, y0, h, **options): everything slow happens here, once. The function may have an attribute `at_once`: (top, y0, h,
+    # steps, every) → the rows of a run without options in one compiled call; or None, as on a failure: then the stepper is asked
+    prepare: Callable[..., Stepper]
     evaluate: Callable[..., tuple[Array, Work]] | None = None  # (top, y0, times, **options): dense output or jumps
-    # (top, y0, h, steps, every) → rows, or None: those of `prepare` and `record`, without options, in one call; where it
-    # gives None, as on a failure, those two are asked
-    at_once: Callable[..., Array | None] | None = None
     attitude: Callable[..., Array] | None = None  # (top, y0, h, n, every, g0) -> unit quaternions, see `body`
     # many tops in one call, (n,) alphas and (n, 6) states: (alphas, Y0, h, steps, every, out, stopped, **options) and
     # (alphas, Y0, times, out, **options) → the tops done, a mask; see `ensemble`

@@ -101,9 +101,12 @@ def run(alpha, y, h, steps, every, out):
 
 
 def at_once(top: LagrangeTop, y0: Array, h: float, steps: int, every: int) -> Array | None:
-    """What `Method.at_once` is."""
+    """Rows of `prepare_exact`, as `Method.prepare` has it."""
     out = np.empty((steps // every + 1, 6))
     return out if run(top.alpha, y0, h, steps, every, out) else None
+
+
+prepare_exact.at_once = at_once  # type: ignore[attr-defined]
 
 
 def prepare_unpinned(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
@@ -231,7 +234,6 @@ EXACT = Method(
     control="step",
     source=SOURCE + "; λ(h) by time doubling, this project",
     prepare=prepare_exact,
-    at_once=at_once,
     uniform_only="it is a map of the torus of an integrable top; backlund_splitting takes any potential",
     evaluate=evaluate_exact,
     attitude=attitude_exact,
@@ -243,7 +245,6 @@ UNPINNED = replace(
     name="backlund_unpinned",
     label="Bäcklund, exact, not pinned",
     prepare=prepare_unpinned,
-    at_once=None,
     evaluate=None,
     attitude=None,
     advance_many=advance_many_unpinned,

@@ -61,8 +61,8 @@ from integrators.truth import exact
 class Scheme(NamedTuple):
     """Flows `a` and kicks `b` of one step, A B A … B A, as parts of h; what error is left, and where from.
 
-    A processed scheme kicks by b_i h V − c_i h³ W + d_i h⁵ Z, W = |x × ∇V|² and Z = ∇W·(N × x), N = x × ∇V, and has a corrector:
-    that of `corrector_kicks`, and exp(second h⁴ [B,[A,[A,B]]]) as a composition of kicks.
+    A processed scheme kicks by b_i h V − c_i h³ W + d_i h⁵ Z. Here N = x × ∇V, W = |N|² and Z = ∇W·(N × x). Its
+    corrector has two parts: that of `corrector_kicks`, and exp(second h⁴ [B,[A,[A,B]]]) as a composition of kicks.
     """
 
     a: tuple[float, ...]
@@ -238,8 +238,9 @@ def flow(s, alpha, h):
 def tabled_flow(s, torus, alpha, R, eta, mr, mi, inverse):
     """The exact step with λ and m of a table, and one step of Newton's method for m on the curve m² = Q(λ).
 
-    It is `plain_step.move`, arranged for a short chain of operations. m comes with all its digits but the last, so the division
-    by n need not wait for its correction d: 1/(n + δ) is 1/n − δ/n², and 1/(2|m|²) may be that of another torus of the box.
+    It is `plain_step.move`, arranged for a short chain of operations. The m of the table has all its digits but the
+    last. So the division by n need not wait for the correction d of m: 1/(n + δ) is 1/n − δ/n². For the same reason
+    1/(2|m|²) may be that of another torus of the box.
     """
     J1, J2, J3, x1, x2, x3 = s
     double = 2.0 * alpha

@@ -5,9 +5,9 @@ half-plane, λ = R + iη. One step is flow(T) followed by the rotation R3(Θ) ab
 
     T = 2 Im ∫_0^λ du/√Q        Θ = 2 alpha Im ∫_0^λ u du/√Q.
 
-λ(h) solves T = h, Θ = 0. For small h that is a power series. Larger times come from *time doubling*, which is exact
-and needs neither a branch nor an iteration: two steps with (λ, m) are one with (λ', m'), where (the group law of the
-curve with its two points at infinity glued; proof below)
+λ(h) solves T = h, Θ = 0. For small h that is a power series. Larger times come from *time doubling*, which is exact and
+needs neither a branch nor an iteration. Two steps with (λ, m) are one with (λ', m'). This is the group law of the curve
+with its two points at infinity glued (proof below):
 
     g  = Q'(λ)/(2m)      a1 = Re m/η      b0 = Re g/(2η)      b1 = (a1 + Im g)/(2η²)
     λ' = R − b0/b1 + iη'                  η' = √(2 a1 b1 + alpha²)/b1

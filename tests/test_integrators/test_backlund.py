@@ -143,7 +143,7 @@ def test_jumps_are_the_exact_solution(name):
 
 
 def test_a_run_in_one_call_has_the_bits_of_its_stepper():
-    rows, at_once = {}, METHODS["backlund"].at_once
+    rows, at_once = {}, METHODS["backlund"].prepare.at_once
     for name, h in itertools.product(TOPS, (-0.7, 0.03, 0.5, 2.5, 11.0, 1e6, 1e-30)):
         rows[name, h] = at_once(TOPS[name].top, TOPS[name].state, h, 24, 6)
     taken = [case for case, found in rows.items() if found is not None]
