@@ -21,6 +21,7 @@ from integrators.problem.top import LagrangeTop, NamedTop
 from integrators.registry import find_method
 from integrators.torus import any_parameter
 
+FEW = 8  # numbers for which Python is quicker than NumPy
 TOP_TYPES = "a LagrangeTop, a HeavyTop or a PerturbedTop"
 
 
@@ -134,10 +135,9 @@ def two_point(top: LagrangeTop | HeavyTop, y: ArrayLike, lam: complex, sheet: in
 
 def _times(h: float, every: int, rows: int) -> Array:
     """0, every·h, 2 every·h, …"""
-    times = np.arange(rows, dtype=np.float64)
-    times *= every
-    times *= h
-    return times
+    if rows <= FEW:
+        return np.array([h * (float(every) * k) for k in range(rows)])
+    return h * (every * np.arange(rows, dtype=np.float64))
 
 
 def _look_up(top: Any, y0: ArrayLike, method: str | Method) -> tuple[Method, Array]:

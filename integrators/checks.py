@@ -39,14 +39,15 @@ def keyword_options(function: Callable[..., Any]) -> tuple[str, ...]:
 def check_state(y0: Any, name: str = "y0") -> Array:
     """`y0` as a fresh (6,) float64 array; ValueError naming the argument if it is anything else."""
     try:
-        y = np.asarray(y0)
+        y = np.array(y0)
     except ValueError as error:
         raise ValueError(f"{name} must be six real numbers (J1, J2, J3, x1, x2, x3): {error}") from None
     if y.shape != (6,):
         raise ValueError(f"{name} must have shape (6,), that is (J1, J2, J3, x1, x2, x3); got shape {y.shape}")
     if y.dtype.kind not in "iuf":
         raise ValueError(f"{name} must be real numbers; got dtype {y.dtype}")
-    y = np.array(y, dtype=np.float64)
+    if y.dtype != np.float64 or not y.flags.c_contiguous:
+        y = np.array(y, dtype=np.float64, order="C")
     numbers = y.tolist()  # of six numbers Python is quicker than NumPy
     if not all(map(math.isfinite, numbers)):
         raise ValueError(f"{name} must be finite; got {numbers}")
