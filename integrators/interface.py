@@ -73,6 +73,20 @@ class Stepper(Protocol):
         ...
 
 
+def in_one_call(at_once: Callable[..., Array | None]) -> Callable[[Callable[..., Stepper]], Callable[..., Stepper]]:
+    """Decorates a builder with its run in one compiled call, which `integrate` takes where there are no options.
+
+    at_once : (top, y0, h, steps, every) → the rows of the stepper's `record`; or None, as on a failure: then the stepper is
+    asked. It belongs to the builder: a record with another builder does not have it.
+    """
+
+    def decorate(prepare: Callable[..., Stepper]) -> Callable[..., Stepper]:
+        prepare.at_once = at_once  # type: ignore[attr-defined]
+        return prepare
+
+    return decorate
+
+
 Quantity = Callable[[Any, float, Array], tuple[Array, float]]
 
 
@@ -104,9 +118,7 @@ class Method:
     conserves: frozenset[str]  # of INVARIANTS: at round-off, for every h
     control: str  # "step": one internal step per h · "tolerance": h is the output grid, tol the knob
     source: str  # citation, equation numbers
-    # (top, y0, h, **options): everything slow happens here, once. The function may have an attribute `at_once`: (top, y0, h,
-    # steps, every) → the rows of a run without options in one compiled call; or None, as on a failure: then the stepper is asked
-    prepare: Callable[..., Stepper]
+    prepare: Callable[..., Stepper]  # (top, y0, h, **options): everything slow happens here, once; see `in_one_call`
     evaluate: Callable[..., tuple[Array, Work]] | None = None  # (top, y0, times, **options): dense output or jumps
     attitude: Callable[..., Array] | None = None  # (top, y0, h, n, every, g0) -> unit quaternions, see `body`
     # many tops in one call, (n,) alphas and (n, 6) states: (alphas, Y0, h, steps, every, out, stopped, **options) and

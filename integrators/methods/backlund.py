@@ -26,7 +26,7 @@ from integrators.checks import check_count
 from integrators.compiling.compiled import jit
 from integrators.compiling.lanes import run_lanes
 from integrators.compiling.loops import NEVER, SIZE, FixedStepper, compile_loop, finite
-from integrators.interface import Array, Method, StepError, Work
+from integrators.interface import Array, Method, StepError, Work, in_one_call
 from integrators.problem.top import LagrangeTop
 from integrators.problem.units import LARGEST_SPAN, MODERATE, Units, exponents, shift
 from integrators.torus import attitude as at
@@ -61,19 +61,6 @@ def _stepper(name: str, h: float, units: Units, c: Array, pin_every: int, turn: 
     return TorusStepper(name, h, units, c, KERNELS[form(c)], back, block, turn=turn, lane=True)
 
 
-def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN, lam: complex | None = None) -> FixedStepper:
-    """The exact step over h, any h ≠ 0; or, with `lam`, the two-point map of that parameter.
-
-    Parameters
-    ----------
-    pin : steps between two corrections onto the invariants, 0 for none.
-    lam : λ with Im λ > 0. The map is then a time step of T(λ) and a turn about e3, and h only labels the steps;
-        h < 0 takes the inverse map.
-    """
-    pin = check_count(pin, "pin")
-    return _exact("backlund", top, y0, h, pin) if lam is None else _plain("backlund", top, y0, h, lam, pin)
-
-
 LOOP = compile_loop(KERNELS[0], onto_torus)
 
 
@@ -101,12 +88,23 @@ def run(alpha, y, h, steps, every, out):
 
 
 def at_once(top: LagrangeTop, y0: Array, h: float, steps: int, every: int) -> Array | None:
-    """Rows of `prepare_exact`, as `Method.prepare` has it."""
+    """The rows of `prepare_exact(…).record`; None where `run` fails."""
     out = np.empty((steps // every + 1, 6))
     return out if run(top.alpha, y0, h, steps, every, out) else None
 
 
-prepare_exact.at_once = at_once  # type: ignore[attr-defined]
+@in_one_call(at_once)
+def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN, lam: complex | None = None) -> FixedStepper:
+    """The exact step over h, any h ≠ 0; or, with `lam`, the two-point map of that parameter.
+
+    Parameters
+    ----------
+    pin : steps between two corrections onto the invariants, 0 for none.
+    lam : λ with Im λ > 0. The map is then a time step of T(λ) and a turn about e3, and h only labels the steps;
+        h < 0 takes the inverse map.
+    """
+    pin = check_count(pin, "pin")
+    return _exact("backlund", top, y0, h, pin) if lam is None else _plain("backlund", top, y0, h, lam, pin)
 
 
 def prepare_unpinned(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
