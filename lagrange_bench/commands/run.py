@@ -25,7 +25,7 @@ source code changed since are counted, and computed afresh with --again."""
 
 EXAMPLES = """\
 examples:
-  lagrange-bench run                            everything, quick: less than three minutes on two cores
+  lagrange-bench run                            everything, quick: about five minutes on two cores
   lagrange-bench run cost --profile full        one experiment as published; leave the machine alone meanwhile
   lagrange-bench run drift phase --methods mine,rk4,strang --tops generic,fast
   lagrange-bench run my.toml                    tops, methods and steps of your own (docs/sweeps.md)
