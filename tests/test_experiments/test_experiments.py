@@ -1,5 +1,7 @@
 """Every experiment at a tiny size: measured, stored, and drawn from what was stored."""
 
+from functools import cache
+
 import pandas as pd
 import pytest
 from tiny import tiny
@@ -10,13 +12,22 @@ from experiments.drawing import style
 from results.store import Store, make_record
 
 pytestmark = pytest.mark.usefixtures("short_races")
+each = pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in EXPERIMENTS]
+)
 
 
-@pytest.mark.parametrize("name", EXPERIMENTS)
+@cache
+def measured(name):
+    """Cells and their rows, measured once for the tests of one experiment."""
+    return [(cell, load(name).measure(cell)) for cell in tiny(name)]
+
+
+@each
 def test_measured_stored_and_drawn(name, tmp_path):
     module, store = load(name), Store(tmp_path)
-    for position, cell in enumerate(tiny(name)):
-        outcome = {"status": "done", "rows": module.measure(cell), "error": None, "warnings": [], "seconds": 0.0}
+    for position, (cell, found) in enumerate(measured(name)):
+        outcome = {"status": "done", "rows": found, "error": None, "warnings": [], "seconds": 0.0}
         store.append(make_record(name, module.VERSION, position, cell, **outcome))
     rows = store.rows(name)
     assert len(rows) > 0
@@ -32,14 +43,14 @@ def test_measured_stored_and_drawn(name, tmp_path):
     assert all(isinstance(table, pd.DataFrame) and len(table) for table in tables.values())
 
 
-@pytest.mark.parametrize("name", EXPERIMENTS)
+@each
 def test_a_cell_that_failed_is_drawn_too(name, tmp_path):
-    """One cell measured, the others failed: figures and tables still come out."""
+    """Every second cell failed: figures and tables still come out."""
     module, store = load(name), Store(tmp_path)
     error = {"type": "StepError", "message": "no", "traceback": ""}
-    for position, cell in enumerate(tiny(name)):
+    for position, (cell, found) in enumerate(measured(name)):
         done = position % 2 == 0 and cell.get("part") != "headline"
-        outcome = {"rows": module.measure(cell), "status": "done", "error": None} if done else {
+        outcome = {"rows": found, "status": "done", "error": None} if done else {
             "rows": [], "status": "failed", "error": error}  # fmt: skip
         store.append(make_record(name, module.VERSION, position, cell, **outcome, warnings=[], seconds=0.0))
     rows = store.rows(name)
