@@ -190,10 +190,8 @@ def _draw_work(good: pd.DataFrame, style, span: float):
     from experiments.drawing.tables import numbers_in, show
 
     states = list(dict.fromkeys(good.state))
-    titles, xlabel = (
-        [numbers_in(PERTURBED_TOPS[state].label) for state in states],
-        "wall time of the run with set-up, s",
-    )
+    titles = [numbers_in(PERTURBED_TOPS[state].label) for state in states]
+    xlabel = "wall time of the run with set-up, s"
     columns, shared = min(len(states), 3), {"sharex": True, "sharey": True}
     fig, axes = style.panels(titles, columns, (0.5, 2.1), xlabel, "error at the end", **shared)
     for ax, state in zip(axes, states, strict=True):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from integrators import api
@@ -69,4 +68,4 @@ def _integrate_magnet(
     steps, every = check_grid(steps, every, "steps")
     stepper = prepare_method(magnet, spins, h, method, options)
     y = stepper.record(spins, steps, every)
-    return Trajectory(magnet, method, stepper.h * (every * np.arange(len(y), dtype=np.float64)), y, stepper.work)
+    return Trajectory(magnet, method, api.grid_times(stepper.h, every, len(y)), y, stepper.work)

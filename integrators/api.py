@@ -102,7 +102,7 @@ def integrate(
     if at_once and steps <= INTERRUPTIBLE and not (options or wanted or isinstance(top, PerturbedTop)):
         y = at_once(top, state, h, steps, every)
         if y is not None and math.isfinite(h * steps):
-            return Trajectory(top, found.name, _times(h, every, len(y)), y, Work(steps=steps))
+            return Trajectory(top, found.name, grid_times(h, every, len(y)), y, Work(steps=steps))
     stepper = _prepare(found, top, state, h, options)
     if not math.isfinite(h * steps):
         raise StepError(found.name, "the time n h is beyond the largest double", h=h)
@@ -113,7 +113,7 @@ def integrate(
         own_spin = heavy.own_spin(state) if heavy else 0.0
         assert isinstance(top, LagrangeTop)
         g = body.follow(found, top, y, h, every, g0, own_spin, options)
-    return Trajectory(top, found.name, _times(h, every, len(y)), y, stepper.work, g)
+    return Trajectory(top, found.name, grid_times(h, every, len(y)), y, stepper.work, g)
 
 
 def two_point(top: LagrangeTop | HeavyTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
@@ -133,7 +133,7 @@ def two_point(top: LagrangeTop | HeavyTop, y: ArrayLike, lam: complex, sheet: in
     return any_parameter.two_point(top, check_state(y, "y"), lam, sheet)
 
 
-def _times(h: float, every: int, rows: int) -> Array:
+def grid_times(h: float, every: int, rows: int) -> Array:
     """0, every·h, 2 every·h, …"""
     if rows <= FEW:
         return np.array([h * (float(every) * k) for k in range(rows)])

@@ -46,8 +46,8 @@ def check_state(y0: Any, name: str = "y0") -> Array:
         raise ValueError(f"{name} must have shape (6,), that is (J1, J2, J3, x1, x2, x3); got shape {y.shape}")
     if y.dtype.kind not in "iuf":
         raise ValueError(f"{name} must be real numbers; got dtype {y.dtype}")
-    if y.dtype != np.float64 or not y.flags.c_contiguous:
-        y = np.array(y, dtype=np.float64, order="C")
+    if y.dtype != np.float64:
+        y = y.astype(np.float64)
     numbers = y.tolist()  # of six numbers Python is quicker than NumPy
     if not all(map(math.isfinite, numbers)):
         raise ValueError(f"{name} must be finite; got {numbers}")

@@ -23,6 +23,7 @@ from functools import partial
 from multiprocessing import active_children, get_context
 from pathlib import Path
 from types import ModuleType
+from typing import TypeVar
 
 import jinja2
 import pandas as pd
@@ -57,6 +58,7 @@ FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table o
 POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
 SUFFIXES = (".svg", ".md", ".tex", ".csv")
 NO_FAIRNESS = fairness.Fairness([], pd.DataFrame())
+T = TypeVar("T")
 Drawn = Callable[[int, int], None]  # gets how many sections are drawn, of how many
 MEASURED_WHEN = ("key", "seconds", "utc", "dirty")
 
@@ -225,11 +227,12 @@ def assemble(
     if whole:
         judged, wrong = judge(rows, source)
         held = _held_against(beside, judged) if beside else ""
-        fair, error = _fairness(rows)
-        misprints, error_of_errata = _errata() if len(rows.get("paper", ())) else (misprints, None)
-        shown, error_of_summary = _summary(rows)
-        curves, error_of_panels = _panels(rows)
-        errors += [*wrong, *filter(None, (error, error_of_errata, error_of_summary, error_of_panels))]
+        errors += wrong
+        fair = _attempt(lambda: fairness.assemble(rows), fair, "fairness: cannot be shown", errors)
+        if len(rows.get("paper", ())):
+            misprints = _attempt(_errata, misprints, "errata: cannot be evaluated", errors)
+        shown = _attempt(lambda: summary.sentences(rows), shown, "summary: cannot be written", errors)
+        curves = _attempt(lambda: panels.script(rows), curves, "panels of the methods: cannot be made", errors)
     ages = sum((section.ages for section in sections), Counter[str]())
     old = sources.told(ages[sources.OTHER], ages[sources.UNKNOWN])
     told = "; ".join(filter(None, (origin.told(source, [section.provenance for section in sections]), old)))
@@ -372,43 +375,24 @@ def _tables(module: ModuleType, rows: pd.DataFrame) -> list[DrawnTable]:
     return [DrawnTable(name, tables.flat(t), t.attrs.get("caption", "")) for name, t in made.items()]
 
 
-def _fairness(rows: dict[str, pd.DataFrame]) -> tuple[fairness.Fairness, str | None]:
-    """What the page says of the conditions, or why it says nothing."""
+def _attempt(make: Callable[[], T], otherwise: T, trouble: str, errors: list[str]) -> T:
+    """What `make` returns; or else `otherwise`, and one error more: rows of another version cost this part, not the page."""
     try:
-        return fairness.assemble(rows), None
-    except Exception as error:  # perhaps rows of another version: no reason to lose the page
-        return NO_FAIRNESS, f"fairness: cannot be shown: {_said(error)}"
-
-
-def _summary(rows: dict[str, pd.DataFrame]) -> tuple[list[summary.Sentence], str | None]:
-    """What the bench shows, or why that cannot be said."""
-    try:
-        return summary.sentences(rows), None
+        return make()
     except Exception as error:
-        return [], f"summary: cannot be written: {_said(error)}"
+        errors.append(f"{trouble}: {_said(error)}")
+        return otherwise
 
 
-def _panels(rows: dict[str, pd.DataFrame]) -> tuple[str, str | None]:
-    """The data of the methods' panels, or why there are none."""
-    try:
-        return panels.script(rows), None
-    except Exception as error:
-        return "", f"panels of the methods: cannot be made: {_said(error)}"
-
-
-def _errata() -> tuple[pd.DataFrame, str | None]:
-    """The errata of the paper with the magnitudes of their residuals, or why there are none."""
+def _errata() -> pd.DataFrame:
+    """The errata of the paper with the magnitudes of their residuals."""
     names = ("section", "equation", "wrong", "as printed", "misses by", "corrected", "then misses by")
-    try:
-        found = errata.measure()
-    except Exception as error:
-        return pd.DataFrame(columns=names), f"errata: cannot be evaluated: {_said(error)}"
     rows = []
-    for e in found:
+    for e in errata.measure():
         printed, corrected = errata.magnitude(e.printed), errata.magnitude(e.corrected)
         wrong = "sentence" if e.prose else "formula"
         rows.append((e.section, e.equation, wrong, e.printed_text, printed, e.corrected_text, corrected))
-    return pd.DataFrame(rows, columns=names), None
+    return pd.DataFrame(rows, columns=names)
 
 
 def _said(error: Exception) -> str:

@@ -16,26 +16,12 @@ from experiments import work_precision
 from experiments.drawing.tables import numbers_in, show
 from integrators.interface import INVARIANTS
 from integrators.registry import NAMED_TOPS
-from report.promises import table
+from report.promises import CLAIMS, table
 
 PARTS = 20  # of a decade
 LEAST = 1e-17  # what is smaller, or 0, is drawn here
 THINNED = 4  # of the drift every fourth time is drawn
 SPAN = 1e4  # length of the runs of the work, or the longest below that
-
-# claims of the page by the methods they are about
-ABOUT = {
-    "backlund": (
-        "exact-in-time", "exact-in-time-wide", "invariants-for-ever", "hundred-times-heyoka", "smaller-error", "set-up",
-        "cheapest-long", "loses-short", "phase-of-the-pinned-step", "long-run", "ensemble-step", "ensemble-heyoka",
-    ),
-    "backlund_unpinned": ("unpinned", "unpinned-long-steps"),
-    "backlund_splitting": ("wins-perturbed", "loses-perturbed"),
-    "backlund_textbook": ("program-loses-digits",),
-    "implicit_midpoint": ("midpoint-is-unbiased", "midpoint-keeps-J3"),
-    "rk45_fixed": ("rk45-drifts",),
-    "taylor": ("thin-adapter", "hundred-times-heyoka", "smaller-error", "long-run", "ensemble-heyoka"),
-}  # fmt: skip
 
 Curves = dict[str, list[int]]  # method → x0, y0, x1, y1, …
 
@@ -45,8 +31,14 @@ def script(rows: dict[str, pd.DataFrame]) -> str:
     tops = [_top(name, rows) for name in _states(rows)]
     if not tops:
         return ""
-    data = {"tops": tops, "kept": _kept(rows), "about": ABOUT, "parts": PARTS}
+    data = {"tops": tops, "kept": _kept(rows), "about": _about(), "parts": PARTS}
     return json.dumps(data, ensure_ascii=False, separators=(",", ":"))
+
+
+def _about() -> dict[str, list[str]]:
+    """The claims about each method."""
+    methods = dict.fromkeys(method for claim in CLAIMS for method in claim.about)
+    return {method: [claim.id for claim in CLAIMS if method in claim.about] for method in methods}
 
 
 def _states(rows: dict[str, pd.DataFrame]) -> list[str]:

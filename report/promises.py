@@ -262,6 +262,7 @@ CLAIMS = [
         at_most(10.0, "ulps", part="promise", state=(*TOPS, *RANDOM_TOPS, *CLOSE)),
         brief="At any step size, the Bäcklund step's error is that of round-off.",
         unit="ulps",
+        about=("backlund",),
     ),
     Claim(
         "exact-in-time-wide",
@@ -270,6 +271,7 @@ CLAIMS = [
         "phase",
         at_most(16.0, "ulps", part="promise", state=WIDE),
         unit="ulps",
+        about=("backlund",),
     ),
     Claim(
         "invariants-for-ever",
@@ -280,6 +282,7 @@ CLAIMS = [
         steps(10**7),
         brief="It keeps all four invariants over ten million steps.",
         unit="of scale",
+        about=("backlund",),
     ),
     Claim(
         "unpinned",
@@ -288,6 +291,7 @@ CLAIMS = [
         within(1e-11, *INVARIANTS, part="time", method="backlund_unpinned"),
         steps(10**7),
         unit="of scale",
+        about=("backlund_unpinned",),
     ),
     Claim(
         "unpinned-long-steps",
@@ -296,6 +300,7 @@ CLAIMS = [
         "drift",
         within(1e-12, *INVARIANTS, part="long", method="backlund_unpinned", fraction=1.3),
         unit="of scale",
+        about=("backlund_unpinned",),
     ),
     Claim(
         "hundred-times-heyoka",
@@ -306,6 +311,7 @@ CLAIMS = [
         headline_ratio,
         brief="Over t = 10⁶ it is this many times faster than heyoka's Taylor series.",
         unit="×",
+        about=("backlund", "taylor"),
     ),
     Claim(
         "smaller-error",
@@ -313,6 +319,7 @@ CLAIMS = [
         "cost",
         more_accurate,
         unit="of heyoka's",
+        about=("backlund", "taylor"),
     ),
     Claim(
         "set-up",
@@ -321,6 +328,7 @@ CLAIMS = [
         "cost",
         compare(setup_in_steps, operator.le, 5000.0),
         unit="steps",
+        about=("backlund",),
     ),
     Claim(
         "orders",
@@ -356,6 +364,7 @@ CLAIMS = [
         lead({1e4: 1e-12, 1e6: 1e-10}, "total", longest=True),
         spans(1e4, 1e6),
         unit="times as long",
+        about=("backlund",),
     ),
     Claim(
         "loses-short",
@@ -366,6 +375,7 @@ CLAIMS = [
         spans(10.0),
         brief="Over t = 10 it loses: another method takes only this share of its time.",
         unit="of its time",
+        about=("backlund",),
     ),
     Claim(
         "perturbed-kept",
@@ -387,6 +397,7 @@ CLAIMS = [
         spans(1e4),
         brief="In weak fields, as part of a splitting, it beats the best other method.",
         unit="times as long",
+        about=("backlund_splitting",),
     ),
     Claim(
         "loses-perturbed",
@@ -400,6 +411,7 @@ CLAIMS = [
         spans(1e4),
         brief="In strong fields it loses: another method takes only this share of its time.",
         unit="of its time",
+        about=("backlund_splitting",),
     ),
     Claim(
         "midpoint-is-unbiased",
@@ -412,6 +424,7 @@ CLAIMS = [
         ),
         steps(10**7),
         unit="(exponent)",
+        about=("implicit_midpoint",),
     ),
     Claim(
         "midpoint-keeps-J3",
@@ -420,6 +433,7 @@ CLAIMS = [
         within(0.0, "J3", part="time", method="implicit_midpoint"),
         steps(10**7),
         unit="of scale",
+        about=("implicit_midpoint",),
     ),
     Claim(
         "rk45-drifts",
@@ -429,6 +443,7 @@ CLAIMS = [
         on(table("drift", "verdicts"), at_least(0.75, "exponent", method="rk45_fixed", invariant="H")),
         steps(10**7),
         unit="(exponent)",
+        about=("rk45_fixed",),
     ),
     Claim(
         "thin-adapter",
@@ -436,6 +451,7 @@ CLAIMS = [
         "cost",
         at_most(1.05, "adapter_ratio", part="headline"),
         unit="of heyoka's time",
+        about=("taylor",),
     ),
     Claim(
         "magnet",
@@ -499,6 +515,7 @@ CLAIMS = [
         "paper",
         on(table("paper", "invariants"), at_least(1e-9, "C1", figure=2, form="paper's program")),
         unit="of scale",
+        about=("backlund_textbook",),
     ),
     Claim(
         "real-form-keeps-them",
@@ -514,6 +531,7 @@ CLAIMS = [
         "ensemble",
         compare(ensemble_step, operator.le, 0.25),
         unit="of a step alone",
+        about=("backlund",),
     ),
     Claim(
         "ensemble-heyoka",
@@ -523,6 +541,7 @@ CLAIMS = [
         compare(batch_ratio, operator.ge, 50.0),
         spans(1e4),
         unit="times as long",
+        about=("backlund", "taylor"),
     ),
     Claim(
         "phase-of-the-pinned-step",
@@ -532,6 +551,7 @@ CLAIMS = [
         on(table("round_off", "forms"), at_most(1e-16, "phase error / t", form="pinned, every 8", steps=10**7)),
         steps(10**7),
         unit="of the time",
+        about=("backlund",),
     ),
     Claim(
         "forms-differ",
@@ -549,5 +569,6 @@ CLAIMS = [
         long_run_lead,
         steps(10**9),
         unit="of heyoka's",
+        about=("backlund", "taylor"),
     ),
 ]

@@ -25,7 +25,7 @@ from experiments import EXPERIMENTS
 from experiments.measuring import states
 from experiments.measuring.metrics import phase_split, poisson_defect, scaled_error
 from integrators import PERTURBED_TOPS, TOPS, LagrangeTop, integrate, prepare, two_point
-from integrators.methods import backlund_splitting
+from integrators.methods import backlund_schemes
 from integrators.paper import lax
 from integrators.paper import two_point as paper_two_point
 from integrators.torus import time_step
@@ -468,7 +468,7 @@ def test_degrees_of_the_tables():
 
 def test_kicks_of_the_schemes():
     shown = re.findall(r"^\| (\w+) \| (\d+) \|.*ε", (DOCS / "perturbed.md").read_text("utf-8"), re.MULTILINE)
-    kicks = {name: len(scheme.b) for name, scheme in backlund_splitting.SCHEMES.items()}
+    kicks = {name: len(scheme.b) for name, scheme in backlund_schemes.SCHEMES.items()}
     assert {name: int(number) for name, number in shown} == kicks
 
 
@@ -489,7 +489,7 @@ def test_a_smooth_lambda_is_not_enough_for_a_poisson_map():
 
 def in_one_sweep(scheme):
     """The kicks of the corrector in one sweep on each side of the end."""
-    out, kicks = backlund_splitting.SPACING, backlund_splitting.corrector_kicks(scheme)
+    out, kicks = backlund_schemes.SPACING, backlund_schemes.corrector_kicks(scheme)
     n = len(kicks)
     ahead = [(out, b) for b in kicks]
     behind = [(-(n + 1) * out, -kicks[0]), *((-out, -b) for b in kicks[1:])]
@@ -508,10 +508,10 @@ def test_a_corrector_in_one_sweep_leaves_a_commutator(name, monkeypatch):
 
     palindrome = errors()
     with monkeypatch.context() as patch:
-        patch.setattr(backlund_splitting, "_corrector", in_one_sweep)
-        backlund_splitting._ends.cache_clear()
+        patch.setattr(backlund_schemes, "_corrector", in_one_sweep)
+        backlund_schemes._ends.cache_clear()
         sweep = errors()
-    backlund_splitting._ends.cache_clear()
+    backlund_schemes._ends.cache_clear()
     assert math.log2(palindrome[0] / palindrome[1]) == pytest.approx(4.0, abs=0.05)
     assert math.log2(sweep[0] / sweep[1]) < 3.6
     assert sweep[1] > 3 * palindrome[1]

@@ -28,7 +28,7 @@ from integrators.compiling.lanes import run_lanes
 from integrators.compiling.loops import NEVER, SIZE, FixedStepper, compile_loop, finite
 from integrators.interface import Array, Method, StepError, Work, in_one_call
 from integrators.problem.top import LagrangeTop
-from integrators.problem.units import LARGEST_SPAN, MODERATE, Units, exponents, shift
+from integrators.problem.units import Units, own_units, shift
 from integrators.torus import attitude as at
 from integrators.torus import time_step as ts
 from integrators.torus.any_parameter import check_parameter, papers_parameter, plain_constants
@@ -68,13 +68,12 @@ LOOP = compile_loop(KERNELS[0], onto_torus)
 def run(alpha, y, h, steps, every, out):
     """`prepare_exact(…).record(y, steps, every)` as one compiled call, into the rows of `out`; False where it takes more."""
     state = y.copy()
-    rate, length = exponents(alpha, (y[0], y[1], y[2], y[3], y[4], y[5]), h)
-    span = math.ldexp(h, rate)
-    if max(abs(rate), abs(length)) >= MODERATE or not abs(span) < LARGEST_SPAN:
+    rate, length, own, span = own_units(alpha, (y[0], y[1], y[2], y[3], y[4], y[5]), h)
+    if span == math.inf:
         return False
     shift(state, -rate, -length)
     s = (state[0], state[1], state[2], state[3], state[4], state[5])
-    c, turn = exact_constants(math.ldexp(alpha, length - 2 * rate), s, span)
+    c, turn = exact_constants(own, s, span)
     if not finite(c) or form(c) != 0 or not on_torus(s, c, OFF_TORUS):
         return False
     if not LOOP(state, 0, steps, every, PIN, c, np.zeros(SIZE), out):

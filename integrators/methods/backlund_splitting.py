@@ -20,7 +20,7 @@ aba…      aba84: εh⁸ + ε²h⁴, aba104: εh¹⁰ + ε²h⁴, aba864: εh�
 
 The corrector. At a frequency ω of V, w = ωh, the kicks of n Strang steps add up to h (e^{iωnh} − 1)/(2i sin(w/2)); the motion
 has the integral (e^{iωnh} − 1)/(iω). The difference belongs to the ends alone. Kicks b_j h at times a_j h after an end and −b_j h
-before it make it up if 2 Σ b_j sin(a_j w) = 1/(2 sin(w/2)) − 1/w. a_j = 0.4 j; b by least squares (`corrector_kicks`). Half of
+before it make it up if 2 Σ b_j sin(a_j w) = 1/(2 sin(w/2)) − 1/w. a_j = 0.4 j; b by least squares (`backlund_schemes`). Half of
 the kicks are made first, the others in the order reversed, so that no commutator of two of them is left. At w = 2π the step is
 in resonance with V, and no transformation helps.
 
@@ -37,7 +37,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -49,117 +49,12 @@ from integrators.compiling.unroll import unrolled
 from integrators.interface import AnyField, Array, Method, StepError, Stepper, StepWarning
 from integrators.methods import backlund, backlund_choice
 from integrators.methods.backlund_choice import Candidate, ChosenWork
+from integrators.methods.backlund_schemes import PROCESSED, SCHEMES, Scheme, ends_of
 from integrators.problem.perturbed import Field, PerturbedTop
 from integrators.problem.top import LagrangeTop
 from integrators.torus import real_map
 from integrators.torus.plain_step import invariants, move, parameter
 from integrators.truth import exact
-
-# ------------------------------------------------------------------------------------ schemes
-
-
-class Scheme(NamedTuple):
-    """Flows `a` and kicks `b` of one step, A B A … B A, as parts of h; what error is left, and where from.
-
-    A processed scheme kicks by b_i h V − c_i h³ W + d_i h⁵ Z. Here N = x × ∇V, W = |N|² and Z = ∇W·(N × x). Its
-    corrector has two parts: that of `corrector_kicks`, and exp(second h⁴ [B,[A,[A,B]]]) as a composition of kicks.
-    """
-
-    a: tuple[float, ...]
-    b: tuple[float, ...]
-    source: str
-    c: tuple[float, ...] = ()
-    d: tuple[float, ...] = ()
-    second: float = 0.0
-
-
-def scheme(flows: tuple[float, ...], kicks: tuple[float, ...], source: str) -> Scheme:
-    """From the first halves of flows and kicks; the middle one, or the last of the half, makes the sum 1."""
-
-    def whole(half: tuple[float, ...], n: int) -> tuple[float, ...]:
-        middle = (1.0,) if n % 2 else (0.5,)
-        rest = math.fsum((*middle, *(-w for w in half for _ in range(1 + n % 2))))
-        full = (*half, rest)
-        return (*full, *full[: n // 2][::-1])
-
-    n = 2 * len(kicks) + (2 if len(flows) > len(kicks) else 1)
-    return Scheme(whole(flows, n + 1), whole(kicks, n), source)
-
-
-# processed6. At a frequency w = ωh of V, with kicks at ∓τ in this order, the part of second order in ε is right for long times if
-# sin(2τw)/4 + cos²(τw) cot(w/2)/2 + γw = 1/w: w gives γ = 1/12 + τ² − τ/2, w³ gives (τ² − τ/2)² = 1/240. Of the two τ < 0, and
-# τ > 1/2, which is the same kernel; the flow between the kicks goes back. DELTA and SECOND_ORDER are for what is left at h⁵, of
-# order ε³ and of the ends: see docs/perturbed.md, section 5.
-TAU = 0.25 * (1.0 - math.sqrt(1.0 + 16.0 / math.sqrt(240.0)))
-GAMMA = 1.0 / 12.0 + 1.0 / math.sqrt(240.0)
-DELTA, SECOND_ORDER = 0.00546734954597738, -0.00180092478026637
-
-BLANES = "Blanes, Casas, Farrés, Laskar, Makazaga and Murua, Appl. Numer. Math. 68 (2013) 58"
-SCHEMES = {
-    "strang": Scheme((0.5, 0.5), (1.0,), "Strang, SIAM J. Numer. Anal. 5 (1968) 506", c=(1 / 24,)),
-    "processed6": Scheme(
-        (0.5 - TAU, 2.0 * TAU, 0.5 - TAU), (0.5, 0.5), "this project", c=(GAMMA / 4, GAMMA / 4),
-        d=(DELTA / 2, DELTA / 2), second=SECOND_ORDER,
-    ),
-    "saba4": scheme(
-        (0.06943184420297371238802675555359524745214, 0.2605776340045981552103640365648947824089476),
-        (0.1739274225687269286865319746109997036177,), "Laskar and Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39",
-    ),
-    "aba84": scheme(
-        (0.07534696026989288842, 0.51791685468825678230), (0.19022593937367661925, 0.84652407044352625706),
-        "McLachlan, BIT 35 (1995) 258",
-    ),
-    "aba104": scheme(
-        (0.04706710064597250612947887637243678556564, 0.1847569354170881069247376193702560968574,
-         0.2827060056798362053243616565541452479160),
-        (0.1188819173681970199453503950853885936957, 0.2410504605515015657441667865901651105675,
-         -0.2732866667053238060543113981664559460630), BLANES,
-    ),
-    "aba864": scheme(
-        (0.0711334264982231177779387300061549964174, 0.241153427956640098736487795326289649618,
-         0.521411761772814789212136078067994229991),
-        (0.183083687472197221961703757166430291072, 0.310782859898574869507522291054262796375,
-         -0.0265646185119588006972121379164987592663), BLANES,
-    ),
-    "aba1064": scheme(
-        (0.03809449742241219545697532230863756534060, 0.1452987161169137492940200726606637497442,
-         0.2076276957255412507162056113249882065158, 0.4359097036515261592231548624010651844006),
-        (0.09585888083707521061077150377145884776921, 0.2044461531429987806805077839164344779763,
-         0.2170703479789911017143385924306336714532), BLANES,
-    ),
-}  # fmt: skip
-
-PROCESSED = tuple(name for name, one in SCHEMES.items() if one.c)
-
-SPACING, NODES = 0.4, 10  # of the corrector's kicks, in h
-WIDEST = 4.0  # |ωh| up to which it is fitted
-
-
-LEAP = 2.0  # the longest flow between two of them, in h
-SECOND_REACH = 0.5  # of the kicks whose commutators make the part of second order, in h
-
-
-@cache
-def corrector_kicks(chosen: Scheme) -> tuple[float, ...]:
-    """b_j of the corrector: least squares of Σ b_i cos(w t_i)/(2 sin(w/2)) − 1/w on (0, 4), t_i the times of the kicks from
-    the middle of the step, the weight exp(−3w)/w.
-    """
-    import mpmath
-
-    times = [math.fsum(chosen.a[: i + 1]) - 0.5 for i in range(len(chosen.b))]
-    with mpmath.workdps(40):
-        points = [WIDEST * (k + mpmath.mpf(1) / 2) / 400 for k in range(400)]
-        A = mpmath.matrix(len(points), NODES)
-        f = mpmath.matrix(len(points), 1)
-        for i, w in enumerate(points):
-            weight = mpmath.exp(-3 * w) / w
-            kicks = mpmath.fsum(b * mpmath.cos(w * t) for b, t in zip(chosen.b, times, strict=True))
-            f[i] = weight * (kicks / (2 * mpmath.sin(w / 2)) - 1 / w)
-            for j in range(NODES):
-                A[i, j] = weight * 2 * mpmath.sin(mpmath.mpf(SPACING) * (j + 1) * w)
-        found = mpmath.lu_solve(A.T * A, A.T * f)
-        return tuple(float(b) for b in found)
-
 
 # ------------------------------------------------------------------------------------ kernels
 
@@ -603,57 +498,6 @@ class ExactSplittingStepper(ConjugateStepper):
             c[place] = 0.5 * (low + high)
             c[place + 1] = 1.0 / (0.5 * MARGIN * (high - low) + 2.0**-40 * size)
         return True
-
-
-@cache
-def _corrector(chosen: Scheme) -> tuple[tuple[float, float], ...]:
-    """(flow, kick) one after the other, for h = 1: half of all kicks in the order of their times, and the other half backwards.
-
-    So no commutator of two kicks is left, of size ε²h³. What is of second order is made of commutators, once with both signs of
-    their kicks: so nothing of order ε³ is left.
-    """
-    numbered = list(enumerate(corrector_kicks(chosen), 1))
-    half = [(side * SPACING * j, side * 0.5 * b) for side in (-1, 1) for j, b in numbered[::side]]
-    kicks = [*half, *reversed(half)]
-    if chosen.second:
-        a = math.sqrt(0.5 * abs(chosen.second)) / SECOND_REACH
-        for u, v in ((a, math.copysign(a, chosen.second)), (-a, -math.copysign(a, chosen.second))):
-            kicks += [
-                (0.0, u),
-                (SECOND_REACH, v),
-                (-SECOND_REACH, v),
-                (0.0, -u),
-                (-SECOND_REACH, -v),
-                (SECOND_REACH, -v),
-            ]
-    parts: list[tuple[float, float]] = []
-    at = 0.0
-    for place, kick in (*kicks, (0.0, 0.0)):
-        hops = math.ceil(abs(place - at) / LEAP)  # a long flow takes the slow route to its λ
-        if hops == 0 and parts:
-            parts[-1] = (parts[-1][0], parts[-1][1] + kick)
-        else:
-            parts += [*(((place - at) / max(hops, 1), 0.0),) * (hops - 1), ((place - at) / max(hops, 1), kick)]
-        at = place
-    return tuple(parts)
-
-
-@cache
-def _ends(chosen: Scheme, corrected: bool, sign: float) -> tuple[Array, Array]:
-    """`ends_of` for |h| = 1."""
-    after = [(chosen.a[0] * sign, 0.0), *(_corrector(chosen) if corrected else ())]
-    before, pending = [], 0.0
-    for time, kick in reversed(after):
-        before.append((pending, -kick))
-        pending = -time
-    before.append((pending, 0.0))
-    return np.array(before), np.array(after)
-
-
-def ends_of(chosen: Scheme, h: float, corrected: bool) -> tuple[Array, Array]:
-    """(flow, kick) by which a state enters the run, and by which it leaves: inverse to each other."""
-    before, after = _ends(chosen, corrected, math.copysign(1.0, h))
-    return abs(h) * before, abs(h) * after
 
 
 def prepare(

@@ -468,6 +468,9 @@ class Nature:
     axisymmetric: bool  # V keeps J3
 
 
+PLAIN = Nature(False, False, False)
+
+
 @cache
 def _points() -> list[tuple[float, float, float]]:
     draw = random.Random("points of comparison")
@@ -476,20 +479,14 @@ def _points() -> list[tuple[float, float, float]]:
 
 @lru_cache(maxsize=4096)
 def _nature(formula: Formula, parameters: tuple[float, ...]) -> Nature:
-    """Formulas that are the same everywhere are so at random points, in 50 digits; others differ there, most in doubles.
-
-    What a formula is with random parameters it is with all. So digits are needed only for what parameters of their own do.
-    """
-    rough = _looks(formula, parameters, 1e-6)
-    if rough is not None and (
-        not (rough.quadratic or rough.axisymmetric) or rough == _generic(formula, len(parameters))
-    ):
-        return rough
-    return _looks_exactly(formula, parameters) or Nature(False, False, False)
+    return natures(formula, np.array([parameters]))[0] or _looks(formula, parameters) or PLAIN
 
 
 def natures(formula: Formula, parameters: Array) -> list[Nature | None]:
-    """Those of many rows of parameters (n, k) at once; None where it takes digits to tell."""
+    """Those of many rows of parameters (n, k) at once, from doubles; None where it takes more digits to tell.
+
+    What a formula is with random parameters it is with all. So digits are needed only for what parameters of their own do.
+    """
     n, k = parameters.shape
     generic, found = _generic(formula, k), np.empty((POINTS, 12, n))
     with np.errstate(all="ignore"):
@@ -503,44 +500,40 @@ def natures(formula: Formula, parameters: Array) -> list[Nature | None]:
         axisymmetric = (np.abs(slope[:, 0] * x2 - slope[:, 1] * x1) <= least).all(axis=0)
         finite = np.isfinite(least)
     rough = [Nature(*flags) for flags in np.transpose((linear, quadratic, axisymmetric)).tolist()]
-    plain = Nature(False, False, False)
-    return [kind if good and kind in (plain, generic) else None for kind, good in zip(rough, finite, strict=True)]
+    return [kind if good and kind in (PLAIN, generic) else None for kind, good in zip(rough, finite, strict=True)]
 
 
 @cache
 def _generic(formula: Formula, count: int) -> Nature | None:
     """What the field is with random parameters; None if they do not tell."""
     draw = random.Random("generic parameters")
-    return _looks_exactly(formula, tuple(draw.uniform(0.1, 1) for _ in range(count)))
+    return _looks(formula, tuple(draw.uniform(0.1, 1) for _ in range(count)))
 
 
-def _looks_exactly(formula: Formula, parameters: tuple[float, ...]) -> Nature | None:
+def _looks(formula: Formula, parameters: tuple[float, ...]) -> Nature | None:
+    """What the field is at random points, in 50 digits; None if it is finite at less than two of them.
+
+    Formulas that are the same everywhere are so there, and others differ there.
+    """
     import mpmath
 
-    with mpmath.workdps(DIGITS):
-        return _looks(formula, parameters, mpmath.mpf(10) ** (10 - DIGITS), mpmath.mpf)
-
-
-def _looks(formula: Formula, parameters: tuple[float, ...], small: Any, number: Any = float) -> Nature | None:
-    """What the field looks like, up to a relative size; None if it is finite at less than two of the points."""
     found = []
-    for point in _points():
-        try:
-            values = formula.bends(*map(number, point), *map(number, parameters))
-            if all(v - v == 0 for v in values) and not any(
-                isinstance(v, complex) or getattr(v, "imag", 0) for v in values
-            ):
-                found.append((point, values[:3], values[3:]))
-        except (ZeroDivisionError, OverflowError, ValueError):
-            continue
-    if len(found) < 2:
-        return None
-    least = small * max(abs(v) for _, slope, bend in found for v in (*slope, *bend))
-    return Nature(
-        linear=all(abs(v) <= least for _, _, bend in found for v in bend),
-        quadratic=all(abs(v - w) <= least for _, _, bend in found for v, w in zip(bend, found[0][2], strict=True)),
-        axisymmetric=all(abs(slope[0] * x[1] - slope[1] * x[0]) <= least for x, slope, _ in found),
-    )
+    with mpmath.workdps(DIGITS):
+        for point in _points():
+            try:
+                values = formula.bends(*map(mpmath.mpf, point), *map(mpmath.mpf, parameters))
+                if all(v - v == 0 for v in values) and not any(getattr(v, "imag", 0) for v in values):
+                    found.append((point, values[:3], values[3:]))
+            except (ZeroDivisionError, OverflowError, ValueError):
+                continue
+        if len(found) < 2:
+            return None
+        least = mpmath.mpf(10) ** (10 - DIGITS) * max(abs(v) for _, slope, bend in found for v in (*slope, *bend))
+        return Nature(
+            linear=all(abs(v) <= least for _, _, bend in found for v in bend),
+            quadratic=all(abs(v - w) <= least for _, _, bend in found for v, w in zip(bend, found[0][2], strict=True)),
+            axisymmetric=all(abs(slope[0] * x[1] - slope[1] * x[0]) <= least for x, slope, _ in found),
+        )
 
 
 def _wrong(formula: Formula, parameters: tuple[float, ...]) -> tuple[float, ...] | None:

@@ -38,6 +38,16 @@ def exponents(alpha, y, h):
 
 
 @jit
+def own_units(alpha, y, h):
+    """`exponents`, and alpha and h in those units; h infinite where one of these is extreme, or |h| too long."""
+    rate, length = exponents(alpha, y, h)
+    span = math.ldexp(h, rate)
+    if max(abs(rate), abs(length)) >= MODERATE or not abs(span) < LARGEST_SPAN:
+        return rate, length, 0.0, math.inf
+    return rate, length, math.ldexp(alpha, length - 2 * rate), span
+
+
+@jit
 def scaled_norm(a, b, c):
     """|(a, b, c)| as a number from 1/2 to 1 and a power of two; 0, 0 of nothing."""
     power = math.frexp(max(abs(a), abs(b), abs(c)))[1]

@@ -27,7 +27,7 @@ from integrators.compiling.double_double import (
     two_sum,
 )
 from integrators.compiling.loops import MEMORY
-from integrators.problem.units import LARGEST_SPAN, MODERATE, exponents
+from integrators.problem.units import LARGEST_SPAN, MODERATE, exponents, own_units
 from integrators.torus import attitude as at
 from integrators.torus import time_step as ts
 
@@ -284,16 +284,15 @@ def form(c):
 def enter(alphas, Y, h, i, states, units):
     """Top i in units of its own: (alpha, h) in them, its state and the units put into row i; h = inf if they are extreme."""
     y = (Y[i, 0], Y[i, 1], Y[i, 2], Y[i, 3], Y[i, 4], Y[i, 5])
-    rate, length = exponents(alphas[i], y, h)
-    span = math.ldexp(h, rate)
-    if max(abs(rate), abs(length)) >= MODERATE or not abs(span) < LARGEST_SPAN:
-        return 0.0, math.inf
+    rate, length, alpha, span = own_units(alphas[i], y, h)
+    if span == math.inf:
+        return alpha, span
     J, x = math.ldexp(1.0, rate), math.ldexp(1.0, length)
     per_J, per_x = 1.0 / J, 1.0 / x
     for k in range(3):
         states[i, k], states[i, k + 3] = y[k] * per_J, y[k + 3] * per_x
         units[i, k], units[i, k + 3] = J, x
-    return math.ldexp(alphas[i], length - 2 * rate), span
+    return alpha, span
 
 
 @jit

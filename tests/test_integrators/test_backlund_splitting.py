@@ -10,6 +10,7 @@ import pytest
 
 from experiments.measuring import metrics
 from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, LagrangeTop, PerturbedTop, StepError, integrate, prepare
+from integrators.methods import backlund_schemes
 from integrators.methods import backlund_splitting as bs
 from integrators.truth import reference
 
@@ -87,10 +88,10 @@ def test_schemes_have_their_order_in_the_square_of_the_perturbation(name):
 
 @pytest.mark.parametrize("name", bs.PROCESSED)
 def test_the_corrector_fits_the_boundary_term(name):
-    chosen, b = bs.SCHEMES[name], bs.corrector_kicks(bs.SCHEMES[name])
+    chosen, b = bs.SCHEMES[name], backlund_schemes.corrector_kicks(bs.SCHEMES[name])
     times = np.cumsum(chosen.a)[:-1] - 0.5
     for w, bound in ((0.3, 1e-11), (0.65, 5e-11), (1.3, 1e-9), (2.0, 1e-8), (3.0, 1e-6)):
-        fitted = 2 * sum(b[j] * math.sin(bs.SPACING * (j + 1) * w) for j in range(bs.NODES))
+        fitted = 2 * sum(b[j] * math.sin(backlund_schemes.SPACING * (j + 1) * w) for j in range(backlund_schemes.NODES))
         assert abs(fitted - (np.cos(w * times) @ chosen.b / (2 * math.sin(w / 2)) - 1 / w)) < bound
 
 
@@ -112,7 +113,7 @@ def test_the_part_of_second_order_is_right_for_long_times(name, left):
 
 
 def test_the_corrector_is_a_palindrome_of_kicks_about_its_end():
-    parts = bs._corrector(bs.SCHEMES["strang"])
+    parts = backlund_schemes._corrector(bs.SCHEMES["strang"])
     times = np.cumsum([flow for flow, _ in parts])
     kicks = [(round(t, 9), k) for t, (_, k) in zip(times, parts, strict=True) if k]
     assert [k for _, k in kicks] == [k for _, k in reversed(kicks)]
@@ -120,9 +121,9 @@ def test_the_corrector_is_a_palindrome_of_kicks_about_its_end():
     total = {}
     for t, k in kicks:
         total[t] = total.get(t, 0.0) + k
-    for j, weight in enumerate(bs.corrector_kicks(bs.SCHEMES["strang"]), 1):
-        assert total[round(bs.SPACING * j, 9)] == pytest.approx(weight)
-        assert total[-round(bs.SPACING * j, 9)] == pytest.approx(-weight)
+    for j, weight in enumerate(backlund_schemes.corrector_kicks(bs.SCHEMES["strang"]), 1):
+        assert total[round(backlund_schemes.SPACING * j, 9)] == pytest.approx(weight)
+        assert total[-round(backlund_schemes.SPACING * j, 9)] == pytest.approx(-weight)
 
 
 # ---------------------------------------------------------------- the method

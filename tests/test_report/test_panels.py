@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from integrators import METHODS
 from report import page, panels
 from report.promises import CLAIMS
 
@@ -67,11 +68,14 @@ def test_without_rows_there_are_no_panels(rows):
 
 
 def test_rows_that_do_not_fit_cost_the_panels_only(rows):
-    found, error = page._panels({"phase": rows["phase"].drop(columns="status")})
+    wrong, errors = {"phase": rows["phase"].drop(columns="status")}, []
+    found = page._attempt(lambda: panels.script(wrong), "", "panels of the methods", errors)
     assert found == ""
-    assert "panels of the methods" in error
+    assert "panels of the methods" in errors[0]
 
 
-def test_the_claims_about_a_method_are_claims_of_the_page():
-    listed = {name for names in panels.ABOUT.values() for name in names}
+def test_the_claims_about_a_method_are_claims_of_the_page(rows):
+    about = json.loads(panels.script(rows))["about"]
+    listed = {name for names in about.values() for name in names}
     assert listed <= {claim.id for claim in CLAIMS}
+    assert {"backlund", "taylor", "implicit_midpoint"} <= about.keys() <= METHODS.keys()
