@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -76,7 +77,8 @@ def jit(function: Callable[..., Any], **more: Any) -> Any:
 
     With NUMBA_DISABLE_JIT=1 in the environment it stays a Python function, and computes the same bits.
     """
-    folder = None if config.DISABLE_JIT else _folder(function.__module__)
+    known = function.__module__ in sys.modules  # else Numba keeps code that it cannot load again
+    folder = _folder(function.__module__) if known and not config.DISABLE_JIT else None
     if folder is None:
         return compiled(function, **more)
     dispatcher = keep_code(njit(**OPTIONS, **more, cache=True), function, folder)

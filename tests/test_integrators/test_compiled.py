@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+import types
 from pathlib import Path
 
 import numba
@@ -95,6 +96,42 @@ def test_code_that_two_processes_kept_is_told_apart_by_a_third(tmp_path, numbers
 
     alone = run("rk4") + run("rk45_fixed")
     assert (run("rk4", "rk45_fixed") == alone) == (numbers == "random")
+
+
+def test_two_that_keep_their_code_at_once_do_not_take_each_others(tmp_path):
+    """Of one source and two closures. Numba numbers the files of a cache: both would write number 1."""
+
+    def made(value):
+        def kernel(x):
+            return x + value
+
+        return numba_internals.keep_code(numba.njit(cache=True), kernel, str(tmp_path))
+
+    first, second = made(1.0), made(2.0)
+    mine, other = first._cache._cache_file, second._cache._cache_file
+    save_data = mine._save_data
+
+    def late(name, data):  # the other one has read the index before this one wrote it, and saves everything now
+        other._load_index = dict
+        assert second(0.0) == 2.0
+        save_data(name, data)
+
+    mine._save_data = late
+    assert first(0.0) == 1.0
+    assert (made(1.0)(0.0), made(2.0)(0.0)) == (1.0, 2.0)
+
+
+UNKNOWN = "from integrators.compiling.compiled import jit_as\n\n@jit_as('of nowhere')\ndef kernel(x):\n    return x + 1.0\n"
+
+
+def test_code_of_a_module_that_cannot_be_imported_is_not_kept(tmp_path, monkeypatch):
+    monkeypatch.setenv("LAGRANGE_BENCH_CACHE", str(tmp_path / "cache"))
+    path = tmp_path / "nowhere.py"
+    path.write_text(UNKNOWN, encoding="utf-8")
+    for _ in range(2):  # the second would load what the first kept
+        module = types.ModuleType("nowhere")
+        exec(compile(UNKNOWN, path, "exec"), module.__dict__)
+        assert module.kernel(1.0) == 2.0
 
 
 # a kernel of `methods` that calls one of `torus`: its result, and how many of its variants came from the cache. (Where a
