@@ -2,9 +2,10 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help bench test test-oldest stress lint full report dist docs paper clean
+.PHONY: help setup bench test test-oldest stress lint full report dist docs paper clean
 
 help:
+	@echo "make setup   set up and nothing else; then: source .venv/bin/activate"
 	@echo "make bench   set up, run the quick profile (about 5 minutes), draw the report and print where it is"
 	@echo "make test    set up, run the tests (about 12 minutes)"
 	@echo "make stress  repeat the tests that start processes beside busy loops (hours); ROUNDS=30 MINUTES=240"
@@ -16,6 +17,9 @@ help:
 	@echo "make dist    build wheel and sdist, install the wheel alone and run it from an empty folder, without heyoka"
 	@echo "make lint    ruff and mypy"
 	@echo "make clean   remove what the commands above made, results of your own excepted"
+
+setup: .venv/bench
+	@echo "ready: source .venv/bin/activate"
 
 bench: .venv/bench
 	$(BIN)/lagrange-bench run --profile quick; status=$$?; \

@@ -2,7 +2,7 @@
 
 Every ```python block of a tutorial is executed, all of a page in one namespace and an empty folder, and so is every
 line of an ```sh block. A block ```text directly below shows what is printed, and must be that to the letter; ```text
-varies shows what differs from machine to machine. A Python block that starts with `# name.py` is that file.
+varies shows what differs from machine to machine. A block that starts with `# name.py` or `# name.toml` is that file.
 
 A part of every reference run, on the same machine and with nothing else running, for the times that pages show: see
 results/README.md. `tests/test_docs.py` holds the pages to what they show.
@@ -62,12 +62,11 @@ def execute(page: Path) -> list[tuple[Block, str]]:
     for block in blocks(page.read_text(encoding="utf-8")):
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed):
-            if block.kind == "python":
-                if file := re.match(r"# ([\w/]+\.py)\n", block.text):
-                    Path(file[1]).parent.mkdir(exist_ok=True)
-                    Path(file[1]).write_text(block.text, encoding="utf-8")
-                else:  # empty lines in front, so that a traceback names the line of the page
-                    exec(compile("\n" * block.line + block.text, str(page), "exec"), scope)
+            if file := re.match(r"# ([\w/]+\.(?:py|toml))\n", block.text):
+                Path(file[1]).parent.mkdir(exist_ok=True)
+                Path(file[1]).write_text(block.text, encoding="utf-8")
+            elif block.kind == "python":  # empty lines in front, so that a traceback names the line of the page
+                exec(compile("\n" * block.line + block.text, str(page), "exec"), scope)
             elif block.kind == "sh":
                 for line in filter(None, block.text.splitlines()):
                     program, *words = shlex.split(line, comments=True)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import importlib
 import sys
+from collections.abc import Callable
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
 
 from experiments import EXPERIMENTS, SWEEP
+from integrators.registry import import_own
 from integrators.words import suggestion
 
 GROUP = "lagrange_bench.experiments"  # of entry points: name = package.module
@@ -36,10 +38,11 @@ def load(name: str) -> ModuleType:
     ------
     ValueError : no such experiment, or the module lacks a part of the protocol.
     """
+    find: Callable[[str], ModuleType] = importlib.import_module
     if name in EXPERIMENTS:
         path = f"experiments.{name}"
     elif "." in name and all(map(str.isidentifier, name.split("."))):
-        path = name
+        path, find = name, import_own
     elif name.startswith(SWEEP):
         from experiments import sweep
 
@@ -50,7 +53,7 @@ def load(name: str) -> ModuleType:
         known = [*EXPERIMENTS, *installed()]
         raise UnknownExperiment(f"unknown experiment {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
     try:
-        module = importlib.import_module(path)
+        module = find(path)
     except ModuleNotFoundError as error:
         if error.name is None or not f"{path}.".startswith(f"{error.name}."):
             raise  # the experiment is there; something it imports is not

@@ -102,7 +102,7 @@ def _run(cell: dict) -> dict:
         return {"stopped": "too long", "predicted": rounded(predicted)}
     # in a potential at the end only: every other time would need a reference solution of its own
     counts = [n] if isinstance(top, PerturbedTop) else sorted({max(n * k // 16, 1) for k in (13, 14, 15, 16)})
-    _, states = sample(top, y0, method.name, h, counts, **options)
+    _, states = sample(top, y0, cell["method"], h, counts, **options)
     with np.errstate(over="ignore"):  # of a step much too large
         error = float(np.max(metrics.scaled_error(top, y0, states, truth(top, y0, method, h, counts))))
     if not np.isfinite(error):

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from integrators.backward_error.prediction import PredictedPhase, predicted_phase
     from integrators.compiling.expression import sqrt
     from integrators.ensemble import integrate_ensemble
-    from integrators.interface import INVARIANTS, Method, StepError, Stepper, Work
+    from integrators.interface import INVARIANTS, AnyField, Method, StepError, Stepper, Work
     from integrators.paper.gaudin_magnets import MAGNETS
     from integrators.paper.gaudin_methods import MAGNET_METHODS
     from integrators.paper.gaudin_model import GaudinMagnet
@@ -41,6 +41,7 @@ __all__ = [
     "PERTURBED_TOPS",
     "POTENTIALS",
     "TOPS",
+    "AnyField",
     "GaudinMagnet",
     "HeavyTop",
     "LagrangeTop",
@@ -70,7 +71,7 @@ __getattr__, __dir__ = face(
         "integrators.api": ("Trajectory", "prepare", "two_point"),
         "integrators.backward_error.prediction": ("PredictedPhase", "predicted_phase"),
         "integrators.ensemble": ("integrate_ensemble",),
-        "integrators.interface": ("INVARIANTS", "Method", "StepError", "Stepper", "Work"),
+        "integrators.interface": ("INVARIANTS", "AnyField", "Method", "StepError", "Stepper", "Work"),
         "integrators.paper.gaudin_magnets": ("MAGNETS",),
         "integrators.paper.gaudin_methods": ("MAGNET_METHODS",),
         "integrators.paper.gaudin_model": ("GaudinMagnet",),

@@ -133,7 +133,7 @@ class Method:
     # of `conserves` and `keeps`: those whose round-off grows faster than a random walk, and why
     biased: Mapping[str, str] = field(default_factory=dict, hash=False)
     in_field: AnyField | None = None  # how it takes a top in any field; None: a uniform field only, for this reason:
-    uniform_only: str = "its formula is written for a uniform field"
+    uniform_only: str = "its record has no in_field (“Tops in any field” in docs/adding-a-method.md)"
     reduces_to: str = ""  # in a uniform field it is this other method, and measured under its name
     options: tuple[str, ...] = field(init=False)  # keyword options of `prepare`
 

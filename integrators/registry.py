@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from integrators.interface import Method, StepError
@@ -122,10 +123,25 @@ class Registry(Mapping[str, Any]):
         found = entry.load()
         if not isinstance(found, self.kind):
             raise TypeError(f"{entry.value} is a {type(found).__name__}, not an integrators.{self.kind.__name__}")
-        if found.name != name:
+        if found.name != name and ":" not in name:
             raise ValueError(f"{entry.value} calls itself {found.name!r} but is registered as {name!r}")
         self._loaded[name] = entry, found
         return found
+
+    def include(self, name: str) -> None:
+        """Know what `module:NAME` stands for under these very words in this process, without an entry point.
+
+        Raises
+        ------
+        ValueError : it cannot be loaded; the message says why.
+        """
+        if name not in self._entries:
+            _load(name, self)
+            self._entries = {**self._entries, name: EntryPoint(name, name, self.group)}
+
+    def module(self, name: str) -> str:
+        """The module that a registered name stands in."""
+        return self._entries[name].module
 
     @contextmanager
     def lent(self, found: Any) -> Iterator[str]:
@@ -223,9 +239,8 @@ def _load(name: str, registry: Registry) -> Any:
     try:
         if ":" not in name:
             return registry[name]
-        search_current_folder()
         module, _, attribute = name.partition(":")
-        found = getattr(importlib.import_module(module), attribute)
+        found = getattr(import_own(module), attribute)
     except KeyError as error:
         if Path(f"{name}.py").is_file():
             raise ValueError(
@@ -260,17 +275,26 @@ def _check_imported(name: str, registry: Registry) -> None:
 def import_modules(names: Iterable[str]) -> None:
     """Imports the modules that the user names with --module, from the current folder too: results may name them then."""
     for name in names:
-        search_current_folder()
         try:
-            importlib.import_module(name)
+            import_own(name)
         except Exception as error:  # somebody's own module may raise anything
             raise ValueError(f"--module {name} cannot be imported: {type(error).__name__}: {error}") from error
 
 
-def search_current_folder() -> None:
-    """Find modules in the current folder, as `python -m` does; after everything that is installed."""
-    if "" not in sys.path and str(Path.cwd()) not in sys.path:
-        sys.path.append(str(Path.cwd()))
+def import_own(module: str) -> ModuleType:
+    """Import a module that the user names: from the current folder first, as `python -m` does, else as installed.
+
+    The folder comes first only meanwhile, and last from then on. So a file that is being edited is found before an
+    installed copy of it, and a folder called `results` or `report` hides nothing of the bench later.
+    """
+    here = str(Path.cwd())
+    if "" not in sys.path and here not in sys.path:
+        sys.path.append(here)
+    sys.path.insert(0, here)
+    try:
+        return importlib.import_module(module)
+    finally:
+        sys.path.remove(here)
 
 
 def available(method: Method) -> bool:

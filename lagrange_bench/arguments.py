@@ -85,7 +85,7 @@ def names(text: str) -> tuple[str, ...]:
 
 
 def add_choice(command: argparse.ArgumentParser) -> None:
-    for flag, what in (("--methods", "methods"), ("--tops", "tops")):
+    for flag, what in (("--methods", "methods (of mine.py: mine:METHOD)"), ("--tops", "tops")):
         text = f"only the cells of these {what}; cells that belong to none are left out, too (default: all)"
         command.add_argument(flag, type=names, metavar="a,b,…", default=(), help=text)
     text = "draw these methods in black dashes and name them in every figure, as plug-ins always are"
@@ -93,10 +93,12 @@ def add_choice(command: argparse.ArgumentParser) -> None:
 
 
 def choice_of(options: argparse.Namespace) -> Any:
-    """What `add_choice` was given."""
+    """What `add_choice` was given; methods in files of the user's own are known from then on."""
     from results.choice import Choice
 
-    return Choice(options.methods, options.tops, options.highlight)
+    choice = Choice(options.methods, options.tops, options.highlight)
+    choice.include()
+    return choice
 
 
 def check_choice(results: Any, choice: Any) -> None:

@@ -20,16 +20,16 @@ DRAWN = {  # of `experiments.measuring.states`, by the first word of their names
 
 def methods() -> pd.DataFrame:
     """Each method: what figures and tables call it, what it claims and where it comes from."""
-    return pd.DataFrame([_method(record) for record in METHODS.values()])
+    return pd.DataFrame([_method(name, record) for name, record in METHODS.items()])
 
 
-def _method(record: Method) -> dict[str, str | int]:
+def _method(name: str, record: Method) -> dict[str, str | int]:
     alone = record.in_field if record.reduces_to else None  # else it is another method
     conserves, order = (alone.conserves, alone.order) if alone else (record.conserves, record.order)
     kept = [name for name in INVARIANTS if name in conserves]
     return {
         "in figures": record.label,
-        "in tables": record.name,
+        "in tables": name,
         "family": record.family,
         "order": order or "exact",
         "keeps to round-off": ", ".join([*kept, *record.keeps]) or "nothing",

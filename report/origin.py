@@ -36,12 +36,13 @@ class Origin:
         return "" if self.default else f" --results {shlex.quote(self.folder)}"
 
     def run(self, experiment: str) -> str:
-        """The command that computes an experiment like this."""
+        """The command that computes an experiment like this; of a sweep the file may have another name."""
         sweep = experiment.startswith(SWEEP)
         profile = "" if sweep or self.profile is None else f" --profile {self.profile}"
         usual = experiment.removeprefix(SWEEP) if sweep else self.profile or PROFILES[0]
         there = "" if self.default or self.folder == named(default_results(usual)) else self._there
-        return f"lagrange-bench run {'FILE.toml' if sweep else shlex.quote(experiment)}{profile}{there}"
+        what = f"{usual}.toml" if sweep else experiment
+        return f"lagrange-bench run {shlex.quote(what)}{profile}{there}{self.choice.words}"
 
     @property
     def report(self) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 import errno
 import gzip
-import importlib
 import os
 import re
 import shlex
@@ -35,6 +34,7 @@ from experiments.drawing import figures, style, tables
 from experiments.measuring import errata
 from integrators.files import write_file
 from integrators.machine import interrupt_held_back
+from integrators.registry import import_modules
 from report import (
     claims,
     fairness,
@@ -306,7 +306,7 @@ def _drawn(names: list[str], store: Store, processes: int, modules: Sequence[str
         yield from (_section(name, store) for name in names)
         return
     others = set(active_children())
-    start = partial(_start, list(sys.path), modules)
+    start = partial(_start, list(sys.path), modules, store.choice)
     with ProcessPoolExecutor(processes, get_context("spawn"), initializer=start) as pool:
         try:
             with interrupt_held_back():  # the processes are started in here
@@ -318,12 +318,12 @@ def _drawn(names: list[str], store: Store, processes: int, modules: Sequence[str
             raise
 
 
-def _start(path: list[str], modules: Sequence[str]) -> None:
+def _start(path: list[str], modules: Sequence[str], choice: Choice) -> None:
     """In a fresh process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
     sys.path[:] = path
-    for name in modules:
-        importlib.import_module(name)
+    import_modules(modules)
+    choice.include()
 
 
 def _section(experiment: str, store: Store) -> Section:

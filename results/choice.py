@@ -5,8 +5,10 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from integrators.registry import METHODS
 from integrators.words import suggestion
 
 
@@ -32,6 +34,12 @@ class Choice:
         """Whether a cell is asked for."""
         return (not self.methods or cell.get("method") in self.methods) and (not self.tops or _top(cell) in self.tops)
 
+    def include(self) -> None:
+        """Make methods in files of the user's own, `module:NAME`, known to this process. ValueError if one cannot be loaded."""
+        for name in (*self.methods, *self.highlight):
+            if ":" in name:
+                METHODS.include(name)
+
     def check(self, cells: Iterable[Mapping[str, Any]]) -> None:
         """ValueError for a name that none of the cells has: what is spelled wrong would be left out in silence."""
         if not (self or self.highlight):
@@ -48,6 +56,8 @@ class Choice:
             known = sorted(name for name in found[word] if isinstance(name, str))
             if unknown := [name for name in names if name not in known]:
                 close = suggestion(unknown[0], known)
+                if word == "method" and Path(f"{unknown[0]}.py").is_file():
+                    close = f"; for the one in {unknown[0]}.py use {unknown[0]}:METHOD"
                 more = f" Known: {', '.join(known)}" if close == "." and known else ""
                 raise ValueError(f"{flag}: no cell here is of the {word} {unknown[0]!r}{close}{more}")
 

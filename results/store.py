@@ -62,13 +62,18 @@ def default_results(profile: str | None = None) -> Path:
 
 
 def find_results(chosen: Path | None) -> tuple[Path, list[str]]:
-    """The folder asked for; else the reference results; else the local ones computed last, and a word about it.
+    """The folder asked for, here or in the checkout; else the reference results; else the local ones computed last.
+
+    And what to tell the user about it.
 
     Raises
     ------
     FileNotFoundError : there is no such folder, or nothing is stored there.
     """
     if chosen is not None:
+        root = provenance.checkout()
+        if root is not None and not chosen.is_dir() and (root / chosen).is_dir():
+            return find_results(root / chosen)[0], [f"no folder {chosen} here: showing {root / chosen}"]
         if not chosen.is_dir():
             raise FileNotFoundError(f"no such folder of results: {chosen}")
         if not any(path.stat().st_size for path in chosen.glob("*.jsonl")):

@@ -52,6 +52,9 @@ TOGETHER = 32  # steps that tell whether it has one: the starter of a method of 
 NEAR, STEEPER = 0.25, 1.25  # steps longer than this, in time scales, may show a slope up to that much above the order
 
 
+NOT_CLAIMED = "not claimed"
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What became of one claim. `passed` None: not judged, `how` says why."""
@@ -64,7 +67,9 @@ class Verdict:
 
     @property
     def word(self) -> str:
-        return {True: "pass", False: "fail", None: "not judged"}[self.passed]
+        if self.passed is None:
+            return NOT_CLAIMED if self.how.startswith(NOT_CLAIMED) else "not judged"
+        return "pass" if self.passed else "fail"
 
     def __str__(self) -> str:
         found = "" if self.measured is None else f" {self.measured:.4g}, bound {self.bound};"
@@ -224,8 +229,8 @@ def solution(method: Method, quick: bool, names: tuple[str, ...] = STATES) -> It
         yield Verdict(f"follows the {_truth(names)}", ahead <= 1e-4, ahead, "≤ 1e-4", how)
     # forward and backward errors differ by a factor of order one, unless they are round-off
     passed = back <= 10 * ahead + EXACT
-    how = f"error at t = −20 against t = 20{worst[-1].where}"
-    yield Verdict("negative h runs backwards", passed, back, f"≤ 10 · {ahead:.1e}", how)
+    how = f"largest error at t = −20 against that at t = 20{worst[-1].where}"
+    yield Verdict("negative h is as accurate", passed, back, f"≤ 10 × {ahead:.1e} forwards", how)
 
 
 def run_error(method: Method, name: str, span: float, n: int) -> float:
@@ -241,7 +246,7 @@ def run_error(method: Method, name: str, span: float, n: int) -> float:
 def symmetric(method: Method, quick: bool, names: tuple[str, ...] = STATES) -> Iterator[Verdict]:
     """A step of −h undoes a step of h."""
     if not method.symmetric:
-        yield Verdict("symmetric", None, None, "", "not claimed")
+        yield Verdict("symmetric", None, None, "", NOT_CLAIMED)
         return
     worst = Worst()
     for name in names:
@@ -264,7 +269,7 @@ def symmetric(method: Method, quick: bool, names: tuple[str, ...] = STATES) -> I
 def poisson(method: Method, quick: bool, names: tuple[str, ...] = STATES) -> Iterator[Verdict]:
     """D P(y) Dᵀ = P(ỹ) for the derivative D of one step."""
     if not method.poisson:
-        yield Verdict("Poisson map", None, None, "", "not claimed")
+        yield Verdict("Poisson map", None, None, "", NOT_CLAIMED)
         return
     worst, bound = Worst(), 1e-8
     names = names[:2] if quick else names
@@ -335,7 +340,7 @@ def conserves(
             bound = EPS * (BIAS * n if quantity in biased else min(BIAS * n, WALK * n**0.5))
             yield Verdict(claim, drifted <= bound, drifted, f"≤ {bound:.1e}", how)
         elif drifted is not None:
-            yield Verdict(claim, None, drifted, "", "not claimed; " + how)
+            yield Verdict(claim, None, drifted, "", f"{NOT_CLAIMED}; {how}")
         elif on or any(quantity in getattr(find(name)[0], "conserved", INVARIANTS) for name in names):
             yield Verdict(claim, None, None, "", f"no run gets through {n} steps")
     if stopped:  # unless at the smallest step no fault: an explicit method may be unstable

@@ -64,7 +64,8 @@ def keep_code(decorator: Callable[..., Any], function: Callable[..., Any], folde
         config.CACHE_DIR = before
     kept = inside(dispatcher, "_cache")
     files = inside(kept, "_cache_file")
-    inside(files, "_data_name")  # Numba counts its files: two processes that save at once would take one for two variants
+    # Numba counts its files: two processes that save at once would take one file for two variants
+    inside(files, "_data_name")
     files._data_name = lambda number: f"{inside(kept, '_impl').filename_base}.{uuid.uuid4().hex}.nbc"
     save = inside(kept, "save_overload")
 

@@ -24,7 +24,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from integrators.checks import check_real
-from integrators.compiling.expression import Program, Tape, Term, record
+from integrators.compiling.compiled import jit_as
+from integrators.compiling.expression import Program, Tape, Term, record, take
+from integrators.compiling.unroll import unrolled
 from integrators.problem.top import Array, LagrangeTop, hat
 
 OFFERS = ("force", "quadratic", "linear")  # what a method may need of a field
@@ -192,6 +194,13 @@ class Field:
 
         return self._made(outputs)
 
+    def compiled_rhs(self, first: int = 1) -> Callable[..., Any]:
+        """(s, c) → the time derivative of the state s, six numbers, for compiled kernels.
+
+        The constants c are an array or a tuple of doubles; from c[first] on they are `PerturbedTop.numbers`.
+        """
+        return _compiled_rhs(self, first)
+
     @cached_property
     def digest(self) -> str:
         """Identity of the formula, hexadecimal."""
@@ -199,6 +208,21 @@ class Field:
 
     def __hash__(self) -> int:
         return hash(self.digest)
+
+
+@cache
+def _compiled_rhs(field: Field, first: int) -> Callable[..., Any]:
+    torque, numbers = field.torque, take(field.parameters)
+
+    @unrolled(f"rates {field.digest}")
+    def rates(J, x, q):
+        return (*torque(*x, *q), *cross(J, x))
+
+    @jit_as(f"rhs {field.digest} {first}")
+    def rhs(s, c):
+        return rates((s[0], s[1], s[2]), (s[3], s[4], s[5]), numbers(c, first))
+
+    return rhs
 
 
 def _inputs(parameters: int) -> tuple[Tape, tuple[Term, ...], tuple[Term, ...]]:

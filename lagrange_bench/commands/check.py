@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,17 +15,23 @@ if TYPE_CHECKING:
 
 SUMMARY = "test what a method claims"
 
+RIVALS = ("rk4", "strang", "backlund")  # whom to draw a method beside, as a beginning
+
 DESCRIPTION = """\
 Test what a method claims: its order, symmetry, Poisson map, invariants, and the contract of a stepper. Prints a verdict
-per claim: pass, fail or not judged. A method that takes tops in a potential is tested there, too ("in a field: …"). Also for your
-own method, before you publish it. With --bounds, tests the drift of its invariants against a file of bounds, too."""
+per claim. Pass and fail are about what the record claims. "Not claimed" has no bound: it is measured for your information. "Not
+judged" could not be measured, and the reason follows the table. Drifts of invariants are relative: 1 is as large as
+the invariant's terms. A method that takes tops in a potential is tested there, too ("in a field: …").
+
+Also for your own method, before you publish it. With --bounds, tests the drift of its invariants against a file of
+bounds, too."""
 
 
 EXAMPLES = """\
 examples:
   lagrange-bench check backlund
   lagrange-bench check implicit_midpoint --quick
-  lagrange-bench check my_package.my_method:METHOD     no entry point needed; the current folder is searched too
+  lagrange-bench check mine:METHOD              METHOD in ./mine.py, else in an installed module of this name
   lagrange-bench check mine:METHOD --write-bounds bounds.toml     measure the drift, once
   lagrange-bench check mine:METHOD --bounds bounds.toml           test it from then on (docs/ci.md)
 
@@ -51,16 +58,30 @@ def run(options: argparse.Namespace) -> Answer:
         measured = "" if verdict.measured is None else f"{verdict.measured:.3g}"
         how = " ".join(verdict.how.split())
         rows.append((verdict.word, verdict.claim, measured, verdict.bound, *([how] if options.verbose else [])))
-        if verdict.passed is False:
-            reasons.append(f"fail: {verdict.claim}: {how}")
+        if verdict.word in ("fail", "not judged"):
+            reasons.append(f"{verdict.word}: {verdict.claim}: {how}")
     failed = [verdict.claim for verdict in verdicts if verdict.passed is False]
     held = sum(verdict.passed is True for verdict in verdicts)
-    sum_up = f"{method.name} ({method.label}): {held} claims hold, {len(failed)} fail"
+    file = _file(options.method)
+    sum_up = f"{method.name} ({method.label}, {file}): {held} claims hold, {len(failed)} fail"
     sum_up += f": {', '.join(failed)}" if failed else ""
     notes = _name_taken(options.method, method)
+    rivals = [name for name in RIVALS if name != method.name]
+    what = "work_precision phase perturbed" if method.in_field else "work_precision phase"
+    after = [] if failed else [f"lagrange-bench run {what} --methods {','.join([options.method, *rivals])}"]
     listed = [{**asdict(verdict), "verdict": verdict.word} for verdict in verdicts]
-    data = {"method": method.name, "passed": not failed, "verdicts": plain(listed), "notes": notes}
-    return Answer("\n".join([*table(rows), "", *reasons, *notes, sum_up]), data, 1 if failed else 0)
+    data = {"method": method.name, "file": file, "passed": not failed, "verdicts": plain(listed)}
+    data |= {"notes": notes, "next": after}
+    lines = [*table(rows), "", *reasons, *notes, sum_up, *(f"next: {command}" for command in after)]
+    return Answer("\n".join(lines), data, 1 if failed else 0)
+
+
+def _file(name: str) -> str:
+    """Where the record lies."""
+    from integrators.registry import METHODS
+
+    module = sys.modules[name.partition(":")[0] if ":" in name else METHODS.module(name)]
+    return module.__file__ or module.__name__
 
 
 def _bounds(path: Path, method: Method) -> list[dict[str, Any]]:

@@ -85,12 +85,9 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """Compute what is missing, draw what a file of the user asked for, and say what to do next."""
-    from integrators.registry import search_current_folder
     from lagrange_bench.runner import engine
     from results.store import default_results
 
-    if any("." in name for name in options.experiments):
-        search_current_folder()
     names = [_sweep(name) for name in options.experiments] or EXPERIMENTS
     sweeps = [name for name in names if name.startswith(SWEEP)]
     own = len(sweeps) == len(names)  # a folder of its own: the page of a profile is not the place for it

@@ -340,9 +340,11 @@ def _end_with_parent() -> None:
 @cache
 def _restrain(method: str) -> None:
     """Heyoka reads no environment variable: one thread and no chatter are set by call."""
-    from integrators.registry import METHODS, find_method
+    from integrators.registry import METHODS
 
-    found = find_method(method) if ":" in method else METHODS[method]
+    if ":" in method:  # the user named it: no experiment lists another one
+        METHODS.include(method)
+    found = METHODS[method]
     if found.requires == "heyoka":
         import heyoka
 

@@ -355,7 +355,7 @@ MANNERS = {
     Remembers: "same input, same bits",
     Shares: "two steppers share nothing",
     OneBuffer: "results are fresh arrays",
-    OnlyForward: "negative h runs backwards",
+    OnlyForward: "negative h is as accurate",
     RowsShifted: "record has the start in row 0",
     RestartsRows: "record ends where advance does",
     ForgetsWork: "work counts steps",

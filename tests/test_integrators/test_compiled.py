@@ -121,7 +121,9 @@ def test_two_that_keep_their_code_at_once_do_not_take_each_others(tmp_path):
     assert (made(1.0)(0.0), made(2.0)(0.0)) == (1.0, 2.0)
 
 
-UNKNOWN = "from integrators.compiling.compiled import jit_as\n\n@jit_as('of nowhere')\ndef kernel(x):\n    return x + 1.0\n"
+UNKNOWN = (
+    "from integrators.compiling.compiled import jit_as\n\n@jit_as('of nowhere')\ndef kernel(x):\n    return x + 1.0\n"
+)
 
 
 def test_code_of_a_module_that_cannot_be_imported_is_not_kept(tmp_path, monkeypatch):

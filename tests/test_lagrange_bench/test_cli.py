@@ -577,7 +577,8 @@ def test_check_a_method_that_keeps_its_word(run):
     lines = out.splitlines()
     assert lines[0].split() == ["verdict", "claim", "measured", "bound"]
     assert any(line.startswith("pass") and "conserves H" in line for line in lines)
-    assert lines[-1].endswith(" claims hold, 0 fail")
+    assert re.fullmatch(r"backlund \(.*/methods/backlund.py\): \d+ claims hold, 0 fail", lines[-2])
+    assert lines[-1] == "next: lagrange-bench run work_precision phase --methods backlund,rk4,strang"
 
 
 def test_check_a_method_that_does_not(run, monkeypatch):
@@ -611,7 +612,8 @@ def test_check_finds_plug_ins(run, monkeypatch):
     monkeypatch.setattr(check, "CHECKS", (check.order,))
     code, out, _ = run("check", "lies")
     assert code == 1
-    assert out.splitlines()[-1] == "lies (kick and rotation): 0 claims hold, 1 fail: order 2"
+    file = HERE / "toys" / "lies.py"
+    assert out.splitlines()[-1] == f"lies (kick and rotation, {file}): 0 claims hold, 1 fail: order 2"
 
 
 # ---------------------------------------------------------------- bits

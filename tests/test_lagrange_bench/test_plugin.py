@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -123,7 +124,7 @@ def test_a_taken_name_is_left_out_with_one_warning(python, tmp_path):
     code, out, err = python("-m", "lagrange_bench", "check", "rk4", "--quick")
     assert code == 0, err
     assert "order 4" in out
-    assert out.splitlines()[-1].startswith("rk4 (")
+    assert out.splitlines()[-2].startswith("rk4 (")
     assert err.count("RuntimeWarning") == 1
 
 
@@ -321,3 +322,35 @@ def test_the_documents_name_what_there_is():
 
     for name in (*FAMILIES, *(field.name for field in fields(Method))):
         assert name in text, name
+
+
+def test_a_file_in_the_current_folder_joins_an_experiment(python, tmp_path):
+    """And is used in place of an installed copy, by the workers too."""
+    bench = ("-P", "-m", "lagrange_bench")  # like the command: Python itself does not look into the current folder
+    text = (EXAMPLE / "suzuki_top.py").read_text(encoding="utf-8")
+    (tmp_path / "site" / "mine.py").write_text("raise ImportError('the installed copy')\n", encoding="utf-8")
+    file = tmp_path / "mine.py"
+    file.write_text(text.replace('"Suzuki 4"', '"Suzuki, edited"'), encoding="utf-8")
+    code, out, err = python(*bench, "check", "mine:METHOD", "--quick")
+    assert code == 0, err
+    summary, after = out.splitlines()[-2:]
+    assert summary.startswith(f"suzuki4 (Suzuki, edited, {file}): ")
+    chosen = ("--methods", "mine:METHOD,rk4")
+    assert after.startswith("next: lagrange-bench run work_precision phase --methods mine:METHOD,rk4,")
+    rows = ("--results", "rows")
+    code, out, err = python(*bench, "run", "phase", *chosen, "--tops", "generic", *rows, "--quiet", "--json")
+    assert code == 0, err + out
+    tally = json.loads(out)["experiments"]["phase"]
+    assert tally["computed"] == tally["cells"] > 0
+    assert json.loads(out)["next"].endswith("--methods mine:METHOD,rk4 --tops generic")
+    cells = [json.loads(line)["cell"] for line in (tmp_path / "rows" / "phase.jsonl").read_text().splitlines()]
+    assert {cell["method"] for cell in cells} == {"mine:METHOD", "rk4"}
+    code, out, err = python(*bench, "report", *rows, *chosen, "--json")
+    assert code == 0, err
+    page = Path(json.loads(out)["page"]).read_text(encoding="utf-8")
+    assert re.search(r"Suzuki,\sedited", page), "its own label"
+    command = "run phase --profile quick --results rows --methods mine:METHOD,rk4"
+    assert " ".join(f"<span>{word}</span>" for word in command.split()) in page
+    code, out, err = python(*bench, "run", "phase", "--methods", "mine", *rows)
+    assert code == 2
+    assert err.endswith("no cell here is of the method 'mine'; for the one in mine.py use mine:METHOD\n")

@@ -298,8 +298,8 @@ def test_commands_of_the_usual_folders_are_short():
     assert quick.run("phase") == "lagrange-bench run phase --profile quick"
     assert quick.report == "lagrange-bench report --results results/local/quick"
     sweep = origin.find(store.default_results("mine"), [None])
-    assert sweep.run("sweep_mine") == "lagrange-bench run FILE.toml"
-    assert origin.Origin("my out").run("sweep_mine") == "lagrange-bench run FILE.toml --results 'my out'"
+    assert sweep.run("sweep_mine") == "lagrange-bench run mine.toml"
+    assert origin.Origin("my out").run("sweep_mine") == "lagrange-bench run mine.toml --results 'my out'"
 
 
 def test_drawn_in_two_processes_it_is_the_same(tmp_path):
