@@ -1,5 +1,6 @@
 """What several test files use: a cache folder for heyoka that is not the user's, and the command line in this process."""
 
+import gc
 import json
 import os
 import tempfile
@@ -8,13 +9,22 @@ import pytest
 
 from lagrange_bench import __main__ as cli
 
-_folder = tempfile.TemporaryDirectory(prefix="heyoka-")
-os.environ["HEYOKA_CACHE_DIR"] = _folder.name
+if "PYTEST_XDIST_WORKER" not in os.environ:  # the processes of pytest-xdist share the folder of their parent
+    _folder = tempfile.TemporaryDirectory(prefix="heyoka-")
+    os.environ["HEYOKA_CACHE_DIR"] = _folder.name
 
 
 def pytest_collection_modifyitems(items):
     """Groups come first: each is long, and the last one would keep the other processes waiting."""
     items.sort(key=lambda item: item.get_closest_marker("xdist_group") is None)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _nothing_to_collect_twice():
+    """What a file of tests leaves behind stays: each full collection would go through all of it, for half a second."""
+    yield
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture
