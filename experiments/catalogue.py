@@ -10,7 +10,6 @@ from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
 
 from experiments import EXPERIMENTS, SWEEP
-from integrators.registry import import_own
 from integrators.words import suggestion
 
 GROUP = "lagrange_bench.experiments"  # of entry points: name = package.module
@@ -42,6 +41,8 @@ def load(name: str) -> ModuleType:
     if name in EXPERIMENTS:
         path = f"experiments.{name}"
     elif "." in name and all(map(str.isidentifier, name.split("."))):
+        from integrators.registry import import_own
+
         path, find = name, import_own
     elif name.startswith(SWEEP):
         from experiments import sweep

@@ -117,8 +117,11 @@ class Section:
 
     @property
     def _module(self) -> str:
-        """What lets a module be imported that is not the bench's own."""
-        return f" --module {shlex.quote(self.experiment)}" if "." in self.experiment else ""
+        """What lets those modules be imported that are not the bench's own, if they were for this page."""
+        own = [name.partition(":")[0] for name in self.rows.get("method", ()) if ":" in str(name)]
+        own = [self.experiment] * ("." in self.experiment) + [name for name in own if name in sys.modules]
+        chosen = {name.partition(":")[0] for name in (*self.origin.choice.methods, *self.origin.choice.highlight)}
+        return "".join(f" --module {shlex.quote(name)}" for name in dict.fromkeys(own) if name not in chosen)
 
     @property
     def measured(self) -> str:
@@ -264,7 +267,8 @@ def counted(report: Report) -> str:
     drawn = sum(len(section.figures) for section in report.sections)
     made = sum(len(section.tables) for section in report.sections)
     fare = _told(_counts(report.claims))
-    return f"{drawn} figures, {made} tables" + (f", {len(report.claims)} claims ({fare})" if report.claims else "")
+    counts = [f"{count} {word}{'s' * (count != 1)}" for count, word in ((drawn, "figure"), (made, "table"))]
+    return ", ".join([*counts, *([f"{len(report.claims)} claims ({fare})"] if report.claims else [])])
 
 
 def _told(counts: dict[str, int]) -> str:

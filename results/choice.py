@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from integrators.registry import METHODS
 from integrators.words import suggestion
 
 
@@ -36,8 +35,11 @@ class Choice:
 
     def include(self) -> None:
         """Make methods in files of the user's own, `module:NAME`, known to this process. ValueError if one cannot be loaded."""
-        for name in (*self.methods, *self.highlight):
-            if ":" in name:
+        own = [name for name in (*self.methods, *self.highlight) if ":" in name]
+        if own:
+            from integrators.registry import METHODS
+
+            for name in own:
                 METHODS.include(name)
 
     def check(self, cells: Iterable[Mapping[str, Any]]) -> None:
