@@ -61,6 +61,9 @@ def export(
     mine = [experiment for experiment in stored if name.startswith(f"{experiment}_")]
     known: list[str] = []
     for experiment in sorted(mine, key=len, reverse=True):
+        if choice and Store(results, choice).rows(experiment).empty:
+            chosen = ", ".join((*choice.methods, *choice.tops))
+            raise UnknownFigure(f"{experiment} has no rows of {chosen}: lagrange-bench run {experiment}{choice.words}")
         for found, figure in draw(results, experiment, width, choice):
             if found == name:
                 path = output or Path(f"{name}.{kind}")
@@ -73,6 +76,13 @@ def export(
     if not known:
         raise UnknownFigure(f"nothing is stored in {results}: compute it with lagrange-bench run")
     raise UnknownFigure(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
+
+
+def lacking(name: str, results: Path, choice: Choice) -> list[str]:
+    """The chosen methods that a figure does not show, because its experiment has no rows of them."""
+    mine = [experiment for experiment in _stored(results)[0] if name.startswith(f"{experiment}_")]
+    experiment = max(mine, key=len)
+    return page.lacking(load_stored(experiment), Store(results, choice).rows(experiment), choice)
 
 
 def export_all(

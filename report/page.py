@@ -28,7 +28,7 @@ import jinja2
 import pandas as pd
 from markupsafe import Markup, escape
 
-from experiments import EXPERIMENTS
+from experiments import EXPERIMENTS, PROFILES
 from experiments.catalogue import UnknownExperiment, load, load_stored
 from experiments.drawing import figures, style, tables
 from experiments.measuring import errata
@@ -94,6 +94,7 @@ class Section:
     origin: Origin = PUBLISHED
     ages: Counter[str] = field(default_factory=Counter)  # of the cells: with which source code, see `sources.judge`
     notes: list[str] = field(default_factory=list)  # damaged lines of the journal
+    lacking: list[str] = field(default_factory=list)  # the methods asked for that it could have, and has no rows of
     errors: list[str] = field(default_factory=list)  # of the drawing
 
     @property
@@ -174,6 +175,12 @@ class Report:
     whole: bool  # the bench's own page: with claims, summary, fairness and errata
     beside: str = ""  # what its claims are held against
     panels: str = ""  # the data of the panels of the methods
+
+    @property
+    def judged(self) -> int:
+        """How many methods have rows that the exact solution judges."""
+        rows = [section.rows for section in self.sections if section.experiment not in ("perturbed", "gaudin")]
+        return len({name for some in rows for name in some.get("method", ()) if isinstance(name, str)})
 
 
 # ---------------------------------------------------------------- what others call
@@ -349,6 +356,7 @@ def _section(experiment: str, store: Store) -> Section:
         section.ages.update(map(sources.judge, journal.latest))
         if module is not None:
             section.profiles = origin.profiles_of(module, journal.latest)
+            section.lacking = lacking(module, section.rows, store.choice)
     except StoreError as error:
         section.errors.append(str(error).replace(f"{store.folder}{os.sep}", ""))
     if module is None or section.rows.empty:
@@ -362,6 +370,15 @@ def _section(experiment: str, store: Store) -> Section:
     except Exception as error:
         section.errors.append(f"tables cannot be made: {_said(error)}")
     return section
+
+
+def lacking(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list[str]:
+    """The chosen methods that an experiment could measure, and has no rows of."""
+    missing = [name for name in choice.methods if name not in set(rows.get("method", ()))]
+    if not missing or rows.empty:
+        return []
+    known = {cell.get("method") for profile in PROFILES for cell in module.cells(profile)}
+    return [name for name in missing if name in known]
 
 
 def _figures(module: ModuleType, rows: pd.DataFrame, highlight: Sequence[str]) -> list[DrawnFigure]:
@@ -514,6 +531,7 @@ def _packed_phones(sections: list[Section]) -> dict[str, str]:
 def _headline(sections: list[Section]) -> Section | None:
     """The section whose first figure opens the page: HEADLINE's, or the first that has any."""
     drawn = [section for section in sections if section.figures]
+    drawn = [section for section in drawn if not section.lacking] or drawn
     return next((section for section in drawn if section.experiment == HEADLINE), drawn[0] if drawn else None)
 
 

@@ -60,11 +60,22 @@ class Choice:
                 close = suggestion(unknown[0], known)
                 if word == "method" and Path(f"{unknown[0]}.py").is_file():
                     close = f"; for the one in {unknown[0]}.py use {unknown[0]}:METHOD"
+                if word == "method" and (why := _refusal(unknown[0], found["top"])):
+                    raise ValueError(f"{flag}: {why}")
                 more = f" Known: {', '.join(known)}" if close == "." and known else ""
                 raise ValueError(f"{flag}: no cell here is of the {word} {unknown[0]!r}{close}{more}")
 
 
 ALL = Choice()
+
+
+def _refusal(method: str, tops: Iterable[Any]) -> str | None:
+    """Why a method has no cells, if all of these are of tops in a potential that it does not take."""
+    from integrators import METHODS, PERTURBED_TOPS
+
+    if method not in METHODS or not all(top in PERTURBED_TOPS for top in tops):
+        return None
+    return next(filter(None, (METHODS[method].takes(PERTURBED_TOPS[top].top) for top in sorted(tops))), None)
 
 
 def _top(cell: Mapping[str, Any]) -> Any:

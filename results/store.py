@@ -16,7 +16,7 @@ import numbers
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -188,11 +188,14 @@ def latest(records: Sequence[Record]) -> list[Record]:
     for record in records:
         if record["version"] == newest:
             cell = _canonical(record["cell"])
-            old = chosen.get(cell)
-            if old and old["status"] == "done" and not _replaces(record, old["key"], old.get("sources")):
-                continue
-            chosen[cell] = record
+            if _counts(record, chosen.get(cell)):
+                chosen[cell] = record
     return [chosen[cell] for cell in sorted(chosen, key=lambda cell: (chosen[cell]["position"], cell))]
+
+
+def _counts(record: Record, old: Record | None) -> bool:
+    """Whether a record counts instead of an earlier one of its cell."""
+    return not old or old["status"] != "done" or _replaces(record, old["key"], old.get("sources"))
 
 
 def _replaces(record: Record, key: str, digest: str | None) -> bool:
@@ -350,21 +353,39 @@ class Store:
         what = "damaged" if line.endswith(b"\n") else "cut off while it was written"
         return f"{self.path(experiment)}, line {number}: {what}; skipped, its cell counts as not computed"
 
-    def done(self, experiment: str) -> tuple[dict[bytes, str | None], list[str]]:
-        """Keys of the cells that were computed, with the digests of the sources that did, and what is wrong with the
-        lines that are no record."""
+    def done(self, experiment: str) -> tuple[dict[bytes, str | None], set[bytes], list[str]]:
+        """Keys of the cells that were computed, with the digests of the sources that did; which of these are hidden; and
+        what is wrong with the lines that are no record.
+
+        Hidden is a key if `latest` takes a later record of the cell, with another key: a user's method was edited and the
+        edit undone, or packages changed and changed back. `revive` brings its rows back.
+        """
         found: dict[bytes, str | None] = {}
+        shown: dict[bytes, Record] = {}  # of each cell and version the head of the record that counts
         problems = []
         for number, line, record in self.lines(experiment):
             if record is None:
                 problems.append(self._problem(experiment, number, line))
                 continue
             key, digest = bytes.fromhex(record["key"]), record.get("sources")
+            cell = hashlib.sha256(_canonical([record["version"], record["cell"]]).encode("ascii")).digest()
+            if _counts(record, shown.get(cell)):
+                shown[cell] = {"key": sys.intern(record["key"]), "sources": digest, "status": record["status"]}
             if record["status"] == "done":
                 found[key] = digest and sys.intern(digest)  # there are few of them, and many cells
             elif key in found and _replaces(record, record["key"], found[key]):
                 del found[key]
-        return found, problems
+        return found, set(found) - {bytes.fromhex(head["key"]) for head in shown.values()}, problems
+
+    def revive(self, experiment: str, keys: Collection[bytes]) -> None:
+        """Appends the last success under each of these keys once more, so that it is what counts again."""
+        last = {
+            record["key"]: record
+            for _, _, record in self.lines(experiment)
+            if record is not None and record["status"] == "done" and bytes.fromhex(record["key"]) in keys
+        }
+        now = provenance.provenance()["utc"]  # else `merge` takes both for one
+        self.append(*({**record, "revived": now} for record in last.values()))
 
     def merge(self, other: Store) -> dict[str, tuple[int, int]]:
         """Appends the records of another store that are not here yet: experiment → (how many, damaged lines left out).

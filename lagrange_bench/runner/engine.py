@@ -227,7 +227,8 @@ def _plan(
     """
     plan, version = _Plan(experiment, profile, shard, choice), load(experiment).VERSION
     tally = summary.tallies[experiment] = Tally()
-    done, problems = store.done(experiment)
+    done, hidden, problems = store.done(experiment)
+    revived = set()
     summary.notes += problems
     seen = set()
     for _, cell in plan.cells():
@@ -249,12 +250,15 @@ def _plan(
             _note(summary, f"skipped: the timing cells of {experiment}, as asked")
         if stored and not missing:
             tally.stored += 1
+            revived |= {key} & hidden
             tally.other_sources += age == sources.OTHER
             tally.unknown_sources += age == sources.UNKNOWN
         elif not missing:
             tally.unavailable += 1
         plan.accuracy.append(missing and not timed)
         plan.timing.append(missing and timed)
+    if revived:
+        store.revive(experiment, revived)
     return plan
 
 

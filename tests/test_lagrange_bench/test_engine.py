@@ -60,6 +60,18 @@ def test_only_what_is_missing(toy, monkeypatch):
     assert toy.store.rows(TOY)["i"].tolist() == [1]
 
 
+def test_what_is_as_it_was_is_shown_again_and_not_computed(toy, monkeypatch):
+    toy(squares(1, 2))
+    first = [record["key"] for record in toy.store.latest(TOY)]
+    with monkeypatch.context() as changed:
+        changed.setattr("results.store._packages", lambda: {"numpy": "99"})
+        assert tally(toy(squares(1, 2))).computed == 2
+        assert [record["key"] for record in toy.store.latest(TOY)] != first
+    again = tally(toy(squares(1, 2)))
+    assert (again.computed, again.stored) == (0, 2)
+    assert [record["key"] for record in toy.store.latest(TOY)] == first
+
+
 def test_rows_come_in_the_order_of_the_cells(toy):
     toy(squares(5, seconds=0.3) + squares(4, 3, 2, 1))  # the first finishes last
     assert toy.store.rows(TOY)["i"].tolist() == [5, 4, 3, 2, 1]

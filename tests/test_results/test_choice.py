@@ -8,11 +8,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from experiments import drift, phase
 from experiments import work_precision as experiment
 from experiments.drawing import style
 from integrators import METHODS
 from lagrange_bench import work_precision
 from lagrange_bench.runner import engine
+from report import page
 from results.choice import ALL, Choice
 from results.store import Store, make_record
 
@@ -50,6 +52,29 @@ def test_a_name_that_nothing_has(names, message):
         Choice(**names).check(CELLS)
     assert str(caught.value) == message
     Choice(("rk4",), ("mine",)).check(CELLS)
+
+
+def test_a_method_that_takes_none_of_the_tops_is_refused_with_its_reason():
+    in_potentials = [{"method": "rk4", "state": "weak_tide"}]
+    with pytest.raises(
+        ValueError, match="--methods: backlund does not take the potential tide: it is a map of the torus"
+    ):
+        Choice(("backlund",)).check(in_potentials)
+    with pytest.raises(ValueError, match="no cell here is of the method 'backlund'"):
+        Choice(("backlund",)).check([*in_potentials, {"method": "rk4", "state": "generic"}])
+
+
+def test_a_chosen_method_without_rows_is_named(run, tmp_path):
+    cells = [{"part": "h", "method": "rk4", "state": "generic", "span": 64, "h": 0.25}]
+    done = {"status": "done", "rows": [{"error": 1.0}], "error": None, "warnings": [], "seconds": 0.1}
+    Store(tmp_path).append(*(make_record("phase", phase.VERSION, i, cell, **done) for i, cell in enumerate(cells)))
+    rows = Store(tmp_path).rows("phase")
+    assert page.lacking(phase, rows, Choice(("rk4", "strang", "nobody"))) == ["strang"]
+    assert page.lacking(phase, rows, Choice(("rk4",))) == []
+    Store(tmp_path).append(make_record("drift", drift.VERSION, 0, {"method": "strang", "state": "generic"}, **done))
+    code, out, err = run("figure", "phase_h", "--methods", "strang", "--results", tmp_path)
+    assert (code, out) == (2, "")
+    assert err.endswith("phase has no rows of strang: lagrange-bench run phase --methods strang\n")
 
 
 def test_a_store_shows_what_is_chosen(tmp_path):

@@ -189,6 +189,25 @@ def test_a_new_environment_replaces_even_by_failure(tmp_path, monkeypatch):
     assert results.rows("toy")["status"].tolist() == ["failed"]
 
 
+@pytest.mark.parametrize("status", ["done", "failed"])
+def test_what_is_as_it_was_counts_again(tmp_path, monkeypatch, status):
+    """A user's method, or a package, was changed and changed back: the later record must not stand for the earlier."""
+    results = Store(tmp_path)
+    results.append(record(1))
+    key = bytes.fromhex(store.cell_key("toy", 1, {"i": 1}))
+    with monkeypatch.context() as changed:
+        changed.setattr(store, "_packages", lambda: {"numpy": "99"})
+        results.append(record(2, status, position=1, i=1))
+    assert results.done("toy")[1] == {key}
+    assert results.latest("toy")[0]["rows"] != [{"square": 1.0}], "negative control"
+    results.revive("toy", {key})
+    assert results.latest("toy")[0]["rows"] == [{"square": 1.0}]
+    assert key not in results.done("toy")[1]
+    merged = Store(tmp_path / "merged")
+    merged.merge(results)
+    assert merged.latest("toy")[0]["rows"] == [{"square": 1.0}]
+
+
 def test_other_sources_replace_even_by_failure(tmp_path):
     """What worked with other source code is not shown for what fails with this, and is tried again."""
     results = Store(tmp_path)
@@ -229,7 +248,7 @@ def test_nothing_stored(tmp_path):
     assert results.rows("toy").empty
     assert {"key", "status", "failure"} <= set(results.rows("toy").columns)
     assert results.open("toy").failures().empty
-    assert results.done("toy") == ({}, [])
+    assert results.done("toy") == ({}, set(), [])
     assert not results.folder.exists()
 
 
