@@ -245,6 +245,8 @@ def assemble(
         curves = _attempt(lambda: panels.script(rows), curves, "panels of the methods: cannot be made", errors)
     ages = sum((section.ages for section in sections), Counter[str]())
     old = sources.told(ages[sources.OTHER], ages[sources.UNKNOWN])
+    if old:
+        old += f" (lagrange-bench verify {shlex.quote(source.folder)} computes a sample again and compares)"
     told = "; ".join(filter(None, (origin.told(source, [section.provenance for section in sections]), old)))
     return Report(sections, judged, fair, misprints, shown, errors, told, whole, held, curves)
 

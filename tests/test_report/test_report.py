@@ -242,7 +242,8 @@ def test_the_page_says_which_rows_are_old(results, tmp_path, monkeypatch):
     old = "2 stored cells were computed with other source code than this; "
     old += "1 stored cell was computed with source code that was not recorded"
     assert [section.old for section in report.sections] == [old, "", ""]
-    assert report.origin.endswith(f"; {old}")
+    compare = "lagrange-bench verify mine/quick computes a sample again and compares"
+    assert report.origin.endswith(f"; {old} ({compare})")
     words = unescape(re.sub("<[^>]*>", "", markup(page.html(report))))
     assert (
         f"{old}. Compute them again: lagrange-bench run toy.good --profile quick --results mine/quick --again" in words
