@@ -36,7 +36,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.mathtext import MathTextParser
 from matplotlib.text import Text
-from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator, StrMethodFormatter
+from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullFormatter, NullLocator
 from matplotlib.transforms import blended_transform_factory, offset_copy
 
 from integrators.registry import BUILT_IN, METHODS
@@ -47,6 +47,7 @@ LONGEST = 44  # letters of a label in a column
 _FORCED: ContextVar[str | None] = ContextVar("width of every figure", default=None)
 _HIGHLIGHTED: ContextVar[tuple[str, ...]] = ContextVar("methods that stand out", default=())
 DECADES = 4  # an axis of more has no ticks between the powers of ten
+LESS = 0.6  # decades: an axis of less has no room for numbers at 1, 2 and 5
 CONTRAST = 4.5  # of coloured text on white, as WCAG asks for
 INK, FAINT = "#222222", "#6b6b6b"
 
@@ -145,7 +146,7 @@ class Figure(matplotlib.figure.Figure):
 
     def draw(self, renderer: Any) -> None:
         for ax in self.axes:
-            _no_ticks_between(ax)
+            _choose_ticks(ax)
         engine = self.get_layout_engine()
         if engine is None:
             super().draw(renderer)
@@ -158,13 +159,20 @@ class Figure(matplotlib.figure.Figure):
         self.set_layout_engine(engine)
 
 
-def _no_ticks_between(ax: Axes) -> None:
-    for axis, scale, (low, high) in (
+def _choose_ticks(ax: Axes) -> None:
+    """On logarithmic axes: none between the powers of ten of many decades; labels of x that do not touch on few."""
+    for axis, scale, limits in (
         (ax.xaxis, ax.get_xscale(), ax.get_xlim()),
         (ax.yaxis, ax.get_yscale(), ax.get_ylim()),
     ):
-        if scale == "log" and abs(np.log10(high / low)) > DECADES:
+        if scale != "log":
+            continue
+        low, high = sorted(np.log10(limits))
+        if high - low > DECADES:
             axis.set_minor_locator(NullLocator())
+        powers = math.floor(high) - math.ceil(low) + 1
+        if axis is ax.xaxis and powers < 2 and type(axis.get_major_locator()) is LogLocator:
+            few_decades(axis, high - low)
 
 
 @contextmanager
@@ -259,7 +267,7 @@ def _formula(text: str) -> bool:
 def finish(fig: matplotlib.figure.Figure) -> None:
     """Makes a figure ready to be saved; panels on top of each other get the labels they had from their neighbours."""
     for ax in fig.axes:
-        _no_ticks_between(ax)  # or thousands of them are made, to be looked at and thrown away
+        _choose_ticks(ax)  # or thousands of them are made, to be looked at and thrown away
     _keep_to_the_letter(fig)
     if fig.get_figwidth() == WIDTHS["column"]:
         for ax in fig.axes:
@@ -604,10 +612,13 @@ def _luminance(rgb: Any) -> float:
     return float(linear @ (0.2126, 0.7152, 0.0722))
 
 
-def few_decades(axis: Any) -> None:
-    """Plain numbers at 1, 2 and 5, for a logarithmic axis of a decade or two."""
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+def few_decades(axis: Any, decades: float = 1.0) -> None:
+    """Plain numbers for a logarithmic axis of a decade or two: at 1, 2 and 5; at 1 and 3 if it has more than one decade."""
+    from experiments.drawing.tables import show
+
+    digits = (1, 3) if decades > 1 else (1, 2, 5)
+    axis.set_major_locator(LogLocator(subs=digits) if decades > LESS else MaxNLocator(4, steps=(1, 2, 5, 10)))
+    axis.set_major_formatter(lambda value, _: show(float(value)))
     axis.set_minor_formatter(NullFormatter())
 
 

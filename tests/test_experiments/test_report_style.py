@@ -236,6 +236,19 @@ def test_ticks_between_the_decades_only_where_they_can_be_told_apart():
         assert "2" in [text.get_text() for text in few.get_yticklabels()]
 
 
+@pytest.mark.parametrize("ends", [(2.5e-3, 8e-2), (1.2e-2, 8.5e-2), (1.1, 2.3), (1.2e-5, 4e-5)])
+def test_numbers_below_a_short_logarithmic_axis_do_not_overlap(ends):
+    with style.apply():
+        fig, (ax, *_) = style.figure("page", 1.8, ncols=3)
+        ax.loglog(ends, [1, 2])
+        fig.draw_without_rendering()
+        ticks = ax.get_xticklabels() + ax.get_xticklabels(minor=True)
+        shown = [text.get_window_extent() for text in ticks if text.get_text()]
+    inside = sorted((box for box in shown if ax.bbox.x0 <= (box.x0 + box.x1) / 2 <= ax.bbox.x1), key=lambda box: box.x0)
+    assert len(inside) >= 2
+    assert all(left.x1 < right.x0 for left, right in pairwise(inside))
+
+
 def test_labels_at_the_ends_do_not_overlap():
     with style.apply():
         fig, ax = style.figure("column")
