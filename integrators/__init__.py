@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from integrators.paper.gaudin_model import GaudinMagnet
     from integrators.problem.body import HeavyTop
     from integrators.problem.perturbed import PerturbedTop, Potential
-    from integrators.problem.potentials import PERTURBED_TOPS
+    from integrators.problem.potentials import PERTURBED_TOPS, in_any_field
     from integrators.problem.top import TOPS, LagrangeTop, NamedTop
     from integrators.registry import METHODS, POTENTIALS, available
     from integrators.truth import exact
@@ -56,6 +56,7 @@ __all__ = [
     "Work",
     "available",
     "exact",
+    "in_any_field",
     "integrate",
     "integrate_ensemble",
     "predicted_phase",
@@ -78,7 +79,7 @@ __getattr__, __dir__ = face(
         "integrators.problem.body": ("HeavyTop",),
         "integrators.compiling.expression": ("sqrt",),
         "integrators.problem.perturbed": ("PerturbedTop", "Potential"),
-        "integrators.problem.potentials": ("PERTURBED_TOPS",),
+        "integrators.problem.potentials": ("PERTURBED_TOPS", "in_any_field"),
         "integrators.problem.top": ("TOPS", "LagrangeTop", "NamedTop"),
         "integrators.registry": ("METHODS", "POTENTIALS", "available"),
         "integrators.truth.exact": (),

@@ -104,6 +104,13 @@ TIDE = Potential(
     note="k (n·x)²/2: the tide of a distant mass in direction n; k = 3 (GM/r³)(C − A)/A, in units of J²/x²",
 )  # fmt: skip
 
+NOTHING = Potential("nothing", lambda x1, x2, x3, p: 0.0, note="0: the top alone")
+
+
+def in_any_field(top: LagrangeTop | PerturbedTop) -> PerturbedTop:
+    """A `PerturbedTop` as it is, a `LagrangeTop` as one without a potential: so one kernel serves both."""
+    return top if isinstance(top, PerturbedTop) else PerturbedTop(top, NOTHING)
+
 
 @dataclass(frozen=True)
 class NamedPerturbedTop(NamedTop):

@@ -7,7 +7,17 @@ import mpmath
 import numpy as np
 import pytest
 
-from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, LagrangeTop, PerturbedTop, Potential, integrate, sqrt
+from integrators import (
+    METHODS,
+    PERTURBED_TOPS,
+    POTENTIALS,
+    LagrangeTop,
+    PerturbedTop,
+    Potential,
+    in_any_field,
+    integrate,
+    sqrt,
+)
 from integrators.compiling.expression import Program, Tape, machine_code, record
 from integrators.problem.perturbed import SAME
 from integrators.registry import find_potential
@@ -209,3 +219,11 @@ def test_both_ways_of_differentiating_agree():
         right = [float(mpmath.diff(value, (0.7, -1.1, 2.3), order)) for order in orders]
     assert np.allclose(values[:3], right, rtol=1e-12)
     assert isinstance(tape.program(gradient), Program)
+
+
+def test_a_top_without_a_potential_as_one_in_a_potential():
+    top = in_any_field(TOP)
+    assert isinstance(top, PerturbedTop)
+    assert np.array_equal(top.rhs(Y), TOP.rhs(Y))
+    assert np.array_equal(top.invariants(Y), TOP.invariants(Y))
+    assert in_any_field(FIELDS["magnet"]) is FIELDS["magnet"]
