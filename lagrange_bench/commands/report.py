@@ -23,7 +23,7 @@ examples:
   lagrange-bench report                                        the published results
   lagrange-bench report --results results/local/quick --open   your own run, in the browser
   lagrange-bench report --results results/local/quick --beside results/reference
-  lagrange-bench report --results results/local/quick --methods mine,rk4,backlund --output my_page
+  lagrange-bench report --results results/local/quick --methods mine:METHOD,rk4,backlund --output my_page
 
 exit codes: 0 the page is complete; a claim that is refuted is a finding, reported on stderr and on the page · 1 a part could
 not be drawn, which the page says in its place · 2 no such results, or files cannot be written"""

@@ -27,7 +27,7 @@ EXAMPLES = """\
 examples:
   lagrange-bench run                            everything, quick: about five minutes on two cores
   lagrange-bench run cost --profile full        one experiment as published; leave the machine alone meanwhile
-  lagrange-bench run drift phase --methods mine,rk4,strang --tops generic,fast
+  lagrange-bench run drift phase --methods mine:METHOD,rk4,strang --tops generic,fast
   lagrange-bench run my.toml                    tops, methods and steps of your own (docs/sweeps.md)
   lagrange-bench run drift --scheduler tcp://head:8786      on the workers of a Dask scheduler
 
@@ -35,7 +35,8 @@ With --shard 3/100 --no-timings each of a hundred jobs computes a hundredth of t
 
 After you edited a method or an experiment, lagrange-bench run --again computes the cells it changed: with each cell the
 source code is recorded that its rows come from, what measures, the method, and all the functions these call. Comments,
-figures and other methods do not count. New rows are added to the journal, and the old ones stay in it.
+figures and other methods do not count. New rows are added to the journal, and the old ones stay in it. Methods and potentials
+in files of your own need no --again: after any change to their file, also of a comment, a plain run computes their cells.
 
 Timing cells are measured on this machine, one at a time, after all others, whatever --jobs and --scheduler say; with
 --no-timings not at all. Needs for --scheduler: pip install 'lagrange-bench[cluster]' (docs/cluster.md).
@@ -115,8 +116,8 @@ def _own_modules(experiments: Iterable[str]) -> list[str]:
     modules = []
     for name in experiments:
         if name.startswith(SWEEP):
-            methods = [cell["method"] for cell in load(name).cells("full")]
-            modules += [method.partition(":")[0] for method in methods if ":" in method]
+            own = [cell.get(word, "") for cell in load(name).cells("full") for word in ("method", "potential")]
+            modules += [value.partition(":")[0] for value in own if ":" in value]
         elif "." in name:
             modules.append(name)
     return list(dict.fromkeys(modules))
