@@ -1,15 +1,16 @@
 """Perturbed tops: which method is best where an integrator is needed?
 
 A top in a uniform field has a closed form and needs no integrator. In any other field it has none: a tide, a magnet, an
-uneven field. Most of these tops are nearly integrable: a weak field of size ε bends the tori a little. Two are not: one is
-close to a separatrix, one is chaotic, and there two neighbouring orbits part by a factor e in each Lyapunov time. For the
-chaotic top that is 25 units: an ulp grows to 1e-6 in about 550.
+uneven field. The full profile has ten such tops, the quick profile one, in a weak tide. Most of the ten are nearly integrable:
+a weak field of size ε bends the tori a little. Two are not: one is close to a separatrix, one is chaotic, and there two
+neighbouring orbits part by a factor e in each Lyapunov time. For the chaotic top that is 25 units: an ulp grows to 1e-6 in
+about 550.
 
 Who wins depends on ε, on the length of the run and on the error asked for. A splitting with the exact step inside makes an
 error in proportion to ε, so it can take long steps in weak fields; each of its steps costs more than one of rotations. The map
 of winners shows where the border is.
 
-Every method that takes a potential follows ten tops. Part “drift” asks what each keeps of H, J3, C1 and C2. Part
+Every method that takes a potential follows these tops. Part “drift” asks what each keeps of H, J3, C1 and C2. Part
 “order” asks how its error falls with the step. Part “work” asks what an error costs on runs of 10³ and 10⁴ units of
 time. On one top it also has runs of 10⁵, by the methods that are near the first place there. The splitting with the
 exact step races with two of its schemes. Errors are those against the reference in quadruple precision. On a chaotic
@@ -203,7 +204,7 @@ def _draw_work(good: pd.DataFrame, style, span: float):
     fig.caption = (
         f"Error at t = {show(span)} against wall time, set-up included, for tops in a potential; down and left is better. "
         f"{style.naming(good.method, 'bold: the splitting with the exact step, and the two others quickest to 1e-8')}. "
-        "Each point is one step size or tolerance."
+        "Each curve joins a method's Pareto-optimal runs, one for each step size or tolerance."
     )
     return fig
 

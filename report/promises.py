@@ -494,8 +494,8 @@ CLAIMS = [
     ),
     Claim(
         "magnet-cost",
-        "Once prepared, the exact step of two units takes at least 20 times less time than heyoka takes for two units. This is "
-        "the least ratio over the sizes of the magnet.",
+        "heyoka takes at least 20 times as long for two units of time as the exact step of two units, once that is prepared. "
+        "This is the least ratio over the sizes of the magnet.",
         "gaudin",
         compare(magnet_cost, operator.ge, 20.0),
         unit="×",

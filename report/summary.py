@@ -18,6 +18,8 @@ from report.promises import EXACT, ratios_over_steps, table
 OURS = "backlund"
 POOR = 1e-3  # an error of which one says that the phase is off
 
+OTHERS = "methods that are neither Bäcklund maps nor closed forms"
+
 Said = tuple[str, str, str]  # the number, what it is, the sentence
 
 
@@ -74,8 +76,8 @@ def accuracy(rows: dict[str, pd.DataFrame]) -> Said:
         worst,
         f"largest error of the exact step, at any h from {shortest} to {longest}, up to t\xa0=\xa0{phase.SPAN:g}",
         f"At any step from {shortest} to {longest} the exact Bäcklund step is within {worst} of the true state up to "
-        f"t = {phase.SPAN:g}; at a step of {_show(h)} the best method that is not exact in time, {_name(best.method)}, "
-        f"is off by {_show(errors.min())}, and {poor} of {len(at)} are off by more than {_show(POOR)} or fail.",
+        f"t = {phase.SPAN:g}. {len(at)} {OTHERS} step by h: at a step of {_show(h)} the best of them, {_name(best.method)}, "
+        f"is off by {_show(errors.min())}, and {poor} are off by more than {_show(POOR)} or fail.",
     )
 
 
@@ -89,11 +91,11 @@ def cost(rows: dict[str, pd.DataFrame]) -> Said:
         f"{f' ({over})' if over else ''}"
     )
     text = (
-        f"A run up to t = {_show(steps * h)} at half a nutation period a step takes {_show(1e3 * ours)} ms, "
-        f"{times} times less than a Taylor series at machine precision ({_show(1e3 * theirs)} ms), with an error of "
-        f"{_show(error)} against {_show(their_error)}"
+        f"A run up to t = {_show(steps * h)} at half a nutation period a step takes {_show(1e3 * ours)} ms, with an error of "
+        f"{_show(error)}. A Taylor series at machine precision takes {times} times as long ({_show(1e3 * theirs)} ms), with an "
+        f"error of {_show(their_error)}."
     )
-    return f"{times}×", gloss, text + _where_it_loses(rows.get("work_precision", pd.DataFrame())) + "."
+    return f"{times}×", gloss, text + _where_it_loses(rows.get("work_precision", pd.DataFrame()))
 
 
 def _where_it_loses(rows: pd.DataFrame) -> str:
@@ -107,11 +109,11 @@ def _where_it_loses(rows: pd.DataFrame) -> str:
             if len(found) and found.iloc[0].family not in EXACT and (found.family == "backlund").any():
                 first, ours = found.iloc[0], found[found.family == "backlund"].iloc[0]
                 return (
-                    f"; it loses short runs, where calls from Python are most of the work: up to t = {_show(span)}, for an "
-                    f"error of {_show(target)} on {state}, {_name(first.method)} takes "
-                    f"{_show(ours.total / first.total)} times less"
+                    f" Bäcklund maps lose short runs, where calls from Python are most of the work: up to t = {_show(span)}, "
+                    f"for an error of {_show(target)} on {state}, the cheapest of them takes "
+                    f"{_show(ours.total / first.total)} times as long as {_name(first.method)}."
                 )
-    return "; in no run stored, however short, is a method cheaper that is not exact"
+    return " Bäcklund maps and closed forms are the cheapest in every stored run, however short."
 
 
 def invariants(rows: dict[str, pd.DataFrame]) -> Said:
@@ -128,8 +130,9 @@ def invariants(rows: dict[str, pd.DataFrame]) -> Said:
     return (
         kept,
         f"largest error of H, J3, C1 and C2, relative to their scales, in {_show(steps)} steps on {tops} tops",
-        f"Over {_show(steps)} steps on {tops} tops H, J3, C1 and C2 stay within {kept} of their scales; "
-        f"of {others.method.nunique()} methods that are not exact {drifting} let at least one of them drift steadily.",
+        f"Over {_show(steps)} steps on {tops} tops H, J3, C1 and C2 stay within {kept} of their scales. Of the "
+        f"{others.method.nunique()} {OTHERS}, with steps of h or of their own, {drifting} let at least one of the four drift "
+        "steadily.",
     )
 
 

@@ -17,6 +17,7 @@ from experiments.catalogue import load
 from integrators import METHODS, PERTURBED_TOPS, TOPS, integrate
 from integrators.problem.top import LagrangeTop
 from lagrange_bench.arguments import numbers
+from lagrange_bench.commands.run import _own_modules
 from results.store import Store
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "sweeps.md"
@@ -216,6 +217,13 @@ def test_cells_carry_the_potential(write):
     assert kinds["weak_tide"] == ("tide", "0.0001,1.0,0.0,0.0")
     assert kinds["generic"] == (None, None)
     assert "potential" not in next(cell for cell in found if cell["top"] == "generic")  # its key is what it was
+
+
+def test_the_module_of_a_potential_of_the_users_own_is_named_for_the_page(write):
+    own = IN_A_FIELD.replace('"charge"', '"integrators.problem.potentials:CHARGE"')
+    assert _own_modules([sweep.read(write(own))]) == ["integrators.problem.potentials"]
+    sweep._cells.clear()
+    assert _own_modules([sweep.read(write(IN_A_FIELD))]) == []
 
 
 def test_rows_in_a_potential_are_judged_by_the_reference():
