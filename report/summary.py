@@ -77,7 +77,7 @@ def accuracy(rows: dict[str, pd.DataFrame]) -> Said:
         f"largest error of the exact step, at any h from {shortest} to {longest}, up to t\xa0=\xa0{phase.SPAN:g}",
         f"At any step from {shortest} to {longest} the exact Bäcklund step is within {worst} of the true state up to "
         f"t = {phase.SPAN:g}. {len(at)} {OTHERS} step by h: at a step of {_show(h)} the best of them, {_name(best.method)}, "
-        f"is off by {_show(errors.min())}, and {poor} are off by more than {_show(POOR)} or fail.",
+        f"is off by {_show(errors.min())}, and {poor} of the {len(at)} are off by more than {_show(POOR)} or fail.",
     )
 
 
