@@ -194,7 +194,12 @@ def test_the_summary_is_written_from_rows():
     }
     accuracy, cost, drift = summary.sentences(rows)
     assert accuracy.found
-    for words in ("from 1 to 8", "within 4×10⁻¹⁵", "“Taylor 20, fixed step”, is off by 5.5×10⁻¹¹", "1 of the 2 are off"):
+    for words in (
+        "from 1 to 8",
+        "within 4×10⁻¹⁵",
+        "“Taylor 20, fixed step”, is off by 5.5×10⁻¹¹",
+        "1 of the 2 are off",
+    ):
         assert words in accuracy.text
     assert not cost.found
     assert not drift.found
