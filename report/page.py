@@ -119,7 +119,8 @@ class Section:
     @property
     def _module(self) -> str:
         """What lets those modules be imported that are not the bench's own, if they were for this page."""
-        own = [name.partition(":")[0] for name in self.rows.get("method", ()) if ":" in str(name)]
+        named = [str(name) for word in ("method", "potential") for name in self.rows.get(word, ())]
+        own = [name.partition(":")[0] for name in named if ":" in name]
         own = [self.experiment] * ("." in self.experiment) + [name for name in own if name in sys.modules]
         chosen = {name.partition(":")[0] for name in (*self.origin.choice.methods, *self.origin.choice.highlight)}
         return "".join(f" --module {shlex.quote(name)}" for name in dict.fromkeys(own) if name not in chosen)
