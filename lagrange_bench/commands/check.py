@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -47,8 +48,8 @@ def run(options: argparse.Namespace) -> Answer:
     if options.write_bounds:
         return _write(options.write_bounds, method)
     bounds = _bounds(options.bounds, method) if options.bounds else []
-    verdicts = checks.check(method, quick=options.quick)
-    if bounds:
+    verdicts = checks.check(options.method, quick=options.quick)
+    if bounds and not any(verdict.claim == checks.TAKES_A_STEP for verdict in verdicts):
         from experiments.measuring import bounds as drift
 
         verdicts += drift.judge(method, bounds)
@@ -118,11 +119,12 @@ def _name_taken(word: str, method: Method) -> list[str]:
 
     if ":" not in word or method.name not in METHODS:
         return []
-    try:
-        taken = METHODS[method.name] != method
-    except Exception:  # a plug-in that cannot be loaded has its name all the same
-        taken = True
-    return [f"the name {method.name} is taken: choose another for an entry point"] if taken else []
+    with contextlib.suppress(Exception):  # a plug-in that cannot be loaded has its name all the same
+        if METHODS[method.name] == method:
+            return []
+    owner = METHODS.owner(method.name)
+    yours = "" if method.name in METHODS.built_in else "; if that is your own, it is another copy of it"
+    return [f"the name {method.name} is taken, by {owner}: choose another for an entry point{yours}"]
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
