@@ -40,6 +40,7 @@ FIELD_STEPS = 1000  # of the runs that tell what is conserved there
 SPANS = (0.1, 0.5, 3.0)  # the last is out of reach of any series; a method need not be defined there, but if it is …
 AT = "h = 0.1, 0.5, 3, {} states"
 BIAS, WALK = 8, 128  # ulps a step that go the same way, that go either way: what round-off may make of an invariant
+ROUND_OFF = 1.5  # ulps a step, at most: what may be round-off and nothing else
 TOLERANCE = 0.15  # of a measured order
 FIELD_TOLERANCE = (
     0.3  # in a potential, which varies over less than |x|: at orders beyond 5 the next term shows in doubles
@@ -346,7 +347,7 @@ def conserves(
         if on and drifted is not None:
             bound = EPS * (BIAS * n if quantity in biased else min(BIAS * n, WALK * n**0.5))
             ulps = drifted / (n * EPS)
-            if bound < drifted and ulps <= 2 and found_worst is not None and found_worst.steady:
+            if bound < drifted and ulps <= ROUND_OFF and found_worst is not None and found_worst.steady:
                 how += f"; that is {ulps:.1g} ulp a step, always the same way, which looks like round-off and no fault of the "
                 how += "formula (see “A rounding that always goes the same way” in docs/adding-a-method.md)"
             yield Verdict(claim, drifted <= bound, drifted, f"≤ {bound:.1e}", how)
@@ -432,11 +433,11 @@ def extremes(method: Method, quick: bool, cases: Iterable[Extreme] | None = None
             raised.append(error)
         except Exception as error:
             bad.setdefault(first_step.describe(error, method, None), []).append(label)
-    told_once = (
+    grouped = (
         f"{on[0]}: {what}" if len(on) == 1 else f"{len(on)} of {runs} runs ({on[0]}, …): {what}"
         for what, on in bad.items()
     )
-    how = "; ".join(told_once) or f"{len(raised)} StepErrors, the other runs finite"
+    how = "; ".join(grouped) or f"{len(raised)} StepErrors, the other runs finite"
     yield Verdict("finite, or a StepError", not bad, float(sum(map(len, bad.values()))), "0", how)
     if raised:
         copies = [pickle.loads(pickle.dumps(error)) for error in raised]

@@ -91,7 +91,7 @@ def _modules(method: Method, word: str | None) -> set[str]:
 
 
 def interpreted(word: str) -> tuple[str, str] | None:
-    """Type and description of what the step ends in without Numba; None if in nothing, or if that cannot be told."""
+    """Type and description of what the step ends in without Numba; None if in nothing, or if this cannot be found out."""
     path = os.pathsep.join(folder for folder in sys.path if folder)
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": path}
     command = [sys.executable, "-P", "-m", __name__, word]

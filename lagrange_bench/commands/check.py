@@ -22,7 +22,8 @@ DESCRIPTION = """\
 Test what a method claims: its order, symmetry, Poisson map, invariants, and the contract of a stepper. Prints a verdict
 per claim. Pass and fail are about what the record claims. "Not claimed" has no bound: it is measured for your information. "Not
 judged" could not be measured, and the reason follows the table. Drifts of invariants are relative: 1 is as large as
-the invariant's terms. A method that takes tops in a potential is tested there, too ("in a field: …").
+the invariant's terms. A method that takes tops in a potential is tested there, too ("in a field: …"). A method that cannot
+take its first step gets one verdict, with the line of its code that fails.
 
 Also for your own method, before you publish it. With --bounds, tests the drift of its invariants against a file of
 bounds, too."""

@@ -12,7 +12,7 @@ import pytest
 
 from experiments.measuring import bounds as drift
 from experiments.measuring import check
-from integrators import METHODS, LagrangeTop, StepError
+from integrators import METHODS, LagrangeTop, StepError, Stepper
 from lagrange_bench.testing import assert_drift, assert_order
 
 MINE = replace(METHODS["strang"], name="mine")  # of nobody's registry
@@ -205,7 +205,7 @@ def test_an_error_that_is_no_number_is_the_largest():
 def test_an_overflow_of_the_bench_is_not_the_methods():
     """What the method asks of the top overflows; its answer is a StepError, as it should be."""
 
-    class Careful:
+    class Careful(Stepper):
         from_start, work = False, None
 
         def __init__(self, top):
