@@ -273,7 +273,7 @@ def _load(name: str, registry: Registry) -> Any:
 def _meant(name: str, error: Exception, registry: Registry) -> str:
     """What to add to the reason why `module:NAME` cannot be loaded: what was perhaps meant."""
     module = name.partition(":")[0]
-    if isinstance(error, ModuleNotFoundError) and error.name == module:
+    if isinstance(error, ModuleNotFoundError) and error.name == module and "." not in module:
         files = [path.stem for path in Path.cwd().glob("*.py")]
         return f"; there is no {module}.py in {Path.cwd()}{suggestion(module, files).rstrip('.')}"
     keyword = re.search(r"(\w+)\.__init__\(\) got an unexpected keyword argument '(\w+)'", str(error))
