@@ -74,6 +74,8 @@ def read(path: str | Path) -> str:
         raise ValueError(f'{path}: name must consist of letters, digits, _ and -; got {name!r}: set name = "…"')
     tops = _tops(content.get("tops", {}), str(path))
     sweeps = content.get("sweep")
+    if isinstance(sweeps, dict):
+        raise ValueError(f"{path}, [sweep]: write [[sweep]], with two brackets")
     if not isinstance(sweeps, list) or not sweeps:
         raise ValueError(f"{path}: says nothing to compute: it needs a table [[sweep]]")
     listed: dict[str, Cell] = {}

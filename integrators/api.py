@@ -154,6 +154,8 @@ def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, A
     check_options(method.name, build, options)
     start = perf_counter()
     stepper = build(top, y0, h, **options)
+    if stepper is None:
+        raise ValueError(f"{method.name}: prepare returned None: return a stepper")
     stepper.work.setup_seconds = perf_counter() - start
     return stepper
 

@@ -87,6 +87,36 @@ def in_one_call(at_once: Callable[..., Array | None]) -> Callable[[Callable[...,
     return decorate
 
 
+# fields of `Method` and `AnyField`: what they must be
+KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "a text": (lambda value: isinstance(value, str), "name label family source needs uniform_only reduces_to"),
+    "True or False": (lambda value: isinstance(value, bool), "symmetric poisson"),
+    "a whole number or None": (lambda value: value is None or type(value) is int, "order"),
+    "a function": (callable, "prepare"),
+    "a function or None": (
+        lambda value: value is None or callable(value),
+        "evaluate attitude advance_many evaluate_many",
+    ),
+    "a dict": (lambda value: isinstance(value, Mapping), "keeps biased"),
+    "an AnyField or None": (lambda value: value is None or isinstance(value, AnyField), "in_field"),
+    "a set, such as frozenset({'J3'})": (
+        lambda value: isinstance(value, (set, frozenset)),
+        "conserves if_quadratic",
+    ),
+}
+
+
+def check_record(record: Any) -> None:
+    """ValueError for a field of a `Method` or an `AnyField` of another kind: everything that reads it would fail."""
+    for what, (fits, names) in KINDS.items():
+        for name in names.split():
+            if hasattr(record, name) and not fits(value := getattr(record, name)):
+                raise ValueError(f"{name} must be {what}; got {value!r}")
+    for name in ("conserves", "if_quadratic"):
+        if unknown := set(getattr(record, name, ())) - set(INVARIANTS):
+            raise ValueError(f"{name} names unknown invariants: {sorted(map(str, unknown))}")
+
+
 Quantity = Callable[[Any, float, Array], tuple[Array, float]]
 
 
@@ -103,6 +133,9 @@ class AnyField:
     # ([problem, …], Y0, h, steps, every, out, stopped, **options) → the tops done, a mask; as `Method.advance_many`
     advance_many: Callable[..., NDArray[np.bool_]] | None = None
     biased: Mapping[str, str] = field(default_factory=dict, hash=False)  # as `Method.biased`
+
+    def __post_init__(self) -> None:
+        check_record(self)
 
 
 @dataclass(frozen=True)
@@ -138,12 +171,11 @@ class Method:
     options: tuple[str, ...] = field(init=False)  # keyword options of `prepare`
 
     def __post_init__(self) -> None:
+        check_record(self)
         if self.control not in ("step", "tolerance"):
             raise ValueError(f"control must be 'step' or 'tolerance', not {self.control!r}")
         if self.engine not in ENGINES:
             raise ValueError(f"engine must be one of {', '.join(ENGINES)}; got {self.engine!r}")
-        if unknown := self.conserves - set(INVARIANTS):
-            raise ValueError(f"conserves names unknown invariants: {sorted(unknown)}")
         if unclaimed := sorted(set(self.biased) - self.conserves - set(self.keeps)):
             raise ValueError(f"biased names what is not claimed: {unclaimed}")
         object.__setattr__(self, "options", keyword_options(self.prepare))

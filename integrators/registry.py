@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import inspect
 import multiprocessing
+import re
 import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
@@ -143,6 +145,11 @@ class Registry(Mapping[str, Any]):
         """The module that a registered name stands in."""
         return self._entries[name].module
 
+    def owner(self, name: str) -> str:
+        """Whose a registered name is: of the bench, or of a package with its entry point."""
+        entry = self._entries[name]
+        return f"the package {_package(entry)} ({entry.value})" if name not in self.built_in else "the bench"
+
     @contextmanager
     def lent(self, found: Any) -> Iterator[str]:
         """Inside, what need not be registered is known by its own name, in this process; gives the name."""
@@ -165,11 +172,15 @@ class Registry(Mapping[str, Any]):
 
     def _left_out(self, entry: EntryPoint) -> str:
         """What is said of a plug-in whose name is taken."""
-        package = entry.dist.name if entry.dist else entry.module
+        package = _package(entry)
         return (
             f"the plug-in {entry.name!r} ({entry.value} of the package {package}) is left out, for its name is taken: "
             f"give the {self.word} another name, or pip uninstall {package}"
         )
+
+
+def _package(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist else entry.module
 
 
 class TopRegistry(Registry):
@@ -236,11 +247,15 @@ def find_potential(potential: str | Any) -> Any:
 
 def _load(name: str, registry: Registry) -> Any:
     word = registry.word
+    path, colon, attribute = name.partition(":")
+    if path.endswith(".py"):
+        file = Path(path)
+        where = "" if file.parent == Path() else f" in the folder {file.parent}"
+        raise ValueError(f"{word} {name}: write {file.stem}:{attribute or word.upper()}{where}")
     try:
-        if ":" not in name:
+        if not colon:
             return registry[name]
-        module, _, attribute = name.partition(":")
-        found = getattr(import_own(module), attribute)
+        found = getattr(import_own(path), attribute)
     except KeyError as error:
         if Path(f"{name}.py").is_file():
             raise ValueError(
@@ -248,10 +263,23 @@ def _load(name: str, registry: Registry) -> Any:
             ) from None
         raise ValueError(str(error.args[0])) from None
     except Exception as error:  # importing somebody else's module may raise anything
-        raise ValueError(f"{word} {name} cannot be loaded: {type(error).__name__}: {error}") from error
+        hint = _meant(name, error, registry)
+        raise ValueError(f"{word} {name} cannot be loaded: {type(error).__name__}: {error}{hint}") from error
     if not isinstance(found, registry.kind):
         raise ValueError(f"{word} {name} is a {type(found).__name__}, not an integrators.{registry.kind.__name__}")
     return found
+
+
+def _meant(name: str, error: Exception, registry: Registry) -> str:
+    """What to add to the reason why `module:NAME` cannot be loaded: what was perhaps meant."""
+    module = name.partition(":")[0]
+    if isinstance(error, ModuleNotFoundError) and error.name == module and "." not in module:
+        files = [path.stem for path in Path.cwd().glob("*.py")]
+        return f"; there is no {module}.py in {Path.cwd()}{suggestion(module, files).rstrip('.')}"
+    keyword = re.search(r"(\w+)\.__init__\(\) got an unexpected keyword argument '(\w+)'", str(error))
+    if keyword and keyword[1] == registry.kind.__name__:
+        return suggestion(keyword[2], inspect.signature(registry.kind).parameters).rstrip(".")
+    return ""
 
 
 def find_stored_method(name: str) -> Method:

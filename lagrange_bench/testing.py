@@ -20,9 +20,11 @@ from typing import Any
 import numpy as np
 
 from experiments.measuring import check, metrics, states
-from experiments.measuring.bounds import TOPS, Run, Top, check_invariant, drifts, find
+from experiments.measuring.bounds import TOPS, Refused, Run, Top, check_invariant, drifts, find
 from integrators import INVARIANTS, Method
 from integrators.registry import find_method
+
+__tracebackhide__ = True  # pytest shows the user's test, not the lines of this file
 
 
 def assert_drift(
@@ -63,7 +65,10 @@ def assert_drift(
     found = find_method(method)
     if tops is None:
         tops = TOPS if growth is None else states.RANDOM
-    runs = list(drifts(found, tops, h, steps, options))
+    try:
+        runs = list(drifts(found, tops, h, steps, options))
+    except Refused as error:
+        raise AssertionError(str(error)) from None
     if not runs:
         raise ValueError("tops and h: give at least one of each")
     wrong = []

@@ -24,6 +24,8 @@ from integrators.checks import check_count, check_step
 from integrators.files import write_file
 from integrators.words import suggestion
 
+__tracebackhide__ = True  # pytest shows the user's test, not the lines of this file
+
 TOPS = ("generic", "figure1", "fast", "slow")
 IN_POTENTIALS = ("moderate_tide", "magnet")  # written bounds have these, too, for methods that take them
 STEPS = (0.1, 0.5)  # of written bounds

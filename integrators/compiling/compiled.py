@@ -72,6 +72,11 @@ def compiled(function: Callable[..., Any], **more: Any) -> Any:
     return njit(**OPTIONS, **more)(function)
 
 
+def is_compiled(function: Callable[..., Any]) -> bool:
+    """Whether a kernel can be called from compiled code; where nothing is compiled, every one can."""
+    return bool(config.DISABLE_JIT) or hasattr(function, "py_func")
+
+
 def jit(function: Callable[..., Any], **more: Any) -> Any:
     """Compile a function of this package; its machine code is kept for the next process.
 

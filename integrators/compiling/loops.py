@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from integrators.checks import check_grid
-from integrators.compiling.compiled import jit, jit_over
+from integrators.compiling.compiled import is_compiled, jit, jit_over
+from integrators.compiling.numba_internals import NumbaError, useful_lines
 from integrators.interface import Array, StepError, Stepper, Work
 
 # places in `tally`; a kernel that fails puts a code into FAILURE and what it could not reduce into RESIDUAL; from MEMORY on
@@ -74,11 +75,23 @@ def compile_loop(step: Callable, pin: Callable | None) -> Callable:
 
 @cache
 def compiled_loop(step: Callable, pin: Callable | None, dtype: np.dtype) -> Callable:
-    """`compile_loop`, compiled for numbers of that type."""
+    """`compile_loop`, compiled for numbers of that type. ValueError: it cannot be."""
+    for kernel in (step, pin):
+        if kernel is not None and not is_compiled(kernel):
+            name = getattr(kernel, "__name__", repr(kernel))
+            raise ValueError(f"the kernel {name} is not compiled: put @compiled above it")
     run = compile_loop(step, pin)
     state = np.zeros(6, dtype)
-    run(state, 0, 0, 1, 1, np.zeros(1, dtype), np.zeros(SIZE), np.empty((1, 6), dtype))
+    try:
+        run(state, 0, 0, 1, 1, np.zeros(1, dtype), np.zeros(SIZE), np.empty((1, 6), dtype))
+    except NumbaError as error:  # of many thousand characters
+        advice = f"`lagrange-bench check {step.__module__}:METHOD` looks for the line"
+        raise KernelError(f"the kernel {step.__name__} cannot be compiled: {useful_lines(error)} ({advice})") from error
     return run
+
+
+class KernelError(ValueError):
+    """A kernel cannot be compiled. The cause is Numba's error."""
 
 
 class FixedStepper(Stepper):
@@ -108,6 +121,8 @@ class FixedStepper(Stepper):
         failures: dict[int, str] | None = None,
         lane: bool | tuple[Callable, int] = False,
     ):
+        if not isinstance(constants, np.ndarray) or constants.dtype.kind not in "fc":
+            raise ValueError(f"constants must be an array of floats, np.array((…), dtype=float); got {constants!r}")
         self.name, self.h, self.constants, self.block = name, h, constants, block
         self._enter, self._leave = enter, leave
         self.rhs_per_step, self.failures = rhs_per_step, failures or {}
@@ -154,7 +169,7 @@ class FixedStepper(Stepper):
             if tally[RESIDUAL]:
                 reason += f" (residual {tally[RESIDUAL]:.1e})"
             return StepError(self.name, reason, h=self.h, step=int(tally[FAILED_AT]))
-        reason = "the state left the range of floating-point numbers in this step or before it"
+        reason = "the state is not finite (NaN or infinite), in this step or an earlier one"
         return StepError(self.name, reason, h=self.h, step=last)
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import operator
+import os
+import re
 import secrets
 import uuid
 from collections.abc import Callable, Iterator
@@ -37,9 +39,24 @@ def inside(owner: Any, path: str) -> Any:
 config: Any = numba.config  # its attributes are made at run time
 alloca_once = inside(numba, "core.cgutils.alloca_once")
 infer_global = inside(numba, "core.typing.templates.infer_global")
+NumbaError: Any = inside(numba, "core.errors.NumbaError")
 AbstractTemplate: Any = inside(numba, "core.typing.templates.AbstractTemplate")
 for method in ("get_constant", "get_dummy_value", "get_value_type", "make_array", "make_tuple"):
     inside(numba, f"core.base.BaseContext.{method}")  # called while compiling, where Numba would hide what goes wrong
+
+
+def useful_lines(error: Any) -> str:
+    """Of an error of Numba, in one line: what is wrong, and the innermost place that is not in this folder."""
+    words = []
+    for line in str(error).splitlines():
+        if line.startswith(("During:", "There are", 'File "')):
+            break
+        if line.strip() and not line.startswith("Failed in"):
+            words.append(line.strip())
+    places = re.findall(r'^(?:During: .* at|File) "?(.+?)"?,? (?:\(|line )(\d+)[):]$', str(error), re.MULTILINE)
+    here = os.path.dirname(__file__)
+    where = [f" ({file}:{line})" for file, line in places if os.path.dirname(os.path.abspath(file)) != here]
+    return f"{' '.join(words)[:300]}{''.join(where[:1])}"
 
 
 def random_numbers() -> Iterator[int]:

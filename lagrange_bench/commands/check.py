@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -21,7 +22,8 @@ DESCRIPTION = """\
 Test what a method claims: its order, symmetry, Poisson map, invariants, and the contract of a stepper. Prints a verdict
 per claim. Pass and fail are about what the record claims. "Not claimed" has no bound: it is measured for your information. "Not
 judged" could not be measured, and the reason follows the table. Drifts of invariants are relative: 1 is as large as
-the invariant's terms. A method that takes tops in a potential is tested there, too ("in a field: …").
+the invariant's terms. A method that takes tops in a potential is tested there, too ("in a field: …"). A method that cannot
+take its first step gets one verdict, with the line of its code that fails.
 
 Also for your own method, before you publish it. With --bounds, tests the drift of its invariants against a file of
 bounds, too."""
@@ -47,8 +49,8 @@ def run(options: argparse.Namespace) -> Answer:
     if options.write_bounds:
         return _write(options.write_bounds, method)
     bounds = _bounds(options.bounds, method) if options.bounds else []
-    verdicts = checks.check(method, quick=options.quick)
-    if bounds:
+    verdicts = checks.check(options.method, quick=options.quick)
+    if bounds and not any(verdict.claim == checks.TAKES_A_STEP for verdict in verdicts):
         from experiments.measuring import bounds as drift
 
         verdicts += drift.judge(method, bounds)
@@ -118,11 +120,12 @@ def _name_taken(word: str, method: Method) -> list[str]:
 
     if ":" not in word or method.name not in METHODS:
         return []
-    try:
-        taken = METHODS[method.name] != method
-    except Exception:  # a plug-in that cannot be loaded has its name all the same
-        taken = True
-    return [f"the name {method.name} is taken: choose another for an entry point"] if taken else []
+    with contextlib.suppress(Exception):  # a plug-in that cannot be loaded has its name all the same
+        if METHODS[method.name] == method:
+            return []
+    owner = METHODS.owner(method.name)
+    yours = "" if method.name in METHODS.built_in else "; if that is your own, it is another copy of it"
+    return [f"the name {method.name} is taken, by {owner}: choose another for an entry point{yours}"]
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

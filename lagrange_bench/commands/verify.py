@@ -32,6 +32,8 @@ such results, or an experiment's VERSION is newer than they are"""
 def add_options(command: argparse.ArgumentParser) -> None:
     text = "results (default: the published ones)"
     command.add_argument("folder", nargs="?", type=Path, metavar="DIR", help=text)
+    text = "the same, as in the other commands"
+    command.add_argument("--results", type=Path, metavar="DIR", help=text)
     text = "how many cells (default: 60, less than a minute on two cores)"
     command.add_argument("--sample", type=positive, metavar="N", default=60, help=text)
     command.add_argument("--seed", type=whole, metavar="N", default=0, help="another sample (default: 0)")
@@ -52,7 +54,9 @@ def run(options: argparse.Namespace) -> Answer:
     from results.store import default_results
 
     import_modules(options.module)
-    folder = options.folder or default_results()
+    if options.folder and options.results:
+        raise ValueError("give either DIR or --results DIR")
+    folder = options.folder or options.results or default_results()
     more = {"longest": options.longest, "jobs": options.jobs, "show": not options.quiet, "old": options.old}
     found = verify.verify(folder, options.sample, options.seed, **more)
     by_experiment: dict[str, list[Any]] = {}

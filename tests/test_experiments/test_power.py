@@ -223,6 +223,7 @@ def test_a_rounding_that_always_goes_the_same_way_is_caught(ulps, quick, kept):
     biased = replace(METHODS["strang"], prepare=partial(Biased, ulps))
     verdicts = {v.claim: v for v in check.conserves(biased, quick)}
     assert verdicts["conserves C1"].passed is kept, verdicts
+    assert ("always the same way" in verdicts["conserves C1"].how) is (ulps == 1)
     excused = replace(biased, biased={"C1": "told"})
     assert next(v for v in check.conserves(excused, quick) if v.claim == "conserves C1").passed
 
@@ -239,7 +240,9 @@ def test_a_run_that_stops_leaves_the_verdicts_on_the_others(limit, passed):
     verdicts = {v.claim: v for v in check.conserves(replace(METHODS["strang"], prepare=prepare), quick=True)}
     stopped = verdicts.pop("takes 10000 steps")
     assert stopped.passed is passed
-    assert "h = 0.5: too long (generic, figure1, random000, random001)" in stopped.how
+    assert stopped.measured is None, "no number to read as a bound"
+    assert "fails at h = 0.5: too long (generic, figure1, random000, random001)" in stopped.how
+    assert stopped.how.endswith("; only a failure at h = 0.1 or below counts against a method") is (passed is None)
     assert list(verdicts) == [f"conserves {name}" for name in ("H", "J3", "C1", "C2")]
     assert verdicts["conserves C1"].passed is (True if passed is None else None)
     assert (verdicts["conserves H"].measured is None) == (passed is False)
@@ -375,13 +378,32 @@ def test_bad_manners_are_caught(stepper):
         assert MANNERS[stepper] in caught or "purity" in caught  # a read-only input makes a modification raise
 
 
+def test_a_drift_of_the_formula_is_not_taken_for_round_off():
+    liar = replace(METHODS["rk45_fixed"], conserves=frozenset({"C1"}))
+    (verdict,) = (v for v in check.conserves(liar, True) if v.claim == "conserves C1")
+    assert verdict.passed is False
+    assert "always the same way" not in verdict.how
+    assert check._steady(np.arange(11.0))
+    assert not check._steady(np.array((0.0, 1, 2, 3, 2, 1, 0, 1, 2, 3, 3)))
+
+
+def test_the_name_in_a_step_error_and_that_of_the_record_are_told():
+    renamed = replace(METHODS["rk4"], name="rk5", in_field=None)
+    verdict = next(v for v in check.extremes(renamed, True) if v.claim == "StepErrors name the method")
+    assert not verdict.passed
+    assert verdict.how.startswith("StepErrors say 'rk4', the record says 'rk5': ")
+
+
 def test_a_check_that_crashes_is_a_failure():
     def broken(top, y0, h):
+        if top.alpha == 1.0:
+            return METHODS["rk45_fixed"].prepare(top, y0, h)
         raise KeyError("no such thing")
 
     verdicts = check.check(replace(METHODS["rk45_fixed"], prepare=broken, in_field=None), quick=True)
-    assert {v.how for v in verdicts if v.passed is False} >= {"ended in KeyError: 'no such thing'"}
-    assert not any(v.passed for v in verdicts)
+    failures = [v.how for v in verdicts if v.passed is False]
+    assert len([how for how in failures if how.startswith("ended in KeyError: 'no such thing' (")]) >= 3
+    assert f"{Path(__file__).name}:" in failures[0]
 
 
 def test_a_wrong_top_is_caught():

@@ -67,7 +67,7 @@ BAD = [  # what to replace in GOOD, by what, and what the message must say
     ("[0.48, 0.6, 0.64]", "[0, 0, 0]", "[tops.heavy] has x = 0"),
     ("alpha = 1.5\nJ = [0.3, -0.4, 2.0]", "alpha = 0\nJ = [0, 0, 0]", "at rest for ever"),
     ("tops.heavy", "tops.generic", "[tops.generic]: the bench has a top of this name"),
-    ("[[sweep]]", "[sweep]", "needs a table [[sweep]]"),
+    ("[[sweep]]", "[sweep]", "write [[sweep]], with two brackets"),
     ("[[sweep]]", "[[sweeps]]", "unknown key 'sweeps'; did you mean 'sweep'?"),
     ("[[sweep]]", "[[sweep]", "not TOML"),
     ('"backlund"', '"backlnd"', "[[sweep]], methods: unknown method 'backlnd'; did you mean 'backlund'?"),

@@ -10,8 +10,9 @@ import pytest
 
 from integrators import TOPS, StepError, prepare
 from integrators.compiling import loops
-from integrators.compiling.compiled import jit
+from integrators.compiling.compiled import compiled, jit
 from integrators.compiling.loops import FAILURE, RESIDUAL, FixedStepper
+from integrators.compiling.numba_internals import NumbaError
 
 GENERIC = TOPS["generic"]
 Y0 = GENERIC.state
@@ -76,8 +77,23 @@ def test_a_failure_says_where(stride, monkeypatch):
 
 
 def test_not_finite_is_never_returned():
-    with pytest.raises(StepError, match="left the range"):
+    with pytest.raises(StepError, match=r"the state is not finite \(NaN or infinite\), in this step or an earlier one"):
         counter().advance(np.full(6, np.nan), 3)
+
+
+def test_constants_and_kernels_that_cannot_be_compiled_are_refused():
+    def plain(s, c, tally):
+        return s[:5]
+
+    for constants in ((1.0, 2.0), 0.5, np.array((1, 2)), None):
+        with pytest.raises(ValueError, match=r"^constants must be an array of floats"):
+            FixedStepper("count", 0.5, constants, count)
+    with pytest.raises(ValueError, match=r"^the kernel plain is not compiled: put @compiled above it$"):
+        FixedStepper("count", 0.5, np.array([1.0]), plain)
+    with pytest.raises(loops.KernelError, match=r"^the kernel plain cannot be compiled: ") as caught:
+        FixedStepper("count", 0.5, np.array([1.0]), compiled(plain))
+    assert isinstance(caught.value.__cause__, NumbaError)
+    assert "\n" not in str(caught.value)
 
 
 def test_whole_numbers_are_no_steps():

@@ -227,6 +227,7 @@ BAD = [  # words, what the line must name
     ("methods --top generi", "did you mean 'generic'?"),
     ("methods --parameters 1", "--parameters"),
     ("check nothing", "'nothing'"),
+    ("verify one --results two", "give either DIR or --results DIR"),
     ("bits backlnd", "did you mean 'backlund'?"),
 ]
 

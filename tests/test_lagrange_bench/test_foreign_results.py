@@ -132,7 +132,7 @@ def test_a_potential_is_imported_only_if_its_module_is_named(folder):
         code, out, err, ran = typed(folder, *words)
         assert (code, ran) == (0, False), err
     assert "not computed: evilpkg.method:POTENTIAL: not available here" in out + err
-    code, out, err, ran = typed(folder, "verify", "own", "--quiet", "--module", "evilpkg.method")
+    code, out, err, ran = typed(folder, "verify", "--results", "own", "--quiet", "--module", "evilpkg.method")
     assert ran
     assert "not computed" not in out + err
     assert code == 1  # the stored rows are made up

@@ -132,7 +132,7 @@ def test_a_name_that_is_taken_and_a_name_without_a_colon(python, tmp_path):
     text = (EXAMPLE / "suzuki_top.py").read_text(encoding="utf-8")
     (tmp_path / "my_method.py").write_text(text.replace('name="suzuki4"', 'name="rk4"'), encoding="utf-8")
     code, out, err = python("-m", "lagrange_bench", "check", "my_method:METHOD", "--quick")
-    assert "the name rk4 is taken: choose another for an entry point" in out, err
+    assert "the name rk4 is taken, by the bench: choose another for an entry point" in out, err
     code, out, err = python("-m", "lagrange_bench", "check", "my_method")
     assert (code, out) == (2, "")
     assert err.endswith("for the one in my_method.py use my_method:METHOD\n")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import re
 import sys
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ import pytest
 
 from experiments.measuring import bounds as drift
 from experiments.measuring import check
-from integrators import METHODS, LagrangeTop, StepError
+from integrators import METHODS, LagrangeTop, StepError, Stepper
 from lagrange_bench.testing import assert_drift, assert_order
 
 MINE = replace(METHODS["strang"], name="mine")  # of nobody's registry
@@ -46,6 +47,19 @@ def test_drift_is_in_ulps_of_the_scale():
     assert run.largest("H") == (pytest.approx(abs(expected[run.counts[at]]), abs=4), run.counts[at])
 
 
+def test_pytest_shows_the_test_and_not_the_bench():
+    for fails in (lambda: assert_drift(MINE, steps=10, H=0), lambda: assert_drift("rk4", h=30, steps=9, H=0)):
+        with pytest.raises(AssertionError) as caught:
+            fails()
+        assert type(caught.value) is AssertionError
+        shown = caught.traceback.filter(caught)
+        assert (
+            {entry.path.name for entry in shown}
+            == {"test_testing.py"}
+            < {entry.path.name for entry in caught.traceback}
+        )
+
+
 def test_growth():
     assert_drift("backlund_unpinned", growth="H", below=0.75, steps=20_000)
     with pytest.raises(
@@ -56,7 +70,7 @@ def test_growth():
 
 
 def test_a_run_that_ends_early_or_is_not_finite():
-    with pytest.raises(AssertionError, match=r"^rk4 on generic, h = 30, in 100 steps: the state left the range"):
+    with pytest.raises(AssertionError, match=r"^rk4 on generic, h = 30, in 100 steps: the state is not finite"):
         assert_drift("rk4", tops=["generic"], h=30, steps=100, J3=0)
     run = drift.Run("generic", 0.1, [1, 2, 3], np.array([[1.0] * 4, [np.nan] * 4, [2.0] * 4]), ("H",))
     assert run.largest("H")[1] == 2
@@ -191,7 +205,7 @@ def test_an_error_that_is_no_number_is_the_largest():
 def test_an_overflow_of_the_bench_is_not_the_methods():
     """What the method asks of the top overflows; its answer is a StepError, as it should be."""
 
-    class Careful:
+    class Careful(Stepper):
         from_start, work = False, None
 
         def __init__(self, top):
@@ -208,5 +222,7 @@ def test_an_overflow_of_the_bench_is_not_the_methods():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(check, "CHECKS", (check.extremes,))
         assert verdicts(lambda top, y0, h: Careful(top))["finite, or a StepError"].passed
-        passed = verdicts(lambda top, y0, h: 1 / 0)["finite, or a StepError"].passed
-    assert passed is False
+        late = verdicts(lambda top, y0, h: Careful(top) if abs(h) < 1 else 1 / 0)["finite, or a StepError"]
+    assert late.passed is False
+    assert late.how.count("ZeroDivisionError") == 1, "one fault of many runs is told once"
+    assert re.match(r"\d+ of 51 runs \(", late.how)
