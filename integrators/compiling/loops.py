@@ -169,7 +169,7 @@ class FixedStepper(Stepper):
             if tally[RESIDUAL]:
                 reason += f" (residual {tally[RESIDUAL]:.1e})"
             return StepError(self.name, reason, h=self.h, step=int(tally[FAILED_AT]))
-        reason = "the state is not finite (NaN or infinite), in this step or an earlier one"
+        reason = "the state left the range of floating-point numbers in this step or before it"
         return StepError(self.name, reason, h=self.h, step=last)
 
 

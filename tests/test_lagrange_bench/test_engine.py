@@ -73,7 +73,9 @@ def test_what_is_as_it_was_is_shown_again_and_not_computed(toy, monkeypatch):
 
 
 def test_rows_come_in_the_order_of_the_cells(toy):
-    toy(squares(5, seconds=0.3) + squares(4, 3, 2, 1))  # the first finishes last
+    journal = str(toy.store.path(TOY))
+    first = {"do": "wait for lines", "i": 5, "file": journal, "lines": 4}  # and finishes last
+    toy([first, *squares(4, 3, 2, 1)])
     assert toy.store.rows(TOY)["i"].tolist() == [5, 4, 3, 2, 1]
     assert [r["cell"]["i"] for r in toy.store.read(TOY)[0]][-1] == 5
 
