@@ -123,7 +123,7 @@ def kept_in_a_field(rows: pd.DataFrame) -> Verdict:
             bound = EPS * min(BIAS * run.steps, WALK * run.steps**0.5)
             shares[float(getattr(run, name)) / bound] = f"{name} of {run.method} on {run.state}"
     if not shares:
-        raise NoData("no method claims to keep anything in a potential")
+        raise NoData("no method that is loaded here claims to keep anything in a potential")
     worst = max(shares, key=lambda share: (not np.isfinite(share), share))
     note = f"{found.method.nunique()} methods on {found.state.nunique()} tops; worst: {shares[worst]}"
     return Verdict(worst, 1.0, bool(worst <= 1.0), note)

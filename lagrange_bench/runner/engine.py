@@ -81,6 +81,10 @@ class Summary:
         lines += [f"failed: {name} {json.dumps(cell)}: {error}" for name, cell, error in self.failures[:10]]
         if len(self.failures) > 10:
             lines.append(f"… and {len(self.failures) - 10} more")
+        if any("h" in cell and error.startswith("StepError:") for _, cell, error in self.failures):
+            lines.append(
+                "note: the h in {…} is in units of 1/(|J| + √(|α||x|)), the h of a StepError in those of the top"
+            )
         old = [(name, sources.told(t.other_sources, t.unknown_sources)) for name, t in self.tallies.items()]
         lines += [f"old: {name}: {told}" for name, told in old if told]
         return "\n".join([*lines, *self.notes, f"results: {self.results}"])
