@@ -142,8 +142,8 @@ class Registry(Mapping[str, Any]):
             self._entries = {**self._entries, name: EntryPoint(name, name, self.group)}
 
     def module(self, name: str) -> str:
-        """The module that a registered name stands in."""
-        return self._entries[name].module
+        """The module with the record of a registered name, or of `module:NAME`."""
+        return name.partition(":")[0] if ":" in name else self._entries[name].module
 
     def owner(self, name: str) -> str:
         """Whose a registered name is: of the bench, or of a package with its entry point."""

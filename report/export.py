@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import pandas as pd
+
 from experiments import EXPERIMENTS
 from experiments.catalogue import UnknownExperiment, load_stored
 from experiments.drawing import figures, style
@@ -23,7 +25,12 @@ def draw(
     results: Path, experiment: str, width: str | None = None, choice: Choice = ALL
 ) -> Iterator[tuple[str, figures.Figure]]:
     """(name, figure) of every figure an experiment draws from its stored rows."""
-    rows = Store(results, choice).rows(experiment)
+    yield from _drawn(experiment, Store(results, choice).rows(experiment), width, choice)
+
+
+def _drawn(
+    experiment: str, rows: pd.DataFrame, width: str | None, choice: Choice
+) -> Iterator[tuple[str, figures.Figure]]:
     if rows.empty:
         return
     with style.apply(width, choice.highlight):
@@ -61,10 +68,11 @@ def export(
     mine = [experiment for experiment in stored if name.startswith(f"{experiment}_")]
     known: list[str] = []
     for experiment in sorted(mine, key=len, reverse=True):
-        if choice and Store(results, choice).rows(experiment).empty:
+        rows = Store(results, choice).rows(experiment)
+        if choice and rows.empty:
             chosen = ", ".join((*choice.methods, *choice.tops))
             raise UnknownFigure(f"{experiment} has no rows of {chosen}: lagrange-bench run {experiment}{choice.words}")
-        for found, figure in draw(results, experiment, width, choice):
+        for found, figure in _drawn(experiment, rows, width, choice):
             if found == name:
                 path = output or Path(f"{name}.{kind}")
                 return write_file(path, figures.FORMATS[kind](figure))

@@ -86,7 +86,7 @@ def describe(error: Exception, method: Method, word: str | None) -> str:
 
 def _modules(method: Method, word: str | None) -> set[str]:
     """The modules of the record and of its `prepare`."""
-    named = set() if word is None else {word.partition(":")[0] if ":" in word else METHODS.module(word)}
+    named = set() if word is None else {METHODS.module(word)}
     return named | {getattr(method.prepare, "__module__", None) or ""}
 
 

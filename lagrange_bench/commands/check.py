@@ -82,7 +82,7 @@ def _file(name: str) -> str:
     """Where the record lies."""
     from integrators.registry import METHODS
 
-    module = sys.modules[name.partition(":")[0] if ":" in name else METHODS.module(name)]
+    module = sys.modules[METHODS.module(name)]
     return module.__file__ or module.__name__
 
 

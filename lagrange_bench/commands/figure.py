@@ -69,7 +69,7 @@ def run(options: argparse.Namespace) -> Answer:
         else:
             kind, width = _format(options), options.width
             unknown, written = [], [export.export(options.name, results, options.output, kind, width, choice)]
-            if missing := export.lacking(options.name, results, choice):
+            if choice.methods and (missing := export.lacking(options.name, results, choice)):
                 unknown = [f"{', '.join(missing)}: no rows are stored; compute them with lagrange-bench run"]
     for reason in unknown if not options.quiet else ():
         print(f"not drawn: {reason}", file=sys.stderr)
