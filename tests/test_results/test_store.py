@@ -429,3 +429,19 @@ def test_default_results(monkeypatch, tmp_path):
     assert store.default_results() == Path("results/full")
     (tmp_path / "results" / "quick").mkdir(parents=True)
     assert store.default_results() == Path("results/quick")
+
+
+def test_a_folder_of_the_checkout_is_found_from_elsewhere(filled, tmp_path, monkeypatch):
+    """As the commands on a page name it; a folder of that name here comes first."""
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    monkeypatch.setattr(provenance, "checkout", lambda: tmp_path.parent)
+    chosen = Path(tmp_path.name)
+    found, notes = store.find_results(chosen)
+    assert (found, notes) == (tmp_path, [f"no folder {chosen} here: showing {tmp_path}"])
+    chosen.mkdir()
+    with pytest.raises(FileNotFoundError, match="nothing is stored in"):
+        store.find_results(chosen)
+    monkeypatch.setattr(provenance, "checkout", lambda: None)
+    with pytest.raises(FileNotFoundError, match="no such folder of results"):
+        store.find_results(Path("nowhere"))
