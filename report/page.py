@@ -56,6 +56,7 @@ HEAVY = 1_000_000  # characters of packed rows beyond which they stay in their j
 LONG = 14  # rows beyond which a table is folded
 FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table of the environment; then the packages
 POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
+WORTH = 2  # journals to draw for which a process of its own is started: the imports of one take as long
 SUFFIXES = (".svg", ".md", ".tex", ".csv")
 NO_FAIRNESS = fairness.Fairness([], pd.DataFrame())
 T = TypeVar("T")
@@ -308,7 +309,8 @@ def _sections(names: list[str], store: Store, processes: int, drawn: Drawn, modu
     """One for each name, drawn in as many processes: laying figures out takes longer than all else."""
     sections: dict[str, Section] = {}
     drawn(0, len(names))
-    for section in _drawn(names, store, processes, modules):
+    stored = sum(store.path(name).exists() for name in names)
+    for section in _drawn(names, store, min(processes, stored // WORTH), modules):
         sections[section.experiment] = section
         drawn(len(sections), len(names))
     return [sections[name] for name in names]
@@ -316,7 +318,7 @@ def _sections(names: list[str], store: Store, processes: int, drawn: Drawn, modu
 
 def _drawn(names: list[str], store: Store, processes: int, modules: Sequence[str]) -> Iterator[Section]:
     """Sections as they come. Modules are looked for where this process looks. Ctrl-C ends the processes at once."""
-    if processes == 1:
+    if processes < 2:
         yield from (_section(name, store) for name in names)
         return
     others = set(active_children())

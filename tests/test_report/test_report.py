@@ -8,6 +8,7 @@ import io
 import re
 import shutil
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from html import unescape
 from html.parser import HTMLParser
 from types import ModuleType
@@ -309,12 +310,24 @@ def test_commands_of_the_usual_folders_are_short():
 
 
 def test_drawn_in_two_processes_it_is_the_same(tmp_path):
-    shutil.copy(store.default_results() / "ensemble.jsonl", tmp_path)
+    for name in ("ensemble", "paper"):
+        shutil.copy(store.default_results() / f"{name}.jsonl", tmp_path)
+    started = []
+
+    def pool(*args, **more):
+        started.append(args[0])
+        return ProcessPoolExecutor(*args, **more)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(page, "EXPERIMENTS", ("ensemble", "no_such_experiment"))
-        alone, shared = page.assemble(tmp_path), page.assemble(tmp_path, processes=2)
+        patch.setattr(page, "EXPERIMENTS", ("ensemble", "paper", "no_such_experiment"))
+        patch.setattr(page, "ProcessPoolExecutor", pool)
+        alone = page.assemble(tmp_path, processes=2)
+        assert started == [], "two journals are drawn sooner than two processes start"
+        patch.setattr(page, "WORTH", 1)
+        shared = page.assemble(tmp_path, processes=2)
+        assert started == [2]
     assert page.html(shared) == page.html(alone)
-    assert [len(section.figures) > 0 for section in shared.sections] == [True, False]
+    assert [len(section.figures) > 0 for section in shared.sections] == [True, True, False]
     assert any("no_such_experiment" in error for error in shared.errors)
 
 
