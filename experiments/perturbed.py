@@ -40,7 +40,7 @@ SPAN = 32.0  # of the order part
 SIZES = {"quick": tuple(2.0**-k for k in range(0, 6, 2)), "full": tuple(2.0**-k for k in range(-1, 9))}
 QUICK = ("weak_tide",)
 # span: longest run in s; steps to an octave, decades of tolerance between two
-WORK = {"quick": {1e3: 0.03}, "full": {1e3: 0.1, 1e4: 0.4, 1e5: 1.5}}
+WORK = {"quick": {1e3: 0.02}, "full": {1e3: 0.1, 1e4: 0.4, 1e5: 1.5}}
 RACES = ("tide_1e-6", "weak_tide", "moderate_tide", "strong_tide", "fast_tide", "magnet")  # full profile
 LONGEST = 1e5  # a race on one top, among those that were near the first place over 1e4: its reference takes minutes
 LONG = ("weak_tide",)

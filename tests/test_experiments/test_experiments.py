@@ -11,10 +11,11 @@ from experiments.catalogue import load
 from experiments.drawing import style
 from results.store import Store, make_record
 
-pytestmark = pytest.mark.usefixtures("short_races")
-each = pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in EXPERIMENTS]
-)
+pytestmark = [
+    pytest.mark.usefixtures("short_races"),
+    pytest.mark.xdist_group("measured"),  # with test_sources.py, which measures the same cells: their kernels are compiled once
+]
+each = pytest.mark.parametrize("name", EXPERIMENTS)
 
 
 @cache

@@ -15,7 +15,10 @@ from integrators.truth import exact, reference
 NAME = "backlund_splitting"
 NAMES = ("weak_tide", "moderate_tide", "strong_tide", "magnet", "axisymmetric")
 UNITS = 300.0  # of time; the pilot of these tops has 78
-pytestmark = pytest.mark.filterwarnings("ignore::integrators.interface.StepWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::integrators.interface.StepWarning"),
+    pytest.mark.xdist_group("splitting"),  # kernels are compiled once for the two files about it
+]
 chosen = partial(integrate, method=NAME)
 
 

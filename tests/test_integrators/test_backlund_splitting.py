@@ -24,7 +24,10 @@ ORDERS = {
     "aba864": (8, 6),
     "aba1064": (10, 6),
 }
-pytestmark = pytest.mark.filterwarnings("ignore::integrators.interface.StepWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::integrators.interface.StepWarning"),
+    pytest.mark.xdist_group("splitting"),  # kernels are compiled once for the two files about it
+]
 
 
 def problem(name):

@@ -21,7 +21,7 @@ from integrators import METHODS
 from results import sources
 from results.store import Store
 
-pytestmark = [pytest.mark.usefixtures("short_races"), pytest.mark.xdist_group("sources")]
+pytestmark = [pytest.mark.usefixtures("short_races"), pytest.mark.xdist_group("measured")]
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("integrators", "experiments", "results", "report", "lagrange_bench")
 
