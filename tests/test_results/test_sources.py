@@ -149,7 +149,7 @@ def tree(tmp_path):
 
 
 def forget():
-    for cached in (sources._of, sources._module, sources._places, sources._read):
+    for cached in (sources._of, sources._module, sources._places, sources._entry, sources._read):
         cached.cache_clear()
 
 
