@@ -4,6 +4,7 @@ import gc
 import json
 import os
 import tempfile
+from pathlib import Path
 
 import pytest
 
@@ -14,8 +15,18 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # the processes of pytest-xdist sha
     os.environ["HEYOKA_CACHE_DIR"] = _folder.name
 
 
+gc.set_threshold(10_000)  # compiling makes many objects that stay; a twelfth of its time went into looking at them again
+KERNELS = Path(__file__).parent / "test_integrators"
+
+
 def pytest_collection_modifyitems(items):
-    """Groups come first: each is long, and the last one would keep the other processes waiting."""
+    """A file about integrators is a group: its tests share kernels, which two processes would compile twice.
+
+    Groups come first: each is long, and the last one would keep the other processes waiting.
+    """
+    for item in items:
+        if item.path.parent == KERNELS and item.get_closest_marker("xdist_group") is None:
+            item.add_marker(pytest.mark.xdist_group(item.path.stem))
     items.sort(key=lambda item: item.get_closest_marker("xdist_group") is None)
 
 
