@@ -15,7 +15,8 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # the processes of pytest-xdist sha
     os.environ["HEYOKA_CACHE_DIR"] = _folder.name
 
 
-gc.set_threshold(10_000)  # compiling makes many objects that stay; a twelfth of its time went into looking at them again
+# compiling makes many objects that stay: a twelfth of its time went into looking at them again
+gc.set_threshold(10_000)
 KERNELS = Path(__file__).parent / "test_integrators"
 
 

@@ -13,7 +13,7 @@ from results.store import Store, make_record
 
 pytestmark = [
     pytest.mark.usefixtures("short_races"),
-    pytest.mark.xdist_group("measured"),  # with test_sources.py, which measures the same cells: their kernels are compiled once
+    pytest.mark.xdist_group("measured"),  # with test_sources.py: the same cells, whose kernels are compiled once
 ]
 each = pytest.mark.parametrize("name", EXPERIMENTS)
 
