@@ -20,6 +20,7 @@ gc.set_threshold(10_000)
 KERNELS = Path(__file__).parent / "test_integrators"
 
 
+@pytest.hookimpl(tryfirst=True)  # pytest-xdist reads the groups in this hook, too
 def pytest_collection_modifyitems(items):
     """A file about integrators is a group: its tests share kernels, which two processes would compile twice.
 
