@@ -306,7 +306,7 @@ def write(report: Report, output: Path) -> Path:
 
 
 def _sections(names: list[str], store: Store, processes: int, drawn: Drawn, modules: Sequence[str]) -> list[Section]:
-    """One for each name, drawn in as many processes: laying figures out takes longer than all else."""
+    """One for each name, drawn in so many processes at most: laying figures out takes longer than all else."""
     sections: dict[str, Section] = {}
     drawn(0, len(names))
     stored = sum(store.path(name).exists() for name in names)

@@ -162,7 +162,8 @@ def test_no_table_for_a_dumb_terminal_or_in_quiet(terminal):
 
 def test_a_page_in_the_making_is_given_up_at_once(tmp_path):
     """Each of four experiments takes a minute to draw; the bar is shown, and Ctrl-C ends the drawing processes too."""
-    for name in ("one", "two", "three", "four"):
+    names = ("one", "two", "three", "four")
+    for name in names:
         folder = tmp_path / "slow"
         folder.mkdir(exist_ok=True)
         (folder / f"{name}.py").write_text(
@@ -172,7 +173,7 @@ def test_a_page_in_the_making_is_given_up_at_once(tmp_path):
         )
         outcome = {"status": "done", "rows": [{"x": 1.0}], "error": None, "warnings": [], "seconds": 0.1}
         Store(tmp_path).append(make_record(f"slow.{name}", 1, 0, {"i": 0}, **outcome))
-    own = [word for name in ("one", "two", "three", "four") for word in ("--module", f"slow.{name}")]
+    own = [word for name in names for word in ("--module", f"slow.{name}")]
     words = ("report", "--results", tmp_path, "--output", tmp_path / "page", *own)
     one = Terminal(words, PYTHONPATH=f"{tmp_path}{os.pathsep}{HERE}")
     try:
