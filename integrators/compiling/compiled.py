@@ -27,6 +27,12 @@ OPTIONS = {"error_model": "numpy", "nogil": True, "fastmath": False, "no_cfunc_w
 
 PACKAGE = Path(__file__).parents[1]
 BELOW = ("compiling", "problem")  # rooms whose kernels reach others as arguments: part of every digest
+SETTINGS = (
+    "BOUNDSCHECK",
+    "LOOP_VECTORIZE",
+    "OPT",
+    "SLP_VECTORIZE",
+)  # of Numba, by the environment: they change the code
 IMPORT = re.compile(r"^\s*from (integrators\b[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
 
 
@@ -43,7 +49,7 @@ def _imported(source: Path) -> frozenset[Path]:
 
 @cache
 def _folder(module: str) -> str | None:
-    """Where the machine code of a module's functions is kept: named by all sources that they can call."""
+    """Where the machine code of a module's functions is kept: named by all sources that they can call, and by `SETTINGS`."""
     home = cache_folder()
     if home is None:
         return None
@@ -56,7 +62,8 @@ def _folder(module: str) -> str | None:
     while waiting:
         sources |= waiting
         waiting = set().union(*map(_imported, waiting)) - sources
-    digest = hashlib.sha256(numba.__version__.encode())
+    settings = [f"{name}={getattr(config, name)}" for name in SETTINGS]
+    digest = hashlib.sha256(" ".join((numba.__version__, *settings)).encode())
     for source in sorted(sources):
         digest.update(source.read_bytes())
     folder = os.path.join(home, digest.hexdigest()[:16])

@@ -338,7 +338,7 @@ def product(A, B, out):
 
 @jit
 def tabulate(c, h, nodes, to_chebyshev, to_monomials, level, found):
-    """Coefficients (4, n, m) of u^i v^j of λ and m over the box, and the least degree that has all digits, 0 if none has."""
+    """Into `found`, coefficients (4, n, m) of u^i v^j of λ and m over the box; the least degree that has all digits, or 0."""
     n, m = len(nodes), 1 if level else len(nodes)
     values, half = np.empty((4, n, m)), np.empty((n, m))
     for i in range(n):
@@ -392,10 +392,11 @@ def order_of(degree: int, level: bool) -> tuple[Array, Array]:
 
 def tables(c: Array, times: tuple[float, ...], level: bool) -> tuple[int, list[Array]]:
     """The degree, and for each time the coefficients in the order of `look_up`; degree 0 if some time has no table."""
+    size = max(*GRIDS, DEGREES[-1] + 1)
     for n in GRIDS:
-        found, degree = np.zeros((len(times), 4, max(n, DEGREES[-1] + 1), 1 if level else max(n, DEGREES[-1] + 1))), 0
+        found, degree = np.zeros((len(times), 4, size, 1 if level else size)), 0
         for k, h in enumerate(times):
-            least = tabulate(c, h, *chebyshev(n), level, found[k])
+            least = tabulate(c, h, *chebyshev(n), level, found[k, :, :n, :n])
             if least == 0:
                 break
             degree = max(degree, least)

@@ -202,6 +202,19 @@ def test_outside_of_its_box_a_table_is_not_used(monkeypatch):
     assert 0 < small.work.iterations < 400
 
 
+@pytest.mark.parametrize("name", ["moderate_tide", "axisymmetric"])
+@pytest.mark.parametrize("fraction", [0.05, 2.0])  # of the time scale: few nodes are enough, or not
+def test_making_a_table_stays_within_its_arrays(monkeypatch, name, fraction):
+    """Without compilation, where NumPy checks every index: the same table."""
+    top, y, unit = problem(name)
+    compiled = prepare(top, y, fraction * unit, NAME)
+    for kernel in ("tabulate", "product"):
+        monkeypatch.setattr(bs, kernel, getattr(bs, kernel).py_func)
+    checked = prepare(top, y, fraction * unit, NAME)
+    assert checked.degree == compiled.degree > 0
+    assert checked.advance(y, 3).tobytes() == compiled.advance(y, 3).tobytes()
+
+
 @pytest.mark.parametrize("name", ["moderate_tide", "magnet", "axisymmetric"])
 def test_it_is_poisson_and_symmetric(name):
     top, y, unit = problem(name)
