@@ -76,7 +76,7 @@ def _folder(module: str) -> str | None:
 
 def compiled(function: Callable[..., Any], **more: Any) -> Any:
     """Compile without caching."""
-    return njit(**OPTIONS, **more)(function)
+    return njit(**{**OPTIONS, **more})(function)
 
 
 def is_compiled(function: Callable[..., Any]) -> bool:
@@ -93,7 +93,7 @@ def jit(function: Callable[..., Any], **more: Any) -> Any:
     folder = _folder(function.__module__) if known and not config.DISABLE_JIT else None
     if folder is None:
         return compiled(function, **more)
-    dispatcher = keep_code(njit(**OPTIONS, **more, cache=True), function, folder)
+    dispatcher = keep_code(njit(**{**OPTIONS, **more}, cache=True), function, folder)
     if function.__closure__ is None:
         # Numba's random name for a function is part of the key of every closure over it: one name for all processes
         set_name(dispatcher, f"{folder} {function.__module__}.{function.__qualname__}")

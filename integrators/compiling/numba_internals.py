@@ -38,6 +38,9 @@ def inside(owner: Any, path: str) -> Any:
 
 config: Any = numba.config  # its attributes are made at run time
 alloca_once = inside(numba, "core.cgutils.alloca_once")
+add_symbol = inside(numba, "core.codegen.ll.add_symbol")
+FunctionType: Any = inside(numba, "core.cgutils.ir.FunctionType")
+get_or_insert_function = inside(numba, "core.cgutils.get_or_insert_function")
 infer_global = inside(numba, "core.typing.templates.infer_global")
 NumbaError: Any = inside(numba, "core.errors.NumbaError")
 AbstractTemplate: Any = inside(numba, "core.typing.templates.AbstractTemplate")
@@ -108,6 +111,27 @@ def name_of(dispatcher: Any) -> str:
 def named_intrinsic(function: Callable[..., Any]) -> Any:
     """An intrinsic whose name is the same in all processes."""
     return set_name(intrinsic(function), f"{function.__module__}.{function.__qualname__}")
+
+
+def outlined(dispatcher: Any, name: str) -> Any:
+    """A compiled function of a pointer to doubles, for kernels that call it under that name and hold no copy.
+
+    Numba puts a copy of all that a kernel calls into the kernel, and LLVM optimises each copy. A kernel out of the cache needs
+    the name, too: call this wherever such a kernel is made.
+    """
+    signature = types.int64(types.CPointer(types.float64))
+    dispatcher.compile(signature)
+    made = inside(dispatcher, "overloads")[signature.args]
+    add_symbol(name, inside(made, "library.get_pointer_to_function")(inside(made, "fndesc.llvm_cfunc_wrapper_name")))
+
+    def call(typingctx, numbers):
+        def generate(context, builder, signature, args):
+            kind = FunctionType(context.get_value_type(signature.return_type), [args[0].type])
+            return builder.call(get_or_insert_function(builder.module, kind, name), args)
+
+        return signature, generate
+
+    return set_name(intrinsic(call), f"outlined {name}")
 
 
 if config.DISABLE_JIT:

@@ -42,9 +42,10 @@ from typing import Any
 import numpy as np
 
 from integrators.checks import check_choice, check_flag, warn_caller
-from integrators.compiling.compiled import inlined, jit, jit_as, jit_over
+from integrators.compiling.compiled import inlined, jit, jit_as
 from integrators.compiling.expression import take
 from integrators.compiling.loops import FAILURE, ITERATIONS, SIZE, ConjugateStepper
+from integrators.compiling.numba_internals import config, outlined, stack
 from integrators.compiling.unroll import unrolled
 from integrators.interface import AnyField, Array, Method, StepError, Stepper, StepWarning
 from integrators.methods import backlund, backlund_choice
@@ -129,6 +130,32 @@ def flow(s, alpha, h):
     return far_flow(s, alpha, h)
 
 
+def flow_of_numbers(numbers):
+    """`flow` of (s, alpha, h), in its place; whether one was found."""
+    s = numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5]
+    s, found = flow(s, numbers[6], numbers[7])
+    numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5] = s
+    return 1 if found else 0
+
+
+@cache
+def called_flow() -> Any:
+    """`flow` for kernels that seldom need it: called, so that its long code is not a part of each of them."""
+    if config.DISABLE_JIT:
+        return flow
+    call = outlined(jit(flow_of_numbers, no_cfunc_wrapper=False), f"{__name__}.flow")
+
+    @jit_as("called flow")
+    def called(s, alpha, h):
+        numbers = stack(8)
+        numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5] = s
+        numbers[6], numbers[7] = alpha, h
+        found = call(numbers)
+        return (numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5]), found != 0
+
+    return called
+
+
 @inlined
 def tabled_flow(s, torus, alpha, R, eta, mr, mi, inverse):
     """The exact step with λ and m of a table, and one step of Newton's method for m on the curve m² = Q(λ).
@@ -195,7 +222,7 @@ def kick_of(field: Field, level: bool, gradients: int) -> Any:
 def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool) -> Any:
     """The step; `degree` of the tables, 0 for none; `single`: of one flow and one kick, at places that the compiler knows."""
     kicked, numbers, look = kick_of(field, level, gradients), take(field.parameters), look_up(degree or 1, level)[0]
-    first = NUMBERS + field.parameters
+    first, exact = NUMBERS + field.parameters, called_flow() if degree else flow
     stride = GROUP + table_size(degree, level)
 
     @jit_as(f"backlund splitting {field.digest} {level} {gradients} {degree} {single}", forceinline=True)
@@ -212,11 +239,11 @@ def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool)
                     s = tabled_flow(s, torus, alpha, R, eta, mr, mi, c[place + INVERSE])
                 else:
                     tally[ITERATIONS] += 1.0
-                    s, found = flow(s, alpha, c[place + TIME])
+                    s, found = exact(s, alpha, c[place + TIME])
                     if not found:
                         tally[FAILURE] = LOST
             else:
-                s, found = flow(s, alpha, c[place + TIME])
+                s, found = exact(s, alpha, c[place + TIME])
                 if not found:
                     tally[FAILURE] = LOST
             s = kicked(s, q, (c[place + KICK], c[place + TWIST], c[place + SECOND]))
@@ -281,7 +308,7 @@ LARGEST = 600  # constants of a step in SIMD lanes: with more its compilation wo
 @cache
 def map_over(field: Field, level: bool) -> Any:
     """Of each row, in place: flows and kicks of the lengths in `parts`, one after the other."""
-    kicked, numbers = kick_of(field, level, 0), take(field.parameters)
+    kicked, numbers, exact = kick_of(field, level, 0), take(field.parameters), called_flow()
 
     @jit_as(f"map over {field.digest} {level}")
     def run(rows, numbers_of, parts, tally):
@@ -290,7 +317,7 @@ def map_over(field: Field, level: bool) -> Any:
             s = (row[0], row[1], row[2], row[3], row[4], row[5])
             for k in range(len(parts)):
                 if parts[k, 0] != 0.0:
-                    s, found = flow(s, alpha, parts[k, 0])
+                    s, found = exact(s, alpha, parts[k, 0])
                     if not found:
                         tally[FAILURE] = LOST
                 if parts[k, 1] != 0.0:
@@ -408,18 +435,21 @@ def tables(c: Array, times: tuple[float, ...], level: bool) -> tuple[int, list[A
 
 
 @cache
-def pilot(step: Any) -> Any:
-    """(y, c, alpha, steps, tally) → the least and the largest 2H and J3 of the top without V, along so many steps."""
+def pilot(field: Field, level: bool) -> Any:
+    """(y, c, h, steps) → the least and the largest 2H and J3 of the top without V, along so many steps of one flow and kick."""
+    kicked, numbers, exact = kick_of(field, level, 0), take(field.parameters), called_flow()
 
-    @jit_over(step)
-    def run(y, c, alpha, steps, tally):
+    @jit_as(f"pilot {field.digest} {level}")
+    def run(y, c, h, steps):
+        alpha, q = c[ALPHA], numbers(c, NUMBERS)
         s = (y[0], y[1], y[2], y[3], y[4], y[5])
         low_h = high_h = invariants(s, alpha)[2]
         low_j = high_j = s[2]
         for _ in range(steps):
-            s = step(s, c, tally)
-            if tally[FAILURE] != 0:
+            s, found = exact(s, alpha, h)
+            if not found:
                 break
+            s = kicked(s, q, (h,))
             h2 = invariants(s, alpha)[2]
             low_h, high_h = min(low_h, h2), max(high_h, h2)
             low_j, high_j = min(low_j, s[2]), max(high_j, s[2])
@@ -488,11 +518,7 @@ class ExactSplittingStepper(ConjugateStepper):
         rate, _, unit = scales
         if not math.isfinite(unit):  # without V nothing moves
             return False
-        long = np.zeros(len(c) + GROUP)
-        long[: len(c)] = c
-        long[GROUPS], long[len(c) + TIME], long[len(c) + KICK] = 1, *(math.copysign(STRIDE * unit, h),) * 2
-        step = kernel(field, level, 0, 0, False)
-        low_h, high_h, low_j, high_j = pilot(step)(y0, long, c[ALPHA], PILOT, np.zeros(SIZE))
+        low_h, high_h, low_j, high_j = pilot(field, level)(y0, c, math.copysign(STRIDE * unit, h), PILOT)
         if not all(map(math.isfinite, (low_h, high_h, low_j, high_j))):
             return False
         for place, low, high, size in ((CENTRE_H, low_h, high_h, rate * rate), (CENTRE_J, low_j, high_j, rate)):

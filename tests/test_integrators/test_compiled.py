@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numba
 import pytest
-from numba.core import caching, cgutils, extending
+from numba.core import caching, cgutils, codegen, extending
 from numba.core.base import BaseContext
 from numba.core.bytecode import FunctionIdentity
 from numba.core.dispatcher import Dispatcher, _MemoMixin
@@ -136,6 +136,50 @@ def test_code_of_a_module_that_cannot_be_imported_is_not_kept(tmp_path, monkeypa
         assert module.kernel(1.0) == 2.0
 
 
+# a kernel that calls an outlined function: its result, whether it holds that function's division, and whether it came
+# from the cache
+OUTLINED = """
+from integrators.compiling.compiled import jit, jit_as
+from integrators.compiling.numba_internals import outlined, stack
+
+def cube(numbers):
+    numbers[1] = numbers[0] ** 3 / 7.5
+    return 2
+
+def made():
+    call = outlined(jit(cube, no_cfunc_wrapper=False), "cube of the test")
+    @jit_as("caller")
+    def caller(x):
+        numbers = stack(2)
+        numbers[0] = x
+        found = call(numbers)
+        return found * numbers[1]
+    return caller
+
+def report():
+    caller = made()
+    print(caller(3.0), "fdiv" in caller.inspect_llvm(caller.signatures[0]), sum(caller.stats.cache_hits.values()))
+"""
+
+
+def test_an_outlined_function_is_called_by_kernels_out_of_the_cache(tmp_path):
+    (tmp_path / "outlining.py").write_text(OUTLINED, encoding="utf-8")
+    environment = {**os.environ, "LAGRANGE_BENCH_CACHE": str(tmp_path / "cache")}
+
+    def run(**settings):
+        command = [sys.executable, "-c", "import outlining; outlining.report()"]
+        done = subprocess.run(
+            command, env={**environment, **settings}, cwd=tmp_path, capture_output=True, text=True, timeout=120
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout.split()
+
+    assert run() == ["7.2", "False", "0"]
+    assert run() == ["7.2", "False", "1"]
+    checked = "0" if os.environ.get("NUMBA_BOUNDSCHECK") else "1"
+    assert run(NUMBA_BOUNDSCHECK=checked) == ["7.2", "False", "0"]  # other machine code, so not that of the cache
+
+
 # a kernel of `methods` that calls one of `torus`: its result, and how many of its variants came from the cache. (Where a
 # closure calls it, Numba sees for itself that a callee has changed.)
 CALLER = """
@@ -198,6 +242,9 @@ def load(_):
         ([_MemoMixin], "_uuid", lambda _: inlined_copy(step)),
         ([extending._Intrinsic], "_set_uuid", lambda _: numba_internals.named_intrinsic(kernel)),
         ([cgutils], "alloca_once", load),
+        ([cgutils], "get_or_insert_function", load),
+        ([cgutils.ir], "FunctionType", load),
+        ([codegen.ll], "add_symbol", load),
         ([templates], "infer_global", load),
         ([templates], "AbstractTemplate", load),
         ([BaseContext], "make_array", load),
