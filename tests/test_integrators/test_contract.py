@@ -2,6 +2,10 @@
 
 import copy
 import inspect
+import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,6 +16,7 @@ import pytest
 from experiments.measuring import check, metrics
 from integrators import (
     METHODS,
+    PERTURBED_TOPS,
     TOPS,
     LagrangeTop,
     StepError,
@@ -45,6 +50,34 @@ def test_claims(name):
     assert not failed
     assert sum(v.passed is True for v in verdicts) >= 8
     assert not any(v.claim.startswith("takes") for v in verdicts), "a moderate step was not taken"
+
+
+def ends():
+    """The bits of the state after four steps of each method, in the uniform field and in two others."""
+    found = {}
+    for label, named in {
+        "uniform": GENERIC,
+        **{name: PERTURBED_TOPS[name] for name in ("weak_tide", "magnet")},
+    }.items():
+        h = 0.05 * named.top.scales(named.state)[2]
+        for name, record in METHODS.items():
+            if available(record) and record.takes(named.top) is None:
+                found[f"{name} {label}"] = integrate(named.top, named.state, h, 4, name).y[-1].tobytes().hex()
+    return found
+
+
+@pytest.mark.processes
+def test_without_compilation_each_method_has_the_same_bits():
+    """Numba rearranges nothing; and no kernel leaves its arrays, for NumPy would refuse it."""
+    done = subprocess.run(
+        [sys.executable, "-c", "import json, test_contract; print(json.dumps(test_contract.ends()))"],
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, cwd=Path(__file__).parent, capture_output=True, text=True,
+        check=False, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    interpreted = json.loads(done.stdout)
+    assert len(interpreted) > 90
+    assert interpreted == ends()
 
 
 def test_every_file_of_methods_is_registered():
