@@ -119,17 +119,16 @@ def outlined(dispatcher: Any, name: str) -> Any:
     Numba puts a copy of all that a kernel calls into the kernel, and LLVM optimises each copy. A kernel out of the cache needs
     the name, too: call this wherever such a kernel is made.
     """
-    signature = types.int64(types.CPointer(types.float64))
-    dispatcher.compile(signature)
-    made = inside(dispatcher, "overloads")[signature.args]
+    dispatcher.compile((types.CPointer(types.float64),))
+    (made,) = inside(dispatcher, "overloads").values()
     add_symbol(name, inside(made, "library.get_pointer_to_function")(inside(made, "fndesc.llvm_cfunc_wrapper_name")))
 
-    def call(typingctx, numbers):
+    def call(typingctx, numbers):  # closes over no type of Numba: these have other numbers in each process
         def generate(context, builder, signature, args):
             kind = FunctionType(context.get_value_type(signature.return_type), [args[0].type])
             return builder.call(get_or_insert_function(builder.module, kind, name), args)
 
-        return signature, generate
+        return types.int64(numbers), generate
 
     return set_name(intrinsic(call), f"outlined {name}")
 
