@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -21,16 +22,10 @@ class UnknownFigure(ValueError):
     """No stored rows draw a figure of this name; the message says which they draw."""
 
 
-def draw(
-    results: Path, experiment: str, width: str | None = None, choice: Choice = ALL
-) -> Iterator[tuple[str, figures.Figure]]:
-    """(name, figure) of every figure an experiment draws from its stored rows."""
-    yield from _drawn(experiment, Store(results, choice).rows(experiment), width, choice)
-
-
 def _drawn(
     experiment: str, rows: pd.DataFrame, width: str | None, choice: Choice
 ) -> Iterator[tuple[str, figures.Figure]]:
+    """(name, figure) of every figure that an experiment draws from its rows."""
     if rows.empty:
         return
     with style.apply(width, choice.highlight):
@@ -41,8 +36,8 @@ def _drawn(
 
 def names(results: Path, choice: Choice = ALL) -> list[str]:
     """The names of all figures that can be drawn, in the order of the page."""
-    stored, _ = _stored(results)
-    return [name for experiment in stored for name, _ in draw(results, experiment, choice=choice)]
+    store = Store(results, choice)
+    return [name for mine in _stored(results)[0] for name, _ in _drawn(mine, store.rows(mine), None, choice)]
 
 
 def export(
@@ -52,8 +47,8 @@ def export(
     kind: str = "svg",
     width: str | None = None,
     choice: Choice = ALL,
-) -> Path:
-    """Writes one figure and gives its path.
+) -> tuple[Path, list[str]]:
+    """Writes one figure; gives its path, and what it does not show and why.
 
     name : as in the page, `phase_h` for instance. kind : svg, pdf or png. width : "column", "page" or None, as drawn.
     output : a file; default: the figure's name in the current folder.
@@ -75,7 +70,7 @@ def export(
         for found, figure in _drawn(experiment, rows, width, choice):
             if found == name:
                 path = output or Path(f"{name}.{kind}")
-                return write_file(path, figures.FORMATS[kind](figure))
+                return write_file(path, figures.FORMATS[kind](figure)), _lacking(experiment, rows, choice)
             known.append(found)
     if not known:
         known = names(results, choice)
@@ -86,11 +81,11 @@ def export(
     raise UnknownFigure(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
 
 
-def lacking(name: str, results: Path, choice: Choice) -> list[str]:
-    """The chosen methods that a figure does not show, because its experiment has no rows of them."""
-    mine = [experiment for experiment in _stored(results)[0] if name.startswith(f"{experiment}_")]
-    experiment = max(mine, key=len)
-    return page.lacking(load_stored(experiment), Store(results, choice).rows(experiment), choice)
+def _lacking(experiment: str, rows: pd.DataFrame, choice: Choice) -> list[str]:
+    """The chosen methods that its figures do not show because it has no rows of them."""
+    names = page.lacking(load_stored(experiment), rows, choice)
+    command = f"lagrange-bench run {experiment}{replace(choice, methods=tuple(names)).words}"
+    return [f"{experiment} has no rows of {', '.join(names)}: {command}"] if names else []
 
 
 def export_all(
@@ -104,13 +99,16 @@ def export_all(
     """Writes every figure as `NAME-WIDTH.KIND` into a folder; gives the paths, and what cannot be drawn and why."""
     written = []
     stored, unknown = _stored(results)
-    parts = [(width, experiment) for width in widths for experiment in stored]
-    for done, (width, experiment) in enumerate(parts):
-        drawn(done, len(parts))
-        for name, figure in draw(results, experiment, width, choice):
-            for kind in kinds:
-                path = Path(folder) / f"{name}-{width}.{kind}"
-                written.append(write_file(path, figures.FORMATS[kind](figure)))
+    store = Store(results, choice)
+    for i, experiment in enumerate(stored):
+        rows = store.rows(experiment)
+        unknown += _lacking(experiment, rows, choice)
+        for k, width in enumerate(widths):
+            drawn(i * len(widths) + k, len(stored) * len(widths))
+            for name, figure in _drawn(experiment, rows, width, choice):
+                for kind in kinds:
+                    path = Path(folder) / f"{name}-{width}.{kind}"
+                    written.append(write_file(path, figures.FORMATS[kind](figure)))
     return written, unknown
 
 

@@ -68,9 +68,8 @@ def run(options: argparse.Namespace) -> Answer:
             written, unknown = export.export_all(results, folder, **some, drawn=drawn, choice=choice)
         else:
             kind, width = _format(options), options.width
-            unknown, written = [], [export.export(options.name, results, options.output, kind, width, choice)]
-            if choice.methods and (missing := export.lacking(options.name, results, choice)):
-                unknown = [f"{', '.join(missing)}: no rows are stored; compute them with lagrange-bench run"]
+            path, unknown = export.export(options.name, results, options.output, kind, width, choice)
+            written = [path]
     for reason in unknown if not options.quiet else ():
         print(f"not drawn: {reason}", file=sys.stderr)
     data = {"written": [str(path) for path in written], "not_drawn": unknown, "results": str(results)}

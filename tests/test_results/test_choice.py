@@ -77,6 +77,26 @@ def test_a_chosen_method_without_rows_is_named(run, tmp_path):
     assert err.endswith("phase has no rows of strang: lagrange-bench run phase --methods strang\n")
 
 
+@pytest.mark.parametrize("words", [("phase_h",), ("--all",)])
+def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypatch, words):
+    """In one reading of each journal."""
+    done = {"status": "done", "rows": [{"error": 1.0}], "error": None, "warnings": [], "seconds": 0.1}
+    cell = {"part": "h", "state": "generic", "span": 64, "h": 0.25}
+    for module, method in ((phase, "rk4"), (drift, "strang")):
+        Store(tmp_path).append(
+            make_record(module.__name__.split(".")[-1], module.VERSION, 0, {**cell, "method": method}, **done)
+        )
+        monkeypatch.setattr(module, "draw", lambda rows: {"h": style.figure("column")[0]})
+    read, rows = [], Store.rows
+    monkeypatch.setattr(Store, "rows", lambda self, name: read.append(name) or rows(self, name))
+    drawn = tmp_path / "drawn"
+    code, out, err = run("figure", *words, "--methods", "rk4,strang", "--results", tmp_path, "--output", drawn)
+    assert code == 1, err
+    assert out.startswith(str(drawn))
+    assert "not drawn: phase has no rows of strang: lagrange-bench run phase --methods strang\n" in err
+    assert sorted(read) == (["phase"] if words == ("phase_h",) else ["drift", "phase"])
+
+
 def test_a_store_shows_what_is_chosen(tmp_path):
     done = {"status": "done", "rows": [{"error": 1.0}], "error": None, "warnings": [], "seconds": 0.1}
     Store(tmp_path).append(*(make_record("toy", 1, i, cell, **done) for i, cell in enumerate(CELLS)))
