@@ -3,6 +3,7 @@
 import gc
 import json
 import os
+import signal
 import tempfile
 from pathlib import Path
 
@@ -14,6 +15,10 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # the processes of pytest-xdist sha
     _folder = tempfile.TemporaryDirectory(prefix="heyoka-")
     os.environ["HEYOKA_CACHE_DIR"] = _folder.name
 
+
+# a shell lets what it starts with & ignore Ctrl-C; tests that press it, and the processes they start, must not
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # compiling makes many objects that stay: a twelfth of its time went into looking at them again
 gc.set_threshold(10_000)
