@@ -65,8 +65,7 @@ def export(
     for experiment in sorted(mine, key=len, reverse=True):
         rows = Store(results, choice).rows(experiment)
         if choice and rows.empty:
-            chosen = ", ".join((*choice.methods, *choice.tops))
-            raise UnknownFigure(f"{experiment} has no rows of {chosen}: lagrange-bench run {experiment}{choice.words}")
+            raise UnknownFigure(_no_rows(experiment, choice))
         for found, figure in _drawn(experiment, rows, width, choice):
             if found == name:
                 path = output or Path(f"{name}.{kind}")
@@ -84,8 +83,12 @@ def export(
 def _lacking(experiment: str, rows: pd.DataFrame, choice: Choice) -> list[str]:
     """The chosen methods that its figures do not show because it has no rows of them."""
     names = page.lacking(load_stored(experiment), rows, choice)
-    command = f"lagrange-bench run {experiment}{replace(choice, methods=tuple(names)).words}"
-    return [f"{experiment} has no rows of {', '.join(names)}: {command}"] if names else []
+    return [_no_rows(experiment, replace(choice, methods=tuple(names)))] if names else []
+
+
+def _no_rows(experiment: str, choice: Choice) -> str:
+    chosen = ", ".join((*choice.methods, *choice.tops))
+    return f"{experiment} has no rows of {chosen}: lagrange-bench run {experiment}{choice.words}"
 
 
 def export_all(

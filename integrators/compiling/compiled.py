@@ -18,7 +18,7 @@ from typing import Any
 
 import numba
 
-from integrators.compiling.numba_internals import config, keep_code, name_of, set_name
+from integrators.compiling.numba_internals import call_by_name, config, keep_code, name_of, set_name
 from integrators.files import cache_folder
 
 njit: Any = numba.njit  # its types know fewer options than it has
@@ -27,12 +27,7 @@ OPTIONS = {"error_model": "numpy", "nogil": True, "fastmath": False, "no_cfunc_w
 
 PACKAGE = Path(__file__).parents[1]
 BELOW = ("compiling", "problem")  # rooms whose kernels reach others as arguments: part of every digest
-SETTINGS = (
-    "BOUNDSCHECK",
-    "LOOP_VECTORIZE",
-    "OPT",
-    "SLP_VECTORIZE",
-)  # of Numba, by the environment: they change the code
+SETTINGS = ("BOUNDSCHECK", "LOOP_VECTORIZE", "OPT", "SLP_VECTORIZE")  # of Numba: they change the machine code
 IMPORT = re.compile(r"^\s*from (integrators\b[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
 
 
@@ -125,6 +120,17 @@ def jit_over(*kernels: Any) -> Callable[[Callable[..., Any]], Any]:
         return compiled
     ours = all(k is None or k.py_func.__module__.startswith("integrators.") for k in kernels)
     return jit if ours else compiled
+
+
+def outlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of a pointer to doubles that gives an int: kernels call it and hold no copy. For long code, seldom run.
+
+    Numba puts a copy of all that a kernel calls into the kernel, and LLVM optimises each copy. A kernel out of the cache needs
+    this function, too: call `outlined` wherever such a kernel is made.
+    """
+    if config.DISABLE_JIT:
+        return function
+    return call_by_name(jit(function, no_cfunc_wrapper=False), f"{function.__module__}.{function.__qualname__}")
 
 
 def inlined_copy(kernel: Any) -> Any:

@@ -113,12 +113,8 @@ def named_intrinsic(function: Callable[..., Any]) -> Any:
     return set_name(intrinsic(function), f"{function.__module__}.{function.__qualname__}")
 
 
-def outlined(dispatcher: Any, name: str) -> Any:
-    """A compiled function of a pointer to doubles, for kernels that call it under that name and hold no copy.
-
-    Numba puts a copy of all that a kernel calls into the kernel, and LLVM optimises each copy. A kernel out of the cache needs
-    the name, too: call this wherever such a kernel is made.
-    """
+def call_by_name(dispatcher: Any, name: str) -> Any:
+    """A compiled function of a pointer to doubles that gives an int, as LLVM finds it by that name from now on."""
     dispatcher.compile((types.CPointer(types.float64),))
     (made,) = inside(dispatcher, "overloads").values()
     add_symbol(name, inside(made, "library.get_pointer_to_function")(inside(made, "fndesc.llvm_cfunc_wrapper_name")))
@@ -130,7 +126,7 @@ def outlined(dispatcher: Any, name: str) -> Any:
 
         return types.int64(numbers), generate
 
-    return set_name(intrinsic(call), f"outlined {name}")
+    return set_name(intrinsic(call), f"call {name}")
 
 
 if config.DISABLE_JIT:

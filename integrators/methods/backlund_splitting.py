@@ -42,10 +42,10 @@ from typing import Any
 import numpy as np
 
 from integrators.checks import check_choice, check_flag, warn_caller
-from integrators.compiling.compiled import inlined, jit, jit_as
+from integrators.compiling.compiled import inlined, jit, jit_as, outlined
 from integrators.compiling.expression import take
 from integrators.compiling.loops import FAILURE, ITERATIONS, SIZE, ConjugateStepper
-from integrators.compiling.numba_internals import config, outlined, stack
+from integrators.compiling.numba_internals import stack
 from integrators.compiling.unroll import unrolled
 from integrators.interface import AnyField, Array, Method, StepError, Stepper, StepWarning
 from integrators.methods import backlund, backlund_choice
@@ -141,9 +141,7 @@ def flow_of_numbers(numbers):
 @cache
 def called_flow() -> Any:
     """`flow` for kernels that seldom need it: called, so that its long code is not a part of each of them."""
-    if config.DISABLE_JIT:
-        return flow
-    call = outlined(jit(flow_of_numbers, no_cfunc_wrapper=False), f"{__name__}.flow")
+    call = outlined(flow_of_numbers)
 
     @jit_as("called flow")
     def called(s, alpha, h):
@@ -222,8 +220,8 @@ def kick_of(field: Field, level: bool, gradients: int) -> Any:
 def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool) -> Any:
     """The step; `degree` of the tables, 0 for none; `single`: of one flow and one kick, at places that the compiler knows."""
     kicked, numbers, look = kick_of(field, level, gradients), take(field.parameters), look_up(degree or 1, level)[0]
-    first, exact = NUMBERS + field.parameters, called_flow() if degree else flow
-    stride = GROUP + table_size(degree, level)
+    exact = called_flow() if degree else flow
+    first, stride = NUMBERS + field.parameters, GROUP + table_size(degree, level)
 
     @jit_as(f"backlund splitting {field.digest} {level} {gradients} {degree} {single}", forceinline=True)
     def step(s, c, tally):

@@ -139,15 +139,15 @@ def test_code_of_a_module_that_cannot_be_imported_is_not_kept(tmp_path, monkeypa
 # a kernel that calls an outlined function: its result, whether it holds that function's division, and whether it came
 # from the cache
 OUTLINED = """
-from integrators.compiling.compiled import jit, jit_as
-from integrators.compiling.numba_internals import outlined, stack
+from integrators.compiling.compiled import jit_as, outlined
+from integrators.compiling.numba_internals import stack
 
 def cube(numbers):
     numbers[1] = numbers[0] ** 3 / 7.5
     return 2
 
 def made():
-    call = outlined(jit(cube, no_cfunc_wrapper=False), "cube of the test")
+    call = outlined(cube)
     @jit_as("caller")
     def caller(x):
         numbers = stack(2)

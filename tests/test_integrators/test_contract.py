@@ -54,11 +54,8 @@ def test_claims(name):
 
 def ends():
     """The bits of the state after four steps of each method, in the uniform field and in two others."""
-    found = {}
-    for label, named in {
-        "uniform": GENERIC,
-        **{name: PERTURBED_TOPS[name] for name in ("weak_tide", "magnet")},
-    }.items():
+    found, fields = {}, {name: PERTURBED_TOPS[name] for name in ("weak_tide", "magnet")}
+    for label, named in {"uniform": GENERIC, **fields}.items():
         h = 0.05 * named.top.scales(named.state)[2]
         for name, record in METHODS.items():
             if available(record) and record.takes(named.top) is None:
