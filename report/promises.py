@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -132,6 +132,14 @@ def kept_in_a_field(rows: pd.DataFrame) -> Verdict:
 EXACT = ("backlund", "closed-form")
 
 
+def against_others(good: pd.DataFrame, price: str) -> Iterator[tuple[float, str, float, pd.Series, pd.Series]]:
+    """Of each run and error: its length, its top, the error, and what Bäcklund maps and methods not exact in time cost."""
+    for (span, state), group in good.groupby(["span", "state"], sort=False):
+        for target in work_precision.TARGETS:
+            found = work_precision.best(group, target, price)
+            yield span, state, target, found[found.family == "backlund"][price], found[~found.family.isin(EXACT)][price]
+
+
 def lead(errors: dict[float, float], price: str, longest: bool) -> Callable[[pd.DataFrame], Verdict]:
     """How many times as long the cheapest method takes that is not exact in time as the cheapest Bäcklund map.
 
@@ -143,17 +151,14 @@ def lead(errors: dict[float, float], price: str, longest: bool) -> Callable[[pd.
     def check(rows: pd.DataFrame) -> Verdict:
         good = work_precision.useful(all_methods(rows))
         ratios = {}
-        for (span, state), group in good[good.span.isin(errors)].groupby(["span", "state"], sort=False):
-            for target in (target for target in work_precision.TARGETS if target >= errors[span]):
-                found = work_precision.best(group, target, price)
-                ours, others = found[found.family == "backlund"][price], found[~found.family.isin(EXACT)][price]
-                if longest and ours.empty:
-                    return Verdict(0.0, 1.0, False, f"no error {show(target)} at t = {show(span)} on {state}")
-                if len(ours) or len(others):
-                    ratio = min(others, default=np.inf) / min(ours, default=np.inf) if len(ours) else 0.0
-                    ratios[ratio] = (
-                        f"error {show(target)} at t = {show(span)} on {state}, which {len(others)} others reach"
-                    )
+        for span, state, target, ours, others in against_others(good[good.span.isin(errors)], price):
+            if target < errors[span]:
+                continue
+            if longest and ours.empty:
+                return Verdict(0.0, 1.0, False, f"no error {show(target)} at t = {show(span)} on {state}")
+            if len(ours) or len(others):
+                ratio = others.min() / ours.min() if len(ours) and len(others) else np.inf if len(ours) else 0.0
+                ratios[ratio] = f"error {show(target)} at t = {show(span)} on {state}, which {len(others)} others reach"
         told = min(ratios) if longest else max(ratios)
         holds = told > 1 if longest else told < 1
         return Verdict(float(told), 1.0, holds, ratios[told], sign=">" if longest else "<")

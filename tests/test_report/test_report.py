@@ -208,6 +208,27 @@ def test_the_summary_is_written_from_rows():
     assert "failed" in summary.sentences({"phase": refuted})[0].text
 
 
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        ({10.0: 3.5, 100.0: 2.0, 1e4: 0.1}, "takes up to 3.5 times (to t = 10) and up to 2 times (to t = 100) as long"),
+        ({10.0: 1.002, 100.0: 0.5}, "more than 10 % cheaper"),  # as long to three digits: no loss
+        (
+            {10.0: 0.1, 100.0: 3.5},
+            "takes up to 3.5 times (to t = 100) as long",
+        ),  # not only the shortest run is looked at
+    ],
+)
+def test_a_loss_is_a_difference_beyond_the_noise_of_timing(seconds, words):
+    runs = [(span, name, time) for span, ours in seconds.items() for name, time in (("backlund", ours), ("rk4", 1.0))]
+    rows = pd.DataFrame(runs, columns=["span", "method", "seconds"])
+    rows = rows.assign(setup_seconds=0.0, state="generic", status="done", error=1e-13)
+    said = summary._where_it_loses(rows)
+    assert words in said
+    assert ("loses" in said) == (max(seconds.values()) > 1.1)
+    assert summary._where_it_loses(rows[rows.method == "rk4"]) == ""  # nothing to compare
+
+
 def test_same_rows_same_bytes(results, tmp_path, monkeypatch):
     first = page.build(results, tmp_path / "a").parent
     moved = shutil.copytree(results, tmp_path / "elsewhere" / results.name)
