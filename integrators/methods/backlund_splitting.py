@@ -55,6 +55,7 @@ from integrators.problem.perturbed import Field, PerturbedTop
 from integrators.problem.top import LagrangeTop
 from integrators.torus import real_map
 from integrators.torus.plain_step import invariants, move, parameter
+from integrators.torus.step_table import look_up, table_size, tables
 from integrators.truth import exact
 
 # ------------------------------------------------------------------------------------ kernels
@@ -65,40 +66,6 @@ TIME, KICK, TWIST, SECOND, INVERSE, GROUP = range(6)  # of one flow and one kick
 
 LOST = 1
 FAILURES = {LOST: "no exact step over this time was found; take a smaller |h|"}
-DEGREES = (1, 2, 3, 4, 6, 8, 10, 12)
-TAIL = 2.0**-50  # relative size of the coefficients of highest degree of a table that has all digits
-
-
-@cache
-def look_up(degree: int, level: bool) -> tuple[Any, Any]:
-    """(c, first, u, v) → the four functions of a table at (u, v) in [−1, 1]², for an array c; and the same for a tuple.
-
-    Coefficients of u^i v^j, the four functions side by side, fall in i, then in j.
-    """
-
-    def look(c, first, u, v):
-        p = q = r = s = 0.0
-        place = first
-        for i in range(degree, -1, -1):
-            d, e, f, g = c[place], c[place + 1], c[place + 2], c[place + 3]
-            place += 4
-            if not level:
-                for _ in range(degree - i):
-                    d, e, f, g = d * v + c[place], e * v + c[place + 1], f * v + c[place + 2], g * v + c[place + 3]
-                    place += 4
-            p, q, r, s = p * u + d, q * u + e, r * u + f, s * u + g
-        return p, q, r, s
-
-    @unrolled(f"look up {degree} {level}")
-    def look_in_lane(table, u, v):
-        return look(table, 0, u, v)
-
-    return jit_as(f"look up {degree} {level}", forceinline=True)(look), look_in_lane
-
-
-def table_size(degree: int, level: bool) -> int:
-    """How many numbers `look_up` needs."""
-    return 4 * (degree + 1) * (1 if level else degree + 2) // (1 if level else 2) if degree else 0
 
 
 @jit
@@ -325,111 +292,11 @@ def map_over(field: Field, level: bool) -> Any:
     return run
 
 
-# ------------------------------------------------------------------------------------ tables
+# ------------------------------------------------------------------------------------ the box of the tables
 
 # steps that show where (H, J3) go, and their length in time scales of the top: they need not be exact
 PILOT, STRIDE = 96, 1.2
 MARGIN = 8.0  # the box is so many times as wide: a slow motion goes further than the pilot, and a table is cheap
-GRIDS = (6, 14)  # nodes along each side, tried in turn
-
-
-@cache
-def chebyshev(n: int) -> tuple[Array, Array, Array]:
-    """Nodes on [−1, 1], the matrix from values there to Chebyshev coefficients, and the one from these to monomials."""
-    k = np.arange(n)
-    angles = np.pi * (k + 0.5) / n
-    to_chebyshev = 2.0 / n * np.cos(np.outer(k, angles))
-    to_chebyshev[0] *= 0.5
-    to_monomials = np.zeros((n, n))  # column k: T_k
-    to_monomials[0, 0] = 1.0
-    if n > 1:
-        to_monomials[1, 1] = 1.0
-    for i in range(2, n):
-        to_monomials[1:, i] = 2.0 * to_monomials[:-1, i - 1]
-        to_monomials[:, i] -= to_monomials[:, i - 2]
-    return np.cos(angles), to_chebyshev, to_monomials
-
-
-@jit
-def product(A, B, out):
-    """out = A B."""
-    for i in range(A.shape[0]):
-        for j in range(B.shape[1]):
-            total = 0.0
-            for k in range(A.shape[1]):
-                total += A[i, k] * B[k, j]
-            out[i, j] = total
-
-
-@jit
-def tabulate(c, h, nodes, to_chebyshev, to_monomials, level, found):
-    """Into `found`, coefficients (4, n, m) of u^i v^j of λ and m over the box; the least degree that has all digits, or 0."""
-    n, m = len(nodes), 1 if level else len(nodes)
-    values, half = np.empty((4, n, m)), np.empty((n, m))
-    for i in range(n):
-        for j in range(m):
-            h2 = c[CENTRE_H] + nodes[i] / c[SCALE_H]
-            j3 = c[CENTRE_J] + (0.0 if level else nodes[j] / c[SCALE_J])
-            R, eta, mr, mi, ok = parameter((c[C1], 2.0 * c[C2], h2), j3, c[ALPHA], h)
-            if not ok:
-                return 0
-            values[0, i, j], values[1, i, j], values[2, i, j], values[3, i, j] = R, eta, mr, mi
-    tails = np.zeros(n + m)
-    for k in range(4):
-        if level:
-            product(to_chebyshev, values[k], found[k])
-        else:
-            product(to_chebyshev, values[k], half)
-            product(half, to_chebyshev.T, found[k])
-        size = 0.0  # R and η share one, so do the parts of m
-        for i in range(n):
-            for j in range(m):
-                size = max(size, abs(values[k, i, j]), abs(values[1 if k < 2 else 2, i, j]))
-        for i in range(n):
-            for j in range(m):
-                tails[i + j] = max(tails[i + j], abs(found[k, i, j]) / size)
-    least = 0
-    for degree in range(n - 2, 0, -1):  # the two highest degrees show that the series has ended
-        if tails[degree + 1] > TAIL:
-            break
-        least = degree
-    for k in range(4):
-        for i in range(n):
-            for j in range(m):
-                if i + j > max(least, 1):
-                    found[k, i, j] = 0.0
-        product(to_monomials, found[k], half)
-        if level:
-            for i in range(n):
-                found[k, i, 0] = half[i, 0]
-        else:
-            product(half, to_monomials.T, found[k])
-    return least
-
-
-@cache
-def order_of(degree: int, level: bool) -> tuple[Array, Array]:
-    """Powers of u and v, in the order of `look_up`."""
-    order = [(i, j) for i in range(degree, -1, -1) for j in range(0 if level else degree - i, -1, -1)]
-    rows, columns = np.array(order).T
-    return rows, columns
-
-
-def tables(c: Array, times: tuple[float, ...], level: bool) -> tuple[int, list[Array]]:
-    """The degree, and for each time the coefficients in the order of `look_up`; degree 0 if some time has no table."""
-    size = max(*GRIDS, DEGREES[-1] + 1)
-    for n in GRIDS:
-        found, degree = np.zeros((len(times), 4, size, 1 if level else size)), 0
-        for k, h in enumerate(times):
-            least = tabulate(c, h, *chebyshev(n), level, found[k, :, :n, :n])
-            if least == 0:
-                break
-            degree = max(degree, least)
-        else:
-            degree = next(d for d in DEGREES if d >= degree)
-            rows, columns = order_of(degree, level)
-            return degree, [of_time[:, rows, columns].T.ravel() for of_time in found]
-    return 0, []
 
 
 @cache
@@ -493,7 +360,7 @@ class ExactSplittingStepper(ConjugateStepper):
         degree, made = 0, []
         if tabled and self._box(head, y0, field, level, top.top.scales(y0), h):
             different = tuple(dict.fromkeys(times))
-            degree, listed = tables(head, different, level)
+            degree, listed = tables(head[ALPHA : C2 + 1], head[CENTRE_H:NUMBERS], different, level)
             if degree:
                 made = [listed[different.index(time)] for time in times]
                 groups[:, INVERSE] = [0.5 / (t[-2] * t[-2] + t[-1] * t[-1]) for t in made]  # of the constant term

@@ -1,0 +1,158 @@
+"""λ(h) and m over a box of tori, as polynomials: for a splitting, in which every step starts on another torus.
+
+With C1, C2, alpha and h fixed, the parameter of the exact step is a smooth function of (H, J3). It is interpolated at Chebyshev
+nodes and stored by monomials in u = (2H − its middle)/(half of the width), v the same of J3. A table has all digits or is not
+made: the coefficients of its two highest degrees must vanish, relative to the functions, up to round-off.
+
+`tables` makes them; `look_up` gives λ = R + iη and m = mr + i mi at (u, v). Source: this project.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from integrators.compiling.compiled import jit, jit_as
+from integrators.compiling.unroll import unrolled
+from integrators.interface import Array
+from integrators.torus.plain_step import parameter
+
+DEGREES = (1, 2, 3, 4, 6, 8, 10, 12)
+TAIL = 2.0**-50  # relative size of the coefficients of highest degree of a table that has all digits
+GRIDS = (6, 14)  # nodes along each side, tried in turn
+
+
+@cache
+def look_up(degree: int, level: bool) -> tuple[Any, Any]:
+    """(c, first, u, v) → the four functions of a table at (u, v) in [−1, 1]², for an array c; and the same for a tuple.
+
+    Coefficients of u^i v^j, the four functions side by side, fall in i, then in j.
+    """
+
+    def look(c, first, u, v):
+        p = q = r = s = 0.0
+        place = first
+        for i in range(degree, -1, -1):
+            d, e, f, g = c[place], c[place + 1], c[place + 2], c[place + 3]
+            place += 4
+            if not level:
+                for _ in range(degree - i):
+                    d, e, f, g = d * v + c[place], e * v + c[place + 1], f * v + c[place + 2], g * v + c[place + 3]
+                    place += 4
+            p, q, r, s = p * u + d, q * u + e, r * u + f, s * u + g
+        return p, q, r, s
+
+    @unrolled(f"look up {degree} {level}")
+    def look_in_lane(table, u, v):
+        return look(table, 0, u, v)
+
+    return jit_as(f"look up {degree} {level}", forceinline=True)(look), look_in_lane
+
+
+def table_size(degree: int, level: bool) -> int:
+    """How many numbers `look_up` needs."""
+    return 4 * (degree + 1) * (1 if level else degree + 2) // (1 if level else 2) if degree else 0
+
+
+@cache
+def chebyshev(n: int) -> tuple[Array, Array, Array]:
+    """Nodes on [−1, 1], the matrix from values there to Chebyshev coefficients, and the one from these to monomials."""
+    k = np.arange(n)
+    angles = np.pi * (k + 0.5) / n
+    to_chebyshev = 2.0 / n * np.cos(np.outer(k, angles))
+    to_chebyshev[0] *= 0.5
+    to_monomials = np.zeros((n, n))  # column k: T_k
+    to_monomials[0, 0] = 1.0
+    if n > 1:
+        to_monomials[1, 1] = 1.0
+    for i in range(2, n):
+        to_monomials[1:, i] = 2.0 * to_monomials[:-1, i - 1]
+        to_monomials[:, i] -= to_monomials[:, i - 2]
+    return np.cos(angles), to_chebyshev, to_monomials
+
+
+@jit
+def product(A, B, out):
+    """out = A B."""
+    for i in range(A.shape[0]):
+        for j in range(B.shape[1]):
+            total = 0.0
+            for k in range(A.shape[1]):
+                total += A[i, k] * B[k, j]
+            out[i, j] = total
+
+
+@jit
+def tabulate(top, box, h, nodes, to_chebyshev, to_monomials, level, found):
+    """Into `found`, coefficients (4, n, m) of u^i v^j of λ and m over the box; the least degree that has all digits, or 0."""
+    n, m = len(nodes), 1 if level else len(nodes)
+    values, half = np.empty((4, n, m)), np.empty((n, m))
+    for i in range(n):
+        for j in range(m):
+            h2 = box[0] + nodes[i] / box[1]
+            j3 = box[2] + (0.0 if level else nodes[j] / box[3])
+            R, eta, mr, mi, ok = parameter((top[1], 2.0 * top[2], h2), j3, top[0], h)
+            if not ok:
+                return 0
+            values[0, i, j], values[1, i, j], values[2, i, j], values[3, i, j] = R, eta, mr, mi
+    tails = np.zeros(n + m)
+    for k in range(4):
+        if level:
+            product(to_chebyshev, values[k], found[k])
+        else:
+            product(to_chebyshev, values[k], half)
+            product(half, to_chebyshev.T, found[k])
+        size = 0.0  # R and η share one, so do the parts of m
+        for i in range(n):
+            for j in range(m):
+                size = max(size, abs(values[k, i, j]), abs(values[1 if k < 2 else 2, i, j]))
+        for i in range(n):
+            for j in range(m):
+                tails[i + j] = max(tails[i + j], abs(found[k, i, j]) / size)
+    least = 0
+    for degree in range(n - 2, 0, -1):  # the two highest degrees show that the series has ended
+        if tails[degree + 1] > TAIL:
+            break
+        least = degree
+    for k in range(4):
+        for i in range(n):
+            for j in range(m):
+                if i + j > max(least, 1):
+                    found[k, i, j] = 0.0
+        product(to_monomials, found[k], half)
+        if level:
+            for i in range(n):
+                found[k, i, 0] = half[i, 0]
+        else:
+            product(half, to_monomials.T, found[k])
+    return least
+
+
+@cache
+def order_of(degree: int, level: bool) -> tuple[Array, Array]:
+    """Powers of u and v, in the order of `look_up`."""
+    order = [(i, j) for i in range(degree, -1, -1) for j in range(0 if level else degree - i, -1, -1)]
+    rows, columns = np.array(order).T
+    return rows, columns
+
+
+def tables(top: Array, box: Array, times: tuple[float, ...], level: bool) -> tuple[int, list[Array]]:
+    """The degree, and for each time the coefficients in the order of `look_up`; degree 0 if some time has no table.
+
+    top : alpha, C1, C2. box : the middle of 2H and the reciprocal of half its width, then those of J3. level : J3 is constant.
+    """
+    size = max(*GRIDS, DEGREES[-1] + 1)
+    for n in GRIDS:
+        found, degree = np.zeros((len(times), 4, size, 1 if level else size)), 0
+        for k, h in enumerate(times):
+            least = tabulate(top, box, h, *chebyshev(n), level, found[k, :, :n, :n])
+            if least == 0:
+                break
+            degree = max(degree, least)
+        else:
+            degree = next(d for d in DEGREES if d >= degree)
+            rows, columns = order_of(degree, level)
+            return degree, [of_time[:, rows, columns].T.ravel() for of_time in found]
+    return 0, []
