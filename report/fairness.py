@@ -48,6 +48,8 @@ def _part(rows: pd.DataFrame, part: str) -> pd.DataFrame:
 
 
 def _rules(records: dict[str, Method], step: pd.DataFrame, setup: str, work: pd.DataFrame) -> list[tuple[str, str]]:
+    from integrators.methods.backlund_splitting import PIN_EVERY  # compiles: not for who only imports this
+
     engines = [record.engine for record in records.values()]
     many = ", ".join(f"{engines.count(e)} {text}" for e, text in ENGINES.items() if e in engines)
     flags = "off" if not OPTIONS["fastmath"] else "on"
@@ -65,13 +67,13 @@ def _rules(records: dict[str, Method], step: pd.DataFrame, setup: str, work: pd.
         (
             "What an evaluation is.",
             "A right-hand side or a force, counted where a method has any. That is a stage of Runge-Kutta, a kick of a "
-            "splitting, an order of a Taylor step, or a stage of one iteration of an implicit step. Explicit maps and closed "
-            "forms have none and are compared by time only.",
+            "splitting, an order of a Taylor step, or a stage of one iteration of a Gauss method. Explicit maps and closed "
+            "forms have none and are compared by time only. So are the midpoint rules, whose iterations are counted instead.",
         ),
         (
             "Tolerances are not errors.",
-            "A tolerance bounds the error of one step. That of a run can be ten or a thousand times as large. Methods are "
-            "compared at the error they reach against the exact solution, never at equal tolerances or equal steps.",
+            "A tolerance bounds the error of one step. That of a run can be ten or a thousand times as large. Costs are "
+            "compared at the error that is reached against the exact solution, never at equal tolerances or equal steps.",
         ),
         ("Each at its best step.", _sweep(work)),
         (
@@ -89,7 +91,8 @@ def _rules(records: dict[str, Method], step: pd.DataFrame, setup: str, work: pd.
         (
             "Methods that are moved back onto the invariants.",
             f"{_named(pinned)}, by default every eighth step, or in every step where steps of `addition_theorem` are long "
-            f"(option `pin`); {_named(projected)} in every step. No other method is.",
+            f"(option `pin`); {_named(projected)} in every step. In a potential `backlund_splitting` is moved back onto C1 and "
+            f"C2, every {PIN_EVERY} steps. No other method is.",
         ),
         (
             "Judged at its own time.",
@@ -118,8 +121,8 @@ def _interpretation(step: pd.DataFrame) -> str:
     return (
         f"A step of the pair of Dormand and Prince takes {tables.show(float(least['rk45']) / 1000)} µs in SciPy and "
         f"{tables.show(float(least['rk45_fixed']))} ns compiled: a factor of {least['rk45'] / least['rk45_fixed']:.0f}, "
-        "due to the interpreter and not the method. So each interpreted method stands beside a compiled relative, and "
-        "its runs are shorter."
+        "due to the interpreter and not the method. So each explicit interpreted method stands beside a compiled relative, "
+        "and runs of interpreted methods are shorter."
     )
 
 

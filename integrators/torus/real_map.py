@@ -113,7 +113,7 @@ def direction(s, c):
 
 @jit
 def turning_step(s, c, tally):
-    """The same map with w made exactly long and x turned about it; half as dear again.
+    """The same map with w made exactly long and x turned about it; more than twice as dear.
 
     For large |λ|, where the increments of x would cancel, and for λ close to a root of Q. The rotation is exactly orthogonal
     but for the rounding of f; made of w and not of u, its denominator |λ|² would be rounded the same way in every step.

@@ -95,7 +95,11 @@ def test_theory_must_hold_for_every_method(monkeypatch, changes, passed):
     table = pd.DataFrame([*rows, {**rows[3], **changes}]).assign(part="theory")
     if changes.get("in range") is False:
         table = table.drop(index=3)
-    assert promises.taken_by_theory(table).passed is passed
+    verdict = promises.taken_by_theory(table)
+    assert verdict.passed is passed
+    unpredicted = promises.taken_by_theory(pd.concat([table, table.iloc[:1].assign(**{"in range": np.nan})]))
+    assert "no prediction for 1 more" in unpredicted.note or verdict.value is None
+    assert "no prediction" not in verdict.note or verdict.value is None
     with pytest.raises(NoData, match=f"not held against theory: {min(names[:3])}"):
         promises.taken_by_theory(table[~table.method.isin(names[:3])])
 
