@@ -51,6 +51,8 @@ MOST = 12  # doublings at most
 LEAST = 1 / 4  # |m|²/C1 from which T is right to 2e-15; below it, towards the separatrix, the error grows like C1/|m|²
 
 NEAR = 0.05  # (z1 − z2)/(z1 − z3) below which, next to the separatrix, errors grow too fast for plain doubles
+# (z_p − z2)/(z1 − z3) below which J comes so near to the vertical that half a revolution of each nutation may be lost
+VERTICAL = 1e-9
 NEWTON, AGM = 12, 12  # steps for the largest root of the cubic of nutation, in double, and of the means
 PI, PI_LO = 3.141592653589793, 1.2246467991473532e-16
 
@@ -332,7 +334,7 @@ def largest_root(c0, c1, c2, z):
 
 @inlined
 def first_means(alpha, s, c1, c2, z1):
-    """a, g, p, Q and Σ Q_n of `whole_nutations` at the start; what the turn is made of; z1 − z2 and z1 − z3."""
+    """a, g, p, Q and Σ Q_n of `whole_nutations` at the start; what the turn is made of; z1 − z2, z1 − z3 and z_p − z2."""
     J1, J2, J3, x1, x2, x3 = s
     z2, z3 = lower_roots(c1, c2, z1)
     pole = scale(add(two_prod(J1, J1), two_prod(J2, J2)), 0.5)
@@ -341,7 +343,7 @@ def first_means(alpha, s, c1, c2, z1):
     a, g = root(scale(wide, 0.5)), root(scale(close, 0.5))
     p = mul(a, root(div(near, far)))
     share = scale(div(residue, far), 0.25), div(sub(z2, z3), near)
-    return (*a, *g, *p, 1.0, 0.0, 1.0, 0.0), (*share[0], *share[1]), close[0], wide[0]
+    return (*a, *g, *p, 1.0, 0.0, 1.0, 0.0), (*share[0], *share[1]), close[0], wide[0], near[0]
 
 
 @inlined
@@ -384,9 +386,9 @@ def whole_nutations(work, nutation):
         c = column(nutation, CUBIC + j, 7, LANES)
         c1, c2 = (c[2], c[3]), (c[4], c[5])
         z1, step = largest_root((c[0], c[1]), c1, c2, c[6])
-        first, kept, close, wide = first_means(work[GIVEN + j], column(work, STATE + j, 6, LANES), c1, c2, z1)
+        first, kept, close, wide, near = first_means(work[GIVEN + j], column(work, STATE + j, 6, LANES), c1, c2, z1)
         put_column(nutation, MEANS + j, first, LANES)
-        good = 1.0 if (step <= 1e-12 * close) & (close >= NEAR * wide) else 0.0
+        good = 1.0 if (step <= 1e-12 * close) & (close >= NEAR * wide) & (near >= VERTICAL * wide) else 0.0
         put_column(nutation, TURN + j, (*kept, good), LANES)
     for _ in range(AGM):
         for j in range(LANES):

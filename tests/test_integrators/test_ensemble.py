@@ -207,6 +207,22 @@ def test_ten_steps_of_up_to_many_nutations(h):
     assert np.mean((exact_c == plain_c).all(axis=1)) < 0.02
 
 
+@pytest.mark.parametrize("h", [3.0, -37.0])
+def test_tops_whose_spin_passes_the_vertical(h):
+    """There half a revolution of each nutation hangs on the last digits; tops released from rest are among them."""
+    rng, n = np.random.default_rng(7), 3000
+    states = rng.normal(size=(n, 6))
+    states[:, :2] *= np.where(np.arange(n) % 3, 10.0 ** rng.uniform(-16, 0, n), 0.0)[:, None]
+    states[::4, 2] = 0.0
+    states[1::4, 3:5] *= 10.0 ** rng.uniform(-16, 0, len(states[1::4]))[:, None]  # close to the vertical with J
+    states[1::4, 5] = 0.5
+    alphas = np.where(np.arange(n) % 4 == 1, rng.uniform(-2, 0, n), rng.uniform(-2, 2, n))  # those hang
+    top = LagrangeTop(alphas)
+    error = errors(alphas, states, integrate_ensemble(top, states, h, 1), integrate_ensemble(top, states, t=[h])[0])
+    assert np.median(error) < 5e-15
+    assert np.max(error) < 1e-12
+
+
 @pytest.mark.parametrize(("h", "wrong"), [(0.5, 1e-13), (31.0, 2e-15)])
 def test_a_plain_parameter_that_errs_would_be_found(h, wrong, monkeypatch):
     """Negative control: a clock that is wrong, or a period."""
