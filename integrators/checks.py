@@ -56,6 +56,13 @@ def check_state(y0: Any, name: str = "y0") -> Array:
     return y
 
 
+def as_state(y: Any) -> Array:
+    """`y` itself if it is a (6,) float64 array, for compiled code looks no further; else what `check_state` makes of it."""
+    if type(y) is np.ndarray and y.shape == (6,) and y.dtype == np.float64:
+        return y
+    return check_state(y, "y")
+
+
 def check_step(h: Any, name: str = "h") -> float:
     """`h` as a finite float that is not zero."""
     step = check_real(h, name)

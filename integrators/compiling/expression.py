@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from functools import cache, cached_property
 from typing import Any
 
@@ -149,6 +149,25 @@ class Program:
         outputs = "".join(f"{word(place)}, " for place in self.outputs)
         exec(f"def function({inputs}):\n{''.join(lines)}    return ({outputs})\n", room)
         return room["function"]  # type: ignore[no-any-return]
+
+    def roots(self, count: int) -> list[int]:
+        """Numbers of the lines that take a root of something that depends on one of the first `count` inputs."""
+        moving = set(range(count))
+        for place, (_, *arguments) in enumerate(self.lines, self.inputs):
+            if moving.intersection(argument for argument in arguments if isinstance(argument, int)):
+                moving.add(place)
+        return [i for i, line in enumerate(self.lines) if line[0] == "sqrt" and self.inputs + i in moving]
+
+    def branch(self, flipped: Collection[int]) -> Program:
+        """The same formula with the other sign of the roots in these lines: another branch of the same analytic function."""
+        new: dict[Any, Any] = {i: i for i in range(self.inputs)}
+        lines: list[tuple[Any, ...]] = []
+        for i, (operation, *arguments) in enumerate(self.lines):
+            lines.append((operation, *(new.get(argument, argument) for argument in arguments)))
+            if i in flipped:
+                lines.append(("neg", self.inputs + len(lines) - 1))
+            new[self.inputs + i] = self.inputs + len(lines) - 1
+        return Program(self.inputs, tuple(lines), tuple(new.get(place, place) for place in self.outputs))
 
     def __getstate__(self) -> tuple[Any, ...]:  # without the function, which cannot be pickled
         return self.inputs, self.lines, self.outputs

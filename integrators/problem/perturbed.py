@@ -18,6 +18,7 @@ import random
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
+from itertools import chain, combinations, islice
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ from integrators.problem.top import Array, LagrangeTop, hat
 OFFERS = ("force", "quadratic", "linear")  # what a method may need of a field
 POINTS = 6  # random points at which two formulas that are not the same are told apart
 DIGITS = 50
+BRANCHES = 64  # other signs of roots that are tried
 SAME = 1e-8  # relative difference between a gradient that is given and the one that is derived
 Vector = tuple[Any, Any, Any]
 
@@ -135,6 +137,13 @@ class Formula:
         g = tape.run(self.derived if self.given is None else self.given, *x, *p)
         columns = [tape.along(g, x, e) for e in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
         return tape.program((*g, *(entry for column in columns for entry in column)))
+
+    @cached_property
+    def branches(self) -> list[Program]:
+        """`bends` with other signs of its roots, at most BRANCHES of them."""
+        roots = self.bends.roots(3)
+        flips = chain.from_iterable(combinations(roots, n) for n in range(1, len(roots) + 1))
+        return [self.bends.branch(flipped) for flipped in islice(flips, BRANCHES)]
 
     @cached_property
     def derived(self) -> Program:
@@ -363,7 +372,7 @@ class PerturbedTop:
         """If V = b·x: the Lagrange top that this is, and the rotation R (3, 3) to its frame, R (alpha e3 + b) upward."""
         if not self.nature.linear:
             return None
-        g = np.array(self.gradient(1.0, 0.0, 0.0), dtype=float)
+        g = self._anywhere()
         alpha = math.hypot(*g)
         if alpha == 0.0 or (g[0] == 0.0 and g[1] == 0.0):
             return LagrangeTop(float(g[2])), np.eye(3)
@@ -371,6 +380,17 @@ class PerturbedTop:
         side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
         side /= np.linalg.norm(side)
         return LagrangeTop(alpha), np.array((side, np.cross(axis, side), axis))
+
+    def _anywhere(self) -> Array:
+        """The gradient (3,) of a uniform field, where the formula gives one."""
+        for point in ((1.0, 0.0, 0.0), *_points()):
+            try:
+                g = np.array(self.gradient(*point), dtype=float)
+            except (ZeroDivisionError, OverflowError):
+                continue
+            if np.isfinite(g).all():
+                return g
+        raise ValueError(f"the potential {self.potential.name} is finite at none of the points tried")
 
     def check_state(self, y: Array) -> None:
         """ValueError, naming the potential, if the force is not finite at a state (6,)."""
@@ -537,25 +557,33 @@ def _generic(formula: Formula, count: int) -> Nature | None:
 def _looks(formula: Formula, parameters: tuple[float, ...]) -> Nature | None:
     """What the field is at random points, in 50 digits; None if it is finite at less than two of them.
 
-    Formulas that are the same everywhere are so there, and others differ there.
+    Formulas that are the same everywhere are so there, and others differ there. But a root of a square is a formula on one
+    side of a plane and another one on the other. So a field is only what it is with either sign of its roots, too.
     """
     import mpmath
 
-    found = []
+    found: list[tuple[Any, Any, Any]] = []
     with mpmath.workdps(DIGITS):
-        for point in _points():
-            try:
-                values = formula.bends(*map(mpmath.mpf, point), *map(mpmath.mpf, parameters))
-                if all(v - v == 0 for v in values) and not any(getattr(v, "imag", 0) for v in values):
+        for k, bends in enumerate((formula.bends, *formula.branches)):
+            if k == 1 and len(found) < 2:
+                break
+            for point in _points():
+                try:
+                    values = bends(*map(mpmath.mpf, point), *map(mpmath.mpf, parameters))
+                except (ZeroDivisionError, OverflowError, ValueError):
+                    continue
+                if all(v - v == 0 for v in values) and (k or not any(getattr(v, "imag", 0) for v in values)):
                     found.append((point, values[:3], values[3:]))
-            except (ZeroDivisionError, OverflowError, ValueError):
-                continue
         if len(found) < 2:
             return None
         least = mpmath.mpf(10) ** (10 - DIGITS) * max(abs(v) for _, slope, bend in found for v in (*slope, *bend))
+
+        def same(part: int) -> bool:
+            return all(abs(v - w) <= least for each in found for v, w in zip(each[part], found[0][part], strict=True))
+
         return Nature(
-            linear=all(abs(v) <= least for _, _, bend in found for v in bend),
-            quadratic=all(abs(v - w) <= least for _, _, bend in found for v, w in zip(bend, found[0][2], strict=True)),
+            linear=same(1) and all(abs(v) <= least for _, _, bend in found for v in bend),
+            quadratic=same(2),
             axisymmetric=all(abs(slope[0] * x[1] - slope[1] * x[0]) <= least for x, slope, _ in found),
         )
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from integrators.checks import as_state
 from integrators.interface import Array, Method, Stepper, Work
 from integrators.problem.perturbed import PerturbedTop
 
@@ -29,17 +30,24 @@ class Rotated(Stepper):
         return self.stepper.work
 
     def advance(self, y: Array, n: int) -> Array:
-        return turn(self.R.T, self.stepper.advance(turn(self.R, y), n)) if n else np.array(y)
+        y = as_state(y)
+        return turn(self.R.T, self.stepper.advance(turn(self.R, y), n)) if n else y.copy()
 
     def record(self, y: Array, n: int, every: int) -> Array:
+        y = as_state(y)
         rows = turn(self.R.T, self.stepper.record(turn(self.R, y), n, every))
         rows[0] = y
         return rows
 
 
 def turn(R: Array, y: Array) -> Array:
-    """J and x of states (..., 6), both rotated."""
-    return np.concatenate((y[..., :3] @ R.T, y[..., 3:] @ R.T), axis=-1)
+    """J and x of states (..., 6), both rotated; no bit of a row depends on the others, as it may in a product of matrices."""
+    turned = np.empty(y.shape)
+    for first in (0, 3):
+        a, b, c = y[..., first], y[..., first + 1], y[..., first + 2]
+        for k in range(3):
+            turned[..., first + k] = (R[k, 0] * a + R[k, 1] * b) + R[k, 2] * c
+    return turned
 
 
 def prepare_for(method: Method, problem: Any) -> Callable[..., Stepper]:
@@ -73,7 +81,9 @@ def evaluate_for(method: Method, problem: Any) -> Callable[..., tuple[Array, Wor
     def run(problem: PerturbedTop, y0: Array, times: Array, **options: Any) -> tuple[Array, Work]:
         top, R = frame(problem)
         states, work = evaluate(top, turn(R, y0), times, **options)
-        return turn(R.T, states), work
+        states = turn(R.T, states)
+        states[times == 0.0] = y0
+        return states, work
 
     return run
 

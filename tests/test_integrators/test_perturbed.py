@@ -104,12 +104,39 @@ def test_a_field_knows_its_kind():
     assert "J3" in top("charge", 0.1, 0.0, 0.0, 2.0).conserved
 
 
+@pytest.mark.parametrize(
+    ("wall", "conserved"),
+    [
+        (lambda x1, x2, x3, p: (x1 - p[0] + sqrt((x1 - p[0]) ** 2)) ** 2, False),
+        (lambda x1, x2, x3, p: (x3 - p[0] + sqrt((x3 - p[0]) ** 2)) ** 2, True),
+        (lambda x1, x2, x3, p: (x1 - p[0] + sqrt((x1 - p[0]) ** 2)) * (x2 - p[0] + sqrt((x2 - p[0]) ** 2)), False),
+    ],
+)
+def test_a_wall_that_no_point_of_comparison_touches_is_seen(wall, conserved):
+    """V = 0 on one side of a plane: only the other sign of a root shows that it is not 0 everywhere."""
+    top = PerturbedTop(TOP, Potential("wall", wall), (0.9,))
+    assert top.offers == {"force"}
+    assert ("J3" in top.conserved) is conserved
+    with pytest.raises(ValueError, match="backlund does not take the potential wall"):
+        integrate(top, Y, 0.1, 10)
+
+
+def test_a_field_whose_formula_fails_somewhere_may_be_uniform():
+    top = PerturbedTop(TOP, Potential("quotient", lambda x1, x2, x3, p: p[0] * x2 * x2 / x2), (0.2,))
+    assert "linear" in top.offers
+    same = PerturbedTop(TOP, Potential("line", lambda x1, x2, x3, p: p[0] * x2), (0.2,))
+    assert np.allclose(integrate(top, Y, 1.0, 8).y[-1], integrate(same, Y, 1.0, 8).y[-1], atol=1e-14)
+
+
 def test_a_tilted_uniform_field_is_another_top():
     top = PerturbedTop(TOP, POTENTIALS["dipole"], (0.1, 0.2, 0.3))
     steps = integrate(top, Y, 0.01, 800, "verner9_fixed").y[-1]
     for name in ("backlund", "theta_functions"):
         assert np.allclose(integrate(top, Y, 8.0, 1, name).y[-1], steps, atol=1e-13)
     assert np.allclose(integrate(top, Y, t=[8.0], method="backlund").y[-1], steps, atol=1e-13)
+    rows = integrate(top, Y, t=[3.0, 0.0, 3.0], method="backlund").y
+    assert np.array_equal(rows[0], rows[2])
+    assert np.array_equal(rows[1], Y)
     run = integrate(top, Y, 8.0, 1000, "backlund", every=10)
     assert np.abs(run.invariants()[:, [0, 2, 3]] - top.invariants(Y)[[0, 2, 3]]).max() < 2e-14
     other = PerturbedTop(TOP, POTENTIALS["dipole"], (0.1, 0.2, 0.4))
