@@ -17,7 +17,8 @@ e = (n x3 − p x3')/(2 − alpha p x3), all updates are increments of size h, a
 
 Off the torus the map is not the flow and leads further off, exponentially. So the state is moved back onto H, C1 and C2 every
 few steps, in every step if h is long. And where a long step takes Y(h) close to the orbit's largest Y(t), which it can only
-near the separatrix, the denominator loses the digits of x3: such steps are refused.
+near the separatrix, the denominator loses the digits of x3. Such steps are refused, and so are long ones whose first one is not
+that of `torus.real_map`: next to the unstable vertical the turn of a nutation is lost.
 
 Set-up, in double-double: p and φ from their power series at h/2^k, then k doublings, t = h in the formulas above. h is taken
 modulo the nutation period; a whole period is a rotation about e3.
@@ -26,6 +27,8 @@ Sources: Whittaker & Watson, A Course of Modern Analysis, 20.3 and 23.7; DLMF 23
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -58,6 +61,7 @@ from integrators.torus.real_map import (
     H_LO,
     J3_2,
     H,
+    far_flow,
 )
 from integrators.torus.real_map import CONSTANTS as TORUS
 from integrators.torus.real_map import pin as onto_torus
@@ -72,7 +76,9 @@ TERMS = 9  # of the power series in h²
 START = 2.0**-8  # times up to this, in units of 1/(|J| + √(|alpha||x|)) up to a factor two, start from the series
 
 LONG = 0.5  # |h|, in the same units, from which the state is moved back onto its torus in every step
-LEAST = 1e-3  # of 1 − Y(t)/Y(h): the map loses at most some four digits
+UNSTABLE = 1.0  # times up to which no unstable orbit has gone far
+LEAST = 1e-3  # of 1 − Y(t)/Y(h)
+MOST = 1e-11  # that one step may lose: some four digits
 
 ZERO, ONE = (0.0, 0.0), (1.0, 0.0)
 
@@ -310,9 +316,22 @@ def constants(alpha, y, h):
         c[k], c[k + 1] = number[0][0], number[1][0]
         k += 2
     least = 1.0
-    if abs(r[0]) > 1.0:  # before that no unstable orbit has had the time
+    if abs(r[0]) > UNSTABLE:
         least -= c[HALF_P] * (alpha * y[5] + ts.nutation_roots(alpha, y)[1][0])
     return c, least
+
+
+@jit
+def lost(alpha, y, h, c):
+    """Distance of one step from the exact step of `real_map`, which knows no poles; relative to the scales of J and x."""
+    found, (there, ok) = step(y, c, c), far_flow(y, alpha, h)
+    if not ok:
+        return 0.0
+    J = x = most_J = most_x = 0.0
+    for k in range(3):
+        J, x = max(J, abs(found[k] - there[k])), max(x, abs(found[k + 3] - there[k + 3]))
+        most_J, most_x = max(most_J, abs(y[k])), max(most_x, abs(y[k + 3]))
+    return max(J / (most_J + math.sqrt(abs(alpha) * most_x)), x / most_x)
 
 
 def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) -> FixedStepper:
@@ -328,6 +347,8 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
     state, span = units.enter(y0), units.span(name, h)
     block = (8 if abs(span) < LONG else 1) if pin is None else check_count(pin, "pin")
     c, least = constants(units.alpha, tuple(state), span)
+    if abs(span) > UNSTABLE and lost(units.alpha, tuple(state), span, c) > MOST:
+        least = 0.0
     if not (least >= LEAST and np.all(np.isfinite(c))):
         raise StepError(name, "h is too long so near the separatrix: the denominator of the map nearly vanishes", h=h)
     return TorusStepper(name, h, units, c, step, onto_torus if block else None, block or NEVER, lane=True)

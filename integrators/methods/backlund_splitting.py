@@ -56,6 +56,7 @@ from integrators.problem.top import LagrangeTop
 from integrators.torus import real_map
 from integrators.torus.plain_step import invariants, move, parameter
 from integrators.torus.step_table import look_up, table_size, tables
+from integrators.torus.stepper import OFF_TORUS
 from integrators.truth import exact
 
 # ------------------------------------------------------------------------------------ kernels
@@ -69,32 +70,12 @@ FAILURES = {LOST: "no exact step over this time was found; take a smaller |h|"}
 
 
 @jit
-def far_flow(s, alpha, h):
-    """The exact step over any time, in double-double: for what plain doubles do not reach."""
-    c, turn = real_map.exact_constants(alpha, s, h)
-    for value in c:
-        if not math.isfinite(value):
-            return s, False
-    form, unused = real_map.form(c), c
-    s = real_map.step(s, c, unused) if form == 0 else real_map.turning_step(s, c, unused)
-    cos, sin = turn[0][0], turn[1][0]
-    return (
-        cos * s[0] - sin * s[1],
-        sin * s[0] + cos * s[1],
-        s[2],
-        cos * s[3] - sin * s[4],
-        sin * s[3] + cos * s[4],
-        s[5],
-    ), True
-
-
-@jit
 def flow(s, alpha, h):
     """The exact step over h, λ(h) computed in place, and whether one was found."""
     R, eta, mr, mi, ok = parameter(invariants(s, alpha), s[2], alpha, h)
     if ok:
         return move(s, alpha, (R, eta, mr, mi)), True
-    return far_flow(s, alpha, h)
+    return real_map.far_flow(s, alpha, h)
 
 
 def flow_of_numbers(numbers):
@@ -376,6 +357,16 @@ class ExactSplittingStepper(ConjugateStepper):
             map_rows=map_over(field, level), way_in=(numbers, before), way_out=(numbers, after),
             rhs_per_step=n, failures=FAILURES, lane=lane,
         )  # fmt: skip
+
+    def enter(self, y: Array) -> Array:
+        J, x, (c1, c2) = y[:3], y[3:], self.constants[[C1, C2]]
+        with np.errstate(all="ignore"):
+            near = abs(x @ x - c1) <= OFF_TORUS * c1, abs(x @ J - c2) <= OFF_TORUS * np.sqrt(c1 * (J @ J))
+        if not all(near):
+            raise StepError(
+                self.name, "C1 or C2 of the state is not that of the state this step was prepared for", h=self.h
+            )
+        return super().enter(y)
 
     @staticmethod
     def _box(c: Array, y0: Array, field: Field, level: bool, scales: tuple[float, float, float], h: float) -> bool:

@@ -143,6 +143,19 @@ def test_map_refuses_what_it_cannot_do(kick):
             prepare(top, y0, 7.0, "addition_theorem")
 
 
+@pytest.mark.parametrize("h", [50.0, 100.0])
+def test_a_long_step_that_loses_its_turn_is_refused(h):
+    """Close to the unstable vertical; its error was 1e-7 and more, although the denominator is far from 0."""
+    top = LagrangeTop(-0.3478474207437309)
+    y0 = np.array([-2.05348e-06, -2.56570e-06, -0.3800268718527828, 9.84613e-08, -3.13748e-08, -1.104986429927274])
+    with pytest.raises(StepError, match="too long so near the separatrix"):
+        prepare(top, y0, h, "addition_theorem")
+    assert metrics.scaled_error(top, y0, prepare(top, y0, h).advance(y0, 1), exact.solution(top, y0, h)) < 1e-13
+    for named in TOPS.values():  # a long step is not refused without reason
+        if not math.isinf(exact.nutation_period(named.top, named.state)):
+            prepare(named.top, named.state, h * named.top.scales(named.state)[2], "addition_theorem")
+
+
 def test_map_refuses_a_state_off_its_torus():
     stepper = prepare(GENERIC.top, GENERIC.state, 0.1, "addition_theorem")
     with pytest.raises(StepError, match="torus"):
