@@ -62,8 +62,7 @@ def prepare(
     message names the argument.
     StepError : the method cannot be prepared for this top and step.
     """
-    top = top.top if isinstance(top, HeavyTop) else top
-    found, state = _look_up(top, y0, method)
+    top, found, state = _look_up(top, y0, method)
     return _prepare(found, top, state, check_step(h), options)
 
 
@@ -82,8 +81,8 @@ def integrate(
 
     What measures tops calls this one: its rows do not depend on the sources of the magnets.
     """
-    heavy, top = (top, top.top) if isinstance(top, HeavyTop) else (None, top)
-    found, state = _look_up(top, y0, method)
+    heavy = top if isinstance(top, HeavyTop) else None
+    top, found, state = _look_up(top, y0, method)
     wanted = attitude is not False and attitude is not None
     if wanted and isinstance(top, PerturbedTop):
         raise ValueError("attitude: the body of a PerturbedTop is not followed; give a LagrangeTop or a HeavyTop")
@@ -140,12 +139,14 @@ def grid_times(h: float, every: int, rows: int) -> Array:
     return h * (every * np.arange(rows, dtype=np.float64))
 
 
-def _look_up(top: Any, y0: ArrayLike, method: str | Method) -> tuple[Method, Array]:
-    _check_top(top)
+def _look_up(top: Any, y0: ArrayLike, method: str | Method) -> tuple[Any, Method, Array]:
+    """The top without its body, the method and the state, all checked."""
+    plain = top.top if isinstance(top, HeavyTop) else top
+    _check_top(plain)
     found, state = find_method(method), check_state(y0)
-    if isinstance(top, PerturbedTop):
+    if isinstance(top, (HeavyTop, PerturbedTop)):
         top.check_state(state)
-    return found, state
+    return plain, found, state
 
 
 def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, Any]) -> Stepper:

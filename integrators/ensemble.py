@@ -3,14 +3,15 @@
 The tops are cut into chunks, the chunks shared out among threads; compiled code lets go of Python's lock. A method that
 offers `advance_many` (or `evaluate_many`) takes a chunk in one call: the exact Bäcklund step with its set-up compiled,
 heyoka in its batch mode. Other fixed-step methods whose steppers declare a `lane` take their tops in the same SIMD
-lanes as the Bäcklund step. All have the bits of one top alone, but for short runs of the Bäcklund step, where they
-differ by round-off: `backlund.SHORT` steps or fewer take λ(h) in plain doubles, of any h. The splitting with the exact
-step inside takes λ(h) from the table of each top, other splittings one rotation and kick after the other. Implicit
-methods take their tops one by one, because each top needs its own number of iterations. So does all that is not
-compiled here. Tops that are left undone are also taken one by one: those of extreme size, and those for which the
-method fails. Then the StepError is the scalar one. A `PerturbedTop` goes the same ways, each top with its own numbers;
-where its field is uniform but not vertical, a method for uniform fields takes it one by one, in another frame. What
-becomes of a top depends on nothing but itself: not on the chunks, the threads, or its place.
+lanes as the Bäcklund step. All have the bits of one top alone, with two exceptions, which differ by round-off:
+heyoka's batches, and short runs of the Bäcklund step. `backlund.SHORT` steps or fewer take λ(h) in plain doubles, of
+any h. The splitting with the exact step inside takes λ(h) from the table of each top, other splittings one rotation
+and kick after the other. Implicit methods take their tops one by one, because each top needs its own number of
+iterations. So does all that is not compiled here. Tops that are left undone are also taken one by one: those of
+extreme size, and those for which the method fails. Then the StepError is the scalar one. A `PerturbedTop` goes the
+same ways, each top with its own numbers; where its field is uniform but not vertical, a method for uniform fields
+takes it one by one, in another frame. What becomes of a top depends on nothing but itself: not on the chunks, the
+threads, or its place.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from integrators.checks import check_count, check_grid, check_options, check_ste
 from integrators.compiling.lanes import LANES, run_lanes
 from integrators.compiling.loops import FixedStepper
 from integrators.interface import Array, Method, StepError, Stepper
-from integrators.problem.body import HeavyTop
+from integrators.problem.body import UNIT, HeavyTop
 from integrators.problem.perturbed import PerturbedTop, natures
 from integrators.problem.rotated import evaluate_for, prepare_for
 from integrators.problem.top import LagrangeTop
@@ -315,6 +316,7 @@ def _judge(method: Method, h: float | None, out: Array, failures: Failures, on_f
 
 def _check_tops(top: Any, Y0: ArrayLike) -> tuple[_Tops, Array]:
     """The tops, and their states (n, 6), contiguous float64; the caller's own memory where that is what it holds."""
+    unit = isinstance(top, HeavyTop)
     top = top.top if isinstance(top, HeavyTop) else top
     if not isinstance(top, (LagrangeTop, PerturbedTop)):
         raise ValueError(f"top must be a LagrangeTop, a HeavyTop or a PerturbedTop; got {type(top).__name__}")
@@ -331,6 +333,10 @@ def _check_tops(top: Any, Y0: ArrayLike) -> tuple[_Tops, Array]:
         _refuse(np.any(~np.isfinite(states), axis=1), "is not finite", states)
     vertical = (states[:, 3] == 0.0) & (states[:, 4] == 0.0)
     _refuse(vertical & (states[:, 5] == 0.0), "has x = 0: the axis of a top needs |x| > 0", states)
+    if unit:
+        with np.errstate(over="ignore"):
+            off = ~(np.abs(np.sqrt(np.sum(states[:, 3:] ** 2, axis=1)) - 1.0) <= UNIT)
+        _refuse(off, "has |x| not 1: the axis of a HeavyTop is the direction x", states)
     alphas = _one_for_each(top.alpha, "alpha", len(states))
     if isinstance(top, LagrangeTop):
         return _Tops(alphas), states

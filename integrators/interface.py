@@ -64,7 +64,7 @@ class Stepper(Protocol):
     from_start: bool = False
 
     def advance(self, y: Array, n: int) -> Array:
-        """State (6,) after time n*h. `y` is (6,) float64 and is not modified. By default the last row of `record`."""
+        """State (6,) after time n*h. `y` (6,) is not modified. By default the last row of `record`."""
         last: Array = self.record(y, n, max(n, 1))[-1]
         return last
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from integrators.checks import check_grid
+from integrators.checks import as_state, check_grid
 from integrators.compiling.compiled import is_compiled, jit, jit_over
 from integrators.compiling.numba_internals import NumbaError, useful_lines
 from integrators.interface import Array, StepError, Stepper, Work
@@ -142,6 +142,7 @@ class FixedStepper(Stepper):
 
     def record(self, y: Array, n: int, every: int) -> Array:
         check_grid(n, every)
+        y = as_state(y)
         state = self.enter(y)
         out = np.empty((n // every + 1, 6), dtype=state.dtype)
         out[0] = state

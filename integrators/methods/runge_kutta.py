@@ -46,12 +46,12 @@ from integrators.methods.tableaux import (
 from integrators.problem.perturbed import Field, PerturbedTop, cross, dot
 from integrators.problem.top import LagrangeTop
 from integrators.problem.units import Units, ldexp, units_in_field
+from integrators.torus.stepper import OFF_TORUS
 
 ALPHA, H, ENERGY, C1, C2 = range(5)  # places of the constants
 DAMPING = 2.0**-46
 TINY = 2.0**-50  # square of a correction after which what is left is round-off
 LIMIT = 10  # Newton steps
-OFF_TORUS = 4e-11  # distance of an invariant from the prepared torus, in scaled units, that is no longer round-off
 NOT_CONVERGED = 1
 FAILURES = {NOT_CONVERGED: f"the projection is not done after {LIMIT} Newton steps; take a smaller |h|"}
 

@@ -32,6 +32,7 @@ import math
 
 import numpy as np
 
+from integrators.checks import as_state
 from integrators.compiling.compiled import jit
 from integrators.compiling.double_double import (
     add,
@@ -533,6 +534,7 @@ class ThetaStepper(FixedStepper):
         return found_constants(self.units, y, self.span, h)
 
     def record(self, y: Array, n: int, every: int) -> Array:
+        y = as_state(y)
         self.constants = self.constants_of(y, self.h)
         return super().record(y, n, every)
 

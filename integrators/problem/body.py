@@ -19,6 +19,7 @@ from integrators.checks import check_real
 from integrators.interface import Array, Method, StepError
 from integrators.problem.top import LagrangeTop
 
+UNIT = 1e-6  # largest difference of |x| from 1: what poor methods lose in a long run may be continued
 PARTED = 1e-6  # of the axis: state and attitude are followed apart, and agree to round-off on a stable orbit
 
 
@@ -67,6 +68,12 @@ class HeavyTop:
         if not np.all(np.isfinite(y0)):
             raise ValueError(f"rates are too large: the angular momentum is beyond the largest double; got {rates!r}")
         return y0
+
+    def check_state(self, y0: Array) -> None:
+        """ValueError for a state (6,) whose |x| is not 1: x is the direction of the axis here."""
+        length = math.hypot(*y0[3:].tolist())
+        if not abs(length - 1.0) <= UNIT:
+            raise ValueError(f"y0: |x| must be 1 for a HeavyTop, whose axis is the direction x; got {length:.9g}")
 
     def energy(self, y: ArrayLike) -> Array:
         """Kinetic plus potential energy in J of states (..., 6); shape (...,)."""

@@ -9,12 +9,14 @@ from hypothesis import strategies as st
 
 from integrators import (
     METHODS,
+    PERTURBED_TOPS,
     TOPS,
     HeavyTop,
     LagrangeTop,
     StepError,
     available,
     integrate,
+    integrate_ensemble,
     prepare,
     two_point,
 )
@@ -212,6 +214,45 @@ def test_steppers_check_their_counts(name):
     refused(r"^n ", stepper.record, Y0, 2.5, 1)
     refused(r"^every ", stepper.record, Y0, 4, 0)
     refused(r"^every ", stepper.record, Y0, 4, 3)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_steppers_take_what_prepare_takes(name):
+    """A list, whole numbers or single precision; other shapes end in an error, not in somebody else's memory."""
+    top, y0 = LagrangeTop(1.0), (1, 0, 2, 0, 1, 1)
+    stepper = prepare(top, y0, 0.01, name)
+    expected = prepare(top, y0, 0.01, name).advance(np.array(y0, dtype=float), 3)
+    for y in (np.array(y0), list(y0), np.array(y0, dtype=np.float32)):
+        assert prepare(top, y0, 0.01, name).record(y, 3, 3)[1].tobytes() == expected.tobytes()
+        assert prepare(top, y0, 0.01, name).advance(y, 3).tobytes() == expected.tobytes()
+    for wrong in (np.ones(5), np.ones(1), np.ones((1, 6)), np.ones(6, dtype=complex)):
+        for run in (lambda y: stepper.advance(y, 3), lambda y: stepper.record(y, 3, 3)):
+            with pytest.raises(ValueError, match=r"^y must "):
+                run(wrong)
+
+
+@pytest.mark.parametrize("factor", [(1, 1, 1, 2, 2, 2), (1, -1, 1, 1, 1, 1)])
+def test_a_splitting_refuses_a_state_with_other_casimirs(factor):
+    tide = PERTURBED_TOPS["weak_tide"]
+    stepper = prepare(tide.top, tide.state, 0.1, "backlund_splitting")
+    with pytest.raises(StepError, match="C1 or C2 of the state"):
+        stepper.advance(tide.state * factor, 10)
+    there = stepper.advance(tide.state, 1000)
+    assert np.isfinite(stepper.advance(there, 1000)).all()  # a run may be continued
+
+
+def test_the_axis_of_a_real_top_has_length_one():
+    heavy = HeavyTop(mass=0.1, distance=0.03, gravity=9.81, A=1.5e-4, C=6e-5)
+    y0 = heavy.state((0.5, 0.0, 0.0), (0.0, 1.0, 300.0))
+    longer = y0 * (1, 1, 1, 2, 2, 2)
+    for call in (
+        lambda y: integrate(heavy, y, 1e-3, 1),
+        lambda y: prepare(heavy, y, 1e-3),
+        lambda y: integrate_ensemble(heavy, [y0, y], 1e-3, 1),
+    ):
+        call(y0)
+        with pytest.raises(ValueError, match=r"\|x\|.* 1"):
+            call(longer)
 
 
 def test_a_state_of_another_torus_is_refused():
