@@ -51,6 +51,7 @@ def browser(built):
     options.binary_location = CHROMIUM
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    driver.set_script_timeout(300)  # axe takes more than the 30 s of the default beside busy loops
     driver.page = built.as_uri()
     driver.get(driver.page)
     yield driver
