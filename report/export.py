@@ -13,13 +13,27 @@ from experiments.catalogue import UnknownExperiment, load_stored
 from experiments.drawing import figures, style
 from integrators.files import write_file
 from integrators.words import suggestion
-from report import page
+from report import origin, page
 from results.choice import ALL, Choice
 from results.store import Store
 
 
 class UnknownFigure(ValueError):
     """No stored rows draw a figure of this name; the message says which they draw."""
+
+
+def _section(experiment: str, store: Store) -> page.Section:
+    """What is stored of an experiment, not drawn yet."""
+    section = page.Section(experiment)
+    page.read(section, store, load_stored(experiment))
+    section.origin = replace(origin.find(store.folder, [section.profiles]), choice=store.choice)
+    return section
+
+
+def _notes(section: page.Section) -> list[str]:
+    """What is to be said of the rows that a figure shows."""
+    old = f"{section.experiment}: {section.old}. Compute them again: {section.command} --again"
+    return [old] if section.old else []
 
 
 def _drawn(
@@ -47,8 +61,8 @@ def export(
     kind: str = "svg",
     width: str | None = None,
     choice: Choice = ALL,
-) -> tuple[Path, list[str]]:
-    """Writes one figure; gives its path, and what it does not show and why.
+) -> tuple[Path, list[str], list[str]]:
+    """Writes one figure; gives its path, what it does not show and why, and what is to be said of its rows.
 
     name : as in the page, `phase_h` for instance. kind : svg, pdf or png. width : "column", "page" or None, as drawn.
     output : a file; default: the figure's name in the current folder.
@@ -63,13 +77,13 @@ def export(
     mine = [experiment for experiment in stored if name.startswith(f"{experiment}_")]
     known: list[str] = []
     for experiment in sorted(mine, key=len, reverse=True):
-        rows = Store(results, choice).rows(experiment)
-        if choice and rows.empty:
+        section = _section(experiment, Store(results, choice))
+        if choice and section.rows.empty:
             raise UnknownFigure(_no_rows(experiment, choice))
-        for found, figure in _drawn(experiment, rows, width, choice):
+        for found, figure in _drawn(experiment, section.rows, width, choice):
             if found == name:
-                path = output or Path(f"{name}.{kind}")
-                return write_file(path, figures.FORMATS[kind](figure)), _lacking(experiment, rows, choice)
+                path = write_file(output or Path(f"{name}.{kind}"), figures.FORMATS[kind](figure))
+                return path, _lacking(section, choice), _notes(section)
             known.append(found)
     if not known:
         known = names(results, choice)
@@ -80,10 +94,10 @@ def export(
     raise UnknownFigure(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
 
 
-def _lacking(experiment: str, rows: pd.DataFrame, choice: Choice) -> list[str]:
+def _lacking(section: page.Section, choice: Choice) -> list[str]:
     """The chosen methods that its figures do not show because it has no rows of them."""
-    names = page.lacking(load_stored(experiment), rows, choice)
-    return [_no_rows(experiment, replace(choice, methods=tuple(names)))] if names else []
+    lacking = tuple(section.lacking)
+    return [_no_rows(section.experiment, replace(choice, methods=lacking))] if lacking else []
 
 
 def _no_rows(experiment: str, choice: Choice) -> str:
@@ -98,21 +112,25 @@ def export_all(
     widths: Sequence[str] = tuple(style.WIDTHS),
     drawn: page.Drawn = lambda done, total: None,
     choice: Choice = ALL,
-) -> tuple[list[Path], list[str]]:
-    """Writes every figure as `NAME-WIDTH.KIND` into a folder; gives the paths, and what cannot be drawn and why."""
-    written = []
+) -> tuple[list[Path], list[str], list[str]]:
+    """Writes every figure as `NAME-WIDTH.KIND` into a folder.
+
+    Gives the paths, what cannot be drawn and why, and what is to be said of the rows.
+    """
+    written, notes = [], []
     stored, unknown = _stored(results)
     store = Store(results, choice)
     for i, experiment in enumerate(stored):
-        rows = store.rows(experiment)
-        unknown += _lacking(experiment, rows, choice)
+        section = _section(experiment, store)
+        unknown += _lacking(section, choice)
+        notes += _notes(section)
         for k, width in enumerate(widths):
             drawn(i * len(widths) + k, len(stored) * len(widths))
-            for name, figure in _drawn(experiment, rows, width, choice):
+            for name, figure in _drawn(experiment, section.rows, width, choice):
                 for kind in kinds:
                     path = Path(folder) / f"{name}-{width}.{kind}"
                     written.append(write_file(path, figures.FORMATS[kind](figure)))
-    return written, unknown
+    return written, unknown, notes
 
 
 def _stored(results: Path) -> tuple[list[str], list[str]]:

@@ -93,7 +93,7 @@ class Section:
     provenance: pd.DataFrame = field(default_factory=pd.DataFrame)
     profiles: tuple[str, ...] | None = None  # that all its cells belong to
     origin: Origin = PUBLISHED
-    ages: Counter[str] = field(default_factory=Counter)  # of the cells: with which source code, see `sources.judge`
+    ages: Counter[str] = field(default_factory=Counter)  # of the cells: see `Journal.ages`
     notes: list[str] = field(default_factory=list)  # damaged lines of the journal
     lacking: list[str] = field(default_factory=list)  # the methods asked for that it could have, and has no rows of
     errors: list[str] = field(default_factory=list)  # of the drawing
@@ -141,7 +141,7 @@ class Section:
     @property
     def old(self) -> str:
         """How many cells are not known to come from the source code that is here."""
-        return sources.told(self.ages[sources.OTHER], self.ages[sources.UNKNOWN])
+        return sources.told(self.ages)
 
     @property
     def failed(self) -> pd.DataFrame:
@@ -245,12 +245,20 @@ def assemble(
             misprints = _attempt(_errata, misprints, "errata: cannot be evaluated", errors)
         shown = _attempt(lambda: summary.sentences(rows), shown, "summary: cannot be written", errors)
         curves = _attempt(lambda: panels.script(rows), curves, "panels of the methods: cannot be made", errors)
-    ages = sum((section.ages for section in sections), Counter[str]())
-    old = sources.told(ages[sources.OTHER], ages[sources.UNKNOWN])
-    if old:
-        old += f" (lagrange-bench verify {shlex.quote(source.folder)} computes a sample again and compares)"
-    told = "; ".join(filter(None, (origin.told(source, [section.provenance for section in sections]), old)))
+    told = "; ".join(filter(None, (origin.told(source, [section.provenance for section in sections]), _old(sections))))
     return Report(sections, judged, fair, misprints, shown, errors, told, whole, held, curves)
+
+
+def _old(sections: Sequence[Section]) -> str:
+    """How many cells of all sections are old, and what to do about it."""
+    ages = sum((section.ages for section in sections), Counter[str]())
+    again = [f"{s.command} --again" for s in sections if s.ages[sources.OUTDATED] or s.ages[sources.LEFT_OUT]]
+    if again:
+        return f"{sources.told(ages)} ({' && '.join(again)} computes them again)"
+    if old := sources.told(ages):
+        folder = shlex.quote(sections[0].origin.folder)
+        return f"{old} (lagrange-bench verify {folder} computes a sample again and compares)"
+    return ""
 
 
 def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> tuple[list[Judged], list[str]]:
@@ -355,13 +363,7 @@ def _section(experiment: str, store: Store) -> Section:
         section.errors.append(f"cannot be loaded: {_said(error)}")
         module = None
     try:
-        journal = store.open(experiment)
-        section.notes = [note.replace(f"{store.folder}{os.sep}", "") for note in journal.problems]
-        section.rows, section.failures, section.provenance = journal.rows(), journal.failures(), journal.provenance()
-        section.ages.update(map(sources.judge, journal.latest))
-        if module is not None:
-            section.profiles = origin.profiles_of(module, journal.latest)
-            section.lacking = lacking(module, section.rows, store.choice)
+        read(section, store, module)
     except StoreError as error:
         section.errors.append(str(error).replace(f"{store.folder}{os.sep}", ""))
     if module is None or section.rows.empty:
@@ -375,6 +377,17 @@ def _section(experiment: str, store: Store) -> Section:
     except Exception as error:
         section.errors.append(f"tables cannot be made: {_said(error)}")
     return section
+
+
+def read(section: Section, store: Store, module: ModuleType | None) -> None:
+    """Puts what is stored of an experiment, and what is to be said of it, into its section."""
+    journal = store.open(section.experiment)
+    section.notes = [note.replace(f"{store.folder}{os.sep}", "") for note in journal.problems]
+    section.rows, section.failures, section.provenance = journal.rows(), journal.failures(), journal.provenance()
+    section.ages = journal.ages()
+    if module is not None:
+        section.profiles = origin.profiles_of(module, journal.latest)
+        section.lacking = lacking(module, section.rows, store.choice)
 
 
 def lacking(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list[str]:

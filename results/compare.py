@@ -18,7 +18,7 @@ from typing import Any
 
 from experiments.catalogue import UnknownExperiment, load_stored
 from results import sources
-from results.store import SAMPLES, Record, Store, StoreError, _canonical, latest, restore
+from results.store import SAMPLES, Record, Store, StoreError, _canonical, restore
 
 # a column of a timing cell is a time if its name has one of these words; others by the experiment's own TIMES
 WORDS = frozenset(("ns", "us", "ms", "s", "seconds", "ratio", "speedup", "samples", "unstable", "predicted", "memory"))
@@ -73,6 +73,8 @@ class Comparison:
     experiments: dict[str, Cells]
     times: list[Times]
     notes: list[str]
+    # folder, experiment, its records, and how many of its cells another VERSION computed
+    outdated: list[tuple[Path, str, list[Record], str]] = field(default_factory=list)
 
     @property
     def same(self) -> bool:
@@ -85,12 +87,15 @@ def compare(
 ) -> Comparison:
     """Compares the store in `new` with that in `old`; StoreError if there is none."""
     a, b = _store(old), _store(new)
-    found, notes, pairs = {}, [], []
+    found, notes, pairs, outdated = {}, [], [], []
     for experiment in sorted({*a.experiments(), *b.experiments()}):
-        (records, damaged), (others, torn) = a.read(experiment), b.read(experiment)
-        notes += [*damaged, *torn]
-        before = {_canonical(record["cell"]): record for record in latest(records)}
-        after = {_canonical(record["cell"]): record for record in latest(others)}
+        journals = a.open(experiment), b.open(experiment)
+        notes += [*journals[0].problems, *journals[1].problems]
+        before, after = ({_canonical(record["cell"]): record for record in journal.latest} for journal in journals)
+        for folder, journal in zip((old, new), journals, strict=True):
+            count = sum(map(sources.outdated, journal.latest))
+            if told := sources.told({sources.OUTDATED: count, sources.LEFT_OUT: journal.left_out}):
+                outdated.append((folder, experiment, journal.latest, told))
         cells = found[experiment] = Cells(len(before), len(after))
         cells.removed = [record["cell"] for key, record in before.items() if key not in after]
         cells.added = [record["cell"] for key, record in after.items() if key not in before]
@@ -114,7 +119,7 @@ def compare(
     both = sum(cells.old - len(cells.removed) for cells in found.values())
     if other := sum(cells.other_sources for cells in found.values()):
         notes.append(f"{other} of the {both} cells in both were computed with different source code")
-    result = Comparison(found, paired_times(pairs, threshold) if times else [], notes)
+    result = Comparison(found, paired_times(pairs, threshold) if times else [], notes, outdated)
     if (unknown := sum(cells.unknown_sources for cells in found.values())) and not result.same:
         notes.append(f"{unknown} of the {both} cells in both were computed with source code that was not recorded")
     return result

@@ -29,6 +29,13 @@ TABLE = "ByMethod"  # the annotation of a dict by names of methods
 IGNORED = frozenset(("annotation", "ctx", "kind", "returns", "type_comment"))  # fields of syntax trees
 
 SAME, OTHER, UNKNOWN = "same", "other", "unknown"
+OUTDATED, LEFT_OUT = "outdated", "left out"  # of another VERSION: shown because there is nothing newer; not shown
+WORDS = {
+    OUTDATED: "with another VERSION of the experiment than this",
+    LEFT_OUT: "with another VERSION of the experiment than this, and left out",
+    OTHER: "with other source code than this",
+    UNKNOWN: "with source code that was not recorded",
+}
 
 Place = tuple[str, str]  # a module and a name defined there; "" for all of them
 
@@ -39,12 +46,25 @@ def of_cell(experiment: str, cell: Mapping[str, Any]) -> str | None:
     return _of(experiment, *(name if isinstance(name, str) else None for name in (method, potential)))
 
 
-def judge(record: Mapping[str, Any]) -> str:
-    """Whether a stored cell was computed by the sources that are here: SAME, OTHER or UNKNOWN."""
+def version(experiment: str) -> float | None:
+    """VERSION of a stored experiment here and now; None if it is not known."""
     try:
-        load_stored(record["experiment"])  # the record does not choose what is imported
+        return float(load_stored(experiment).VERSION)  # the record does not choose what is imported
     except Exception:
+        return None
+
+
+def outdated(record: Mapping[str, Any]) -> bool:
+    """Whether a stored cell was computed with another VERSION of the experiment than the one that is here."""
+    return version(record["experiment"]) not in (None, record["version"])
+
+
+def judge(record: Mapping[str, Any]) -> str:
+    """Whether a stored cell was computed by the sources that are here: SAME, OTHER, OUTDATED or UNKNOWN."""
+    if version(record["experiment"]) is None:
         return UNKNOWN
+    if outdated(record):
+        return OUTDATED
     return compared(record.get("sources"), of_cell(record["experiment"], record["cell"]))
 
 
@@ -55,11 +75,9 @@ def compared(one: str | None, other: str | None) -> str:
     return SAME if one == other else OTHER
 
 
-def told(other: int, unknown: int) -> str:
-    """How many stored cells are not known to come from the sources that are here; empty if none."""
-    words = [f"{_cells(other)} computed with other source code than this"] if other else []
-    words += [f"{_cells(unknown)} computed with source code that was not recorded"] if unknown else []
-    return "; ".join(words)
+def told(ages: Mapping[str, int]) -> str:
+    """How many stored cells are not known to come from the sources that are here; empty if none. ages : see `judge`."""
+    return "; ".join(f"{_cells(ages[age])} computed {words}" for age, words in WORDS.items() if ages.get(age))
 
 
 def _cells(count: int) -> str:

@@ -16,12 +16,15 @@ import numbers
 import os
 import re
 import sys
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from experiments import PROFILES
+from experiments.catalogue import load_stored
 from results import plugin_sources, provenance, sources
 from results.choice import ALL, Choice
 
@@ -177,16 +180,19 @@ def restore(value: Any) -> Any:
     return [restore(v) for v in value] if isinstance(value, list) else value
 
 
-def latest(records: Sequence[Record]) -> list[Record]:
-    """Of the records of an experiment one per cell of the newest VERSION, in the order of the experiment's cells.
+def latest(records: Sequence[Record], version: float | None = None) -> list[Record]:
+    """Of the records of an experiment one per cell of this VERSION, in the order of the experiment's cells.
+
+    Where there are none of it, those of the newest VERSION.
 
     The environment and the sources that measured a cell last win; within these, a success over any failure, the later
     over the earlier.
     """
-    newest = max((record["version"] for record in records), default=0)
+    versions = {record["version"] for record in records}
+    shown = version if version in versions else max(versions, default=None)
     chosen: dict[str, Record] = {}
     for record in records:
-        if record["version"] == newest:
+        if record["version"] == shown:
             cell = _canonical(record["cell"])
             if _counts(record, chosen.get(cell)):
                 chosen[cell] = record
@@ -225,6 +231,11 @@ class Journal:
 
     latest: list[Record]
     problems: list[str]
+    left_out: int = 0  # cells that only another VERSION of the experiment computed
+
+    def ages(self) -> Counter[str]:
+        """How many cells are of which sources: by `sources.judge`, or left out."""
+        return Counter([*map(sources.judge, self.latest), *[sources.LEFT_OUT] * self.left_out])
 
     def rows(self) -> pd.DataFrame:
         """What was measured: each row with the fields of its cell, and `key`, `status`, `failure`.
@@ -419,10 +430,22 @@ class Store:
     def open(self, experiment: str) -> Journal:
         """What is stored of an experiment now, read once."""
         records, problems = self.read(experiment)
-        return Journal([record for record in latest(records) if self.choice.takes(record["cell"])], problems)
+        shown = [r for r in latest(records, sources.version(experiment)) if self.choice.takes(r["cell"])]
+        return Journal(shown, problems, self._left_out(experiment, records, shown))
+
+    def _left_out(self, experiment: str, records: Sequence[Record], shown: Sequence[Record]) -> int:
+        """How many cells of the experiment have rows of another VERSION only, than the one shown."""
+        if sources.version(experiment) is None or len({record["version"] for record in records}) < 2:
+            return 0
+        cells = {_canonical(record["cell"]) for record in records if self.choice.takes(record["cell"])}
+        cells -= {_canonical(record["cell"]) for record in shown}
+        with contextlib.suppress(Exception):  # the cells of a sweep are in a file
+            listed = (cell for profile in PROFILES for cell in load_stored(experiment).cells(profile))
+            cells &= {_canonical(clean(cell)) for cell in listed}
+        return len(cells)
 
     def latest(self, experiment: str) -> list[Record]:
-        """One record per cell of the newest VERSION stored, in the order of the experiment's cells; see `latest`."""
+        """One record per cell of the experiment's VERSION, in the order of its cells; see the function `latest`."""
         return self.open(experiment).latest
 
     def rows(self, experiment: str) -> pd.DataFrame:

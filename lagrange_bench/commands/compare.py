@@ -45,6 +45,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Answer:
     """What two stores differ in; exit code 1 if in anything."""
     from integrators.registry import import_modules
+    from report import origin
     from results import compare as stores
 
     import_modules(options.module)
@@ -61,6 +62,8 @@ def run(options: argparse.Namespace) -> Answer:
         lines += changed_columns(name, c.changed)
     if options.times:
         lines += ["", *_times(found.times, options.threshold)]
+    for folder, name, records, old in found.outdated:
+        found.notes.append(f"{folder}: {name}: {old}. Compute them again: {origin.again(folder, name, records)}")
     lines += [*found.notes, "the same" if found.same else "not the same"]
     cells = {
         name: {**vars(c), "changed": [as_data(cell, differing) for cell, differing in c.changed]}

@@ -65,14 +65,15 @@ def run(options: argparse.Namespace) -> Answer:
             chosen = {"kinds": options.format, "widths": options.width}
             some = {name: (value,) for name, value in chosen.items() if value}
             folder = options.output or Path("figures")
-            written, unknown = export.export_all(results, folder, **some, drawn=drawn, choice=choice)
+            written, unknown, notes = export.export_all(results, folder, **some, drawn=drawn, choice=choice)
         else:
             kind, width = _format(options), options.width
-            path, unknown = export.export(options.name, results, options.output, kind, width, choice)
+            path, unknown, notes = export.export(options.name, results, options.output, kind, width, choice)
             written = [path]
-    for reason in unknown if not options.quiet else ():
-        print(f"not drawn: {reason}", file=sys.stderr)
-    data = {"written": [str(path) for path in written], "not_drawn": unknown, "results": str(results)}
+    for line in [*(f"not drawn: {reason}" for reason in unknown), *notes] if not options.quiet else ():
+        print(line, file=sys.stderr)
+    paths = [str(path) for path in written]
+    data = {"written": paths, "not_drawn": unknown, "notes": notes, "results": str(results)}
     return Answer("\n".join(map(str, written)), data, 1 if unknown else 0)
 
 

@@ -85,8 +85,9 @@ class Summary:
             lines.append(
                 "note: the h in {…} is in units of 1/(|J| + √(|α||x|)), the h of a StepError in those of the top"
             )
-        old = [(name, sources.told(t.other_sources, t.unknown_sources)) for name, t in self.tallies.items()]
-        lines += [f"old: {name}: {told}" for name, told in old if told]
+        for name, t in self.tallies.items():
+            old = sources.told({sources.OTHER: t.other_sources, sources.UNKNOWN: t.unknown_sources})
+            lines += [f"old: {name}: {old}"] if old else []
         return "\n".join([*lines, *self.notes, f"results: {self.results}"])
 
     @property

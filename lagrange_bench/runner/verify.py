@@ -124,7 +124,7 @@ def _sample(
     if outdated:
         names = ", ".join(sorted(outdated))
         raise StoreError(f"{store.folder}: {names} changed (VERSION) since this was stored: run it again")
-    told = sources.told(found.stored[sources.OTHER], found.stored[sources.UNKNOWN])
+    told = sources.told(found.stored)
     found.notes += [told] if told else []
     found.notes += [f"not computed: {', '.join(sorted(absent))}: not available here"] if absent else []
     found.notes += [f"not computed: {long} cells that took longer than {longest:g} s"] if long else []

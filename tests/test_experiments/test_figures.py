@@ -151,7 +151,7 @@ def test_words_can_be_searched_and_lines_say_whose_they_are(results):
 
 
 def test_one_figure_by_name(results, tmp_path):
-    path, _ = export.export("toy.figures_single", results, tmp_path / "here.pdf", "pdf", "column")
+    path, *_ = export.export("toy.figures_single", results, tmp_path / "here.pdf", "pdf", "column")
     assert path.read_bytes().startswith(b"%PDF")
     for name, said in (("toy.figures_singel", "did you mean 'toy.figures_single'"), ("nonsense", "toy.figures_panels")):
         with pytest.raises(ValueError, match=re.escape(said)):

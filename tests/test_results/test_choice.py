@@ -16,7 +16,7 @@ from lagrange_bench import work_precision
 from lagrange_bench.runner import engine
 from report import page
 from results.choice import ALL, Choice
-from results.store import Store, make_record
+from results.store import Journal, Store, make_record
 
 CELLS = [
     {"method": "rk4", "state": "generic"},
@@ -87,8 +87,8 @@ def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypa
             make_record(module.__name__.split(".")[-1], module.VERSION, 0, {**cell, "method": method}, **done)
         )
         monkeypatch.setattr(module, "draw", lambda rows: {"h": style.figure("column")[0]})
-    read, rows = [], Store.rows
-    monkeypatch.setattr(Store, "rows", lambda self, name: read.append(name) or rows(self, name))
+    read, rows = [], Journal.rows
+    monkeypatch.setattr(Journal, "rows", lambda self: read.append(self.latest[0]["experiment"]) or rows(self))
     drawn = tmp_path / "drawn"
     code, out, err = run("figure", *words, "--methods", "rk4,strang", "--results", tmp_path, "--output", drawn)
     assert code == 1, err
