@@ -26,7 +26,7 @@ examples:
   lagrange-bench verify results/local/full --old --sample 10000   did your edit change any row?
 
 The sample is drawn in turn from every part and method of every experiment. exit codes: 0 the same · 1 changed · 2 no
-such results, or an experiment's VERSION is newer than they are"""
+such results, none that can be computed again, or an experiment's VERSION is newer than they are"""
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

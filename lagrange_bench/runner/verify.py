@@ -26,6 +26,7 @@ RTOL, ATOL = 1e-3, 1e-12
 ATOLS = {"ulps": 1.0}  # of the initial state: the truth may be off by one
 COUNTS = ("steps", "evals", "iterations", "rejected", "maps", "evals_per_step", "iterations_per_step")
 STATES = ("H", "J3", "C1", "C2", "J1", "J2", "x1", "x2", "x3", "t", "n")
+SHOWN = 3  # reasons why nothing was computed
 EXACT = frozenset((*STATES, *COUNTS))  # of a compiled method: bit by bit
 
 
@@ -58,9 +59,19 @@ def verify(
     sample : how many; from every part and method of every experiment in turn. seed : which.
     longest : s; cells that took longer are left out. jobs : processes; default: one per usable core.
     old : only cells that are not known to come from the source code that is here.
+
+    Raises
+    ------
+    StoreError : no such results, or none of their cells can be computed again; but all may be of the source code here.
     """
     found = Verification()
     records = _sample(_store(folder), sample, random.Random(seed), longest, found, old)
+    if not records and not (old and set(found.stored) == {sources.SAME} and not found.notes):
+        reasons = found.notes[:SHOWN] or ["it has no cells with anything but times"]
+        more = [f"{len(found.notes) - SHOWN} more"] if len(found.notes) > SHOWN else []
+        raise StoreError(f"no cell of {folder} was computed again: {'; '.join([*reasons, *more])}")
+    told = sources.told(found.stored)
+    found.notes += [told] if told else []
     current: dict[tuple[str, str], Record] = {}
     with progress.follow({"verify": len(records)}, show) as bar:
 
@@ -106,7 +117,10 @@ def _sample(
         except UnknownExperiment as error:
             found.notes.append(f"not computed: {error}")
             continue
-        for record in store.latest(experiment):
+        journal = store.open(experiment)
+        found.notes += journal.problems
+        found.stored.update([sources.LEFT_OUT] * journal.left_out)
+        for record in journal.latest:
             cell, method = record["cell"], record["cell"].get("method")
             age = sources.judge(record)
             found.stored[age] += 1
@@ -124,8 +138,6 @@ def _sample(
     if outdated:
         names = ", ".join(sorted(outdated))
         raise StoreError(f"{store.folder}: {names} changed (VERSION) since this was stored: run it again")
-    told = sources.told(found.stored)
-    found.notes += [told] if told else []
     found.notes += [f"not computed: {', '.join(sorted(absent))}: not available here"] if absent else []
     found.notes += [f"not computed: {long} cells that took longer than {longest:g} s"] if long else []
     listed = list(groups.values())

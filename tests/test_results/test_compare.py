@@ -292,6 +292,37 @@ def test_outdated_results(run, toy, monkeypatch):
     assert "toys.behaviour changed (VERSION) since this was stored: run it again" in err
 
 
+@pytest.mark.parametrize("words", [(), ("--json",), ("--old",)])
+def test_nothing_verified_is_no_success(run, toy, words):
+    """All lines damaged, none there, or all of an experiment that nobody named."""
+    folder = toy()
+    path = Store(folder).path("toys.behaviour")
+    whole = path.read_bytes()
+
+    def refused(*reasons):
+        code, out, err = run("verify", folder, *OWN, *words)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert all(reason in err for reason in ("no cell of", *reasons)), err
+
+    path.write_bytes(whole.replace(b'"seconds"', b'"Seconds"'))
+    refused("line 1: damaged", "line 3: damaged", "; 1 more")
+    path.write_bytes(b"")
+    refused("no cells with anything but times")
+    path.rename(path.with_name("toys.nobody.jsonl"))
+    refused("unknown experiment 'toys.nobody'; if it is your own, add --module")
+
+
+def test_verify_names_damaged_lines(run, toy):
+    path = Store(toy()).path("toys.behaviour")
+    path.write_bytes(path.read_bytes().replace(b'"odd":true', b'"odd":false'))
+    code, out, err = run("verify", path.parent, *OWN)
+    assert (code, err) == (0, "")
+    assert f"{path}, line 2: damaged; skipped" in out
+    assert out.endswith("\n3 cells computed again: 3 identical, 0 within the tolerance of libraries, 0 changed\n")
+    (note,) = json.loads(run("verify", path.parent, *OWN, "--json")[1])["notes"]
+    assert note in out
+
+
 def test_compiled_methods_are_held_to_the_bit():
     old = {"status": "done", "error": None, "cell": {"method": "backlund"}, "rows": [{"H": 1e-16, "error": 1e-15}]}
     ulp = {**old, "rows": [{"H": 1.0001e-16, "error": 1e-15}]}
