@@ -33,7 +33,7 @@ def _section(experiment: str, store: Store) -> page.Section:
 def _notes(section: page.Section) -> list[str]:
     """What is to be said of the rows that a figure shows."""
     old = f"{section.experiment}: {section.old}. Compute them again: {section.command} --again"
-    return [old] if section.old else []
+    return [*section.notes, *([old] if section.old else [])]
 
 
 def _drawn(
@@ -78,6 +78,7 @@ def export(
     known: list[str] = []
     for experiment in sorted(mine, key=len, reverse=True):
         section = _section(experiment, Store(results, choice))
+        unknown += section.notes[:1]
         if choice and section.rows.empty:
             raise UnknownFigure(_no_rows(experiment, choice))
         for found, figure in _drawn(experiment, section.rows, width, choice):

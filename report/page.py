@@ -179,6 +179,11 @@ class Report:
     panels: str = ""  # the data of the panels of the methods
 
     @property
+    def old(self) -> str:
+        """How many cells are old, and what to do about it; empty if none."""
+        return _old(self.sections)
+
+    @property
     def judged(self) -> int:
         """How many methods have rows that the exact solution judges."""
         rows = [section.rows for section in self.sections if section.experiment not in ("perturbed", "gaudin")]

@@ -66,6 +66,7 @@ def run(options: argparse.Namespace) -> Answer:
     if size > LARGE:
         notes.append(f"the page is large: {size / 1e6:.1f} MB; draw dense figures with rasterized=True")
     notes += [f"{s.experiment}: no rows of {', '.join(s.lacking)}" for s in report.sections if s.lacking]
+    notes += [report.old] if report.old else []
     notes += [f"refuted: {judged.claim.text}" for judged in report.claims if judged.verdict.passed is False]
     summary = f"{page.counted(report)}; {size / 1e6:.1f} MB"
     remarks = [*(f"not drawn: {error}" for error in report.errors), *notes, summary]

@@ -13,6 +13,7 @@ import pytest
 
 from experiments.drawing import style
 from report import page
+from results import sources
 from results.store import Store, clean, make_record
 
 NAME = "toy.study"
@@ -100,3 +101,48 @@ def test_cells_that_the_experiment_no_longer_has_are_not_missed(run, study):
     append(study, *range(3))
     study.cells = lambda profile: [{"i": i} for i in range(3)]
     assert not any("VERSION" in words for words in shown(run))
+
+
+OTHER = "2 stored cells were computed with other source code than this"
+
+
+@pytest.fixture
+def stale(study):
+    """Two of the six rows are of other sources, and one line is damaged."""
+    for i in (1, 2):
+        done = {"status": "done", "rows": study.measure({"i": i}), "error": None, "warnings": [], "seconds": 0.1}
+        Store("out").append({**make_record(NAME, 1, i, {"i": i}, **done), "sources": "0" * 16})
+    path = Store("out").path(NAME)
+    path.write_bytes(path.read_bytes().replace(b'"square":25.0', b'"square":26.0'))
+
+
+@pytest.fixture
+def known(monkeypatch):
+    """Of a module without a file the sources are not known; of this one they are."""
+    monkeypatch.setattr(sources, "of_cell", lambda experiment, cell: "1" * 16)
+
+
+def test_figures_name_old_rows_and_damaged_lines(run, known, study, stale):
+    for words in ((f"{NAME}_squares",), ("--all", "--format", "svg", "--width", "page")):
+        code, out, err = run("figure", *words, "--results", "out")
+        assert code == 0
+        assert err.endswith(
+            f"toy.study.jsonl, line 6: damaged; skipped, its cell counts as not computed\n{NAME}: {OTHER}. {AGAIN}\n"
+        )
+        code, out, err = run("figure", *words, "--results", "out", "--json")
+        assert [note[:20] for note in json.loads(out)["notes"]] == ["toy.study.jsonl, lin", f"{NAME}: {OTHER}"[:20]]
+        assert run("figure", *words, "--results", "out", "--quiet")[2] == ""
+    Store("out").path(NAME).write_bytes(b"{}\n")
+    code, out, err = run("figure", f"{NAME}_squares", "--results", "out")
+    assert (code, out) == (2, "")
+    assert "cannot be drawn from out: toy.study.jsonl, line 1: damaged" in err
+
+
+def test_the_report_names_old_rows_in_one_line(run, known, study, stale):
+    code, out, err = run("report", "--results", "out", "--output", "page")
+    (line,) = [line for line in err.splitlines() if OTHER in line]
+    assert line == f"{OTHER} (lagrange-bench verify out computes a sample again and compares)"
+    assert line in json.loads(run("report", "--results", "out", "--output", "page", "--json")[1])["notes"]
+    study.VERSION = 2
+    err = run("report", "--results", "out", "--output", "page")[2]
+    assert f"this ({AGAIN.removeprefix('Compute them again: ')} computes them again)\n" in err
