@@ -59,8 +59,11 @@ def load(name: str) -> ModuleType:
         if error.name is None or not f"{path}.".startswith(f"{error.name}."):
             raise  # the experiment is there; something it imports is not
         raise UnknownExperiment(f"unknown experiment {name!r}: {error}") from None
+    here = f"experiment {name!r} ({getattr(module, '__file__', path)})"  # a folder without __init__.py has no file
     if missing := [part for part in ("VERSION", "cells", "measure", "draw", "tables") if not hasattr(module, part)]:
-        raise ValueError(f"experiment {name!r} ({module.__file__}) lacks {', '.join(missing)}")
+        raise ValueError(f"{here} lacks {', '.join(missing)}")
+    if type(module.VERSION) not in (int, float):
+        raise ValueError(f"{here}: VERSION must be a number; got {module.VERSION!r}")
     return module
 
 

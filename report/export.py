@@ -39,11 +39,20 @@ def _notes(section: page.Section) -> list[str]:
 def _drawn(
     experiment: str, rows: pd.DataFrame, width: str | None, choice: Choice
 ) -> Iterator[tuple[str, figures.Figure]]:
-    """(name, figure) of every figure that an experiment draws from its rows."""
+    """(name, figure) of every figure that an experiment draws from its rows.
+
+    Raises
+    ------
+    UnknownFigure : the drawing fails, perhaps because of the rows.
+    """
     if rows.empty:
         return
-    with style.apply(width, choice.highlight):
-        drawn = load_stored(experiment).draw(rows)
+    try:
+        with style.apply(width, choice.highlight):
+            drawn = load_stored(experiment).draw(rows)
+    except Exception as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise UnknownFigure(f"no figure can be drawn from {experiment}.jsonl: {reason}") from error
     for name, figure in drawn.items():
         yield page.Section(experiment).file(name), figure
 

@@ -21,6 +21,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 from experiments import PROFILES
@@ -40,6 +41,13 @@ Record = dict[str, Any]
 
 SCHEMA = 1  # of the records; the envelope (one JSON object a line, "schema", "sha256") is the same in all
 ADDED = ("key", "status", "failure")  # columns `rows` adds to those of a cell
+NUMBER = (int, float)
+KINDS = {
+    "cell": (dict,),
+    "rows": (list,),
+    "provenance": (dict,),
+    **dict.fromkeys(("version", "position", "seconds"), NUMBER),
+}
 SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of the row fields that may be lists of numbers: raw timings
 
 BLOCK = 4096  # records merged at a time
@@ -219,7 +227,11 @@ def _canonical(value: Any) -> str:
 
 
 def _digest(value: Any) -> str:
-    return hashlib.sha256(_canonical(value).encode("ascii")).hexdigest()
+    return _sha256(_canonical(value))
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
 
 
 # ---------------------------------------------------------------- the store
@@ -337,7 +349,7 @@ class Store:
                 number = 0
                 while size > 0 and (line := file.readline(size)):
                     number, size = number + 1, size - len(line)
-                    record = _parse(line)
+                    record = _parse(line, experiment)
                     if record is not None and record["schema"] != SCHEMA:
                         raise StoreError(
                             f"{path}, line {number}: written with schema {record['schema']}, this version reads "
@@ -473,14 +485,36 @@ class Store:
             ) from error
 
 
-def _parse(line: bytes) -> Record | None:
-    """The record in a line; None if it is not a JSON object that matches its SHA-256."""
+def _parse(line: bytes, experiment: str) -> Record | None:
+    """The record in a line; None if it does not match its SHA-256, or is no record of this experiment.
+
+    What is in a record of another schema is not known.
+    """
     try:
         record = json.loads(line)
         digest = record.pop("sha256")
-        return record if digest == _digest(record) and "schema" in record else None
+        text = _canonical(record)
+        if digest != _sha256(text) or (record["schema"] == SCHEMA and not _sound(record, text, experiment)):
+            return None
     except (ValueError, AttributeError, KeyError, TypeError, RecursionError):
         return None
+    return record  # type: ignore[no-any-return]
+
+
+def _sound(record: Record, text: str, experiment: str) -> bool:
+    """Whether a record has what its readers rely on; an error if a field is missing. text : the record as JSON."""
+    error, failed = record["error"], record["status"] == "failed"
+    if '"float":' in text:
+        restore([record["cell"], record["rows"]])
+    return (
+        record["experiment"] == experiment
+        and all(type(record[name]) in kinds for name, kinds in KINDS.items())
+        and type(record.get("sources")) in (str, NoneType)
+        and all(type(row) is dict for row in record["rows"])
+        and bool(bytes.fromhex(record["key"]))
+        and (failed or record["status"] == "done")
+        and (type(error["type"]) is type(error["message"]) is str if failed else error is None)
+    )
 
 
 def _identity(line: bytes) -> bytes:

@@ -154,6 +154,43 @@ def test_lines_that_are_no_record(filled, line):
     assert len(problems) == 1
 
 
+SHAPES = [
+    ("version", "1"),
+    ("position", "first"),
+    ("cell", [1]),
+    ("cell", {"i": {"float": [1]}}),
+    ("rows", None),
+    ("rows", [1, 2]),
+    ("rows", [{"square": {"float": "abc"}}]),
+    ("key", "no digits"),
+    ("error", None),
+    ("error", {"type": "ArithmeticError"}),
+    ("experiment", "other"),
+    ("status", "done"),
+    ("status", "perhaps"),
+    ("seconds", "long"),
+    ("sources", 7),
+    ("provenance", []),
+]
+GONE = object()
+
+
+@pytest.mark.parametrize(("name", "value"), [*SHAPES, *((name, GONE) for name in dict(SHAPES) if name != "sources")])
+def test_a_record_of_another_shape_is_damaged(filled, name, value):
+    """Its SHA-256 is right: a program wrote it that was not ours."""
+    made = {**record(5, "failed"), name: value}
+    if value is GONE:
+        del made[name]
+    with filled.path("toy").open("a") as file:
+        file.write(json.dumps({**made, "sha256": store._digest(made)}) + "\n")
+    journal = filled.open("toy")
+    assert (len(journal.rows()), len(journal.failures())) == (5, 0)
+    assert [problem.partition(", ")[2] for problem in journal.problems] == [
+        "line 6: damaged; skipped, its cell counts as not computed"
+    ]
+    assert len(filled.done("toy")[0]) == 5
+
+
 def test_another_schema_is_an_error_that_says_so(filled, tmp_path):
     filled.append({**record(5), "schema": store.SCHEMA + 1})
     with pytest.raises(StoreError, match=r"line 6.*schema 2.*--results"):
