@@ -16,7 +16,7 @@ GROUP = "lagrange_bench.experiments"  # of entry points: name = package.module
 
 
 class UnknownExperiment(ValueError):
-    """There is no experiment of this name, or none that may be imported."""
+    """There is no experiment of this name, or none that may be imported, or the module is no experiment."""
 
 
 @cache
@@ -35,7 +35,7 @@ def load(name: str) -> ModuleType:
 
     Raises
     ------
-    ValueError : no such experiment, or the module lacks a part of the protocol.
+    UnknownExperiment : no such experiment, or the module lacks a part of the protocol.
     """
     find: Callable[[str], ModuleType] = importlib.import_module
     if name in EXPERIMENTS:
@@ -61,9 +61,9 @@ def load(name: str) -> ModuleType:
         raise UnknownExperiment(f"unknown experiment {name!r}: {error}") from None
     here = f"experiment {name!r} ({getattr(module, '__file__', path)})"  # a folder without __init__.py has no file
     if missing := [part for part in ("VERSION", "cells", "measure", "draw", "tables") if not hasattr(module, part)]:
-        raise ValueError(f"{here} lacks {', '.join(missing)}")
+        raise UnknownExperiment(f"{here} lacks {', '.join(missing)}")
     if type(module.VERSION) not in (int, float):
-        raise ValueError(f"{here}: VERSION must be a number; got {module.VERSION!r}")
+        raise UnknownExperiment(f"{here}: VERSION must be a number; got {module.VERSION!r}")
     return module
 
 

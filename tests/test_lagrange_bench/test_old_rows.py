@@ -12,6 +12,7 @@ from types import ModuleType
 import pytest
 
 from experiments.drawing import style
+from lagrange_bench.runner import verify
 from report import page
 from results import sources
 from results.store import Store, clean, make_record
@@ -167,3 +168,23 @@ def test_a_version_that_is_no_number_is_refused(run, study):
     code, out, err = run("run", NAME, "--results", "new", "--quiet")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert "VERSION must be a number; got '1.0'" in err
+
+
+@pytest.mark.parametrize("name", ["os.path", "importlib.metadata", "toy.folder"])
+def test_a_journal_named_after_a_module_that_is_no_experiment_stops_nothing(run, study, monkeypatch, name):
+    append(study, *range(6))
+    monkeypatch.setitem(sys.modules, "toy.folder", ModuleType("toy.folder"))  # has no file
+    journal = Store("out").path(NAME)
+    journal.with_name(f"{name}.jsonl").write_bytes(journal.read_bytes())
+    reason = f"experiment '{name}'"
+    for words in ((f"{NAME}_squares",), ("--all", "--format", "svg", "--width", "page")):
+        code, out, err = run("figure", *words, "--results", "out")
+        assert "squares" in out
+    assert f"not drawn: {reason}" in err
+    assert code == 1
+    monkeypatch.setattr(verify, "_sample", lambda *given, real=verify._sample: real(*given) and [])  # starts no process
+    code, out, err = run("verify", "out", "--quiet")
+    assert code == 2
+    assert f"not computed: {reason}" in err
+    code, out, err = run("report", "--results", "out", "--output", "page")
+    assert (code, reason in err) == (1, True)
