@@ -57,7 +57,8 @@ LONG = 14  # rows beyond which a table is folded
 FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table of the environment; then the packages
 POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
 WORTH = 2  # journals to draw for which a process of its own is started: the imports of one take as long
-SUFFIXES = (".svg", ".md", ".tex", ".csv")
+OURS = "<title>Lagrange top benchmark</title>"  # in every page that was ever made
+LINK = re.compile(r'<a href="((?:figures|tables)/[\w.-]+\.(?:svg|md|tex|csv))"')
 NO_FAIRNESS = fairness.Fairness([], pd.DataFrame())
 T = TypeVar("T")
 Drawn = Callable[[int, int], None]  # gets how many sections are drawn, of how many
@@ -305,14 +306,35 @@ def _counts(judged: list[Judged]) -> dict[str, int]:
 
 
 def write(report: Report, output: Path) -> Path:
-    """Writes a report, each file whole or not at all; files of figures and tables that are no more are removed."""
+    """Writes a report, each file whole or not at all; files of the page before it that it has not are removed.
+
+    Raises
+    ------
+    ValueError : another's index.html is there. OSError : a file cannot be written.
+    """
     output = Path(output)
-    written = [path for section in report.sections for path in _write_files(section, output)]
-    prefixes = tuple(f"{section.experiment}_" for section in report.sections)
-    for old in [*output.glob("figures/*.svg"), *output.glob("tables/*.*")]:
-        if old.name.startswith(prefixes) and old.suffix in SUFFIXES and old not in written:
-            old.unlink()
-    return write_file(output / "index.html", html(report))
+    before = _linked(output)
+    written = {path for section in report.sections for path in _write_files(section, output)}
+    index = write_file(output / "index.html", html(report))
+    for old in before - written:
+        old.unlink(missing_ok=True)
+    return index
+
+
+def _linked(output: Path) -> set[Path]:
+    """The files of the page in a folder: a page links to each. No other file there is ours to remove.
+
+    Raises
+    ------
+    ValueError : its index.html is not a page of the bench.
+    """
+    index = output / "index.html"
+    if not index.is_file():
+        return set()
+    text = index.read_text(encoding="utf-8", errors="replace")
+    if OURS not in text:
+        raise ValueError(f"{index} is not a page of lagrange-bench and stays: give another folder with --output")
+    return {output / link for link in LINK.findall(text)}
 
 
 # ---------------------------------------------------------------- from a journal to a section
@@ -462,10 +484,11 @@ def _write_files(section: Section, output: Path) -> list[Path]:
 
 
 def check_writable(output: Path) -> None:
-    """Makes the folders of a page and a file in each, for a moment; OSError if that cannot be done.
+    """Makes the folders of a page and a file in each, for a moment; OSError or ValueError if there is no place for it.
 
-    Nobody wants to learn after a minute of drawing that there is no place for it.
+    Nobody wants to learn that after a minute of drawing.
     """
+    _linked(output)
     for folder in (output, output / "figures", output / "tables"):
         write_file(folder / f".probe-{os.getpid()}", b"").unlink()
     if (output / "index.html").is_dir():

@@ -9,6 +9,7 @@ import re
 import shutil
 import sys
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
 from types import ModuleType
@@ -411,13 +412,44 @@ def test_a_journal_of_another_schema_costs_only_its_section(results, tmp_path, m
     assert error.startswith("toy.broken: toy.broken.jsonl, line 1: written with schema 99"), error
 
 
-def test_files_of_figures_that_are_no_more_go_and_others_stay(report, tmp_path):
-    (tmp_path / "figures").mkdir()
-    for name in ("toy.good_gone.svg", "toy.good_notes.txt", "mine.svg"):
-        (tmp_path / "figures" / name).write_text("x")
+def test_files_of_the_page_before_go_and_all_others_stay(report, tmp_path):
     page.write(report, tmp_path)
-    left = {p.name for p in (tmp_path / "figures").iterdir()}
-    assert left == {"toy.good_first.svg", "toy.good_second.svg", "toy.good_notes.txt", "mine.svg"}
+    good = next(section for section in report.sections if section.experiment == "toy.good")
+    fewer = replace(report, sections=[replace(good, figures=good.figures[:1], tables=good.tables[:1])])
+    mine = [tmp_path / name for name in ("figures/toy.good_mine.svg", "tables/toy.good_mine.csv")]
+    for path in mine:
+        path.write_text("mine")
+    page.write(fewer, tmp_path)
+    left = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.*")}
+    made = {"figures/toy.good_first.svg", *(f"tables/toy.good_all.{kind}" for kind in ("md", "tex", "csv"))}
+    assert left == {"index.html", "figures/toy.good_mine.svg", "tables/toy.good_mine.csv"} | made
+    assert all(path.read_text() == "mine" for path in mine)
+
+
+def test_a_page_of_somebody_elses_stays(results, tmp_path, run):
+    (tmp_path / "index.html").write_text("<!doctype html><title>My home page</title>")
+    code, out, err = run("report", "--results", results, "--output", tmp_path)
+    assert (code, out) == (2, "")
+    line = f"lagrange-bench: error: {tmp_path / 'index.html'} is not a page of lagrange-bench"
+    assert (err.count("\n"), err.startswith(line), "--output" in err) == (1, True, True)
+    assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
+    assert "My home page" in (tmp_path / "index.html").read_text()
+
+
+def test_an_interrupted_page_is_the_old_one_whole(report, tmp_path, monkeypatch):
+    index = page.write(report, tmp_path)
+    good = next(section for section in report.sections if section.experiment == "toy.good")
+    fewer = replace(report, sections=[replace(good, figures=[])])
+
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(page, "html", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        page.write(fewer, tmp_path)
+    links = {value for _, value in Elements(index.read_text(encoding="utf-8")).attributes if value and "s/toy" in value}
+    assert len(links) == 2 + 4 * 3
+    assert all((tmp_path / link).is_file() for link in links)
 
 
 def test_a_write_that_fails_leaves_the_old_page(report, tmp_path, monkeypatch):
