@@ -16,7 +16,7 @@ GROUP = "lagrange_bench.experiments"  # of entry points: name = package.module
 
 
 class UnknownExperiment(ValueError):
-    """There is no experiment of this name, or none that may be imported, or the module is no experiment."""
+    """There is no experiment of this name, or none that may or can be imported, or the module is no experiment."""
 
 
 @cache
@@ -37,12 +37,12 @@ def load(name: str) -> ModuleType:
     ------
     UnknownExperiment : no such experiment, or the module lacks a part of the protocol.
     """
+    from integrators.registry import import_own, no_exit
+
     find: Callable[[str], ModuleType] = importlib.import_module
     if name in EXPERIMENTS:
         path = f"experiments.{name}"
     elif "." in name and all(map(str.isidentifier, name.split("."))):
-        from integrators.registry import import_own
-
         path, find = name, import_own
     elif name.startswith(SWEEP):
         from experiments import sweep
@@ -54,14 +54,17 @@ def load(name: str) -> ModuleType:
         known = [*EXPERIMENTS, *installed()]
         raise UnknownExperiment(f"unknown experiment {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
     try:
-        module = find(path)
-    except ModuleNotFoundError as error:
-        if error.name is None or not f"{path}.".startswith(f"{error.name}."):
-            raise  # the experiment is there; something it imports is not
-        raise UnknownExperiment(f"unknown experiment {name!r}: {error}") from None
+        with no_exit():
+            module = find(path)
+    except Exception as error:  # somebody else's module may raise anything
+        missing = error.name if isinstance(error, ModuleNotFoundError) else None
+        if missing and f"{path}.".startswith(f"{missing}."):
+            raise UnknownExperiment(f"unknown experiment {name!r}: {error}") from None
+        why = f"{type(error).__name__}: {error}"
+        raise UnknownExperiment(f"experiment {name!r} cannot be loaded: {why}") from error
     here = f"experiment {name!r} ({getattr(module, '__file__', path)})"  # a folder without __init__.py has no file
-    if missing := [part for part in ("VERSION", "cells", "measure", "draw", "tables") if not hasattr(module, part)]:
-        raise UnknownExperiment(f"{here} lacks {', '.join(missing)}")
+    if lacking := [part for part in ("VERSION", "cells", "measure", "draw", "tables") if not hasattr(module, part)]:
+        raise UnknownExperiment(f"{here} lacks {', '.join(lacking)}")
     if type(module.VERSION) not in (int, float):
         raise UnknownExperiment(f"{here}: VERSION must be a number; got {module.VERSION!r}")
     return module

@@ -122,7 +122,8 @@ class Registry(Mapping[str, Any]):
         loaded = self._loaded.get(name)
         if loaded is not None and loaded[0] is entry:
             return loaded[1]
-        found = entry.load()
+        with no_exit():
+            found = entry.load()
         if not isinstance(found, self.kind):
             raise TypeError(f"{entry.value} is a {type(found).__name__}, not an integrators.{self.kind.__name__}")
         if found.name != name and ":" not in name:
@@ -320,9 +321,19 @@ def import_own(module: str) -> ModuleType:
         sys.path.append(here)
     sys.path.insert(0, here)
     try:
-        return importlib.import_module(module)
+        with no_exit():
+            return importlib.import_module(module)
     finally:
         sys.path.remove(here)
+
+
+@contextmanager
+def no_exit() -> Iterator[None]:
+    """Inside, a module that calls sys.exit() cannot be imported; it does not end this process."""
+    try:
+        yield
+    except SystemExit as end:
+        raise ImportError(f"it calls sys.exit({end.code!r})") from end
 
 
 def available(method: Method) -> bool:

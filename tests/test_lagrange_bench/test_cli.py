@@ -359,6 +359,41 @@ def test_a_plug_in_that_cannot_be_loaded_is_listed(run, answer, monkeypatch):
     assert answer("methods")[-1]["error"].startswith("ModuleNotFoundError")
 
 
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (("check", "leaves:METHOD", "--quick"), "method leaves:METHOD"),
+        (("integrate", "--method", "leaves:METHOD", "--h", "0.1", "--steps", "1"), "method leaves:METHOD"),
+        (
+            ("integrate", "--potential", "leaves:WELL", "--h", "0.1", "--steps", "1"),
+            "--potential: potential leaves:WELL",
+        ),
+        (("run", "phase", "--methods", "leaves:METHOD"), "method leaves:METHOD"),
+        (("run", "mine.leaves"), "experiment 'mine.leaves'"),
+        (("report", "--module", "leaves"), "--module leaves"),
+    ],
+)
+def test_a_file_that_ends_the_process_is_named(run, tmp_path, monkeypatch, words, what):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    for path in ("leaves.py", "mine/leaves.py"):
+        (tmp_path / path).write_text("import sys\n\nsys.exit(0)\n")
+    code, out, err = run(*words)
+    verb = "imported" if what.startswith("--module") else "loaded"
+    assert (code, out) == (2, "")
+    assert err == f"lagrange-bench: error: {what} cannot be {verb}: ImportError: it calls sys.exit(0)\n"
+
+
+def test_a_plug_in_that_ends_the_process_is_listed(run, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "leaves.py").write_text("raise SystemExit('no')\n")
+    entries = {**METHODS._entries, "broken": registry.EntryPoint("broken", "leaves:METHOD", METHODS.group)}
+    monkeypatch.setitem(vars(METHODS), "_entries", entries)
+    code, out, _ = run("methods")
+    assert code == 0
+    assert "broken: cannot be loaded: ImportError: it calls sys.exit('no')" in out
+
+
 def test_tops(run, answer):
     code, out, _ = run("tops")
     assert code == 0
