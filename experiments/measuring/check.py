@@ -114,7 +114,7 @@ def check(method: str | Method, quick: bool = False) -> list[Verdict]:
                 warnings.simplefilter("error")
                 warnings.simplefilter("ignore", StepWarning)
                 verdicts += function(record, quick)
-        except Exception as error:  # a plug-in may raise anything
+        except (Exception, SystemExit) as error:  # a plug-in may raise anything
             name = function.__name__.replace("_", " ")
             how = f"ended in {first_step.describe(error, record, word)}"
             verdicts.append(Verdict(name, False, None, "", how))

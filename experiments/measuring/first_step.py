@@ -44,7 +44,7 @@ def problem(method: Method, word: str | None) -> str | None:
     return found[1] if found else describe(error, method, word)
 
 
-def stumble(method: Method) -> Exception | None:
+def stumble(method: Method) -> BaseException | None:
     """What a first step ends in, if neither in a state nor in a StepError."""
     for named in (TOPS["generic"], *([PERTURBED_TOPS["moderate_tide"]] if method.in_field else [])):
         if method.takes(named.top) is not None:
@@ -59,12 +59,12 @@ def stumble(method: Method) -> Exception | None:
                 stepper.advance(y0.copy(), 1)
         except StepError:
             continue
-        except Exception as error:  # a plug-in may raise anything
+        except (Exception, SystemExit) as error:  # a plug-in may raise anything
             return error
     return None
 
 
-def describe(error: Exception, method: Method, word: str | None) -> str:
+def describe(error: BaseException, method: Method, word: str | None) -> str:
     """An error in one line, with the innermost line of the method's own code."""
     if isinstance(error, loops.KernelError):
         return f"the kernel cannot be compiled: {useful_lines(error.__cause__)}"

@@ -17,6 +17,8 @@ from lagrange_bench.text import Answer, plain
 if TYPE_CHECKING:
     import numpy as np
 
+    from integrators import Method, Trajectory
+
 SUMMARY = "follow one top with one method"
 
 DESCRIPTION = """\
@@ -161,10 +163,8 @@ def run(options: argparse.Namespace) -> Answer:
         if path is not None:  # nobody wants to learn after an hour that there is no such folder
             output.check_target(flag, path, suffixes)
 
-    import integrators
-
     begin = perf_counter()
-    trajectory = integrators.integrate(top, y0, method=method, **grid, **settings)
+    trajectory = _follow(options.method, method, top, y0, {**grid, **settings})
     seconds = perf_counter() - begin
     potential = getattr(top, "potential", None)
     facts = {"top": name, "alpha": top.alpha, "y0": y0, "method": method.name, "options": settings}
@@ -188,6 +188,23 @@ def run(options: argparse.Namespace) -> Answer:
         data |= {"t": plain(trajectory.t), "y": plain(trajectory.y)}
     data["files"] = [str(path) for path in files.values() if path is not None]
     return Answer(output.describe(trajectory, y0, data, method.label), data)
+
+
+def _follow(word: str, method: Method, top: Any, y0: np.ndarray, arguments: dict[str, Any]) -> Trajectory:
+    """The trajectory. What a method of the user's own raises is a StepError with the line of its file, as in `check`."""
+    import integrators
+    from integrators.registry import BUILT_IN
+
+    try:
+        return integrators.integrate(top, y0, method=method, **arguments)
+    except (ValueError, OSError, MemoryError, integrators.StepError):
+        raise
+    except (Exception, SystemExit) as error:  # a plug-in may raise anything
+        if word in BUILT_IN:
+            raise
+        from experiments.measuring import first_step
+
+        raise integrators.StepError(method.name, first_step.describe(error, method, word)) from error
 
 
 def _start(options: argparse.Namespace) -> tuple[str | None, Any, np.ndarray]:

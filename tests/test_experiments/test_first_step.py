@@ -139,3 +139,21 @@ def test_a_name_that_is_taken_is_told_with_its_owner(monkeypatch):
     monkeypatch.setitem(vars(METHODS), "_entries", {**METHODS._entries, "mine": entry})
     assert METHODS.owner("mine") == "the package their_package (their_package:METHOD)"
     assert METHODS.owner("rk4") == "the bench"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("    return Fixed", '    raise KeyError("boom")\n    return Fixed'), "KeyError: 'boom' ({file}:19)"),
+        (("    return Fixed", "    return prepare(top, y0, h)\n    return Fixed"), "RecursionError: maximum recursion"),
+        (("prepare(top, y0, h):", "prepare(top, y0):\n    h = 1"), "TypeError: prepare() takes 2 positional arguments"),
+        (("    return Fixed", "    raise SystemExit(3)\n    return Fixed"), "SystemExit: 3 ({file}:19)"),
+    ],
+    ids=["KeyError", "RecursionError", "TypeError", "SystemExit"],
+)
+def test_integrate_says_of_a_failing_method_what_check_says(word, run, tmp_path, change, message):
+    name, wanted = word(*change), message.format(file=tmp_path / "my_first.py")
+    assert wanted in check.check(name, quick=True)[0].how
+    code, out, err = run("integrate", "--method", name, "--h", "0.1", "--steps", "10")
+    assert (code, out, err.count("\n")) == (1, "", 1)
+    assert err.startswith(f"lagrange-bench: error: mine: {wanted}")
