@@ -6,7 +6,7 @@ All curves together, so that each is seen among the others: as decimal logarithm
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from experiments import work_precision
 from experiments.drawing.tables import numbers_in, show
 from integrators.interface import INVARIANTS
 from integrators.registry import NAMED_TOPS
+from report.claims import NoData
 from report.promises import CLAIMS, table
 
 PARTS = 20  # of a decade
@@ -105,15 +106,23 @@ def _kept(rows: dict[str, pd.DataFrame]) -> dict[str, list[list[str]]]:
     """Of each method (what it claims, what was found): its order, and each invariant on generic tops."""
     found: dict[str, list[list[str]]] = {}
     if len(_part(rows, "phase", "h")):
-        for run in table("phase", "orders")(rows["phase"]).to_dict("records"):
+        for run in _records("phase", "orders", rows):
             measured = "the leading term is below round-off" if run["hidden"] else show(round(run["measured"], 2))
             if run["claimed"] != "exact":
                 found.setdefault(run["method"], []).append([f"order {run['claimed']}", f"{measured} ({run['state']})"])
     if len(_part(rows, "drift", "time")):
-        for run in table("drift", "verdicts")(rows["drift"]).to_dict("records"):
+        for run in _records("drift", "verdicts", rows):
             claimed = f"{run['invariant']} kept" if run["claimed"] else f"{run['invariant']} not claimed"
             error = show(float(f"{run['largest relative error']:.1e}"))
             found.setdefault(run["method"], []).append(
                 [claimed, f"{run['verdict']}, largest error {error} (generic tops)"]
             )
     return found
+
+
+def _records(experiment: str, name: str, rows: dict[str, pd.DataFrame]) -> list[dict[Hashable, Any]]:
+    """The rows of a table; none if too little is stored for it."""
+    try:
+        return table(experiment, name)(rows[experiment]).to_dict("records")
+    except NoData:
+        return []

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from integrators import METHODS
-from report import page, panels
+from report import page, panels, promises
 from report.promises import CLAIMS
 
 
@@ -65,6 +65,13 @@ def test_curves_of_a_plug_in_in_any_field(rows):
 def test_without_rows_there_are_no_panels(rows):
     assert panels.script({}) == panels.script({"phase": pd.DataFrame()}) == ""
     assert panels.script({"drift": rows["drift"]}) == ""
+
+
+def test_a_table_without_rows_costs_nothing(rows, monkeypatch):
+    monkeypatch.setattr(panels, "table", promises.table)
+    for experiment in rows:
+        promises.keep(experiment, rows[experiment], {})
+    assert json.loads(panels.script(rows))["kept"] == {}
 
 
 def test_rows_that_do_not_fit_cost_the_panels_only(rows):
