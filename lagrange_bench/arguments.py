@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from integrators import words
@@ -82,6 +83,13 @@ def names(text: str) -> tuple[str, ...]:
     if not all(found):
         raise argparse.ArgumentTypeError(f"must be names separated by commas; got {text!r}")
     return found
+
+
+def location(text: str) -> Path:
+    """A file or folder. An empty word, as of a shell variable that is not set, would be the current folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("must name a file or folder; got an empty word")
+    return Path(text)
 
 
 def add_choice(command: argparse.ArgumentParser) -> None:

@@ -43,11 +43,13 @@ class Choice:
                 METHODS.include(name)
 
     def check(self, cells: Iterable[Mapping[str, Any]]) -> None:
-        """ValueError for a name that none of the cells has: what is spelled wrong would be left out in silence."""
+        """ValueError for a name that none of the cells has, and if none is asked for: both would be left out in silence."""
         if not (self or self.highlight):
             return
         found: dict[str, set[Any]] = {"method": set(), "top": set()}
+        some = False
         for cell in cells:
+            some = some or self.takes(cell)
             found["method"].add(cell.get("method"))
             found["top"].add(_top(cell))
         for flag, word, names in (
@@ -64,6 +66,8 @@ class Choice:
                     raise ValueError(f"{flag}: {why}")
                 more = f" Known: {', '.join(known)}" if close == "." and known else ""
                 raise ValueError(f"{flag}: no cell here is of the {word} {unknown[0]!r}{close}{more}")
+        if not some:
+            raise ValueError(f"{self.words.strip()}: no cell here is of such a method on such a top")
 
 
 ALL = Choice()

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lagrange_bench.arguments import location
 from lagrange_bench.text import Answer, plain, table
 
 if TYPE_CHECKING:
@@ -138,6 +139,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     )
     either = command.add_mutually_exclusive_group()
     text = "also test the largest drifts, in ulps, that this file allows the method"
-    either.add_argument("--bounds", type=Path, metavar="FILE", help=text)
+    either.add_argument("--bounds", type=location, metavar="FILE", help=text)
     text = "measure the drifts and write twice what was found into this file, and test nothing"
-    either.add_argument("--write-bounds", type=Path, metavar="FILE", help=text)
+    either.add_argument("--write-bounds", type=location, metavar="FILE", help=text)

@@ -6,10 +6,9 @@ import argparse
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
-from lagrange_bench.arguments import add_module, tolerance
+from lagrange_bench.arguments import add_module, location, tolerance
 from lagrange_bench.differences import as_data, changed_columns, listed
 from lagrange_bench.text import Answer, plain, table
 
@@ -30,8 +29,8 @@ exit codes: 0 the same · 1 not the same · 2 no such results"""
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("old", type=Path, metavar="OLD", help="results: a folder that lagrange-bench run wrote to")
-    command.add_argument("new", type=Path, metavar="NEW", help="other results")
+    command.add_argument("old", type=location, metavar="OLD", help="results: a folder that lagrange-bench run wrote to")
+    command.add_argument("new", type=location, metavar="NEW", help="other results")
     text = "relative difference allowed, where the absolute one is not (default: 0)"
     command.add_argument("--rtol", type=tolerance, metavar="R", default=0.0, help=text)
     command.add_argument("--atol", type=tolerance, metavar="A", default=0.0, help="absolute difference (default: 0)")

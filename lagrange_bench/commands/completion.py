@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from experiments import EXPERIMENTS
+from lagrange_bench.arguments import location
 from lagrange_bench.text import Answer
 
 SUMMARY = "completion for bash, zsh or fish"
@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> Answer:
         for action in command._actions:
             if action.choices is None and action.dest in known:
                 action.choices = known[action.dest]
-            if action.type is Path:
+            if action.type is location:
                 action.complete = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE  # type: ignore[attr-defined]
     script = shtab.complete(options.parser, options.shell)
     return Answer(script, {"shell": options.shell, "script": script})

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from lagrange_bench.arguments import add_choice, add_module, check_choice, choice_of
+from lagrange_bench.arguments import add_choice, add_module, check_choice, choice_of, location
 from lagrange_bench.text import Answer
 
 SUMMARY = "one figure, for a paper"
@@ -36,9 +36,9 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--format", choices=FORMATS, help="of the file (default: as its name ends, else svg)")
     command.add_argument("--width", choices=("column", "page"), help="3.4 or 7 inches (default: as on the page)")
     text = "what lagrange-bench run stored (default: as for lagrange-bench report)"
-    command.add_argument("--results", type=Path, metavar="DIR", help=text)
+    command.add_argument("--results", type=location, metavar="DIR", help=text)
     text = "the file, or the folder for --all (default: NAME.FORMAT, or ./figures)"
-    command.add_argument("--output", type=Path, metavar="PATH", help=text)
+    command.add_argument("--output", type=location, metavar="PATH", help=text)
     command.add_argument("--quiet", action="store_true", help="nothing on stderr")
     add_choice(command)
     add_module(command)

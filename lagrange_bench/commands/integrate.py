@@ -5,13 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import replace
-from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from integrators import machine
 from integrators.words import suggestion
-from lagrange_bench.arguments import add_potential, count, in_potential, named_top, number, numbers, option
+from lagrange_bench.arguments import add_potential, count, in_potential, location, named_top, number, numbers, option
 from lagrange_bench.text import Answer, plain
 
 if TYPE_CHECKING:
@@ -95,14 +94,14 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "keep times, states and metadata in FILE.csv, FILE.npz or FILE.parquet (needs pyarrow); a file of this name is "
     )
     text += "replaced"
-    results.add_argument("--output", type=Path, metavar="FILE", help=text)
+    results.add_argument("--output", type=location, metavar="FILE", help=text)
     text = "draw the axis on its sphere: FILE.svg, FILE.png or FILE.pdf; a file of this name is replaced"
-    results.add_argument("--draw", type=Path, metavar="FILE", help=text)
+    results.add_argument("--draw", type=location, metavar="FILE", help=text)
     text = (
         "let the axis move on its sphere: FILE.gif, or FILE.html, a page of its own with buttons; the recorded states, "
     )
     text += "thinned out to at most 60 pictures"
-    results.add_argument("--animate", type=Path, metavar="FILE", help=text)
+    results.add_argument("--animate", type=location, metavar="FILE", help=text)
     results.add_argument("--quiet", action="store_true", help="do not say on stderr which files were written")
 
 

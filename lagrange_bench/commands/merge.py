@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
+from lagrange_bench.arguments import location
 from lagrange_bench.text import Answer, table
 
 SUMMARY = "gather results of several folders"
@@ -40,5 +40,5 @@ def run(options: argparse.Namespace) -> Answer:
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("folders", nargs="+", type=Path, metavar="DIR", help="folders that runs wrote to")
-    command.add_argument("--results", type=Path, metavar="DIR", required=True, help="where to; created if need be")
+    command.add_argument("folders", nargs="+", type=location, metavar="DIR", help="folders that runs wrote to")
+    command.add_argument("--results", type=location, metavar="DIR", required=True, help="where to; created if need be")

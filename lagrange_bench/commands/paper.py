@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from lagrange_bench.arguments import location
 from lagrange_bench.commands.figure import FORMATS
 from lagrange_bench.text import Answer, plain, table
 
@@ -35,7 +36,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--top", default="generic", metavar="NAME", help="a named top (default: generic)")
     text = "of the picture, which ends in .svg, .pdf or .png (default: paper-SECTION.svg)"
-    command.add_argument("--output", type=Path, metavar="FILE", help=text)
+    command.add_argument("--output", type=location, metavar="FILE", help=text)
 
 
 def run(options: argparse.Namespace) -> Answer:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 import webbrowser
-from pathlib import Path
 
-from lagrange_bench.arguments import add_choice, add_module, check_choice, choice_of
+from lagrange_bench.arguments import add_choice, add_module, check_choice, choice_of, location
 from lagrange_bench.text import Answer
 
 LARGE = 8_000_000  # bytes of a page that is slow on a phone
@@ -31,16 +30,16 @@ not be drawn, which the page says in its place · 2 no such results, or files ca
 
 def add_options(command: argparse.ArgumentParser) -> None:
     text = "what lagrange-bench run stored (default: results/reference, the published ones; else your latest run)"
-    command.add_argument("--results", type=Path, metavar="DIR", help=text)
+    command.add_argument("--results", type=location, metavar="DIR", help=text)
     text = "where the page goes; it is created (default: the folder page in that of the results)"
-    command.add_argument("--output", type=Path, metavar="DIR", help=text)
+    command.add_argument("--output", type=location, metavar="DIR", help=text)
     command.add_argument(
         "--quiet", action="store_true", help="no remarks on stderr; the page and the exit code have them"
     )
     command.add_argument("--open", action="store_true", help="open the page in the browser")
     add_choice(command)
     text = "other results, whose verdict on each claim stands beside yours: results/reference, the published ones"
-    command.add_argument("--beside", type=Path, metavar="DIR", help=text)
+    command.add_argument("--beside", type=location, metavar="DIR", help=text)
     add_module(command)
 
 
@@ -55,10 +54,10 @@ def run(options: argparse.Namespace) -> Answer:
     results, notes = find_results(options.results)
     beside = options.beside and find_results(options.beside)[0]
     output = options.output or results / "page"
-    page.check_writable(output)
     import_modules(options.module)
     choice = choice_of(options)
     check_choice(results, choice)
+    page.check_writable(output)
     with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
         report = page.assemble(results, machine.usable_cores(), drawn, options.module, choice, beside)
         path = page.write(report, output).resolve()

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from experiments import EXPERIMENTS, SWEEP
-from lagrange_bench.arguments import add_choice, argument, choice_of, positive, seconds, shard
+from lagrange_bench.arguments import add_choice, argument, choice_of, location, positive, seconds, shard
 from lagrange_bench.text import Answer
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--profile", choices=profiles, default="quick", help=text)
     text = "where results are stored, and looked for (default: results/local/PROFILE of the source tree, or "
     text += "./results/PROFILE; of a FILE.toml its name instead of PROFILE)"
-    command.add_argument("--results", type=Path, metavar="DIR", help=text)
+    command.add_argument("--results", type=location, metavar="DIR", help=text)
     add_choice(command)
     text = "worker processes; timings always run one at a time (default: one per usable core)"
     command.add_argument("--jobs", type=positive, metavar="N", help=text)

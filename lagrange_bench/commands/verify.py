@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
-from lagrange_bench.arguments import add_module, positive, seconds, whole
+from lagrange_bench.arguments import add_module, location, positive, seconds, whole
 from lagrange_bench.differences import as_data, changed_columns
 from lagrange_bench.text import Answer, plain
 
@@ -31,9 +30,9 @@ such results, none that can be computed again, or an experiment's VERSION is new
 
 def add_options(command: argparse.ArgumentParser) -> None:
     text = "results (default: the published ones)"
-    command.add_argument("folder", nargs="?", type=Path, metavar="DIR", help=text)
+    command.add_argument("folder", nargs="?", type=location, metavar="DIR", help=text)
     text = "the same, as in the other commands"
-    command.add_argument("--results", type=Path, metavar="DIR", help=text)
+    command.add_argument("--results", type=location, metavar="DIR", help=text)
     text = "how many cells (default: 60, less than a minute on two cores)"
     command.add_argument("--sample", type=positive, metavar="N", default=60, help=text)
     command.add_argument("--seed", type=whole, metavar="N", default=0, help="another sample (default: 0)")

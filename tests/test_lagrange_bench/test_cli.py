@@ -693,6 +693,19 @@ def test_bits_that_differ_or_are_not_written_down(run, written):
     assert out.splitlines()[-1] == "2 the same, 1 differ, 1 not written down"
 
 
+@pytest.mark.parametrize(
+    "word", ["run", "report", "figure", "verify", "merge x", "compare x", "check rk4", "integrate"]
+)
+def test_an_empty_word_is_no_folder(run, tmp_path, monkeypatch, word):
+    """$RESULTS, where it is not set, would be the current folder."""
+    monkeypatch.chdir(tmp_path)
+    flag = {"compare x": [], "check rk4": ["--write-bounds"], "integrate": ["--output"]}.get(word, ["--results"])
+    code, out, err = run(*word.split(), *flag, "")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert f"argument {(flag or ['NEW'])[0]}: must name a file or folder; got an empty word" in err
+    assert list(tmp_path.iterdir()) == []
+
+
 # ---------------------------------------------------------------- completion
 
 COMPLETED = [  # what is typed, some of what is offered, and what is not

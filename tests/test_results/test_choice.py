@@ -45,13 +45,17 @@ def test_what_is_chosen():
         ({"methods": ("rk4", "strnag")}, "--methods: no cell here is of the method 'strnag'; did you mean 'strang'?"),
         ({"tops": ("x",)}, "--tops: no cell here is of the top 'x'. Known: generic, mine"),
         ({"highlight": ("rk44",)}, "--highlight: no cell here is of the method 'rk44'; did you mean 'rk4'?"),
+        (
+            {"methods": ("rk4",), "tops": ("mine",)},
+            "--methods rk4 --tops mine: no cell here is of such a method on such a top",
+        ),
     ],
 )
 def test_a_name_that_nothing_has(names, message):
     with pytest.raises(ValueError, match="no cell here") as caught:
         Choice(**names).check(CELLS)
     assert str(caught.value) == message
-    Choice(("rk4",), ("mine",)).check(CELLS)
+    Choice(("rk4", "strang"), ("mine",)).check(CELLS)
 
 
 def test_a_method_that_takes_none_of_the_tops_is_refused_with_its_reason():
@@ -125,12 +129,27 @@ def test_a_run_computes_what_is_chosen():
         ("run drift --tops , --results {0}", "--tops: must be names separated by commas"),
         ("figure phase_h --methods bakclund", "did you mean 'backlund'?"),
         ("report --tops generik --output {0}", "did you mean 'generic'?"),
+        ("run phase --methods rk4 --tops figure1 --results {0}", "--methods rk4 --tops figure1: no cell here"),
+        (
+            "report --methods theta_functions --tops weak_tide --output {0}",
+            "--methods theta_functions --tops weak_tide: no cell here",
+        ),
     ],
 )
 def test_wrong_names_on_the_command_line(run, tmp_path, words, named):
-    code, out, err = run(*words.format(tmp_path).split())
+    code, out, err = run(*words.format(tmp_path / "out").split())
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert named in err
+    assert "report" not in words or list(tmp_path.iterdir()) == []
+
+
+def test_a_choice_may_leave_nothing_of_one_of_several_experiments(run, tmp_path):
+    code, out, err = run(
+        "run", "ensemble", "paper", *["--methods", "backlund", "--tops", "figure2", "--quiet", "--results"], tmp_path
+    )
+    assert (code, err) == (0, "")
+    cells = {line.split()[0]: line.split()[1] for line in out.splitlines()[1:3]}
+    assert (cells["ensemble"], cells["paper"]) == ("0", "2")
 
 
 # ---------------------------------------------------------------- what stands out
