@@ -39,3 +39,10 @@ def write_file(path: Path, content: str | bytes) -> Path:
     except OSError as error:
         raise OSError(error.errno, f"cannot be written: {error.strerror}", str(path)) from error
     return path
+
+
+def replace_file(path: Path, content: str | bytes) -> str:
+    """As `write_file`; what was done: what people name may be there already, and is not replaced in silence."""
+    existed = path.exists()
+    write_file(path, content)
+    return f"{'replaced' if existed else 'written'}: {path}"

@@ -16,7 +16,7 @@ import numpy as np
 
 from experiments.measuring import metrics, truths
 from integrators import INVARIANTS, PerturbedTop, Trajectory
-from integrators.files import write_file
+from integrators.files import replace_file
 from integrators.interface import Array, Method
 from integrators.truth import exact
 from lagrange_bench.text import table
@@ -152,14 +152,14 @@ def save(path: Path, trajectory: Trajectory, facts: dict[str, Any]) -> str:
     if path.suffix.lower() == ".npz":
         buffer = io.BytesIO()
         np.savez(buffer, t=trajectory.t, y=trajectory.y, metadata=np.array(json.dumps(metadata)))
-        return _replace(path, buffer.getvalue())
+        return replace_file(path, buffer.getvalue())
     if path.suffix.lower() == ".parquet":
-        return _replace(path, _parquet(trajectory, metadata))
+        return replace_file(path, _parquet(trajectory, metadata))
     lines = [f"# {key}: {json.dumps(value, ensure_ascii=False)}" for key, value in metadata.items()]
     lines.append(",".join(COLUMNS))
     rows = np.column_stack([trajectory.t, trajectory.y]).tolist()
     lines += [",".join(map(repr, row)) for row in rows]
-    return _replace(path, ("\n".join(lines) + "\n").encode())
+    return replace_file(path, ("\n".join(lines) + "\n").encode())
 
 
 def _parquet(trajectory: Trajectory, metadata: dict[str, Any]) -> bytes:
@@ -172,13 +172,6 @@ def _parquet(trajectory: Trajectory, metadata: dict[str, Any]) -> bytes:
     buffer = io.BytesIO()
     parquet.write_table(frame, buffer)
     return buffer.getvalue()
-
-
-def _replace(path: Path, content: bytes) -> str:
-    """Write a file; what was done. OSError naming `path` if that fails."""
-    existed = path.exists()
-    write_file(path, content)
-    return f"{'replaced' if existed else 'written'}: {path}"
 
 
 # ---------------------------------------------------------------- a drawing
@@ -196,7 +189,7 @@ def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -
         else:
             metadata = {"CreationDate": None} if suffix == ".pdf" else {"Software": None}
             figure.savefig(buffer, format=suffix[1:], metadata=metadata)
-    return _replace(path, buffer.getvalue())
+    return replace_file(path, buffer.getvalue())
 
 
 ICONS = {  # of matplotlib's buttons
@@ -248,9 +241,9 @@ def animate(path: Path, trajectory: Trajectory, method: Method, name: str | None
         film = animation.FuncAnimation(figure, show, frames=chosen.tolist(), interval=1000 / PER_SECOND)
         if path.suffix.lower() == ".html":
             page = _alone(film.to_jshtml(fps=PER_SECOND, default_mode="loop"), name or method.label)
-            return _replace(path, page.encode())
+            return replace_file(path, page.encode())
         film.save(Path(folder) / "film.gif", writer=animation.PillowWriter(fps=PER_SECOND))
-        return _replace(path, (Path(folder) / "film.gif").read_bytes())
+        return replace_file(path, (Path(folder) / "film.gif").read_bytes())
 
 
 def _alone(film: str, title: str) -> str:

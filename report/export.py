@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +16,8 @@ from integrators.words import suggestion
 from report import origin, page
 from results.choice import ALL, Choice
 from results.store import Store
+
+Write = Callable[[Path, bytes], object]
 
 
 class UnknownFigure(ValueError):
@@ -70,6 +72,7 @@ def export(
     kind: str = "svg",
     width: str | None = None,
     choice: Choice = ALL,
+    write: Write = write_file,
 ) -> tuple[Path, list[str], list[str]]:
     """Writes one figure; gives its path, what it does not show and why, and what is to be said of its rows.
 
@@ -92,7 +95,8 @@ def export(
             raise UnknownFigure(_no_rows(experiment, choice))
         for found, figure in _drawn(experiment, section.rows, width, choice):
             if found == name:
-                path = write_file(output or Path(f"{name}.{kind}"), figures.FORMATS[kind](figure))
+                path = output or Path(f"{name}.{kind}")
+                write(path, figures.FORMATS[kind](figure))
                 return path, _lacking(section, choice), _notes(section)
             known.append(found)
     if not known:
@@ -122,6 +126,7 @@ def export_all(
     widths: Sequence[str] = tuple(style.WIDTHS),
     drawn: page.Drawn = lambda done, total: None,
     choice: Choice = ALL,
+    write: Write = write_file,
 ) -> tuple[list[Path], list[str], list[str]]:
     """Writes every figure as `NAME-WIDTH.KIND` into a folder.
 
@@ -139,7 +144,8 @@ def export_all(
             for name, figure in _drawn(experiment, section.rows, width, choice):
                 for kind in kinds:
                     path = Path(folder) / f"{name}-{width}.{kind}"
-                    written.append(write_file(path, figures.FORMATS[kind](figure)))
+                    write(path, figures.FORMATS[kind](figure))
+                    written.append(path)
     return written, unknown, notes
 
 

@@ -46,6 +46,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """Draw one stored figure, or all of them, as files."""
+    from integrators.files import replace_file
     from integrators.registry import import_modules
     from lagrange_bench.runner import progress
     from report import export
@@ -60,17 +61,23 @@ def run(options: argparse.Namespace) -> Answer:
     if options.list:
         found = export.names(results, choice)
         return Answer("\n".join(found), {"figures": found, "results": str(results)})
+    done: list[str] = []
+
+    def write(path: Path, content: bytes) -> None:
+        done.append(replace_file(path, content))
+
     with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
         if options.all:
             chosen = {"kinds": options.format, "widths": options.width}
             some = {name: (value,) for name, value in chosen.items() if value}
             folder = options.output or Path("figures")
-            written, unknown, notes = export.export_all(results, folder, **some, drawn=drawn, choice=choice)
+            written, unknown, notes = export.export_all(results, folder, **some, drawn=drawn, choice=choice, write=write)
         else:
             kind, width = _format(options), options.width
-            path, unknown, notes = export.export(options.name, results, options.output, kind, width, choice)
+            path, unknown, notes = export.export(options.name, results, options.output, kind, width, choice, write)
             written = [path]
-    for line in [*(f"not drawn: {reason}" for reason in unknown), *notes] if not options.quiet else ():
+    replaced = [line for line in done if line.startswith("replaced")]  # stdout names all that are written
+    for line in [*replaced, *(f"not drawn: {reason}" for reason in unknown), *notes] if not options.quiet else ():
         print(line, file=sys.stderr)
     paths = [str(path) for path in written]
     data = {"written": paths, "not_drawn": unknown, "notes": notes, "results": str(results)}

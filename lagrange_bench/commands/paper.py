@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,7 @@ def run(options: argparse.Namespace) -> Answer:
     from experiments import paper_sections
     from experiments.drawing import figures
     from integrators import TOPS
-    from integrators.files import write_file
+    from integrators.files import replace_file
     from integrators.words import suggestion
 
     known = paper_sections.SECTIONS
@@ -62,12 +63,13 @@ def run(options: argparse.Namespace) -> Answer:
         raise ValueError(f"--output must end in .svg, .pdf or .png; got {path}")
     named = TOPS[options.top]
     shown = paper_sections.show(options.section, named.top, named.state)
-    write_file(path, figures.FORMATS[kind](shown.figure))
+    done = replace_file(path, figures.FORMATS[kind](shown.figure))
     rows: list[Any] = [("formula", "misses by", "allowed", "")]
     for name, (found, allowed) in shown.residuals.items():
         rows.append((name, f"{found:.1e}", f"{allowed:.0e}", "" if found <= allowed else "too much"))
     good = all(found <= allowed for found, allowed in shown.residuals.values())
     residuals = {name: {"found": found, "allowed": allowed} for name, (found, allowed) in shown.residuals.items()}
     answer = {"section": options.section, "top": options.top, "written": str(path), "residuals": plain(residuals)}
-    text = [*table(rows), "", shown.figure.caption, f"drawn: {path}"]
+    text = [*table(rows), "", shown.figure.caption]
+    print(done, file=sys.stderr)
     return Answer("\n".join(text), answer, 0 if good else 1)

@@ -595,6 +595,17 @@ def test_a_figure_that_cannot_be_written_is_named(run, tmp_path):
     assert ".z.svg" not in err
 
 
+def test_a_picture_is_not_replaced_in_silence(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
+    drawn = ("figure", "ensemble_throughput", "--results", tmp_path)
+    for words, file in ((drawn, "ensemble_throughput.svg"), (("paper", "separation"), "paper-separation.svg")):
+        assert "replaced" not in run(*words)[2]
+        code, _, err = run(*words)
+        assert (code, err.splitlines()[-1]) == (0, f"replaced: {file}")
+    assert run(*drawn, "--quiet")[::2] == (0, "")
+
+
 def test_a_cache_that_cannot_be_written_is_told_once(run, monkeypatch):
     compiled = sys.modules["integrators.compiling.compiled"]
     monkeypatch.setattr(compiled, "_folder", lambda module: None)
