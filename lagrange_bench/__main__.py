@@ -102,6 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(argv: list[str]) -> int:
+    _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):  # a terminal without λ shows \u03bb; it is no reason to stop
         with contextlib.suppress(AttributeError):
             stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
@@ -129,6 +130,15 @@ def _run(argv: list[str]) -> int:
         _note_cache()
     _emit(json.dumps(answer.data, allow_nan=False) if options.json else answer.text)
     return int(answer.code)
+
+
+def _open_closed_streams() -> None:
+    """A stdout or stderr that was closed, with >&-, becomes /dev/null, for worker processes too. No file takes its number."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            number = os.open(os.devnull, os.O_WRONLY)
+            os.set_inheritable(number, True)
+            setattr(sys, name, os.fdopen(number, "w", encoding="utf-8", closefd=False))
 
 
 def _join_negative(argv: list[str]) -> list[str]:

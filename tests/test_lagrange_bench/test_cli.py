@@ -23,7 +23,7 @@ from lagrange_bench import text
 from lagrange_bench.commands import completion
 from lagrange_bench.runner import engine
 from report import page
-from results.store import default_results
+from results.store import Store, default_results
 
 COMMANDS = (
     "methods",
@@ -304,6 +304,28 @@ def test_closed_pipe():
     with open(writing, "w") as stdout:
         done = process("methods", "--help", stdout=stdout)
     assert (done.returncode, done.stderr) == (141, "")
+
+
+@pytest.mark.parametrize("words", ["methods", "tops --json", "integrate --h 0.1 --steps 2 --output run.csv"])
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_closed_stream(tmp_path, words, number):
+    """As `lagrange-bench methods >&-`; what would be said on a closed stderr does not go to stdout."""
+    line = f"exec {sys.executable} -W error -m lagrange_bench {words} {number}>&-"
+    environment = {**os.environ, "PYTHONPATH": str(HERE.parent)}
+    settings = {"cwd": tmp_path, "env": environment, "capture_output": True, "text": True, "timeout": 60}
+    done = subprocess.run(["/bin/sh", "-c", line], check=False, **settings)
+    written = "run.csv" in words
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ("written: run.csv\n" if written and number == 1 else "")
+    assert (done.stdout == "") == (number == 1)
+    assert "written" not in done.stdout
+    assert not written or "J1,J2,J3" in (tmp_path / "run.csv").read_text()
+
+
+def test_workers_of_a_run_with_closed_streams(tmp_path):
+    line = f"exec {sys.executable} -W error -m lagrange_bench run paper --results {tmp_path} >&- 2>&-"
+    assert subprocess.run(["/bin/sh", "-c", line], cwd=HERE.parent, timeout=60, check=False).returncode == 0
+    assert len(Store(tmp_path).rows("paper")) > 0
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
