@@ -6,6 +6,7 @@ import html
 import importlib.util
 import io
 import json
+import math
 import os
 import re
 import tempfile
@@ -43,7 +44,9 @@ def judge(trajectory: Trajectory, y0: Array, method: Method, h: float | None, la
     h : None for jumps. lam : whether a parameter of the map was given, which is then no step of time h.
     """
     top, y = trajectory.top, np.vstack([y0, trajectory.y])
-    invariants, drift = top.invariants(y), metrics.relative_drift(top.invariants(y), top.invariant_scales(y0))
+    with np.errstate(all="ignore"):  # |x|² may be no double: what it is a part of is then not given
+        invariants = top.invariants(y)
+        drift = metrics.relative_drift(invariants, top.invariant_scales(y0))
     try:
         if lam:
             raise ValueError(LAM)
@@ -100,11 +103,12 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
     for name, v in data["invariants"].items():
         changes = "" if v["conserved"] else ", not conserved"
         start, end = _exactly((v["start"], v["final"]))
-        rows.append((f"{name}{changes}", start, end, f"{v['drift']:+.1e}", f"{v['largest_drift']:.1e}"))
+        rows.append((f"{name}{changes}", start, end, _short(v["drift"], "+"), _short(v["largest_drift"])))
     if error["note"]:
         judged = f"error   no {error['against']} to compare with: {error['note']}"
     else:
-        judged = f"error   {error['final']:.1e} at the end, {error['largest']:.1e} the largest recorded, against the "
+        final, largest = _short(error["final"]), _short(error["largest"])
+        judged = f"error   {final} at the end, {largest} the largest recorded, against the "
         judged += f"{error['against']} (relative to the sizes of J and x)"
     counts = f"work    {work['steps']} steps, {work['rhs_evals']} right-hand sides, {work['iterations']} iterations, "
     counts += f"{work['rejected']} rejected; {data['seconds']:.3g} s in all, compilation included, "
@@ -123,8 +127,13 @@ def _kind(top: Any, y0: Array) -> str:
 
 
 def _exactly(values: Any) -> tuple[str, ...]:
-    """The shortest decimals that are these doubles, minus signs apart."""
-    return tuple(f"{'' if value < 0 else ' '}{value!r}" for value in map(float, values))
+    """The shortest decimals that are these doubles, minus signs apart; a dash for none."""
+    return tuple(" –" if value is None else f"{'' if value < 0 else ' '}{float(value)!r}" for value in values)
+
+
+def _short(value: float | None, sign: str = "-") -> str:
+    """Two digits; a dash for none."""
+    return "–" if value is None else f"{value:{sign}.1e}"
 
 
 # ---------------------------------------------------------------- files
@@ -262,7 +271,7 @@ def sphere(trajectory: Trajectory, method: Method, name: str | None) -> Figure:
     """The axis x on the sphere of radius |x|, seen from outside; what is behind the sphere is pale."""
     from experiments.drawing import style
 
-    x, radius = trajectory.y[:, 3:], float(np.linalg.norm(trajectory.y[0, 3:]))
+    x, radius = trajectory.y[:, 3:], math.hypot(*trajectory.y[0, 3:])
     view = _view()
     kind = {"projection": "3d", "proj_type": "ortho", "computed_zorder": False}
     figure, ax = style.figure(4.2, 4.2, subplot_kw=kind)
@@ -314,6 +323,6 @@ def _parts(points: Array, view: Array, front: bool) -> Array:
 
 def _dense(x: Array) -> bool:
     """Whether recorded directions are so close that lines between them stay near the sphere."""
-    unit = x / np.linalg.norm(x, axis=1, keepdims=True)
+    unit = x / np.hypot.reduce(x, axis=1, keepdims=True)
     chords = np.linalg.norm(np.diff(unit, axis=0), axis=1)
     return bool(chords.max(initial=0.0) < CHORD)

@@ -110,6 +110,22 @@ def test_beyond_the_exact_solution(answer):
     assert "periods" in data["error"]["note"]
 
 
+@pytest.mark.parametrize(
+    ("words", "dashes"),
+    [
+        (("--state", "1,2,3,0,0,1e-200", "--h", "0.1"), {"C1": 2}),  # |x|² = 0 has no relative drift
+        (("--state", "1e160,0,0,0,0,1", "--h", "1e-161"), {"H": 4}),  # H is infinite
+    ],
+)
+def test_what_is_no_double_is_a_dash(run, answer, tmp_path, words, dashes):
+    code, out, err = run("integrate", "--steps", "10", *words, "--draw", tmp_path / "axis.svg")
+    assert (code, err) == (0, f"written: {tmp_path / 'axis.svg'}\n")
+    table = out.split("largest recorded\n")[1].split("\n\n")[0].splitlines()
+    assert {line.split()[0]: line.split().count("–") for line in table if "–" in line} == dashes
+    found = answer("integrate", "--steps", "10", *words)["invariants"]
+    assert {name: list(v.values()).count(None) for name, v in found.items() if None in v.values()} == dashes
+
+
 @pytest.mark.parametrize("suffix", [".csv", ".npz"])
 def test_files_keep_every_bit(run, tmp_path, suffix):
     path = tmp_path / f"run{suffix}"
