@@ -85,6 +85,10 @@ def run(options: argparse.Namespace) -> Answer:
 
 
 def _format(options: argparse.Namespace) -> str:
-    """As asked for, or as the name of the file ends, or SVG."""
+    """As asked for, or as the name of the file ends, or SVG. ValueError if the two contradict each other."""
     suffix = "" if options.output is None else Path(options.output).suffix.removeprefix(".").lower()
+    if options.format and suffix in FORMATS and suffix != options.format:
+        raise ValueError(
+            f"--format {options.format} and --output {options.output} contradict each other: give one format"
+        )
     return str(options.format or (suffix if suffix in FORMATS else "svg"))

@@ -203,9 +203,12 @@ def test_command_line(results, tmp_path, capsys):
     )
     assert len(list(tmp_path.glob("*-page.svg"))) == 3
     capsys.readouterr()
-    for wrong in ([], ["toy.figures_single", "--all"], ["toy.figures_nothing", "--results", str(results)]):
+    before = here.read_bytes()
+    two = [*words[:1], "--format", "svg", *words[3:]]
+    for wrong in ([], ["toy.figures_single", "--all"], ["toy.figures_nothing", "--results", str(results)], two):
         assert main(["figure", *wrong]) == 2
         assert capsys.readouterr().err.count("\n") == 1
+    assert here.read_bytes() == before
 
 
 NAMES = [r"$\frac{$", "$x$", "a$b", "bell \a, escape \x1b[31m, null \0", "\ud800"]
