@@ -258,10 +258,8 @@ def _load(name: str, registry: Registry) -> Any:
             return registry[name]
         found = getattr(import_own(path), attribute)
     except KeyError as error:
-        if Path(f"{name}.py").is_file():
-            raise ValueError(
-                f"no {word} is registered as {name!r}; for the one in {name}.py use {name}:{word.upper()}"
-            ) from None
+        if hint := in_own_file(name, word):
+            raise ValueError(f"no {word} is registered as {name!r}{hint}") from None
         raise ValueError(str(error.args[0])) from None
     except Exception as error:  # importing somebody else's module may raise anything
         hint = _meant(name, error, registry)
@@ -269,6 +267,11 @@ def _load(name: str, registry: Registry) -> Any:
     if not isinstance(found, registry.kind):
         raise ValueError(f"{word} {name} is a {type(found).__name__}, not an integrators.{registry.kind.__name__}")
     return found
+
+
+def in_own_file(name: str, word: str) -> str:
+    """How to name what is in a file NAME.py of the current folder; nothing if there is no such file."""
+    return f"; for the one in {name}.py use {name}:{word.upper()}" if Path(f"{name}.py").is_file() else ""
 
 
 def _meant(name: str, error: Exception, registry: Registry) -> str:

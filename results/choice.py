@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from integrators.words import suggestion
@@ -35,7 +34,7 @@ class Choice:
 
     def include(self) -> None:
         """Make methods in files of the user's own, `module:NAME`, known to this process. ValueError if one cannot be loaded."""
-        own = [name for name in (*self.methods, *self.highlight) if ":" in name]
+        own = [name for name in (*self.methods, *self.highlight) if ":" in name or name.endswith(".py")]
         if own:
             from integrators.registry import METHODS
 
@@ -46,6 +45,8 @@ class Choice:
         """ValueError for a name that none of the cells has, and if none is asked for: both would be left out in silence."""
         if not (self or self.highlight):
             return
+        from integrators.registry import in_own_file
+
         found: dict[str, set[Any]] = {"method": set(), "top": set()}
         some = False
         for cell in cells:
@@ -59,9 +60,7 @@ class Choice:
         ):
             known = sorted(name for name in found[word] if isinstance(name, str))
             if unknown := [name for name in names if name not in known]:
-                close = suggestion(unknown[0], known)
-                if word == "method" and Path(f"{unknown[0]}.py").is_file():
-                    close = f"; for the one in {unknown[0]}.py use {unknown[0]}:METHOD"
+                close = (word == "method" and in_own_file(unknown[0], word)) or suggestion(unknown[0], known)
                 if word == "method" and (why := _refusal(unknown[0], found["top"])):
                     raise ValueError(f"{flag}: {why}")
                 more = f" Known: {', '.join(known)}" if close == "." and known else ""

@@ -140,8 +140,9 @@ def run(
     limit = TIME_LIMITS[profile] if time_limit is None else time_limit
     memory.limit()  # ValueError for a wrong one
     store, summary = Store(results), Summary(Path(results), profile)
-    store.check_writable()  # before anything is computed
-    choice.check(cell for name in experiments for cell in load(name).cells(profile))
+    modules = [load(name) for name in experiments]
+    choice.check(cell for module in modules for cell in module.cells(profile))
+    store.check_writable()  # before anything is computed, and after what is wrong with the words is known
     names = dict.fromkeys(experiments)
     plans = [_plan(name, profile, shard, store, summary, timings, again, choice) for name in names]
     at_a_time = None if scheduler else jobs or machine.usable_cores()
