@@ -110,8 +110,9 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
         final, largest = _short(error["final"]), _short(error["largest"])
         judged = f"error   {final} at the end, {largest} the largest recorded, against the "
         judged += f"{error['against']} (relative to the sizes of J and x)"
-    counts = f"work    {work['steps']} steps, {work['rhs_evals']} right-hand sides, {work['iterations']} iterations, "
-    counts += f"{work['rejected']} rejected; {data['seconds']:.3g} s in all, compilation included, "
+    words = {"steps": "steps", "rhs_evals": "right-hand sides", "iterations": "iterations", "rejected": "rejected"}
+    counted = ", ".join(f"{work[name]} {word}" for name, word in words.items() if work[name] or name == "steps")
+    counts = f"work    {counted}; {data['seconds']:.3g} s in all, compilation included, "
     counts += f"{work['setup_seconds']:.3g} s of it to prepare"
     chosen = [f"chosen  {work['notes']}"] if work.get("notes") else []
     return "\n".join([*head, "", *table(states), "", *table(rows), "", judged, counts, *chosen])

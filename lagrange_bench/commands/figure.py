@@ -71,7 +71,9 @@ def run(options: argparse.Namespace) -> Answer:
             chosen = {"kinds": options.format, "widths": options.width}
             some = {name: (value,) for name, value in chosen.items() if value}
             folder = options.output or Path("figures")
-            written, unknown, notes = export.export_all(results, folder, **some, drawn=drawn, choice=choice, write=write)
+            written, unknown, notes = export.export_all(
+                results, folder, **some, drawn=drawn, choice=choice, write=write
+            )
         else:
             kind, width = _format(options), options.width
             path, unknown, notes = export.export(options.name, results, options.output, kind, width, choice, write)
