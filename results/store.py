@@ -48,6 +48,7 @@ KINDS = {
     "provenance": (dict,),
     **dict.fromkeys(("version", "position", "seconds"), NUMBER),
 }
+FACTS = {"utc": (str,), "commit": (str, NoneType), "dirty": (bool, NoneType), "cpu": (str, NoneType)}  # on the page
 SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of the row fields that may be lists of numbers: raw timings
 
 BLOCK = 4096  # records merged at a time
@@ -509,6 +510,7 @@ def _sound(record: Record, text: str, experiment: str) -> bool:
     return (
         record["experiment"] == experiment
         and all(type(record[name]) in kinds for name, kinds in KINDS.items())
+        and all(type(record["provenance"][name]) in kinds for name, kinds in FACTS.items())
         and type(record.get("sources")) in (str, NoneType)
         and all(type(row) is dict for row in record["rows"])
         and bool(bytes.fromhex(record["key"]))

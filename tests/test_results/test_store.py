@@ -171,6 +171,7 @@ SHAPES = [
     ("seconds", "long"),
     ("sources", 7),
     ("provenance", []),
+    ("provenance", {"commit": None, "dirty": None, "cpu": None}),
 ]
 GONE = object()
 
@@ -375,7 +376,7 @@ def short(file, data):  # many short writes for one line, with time for the othe
 store.os.write = short
 if sys.argv[3] == "without lock":
     store.fcntl = None
-store.provenance.provenance = dict
+store.provenance.provenance = lambda: {"utc": "", "commit": None, "dirty": None, "cpu": None}
 results = store.Store(sys.argv[1])
 print("ready", flush=True)
 sys.stdin.read()
