@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -195,6 +196,7 @@ def test_a_whole_package_counts(tmp_path, monkeypatch):
     assert set(found) == {"of_mine/__init__.py", "of_mine/methods.py", "of_mine/deep/kernels.py", "beside.py"}
     (tmp_path / "x.dist-info").mkdir()
     assert "beside.py" not in method_source._files({"of_mine.methods"}), "packages are installed there"
+    monkeypatch.setitem(sys.modules, "__main__", ModuleType("__main__"))  # not that of `python -m pytest`
     assert method_source._files({"sys", "__main__", "no_such_module"}) == {}
     assert method_source.digest("no_such_module:METHOD") is None
 
