@@ -119,7 +119,8 @@ def two_point(top: LagrangeTop | HeavyTop, y: ArrayLike, lam: complex, sheet: in
     """One step of the two-point Bäcklund transformation with parameters λ and λ̄, any λ with Im λ > 0.
 
     `sheet` = 1 takes the branch of √Q(λ) continuous from +√C1 along the segment from 0 to λ; −1 the other
-    one, which is the inverse map. Shape (6,). Source: paper, section 5.5; docs/exact-step.md.
+    one, which is the inverse map. At a root of Q they meet: within 1e-14 of a simple root, or 1e-8 of a double one,
+    round-off decides which is which. Shape (6,). Source: paper, section 5.5; docs/exact-step.md.
 
     Raises
     ------

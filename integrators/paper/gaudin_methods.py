@@ -18,6 +18,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from threading import Lock
 from time import perf_counter
 from typing import Any
 
@@ -227,14 +228,23 @@ def _prepare_midpoint(name: str, spherical: bool, magnet: GaudinMagnet, spins: A
 
 
 class _GridStepper(Stepper):
-    """Advances spins by a solver that chooses its own steps: solve(spins, times) → states (times, n, 3)."""
+    """Advances spins by a solver that chooses its own steps: solve(spins, times) → states (times, n, 3).
+
+    `size` is the unit of the spins in `solve`, and 1/`size` that of time: tolerances of libraries are absolute below 1.
+    """
 
     from_start = True
 
     def __init__(
-        self, magnet: GaudinMagnet, spins: Array, h: float, solve: Callable[[Array, Array], Array], work: Work
+        self,
+        magnet: GaudinMagnet,
+        spins: Array,
+        h: float,
+        solve: Callable[[Array, Array], Array],
+        work: Work,
+        size: float,
     ):
-        self.magnet, self.h, self.solve, self.work = magnet, check_step(h), solve, work
+        self.magnet, self.h, self.solve, self.work, self.size = magnet, check_step(h), solve, work, size
         magnet.check_spins(spins)
 
     def record(self, spins: Array, n: int, every: int) -> Array:
@@ -243,16 +253,22 @@ class _GridStepper(Stepper):
         out = np.empty((n // every + 1, len(self.magnet), 3))
         out[0] = self.magnet.check_spins(spins)
         if n:
-            out[1:] = self.solve(out[0], self.h * every * np.arange(1.0, len(out)))
+            times = self.h * every * np.arange(1.0, len(out))
+            out[1:] = self.solve(out[0] / self.size, times * self.size) * self.size
         return out
 
 
+def _size(spins: Array) -> float:
+    """A power of two, 1 or less, in units of which the largest spin is not small."""
+    return math.ldexp(1.0, min(0, math.frexp(float(np.max(np.abs(spins))))[1]))
+
+
 def prepare_taylor(magnet: GaudinMagnet, spins: Array, h: float, *, tol: float | None = None) -> _GridStepper:
-    """heyoka on its natural steps, with dense output; tol: by default an ulp."""
+    """heyoka on its natural steps, with dense output; tol, relative to the largest spin: by default an ulp."""
     import heyoka as hy
 
     hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
-    n, (b, pairs, K), work = len(magnet), terms(magnet), Work()
+    n, (b, pairs, K), work, size = len(magnet), terms(magnet), Work(), _size(spins)
     s = [hy.make_vars(*(f"s{j}_{i}" for i in "123")) for j in range(n)]
     parts: list[list[list[Any]]] = [[[], [], []] for _ in range(n)]
     for p, (j, k) in enumerate(pairs.tolist()):  # strengths are parameters: magnets of one size share the machine code
@@ -267,34 +283,37 @@ def prepare_taylor(magnet: GaudinMagnet, spins: Array, h: float, *, tol: float |
         p, q, r = (hy.sum(addends) if addends else hy.expression(0.0) for addends in sums)
         system += [(x, q * z - r * y), (y, r * x - p * z), (z, p * y - q * x)]
     given = {} if tol is None else {"tol": check_real(tol, "tol")}
-    strengths = [*K.tolist(), *b[fields].tolist()]
+    strengths = [*K.tolist(), *(b[fields] / size).tolist()]
     ta = hy.taylor_adaptive(system, [0.0] * (3 * n), pars=strengths, compact_mode=n > 8, **given)
 
+    alone = Lock()  # heyoka's integrator has a state, and lets other threads run
+
     def solve(start: Array, times: Array) -> Array:
-        ta.time = 0.0
-        ta.state[:] = start.ravel()
-        if len(times) == 1:  # without dense output
-            outcome, _, _, steps, _, _ = ta.propagate_until(float(times[0]))
-            rows = np.array((start.ravel(), ta.state))
-        else:
-            outcome, _, _, steps, _, rows = ta.propagate_grid([0.0, *times])
+        with alone:
+            ta.time = 0.0
+            ta.state[:] = start.ravel()
+            if len(times) == 1:  # without dense output
+                outcome, _, _, steps, _, _ = ta.propagate_until(float(times[0]))
+                rows = np.array((start.ravel(), ta.state))
+            else:
+                outcome, _, _, steps, _, rows = ta.propagate_grid([0.0, *times])
         if outcome != hy.taylor_outcome.time_limit:
             raise StepError("taylor", f"heyoka stopped: {outcome}", h=h)
         work.steps += int(steps)
         found: Array = rows[1:].reshape(-1, n, 3)
         return found
 
-    return _GridStepper(magnet, spins, h, solve, work)
+    return _GridStepper(magnet, spins, h, solve, work, size)
 
 
 def prepare_dop853(magnet: GaudinMagnet, spins: Array, h: float, *, rtol: float = 3e-14) -> _GridStepper:
-    """SciPy's DOP853 with its dense output; the absolute tolerance is a tenth of the relative one."""
+    """SciPy's DOP853 with its dense output; the absolute tolerance is a tenth of the relative one, times the largest spin."""
     from scipy.integrate import solve_ivp
 
-    rtol, c, work, n = check_real(rtol, "rtol"), magnet.flow, Work(), len(magnet)
+    rtol, c, work, n, size = check_real(rtol, "rtol"), magnet.flow, Work(), len(magnet), _size(spins)
 
     def rhs(_: float, y: Array) -> Array:
-        rate: Array = magnet.rhs(y.reshape(n, 3), c).ravel()
+        rate: Array = magnet.rhs(size * y.reshape(n, 3), c).ravel() / size / size
         return rate
 
     def solve(start: Array, times: Array) -> Array:
@@ -305,7 +324,7 @@ def prepare_dop853(magnet: GaudinMagnet, spins: Array, h: float, *, rtol: float 
         rows: Array = found.y.T.reshape(-1, n, 3)
         return rows
 
-    return _GridStepper(magnet, spins, h, solve, work)
+    return _GridStepper(magnet, spins, h, solve, work, size)
 
 
 # ------------------------------------------------------------------------------------------ the list

@@ -456,10 +456,15 @@ def flow(alpha, y, times):
 
 @jit
 def curve_point(alpha, y, R, eta, guess_re, guess_im):
-    """Q and m = √Q(λ) in double-double at any double λ = R + iη, on the branch of a guess good to a few digits."""
+    """Q and m = √Q(λ) in double-double at any double λ = R + iη; the guess, a few digits of m, chooses the sign alone."""
     q = spectral_polynomial(alpha, y)
     Q = horner(q, (dd(R), dd(eta)))
     m = (dd(guess_re), dd(guess_im))
     if guess_re * guess_re + guess_im * guess_im > 0.0:
-        m = csqrt_near(Q, m, 4)
+        near = np.sqrt(complex(Q[0][0], Q[1][0]))
+        if near.real * guess_re + near.imag * guess_im < 0.0:
+            near = -near
+        m = (dd(near.real), dd(near.imag))
+        if near != 0.0:
+            m = csqrt_near(Q, m, 2)
     return q, m

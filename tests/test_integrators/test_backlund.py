@@ -4,6 +4,7 @@ import itertools
 import math
 import random
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -24,6 +25,7 @@ from integrators.compiling.loops import FixedStepper
 from integrators.problem.units import Units
 from integrators.torus import real_map
 from integrators.torus import time_step as ts
+from integrators.torus.any_parameter import branch_guess
 from integrators.truth import exact
 
 GENERIC = TOPS["generic"]
@@ -173,6 +175,28 @@ def test_any_lambda_conserves_and_is_undone_by_the_other_sheet(lam, name):
     assert np.max(np.abs(named.top.invariants(y) - named.top.invariants(named.state)) / scales) < 4e-14
     back = two_point(named.top, y, lam, sheet=-1)
     assert np.max(np.abs(back - named.state)) < 4e-14
+
+
+@pytest.mark.parametrize(
+    ("name", "lam"),
+    [
+        ("homoclinic", -0.5 + 1.00000000001j),  # a double root of Q is −0.5 + i
+        ("homoclinic", -0.5 + 1j),
+        ("regular", -2 + 1.5j),
+        ("generic", -0.07159512589181724 + 0.6718896187898421j),  # a simple root, to all digits
+    ],
+)
+def test_next_to_a_root_of_q_m_is_on_the_curve(name, lam):
+    named = TOPS[name]
+    guess = branch_guess(named.alpha, named.state, lam)
+    q, m = ts.curve_point(named.alpha, tuple(named.state), lam.real, lam.imag, *guess)
+    with mpmath.workdps(40):
+        Q = sum((mpmath.mpf(high) + low) * mpmath.mpc(lam) ** k for k, (high, low) in enumerate(q))
+        found = mpmath.mpc(mpmath.mpf(m[0][0]) + m[0][1], mpmath.mpf(m[1][0]) + m[1][1])
+        assert abs(found**2 - Q) < 1e-29
+    image = two_point(named.top, named.state, lam)
+    change = (named.top.invariants(image) - named.top.invariants(named.state)) / named.top.invariant_scales(named.state)
+    assert np.max(np.abs(change)) < 4e-15
 
 
 def test_two_maps_commute():

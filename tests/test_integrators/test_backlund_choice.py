@@ -7,7 +7,17 @@ import numpy as np
 import pytest
 
 from experiments.measuring import metrics
-from integrators import PERTURBED_TOPS, POTENTIALS, TOPS, LagrangeTop, PerturbedTop, StepError, integrate
+from integrators import (
+    PERTURBED_TOPS,
+    POTENTIALS,
+    TOPS,
+    LagrangeTop,
+    PerturbedTop,
+    Potential,
+    StepError,
+    integrate,
+    sqrt,
+)
 from integrators.methods import backlund_choice as bc
 from integrators.methods import backlund_splitting as bs
 from integrators.truth import exact, reference
@@ -60,6 +70,21 @@ def test_a_pilot_that_sees_no_error_is_found_out(monkeypatch):
     monkeypatch.setattr(bc, "_distance", lambda a, b, scales: np.full(np.shape(a)[:-1], 1e-16))
     top, y0, unit = problem("strong_tide")
     assert error(top, y0, chosen(top, y0, t=[UNITS * unit], tol=1e-9)) > 1e-8
+
+
+def test_a_narrow_resonance_of_the_step():
+    """docs/perturbed.md, section 6: it lies far below the steps that are refused, and a short pilot does not see it."""
+    magnet = Potential("magnet", lambda x1, x2, x3, p: p[0] / sqrt((x1 - 1.5) ** 2 + x2**2 + (x3 + 0.3) ** 2))
+    top, T = PerturbedTop(LagrangeTop(-1.0), magnet, (4e-3,)), 342.474
+    y0 = np.array((1.0675067012, 0.9490114745, 0.5509228205, 0.37246957301, 0.70953452273, -0.59818657467))
+    right = integrate(top, y0, T / 20_000, 20_000, "blanes_moan6").y[-1]
+
+    def error_of(steps):
+        return float(metrics.scaled_error(top, y0, integrate(top, y0, T / steps, steps, NAME).y[-1], right))
+
+    shorter, resonant, longer = map(error_of, (3480, 3468, 3460))
+    assert resonant > 5 * max(shorter, longer)
+    assert exact.nutation_period(top.top, y0) / 25 > T / 3468
 
 
 def test_the_error_is_extrapolated_to_the_end():

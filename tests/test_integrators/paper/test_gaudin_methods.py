@@ -1,5 +1,6 @@
 """Magnets behind `integrate`: all methods follow one flow, with the orders and invariants they claim; bad input is named."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -59,6 +60,27 @@ def test_methods_are_poisson_as_claimed(method):
     here, there = magnet.poisson(spins), magnet.poisson(step(y).reshape(2, 3))
     defect = np.max(np.abs(M @ here.astype(float) @ M.T - there.astype(float)))
     assert defect < 1e-8 if method.poisson else defect > 1e-5
+
+
+TOLERANT = [m.name for m in MAGNET_METHODS.values() if m.control == "tolerance" and (not m.requires or available(m))]
+
+
+@pytest.mark.parametrize("size", [1e-8, 1e-100])
+@pytest.mark.parametrize("method", TOLERANT)
+def test_tolerances_are_relative_to_the_spins(method, size):
+    """A magnet with small spins moves slowly, and otherwise in the same way."""
+    field, spins = replace(MAGNET, alpha=size * MAGNET.alpha), size * SPINS
+    end = integrate(field, spins, h=0.5 / size, steps=4, method=method).y[-1] / size
+    assert np.max(np.abs(end - integrate(MAGNET, SPINS, h=2.0, steps=1, method="backlund").y[-1])) < 1e-12
+
+
+@pytest.mark.skipif("taylor" not in TOLERANT, reason="heyoka is not installed here")
+def test_threads_may_share_a_stepper():
+    stepper = prepare_method(MAGNET, SPINS, 0.05, "taylor", {})
+    expected = {n: stepper.advance(SPINS, n) for n in (2000, 700)}
+    with ThreadPoolExecutor(2) as pool:
+        for n, end in pool.map(lambda n: (n, stepper.advance(SPINS, n)), [2000, 700] * 8):
+            assert np.array_equal(end, expected[n])
 
 
 def test_steps_backwards():
