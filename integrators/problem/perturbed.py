@@ -36,6 +36,7 @@ DIGITS = 50
 BRANCHES = 64  # other signs of roots that are tried
 SAME = 1e-8  # relative difference between a gradient that is given and the one that is derived
 Vector = tuple[Any, Any, Any]
+Point = tuple[float, float, float]
 
 
 class Potential:
@@ -516,7 +517,7 @@ PLAIN = Nature(False, False, False)
 
 
 @cache
-def _points() -> list[tuple[float, float, float]]:
+def _points() -> list[Point]:
     draw = random.Random("points of comparison")
     return [(draw.uniform(-1, 1), draw.uniform(-1, 1), draw.uniform(-1, 1)) for _ in range(POINTS)]
 
@@ -562,30 +563,52 @@ def _looks(formula: Formula, parameters: tuple[float, ...]) -> Nature | None:
     """
     import mpmath
 
-    found: list[tuple[Any, Any, Any]] = []
     with mpmath.workdps(DIGITS):
-        for k, bends in enumerate((formula.bends, *formula.branches)):
-            if k == 1 and len(found) < 2:
-                break
-            for point in _points():
-                try:
-                    values = bends(*map(mpmath.mpf, point), *map(mpmath.mpf, parameters))
-                except (ZeroDivisionError, OverflowError, ValueError):
-                    continue
-                if all(v - v == 0 for v in values) and (k or not any(getattr(v, "imag", 0) for v in values)):
-                    found.append((point, values[:3], values[3:]))
+        found = [
+            values for values in _values(formula.bends, parameters, _points()) if not any(map(_imaginary, values[1]))
+        ]
         if len(found) < 2:
             return None
-        least = mpmath.mpf(10) ** (10 - DIGITS) * max(abs(v) for _, slope, bend in found for v in (*slope, *bend))
+        kind = _kind(found)
+        if kind != PLAIN:
+            for branch in formula.branches:
+                found += _values(branch, parameters, _points()[:2])
+            kind = _kind(found)
+        return kind
 
-        def same(part: int) -> bool:
-            return all(abs(v - w) <= least for each in found for v, w in zip(each[part], found[0][part], strict=True))
 
-        return Nature(
-            linear=same(1) and all(abs(v) <= least for _, _, bend in found for v in bend),
-            quadratic=same(2),
-            axisymmetric=all(abs(slope[0] * x[1] - slope[1] * x[0]) <= least for x, slope, _ in found),
-        )
+def _imaginary(number: Any) -> bool:
+    return bool(getattr(number, "imag", 0))
+
+
+def _values(bends: Program, parameters: tuple[float, ...], points: Sequence[Point]) -> list[tuple[Point, list[Any]]]:
+    """∇V and V'' at these points, in mpmath's digits, where they are finite."""
+    import mpmath
+
+    found = []
+    for point in points:
+        try:
+            values = bends(*map(mpmath.mpf, point), *map(mpmath.mpf, parameters))
+        except (ZeroDivisionError, OverflowError, ValueError):
+            continue
+        if all(v - v == 0 for v in values):
+            found.append((point, list(values)))
+    return found
+
+
+def _kind(found: Sequence[tuple[Point, list[Any]]]) -> Nature:
+    """The field with these values at random points."""
+    least = 10.0 ** (10 - DIGITS) * max(abs(v) for _, values in found for v in values)
+    first = found[0][1]
+
+    def same(part: slice) -> bool:
+        return all(abs(v - w) <= least for _, values in found for v, w in zip(values[part], first[part], strict=True))
+
+    return Nature(
+        linear=same(slice(3)) and all(abs(v) <= least for _, values in found for v in values[3:]),
+        quadratic=same(slice(3, None)),
+        axisymmetric=all(abs(values[0] * x[1] - values[1] * x[0]) <= least for x, values in found),
+    )
 
 
 def _wrong(formula: Formula, parameters: tuple[float, ...]) -> tuple[float, ...] | None:
