@@ -31,7 +31,7 @@ from integrators.checks import check_count, check_grid, check_options, check_ste
 from integrators.compiling.lanes import LANES, run_lanes
 from integrators.compiling.loops import FixedStepper
 from integrators.interface import Array, Method, StepError, Stepper
-from integrators.problem.body import UNIT, HeavyTop
+from integrators.problem.body import HeavyTop, has_unit_axis
 from integrators.problem.perturbed import PerturbedTop, natures
 from integrators.problem.rotated import evaluate_for, prepare_for
 from integrators.problem.top import LagrangeTop
@@ -334,9 +334,7 @@ def _check_tops(top: Any, Y0: ArrayLike) -> tuple[_Tops, Array]:
     vertical = (states[:, 3] == 0.0) & (states[:, 4] == 0.0)
     _refuse(vertical & (states[:, 5] == 0.0), "has x = 0: the axis of a top needs |x| > 0", states)
     if unit:
-        with np.errstate(over="ignore"):
-            off = ~(np.abs(np.sqrt(np.sum(states[:, 3:] ** 2, axis=1)) - 1.0) <= UNIT)
-        _refuse(off, "has |x| not 1: the axis of a HeavyTop is the direction x", states)
+        _refuse(~has_unit_axis(states), "has |x| not 1: the axis of a HeavyTop is the direction x", states)
     alphas = _one_for_each(top.alpha, "alpha", len(states))
     if isinstance(top, LagrangeTop):
         return _Tops(alphas), states

@@ -347,9 +347,8 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
     state, span = units.enter(y0), units.span(name, h)
     block = (8 if abs(span) < LONG else 1) if pin is None else check_count(pin, "pin")
     c, least = constants(units.alpha, tuple(state), span)
-    if abs(span) > UNSTABLE and lost(units.alpha, tuple(state), span, c) > MOST:
-        least = 0.0
-    if not (least >= LEAST and np.all(np.isfinite(c))):
+    inexact = abs(span) > UNSTABLE and lost(units.alpha, tuple(state), span, c) > MOST
+    if inexact or not (least >= LEAST and np.all(np.isfinite(c))):
         raise StepError(name, "h is too long so near the separatrix: the denominator of the map nearly vanishes", h=h)
     return TorusStepper(name, h, units, c, step, onto_torus if block else None, block or NEVER, lane=True)
 
