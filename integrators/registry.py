@@ -165,6 +165,14 @@ class Registry(Mapping[str, Any]):
             if loaded is not None:
                 self._loaded[found.name] = loaded
 
+    def each(self) -> Iterator[tuple[str, Any, str]]:
+        """Every name with what it stands for and ""; or with None and the reason why it cannot be loaded."""
+        for name in self:
+            try:
+                yield name, self[name], ""
+            except Exception as error:  # somebody else's package: whatever is wrong with it, the others are still there
+                yield name, None, f"{type(error).__name__}: {error}"
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._entries)
 
@@ -244,6 +252,16 @@ def find_potential(potential: str | Any) -> Any:
             f"potential must be a name in POTENTIALS, package.module:POTENTIAL or a Potential; got {potential!r}"
         )
     return potential
+
+
+def find_top(name: str) -> Any:
+    """The named top of a name in NAMED_TOPS or of `package.module:TOP`.
+
+    Raises
+    ------
+    ValueError : there is none of this name, or it cannot be loaded.
+    """
+    return _load(name, NAMED_TOPS)
 
 
 def _load(name: str, registry: Registry) -> Any:

@@ -118,12 +118,13 @@ def check_choice(results: Any, choice: Any) -> None:
 
 
 def named_top(name: str) -> Any:
-    """The named top, in a potential or not, of the bench or of a package."""
-    from integrators.registry import NAMED_TOPS
+    """The named top, in a potential or not, of the bench, of a package or of the user's own `module:TOP`."""
+    from integrators.registry import find_top
 
-    if name not in NAMED_TOPS:
-        raise ValueError(f"--top: unknown top {name!r}{words.suggestion(name, NAMED_TOPS)} See lagrange-bench tops")
-    return NAMED_TOPS[name]
+    try:
+        return find_top(name)
+    except ValueError as error:
+        raise ValueError(f"--top: {error}") from None
 
 
 def add_potential(command: Any) -> None:

@@ -67,8 +67,8 @@ def _rules(records: dict[str, Method], step: pd.DataFrame, setup: str, work: pd.
         (
             "What an evaluation is.",
             "A right-hand side or a force, counted where a method has any. That is a stage of Runge-Kutta, a kick of a "
-            "splitting, an order of a Taylor step, or a stage of one iteration of a Gauss method. Explicit maps and closed "
-            "forms have none and are compared by time only. So are the midpoint rules, whose iterations are counted instead.",
+            "splitting, an order of a Taylor step, or a stage of one iteration of a Gauss method or midpoint rule. Explicit "
+            "maps and closed forms have none and are compared by time only.",
         ),
         (
             "Tolerances are not errors.",

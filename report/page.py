@@ -176,13 +176,9 @@ class Report:
     errors: list[str]  # what could not be drawn or checked; the page shows each in its place
     origin: str  # what it was drawn from
     whole: bool  # the bench's own page: with claims, summary, fairness and errata
+    old: str = ""  # how many cells are, and what to do about it
     beside: str = ""  # what its claims are held against
     panels: str = ""  # the data of the panels of the methods
-
-    @property
-    def old(self) -> str:
-        """How many cells are old, and what to do about it; empty if none."""
-        return _old(self.sections)
 
     @property
     def judged(self) -> int:
@@ -251,8 +247,9 @@ def assemble(
             misprints = _attempt(_errata, misprints, "errata: cannot be evaluated", errors)
         shown = _attempt(lambda: summary.sentences(rows), shown, "summary: cannot be written", errors)
         curves = _attempt(lambda: panels.script(rows), curves, "panels of the methods: cannot be made", errors)
-    told = "; ".join(filter(None, (origin.told(source, [section.provenance for section in sections]), _old(sections))))
-    return Report(sections, judged, fair, misprints, shown, errors, told, whole, held, curves)
+    drawn_from, old = origin.told(source, [section.provenance for section in sections]), _old(sections)
+    told = "; ".join(filter(None, (drawn_from, old)))
+    return Report(sections, judged, fair, misprints, shown, errors, told, whole, old, held, curves)
 
 
 def _old(sections: Sequence[Section]) -> str:
@@ -280,11 +277,12 @@ def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> tuple[li
 
 def _held_against(beside: Path, judged: list[Judged]) -> str:
     """Puts the verdict of other results beside each; what those are, and how the claims fare by them."""
-    stored = Store(beside)
-    published, _ = judge({name: stored.rows(name) for name in dict.fromkeys(j.claim.experiment for j in judged)})
+    stored, names = Store(beside), dict.fromkeys(j.claim.experiment for j in judged)
+    published, _ = judge({name: stored.rows(name) for name in names})
     for one, other in zip(judged, published, strict=True):
         one.beside = other.verdict
-    return f"{origin.named(beside)}: {_told(_counts(published))}"
+    old = sources.told(sum((stored.open(name).ages() for name in names), Counter[str]()))
+    return f"{origin.named(beside)}: {'; '.join(filter(None, (_told(_counts(published)), old)))}"
 
 
 def counted(report: Report) -> str:

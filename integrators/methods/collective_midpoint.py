@@ -43,7 +43,7 @@ import numpy as np
 from integrators.checks import check_choice
 from integrators.compiling.compiled import jit, jit_as
 from integrators.compiling.expression import Program, Tape, machine_code, take, with_slopes
-from integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, FixedStepper
+from integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from integrators.interface import AnyField, Array, Method, StepError
 from integrators.methods.lie_group import cross as vector
 from integrators.methods.lie_group import dot as scalar
@@ -126,6 +126,7 @@ def step(s, c, tally, newton):
         size = abs(r1) + abs(r2) + abs(r3)
         if size == 0.0 or (size >= last and size <= small):
             tally[ITERATIONS] += i + 1
+            tally[RHS_EVALS] += i + 1
             break
         last = size
         if newton:
@@ -203,6 +204,7 @@ def kernel_in_field(field: Field, level: bool) -> Any:
             small = 2.0**-45 * terms
             if size == 0.0 or (size >= last and size <= small):
                 tally[ITERATIONS] += i + 1
+                tally[RHS_EVALS] += i + 1
                 break
             newton = newton or (c[0] == 2.0 and size > max(WEAK * last, small))
             last = size

@@ -25,7 +25,7 @@ import numpy as np
 
 from integrators.checks import check_choice
 from integrators.compiling.compiled import inlined
-from integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, FixedStepper
+from integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from integrators.interface import AnyField, Array, Method, StepError
 from integrators.methods.gauss import stepper_in_field
 from integrators.problem.perturbed import PerturbedTop
@@ -88,6 +88,7 @@ def solve(s, c, tally, newton, v1, v2):
         size = abs(r1) + abs(r2)
         if size == 0.0 or (size >= last and size <= small):
             tally[ITERATIONS] += i + 1
+            tally[RHS_EVALS] += i + 1
             break
         last = size
         if newton:

@@ -16,7 +16,7 @@ import importlib.util
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from threading import Lock
 from time import perf_counter
@@ -84,6 +84,7 @@ class _CompiledStepper(Stepper):
             last = min(first + INTERRUPTIBLE, n)
             failed, iterations = self.run(s, *self.constants, first, last, every, out)
             self.work.iterations += iterations
+            self.work.rhs_evals += iterations
             if failed >= 0:
                 raise StepError(self.name, f"no solution after {ITERATIONS} iterations", h=self.h, step=failed)
         if not np.all(np.isfinite(s)):
@@ -367,10 +368,16 @@ MAGNET_METHODS: Mapping[str, MagnetMethod] = {
 }  # fmt: skip
 
 
+def _in_doubles(magnet: GaudinMagnet) -> GaudinMagnet:
+    """The magnet with sites and alpha rounded to doubles, which compiled code takes."""
+    if any(a.imag for a in magnet.sites):
+        raise ValueError("sites must be real numbers for `integrate`; integrators.paper takes conjugate pairs too")
+    return replace(magnet, sites=tuple(float(a.real) for a in magnet.sites), alpha=float(magnet.alpha))
+
+
 def prepare_method(magnet: GaudinMagnet, spins: Any, h: Any, method: Any, options: Mapping[str, Any]) -> Any:
     """A stepper of the named method; ValueError naming the argument that makes no sense."""
-    if any(isinstance(a, complex) and a.imag for a in magnet.sites):
-        raise ValueError("sites must be real numbers for `integrate`; integrators.paper takes conjugate pairs too")
+    magnet = _in_doubles(magnet)
     if not isinstance(method, str) or method not in MAGNET_METHODS:
         close = suggestion(str(method), MAGNET_METHODS)
         raise ValueError(f"unknown method {method!r} of a magnet{close} Known: {', '.join(MAGNET_METHODS)}")

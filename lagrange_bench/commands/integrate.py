@@ -60,7 +60,8 @@ TABLES, PICTURES, FILMS = (".csv", ".npz", ".parquet"), (".svg", ".png", ".pdf")
 def add_options(command: argparse.ArgumentParser) -> None:
     """The options of `integrate`."""
     start = command.add_argument_group("the top, at t = 0 (one of --top, --state, --physical)")
-    start.add_argument("--top", metavar="NAME", help="a named one, see lagrange-bench tops (default: generic)")
+    text = "a named one, see lagrange-bench tops, or package.module:TOP (default: generic)"
+    start.add_argument("--top", metavar="NAME", help=text)
     text = "angular momentum and axis in the rest frame, in any units; |x| need not be 1"
     start.add_argument("--state", type=numbers, metavar="J1,J2,J3,x1,x2,x3", help=text)
     text = "weight parameter of --state, in units of J²/x (default: 1)"

@@ -32,11 +32,9 @@ def run(options: argparse.Namespace) -> Answer:
 
     problem = in_potential(named_top(options.top or "generic").top, options)
     data: list[dict[str, Any]] = []
-    for name in METHODS:
-        try:
-            method = METHODS[name]
-        except Exception as error:  # somebody else's package: whatever is wrong with it, the others are still there
-            data.append({"name": name, "error": f"{type(error).__name__}: {error}"})
+    for name, method, error in METHODS.each():
+        if error:
+            data.append({"name": name, "error": error})
             continue
         fields = ("label", "family", "order", "symmetric", "poisson", "control", "requires", "source")
         claims = {field: getattr(method, field) for field in fields}
@@ -91,6 +89,7 @@ YES_NO = {True: "yes", False: "no", None: "?"}
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--top", metavar="NAME", help="only methods that take this top, see lagrange-bench tops")
+    text = "only methods that take this top: a name, see lagrange-bench tops, or package.module:TOP"
+    command.add_argument("--top", metavar="NAME", help=text)
     add_potential(command)
     command.add_argument("--verbose", action="store_true", help="also print each method's source, options and family")

@@ -33,13 +33,11 @@ def run(options: argparse.Namespace) -> Answer:
 
     data: list[dict[str, Any]] = []
     rows, notes = [("name", "parameters", "formula and units")], []
-    for name in POTENTIALS:
-        try:
-            found = POTENTIALS[name]
-        except Exception as error:  # somebody else's package: whatever is wrong with it, the others are still there
-            data.append({"name": name, "error": f"{type(error).__name__}: {error}"})
+    for name, found, error in POTENTIALS.each():
+        if error:
+            data.append({"name": name, "error": error})
             rows.append((name, "-", "-"))
-            notes.append(f"{name}: cannot be loaded: {data[-1]['error']}")
+            notes.append(f"{name}: cannot be loaded: {error}")
             continue
         parameters = None if found.parameters is None else list(found.parameters)
         rows.append((name, "any number" if parameters is None else ",".join(parameters) or "none", found.note))

@@ -22,6 +22,9 @@ The equations are J' = alpha e3 × x, x' = J × x; units are yours, alpha has th
 constant and unstable, or on the separatrix (null in JSON). In a potential V(x), J' is that of alpha x3 + V: see
 lagrange-bench potentials.
 
+One of your own in a file my_tops.py, MINE = NamedTop(…), is --top my_tops:MINE. One of your package joins this list through
+the entry-point group lagrange_bench.tops (name = package.module:TOP).
+
 examples:
   lagrange-bench tops --verbose
   lagrange-bench tops --json | jq '.[] | select(.regime == "elliptic") | .name'
@@ -30,14 +33,18 @@ examples:
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """The named tops, of both kinds."""
+    """The named tops, of both kinds; one that cannot be loaded is listed with the reason."""
     from integrators import INVARIANTS
     from integrators.problem.potentials import NamedPerturbedTop
     from integrators.registry import NAMED_TOPS
     from integrators.truth import exact
 
-    tops = list(NAMED_TOPS.values())
-
+    tops, broken = [], []
+    for name, found, error in NAMED_TOPS.each():
+        if error:
+            broken.append({"name": name, "error": error})
+        else:
+            tops.append(found)
     data, rows = [], [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "motion", "nutation")]
     for named in (top for top in tops if not isinstance(top, NamedPerturbedTop)):
         kind, period = exact.regime(named.top, named.state), exact.nutation_period(named.top, named.state)
@@ -53,7 +60,8 @@ def run(options: argparse.Namespace) -> Answer:
     lines = [*table(rows), "", "in a potential:", *table(inside)]
     if options.verbose:
         lines += ["", *table([("name", "note"), *((facts["name"], facts["note"]) for facts in data)])]
-    return Answer("\n".join(lines), data)
+    lines += [f"{facts['name']}: cannot be loaded: {facts['error']}" for facts in broken]
+    return Answer("\n".join(lines), data + broken)
 
 
 def _start(named: NamedTop) -> tuple[str, str, str]:

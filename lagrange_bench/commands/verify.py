@@ -49,15 +49,21 @@ def run(options: argparse.Namespace) -> Answer:
     """Compute stored cells again; exit code 1 if rows changed."""
     from integrators.registry import import_modules
     from lagrange_bench.runner import verify
+    from report import origin
     from results import sources
-    from results.store import default_results
+    from results.store import Store, StoreError, default_results
 
     import_modules(options.module)
     if options.folder and options.results:
         raise ValueError("give either DIR or --results DIR")
     folder = options.folder or options.results or default_results()
     more = {"longest": options.longest, "jobs": options.jobs, "show": not options.quiet, "old": options.old}
-    found = verify.verify(folder, options.sample, options.seed, **more)
+    try:
+        found = verify.verify(folder, options.sample, options.seed, **more)
+    except verify.Outdated as error:
+        names, store = error.args[0], Store(folder)
+        again = " && ".join(origin.again(folder, name, store.latest(name)) for name in names)
+        raise StoreError(f"{folder}: {', '.join(names)} changed (VERSION) since this was stored: {again}") from None
     by_experiment: dict[str, list[Any]] = {}
     for name, cell, differing, _ in found.changed:
         by_experiment.setdefault(name, []).append((cell, differing))

@@ -30,6 +30,10 @@ SHOWN = 3  # reasons why nothing was computed
 EXACT = frozenset((*STATES, *COUNTS))  # of a compiled method: bit by bit
 
 
+class Outdated(StoreError):
+    """Experiments whose VERSION changed since their cells were stored; args[0] is the list of their names."""
+
+
 @dataclass
 class Verification:
     """What became of the cells computed again."""
@@ -63,6 +67,7 @@ def verify(
     Raises
     ------
     StoreError : no such results, or none of their cells can be computed again; but all may be of the source code here.
+    Outdated : an experiment has another VERSION now.
     """
     found = Verification()
     records = _sample(_store(folder), sample, random.Random(seed), longest, found, old)
@@ -136,8 +141,7 @@ def _sample(
                 group = (experiment, str(cell.get("part", "")), str(method or cell.get("variant", "")))
                 groups.setdefault(group, []).append(record)
     if outdated:
-        names = ", ".join(sorted(outdated))
-        raise StoreError(f"{store.folder}: {names} changed (VERSION) since this was stored: run it again")
+        raise Outdated(sorted(outdated))
     found.notes += [f"not computed: {', '.join(sorted(absent))}: not available here"] if absent else []
     found.notes += [f"not computed: {long} cells that took longer than {longest:g} s"] if long else []
     listed = list(groups.values())

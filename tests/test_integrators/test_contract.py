@@ -337,3 +337,11 @@ def test_midpoint_counts_iterations():
     stepper = prepare(GENERIC.top, GENERIC.state, 0.1, "implicit_midpoint")
     stepper.advance(GENERIC.state, 1000)
     assert 4 <= stepper.work.iterations / 1000 <= 8
+
+
+@pytest.mark.parametrize("top", [GENERIC.top, PERTURBED_TOPS["triaxial"].top], ids=["alone", "in-a-field"])
+@pytest.mark.parametrize("name", ["implicit_midpoint", "collective_midpoint"])
+def test_midpoint_takes_one_right_hand_side_in_each_iteration(name, top):
+    stepper = prepare(top, GENERIC.state, 0.1, name)
+    stepper.advance(GENERIC.state, 10)
+    assert stepper.work.rhs_evals == stepper.work.iterations > 10

@@ -18,6 +18,7 @@ import integrators
 from experiments import EXPERIMENTS
 from experiments.measuring import bits, check
 from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
+from integrators.registry import NAMED_TOPS
 from lagrange_bench import __main__ as cli
 from lagrange_bench import text
 from lagrange_bench.commands import completion
@@ -372,13 +373,22 @@ def test_methods(run, answer):
         assert data[name]["options"] == list(method.options)
 
 
-def test_a_plug_in_that_cannot_be_loaded_is_listed(run, answer, monkeypatch):
-    entries = {**METHODS._entries, "broken": registry.EntryPoint("broken", "no_such_module:METHOD", METHODS.group)}
-    monkeypatch.setitem(vars(METHODS), "_entries", entries)
-    code, out, _ = run("methods", "--verbose")
+@pytest.mark.parametrize(
+    ("module", "why"),
+    [("no_such_module", "ModuleNotFoundError: "), ("leaves", "ImportError: it calls sys.exit('no')")],
+)
+@pytest.mark.parametrize("known", [METHODS, POTENTIALS, NAMED_TOPS], ids=lambda known: known.word)
+def test_a_plug_in_that_cannot_be_loaded_is_listed(run, answer, tmp_path, monkeypatch, known, module, why):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "leaves.py").write_text("raise SystemExit('no')\n")
+    broken = registry.EntryPoint("broken", f"{module}:IT", known.group)
+    monkeypatch.setitem(vars(known), "_entries", {**known._entries, "broken": broken})
+    code, out, _ = run(f"{known.word}s")
     assert code == 0
-    assert "broken: cannot be loaded: ModuleNotFoundError" in out
-    assert answer("methods")[-1]["error"].startswith("ModuleNotFoundError")
+    assert f"broken: cannot be loaded: {why}" in out
+    listed = answer(f"{known.word}s")
+    assert len(listed) == len(known)
+    assert listed[-1]["error"].startswith(why)
 
 
 @pytest.mark.parametrize(
@@ -390,6 +400,8 @@ def test_a_plug_in_that_cannot_be_loaded_is_listed(run, answer, monkeypatch):
             ("integrate", "--potential", "leaves:WELL", "--h", "0.1", "--steps", "1"),
             "--potential: potential leaves:WELL",
         ),
+        (("integrate", "--top", "leaves:TOP", "--h", "0.1", "--steps", "1"), "--top: top leaves:TOP"),
+        (("methods", "--top", "leaves:TOP"), "--top: top leaves:TOP"),
         (("run", "phase", "--methods", "leaves:METHOD"), "method leaves:METHOD"),
         (("run", "mine.leaves"), "experiment 'mine.leaves'"),
         (("report", "--module", "leaves"), "--module leaves"),
@@ -404,16 +416,6 @@ def test_a_file_that_ends_the_process_is_named(run, tmp_path, monkeypatch, words
     verb = "imported" if what.startswith("--module") else "loaded"
     assert (code, out) == (2, "")
     assert err == f"lagrange-bench: error: {what} cannot be {verb}: ImportError: it calls sys.exit(0)\n"
-
-
-def test_a_plug_in_that_ends_the_process_is_listed(run, tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "leaves.py").write_text("raise SystemExit('no')\n")
-    entries = {**METHODS._entries, "broken": registry.EntryPoint("broken", "leaves:METHOD", METHODS.group)}
-    monkeypatch.setitem(vars(METHODS), "_entries", entries)
-    code, out, _ = run("methods")
-    assert code == 0
-    assert "broken: cannot be loaded: ImportError: it calls sys.exit('no')" in out
 
 
 def test_tops(run, answer):
@@ -437,7 +439,7 @@ def test_tops(run, answer):
     assert data["magnet"]["conserves"] == ["H", "C1", "C2"]
 
 
-def test_potentials(run, answer, monkeypatch):
+def test_potentials(run, answer):
     code, out, _ = run("potentials")
     assert code == 0
     assert [line.split()[0] for line in out.splitlines()[1:]] == list(POTENTIALS)
@@ -445,10 +447,6 @@ def test_potentials(run, answer, monkeypatch):
     assert data["tide"]["parameters"] == ["k", "n1", "n2", "n3"]
     assert data["axisymmetric"]["parameters"] is None
     assert all("units of" in potential["note"] for potential in data.values())
-    broken = registry.EntryPoint("broken", "no_such_module:POTENTIAL", POTENTIALS.group)
-    monkeypatch.setitem(vars(POTENTIALS), "_entries", {**POTENTIALS._entries, "broken": broken})
-    assert "broken: cannot be loaded: ModuleNotFoundError" in run("potentials")[1]
-    assert answer("potentials")[-1]["error"].startswith("ModuleNotFoundError")
 
 
 def test_methods_of_a_top(run, answer):

@@ -509,12 +509,13 @@ def test_other_results_stand_beside(results, tmp_path, monkeypatch):
     folder.mkdir()
     for i, method in enumerate(("backlund", "rk45")):
         rows = [{"drift": 1.0 if method == "backlund" else 1e-12}]
-        store.Store(folder).append(store.make_record("toy.good", 1, i, {"method": method, "h": 0.1}, **outcome(rows)))
+        record = store.make_record("toy.good", 1, i, {"method": method, "h": 0.1}, **outcome(rows))
+        store.Store(folder).append({**record, "sources": None})
     held = page.assemble(results, beside=folder)
     assert [judged.verdict.word for judged in held.claims][:3] == ["confirmed", "refuted", "refuted"]
     assert [judged.beside.word for judged in held.claims][:3] == ["refuted", "refuted", "confirmed"]
     words = unescape(re.sub("<[^>]*>", "", markup(page.html(held))))
-    assert "published: 1 confirmed, 2 refuted, 2 not tested" in words
+    assert "published: 1 confirmed, 2 refuted, 2 not tested; 2 stored cells were computed with source code that was" in words
     assert "beside: refuted, 1 · check" in words
 
 

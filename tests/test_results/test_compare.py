@@ -289,7 +289,7 @@ def test_outdated_results(run, toy, monkeypatch):
     monkeypatch.setattr(load("toys.behaviour"), "VERSION", 2)
     code, out, err = run("verify", folder, *OWN)
     assert (code, out) == (2, "")
-    assert "toys.behaviour changed (VERSION) since this was stored: run it again" in err
+    assert "toys.behaviour changed (VERSION) since this was stored: lagrange-bench run toys.behaviour" in err
 
 
 @pytest.mark.parametrize("words", [(), ("--json",), ("--old",)])

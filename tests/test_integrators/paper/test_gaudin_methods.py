@@ -3,6 +3,7 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -141,6 +142,17 @@ def test_bad_input(change, named):
         call |= {"h": None, "steps": None}
     with pytest.raises(ValueError, match=named):
         integrate(**call | change)
+
+
+@pytest.mark.parametrize("method", MAGNET_METHODS)
+@pytest.mark.parametrize("kind", [mpmath.mpf, complex, np.float32])
+def test_sites_and_alpha_may_be_any_real_numbers(method, kind):
+    if not available(MAGNET_METHODS[method]):
+        pytest.skip(f"{method} is not installed here")
+    plain, alpha = GaudinMagnet((0.0, 0.5, 2.0**70, -1.5), 0.5), 0.5 if kind is complex else kind(0.5)
+    other = GaudinMagnet((kind(0.0), kind(0.5), 2**70, kind(-1.5)), alpha)
+    ends = [integrate(magnet, SPINS, h=0.3, steps=4, method=method).y[-1] for magnet in (plain, other)]
+    assert np.array_equal(*ends)
 
 
 def test_an_iteration_that_does_not_converge_is_an_error():
