@@ -13,7 +13,7 @@ from experiments.catalogue import UnknownExperiment, load_stored
 from experiments.drawing import figures, style
 from integrators.files import write_file
 from integrators.words import suggestion
-from report import origin, page
+from report import origin, sections
 from results.choice import ALL, Choice
 from results.store import Store
 
@@ -24,15 +24,15 @@ class UnknownFigure(ValueError):
     """No stored rows draw a figure of this name; the message says which they draw."""
 
 
-def _section(experiment: str, store: Store) -> page.Section:
+def _section(experiment: str, store: Store) -> sections.Section:
     """What is stored of an experiment, not drawn yet."""
-    section = page.Section(experiment)
-    page.read(section, store, load_stored(experiment))
+    section = sections.Section(experiment)
+    sections.read(section, store, load_stored(experiment))
     section.origin = replace(origin.find(store.folder, [section.profiles]), choice=store.choice)
     return section
 
 
-def _notes(section: page.Section) -> list[str]:
+def _notes(section: sections.Section) -> list[str]:
     """What is to be said of the rows that a figure shows."""
     old = f"{section.experiment}: {section.old}. Compute them again: {section.command} --again"
     return [*section.notes, *([old] if section.old else [])]
@@ -56,7 +56,7 @@ def _drawn(
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         raise UnknownFigure(f"no figure can be drawn from {experiment}.jsonl: {reason}") from error
     for name, figure in drawn.items():
-        yield page.Section(experiment).file(name), figure
+        yield sections.Section(experiment).file(name), figure
 
 
 def names(results: Path, choice: Choice = ALL) -> list[str]:
@@ -108,7 +108,7 @@ def export(
     raise UnknownFigure(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
 
 
-def _lacking(section: page.Section, choice: Choice) -> list[str]:
+def _lacking(section: sections.Section, choice: Choice) -> list[str]:
     """The chosen methods that its figures do not show because it has no rows of them."""
     lacking = tuple(section.lacking)
     return [_no_rows(section.experiment, replace(choice, methods=lacking))] if lacking else []
@@ -124,7 +124,7 @@ def export_all(
     folder: Path,
     kinds: Sequence[str] = tuple(figures.FORMATS),
     widths: Sequence[str] = tuple(style.WIDTHS),
-    drawn: page.Drawn = lambda done, total: None,
+    drawn: sections.Drawn = lambda done, total: None,
     choice: Choice = ALL,
     write: Write = write_file,
 ) -> tuple[list[Path], list[str], list[str]]:

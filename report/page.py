@@ -12,43 +12,27 @@ import gzip
 import os
 import re
 import shlex
-import signal
-import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field, replace
-from functools import partial
-from multiprocessing import active_children, get_context
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import ModuleType
 from typing import TypeVar
 
 import jinja2
 import pandas as pd
 from markupsafe import Markup, escape
 
-from experiments import EXPERIMENTS, PROFILES
-from experiments.catalogue import UnknownExperiment, load, load_stored
-from experiments.drawing import figures, style, tables
+from experiments import EXPERIMENTS
+from experiments.drawing import figures, tables
 from experiments.measuring import errata
 from integrators.files import write_file
-from integrators.machine import interrupt_held_back
-from integrators.registry import import_modules
-from report import (
-    claims,
-    fairness,
-    lists,
-    live,
-    origin,
-    panels,
-    promises,
-    summary,
-)
-from report.origin import PUBLISHED, Origin, commits, days
+from report import claims, fairness, lists, live, origin, panels, promises, summary
+from report.origin import PUBLISHED, Origin
+from report.sections import Drawn, Section, draw_all, said, stored_rows
+from report.sections import write as write_section
 from results import sources
 from results.choice import ALL, Choice
-from results.store import Store, StoreError
+from results.store import Store
 
 HERE = Path(__file__).parent
 HEADLINE = "phase"  # error against the step: what is new here, in one figure
@@ -56,104 +40,11 @@ HEAVY = 1_000_000  # characters of packed rows beyond which they stay in their j
 LONG = 14  # rows beyond which a table is folded
 FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table of the environment; then the packages
 POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
-WORTH = 2  # journals to draw for which a process of its own is started: the imports of one take as long
 OURS = "<title>Lagrange top benchmark</title>"  # in every page that was ever made
 LINK = re.compile(r'<a href="((?:figures|tables)/[\w.-]+\.(?:svg|md|tex|csv))"')
 NO_FAIRNESS = fairness.Fairness([], pd.DataFrame())
 T = TypeVar("T")
-Drawn = Callable[[int, int], None]  # gets how many sections are drawn, of how many
 MEASURED_WHEN = ("key", "seconds", "utc", "dirty")
-
-
-@dataclass
-class DrawnFigure:
-    name: str
-    document: str
-    caption: str
-    phone: str = ""  # the document of a drawing for a narrow screen, if there is one
-
-
-@dataclass
-class DrawnTable:
-    name: str
-    frame: pd.DataFrame
-    caption: str
-
-
-@dataclass
-class Section:
-    """One experiment as stored and drawn."""
-
-    experiment: str
-    title: str = ""
-    about: str = ""
-    rows: pd.DataFrame = field(default_factory=pd.DataFrame)
-    figures: list[DrawnFigure] = field(default_factory=list)
-    tables: list[DrawnTable] = field(default_factory=list)
-    failures: pd.DataFrame = field(default_factory=pd.DataFrame)
-    provenance: pd.DataFrame = field(default_factory=pd.DataFrame)
-    profiles: tuple[str, ...] | None = None  # that all its cells belong to
-    origin: Origin = PUBLISHED
-    ages: Counter[str] = field(default_factory=Counter)  # of the cells: see `Journal.ages`
-    notes: list[str] = field(default_factory=list)  # damaged lines of the journal
-    lacking: list[str] = field(default_factory=list)  # the methods asked for that it could have, and has no rows of
-    errors: list[str] = field(default_factory=list)  # of the drawing
-
-    @property
-    def absent(self) -> bool:
-        """Whether nothing of it is stored, and nothing else is to be said of it."""
-        return self.rows.empty and not self.errors and not self.notes
-
-    @property
-    def command(self) -> str:
-        """What computes it."""
-        return self.origin.run(self.experiment)
-
-    @property
-    def again(self) -> str:
-        """What computes and draws it."""
-        return f"{self.command} && {self.origin.report}{self._module}"
-
-    def redraw(self, figure: str) -> str:
-        """What draws one of its figures from the same rows."""
-        return f"lagrange-bench figure {self.file(figure)}{self.origin.option}{self._module}"
-
-    @property
-    def _module(self) -> str:
-        """What lets those modules be imported that are not the bench's own, if they were for this page."""
-        named = [str(name) for word in ("method", "potential") for name in self.rows.get(word, ())]
-        own = [name.partition(":")[0] for name in named if ":" in name]
-        own = [self.experiment] * ("." in self.experiment) + [name for name in own if name in sys.modules]
-        chosen = {name.partition(":")[0] for name in (*self.origin.choice.methods, *self.origin.choice.highlight)}
-        return "".join(f" --module {shlex.quote(name)}" for name in dict.fromkeys(own) if name not in chosen)
-
-    @property
-    def measured(self) -> str:
-        """How many cells, when, how long, from which commit."""
-        p = self.provenance
-        if p.empty:
-            return ""
-        failed = f", {len(self.failures)} failed" if len(self.failures) else ""
-        seconds = tables.show(float(p["seconds"].sum()))
-        return (
-            f"{len(p)} cells{failed}; {days(p)}, {seconds} s of computing; commit {', '.join(sorted(set(commits(p))))}"
-        )
-
-    @property
-    def old(self) -> str:
-        """How many cells are not known to come from the source code that is here."""
-        return sources.told(self.ages)
-
-    @property
-    def failed(self) -> pd.DataFrame:
-        """The failed cells: their fields, and one column for the error."""
-        errors = [name for name in self.failures.columns if name.startswith("error_")]
-        error = self.failures["error_type"] + ": " + self.failures["error_message"]
-        return self.failures.drop(columns=["key", *errors]).assign(error=error)
-
-    def file(self, name: str) -> str:
-        """Name of the file, without suffix, of a figure or table."""
-        return re.sub(r"[^\w.-]+", "-", f"{self.experiment}_{name}")
 
 
 @dataclass
@@ -198,14 +89,6 @@ def build(results: Path, output: Path) -> Path:
     return write(assemble(results), output)
 
 
-def write_experiment(experiment: str, results: Path, output: Path, choice: Choice = ALL) -> list[Path]:
-    """Draws one experiment's figures and tables into `output`; raises whatever drawing raises."""
-    module, section = load(experiment), Section(experiment, rows=Store(results, choice).rows(experiment))
-    section.figures = _figures(module, section.rows, choice.highlight)
-    section.tables = _tables(module, section.rows)
-    return _write_files(section, Path(output))
-
-
 def assemble(
     results: Path,
     processes: int = 1,
@@ -222,7 +105,7 @@ def assemble(
     beside : other results, whose verdict stands beside that on each claim.
     """
     own = sorted(path.stem for path in Path(results).glob("*.jsonl") if path.stem not in EXPERIMENTS)
-    sections = _sections([*own, *EXPERIMENTS], Store(results, choice), processes, drawn, modules)
+    sections = draw_all([*own, *EXPERIMENTS], Store(results, choice), processes, drawn, modules)
     whole = not choice and (any(len(s.rows) for s in sections if s.experiment in EXPERIMENTS) or not own)
     if not whole:
         sections = [s for s in sections if len(s.rows) or s.experiment in own or s.errors]
@@ -312,7 +195,7 @@ def write(report: Report, output: Path) -> Path:
     """
     output = Path(output)
     before = _linked(output)
-    written = {path for section in report.sections for path in _write_files(section, output)}
+    written = {path for section in report.sections for path in write_section(section, output)}
     index = write_file(output / "index.html", html(report))
     for old in before - written:
         old.unlink(missing_ok=True)
@@ -335,116 +218,12 @@ def _linked(output: Path) -> set[Path]:
     return {output / link for link in LINK.findall(text)}
 
 
-# ---------------------------------------------------------------- from a journal to a section
-
-
-def _sections(names: list[str], store: Store, processes: int, drawn: Drawn, modules: Sequence[str]) -> list[Section]:
-    """One for each name, drawn in so many processes at most: laying figures out takes longer than all else."""
-    sections: dict[str, Section] = {}
-    drawn(0, len(names))
-    stored = sum(store.path(name).exists() for name in names)
-    for section in _drawn(names, store, min(processes, stored // WORTH), modules):
-        sections[section.experiment] = section
-        drawn(len(sections), len(names))
-    return [sections[name] for name in names]
-
-
-def _drawn(names: list[str], store: Store, processes: int, modules: Sequence[str]) -> Iterator[Section]:
-    """Sections as they come. Modules are looked for where this process looks. Ctrl-C ends the processes at once."""
-    if processes < 2:
-        yield from (_section(name, store) for name in names)
-        return
-    others = set(active_children())
-    start = partial(_start, list(sys.path), modules, store.choice)
-    with ProcessPoolExecutor(processes, get_context("spawn"), initializer=start) as pool:
-        try:
-            with interrupt_held_back():  # the processes are started in here
-                futures = [pool.submit(_section, name, store) for name in names]
-            yield from (future.result() for future in as_completed(futures))
-        except BaseException:
-            for process in set(active_children()) - others:
-                process.kill()
-            raise
-
-
-def _start(path: list[str], modules: Sequence[str], choice: Choice) -> None:
-    """In a fresh process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
-    sys.path[:] = path
-    import_modules(modules)
-    choice.include()
-
-
-def _section(experiment: str, store: Store) -> Section:
-    section = Section(experiment, title=experiment.replace("_", " ").capitalize())
-    try:
-        module = load_stored(experiment)
-        title, _, about = (module.__doc__ or section.title).strip().partition("\n")
-        section.title, section.about = title.rstrip("."), about.strip()
-    except UnknownExperiment as error:
-        section.errors.append(str(error))
-        module = None
-    except Exception as error:  # its rows are still shown
-        section.errors.append(f"cannot be loaded: {_said(error)}")
-        module = None
-    try:
-        read(section, store, module)
-    except StoreError as error:
-        section.errors.append(str(error).replace(f"{store.folder}{os.sep}", ""))
-    if module is None or section.rows.empty:
-        return section
-    try:
-        section.figures = _figures(module, section.rows, store.choice.highlight)
-    except Exception as error:
-        section.errors.append(f"figures cannot be drawn: {_said(error)}")
-    try:
-        section.tables = _tables(module, section.rows)
-    except Exception as error:
-        section.errors.append(f"tables cannot be made: {_said(error)}")
-    return section
-
-
-def read(section: Section, store: Store, module: ModuleType | None) -> None:
-    """Puts what is stored of an experiment, and what is to be said of it, into its section."""
-    journal = store.open(section.experiment)
-    section.notes = [note.replace(f"{store.folder}{os.sep}", "") for note in journal.problems]
-    section.rows, section.failures, section.provenance = journal.rows(), journal.failures(), journal.provenance()
-    section.ages = journal.ages()
-    if module is not None:
-        section.profiles = origin.profiles_of(module, journal.latest)
-        section.lacking = lacking(module, section.rows, store.choice)
-
-
-def lacking(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list[str]:
-    """The chosen methods that an experiment could measure, and has no rows of."""
-    missing = [name for name in choice.methods if name not in set(rows.get("method", ()))]
-    if not missing or rows.empty:
-        return []
-    known = {cell.get("method") for profile in PROFILES for cell in module.cells(profile)}
-    return [name for name in missing if name in known]
-
-
-def _figures(module: ModuleType, rows: pd.DataFrame, highlight: Sequence[str]) -> list[DrawnFigure]:
-    with style.apply(highlight=highlight):
-        drawn = module.draw(rows.copy())
-        made = [DrawnFigure(name, figures.svg(f), getattr(f, "caption", "")) for name, f in drawn.items()]
-    if made and figures.wide(drawn[made[0].name]):
-        with style.apply("column", highlight):
-            made[0].phone = figures.svg(module.draw(rows.copy())[made[0].name])
-    return made
-
-
-def _tables(module: ModuleType, rows: pd.DataFrame) -> list[DrawnTable]:
-    made = module.tables(rows.copy())
-    return [DrawnTable(name, tables.flat(t), t.attrs.get("caption", "")) for name, t in made.items()]
-
-
 def _attempt(make: Callable[[], T], otherwise: T, trouble: str, errors: list[str]) -> T:
     """What `make` returns; or else `otherwise`, and one error more: rows of another version cost this part, not the page."""
     try:
         return make()
     except Exception as error:
-        errors.append(f"{trouble}: {_said(error)}")
+        errors.append(f"{trouble}: {said(error)}")
         return otherwise
 
 
@@ -459,26 +238,7 @@ def _errata() -> pd.DataFrame:
     return pd.DataFrame(rows, columns=names)
 
 
-def _said(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}"
-
-
 # ---------------------------------------------------------------- to files
-
-
-def _write_files(section: Section, output: Path) -> list[Path]:
-    written = []
-    for figure in section.figures:
-        written.append(write_file(output / "figures" / f"{section.file(figure.name)}.svg", figure.document))
-    for table in section.tables:
-        path = output / "tables" / section.file(table.name)
-        for suffix, text in (
-            (".md", tables.markdown(table.frame)),
-            (".tex", tables.latex(table.frame, table.caption)),
-            (".csv", tables.csv(table.frame)),
-        ):
-            written.append(write_file(path.with_name(path.name + suffix), text))
-    return written
 
 
 def check_writable(output: Path) -> None:
@@ -549,11 +309,6 @@ def _typeset(text: str) -> Markup:
 
 def _packed_rows(sections: list[Section]) -> dict[str, str]:
     return {section.experiment: packed(stored_rows(section)) for section in sections if len(section.rows)}
-
-
-def stored_rows(section: Section) -> str:
-    """The rows of an experiment as CSV, every digit: what its figures are drawn from. Columns without a value left out."""
-    return tables.csv(section.rows.drop(columns="key", errors="ignore").dropna(axis="columns", how="all"))
 
 
 def packed(text: str) -> str:

@@ -134,8 +134,8 @@ def _sweep(name: str) -> str:
 
 def _draw(name: str, results: Path, choice: Choice) -> list[Path]:
     """Figures and tables of an experiment; of a shard, or where all is skipped, perhaps none. A sweep's lie by its journal."""
-    from report import page
+    from report import sections
     from results.store import Store
 
     output = results if name.startswith(SWEEP) else results / "page"
-    return page.write_experiment(name, results, output, choice) if Store(results, choice).latest(name) else []
+    return sections.write_experiment(name, results, output, choice) if Store(results, choice).latest(name) else []

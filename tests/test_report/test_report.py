@@ -515,7 +515,10 @@ def test_other_results_stand_beside(results, tmp_path, monkeypatch):
     assert [judged.verdict.word for judged in held.claims][:3] == ["confirmed", "refuted", "refuted"]
     assert [judged.beside.word for judged in held.claims][:3] == ["refuted", "refuted", "confirmed"]
     words = unescape(re.sub("<[^>]*>", "", markup(page.html(held))))
-    assert "published: 1 confirmed, 2 refuted, 2 not tested; 2 stored cells were computed with source code that was" in words
+    assert (
+        "published: 1 confirmed, 2 refuted, 2 not tested; 2 stored cells were computed with source code that was"
+        in words
+    )
     assert "beside: refuted, 1 · check" in words
 
 

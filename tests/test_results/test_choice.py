@@ -14,7 +14,7 @@ from experiments.drawing import style
 from integrators import METHODS
 from lagrange_bench import work_precision
 from lagrange_bench.runner import engine
-from report import page
+from report import sections
 from results.choice import ALL, Choice
 from results.store import Journal, Store, make_record
 
@@ -73,8 +73,8 @@ def test_a_chosen_method_without_rows_is_named(run, tmp_path):
     done = {"status": "done", "rows": [{"error": 1.0}], "error": None, "warnings": [], "seconds": 0.1}
     Store(tmp_path).append(*(make_record("phase", phase.VERSION, i, cell, **done) for i, cell in enumerate(cells)))
     rows = Store(tmp_path).rows("phase")
-    assert page.lacking(phase, rows, Choice(("rk4", "strang", "nobody"))) == ["strang"]
-    assert page.lacking(phase, rows, Choice(("rk4",))) == []
+    assert sections.lacking(phase, rows, Choice(("rk4", "strang", "nobody"))) == ["strang"]
+    assert sections.lacking(phase, rows, Choice(("rk4",))) == []
     Store(tmp_path).append(make_record("drift", drift.VERSION, 0, {"method": "strang", "state": "generic"}, **done))
     code, out, err = run("figure", "phase_h", "--methods", "strang", "--results", tmp_path)
     assert (code, out) == (2, "")

@@ -169,16 +169,17 @@ def untouched():
 
 @pytest.fixture
 def marked(untouched, tree, monkeypatch):
-    """marked(file, old, new) → the cells of an experiment and a method that the edit marks; edits add up."""
+    """marked((file, old, new), …) → the cells of an experiment and a method that these edits mark; edits add up."""
     find = sources._file
     monkeypatch.setattr(sources, "_file", lambda name: None if (path := find(name)) is None else _copied(path, tree))
     before = untouched
 
-    def edit(file, old, new):
+    def edit(*edits):
         nonlocal before
-        text = (tree / file).read_text()
-        assert re.search(old, text, re.M), "the edit does not apply"
-        (tree / file).write_text(re.sub(old, new, text, flags=re.M))
+        for file, old, new in edits:
+            text = (tree / file).read_text()
+            assert re.search(old, text, re.M), f"the edit of {file} does not apply: {old}"
+            (tree / file).write_text(re.sub(old, new, text, flags=re.M))
         before, old_ones = digests(), before
         return {cell for cell, digest in before.items() if digest != old_ones[cell]}
 
@@ -197,45 +198,46 @@ EVERYTHING = {(e, m) for e in ("drift", "phase", "work_precision") for m in METH
 
 
 def test_an_edit_of_a_kernel_marks_its_method_only(marked):
-    assert marked("integrators/methods/kahan.py", r"1\.0 - k \* \(kick \* x3\)", "1.0 - (k * kick) * x3") == KAHAN
+    edit = ("integrators/methods/kahan.py", r"1\.0 - k \* \(kick \* x3\)", "1.0 - (k * kick) * x3")
+    assert marked(edit) == KAHAN
 
 
 UNITS = "from integrators.problem.units import Units\n"
 NEW = '    "new": "integrators.methods.new:METHOD",\n'
 
 
-@pytest.mark.parametrize(
-    ("file", "old", "new"),
-    [
-        ("integrators/methods/kahan.py", "# a d1 [+] b d2 = h g1.*$", "# another comment"),
-        ("integrators/methods/kahan.py", '\\A"""', '"""Another docstring. '),
-        ("integrators/methods/kahan.py", r"    near = 1\.0 - k", "\n\n    near = 1.0 - \\\\\n        k"),
-        ("integrators/methods/kahan.py", UNITS, f"from integrators import units\n{UNITS}import os\n"),
-        ("integrators/methods/kahan.py", r"\Z", "\n\ndef of_no_use():\n    return 1\n"),
-        ("integrators/problem/units.py", r"^class Units.*:$", r"\g<0>\n    # a comment"),
-        ("integrators/registry.py", '^    "kahan": ', rf"{NEW}\g<0>"),
-        ("experiments/drift.py", "16 [*] 2[.]0[*][*]-52", "32 * 2.0**-52"),  # of a table
-        ("experiments/drift.py", "by_family", "by_kind"),  # of a figure
-        ("lagrange_bench/__main__.py", "measure everything", "measure all"),
-    ],
+OF_NO_ROW = (
+    ("integrators/methods/kahan.py", "# a d1 [+] b d2 = h g1.*$", "# another comment"),
+    ("integrators/methods/kahan.py", '\\A"""', '"""Another docstring. '),
+    ("integrators/methods/kahan.py", r"    near = 1\.0 - k", "\n\n    near = 1.0 - \\\\\n        k"),
+    ("integrators/methods/kahan.py", UNITS, f"from integrators import units\n{UNITS}import os\n"),
+    ("integrators/methods/kahan.py", r"\Z", "\n\ndef of_no_use():\n    return 1\n"),
+    ("integrators/problem/units.py", r"^class Units.*:$", r"\g<0>\n    # a comment"),
+    ("integrators/registry.py", '^    "kahan": ', rf"{NEW}\g<0>"),
+    ("experiments/drift.py", "16 [*] 2[.]0[*][*]-52", "32 * 2.0**-52"),  # of a table
+    ("experiments/drift.py", "by_family", "by_kind"),  # of a figure
+    ("lagrange_bench/__main__.py", "measure everything", "measure all"),
 )
-def test_what_changes_no_row_marks_nothing(marked, file, old, new):
-    assert marked(file, old, new) == set()
+
+
+def test_what_changes_no_row_marks_nothing(marked):
+    """All at once, for each digest takes seconds."""
+    assert marked(*OF_NO_ROW) == set()
 
 
 def test_an_edit_of_what_measures_marks_its_experiment_and_of_what_all_use_everything(marked):
-    assert marked(
-        "experiments/drift.py", r"\(values\[1:\] - values\[0\]\) / size", "(values[1:] - values[0]) / -size"
-    ) == {cell for cell in EVERYTHING if cell[0] == "drift"}
-    assert marked("integrators/problem/top.py", "^class LagrangeTop.*$", r"\g<0>\n    unused = 1") == EVERYTHING
+    edit = ("experiments/drift.py", r"\(values\[1:\] - values\[0\]\) / size", "(values[1:] - values[0]) / -size")
+    assert marked(edit) == {cell for cell in EVERYTHING if cell[0] == "drift"}
+    attribute = r"\g<0>\n    unused = 1"
+    assert marked(("integrators/problem/top.py", "^class LagrangeTop.*$", attribute)) == EVERYTHING
     splittings = {name for name, method in METHODS.items() if method.family == "splitting"}
-    found = marked("integrators/methods/splitting.py", "^class Scheme.*$", r"\g<0>\n    unused = 1")
+    found = marked(("integrators/methods/splitting.py", "^class Scheme.*$", attribute))
     assert {method for _, method in found} == splittings
 
 
 def test_another_function_from_outside_is_another_source(marked):
-    found = marked("integrators/methods/kahan.py", "^import numpy as np$", "import autograd.numpy as np")
-    assert found == KAHAN
+    edit = ("integrators/methods/kahan.py", "^import numpy as np$", "import autograd.numpy as np")
+    assert marked(edit) == KAHAN
 
 
 MOVE = """

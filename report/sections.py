@@ -1,0 +1,269 @@
+"""One experiment as it is stored and drawn: from its journal to a section of the page, and to files."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import signal
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from functools import partial
+from multiprocessing import active_children, get_context
+from pathlib import Path
+from types import ModuleType
+
+import pandas as pd
+
+from experiments import PROFILES
+from experiments.catalogue import UnknownExperiment, load, load_stored
+from experiments.drawing import figures, style, tables
+from integrators.files import write_file
+from integrators.machine import interrupt_held_back
+from integrators.registry import import_modules
+from report import origin
+from report.origin import PUBLISHED, Origin, commits, days
+from results import sources
+from results.choice import ALL, Choice
+from results.store import Store, StoreError
+
+WORTH = 2  # journals to draw for which a process of its own is started: the imports of one take as long
+Drawn = Callable[[int, int], None]  # gets how many sections are drawn, of how many
+
+
+@dataclass
+class DrawnFigure:
+    name: str
+    document: str
+    caption: str
+    phone: str = ""  # the document of a drawing for a narrow screen, if there is one
+
+
+@dataclass
+class DrawnTable:
+    name: str
+    frame: pd.DataFrame
+    caption: str
+
+
+@dataclass
+class Section:
+    """One experiment as stored and drawn."""
+
+    experiment: str
+    title: str = ""
+    about: str = ""
+    rows: pd.DataFrame = field(default_factory=pd.DataFrame)
+    figures: list[DrawnFigure] = field(default_factory=list)
+    tables: list[DrawnTable] = field(default_factory=list)
+    failures: pd.DataFrame = field(default_factory=pd.DataFrame)
+    provenance: pd.DataFrame = field(default_factory=pd.DataFrame)
+    profiles: tuple[str, ...] | None = None  # that all its cells belong to
+    origin: Origin = PUBLISHED
+    ages: Counter[str] = field(default_factory=Counter)  # of the cells: see `Journal.ages`
+    notes: list[str] = field(default_factory=list)  # damaged lines of the journal
+    lacking: list[str] = field(default_factory=list)  # the methods asked for that it could have, and has no rows of
+    errors: list[str] = field(default_factory=list)  # of the drawing
+
+    @property
+    def absent(self) -> bool:
+        """Whether nothing of it is stored, and nothing else is to be said of it."""
+        return self.rows.empty and not self.errors and not self.notes
+
+    @property
+    def command(self) -> str:
+        """What computes it."""
+        return self.origin.run(self.experiment)
+
+    @property
+    def again(self) -> str:
+        """What computes and draws it."""
+        return f"{self.command} && {self.origin.report}{self._module}"
+
+    def redraw(self, figure: str) -> str:
+        """What draws one of its figures from the same rows."""
+        return f"lagrange-bench figure {self.file(figure)}{self.origin.option}{self._module}"
+
+    @property
+    def _module(self) -> str:
+        """What lets those modules be imported that are not the bench's own, if they were for this page."""
+        named = [str(name) for word in ("method", "potential") for name in self.rows.get(word, ())]
+        own = [name.partition(":")[0] for name in named if ":" in name]
+        own = [self.experiment] * ("." in self.experiment) + [name for name in own if name in sys.modules]
+        chosen = {name.partition(":")[0] for name in (*self.origin.choice.methods, *self.origin.choice.highlight)}
+        return "".join(f" --module {shlex.quote(name)}" for name in dict.fromkeys(own) if name not in chosen)
+
+    @property
+    def measured(self) -> str:
+        """How many cells, when, how long, from which commit."""
+        p = self.provenance
+        if p.empty:
+            return ""
+        failed = f", {len(self.failures)} failed" if len(self.failures) else ""
+        seconds = tables.show(float(p["seconds"].sum()))
+        return (
+            f"{len(p)} cells{failed}; {days(p)}, {seconds} s of computing; commit {', '.join(sorted(set(commits(p))))}"
+        )
+
+    @property
+    def old(self) -> str:
+        """How many cells are not known to come from the source code that is here."""
+        return sources.told(self.ages)
+
+    @property
+    def failed(self) -> pd.DataFrame:
+        """The failed cells: their fields, and one column for the error."""
+        errors = [name for name in self.failures.columns if name.startswith("error_")]
+        error = self.failures["error_type"] + ": " + self.failures["error_message"]
+        return self.failures.drop(columns=["key", *errors]).assign(error=error)
+
+    def file(self, name: str) -> str:
+        """Name of the file, without suffix, of a figure or table."""
+        return re.sub(r"[^\w.-]+", "-", f"{self.experiment}_{name}")
+
+
+# ---------------------------------------------------------------- from a journal
+
+
+def draw_all(names: list[str], store: Store, processes: int, drawn: Drawn, modules: Sequence[str]) -> list[Section]:
+    """One for each name, drawn in so many processes at most: laying figures out takes longer than all else."""
+    sections: dict[str, Section] = {}
+    drawn(0, len(names))
+    stored = sum(store.path(name).exists() for name in names)
+    for section in _drawn(names, store, min(processes, stored // WORTH), modules):
+        sections[section.experiment] = section
+        drawn(len(sections), len(names))
+    return [sections[name] for name in names]
+
+
+def _drawn(names: list[str], store: Store, processes: int, modules: Sequence[str]) -> Iterator[Section]:
+    """Sections as they come. Modules are looked for where this process looks. Ctrl-C ends the processes at once."""
+    if processes < 2:
+        yield from (draw(name, store) for name in names)
+        return
+    others = set(active_children())
+    start = partial(_start, list(sys.path), modules, store.choice)
+    with ProcessPoolExecutor(processes, get_context("spawn"), initializer=start) as pool:
+        try:
+            with interrupt_held_back():  # the processes are started in here
+                futures = [pool.submit(draw, name, store) for name in names]
+            yield from (future.result() for future in as_completed(futures))
+        except BaseException:
+            for process in set(active_children()) - others:
+                process.kill()
+            raise
+
+
+def _start(path: list[str], modules: Sequence[str], choice: Choice) -> None:
+    """In a fresh process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
+    sys.path[:] = path
+    import_modules(modules)
+    choice.include()
+
+
+def draw(experiment: str, store: Store) -> Section:
+    """The section of an experiment; never raises for what cannot be read or drawn, but says so in it."""
+    section = Section(experiment, title=experiment.replace("_", " ").capitalize())
+    try:
+        module = load_stored(experiment)
+        title, _, about = (module.__doc__ or section.title).strip().partition("\n")
+        section.title, section.about = title.rstrip("."), about.strip()
+    except UnknownExperiment as error:
+        section.errors.append(str(error))
+        module = None
+    except Exception as error:  # its rows are still shown
+        section.errors.append(f"cannot be loaded: {said(error)}")
+        module = None
+    try:
+        read(section, store, module)
+    except StoreError as error:
+        section.errors.append(str(error).replace(f"{store.folder}{os.sep}", ""))
+    if module is None or section.rows.empty:
+        return section
+    try:
+        section.figures = draw_figures(module, section.rows, store.choice.highlight)
+    except Exception as error:
+        section.errors.append(f"figures cannot be drawn: {said(error)}")
+    try:
+        section.tables = make_tables(module, section.rows)
+    except Exception as error:
+        section.errors.append(f"tables cannot be made: {said(error)}")
+    return section
+
+
+def read(section: Section, store: Store, module: ModuleType | None) -> None:
+    """Puts what is stored of an experiment, and what is to be said of it, into its section."""
+    journal = store.open(section.experiment)
+    section.notes = [note.replace(f"{store.folder}{os.sep}", "") for note in journal.problems]
+    section.rows, section.failures, section.provenance = journal.rows(), journal.failures(), journal.provenance()
+    section.ages = journal.ages()
+    if module is not None:
+        section.profiles = origin.profiles_of(module, journal.latest)
+        section.lacking = lacking(module, section.rows, store.choice)
+
+
+def lacking(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list[str]:
+    """The chosen methods that an experiment could measure, and has no rows of."""
+    missing = [name for name in choice.methods if name not in set(rows.get("method", ()))]
+    if not missing or rows.empty:
+        return []
+    known = {cell.get("method") for profile in PROFILES for cell in module.cells(profile)}
+    return [name for name in missing if name in known]
+
+
+def draw_figures(module: ModuleType, rows: pd.DataFrame, highlight: Sequence[str]) -> list[DrawnFigure]:
+    """All figures of an experiment, the first of them for phones too; raises whatever drawing raises."""
+    with style.apply(highlight=highlight):
+        drawn = module.draw(rows.copy())
+        made = [DrawnFigure(name, figures.svg(f), getattr(f, "caption", "")) for name, f in drawn.items()]
+    if made and figures.wide(drawn[made[0].name]):
+        with style.apply("column", highlight):
+            made[0].phone = figures.svg(module.draw(rows.copy())[made[0].name])
+    return made
+
+
+def make_tables(module: ModuleType, rows: pd.DataFrame) -> list[DrawnTable]:
+    """All tables of an experiment."""
+    made = module.tables(rows.copy())
+    return [DrawnTable(name, tables.flat(t), t.attrs.get("caption", "")) for name, t in made.items()]
+
+
+def said(error: Exception) -> str:
+    """Of what kind an error is, and its message."""
+    return f"{type(error).__name__}: {error}"
+
+
+# ---------------------------------------------------------------- to files
+
+
+def write(section: Section, output: Path) -> list[Path]:
+    """Writes `figures/*.svg` and `tables/*`; their paths."""
+    written = []
+    for figure in section.figures:
+        written.append(write_file(output / "figures" / f"{section.file(figure.name)}.svg", figure.document))
+    for table in section.tables:
+        path = output / "tables" / section.file(table.name)
+        for suffix, text in (
+            (".md", tables.markdown(table.frame)),
+            (".tex", tables.latex(table.frame, table.caption)),
+            (".csv", tables.csv(table.frame)),
+        ):
+            written.append(write_file(path.with_name(path.name + suffix), text))
+    return written
+
+
+def write_experiment(experiment: str, results: Path, output: Path, choice: Choice = ALL) -> list[Path]:
+    """Draws one experiment's figures and tables into `output`; raises whatever drawing raises."""
+    module, section = load(experiment), Section(experiment, rows=Store(results, choice).rows(experiment))
+    section.figures = draw_figures(module, section.rows, choice.highlight)
+    section.tables = make_tables(module, section.rows)
+    return write(section, output)
+
+
+def stored_rows(section: Section) -> str:
+    """The rows of an experiment as CSV, every digit: what its figures are drawn from. Columns without a value left out."""
+    return tables.csv(section.rows.drop(columns="key", errors="ignore").dropna(axis="columns", how="all"))

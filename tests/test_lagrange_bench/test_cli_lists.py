@@ -1,0 +1,131 @@
+"""`lagrange-bench methods`, `tops` and `potentials`: all there is is listed, and what cannot be loaded, with the reason."""
+
+from __future__ import annotations
+
+import pytest
+
+from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
+from integrators.registry import NAMED_TOPS
+from lagrange_bench import text
+
+
+@pytest.mark.parametrize("command", [("methods",), ("tops", "--verbose"), ("potentials",), ("check", "rk4", "--quick")])
+def test_tables_fit_a_terminal(run, command, monkeypatch):
+    wide = run(*command)[1]
+    assert max(map(len, wide.splitlines())) > 80 or command[0] == "check"
+    monkeypatch.setattr(text, "room", lambda: 80)
+    narrow = run(*command)[1]
+    lines = (
+        narrow.splitlines()[:-2] if command[0] == "check" else narrow.splitlines()
+    )  # the last two are not of the table
+    assert max(map(len, lines)) <= 80
+    assert sorted("".join(narrow.split())) == sorted("".join(wide.split())), "wrapped, and nothing is lost"
+
+
+def test_methods(run, answer):
+    code, out, err = run("methods", "--verbose")
+    assert (code, err) == (0, "")
+    lines = out.splitlines()
+    assert [line.split()[0] for line in lines[1 : len(METHODS) + 1]] == list(METHODS)
+    assert METHODS["backlund"].source in out
+    data = {method["name"]: method for method in answer("methods")}
+    assert list(data) == list(METHODS)
+    for name, method in METHODS.items():
+        assert data[name]["order"] == method.order
+        assert set(data[name]["conserves"]) == method.conserves
+        assert data[name]["options"] == list(method.options)
+
+
+@pytest.mark.parametrize(
+    ("module", "why"),
+    [("no_such_module", "ModuleNotFoundError: "), ("leaves", "ImportError: it calls sys.exit('no')")],
+)
+@pytest.mark.parametrize("known", [METHODS, POTENTIALS, NAMED_TOPS], ids=lambda known: known.word)
+def test_a_plug_in_that_cannot_be_loaded_is_listed(run, answer, tmp_path, monkeypatch, known, module, why):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "leaves.py").write_text("raise SystemExit('no')\n")
+    broken = registry.EntryPoint("broken", f"{module}:IT", known.group)
+    monkeypatch.setitem(vars(known), "_entries", {**known._entries, "broken": broken})
+    code, out, _ = run(f"{known.word}s")
+    assert code == 0
+    assert f"broken: cannot be loaded: {why}" in out
+    listed = answer(f"{known.word}s")
+    assert len(listed) == len(known)
+    assert listed[-1]["error"].startswith(why)
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (("check", "leaves:METHOD", "--quick"), "method leaves:METHOD"),
+        (("integrate", "--method", "leaves:METHOD", "--h", "0.1", "--steps", "1"), "method leaves:METHOD"),
+        (
+            ("integrate", "--potential", "leaves:WELL", "--h", "0.1", "--steps", "1"),
+            "--potential: potential leaves:WELL",
+        ),
+        (("integrate", "--top", "leaves:TOP", "--h", "0.1", "--steps", "1"), "--top: top leaves:TOP"),
+        (("methods", "--top", "leaves:TOP"), "--top: top leaves:TOP"),
+        (("run", "phase", "--methods", "leaves:METHOD"), "method leaves:METHOD"),
+        (("run", "mine.leaves"), "experiment 'mine.leaves'"),
+        (("report", "--module", "leaves"), "--module leaves"),
+    ],
+)
+def test_a_file_that_ends_the_process_is_named(run, tmp_path, monkeypatch, words, what):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    for path in ("leaves.py", "mine/leaves.py"):
+        (tmp_path / path).write_text("import sys\n\nsys.exit(0)\n")
+    code, out, err = run(*words)
+    verb = "imported" if what.startswith("--module") else "loaded"
+    assert (code, out) == (2, "")
+    assert err == f"lagrange-bench: error: {what} cannot be {verb}: ImportError: it calls sys.exit(0)\n"
+
+
+def test_tops(run, answer):
+    code, out, _ = run("tops")
+    assert code == 0
+    above, below = out.split("\n\nin a potential:\n")
+    assert TOPS["figure2"].note not in out
+    assert TOPS["figure2"].note in run("tops", "--verbose")[1]
+    assert [line.split()[0] for line in above.splitlines()[1:]] == list(TOPS)
+    assert [line.split()[0] for line in below.splitlines()[1:]] == list(PERTURBED_TOPS)
+    data = {top["name"]: top for top in answer("tops")}
+    assert data["generic"]["nutation_period"] == pytest.approx(4.22213, abs=1e-5)
+    assert data["homoclinic"]["nutation_period"] is None
+    for name, top in TOPS.items():
+        assert (data[name]["alpha"], data[name]["state"]) == (top.alpha, list(top.y0))
+
+    for name, top in PERTURBED_TOPS.items():
+        assert (data[name]["potential"], data[name]["parameters"]) == (top.potential.name, list(top.parameters))
+        assert data[name]["state"] == list(top.y0)
+    assert data["axisymmetric"]["conserves"] == ["H", "J3", "C1", "C2"]
+    assert data["magnet"]["conserves"] == ["H", "C1", "C2"]
+
+
+def test_potentials(run, answer):
+    code, out, _ = run("potentials")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()[1:]] == list(POTENTIALS)
+    data = {potential["name"]: potential for potential in answer("potentials")}
+    assert data["tide"]["parameters"] == ["k", "n1", "n2", "n3"]
+    assert data["axisymmetric"]["parameters"] is None
+    assert all("units of" in potential["note"] for potential in data.values())
+
+
+def test_methods_of_a_top(run, answer):
+    """Which take it, what they keep of it, and why the others do not."""
+    code, out, err = run("methods", "--top", "magnet")
+    assert (code, err) == (0, "")
+    table, left_out = out.split("\nleft out: ", 1)
+    taken = [line.split()[0] for line in table.splitlines()[1:]]
+    top = PERTURBED_TOPS["magnet"].top
+    assert taken == [name for name, method in METHODS.items() if method.takes(top) is None]
+    assert "strang" in taken
+    assert "theta_functions: does not take the potential charge: it is the closed form" in left_out
+    data = {method["name"]: method for method in answer("methods", "--top", "magnet")}
+    assert data["theta_functions"]["refuses"] == METHODS["theta_functions"].takes(top)
+    assert (data["strang"]["refuses"], data["strang"]["conserves"]) == (None, ["C1", "C2"])
+    words = ("methods", "--potential", "charge", "--parameters", "0.1,0,0,2")  # on the vertical: J3 stays
+    assert {m["name"]: m for m in answer(*words)}["strang"]["conserves"] == ["J3", "C1", "C2"]
+    assert not any(method["refuses"] for method in answer("methods", "--top", "generic"))
+    assert "refuses" not in answer("methods")[0]

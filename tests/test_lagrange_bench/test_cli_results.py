@@ -1,0 +1,176 @@
+"""`lagrange-bench run`, `report` and `figure`: what they print, write and refuse to replace."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from test_cli import HERE
+
+from experiments import EXPERIMENTS
+from lagrange_bench.commands import completion
+from lagrange_bench.runner import engine
+from report import page
+from results.store import default_results
+
+
+@pytest.fixture
+def toy(monkeypatch):
+    monkeypatch.syspath_prepend(str(HERE))
+    monkeypatch.setenv("TOY_CELLS", json.dumps([{"do": "square", "i": 3}, {"do": "raise", "i": 4}]))
+    return "toys.behaviour"
+
+
+@pytest.mark.processes
+def test_run(run, toy, tmp_path, monkeypatch):
+    words = ("run", toy, "--results", tmp_path / "my results", "--jobs", "1")
+    code, out, err = run(*words, "--quiet")
+    assert (code, err) == (1, "")
+    assert "cell 4 was told to" in out
+    assert f"next: lagrange-bench report --results '{tmp_path / 'my results'}'" in out
+    monkeypatch.setenv("TOY_CELLS", json.dumps([{"do": "square", "i": 3}]))
+    code, out, _ = run(*words, "--json")
+    assert code == 0
+    assert json.loads(out)["experiments"][toy]["stored"] == 1
+
+
+def test_run_takes_all_experiments_by_default(run, monkeypatch):
+    asked = {}
+
+    def instead(names, profile, results, jobs, show, **more):
+        asked.update(names=names, profile=profile, results=results, jobs=jobs, show=show, **more)
+        return engine.Summary(results, profile)
+
+    monkeypatch.setattr(engine, "run", instead)
+    assert run("run", "--profile", "full")[0] == 0
+    assert asked["names"] == EXPERIMENTS
+    assert (asked["profile"], asked["jobs"], asked["show"]) == ("full", None, True)
+    assert asked["results"].name == "full"
+    asked_nothing = {"time_limit": None, "shard": (0, 1), "scheduler": None, "timings": True}
+    assert {name: asked[name] for name in asked_nothing} == asked_nothing
+    assert run("run", "--time-limit", "9", "--shard", "2/5", "--scheduler", "local:2", "--no-timings")[0] == 0
+    asked_this = {"time_limit": 9.0, "shard": (2, 5), "scheduler": "local:2", "timings": False}
+    assert {name: asked[name] for name in asked_this} == asked_this
+
+
+def test_run_stopped_or_without_a_place(run, monkeypatch, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    code, out, err = run("run", "paper", "--results", tmp_path / "file" / "results")
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"lagrange-bench: error: cannot write results to .*\n", err)
+
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(engine, "run", stopped)
+    code, out, err = run("run", "paper", "--results", tmp_path)
+    assert (code, out, err) == (130, "", "lagrange-bench: interrupted\n")
+
+
+@pytest.mark.processes
+def test_report(run, tmp_path):
+    (tmp_path / "results").mkdir()
+    words = ("report", "--results", tmp_path / "results", "--output", tmp_path / "page")
+    code, out, err = run(*words)
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"lagrange-bench: error: nothing is stored in .*\n", err)
+    assert not (tmp_path / "page").exists(), "a page that is there is worth more"
+    shutil.copy(default_results() / "paper.jsonl", tmp_path / "results")
+    code, out, err = run(*words)
+    assert code == 0, err
+    assert err.splitlines()[0] == f"drawn from {tmp_path / 'results'}"
+    page = Path(out.strip())
+    assert page == (tmp_path / "page" / "index.html").resolve()
+    assert page.stat().st_size > 1000
+    (tmp_path / "file").write_text("in the way")
+    code, out, err = run("report", "--results", tmp_path / "results", "--output", tmp_path / "file")
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"lagrange-bench: error: .*\n", err)
+
+
+STUDY = """
+VERSION = 1
+def cells(profile): return [{"i": i} for i in range(3)]
+def measure(cell): return [{"square": cell["i"] ** 2}]
+def tables(rows): return {}
+def draw(rows):
+    from lagrange_bench import style
+    fig, ax = style.figure("column")
+    ax.plot(rows.i, rows.square)
+    return {"squares": fig}
+"""
+
+
+@pytest.mark.processes
+def test_an_experiment_of_your_own_is_drawn_where_it_was_run(tmp_path):
+    (tmp_path / "my_study").mkdir()
+    (tmp_path / "my_study" / "energy.py").write_text(STUDY)
+    tool = f"{sys.executable} -c 'import sys; from lagrange_bench.__main__ import main; sys.path.remove(\"\"); sys.exit(main())'"
+    paths = os.pathsep.join(path for path in sys.path if path)
+
+    def typed(line):
+        line = line.replace("lagrange-bench", tool)
+        environment = {**os.environ, "PYTHONPATH": f"{HERE.parent}{os.pathsep}{paths}", "PYTHONSAFEPATH": ""}
+        return subprocess.run(
+            line, shell=True, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+        )
+
+    out = typed("lagrange-bench run my_study.energy --results out").stdout
+    after = re.search("^next: (.*)", out, re.MULTILINE)[1]
+    page = Path(typed(f"{after} --output page").stdout.strip()).read_text(encoding="utf-8")
+    assert "my_study.energy_squares" in page
+    assert "cannot be loaded" not in page
+    again = re.search(r"redraw: <code[^>]*>(.*?)</code>", page)[1]
+    again = re.sub("<[^>]*>", "", again)
+    assert again == "lagrange-bench figure my_study.energy_squares --results out --module my_study.energy"
+    assert typed(again).stdout == "my_study.energy_squares.svg\n"
+
+
+def test_figures_are_listed_and_completed(run, answer, tmp_path, monkeypatch):
+    shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
+    listed = ["ensemble_throughput", "ensemble_rivals"]
+    assert run("figure", "--list", "--results", tmp_path)[:2] == (0, "\n".join(listed) + "\n")
+    (tmp_path / "page" / "figures").mkdir(parents=True)
+    for name in listed:
+        (tmp_path / "page" / "figures" / f"{name}.svg").touch()
+    monkeypatch.setattr("results.store.default_results", lambda profile=None: tmp_path)
+    assert set(listed) <= set(completion.names()["name"])
+
+
+def test_report_opens_the_page(run, tmp_path, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
+    empty = page.Report([], [], page.NO_FAIRNESS, pd.DataFrame(), [], [], "", False)
+    monkeypatch.setattr(page, "assemble", lambda *_: empty)
+    code, out, _ = run("report", "--results", tmp_path, "--quiet", "--open")
+    assert code == 0
+    assert opened == [Path(out.strip()).as_uri()]
+
+
+def test_a_figure_that_cannot_be_written_is_named(run, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
+    target = tmp_path / "file" / "z.svg"
+    code, _, err = run("figure", "ensemble_throughput", "--results", tmp_path, "--output", target)
+    assert code == 2
+    assert str(tmp_path / "file") in err
+    assert ".z.svg" not in err
+
+
+def test_a_picture_is_not_replaced_in_silence(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
+    drawn = ("figure", "ensemble_throughput", "--results", tmp_path)
+    for words, file in ((drawn, "ensemble_throughput.svg"), (("paper", "separation"), "paper-separation.svg")):
+        assert "replaced" not in run(*words)[2]
+        code, _, err = run(*words)
+        assert (code, err.splitlines().count(f"replaced: {file}")) == (0, 1)
+    assert run(*drawn, "--quiet")[::2] == (0, "")

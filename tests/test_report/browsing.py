@@ -1,0 +1,108 @@
+"""What tests do in a browser: look, move, touch, and hear what the console says.
+
+Debian's chromium and chromium-driver, without a window. Screenshots go where SCREENSHOTS names a folder.
+"""
+
+import os
+import shutil
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+IN_A_BROWSER = [
+    pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="needs the packages chromium and chromium-driver"),
+    pytest.mark.xdist_group("browser"),
+    pytest.mark.processes,
+]
+
+selenium = pytest.importorskip("selenium")
+
+from selenium.webdriver.common.by import By  # noqa: E402
+from selenium.webdriver.support.ui import WebDriverWait  # noqa: E402
+
+
+def look(browser, name):
+    folder = os.environ.get("SCREENSHOTS")
+    if folder:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        browser.save_screenshot(str(Path(folder) / f"{name}.png"))
+
+
+def live(browser):
+    """The live section, in view and drawn."""
+    section = browser.find_element(By.ID, "live")
+    browser.execute_script("arguments[0].scrollIntoView()", section)
+    WebDriverWait(browser, 60).until(lambda _: section.get_attribute("data-ready") == "yes")
+    return section
+
+
+def move(browser, name, value):
+    browser.execute_script(
+        "const c = document.querySelector(`#live [name=${arguments[0]}]`); c.value = arguments[1];"
+        "c.dispatchEvent(new Event('input', {bubbles: true}));",
+        name, str(value),
+    )  # fmt: skip
+
+
+@contextmanager
+def screen(browser, width, height, touch=True):
+    """The page on a screen of another size, under fingers if it is a phone's."""
+    mobile = touch and width < 600
+    size = {"width": width, "height": height, "deviceScaleFactor": 2 if mobile else 1, "mobile": mobile}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": mobile, "maxTouchPoints": 5})
+    frame(browser)
+    yield
+    browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    frame(browser)
+
+
+def swipe(browser, *ways):
+    """Moves fingers, each from (x, y) to (x, y), all at once."""
+
+    def send(kind, part=None):
+        at = [] if part is None else [(a + (b - a) * part, c + (d - c) * part) for (a, c), (b, d) in ways]
+        points = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(at)]
+        browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    send("touchStart", 0)
+    for k in range(1, 11):
+        send("touchMove", k / 10)
+    send("touchEnd")
+    frame(browser)
+
+
+def box(browser, selector, block="center"):
+    """Where an element is in the window, after scrolling it there."""
+    script = (
+        "const e = document.querySelector(arguments[0]); e.scrollIntoView({block: arguments[1]});"
+        "const r = e.getBoundingClientRect(); return [r.x, r.y, r.width, r.height]"
+    )
+    return browser.execute_script(script, selector, block)
+
+
+def drawn(browser):
+    """The pictures of the live top, and what is told beside them."""
+    frame(browser)
+    return browser.execute_script(
+        "return [...['.sphere', '.errors'].map(name => document.querySelector(`#live ${name}`).toDataURL()),"
+        "document.querySelector('#live .told').innerText]"
+    )
+
+
+def said(browser):
+    """On the console."""
+    return [entry["message"] for entry in browser.get_log("browser")]
+
+
+def afresh(browser):
+    """Loads the page again: what other tests opened, chose or typed is gone."""
+    browser.get("about:blank")
+    browser.get(browser.page)
+
+
+def frame(browser):
+    browser.execute_async_script("const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(done));")

@@ -1,0 +1,30 @@
+"""The page of the published results, drawn once, in a headless Chromium."""
+
+import pytest
+
+from report import page, readme
+
+SWITCHES = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-background-networking")
+
+
+@pytest.fixture(scope="session")
+def built(tmp_path_factory):
+    return page.build(readme.ROOT / "results" / "reference", tmp_path_factory.mktemp("page"))
+
+
+@pytest.fixture(scope="session")
+def browser(built):
+    from browsing import CHROMIUM, DRIVER
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    for switch in (*SWITCHES, "--window-size=1280,1000"):
+        options.add_argument(switch)
+    options.binary_location = CHROMIUM
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    driver.set_script_timeout(300)  # axe takes more than the 30 s of the default beside busy loops
+    driver.page = built.as_uri()
+    driver.get(driver.page)
+    yield driver
+    driver.quit()
