@@ -22,14 +22,7 @@ import pytest
 from experiments.drawing import style
 from experiments.measuring.states import methods_on
 from lagrange_bench.__main__ import main
-from report import (
-    claims,
-    fairness,
-    origin,
-    page,
-    promises,
-    summary,
-)
+from report import claims, fairness, origin, page, promises, sections, summary
 from report.claims import Claim
 from results import store
 from results.choice import Choice
@@ -342,10 +335,10 @@ def test_drawn_in_two_processes_it_is_the_same(tmp_path):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(page, "EXPERIMENTS", ("ensemble", "paper", "no_such_experiment"))
-        patch.setattr(page, "ProcessPoolExecutor", pool)
+        patch.setattr(sections, "ProcessPoolExecutor", pool)
         alone = page.assemble(tmp_path, processes=2)
         assert started == [], "two journals are drawn sooner than two processes start"
-        patch.setattr(page, "WORTH", 1)
+        patch.setattr(sections, "WORTH", 1)
         shared = page.assemble(tmp_path, processes=2)
         assert started == [2]
     assert page.html(shared) == page.html(alone)
@@ -468,11 +461,11 @@ def test_a_write_that_fails_leaves_the_old_page(report, tmp_path, monkeypatch):
 
 
 def test_write_experiment_draws_one_and_raises_what_drawing_raises(results, tmp_path):
-    written = page.write_experiment("toy.good", results, tmp_path)
+    written = sections.write_experiment("toy.good", results, tmp_path)
     assert len(written) == 2 + 2 * 3
     assert all(path.is_file() for path in written)
     with pytest.raises(ZeroDivisionError):
-        page.write_experiment("toy.broken", results, tmp_path)
+        sections.write_experiment("toy.broken", results, tmp_path)
 
 
 def test_command_line(results, tmp_path, capsys):
