@@ -11,13 +11,11 @@ import subprocess
 import sys
 import threading
 import time
-import types
 
 import pytest
 from faults import HERE, TOY, comparable, nobody_left, session, squares, wait_for_lines
 from rich.console import Console
 
-import report
 from integrators import machine, registry
 from integrators.interface import Method
 from lagrange_bench.runner import engine, progress, workers
@@ -382,8 +380,7 @@ def test_run_draws_if_asked(toy, tmp_path, monkeypatch, run):
         written.append((experiment, results, output))
         return [output / "figure.svg"]
 
-    page = types.SimpleNamespace(write_experiment=write_experiment)
-    monkeypatch.setattr(report, "page", page, raising=False)
+    monkeypatch.setattr("report.sections.write_experiment", write_experiment)
     monkeypatch.setenv("TOY_CELLS", json.dumps([*squares(1), {"do": "raise", "i": 2}]))
     words = ["run", TOY, "--results", tmp_path, "--jobs", 1]
     code, out, _ = run(*words, "--json")
