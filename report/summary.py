@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, Decimal
 
 import numpy as np
 import pandas as pd
@@ -72,7 +73,7 @@ def accuracy(rows: dict[str, pd.DataFrame]) -> Said:
     errors = at.error.where(at.status == "done", np.inf).fillna(np.inf)
     best = at.loc[errors.idxmin()]
     poor = int((errors > POOR).sum())
-    shortest, longest, worst = _show(ours[:, 0].min()), _show(ours[:, 0].max()), _show(ours[:, 1].max())
+    shortest, longest, worst = _show(ours[:, 0].min()), _show(ours[:, 0].max()), _bound(ours[:, 1].max())
     return (
         worst,
         f"largest error of the exact step, at any h from {shortest} to {longest}, up to t\xa0=\xa0{phase.SPAN:g}",
@@ -110,7 +111,7 @@ def _where_it_loses(rows: pd.DataFrame) -> str:
     if not most:
         return ""
     if lost := {span: ratio for span, ratio in sorted(most.items()) if ratio > NOISE}:
-        times = " and ".join(f"up to {_show(ratio)} times (to t = {_show(span)})" for span, ratio in lost.items())
+        times = " and ".join(f"up to {_bound(ratio)} times (to t = {_show(span)})" for span, ratio in lost.items())
         return (
             f" It loses short runs, set-up counted: the cheapest Bäcklund map takes {times} as long as the cheapest method "
             "that is not exact."
@@ -131,7 +132,7 @@ def invariants(rows: dict[str, pd.DataFrame]) -> Said:
     verdicts = verdicts[verdicts.invariant.isin(INVARIANTS)]
     others = verdicts[~verdicts.method.map(_family).isin(EXACT)]
     drifting = others[others.verdict.isin(("biased", "failed"))].method.nunique()
-    kept, tops = _show(found.max()), mine.state.nunique()
+    kept, tops = _bound(found.max()), mine.state.nunique()
     return (
         kept,
         f"largest error of H, J3, C1 and C2, relative to their scales, in {_show(steps)} steps on {tops} tops",
@@ -147,6 +148,12 @@ def _family(name: str) -> str:
 
 def _name(method: str) -> str:
     return f"“{style.label(method)}”"
+
+
+def _bound(value: float) -> str:
+    """Two digits, rounded up: nothing that was measured is beyond."""
+    exact = Decimal(repr(float(value)))
+    return _show(float(exact.quantize(Decimal(1).scaleb(exact.adjusted() - 1), ROUND_CEILING)) if exact else 0.0)
 
 
 def _show(value: float) -> str:
