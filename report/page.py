@@ -160,11 +160,12 @@ def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> tuple[li
 
 def _held_against(beside: Path, judged: list[Judged]) -> str:
     """Puts the verdict of other results beside each; what those are, and how the claims fare by them."""
-    stored, names = Store(beside), dict.fromkeys(j.claim.experiment for j in judged)
-    published, _ = judge({name: stored.rows(name) for name in names})
+    store = Store(beside)
+    journals = {name: store.open(name) for name in dict.fromkeys(j.claim.experiment for j in judged)}
+    published, _ = judge({name: journal.rows() for name, journal in journals.items()})
     for one, other in zip(judged, published, strict=True):
         one.beside = other.verdict
-    old = sources.told(sum((stored.open(name).ages() for name in names), Counter[str]()))
+    old = sources.told(sum((journal.ages() for journal in journals.values()), Counter[str]()))
     return f"{origin.named(beside)}: {'; '.join(filter(None, (_told(_counts(published)), old)))}"
 
 

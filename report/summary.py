@@ -153,7 +153,7 @@ def _name(method: str) -> str:
 def _bound(value: float) -> str:
     """Two digits, rounded up: nothing that was measured is beyond."""
     exact = Decimal(repr(float(value)))
-    return _show(float(exact.quantize(Decimal(1).scaleb(exact.adjusted() - 1), ROUND_CEILING)) if exact else 0.0)
+    return _show(float(exact.quantize(Decimal(1).scaleb(exact.adjusted() - 1), ROUND_CEILING)))
 
 
 def _show(value: float) -> str:

@@ -2,7 +2,7 @@
 
 // The Lagrange top in the browser: the real form of the two-point Bäcklund map with λ(h) by time doubling, three other
 // integrators, and the invariants; all of it also in a tide k x1²/2. The formulas are those of integrators/torus and
-// integrators/methods, in plain doubles; tests/test_report/test_live_top.py compares the states with Python's. A state is
+// integrators/methods, in plain doubles; tests/test_report/test_live.py compares the states with Python's. A state is
 // [J1, J2, J3, x1, x2, x3].
 
 const Top = (() => {
