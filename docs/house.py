@@ -18,7 +18,9 @@ from matplotlib import pyplot as plt
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
 ROOT = Path(__file__).resolve().parents[1]
-CONTRACT = tuple(f"integrators.{name}" for name in ("interface", "checks", "words", "machine", "files", "lazy"))
+CONTRACT = tuple(
+    f"integrators.{name}" for name in ("interface", "checks", "words", "machine", "files", "lazy", "precision")
+)
 FLOORS: tuple[tuple[tuple[str, tuple[str, ...]], ...], ...] = (  # from the top: label, and which modules live there
     (("lagrange_bench", ("lagrange_bench",)),),
     (("lagrange_bench/commands", ("lagrange_bench.commands",)),),

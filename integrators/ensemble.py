@@ -157,7 +157,7 @@ class _Work:
     def __init__(self, method: Method, tops: _Tops, states: Array, out: Array, options: dict[str, Any]):
         self.method, self.tops, self.states, self.out, self.options = method, tops, states, out, options
         self.stop = threading.Event()
-        self.preparing = threading.Lock()  # what makes a step may use mpmath, whose precision is global
+        self.preparing = threading.Lock()  # what makes a step holds the interpreter: in turns is as quick
 
     def many(self, chunk: slice) -> Mask:
         """The tops of a chunk that were done in one call, a mask."""

@@ -87,6 +87,8 @@ def in_one_call(at_once: Callable[..., Array | None]) -> Callable[[Callable[...,
     return decorate
 
 
+NEEDS = ("force", "smooth", "quadratic")  # what a method may need of a potential: see `PerturbedTop.offers`
+
 # fields of `Method` and `AnyField`: what they must be
 KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "a text": (lambda value: isinstance(value, str), "name label family source needs uniform_only reduces_to"),
@@ -115,6 +117,8 @@ def check_record(record: Any) -> None:
     for name in ("conserves", "if_quadratic"):
         if unknown := set(getattr(record, name, ())) - set(INVARIANTS):
             raise ValueError(f"{name} names unknown invariants: {sorted(map(str, unknown))}")
+    if (needs := getattr(record, "needs", NEEDS[0])) not in NEEDS:
+        raise ValueError(f"needs must be one of {', '.join(NEEDS)}; got {needs!r}")
 
 
 Quantity = Callable[[Any, float, Array], tuple[Array, float]]
@@ -127,7 +131,7 @@ class AnyField:
     prepare: Callable[..., Stepper]  # (problem, y0, h, **options), as `Method.prepare`
     conserves: frozenset[str]  # of INVARIANTS, at round-off, for every h, as far as the problem conserves them
     if_quadratic: frozenset[str] = frozenset()  # the same, kept in a quadratic potential only
-    needs: str = "force"  # of `PerturbedTop.offers`
+    needs: str = "force"  # of NEEDS: what a potential must offer, see `PerturbedTop.offers`
     order: int | None = None  # where it is not that of the method in a uniform field
     evaluate: Callable[..., tuple[Array, Work]] | None = None  # (problem, y0, times, **options)
     # ([problem, …], Y0, h, steps, every, out, stopped, **options) → the tops done, a mask; as `Method.advance_many`

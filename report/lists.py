@@ -10,7 +10,12 @@ from integrators.problem.potentials import PERTURBED_TOPS
 from integrators.problem.top import TOPS
 from integrators.registry import METHODS, POTENTIALS, POTENTIALS_BUILT_IN
 
-TAKES = {"linear": "uniform field", "quadratic": "quadratic potentials", "force": "any potential"}
+TAKES = {
+    "linear": "uniform field",
+    "quadratic": "quadratic potentials",
+    "smooth": "smooth potentials",
+    "force": "any potential",
+}
 DRAWN = {  # of `experiments.measuring.states`, by the first word of their names
     RANDOM: "generic: α from 0.3 to 2, each J from −2 to 2, |x| from 0.5 to 2, drawn at random",
     CLOSE: "on the separatrix but for 10⁻⁸ to 10⁻¹ of J, drawn at random",

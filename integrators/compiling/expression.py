@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from functools import cache, cached_property
 from typing import Any
@@ -152,11 +153,48 @@ class Program:
 
     def roots(self, count: int) -> list[int]:
         """Numbers of the lines that take a root of something that depends on one of the first `count` inputs."""
+        moving = self._moving(count)
+        return [i for i, line in enumerate(self.lines) if line[0] == "sqrt" and self.inputs + i in moving]
+
+    def _moving(self, count: int) -> set[int]:
+        """Places of what depends on one of the first `count` inputs."""
         moving = set(range(count))
         for place, (_, *arguments) in enumerate(self.lines, self.inputs):
             if moving.intersection(argument for argument in arguments if isinstance(argument, int)):
                 moving.add(place)
-        return [i for i, line in enumerate(self.lines) if line[0] == "sqrt" and self.inputs + i in moving]
+        return moving
+
+    def corners(self, count: int) -> list[int]:
+        """Of `roots` those that are |w| or an odd power of it, where w may change its sign: no series goes on there.
+
+        Found by the factors of what the root is taken of: w must be squared as it stands, not multiplied out.
+        """
+        moving, positive = self._moving(count), set[Any]()
+        powers: dict[Any, Counter[Any]] = {
+            i: Counter({i: 1}) for i in range(self.inputs)
+        }  # of the factors of each place
+
+        def factors(place: Any) -> Counter[Any]:
+            return Counter({"sign": int(place[1] < 0)}) if isinstance(place, tuple) else powers[place]
+
+        def keeps_sign(place: Any) -> bool:
+            return all(n % 2 == 0 or base in positive for base, n in factors(place).items())
+
+        for place, (operation, *arguments) in enumerate(self.lines, self.inputs):
+            found: Counter[Any] = Counter({place: 1})
+            if operation in ("mul", "div", "neg"):
+                found = factors(arguments[0]).copy()
+                (found.subtract if operation == "div" else found.update)(
+                    {"sign": 1} if operation == "neg" else factors(arguments[1])
+                )
+            elif operation == "sqrt" or (operation == "add" and all(map(keeps_sign, arguments))):
+                positive.add(place)
+            powers[place] = found
+        return [
+            i
+            for i in self.roots(count)
+            if any(n % 4 == 2 and base in moving - positive for base, n in factors(self.lines[i][1]).items())
+        ]
 
     def branch(self, flipped: Collection[int]) -> Program:
         """The same formula with the other sign of the roots in these lines: another branch of the same analytic function."""

@@ -52,6 +52,9 @@ from integrators.torus.stepper import OFF_TORUS, TorusStepper, Turn, check_const
 PIN = 8  # steps between two pins, by default
 SHORT = 16  # steps of an ensemble up to which λ(h) comes in plain doubles: else set-up would cost fifty times as much as they
 FEW = 4  # tops below which, in longer runs, one after the other is quicker than a block of lanes
+LONGEST_TURN = (
+    16.0  # of a step of the attitude, in units of rate 1: towards the unstable vertical |m|² falls below round-off
+)
 MOST_PARTS = 10**8  # steps of an attitude between two rows: some seconds, not to be interrupted
 
 
@@ -202,8 +205,9 @@ def attitude_exact(
     units = Units(top, y0, h)
     state = tuple(units.enter(y0))
     span = units.span("backlund", h)
-    # whole nutations have no λ of their own: steps of at most half of one
-    parts = max(1, math.ceil(2 * abs(span) / ts.torus(units.alpha, state, 0.0)[1][0]))
+    # whole nutations have no λ of their own: steps of at most half of one, or of LONGEST_TURN where it takes for ever
+    nutation = min(ts.torus(units.alpha, state, 0.0)[1][0], 2 * LONGEST_TURN)
+    parts = max(1, math.ceil(2 * abs(span) / nutation))
     if every * parts > MOST_PARTS:
         raise StepError("backlund", f"the attitude is followed by half nutations, at most {MOST_PARTS} a row", h=h)
     c, _ = exact_constants(units.alpha, state, span / parts)

@@ -42,6 +42,7 @@ HALVINGS = 12
 ORDER = 4  # the least order of a scheme in h
 NOISE = 0.2  # round-off after n kicks and t time scales is about NOISE ulp/2 √n t: the energy walks at random
 CLEAN = 1e-9  # an error below this that does not fall with h is round-off
+STILL = 2.0**-60  # time scales of the top
 PARTS = 16  # of a shorter step, at most
 
 
@@ -93,6 +94,9 @@ def evaluate(
             notes.append("an equilibrium: no step is needed")
             return np.tile(y, (len(grid), 1))
         last = float(grid[-1])
+        if abs(last) < STILL * top.scales(y)[2]:
+            notes.append("a time in which the top moves by less than an ulp: no step is needed")
+            return y + np.multiply.outer(grid, top.rhs(y))
         chosen = choose(name, top, y, last, tol, candidates, work)
         wide = abs(last) / len(grid)
         even = np.allclose(grid, last * np.arange(1, len(grid) + 1) / len(grid), rtol=4 * 2.0**-52, atol=0.0)
@@ -167,7 +171,9 @@ def choose(
     reason = (
         f"round-off alone is about {least:.0e}" if math.isfinite(least) else "no step of those tried is short enough"
     )
-    raise StepError(name, f"tol = {tol:g} is not reached at t = {last:g}: {reason}; take a larger tol, or taylor")
+    raise StepError(
+        name, f"tol = {tol:g} is not reached at t = {last:g}: {reason}; take a larger tol, or another method"
+    )
 
 
 class _Pilot:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from integrators.interface import Array
+from integrators.precision import workdps
 
 
 class Scheme(NamedTuple):
@@ -104,7 +105,7 @@ def corrector_kicks(chosen: Scheme) -> tuple[float, ...]:
     import mpmath
 
     times = [math.fsum(chosen.a[: i + 1]) - 0.5 for i in range(len(chosen.b))]
-    with mpmath.workdps(40):
+    with workdps(40):
         points = [WIDEST * (k + mpmath.mpf(1) / 2) / 400 for k in range(400)]
         A = mpmath.matrix(len(points), NODES)
         f = mpmath.matrix(len(points), 1)

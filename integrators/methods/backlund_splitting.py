@@ -333,10 +333,11 @@ class ExactSplittingStepper(ConjugateStepper):
         groups = np.zeros((n, GROUP))
         groups[:, TIME], groups[:, KICK] = times, np.array(chosen.b) * h
         gradients = (1 + bool(chosen.d)) if twisted else 0
-        if gradients > 0:
-            groups[:, TWIST] = np.array(chosen.c) * -(h**3)
-        if gradients > 1:
-            groups[:, SECOND] = np.array(chosen.d) * h**5
+        with np.errstate(all="ignore"):  # of an h whose powers are beyond the range of doubles
+            if gradients > 0:
+                groups[:, TWIST] = np.array(chosen.c) * -(h * h * h)
+            if gradients > 1:
+                groups[:, SECOND] = np.array(chosen.d) * (h * h * h * h * h)
         head = np.array((top.alpha, x @ x, x @ J, n, 0.0, 1.0, 0.0, 1.0, *numbers))
         degree, made = 0, []
         if tabled and self._box(head, y0, field, level, top.top.scales(y0), h):
@@ -469,7 +470,7 @@ def _warn_strong(top: PerturbedTop, y0: Array) -> None:
     strength = length * math.hypot(*map(float, top.formula.derived(*y0[3:].tolist(), *top.parameters)))
     if strength > STRONG * rate * rate:
         share = strength / rate**2 if rate > 0 else math.inf
-        text = f"V is strong here, {share:.2g} of the top's own scale: blanes_moan6 or taylor costs less"
+        text = f"V is strong here, {share:.2g} of the top's own scale: blanes_moan6 costs less"
         warn_caller(text, StepWarning)
 
 

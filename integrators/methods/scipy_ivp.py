@@ -41,9 +41,9 @@ from integrators.compiling.unroll import unrolled
 from integrators.interface import AnyField, Array, Method, StepError, Work
 from integrators.methods.dense import DenseStepper, Problem, Run, at_times
 from integrators.methods.dop853 import check_tolerances
-from integrators.problem.perturbed import Field, cross
+from integrators.problem.perturbed import Field, PerturbedTop, cross
 from integrators.problem.top import LagrangeTop
-from integrators.problem.units import Units, ldexp, units_in_field
+from integrators.problem.units import Units, ldexp, units_of
 
 IN_TURNS = threading.Lock()
 
@@ -136,7 +136,7 @@ class Solver:
         def run(y: Array, grid: Array, work: Work) -> Array:
             try:
                 with np.errstate(all="ignore"):
-                    return follow(top, y, grid, work, rtol, atol)
+                    return self.on_its_level(top, y, follow(top, y, grid, work, rtol, atol))
             except OverflowError:
                 reason = "the state left the range of floating-point numbers"
             except (ArithmeticError, ValueError, Warning) as error:
@@ -144,6 +144,16 @@ class Solver:
             raise StepError(self.name, reason, step=work.steps)
 
         return run
+
+    def on_its_level(self, top: Problem, y: Array, out: Array) -> Array:
+        """The states, if none has lost its energy: a pole of the potential may lie within a step."""
+        if isinstance(top, PerturbedTop):
+            off = np.abs(top.invariants(out)[:, 0] - top.invariants(y)[0])
+            if not np.all(off <= top.invariant_scales(y)[0]):
+                raise StepError(
+                    self.name, "rtol and atol do not hold this state: its energy is off by the size of its terms"
+                )
+        return out
 
     def explicit(self, top: Problem, y: Array, grid: Array, work: Work, rtol: float, atol: float) -> Array:
         f, c, _ = functions_of(top)
@@ -193,10 +203,6 @@ class Solver:
         out[-1] = solver.y  # the last step ends at the last time: no interpolation
         work.rhs_evals += solver.nfev
         return out
-
-
-def units_of(name: str, top: Problem, y: Array, end: float) -> Units:
-    return Units(top, y, end) if isinstance(top, LagrangeTop) else units_in_field(name, top, y, end)
 
 
 def functions_of(top: Problem, units: Units | None = None) -> tuple[Callable[..., Any], Any, Callable[..., Any]]:

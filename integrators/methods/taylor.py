@@ -3,10 +3,10 @@
 `taylor` is heyoka's adaptive integrator as it is meant to be used: natural steps, unrolled machine code
 (`compact_mode=False`), one call for a whole run; h is only the output grid, which its dense output fills. A step
 clamped to h would be unfair to heyoka: the order follows from the tolerance, and the step from the decay of the
-coefficients. The tolerance is relative above norm 1 and absolute below, so a state much smaller than 1 needs other
-units. A state so large that its twentieth power overflows ends in a StepError (not in `taylor_fixed`, whose
-coefficients carry powers of h). alpha is a runtime parameter, so heyoka compiles once per process for each tolerance
-and variant.
+coefficients. The tolerance is relative above norm 1 and absolute below, so a state smaller than 1 may need other
+units. A top whose rate |J| + √(|alpha||x|) or |x| is beyond 2^±FAR is followed in units, powers of two, in which both are
+of order one. Their twentieth powers would under- or overflow. alpha is a runtime parameter, so heyoka compiles once per
+process for each tolerance and variant.
 
 `taylor_accurate` adds compensated summation of the series, `taylor_compact` the machine code heyoka makes for large systems
 (loops over tables instead of unrolled; slower here). `propagate_batch` runs many tops at once, one in each SIMD lane.
@@ -43,8 +43,10 @@ from integrators.interface import AnyField, Array, Method, StepError, Work
 from integrators.methods.dense import DenseStepper, Problem, Run, at_times
 from integrators.problem.perturbed import Field, PerturbedTop
 from integrators.problem.top import LagrangeTop
+from integrators.problem.units import Units, ldexp, units_of
 
 EPS = float(np.finfo(float).eps)
+FAR = 30  # powers of two
 INTERRUPTIBLE = 1 << 20  # steps in one call of heyoka, at most: it does not see Ctrl-C
 MAX_ORDER = 60
 SCRATCH = 8 * (MAX_ORDER + 1)
@@ -78,10 +80,14 @@ def variant(name: str, high_accuracy: bool = False, compact_mode: bool = False) 
 
 
 class Form(NamedTuple):
-    """What equations depend on, besides numbers: the field, and whether it keeps J3."""
+    """What equations depend on, besides numbers: the field, whether it keeps J3, and whether x and torque have units.
+
+    Then these units are two more numbers, in front of the others.
+    """
 
     field: Field
     level: bool
+    units: bool = False
 
 
 def form_of(top: Problem) -> Form | None:
@@ -99,7 +105,12 @@ def equations(form: Form | None = None) -> list[Any]:
         alpha = hy.par[0]
         t1, t2, t3 = -alpha * x2, alpha * x1, 0.0
     else:
-        t1, t2, t3 = form.field.torque(x1, x2, x3, *(hy.par[i] for i in range(form.field.parameters)))
+        first, n = 2 * form.units, form.field.parameters
+        length, force = (hy.par[0], hy.par[1]) if form.units else (1.0, 1.0)
+        torque = form.field.torque(
+            *(length * v if form.units else v for v in (x1, x2, x3)), *(hy.par[first + i] for i in range(n))
+        )
+        t1, t2, t3 = (t / force for t in torque) if form.units else torque
         t3 = 0.0 if form.level else t3
     moments = [(J, t if isinstance(t, hy.expression) else hy.expression(t)) for J, t in ((J1, t1), (J2, t2), (J3, t3))]
     return [*moments, (x1, J2 * x3 - J3 * x2), (x2, J3 * x1 - J1 * x3), (x3, J1 * x2 - J2 * x1)]
@@ -141,6 +152,16 @@ def check_tolerance(tol: Any) -> float:
     return tol
 
 
+def far_units(name: str, top: Problem, y: Array, end: float) -> Units | None:
+    """The units in which a state is to be followed; None for the user's."""
+    size = math.hypot(*y[3:].tolist())
+    rate = math.hypot(*y[:3].tolist()) + math.sqrt(abs(top.alpha) * size)
+    if 2.0**-FAR < size < 2.0**FAR and 2.0**-FAR < rate < 2.0**FAR:
+        return None
+    units = units_of(name, top, y, end)
+    return units if max(abs(units.rate), abs(units.length)) > FAR else None
+
+
 def _runner(name: str, top: Problem, tol: float, high_accuracy: bool, compact_mode: bool = False) -> Run:
     tol = check_tolerance(tol)
     key = tol, check_flag(high_accuracy, "high_accuracy"), compact_mode, form_of(top)
@@ -148,6 +169,21 @@ def _runner(name: str, top: Problem, tol: float, high_accuracy: bool, compact_mo
     integrator_here(*key)
 
     def run(y: Array, grid: Array, work: Work) -> Array:
+        if units := far_units(name, top, y, float(grid[-1])):
+            scaled = np.array([units.time(t) for t in grid.tolist()])
+            try:
+                return units.leave(follow(units.enter(y), scaled, work, *in_units(units)))
+            except StepError as error:
+                raise StepError(name, f"{error.reason}, in units of 2^{-units.rate}", step=error.step) from None
+        return follow(y, grid, work, key, numbers)
+
+    def in_units(units: Units) -> tuple[Any, Any]:
+        if isinstance(top, LagrangeTop):
+            return key, (units.alpha,)
+        form = Form(top.field, "J3" in top.conserved, units=True)
+        return (*key[:3], form), (ldexp(1.0, units.length), ldexp(1.0, 2 * units.rate), *numbers)
+
+    def follow(y: Array, grid: Array, work: Work, key: Any, numbers: Any) -> Array:
         ta = integrator_here(*key)  # of the thread that runs
         set_numbers(ta, numbers)
         ta.time = 0.0
@@ -195,7 +231,8 @@ def _check(ta: Any, outcome: Any, steps: int) -> bool:
         return False
     if outcome == hy.taylor_outcome.step_limit:
         return True
-    raise StepError("taylor", f"heyoka: {outcome.name} at t = {ta.time:g}", step=steps)
+    at = f" at t = {ta.time:g}" if math.isfinite(ta.time) else ""
+    raise StepError("taylor", f"heyoka: {outcome.name}{at}", step=steps)
 
 
 @lru_cache(maxsize=8)
@@ -223,9 +260,12 @@ def attitude(
 ) -> Array:
     """Attitude of the frame that turns with J at 0, every·h, …, n·h, (n//every + 1, 4): integrated alongside."""
     ta = copy.deepcopy(compile_body(check_tolerance(tol), bool(high_accuracy)))
-    ta.pars[0] = top.alpha
-    ta.state[:] = np.concatenate((y0, g0))
-    outcome, _, _, steps, _, out = ta.propagate_grid(h * every * np.arange(n // every + 1.0))
+    alpha, y, row = top.alpha, y0, h * every
+    if units := far_units("taylor", top, y0, h):
+        alpha, y, row = units.alpha, units.enter(y0), units.time(row)
+    ta.pars[0] = alpha
+    ta.state[:] = np.concatenate((y, g0))
+    outcome, _, _, steps, _, out = ta.propagate_grid(row * np.arange(n // every + 1.0))
     try:
         _check(ta, outcome, steps)
     except StepError as error:
@@ -244,7 +284,8 @@ def propagate_batch(
     """States (len(times), n, 6) of n tops, `alphas` (n,) and initial states Y0 (n, 6), each on natural steps of its own.
 
     `batch_size` tops share one SIMD register, by default as many as the processor has lanes for; `times` lead away from 0
-    (which may be among them) in one direction. A single top in a batch of one is `taylor` up to round-off.
+    (which may be among them) in one direction. A single top in a batch of one is `taylor` up to round-off. |J| and |x| should
+    be between 2^-FAR and 2^FAR.
     """
     alphas, Y0, times = (np.asarray(a, dtype=np.float64) for a in (alphas, Y0, times))
     if Y0.ndim != 2 or Y0.shape[1] != 6 or not np.all(np.isfinite(Y0)):
@@ -315,6 +356,11 @@ def _advance(
         return done
     times = h * every * np.arange(1.0, steps // every + 1)
     for form, places, numbers in groups:
+        size = np.linalg.norm(Y0[places, 3:], axis=1)
+        rate = np.linalg.norm(Y0[places, :3], axis=1) + np.sqrt(np.abs(numbers[:, 0]) * size)
+        low, high = 2.0**-FAR, 2.0**FAR  # what is beyond needs units: see `far_units`
+        near = (size > low) & (size < high) & (rate > low) & (rate < high)
+        places, numbers = places[near], numbers[near]
         with contextlib.suppress(StepError):
             if not stopped():
                 out[:, places] = _batches(form, numbers, Y0[places], times, tol, recommended_width())
@@ -425,7 +471,9 @@ NATURAL = Method(
     requires="heyoka",
     engine="heyoka",
     advance_many=advance_many,
-    in_field=AnyField(prepare, conserves=frozenset({"J3"}), evaluate=evaluate, advance_many=advance_many_in_field),
+    in_field=AnyField(
+        prepare, conserves=frozenset({"J3"}), needs="smooth", evaluate=evaluate, advance_many=advance_many_in_field
+    ),
 )
 
 ACCURATE_PREPARE, ACCURATE_EVALUATE = variant("taylor_accurate", high_accuracy=True)
@@ -437,7 +485,7 @@ ACCURATE = replace(
     evaluate=ACCURATE_EVALUATE,
     attitude=None,
     advance_many=None,
-    in_field=AnyField(ACCURATE_PREPARE, conserves=frozenset({"J3"}), evaluate=ACCURATE_EVALUATE),
+    in_field=AnyField(ACCURATE_PREPARE, conserves=frozenset({"J3"}), needs="smooth", evaluate=ACCURATE_EVALUATE),
 )
 
 COMPACT_PREPARE, COMPACT_EVALUATE = variant("taylor_compact", compact_mode=True)
@@ -449,7 +497,7 @@ COMPACT = replace(
     evaluate=COMPACT_EVALUATE,
     attitude=None,
     advance_many=None,
-    in_field=AnyField(COMPACT_PREPARE, conserves=frozenset({"J3"}), evaluate=COMPACT_EVALUATE),
+    in_field=AnyField(COMPACT_PREPARE, conserves=frozenset({"J3"}), needs="smooth", evaluate=COMPACT_EVALUATE),
 )
 
 FIXED = Method(

@@ -36,6 +36,7 @@ from integrators.checks import check_count, check_state
 from integrators.paper.errata import Erratum
 from integrators.paper.phase_space import components, sqrt
 from integrators.paper.weierstrass import Weierstrass
+from integrators.precision import workdps
 from integrators.problem.top import LagrangeTop
 from integrators.truth.exact import check_times, solution
 
@@ -181,7 +182,7 @@ def find(alpha: float, y0: tuple[float, ...], digits: int) -> Motion:
     pole_distance = (a * a * (m * m * c1 - l * l)) ** 2  # of the order of (℘(a+) − e2)(e3 − ℘(a-)), times gaps
     lost = sum(decimals(g2**3 / v) for v in (discriminant, pole_distance) if v)  # by differences that nearly vanish
     dps = 2 * (digits + 15) + max(0, lost)  # a turning point costs half of the digits
-    with mp.workdps(dps):
+    with workdps(dps):
         constants = [real(v) for v in (a, m, l, c1, H)]
         slope_d = real(a * (J[0] * x[1] - J[1] * x[0]) / 2)
         slopes = slope_d, real((a * l - m * H + m**3 / 2) / 2)
@@ -234,13 +235,13 @@ def angles(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None) -
 def evaluate(method: Callable[..., Any], top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None) -> NDArray[Any]:
     times = check_times(t, exact=True)
     wanted = DIGITS if digits is None else digits
-    with mp.workdps(15):  # σ grows like e^{t²}: its exponent needs the digits of (t/ω)²
+    with workdps(15):  # σ grows like e^{t²}: its exponent needs the digits of (t/ω)²
         longest = max((abs(v) / motion(top, y0, wanted).wp.omega1 for v in times.ravel()), default=mpf(0))
         guard = int(2 * mp.log10(longest + 1))
     prepared = motion(top, y0, wanted + -(-guard // 8) * 8)
-    with mp.workdps(prepared.dps):
+    with workdps(prepared.dps):
         values = [method(prepared, mpf(v)) for v in times.ravel()]
-    with mp.workdps(wanted):
+    with workdps(wanted):
         table = np.array([[+v for v in row] for row in values], dtype=object)
     table = table.reshape(*times.shape, 4 if method is Motion.angles else 6)
     return table if digits is not None else table.astype(float)
@@ -259,7 +260,7 @@ def theta_residual(rng: Random, shift: int) -> float:
     """|cos θ of (4.5) − x3| with ℘ in the paper's scaling, at z = √(alpha/2)(t − t0) + shift · ω3, x3 lowest at t0."""
     top, y = random_unit_top(rng)
     t = rng.uniform(0.2, 0.8)
-    with mp.workdps(30):
+    with workdps(30):
         orbit = motion(top, y, 30)
         root = mp.sqrt(orbit.alpha / 2)
         wp = Weierstrass(orbit.wp.g2 / root**4, orbit.wp.g3 / root**6)

@@ -26,6 +26,7 @@ from mpmath import mp
 from integrators.paper.errata import Erratum
 from integrators.paper.euler_angles import function, to_angles
 from integrators.paper.phase_space import Numbers, ladder, sqrt
+from integrators.precision import workdps
 from integrators.problem.top import LagrangeTop
 
 Pair = tuple[Any, Any]
@@ -170,7 +171,7 @@ def elliptic_residual(rng: Random, printed: bool, readings: Any = (0, 0, 0, 0)) 
     truth = complex(momenta(top, lam, 1.0, l, old, new, k)[0])
     if not printed:
         return abs(complex(gradient(top, lam, 1.0, l, old, new, k)[0]) - truth)
-    with mp.workdps(20):
+    with workdps(20):
         h, (theta, phi) = mp.mpf(10) ** -8, (mp.mpc(v) for v in old)
         shifted = [(theta + sign * h, phi) for sign in (1, -1)]
         partner = (mp.mpc(new[0]), mp.mpc(new[1]))

@@ -27,12 +27,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import scipy.linalg
 
 from integrators.paper.gaudin_model import GaudinMagnet, check_parameter, check_upper
 from integrators.paper.lax import check_sheet
 from integrators.paper.phase_space import E3, Numbers, sqrt
 
-STRIDE = 1 / 16  # longest stride, as a share of the segment, when a root is followed
+STRIDE = 1 / 16  # longest interval of the grid, as a share of the segment
 NODES = 14  # of the quadrature, per stride
 FACTORS = 16  # steps that are composed, at most
 
@@ -49,7 +50,7 @@ def eigenvalue(magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site:
     ell = magnet.vector(spins, lam)
     v = sqrt(np.sum(ell * ell))
     v = v[()] if isinstance(v, np.ndarray) else v
-    guess = _follow(magnet, spins, lam, site)[2][-1]
+    guess = complex(_follow(magnet, spins, lam, site)[1](np.ones(1))[0])
     if site is not None:
         guess /= complex(lam) - complex(magnet.sites[site])
     same = (complex(v) * guess.conjugate()).real >= 0
@@ -58,11 +59,13 @@ def eigenvalue(magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site:
 
 def _follow(
     magnet: GaudinMagnet, spins: Any, lam: Any, site: int | None
-) -> tuple[Callable[[Numbers], Numbers], Numbers, Numbers]:
+) -> tuple[Callable[[Numbers], Numbers], Callable[[Numbers], Numbers], Numbers]:
     """w = (u − a_site) v (site None: v) on sheet 1 along u = start + t (λ − start), in double.
 
-    Returns w² as a function of t (m,), and a grid from 0 to 1 with the w on it. From one point of the grid to the next
-    w² changes by half at most: w turns by less than 30 degrees, and branch points are two strides away.
+    Returns w² and w as functions of t (m,), and a grid from 0 to 1. Its intervals are no longer than the distance of each of
+    their points from the nearest site and branch point, so w is smooth on each of them. The w serves to choose a root of w²:
+    it is the product of the principal roots √(1 − z/(u_i − start)), z = u − start, over the branch points u_i, and none of
+    these jumps unless u_i lies on the segment.
     """
     start = complex(_start(magnet, lam, site))
     length = complex(lam) - start
@@ -79,23 +82,42 @@ def _follow(
         values: Numbers = np.sum(ell * ell, axis=1)
         return values
 
-    old = complex(square(np.zeros(1))[0])
-    if old == 0:
+    first = complex(square(np.zeros(1))[0])
+    if first == 0:
         raise ValueError(f"spins: {'ℓ(Re lam)' if site is None else f'the one at site {site}'} is zero")
-    grid, roots, stride = [0.0], [np.sqrt(old)], STRIDE
+    zeros, poles = branch_points(magnet, spins) - start, -gaps
+    zeros = zeros[zeros != 0]
+
+    def root(t: Numbers) -> Numbers:
+        z = t[:, None] * length
+        w: Numbers = np.sqrt(first) * np.prod(np.sqrt(1 - z / zeros), axis=1) / np.prod(1 - z / poles, axis=1)
+        return w
+
+    grid, near = [0.0], np.concatenate((zeros, poles)) / length
     while grid[-1] < 1:
-        t = min(grid[-1] + stride, 1.0)
-        new = complex(square(np.array((t,)))[0])
-        if not abs(new - old) <= 0.5 * abs(old):
-            stride /= 2
-            if stride < 1e-12:
-                raise ValueError(f"lam = {lam}: a branch point of the curve lies on the segment to it")
-            continue
-        root = np.sqrt(new)
-        roots.append(root if (root * roots[-1].conjugate()).real >= 0 else -root)
-        grid.append(t)
-        old, stride = new, min(2 * stride, STRIDE)
-    return square, np.array(grid), np.array(roots)
+        stride = min(STRIDE, 0.5 * np.min(np.abs(near - grid[-1]), initial=1.0))
+        if stride < 1e-12:
+            raise ValueError(f"lam = {lam}: a branch point of the curve lies on the segment to it")
+        grid.append(min(grid[-1] + stride, 1.0))
+    return square, root, np.array(grid)
+
+
+def branch_points(magnet: GaudinMagnet, spins: Any) -> Numbers:
+    """The zeros of v², in double; each site without a spin is one twice.
+
+    v² = α² + Σ H_j/(u − a_j) + C_j/(u − a_j)² is a transfer function, c (u − A)⁻¹ b + α² with a block of two for each site. Its
+    zeros are the eigenvalues of a pencil, better conditioned than the roots of Q.
+    """
+    n = len(magnet)
+    A, N = np.zeros((2 * n + 1, 2 * n + 1), dtype=complex), np.eye(2 * n + 1)
+    H, C, N[-1, -1] = magnet.hamiltonians(spins), magnet.casimirs(spins), 0.0
+    for j, site in enumerate(magnet.sites):
+        A[2 * j, 2 * j] = A[2 * j + 1, 2 * j + 1] = complex(site)
+        A[2 * j, 2 * j + 1], A[-1, 2 * j] = 1.0, -1.0
+        A[2 * j, -1], A[2 * j + 1, -1] = complex(H[j]), complex(C[j])
+    A[-1, -1] = -(float(magnet.alpha) ** 2)
+    found: Numbers = scipy.linalg.eigvals(A, N)
+    return found[np.isfinite(found)]
 
 
 def _start(magnet: GaudinMagnet, lam: Any, site: Any) -> Any:
@@ -138,14 +160,15 @@ def times(magnet: GaudinMagnet, spins: Any, lams: Any, sheet: int = 1, site: int
 def _segment(magnet: GaudinMagnet, spins: Any, lam: complex, site: int | None, sites: Numbers) -> Numbers:
     """i ∫ du/(2v (u − a_j)) from λ down the segment to its start and up the conjugate one.
 
-    Gauss-Legendre between the points of the grid along which v is followed: full accuracy with few nodes.
+    Gauss-Legendre between the points of a grid that keeps its distance from sites and branch points: full accuracy with few
+    nodes.
     """
-    square, grid, roots = _follow(magnet, spins, lam, site)
+    square, root, grid = _follow(magnet, spins, lam, site)
     x, weights = np.polynomial.legendre.leggauss(NODES)
     stride = np.diff(grid)[:, None]
     t = (grid[:-1, None] + stride * (x + 1) / 2).ravel()
-    v: Numbers = np.sqrt(square(t)).reshape(-1, NODES)
-    v = np.where((v * roots[:-1, None].conj()).real < 0, -v, v).ravel()
+    v: Numbers = np.sqrt(square(t))
+    v = np.where((v * root(t).conj()).real < 0, -v, v)
     length = lam - complex(_start(magnet, lam, site))
     v = v if site is None else v / (t * length)
     u = lam + (t - 1) * length

@@ -45,6 +45,7 @@ from mpmath import mp
 from integrators.paper.gaudin_curve import pade_roots, spectral_polynomial
 from integrators.paper.gaudin_model import GaudinMagnet
 from integrators.paper.phase_space import Numbers
+from integrators.precision import workdps
 
 DIGITS = 24  # of the first run, and two more for each spin
 AGREE = 1e-18  # of λ and of the turn, relative, between two runs with different numbers of digits
@@ -83,7 +84,7 @@ def exact_step(magnet: GaudinMagnet, spins: Any, times: Any) -> ExactStep:
     digits, before = DIGITS + 2 * len(magnet), None
     while digits <= MOST_DIGITS:
         try:
-            with mp.workdps(digits):
+            with workdps(digits):
                 found = _exact_step(magnet, spins, base, times)
         except ArithmeticError:  # so few digits that a polynomial lost its positivity
             found = None
@@ -110,7 +111,7 @@ def _distance(a: tuple, b: tuple) -> float:
 
 
 def _rounded(lams: list, v: list, angle: Any) -> ExactStep:
-    with mp.workdps(50):
+    with workdps(50):
         turn = Fraction(int(mp.floor(angle / (2 * mp.pi) * mp.mpf(2) ** 128)) % 2**128, 2**128)
     return ExactStep(np.array([complex(x) for x in lams]), np.array([complex(x) for x in v]), turn)
 

@@ -37,6 +37,7 @@ from integrators.paper.gaudin_curve import eigenvalue, pade_parameters
 from integrators.paper.gaudin_doubling import exact_step
 from integrators.paper.gaudin_model import GaudinMagnet, check_upper
 from integrators.paper.phase_space import Numbers
+from integrators.precision import workdps
 
 PIN = 8  # steps between two corrections of |s_j|
 OFF_TORUS = 1e-9  # relative distance of an invariant from the prepared torus that is no longer round-off
@@ -154,7 +155,7 @@ class MagnetStepper(Stepper):
         self.dtype = sites.dtype if sites.dtype.kind == "c" else np.dtype(float)
         self.lams = np.array([check_upper(magnet, complex(lam), "lams") for lam in np.atleast_1d(lams)], dtype=complex)
         self.turn, self.follow = turn, False
-        with mp.workdps(34):  # so that what is kept is correctly rounded
+        with workdps(34):  # so that what is kept is correctly rounded
             fine = GaudinMagnet(tuple(mp.mpmathify(a) for a in magnet.sites), mp.mpmathify(magnet.alpha))
             exactly = np.array([[mp.mpmathify(v) for v in s] for s in spins.tolist()])
             if v is None:

@@ -26,6 +26,7 @@ from integrators.paper.errata import Erratum
 from integrators.paper.euler_angles import function
 from integrators.paper.eulerian import Pair, root_near
 from integrators.paper.phase_space import Numbers, cartesian, ladder, sqrt
+from integrators.precision import workdps
 from integrators.problem.top import LagrangeTop
 
 # ---------------------------------------------------------------- the top
@@ -184,7 +185,7 @@ def random_point(rng: Random) -> tuple[LagrangeTop, Any, Any, Pair, Pair, Any]:
 def contraction_residual(rng: Random, sign: int, second: bool, power: int) -> float:
     """|(5.2.9) − (5.2.11)|/ε^power at ε = 1e-20 in 70 digits; `sign` of iεζ_2/λ, `second`: with the term O(ε)."""
     top, lam, l, old, new, k = random_point(rng)
-    with mp.workdps(70):
+    with workdps(70):
         eps, lam, l, k = mp.mpf(10) ** -20, mp.mpc(lam), mp.mpc(l), mp.mpc(k)
         old, new = ((mp.mpc(a), mp.mpc(b)) for a, b in (old, new))
         sites, squares, minus, plus, near = contraction_arguments(mp.mpf(1), l, mp.mpf(2), old, new, k, eps)

@@ -41,6 +41,7 @@ from integrators.paper.phase_space import (
     vector_field,
 )
 from integrators.paper.two_point import Point, check_upper, point, pole_free
+from integrators.precision import workdps
 from integrators.problem.top import LagrangeTop
 
 PANELS = (1, 4, 16)  # of the quadrature, more where a root of Q is close to the segment
@@ -230,7 +231,7 @@ def _curve(rng: Random, printed: bool) -> float:
 def _physical_limit(rng: Random, sign: int) -> float:
     """(5.6.5) at λ2 = iη, η = 1e-25, with the μ2 of (5.6.9), against sign · (i/2u)[σ·x, L(u)]; C1 = 1."""
     top, y, _ = _real_step(rng)
-    with mp.workdps(90):
+    with workdps(90):
         state = _numbers(y)
         state[3:] /= mp.sqrt(sum(v * v for v in state[3:]))
         eta, u = mp.mpf(10) ** -25, mp.mpf(0.5 + rng.random())

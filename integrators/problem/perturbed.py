@@ -18,7 +18,7 @@ import random
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
-from itertools import chain, combinations, islice
+from itertools import chain, combinations
 from typing import Any
 
 import numpy as np
@@ -28,12 +28,13 @@ from integrators.checks import check_real
 from integrators.compiling.compiled import jit_as
 from integrators.compiling.expression import Program, Tape, Term, record, take
 from integrators.compiling.unroll import unrolled
+from integrators.precision import workdps
 from integrators.problem.top import Array, LagrangeTop, hat
 
-OFFERS = ("force", "quadratic", "linear")  # what a method may need of a field
 POINTS = 6  # random points at which two formulas that are not the same are told apart
 DIGITS = 50
-BRANCHES = 64  # other signs of roots that are tried
+ROOTS = 6  # at most: each combination of their signs is tried
+FAR = (1 / 16, -1 / 4, 4, -4, 16, -16)  # where gradients are compared too: a wall may stand there
 SAME = 1e-8  # relative difference between a gradient that is given and the one that is derived
 Vector = tuple[Any, Any, Any]
 Point = tuple[float, float, float]
@@ -140,11 +141,13 @@ class Formula:
         return tape.program((*g, *(entry for column in columns for entry in column)))
 
     @cached_property
-    def branches(self) -> list[Program]:
-        """`bends` with other signs of its roots, at most BRANCHES of them."""
-        roots = self.bends.roots(3)
-        flips = chain.from_iterable(combinations(roots, n) for n in range(1, len(roots) + 1))
-        return [self.bends.branch(flipped) for flipped in islice(flips, BRANCHES)]
+    def branches(self) -> list[Program] | None:
+        """`bends` with other signs of its roots; of those that have a corner if there are many; None if of these, too."""
+        for roots in (self.bends.roots(3), self.bends.corners(3)):
+            if len(roots) <= ROOTS:
+                flips = chain.from_iterable(combinations(roots, n) for n in range(1, len(roots) + 1))
+                return [self.bends.branch(flipped) for flipped in flips]
+        return None
 
     @cached_property
     def derived(self) -> Program:
@@ -288,13 +291,18 @@ class PerturbedTop:
         formula = self.potential.formula(len(checked))
         object.__setattr__(self, "_formula", formula)
         if formula.given and all(map(np.size, checked)) and (where := _wrong(formula, self.first())):
-            raise ValueError(f"potential {self.potential.name}: gradient is not the derivative of value at x = {where}")
+            raise ValueError(f"potential {self.potential.name}: gradient is not the derivative of value at {where}")
 
     def __hash__(self) -> int:
-        return hash((self.top, self.field, self.numbers))
+        return hash(self.identity)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, PerturbedTop) and (self.numbers, self.field) == (other.numbers, other.field)
+        return isinstance(other, PerturbedTop) and self.identity == other.identity
+
+    @property
+    def identity(self) -> tuple[Any, ...]:
+        """Top, field and parameters; of many their bytes."""
+        return self.top, self.field, *(v.tobytes() if isinstance(v, np.ndarray) else v for v in self.parameters)
 
     def __reduce__(self) -> Any:  # functions typed at a prompt cannot be pickled, what was recorded of them can
         formula, potential = self.formula, self.potential
@@ -360,9 +368,13 @@ class PerturbedTop:
 
     @cached_property
     def offers(self) -> frozenset[str]:
-        """What methods may rely on: "force", always; "quadratic", a linear force; "linear", a uniform one."""
-        nature = self.nature
-        return frozenset({"force", *(("quadratic",) * nature.quadratic), *(("linear",) * nature.linear)})
+        """What methods may rely on: "force", always; "smooth", no corners; "quadratic", a linear force; "linear", a uniform one.
+
+        A root of a square, √(w²), has a corner where w changes its sign.
+        """
+        nature, smooth = self.nature, not self.field.potential.corners(3)
+        kinds = {"smooth": smooth or nature.quadratic, "quadratic": nature.quadratic, "linear": nature.linear}
+        return frozenset({"force", *(name for name, offered in kinds.items() if offered)})
 
     @cached_property
     def conserved(self) -> frozenset[str]:
@@ -453,20 +465,26 @@ class PerturbedTop:
         return G
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
-        """Scales of J, of x and of time that errors are judged by: those of the top without V, where it has any."""
-        rate, size, time = self.top.scales(y)
-        if math.isfinite(time):
-            return rate, size, time
-        force = math.hypot(*map(float, self.gradient(*np.asarray(y, dtype=float)[3:])))
-        rate = math.sqrt(force * size)
+        """Scales of J, of x and of time that errors are judged by.
+
+        Those of the top without V; where √(|∇U||x|) is larger than its rate, this is the rate.
+        """
+        rate, size, _ = self.top.scales(y)
+        try:
+            force = math.hypot(*map(float, self.gradient(*np.asarray(y, dtype=float)[3:].tolist())))
+        except (ZeroDivisionError, OverflowError):  # at a singularity
+            force = math.inf
+        if math.isfinite(force):
+            rate = max(rate, math.sqrt(force) * math.sqrt(size))
         return rate, size, (1.0 / rate if rate > 0 else math.inf)
 
     def invariant_scales(self, y: ArrayLike) -> Array:
         """Sizes of the terms in H, J3, C1, C2 at one state: what relative drift and ulps refer to; shape (4,)."""
-        x = np.asarray(y, dtype=float)[3:]
-        scales = self.top.invariant_scales(y)
-        scales[0] += abs(float(self.energy(*x)) - self.alpha * x[2])
-        return scales
+        rate, size, _ = self.scales(y)
+        *J, x1, x2, x3 = np.asarray(y, dtype=float).tolist()
+        weight = self.alpha * x3
+        H = math.hypot(*J) ** 2 / 2 + abs(self.alpha) * size + abs(float(self.energy(x1, x2, x3)) - weight)
+        return np.array((H, rate, size * size, size * rate))
 
 
 def _rebuild(
@@ -561,9 +579,8 @@ def _looks(formula: Formula, parameters: tuple[float, ...]) -> Nature | None:
     Formulas that are the same everywhere are so there, and others differ there. But a root of a square is a formula on one
     side of a plane and another one on the other. So a field is only what it is with either sign of its roots, too.
     """
-    import mpmath
 
-    with mpmath.workdps(DIGITS):
+    with workdps(DIGITS):
         found = [
             values for values in _values(formula.bends, parameters, _points()) if not any(map(_imaginary, values[1]))
         ]
@@ -571,6 +588,8 @@ def _looks(formula: Formula, parameters: tuple[float, ...]) -> Nature | None:
             return None
         kind = _kind(found)
         if kind != PLAIN:
+            if formula.branches is None:
+                return PLAIN
             for branch in formula.branches:
                 found += _values(branch, parameters, _points()[:2])
             kind = _kind(found)
@@ -604,23 +623,39 @@ def _kind(found: Sequence[tuple[Point, list[Any]]]) -> Nature:
     def same(part: slice) -> bool:
         return all(abs(v - w) <= least for _, values in found for v, w in zip(values[part], first[part], strict=True))
 
+    def offset(x: Point, values: list[Any]) -> list[Any]:
+        """∇V − V'' x, the same everywhere only if ∇V does not jump."""
+        return [values[i] - dot(values[3 + i :: 3], x) for i in range(3)]
+
+    ends = [offset(*one) for one in found]
     return Nature(
         linear=same(slice(3)) and all(abs(v) <= least for _, values in found for v in values[3:]),
-        quadratic=same(slice(3, None)),
+        quadratic=same(slice(3, None))
+        and all(abs(v - w) <= least for end in ends for v, w in zip(end, ends[0], strict=True)),
         axisymmetric=all(abs(values[0] * x[1] - values[1] * x[0]) <= least for x, values in found),
     )
 
 
-def _wrong(formula: Formula, parameters: tuple[float, ...]) -> tuple[float, ...] | None:
-    """A point where a given gradient is not the derivative of the value."""
+@lru_cache(maxsize=4096)
+def _wrong(formula: Formula, parameters: tuple[float, ...]) -> str:
+    """Where a given gradient is not the derivative of the value, "" if it is, at random points near and far.
+
+    With these parameters and with random ones: a mistake in a term shows only where its parameter is not 0.
+    """
+    import mpmath
+
     assert formula.given is not None
-    for point in _points():
-        try:
-            one = [float(v) for v in formula.given(*point, *parameters)]
-            other = [float(v) for v in formula.derived(*point, *parameters)]
-        except (ZeroDivisionError, OverflowError):
-            continue
-        size = max(map(abs, (*one, *other)))
-        if math.isfinite(size) and any(abs(a - b) > SAME * size for a, b in zip(one, other, strict=True)):
-            return point
-    return None
+    draw = random.Random("generic parameters")
+    points = [*_points(), *((r * x1, r * x2, r * x3) for r in FAR for x1, x2, x3 in _points())]
+    with workdps(DIGITS):
+        for numbers in (parameters, tuple(draw.uniform(0.1, 1) for _ in parameters)):
+            for point in points:
+                found = []
+                for program in (formula.given, formula.derived):
+                    found += [values[:3] for _, values in _values(program, numbers, [point])]
+                if len(found) < 2 or any(map(_imaginary, (*found[0], *found[1]))):
+                    continue
+                size = max(map(abs, (*found[0], *found[1])))
+                if any(mpmath.mpf(abs(a - b)) > SAME * size for a, b in zip(*found, strict=True)):
+                    return f"x = {point}" + (f", parameters {numbers}" if numbers else "")
+    return ""

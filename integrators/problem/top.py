@@ -24,7 +24,7 @@ from integrators.words import suggestion
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LagrangeTop:
     """A symmetric heavy top with weight parameter `alpha` (m g l / A for a real one). Hashable, picklable.
 
@@ -52,6 +52,17 @@ class LagrangeTop:
         if not math.isfinite(alpha):
             raise ValueError(f"alpha must be finite; got {alpha}")
         object.__setattr__(self, "alpha", alpha)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, LagrangeTop) and self.identity == other.identity
+
+    def __hash__(self) -> int:
+        return hash(self.identity)
+
+    @property
+    def identity(self) -> float | bytes:
+        """alpha, or the bytes of many."""
+        return self.alpha.tobytes() if isinstance(self.alpha, np.ndarray) else self.alpha
 
     def single(self) -> float:
         """alpha; ValueError if there are many."""

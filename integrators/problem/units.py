@@ -111,6 +111,11 @@ class Units:
         return complex(ldexp(lam.real, shift), ldexp(lam.imag, shift))
 
 
+def units_of(method: str, problem: LagrangeTop | PerturbedTop, y0: Array, h: float) -> Units:
+    """The units of a top in a uniform field or in any."""
+    return Units(problem, y0, h) if isinstance(problem, LagrangeTop) else units_in_field(method, problem, y0, h)
+
+
 def units_in_field(method: str, problem: PerturbedTop, y0: Array, h: float) -> Units:
     """The same for a top in any field: its force at y0 counts where it is larger than the weight.
 

@@ -6,8 +6,6 @@ doubles are taken as they are: |x| is not normalised.
 
 In doubles the error is below 4e-15 of `LagrangeTop.scales`, the same at t = 1 and t = 1e6: whole periods, known to
 twice the precision, are taken off t without rounding before anything else is computed.
-
-mpmath's precision is global: calls from several threads must not overlap.
 """
 
 from __future__ import annotations
@@ -22,6 +20,7 @@ from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
 from integrators.checks import check_count, check_state
+from integrators.precision import workdps
 from integrators.problem.top import LagrangeTop
 from integrators.truth.orbit import (
     Nutation,
@@ -182,7 +181,7 @@ def prepared(alpha: float, y0: tuple[float, ...]) -> tuple[Orbit, Clock]:
     """The orbit with its constants rounded to doubles, and its clock."""
     orbit = find(alpha, y0, DIGITS)
     motion = orbit.motion
-    with mp.workdps(DIGITS + 15):
+    with workdps(DIGITS + 15):
         if isinstance(motion, Rotation):
             t0 = turns = phase = mpf(0)
         else:
@@ -275,15 +274,15 @@ def fraction(a: Array) -> Array:
 
 def in_mpmath(alpha: float, y0: tuple[float, ...], times: list[Any], digits: int) -> list[list[mpf]]:
     """States at `times`, to `digits` digits."""
-    with mp.workdps(digits + 10):
+    with workdps(digits + 10):
         rate = find(alpha, y0, DIGITS).rate
         latest = max((abs(mp.ldexp(mpf(t), rate)) for t in times), default=mpf(0))
         guard = 10 + max(0, int(mp.log10(latest + 1)))  # periods and phases grow with t
     needed = -(-(digits + guard) // 16) * 16  # in steps, so that orbits are found again
     orbit = find(alpha, y0, needed)
-    with mp.workdps(needed + 15):
+    with workdps(needed + 15):
         states = [in_mpmath_at(orbit, mp.ldexp(mpf(t), rate)) for t in times]
-    with mp.workdps(digits):
+    with workdps(digits):
         return [[+v for v in state] for state in states]
 
 

@@ -42,6 +42,8 @@ from typing import Any
 
 from mpmath import mp, mpf
 
+from integrators.precision import workdps
+
 Vector = tuple[Any, ...]  # of mpf, mpc, float or complex
 
 
@@ -142,7 +144,7 @@ def find_orbit(alpha: float, y0: tuple[float, ...], digits: int) -> Orbit:
         tuple(Fraction(v) * power_of_two(-rate) for v in y0[:3]),
         tuple(sign * Fraction(v) * power_of_two(-size) for v in y0[3:]),
     )
-    with mp.workdps(digits + 15):
+    with workdps(digits + 15):
         if state.alpha == 0:
             orbit = free(state)
         elif state.velocity == 0 and state.acceleration == 0:
@@ -319,7 +321,7 @@ def distances(state: State, digits: int) -> Distances:
     """All distances to `digits` digits: the working precision is raised by what the subtractions cancel."""
     working = digits + 15
     while True:
-        with mp.workdps(working):
+        with workdps(working):
             d = distances_now(state)
         smallest = min(abs(v) for part in (d.gaps, d.start, d.J, d.A, d.B) for v in part if v)
         if smallest > mpf(10) ** (digits + 5 - working):

@@ -10,7 +10,7 @@ What is integrated is the program of the problem's gradient, with its constants 
 own would turn a division by a double into a product with the rounded reciprocal.
 
 Results are kept, in memory and in the folder `reference` of the user's cache directory (LAGRANGE_BENCH_CACHE moves it,
-empty switches it off). Neither engine may be called from several threads at once.
+empty switches it off). Calls from several threads wait for each other.
 
 Source: Jorba & Zou, Exp. Math. 14 (2005) 99 (order and step); Biscani & Izzo, MNRAS 504 (2021) 2614 (heyoka); Benettin,
 Galgani, Giorgilli & Strelcyn, Meccanica 15 (1980) 9 and 21 (the Lyapunov exponent).
@@ -34,6 +34,7 @@ from integrators.checks import check_choice, check_real, check_state, check_time
 from integrators.compiling.expression import Program, Tape
 from integrators.files import cache_folder, write_file
 from integrators.interface import StepError
+from integrators.precision import ONE_AT_A_TIME, workdps
 from integrators.problem.perturbed import PerturbedTop, cross
 from integrators.problem.units import ldexp
 from integrators.truth.exact import rounded_off
@@ -47,6 +48,7 @@ TANGENT = 1e-20  # of a run for the Lyapunov exponent: its growth is wanted to a
 DIGITS = 40  # of mpmath
 PAIR = 2.0**-105  # what a number loses as a pair of doubles
 SHORTEST = 1e-12  # step, in units of the motion: only a singularity asks for less
+FARTHEST = 1e9  # units of the motion: hours of computing
 SEGMENT = 2.0  # units of the motion between two renormalisations of a tangent vector
 
 
@@ -82,7 +84,7 @@ def solution(problem: PerturbedTop, y0: ArrayLike, t: ArrayLike, engine: str | N
     Raises
     ------
     ValueError : an argument is malformed, or y0 lies at a singularity of the potential.
-    StepError : the motion runs into a singularity.
+    StepError : the motion runs into a singularity; the potential has corners; t is too far to be reached.
     """
     times = check_times(t)
     return _solution(problem, y0, times, np.zeros_like(times), engine)
@@ -168,6 +170,9 @@ class Orbit:
         known = engines()
         self.engine = known[0] if engine is None else check_choice(engine, "engine", known)
         problem.check_state(y)
+        if "smooth" not in problem.offers:
+            what = f"the potential {problem.potential.name} has corners, roots of squares, and no series goes on there"
+            raise StepError("reference", f"there is no reference solution: {what}")
         self.problem, self.y0, self.tangent = problem, y, tangent
         self.rate, self.size, _ = problem.scales(y)
         powers = [round(math.log2(v)) if 0.0 < v < math.inf else 0 for v in (self.rate, self.size)]
@@ -200,6 +205,7 @@ class Orbit:
 
     def run(self, tolerance: float, times: Array, more: Array) -> Array:
         """States (N, 2, 6), heads and tails."""
+        self.check_span(float(np.max(np.abs(times), initial=0.0)))
         start = np.array((np.ldexp(self.y0, -self.exponents), np.zeros(6)))
         out = np.empty((len(times), 2, 6))
         runner = self.runner(tolerance)
@@ -214,16 +220,23 @@ class Orbit:
             states: Array = np.ldexp(out, self.exponents)
         return states
 
+    def check_span(self, t: float) -> None:
+        """StepError if a time is too far to be reached."""
+        if ldexp(t, self.clock) > FARTHEST:
+            raise StepError("reference", f"|t| = {t:g} is over {FARTHEST:g} time scales: more steps than can be taken")
+
     def advance(self, runner: Any, start: Array, times: Array, since: float = 0.0) -> Array:
         try:
             states: Array = runner.states(start, times)
         except Singularity as error:
-            time = math.ldexp(since + error.args[0], -self.clock)
-            raise StepError("reference", f"the motion runs into a singularity at t = {time:g}") from None
+            time = since + error.args[0]  # NaN if the first step fails
+            at = f" at t = {math.ldexp(time, -self.clock):g}" if math.isfinite(time) else ""
+            raise StepError("reference", f"the motion runs into a singularity{at}") from None
         return states
 
     def growth(self, t: float) -> Iterator[tuple[float, float]]:
         """Times up to |t| and log(|v|/|v(0)|) there, along the orbit forward or backward."""
+        self.check_span(abs(t))
         runner = self.runner(TANGENT)
         v = np.cos(np.arange(1.0, 7.0))
         y = np.zeros((2, 12))
@@ -339,7 +352,7 @@ class Mpmath:
         """As `Heyoka.states`."""
         n = len(self.program.outputs)
         out = np.empty((len(times), 2, n))
-        with mp.workdps(DIGITS):
+        with workdps(DIGITS):
             y, now = [mpf(a) + mpf(b) for a, b in start.T], mpf(0)
             wanted = [mpf(a) + mpf(b) for a, b in times]
             done, backward = 0, wanted[-1] < 0
@@ -447,16 +460,17 @@ def _kept(key: bytes, shape: tuple[int, ...], compute: Callable[[], Array]) -> A
     A file holds the table's bytes behind a digest of them and the key: one that is damaged, or lies under another's
     name, does not match and is written anew.
     """
-    if key not in _memory:
-        table = _stored(key, shape)
-        if table is None:
-            table = np.ascontiguousarray(compute(), dtype="<f8")
-            _store(key, table)
-        table.flags.writeable = False
-        while len(_memory) >= MOST_KEPT:
-            del _memory[next(iter(_memory))]
-        _memory[key] = table
-    return _memory[key]
+    with ONE_AT_A_TIME:  # the engines have a state
+        if key not in _memory:
+            table = _stored(key, shape)
+            if table is None:
+                table = np.ascontiguousarray(compute(), dtype="<f8")
+                _store(key, table)
+            table.flags.writeable = False
+            while len(_memory) >= MOST_KEPT:
+                del _memory[next(iter(_memory))]
+            _memory[key] = table
+        return _memory[key]
 
 
 def _place(key: bytes) -> Path | None:

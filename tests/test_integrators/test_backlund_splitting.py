@@ -261,7 +261,7 @@ def test_output_on_the_way_is_corrected_output():
 
 def test_it_says_where_it_is_the_wrong_method():
     top, y, unit = problem("strong_tide")
-    with pytest.warns(bs.StepWarning, match="blanes_moan6 or taylor costs less"):
+    with pytest.warns(bs.StepWarning, match="blanes_moan6 costs less"):
         prepare(PerturbedTop(top.top, POTENTIALS["tide"], (3.0, 1.0, 0.0, 0.0)), y, 0.1 * unit, NAME)
     with pytest.warns(bs.StepWarning, match="near resonance"):
         prepare(top, y, 1.5 * unit, NAME)

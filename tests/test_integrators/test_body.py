@@ -10,6 +10,8 @@ from integrators import (
     METHODS,
     TOPS,
     HeavyTop,
+    LagrangeTop,
+    StepError,
     available,
     integrate,
 )
@@ -89,6 +91,22 @@ def test_small_steps_and_one_large_one_agree():
     fine = integrate(named.top, named.state, 0.01, 1000, attitude=True).attitude[-1]
     coarse = integrate(named.top, named.state, 10.0, 1, attitude=True).attitude[-1]
     assert min(np.max(np.abs(fine - coarse)), np.max(np.abs(fine + coarse))) < 1e-13
+
+
+@pytest.mark.parametrize(("h", "steps"), [(40.0, 1), (45.0, 1), (100.0, 4), (1000.0, 1), (-45.0, 2)])
+def test_an_unstable_sleeping_top_turns_at_a_constant_rate(h, steps):
+    """There is no nutation to divide a long step by."""
+    run = integrate(LagrangeTop(1.0), (0.0, 0.0, 1.0, 0.0, 0.0, 1.0), h, steps, attitude=True)
+    assert abs(math.remainder(run.euler_angles()[-1, 1] - h * steps, 2 * math.pi)) < 1e-12
+
+
+def test_a_long_step_to_the_unstable_vertical_is_many_short_ones():
+    named = TOPS["homoclinic"]
+    coarse = integrate(named.top, named.state, 25.0, 1, attitude=True).attitude[-1]
+    fine = integrate(named.top, named.state, 0.5, 50, attitude=True).attitude[-1]
+    assert min(np.max(np.abs(fine - coarse)), np.max(np.abs(fine + coarse))) < 1e-6  # round-off grows exponentially
+    with pytest.raises(StepError, match="the orbit is unstable"):
+        integrate(named.top, named.state, 100.0, 1, attitude=True)
 
 
 def test_attitude_turns_with_the_angular_velocity():

@@ -7,7 +7,18 @@ import numpy as np
 import pytest
 import scipy.integrate
 
-from integrators import METHODS, TOPS, LagrangeTop, StepError, available, integrate, prepare
+from integrators import (
+    METHODS,
+    POTENTIALS,
+    TOPS,
+    LagrangeTop,
+    StepError,
+    available,
+    exact,
+    integrate,
+    integrate_ensemble,
+    prepare,
+)
 from integrators.compiling.expression import sqrt
 from integrators.methods import taylor
 from integrators.problem.perturbed import PerturbedTop, Potential
@@ -62,10 +73,10 @@ EXACT = {name: truth(problem, TIMES) for name, problem in FIELDS.items()}
 def test_error(name, field):
     options, most = SETTINGS[name]
     problem = FIELDS[field]
-    for t, exact in zip(TIMES, EXACT[field], strict=True):
+    for t, right in zip(TIMES, EXACT[field], strict=True):
         h = math.copysign(0.05, t)
         end = prepare(problem, Y0, h, name, **options).advance(Y0, round(t / h))
-        assert error(problem, end, exact) <= most
+        assert error(problem, end, right) <= most
         assert error(NOTHING, end, integrate(LagrangeTop(1.0), Y0, t=[t]).y[0]) > 1e-3  # not the top without V
 
 
@@ -76,8 +87,8 @@ def test_output_at_any_times(name, field):
     ends = integrate(FIELDS[field], Y0, t=[*TIMES, 0.0], method=name, **options)
     assert np.array_equal(ends.y[2], Y0)
     assert ends.work.steps > 0
-    for y, exact in zip(ends.y[:2], EXACT[field], strict=True):
-        assert error(FIELDS[field], y, exact) <= most
+    for y, right in zip(ends.y[:2], EXACT[field], strict=True):
+        assert error(FIELDS[field], y, right) <= most
     rows = prepare(FIELDS[field], Y0, 0.25, name, **options).record(Y0, 20, 10)
     assert error(FIELDS[field], rows[1], truth(FIELDS[field], [2.5])[0]) <= most
 
@@ -143,6 +154,41 @@ def test_into_a_singularity(name):
         prepare(problem, y, 0.05, name).advance(y, 400)
     with pytest.raises(ValueError, match="the potential pole is not finite"):
         prepare(problem, np.array((0.0, 0.0, 1.0, 0.0, 0.0, 1.0)), 0.05, name)
+
+
+@pytest.mark.parametrize("spin", [0.3, 0.0])
+def test_lsoda_does_not_step_over_a_pole(spin):
+    """Its steps do not see this one: the energy does."""
+    pole = PerturbedTop(LagrangeTop(0.0), POTENTIALS["charge"], (1.0, 1.0, 0.0, 0.0))
+    with pytest.raises(StepError, match=r"lsoda: .* its energy is off"):
+        integrate(pole, (0.0, spin, 0.0, 0.6, 0.0, 0.8), t=[5.0], method="lsoda")
+
+
+@needs_heyoka
+@pytest.mark.parametrize("name", ["taylor", "taylor_accurate", "taylor_compact"])
+@pytest.mark.parametrize("power", [-300, -53, -31, 31, 300])
+def test_taylor_in_any_units_of_time(name, power):
+    """Twentieth powers of |J| are beyond the range of doubles here."""
+    rate, named = 2.0**power, TOPS["generic"]
+    scale, times = np.repeat((rate, 1.0), 3), np.array((20.0, -7.0)) / rate
+    top, y = LagrangeTop(named.alpha * rate**2), named.state * scale
+    assert np.max(np.abs(integrate(top, y, t=times, method=name).y - exact.solution(top, y, times)) / scale) < 1e-13
+    tide = PerturbedTop(top, POTENTIALS["tide"], (0.1 * rate**2, 1.0, 0.0, 0.0))
+    usual = PerturbedTop(named.top, POTENTIALS["tide"], (0.1, 1.0, 0.0, 0.0))
+    same = integrate(usual, named.state, t=times * rate, method=name).y
+    assert np.max(np.abs(integrate(tide, y, t=times, method=name).y / scale - same)) < 1e-13
+
+
+@needs_heyoka
+@pytest.mark.parametrize("power", [-53, 53])
+def test_ensembles_and_attitudes_of_taylor_in_any_units_of_time(power):
+    rate, named = 2.0**power, TOPS["generic"]
+    top, y, h = LagrangeTop(named.alpha * rate**2), named.state * np.repeat((rate, 1.0), 3), 2.0 / rate
+    one = integrate(top, y, h, 10, "taylor", attitude=True)
+    usual = integrate(named.top, named.state, 2.0, 10, "taylor", attitude=True)
+    assert np.max(np.abs(one.attitude - usual.attitude)) < 1e-13
+    many = integrate_ensemble(LagrangeTop(np.full(3, top.alpha)), np.tile(y, (3, 1)), h, 10, "taylor")
+    assert np.array_equal(many[-1], np.tile(one.y[-1], (3, 1))) or np.allclose(many[-1], one.y[-1], rtol=1e-12)
 
 
 @needs_heyoka

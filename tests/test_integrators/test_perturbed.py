@@ -93,10 +93,10 @@ def test_a_field_knows_its_kind():
     def top(name, *numbers):
         return PerturbedTop(TOP, POTENTIALS[name], numbers)
 
-    assert top("tide", 0.1, 1.0, 0.0, 0.0).offers == {"force", "quadratic"}
-    assert top("charge", 0.1, 2.0, 0.0, 0.0).offers == {"force"}
-    assert top("dipole", 0.1, 0.2, 0.3).offers == {"force", "quadratic", "linear"}
-    assert top("tide", 0.0, 1.0, 0.0, 0.0).offers == {"force", "quadratic", "linear"}
+    assert top("tide", 0.1, 1.0, 0.0, 0.0).offers == {"force", "smooth", "quadratic"}
+    assert top("charge", 0.1, 2.0, 0.0, 0.0).offers == {"force", "smooth"}
+    assert top("dipole", 0.1, 0.2, 0.3).offers == {"force", "smooth", "quadratic", "linear"}
+    assert top("tide", 0.0, 1.0, 0.0, 0.0).offers == {"force", "smooth", "quadratic", "linear"}
     assert "J3" not in top("tide", 0.1, 1.0, 0.0, 0.0).conserved
     assert "J3" in top("tide", 0.1, 0.0, 0.0, 1.0).conserved
     assert "J3" in top("quadratic", 0.1, 0.1, 0.3, 0.0, 0.0, 0.0).conserved
@@ -119,6 +119,43 @@ def test_a_wall_that_no_point_of_comparison_touches_is_seen(wall, conserved):
     assert ("J3" in top.conserved) is conserved
     with pytest.raises(ValueError, match="backlund does not take the potential wall"):
         integrate(top, Y, 0.1, 10)
+
+
+def walls(x1, x2, x3, p):
+    product = 1.0
+    for b in p:
+        for w in (x1 - b, x3 + b):
+            product = product * (w + sqrt(w * w))
+    return product
+
+
+def test_many_walls_are_no_uniform_field():
+    """V = 0 but where all eight of its roots have one sign."""
+    assert PerturbedTop(TOP, Potential("walls", walls), (0.1, 0.2, 0.3, 0.4)).offers == {"force"}
+
+
+@pytest.mark.parametrize(
+    ("value", "corner"),
+    [
+        (lambda x1, x2, x3, p: sqrt(x1 * x1), True),
+        (lambda x1, x2, x3, p: sqrt((-x1) * (-x1) * 2 / 3), True),
+        (lambda x1, x2, x3, p: sqrt(x1**6), True),
+        (lambda x1, x2, x3, p: sqrt(p[0] * x1 * x1 / (x2 * x2 + 4)), True),
+        (lambda x1, x2, x3, p: sqrt((x1 * x1 - 2 * x2 * x2) ** 2), True),
+        (lambda x1, x2, x3, p: sqrt(x1**4), False),
+        (lambda x1, x2, x3, p: sqrt((x1 * x1 + 2 * x2 * x2) ** 2), False),
+        (lambda x1, x2, x3, p: sqrt(p[0] * p[0] * (x1 * x1 + 2)), False),
+        (lambda x1, x2, x3, p: 1 / ((x1 - 2) ** 2 + x2**2 + x3**2) ** 1.5, False),
+    ],
+)
+def test_corners_are_seen(value, corner):
+    """√(w²) is |w|, on which no Taylor series goes on where w changes its sign; it is no quadratic field either."""
+    top = PerturbedTop(TOP, Potential("mine", value), (0.3,))
+    assert ("smooth" in top.offers) is not corner
+    assert "quadratic" not in top.offers or not corner
+    if corner:
+        with pytest.raises(ValueError, match="taylor needs a smooth potential, which mine is not"):
+            integrate(top, Y, 0.1, 10, "taylor")
 
 
 def test_a_field_whose_formula_fails_somewhere_may_be_uniform():
@@ -191,6 +228,46 @@ def test_a_wrong_gradient_is_found():
     PerturbedTop(TOP, potential(2.0))
     with pytest.raises(ValueError, match=r"potential mine: gradient is not the derivative of value at x = "):
         PerturbedTop(TOP, potential(2.0 + 100 * SAME))
+
+
+def edge(w):
+    return w + sqrt(w * w)
+
+
+@pytest.mark.parametrize(
+    ("value", "wrong", "parameters"),
+    [
+        (lambda x, y, z, p: p[0] * x * x / 2, lambda x, y, z, p: (2 * p[0] * x, 0, 0), (np.array([0.0, 0.3]),)),
+        (lambda x, y, z, p: p[0] * x * x / 2, lambda x, y, z, p: (2 * p[0] * x, 0, 0), (0.0,)),
+        (lambda x, y, z, p: edge(x - 0.95) ** 2, lambda x, y, z, p: (8 * edge(x - 0.95), 0, 0), ()),
+        (lambda x, y, z, p: sqrt(z - 2) ** 3, lambda x, y, z, p: (0, 0, -7 * sqrt(z - 2)), ()),
+    ],
+    ids=["a scan from 0", "a parameter 0", "a wall", "nothing in the unit cube"],
+)
+def test_a_gradient_that_is_wrong_elsewhere_is_found(value, wrong, parameters):
+    with pytest.raises(ValueError, match="gradient is not the derivative of value"):
+        PerturbedTop(TOP, Potential("mine", value, wrong), parameters)
+
+
+def test_many_tops_are_values_too():
+    def many(*alphas):
+        return LagrangeTop(np.array(alphas))
+
+    assert many(1, 2) == many(1, 2) != many(1, 3)
+    assert hash(many(1, 2)) == hash(many(1, 2))
+    tops = [PerturbedTop(TOP, POTENTIALS["tide"], (np.array([k, 0.2]), 1.0, 0.0, 0.0)) for k in (0.1, 0.1, 0.3)]
+    assert tops[0] == tops[1] != tops[2]
+    assert hash(tops[0]) == hash(tops[1])
+    assert LagrangeTop(0.0) == LagrangeTop(-0.0) != TOP
+
+
+@pytest.mark.parametrize("J", [0.0, 1e-300, 1e-11, 1.0])
+def test_scales_of_a_weightless_top_are_those_of_its_field(J):
+    """They must not jump where J is next to 0, as a computed cos π/2 is."""
+    top = PerturbedTop(LagrangeTop(0.0), POTENTIALS["tide"], (1.0, 1.0, 0.0, 0.0))
+    rate, size, time = top.scales((J, 0.0, 0.0, 0.6, 0.0, 0.8))
+    assert (rate, size, time) == pytest.approx((max(J, math.sqrt(0.6)), 1.0, 1 / max(J, math.sqrt(0.6))))
+    assert np.allclose(top.invariant_scales((J, 0.0, 0.0, 0.6, 0.0, 0.8)), (J * J / 2 + 0.18, rate, 1.0, rate))
 
 
 def test_wrong_numbers_are_refused():

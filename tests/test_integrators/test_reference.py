@@ -3,12 +3,13 @@
 import math
 import sys
 import types
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from integrators import TOPS, LagrangeTop, PerturbedTop, Potential, StepError
+from integrators import TOPS, GaudinMagnet, LagrangeTop, PerturbedTop, Potential, StepError, integrate
 from integrators.compiling.expression import sqrt
 from integrators.truth import exact, reference
 
@@ -365,7 +366,33 @@ def test_bad_input():
         reference.horizon(QUADRATIC, Y0, 1e-6, longest=0.0)
     with pytest.raises(ValueError, match="less extreme units"):
         reference.solution(QUADRATIC, Y0 * ([1e200] * 3 + [1] * 3), [1e-200])
+    with pytest.raises(StepError, match=r"\|t\| = 1e\+12 is over 1e\+09 time scales"):
+        asked(t=(1e12,))
+    with pytest.raises(StepError, match="more steps than can be taken"):
+        reference.horizon(QUADRATIC, Y0, 1e-6, longest=1e18)
+    corner = Potential("corner", lambda x1, x2, x3, p: sqrt(x1 * x1))
+    with pytest.raises(StepError, match="no reference solution: the potential corner has corners"):
+        reference.solution(PerturbedTop(QUADRATIC.top, corner), Y0, [1.0])
     assert asked(t=()).states.shape == (0, 6)
+
+
+def test_threads_leave_mpmath_as_it_was():
+    """Its precision is that of the process: who raises it while another does would put back the wrong one."""
+    before, interval = mp.dps, sys.getswitchinterval()
+    magnet = GaudinMagnet((0.0, 1.0, 2.2), 0.7, site=0)
+
+    def run(seed):
+        return integrate(magnet, np.random.default_rng(seed).normal(size=(3, 3)), h=1.0, steps=3).y[-1]
+
+    alone = [run(seed) for seed in range(4)]
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            together = list(pool.map(run, range(4)))
+    finally:
+        sys.setswitchinterval(interval)
+    assert mp.dps == before
+    assert np.array_equal(alone, together)
 
 
 def test_singularities(engine, monkeypatch):

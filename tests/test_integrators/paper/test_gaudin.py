@@ -8,7 +8,7 @@ from mpmath import mp, mpc, mpf
 
 from integrators.compiling.double_double import dd
 from integrators.paper import lax
-from integrators.paper.gaudin_curve import eigenvalue, spectral_polynomial
+from integrators.paper.gaudin_curve import eigenvalue, spectral_polynomial, times
 from integrators.paper.gaudin_maps import one_point, one_point_inverse, two_point, two_point_textbook
 from integrators.paper.gaudin_model import GaudinMagnet
 from integrators.paper.phase_space import poisson_tensor
@@ -109,6 +109,28 @@ def test_sheets():
         path = [magnet.sites[0] + t * (1 + 2j) for t in np.linspace(0.05, 1, 200)]
         v = np.array([eigenvalue(magnet, spins, u) for u in path])
         assert np.max(np.abs(np.diff(v)) / np.abs(v[1:])) < 0.5
+
+
+@pytest.mark.parametrize("size", [1e-4, 1e-3, 1e-2])
+@pytest.mark.parametrize("height", [1e-1, 1e-2, 1e-3, 1e-4])
+def test_sheets_beside_a_small_spin(size, height):
+    """The path passes a pole and two branch points that lie close together; v and the times by very many short strides."""
+    magnet = GaudinMagnet((0.0, 1.0), 0.7, site=0)
+    spins = np.array(((0.6, 0.0, 0.8), (0.0, 0.6 * size, 0.8 * size)))
+    lam = 1.93 + 1j * height
+    edges = np.concatenate(
+        ([0.0], np.sort(1 / 1.93 + np.outer((-1, 1), np.geomspace(1e-7, 0.48, 4000)).ravel()), [1.0])
+    )
+    x, weights = np.polynomial.legendre.leggauss(6)
+    t = (edges[:-1, None] + np.diff(edges)[:, None] * (x + 1) / 2).ravel()
+    f = (np.diff(edges)[:, None] * weights / 2).ravel()
+    ell = np.array([magnet.vector(spins, u) for u in t * lam])
+    w = t * lam * np.sqrt(np.sum(ell * ell, axis=1))
+    sign = np.cumprod([np.sign(w[0].real), *np.where((w[1:] * w[:-1].conj()).real < 0, -1.0, 1.0)])
+    v = w * sign / (t * lam)
+    c = [np.sum(f * lam / (v * (t * lam - a))).imag for a in magnet.sites]
+    assert (eigenvalue(magnet, spins, lam) * v[-1].conjugate()).real > 0
+    assert np.allclose(times(magnet, spins, lam), c, rtol=1e-7, atol=1e-9)
 
 
 # ---------------------------------------------------------------------------------------------- the one-point map

@@ -1,0 +1,18 @@
+"""mpmath with more digits, for one thread at a time: its precision is that of the whole process."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+ONE_AT_A_TIME = threading.RLock()
+
+
+@contextmanager
+def workdps(digits: int) -> Iterator[None]:
+    """As `mpmath.workdps`. Another thread waits until this one has left, or it would change the digits meanwhile."""
+    import mpmath
+
+    with ONE_AT_A_TIME, mpmath.workdps(digits):
+        yield
