@@ -2,7 +2,8 @@
 
 Timing cells run one at a time in one process; samples are calibrated and repeated, the minimum is the figure to quote.
 Compilation is timed in fresh processes, once with nothing cached and once as the next process finds it. The headline
-runs the exact Bäcklund step and heyoka in turn, over the same time, from the same state.
+runs the exact Bäcklund step and heyoka in turn, over the same time, from the same state. Times and steps are in units of
+1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from experiments import script
 from experiments.drawing.tables import captioned
 from experiments.measuring import metrics, timing
 from experiments.measuring.states import (
+    KNOBS,
     find,
     interpreted,
     knobs,
@@ -31,13 +33,15 @@ from integrators import METHODS, Method, prepare
 from integrators.api import integrate
 from integrators.truth import exact
 
-VERSION = 3
+VERSION = 4
 
 STATE = "generic"
 STEPS = {"quick": (1 / 16, 1.0), "full": tuple(2.0**k for k in range(-8, 3, 2))}
 TOLERANCES = {"quick": (1e-6, 1e-12), "full": (1e-3, 1e-6, 1e-9, 1e-12, 1e-14)}
 ROUNDS = {"quick": 1, "full": 2}
 REPEATS = 5
+EXACT = ("backlund", "backlund_unpinned")
+PERIODS = {"quick": (1.0,), "full": (0.3, 0.49, 0.51, 1.0, 1.3, 2.5)}  # steps of the exact ones, in nutation periods
 START = {"quick": ("backlund", "taylor", "implicit_midpoint"), "full": ()}  # none: all
 HEADLINE_TIME = 1e6  # of a cell without a `time` of its own
 HEADLINES = {  # h as a fraction of the nutation period
@@ -55,13 +59,18 @@ def cells(profile: str) -> list[dict]:
             for knob in knobs(method, STEPS[profile], TOLERANCES[profile]):
                 cell = {"part": "step", "method": name, "round": round_, "repeats": REPEATS, **knob}
                 listed.append(cell)
+    listed += [
+        {"part": "periods", "method": name, "periods": p, "repeats": REPEATS}
+        for name in EXACT
+        for p in PERIODS[profile]
+    ]
     listed += [{"part": "start", "method": method} for method in START[profile] or methods_on()]
     listed += [{"part": "headline", "method": "taylor", **race} for race in HEADLINES[profile]]
     return [{"timing": True, **cell} for cell in listed]
 
 
 def measure(cell: dict) -> list[dict]:
-    parts = {"step": _measure_step, "start": _measure_start, "headline": _measure_headline}
+    parts = {"step": _measure_step, "periods": _measure_step, "start": _measure_start, "headline": _measure_headline}
     return parts[cell["part"]](cell)
 
 
@@ -69,7 +78,7 @@ def _measure_step(cell: dict) -> list[dict]:
     top, y0 = find(STATE)
     unit = top.scales(y0)[2]
     options = options_of(cell)
-    h = cell.get("h", 1.0) * unit
+    h = cell["periods"] * exact.nutation_period(top, y0) if "periods" in cell else cell.get("h", 1.0) * unit
     stepper = prepare(top, y0, h, cell["method"], **options)
     n = CALL[_kind(METHODS[cell["method"]])]
     stepper.advance(y0, 10)
@@ -84,8 +93,8 @@ def _measure_step(cell: dict) -> list[dict]:
             "ns_per_step": rounded(timed.min / steps * 1e9),
             "ns_per_step_median": rounded(timed.median / steps * 1e9),
             "samples_ns": [rounded(sample / steps * 1e9) for sample in timed.samples],
-            "ns_per_time": rounded(timed.min / (n * h) * 1e9),
-            "steps_per_time": rounded(steps / (n * h)),
+            "ns_per_time": rounded(timed.min / (n * h / unit) * 1e9),
+            "steps_per_time": rounded(steps / (n * h / unit)),
             "evals_per_step": rounded(evals / steps),
             "iterations_per_step": rounded(iterations / steps),
             "rejected_per_step": rounded(rejected / steps),
@@ -134,7 +143,8 @@ def _measure_start(cell: dict) -> list[dict]:
 def _measure_headline(cell: dict) -> list[dict]:
     """The exact step against raw heyoka at tol = eps over a long time, interleaved, with the errors of both."""
     top, y0 = find(STATE)
-    t = cell.get("time", HEADLINE_TIME)
+    unit = top.scales(y0)[2]
+    t = cell.get("time", HEADLINE_TIME) * unit
     steps = round(t / (cell["fraction"] * exact.nutation_period(top, y0)))
     h = t / steps
     raw = raw_heyoka(top, y0)
@@ -150,13 +160,13 @@ def _measure_headline(cell: dict) -> list[dict]:
         return natural.advance(y0, 1)
 
     backlund()  # compiled before the first sample
-    repeats = 3 if t >= HEADLINE_TIME else 9  # the ratio of two short runs is noisier
+    repeats = 3 if t >= HEADLINE_TIME * unit else 9  # the ratio of two short runs is noisier
     timed = timing.interleave({"backlund": backlund, "heyoka": heyoka, "adapter": adapter}, repeats=repeats)
     seconds = {name: t.min for name, t in timed.timings.items()}
     right = {"backlund": exact.after_steps(top, y0, h, [steps])[0], "heyoka": exact.solution(top, y0, t)}
     return [
         {
-            "h": rounded(h),
+            "h": rounded(h / unit),
             "steps": steps,
             "backlund_s": rounded(seconds["backlund"]),
             "heyoka_s": rounded(seconds["heyoka"]),
@@ -202,10 +212,14 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     found = {}
     steps = good[good.part == "step"]
     if not steps.empty:
-        columns = [name for name in ("h", "tol", "rtol") if name in steps]
+        columns = [name for name in KNOBS if name in steps]
         measured = ["ns_per_step", "ns_per_time", "steps_per_time", "evals_per_step", "iterations_per_step", "setup_us"]
         groups = steps.groupby(["method", *columns], sort=False, dropna=False)
         found["steps"] = groups[measured].min().reset_index().dropna(axis=1, how="all")
+    periods = good[good.part == "periods"]
+    if not periods.empty:
+        groups = periods.groupby(["method", "periods"], sort=False)
+        found["periods"] = groups[["ns_per_step", "setup_us"]].min().reset_index()
     start = good[good.part == "start"]
     if not start.empty:
         wide = start.pivot(index="method", columns="cached", values=["import_s", "first_s", "second_s"])
@@ -224,10 +238,13 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
         found["headline"] = headline[["fraction", *columns]].rename(columns={"fraction": "h / nutation period"})
     captions = {
         "steps": "What a step costs, by step size or tolerance: nanoseconds per step and per unit of time, counts of work, "
-        "and the set-up of a stepper in µs; compilation is not included",
+        "and the set-up of a stepper in µs; compilation is not included. h and time are in units of the top's time scale",
+        "periods": "What a long exact step costs, its length in nutation periods: nanoseconds per step, and the set-up of a "
+        "stepper in µs",
         "start": "What the first use costs, in seconds: import, first use with and without cached machine code, second use",
         "headline": "The exact step and heyoka's Taylor series at machine precision over the same time: seconds, their ratio, "
-        "that of heyoka through this bench to heyoka called directly (adapter), and the errors at the end",
+        "that of heyoka through this bench to heyoka called directly (adapter), and the errors at the end. h is in units of the "
+        "top's time scale",
     }
     return captioned(found, captions)
 
@@ -249,8 +266,10 @@ def _draw_steps(steps: pd.DataFrame, style):
     names = sorted(level.index, key=lambda name: (families.index(style.family(name)), level[name]))
     fig, axes = style.figure("page", 0.9 + 0.155 * len(names), ncols=len(PRICES), sharey=True)
     places = np.arange(len(names))[::-1]
+    knobs = ["method", *(name for name in KNOBS if name in steps)]
+    quickest = steps.groupby(knobs, dropna=False)[list(PRICES)].min()  # of the rounds
     for ax, (column, text) in zip(axes, PRICES.items(), strict=True):
-        found = steps.groupby("method")[column].agg(["min", "max"]).loc[names]
+        found = quickest.groupby("method")[column].agg(["min", "max"]).loc[names]
         colours = [style.bold(name)["color"] for name in names]
         ax.hlines(places, found["min"], found["max"], colors=colours, linewidth=2.2, alpha=0.35)
         ax.scatter(found["min"], places, c=colours, s=14, zorder=3)

@@ -209,7 +209,7 @@ def _draw_time(rows: pd.DataFrame, style, names: list[str], what: str):
         else:
             style.failed_label(ax, method)
 
-    fig, axes = style.by_family(rows.method, line, "time · (|J| + √(α|x|))", "RMS error of 16 tops", (1e-17, 1.0))
+    fig, axes = style.by_family(rows.method, line, "time · (|J| + √(|α||x|))", "RMS error of 16 tops", (1e-17, 1.0))
     for ax in axes:
         ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
     style.slope_guide(axes[0], 0.5, (1e0, 1e-9), 1e4, "√t")  # once: the panels have one scale
@@ -237,7 +237,7 @@ def _draw_h(rows: pd.DataFrame, style):
 
     stepping = _stepping(rows)
     fig, axes = style.by_family(
-        stepping, line, "step h · (|J| + √(α|x|))", "largest error of H, J3, C1, C2", (1e-17, 1e2)
+        stepping, line, "step h · (|J| + √(|α||x|))", "largest error of H, J3, C1, C2", (1e-17, 1e2)
     )
     style.label_ends(axes)
     fig.caption = (

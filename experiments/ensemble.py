@@ -86,7 +86,7 @@ def cells(profile: str) -> list[dict]:
         tops = RIVALS[METHODS[method].engine]
         run = {"part": "rival", "method": method, "tops": tops, "span": SPAN}
         listed += [{**run, METHODS[method].knob: knob} for knob in knobs]
-    listed.append({"part": "jump", "method": "backlund", "tops": JUDGED, "span": SPAN})
+    listed.append({"part": "jump", "method": "backlund", "tops": RIVALS["numba"], "span": SPAN})
     for method, steps in IN_FIELD[profile].items():
         run = {"part": "perturbed", "method": method, "potential": "tide", "tops": FIELD_TOPS, "span": FIELD_SPAN}
         listed += [{**run, "h": h} for h in steps]
@@ -372,11 +372,14 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
         "lanes": "How many tops a core takes at once, and nanoseconds per step and top",
         "setup": "Set-up of each top, λ(h) and the constants of its step, in µs, by step size",
         "many": "A large ensemble: seconds in all, µs per top, memory in units of one array of states",
-        "jump": "One jump to a far time for each top: the median and the largest error, µs per top",
-        "perturbed": "Tops in a weak tide, in SIMD lanes on one core: the median and the largest error at the end; set-up, and "
-        "all, in µs per top; nanoseconds per top and unit of time, and per kick with the flow before it, without set-up",
-        "rivals": "Ensembles on one core: for each method and step or tolerance the median and the largest error at the end, µs "
-        "per top, and times the cost of the cheapest exact step that is no less accurate",
+        "jump": f"One jump to a far time for each of {RIVALS['numba']} tops: µs per top, and the median and the largest error of "
+        f"{JUDGED} of them",
+        "perturbed": f"{FIELD_TOPS} tops in a weak tide, in SIMD lanes on one core: the median and the largest error of "
+        f"{FIELD_JUDGED} of them at the end; set-up, and all, in µs per top; nanoseconds per top and unit of time, and per kick "
+        "with the flow before it, without set-up",
+        "rivals": f"Ensembles of {RIVALS['numba']} tops on one core ({RIVALS['heyoka']} for heyoka): for each method and step or "
+        f"tolerance the median and the largest error of {JUDGED} tops at the end, µs per top, and times the cost of the cheapest "
+        "exact step that is no less accurate",
     }
     return captioned({**found, "rivals": compared}, captions)
 
@@ -442,7 +445,7 @@ def _draw_rivals(good: pd.DataFrame, style):
         look = {"linestyle": "none", "marker": "*", "markersize": 7, "color": style.FAMILIES["backlund"][0][2]}
         ax.loglog(jump.ns_per_time, jump.error, **look, label="Bäcklund, one jump")
     ax.set_xlabel("ns for a top and a unit of time, one core, set-up included")
-    ax.set_ylabel("error at the end, median")
+    ax.set_ylabel(f"error at the end, median of {JUDGED} tops")
     style.legend_below(fig)
     fig.caption = (
         "Many tops over the same time on one core, all in SIMD form: the exact step and the fixed steps of others, in the same "

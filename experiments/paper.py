@@ -50,14 +50,14 @@ def measure(cell: dict) -> list[dict]:
     stepper = prepare(top, y0, 1.0, cell["method"], lam=complex(cell["re"], cell["im"]), **options_of(cell))
     y = stepper.record(y0, cell["steps"], 1)
     drift = metrics.relative_drift(top.invariants(y), top.invariant_scales(y0))
-    keep = range(len(y)) if cell["form"] == "real form" else range(0, len(y), 10)  # the orbit is drawn once
+    axis = range(3 if cell["form"] == "real form" else 0)  # the orbit is drawn once
     return [
         {
             "n": n,
-            **{f"x{i + 1}": rounded(y[n, 3 + i], 6) for i in range(3)},
+            **{f"x{i + 1}": rounded(y[n, 3 + i], 6) for i in axis},
             **{name: rounded(drift[n, i]) for i, name in enumerate(INVARIANTS)},
         }
-        for n in keep
+        for n in range(len(y))
     ]
 
 

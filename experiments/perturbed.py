@@ -11,9 +11,9 @@ error in proportion to ε, so it can take long steps in weak fields; each of its
 of winners shows where the border is.
 
 Every method that takes a potential follows these tops. Part “drift” asks what each keeps of H, J3, C1 and C2. Part
-“order” asks how its error falls with the step. Part “work” asks what an error costs on runs of 10³ and 10⁴ units of
-time. On one top it also has runs of 10⁵, by the methods that are near the first place there. The splitting with the
-exact step races with two of its schemes. Errors are those against the reference in quadruple precision. On a chaotic
+“order” asks how its error falls with the step. Part “work” asks of the compiled ones what an error costs on runs of 10³ and
+10⁴ units of time. On one top it also has runs of 10⁵, by the methods that are near the first place there. The splitting with
+the exact step races with two of its schemes. Errors are those against the reference in quadruple precision. On a chaotic
 orbit no method follows the exact solution for long: errors are reported up to the time at which an ulp has grown to
 1e-6, drift of the invariants beyond. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
@@ -164,7 +164,8 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     made = {"kept": kept(rows), "orders": orders(rows), "winners": winners(rows)}
     captions = {
         "kept": "Tops in a potential: the largest relative error of each invariant that the top has",
-        "orders": "Tops in a potential: orders claimed and measured; empty where fewer than three steps tell",
+        "orders": f"Tops in a potential: orders claimed, and measured as the slope of the error at t = {SPAN:g} against the "
+        "step. At these steps some slopes are still below the order. Empty where fewer than three steps tell",
         "winners": "Tops in a potential: the cheapest method, set-up counted, and the best of the others",
     }
     return captioned(made, captions)
@@ -253,7 +254,7 @@ def _draw_order(rows: pd.DataFrame, style):
         else:
             ax.loglog(run.h, run.error.clip(lower=1e-16), **look)
 
-    fig, axes = style.by_family(rows.method, line, "step h", f"error at t = {SPAN:g}", (1e-16, 10))
+    fig, axes = style.by_family(rows.method, line, "step h · (|J| + √(|α||x|))", f"error at t = {SPAN:g}", (1e-16, 10))
     style.label_ends(axes)
     fig.caption = (
         f"Error against the step on “{PERTURBED_TOPS[state].label}”, one panel for each family of methods. The slopes are the "

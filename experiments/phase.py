@@ -281,8 +281,9 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
         "the nutation, radians per unit of time for the precession) and a residual, while the error is below 0.1",
         "promise": "The exact step on every named top and many others: for each step size the largest error, and how many "
         "ulps in the initial state would make the same error",
-        "theory": "Predicted phases: the rates of the clock (nutation) and of the turn (precession) that theory gives, the "
-        "largest error of the run, what is left of it after the prediction is taken away, and that share",
+        "theory": "Predicted phases: by how much the clock (nutation) is fast, and by how many radians the turn (precession) is "
+        "too wide, per unit of time; how these two grow per unit of time; the largest error of the run, what the prediction "
+        "leaves of it, and that share",
     }
     return captioned(made, captions)
 
@@ -330,7 +331,7 @@ def draw_steps(ax, rows: pd.DataFrame, best: set[str], style) -> None:
         elif not look["label"].startswith("_"):
             style.failed_label(ax, method)
     ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
-    ax.set(xlabel="step h · (|J| + √(α|x|))", ylabel=f"largest error up to t = {SPAN:g}", ylim=(1e-16, 30))
+    ax.set(xlabel="step h · (|J| + √(|α||x|))", ylabel=f"largest error up to t = {SPAN:g}", ylim=(1e-16, 30))
 
 
 def best_of_families(rows: pd.DataFrame) -> set[str]:
@@ -355,7 +356,7 @@ def _draw_families(rows: pd.DataFrame, style):
             ax.loglog(good.h, good.error, **look)
         style.failure_marks(ax, chosen[chosen.status == "failed"].h, method)
 
-    xlabel, ylabel = "step h · (|J| + √(α|x|))", f"largest error up to t = {SPAN:g}"
+    xlabel, ylabel = "step h · (|J| + √(|α||x|))", f"largest error up to t = {SPAN:g}"
     fig, axes = style.by_family(here.method, line, xlabel, ylabel, (1e-16, 1e5))
     style.label_ends(axes)
     fig.caption = (
@@ -376,13 +377,13 @@ def _draw_time(rows: pd.DataFrame, style):
         t, largest = metrics.block_maxima(chosen.t, chosen.time, blocks=30)
         ax.loglog(t, np.where(largest > 0, largest, np.nan), **{**look, "marker": "none"})
 
-    fig, axes = style.by_family(here.method, line, "time · (|J| + √(α|x|))", "|nutation phase error|", (1e-17, 1e4))
+    fig, axes = style.by_family(here.method, line, "time · (|J| + √(|α||x|))", "|nutation phase error|", (1e-17, 1e4))
     style.label_ends(axes)
     fig.caption = (
         "Phase error against time at step 1/4, or the default tolerance: the time by which the nutation is early or late, "
-        "in units of 1/(|J| + √(α|x|)), largest over blocks of time; in grey the exact Bäcklund step. A straight line of "
+        "in units of 1/(|J| + √(|α||x|)), largest over blocks of time; in grey the exact Bäcklund step. A straight line of "
         "slope 1 is a constant shift of frequency, slope 2 one that drifts; of the order of one, the phase is lost. The "
-        "precession and the other tops are in the table of frequency shifts."
+        f"precession and the other tops are in the table of frequency shifts. The top is “{TOPS['generic'].label}”."
     )
     return fig
 
@@ -403,12 +404,13 @@ def _draw_theory(rows: pd.DataFrame, style):
             run.t, run.left.cummax(), **{**look, "linewidth": 0.5, "linestyle": ":", "marker": "none", "label": "_left"}
         )
 
-    fig, axes = style.by_family(here.method, line, "time · (|J| + √(α|x|))", "phase error", (1e-17, 1e0))
+    fig, axes = style.by_family(here.method, line, "time · (|J| + √(|α||x|))", "phase error", (1e-17, 1e0))
     style.label_ends(axes)
     fig.caption = (
-        "Phase errors against time, measured (dots) and predicted by backward error analysis (lines under them): the hypotenuse "
-        "of the nutation's and the precession's, on “generic unit top”, each method at the larger of its two steps. Dotted: the "
-        "largest error so far that the prediction leaves of the whole state. It is round-off, or of second order."
+        "Phase errors against time, measured (dots) and predicted by backward error analysis (lines under them), on “generic "
+        "unit top”, each method at the larger of its two steps: √(τ² + θ²), where τ is the nutation's error in units of time and "
+        "θ the precession's in radians. Dotted: the largest error so far that the prediction leaves of the whole state. It is "
+        "round-off, or of second order."
     )
     return fig
 

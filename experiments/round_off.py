@@ -458,11 +458,11 @@ def _draw_forms(rows: pd.DataFrame, style):
         if what != "time":
             ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
     for ax in axes[-1]:
-        ax.set_xlabel("time · (|J| + √(α|x|))")
+        ax.set_xlabel("time · (|J| + √(|α||x|))")
     style.label_ends(axes.flat)
     fig.caption = (
         "The same maps in different forms, root mean square over sixteen tops, h = 1/8: the worst relative error of the "
-        "invariants a map conserves, and the phase error of the exact one, in units of 1/(|J| + √(α|x|)). Assigned: the new x "
+        "invariants a map conserves, and the phase error of the exact one, in units of 1/(|J| + √(|α||x|)). Assigned: the new x "
         "is computed as a whole; increments: its change is added; turned: x is turned about a vector made exactly long. "
         "Constant denominator and corrected m take a part of the formula from the torus, or bring it up to date. "
         "Compensated: what an addition rounds off goes into the next. Pinned (orange): moved back onto the invariants. "
@@ -482,7 +482,7 @@ def _draw_long(rows: pd.DataFrame, style):
     left.set_ylabel("error against the exact solution")
     right.set_ylabel("worst error of H, C1, C2")
     for ax in (left, right):
-        ax.set_xlabel("time · (|J| + √(α|x|))")
+        ax.set_xlabel("time · (|J| + √(|α||x|))")
         ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
     style.slope_guide(left, 1.0, (1e3, 1e-15), 100, "$t$")
     style.slope_guide(left, 1.5, (1e0, 1e-12), 100, "$t^{3/2}$")

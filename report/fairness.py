@@ -146,8 +146,8 @@ def _start(start: pd.DataFrame, step: pd.DataFrame, parameters: pd.DataFrame) ->
         return f"{said}."
     short, long = (tables.show(float(us)) for us in (parameters.setup_us.min(), parameters.setup_us.max()))
     return (
-        f"{said}. Most of that is Python: in an ensemble λ(h) and the constants of a step take {short} µs for a top, and up to "
-        f"{long} µs for long steps, which need the period of nutation."
+        f"{said}. Of short steps most of that is Python: in an ensemble λ(h) and the constants of a step take {short} µs for a "
+        f"top. They take more for longer steps, up to {long} µs on average where the period of nutation is needed."
     )
 
 
@@ -165,9 +165,11 @@ def _sweep(work: pd.DataFrame) -> str:
         for span, limit in sorted(work.groupby("span").longest.max().items())
     )
     call = tables.show(1e6 * float(work.seconds.min()))
+    floor, long = (int((last == why).sum()) for why in ("round-off", "too long"))
     return (
-        f"{said}; a curve ends where the error falls no more ({int((last == 'round-off').sum())} of {len(last)} curves) or "
-        f"one run would take too long ({int((last == 'too long').sum())}), with the same limits for all: {limits}. A run is one "
+        f"{said}. Of {len(last)} curves {floor} end where the error falls no more, {long} where one run would take too long, "
+        f"and {len(last) - floor - long} at the tightest tolerance that is tried. The limits are the same for all: {limits}. A "
+        "run is one "
         f"call from Python, and that call alone takes at least {call} µs. Each is judged at the step that is cheapest for "
         "the error asked for."
     )

@@ -92,5 +92,5 @@ def test_the_quickest_other_is_no_map_of_ours():
     assert list(found.index) == [1e-4, 1e-7]
     assert list(found["quickest other"]) == ["strang", "taylor"]
     assert list(found[gaudin.RUN]) == [2, 3]
-    assert list(found["quickest"]) == ["taylor", "taylor"]
+    assert list(found["quickest with set-up"]) == ["taylor", "taylor"]
     assert list(found[gaudin.WHOLE]) == [0.3, 0.3]
