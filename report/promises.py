@@ -229,7 +229,7 @@ def long_run_lead(rows: pd.DataFrame) -> Verdict:
     if ours.empty or theirs.empty or ours.steps.max() < 10**9:
         raise NoData("no run of 10⁹ steps")
     far, near = ours.iloc[-1], theirs.iloc[-1]
-    note = f"exact step: error {far.error:.1e} at t = {far.t:.2g}; heyoka: {near.error:.1e} at t = {near.t:.2g}"
+    note = f"exact step: error {far.error:.1e} at t = {far.t:.3g}; heyoka: {near.error:.1e} at t = {near.t:.3g}"
     return Verdict(float(far.error / near.error), 1.0, bool(far.error <= near.error and far.t > near.t), note)
 
 

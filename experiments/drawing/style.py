@@ -359,7 +359,7 @@ def naming(methods: Collection[str], chosen: str) -> str:
     return (
         "Every method is named"
         if len(set(methods)) <= FEW
-        else f"Thin: every method, in the colour of its family; {chosen}"
+        else f"Thin: the other methods, each in the colour of its family; {chosen}"
     )
 
 
