@@ -207,6 +207,12 @@ def raw_heyoka(top, y0):
 # ------------------------------------------------------------------------------------------ what the rows say
 
 
+def quickest(steps: pd.DataFrame) -> pd.DataFrame:
+    """Of the rounds of each method, step or tolerance the least of every number."""
+    knobs = [name for name in KNOBS if name in steps]
+    return steps.groupby(["method", *knobs], sort=False, dropna=False).min(numeric_only=True).reset_index()
+
+
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     good = rows[rows.status == "done"]
     found = {}
@@ -214,12 +220,10 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     if not steps.empty:
         columns = [name for name in KNOBS if name in steps]
         measured = ["ns_per_step", "ns_per_time", "steps_per_time", "evals_per_step", "iterations_per_step", "setup_us"]
-        groups = steps.groupby(["method", *columns], sort=False, dropna=False)
-        found["steps"] = groups[measured].min().reset_index().dropna(axis=1, how="all")
+        found["steps"] = quickest(steps)[["method", *columns, *measured]].dropna(axis=1, how="all")
     periods = good[good.part == "periods"]
     if not periods.empty:
-        groups = periods.groupby(["method", "periods"], sort=False)
-        found["periods"] = groups[["ns_per_step", "setup_us"]].min().reset_index()
+        found["periods"] = periods[["method", "periods", "ns_per_step", "setup_us"]]
     start = good[good.part == "start"]
     if not start.empty:
         wide = start.pivot(index="method", columns="cached", values=["import_s", "first_s", "second_s"])
@@ -266,10 +270,9 @@ def _draw_steps(steps: pd.DataFrame, style):
     names = sorted(level.index, key=lambda name: (families.index(style.family(name)), level[name]))
     fig, axes = style.figure("page", 0.9 + 0.155 * len(names), ncols=len(PRICES), sharey=True)
     places = np.arange(len(names))[::-1]
-    knobs = ["method", *(name for name in KNOBS if name in steps)]
-    quickest = steps.groupby(knobs, dropna=False)[list(PRICES)].min()  # of the rounds
+    least = quickest(steps).groupby("method")
     for ax, (column, text) in zip(axes, PRICES.items(), strict=True):
-        found = quickest.groupby("method")[column].agg(["min", "max"]).loc[names]
+        found = least[column].agg(["min", "max"]).loc[names]
         colours = [style.bold(name)["color"] for name in names]
         ax.hlines(places, found["min"], found["max"], colors=colours, linewidth=2.2, alpha=0.35)
         ax.scatter(found["min"], places, c=colours, s=14, zorder=3)

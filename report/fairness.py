@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from experiments.cost import quickest
 from experiments.drawing import tables
-from experiments.measuring.states import KNOBS, methods_on
+from experiments.measuring.states import methods_on
 from integrators.compiling.compiled import OPTIONS
 from integrators.interface import Method
 from integrators.registry import METHODS
@@ -38,24 +39,14 @@ def assemble(rows: dict[str, pd.DataFrame]) -> Fairness:
             records[name] = METHODS[name]
         except Exception:  # somebody else's method that cannot be loaded here
             continue
-    step, start = _quickest(_part(cost, "step")), _part(cost, "start")
+    step, start = (_part(cost, part) for part in ("step", "start"))
+    step = step if step.empty else quickest(step)
     setup = _start(start, step, _part(ensemble, "setup"))
     return Fairness(_rules(records, step, setup, work), _methods(records, step, start))
 
 
 def _part(rows: pd.DataFrame, part: str) -> pd.DataFrame:
     return rows[(rows.part == part) & (rows.status == "done")] if "part" in rows else pd.DataFrame()
-
-
-def _quickest(step: pd.DataFrame) -> pd.DataFrame:
-    """Of the rounds of a cell the least."""
-    if step.empty:
-        return step
-    return (
-        step.groupby(["method", *(name for name in KNOBS if name in step)], sort=False, dropna=False)
-        .min()
-        .reset_index()
-    )
 
 
 def _rules(records: dict[str, Method], step: pd.DataFrame, setup: str, work: pd.DataFrame) -> list[tuple[str, str]]:
@@ -180,9 +171,8 @@ def _sweep(work: pd.DataFrame) -> str:
     return (
         f"{said}. Of {len(last)} curves {floor} end where the error falls no more, {long} where one run would take too long, "
         f"and {len(last) - floor - long} at the tightest tolerance that is tried. The limits are the same for all: {limits}. A "
-        "run is one "
-        f"call from Python, and that call alone takes at least {call} µs. Each is judged at the step that is cheapest for "
-        "the error asked for."
+        f"run is one call from Python, and that call alone takes at least {call} µs. Each is judged at the step that is "
+        "cheapest for the error asked for."
     )
 
 
