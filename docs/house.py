@@ -2,7 +2,8 @@
 
 A box is a room: a folder, or some of the files that lie beside the folders of a package. Its lower line counts files and
 lines. An arrow leads from the room that imports to the one that is imported. What an arrow or two already show (a room
-two floors down, reached by way of the one between) is not drawn again. `make lint` fails on an import that leads up.
+two floors down, reached by way of the one between) is not drawn again. `make lint` fails if a room imports
+from a room that is drawn above it.
 """
 
 from __future__ import annotations

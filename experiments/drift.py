@@ -1,6 +1,6 @@
 """Drift: do H, J3, C1 and C2 stay where they were, and what else a method claims to keep?
 
-Every method follows sixteen generic tops and the named ones; the relative error of each invariant is recorded at
+Every method follows sixteen random tops and the named ones; the relative error of each invariant is recorded at
 log-spaced times. How its root-mean-square over the sixteen grows, error ~ t^p, gives the verdict: bounded (p near 0),
 a random walk of round-off (p near 1/2, Brouwer's law) or biased (p near 1). Quantities a method keeps of its own, such as a
 modified energy, are followed beside the four. A second part varies h at a fixed length of run. A third takes the exact
@@ -174,7 +174,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     wide.insert(0, "steps", named.groupby("method").steps.max())
     verdicts = against_time(rows)
     verdicts.attrs["caption"] = (
-        "How each invariant's error grows: sixteen generic tops. Other quantities (e.g. a modified energy) are those a "
+        "How each invariant's error grows: sixteen random tops. Other quantities (e.g. a modified energy) are those a "
         "method itself claims to conserve"
     )
     wide = wide.reset_index()
@@ -216,7 +216,7 @@ def _draw_time(rows: pd.DataFrame, style, names: list[str], what: str):
     style.slope_guide(axes[0], 1.0, (1e0, 1e-9), 1e4, "t")
     style.label_ends(axes)
     fig.caption = (
-        f"Relative error of {what} against time, root mean square over sixteen generic tops, step 1/8 or the default "
+        f"Relative error of {what} against time, root mean square over sixteen random tops, step 1/8 or the default "
         "tolerance, one panel for each family of methods; in grey the exact Bäcklund step. The thin line is one ulp; "
         "dotted, in the first panel: growth like √t and t. A cross before a name: the method failed."
         + (" J3, which is constant in every stage of nearly all, is in the table." if names == ["H"] else "")

@@ -367,7 +367,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     compared = rivals(good)
     captions = {
         "bound": "One top: nanoseconds per step, pinned or not (free), and those of a loop of only the operations that "
-        "must wait for each other: no code can be faster",
+        "must wait for each other; no code can be faster",
         "tops": "Many tops in one call: nanoseconds per step and top, on all cores and for one; set-up in µs per top",
         "lanes": "How many tops a core takes at once, and nanoseconds per step and top",
         "setup": "Set-up of each top, λ(h) and the constants of its step, in µs, by step size",

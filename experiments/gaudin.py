@@ -1,8 +1,8 @@
 """Gaudin magnet: how long do a central spin and its bath keep their conservation laws, and at what price?
 
-One spin in a field couples to n − 1 others with strengths that fall off, the central-spin model: the flow of H_1 of
-the magnet the top comes from. It is followed by two-point Bäcklund maps and by their rivals: heyoka, DOP853, splittings
-into pairs of spins, midpoint rules. One map with the paper's time step is of order two; k maps at the roots of a Padé
+One spin in a field couples to n − 1 others with strengths that fall off, the central-spin model: the flow of H_1 (site 0 in
+the code) of the magnet the top comes from. It is followed by two-point Bäcklund maps and by their rivals: heyoka, DOP853,
+splittings into pairs of spins, midpoint rules. One map with the paper's time step is of order two; k maps at the roots of a Padé
 approximant are of order 2k; half as many maps as spins, with parameters found by time doubling, are exact for any step.
 Relative errors of the spins |s_j| and of all the H_j against time, of the whole state against the step, what a step
 costs, and how long a run takes to an error. Times are in units of 1/√(Σ A_k²), A_k the couplings.
@@ -356,8 +356,8 @@ def _draw_time(rows: pd.DataFrame, style):
     style.legend_below(fig)
     fig.caption = (
         "Relative errors of all the Hamiltonians and of all the spin lengths of a central-spin magnet with n spins, "
-        f"maxima over blocks of time. Steps of {STEP['order 2']:g} (order 2) and {STEP['exact']:g} (exact), heyoka on "
-        "its own. The grey line is one ulp; errors below a quarter of it are drawn there."
+        f"maxima over blocks of time. Steps of {STEP['order 2']:g} (order 2) and {STEP['exact']:g} (exact), heyoka "
+        "with steps of its own choice. The grey line is one ulp; errors below a quarter of it are drawn there."
     )
     return fig
 

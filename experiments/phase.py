@@ -360,7 +360,8 @@ def _draw_families(rows: pd.DataFrame, style):
     fig, axes = style.by_family(here.method, line, xlabel, ylabel, (1e-16, 1e5))
     style.label_ends(axes)
     fig.caption = (
-        f"The same on “{TOPS['generic'].label}”, a panel for each family of methods; in grey the exact Bäcklund step. "
+        f"Largest error against the exact solution up to t = {SPAN:g} on “{TOPS['generic'].label}”, against the step; a panel "
+        "for each family of methods; in grey the exact Bäcklund step. "
         "Crosses: a method failed, in its colour."
     )
     return fig

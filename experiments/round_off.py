@@ -1,6 +1,6 @@
 """Round-off: the same map written in different ways, and what each of them lets drift.
 
-In exact arithmetic all forms of a method here are one map; what differs is rounding. Sixteen generic tops take ten
+In exact arithmetic all forms of a method here are one map; what differs is rounding. Sixteen random tops take ten
 million steps with each: how do the errors of H, C1 and C2 grow (exponent ½: a random walk, 1: a bias), how far is the
 phase off, and what does a step cost? Steps of half a nutation period and more are tried too. A second part takes a
 thousand million steps of the exact Bäcklund map beside heyoka, which gets the same wall time. Steps and times are in

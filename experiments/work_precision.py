@@ -320,7 +320,9 @@ def draw_frontier(rows: pd.DataFrame, style):
     good, named = useful(rows), [name for name, look in style.looks(rows.method, ()).items() if look["label"][0] != "_"]
     spans = sorted(set(good.span))
     titles = [f"t = {show(span)}" for span in spans]
-    fig, axes = style.panels(titles, min(len(spans), 2), (0.4, 2.7), WALL, "error at the end", sharey=True)
+    fig, axes = style.panels(
+        titles, min(len(spans), 2), (0.4, 2.7), WALL, "largest error, last fifth of the run", sharey=True
+    )
     for ax, span in zip(axes, spans, strict=True):
         here = good[good.span == span]
         draw_runs(ax, here, champions(here), style)
@@ -334,7 +336,7 @@ def draw_frontier(rows: pd.DataFrame, style):
     state = good.state.iloc[0]
     label = TOPS[state].label if state in TOPS else state
     fig.caption = (
-        f"Error at the end of the run against its wall time on “{label}”; down and to the left is "
+        f"Largest error in the last fifth of the run against the wall time of the run on “{label}”; down and to the left is "
         "better. Each curve shows a method's Pareto-optimal runs. "
         f"{style.naming(good.method, 'bold: of each family the one that is cheapest at most errors, or the exact step')}. Wide "
         "and pale: the efficient frontier, runs that no other run beats in both. Shaded: the time of one call from "
@@ -397,9 +399,9 @@ def _draw_profile(good: pd.DataFrame, style):
     ax.set(xlabel="factor τ: at most so many times as long as the cheapest", ylabel="share of the races")
     style.label_end(ax)
     fig.caption = (
-        f"All races in one figure: {races} pairs of a run (a top and a length) and an error, from 1e-4 to 1e-12. For each "
-        "method the share of them in which it takes at most τ times as long as the cheapest, set-up counted. Up and left is "
-        "better: at τ = 1 is the share that it wins, at the right the share that it finishes within the limits. "
+        f"All comparisons in one figure: {races} races, each for a top, a length of run and an error from 1e-4 to 1e-12. For "
+        "each method the share of races in which it takes at most τ times as long as the cheapest, set-up counted. Up and left "
+        "is better: at τ = 1 is the share in which it is the cheapest, at the right the share that it finishes within limits. "
         f"{style.naming(found, 'bold: the one of each family that is cheapest at most errors')}. Point at a line to see its name."
     )
     return fig

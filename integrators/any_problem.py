@@ -32,17 +32,22 @@ def integrate(
     """Follow a top, or a magnet, from y0.
 
     Give either `h` and `steps`, or `t`. With `h` and `steps` every `every` steps are recorded (default: only the start
-    and the end). With `t`, any output times from 0, the method's dense output is used. The exact Bäcklund map takes one
+    and the end). With `t`, any times counted from that of y0, the method's dense output is used. The exact Bäcklund map takes one
     map for each time then: a jump, not a sequence of steps. With `t`, `backlund_splitting` chooses its step for `tol`
     and reports it in `work.notes`.
 
     Parameters
     ----------
-    top : LagrangeTop, HeavyTop (time in s then), or PerturbedTop; or a GaudinMagnet, with h and steps only. y0 : (6,), initial
-    (J, x); of a magnet its spins (n, 3). h : step, negative runs backwards. steps : number of steps. method : a name in
-    METHODS, or a Method; for a magnet a name in MAGNET_METHODS. every : must divide `steps`.
-    attitude : follow the whole body too: True, or its initial attitude as a unit quaternion (4,), scalar first; the
-    body is that of a HeavyTop, or one with equal moments of inertia. options : the method's own.
+    top : LagrangeTop, HeavyTop (time in s then), or PerturbedTop; or a GaudinMagnet, with h and steps only. y0 : (6,),
+    initial (J, x); of a magnet its spins (n, 3). h : step, negative runs backwards. Times are in the top's own unit, 1 over
+    the unit of J. steps : number of steps. method : a name in METHODS, or a Method; for a magnet a name in MAGNET_METHODS.
+    every : must divide `steps`. t : (N,), finite. attitude : follow the whole body too: True, or its initial attitude as a
+    unit quaternion (4,), scalar first; the body is that of a HeavyTop, or one with equal moments of inertia. options : the
+    method's own.
+
+    Returns
+    -------
+    a `Trajectory`: t (N,), y (N, 6), of a magnet (N, n, 3), work, and attitude (N, 4) if it was asked for.
 
     Raises
     ------

@@ -27,7 +27,7 @@ TOP_TYPES = "a LagrangeTop, a HeavyTop or a PerturbedTop"
 
 @dataclass(frozen=True)
 class Trajectory:
-    """What `integrate` returns: times (N,), states (N, 6), of a magnet (N, n, 3), and the work it took."""
+    """Times (N,) in the units of h, states (N, 6) in those of y0, of a magnet (N, n, 3), and the work they took."""
 
     top: Any  # the LagrangeTop, the PerturbedTop or the GaudinMagnet
     method: str

@@ -21,7 +21,7 @@ FAMILIES = ("backlund", "closed-form", "taylor", "runge-kutta", "splitting", "in
 
 
 class StepError(RuntimeError):
-    """A method could not take a step: it says which method, which h, where and why."""
+    """A method could not take a step. Attributes: `method`, its name; `reason`; `h` and the number of the `step`, or None."""
 
     def __init__(self, method: str, reason: str, *, h: float | None = None, step: int | None = None) -> None:
         at = "" if h is None else f" at h = {h:g}"
@@ -144,7 +144,12 @@ class AnyField:
 
 @dataclass(frozen=True)
 class Method:
-    """What a method claims. Every field is read by a test, a legend or a table."""
+    """What a method claims. Every field is read by a test, a legend or a table; docs/adding-a-method.md explains each.
+
+    Raises
+    ------
+    ValueError : a field of a wrong type, an unknown invariant or word; or `biased` names what is not claimed.
+    """
 
     name: str  # registry key, the name in every table
     label: str  # what a legend shows

@@ -36,7 +36,8 @@ def work_precision(
 
     Returns
     -------
-    the figure, and a frame with a row for each step or tolerance: error, seconds, setup_seconds, steps, evals; in the last
+    the figure, and a frame with a row for each step or tolerance: error, seconds, setup_seconds, steps, evals. The error is the
+    largest in the last fifth of the run, in a potential that at its end, over the scales of J and x. In the last
     row of a method `stopped` says why there are no more. Methods that are not of the bench have black dashes.
 
     Raises

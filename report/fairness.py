@@ -85,10 +85,10 @@ def _rules(records: dict[str, Method], step: pd.DataFrame, setup: str, work: pd.
         ),
         (
             "Final state, one trajectory.",
-            "Times are those to the state at the end. No method may step over more than 16 units of time, although an exact one "
-            "could jump to the end for the price of a set-up (the ensembles show it). Storing every step costs extra, and so "
-            "does dense output of Taylor and Runge-Kutta methods. This is the latency of one trajectory, not the throughput of "
-            "many.",
+            "Times are those to the state at the end. In the experiment work_precision no method may step over more than 16 "
+            "units of time. An exact one could jump to the end for the price of a set-up: the experiments ensemble and gaudin "
+            "show it. Storing every step costs extra, and so does dense output of Taylor and Runge-Kutta methods. This is the "
+            "latency of one trajectory, not the throughput of many.",
         ),
         (
             "Methods that are moved back onto the invariants.",

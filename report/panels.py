@@ -103,7 +103,7 @@ def _points(x: pd.Series, y: pd.Series) -> Iterator[int]:
 
 
 def _kept(rows: dict[str, pd.DataFrame]) -> dict[str, list[list[str]]]:
-    """Of each method (what it claims, what was found): its order, and each invariant on generic tops."""
+    """Of each method (what it claims, what was found): its order, and each invariant on random tops."""
     found: dict[str, list[list[str]]] = {}
     if len(_part(rows, "phase", "h")):
         for run in _records("phase", "orders", rows):
@@ -115,7 +115,7 @@ def _kept(rows: dict[str, pd.DataFrame]) -> dict[str, list[list[str]]]:
             claimed = f"{run['invariant']} kept" if run["claimed"] else f"{run['invariant']} not claimed"
             error = show(float(f"{run['largest relative error']:.1e}"))
             found.setdefault(run["method"], []).append(
-                [claimed, f"{run['verdict']}, largest error {error} (generic tops)"]
+                [claimed, f"{run['verdict']}, largest error {error} (random tops)"]
             )
     return found
 

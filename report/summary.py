@@ -45,9 +45,9 @@ def sentences(rows: dict[str, pd.DataFrame]) -> list[Sentence]:
     """Accuracy, cost and invariants, in this order."""
     made = []
     for head, section, say in (
-        ("In phase.", "phase", accuracy),
-        ("Fast.", "cost", cost),
-        ("On its torus.", "drift", invariants),
+        ("Accuracy.", "phase", accuracy),
+        ("Cost.", "cost", cost),
+        ("Invariants.", "drift", invariants),
     ):
         made.append(_sentence(head, section, say, rows))
     return made
@@ -83,8 +83,8 @@ def accuracy(rows: dict[str, pd.DataFrame]) -> Said:
         worst,
         f"largest error of the exact step, at any h from {shortest} to {longest}, up to t\xa0=\xa0{phase.SPAN:g}",
         f"On {tops} tops, at any step from {shortest} to {longest}, the exact Bäcklund step is within {worst} of the true state "
-        f"up to t = {phase.SPAN:g}. {len(at)} {OTHERS} step by h. On the {LABEL}, at a step of {_show(h)}, the best of "
-        f"them, {_name(best.method)}, is off by {_show(errors.min())}. There {poor} of the {len(at)} are off by more than "
+        f"up to t = {phase.SPAN:g}. {len(at)} {OTHERS} have a fixed step. On the {LABEL}, at a step of {_show(h)}, the best "
+        f"of them, {_name(best.method)}, has an error of {_show(errors.min())}. There {poor} of the {len(at)} have errors above "
         f"{_show(POOR)} or fail.",
     )
 

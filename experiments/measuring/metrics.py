@@ -55,7 +55,7 @@ def scaled_error(top: LagrangeTop, y0: ArrayLike, y: ArrayLike, y_exact: ArrayLi
 
 
 def pareto_front(cost: ArrayLike, error: ArrayLike) -> NDArray[np.intp]:
-    """Indices, by growing cost, of the points no other point beats in both; points that are not finite never count."""
+    """Indices (M,), by growing cost, of the points (N,) no other point beats in both; points that are not finite never count."""
     cost, error = _floats(cost), _floats(error)
     finite = np.flatnonzero(np.isfinite(cost) & np.isfinite(error))
     order = finite[np.lexsort((error[finite], cost[finite]))]
@@ -255,7 +255,7 @@ def frequency_shift(t: ArrayLike, dphi: ArrayLike) -> FrequencyShift:
     """Splits a phase error (N,) into a constant frequency shift and what is left.
 
     Least squares for slope and offset: without the offset an oscillation that starts at an extreme would count
-    as a frequency. Samples that are not finite are left out of the fit.
+    as a frequency. Samples that are not finite are left out of the fit. NaN for fewer than three samples.
     """
     t, dphi = _floats(t), _floats(dphi)
     good = np.isfinite(dphi)

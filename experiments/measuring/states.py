@@ -24,11 +24,11 @@ WIDE = tuple(f"wide{i:03d}" for i in range(200))  # of every kind; likewise
 
 
 def find(name: str) -> tuple[Any, Array]:
-    """Top and initial state of a named top, or of "random000" … "random999", "wide000" … or "close000" ….
+    """Top and initial state (6,) of a named top, or of "random000" … "random999", "wide000" … or "close000" ….
 
     The random ones have alpha in [0.3, 2], each J in [-2, 2] and |x| in [0.5, 2]; the generator is Python's own,
     whose `random()` never changes. The wide ones have either sign of alpha and |J|²/(|alpha||x|) from 1e-3 to 1e3. The close
-    ones are on the separatrix but for a part of 1e-1 to 1e-8 of J.
+    ones are on the separatrix but for a part of 1e-1 to 1e-8 of J. ValueError : no such name.
     """
     if name in TOPS:  # not by NAMED_TOPS: `results.sources` is to see on which definitions a row depends
         return TOPS[name].top, TOPS[name].state

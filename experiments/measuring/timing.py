@@ -74,9 +74,10 @@ def time_call(function: Callable[[], object], min_time: float = 0.02, repeats: i
 
 
 def interleave(functions: Mapping[str, Callable[[], object]], min_time: float = 0.02, repeats: int = 7) -> Interleaved:
-    """Times several functions in one process, one sample of each per round; see `time_call`.
+    """Times several functions in one process, one sample of each per round; see `time_call`. Seconds per call.
 
-    Every other round runs backwards: none of them always comes first.
+    Every other round takes them in reverse order, so that none of them always comes first. ValueError : `repeats` is below 1,
+    or `min_time` is too short for the clock.
     """
     if repeats < 1:
         raise ValueError(f"repeats must be at least 1; got {repeats}")

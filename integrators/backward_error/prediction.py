@@ -56,7 +56,10 @@ THIN = 1e-6  # the least singular value of vectors of length 1 over the largest,
 
 
 class PredictedPhase(NamedTuple):
-    """Rates per unit of time; None where there is no prediction, and then the reason."""
+    """`clock` is a number, `turn` in rad per unit of time, the growths are per unit of time.
+
+    Without a prediction clock and turn are None, the growths are 0, and `reason` says why.
+    """
 
     clock: float | None
     turn: float | None
@@ -76,7 +79,8 @@ def predicted_phase(
 
     Parameters
     ----------
-    top, y0, h, method : as of `integrate`. lam : of a two-point map with any λ; h then says by how much it is to step.
+    top, y0, h, method : as of `integrate`. lam : parameter of a two-point map, Im λ > 0; h is then the time its step is meant
+    to take.
 
     Returns
     -------

@@ -70,7 +70,10 @@ def _folder(module: str) -> str | None:
 
 
 def compiled(function: Callable[..., Any], **more: Any) -> Any:
-    """Compile without caching."""
+    """Compile a function with Numba: no fastmath, and no cache on disk, so every process compiles it again.
+
+    more : options of `numba.njit`. The kernels of plug-ins are compiled with this. Numba raises its errors at the first call.
+    """
     return njit(**{**OPTIONS, **more})(function)
 
 

@@ -26,7 +26,10 @@ REFUSAL = "a formula may use + − × ÷, whole and half powers, and sqrt of int
 
 
 def sqrt(a: Any) -> Any:
-    """Square root of whatever a formula is evaluated on: a symbol, a float, an array, an mpmath or a heyoka number."""
+    """Square root of whatever a formula is evaluated on: a symbol, a float, an array, an mpmath or a heyoka number.
+
+    NaN for a negative float. TypeError : a type without a square root.
+    """
     if isinstance(a, (float, int)):
         return math.sqrt(a) if a >= 0 else math.nan
     if hasattr(a, "sqrt"):

@@ -97,6 +97,10 @@ class KernelError(ValueError):
 class FixedStepper(Stepper):
     """A `Stepper` around a compiled kernel: one internal step per h.
 
+    name : of the method, in messages. h : step, in the units of the top. constants : (m,) floats, the `c` of the kernel.
+    step : compiled, step(s, c, tally) → s, with s six numbers. pin : compiled, pin(s, c) → s, called every `block` steps.
+    rhs_per_step : right-hand sides that a step counts.
+
     `enter` and `leave` turn a state into the kernel's own units and back (exactly, or not at all);
     `failures` maps the kernel's failure codes to reasons.
 
@@ -104,6 +108,10 @@ class FixedStepper(Stepper):
     are; both should be free of loops, for a loop has the same bits in lanes but no SIMD code. Or a kernel for lanes and
     the number of constants it takes: all of them, or those of one of the equal parts that a step consists of; it has
     the bits of `step`, or sets FAILURE. False: one top after the other.
+
+    Raises
+    ------
+    ValueError : constants are not floats, or a kernel cannot be compiled. StepError : from `advance` and `record`.
     """
 
     def __init__(

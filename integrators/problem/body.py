@@ -29,6 +29,10 @@ class HeavyTop:
 
     mass : kg. distance : m, from the fixed point to the centre of mass along the axis. gravity : m/s².
     A, C : kg m², moments of inertia about the fixed point, across and along the axis; C <= 2A for a rigid body.
+
+    Raises
+    ------
+    ValueError : a number that is not finite, mass, A or C not positive, or C > 2A.
     """
 
     mass: float
@@ -76,7 +80,7 @@ class HeavyTop:
             raise ValueError(f"y0: |x| must be 1 for a HeavyTop, whose axis is the direction x; got {length:.9g}")
 
     def energy(self, y: ArrayLike) -> Array:
-        """Kinetic plus potential energy in J of states (..., 6); shape (...,)."""
+        """Kinetic plus potential energy, in joules, of states (..., 6); shape (...,)."""
         J, x = np.split(np.asarray(y, dtype=float), 2, axis=-1)
         along = np.sum(J * x, axis=-1)
         across = np.sum(J * J, axis=-1) - along**2

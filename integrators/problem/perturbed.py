@@ -52,7 +52,7 @@ class Potential:
 
     Raises
     ------
-    ValueError : from `formula` and from `PerturbedTop`, for a function that is not one of + − × ÷ and sqrt.
+    ValueError : from `formula` and from `PerturbedTop`, for a function of more than + − × ÷, whole and half powers, and sqrt.
     """
 
     def __init__(
@@ -465,9 +465,9 @@ class PerturbedTop:
         return G
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
-        """Scales of J, of x and of time that errors are judged by.
+        """Scales of J, of x and of time that errors are judged by, at one state (6,).
 
-        Those of the top without V; where √(|∇U||x|) is larger than its rate, this is the rate.
+        (r, |x|, 1/r) with r the larger of |J| + √(|alpha||x|) and √(|∇U||x|); the time is inf for r = 0.
         """
         rate, size, _ = self.top.scales(y)
         try:

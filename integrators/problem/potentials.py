@@ -69,7 +69,7 @@ def _tide_gradient(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
 
 # An uneven field to second order: V = x·Sx/2. Any smooth field near a point is uniform up to this term; also a soft
 # magnetic body in a uniform field, whose induced moment is a linear function of the axis. Source: Landau & Lifshitz,
-# Electrodynamics of Continuous Media (1984), sections 4 and 44.
+# Electrodynamics of Continuous Media (1984), sections 4 and 8.
 QUADRATIC = Potential(
     "quadratic", _quadratic, _quadratic_gradient, parameters=("S11", "S22", "S33", "S12", "S13", "S23"),
     note="x·Sx/2: an uneven field to second order, or an induced moment; S in units of J²/x²",
@@ -108,7 +108,7 @@ NOTHING = Potential("nothing", lambda x1, x2, x3, p: 0.0, note="0: the top alone
 
 
 def in_any_field(top: LagrangeTop | PerturbedTop) -> PerturbedTop:
-    """A `PerturbedTop` as it is, a `LagrangeTop` as one without a potential: so one kernel serves both."""
+    """A `PerturbedTop` as it is, a `LagrangeTop` as one with the potential 0, so that one kernel serves both."""
     return top if isinstance(top, PerturbedTop) else PerturbedTop(top, NOTHING)
 
 

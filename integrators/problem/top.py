@@ -28,8 +28,12 @@ Array = NDArray[np.float64]
 class LagrangeTop:
     """A symmetric heavy top with weight parameter `alpha` (m g l / A for a real one). Hashable, picklable.
 
-    For `integrate_ensemble` alone `alpha` may be an array (n,), one number for each of n tops; `rhs` and `invariants`
-    take states (..., n, 6) then, and everything else says no.
+    alpha : any finite number, in units of J²/x. For `integrate_ensemble` alone an array (n,), one number for each of n tops:
+    `rhs` and `invariants` then take states (..., n, 6), and all else raises a ValueError. Source: paper, (1.1).
+
+    Raises
+    ------
+    ValueError : alpha is not real or not finite.
     """
 
     alpha: float = 1.0
@@ -111,7 +115,7 @@ class LagrangeTop:
         return G
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
-        """Scales of J, of x and of time that errors are judged by.
+        """Scales of J, of x and of time that errors are judged by, at one state (6,).
 
         (|J| + √(|alpha||x|), |x|, 1/(|J| + √(|alpha||x|))); the time is inf for a top at rest without weight.
         """
@@ -153,7 +157,11 @@ def hat(v: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class NamedTop:
-    """A top with a name and an initial state, stored as the doubles they are."""
+    """A top with a name and an initial state.
+
+    name : lower case, in every table. label : in legends. alpha : in units of J²/x. y0 : (J1, J2, J3, x1, x2, x3). note : why
+    it is there.
+    """
 
     name: str
     label: str

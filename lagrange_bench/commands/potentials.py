@@ -23,8 +23,8 @@ examples:
   lagrange-bench methods --potential charge --parameters 0.1,0,0,2      which methods take it
 
 A potential of your own: a file my_field.py with POTENTIAL = Potential("name", value), value a function (x1, x2, x3, p) of
-+ - * / and sqrt from integrators, is --potential my_field:POTENTIAL. One of your package joins this list through the
-entry-point group lagrange_bench.potentials (name = package.module:POTENTIAL)."""
++ - * /, whole and half powers, and sqrt from integrators, is --potential my_field:POTENTIAL. One of your package joins this list
+through the entry-point group lagrange_bench.potentials (name = package.module:POTENTIAL)."""
 
 
 def run(options: argparse.Namespace) -> Answer:
