@@ -6,6 +6,7 @@ import errno
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 from fractions import Fraction
@@ -483,3 +484,25 @@ def test_a_folder_of_the_checkout_is_found_from_elsewhere(filled, tmp_path, monk
     monkeypatch.setattr(provenance, "checkout", lambda: None)
     with pytest.raises(FileNotFoundError, match="no such folder of results"):
         store.find_results(Path("nowhere"))
+
+
+def unexplained(columns):
+    """Fields of the cells and rows of the reference run that a table of columns does not name: experiment → their names."""
+    found = {}
+    for journal in sorted((Path(store.__file__).parent / "reference").glob("*.jsonl")):
+        lines = [line for line in columns.splitlines() if line.startswith(("| all ", f"| {journal.stem} "))]
+        names = set()
+        for line in journal.read_text(encoding="utf-8").splitlines():
+            record = json.loads(line)
+            names.update(record["cell"], *record["rows"])
+        names = {name for name in names if not name.startswith("kept: ")} - set(
+            re.findall("`([^`]+)`", "\n".join(lines))
+        )
+        found |= {journal.stem: names} if names else {}
+    return found
+
+
+def test_every_column_is_explained():
+    columns = (Path(store.__file__).parent / "README.md").read_text(encoding="utf-8").partition("\n## Columns\n")[2]
+    assert not unexplained(columns)
+    assert unexplained(columns.replace("`fraction`", ""))["drift"] == {"fraction"}
