@@ -4,7 +4,7 @@ One step of order two: half a kick by the weight, J += (h/2) alpha e3 × x; the 
 kick. Both are exact flows, of alpha x3 and of a function of |J|: the step is a Poisson map, symmetric, and keeps J3, |x|²
 and x·J. Five of them, over s h, s h, (1 − 4 s) h, s h, s h with s = 1/(4 − 4^{1/3}), are of order four.
 
-Source: Suzuki, Phys. Lett. A 146 (1990) 319, equation 15.
+Source: Suzuki, Phys. Lett. A 146 (1990) 319.
 """
 
 import numpy as np
@@ -65,6 +65,6 @@ METHOD = Method(
     poisson=True,
     conserves=frozenset({"J3", "C1", "C2"}),
     control="step",
-    source="Suzuki, Phys. Lett. A 146 (1990) 319, equation 15",
+    source="Suzuki, Phys. Lett. A 146 (1990) 319",
     prepare=prepare,
 )

@@ -28,9 +28,9 @@ Every map here is Poisson and symmetric (the corrector is made of |h|), and C1 a
 makes it so, not any smooth one: a step of time T(H, J3) and turn Θ(H, J3) is Poisson only if ∂T/∂J3 = ∂Θ/∂H.
 
 Sources: Wisdom & Holman, Astron. J. 102 (1991) 1528; Wisdom, Holman & Touma, Fields Inst. Commun. 10 (1996) 217 (correctors);
-Laskar & Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39 (saba4); McLachlan, BIT 35 (1995) 258 (aba84); Blanes, Casas, Farrés,
-Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58 (the others). The exact step as the flow of A, its table, this
-corrector: this project.
+McLachlan, BIT 35 (1995) 258 (aba84, saba4); Laskar & Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39 (saba4); Blanes,
+Casas, Farrés, Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58 (the others). The exact step as the flow of A, its
+table, this corrector: this project.
 """
 
 from __future__ import annotations

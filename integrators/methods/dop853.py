@@ -4,7 +4,8 @@ The step control, the first step and the interpolant of order 7 are those of Hai
 defaults: safety 0.9, a step at most 6 times and at least a third of the one before, no stabilization. So this is the
 strongest explicit Runge-Kutta method with step control, compiled and not interpreted. The exponent 1/8 of the control
 is three square roots. h is only the output grid. A step takes 12 right-hand sides, the slope at its start among them,
-and 4 more if it is interpolated.
+and 4 more if it is interpolated. Hairer's program keeps that slope, and saves one at a rejected step and one at an
+interpolated one.
 
 Source: Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I (1993), sections II.4 (first step), II.5, II.6, and
 the program DOP853.

@@ -26,8 +26,9 @@ eliminated, and d solves D d = h W×x, D = 1 − k J× + k² x× T', W = J + k T
 a pole has been passed, and is refused; of poles of invariants, such as eps x3 = 1, nothing is known. J3 is kept where the top
 keeps it.
 
-Sources: Kimura & Hirota, J. Phys. Soc. Japan 69 (2000) 3193; Petrera, Pfadler & Suris, Regul. Chaotic Dyn. 16 (2011) 245
-(body frame). Rest frame, e, r0, κ and the volume: this project; the tests prove them in rational arithmetic.
+Sources: Kahan, lecture notes (1993, unpublished); Kimura & Hirota, J. Phys. Soc. Japan 69 (2000) 3193; Petrera, Pfadler &
+Suris, Regul. Chaotic Dyn. 16 (2011) 245 (body frame). Rest frame, e, r0, κ and the volume: this project; the tests prove
+them in rational arithmetic.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ This is a formula and no stepping kernel: it may call sin, cos and exp. A step i
 run began with; `evaluate` takes any times. The truth the methods are judged by (`integrators.truth.exact`) rests on mpmath's
 constants; it shares nothing with this file.
 
-Sources: Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477; DLMF 19.8.7, 19.25, 20.7.30-33, 22.2.
+Sources: Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477; DLMF 19.8.7-8, 19.25, 20.7.30-33, 22.2.
 """
 
 from __future__ import annotations
@@ -329,7 +329,7 @@ def period_and_turn(z1, z2, z3, J, low, high, dJ, m):
     """The period T and the precession in it over 2π, as double-doubles; `J`, `low`, `high` = ζ_J − ζ3, ζ_J − ζ2, ζ1 − ζ_J.
 
     (arg F_J)' = dJ/(ζ_J − ζ) over a period is (2 dJ/κJ) Π(n, k), n = (ζ2 − ζ3)/J; where n is close to 1, and J+ close to 0 when
-    ζ = ζ2, Π(n) = K − Π(k²/n) + (κJ/|2 dJ|) π instead (DLMF 19.7.9).
+    ζ = ζ2, Π(n) = K − Π(k²/n) + (κJ/|2 dJ|) π instead (DLMF 19.7.8).
     """
     a, g = sqrt(scale(sub(z1, z3), 0.5)), sqrt(scale(sub(z1, z2), 0.5))
     if g[0] <= 0.0:
@@ -362,7 +362,7 @@ def period_and_turn(z1, z2, z3, J, low, high, dJ, m):
 
 @jit
 def nome(squared, complementary):
-    """q of k² and k'², k² <= 1/2 (DLMF 19.5.5 and its next terms)."""
+    """q of k² and k'², k² <= 1/2 (DLMF 19.5.6 and 19.5.7)."""
     k = math.sqrt(complementary)
     root = math.sqrt(k)
     e = 0.5 * squared / ((1.0 + k) * (1.0 + root) * (1.0 + root))

@@ -1,6 +1,6 @@
 """The discrete Lagrange top of Bobenko and Suris has a Lax pair, and is a two-point Bäcklund map in disguise.
 
-The paper mentions it after (5.1): “their discrete Lax matrix is deformed with respect to the continuous one”. The step is
+The paper mentions it before section 5.1: “their discrete Lax matrix is deformed with respect to the continuous one”. The step is
 that of `integrators.methods.bobenko_suris`, symmetric form: K = J + (h/2) alpha e3×x, x̃ − x = (h/2) K×(x + x̃),
 J̃ = K + (h/2) alpha e3×x̃. With
 
@@ -39,10 +39,10 @@ of the rotation, and so are the others if K·Σ = r0 (2 − eps Σ3), which hold
 
 an identity of rational functions: computer algebra expands it to 0, and the tests check it in rational arithmetic.
 
-Sources: Bobenko & Suris, Commun. Math. Phys. 204 (1999) 147, whose abstract says that Lax representations are found. Its
-text was not accessible to us: the pair, its proof, and that both maps are the two-point map, are derived here. Of the
-map of Kahan, Hirota and Kimura we found no Lax pair for this top in the literature; Kimura, arXiv 1611.02271, has one for
-their Euler top.
+Sources: Bobenko & Suris, Commun. Math. Phys. 204 (1999) 147, and Suris, J. Nonlinear Math. Phys. 8 (2001) 534, whose
+abstracts say that Lax representations are found. We have read the abstracts only: the pair, its proof, and that both maps
+are the two-point map, are derived here. Of the map of Kahan, Hirota and Kimura we found no Lax pair for this top in the
+literature; Kimura, arXiv 1611.02271, has one for their Euler top.
 """
 
 from __future__ import annotations

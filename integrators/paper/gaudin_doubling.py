@@ -295,7 +295,7 @@ def rough_roots(p: Numbers) -> Numbers:
 
 
 def upper_roots(U: Numbers) -> list:
-    """The roots of a positive polynomial in the upper half-plane, by the method of Ehrlich and Aberth."""
+    """The roots of a positive polynomial in the upper half-plane. Source: Ehrlich, Commun. ACM 10 (1967) 107; Aberth."""
     guess = rough_roots(U)
     guess = guess[np.argsort(-guess.imag)][: len(U) // 2]
     lowest = 1e-3 * np.max(np.abs(guess))  # a pair close to the real axis may have been taken for two real roots

@@ -203,7 +203,7 @@ def quadratic_algebra_defect(brackets: Numbers, Mu: Numbers, Mv: Numbers, r: Num
 
 
 def lax_partner(y: Any, u: Any) -> Numbers:
-    """(i/2u) σ·x, (..., 2, 2); section 5.6, last Lax equation."""
+    """(i/2u) σ·x, (..., 2, 2); section 5.6, below (5.6.10)."""
     partner: Numbers = pauli(np.asarray(y)[..., 3:]) * (0.5j / u)
     return partner
 
@@ -285,7 +285,7 @@ ERRATA = [
         lambda g: _curve(g, False), lambda g: _curve(g, True),
     ),
     Erratum(
-        "last line but one", "5.6", "L' = {H, L}", "L' = {L, H}, the flow (1.1)",
+        "below (5.6.10)", "5.6", "L' = {H, L}", "L' = {L, H}, the flow (1.1)",
         lambda g: _hamiltonian_sign(g, -1), lambda g: _hamiltonian_sign(g, 1),
     ),
 ]  # fmt: skip

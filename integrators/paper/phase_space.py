@@ -97,7 +97,7 @@ def _force(rng: Random, sign: int) -> float:
 
 ERRATA = [
     Erratum(
-        "(1.1), text", "1", "P is the constant vector along the gravity field: J' = x × P",
+        "(1.1), text", "1", "P is the constant vector along the gravity field (then J' = x × P)",
         "the gravity force is −P: J' = x × (−P) = P × x", lambda g: _force(g, 1), lambda g: _force(g, -1),
         prose=True,
     ),

@@ -164,7 +164,7 @@ def _on_curve(rng: Random, shift: int) -> float:
 
 ERRATA = [
     Erratum(
-        "(3.4), (3.5)", "3", "v1 = −A(u1) = i (J-/x-)(J3 − (J-/x-) x3)",
+        "(3.4) with (3.5)", "3", "v1 = −A(u1) = i (J-/x-)(J3 − (J-/x-) x3)",
         "v1 = −A(u1) + i alpha = i (J-/x-)(J3 − (J-/x-) x3)", lambda g: _v1(g, 0), lambda g: _v1(g, 1),
     ),
     Erratum(

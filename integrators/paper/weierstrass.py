@@ -136,7 +136,7 @@ class Weierstrass:
     def inverse_oval(self, p: Any, slope: Any) -> Any:
         """u real in (−ω1, ω1] with ℘(ω3 + u) = p in [e3, e2]; `slope` is ℘'(ω3 + u), of which the sign is used.
 
-        ℘(ω3 + u) = e3 + (e3 − e1)(e3 − e2)/(℘(u) − e3) (DLMF 23.6.7), and u = RF(℘ − e1, ℘ − e2, ℘ − e3).
+        ℘(ω3 + u) = e3 + (e3 − e1)(e3 − e2)/(℘(u) − e3) (Whittaker & Watson, 20.33), and u = RF(℘ − e1, ℘ − e2, ℘ − e3).
         """
         e1, e2, e3 = self.roots
         if p <= e3:

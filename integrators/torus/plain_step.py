@@ -367,7 +367,7 @@ def whole_nutations(work, nutation):
         T = π/M,    P = T (J3/2 + D (2 + (z2 − z3)/(z_p − z2) Σ Q_n)/(4 (z_p − z3))),    M = agm(a_0, g_0)
 
     a_0² = (z1 − z3)/2, g_0² = (z1 − z2)/2, p_0² = a_0² (z_p − z2)/(z_p − z3), Q_0 = 1, p_{n+1} = (p_n² + a_n g_n)/(2 p_n) and
-    Q_{n+1} = Q_n (p_n² − a_n g_n)/(2 (p_n² + a_n g_n)): DLMF 19.8.7. All in double-double, for an error comes again with
+    Q_{n+1} = Q_n (p_n² − a_n g_n)/(2 (p_n² + a_n g_n)): DLMF 19.8.7-8. All in double-double, for an error comes again with
     every nutation.
     """
     for j in range(LANES):

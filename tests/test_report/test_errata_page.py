@@ -28,7 +28,7 @@ CHECKLIST = {
     ("2", "(2.18)"): "remainder of the contraction",
     ("2", "(2.20)"): "the morphism holds in the limit only",
     ("2", "(2.22)"): "2 alpha J3/u",
-    ("3", "(3.4), (3.5)"): "v1 and −A(u1)",
+    ("3", "(3.4) with (3.5)"): "v1 and −A(u1)",
     ("3", "(3.5), text"): "which point is on the curve",
     ("4", "(4.5), θ"): "imaginary half-period",
     ("4", "(4.5), φ"): "factor 2 and sign",
@@ -59,7 +59,7 @@ CHECKLIST = {
     ("5.6", "(5.6.1), text"): "the time step",
     ("5.6", "(5.6.6)"): "2 alpha J3/λ2",
     ("5.6", "(5.6.9), (5.6.10)"): "sign of the physical limit",
-    ("5.6", "last line but one"): "{H, L}",
+    ("5.6", "below (5.6.10)"): "{H, L}",
     ("5.6", "(5.6.11)"): "factor i",
 }
 # Wrong too, but without a formula to evaluate: a bracket is missing in (5.5.5).

@@ -58,7 +58,7 @@ def test_errata_are_marked_and_nothing_else_is():
     for mark, wrong in (("✗", formulas), ("¶", sentences - formulas)):
         marked = {row[0] for row in ROWS if row[0].endswith(mark)}
         numbers = {NUMBER.match(place)[1] for place in marked if place.startswith("(")}
-        assert len(marked) - len(numbers) == 1  # without a number: "last line but one" of 5.6, and "before (5.5.2)"
+        assert len(marked) - len(numbers) == 1  # without a number: "below (5.6.10)" and "before (5.5.2)"
         assert numbers == wrong
 
 

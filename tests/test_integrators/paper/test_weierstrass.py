@@ -92,7 +92,7 @@ def test_third_kind(wp):
 
 
 def test_lemniscate():
-    """g2 = 4, g3 = 0: ω1 = Γ(1/4)²/(4 √(2π)), DLMF 23.5.7."""
+    """g2 = 4, g3 = 0: ω1 = Γ(1/4)²/(4 √(2π)), DLMF 23.5.3."""
     with mp.workdps(DIGITS):
         wp = Weierstrass(mpf(4), mpf(0))
         close(wp.omega1, mp.gamma(0.25) ** 2 / (4 * mp.sqrt(2 * mp.pi)))
