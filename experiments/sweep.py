@@ -411,11 +411,7 @@ def draw(rows: pd.DataFrame) -> dict[str, Any]:
     finest: dict[tuple[str, str, str], tuple[Cell, pd.DataFrame]] = {}
     for cell, run in runs:
         old = finest.get(_series(cell))
-        if (
-            old is None
-            or (cell["status"] == "done") > (old[0]["status"] == "done")
-            or _fineness(cell) < _fineness(old[0])
-        ):
+        if old is None or _rank(cell) < _rank(old[0]):
             finest[_series(cell)] = (cell, run)
     figures["time"] = _draw_time(list(finest.values()), _truth(rows))
     for knob in KNOBS:
@@ -429,8 +425,9 @@ def _series(cell: Cell) -> tuple[str, str, str]:
     return cell["top"], cell["method"], cell["options"]
 
 
-def _fineness(cell: Cell) -> float:
-    return min(abs(cell[knob]) for knob in KNOBS if knob in cell)
+def _rank(cell: Cell) -> tuple[bool, float]:
+    """A cell that is done comes before one that failed, and then the finer one."""
+    return cell["status"] != "done", min(abs(cell[knob]) for knob in KNOBS if knob in cell)
 
 
 def _panels(runs: list[tuple[Cell, pd.DataFrame]], xlabel: str) -> tuple[Any, dict[str, Any]]:
@@ -499,8 +496,8 @@ def _draw_time(runs: list[tuple[Cell, pd.DataFrame]], truth: str) -> Any:
     style.legend_below(figure)
     figure.caption = (
         f"Error against {truth}, relative to the scales of J and x, and the largest of the relative drifts of H, "
-        "J3, C1 and C2, against time: each method at its smallest step or tolerance. Values that are exactly zero are left "
-        "out; the grey line is the spacing of doubles at 1. A cross before a name: the method failed."
+        "J3, C1 and C2, against time: each method at the smallest step or tolerance at which it did not fail. Values that are "
+        "exactly zero are left out; the grey line is the spacing of doubles at 1. A cross before a name: the method failed."
     )
     return figure
 

@@ -191,15 +191,9 @@ def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -
     """Draw where the axis went on its sphere and write the picture."""
     from experiments.drawing import figures, style
 
-    suffix, buffer = path.suffix.lower(), io.BytesIO()
     with style.apply():
         figure = sphere(trajectory, method, name)
-        if suffix == ".svg":
-            buffer.write(figures.svg(figure).encode())
-        else:
-            metadata = {"CreationDate": None} if suffix == ".pdf" else {"Software": None}
-            figure.savefig(buffer, format=suffix[1:], metadata=metadata)
-    return replace_file(path, buffer.getvalue())
+    return replace_file(path, figures.FORMATS[path.suffix.lower().removeprefix(".")](figure))
 
 
 ICONS = {  # of matplotlib's buttons

@@ -67,6 +67,16 @@ def spans(*lengths: float) -> Need:
     return missing
 
 
+def tops(*names: str) -> Need:
+    """Runs on each of these tops."""
+
+    def missing(rows: pd.DataFrame) -> str:
+        absent = [name for name in names if name not in set(_column(rows, "state"))]
+        return f"no run of the top {absent[0]} is stored" if absent else ""
+
+    return missing
+
+
 def _column(rows: pd.DataFrame, name: str) -> pd.Series:
     return rows[name] if name in rows else pd.Series(dtype=float)
 

@@ -13,7 +13,6 @@ from experiments.drawing import tables
 from experiments.measuring.states import methods_on
 from integrators.compiling.compiled import OPTIONS
 from integrators.interface import Method
-from integrators.registry import METHODS
 
 ENGINES = {
     "numba": "compiled here (Numba)",
@@ -33,12 +32,7 @@ class Fairness(NamedTuple):
 def assemble(rows: dict[str, pd.DataFrame]) -> Fairness:
     """From the rows of all experiments, by name; what is not stored is not said."""
     cost, work, ensemble = (rows.get(name, pd.DataFrame()) for name in ("cost", "work_precision", "ensemble"))
-    records = {}
-    for name in methods_on():
-        try:
-            records[name] = METHODS[name]
-        except Exception:  # somebody else's method that cannot be loaded here
-            continue
+    records = methods_on()
     step, start = (_part(cost, part) for part in ("step", "start"))
     step = step if step.empty else quickest(step)
     setup = _start(start, step, _part(ensemble, "setup"))

@@ -24,8 +24,8 @@ DRAWN = {  # of `experiments.measuring.states`, by the first word of their names
 
 
 def methods() -> pd.DataFrame:
-    """Each method: what figures and tables call it, what it claims and where it comes from."""
-    return pd.DataFrame([_method(name, record) for name, record in METHODS.items()])
+    """Each method that can be loaded: what figures and tables call it, what it claims and where it comes from."""
+    return pd.DataFrame([_method(name, record) for name, record, _ in METHODS.each() if record])
 
 
 def _method(name: str, record: Method) -> dict[str, str | int]:

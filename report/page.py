@@ -104,8 +104,9 @@ def assemble(
     the page has no claims, and what has no rows is left out.
     beside : other results, whose verdict stands beside that on each claim.
     """
-    own = sorted(path.stem for path in Path(results).glob("*.jsonl") if path.stem not in EXPERIMENTS)
-    sections = draw_all([*own, *EXPERIMENTS], Store(results, choice), processes, drawn, modules)
+    stored = Store(results, choice)
+    own = [name for name in stored.experiments() if name not in EXPERIMENTS]
+    sections = draw_all([*own, *EXPERIMENTS], stored, processes, drawn, modules)
     whole = not choice and (any(len(s.rows) for s in sections if s.experiment in EXPERIMENTS) or not own)
     if not whole:
         sections = [s for s in sections if len(s.rows) or s.experiment in own or s.errors]

@@ -17,7 +17,7 @@ from experiments.measuring.states import CLOSE, WIDE, methods_on
 from integrators.interface import INVARIANTS
 from integrators.problem.top import TOPS
 from integrators.registry import BUILT_IN, METHODS, available
-from report.claims import Claim, NoData, Verdict, at_least, at_most, compare, on, spans, steps, values, within
+from report.claims import Claim, NoData, Verdict, at_least, at_most, compare, on, spans, steps, tops, values, within
 
 ULP = 2 * ROUND_OFF
 RATIO, TARGET = "times as long as the exact step inside", "error at most"  # columns of the table of perturbed tops
@@ -426,7 +426,7 @@ CLAIMS = [
             table("perturbed", "winners"),
             at_most(1.0, RATIO, state=("strong_tide", "magnet"), span=1e3, **{TARGET: (1e-6, 1e-8, 1e-10)}),
         ),
-        spans(1e4),
+        tops("strong_tide", "magnet"),
         brief="In strong fields this splitting loses (t = 1000, errors 10⁻⁶–10⁻¹⁰).",
         unit="of its time (best rival)",
         about=("backlund_splitting",),

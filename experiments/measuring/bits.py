@@ -53,10 +53,9 @@ def kernels(only: Iterable[str] | None = None) -> list[tuple[str, str, dict[str,
     chosen = set(METHODS) if only is None else set(only)
     found: list[tuple[str, str, dict[str, Any]]] = []
     top, y0 = find(STATES[0])
-    for name in METHODS:
-        if name in LIBRARY or chosen.isdisjoint((name, f"{name} compensated")):
+    for name, method, _ in METHODS.each():
+        if not method or name in LIBRARY or chosen.isdisjoint((name, f"{name} compensated")):
             continue
-        method = METHODS[name]
         builder = getattr(method.prepare, "func", method.prepare)  # of a partial, too
         if method.engine != "numba" or not builder.__module__.startswith("integrators."):
             continue

@@ -66,13 +66,15 @@ def methods_on(state: str | None = None) -> dict[str, Method]:
     """The methods that are measured on a state, by name; None: on any top in a uniform field.
 
     In a potential these are the methods with a formula for it, else all but those that are another one in a uniform field.
+    A plug-in that cannot be loaded is left out: `lagrange-bench methods` says why.
     """
     from integrators import METHODS
 
+    loaded = {name: method for name, method, _ in METHODS.each() if method}
     if state not in PERTURBED_TOPS:
-        return {name: method for name, method in METHODS.items() if not method.reduces_to}
+        return {name: method for name, method in loaded.items() if not method.reduces_to}
     top = PERTURBED_TOPS[state].top
-    return {name: method for name, method in METHODS.items() if method.in_field and method.takes(top) is None}
+    return {name: method for name, method in loaded.items() if method.in_field and method.takes(top) is None}
 
 
 def log_counts(last: int, per_octave: int) -> list[int]:

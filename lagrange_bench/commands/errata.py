@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict
 
-from lagrange_bench.arguments import positive
+from lagrange_bench.arguments import positive, whole
 from lagrange_bench.text import Answer, plain, table
 
 SUMMARY = "errata of the paper, printed and corrected"
@@ -42,4 +42,4 @@ def run(options: argparse.Namespace) -> Answer:
 
 def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--points", type=positive, default=8, metavar="N", help="random points for each (default: 8)")
-    command.add_argument("--seed", type=int, default=0, metavar="N", help="of the points (default: 0)")
+    command.add_argument("--seed", type=whole, default=0, metavar="N", help="of the points (default: 0)")

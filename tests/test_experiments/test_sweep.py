@@ -9,12 +9,13 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.text import Text
 
 from experiments import sweep
 from experiments.catalogue import load
-from integrators import METHODS, PERTURBED_TOPS, TOPS, integrate
+from integrators import INVARIANTS, METHODS, PERTURBED_TOPS, TOPS, integrate
 from integrators.problem.top import LagrangeTop
 from lagrange_bench.arguments import numbers
 from lagrange_bench.commands.run import _own_modules
@@ -292,6 +293,19 @@ def test_run_draws_and_resumes_and_the_report_needs_no_file(run, write, tmp_path
         "backlund",
         "dop853",
     ]
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_the_finest_run_that_did_not_fail_is_drawn(order):
+    start = {"experiment": "sweep_my", "top": "generic", "method": "strang", "options": "", "error": 1e-9}
+    start |= dict.fromkeys(INVARIANTS, 1e-9)
+    runs = [
+        {**start, "key": "coarse", "h": 0.1, "status": "done", "t": 1.0},
+        {**start, "key": "fine", "h": 0.05, "status": "failed", "failure": "StepError"},
+        {**start, "key": "coarser", "h": 0.2, "status": "done", "t": 1.0},
+    ]
+    figure = sweep.draw(pd.DataFrame(runs[::order]))["time"]
+    assert METHODS["strang"].label in {line.get_label() for ax in figure.axes for line in ax.lines}
 
 
 @pytest.mark.processes

@@ -125,6 +125,7 @@ BAD = [  # words, what the line must name
     ("run --shard \u0661/3", "--shard"),
     ("run --jobs 1_0", "--jobs"),
     ("verify --seed \u0661", "--seed"),
+    ("errata --seed 1_0", "--seed"),
     ("verify --module no.such_module", "--module no.such_module"),
     ("run --jobs 0", "--jobs"),
     ("run --jobs two", "--jobs"),

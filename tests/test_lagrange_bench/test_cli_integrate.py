@@ -19,7 +19,7 @@ from test_cli import examples
 
 import integrators
 from experiments.measuring import truths
-from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, HeavyTop, LagrangeTop, PerturbedTop
+from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, HeavyTop, LagrangeTop, PerturbedTop, integrate
 from lagrange_bench import trajectory as output
 from lagrange_bench.arguments import option
 from lagrange_bench.commands.integrate import EXAMPLES
@@ -192,6 +192,13 @@ def test_drawing(run, tmp_path, suffix, magic):
         pictures.append(path.read_bytes())
     assert pictures[0].startswith(magic)
     assert pictures[0] == pictures[1]  # the same trajectory is the same file
+
+
+@pytest.mark.parametrize("suffix", [".svg", ".png", ".pdf"])
+def test_a_name_that_looks_like_a_formula_is_drawn_as_it_is(tmp_path, suffix):
+    trajectory = integrate(TOPS["generic"].top, TOPS["generic"].state, h=0.1, steps=3)
+    output.draw(tmp_path / f"axis{suffix}", trajectory, METHODS["backlund"], "a $_$ b")
+    assert (tmp_path / f"axis{suffix}").stat().st_size > 1000
 
 
 def test_films(run, tmp_path, monkeypatch):

@@ -15,10 +15,11 @@ import pytest
 from test_cli import HERE
 
 from experiments import EXPERIMENTS
+from experiments.sweep import VERSION
 from lagrange_bench.commands import completion
 from lagrange_bench.runner import engine
 from report import page
-from results.store import default_results
+from results.store import Store, default_results, make_record
 
 
 @pytest.fixture
@@ -131,6 +132,26 @@ def test_an_experiment_of_your_own_is_drawn_where_it_was_run(tmp_path):
     again = re.sub("<[^>]*>", "", again)
     assert again == "lagrange-bench figure my_study.energy_squares --results out --module my_study.energy"
     assert typed(again).stdout == "my_study.energy_squares.svg\n"
+
+
+def test_figures_are_listed_in_the_order_of_the_page(run, tmp_path):
+    """The user's own experiments come first."""
+    shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
+    shutil.copy(default_results() / "cost.jsonl", tmp_path)
+    start = {
+        "top": "generic",
+        "alpha": 1.0,
+        "y0": "0.3,-0.4,1.2,0.48,0.6,0.64",
+        "options": "",
+        "steps": 2,
+        "samples": 2,
+    }
+    row = {"t": 1.0, "H": 1e-9, "J3": 0.0, "C1": 0.0, "C2": 0.0, "error": 1e-9, "seconds": 0.1}
+    done = {"status": "done", "rows": [row], "error": None, "warnings": [], "seconds": 0.1}
+    Store(tmp_path).append(make_record("sweep_mine", VERSION, 0, {"method": "strang", **start, "h": 0.1}, **done))
+    code, out, err = run("figure", "--list", "--results", tmp_path)
+    assert code == 0, err
+    assert [name.partition("_")[0] for name in out.split()] == ["sweep", "cost", "ensemble", "ensemble"]
 
 
 def test_figures_are_listed_and_completed(run, answer, tmp_path, monkeypatch):

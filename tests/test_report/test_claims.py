@@ -190,6 +190,13 @@ def test_no_data_for_want_of_long_runs_names_the_profile_that_has_them():
     assert judged["orders"].command.startswith("lagrange-bench run phase --profile quick && "), "that will do"
 
 
+def test_a_claim_on_strong_fields_needs_runs_in_them_and_no_longer_ones():
+    (claim,) = (claim for claim in promises.CLAIMS if claim.id == "loses-perturbed")
+    runs = pd.DataFrame({"state": ["strong_tide", "magnet", "weak_tide"], "span": 1e3})
+    assert claim.needs(runs) == ""
+    assert claim.needs(runs[1:]) == "no run of the top strong_tide is stored"
+
+
 @pytest.mark.parametrize("slower", [1.0, 2.0])
 def test_times_are_judged_as_ratios(slower):
     """A machine on which everything takes twice as long has the same verdicts."""

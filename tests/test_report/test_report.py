@@ -12,6 +12,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
+from importlib.metadata import EntryPoint
 from types import ModuleType
 
 import matplotlib
@@ -19,10 +20,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from experiments.catalogue import load
 from experiments.drawing import style
 from experiments.measuring.states import methods_on
+from integrators import METHODS
 from lagrange_bench.__main__ import main
-from report import claims, fairness, origin, page, promises, sections, summary
+from report import claims, fairness, lists, origin, page, promises, sections, summary
 from report.claims import Claim
 from results import store
 from results.choice import Choice
@@ -192,8 +195,8 @@ def test_the_summary_is_written_from_rows():
     for words in (
         "from 1 to 8",
         "within 4×10⁻¹⁵",  # rounded up
-        "“Taylor 20, fixed step”, is off by 5.5×10⁻¹¹",
-        "1 of the 2 are off",
+        "“Taylor 20, fixed step”, has an error of 5.5×10⁻¹¹",
+        "1 of the 2 have errors above",
     ):
         assert words in accuracy.text
     assert not cost.found
@@ -372,6 +375,16 @@ def test_no_results_at_all(tmp_path):
     text = page.write(report, tmp_path / "out").read_text(encoding="utf-8")
     assert text.count("nothing of this experiment is stored") == len(page.EXPERIMENTS)
     assert {judged.verdict.passed for judged in report.claims} == {None}
+
+
+def test_a_plug_in_that_cannot_be_loaded_stops_neither_page_nor_run(monkeypatch, tmp_path):
+    broken = EntryPoint("broken", "no_such_module:METHOD", METHODS.group)
+    monkeypatch.setattr(METHODS, "_entries", {**METHODS._entries, "broken": broken})
+    with pytest.raises(ImportError):
+        METHODS["broken"]
+    assert len(lists.methods()) == len(METHODS) - 1
+    assert "broken" not in {cell.get("method") for cell in load("drift").cells("quick")}
+    assert page.assemble(tmp_path).errors == []
 
 
 def test_the_page_of_an_experiment_of_ones_own_shows_nothing_else(results, monkeypatch):
