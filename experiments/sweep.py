@@ -77,7 +77,7 @@ def read(path: str | Path) -> str:
     if isinstance(sweeps, dict):
         raise ValueError(f"{path}, [sweep]: write [[sweep]], with two brackets")
     if not isinstance(sweeps, list) or not sweeps:
-        raise ValueError(f"{path}: says nothing to compute: it needs a table [[sweep]]")
+        raise ValueError(f"{path}: nothing to compute: add a table [[sweep]]")
     listed: dict[str, Cell] = {}
     for number, table in enumerate(sweeps, 1):
         place = f"{path}, [[sweep]]" + (f" {number}" if len(sweeps) > 1 else "")

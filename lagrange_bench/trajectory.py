@@ -56,9 +56,9 @@ def judge(trajectory: Trajectory, y0: Array, method: Method, h: float | None, la
             right = truths.after_steps(top, y0, h, np.rint(trajectory.t / h).astype(np.int64))
         errors = metrics.scaled_error(top, y0, trajectory.y, right)
         if np.isnan(errors).any():
-            raise ValueError("the motion is chaotic, and its end is known to no digit")
+            raise ValueError("the motion is chaotic: no digit of its final state is known")
         judged: dict[str, Any] = {"final": errors[-1], "largest": errors.max(), "note": ""}
-    except ValueError as error:  # say, beyond what doubles resolve: the method has an answer, the truth has none
+    except ValueError as error:  # beyond what doubles resolve, for instance: the method has an answer, the truth has none
         judged = {"final": None, "largest": None, "note": str(error)}
     judged["against"] = truths.name(top)
     conserved = getattr(top, "conserved", INVARIANTS)

@@ -90,7 +90,6 @@ class Claim:
     experiment: str
     check: Check
     needs: Need = nothing  # the runs it is about; without them there is no data
-    command: str = ""  # how to check it; default: a run of the experiment, and its report
     brief: str = ""  # the sentence in at most fifteen words, for the README; "" where it is not among those named there
     unit: str = ""  # of what is found and required
     about: tuple[str, ...] = ()  # the methods whose panels on the page show it

@@ -154,7 +154,7 @@ def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> tuple[li
     for claim in promises.CLAIMS:
         verdict, error = claims.judge(claim, rows.get(claim.experiment, pd.DataFrame()))
         wanted = source.reaching(claim.profile) if verdict.passed is None or verdict.short else source
-        judged.append(Judged(claim, verdict, claim.command or Section(claim.experiment, origin=wanted).again))
+        judged.append(Judged(claim, verdict, Section(claim.experiment, origin=wanted).again))
         errors += [error] if error else []
     return judged, errors
 

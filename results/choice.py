@@ -64,9 +64,9 @@ class Choice:
                 if word == "method" and (why := _refusal(unknown[0], found["top"])):
                     raise ValueError(f"{flag}: {why}")
                 more = f" Known: {', '.join(known)}" if close == "." and known else ""
-                raise ValueError(f"{flag}: no cell here is of the {word} {unknown[0]!r}{close}{more}")
+                raise ValueError(f"{flag}: no cell here has the {word} {unknown[0]!r}{close}{more}")
         if not some:
-            raise ValueError(f"{self.words.strip()}: no cell here is of such a method on such a top")
+            raise ValueError(f"{self.words.strip()}: no cell here has such a method on such a top")
 
 
 ALL = Choice()

@@ -150,7 +150,7 @@ def clean_rows(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> li
         row = clean(row)
         for name, value in row.items():
             if name in ADDED:
-                raise ValueError(f"row field {name!r}: the store has one of this name")
+                raise ValueError(f"row field {name!r}: this name is reserved by the store")
             if name in cell and value != clean(cell[name]):
                 raise ValueError(f"row field {name!r} is {value!r}, in the cell it is {cell[name]!r}")
             if isinstance(value, list) and SAMPLES.search(name) and all(type(v) in (int, float) for v in value):

@@ -20,11 +20,12 @@ SUMMARY = "test what a method claims"
 RIVALS = ("rk4", "strang", "backlund")  # whom to draw a method beside, as a beginning
 
 DESCRIPTION = """\
-Test what a method claims: its order, symmetry, Poisson map, invariants, and the contract of a stepper. Prints a verdict
-per claim. Pass and fail are about what the record claims. "Not claimed" has no bound: it is measured for your information. "Not
-judged" could not be measured, and the reason follows the table. Drifts of invariants are relative: 1 is as large as
-the invariant's terms. A method that takes tops in a potential is tested there, too ("in a field: …"). A method that cannot
-take its first step gets one verdict, with the line of its code that fails.
+Test what a method claims: its order, its symmetry, whether a step is a Poisson map, its invariants; and the rules
+that every stepper must follow. Prints a verdict per claim. Pass and fail are about what the method claims. "Not
+claimed" has no bound: it is measured for your information. "Not judged" could not be measured, and the reason follows
+the table. Drifts of invariants are relative: 1 is as large as the invariant's terms. A method that takes tops in a
+potential is tested there, too ("in a field: …"). A method that cannot take its first step gets one verdict, with the
+line of its code that fails.
 
 Also for your own method, before you publish it. With --bounds, tests the drift of its invariants against a file of
 bounds, too."""

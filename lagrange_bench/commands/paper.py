@@ -28,7 +28,7 @@ examples:
 The functions are those of integrators.paper; docs/equations.md has them equation by equation, lagrange-bench errata what is
 misprinted.
 
-exit codes: 0 done · 1 a formula misses by more than is allowed · 2 bad input, as a section that this top has not"""
+exit codes: 0 done · 1 a formula misses by more than is allowed · 2 bad input: a section that does not apply to this top"""
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

@@ -77,7 +77,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text += "here, for the time of the run"
     command.add_argument("--scheduler", type=scheduler, metavar="ADDRESS", help=text)
     command.add_argument("--no-timings", action="store_true", help="leave out the timing cells")
-    text = "also compute the stored cells that were computed with other source code, or nobody knows with which"
+    text = "also compute the stored cells that were computed with other or unknown source code"
     command.add_argument("--again", action="store_true", help=text)
     text = "draw the figures and tables of these experiments too, in the folder page of the results"
     command.add_argument("--draw", action="store_true", help=text)

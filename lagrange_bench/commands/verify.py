@@ -13,8 +13,9 @@ from lagrange_bench.text import Answer, plain
 SUMMARY = "compute stored cells again"
 
 DESCRIPTION = """\
-Compute some of the cells of a store again, here and now, and compare: what a compiled method did to the invariants, and
-all counts, bit by bit; what a library or the exact solution has a part in, to its round-off; times not at all."""
+Compute some of the cells of a store again, here and now, and compare. Counts, and what compiled methods did to the
+invariants, must be the same to the bit. Results that a library or the exact solution has a part in must agree within
+round-off. Times are not compared."""
 
 
 EXAMPLES = """\
@@ -36,7 +37,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "how many cells (default: 60, less than a minute on two cores)"
     command.add_argument("--sample", type=positive, metavar="N", default=60, help=text)
     command.add_argument("--seed", type=whole, metavar="N", default=0, help="another sample (default: 0)")
-    text = "only cells that were computed with other source code, or nobody knows with which"
+    text = "only cells that were computed with other or unknown source code"
     command.add_argument("--old", action="store_true", help=text)
     text = "leave out cells that took longer when they were stored (default: 3)"
     command.add_argument("--longest", type=seconds, metavar="SECONDS", default=3.0, help=text)

@@ -355,4 +355,4 @@ def test_a_file_in_the_current_folder_joins_an_experiment(python, tmp_path):
     assert " ".join(f"<span>{word}</span>" for word in command.split()) in page
     code, out, err = python(*bench, "run", "phase", "--methods", "mine", *rows)
     assert code == 2
-    assert err.endswith("no cell here is of the method 'mine'; for the one in mine.py use mine:METHOD\n")
+    assert err.endswith("no cell here has the method 'mine'; for the one in mine.py use mine:METHOD\n")

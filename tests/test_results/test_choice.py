@@ -42,12 +42,12 @@ def test_what_is_chosen():
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        ({"methods": ("rk4", "strnag")}, "--methods: no cell here is of the method 'strnag'; did you mean 'strang'?"),
-        ({"tops": ("x",)}, "--tops: no cell here is of the top 'x'. Known: generic, mine"),
-        ({"highlight": ("rk44",)}, "--highlight: no cell here is of the method 'rk44'; did you mean 'rk4'?"),
+        ({"methods": ("rk4", "strnag")}, "--methods: no cell here has the method 'strnag'; did you mean 'strang'?"),
+        ({"tops": ("x",)}, "--tops: no cell here has the top 'x'. Known: generic, mine"),
+        ({"highlight": ("rk44",)}, "--highlight: no cell here has the method 'rk44'; did you mean 'rk4'?"),
         (
             {"methods": ("rk4",), "tops": ("mine",)},
-            "--methods rk4 --tops mine: no cell here is of such a method on such a top",
+            "--methods rk4 --tops mine: no cell here has such a method on such a top",
         ),
     ],
 )
@@ -64,7 +64,7 @@ def test_a_method_that_takes_none_of_the_tops_is_refused_with_its_reason():
         ValueError, match="--methods: backlund does not take the potential tide: it is a map of the torus"
     ):
         Choice(("backlund",)).check(in_potentials)
-    with pytest.raises(ValueError, match="no cell here is of the method 'backlund'"):
+    with pytest.raises(ValueError, match="no cell here has the method 'backlund'"):
         Choice(("backlund",)).check([*in_potentials, {"method": "rk4", "state": "generic"}])
 
 
@@ -124,7 +124,7 @@ def test_a_run_computes_what_is_chosen():
     [
         (
             "run drift --methods rk44 --results {0}",
-            "--methods: no cell here is of the method 'rk44'; did you mean 'rk4'?",
+            "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
         ),
         ("run drift --methods mine.py --results {0}", "method mine.py: write mine:METHOD"),
         ("run drift --highlight far/mine.py --results {0}", "method far/mine.py: write mine:METHOD in the folder far"),
