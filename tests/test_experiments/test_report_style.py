@@ -16,6 +16,7 @@ from matplotlib.text import Text
 from experiments import EXPERIMENTS
 from experiments.catalogue import load
 from experiments.drawing import figures, style, tables
+from experiments.drawing.looks import _luminance
 from integrators import METHODS
 from integrators.interface import FAMILIES
 from results.store import Store, default_results
@@ -219,7 +220,7 @@ def test_coloured_text_can_be_read():
     for colours, _ in style.FAMILIES.values():
         for colour in (*colours, "#ffffff", "#000000"):
             text = style.readable(colour)
-            assert 1.05 / (style._luminance(np.array(text)) + 0.05) >= style.CONTRAST
+            assert 1.05 / (_luminance(np.array(text)) + 0.05) >= style.CONTRAST
     assert style.readable("#000000") == (0.0, 0.0, 0.0)
     assert style.readable("#0072B2") == pytest.approx((0, 0x72 / 255, 0xB2 / 255)), "no darker than it has to be"
 

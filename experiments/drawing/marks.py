@@ -1,0 +1,177 @@
+"""Marks and names in panels, by the looks of methods.
+
+Forty lines in one panel are not readable. Either every family has a panel of its own (`by_family`), or all are thin
+but the best of each (`looks`). Lines are named where they end (`label_ends`), not in a legend.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import matplotlib.figure
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.ticker import FixedLocator
+from matplotlib.transforms import blended_transform_factory, offset_copy
+
+from experiments.drawing.canvas import FAINT, INK, TALLEST, Figure, keep_to_the_letter, panels, plain, width
+from experiments.drawing.looks import FAMILIES, OTHERS, TITLES, family, label, of, ordered, readable
+from integrators.registry import METHODS
+
+REFERENCE = "backlund"  # in grey in every panel of small multiples
+Line = Callable[[Axes, str, dict[str, Any]], None]  # draws one method into a panel, with this look
+
+
+def by_family(
+    methods: Iterable[str], line: Line, xlabel: str, ylabel: str, ylim: tuple[float, float]
+) -> tuple[Figure, list[Axes]]:
+    """Small multiples: a panel for each family that has any of the methods, two to a row, the reference grey in each."""
+    names = ordered(methods)
+    groups = [group for group in (*FAMILIES, OTHERS) if any(family(name) == group for name in names)]
+    narrow = width() == "column"
+    columns = 1 if narrow else min(len(groups), 2)
+    small = {"markersize": 2.2 if narrow else 3.0, "markeredgewidth": 0.4}
+    titles = [TITLES.get(group, group) for group in groups]
+    fig, axes = panels(titles, columns, (0.45, 1.75), xlabel, ylabel, sharex=True, sharey=True)
+    for ax, group in zip(axes, groups, strict=True):
+        if group != family(REFERENCE) and REFERENCE in names:
+            grey = {"color": "#a5a5a5", "linewidth": 2.2, "marker": "o", "label": "_reference", "zorder": 1}
+            line(ax, REFERENCE, {**grey, **small})
+        for name in names:
+            if family(name) == group:
+                line(ax, name, {**of(name), **small})
+        ax.set_ylim(ylim)
+    low, high = (math.ceil(math.log10(limit)) for limit in ylim)
+    powers = [10.0**k for k in range(low, high + 1) if k % (5 if narrow else 3) == 0]
+    axes[0].yaxis.set_major_locator(FixedLocator(powers))
+    return fig, axes
+
+
+def label_end(ax: Axes, fontsize: float = 7) -> None:
+    """Write each labelled line's name at its right end, pushed apart so that none overlap. Call it last."""
+    figure = ax.get_figure(root=True)
+    assert isinstance(figure, Figure)
+    figure.after_layout += (_Ends(ax, fontsize).spread,)
+
+
+def label_ends(panels: Iterable[Axes], fontsize: float = 6.5) -> None:
+    """`label_end` of several panels."""
+    for ax in panels:
+        label_end(ax, fontsize)
+
+
+class _Ends:
+    """The names at the ends of the lines of a panel, those without a line (`failed_label`) on top."""
+
+    def __init__(self, ax: Axes, fontsize: float) -> None:
+        self.ax, self.fontsize = ax, fontsize
+        lines = [line for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
+        self.lines = [line for line in lines if line.get_label() != "failed" and _last_point(ax, line) is not None]
+        look: dict[str, Any] = {"fontsize": fontsize, "va": "center", "transform": ax.transAxes}
+        self.texts = [
+            ax.text(1.05, 0.5, str(line.get_label()), color=readable(line.get_color()), **look) for line in self.lines
+        ]
+        self.failed = [text for text in ax.texts if text.get_gid() == "failed"]
+        for text in self.failed:
+            text.set(x=1.05, y=0.5, **look)
+        colours = [line.get_color() for line in self.lines]
+        self.leaders = LineCollection([], colors=colours, linewidths=0.4, transform=ax.transAxes, clip_on=False)
+        self.leaders.set_in_layout(False)
+        ax.add_collection(self.leaders, autolim=False)
+
+    def spread(self) -> None:
+        """Puts them where they belong, once the panel has its size."""
+        panel = self.ax.get_window_extent()
+        figure = self.ax.get_figure(root=True)
+        assert figure is not None
+        gap = 1.25 * self.fontsize * figure.dpi / 72 / panel.height
+        ends = [_last_point(self.ax, line) or (1.0, 1.0) for line in self.lines]
+        upwards = sorted(range(len(ends)), key=lambda i: ends[i][1])
+        places = _spread([*(ends[i][1] for i in upwards), *(1.0 for _ in self.failed)], gap)
+        for text, place in zip([*(self.texts[i] for i in upwards), *self.failed], places, strict=True):
+            text.set_y(place)
+        self.leaders.set_segments([(ends[i], (1.04, self.texts[i].get_position()[1])) for i in range(len(ends))])
+
+
+def _last_point(ax: Axes, line: Any) -> tuple[float, float] | None:
+    """The last finite point of a line, in fractions of the axes, held inside them; None if there is none."""
+    data = np.column_stack([np.asarray(v, dtype=float) for v in line.get_data()])
+    with np.errstate(all="ignore"):
+        points = ax.transAxes.inverted().transform(ax.transData.transform(data))
+    points = points[np.isfinite(points).all(axis=1)]
+    return None if len(points) == 0 else (float(np.clip(points[-1][0], 0, 1)), float(np.clip(points[-1][1], 0, 1)))
+
+
+def _spread(places: Sequence[float], gap: float) -> list[float]:
+    """Ascending places in [0, 1] moved as little as needed to lie `gap` apart: runs that overlap share their mean."""
+    runs: list[list[float]] = []
+    for place in places:
+        runs.append([place])
+        while len(runs) > 1 and _centre(runs[-1], gap) - _centre(runs[-2], gap) < gap * len(runs[-2] + runs[-1]) / 2:
+            last = runs.pop()
+            runs[-1] += last
+    return [_centre(run, gap) + gap * (i - (len(run) - 1) / 2) for run in runs for i in range(len(run))]
+
+
+def _centre(run: Sequence[float], gap: float) -> float:
+    half = min(gap * len(run) / 2, 0.5)  # a run stays inside the axes if it can
+    return float(np.clip(sum(run) / len(run), half, 1 - half))
+
+
+def legend_below(fig: matplotlib.figure.Figure) -> None:
+    """One legend for all axes, each name once, below them, in as many columns as fit. The figure grows by it if it can."""
+    entries: dict[str, Any] = {}
+    for ax in fig.axes:
+        for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
+            entries.setdefault(text, handle)
+    places = {of(name)["label"]: i for i, name in enumerate(METHODS)}
+    texts = sorted(entries, key=lambda text: places.get(text, len(places)))
+    handles = [entries[text] for text in texts]
+    for columns in range(len(texts), 0, -1):
+        legend = fig.legend(handles, texts, loc="outside lower center", ncols=columns, columnspacing=1.4)
+        keep_to_the_letter(legend)
+        size = legend.get_window_extent()
+        if columns == 1 or size.width <= 0.92 * fig.bbox.width:
+            height = fig.get_figheight()
+            fig.set_figheight(min(height + size.height / fig.dpi, max(height, TALLEST)))
+            return
+        legend.remove()
+
+
+def failure_marks(ax: Axes, x: Iterable[float], method: str | None = None) -> None:
+    """A cross at the top of the axes for every x at which a method failed, in a row for each method."""
+    positions = list(x)
+    if not positions:
+        return
+    figure = ax.get_figure(root=True)
+    row = sum(line.get_gid() == "failed" for line in ax.get_lines())
+    at_top = blended_transform_factory(ax.transData, ax.transAxes)
+    ax.plot(
+        positions, [1.0] * len(positions), linestyle="none", marker="x", markersize=3.2, markeredgewidth=0.9,
+        color=of(method)["color"] if method else INK, clip_on=False, zorder=5, gid="failed",
+        label="_failed" if row else "failed", transform=offset_copy(at_top, figure, y=-2 - 3.8 * row, units="points"),
+    )  # fmt: skip
+
+
+def failed_label(ax: Axes, method: str, name: str | None = None) -> None:
+    """The name of a method that has nothing to show in a panel, crossed: in its corner, or where `label_ends` puts it."""
+    above = sum(text.get_gid() == "failed" for text in ax.texts)
+    text = f"× {plain(name or label(method))}"
+    ax.text(
+        0.02, 0.97 - 0.09 * above, text, color=readable(of(method)["color"]), fontsize=6.5, va="top",
+        transform=ax.transAxes, gid="failed",
+    )  # fmt: skip
+
+
+def slope_guide(ax: Axes, exponent: float, anchor: tuple[float, float], span: float = 10.0, text: str = "") -> None:
+    """A thin line y ∝ x^exponent on log-log axes from `anchor` over a factor `span` in x, with its name."""
+    x0, y0 = anchor
+    x1, y1 = x0 * span, y0 * span**exponent
+    ax.plot([x0, x1], [y0, y1], color=FAINT, linewidth=0.7, linestyle=(0, (1, 1)), marker="none", label="_guide")
+    ax.annotate(
+        text or f"slope {exponent:g}", (x1, y1), (2, 0), textcoords="offset points", fontsize=6.5, color=FAINT,
+        va="center",
+    ).set_in_layout(False)  # fmt: skip
