@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from integrators.paper.gaudin_methods import MAGNET_METHODS
     from integrators.paper.gaudin_model import GaudinMagnet
     from integrators.problem.body import HeavyTop
-    from integrators.problem.perturbed import PerturbedTop, Potential
+    from integrators.problem.field import Potential
+    from integrators.problem.perturbed import PerturbedTop
     from integrators.problem.potentials import PERTURBED_TOPS, in_any_field
     from integrators.problem.top import TOPS, LagrangeTop, NamedTop
     from integrators.registry import METHODS, POTENTIALS, available
@@ -78,7 +79,8 @@ __getattr__, __dir__ = face(
         "integrators.paper.gaudin_model": ("GaudinMagnet",),
         "integrators.problem.body": ("HeavyTop",),
         "integrators.compiling.expression": ("sqrt",),
-        "integrators.problem.perturbed": ("PerturbedTop", "Potential"),
+        "integrators.problem.field": ("Potential",),
+        "integrators.problem.perturbed": ("PerturbedTop",),
         "integrators.problem.potentials": ("PERTURBED_TOPS", "in_any_field"),
         "integrators.problem.top": ("TOPS", "LagrangeTop", "NamedTop"),
         "integrators.registry": ("METHODS", "POTENTIALS", "available"),

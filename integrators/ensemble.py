@@ -32,7 +32,8 @@ from integrators.compiling.lanes import LANES, run_lanes
 from integrators.compiling.loops import FixedStepper
 from integrators.interface import Array, Method, StepError, Stepper
 from integrators.problem.body import HeavyTop, has_unit_axis
-from integrators.problem.perturbed import PerturbedTop, natures
+from integrators.problem.nature import natures
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.rotated import evaluate_for, prepare_for
 from integrators.problem.top import LagrangeTop
 from integrators.registry import find_method

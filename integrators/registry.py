@@ -215,7 +215,7 @@ class TopRegistry(Registry):
 
 
 METHODS = Registry("method", BUILT_IN, "integrators.interface:Method")
-POTENTIALS = Registry("potential", POTENTIALS_BUILT_IN, "integrators.problem.perturbed:Potential")
+POTENTIALS = Registry("potential", POTENTIALS_BUILT_IN, "integrators.problem.field:Potential")
 NAMED_TOPS = TopRegistry()
 
 

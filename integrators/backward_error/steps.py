@@ -19,7 +19,7 @@ from integrators.methods import bobenko_suris as bs
 from integrators.methods import collective_midpoint as cm
 from integrators.methods import gauss, kahan, lie_group, runge_kutta, splitting
 from integrators.methods.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Tableau
-from integrators.problem.perturbed import cross
+from integrators.problem.field import cross
 
 State = tuple[Any, ...]  # J1, J2, J3, x1, x2, x3
 Step = Callable[[float, State, Series, int], State]  # (alpha, state, h, highest power of h) → the state after a step

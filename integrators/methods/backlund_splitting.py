@@ -51,7 +51,8 @@ from integrators.interface import AnyField, Array, Method, StepError, Stepper, S
 from integrators.methods import backlund, backlund_choice
 from integrators.methods.backlund_choice import Candidate, ChosenWork
 from integrators.methods.backlund_schemes import PROCESSED, SCHEMES, Scheme, ends_of
-from integrators.problem.perturbed import Field, PerturbedTop
+from integrators.problem.field import Field
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import LagrangeTop
 from integrators.torus import real_map
 from integrators.torus.plain_step import invariants, move, parameter

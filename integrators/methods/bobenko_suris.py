@@ -36,7 +36,8 @@ from integrators.compiling.expression import machine_code, take
 from integrators.compiling.loops import FixedStepper
 from integrators.interface import AnyField, Array, Method
 from integrators.methods.lie_group import turn as rotated
-from integrators.problem.perturbed import Field, PerturbedTop
+from integrators.problem.field import Field
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import LagrangeTop
 from integrators.problem.units import Units
 

@@ -47,7 +47,8 @@ from integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS
 from integrators.interface import AnyField, Array, Method, StepError
 from integrators.methods.lie_group import cross as vector
 from integrators.methods.lie_group import dot as scalar
-from integrators.problem.perturbed import Field, PerturbedTop, cross, dot
+from integrators.problem.field import Field, cross, dot
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import LagrangeTop
 
 QUARTER, KICK = range(2)  # places of the constants: h/4 and h alpha

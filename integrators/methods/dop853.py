@@ -40,7 +40,8 @@ from integrators.interface import AnyField, Array, Method, StepError, Work
 from integrators.methods.dense import DenseStepper, Problem, Run, at_times
 from integrators.methods.runge_kutta import floats, slopes_in_field, slopes_of, weigh
 from integrators.methods.tableaux import DOP853, DOP853_MORE
-from integrators.problem.perturbed import Field, PerturbedTop
+from integrators.problem.field import Field
+from integrators.problem.perturbed import PerturbedTop
 
 RTOL, ATOL, ALPHA = range(3)  # places of the constants; parameters of a potential follow alpha
 LEAST_RTOL = 100 * float(np.finfo(float).eps)  # as SciPy's

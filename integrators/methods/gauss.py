@@ -48,7 +48,8 @@ from integrators.compiling.expression import machine_code, take, with_slopes
 from integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, RHS_EVALS, FixedStepper
 from integrators.compiling.numba_internals import stack
 from integrators.interface import AnyField, Array, Method, StepError
-from integrators.problem.perturbed import Field, PerturbedTop
+from integrators.problem.field import Field
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import LagrangeTop
 
 # h²|alpha||x| at the first fold of the stage equations, over all J and x, rounded down: found by minimising it under the

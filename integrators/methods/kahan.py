@@ -43,7 +43,8 @@ from integrators.compiling.expression import machine_code, take, with_slopes
 from integrators.compiling.loops import FAILURE, FixedStepper
 from integrators.interface import AnyField, Array, Method
 from integrators.methods.lie_group import add, cross, dot, times
-from integrators.problem.perturbed import Field, PerturbedTop
+from integrators.problem.field import Field
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import LagrangeTop
 from integrators.problem.units import Units
 

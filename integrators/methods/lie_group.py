@@ -30,7 +30,8 @@ from integrators.compiling.compiled import jit, jit_as
 from integrators.compiling.expression import machine_code, take
 from integrators.compiling.loops import FAILURE, FixedStepper
 from integrators.interface import AnyField, Array, Method
-from integrators.problem.perturbed import Field, PerturbedTop
+from integrators.problem.field import Field
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import LagrangeTop
 
 H, ALPHA_H = range(2)  # places of the constants; in a field h, then alpha and the parameters of the potential

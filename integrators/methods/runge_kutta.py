@@ -43,7 +43,8 @@ from integrators.methods.tableaux import (
     Row,
     Tableau,
 )
-from integrators.problem.perturbed import Field, PerturbedTop, cross, dot
+from integrators.problem.field import Field, cross, dot
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import LagrangeTop
 from integrators.problem.units import Units, ldexp, units_in_field
 from integrators.torus.stepper import OFF_TORUS

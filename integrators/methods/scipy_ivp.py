@@ -41,7 +41,8 @@ from integrators.compiling.unroll import unrolled
 from integrators.interface import AnyField, Array, Method, StepError, Work
 from integrators.methods.dense import DenseStepper, Problem, Run, at_times
 from integrators.methods.dop853 import check_tolerances
-from integrators.problem.perturbed import Field, PerturbedTop, cross
+from integrators.problem.field import Field, cross
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import LagrangeTop
 from integrators.problem.units import Units, ldexp, units_of
 

@@ -44,7 +44,8 @@ from integrators.compiling.expression import take
 from integrators.compiling.loops import FAILURE, MEMORY, ConjugateStepper, finite
 from integrators.compiling.unroll import unrolled
 from integrators.interface import AnyField, Array, Method, StepError
-from integrators.problem.perturbed import Field, PerturbedTop
+from integrators.problem.field import Field
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import LagrangeTop
 
 # ------------------------------------------------------------------------------------ schemes

@@ -41,7 +41,8 @@ from integrators.compiling.loops import FixedStepper
 from integrators.compiling.numba_internals import stack
 from integrators.interface import AnyField, Array, Method, StepError, Work
 from integrators.methods.dense import DenseStepper, Problem, Run, at_times
-from integrators.problem.perturbed import Field, PerturbedTop
+from integrators.problem.field import Field
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import LagrangeTop
 from integrators.problem.units import Units, ldexp, units_of
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from integrators.compiling.expression import sqrt
-from integrators.problem.perturbed import PerturbedTop, Potential, dot
+from integrators.problem.field import Potential, dot
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import TOPS, LagrangeTop, Named, NamedTop
 
 

@@ -35,7 +35,8 @@ from integrators.compiling.expression import Program, Tape
 from integrators.files import cache_folder, write_file
 from integrators.interface import StepError
 from integrators.precision import ONE_AT_A_TIME, workdps
-from integrators.problem.perturbed import PerturbedTop, cross
+from integrators.problem.field import cross
+from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.units import ldexp
 from integrators.truth.exact import rounded_off
 

@@ -19,7 +19,7 @@ from integrators import (
     sqrt,
 )
 from integrators.compiling.expression import Program, Tape, machine_code, record
-from integrators.problem.perturbed import SAME
+from integrators.problem.nature import SAME
 from integrators.registry import find_potential
 
 Y = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))

@@ -1,0 +1,242 @@
+"""A potential V(x) of the axis x, and the formulas made from it: what methods compile.
+
+A `Potential` is V with the names of its parameters. V is an ordinary Python function of + − × ÷, whole and half powers, and
+`sqrt`. It is recorded once (`compiling.expression`) as a `Formula`: so the same formula serves floats, mpmath, heyoka and the
+compiled kernels. A `Field` is alpha x3 + V with all derivatives, made from what was recorded.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from itertools import chain, combinations
+from typing import Any
+
+from integrators.compiling.compiled import jit_as
+from integrators.compiling.expression import Program, Tape, Term, record, take
+from integrators.compiling.unroll import unrolled
+
+ROOTS = 6  # at most: each combination of their signs is tried
+Vector = tuple[Any, Any, Any]
+
+
+class Potential:
+    """A potential V(x1, x2, x3, p) of the axis x, p a tuple of parameters.
+
+    Parameters
+    ----------
+    name : what messages and tables call it. value : (x1, x2, x3, p) → V, in the units of |J|².
+    gradient : (x1, x2, x3, p) → (∂V/∂x1, ∂V/∂x2, ∂V/∂x3); by default it is derived. It is compared with the derived one.
+    parameters : names of the parameters; by default a top may give any number of them.
+    note : what the potential stands for, in a line.
+
+    Raises
+    ------
+    ValueError : from `formula` and from `PerturbedTop`, for a function of more than + − × ÷, whole and half powers, and sqrt.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        value: Callable[..., Any],
+        gradient: Callable[..., Any] | None = None,
+        *,
+        parameters: Sequence[str] | None = None,
+        note: str = "",
+    ):
+        if not isinstance(name, str) or not name:
+            raise ValueError(f"name of a potential must be a word; got {name!r}")
+        for word, function in (("value", value), ("gradient", gradient)):
+            if not callable(function) and not (word == "gradient" and function is None):
+                raise ValueError(f"potential {name}: {word} must be a function of (x1, x2, x3, p); got {function!r}")
+        self.name, self.value, self.given, self.note = name, value, gradient, note
+        self.parameters = None if parameters is None else tuple(parameters)
+        self._formulas: dict[int, Formula] = {}
+
+    def __repr__(self) -> str:
+        return f"Potential({self.name!r})"
+
+    def formula(self, count: int) -> Formula:
+        """V and its gradient with `count` parameters, recorded. ValueError if that cannot be done."""
+        if self.parameters is not None and count != len(self.parameters):
+            names = ", ".join(self.parameters)
+            raise ValueError(
+                f"parameters of the potential {self.name}: {len(self.parameters)} numbers ({names}); got {count}"
+            )
+        if count not in self._formulas:
+            value = self._record("value", self.value, count, 1)
+            given = None if self.given is None else self._record("gradient", self.given, count, 3)
+            self._formulas[count] = Formula(value, given)
+        return self._formulas[count]
+
+    def _record(self, word: str, function: Callable[..., Any], count: int, outputs: int) -> Program:
+        def plain(*numbers: Term) -> tuple[Any, ...]:
+            result = function(*numbers[:3], numbers[3:])
+            return tuple(result) if outputs > 1 else (result,)
+
+        try:
+            program = record(plain, 3 + count)
+        except IndexError as error:
+            raise ValueError(f"potential {self.name}: {word} asks for more than {count} parameters ({error})") from None
+        except Exception as error:  # somebody else's function may raise anything
+            reason = " ".join(str(error).split())  # in one line
+            raise ValueError(f"potential {self.name}: {word}(x1, x2, x3, p) fails: {reason}") from None
+        if len(program.outputs) != outputs:
+            raise ValueError(f"potential {self.name}: {word} must return {outputs} numbers; got {len(program.outputs)}")
+        return program
+
+
+@dataclass(frozen=True)
+class Formula:
+    """V as a program of (x1, x2, x3, *p), and its gradient if one was given."""
+
+    value: Program
+    given: Program | None = None
+
+    @cached_property
+    def field(self) -> Field:
+        """The field of alpha x3 + V."""
+        tape, x, q = _inputs(self.value.inputs - 2)
+        (V,) = tape.run(self.value, *x, *q[1:])
+        gradient = tape.run(self.given, *x, *q[1:]) if self.given else tape.gradient(V, x)
+        return Field(
+            tape.program((q[0] * x[2] + V,)),
+            tape.program((gradient[0], gradient[1], gradient[2] + q[0])),
+        )
+
+    @cached_property
+    def perturbation(self) -> Field:
+        """The field of V alone, with the same inputs."""
+        tape, x, q = _inputs(self.value.inputs - 2)
+        (V,) = tape.run(self.value, *x, *q[1:])
+        gradient = tape.run(self.given, *x, *q[1:]) if self.given else tape.gradient(V, x)
+        return Field(tape.program((V,)), tape.program(gradient))
+
+    @cached_property
+    def bends(self) -> Program:
+        """(x, p) → ∇V and the nine entries of V''."""
+        tape, x, p = _inputs(self.value.inputs - 3)
+        g = tape.run(self.derived if self.given is None else self.given, *x, *p)
+        columns = [tape.along(g, x, e) for e in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+        return tape.program((*g, *(entry for column in columns for entry in column)))
+
+    @cached_property
+    def branches(self) -> list[Program] | None:
+        """`bends` with other signs of its roots; of those that have a corner if there are many; None if of these, too."""
+        for roots in (self.bends.roots(3), self.bends.corners(3)):
+            if len(roots) <= ROOTS:
+                flips = chain.from_iterable(combinations(roots, n) for n in range(1, len(roots) + 1))
+                return [self.bends.branch(flipped) for flipped in flips]
+        return None
+
+    @cached_property
+    def derived(self) -> Program:
+        """The gradient of V, derived."""
+        tape, x, p = _inputs(self.value.inputs - 3)
+        return tape.program(tape.gradient(tape.run(self.value, *x, *p)[0], x))
+
+
+@dataclass(frozen=True)
+class Field:
+    """U = alpha x3 + V and its gradient g, programs of (x1, x2, x3, alpha, *p), and what follows from them."""
+
+    potential: Program
+    gradient: Program
+
+    @property
+    def parameters(self) -> int:
+        """How many numbers follow x: alpha and those of V."""
+        return self.potential.inputs - 3
+
+    def _made(self, outputs: Callable[..., Iterable[Any]], vectors: int = 0) -> Program:
+        """A program of x, of more vectors, and of the parameters, from x and g."""
+        tape = Tape()
+        x = [tape.input() for _ in range(3)]
+        more = [tuple(tape.input() for _ in range(3)) for _ in range(vectors)]
+        q = [tape.input() for _ in range(self.parameters)]
+        g = tape.run(self.gradient, *x, *q)
+        return tape.program(outputs(tape, x, g, *more))
+
+    @cached_property
+    def torque(self) -> Program:
+        """g × x, by which J changes."""
+        return self._made(lambda tape, x, g: cross(g, x))
+
+    @cached_property
+    def hessian_times(self) -> Program:
+        """(x, v, q) → U''(x) v."""
+        return self._made(lambda tape, x, g, v: tape.along(g, x, v), vectors=1)
+
+    @cached_property
+    def torque_along(self) -> Program:
+        """(x, v, q) → the derivative of g × x along v."""
+        return self._made(lambda tape, x, g, v: tape.along(cross(g, x), x, v), vectors=1)
+
+    @cached_property
+    def twist(self) -> Program:
+        """The torque of W = |x × g|², which the commutator [B,[A,B]] of kick and rotation amounts to."""
+        return self._made(lambda tape, x, g: cross(_twist(tape, x, g)[1], x))
+
+    @cached_property
+    def second_twist(self) -> Program:
+        """The torque of ∇W·(N × x), N = x × g, which [B,[B,[A,[A,B]]]] amounts to."""
+
+        def outputs(tape: Tape, x: Vector, g: Vector) -> Vector:
+            N, slope = _twist(tape, x, g)
+            return cross(tape.gradient(dot(slope, cross(N, x)), x), x)
+
+        return self._made(outputs)
+
+    def compiled_rhs(self, first: int = 1) -> Callable[..., Any]:
+        """(s, c) → the time derivative of the state s, six numbers, for compiled kernels.
+
+        The constants c are an array or a tuple of doubles; from c[first] on they are `PerturbedTop.numbers`.
+        """
+        return _compiled_rhs(self, first)
+
+    @cached_property
+    def digest(self) -> str:
+        """Identity of the formula, hexadecimal."""
+        return hashlib.sha256((self.potential.digest + self.gradient.digest).encode()).hexdigest()[:16]
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+
+@cache
+def _compiled_rhs(field: Field, first: int) -> Callable[..., Any]:
+    torque, numbers = field.torque, take(field.parameters)
+
+    @unrolled(f"rates {field.digest}")
+    def rates(J, x, q):
+        return (*torque(*x, *q), *cross(J, x))
+
+    @jit_as(f"rhs {field.digest} {first}")
+    def rhs(s, c):
+        return rates((s[0], s[1], s[2]), (s[3], s[4], s[5]), numbers(c, first))
+
+    return rhs
+
+
+def _inputs(parameters: int) -> tuple[Tape, tuple[Term, ...], tuple[Term, ...]]:
+    tape = Tape()
+    return tape, tuple(tape.input() for _ in range(3)), tuple(tape.input() for _ in range(parameters))
+
+
+def cross(a: Any, b: Any) -> Vector:
+    """a × b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def dot(a: Any, b: Any) -> Any:
+    """a·b."""
+    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
+
+
+def _twist(tape: Tape, x: Vector, g: Vector) -> tuple[Vector, Vector]:
+    """N = x × g and ∇|N|² = 2 (g × N + U'' (N × x))."""
+    N = cross(x, g)
+    bend = tape.along(g, x, cross(N, x))
+    return N, tuple(2.0 * (a + b) for a, b in zip(cross(g, N), bend, strict=True))  # type: ignore[return-value]
