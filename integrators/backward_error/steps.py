@@ -17,7 +17,8 @@ from integrators.backward_error.power_series import Series, interpreted
 from integrators.compiling.loops import SIZE
 from integrators.methods import bobenko_suris as bs
 from integrators.methods import collective_midpoint as cm
-from integrators.methods import gauss, kahan, lie_group, runge_kutta, splitting
+from integrators.methods import gauss_coefficients as gauss
+from integrators.methods import kahan, lie_group, runge_kutta, splitting
 from integrators.methods.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Tableau
 from integrators.problem.field import cross
 

@@ -27,7 +27,7 @@ from integrators.checks import check_choice
 from integrators.compiling.compiled import inlined
 from integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from integrators.interface import AnyField, Array, Method, StepError
-from integrators.methods.gauss import stepper_in_field
+from integrators.methods.gauss_in_field import stepper_in_field
 from integrators.problem.perturbed import PerturbedTop
 from integrators.problem.top import LagrangeTop
 

@@ -9,7 +9,7 @@ from experiments.measuring import metrics, states
 from integrators import METHODS, TOPS, LagrangeTop, StepError, prepare
 from integrators.compiling.compiled import jit
 from integrators.compiling.loops import FixedStepper
-from integrators.methods import collective_midpoint, gauss
+from integrators.methods import collective_midpoint, gauss, gauss_coefficients
 
 TOP, Y0 = TOPS["generic"].top, TOPS["generic"].state
 EPS = np.finfo(float).eps
@@ -33,7 +33,7 @@ def order_defect(c, b, A):
 @pytest.mark.parametrize("s", STAGES.values())
 def test_order_conditions(s):
     """In exact fractions; B(2s) and C(s) give order 2s (Butcher)."""
-    c, b, mu = gauss.tableau(s)
+    c, b, mu = gauss_coefficients.tableau(s)
     A = [[mu[i][j] * b[j] for j in range(s)] for i in range(s)]
     assert order_defect(c, b, A) < 1e-32
     nodes, weights = np.polynomial.legendre.leggauss(s)
@@ -51,7 +51,7 @@ def test_doubles_keep_the_structure(s):
     assert np.array_equal(mu + mu[::-1, ::-1], np.ones((s, s)))
     assert np.array_equal(b, b[::-1])
     assert np.max(np.abs(nu @ mu - np.eye(s))) < 64 * EPS
-    c = np.array(gauss.tableau(s)[0], dtype=float)
+    c = np.array(gauss_coefficients.tableau(s)[0], dtype=float)
     for k in range(s):  # a polynomial of degree s − 1 is extrapolated exactly
         assert np.allclose(ahead @ (b * c**k), b * (1 + c) ** k, rtol=1e-9)
     A = mu * b
@@ -72,7 +72,7 @@ def jacobian(top, h, A, Y):
 
 def newton_reference(top, y, h, s, start=None):
     """The step by Newton's iteration on all 6s equations Y = y + h A f(Y), from stages `start` (s, 6)."""
-    c, b, mu = gauss.tableau(s)
+    c, b, mu = gauss_coefficients.tableau(s)
     A = np.array([[float(m * w) for m, w in zip(row, b, strict=True)] for row in mu])
     Y = np.tile(y, (s, 1)) if start is None else start
     for _ in range(60):

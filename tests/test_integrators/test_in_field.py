@@ -9,7 +9,7 @@ import pytest
 from experiments.measuring import metrics
 from integrators import METHODS, TOPS, LagrangeTop, PerturbedTop, Potential, StepError, prepare
 from integrators.interface import INVARIANTS
-from integrators.methods import gauss
+from integrators.methods import gauss_coefficients as gauss
 from integrators.problem.body import product
 from integrators.problem.potentials import AXISYMMETRIC, CHARGE, TIDE
 from integrators.problem.top import hat

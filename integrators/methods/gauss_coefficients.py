@@ -1,0 +1,78 @@
+"""Coefficients of Gauss collocation, for any number of stages: nodes c, weights b and μᵢⱼ = aᵢⱼ/bⱼ.
+
+In Legendre polynomials at the nodes zᵢ on [−1, 1],
+
+    μᵢⱼ = ½ + ½ Σ_{0<k<s} (L_k(zᵢ) L_{k−1}(zⱼ) − L_{k−1}(zᵢ) L_k(zⱼ)),
+
+exact fractions here, then rounded to multiples of 2⁻⁵², so that the sums of 1 stay exact. Rounded a and b would miss them
+in every step the same way, and the invariants would drift in proportion to time.
+
+Source: Antoñana, Makazaga & Murua, Numer. Algorithms 76 (2017) 861 (μ).
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+
+from integrators.interface import Array
+
+
+@cache
+def tableau(stages: int) -> tuple[list[Fraction], list[Fraction], list[list[Fraction]]]:
+    """Nodes c on [0, 1], weights b and μ, to 35 digits (μ + μᵀ = 1 without error)."""
+    z = legendre_zeros(stages)
+    L = [legendre(stages, x) for x in z]
+    b = [(1 - x * x) / (stages * P[stages - 1]) ** 2 for x, P in zip(z, L, strict=True)]
+    mu = [[sum((P[k] * Q[k - 1] - P[k - 1] * Q[k] for k in range(1, stages)), Fraction(1)) / 2 for Q in L] for P in L]
+    return [(1 + x) / 2 for x in z], b, mu
+
+
+def legendre(n: int, x: Fraction) -> list[Fraction]:
+    """L₀(x), …, Lₙ(x)."""
+    L = [Fraction(1), x]
+    for k in range(1, n):
+        L.append(((2 * k + 1) * x * L[k] - k * L[k - 1]) / (k + 1))
+    return L
+
+
+def legendre_zeros(n: int) -> list[Fraction]:
+    """The zeros of Lₙ, rising, in multiples of 2⁻¹²⁰: Newton's iteration from a double."""
+    zeros = []
+    for k in range(n):
+        x = Fraction(-math.cos(math.pi * (k + 0.75) / (n + 0.5)))
+        for _ in range(6):
+            L = legendre(n, x)
+            x -= L[n] * (1 - x * x) / (n * (L[n - 1] - x * L[n]))
+            x = Fraction(round(x * 2**120), 2**120)
+        zeros.append(x)
+    return [(a - b) / 2 for a, b in zip(zeros, reversed(zeros), strict=True)]
+
+
+def inverse(A: list[list[Fraction]]) -> list[list[Fraction]]:
+    """A⁻¹, by elimination without pivoting."""
+    n = len(A)
+    M = [[*row, *(Fraction(i == j) for j in range(n))] for i, row in enumerate(A)]
+    for k in range(n):
+        M[k] = [v / M[k][k] for v in M[k]]
+        for i in (i for i in range(n) if i != k):
+            M[i] = [u - M[i][k] * v for u, v in zip(M[i], M[k], strict=True)]
+    return [row[n:] for row in M]
+
+
+@cache
+def matrices(stages: int) -> tuple[Array, Array, Array, Array]:
+    """b, μ, μ⁻¹ and the matrix that extrapolates K from one step to the next, in doubles."""
+    c, b, mu = tableau(stages)
+    grid = 2**52
+    mu = [[Fraction(round(m * grid), grid) for m in row] for row in mu]
+    ahead = [[b[i] / b[j] * lagrange(c, j, c[i] + 1) for j in range(stages)] for i in range(stages)]
+    return tuple(np.array(values, dtype=float) for values in (b, mu, inverse(mu), ahead))  # type: ignore[return-value]
+
+
+def lagrange(c: list[Fraction], j: int, t: Fraction) -> Fraction:
+    """The polynomial that is 1 at c[j] and 0 at the other c."""
+    return math.prod(((t - node) / (c[j] - node) for node in c if node != c[j]), start=Fraction(1))
