@@ -22,8 +22,7 @@ error of T grows like C1/|m|². Elsewhere `time_step` is right. Lengths and rate
 takes the inverse map; alpha may have either sign or be 0.
 
 In a kernel of one top: `R, eta, mr, mi, ok = plain_step(s, alpha, h)`, then `move(s, alpha, (R, eta, mr, mi))`. In SIMD lanes:
-`parameter_after(doublings)` in place of `plain_step`, free of loops and branches, for a number of doublings that is enough for
-all tops (`first_time` counts them; one too many costs 3 ns); and `move` in a loop of its own.
+`solve`, free of branches, with as many doublings as the top that needs most of them; and `move` in a loop of its own.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from typing import Any
 import numpy as np
 
 from integrators.compiling import double_double
-from integrators.compiling.compiled import inlined, inlined_copy, jit, jit_as
+from integrators.compiling.compiled import inlined, inlined_copy, jit
 from integrators.compiling.double_double import dd, scale
 from integrators.compiling.lanes import LANES
 from integrators.compiling.numba_internals import column, put_column
@@ -245,49 +244,6 @@ def parameter(q, j3, alpha, h):
     ok = ok & verdict(P, z)
     m = math.copysign(length, h)
     return tau * z[0], tau * z[1], m * z[2], m * z[3], ok
-
-
-@cache
-def parameter_after(doublings: int):
-    """`parameter` with that many doublings, whatever h: code without a loop or a branch, for SIMD lanes.
-
-    ok is False also where the start would be out of reach.
-    """
-    last = _doubled(doublings)
-    part = 0.5**doublings
-
-    @jit_as(f"parameter {doublings}", forceinline=True)
-    def parameter(q, j3, alpha, h):
-        t = part * abs(h)
-        P, tau, length = scaled_curve(q, j3, alpha, t)
-        weight = abs(alpha) * length
-        near = (t * t) * max(q[2] + 2.0 * weight, weight) <= REACH * REACH
-        z, below = last(P)
-        m = math.copysign(length, h)
-        return tau * z[0], tau * z[1], m * z[2], m * z[3], near & below & verdict(P, z)
-
-    return parameter
-
-
-@inlined
-def _undoubled(P):
-    return start(P), True
-
-
-@cache
-def _doubled(doublings: int):
-    """The start and so many doublings of it; whether all times were below T_nut."""
-    if doublings == 0:
-        return _undoubled
-    before = _doubled(doublings - 1)
-
-    @jit_as(f"twice {doublings}", forceinline=True)
-    def twice(P):
-        z, below = before(P)
-        z, more = double_time(P, z)
-        return z, below & more
-
-    return twice
 
 
 # ---------------------------------------------------------------- the step

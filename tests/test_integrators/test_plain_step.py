@@ -9,7 +9,7 @@ import pytest
 
 from integrators import TOPS, LagrangeTop, prepare
 from integrators.compiling.compiled import compiled
-from integrators.compiling.numba_internals import column, put_column
+from integrators.compiling.lanes import LANES
 from integrators.torus import plain_step as ps
 from integrators.torus import time_step as ts
 from tests.test_integrators.test_time_step import random_torus
@@ -166,33 +166,31 @@ def test_powers_of_two_and_signs_change_no_bit():
 # ---------------------------------------------------------------- in lanes
 
 
+@compiled
+def alone(alpha, s, h):
+    """What `solve` starts from: q, first time and doublings; and what `parameter` makes of them."""
+    (c1, _), (c2, _), (h2, _), _, _ = ps.spectral_polynomial(alpha, s)
+    q = c1, c2, h2
+    return ps.first_time(q, alpha, h), ps.parameter(q, s[2], alpha, h)
+
+
 def test_in_lanes_the_bits_of_one_alone():
-    n, h = 64, 0.3
-    tops = [(a, y) for a, y, *_ in drawn(3 * n, 9) if 0.1 < LagrangeTop(a).scales(y)[0] < 100][:n]
-    columns = np.array([(*y, a) for a, y in tops]).T.copy().ravel()
-    met = 0
-    for doublings in range(8):
-        parameter = ps.parameter_after(doublings)
-
-        @compiled
-        def run(columns, out, h, parameter=parameter):
-            for j in range(64):
-                s = column(columns, j, 6, 64)
-                alpha = columns[6 * 64 + j]
-                R, eta, mr, mi, ok = parameter(ps.invariants(s, alpha), s[2], alpha, h)
-                put_column(out, j, (R, eta, mr, mi, 1.0 if ok else 0.0), 64)
-
-        out = np.empty(5 * n)
-        run(columns, out, h)
-        for (alpha, y), got in zip(tops, out.reshape(5, n).T, strict=True):
-            if ps.first_time(ps.invariants(y, alpha), alpha, h)[1] == doublings:
-                met += 1
-                assert np.array_equal(got, ps.plain_step(y, alpha, h))
-            elif ps.first_time(ps.invariants(y, alpha), alpha, h)[1] > doublings:
-                assert got[4] == 0.0
-            elif got[4]:
-                assert abs(wrong_clock(alpha, y, h, got)[0]) < T_ERROR
-    assert met == n
+    """Whatever the neighbours need: all of a block take as many doublings as the one that needs most."""
+    tops = [(alpha, y, h) for alpha, y, h, _ in drawn(16 * LANES, 9)]
+    met = set()
+    for first in range(0, len(tops), LANES):
+        block, work = tops[first : first + LANES], np.ones(ps.END)
+        found = [alone(*top) for top in block]
+        for j, ((alpha, y, h), ((t, doublings), _)) in enumerate(zip(block, found, strict=True)):
+            work[j : ps.LEFT + 2 * LANES : LANES] = *y, alpha, h, t, doublings, 1.0
+        ps.solve(work, min(max(doublings for (_, doublings), _ in found), ps.MOST))
+        columns = work.reshape(-1, LANES)
+        for j, ((_, doublings), (R, eta, _, _, ok)) in enumerate(found):
+            if doublings <= ps.MOST:
+                met.add(doublings)
+                z, tau = columns[ps.POINT // LANES :, j], columns[ps.CURVE // LANES + 4, j]
+                assert (tau * z[0], tau * z[1], columns[ps.LEFT // LANES + 1, j]) == (R, eta, ok)
+    assert len(met) > 5
 
 
 # ---------------------------------------------------------------- the step
