@@ -432,16 +432,6 @@ def _sum(c: list[mpf], t: Any) -> mpf:
     return reduce(lambda value, term: value * t + term, reversed(c))
 
 
-def _power(a: list[mpf], b: list[mpf], p: float, k: int) -> mpf:
-    """Coefficient k of b = a^p, from a b' = p a' b."""
-    if k == 0:
-        if a[0] == 0:
-            raise ZeroDivisionError("a power of 0")
-        return a[0] ** mpf(p)
-    total = mp.fdot([(p * j - (k - j)) * a[j] for j in range(1, k + 1)], b[k - 1 :: -1])
-    return total / (k * a[0])
-
-
 # ---------------------------------------------------------------- what is kept
 
 
