@@ -235,9 +235,8 @@ def _draw_h(rows: pd.DataFrame, style):
             ax.loglog(good.h, good.worst.clip(lower=1e-17), **look)
         style.failure_marks(ax, chosen[chosen.status == "failed"].h, method)
 
-    stepping = _stepping(rows)
     fig, axes = style.by_family(
-        stepping, line, "step h · (|J| + √(|α||x|))", "largest error of H, J3, C1, C2", (1e-17, 1e2)
+        rows.method, line, "step h · (|J| + √(|α||x|))", "largest error of H, J3, C1, C2", (1e-17, 1e2)
     )
     style.label_ends(axes)
     fig.caption = (
@@ -245,12 +244,6 @@ def _draw_h(rows: pd.DataFrame, style):
         "the exact Bäcklund step. Crosses: a method failed, in its colour. Errors above 100 are cut off."
     )
     return fig
-
-
-def _stepping(rows: pd.DataFrame) -> list[str]:
-    """The methods whose step was varied, not a tolerance."""
-    tolerances = [name for name in ("tol", "rtol") if name in rows]
-    return list(rows[rows[tolerances].isna().all(axis=1)].method.unique())
 
 
 if __name__ == "__main__":
