@@ -173,10 +173,7 @@ def draw(experiment: str, store: Store) -> Section:
         title, _, about = (module.__doc__ or section.title).strip().partition("\n")
         section.title, section.about = title.rstrip("."), about.strip()
     except UnknownExperiment as error:
-        section.errors.append(str(error))
-        module = None
-    except Exception as error:  # its rows are still shown
-        section.errors.append(f"cannot be loaded: {said(error)}")
+        section.errors.append(str(error))  # its rows are still shown
         module = None
     try:
         read(section, store, module)

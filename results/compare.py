@@ -136,7 +136,7 @@ def times_of(experiment: str) -> frozenset[str]:
     """Columns an experiment declares as times, with `TIMES`, beside those their names give away."""
     try:
         return frozenset(getattr(load_stored(experiment), "TIMES", ()))
-    except (ValueError, ImportError):  # somebody else's, and not here
+    except UnknownExperiment:  # somebody else's, and not here
         return frozenset()
 
 
@@ -146,8 +146,6 @@ def reason_unknown(experiment: str) -> str | None:
         load_stored(experiment)
     except UnknownExperiment as error:
         return str(error)
-    except (ValueError, ImportError):  # it is known, and cannot be loaded
-        pass
     return None
 
 
