@@ -209,9 +209,9 @@ def _draw_time(rows: pd.DataFrame, style, names: list[str], what: str):
         else:
             style.failed_label(ax, method)
 
-    fig, axes = style.by_family(rows.method, line, "time · (|J| + √(|α||x|))", "RMS error of 16 tops", (1e-17, 1.0))
+    fig, axes = style.by_family(rows.method, line, style.TIME, "RMS error of 16 tops", (1e-17, 1.0))
     for ax in axes:
-        ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
+        style.ulp_line(ax)
     style.slope_guide(axes[0], 0.5, (1e0, 1e-9), 1e4, "√t")  # once: the panels have one scale
     style.slope_guide(axes[0], 1.0, (1e0, 1e-9), 1e4, "t")
     style.label_ends(axes)
@@ -235,9 +235,7 @@ def _draw_h(rows: pd.DataFrame, style):
             ax.loglog(good.h, good.worst.clip(lower=1e-17), **look)
         style.failure_marks(ax, chosen[chosen.status == "failed"].h, method)
 
-    fig, axes = style.by_family(
-        rows.method, line, "step h · (|J| + √(|α||x|))", "largest error of H, J3, C1, C2", (1e-17, 1e2)
-    )
+    fig, axes = style.by_family(rows.method, line, style.STEP, "largest error of H, J3, C1, C2", (1e-17, 1e2))
     style.label_ends(axes)
     fig.caption = (
         f"The worst of the four invariants over t = {SPAN} on “{TOPS[state].label}”, against the step; in grey "

@@ -348,7 +348,7 @@ def _draw_time(rows: pd.DataFrame, style):
                 t, error = metrics.block_maxima(chosen.t, chosen[name])
                 ax.loglog(t, np.maximum(error, 2.0**-54), **{**_look(style, variant), "marker": "none"})
         ax.set_title(f"{quantities[name]}, n = {n}")
-        ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
+        style.ulp_line(ax)
     for ax in grid[-1]:
         ax.set_xlabel("time t")
     for ax in grid[:, 0]:

@@ -120,7 +120,7 @@ def _draw_drift(rows: pd.DataFrame, style):
             ax.loglog(chosen.n, worst.clip(lower=1e-17), **{**look, "marker": "none", "label": form})
         ax.set_title(TITLES[figure])
         ax.set_xlabel("number of steps")
-        ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
+        style.ulp_line(ax)
     axes[0].set_ylabel("largest relative error so far")
     style.legend_below(fig)
     fig.caption = (

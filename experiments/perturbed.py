@@ -254,7 +254,7 @@ def _draw_order(rows: pd.DataFrame, style):
         else:
             ax.loglog(run.h, run.error.clip(lower=1e-16), **look)
 
-    fig, axes = style.by_family(rows.method, line, "step h · (|J| + √(|α||x|))", f"error at t = {SPAN:g}", (1e-16, 10))
+    fig, axes = style.by_family(rows.method, line, style.STEP, f"error at t = {SPAN:g}", (1e-16, 10))
     style.label_ends(axes)
     fig.caption = (
         f"Error against the step on “{PERTURBED_TOPS[state].label}”, one panel for each family of methods. The slopes are the "

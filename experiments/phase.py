@@ -330,8 +330,8 @@ def draw_steps(ax, rows: pd.DataFrame, best: set[str], style) -> None:
             ax.loglog(chosen.h, chosen.error, **look)
         elif not look["label"].startswith("_"):
             style.failed_label(ax, method)
-    ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
-    ax.set(xlabel="step h · (|J| + √(|α||x|))", ylabel=f"largest error up to t = {SPAN:g}", ylim=(1e-16, 30))
+    style.ulp_line(ax)
+    ax.set(xlabel=style.STEP, ylabel=f"largest error up to t = {SPAN:g}", ylim=(1e-16, 30))
 
 
 def best_of_families(rows: pd.DataFrame) -> set[str]:
@@ -356,7 +356,7 @@ def _draw_families(rows: pd.DataFrame, style):
             ax.loglog(good.h, good.error, **look)
         style.failure_marks(ax, chosen[chosen.status == "failed"].h, method)
 
-    xlabel, ylabel = "step h · (|J| + √(|α||x|))", f"largest error up to t = {SPAN:g}"
+    xlabel, ylabel = style.STEP, f"largest error up to t = {SPAN:g}"
     fig, axes = style.by_family(here.method, line, xlabel, ylabel, (1e-16, 1e5))
     style.label_ends(axes)
     fig.caption = (
@@ -378,7 +378,7 @@ def _draw_time(rows: pd.DataFrame, style):
         t, largest = metrics.block_maxima(chosen.t, chosen.time, blocks=30)
         ax.loglog(t, np.where(largest > 0, largest, np.nan), **{**look, "marker": "none"})
 
-    fig, axes = style.by_family(here.method, line, "time · (|J| + √(|α||x|))", "|nutation phase error|", (1e-17, 1e4))
+    fig, axes = style.by_family(here.method, line, style.TIME, "|nutation phase error|", (1e-17, 1e4))
     style.label_ends(axes)
     fig.caption = (
         "Phase error against time at step 1/4, or the default tolerance: the time by which the nutation is early or late, "
@@ -405,7 +405,7 @@ def _draw_theory(rows: pd.DataFrame, style):
             run.t, run.left.cummax(), **{**look, "linewidth": 0.5, "linestyle": ":", "marker": "none", "label": "_left"}
         )
 
-    fig, axes = style.by_family(here.method, line, "time · (|J| + √(|α||x|))", "phase error", (1e-17, 1e0))
+    fig, axes = style.by_family(here.method, line, style.TIME, "phase error", (1e-17, 1e0))
     style.label_ends(axes)
     fig.caption = (
         "Phase errors against time, measured (dots) and predicted by backward error analysis (lines under them), on “generic "

@@ -456,9 +456,9 @@ def _draw_forms(rows: pd.DataFrame, style):
         ax.set_title(title)
         ax.set_ylabel(text)
         if what != "time":
-            ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
+            style.ulp_line(ax)
     for ax in axes[-1]:
-        ax.set_xlabel("time · (|J| + √(|α||x|))")
+        ax.set_xlabel(style.TIME)
     style.label_ends(axes.flat)
     fig.caption = (
         "The same maps in different forms, root mean square over sixteen tops, h = 1/8: the worst relative error of the "
@@ -482,8 +482,8 @@ def _draw_long(rows: pd.DataFrame, style):
     left.set_ylabel("error against the exact solution")
     right.set_ylabel("worst error of H, C1, C2")
     for ax in (left, right):
-        ax.set_xlabel("time · (|J| + √(|α||x|))")
-        ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
+        ax.set_xlabel(style.TIME)
+        style.ulp_line(ax)
     style.slope_guide(left, 1.0, (1e3, 1e-15), 100, "$t$")
     style.slope_guide(left, 1.5, (1e0, 1e-12), 100, "$t^{3/2}$")
     style.legend_below(fig)

@@ -21,6 +21,7 @@ from experiments.drawing.canvas import FAINT, INK, TALLEST, Figure, keep_to_the_
 from experiments.drawing.looks import FAMILIES, OTHERS, TITLES, family, label, of, ordered, readable
 from integrators.registry import METHODS
 
+TIME, STEP = "time · (|J| + √(|α||x|))", "step h · (|J| + √(|α||x|))"  # axes in the units of the top
 REFERENCE = "backlund"  # in grey in every panel of small multiples
 Line = Callable[[Axes, str, dict[str, Any]], None]  # draws one method into a panel, with this look
 
@@ -164,6 +165,11 @@ def failed_label(ax: Axes, method: str, name: str | None = None) -> None:
         0.02, 0.97 - 0.09 * above, text, color=readable(of(method)["color"]), fontsize=6.5, va="top",
         transform=ax.transAxes, gid="failed",
     )  # fmt: skip
+
+
+def ulp_line(ax: Axes) -> None:
+    """A thin line where an error is one ulp."""
+    ax.axhline(2.0**-52, color=FAINT, linewidth=0.6)
 
 
 def slope_guide(ax: Axes, exponent: float, anchor: tuple[float, float], span: float = 10.0, text: str = "") -> None:

@@ -42,6 +42,8 @@ from experiments.drawing.looks import (
     thin,
 )
 from experiments.drawing.marks import (
+    STEP,
+    TIME,
     by_family,
     failed_label,
     failure_marks,
@@ -49,4 +51,5 @@ from experiments.drawing.marks import (
     label_ends,
     legend_below,
     slope_guide,
+    ulp_line,
 )
