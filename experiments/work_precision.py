@@ -161,10 +161,11 @@ TARGETS = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 def useful(rows: pd.DataFrame) -> pd.DataFrame:
     """The runs that were timed, with the time that counts set-up."""
     good = rows[(rows.status == "done") & rows.error.notna() & rows.seconds.notna()]
-    return good.assign(total=good.seconds + good.setup_seconds, family=good.method.map(_family))
+    return good.assign(total=good.seconds + good.setup_seconds, family=good.method.map(family_of))
 
 
-def _family(name: str) -> str:
+def family_of(name: str) -> str:
+    """The family of a method; of one that is not here, others."""
     return METHODS[name].family if name in METHODS else "others"
 
 

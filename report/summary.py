@@ -14,7 +14,6 @@ from experiments.drawing import style, tables
 from experiments.measuring.states import RANDOM
 from integrators.interface import INVARIANTS
 from integrators.problem.top import TOPS
-from integrators.registry import METHODS
 from report.claims import CellFailed, NoData, select, values
 from report.promises import EXACT, against_others, ratios_over_steps, table
 
@@ -70,7 +69,7 @@ def accuracy(rows: dict[str, pd.DataFrame]) -> Said:
     swept = select(rows["phase"], part="h")
     ours = values(swept, "h", "error", method=OURS)
     tops, here = select(swept, method=OURS).state.nunique(), select(swept, state=STATE)
-    others = here[~here.method.map(_family).isin(EXACT) & (here.h > 0)]
+    others = here[~here.method.map(work_precision.family_of).isin(EXACT) & (here.h > 0)]
     if others.empty:
         raise NoData("no other method was measured")
     h = others.h.unique()[np.argmin(np.abs(np.log(others.h.unique())))]
@@ -136,7 +135,7 @@ def invariants(rows: dict[str, pd.DataFrame]) -> Said:
     steps = int(mine.steps.max())
     verdicts = table("drift", "verdicts")(drift)
     verdicts = verdicts[verdicts.invariant.isin(INVARIANTS)]
-    others = verdicts[~verdicts.method.map(_family).isin(EXACT)]  # from the random tops
+    others = verdicts[~verdicts.method.map(work_precision.family_of).isin(EXACT)]  # from the random tops
     drifting = others[others.verdict.isin(("biased", "failed"))].method.nunique()
     kept, tops, random = _bound(found.max()), mine.state.nunique(), mine.state[mine.state.isin(RANDOM)].nunique()
     return (
@@ -146,10 +145,6 @@ def invariants(rows: dict[str, pd.DataFrame]) -> Said:
         f"{others.method.nunique()} {OTHERS}, {drifting} let at least one of the four drift steadily on {random} of these "
         "tops, the random ones; interpreted methods run shorter.",
     )
-
-
-def _family(name: str) -> str:
-    return METHODS[name].family if name in METHODS else "others"
 
 
 def _name(method: str) -> str:
