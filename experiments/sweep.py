@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -25,6 +24,7 @@ from experiments.measuring.states import find, follow, rounded
 from integrators import INVARIANTS, PerturbedTop, StepError, machine, prepare
 from integrators.api import integrate
 from integrators.checks import MOST, check_count, check_options, check_real, check_state, check_step
+from integrators.files import read_toml
 from integrators.interface import Array, Method
 from integrators.problem.rotated import evaluate_for, prepare_for
 from integrators.problem.top import LagrangeTop
@@ -64,10 +64,7 @@ def read(path: str | Path) -> str:
     ValueError : what is wrong, where in the file, and what may have been meant. OSError : there is no such file.
     """
     path = Path(path)
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not TOML: {error}") from None
+    content = read_toml(path)
     _known(content, KEYS["file"], str(path))
     name = content.get("name", path.stem)
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9_-]+", name):

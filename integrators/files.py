@@ -1,9 +1,11 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, where to keep what can be computed again, and files of the user's own."""
 
 from __future__ import annotations
 
 import os
+import tomllib
 from pathlib import Path
+from typing import Any
 
 
 def cache_folder() -> Path | None:
@@ -46,3 +48,11 @@ def replace_file(path: Path, content: str | bytes) -> str:
     existed = path.exists()
     write_file(path, content)
     return f"{'replaced' if existed else 'written'}: {path}"
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """What a TOML file says. ValueError if it is none; OSError : there is no such file."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not TOML: {error}") from None

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +20,7 @@ from experiments.measuring import check, metrics, states
 from experiments.measuring.check import Verdict
 from integrators import INVARIANTS, METHODS, Method, StepError
 from integrators.checks import check_count, check_step
-from integrators.files import write_file
+from integrators.files import read_toml, write_file
 from integrators.words import suggestion
 
 __tracebackhide__ = True  # pytest shows the user's test, not the lines of this file
@@ -126,10 +125,7 @@ Bound = dict[str, Any]  # WHERE, and a number for each invariant
 
 def read_bounds(path: Path) -> list[Bound]:
     """The tables [[drift]] of a TOML file. ValueError says what is wrong with it, and where."""
-    try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: not TOML: {error}") from None
+    content = read_toml(Path(path))
     tables = content.pop("drift", [])
     if content or not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ValueError(f"{path}: must consist of tables [[drift]]")
