@@ -15,6 +15,7 @@ from experiments.drawing.tables import captioned
 from experiments.measuring import metrics
 from experiments.measuring.states import find, options_of, rounded
 from integrators import prepare
+from integrators.interface import INVARIANTS
 
 VERSION = 1
 
@@ -25,7 +26,6 @@ FORMS = {  # name in tables: method, its options
     "real form, pinned": ("backlund", {"pin": 8}),
     "paper's program": ("backlund_textbook", {}),
 }
-INVARIANTS = ("H", "J3", "C1", "C2")
 
 
 def cells(profile: str) -> list[dict]:

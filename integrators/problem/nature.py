@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from integrators.checks import Array
 from integrators.compiling.expression import Program
 from integrators.precision import workdps
 from integrators.problem.field import Formula, dot
-from integrators.problem.top import Array
 
 POINTS = 6  # random points at which two formulas that are not the same are told apart
 DIGITS = 50

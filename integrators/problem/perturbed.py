@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from integrators.checks import check_real
+from integrators.checks import Array, check_real
 from integrators.compiling.expression import Program
 from integrators.problem.field import Field, Formula, Potential, Vector, cross, dot
 from integrators.problem.nature import Nature, _nature, _points, _wrong
-from integrators.problem.top import Array, LagrangeTop, hat
+from integrators.problem.top import LagrangeTop, hat
 
 
 @dataclass(frozen=True)

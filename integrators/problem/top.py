@@ -19,9 +19,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from integrators.checks import Array
 from integrators.words import suggestion
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
