@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 
 from experiments import drift, script, work_precision
-from experiments.drawing.tables import captioned
+from experiments.drawing.tables import captioned, numbers_in, show
 from experiments.measuring import metrics
 from experiments.measuring.states import affordable, find, interpreted, log_counts, methods_on, rounded, truth
 from integrators import METHODS, prepare
@@ -189,8 +189,6 @@ def draw(rows: pd.DataFrame) -> dict:
 
 
 def _draw_work(good: pd.DataFrame, style, span: float):
-    from experiments.drawing.tables import numbers_in, show
-
     states = list(dict.fromkeys(good.state))
     titles = [numbers_in(PERTURBED_TOPS[state].label) for state in states]
     xlabel = "wall time of the run with set-up, s"
@@ -213,8 +211,6 @@ def _draw_work(good: pd.DataFrame, style, span: float):
 def _draw_winner(table: pd.DataFrame, style):
     """A map over (ε, error): how many times as long the best of the others takes."""
     from matplotlib import colors
-
-    from experiments.drawing.tables import show
 
     spans, states = sorted(set(table.span)), [state for state in EPSILON if state in set(table.state)]
     targets = sorted(set(table["error at most"]), reverse=True)

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from experiments import script
-from experiments.drawing.tables import captioned
+from experiments.drawing.tables import captioned, show
 from experiments.measuring import metrics, timing
 from experiments.measuring.states import (
     KNOBS,
@@ -316,8 +316,6 @@ def _curve(good: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
 
 def draw_frontier(rows: pd.DataFrame, style):
     """Error against time of runs on one top, a panel for each length in which any is useful."""
-    from experiments.drawing.tables import show
-
     good, named = useful(rows), [name for name, look in style.looks(rows.method, ()).items() if look["label"][0] != "_"]
     spans = sorted(set(good.span))
     titles = [f"t = {show(span)}" for span in spans]
