@@ -19,9 +19,8 @@ from matplotlib import pyplot as plt
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
 ROOT = Path(__file__).resolve().parents[1]
-CONTRACT = tuple(
-    f"integrators.{name}" for name in ("interface", "checks", "words", "machine", "files", "lazy", "precision")
-)
+SMALL = ("checks", "words", "machine", "memory", "interrupts", "files", "lazy", "precision")
+CONTRACT = tuple(f"integrators.{name}" for name in ("interface", *SMALL))
 FLOORS: tuple[tuple[tuple[str, tuple[str, ...]], ...], ...] = (  # from the top: label, and which modules live there
     (("lagrange_bench", ("lagrange_bench",)),),
     (("lagrange_bench/commands", ("lagrange_bench.commands",)),),

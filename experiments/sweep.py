@@ -21,7 +21,7 @@ import numpy as np
 from experiments import SWEEP
 from experiments.measuring import metrics, truths
 from experiments.measuring.states import find, follow, rounded
-from integrators import INVARIANTS, PerturbedTop, StepError, machine, prepare
+from integrators import INVARIANTS, PerturbedTop, StepError, memory, prepare
 from integrators.api import integrate
 from integrators.checks import MOST, check_count, check_options, check_real, check_state, check_step
 from integrators.files import read_toml
@@ -174,7 +174,7 @@ def _sweep(table: dict[str, Any], tops: dict[str, Start], place: str) -> Iterato
     if knob != "h" and "steps" in table:
         raise ValueError(f"{place}, steps goes with h; with {knob} give time only")
     samples = check_count(table.get("samples", SAMPLES), f"{place}, samples", least=2)
-    machine.check(samples, PER_SAMPLE, machine.limit(), f"{place}, samples", f"take fewer, or set {machine.VARIABLE}")
+    memory.check(samples, PER_SAMPLE, memory.limit(), f"{place}, samples", f"take fewer, or set {memory.VARIABLE}")
     options = _options(table.get("options", {}), place)
     names = table.get("tops", list(tops) or ["generic"])
     starts = [_start(name, tops, f"{place}, tops") for name in _list(names, f"{place}, tops")]

@@ -17,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any, NoReturn
 
-from integrators.machine import interrupted_once
+from integrators.interrupts import interrupted_once
 from integrators.words import suggestion
 from lagrange_bench.commands import (
     bits,

@@ -22,7 +22,7 @@ from experiments import PROFILES
 from experiments.catalogue import UnknownExperiment, load, load_stored
 from experiments.drawing import figures, style, tables
 from integrators.files import write_file
-from integrators.machine import interrupt_held_back
+from integrators.interrupts import interrupt_held_back
 from integrators.registry import import_modules
 from report import origin
 from report.origin import PUBLISHED, Origin, commits, days

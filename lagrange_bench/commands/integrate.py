@@ -8,7 +8,7 @@ from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from integrators import machine
+from integrators import memory
 from integrators.words import suggestion
 from lagrange_bench.arguments import add_potential, count, in_potential, location, named_top, number, numbers, option
 from lagrange_bench.text import Answer, plain
@@ -117,7 +117,7 @@ def times(text: str) -> list[float]:
     if n < 2:
         raise argparse.ArgumentTypeError(f"t0:t1:n takes at least 2 times; got {n}")
     try:
-        machine.check(n, PER_ROW, machine.available(), text, "take fewer times")
+        memory.check(n, PER_ROW, memory.available(), text, "take fewer times")
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     return [first + (last - first) * (k / (n - 1)) for k in range(n - 1)] + [last]
@@ -253,7 +253,7 @@ def _grid(options: argparse.Namespace) -> dict[str, Any]:
         every = 1 if options.output or options.draw or options.animate else max(options.steps, 1)
     if every < 1 or options.steps % every:
         raise ValueError(f"--every {every} does not divide --steps {options.steps}")
-    machine.check(options.steps // every + 1, PER_ROW, machine.available(), "--steps", "record fewer states (--every)")
+    memory.check(options.steps // every + 1, PER_ROW, memory.available(), "--steps", "record fewer states (--every)")
     return {"h": options.h, "steps": options.steps, "every": every}
 
 

@@ -20,8 +20,7 @@ from functools import cache
 from time import monotonic, perf_counter
 from typing import Any
 
-from integrators import machine
-from integrators import machine as memory
+from integrators import interrupts, memory
 from lagrange_bench.runner import workers
 from lagrange_bench.runner.workers import DIED, Outcome, Task, failure
 from results import provenance
@@ -61,7 +60,7 @@ class Cluster:
     def __enter__(self) -> Cluster:
         distributed = _distributed()
         try:
-            with machine.interrupt_held_back():  # processes started in here never see Ctrl-C
+            with interrupts.interrupt_held_back():  # processes started in here never see Ctrl-C
                 if self._address.startswith("local:"):
                     count = int(self._address.removeprefix("local:"))
                     quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
@@ -86,7 +85,7 @@ class Cluster:
         self._close()
 
     def _close(self) -> None:
-        with machine.interrupt_held_back():
+        with interrupts.interrupt_held_back():
             for part in (self._client, self._own):
                 if part is not None:
                     part.close()

@@ -16,8 +16,7 @@ from typing import Any
 
 from experiments import PROFILES
 from experiments.catalogue import load
-from integrators import machine
-from integrators import machine as memory
+from integrators import interrupts, machine, memory
 from lagrange_bench.runner import progress, workers
 from lagrange_bench.runner.workers import Outcome, Task
 from results import sources
@@ -152,7 +151,7 @@ def run(
             bar.begin(task.experiment)
 
         def finish(outcomes: Sequence[tuple[Task, Outcome]]) -> None:
-            with machine.interrupt_held_back():  # stored and counted, or neither
+            with interrupts.interrupt_held_back():  # stored and counted, or neither
                 store.append(*(make_record(t.experiment, t.version, t.position, t.cell, **o) for t, o in outcomes))
                 for task, outcome in outcomes:
                     _count(summary, task, outcome)

@@ -28,8 +28,7 @@ from time import perf_counter
 from typing import Any, Protocol
 
 from experiments.catalogue import load
-from integrators import machine
-from integrators import machine as memory
+from integrators import interrupts, memory
 from results.store import clean_rows, restore
 
 # read by the numerical libraries when they are imported
@@ -137,7 +136,7 @@ class Local:
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
-        with machine.interrupt_held_back():  # the end is short, and a second Ctrl-C would leave processes behind
+        with interrupts.interrupt_held_back():  # the end is short, and a second Ctrl-C would leave processes behind
             if kind is not None:
                 self._slots.kill()
             self._threads.shutdown(wait=True, cancel_futures=True)
@@ -150,7 +149,7 @@ class Local:
     def submit(self, tasks: list[Task]) -> None:
         (task,) = tasks
         self._out += 1
-        with machine.interrupt_held_back():  # else the pool would not wait for a thread that it just started
+        with interrupts.interrupt_held_back():  # else the pool would not wait for a thread that it just started
             future = self._threads.submit(self._slots.compute, task.experiment, task.cell, self._limit)
         future.add_done_callback(lambda done: self._done.put((task, done)))
 

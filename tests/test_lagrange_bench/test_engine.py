@@ -16,7 +16,7 @@ import pytest
 from faults import HERE, TOY, comparable, nobody_left, session, squares, wait_for_lines
 from rich.console import Console
 
-from integrators import machine, registry
+from integrators import interrupts, registry
 from integrators.interface import Method
 from lagrange_bench.runner import engine, progress, workers
 from results.store import Store, StoreError
@@ -292,7 +292,7 @@ def test_interrupt_is_held_back_whichever_thread_catches_it():
     thread.start()
     reached = False
     with pytest.raises(KeyboardInterrupt):  # noqa: PT012
-        with machine.interrupt_held_back():
+        with interrupts.interrupt_held_back():
             signal.pthread_kill(thread.ident, signal.SIGINT)
             time.sleep(0.05)
             reached = True
