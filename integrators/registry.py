@@ -94,6 +94,7 @@ class Registry(Mapping[str, Any]):
         self.word, self.built_in, self.group = word, built_in, f"lagrange_bench.{word}s"
         self._kind = kind
         self._loaded: dict[str, tuple[EntryPoint, Any]] = {}
+        self.changes = 0  # of the names in this process: what is derived from them holds until the next one
 
     @cached_property
     def kind(self) -> Any:
@@ -141,6 +142,7 @@ class Registry(Mapping[str, Any]):
         if name not in self._entries:
             _load(name, self)
             self._entries = {**self._entries, name: EntryPoint(name, name, self.group)}
+            self.changes += 1
 
     def module(self, name: str) -> str:
         """The module with the record of a registered name, or of `module:NAME`."""
@@ -157,6 +159,7 @@ class Registry(Mapping[str, Any]):
         before, entry = self._entries, EntryPoint(found.name, "", self.group)
         loaded = self._loaded.get(found.name)
         self._entries, self._loaded[found.name] = {**before, found.name: entry}, (entry, found)
+        self.changes += 1
         try:
             yield found.name
         finally:
@@ -164,6 +167,7 @@ class Registry(Mapping[str, Any]):
             del self._loaded[found.name]
             if loaded is not None:
                 self._loaded[found.name] = loaded
+            self.changes += 1
 
     def each(self) -> Iterator[tuple[str, Any, str]]:
         """Every name with what it stands for and ""; or with None and the reason why it cannot be loaded."""

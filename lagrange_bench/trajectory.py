@@ -58,7 +58,7 @@ def judge(trajectory: Trajectory, y0: Array, method: Method, h: float | None, la
         if np.isnan(errors).any():
             raise ValueError("the motion is chaotic: no digit of its final state is known")
         judged: dict[str, Any] = {"final": errors[-1], "largest": errors.max(), "note": ""}
-    except ValueError as error:  # beyond what doubles resolve, for instance: the method has an answer, the truth has none
+    except ValueError as error:  # beyond what doubles resolve: the method has an answer, the truth has none
         judged = {"final": None, "largest": None, "note": str(error)}
     judged["against"] = truths.name(top)
     conserved = getattr(top, "conserved", INVARIANTS)

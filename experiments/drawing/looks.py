@@ -12,7 +12,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -60,7 +60,7 @@ def of(method: str) -> dict[str, Any]:
 
 
 def _look(method: str) -> dict[str, Any]:
-    look = _methods().get(method) or _stranger(method)
+    look = _known(METHODS.changes)[1].get(method) or _stranger(method)
     mine = _standing_out()
     if method not in mine and ":" not in method:
         return look
@@ -83,13 +83,13 @@ def label(method: str) -> str:
 
 def ordered(methods: Iterable[str]) -> list[str]:
     """Distinct names in legend order: the registry's, then the unknown ones by name."""
-    known = list(_methods())
+    known = list(_known(METHODS.changes)[1])
     return sorted(set(methods), key=lambda name: (known.index(name) if name in known else len(known), name))
 
 
 def family(method: str) -> str:
     """The family a method is drawn with: its own if that has colours here, else OTHERS."""
-    return _families().get(method, OTHERS)
+    return _known(METHODS.changes)[0].get(method, OTHERS)
 
 
 def looks(methods: Iterable[str], named: Collection[str]) -> dict[str, dict[str, Any]]:
@@ -129,32 +129,24 @@ def _main_colour(method: str) -> str:
     return FAMILIES[name][0][0] if name in FAMILIES else str(of(method)["color"])
 
 
-@cache
-def _families() -> dict[str, str]:
-    found = {}
-    for name in METHODS:
-        with suppress(Exception):  # a method that cannot be loaded here: one of the others
-            found[name] = METHODS[name].family
-    return {name: group for name, group in found.items() if group in FAMILIES}
+@lru_cache(maxsize=1)
+def _known(changes: int) -> tuple[dict[str, str], dict[str, dict[str, Any]]]:
+    """Family and style of each registered method, as the registry is after so many changes.
 
-
-@cache
-def _methods() -> dict[str, dict[str, Any]]:
+    A method that cannot be loaded here may still have rows: it is drawn as a stranger.
+    """
+    families: dict[str, str] = {}
     styles: dict[str, dict[str, Any]] = {}
-    members: dict[str, int] = {}
-    for name in METHODS:
-        try:
-            method = METHODS[name]
-        except Exception:  # a method that cannot be loaded here may still have rows: it is drawn as a stranger
-            styles[name] = _stranger(name)
-            continue
-        place = members.setdefault(method.family, 0)
-        members[method.family] += 1
-        if method.family in FAMILIES:
-            styles[name] = _style(method.label, *FAMILIES[method.family], place)
-        else:
-            styles[name] = {**_stranger(name), "label": method.label}
-    return styles
+    places: Counter[str] = Counter()
+    for name, method, _ in METHODS.each():
+        styles[name] = _stranger(name)
+        if method and method.family in FAMILIES:
+            families[name] = method.family
+            styles[name] = _style(method.label, *FAMILIES[method.family], places[method.family])
+            places[method.family] += 1
+        elif method:
+            styles[name]["label"] = method.label
+    return families, styles
 
 
 def _stranger(name: str) -> dict[str, Any]:

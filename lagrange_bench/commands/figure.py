@@ -28,7 +28,9 @@ examples:
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("name", nargs="?", metavar="NAME", help="the name printed below a figure of the page, e.g. phase_h")
+    command.add_argument(
+        "name", nargs="?", metavar="NAME", help="the name printed below a figure of the page, e.g. phase_h"
+    )
     command.add_argument(
         "--all", action="store_true", help="every figure, in every format and width unless one is given"
     )

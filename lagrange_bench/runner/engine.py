@@ -242,7 +242,9 @@ def _plan(
         if key in seen:
             raise ValueError(f"experiment {experiment!r} lists the cell {cell} twice")
         if taken := set(ADDED) & set(cell):
-            raise ValueError(f"experiment {experiment!r}: cell field {taken.pop()!r}: this name is reserved by the store")
+            raise ValueError(
+                f"experiment {experiment!r}: cell field {taken.pop()!r}: this name is reserved by the store"
+            )
         seen.add(key)
         timed, stored = bool(cell.get("timing")), key in done
         age = sources.compared(done.get(key), sources.of_cell(experiment, cell))

@@ -6,6 +6,7 @@ import io
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -144,6 +145,17 @@ def test_a_method_looks_the_same_everywhere_and_unlike_its_family():
     assert style.ordered(["zeta", "rk45", "backlund", "alpha", "rk45"]) == ["backlund", "rk45", "alpha", "zeta"]
     for colours, markers in style.FAMILIES.values():
         assert len(set(colours)) == len(colours) <= len(markers) + 1
+
+
+def test_a_method_lent_for_a_while_is_drawn_as_itself_whatever_was_drawn_before():
+    mine = replace(METHODS["rk4"], name="mine", label="My RK4")
+    drawn = style.looks(["rk4"], ())
+    with METHODS.lent(mine):
+        assert style.family("mine") == "runge-kutta"
+        assert style.of("mine")["label"] == "My RK4"
+        assert style.ordered(["zero", "mine", "rk4"]) == ["rk4", "mine", "zero"]
+    assert style.family("mine") == style.OTHERS
+    assert style.looks(["rk4"], ()) == drawn
 
 
 def test_every_family_has_colours_and_a_title():
