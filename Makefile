@@ -91,5 +91,5 @@ lint: .venv/ready
 	@touch $@
 
 clean:
-	rm -rf .venv .venv-oldest .venv-dist build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf .venv .venv-oldest .venv-dist build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .grimp_cache .hypothesis
 	rm -rf results/reference/page results/local/*/page
