@@ -30,7 +30,7 @@ import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
-from integrators.checks import check_choice, check_real, check_state, check_times
+from integrators.checks import Array, check_choice, check_real, check_state, check_times
 from integrators.compiling.expression import Program, Tape
 from integrators.files import cache_folder, write_file
 from integrators.interface import StepError
@@ -41,8 +41,6 @@ from integrators.problem.units import ldexp
 from integrators.truth.exact import rounded_off
 
 __all__ = ["Reference", "after_steps", "engines", "horizon", "lyapunov", "solution"]
-
-Array = NDArray[np.float64]
 
 TOLERANCE, CHECK = 1e-33, 1e-29  # of the two runs
 TANGENT = 1e-20  # of a run for the Lyapunov exponent: its growth is wanted to a few digits
