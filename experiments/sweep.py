@@ -438,7 +438,7 @@ def _panels(runs: list[tuple[Cell, pd.DataFrame]], xlabel: str) -> tuple[Any, di
         right.set_title(style.plain(f"{top}: worst invariant"))
         for ax in (left, right):
             ax.set(xscale="log", yscale="log")
-            ax.axhline(2.0**-52, color=style.FAINT, linewidth=0.6)
+            style.ulp_line(ax)
     for ax in axes[-1]:
         ax.set_xlabel(xlabel)
     return figure, dict(zip(tops, axes, strict=True))
@@ -481,7 +481,7 @@ def _line(ax: Any, x: Any, y: Any, look: dict[str, Any]) -> None:
 def _draw_time(runs: list[tuple[Cell, pd.DataFrame]], truth: str) -> Any:
     from experiments.drawing import style
 
-    figure, panels = _panels(runs, "time · (|J| + √(|α||x|))")
+    figure, panels = _panels(runs, style.TIME)
     looks = _looks(runs)
     for cell, run in runs:
         if cell["status"] != "done":
@@ -502,7 +502,7 @@ def _draw_time(runs: list[tuple[Cell, pd.DataFrame]], truth: str) -> Any:
 def _draw_knob(runs: list[tuple[Cell, pd.DataFrame]], knob: str, truth: str) -> Any:
     from experiments.drawing import style
 
-    texts = {"h": "step h · (|J| + √(|α||x|))", "tol": "tolerance", "rtol": "relative tolerance"}
+    texts = {"h": style.STEP, "tol": "tolerance", "rtol": "relative tolerance"}
     figure, panels = _panels(runs, texts[knob])
     points: dict[tuple[str, str, str], list[tuple[float, float, float]]] = {}
     failed: dict[tuple[str, str], list[float]] = {}
