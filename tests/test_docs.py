@@ -323,16 +323,16 @@ def test_far_away_a_step_is_a_turn(angle, sheet):
 
 def test_what_one_long_step_rounds():
     """Tens of ulps of C1 at half a nutation period; at a tenth of it a few."""
-    worst = {0.499: 0.0, 0.05: 0.0}
+    found = {0.499: [], 0.05: []}
     for name in (*TOPS, *states.RANDOM):
         top, y0 = states.find(name)
         period = exact.nutation_period(top, y0)
-        for share in worst if math.isfinite(period) else ():
+        for share in found if math.isfinite(period) else ():
             y = prepare(top, y0, share * period, pin=0).record(y0, 300, 1)
             steps = np.abs(np.diff(top.invariants(y)[:, 2])) / np.spacing(y0[3:] @ y0[3:])
-            worst[share] = max(worst[share], float(np.max(steps)))
-    assert 10 < worst[0.499] < 100
-    assert worst[0.05] < 10
+            found[share].append(np.max(steps))
+    assert 10 < np.max(found[0.499]) < 100
+    assert np.max(found[0.05]) < 10
 
 
 def clock(method, h):

@@ -38,11 +38,12 @@ def random_top(seed):
 
 
 def error(top, y0, y, reference):
-    """Largest error over states (n, 6) or (6,) in units of the scales."""
+    """Largest error over states (n, 6) or (6,) in units of the scales; infinite if one is no number, which `max` may drop."""
     rate, size, _ = top.scales(y0)
     scales = np.array([mpf(rate or 1.0)] * 3 + [mpf(size)] * 3)
     with mp.workdps(130):
-        return float(np.max(np.abs(as_mpf(y) - as_mpf(reference)) / scales))
+        errors = np.abs(as_mpf(y) - as_mpf(reference)) / scales
+        return math.inf if any(map(mp.isnan, errors.ravel())) else float(np.max(errors))
 
 
 def as_mpf(y):
@@ -276,7 +277,7 @@ def test_it_solves_the_equations_of_motion(named):
         rhs = np.array(
             [-top.alpha * x2, top.alpha * x1, mpf(0), J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1]
         )
-        assert max(abs((after - before) / (2 * h) - rhs)) < 1e-34
+        assert np.all(abs((after - before) / (2 * h) - rhs) < 1e-34)
 
 
 @pytest.mark.parametrize("named", NAMED)
@@ -619,6 +620,7 @@ def test_after_steps_is_at_the_product_itself(name):
     assert np.max(np.abs(rounded - truth)) > 1e-10  # what the test can see
 
 
+@settings(deadline=None, derandomize=True)
 @given(st.floats(1e-5, 1e5), st.integers(0, 2**53), st.sampled_from((1, -1)))
 def test_what_a_product_rounds_off(h, n, sign):
     t = sign * h * float(n)

@@ -107,13 +107,13 @@ def drawn(n, seed):
 
 def test_the_clock_on_ten_thousand_tori():
     """2e-15 wherever ok; and ok wherever |h| < T_nut/2 and |m|² > C1/4, which all but few tori with |h| ≤ 0.4 T_nut are."""
-    worst, refused, near = 0.0, 0, 0
+    clocks, refused, near = [], 0, 0
     for alpha, y, h, period in drawn(TORI, 7):
         found = ps.plain_step(y, alpha, h)
         clock, turn, off_curve, branch = wrong_clock(alpha, y, h, found)
         assert found[4] == (branch >= ps.LEAST) or abs(branch - ps.LEAST) < 1e-9
         if found[4]:
-            worst = max(worst, abs(clock))
+            clocks.append(abs(clock))
             assert abs(turn) < 5e-14
             assert off_curve < 5e-14
         elif abs(h) <= 0.4 * period:
@@ -121,7 +121,7 @@ def test_the_clock_on_ten_thousand_tori():
         else:
             near += 1
             assert abs(clock) < 1e-15 / branch or branch < 1e-9
-    assert worst < T_ERROR
+    assert np.max(clocks) < T_ERROR  # `max` may drop what is no number
     assert refused < 0.08 * TORI
     assert 0 < near < 0.08 * TORI
 
@@ -130,10 +130,10 @@ def test_a_wrong_lambda_would_be_noticed():
     """Negative control: λ off by 1e-13 in any direction is seen, in the clock or in the turn."""
     alpha, y = TOPS["generic"].alpha, TOPS["generic"].y0
     R, eta, *m, _ = ps.plain_step(y, alpha, 0.5)
-    assert max(map(abs, wrong_clock(alpha, y, 0.5, (R, eta, *m))[:3])) < T_ERROR
+    assert np.max(np.abs(wrong_clock(alpha, y, 0.5, (R, eta, *m))[:3])) < T_ERROR
     for turned in (1, 1j):
         lam = complex(R, eta) * (1 + 1e-13 * turned)
-        assert max(map(abs, wrong_clock(alpha, y, 0.5, (lam.real, lam.imag, *m))[:2])) > T_ERROR
+        assert np.max(np.abs(wrong_clock(alpha, y, 0.5, (lam.real, lam.imag, *m))[:2])) > T_ERROR
 
 
 def test_half_a_period_is_the_limit():

@@ -1,5 +1,6 @@
 """What the tests of the paper share: random points in double or in any number of digits, and exact derivatives."""
 
+import math
 import random
 
 import numpy as np
@@ -44,7 +45,9 @@ def points(digits, count=10):
 
 
 def largest(a):
-    return max((abs(v) for v in np.asarray(a).ravel()), default=0)
+    """No number, which is below and above nothing, if one of `a` is none or infinite: `max` may drop it."""
+    sizes = [abs(v) for v in np.asarray(a).ravel()]
+    return max(sizes, default=0) if all(size < math.inf for size in sizes) else math.nan
 
 
 class Dual:
