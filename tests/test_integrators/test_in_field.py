@@ -11,7 +11,7 @@ from integrators import METHODS, TOPS, LagrangeTop, PerturbedTop, Potential, Ste
 from integrators.interface import INVARIANTS
 from integrators.methods import gauss_coefficients as gauss
 from integrators.problem.body import product
-from integrators.problem.potentials import AXISYMMETRIC, CHARGE, TIDE
+from integrators.problem.potentials import CHARGE, QUADRATIC, TIDE
 from integrators.problem.top import hat
 from integrators.truth import reference
 
@@ -22,19 +22,21 @@ NOTHING = PerturbedTop(TOP, SPHERE)
 FIELDS = {  # formulas that other tests use too: they are compiled once for all
     "quadratic": PerturbedTop(TOP, TIDE, (0.8, 0.6, -0.4, 0.7)),
     "charge": PerturbedTop(TOP, CHARGE, (0.4, 1.1, -0.7, 0.9)),
-    "polynomial": PerturbedTop(TOP, AXISYMMETRIC, (0.5, -0.7)),
+    "level": PerturbedTop(TOP, CHARGE, (0.4, 0.0, 0.0, 1.6)),
 }
-ZERO = PerturbedTop(TOP, TIDE, (0.0, 0.6, -0.4, 0.7))
 STAGES = {"implicit_midpoint": 1, "gauss4": 2, "gauss6": 3, "gauss8": 4, "gauss12": 6}
 SOLVED = (*STAGES, "collective_midpoint")
 NAMES = ("rkmk4", "commutator_free4", "bobenko_suris", "kahan", *SOLVED)
-PAIRS = [
-    (name, field)
-    for name in NAMES
-    for field, top in FIELDS.items()
-    # a field that is level everywhere is tried with two Gauss methods: each takes seconds to compile
-    if METHODS[name].takes(top) is None and not (field == "polynomial" and STAGES.get(name, 0) > 2)
-]
+PAIRS = [(name, field) for name in NAMES for field, top in FIELDS.items() if METHODS[name].takes(top) is None]
+
+
+def zero(name):
+    """A potential of strength 0 that the method takes."""
+    return (
+        PerturbedTop(TOP, TIDE, (0.0, 0.6, -0.4, 0.7))
+        if name == "kahan"
+        else PerturbedTop(TOP, CHARGE, (0.0, 0.0, 0.0, 1.6))
+    )
 
 
 def starts(count, speed=1.5):
@@ -62,11 +64,11 @@ def test_without_potential_it_is_the_kernel_of_the_uniform_field(name):
         for h in (0.05, -0.3):
             for more in options:
                 one = prepare(TOP, y0, h, name, **more).record(y0, 10, 1)
-                other = prepare(ZERO, y0, h, name, **more).record(y0, 10, 1)
+                other = prepare(zero(name), y0, h, name, **more).record(y0, 10, 1)
                 assert np.max(metrics.scaled_error(TOP, y0, other, one)) < 32 * EPS, (h, more)
     assert METHODS[name].kept(NOTHING) == METHODS[name].conserves
     if "form" in METHODS[name].options:  # the options are told apart
-        one, other = (prepare(ZERO, Y0, 0.3, name, **more).advance(Y0, 1) for more in options)
+        one, other = (prepare(zero(name), Y0, 0.3, name, **more).advance(Y0, 1) for more in options)
         assert metrics.scaled_error(TOP, Y0, one, other) > 1e-3
 
 
@@ -159,11 +161,13 @@ def test_a_drift_is_seen():
     assert not walks(values + 0.05 * np.sqrt([10240 / 16, 10240]))
 
 
-def test_level_fields_keep_J3_without_any_rounding():
-    for name in NAMES:
-        if "J3" in METHODS[name].kept(NOTHING):
-            top = FIELDS["polynomial"] if METHODS[name].takes(FIELDS["polynomial"]) is None else NOTHING
-            assert prepare(top, Y0, 0.1, name).advance(Y0, 100)[2] == Y0[2]
+@pytest.mark.parametrize("name", [name for name in NAMES if "J3" in METHODS[name].kept(NOTHING)])
+def test_level_fields_keep_J3_without_any_rounding(name):
+    """From J3 = 0: the torque about the vertical is rounding alone, and beside a larger J3 it would be rounded off."""
+    top = PerturbedTop(TOP, QUADRATIC, (0.7, 0.7, 0.3, 0.0, 0.0, 0.0)) if name == "kahan" else FIELDS["level"]
+    y = Y0 * (1, 1, 0, 1, 1, 1)
+    assert "J3" in METHODS[name].kept(top)
+    assert prepare(top, y, 0.1, name).advance(y, 100)[2] == 0.0
 
 
 # ---------------------------------------------------------------- symmetric, Poisson
@@ -172,10 +176,11 @@ def test_level_fields_keep_J3_without_any_rounding():
 @pytest.mark.parametrize(("name", "field"), PAIRS)
 def test_symmetric(name, field):
     top = FIELDS[field]
-    gap = 0.0
+    gaps = []
     for y in starts(6):
         there = prepare(top, y, 0.4, name).advance(y, 1)
-        gap = max(gap, metrics.scaled_error(top, y, prepare(top, y, -0.4, name).advance(there, 1), y))
+        gaps.append(metrics.scaled_error(top, y, prepare(top, y, -0.4, name).advance(there, 1), y))
+    gap = np.max(gaps)  # `max` may drop what is no number
     assert gap < 32 * EPS if METHODS[name].symmetric else gap > 1e-8
 
 
@@ -208,7 +213,8 @@ def stages_by_newton(top, y, h, s):
     A = np.array([[float(m * w) for m, w in zip(row, b, strict=True)] for row in mu])
     Y = np.tile(y, (s, 1))
     for _ in range(60):
-        D = np.eye(6 * s) - np.block([[h * A[i, j] * top.jacobian(Y[j]) for j in range(s)] for i in range(s)])
+        F = np.stack([top.jacobian(z) for z in Y])
+        D = np.eye(6 * s) - h * np.einsum("ij,jkl->ikjl", A, F).reshape(6 * s, 6 * s)
         change = np.linalg.solve(D, (Y - y - h * A @ top.rhs(Y)).ravel()).reshape(s, 6)
         Y = Y - change
         if np.max(np.abs(change)) < 1e-14 * np.max(np.abs(Y)):
@@ -266,7 +272,7 @@ def test_collective_midpoint_is_the_midpoint_rule_of_quaternions(field):
                 z = prepare(top, y, h, "collective_midpoint", solver=solver).advance(y, 1)
                 for spin in (0.0, 0.7):
                     assert metrics.scaled_error(top, y, z, quaternion_midpoint(top, y, h, spin)) < 64 * EPS
-    wrong = prepare(ZERO, Y0, 0.1, "collective_midpoint").advance(Y0, 1)
+    wrong = prepare(zero("collective_midpoint"), Y0, 0.1, "collective_midpoint").advance(Y0, 1)
     assert metrics.scaled_error(top, Y0, wrong, quaternion_midpoint(top, Y0, 0.1, 0.0)) > 1e-4
 
 
