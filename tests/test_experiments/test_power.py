@@ -15,13 +15,10 @@ from experiments import phase
 from experiments.measuring import check, metrics
 from integrators import METHODS, TOPS, LagrangeTop, StepError, integrate, prepare, registry
 from integrators.interface import Method, Stepper, Work
+from tests.sabotage import failed
 
 ALL = frozenset({"H", "J3", "C1", "C2"})
 GENERIC = TOPS["generic"]
-
-
-def failed(method, quick=True):
-    return {v.claim for v in check.check(method, quick) if v.passed is False}
 
 
 # ---------------------------------------------------------------- the Bäcklund map, and four ways to spoil it

@@ -1,8 +1,6 @@
 """The two integrable discretisations: what they keep is proved in rational arithmetic, on maps written down a second time."""
 
-import inspect
 import random
-import types
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -17,6 +15,7 @@ from integrators.compiling.compiled import jit
 from integrators.compiling.loops import FixedStepper
 from integrators.methods import bobenko_suris, kahan
 from integrators.problem.top import TOPS
+from tests.sabotage import failed, spoiled
 from tests.test_integrators.paper.tools import jacobian
 
 EPS = float(np.finfo(float).eps)
@@ -394,21 +393,6 @@ def test_constants_rounded_first_would_drift():
 
 
 # ---------------------------------------------------------------- sabotage
-
-
-def spoiled(module, old="", new=""):
-    """The module's record with `old`, which occurs once, replaced by `new` in its source."""
-    source = inspect.getsource(module)
-    assert not old or source.count(old) == 1, old
-    copy = types.ModuleType("spoiled")
-    source = source.replace(old, new) if old else source
-    source = source.replace("compiled import jit", "compiled import compiled as jit")
-    exec(compile(source, module.__file__, "exec"), copy.__dict__)
-    return copy.METHOD
-
-
-def failed(method):
-    return {v.claim for v in check.check(method, quick=True) if v.passed is False}
 
 
 @pytest.mark.parametrize("module", [kahan, bobenko_suris], ids=lambda module: module.METHOD.name)

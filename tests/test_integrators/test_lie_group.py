@@ -1,19 +1,17 @@
 """The two Lie-group methods: the motion against matrix exponentials, the steps against the textbook on 6 × 6 matrices."""
 
-import inspect
-import types
-
 import numpy as np
 import pytest
 from mpmath import mp
 from scipy.linalg import expm
 
-from experiments.measuring import check, metrics, states
+from experiments.measuring import metrics, states
 from integrators import LagrangeTop, StepError, prepare
 from integrators.compiling.loops import FAILURE, SIZE
 from integrators.methods import lie_group
 from integrators.problem.top import TOPS, hat
 from integrators.truth import exact
+from tests.sabotage import failed, spoiled
 
 EPS = float(np.finfo(float).eps)
 GENERIC = TOPS["generic"]
@@ -99,11 +97,6 @@ def test_a_step_is_the_textbook_s(name):
 
 
 @by_name
-def test_claims(method):
-    assert not failed(method)
-
-
-@by_name
 def test_exact_without_weight(method):
     """x turns about the constant J: the generator is constant, and one exponential is the flow, whatever h."""
     top, y0 = states.find("weightless")
@@ -147,20 +140,6 @@ def test_round_off_walks_and_the_rest_drifts(method):
 # ---------------------------------------------------------------- sabotage
 
 
-def failed(method):
-    return {v.claim for v in check.check(method, quick=True) if v.passed is False}
-
-
-def spoiled(record, old, new):
-    """The record with `old`, which occurs once in the module, replaced by `new`."""
-    source = inspect.getsource(lie_group)
-    assert source.count(old) == 1, old
-    copy = types.ModuleType("spoiled")
-    source = source.replace(old, new).replace("compiled import jit", "compiled import compiled as jit")
-    exec(compile(source, lie_group.__file__, "exec"), copy.__dict__)
-    return getattr(copy, record)
-
-
 SABOTAGES = {
     "one commutator dropped": (
         "RKMK4", "a = add(times(0.5, a2), -0.125, cross(a1, a2))", "a = times(0.5, a2)", {"order 4"},
@@ -183,7 +162,7 @@ SABOTAGES = {
 @pytest.mark.parametrize("name", SABOTAGES)
 def test_sabotage_is_caught(name):
     record, old, new, caught = SABOTAGES[name]
-    found = failed(spoiled(record, old, new))
+    found = failed(spoiled(lie_group, old, new, record))
     assert caught <= found
     if caught == {"order 4"}:  # still a motion of space: what a motion keeps is kept
         assert not found & {"conserves C1", "conserves C2"}
