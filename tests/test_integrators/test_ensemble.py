@@ -279,20 +279,6 @@ ALONE |= {m.name for m in METHODS.values() if m.family == "implicit"}
 COMPENSATED = [name for name in COMPILED if "compensated" in METHODS[name].options]
 
 
-@pytest.fixture
-def in_lanes(monkeypatch):
-    """The numbers of tops that were done in lanes, call by call."""
-    met = []
-
-    def run(*arguments, **options):
-        fine = lanes.run_lanes(*arguments, **options)
-        met.append(int(fine.sum()))
-        return fine
-
-    monkeypatch.setattr(ensemble, "run_lanes", run)
-    return met
-
-
 def alone(n, h, steps, every, name, **options):
     rows = [
         prepare(LagrangeTop(a), y, h, name, **options).record(y, steps, every)

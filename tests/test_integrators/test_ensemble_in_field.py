@@ -7,9 +7,9 @@ import pytest
 
 from integrators import METHODS, LagrangeTop, StepError, available, ensemble, integrate, integrate_ensemble, prepare
 from integrators.compiling import lanes
-from integrators.compiling.expression import sqrt
 from integrators.methods import backlund_splitting, taylor
 from integrators.problem.perturbed import PerturbedTop, Potential
+from integrators.problem.potentials import CHARGE, TIDE
 
 SIZE = 45  # a block of lanes and thirteen tops more
 RNG = np.random.default_rng(5)
@@ -17,15 +17,14 @@ STATES = RNG.uniform(-1, 1, (SIZE, 6))
 STATES[:, 3:] /= np.linalg.norm(STATES[:, 3:], axis=1)[:, None]
 ALPHAS, NUMBERS = RNG.uniform(0.5, 2, SIZE), RNG.uniform(0.1, 0.9, SIZE)
 
-QUADRATIC = Potential("quadratic", lambda x1, x2, x3, p: p[0] * x1 * x1 / 2)
-CHARGE = Potential("charge", lambda x1, x2, x3, p: -p[0] / sqrt((x1 - p[1]) ** 2 + (x2 - 1) ** 2 + (x3 - 0.5) ** 2))
-AXIAL = Potential("axial", lambda x1, x2, x3, p: p[0] * x3**2)
+# formulas that other tests use too: they are compiled once for all
+ALONG, PLACE, ABOVE = (0.8, 0.0, 0.6), (2.0, 1.0, 0.5), (0.0, 0.0, 1.6)
 TILTED = Potential("tilted", lambda x1, x2, x3, p: p[0] * x1 + 0.3 * x2)
 TOPS_IN = {
-    "all numbers": PerturbedTop(LagrangeTop(ALPHAS), QUADRATIC, (NUMBERS,)),
-    "some numbers": PerturbedTop(LagrangeTop(0.7), CHARGE, (NUMBERS, 2.0)),
-    "alpha only": PerturbedTop(LagrangeTop(ALPHAS), AXIAL, (0.4,)),
-    "the same for all": PerturbedTop(LagrangeTop(1.0), AXIAL, (0.4,)),
+    "all numbers": PerturbedTop(LagrangeTop(ALPHAS), TIDE, (NUMBERS, *ALONG)),
+    "some numbers": PerturbedTop(LagrangeTop(0.7), CHARGE, (NUMBERS, *PLACE)),
+    "alpha only": PerturbedTop(LagrangeTop(ALPHAS), CHARGE, (0.4, *ABOVE)),
+    "the same for all": PerturbedTop(LagrangeTop(1.0), CHARGE, (0.4, *ABOVE)),
 }
 HEYOKA = pytest.mark.skipif(not available(METHODS["taylor"]), reason="heyoka is not installed")
 
@@ -44,20 +43,6 @@ def one_by_one(problem, states, h, steps, every, name, **options):
     return np.stack(rows, axis=1)
 
 
-@pytest.fixture
-def in_lanes(monkeypatch):
-    """The numbers of tops that were done in lanes, call by call."""
-    met = []
-
-    def run(*arguments, **options):
-        fine = lanes.run_lanes(*arguments, **options)
-        met.append(int(fine.sum()))
-        return fine
-
-    monkeypatch.setattr(ensemble, "run_lanes", run)
-    return met
-
-
 @pytest.mark.parametrize("kind", TOPS_IN)
 @pytest.mark.parametrize("name", ["strang", "force_gradient6", "rk4", "verner9_projected", "dop853"])
 def test_the_bits_of_one_top_alone(name, kind, in_lanes):
@@ -69,13 +54,13 @@ def test_the_bits_of_one_top_alone(name, kind, in_lanes):
     assert np.max(np.abs(another - got)) > 1e-4  # the potential is there
 
 
-WEAK = PerturbedTop(LagrangeTop(ALPHAS), QUADRATIC, (1e-3 * NUMBERS,))
+WEAK = PerturbedTop(LagrangeTop(ALPHAS), TIDE, (1e-3 * NUMBERS, *ALONG))
 
 
-@pytest.mark.parametrize(("potential", "options"), [(QUADRATIC, {}), (AXIAL, {"scheme": "saba4"})])
-def test_the_exact_step_with_a_parameter_for_each_top(potential, options, in_lanes):
+@pytest.mark.parametrize(("potential", "fixed", "options"), [(TIDE, ALONG, {}), (CHARGE, ABOVE, {"scheme": "saba4"})])
+def test_the_exact_step_with_a_parameter_for_each_top(potential, fixed, options, in_lanes):
     """From a table or without one, rows on the way included; C1 and C2 stay."""
-    problem = PerturbedTop(LagrangeTop(ALPHAS), potential, (1e-6 * NUMBERS,))
+    problem = PerturbedTop(LagrangeTop(ALPHAS), potential, (1e-6 * NUMBERS, *fixed))
     got = integrate_ensemble(problem, STATES, 0.1, 120, "backlund_splitting", every=60, threads=1, **options)
     assert np.array_equal(got, one_by_one(problem, STATES, 0.1, 120, 60, "backlund_splitting", **options))
     assert sum(in_lanes) >= 32
@@ -153,7 +138,7 @@ def test_heyoka_in_batches_of_two_kinds(monkeypatch):
 @pytest.mark.parametrize("name", ["dop853", "scipy_dop853", pytest.param("taylor", marks=HEYOKA)])
 def test_at_times(name):
     problem, t = TOPS_IN["some numbers"], [1.0, 0.0, -0.5]
-    problem = PerturbedTop(problem.top, problem.potential, (NUMBERS[:4], 2.0))
+    problem = PerturbedTop(problem.top, problem.potential, (NUMBERS[:4], *PLACE))
     got = integrate_ensemble(problem, STATES[:4], t=t, method=name)
     for i in range(4):
         assert np.array_equal(got[:, i], integrate(one(problem, i), STATES[i], t=t, method=name).y)
@@ -187,7 +172,7 @@ def test_failures():
 
 def test_bad_input():
     problem, charge = TOPS_IN["all numbers"], STATES.copy()
-    charge[3, 3:] = 2.0, 1.0, 0.5
+    charge[3, 3:] = PLACE
     calls = [
         (
             r"Y0\[3\] = \[.*, 2\.0, 1\.0, 0\.5\] .* the potential charge is not finite",
@@ -197,7 +182,7 @@ def test_bad_input():
         ),
         ("values of alpha, Y0 44", problem, STATES[1:], {}),
         (r"values of parameters\[0\], Y0 44", TOPS_IN["some numbers"], STATES[1:], {}),
-        ("backlund does not take the potential quadratic: it is a map", problem, STATES, {"method": "backlund"}),
+        ("backlund does not take the potential tide: it is a map", problem, STATES, {"method": "backlund"}),
         ("unknown option 'pin' of strang", problem, STATES, {"pin": 1}),
         ("Y0.* is not finite", problem, STATES * math.nan, {}),
     ]
@@ -209,5 +194,5 @@ def test_bad_input():
 
 
 def test_none():
-    nobody = PerturbedTop(LagrangeTop(1.0), QUADRATIC, (np.empty(0),))
+    nobody = PerturbedTop(LagrangeTop(1.0), TIDE, (np.empty(0), *ALONG))
     assert integrate_ensemble(nobody, np.empty((0, 6)), 0.1, 10, "strang").shape == (0, 6)

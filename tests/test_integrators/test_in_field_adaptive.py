@@ -19,19 +19,16 @@ from integrators import (
     integrate_ensemble,
     prepare,
 )
-from integrators.compiling.expression import sqrt
 from integrators.methods import taylor
 from integrators.problem.perturbed import PerturbedTop, Potential
+from integrators.problem.potentials import CHARGE, TIDE
 
-QUADRATIC = Potential("quadratic", lambda x1, x2, x3, p: p[0] * x1 * x1 / 2)
-CHARGE = Potential("charge", lambda x1, x2, x3, p: -p[0] / sqrt((x1 - 2) ** 2 + (x2 - 1) ** 2 + (x3 - p[1]) ** 2))
-AXIAL = Potential("axial", lambda x1, x2, x3, p: p[0] * x3**2 + p[1] * (x1 * x1 + x2 * x2) * x3)
-FIELDS = {
-    "quadratic": PerturbedTop(LagrangeTop(1.0), QUADRATIC, (0.7,)),
-    "charge": PerturbedTop(LagrangeTop(0.8), CHARGE, (0.9, 0.5)),
-    "axial": PerturbedTop(LagrangeTop(1.0), AXIAL, (0.4, -0.3)),
+FIELDS = {  # formulas that other tests use too: they are compiled once for all
+    "quadratic": PerturbedTop(LagrangeTop(1.0), TIDE, (0.7, 1.0, 0.0, 0.0)),
+    "charge": PerturbedTop(LagrangeTop(0.8), CHARGE, (0.9, 2.0, 1.0, 0.5)),
+    "axial": PerturbedTop(LagrangeTop(1.0), CHARGE, (0.4, 0.0, 0.0, 1.6)),
 }
-NOTHING = PerturbedTop(LagrangeTop(1.0), QUADRATIC, (0.0,))
+NOTHING = PerturbedTop(LagrangeTop(1.0), CHARGE, (0.0, 0.0, 0.0, 1.6))
 Y0 = TOPS["generic"].state
 # what is asked for, the step, and the error after t = 5 in units of the state that it leads to at most
 SETTINGS = {
@@ -197,7 +194,7 @@ def test_heyoka_compiles_once_for_each_formula(monkeypatch):
     taylor.compile_integrator.cache_clear()
     for number in (0.3, 0.4, 0.5):
         for alpha in (1.0, 2.0):
-            problem = PerturbedTop(LagrangeTop(alpha), QUADRATIC, (number,))
+            problem = PerturbedTop(LagrangeTop(alpha), TIDE, (number, 1.0, 0.0, 0.0))
             end = prepare(problem, Y0, 0.5, "taylor").advance(Y0, 2)
             assert error(problem, end, truth(problem, [1.0])[0]) <= 2e-14
     assert taylor.compile_integrator.cache_info().misses == 1
@@ -217,7 +214,7 @@ def test_parameters_that_the_force_does_not_contain():
 @needs_heyoka
 def test_threads_do_not_share_numbers():
     """Two potentials of one formula, in two threads at once: each has the bits of a run alone."""
-    problems = [PerturbedTop(LagrangeTop(1.0), QUADRATIC, (number,)) for number in (0.2, 0.9)]
+    problems = [PerturbedTop(LagrangeTop(1.0), TIDE, (number, 1.0, 0.0, 0.0)) for number in (0.2, 0.9)]
     steppers = [prepare(problem, Y0, 0.1, "taylor") for problem in problems]
     alone = [stepper.advance(Y0, 3000) for stepper in steppers]
     got = [[], []]
@@ -247,5 +244,5 @@ def test_the_jacobians_are_those_of_the_problem():
 
 
 def test_taylor_fixed_says_why_not():
-    with pytest.raises(ValueError, match="taylor_fixed does not take the potential quadratic: its recurrence"):
+    with pytest.raises(ValueError, match="taylor_fixed does not take the potential tide: its recurrence"):
         prepare(FIELDS["quadratic"], Y0, 0.1, "taylor_fixed")
