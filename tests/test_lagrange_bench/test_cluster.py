@@ -60,8 +60,9 @@ def scheduler(tmp_path):
 
 
 def here(cells, folder, monkeypatch):
-    """What this machine makes of the cells."""
+    """What this machine makes of the cells, without their pauses."""
     monkeypatch.syspath_prepend(str(HERE))
+    monkeypatch.setenv("TOY_PACE", "0")
     monkeypatch.setenv("TOY_CELLS", json.dumps(cells))
     engine.run([TOY], "quick", folder, 2, show=False)
     return comparable(folder)
@@ -71,27 +72,27 @@ def keys(folder):
     return [r["key"] for r in Store(folder).read(TOY)[0]]
 
 
-def test_the_same_rows_from_a_local_cluster(tmp_path, monkeypatch):
-    cells = [*squares(*range(40)), *ODD, {"do": "compiled loop", "i": 104}, *squares(50, 51, timing=True)]
-    run = start(cells, tmp_path / "there", "--scheduler", "local:2", "--time-limit", "5", "--json")
+def test_the_same_rows_from_a_local_cluster_of_as_many_workers_as_asked(tmp_path, monkeypatch):
+    who = squares(
+        *range(200, 212), facts=True, seconds=0.2
+    )  # first: later ones may come from a process in place of a dead one
+    cells = [*who, *squares(*range(40)), *ODD, *squares(50, 51, timing=True)]
+    hung = {"do": "compiled loop", "i": 104}  # only there, for it takes as long as it may
+    run = start([*cells, hung], tmp_path / "there", "--scheduler", "local:3", "--time-limit", "5", "--json")
     out, err = run.communicate(timeout=120)
     assert (run.returncode, out[:1]) == (1, "{"), err
     summary = json.loads(out)
     tally = summary["experiments"][TOY]
-    assert (tally["cells"], tally["computed"], tally["failed"]) == (47, 42, 5)
+    assert (tally["cells"], tally["computed"], tally["failed"]) == (59, 54, 5)
     assert any("timing cells ran one at a time on this machine" in note for note in summary["notes"])
     assert "Traceback" not in err
     assert nobody_left(run.pid)
-    monkeypatch.setattr(engine, "TIME_LIMITS", {"quick": 5.0})
-    assert comparable(tmp_path / "there") == here(cells, tmp_path / "here", monkeypatch)
-    assert len(set(keys(tmp_path / "there"))) == len(keys(tmp_path / "there")) == 47
-
-
-def test_a_local_cluster_has_as_many_workers_as_asked(tmp_path):
-    run = start(squares(*range(12), facts=True, seconds=0.2), tmp_path, "--scheduler", "local:3")
-    err = run.communicate(timeout=120)[1]
-    assert run.returncode == 0, err
-    assert Store(tmp_path).rows(TOY)["process"].nunique() == 3
+    *there, last = comparable(tmp_path / "there")
+    assert there[len(who) :] == here(cells, tmp_path / "here", monkeypatch)[len(who) :]
+    assert len({record["rows"][0]["process"] for record in there[: len(who)]}) == 3
+    assert (last["cell"], last["status"], last["error"]["type"]) == (hung, "failed", "TimeLimit")
+    assert last["error"]["message"] == "not done after 5 s, so its process was ended; --time-limit SECONDS allows more"
+    assert len(set(keys(tmp_path / "there"))) == len(keys(tmp_path / "there")) == 59
 
 
 def test_a_worker_killed_in_the_middle(scheduler, tmp_path, monkeypatch):

@@ -13,7 +13,7 @@ import threading
 import time
 
 import pytest
-from faults import HERE, TOY, comparable, nobody_left, session, squares, wait_for_lines
+from faults import HERE, TOY, comparable, nobody_left, session, squares, start, wait_for_lines
 from rich.console import Console
 
 from integrators import interrupts, registry
@@ -184,7 +184,8 @@ def test_a_cell_that_kills_its_process_is_found(toy, jobs):
 
 def test_a_timing_cell_that_dies_does_not_stop_the_others(toy):
     cells = [{"do": "die", "i": 1, "timing": True}, *squares(2, 3, timing=True)]
-    assert (tally(toy(cells)).computed, tally(toy(cells)).failed) == (2, 1)
+    found = tally(toy(cells))
+    assert (found.computed, found.failed) == (2, 1)
 
 
 def test_a_method_that_is_not_available_is_skipped_and_said_once(toy, monkeypatch):
@@ -208,16 +209,6 @@ def test_a_method_nobody_knows_is_a_failure(toy):
 
 # ---------------------------------------------------------------- stopped runs
 
-MAIN = "import sys; from lagrange_bench.__main__ import main\n"
-RUN = MAIN + "if __name__ == '__main__': sys.exit(main(['run', 'toys.behaviour', *sys.argv[1:]]))"
-
-
-def start(cells, results, jobs=2):
-    """A run in a process and a process group of its own."""
-    environment = {**os.environ, "TOY_CELLS": json.dumps(cells), "PYTHONPATH": str(HERE)}
-    command = [sys.executable, "-c", RUN, "--results", str(results), "--jobs", str(jobs)]
-    return subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True)
-
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for left-over processes in /proc")
 @pytest.mark.parametrize("whom", ["terminal", "parent"])
@@ -231,8 +222,8 @@ def test_interrupt(tmp_path, whom):
         os.killpg(run.pid, signal.SIGINT)
     else:
         run.send_signal(signal.SIGINT)
-    message = run.communicate(timeout=20)[1]
-    assert time.monotonic() - before < 5  # the cell would have taken a minute
+    message = run.communicate(timeout=60)[1]
+    assert time.monotonic() - before < 30  # the cell would have taken a minute
     assert run.returncode == 130
     assert f"6 of 7 cells are stored in {tmp_path}" in message
     assert "again to resume" in message
@@ -240,7 +231,7 @@ def test_interrupt(tmp_path, whom):
     assert nobody_left(run.pid)
     assert len(comparable(tmp_path)) == 6
     resumed = start([*squares(1, 2, 3), *squares(4, 5, 6, 7)], tmp_path)
-    assert "1/1 cells" in resumed.communicate(timeout=30)[1]
+    assert "1/1 cells" in resumed.communicate(timeout=60)[1]
     assert resumed.returncode == 0
     assert len(Store(tmp_path).read(TOY)[0]) == 7  # nothing twice
 
@@ -254,7 +245,7 @@ def test_interrupt_while_workers_start(tmp_path):
             time.sleep(0.001)
         time.sleep(0.012 * attempt)
         os.killpg(run.pid, signal.SIGINT)
-        message = run.communicate(timeout=20)[1]
+        message = run.communicate(timeout=60)[1]
         assert run.returncode == 130, message
         assert "of 50 cells are stored" in message
         assert "Traceback" not in message
@@ -303,18 +294,6 @@ def test_interrupt_is_held_back_whichever_thread_catches_it():
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_two_runs_into_one_store(tmp_path):
-    cells = squares(*range(16), seconds=0.03)
-    runs = [start(cells, tmp_path, jobs=1) for _ in range(2)]
-    for run in runs:
-        run.communicate(timeout=60)
-    assert [run.returncode for run in runs] == [0, 0]
-    records, problems = Store(tmp_path).read(TOY)
-    assert problems == []
-    assert len(records) > 16  # they did meet
-    assert [r["cell"]["i"] for r in comparable(tmp_path)] == list(range(16))
-
-
 def test_a_disk_that_fills_up_stops_the_run_and_loses_nothing(toy, monkeypatch):
     real, calls = Store.append, []
 
@@ -329,7 +308,7 @@ def test_a_disk_that_fills_up_stops_the_run_and_loses_nothing(toy, monkeypatch):
         before = time.monotonic()
         with pytest.raises(StoreError, match="full"):
             toy([*squares(1, 2, 3), {"do": "compiled loop", "i": 9}, *squares(4, 5, 6)])
-        assert time.monotonic() - before < 10
+        assert time.monotonic() - before < 30  # the cell would have taken a minute
     assert multiprocessing.active_children() == []
     confirmed = sum(map(len, calls[:2]))
     assert len(toy.store.latest(TOY)) == confirmed < 6
