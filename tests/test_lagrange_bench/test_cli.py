@@ -17,22 +17,7 @@ from integrators import METHODS, registry
 from lagrange_bench import __main__ as cli
 from results.store import Store
 
-COMMANDS = (
-    "methods",
-    "tops",
-    "potentials",
-    "run",
-    "report",
-    "merge",
-    "compare",
-    "verify",
-    "integrate",
-    "check",
-    "errata",
-    "paper",
-    "bits",
-    "completion",
-)
+COMMANDS = tuple(module.__name__.rpartition(".")[2] for module in cli.COMMANDS)
 SLOW = (
     "numpy",
     "numba",
@@ -329,9 +314,13 @@ def test_a_closed_stream(tmp_path, words, number):
 
 
 def test_workers_of_a_run_with_closed_streams(tmp_path):
-    line = f"exec {sys.executable} -W error -m lagrange_bench run paper --results {tmp_path} >&- 2>&-"
-    assert subprocess.run(["/bin/sh", "-c", line], cwd=HERE.parent, timeout=60, check=False).returncode == 0
-    assert len(Store(tmp_path).rows("paper")) > 0
+    """A cell that warns and prints in one of them."""
+    cells = json.dumps([{"do": "warn", "i": i} for i in range(3)])
+    environment = {**os.environ, "TOY_CELLS": cells, "PYTHONPATH": str(HERE)}
+    line = f"exec {sys.executable} -W error -m lagrange_bench run toys.behaviour --results {tmp_path} >&- 2>&-"
+    done = subprocess.run(["/bin/sh", "-c", line], cwd=HERE.parent, env=environment, timeout=60, check=False)
+    assert done.returncode == 0
+    assert len(Store(tmp_path).rows("toys.behaviour")) == 3
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")

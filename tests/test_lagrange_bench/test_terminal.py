@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 import pytest
+from faults import squares
 
 from results.store import Store, make_record
 
@@ -91,12 +92,9 @@ def terminal(tmp_path):
         os.close(one.master)
 
 
-def squares(n, seconds=0.0):
-    return [{"do": "square", "i": i, "seconds": seconds} for i in range(n)]
-
-
 def test_progress_interrupt_and_resume(terminal, tmp_path):
-    cells = [*squares(3), {"do": "square", "i": 3, "seconds": 4.0}]
+    gate = tmp_path / "gate"  # the last cell waits for it
+    cells = [*squares(0, 1, 2), {"do": "wait for lines", "i": 3, "file": str(gate), "lines": 1}]
     first = terminal(cells)
     first.read(r"toys\.behaviour.* 3/4 +1 ")  # three done, one running: and the table is shown while it runs
     assert re.search(r"experiment +done +running +failed +time", first.read("experiment"))
@@ -107,10 +105,11 @@ def test_progress_interrupt_and_resume(terminal, tmp_path):
         shown
     )
     assert "Traceback" not in shown
-    again = terminal([*cells, {"do": "square", "i": 4, "seconds": 4.0}])
+    again = terminal([*cells, {"do": "wait for lines", "i": 4, "file": str(gate), "lines": 1}])
     again.read(r"0/2")
     os.write(again.master, b"\x03")
     assert "interrupted: 3 of 5 cells are stored" in joined(again.end()[0]), "what an earlier run stored counts"
+    gate.write_text("open\n")
     second = terminal(cells)
     shown, code = second.end()
     assert code == 0
@@ -125,7 +124,7 @@ def joined(shown):
 
 
 def test_failures_are_counted_and_the_command_is_repeated(terminal, tmp_path):
-    shown, code = terminal([*squares(1), {"do": "raise", "i": 9}], width=120).end()
+    shown, code = terminal([*squares(0), {"do": "raise", "i": 9}], width=120).end()
     assert code == 1
     assert re.search(r"toys\.behaviour +\S* +2/2 +1 ", shown)
     again = "again, the failed cells only: lagrange-bench run toys.behaviour --results"
@@ -133,27 +132,27 @@ def test_failures_are_counted_and_the_command_is_repeated(terminal, tmp_path):
 
 
 def test_a_narrow_terminal_and_no_colour(terminal):
-    shown, code = terminal(squares(2), width=40).end()
+    shown, code = terminal(squares(0, 1), width=40).end()
     assert code == 0
     table = shown[: shown.index("experiment  ", shown.index("2/2"))]  # the summary is printed as it is, for a pipe too
     assert re.search(r"toys.be\S*… +2/2 ", table)  # names are cut, numbers are not
     assert "━" not in table
     assert max(len(line) for line in re.split(r"[\r\n]+", table)) <= 40
-    wide = terminal([*squares(2), {"do": "raise", "i": 7}])
+    wide = terminal([*squares(0, 1), {"do": "raise", "i": 7}])
     wide.end()
     assert re.search(r"\x1b\[[0-9;]*3\dm|\x1b\[38;", wide.shown)  # colours, where they are wanted
-    plain = terminal([*squares(2), {"do": "raise", "i": 7}], NO_COLOR="1")
+    plain = terminal([*squares(0, 1), {"do": "raise", "i": 7}], NO_COLOR="1")
     plain.end()
     assert not re.search(r"\x1b\[[0-9;]*3\dm|\x1b\[38;", plain.shown)
 
 
 def test_no_table_for_a_dumb_terminal_or_in_quiet(terminal):
-    dumb = terminal(squares(2), TERM="dumb")
+    dumb = terminal(squares(0, 1), TERM="dumb")
     shown, code = dumb.end()
     assert code == 0
     assert "\x1b[" not in dumb.shown
     assert "toys.behaviour: 2/2 cells" in shown
-    quiet = terminal(squares(3), "--quiet")
+    quiet = terminal(squares(0, 1, 2), "--quiet")
     shown, code = quiet.end()
     assert code == 0
     assert "running" not in shown
