@@ -278,7 +278,7 @@ def test_run_draws_and_resumes_and_the_report_needs_no_file(run, write, tmp_path
     assert re.search(r"^sweep_my +5 +0 +5 ", out, re.MULTILINE)
     page = results / "page"
     assert f"next: lagrange-bench report --results {results}" in out
-    assert run("run", path, "--results", tmp_path / "again", "--quiet")[0] == 0
+    assert run("run", path, "--results", tmp_path / "again", "--jobs", "1", "--quiet")[0] == 0
     assert run("compare", results, tmp_path / "again")[0] == 0  # every bit but the seconds
     sweep._cells.clear()
     code, out, err = run("report", "--results", results)
@@ -316,7 +316,7 @@ def test_a_method_of_ones_own_and_one_that_fails(run, write, tmp_path, monkeypat
         .replace("[0.5, 0.25]", "[0.5, 1e99]")
         .replace("time = 50", "steps = 9")
     )
-    code, out, _ = run("run", write(text), "--results", tmp_path / "results", "--quiet")
+    code, out, _ = run("run", write(text), "--results", tmp_path / "results", "--jobs", "1", "--quiet")
     rows = Store(tmp_path / "results").rows("sweep_my")
     assert set(rows[rows.status == "done"].method) == {"strang", "toys.lies:METHOD"}
     failed = set(rows[rows.status == "failed"].h)

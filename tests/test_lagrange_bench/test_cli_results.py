@@ -123,7 +123,7 @@ def test_an_experiment_of_your_own_is_drawn_where_it_was_run(tmp_path):
             line, shell=True, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
         )
 
-    out = typed("lagrange-bench run my_study.energy --results out").stdout
+    out = typed("lagrange-bench run my_study.energy --results out --jobs 1").stdout
     after = re.search("^next: (.*)", out, re.MULTILINE)[1]
     page = Path(typed(f"{after} --output page").stdout.strip()).read_text(encoding="utf-8")
     assert "my_study.energy_squares" in page
