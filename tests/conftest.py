@@ -3,12 +3,14 @@
 import gc
 import json
 import os
+import shutil
 import signal
 import tempfile
 from pathlib import Path
 
 import pytest
 
+import lagrange_bench
 from lagrange_bench import __main__ as cli
 
 if "PYTEST_XDIST_WORKER" not in os.environ:  # the processes of pytest-xdist share the folder of their parent
@@ -22,6 +24,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 # compiling makes many objects that stay: a twelfth of its time went into looking at them again
 gc.set_threshold(10_000)
+ROOT = Path(__file__).resolve().parents[1]
 KERNELS = Path(__file__).parent / "test_integrators"
 
 
@@ -43,6 +46,15 @@ def _nothing_to_collect_twice():
     yield
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture
+def tree(tmp_path):
+    """A copy of the bench."""
+    ignored = shutil.ignore_patterns("__pycache__", "*.html", "*.svg", "*.jsonl", "local")
+    for package in (*lagrange_bench.ROOMS, "lagrange_bench"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=ignored)
+    return tmp_path
 
 
 @pytest.fixture
