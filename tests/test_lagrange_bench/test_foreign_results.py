@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from experiments.catalogue import load
 from results import store
 from results.store import Store
 
+pytestmark = pytest.mark.xdist_group("foreign")  # they share one process that imports nothing
 ROOT = Path(__file__).resolve().parents[2]
 
 MODULE = """
@@ -48,89 +50,120 @@ SWEPT = [{"t": t, "H": 1e-9, "J3": 0.0, "C1": 0.0, "C2": 0.0, "error": 1e-9, "se
 START = {"top": "generic", "alpha": 1.0, "y0": "0.3,-0.4,1.2,0.48,0.6,0.64", "options": "", "h": 0.1, "steps": 2}
 
 
-@pytest.fixture
-def folder(tmp_path):
+def made(place):
     """Results of somebody whose module can be imported from the current folder, as can any other."""
-    (tmp_path / "evilpkg").mkdir()
+    (place / "evilpkg").mkdir()
     for name in ("exp", "method"):
-        (tmp_path / "evilpkg" / f"{name}.py").write_text(MODULE)
-    results = tmp_path / "results"
-    results.mkdir()
+        (place / "evilpkg" / f"{name}.py").write_text(MODULE)
+    results, other, own = (place / name for name in ("results", "other", "own"))
+    for store_folder in (results, other, own):
+        store_folder.mkdir()
     stored(results, "evilpkg.exp", {"i": 0})
     stored(results, "unittest.__main__", {"i": 0})
-    stored(
-        results, "sweep_x", {"method": "evilpkg.method:METHOD", **START, "samples": 2}, SWEPT, load("sweep_x").VERSION
-    )
+    swept = {**START, "samples": 2}
+    stored(results, "sweep_x", {"method": "evilpkg.method:METHOD", **swept}, SWEPT, load("sweep_x").VERSION)
     cell = {"method": "evilpkg.method:METHOD", "part": "longtime", "state": "generic", "h": 0.1}
     stored(results, "drift", cell, [{"t": 1.0, "n": 10, "H": 1e-9}], load("drift").VERSION)
-    return tmp_path
+    stored(other, "evilpkg.exp", {"i": 0}, [{"h": 0.2}])
+    field = {"potential": "evilpkg.method:POTENTIAL", "parameters": "0.1"}
+    stored(own, "sweep_x", {"method": "strang", **swept, **field}, SWEPT, load("sweep_x").VERSION)
+    return place
 
 
-def typed(folder, *words):
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return made(tmp_path_factory.mktemp("foreign"))
+
+
+def typed(folder, *words, start=("-m", "lagrange_bench")):
     """Of `lagrange-bench`, in a process of its own, in the folder: exit code, stdout and stderr; and what was imported."""
-    ran = [folder / "evilpkg" / "ran"]
-    for path in ran:
-        path.unlink(missing_ok=True)
+    ran = folder / "evilpkg" / "ran"
+    ran.unlink(missing_ok=True)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "lagrange_bench", *words]
+    command = [sys.executable, *start, *words]
     done = subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=300
     )
-    return done.returncode, done.stdout, done.stderr, any(path.exists() for path in ran)
+    return done.returncode, done.stdout, done.stderr, ran.exists()
 
 
-def test_a_report_imports_nothing_that_a_file_is_named_after(folder):
-    code, out, err, ran = typed(folder, "report", "--results", "results", "--output", "page")
-    assert code == 1
+COMMANDS = {
+    "report": ("report", "--results", "results", "--output", "plain"),
+    "one figure": ("figure", "sweep_x_time", "--results", "results", "--output", "plain.svg"),
+    "figure": ("figure", "--all", "--format", "svg", "--width", "page", "--results", "results"),
+    "compare": ("compare", "results", "other", "--times"),
+    "verify": ("verify", "results", "--quiet", "--longest", "10"),
+    "report a potential": ("report", "--output", "field", "--results", "own"),
+    "verify a potential": ("verify", "own", "--quiet"),
+    "an unknown figure": ("figure", "evilpkg.exp_figure", "--results", "results"),
+}
+ONE_BY_ONE = """
+import contextlib, io, json, sys
+from pathlib import Path
+from lagrange_bench.__main__ import main
+
+found = {}
+for name, words in json.loads(sys.argv[1]).items():
+    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(words)
+    imported = any(module.partition(".")[0] == "evilpkg" for module in sys.modules)
+    said = (stream.buffer.getvalue().decode() for stream in (out, err))
+    found[name] = (code, *said, imported or Path("evilpkg", "ran").exists())
+print(json.dumps(found))
+"""
+
+
+@pytest.fixture(scope="module")
+def unnamed(folder):
+    """What `typed` says of commands that name no module: all in one process, for there is nothing that they may leave in it."""
+    code, out, err, _ = typed(folder, json.dumps(COMMANDS), start=("-c", ONE_BY_ONE))
+    assert code == 0, err
+    return json.loads(out.splitlines()[-1])
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_nothing_is_imported_that_no_command_names(unnamed, command):
+    code, out, err, ran = unnamed[command]
     assert not ran
+    assert "Traceback" not in err
+
+
+def test_a_report_imports_nothing_that_a_file_is_named_after(unnamed, folder):
+    code, out, err, _ = unnamed["report"]
+    assert code == 1
     for name in ("evilpkg.exp", "unittest.__main__"):
         assert f"not drawn: {name}: unknown experiment '{name}'; if it is your own, add --module {name}" in err
-    assert "Traceback" not in err
-    page = (folder / "page" / "index.html").read_text(encoding="utf-8")
+    page = (folder / "plain" / "index.html").read_text(encoding="utf-8")
     assert "evilpkg.method:METHOD" in page  # the rows are shown, under the name they have
     assert "Evil Strang" not in page
 
 
-def test_a_module_is_imported_if_it_is_named_in_the_command(folder):
+def test_a_module_is_imported_if_it_is_named_in_the_command(unnamed, folder):
     words = ("--module", "evilpkg.exp", "--module", "evilpkg.method")
     code, out, err, ran = typed(folder, "report", "--results", "results", "--output", "page", *words)
     assert ran
     assert "not drawn: evilpkg.exp" not in err
-    assert (folder / "page" / "figures" / "evilpkg.exp_figure.svg").exists()
-    named = ("figure", "sweep_x_time", "--results", "results", "--output")
-    assert typed(folder, *named, "without.svg")[3] is False
-    assert typed(folder, *named, "with.svg", "--module", "evilpkg.method")[3] is True
-    with_label, without = ((folder / f"{name}.svg").read_bytes() for name in ("with", "without"))
+    named = ("figure", "sweep_x_time", "--results", "results", "--output", "with.svg", "--module", "evilpkg.method")
+    assert typed(folder, *named)[3] is True
+    with_label, without = ((folder / f"{name}.svg").read_bytes() for name in ("with", "plain"))
     assert with_label == (folder / "page" / "figures" / "sweep_x_time.svg").read_bytes() != without
 
 
 @pytest.mark.parametrize("command", ["figure", "compare", "verify"])
-def test_no_other_command_does(folder, command):
-    words = {
-        "figure": ("figure", "--all", "--format", "svg", "--width", "page", "--results", "results"),
-        "compare": ("compare", "results", "other", "--times"),
-        "verify": ("verify", "results", "--quiet", "--longest", "10"),
-    }[command]
-    (folder / "other").mkdir()
-    stored(folder / "other", "evilpkg.exp", {"i": 0}, [{"h": 0.2}])
-    code, out, err, ran = typed(folder, *words)
-    assert not ran
-    assert "Traceback" not in err
+def test_no_other_command_does(unnamed, folder, command):
+    code, out, err, _ = unnamed[command]
     assert "unknown experiment 'evilpkg.exp'" in out + err
     assert code == (2 if command == "verify" else 1)
-    code, out, err, ran = typed(folder, *words, "--module", "evilpkg.exp")
+    code, out, err, ran = typed(folder, *COMMANDS[command], "--module", "evilpkg.exp")
     assert ran
     assert "unknown experiment 'evilpkg.exp'" not in out + err
 
 
-def test_a_potential_is_imported_only_if_its_module_is_named(folder):
-    own = folder / "own"
-    own.mkdir()
-    field = {"potential": "evilpkg.method:POTENTIAL", "parameters": "0.1", "samples": 2}
-    stored(own, "sweep_x", {"method": "strang", **START, **field}, SWEPT, load("sweep_x").VERSION)
-    for words, exit_code in (("report", "--output", "page", "--results", "own"), 0), (("verify", "own", "--quiet"), 2):
-        code, out, err, ran = typed(folder, *words)
-        assert (code, ran) == (exit_code, False), err
+def test_a_potential_is_imported_only_if_its_module_is_named(unnamed, folder):
+    assert unnamed["report a potential"][0] == 0
+    code, out, err, _ = unnamed["verify a potential"]
+    assert code == 2
     assert "not computed: evilpkg.method:POTENTIAL: not available here" in out + err
     code, out, err, ran = typed(folder, "verify", "--results", "own", "--quiet", "--module", "evilpkg.method")
     assert ran
@@ -138,24 +171,25 @@ def test_a_potential_is_imported_only_if_its_module_is_named(folder):
     assert code == 1  # the stored rows are made up
 
 
-def test_one_figure_of_an_unknown_experiment(folder):
-    code, out, err, ran = typed(folder, "figure", "evilpkg.exp_figure", "--results", "results")
-    assert (code, out, ran) == (2, "", False)
+def test_one_figure_of_an_unknown_experiment(unnamed):
+    code, out, err, _ = unnamed["an unknown figure"]
+    assert (code, out) == (2, "")
     assert "unknown" in err
 
 
-def test_an_installed_experiment_needs_no_permission(folder):
+def test_an_installed_experiment_needs_no_permission(tmp_path):
+    folder = made(tmp_path)
     info = folder / "evil-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: evil\nVersion: 1.0\n")
     group = "[lagrange_bench.experiments]\n"
     (info / "entry_points.txt").write_text(f"{group}mine = evilpkg.exp\ndrift = evilpkg.exp\n")
-    code, out, err, ran = typed(folder, "run", "mine", "--results", "own", "--jobs", "1", "--quiet")
+    code, out, err, ran = typed(folder, "run", "mine", "--results", "mine", "--jobs", "1", "--quiet")
     assert (code, ran) == (0, True), err
-    code, out, err, ran = typed(folder, "report", "--results", "own", "--output", "page", "--quiet")
+    code, out, err, ran = typed(folder, "report", "--results", "mine", "--output", "page", "--quiet")
     assert (code, ran) == (0, True), err
     assert (folder / "page" / "figures" / "mine_figure.svg").exists()
-    code, out, err, ran = typed(folder, "verify", "own", "--quiet")
+    code, out, err, ran = typed(folder, "verify", "mine", "--quiet")
     assert (code, ran) == (0, True), err
     assert "1 identical" in out
     assert load("drift").__name__ == "experiments.drift"
