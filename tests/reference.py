@@ -43,6 +43,11 @@ def horner(coefficients, u):
     return value
 
 
+def real(z):
+    """The number that is the sum of two doubles."""
+    return mpf(z[0]) + mpf(z[1])
+
+
 def turned(c, s, y):
     """(J, x) turned about e3 by the angle with cosine c and sine s."""
     J1, J2, J3, x1, x2, x3 = y

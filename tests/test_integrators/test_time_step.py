@@ -10,13 +10,9 @@ from mpmath import mp, mpc, mpf
 from integrators import TOPS, LagrangeTop, StepError, prepare
 from integrators.torus import time_step as ts
 from integrators.truth import exact
-from tests.reference import flow, horner, turned
+from tests.reference import flow, horner, real, turned
 
 EQUILIBRIA = ("sleeping_stable", "sleeping_unstable", "hanging")
-
-
-def real(z):
-    return mpf(z[0]) + mpf(z[1])
 
 
 def map_mp(alpha, y, lam, m):

@@ -8,15 +8,10 @@ from integrators import TOPS, LagrangeTop
 from integrators.paper import lax
 from integrators.paper import one_point as op
 from integrators.paper.phase_space import invariants, ladder, poisson_tensor, sqrt
-from tests.test_integrators.paper.tools import DIGITS, jacobian, largest, points
+from tests.test_integrators.paper.tools import DIGITS, jacobian, largest, points, size
 
 both = pytest.mark.parametrize("digits", DIGITS)
 sheets = pytest.mark.parametrize("sheet", [1, -1])
-
-
-def size(*states):
-    """Size of the terms of the map: cubic in its arguments."""
-    return max(1, *(largest(y) for y in states)) ** 3
 
 
 # ------------------------------------------------------------------------------------------- equations of 5.1

@@ -16,21 +16,12 @@ from tests.test_integrators.paper.tools import (
     jacobian,
     largest,
     points,
+    poisson_defect,
+    size,
 )
 
 both = pytest.mark.parametrize("digits", DIGITS)
 sheets = pytest.mark.parametrize("sheet", [1, -1])
-
-
-def size(*states):
-    """Size of the terms of the map: cubic in its arguments."""
-    return max(1, *(largest(y) for y in states)) ** 3
-
-
-def poisson_defect(f, y):
-    """Largest entry of D P(y) Dᵀ − P(f(y)), and of D, which says what round-off it may have."""
-    D = jacobian(f, y)
-    return largest(D @ poisson_tensor(y) @ D.T - poisson_tensor(f(y))), 1 + largest(D)
 
 
 # ------------------------------------------------------------------------------------------- compositions

@@ -11,7 +11,7 @@ from integrators.paper import lax
 from integrators.paper import one_point as op
 from integrators.paper import two_point as tp
 from integrators.paper.phase_space import components, invariants, ladder, poisson_tensor
-from tests.test_integrators.paper.tools import DIGITS, jacobian, largest, points
+from tests.test_integrators.paper.tools import DIGITS, jacobian, largest, points, poisson_defect
 
 both = pytest.mark.parametrize("digits", DIGITS)
 sheets = pytest.mark.parametrize("sheet", [1, -1])
@@ -247,12 +247,6 @@ def test_chains():
 
 
 # ------------------------------------------------------------------------------------------- Poisson property
-
-
-def poisson_defect(f, y):
-    """Largest entry of D P(y) Dᵀ − P(f(y)), and of D, which says what round-off it may have."""
-    D = jacobian(f, y)
-    return largest(D @ poisson_tensor(y) @ D.T - poisson_tensor(f(y))), 1 + largest(D)
 
 
 @both

@@ -7,6 +7,7 @@ import numpy as np
 from mpmath import mp, mpc, mpf
 
 from integrators import LagrangeTop
+from integrators.paper.phase_space import poisson_tensor
 
 DIGITS = (15, 50)  # double, and mpmath
 
@@ -110,6 +111,17 @@ def duals(z):
 def jacobian(f, z):
     """Derivative (m, n) of f: (n,) → (m,) at z, exact to round-off; f made of + − * / and roots."""
     return np.stack([v.d if isinstance(v, Dual) else np.zeros(len(z)) for v in np.asarray(f(duals(z))).ravel()])
+
+
+def size(*states):
+    """Size of the terms of a one-point map: cubic in its arguments."""
+    return max(1, *(largest(y) for y in states)) ** 3
+
+
+def poisson_defect(f, y):
+    """Largest entry of D P(y) Dᵀ − P(f(y)), and of D, which says what round-off it may have."""
+    D = jacobian(f, y)
+    return largest(D @ poisson_tensor(y) @ D.T - poisson_tensor(f(y))), 1 + largest(D)
 
 
 CANONICAL = np.array(
