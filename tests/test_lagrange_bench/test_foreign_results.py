@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -13,6 +12,7 @@ import pytest
 from experiments.catalogue import load
 from results import store
 from results.store import Store
+from tests.commands import one_by_one
 
 pytestmark = pytest.mark.xdist_group("foreign")  # they share one process that imports nothing
 ROOT = Path(__file__).resolve().parents[2]
@@ -75,12 +75,12 @@ def folder(tmp_path_factory):
     return made(tmp_path_factory.mktemp("foreign"))
 
 
-def typed(folder, *words, start=("-m", "lagrange_bench")):
+def typed(folder, *words):
     """Of `lagrange-bench`, in a process of its own, in the folder: exit code, stdout and stderr; and what was imported."""
     ran = folder / "evilpkg" / "ran"
     ran.unlink(missing_ok=True)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, *start, *words]
+    command = [sys.executable, "-m", "lagrange_bench", *words]
     done = subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=300
     )
@@ -97,29 +97,15 @@ COMMANDS = {
     "verify a potential": ("verify", "own", "--quiet"),
     "an unknown figure": ("figure", "evilpkg.exp_figure", "--results", "results"),
 }
-ONE_BY_ONE = """
-import contextlib, io, json, sys
-from pathlib import Path
-from lagrange_bench.__main__ import main
-
-found = {}
-for name, words in json.loads(sys.argv[1]).items():
-    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = main(words)
-    imported = any(module.partition(".")[0] == "evilpkg" for module in sys.modules)
-    said = (stream.buffer.getvalue().decode() for stream in (out, err))
-    found[name] = (code, *said, imported or Path("evilpkg", "ran").exists())
-print(json.dumps(found))
-"""
 
 
 @pytest.fixture(scope="module")
 def unnamed(folder):
     """What `typed` says of commands that name no module: all in one process, for there is nothing that they may leave in it."""
-    code, out, err, _ = typed(folder, json.dumps(COMMANDS), start=("-c", ONE_BY_ONE))
-    assert code == 0, err
-    return json.loads(out.splitlines()[-1])
+    found = one_by_one(COMMANDS.values(), folder, {**os.environ, "PYTHONPATH": str(ROOT)})
+    ran = (folder / "evilpkg" / "ran").exists()  # or in a process that one of them started
+    said = [(code, out, err, ran or "evilpkg" in imported) for code, out, err, imported in found]
+    return dict(zip(COMMANDS, said, strict=True))
 
 
 @pytest.mark.parametrize("command", COMMANDS)

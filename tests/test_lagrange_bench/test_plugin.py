@@ -15,6 +15,8 @@ from types import ModuleType
 
 import pytest
 
+from tests.commands import one_by_one
+
 pytestmark = pytest.mark.processes
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "docs" / "example_plugin"
@@ -85,14 +87,16 @@ def python(tmp_path):
         )
         return done.returncode, done.stdout, done.stderr
 
+    call.one_by_one = lambda *commands: [said[:3] for said in one_by_one(commands, tmp_path, environment)]
     return call
 
 
 def test_found_and_checked(python):
-    code, out, err = python("-m", "lagrange_bench", "check", "suzuki4", "--quick", "--json")
+    checked, listed = python.one_by_one(("check", "suzuki4", "--quick", "--json"), ("methods", "--json"))
+    code, out, err = checked
     assert code == 0, err
     assert "suzuki4" in out
-    code, out, err = python("-m", "lagrange_bench", "methods", "--json")
+    code, out, err = listed
     assert code == 0, err
     (found,) = (method for method in json.loads(out) if method["name"] == "suzuki4")
     assert (found["order"], found["family"], found["available"]) == (4, "splitting", True)
@@ -132,15 +136,17 @@ def test_a_taken_name_is_left_out_with_one_warning(python, tmp_path):
 def test_a_name_that_is_taken_and_a_name_without_a_colon(python, tmp_path):
     text = (EXAMPLE / "suzuki_top.py").read_text(encoding="utf-8")
     (tmp_path / "my_method.py").write_text(text.replace('name="suzuki4"', 'name="rk4"'), encoding="utf-8")
-    code, out, err = python("-m", "lagrange_bench", "check", "my_method:METHOD", "--quick")
+    names = ("my_method:METHOD", "my_method", "suzuki5", "suzuki_top:METHOD")
+    taken, bare, unknown, own = python.one_by_one(*(("check", name, "--quick") for name in names))
+    code, out, err = taken
     assert "the name rk4 is taken, by the bench: choose another for an entry point" in out, err
-    code, out, err = python("-m", "lagrange_bench", "check", "my_method")
+    code, out, err = bare
     assert (code, out) == (2, "")
     assert err.endswith("for the one in my_method.py use my_method:METHOD\n")
-    code, out, err = python("-m", "lagrange_bench", "check", "suzuki5")
+    code, out, err = unknown
     assert code == 2
     assert err.endswith("unknown method 'suzuki5'; did you mean 'suzuki4'? All: lagrange-bench methods\n")
-    code, out, err = python("-m", "lagrange_bench", "check", "suzuki_top:METHOD", "--quick")
+    code, out, err = own
     assert "is taken" not in out, "its own entry point does not clash with it"
 
 
@@ -240,11 +246,23 @@ def well(tmp_path):
 
 
 def test_a_potential_of_a_package(python, well):
-    code, out, err = python("-m", "lagrange_bench", "potentials", "--json")
+    words = (
+        "integrate",
+        "--h",
+        "0.1",
+        "--steps",
+        "5",
+        "--method",
+        "rk4",
+        "--json",
+        "--parameters",
+        "0.1",
+        "--potential",
+    )
+    listed, *runs = python.one_by_one(("potentials", "--json"), (*words, "well"), (*words, "my_well:POTENTIAL"))
+    code, out, err = listed
     assert code == 0, err
     assert {"name": "well", "parameters": ["k"], "note": "a well"} in json.loads(out)
-    words = ("-m", "lagrange_bench", "integrate", "--h", "0.1", "--steps", "5", "--method", "rk4", "--json")
-    runs = [python(*words, "--potential", name, "--parameters", "0.1") for name in ("well", "my_well:POTENTIAL")]
     assert [code for code, _, _ in runs] == [0, 0], runs
     assert len({str(json.loads(out)["y_final"]) for _, out, _ in runs}) == 1
 
@@ -271,9 +289,8 @@ def test_a_top_of_a_package(python, well, tmp_path):
     assert listed.count(("mine", 2.0)) == listed.count(("fast", 1.0)) == 1
     assert "give the top another name, or pip uninstall well-top" in err
     entries.write_text("[lagrange_bench.tops]\nmine = my_tops:MINE\n")
-    for name in ("mine", "my_tops:MINE"):
-        words = ("-m", "lagrange_bench", "integrate", "--top", name, "--h", "0.5", "--steps", "20", "--json")
-        code, out, err = python(*words)
+    words = ("integrate", "--h", "0.5", "--steps", "20", "--json", "--top")
+    for code, out, err in python.one_by_one((*words, "mine"), (*words, "my_tops:MINE")):
         assert code == 0, err
         assert json.loads(out)["error"]["final"] < 1e-13
     names_a_top = "from lagrange_bench.testing import assert_drift; assert_drift('rk4', tops=['mine'], steps=10, J3=0)"
