@@ -38,7 +38,7 @@ def random_top(seed):
 
 
 def error(top, y0, y, reference):
-    """Largest error over states (n, 6) or (6,) in units of the scales; infinite if one is no number, which `max` may drop."""
+    """Largest error over states (n, 6) or (6,) in units of the scales; infinite if one is NaN, which `max` may drop."""
     rate, size, _ = top.scales(y0)
     scales = np.array([mpf(rate or 1.0)] * 3 + [mpf(size)] * 3)
     with mp.workdps(130):

@@ -180,7 +180,7 @@ def test_symmetric(name, field):
     for y in starts(6):
         there = prepare(top, y, 0.4, name).advance(y, 1)
         gaps.append(metrics.scaled_error(top, y, prepare(top, y, -0.4, name).advance(there, 1), y))
-    gap = np.max(gaps)  # `max` may drop what is no number
+    gap = np.max(gaps)  # `max` may drop NaN
     assert gap < 32 * EPS if METHODS[name].symmetric else gap > 1e-8
 
 

@@ -121,7 +121,7 @@ def test_the_clock_on_ten_thousand_tori():
         else:
             near += 1
             assert abs(clock) < 1e-15 / branch or branch < 1e-9
-    assert np.max(clocks) < T_ERROR  # `max` may drop what is no number
+    assert np.max(clocks) < T_ERROR  # `max` may drop NaN
     assert refused < 0.08 * TORI
     assert 0 < near < 0.08 * TORI
 

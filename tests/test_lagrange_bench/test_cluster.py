@@ -73,9 +73,8 @@ def keys(folder):
 
 
 def test_the_same_rows_from_a_local_cluster_of_as_many_workers_as_asked(tmp_path, monkeypatch):
-    who = squares(
-        *range(200, 212), facts=True, seconds=0.2
-    )  # first: later ones may come from a process in place of a dead one
+    # first: later ones may come from a process in place of a dead one
+    who = squares(*range(200, 212), facts=True, seconds=0.2)
     cells = [*who, *squares(*range(40)), *ODD, *squares(50, 51, timing=True)]
     hung = {"do": "compiled loop", "i": 104}  # only there, for it takes as long as it may
     run = start([*cells, hung], tmp_path / "there", "--scheduler", "local:3", "--time-limit", "5", "--json")

@@ -246,20 +246,9 @@ def well(tmp_path):
 
 
 def test_a_potential_of_a_package(python, well):
-    words = (
-        "integrate",
-        "--h",
-        "0.1",
-        "--steps",
-        "5",
-        "--method",
-        "rk4",
-        "--json",
-        "--parameters",
-        "0.1",
-        "--potential",
-    )
-    listed, *runs = python.one_by_one(("potentials", "--json"), (*words, "well"), (*words, "my_well:POTENTIAL"))
+    words = ("integrate", "--h", "0.1", "--steps", "5", "--method", "rk4", "--json", "--parameters", "0.1")
+    in_it = [(*words, "--potential", name) for name in ("well", "my_well:POTENTIAL")]
+    listed, *runs = python.one_by_one(("potentials", "--json"), *in_it)
     code, out, err = listed
     assert code == 0, err
     assert {"name": "well", "parameters": ["k"], "note": "a well"} in json.loads(out)

@@ -46,7 +46,7 @@ def points(digits, count=10):
 
 
 def largest(a):
-    """No number, which is below and above nothing, if one of `a` is none or infinite: `max` may drop it."""
+    """The largest |entry|; NaN if one is NaN or infinite, which `max` may drop: every comparison with NaN is false."""
     sizes = [abs(v) for v in np.asarray(a).ravel()]
     return max(sizes, default=0) if all(size < math.inf for size in sizes) else math.nan
 
