@@ -1,5 +1,8 @@
 """An independent integrator for the tests: Taylor series of the equations of motion in mpmath. No method of the bench."""
 
+import math
+
+import numpy as np
 from mpmath import mp, mpf
 
 
@@ -52,3 +55,9 @@ def turned(c, s, y):
     """(J, x) turned about e3 by the angle with cosine c and sine s."""
     J1, J2, J3, x1, x2, x3 = y
     return [c * J1 - s * J2, s * J1 + c * J2, J3, c * x1 - s * x2, s * x1 + c * x2, x3]
+
+
+def largest(a):
+    """The largest |entry|; NaN if one is NaN or infinite, which `max` may drop: every comparison with NaN is false."""
+    sizes = [abs(v) for v in np.asarray(a).ravel()]
+    return max(sizes, default=0) if all(size < math.inf for size in sizes) else math.nan

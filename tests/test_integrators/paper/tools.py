@@ -1,6 +1,5 @@
 """What the tests of the paper share: random points in double or in any number of digits, and exact derivatives."""
 
-import math
 import random
 
 import numpy as np
@@ -8,6 +7,7 @@ from mpmath import mp, mpc, mpf
 
 from integrators import LagrangeTop
 from integrators.paper.phase_space import poisson_tensor
+from tests.reference import largest
 
 DIGITS = (15, 50)  # double, and mpmath
 
@@ -43,12 +43,6 @@ def points(digits, count=10):
     with mp.workdps(digits):
         for seed in range(count):
             yield Point(digits, seed)
-
-
-def largest(a):
-    """The largest |entry|; NaN if one is NaN or infinite, which `max` may drop: every comparison with NaN is false."""
-    sizes = [abs(v) for v in np.asarray(a).ravel()]
-    return max(sizes, default=0) if all(size < math.inf for size in sizes) else math.nan
 
 
 class Dual:
