@@ -154,7 +154,7 @@ def width() -> str:
 
 
 def highlighted() -> tuple[str, ...]:
-    """The methods that stand out here, as `apply` was told."""
+    """The methods that stand out here, as given to `apply`."""
     return _HIGHLIGHTED.get()
 
 

@@ -5,7 +5,7 @@
 on the phase space of `top`, with the same bracket: C1 = |x|² and C2 = x·J stay, whatever V is. J3 stays if V does not
 change when x turns about the vertical. In general there is no closed form and no torus, and here an integrator is needed.
 
-A `PerturbedTop` is a top in a potential (`field`), with numbers. Which methods apply is told by its nature (`nature`).
+A `PerturbedTop` is a top in a potential (`field`), with numbers. Its nature (`nature`) says which methods apply.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ def test_curves_of_a_plug_in_in_any_field(rows):
     assert (tide["name"], tide["span"], tide["work"]) == ("weak_tide", "1000", {"mine": [-20, -160]})
     assert tide["drift"] == {"mine": [20, -120]}  # J3 is not conserved there
     kept = json.loads(panels.script(rows))["kept"]["mine"]
-    assert kept == [["order 2", "1.99 (generic)"], ["H not claimed", "biased, largest error 0.012 (generic tops)"]]
+    assert kept == [["order 2", "1.99 (generic)"], ["H not claimed", "biased, largest error 0.012 (random tops)"]]
 
 
 def test_without_rows_there_are_no_panels(rows):
