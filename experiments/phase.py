@@ -32,6 +32,7 @@ from experiments.measuring.states import (
 )
 from integrators import METHODS
 from integrators.backward_error.prediction import NoPrediction, theory
+from integrators.interface import INVARIANTS
 from integrators.problem.top import TOPS
 from integrators.truth import exact
 
@@ -149,14 +150,14 @@ def _errors(top, states, truth, y0, rate) -> dict[str, np.ndarray]:
     error = states - truth
     whole = metrics.scaled_error(top, y0, states, truth)
     split = metrics.phase_split(top, truth, error)
-    off = np.sqrt(sum(np.square(_off_torus(top, truth, split, name)) for name in ("H", "J3", "C1", "C2")))
+    off = np.sqrt(sum(np.square(_off_torus(top, truth, split, name)) for name in INVARIANTS))
     return {"time": split["time"] * rate, "angle": split["angle"], "off": off, "error": whole}
 
 
 def _off_torus(top, truth, split, name) -> np.ndarray:
     """Size of one gradient component of the error, in scaled units."""
     rate, size, _ = top.scales(truth[0])
-    gradients = np.array([top.gradients(y) for y in truth])[:, ("H", "J3", "C1", "C2").index(name)]
+    gradients = np.array([top.gradients(y) for y in truth])[:, INVARIANTS.index(name)]
     scaled = gradients / np.repeat((rate, size), 3)
     return split[name] * np.linalg.norm(scaled, axis=1)
 

@@ -197,8 +197,9 @@ class Theory:
 
 def theory(top: LagrangeTop, y0: Array, h: float, method: Method, lam: complex | None = None) -> Theory:
     """Of what has been checked; NoPrediction if there is none."""
-    if not SPANS[0] <= abs(h) / top.scales(y0)[2] <= SPANS[1]:
-        raise NoPrediction(f"h = {h:g} is not between {SPANS[0]:g} and {SPANS[1]:g} time scales of the top")
+    span = abs(h) / top.scales(y0)[2]
+    if not SPANS[0] <= span <= SPANS[1]:
+        raise NoPrediction(f"h is {span:g} time scales of the top, and must be between {SPANS[0]:g} and {SPANS[1]:g}")
     if lam is None and method.name in PAPERS:
         lam = papers_parameter(method.name, y0, h)
     if lam is not None:
@@ -208,7 +209,7 @@ def theory(top: LagrangeTop, y0: Array, h: float, method: Method, lam: complex |
     if method.order is None:
         return exact_in_time(top, y0, h)
     if method.name not in STEPS:
-        raise NoPrediction(f"of {method.name} no power series of a step is written down")
+        raise NoPrediction(f"no power series of a step of {method.name} is known")
     return of_first_order(top, y0, h, method)
 
 
@@ -269,7 +270,7 @@ def local_error(top: LagrangeTop, states: Array, h: float, method: Method) -> Ar
     )
     total: Array = terms.sum(axis=1)
     if not np.abs(terms[:, -2:]).max() <= CONVERGED * np.abs(total).max():
-        raise NoPrediction(f"the power series of the local error does not converge at h = {h:g} time scales")
+        raise NoPrediction("the power series of the local error does not converge: take a smaller |h|")
     return total.T
 
 
