@@ -71,7 +71,7 @@ lint: .venv/ready
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 
-# A stamp for each set of extras: none, for who only runs and draws; and those of the tests, which include the former.
+# A stamp for each set of extras: none, for who only runs and draws; and those of tests and lint, which include the former.
 .venv/made:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed; set PYTHON=…")'
 	$(PYTHON) -m venv .venv
@@ -82,7 +82,7 @@ lint: .venv/ready
 	@touch $@
 
 .venv/ready: pyproject.toml | .venv/made
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,lint]'
 	@touch .venv/bench $@
 
 .venv-oldest/ready: pyproject.toml tests/oldest.txt
