@@ -17,6 +17,7 @@ import warnings
 from pathlib import Path
 
 os.environ["NUMBA_DISABLE_JIT"] = "1"  # compiled kernels are Python functions then, with a signature and a docstring
+os.environ["PDOC_ALLOW_EXEC"] = "1"  # of what our modules import, NumPy before 2.1 runs lscpu
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("integrators", "experiments", "results")
