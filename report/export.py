@@ -152,7 +152,8 @@ def export_all(
 def _stored(results: Path) -> tuple[list[str], list[str]]:
     """The experiments in the order of the page, and why others are left out."""
     stored, known, unknown = Store(results).experiments(), [], []
-    for name in sorted(stored, key=lambda name: (EXPERIMENTS.index(name) + 1 if name in EXPERIMENTS else 0, name)):
+    own = [name for name in stored if name not in EXPERIMENTS]
+    for name in [*own, *(name for name in EXPERIMENTS if name in stored)]:
         try:
             load_stored(name)
             known.append(name)

@@ -11,12 +11,11 @@ import time
 import warnings
 
 import numpy as np
-import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
 from experiments.measuring.metrics import scaled_error
-from integrators import METHODS, TOPS, LagrangeTop, StepError, available, integrate
+from integrators import METHODS, TOPS, LagrangeTop, StepError, integrate
 from integrators.interface import INVARIANTS
 from integrators.methods import runge_kutta
 from integrators.truth import exact
@@ -44,12 +43,6 @@ def examples(few):
 def those(have):
     """Names of the methods that have what a test is about."""
     return [name for name, record in METHODS.items() if have(record)]
-
-
-def method(name):
-    if not available(METHODS[name]):
-        pytest.skip(f"{METHODS[name].requires} is not installed")
-    return METHODS[name]
 
 
 # ---------------------------------------------------------------- what there is to try

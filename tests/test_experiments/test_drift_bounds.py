@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from experiments.measuring import metrics, states
-from integrators import METHODS, available, prepare
+from integrators import METHODS, prepare
 from integrators.compiling.compiled import jit
 from integrators.compiling.loops import FixedStepper
 from integrators.methods import implicit_midpoint
+from tests.installed import installed
 
 U = 2.0**-53
 FEW = ("generic", "figure1", "fast", "slow")
@@ -48,8 +49,7 @@ TABLE = [
 
 @pytest.mark.parametrize(("method", "options", "invariants", "h", "n", "bound", "why"), TABLE)
 def test_drift(method, options, invariants, h, n, bound, why):
-    if not available(METHODS[method]):
-        pytest.skip("not installed")
+    installed(method)
     if METHODS[method].control == "tolerance":
         n = min(n, 200 if METHODS[method].engine == "scipy" else 1000)
     for name in FEW:

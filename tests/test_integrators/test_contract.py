@@ -28,16 +28,10 @@ from integrators import (
 from integrators.interface import Work
 from integrators.methods import implicit_midpoint, taylor
 from integrators.truth import exact
+from tests.installed import installed
 
 GENERIC = TOPS["generic"]
 EPS = np.finfo(float).eps
-
-
-def method(name):
-    record = METHODS[name]
-    if not available(record):
-        pytest.skip(f"{record.requires} is not installed")
-    return record
 
 
 # ---------------------------------------------------------------- all of them
@@ -45,7 +39,7 @@ def method(name):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_claims(name):
-    verdicts = check.check(method(name))
+    verdicts = check.check(installed(name))
     failed = [f"{v.claim}: {v.measured} {v.bound} ({v.how})" for v in verdicts if v.passed is False]
     assert not failed
     assert sum(v.passed is True for v in verdicts) >= 8
@@ -94,14 +88,14 @@ def test_every_file_of_methods_is_registered():
 @pytest.mark.parametrize("name", METHODS)
 def test_options_are_keywords_with_defaults(name):
     """So that every method runs without any, and `evaluate` takes none that `prepare` does not know."""
-    record = method(name)
+    record = installed(name)
     parameters = inspect.signature(record.prepare).parameters
     assert all(parameters[option].default is not inspect.Parameter.empty for option in record.options)
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_any_output_times(name):
-    record = method(name)
+    record = installed(name)
     if record.evaluate is None:
         with pytest.raises(ValueError, match=r"^t: "):
             integrate(GENERIC.top, GENERIC.state, t=[1.0], method=name)
@@ -119,7 +113,7 @@ def test_any_output_times(name):
     "name", ["taylor", "taylor_accurate", "taylor_compact", "dop853", "rk45", "scipy_dop853", "lsoda", "radau"]
 )
 def test_dense_output_is_the_same_at_any_times_and_on_a_grid(name):
-    record = method(name)
+    record = installed(name)
     grid = prepare(GENERIC.top, GENERIC.state, -0.3, name).record(GENERIC.state, 100, 5)
     times = -0.3 * np.arange(0, 101, 5.0)
     assert np.array_equal(record.evaluate(GENERIC.top, GENERIC.state, times)[0], grid)
@@ -150,7 +144,7 @@ def test_taylor_step_is_the_step_of_heyoka():
 
 def test_taylor_uses_heyoka_as_it_is():
     """The bits of one call of propagate_until, the order heyoka chose, and its steps."""
-    method("taylor")
+    installed("taylor")
     ta = copy.deepcopy(taylor.compile_integrator(EPS, False))
     assert ta.order == METHODS["taylor"].order
     ta.time, ta.state[:], ta.pars[0] = 0.0, GENERIC.state, GENERIC.alpha
@@ -161,7 +155,7 @@ def test_taylor_uses_heyoka_as_it_is():
 
 
 def test_taylor_in_pieces_changes_no_bit(monkeypatch):
-    method("taylor")
+    installed("taylor")
     stepper = prepare(GENERIC.top, GENERIC.state, 0.1, "taylor")
     end, rows, steps = stepper.advance(GENERIC.state, 900), stepper.record(GENERIC.state, 900, 30), stepper.work.steps
     monkeypatch.setattr(taylor, "INTERRUPTIBLE", 7)
@@ -174,7 +168,7 @@ def test_taylor_in_pieces_changes_no_bit(monkeypatch):
 @pytest.mark.parametrize("tol", [1e-6, 1e-10, 1.0])
 def test_taylor_meets_its_tolerance(tol):
     """Per step; over t = 20, some 90 steps, an error grows like t²."""
-    method("taylor")
+    installed("taylor")
     y = prepare(GENERIC.top, GENERIC.state, 20.0, "taylor", tol=tol).advance(GENERIC.state, 1)
     error = metrics.scaled_error(GENERIC.top, GENERIC.state, y, exact.solution(GENERIC.top, GENERIC.state, [20.0])[0])
     assert error < 100 * tol
@@ -186,7 +180,7 @@ def test_taylor_meets_its_tolerance(tol):
 
 
 def test_taylor_says_what_heyoka_says():
-    method("taylor")
+    installed("taylor")
     stepper = prepare(GENERIC.top, GENERIC.state, 0.1, "taylor")
     for call in (lambda y: stepper.advance(y, 1), lambda y: stepper.record(y, 4, 1)):
         with pytest.raises(StepError, match=r"taylor at h = 0\.1, step 0: heyoka: err_nf_state"):
@@ -199,7 +193,7 @@ def test_taylor_says_what_heyoka_says():
 )
 def test_taylor_variants_are_heyokas_switches(name, high_accuracy, compact_mode):
     """The bits of heyoka with that switch, which are not those of `taylor`; both name themselves."""
-    record = method(name)
+    record = installed(name)
     ta = copy.deepcopy(taylor.compile_integrator(EPS, high_accuracy, compact_mode))
     assert (ta.high_accuracy, ta.compact_mode) == (high_accuracy, compact_mode)
     ta.time, ta.state[:], ta.pars[0] = 0.0, GENERIC.state, GENERIC.alpha
@@ -223,7 +217,7 @@ def many_tops(n):
 @pytest.mark.parametrize("times", [[7.0], [0.0, 0.5, 2.0, 7.0], [-0.5, -7.0], [0.0], []])
 def test_taylor_batch_is_each_top_for_itself(n, width, times):
     """Each with its own alpha; n need not be a multiple of the width. Other code than one top's: round-off."""
-    method("taylor")
+    installed("taylor")
     alphas, Y0 = many_tops(n)
     states = taylor.propagate_batch(alphas, Y0, times, batch_size=width)
     assert states.shape == (len(times), n, 6)
@@ -237,7 +231,7 @@ def test_taylor_batch_is_each_top_for_itself(n, width, times):
 
 
 def test_taylor_batch_in_pieces_changes_no_bit(monkeypatch):
-    method("taylor")
+    installed("taylor")
     alphas, Y0 = many_tops(6)
     whole = [taylor.propagate_batch(alphas, Y0, t, batch_size=4) for t in ([30.0], [10.0, 20.0, 30.0])]
     monkeypatch.setattr(taylor, "INTERRUPTIBLE", 7)
@@ -247,7 +241,7 @@ def test_taylor_batch_in_pieces_changes_no_bit(monkeypatch):
 
 def test_taylor_batch_meets_its_tolerance_and_its_own_alpha():
     """Negative control: with the alphas the other way round the states are others."""
-    method("taylor")
+    installed("taylor")
     alphas, Y0 = many_tops(5)
     loose = taylor.propagate_batch(alphas, Y0, [20.0], tol=1e-6)
     tight, other = (taylor.propagate_batch(a, Y0, [20.0]) for a in (alphas, alphas[::-1]))
@@ -260,7 +254,7 @@ def test_taylor_batch_meets_its_tolerance_and_its_own_alpha():
 
 
 def test_taylor_batch_says_which_top_failed():
-    method("taylor")
+    installed("taylor")
     alphas, Y0 = many_tops(6)
     Y0[5] *= 1e200  # its series overflows
     for times in ([1.0], [0.5, 1.0]):

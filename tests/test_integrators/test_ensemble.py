@@ -39,6 +39,7 @@ from integrators.torus.real_map import (
     turning_step,
 )
 from integrators.truth import exact
+from tests.installed import installed
 
 SIZE = 150  # more than four blocks of lanes, the last one not full
 
@@ -367,8 +368,7 @@ def test_a_lane_that_should_not_be_declared(name, in_lanes, monkeypatch):
 
 @pytest.mark.parametrize("name", ["rk45", "taylor"])
 def test_times_of_other_methods(name):
-    if not available(METHODS[name]):
-        pytest.skip("not installed")
+    installed(name)
     t = [1.0, 0.5]
     got = integrate_ensemble(LagrangeTop(ALPHAS[:3]), Y0[:3], t=t, method=name)
     for i in range(3):

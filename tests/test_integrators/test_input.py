@@ -14,13 +14,13 @@ from integrators import (
     HeavyTop,
     LagrangeTop,
     StepError,
-    available,
     integrate,
     integrate_ensemble,
     prepare,
     two_point,
 )
 from integrators.truth import exact
+from tests.installed import installed
 
 TOP = LagrangeTop(1.0)
 Y0 = TOPS["generic"].state
@@ -188,8 +188,7 @@ OPTIONS = [
 
 @pytest.mark.parametrize(("method", "option", "value"), OPTIONS)
 def test_impossible_options(method, option, value):
-    if not available(METHODS[method]):
-        pytest.skip("not installed")
+    installed(method)
     refused(rf"^{option} ", prepare, TOP, Y0, 0.1, method, **{option: value})
     if METHODS[method].evaluate is not None and option in ("tol", "high_accuracy", "rtol", "atol"):
         refused(rf"^{option} ", integrate, TOP, Y0, t=[1.0], method=method, **{option: value})
@@ -207,8 +206,7 @@ def test_sheets_of_the_map(sheet):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_steppers_check_their_counts(name):
-    if not available(METHODS[name]):
-        pytest.skip("not installed")
+    installed(name)
     stepper = prepare(TOP, Y0, 0.1, name)
     refused(r"^n ", stepper.advance, Y0, -1)
     refused(r"^n ", stepper.record, Y0, 2.5, 1)
@@ -313,8 +311,7 @@ def test_real_top(name, value):
 @pytest.mark.parametrize("t", [1e13, 1e16, -1e16, 1e308])
 @pytest.mark.parametrize("name", [name for name in METHODS if METHODS[name].control == "tolerance"])
 def test_times_that_no_steps_reach(name, t):
-    if not available(METHODS[name]):
-        pytest.skip(f"needs {METHODS[name].requires}")
+    installed(name)
     generic = TOPS["generic"]
     for times in ({"t": [0.0, t]}, {"h": t / 4, "steps": 4}):
         with pytest.raises(StepError, match=r"over 1e\+12 times the time scale of the top, .* = 0\.43"):
@@ -330,8 +327,7 @@ def test_an_equilibrium_can_be_followed_for_ever(name):
 @pytest.mark.parametrize("name", [name for name in METHODS if METHODS[name].evaluate])
 @pytest.mark.parametrize("x", [(0.0, 1.0, 5e-324), (5e-324, 1.0, 0.0), (0.48, 0.6, 0.64)])
 def test_at_time_zero_is_the_initial_state_itself(name, x):
-    if not available(METHODS[name]):
-        pytest.skip(f"needs {METHODS[name].requires}")
+    installed(name)
     y0 = np.array([0.0, 0.0, 0.0, *x])
     assert np.array_equal(integrate(LagrangeTop(0.5), y0, t=[0.0, 1.0], method=name).y[0], y0)
 

@@ -44,13 +44,13 @@ from tests.fuzzing import (
     examples,
     judge,
     ldexp,
-    method,
     options,
     run,
     sensible,
     those,
     tops,
 )
+from tests.installed import installed
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -70,7 +70,7 @@ def test_every_option_is_tried():
 
 @pytest.mark.parametrize("name", METHODS)
 def test_any_top(name):
-    record = method(name)
+    record = installed(name)
     results = Counter()
 
     @examples(24)
@@ -92,7 +92,7 @@ def test_any_top(name):
 
 @pytest.mark.parametrize("name", those(lambda record: record.evaluate is not None))
 def test_any_times(name):
-    record = method(name)
+    record = installed(name)
     longest = LONGEST[record.control]
 
     @examples(12)
@@ -118,7 +118,7 @@ def test_any_times(name):
 @pytest.mark.parametrize("name", METHODS)
 def test_any_stepper(name):
     """`advance` goes where `record` does; a stepper takes any state, or says why not, and changes neither."""
-    record = method(name)
+    record = installed(name)
 
     @examples(12)
     @given(cases(LONGEST[record.control], absolute=False), tops(20, 1070), PLACES, options(record.options))
@@ -147,7 +147,7 @@ def test_any_stepper(name):
 @pytest.mark.parametrize("name", METHODS)
 def test_any_option(name):
     """Whatever an option is set to: a result, or a ValueError that begins with its name."""
-    record = method(name)
+    record = installed(name)
     top, y0 = TOPS["generic"].top, TOPS["generic"].state
     for option in record.options:
         for value in JUNK:
@@ -174,7 +174,7 @@ def test_any_option(name):
 @pytest.mark.parametrize("name", those(lambda record: record.control != "tolerance"))  # of which each has a unit
 def test_units(name):
     """J, x, alpha and h in other units, powers of two: the same bits in those units."""
-    record = method(name)
+    record = installed(name)
 
     @examples(8)
     @given(cases(0, (20,), absolute=False), st.integers(-60, 60), st.integers(-60, 60), PLACES, options(record.options))
@@ -208,7 +208,7 @@ def test_any_parameter(case, lam, sheet):
 
 @pytest.mark.parametrize("name", those(lambda record: record.attitude is not None))
 def test_any_attitude(name):
-    record = method(name)
+    record = installed(name)
 
     @examples(12)
     @given(cases(6, absolute=False), PLACES, options(record.options))
@@ -229,7 +229,7 @@ def test_any_attitude(name):
 def test_any_ensemble(name, monkeypatch):
     """Each top is what it is alone, to the bit but for heyoka's batches; NaN where alone it fails."""
     monkeypatch.setattr(backlund, "SHORT", 0)  # short runs take λ(h) in plain doubles, see test_ensemble
-    record = method(name)
+    record = installed(name)
     longest = LONGEST[record.control]
 
     @examples(8)

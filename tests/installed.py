@@ -1,0 +1,13 @@
+"""Methods that may be missing: those of packages that are not installed everywhere."""
+
+import pytest
+
+from integrators import METHODS, available
+
+
+def installed(name):
+    """The record of a method; without its package the test that asks is skipped."""
+    record = METHODS[name]
+    if not available(record):
+        pytest.skip(f"{record.requires} is not installed")
+    return record
