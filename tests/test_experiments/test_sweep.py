@@ -303,10 +303,11 @@ def test_the_finest_run_that_did_not_fail_is_drawn(order):
     runs = [
         {**start, "key": "coarse", "h": 0.1, "status": "done", "t": 1.0},
         {**start, "key": "fine", "h": 0.05, "status": "failed", "failure": "StepError"},
-        {**start, "key": "coarser", "h": 0.2, "status": "done", "t": 1.0},
+        {**start, "key": "coarser", "h": 0.2, "status": "done", "t": 2.0},
     ]
     figure = sweep.draw(pd.DataFrame(runs[::order]))["time"]
-    assert METHODS["strang"].label in {line.get_label() for ax in figure.axes for line in ax.lines}
+    drawn = [line for ax in figure.axes for line in ax.lines if line.get_label() == METHODS["strang"].label]
+    assert [line.get_xdata().tolist() for line in drawn] == [[1.0], [1.0]]
 
 
 @pytest.mark.processes
