@@ -9,7 +9,7 @@ of order one. Their twentieth powers would under- or overflow. alpha is a runtim
 process for each tolerance and variant.
 
 `taylor_accurate` adds compensated summation of the series, `taylor_compact` the machine code heyoka makes for large systems
-(loops over tables instead of unrolled; slower here). `propagate_batch` runs many tops at once, one in each SIMD lane.
+(loops over tables instead of unrolled; slower here). `advance_many` runs many tops at once, one in each SIMD lane.
 
 `taylor_fixed` sums the same series at a fixed h. It is a recurrence compiled here and not heyoka's `write_tc` with
 `update_d_output`: that is a Python call per step, 1 µs against 0.3 µs of arithmetic, and heyoka is not to be had everywhere.
@@ -33,7 +33,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from integrators.checks import check_count, check_flag, check_real
 from integrators.compiling.compiled import jit
@@ -279,32 +279,12 @@ def attitude(
 # ------------------------------------------------------------------------------------ many tops at once, heyoka
 
 
-def propagate_batch(
-    alphas: ArrayLike, Y0: ArrayLike, times: ArrayLike, tol: float = EPS, batch_size: int | None = None
-) -> Array:
-    """States (len(times), n, 6) of n tops, `alphas` (n,) and initial states Y0 (n, 6), each on natural steps of its own.
-
-    `batch_size` tops share one SIMD register, by default as many as the processor has lanes for; `times` lead away from 0
-    (which may be among them) in one direction. A single top in a batch of one is `taylor` up to round-off. |J| and |x| should
-    be between 2^-FAR and 2^FAR.
-    """
-    alphas, Y0, times = (np.asarray(a, dtype=np.float64) for a in (alphas, Y0, times))
-    if Y0.ndim != 2 or Y0.shape[1] != 6 or not np.all(np.isfinite(Y0)):
-        raise ValueError(f"Y0 must be finite states (n, 6); got shape {Y0.shape}")
-    n = len(Y0)
-    if alphas.shape != (n,) or not np.all(np.isfinite(alphas)):
-        raise ValueError(f"alphas must be {n} finite numbers, one for each state; got shape {alphas.shape}")
-    if times.ndim != 1 or not np.all(np.isfinite(times)):
-        raise ValueError("times must be a one-dimensional array of finite numbers")
-    steps = np.diff(times, prepend=0.0)
-    if not (np.all(steps[1:] > 0) and np.all(times >= 0)) and not (np.all(steps[1:] < 0) and np.all(times <= 0)):
-        raise ValueError("times must lead away from 0 in one direction, each once")
-    width = recommended_width() if batch_size is None else check_count(batch_size, "batch_size", least=1)
-    return _batches(None, alphas[:, None], Y0, times, check_tolerance(tol), width)
-
-
 def _batches(form: Form | None, numbers: Array, Y0: Array, times: Array, tol: float, width: int) -> Array:
-    """As `propagate_batch`; `numbers` (n, k) are alpha and the parameters of a potential."""
+    """States (len(times), n, 6) of n tops from Y0 (n, 6), each on natural steps of its own, `width` tops in one SIMD register.
+
+    `numbers` (n, k) are alpha and the parameters of a potential; `times` lead away from 0 (which may be among them) in one
+    direction. |J| and |x| should be between 2^-FAR and 2^FAR.
+    """
     n, out = len(Y0), np.empty((len(times), len(Y0), 6))
     moving = times != 0.0
     out[~moving] = Y0

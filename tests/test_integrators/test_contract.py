@@ -213,13 +213,17 @@ def many_tops(n):
     return draw.normal(size=n), draw.normal(size=(n, 6))
 
 
-@pytest.mark.parametrize(("n", "width"), [(1, 4), (4, 4), (11, 4), (3, 1), (5, None)])
+def batches(alphas, Y0, times, width=4, tol=taylor.EPS):
+    return taylor._batches(None, alphas[:, None], Y0, np.array(times, dtype=float), tol, width)
+
+
+@pytest.mark.parametrize(("n", "width"), [(1, 4), (4, 4), (11, 4), (3, 1)])
 @pytest.mark.parametrize("times", [[7.0], [0.0, 0.5, 2.0, 7.0], [-0.5, -7.0], [0.0], []])
 def test_taylor_batch_is_each_top_for_itself(n, width, times):
     """Each with its own alpha; n need not be a multiple of the width. Other code than one top's: round-off."""
     installed("taylor")
     alphas, Y0 = many_tops(n)
-    states = taylor.propagate_batch(alphas, Y0, times, batch_size=width)
+    states = batches(alphas, Y0, times, width)
     assert states.shape == (len(times), n, 6)
     for i in range(n):
         top = LagrangeTop(alphas[i])
@@ -233,18 +237,18 @@ def test_taylor_batch_is_each_top_for_itself(n, width, times):
 def test_taylor_batch_in_pieces_changes_no_bit(monkeypatch):
     installed("taylor")
     alphas, Y0 = many_tops(6)
-    whole = [taylor.propagate_batch(alphas, Y0, t, batch_size=4) for t in ([30.0], [10.0, 20.0, 30.0])]
+    whole = [batches(alphas, Y0, t) for t in ([30.0], [10.0, 20.0, 30.0])]
     monkeypatch.setattr(taylor, "INTERRUPTIBLE", 7)
     for states, t in zip(whole, ([30.0], [10.0, 20.0, 30.0]), strict=True):
-        assert np.array_equal(taylor.propagate_batch(alphas, Y0, t, batch_size=4), states)
+        assert np.array_equal(batches(alphas, Y0, t), states)
 
 
 def test_taylor_batch_meets_its_tolerance_and_its_own_alpha():
     """Negative control: with the alphas the other way round the states are others."""
     installed("taylor")
     alphas, Y0 = many_tops(5)
-    loose = taylor.propagate_batch(alphas, Y0, [20.0], tol=1e-6)
-    tight, other = (taylor.propagate_batch(a, Y0, [20.0]) for a in (alphas, alphas[::-1]))
+    loose = batches(alphas, Y0, [20.0], tol=1e-6)
+    tight, other = (batches(a, Y0, [20.0]) for a in (alphas, alphas[::-1]))
     for i, alpha in enumerate(alphas):
         top = LagrangeTop(alpha)
         truth = exact.solution(top, Y0[i], [20.0])[0]
@@ -259,19 +263,7 @@ def test_taylor_batch_says_which_top_failed():
     Y0[5] *= 1e200  # its series overflows
     for times in ([1.0], [0.5, 1.0]):
         with pytest.raises(StepError, match=r"taylor.*heyoka: err_nf_state, top 5 of the batch"):
-            taylor.propagate_batch(alphas, Y0, times, batch_size=4)
-    for wrong in (
-        {"alphas": alphas[:5]},
-        {"Y0": Y0[0]},
-        {"Y0": np.full((6, 6), np.nan)},
-        {"times": [1.0, -1.0]},
-        {"times": [1.0, 1.0]},
-        {"times": [np.inf]},
-        {"batch_size": 0},
-        {"tol": 2.0},
-    ):
-        with pytest.raises(ValueError, match=next(iter(wrong))):
-            taylor.propagate_batch(**({"alphas": alphas, "Y0": Y0, "times": [1.0]} | wrong))
+            batches(alphas, Y0, times)
 
 
 # ---------------------------------------------------------------- implicit midpoint
