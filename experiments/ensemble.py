@@ -68,7 +68,8 @@ IN_FIELD: dict[str, dict[str, tuple[float, ...]]] = {  # h, below an eighth of a
         "sofroniou_spaletta10": (0.15,),
     },
 }
-FIELD_SPAN, FIELD_TOPS, FIELD_JUDGED = 1000.0, 512, 3  # the truth takes a second or so for each top
+FIELD_SPAN, FIELD_TOPS, FIELD_JUDGED = 1000.0, 512, 3  # the truth takes some 3 s for each top
+QUICK_FIELD_SPAN = 100.0
 STRENGTH, DIRECTION = 1e-4, (1.0, 0.0, 0.0)  # of the tide, more or less by half
 
 
@@ -87,8 +88,9 @@ def cells(profile: str) -> list[dict]:
         run = {"part": "rival", "method": method, "tops": tops, "span": SPAN}
         listed += [{**run, METHODS[method].knob: knob} for knob in knobs]
     listed.append({"part": "jump", "method": "backlund", "tops": RIVALS["numba"], "span": SPAN})
+    span = FIELD_SPAN if profile == "full" else QUICK_FIELD_SPAN
     for method, steps in IN_FIELD[profile].items():
-        run = {"part": "perturbed", "method": method, "potential": "tide", "tops": FIELD_TOPS, "span": FIELD_SPAN}
+        run = {"part": "perturbed", "method": method, "potential": "tide", "tops": FIELD_TOPS, "span": span}
         listed += [{**run, "h": h} for h in steps]
     return [{"timing": True, **cell} for cell in listed]
 
@@ -359,7 +361,10 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
         "setup": ["h", "setup_us", "first_step_us"],
         "many": ["tops", "steps", "threads", "seconds", "us_per_top", "memory"],
         "jump": ["span", "error", "largest_error", "us_per_top"],
-        "perturbed": ["method", "h", "error", "largest_error", "setup_us", "us_per_top", "ns_per_time", "ns_per_kick"],
+        "perturbed": [
+            *("method", "h", "span", "error", "largest_error"),
+            *("setup_us", "us_per_top", "ns_per_time", "ns_per_kick"),
+        ],
     }
     found = {
         name: good.loc[good.part == name, columns] for name, columns in wanted.items() if (good.part == name).any()
