@@ -70,7 +70,6 @@ SHORTER = {  # fields in which cells of the quick profile differ from their like
     "work_precision": SWEEP,
     "perturbed": {"steps", *SWEEP},
     "round_off": {"steps"},
-    "ensemble": {"span"},
     "gaudin": {"steps", "magnets"},
 }
 
