@@ -214,10 +214,11 @@ def many_tops(n):
 
 
 def batches(alphas, Y0, times, width=4, tol=taylor.EPS):
+    width = width or taylor.recommended_width()
     return taylor._batches(None, alphas[:, None], Y0, np.array(times, dtype=float), tol, width)
 
 
-@pytest.mark.parametrize(("n", "width"), [(1, 4), (4, 4), (11, 4), (3, 1)])
+@pytest.mark.parametrize(("n", "width"), [(1, 4), (4, 4), (11, 4), (3, 1), (5, None)])
 @pytest.mark.parametrize("times", [[7.0], [0.0, 0.5, 2.0, 7.0], [-0.5, -7.0], [0.0], []])
 def test_taylor_batch_is_each_top_for_itself(n, width, times):
     """Each with its own alpha; n need not be a multiple of the width. Other code than one top's: round-off."""
