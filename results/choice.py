@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from integrators.words import suggestion
+from lagrange_bench.integrators.words import suggestion
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Choice:
         """Make methods in files of the user's own, `module:NAME`, known to this process. ValueError if one cannot be loaded."""
         own = [name for name in (*self.methods, *self.highlight) if ":" in name or name.endswith(".py")]
         if own:
-            from integrators.registry import METHODS
+            from lagrange_bench.integrators.registry import METHODS
 
             for name in own:
                 METHODS.include(name)
@@ -45,7 +45,7 @@ class Choice:
         """ValueError for a name that none of the cells has, and if none is asked for: both would be left out in silence."""
         if not (self or self.highlight):
             return
-        from integrators.registry import in_own_file
+        from lagrange_bench.integrators.registry import in_own_file
 
         found: dict[str, set[Any]] = {"method": set(), "top": set()}
         some = False
@@ -74,7 +74,7 @@ ALL = Choice()
 
 def _refusal(method: str, tops: Iterable[Any]) -> str | None:
     """Why a method has no cells, if all of these are of tops in a potential that it does not take."""
-    from integrators import METHODS, PERTURBED_TOPS
+    from lagrange_bench.integrators import METHODS, PERTURBED_TOPS
 
     if method not in METHODS or not all(top in PERTURBED_TOPS for top in tops):
         return None

@@ -16,9 +16,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from experiments.catalogue import UnknownExperiment, load_stored
-from results import sources
-from results.store import SAMPLES, Record, Store, StoreError, _canonical, restore
+from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
+from lagrange_bench.results import sources
+from lagrange_bench.results.store import SAMPLES, Record, Store, StoreError, _canonical, restore
 
 # a column of a timing cell is a time if its name has one of these words; others by the experiment's own TIMES
 WORDS = frozenset(("ns", "us", "ms", "s", "seconds", "ratio", "speedup", "samples", "unstable", "predicted", "memory"))

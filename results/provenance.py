@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import platform
 import subprocess
@@ -12,7 +11,7 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
-from integrators import machine
+from lagrange_bench.integrators import machine
 
 # a result is stored under these versions: a change of any of them measures afresh
 DECISIVE = ("numpy", "scipy", "numba", "heyoka", "mpmath", "lagrange-bench")
@@ -41,15 +40,6 @@ def checkout() -> Path | None:
     except (OSError, ValueError, KeyError, TypeError):
         return None
     return root if project == "lagrange-bench" else None
-
-
-@cache
-def source() -> str:
-    """Digest of the sources that decide about rows, as they were when this process first asked."""
-    root, digest = Path(__file__).resolve().parent.parent, hashlib.sha256()
-    for path in sorted([*root.glob("integrators/**/*.py"), *root.glob("experiments/**/*.py")]):
-        digest.update(f"{path.relative_to(root).as_posix()}\n".encode() + path.read_bytes())
-    return digest.hexdigest()[:16]
 
 
 @cache

@@ -24,10 +24,11 @@ from pathlib import Path
 from types import NoneType
 from typing import TYPE_CHECKING, Any
 
-from experiments import PROFILES
-from experiments.catalogue import load_stored
-from results import plugin_sources, provenance, sources
-from results.choice import ALL, Choice
+from lagrange_bench.experiments import PROFILES
+from lagrange_bench.experiments.catalogue import load_stored
+from lagrange_bench.integrators.imported import Sources
+from lagrange_bench.results import provenance, sources
+from lagrange_bench.results.choice import ALL, Choice
 
 try:
     import fcntl
@@ -52,6 +53,7 @@ FACTS = {"utc": (str,), "commit": (str, NoneType), "dirty": (bool, NoneType), "c
 SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of the row fields that may be lists of numbers: raw timings
 
 BLOCK = 4096  # records merged at a time
+LONGEST = 2000  # characters of a message
 
 
 class StoreError(RuntimeError):
@@ -88,7 +90,7 @@ def find_results(chosen: Path | None) -> tuple[Path, list[str]]:
             return find_results(root / chosen)[0], [f"no folder {chosen} here: showing {root / chosen}"]
         if not chosen.is_dir():
             raise FileNotFoundError(f"no such folder of results: {chosen}")
-        if not any(path.stat().st_size for path in chosen.glob("*.jsonl")):
+        if not any(path.is_file() and path.stat().st_size for path in chosen.glob("*.jsonl")):
             raise FileNotFoundError(f"nothing is stored in {chosen}: give a folder that lagrange-bench run wrote to")
         return chosen, []
     reference, local = default_results(), default_results("full")
@@ -112,29 +114,37 @@ def _frame(table: list[dict[str, Any]], columns: list[str] | None = None) -> pd.
 # ---------------------------------------------------------------- records
 
 
-def cell_key(experiment: str, version: int, cell: Mapping[str, Any]) -> str:
+def cell_key(experiment: str, version: int, cell: Mapping[str, Any], digest: str | None = None) -> str:
     """SHA-256 of everything a cell's rows depend on: experiment, its VERSION, the cell, the packages' versions.
 
-    And, where the cell's method or potential is not one of the bench, its sources.
+    digest : of the source code that computes the cell. It is part of the key where the cell's method or potential is not one
+    of the bench, for which the version of the bench stands: after an edit of one's own file a run computes its cells again.
     """
     content = {"experiment": experiment, "version": version, "cell": clean(cell), "packages": _packages()}
-    for word, place in (("method", "source"), ("potential", "potential_source")):
-        name = cell.get(word)
-        if isinstance(name, str) and (source := plugin_sources.digest(name, word)):
-            content[place] = source
+    own = (cell.get(word, known[0]) not in known for word, known in _built_in().items())
+    if digest is not None and any(own):
+        content["source"] = digest
     return _digest(content)
+
+
+@cache
+def _built_in() -> dict[str, tuple[str | None, ...]]:
+    from lagrange_bench.integrators.registry import METHODS, POTENTIALS
+
+    return {"method": (None, *METHODS.built_in), "potential": (None, *POTENTIALS.built_in)}
 
 
 def make_record(experiment: str, version: int, position: int, cell: Mapping[str, Any], **outcome: Any) -> Record:
     """A record without its SHA-256. `position` of the cell among the experiment's cells: the order of `rows`.
 
-    outcome : status ("done" or "failed"), rows, error (None or a dict), warnings, seconds; provenance if it was not
-    computed on this machine.
+    outcome : status ("done" or "failed"), rows, error (None or a dict), warnings, seconds; sources, if it was not computed
+    in this process: the digest of the source code (None: not known); and provenance, if not on this machine.
     """
-    key = cell_key(experiment, version, cell)
+    if "sources" not in outcome:
+        outcome["sources"] = sources.of_cell(experiment, cell)
+    key = cell_key(experiment, version, cell, outcome["sources"])
     head = {"schema": SCHEMA, "key": key, "experiment": experiment, "version": version, "position": position}
-    came = {"provenance": provenance.provenance(), "sources": sources.of_cell(experiment, cell)}
-    return {**came, **head, "cell": clean(cell), **outcome}
+    return {"provenance": provenance.provenance(), **head, "cell": clean(cell), **outcome}
 
 
 def clean_rows(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> list[Record]:
@@ -164,7 +174,7 @@ def clean_rows(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> li
 def clean(value: Any) -> Any:
     """`value` in plain JSON types: NumPy scalars become Python's, tuples lists, NaN and ±inf {"float": "nan"}."""
     if value is None or isinstance(value, str):
-        return None if value is None else str(value)
+        return None if value is None else _unicode(value)
     if isinstance(value, Mapping):
         if set(value) == {"float"}:
             return dict(value)  # cleaned before
@@ -180,6 +190,21 @@ def clean(value: Any) -> Any:
     if isinstance(value, numbers.Real):
         return float(value) if math.isfinite(value) else {"float": repr(float(value))}
     raise TypeError(f"cannot store {value!r} of type {type(value).__name__}: not a JSON scalar")
+
+
+def text_of(thing: Any) -> str:
+    """str(thing) as it can be stored and printed, whatever it is: Unicode, and no longer than LONGEST characters."""
+    try:
+        text = str(thing)
+    except BaseException as error:  # the plug-in's
+        text = f"(no text: its __str__ raises {type(error).__name__})"
+    text = _unicode(text)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}… ({len(text)} characters)"
+
+
+def _unicode(text: str) -> str:
+    """A str, and of no class of a plug-in's; lone surrogates, as in names of files that are not UTF-8, are spelt out."""
+    return str.encode(text, "utf-8", "backslashreplace").decode()
 
 
 def restore(value: Any) -> Any:
@@ -248,7 +273,9 @@ class Journal:
 
     def ages(self) -> Counter[str]:
         """How many cells are of which sources: by `sources.judge`, or left out."""
-        return Counter([*map(sources.judge, self.latest), *[sources.LEFT_OUT] * self.left_out])
+        here = Sources()
+        found = (sources.judge(record, here) for record in self.latest)
+        return Counter([*found, *[sources.LEFT_OUT] * self.left_out])
 
     def rows(self) -> pd.DataFrame:
         """What was measured: each row with the fields of its cell, and `key`, `status`, `failure`.
@@ -329,7 +356,7 @@ class Store:
     def experiments(self) -> list[str]:
         """Names of the experiments that have a journal here."""
         try:
-            return sorted(path.stem for path in self.folder.glob("*.jsonl"))
+            return sorted(path.stem for path in self.folder.glob("*.jsonl") if path.is_file())
         except OSError as error:
             raise StoreError(f"cannot read {self.folder}: {error.strerror}") from error
 
@@ -343,6 +370,8 @@ class Store:
         StoreError : the journal cannot be read, or has records of another schema.
         """
         path = self.path(experiment)
+        if path.exists() and not path.is_file():  # a FIFO would be waited for
+            raise StoreError(f"cannot read {path}: it is not a file")
         try:
             with path.open("rb") as file:
                 with _locked(file.fileno(), exclusive=False):  # nobody is in the middle of a line
@@ -499,6 +528,10 @@ def _parse(line: bytes, experiment: str) -> Record | None:
             return None
     except (ValueError, AttributeError, KeyError, TypeError, RecursionError):
         return None
+    if "\\ud" in text:  # perhaps half of a pair, which no page can hold
+        record = json.loads(json.dumps(record, ensure_ascii=False).encode("utf-8", "replace"))
+    if record["schema"] == SCHEMA and record["error"]:
+        record["error"] = {name: text_of(content) for name, content in record["error"].items()}
     return record  # type: ignore[no-any-return]
 
 

@@ -8,15 +8,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments import drift, phase
-from experiments import work_precision as experiment
-from experiments.drawing import style
-from integrators import METHODS
 from lagrange_bench import work_precision
+from lagrange_bench.experiments import drift, phase
+from lagrange_bench.experiments import work_precision as experiment
+from lagrange_bench.experiments.drawing import style
+from lagrange_bench.integrators import METHODS
+from lagrange_bench.report import sections
+from lagrange_bench.results.choice import ALL, Choice
+from lagrange_bench.results.store import Journal, Store, make_record
 from lagrange_bench.runner import engine
-from report import sections
-from results.choice import ALL, Choice
-from results.store import Journal, Store, make_record
 
 CELLS = [
     {"method": "rk4", "state": "generic"},
@@ -220,7 +220,10 @@ def test_work_precision_from_python(short_races):
         ({"methods": ["rk44"]}, "did you mean 'rk4'"),
         ({"methods": ["rk4"], "top": "nowhere"}, "unknown state 'nowhere'"),
         ({"methods": ["backlund"], "top": "magnet"}, "does not take the potential charge"),
-        ({"methods": ["rk4"], "time": 0}, "must be positive"),
+        *(({"methods": methods}, "^methods must be a list") for methods in (None, "rk4", METHODS["rk4"])),
+        *(({"methods": ["rk4"], "time": time}, "^time must be from 0.001") for time in (0, 1e-9, 1e15, 1e300)),
+        ({"methods": ["rk4"], "longest": 0}, "^longest must be positive"),
+        ({"methods": ["rk4"], "top": None}, "^top must be a name"),
         ({"methods": ["rk4"], "longest": 1e-9}, "no run has an error below"),
     ],
 )

@@ -9,10 +9,10 @@ import random
 import pytest
 from faults import HERE
 
-from experiments.catalogue import load
+from lagrange_bench.experiments.catalogue import load
+from lagrange_bench.results import compare
+from lagrange_bench.results.store import Store, clean_rows, make_record
 from lagrange_bench.runner import verify
-from results import compare
-from results.store import Store, clean_rows, make_record
 
 
 def store(folder, *cells, experiment="toy.none", version=1):
@@ -264,7 +264,7 @@ def test_rows_of_other_sources_are_told_apart(run, toy, tmp_path):
     (changed, same, other, failed) = Store(folder).read("toys.behaviour")[0]
     made = Store(tmp_path / "mixed")
     made.folder.mkdir()
-    made.append({**changed, "sources": None}, {**same, "sources": "0" * 16}, {**other, "sources": "0" * 16}, failed)
+    made.append({**changed, "sources": None}, {**same, "sources": "0" * 24}, {**other, "sources": "0" * 24}, failed)
     code, out, _ = run("verify", made.folder, *OWN)
     assert code == 1
     assert "2 stored cells were computed with other source code than this; 1 stored cell was computed with" in out

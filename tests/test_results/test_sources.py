@@ -1,314 +1,259 @@
-"""Old rows are never taken for new ones: whatever a cell runs is in the digest stored with it, and nothing else is."""
+"""The digest stored with a row: of all the code that computes it, as it was imported; and of nothing else."""
 
 from __future__ import annotations
 
-import json
+import importlib
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from numba.core import event as numba_event
-from tiny import tiny
 
-import integrators
-from experiments import EXPERIMENTS
-from experiments.catalogue import load
-from integrators import METHODS
-from results import sources
-from results.store import Store
+from lagrange_bench.experiments import EXPERIMENTS
+from lagrange_bench.integrators import METHODS, imported
+from lagrange_bench.integrators.imported import Sources
+from lagrange_bench.results import sources
+from lagrange_bench.results.store import cell_key
 
-pytestmark = [pytest.mark.usefixtures("short_races"), pytest.mark.xdist_group("measured")]
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("integrators", "experiments", "results", "report", "lagrange_bench")
+FEW = ("drift", "phase", "work_precision")
+CELLS = {(experiment, method) for experiment in FEW for method in METHODS}
 
 
-# ---------------------------------------------------------------- all that runs is in the digest
-
-
-def covered(monkeypatch, experiment, method):
-    """File → ranges of the lines that the digest of a cell is made of."""
-    lines = {}
-
-    def read(module, unit, read=sources._read):
-        first = min([unit.lineno, *(node.lineno for node in getattr(unit, "decorator_list", ()))])
-        lines.setdefault(str(sources._file(module)), []).append((first, unit.end_lineno))
-        return read(module, unit)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(sources, "_read", read)
-        assert sources._of.__wrapped__(experiment, method)
-    return lines
-
-
-def called(cell, experiment):
-    """(file, first line, name) of every function of the bench that measuring a cell calls, in the interpreter."""
-    seen, measure = {}, load(experiment).measure
-    for name in integrators.__all__:  # imported when first asked for, and importing is not measuring
-        getattr(integrators, name)
-
-    def note(frame, event, _):
-        if event == "call":
-            seen[id(frame.f_code)] = frame.f_code
-
-    class Compiling(numba_event.Listener):
-        """Numba at work calls a million functions, none of which measures."""
-
-        depth = 0
-
-        def on_start(self, _):
-            self.depth += 1
-            sys.setprofile(None)
-
-        def on_end(self, _):
-            self.depth -= 1
-            sys.setprofile(None if self.depth else note)
-
-    with numba_event.install_listener("numba:compile", Compiling()):
-        sys.setprofile(note)
-        try:
-            measure(cell)
-        finally:
-            sys.setprofile(None)
-    places = {(code.co_filename, code.co_firstlineno, code.co_qualname) for code in seen.values()}
-    ours = tuple(f"{ROOT / package}{os.sep}" for package in PACKAGES)
-    index = str(sources._file(sources.INDEX))
-    return {place for place in places if place[0].startswith(ours) and place[0] != index and place[2] != "<module>"}
-
-
-def missing(lines, calls):
-    return {call for call in calls if not any(a <= call[1] <= b for a, b in lines.get(call[0], ()))}
-
-
-@pytest.mark.parametrize("experiment", EXPERIMENTS)
-def test_what_measuring_calls_is_in_the_digest(monkeypatch, experiment):
-    done = set()
-    for cell in tiny(experiment):
-        method = cell.get("method")
-        if (kind := (cell.get("part"), method)) in done:
-            continue
-        done.add(kind)
-        calls = called(cell, experiment)
-        assert calls
-        assert not missing(covered(monkeypatch, experiment, method), calls), cell
-    assert done
-
+# ---------------------------------------------------------------- all that computes is in it
 
 INTERPRETED = """
-import pytest
-from test_sources import called, covered, missing
-from integrators import METHODS, available
+import sys
+from lagrange_bench.experiments import drift
+from lagrange_bench.integrators import METHODS, available, imported
+from lagrange_bench.results import sources
 
-tried = 0
+tried, homes = 0, {module.__file__: name for name, module in sys.modules.items() if getattr(module, "__file__", None)}
 for method in filter(lambda name: available(METHODS[name]), METHODS):
-    calls = called({"part": "h", "method": method, "state": "generic", "span": 1, "h": 0.25}, "drift")
-    assert not missing(covered(pytest.MonkeyPatch(), "drift", method), calls), method
-    other = "rk4" if METHODS[method].family != "runge-kutta" else "kahan"
-    assert missing(covered(pytest.MonkeyPatch(), "drift", other), calls), f"the digest of {other} would do for {method}"
+    called, cell = set(), {"part": "h", "method": method, "state": "generic", "span": 1, "h": 0.25}
+    sys.setprofile(lambda frame, event, _: called.add(frame.f_code.co_filename))
+    drift.measure(cell)
+    sys.setprofile(None)
+    homes |= {module.__file__: name for name, module in sys.modules.items() if getattr(module, "__file__", None)}
+    ours = {homes[file] for file in called if homes.get(file, "").partition(".")[0] == imported.BENCH}
+    ours = {name for name in ours if not imported.NO_ROW.fullmatch(name)}
+    found = imported.IMPORTED.files({"lagrange_bench.experiments.drift", METHODS.module(method)})
+    assert ours <= set(found), (method, ours - set(found))
+    assert METHODS.module(method) in ours or METHODS[method].requires, "negative control"
+    assert sources.of_cell("drift", cell)
     tried += 1
 print(tried)
 """
 
 
-def test_what_a_method_calls_is_in_the_digest():
-    """With kernels in the interpreter, where it is seen what they call."""
-    environment = {
-        **os.environ,
-        "NUMBA_DISABLE_JIT": "1",
-        "PYTHONPATH": f"{Path(__file__).parent}{os.pathsep}{ROOT / 'tests'}",
-    }
-    code, out, err = python(ROOT, environment, "-c", INTERPRETED)
-    assert code == 0, err
-    assert int(out) > 30
-
-
-def python(folder, environment, *words):
-    """(exit code, stdout, stderr)"""
+def python(folder, *words, **environment):
+    settings = {**os.environ, "PYTHONPATH": str(folder), **environment}
     done = subprocess.run(
-        [sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True, check=False
+        [sys.executable, *words], cwd=folder, env=settings, capture_output=True, text=True, check=False
     )
-    return done.returncode, done.stdout, done.stderr
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_what_measuring_calls_is_in_the_digest():
+    """With kernels in the interpreter, where it is seen what they call."""
+    assert int(python(ROOT, "-c", INTERPRETED, NUMBA_DISABLE_JIT="1")) > 30
 
 
 # ---------------------------------------------------------------- what an edit marks
 
 
-def forget():
-    """All that `sources` remembers: the syntax trees of one reading of the bench take 30 MB."""
-    for function in vars(sources).values():
-        if hasattr(function, "cache_clear") and function.__module__ == sources.__name__:
-            function.cache_clear()
+class Edited(Sources):
+    """The files as they are, but for one."""
+
+    def __init__(self, file):
+        super().__init__()
+        path = ROOT / file
+        self.content[str(path)] = path.read_bytes() + b"\n# edited\n"
 
 
-def digests():
-    forget()
-    return {(e, m): sources.of_cell(e, {"method": m}) for e in ("drift", "phase", "work_precision") for m in METHODS}
+def digests(files):
+    return {(e, m): sources.of_cell(e, {"method": m}, files) for e in FEW for m in METHODS}
 
 
 @pytest.fixture(scope="module")
 def untouched():
-    found = digests()
+    found = digests(Sources())
     assert None not in found.values()
     return found
 
 
+def of(*methods):
+    return {cell for cell in CELLS if cell[1] in methods}
+
+
+@pytest.mark.parametrize(
+    ("file", "marked"),
+    [
+        ("integrators/methods/kahan.py", of("kahan")),
+        ("integrators/methods/bobenko_suris.py", of("bobenko_suris")),
+        ("integrators/problem/top.py", CELLS),
+        ("experiments/drift.py", {cell for cell in CELLS if cell[0] == "drift"}),
+        ("experiments/measuring/states.py", CELLS),
+        ("integrators/registry.py", set()),
+        ("experiments/drawing/style.py", set()),
+        ("results/store.py", set()),
+        ("lagrange_bench/runner/workers.py", set()),
+    ],
+)
+def test_an_edit_marks_the_cells_that_depend_on_the_file(untouched, file, marked):
+    now = digests(Edited(file))
+    assert {cell for cell in CELLS if now[cell] != untouched[cell]} == marked
+
+
+def test_methods_that_an_experiment_names_count_for_its_cells(untouched):
+    """`cost` races the exact step against Taylor series, in a cell of the latter."""
+    files = Sources(), Edited("integrators/methods/backlund.py")
+    before, now = (sources.of_cell("cost", {"method": "taylor"}, some) for some in files)
+    assert before != now
+
+
+PRINT = """
+from lagrange_bench.experiments import EXPERIMENTS
+from lagrange_bench.integrators import METHODS
+from lagrange_bench.results import sources
+print(*(sources.of_cell(e, {"method": m}) for e in EXPERIMENTS for m in METHODS))
+"""
+
+
+def test_it_is_the_same_in_every_process_and_folder(tree):
+    here = Sources()
+    found = [sources.of_cell(e, {"method": m}, here) for e in EXPERIMENTS for m in METHODS]
+    assert python(tree, "-c", PRINT).split() == found
+
+
+def test_a_digest_of_the_kind_before_is_unknown():
+    """Not the same, and not known to be another: it is of other things."""
+    now = sources.of_cell("drift", {"method": "rk4"})
+    assert sources.compared(now, "0" * 16) == sources.compared(None, now) == sources.UNKNOWN
+    assert (sources.compared(now, now), sources.compared(now, "0" * 24)) == (sources.SAME, sources.OTHER)
+
+
+# ---------------------------------------------------------------- files of one's own
+
+
 @pytest.fixture
-def marked(untouched, tree, monkeypatch):
-    """marked((file, old, new), …) → the cells of an experiment and a method that these edits mark; edits add up."""
-    find = sources._file
-    monkeypatch.setattr(sources, "_file", lambda name: None if (path := find(name)) is None else _copied(path, tree))
-    before = untouched
+def folder(tmp_path, monkeypatch):
+    """A folder of the user's: write(name, text) → the digest of the cells of mine:METHOD."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    imported.install()
+    for name in ("mine", "helper", "middle", "deep", "beside"):  # of another test, in another folder
+        sys.modules.pop(name, None)
+    imported.IMPORTED.forget()
 
-    def edit(*edits):
-        nonlocal before
-        for file, old, new in edits:
-            text = (tree / file).read_text()
-            assert re.search(old, text, re.M), f"the edit of {file} does not apply: {old}"
-            (tree / file).write_text(re.sub(old, new, text, flags=re.M))
-        before, old_ones = digests(), before
-        return {cell for cell, digest in before.items() if digest != old_ones[cell]}
+    def write(name, text, method="mine:METHOD"):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        importlib.invalidate_caches()
+        return sources.of_cell("drift", {"method": method}, Sources())
 
-    yield edit
-    monkeypatch.undo()
-    forget()
-
-
-def _copied(path, tree):
-    ours = any(path.is_relative_to(ROOT / package) for package in PACKAGES)
-    return tree / path.relative_to(ROOT) if ours else path
+    yield write
+    for name, module in list(sys.modules.items()):
+        if str(getattr(module, "__file__", "")).startswith(str(tmp_path)):
+            del sys.modules[name]
 
 
-KAHAN = {(e, "kahan") for e in ("drift", "phase", "work_precision")}
-EVERYTHING = {(e, m) for e in ("drift", "phase", "work_precision") for m in METHODS}
-
-
-def test_an_edit_of_a_kernel_marks_its_method_only(marked):
-    edit = ("integrators/methods/kahan.py", r"1\.0 - k \* \(kick \* x3\)", "1.0 - (k * kick) * x3")
-    assert marked(edit) == KAHAN
-
-
-UNITS = "from integrators.problem.units import Units\n"
-NEW = '    "new": "integrators.methods.new:METHOD",\n'
-
-
-OF_NO_ROW = (
-    ("integrators/methods/kahan.py", "# a d1 [+] b d2 = h g1.*$", "# another comment"),
-    ("integrators/methods/kahan.py", '\\A"""', '"""Another docstring. '),
-    ("integrators/methods/kahan.py", r"    near = 1\.0 - k", "\n\n    near = 1.0 - \\\\\n        k"),
-    ("integrators/methods/kahan.py", UNITS, f"from integrators import units\n{UNITS}import os\n"),
-    ("integrators/methods/kahan.py", r"\Z", "\n\ndef of_no_use():\n    return 1\n"),
-    ("integrators/problem/units.py", r"^class Units.*:$", r"\g<0>\n    # a comment"),
-    ("integrators/registry.py", '^    "kahan": ', rf"{NEW}\g<0>"),
-    ("experiments/drift.py", "16 [*] 2[.]0[*][*]-52", "32 * 2.0**-52"),  # of a table
-    ("experiments/drift.py", "by_family", "by_kind"),  # of a figure
-    ("lagrange_bench/__main__.py", "measure everything", "measure all"),
+IMPORTS = (
+    "import helper",
+    "import helper as h, os",
+    "from helper import (  # a comment)\n    x,\n)",
+    "def f():\n    from helper import x",
+    "if True: import helper",
+    "import numpy; import helper",
+    "import \\\n    helper",
+    "import middle",
+    "from lagrange_bench import integrate\nimport helper",
 )
 
 
-def test_what_changes_no_row_marks_nothing(marked):
-    """All at once, for each digest takes seconds."""
-    assert marked(*OF_NO_ROW) == set()
+@pytest.mark.parametrize("text", IMPORTS)
+def test_all_that_a_file_of_ones_own_imports_counts(folder, text):
+    folder("middle/__init__.py", "from .inner import y\n")
+    folder("middle/inner.py", "from .. import z\nimport helper\n")
+    folder("helper.py", "x = 1\n")
+    folder("other.py", "x = 1\n")
+    first = folder("mine.py", text)
+    assert first not in (None, folder("helper.py", "x = 2\n"))
+    assert first == folder("helper.py", "x = 1\n") == folder("other.py", "x = 2\n")
+    assert "mine" not in sys.modules, "nothing of the user's is run for it"
 
 
-def test_an_edit_of_what_measures_marks_its_experiment_and_of_what_all_use_everything(marked):
-    edit = ("experiments/drift.py", r"\(values\[1:\] - values\[0\]\) / size", "(values[1:] - values[0]) / -size")
-    assert marked(edit) == {cell for cell in EVERYTHING if cell[0] == "drift"}
-    attribute = r"\g<0>\n    unused = 1"
-    assert marked(("integrators/problem/top.py", "^class LagrangeTop.*$", attribute)) == EVERYTHING
-    splittings = {name for name, method in METHODS.items() if method.family == "splitting"}
-    found = marked(("integrators/methods/splitting.py", "^class Scheme.*$", attribute))
-    assert {method for _, method in found} == splittings
+def test_an_installed_package_counts_if_it_is_asked_for(folder):
+    folder("x-1.dist-info/METADATA", "")
+    folder("deep/__init__.py", "")
+    folder("deep/methods.py", "from deep import kernels\nimport beside\n")
+    folder("beside.py", "")
+    first = folder("deep/kernels.py", "x = 1\n", "deep.methods:METHOD")
+    assert first is not None
+    assert first == folder("beside.py", "x = 1\n", "deep.methods:METHOD")
+    assert first != folder("deep/kernels.py", "x = 2\n", "deep.methods:METHOD")
 
 
-def test_another_function_from_outside_is_another_source(marked):
-    edit = ("integrators/methods/kahan.py", "^import numpy as np$", "import autograd.numpy as np")
-    assert marked(edit) == KAHAN
+def test_what_cannot_be_known_is_not(folder):
+    assert sources.of_cell("drift", {"method": "no_such_module:METHOD"}) is None
+    assert sources.of_cell("no.such", {}) is None
+    assert folder("mine.py", "x = '\\udc80'\n") is not None
 
 
-MOVE = """
-import json
-from experiments import EXPERIMENTS
-from results import sources
-from integrators import METHODS
-print(json.dumps({f"{e} {m}": sources.of_cell(e, {"method": m}) for e in EXPERIMENTS for m in METHODS}))
-"""
+def test_an_edit_of_ones_own_file_is_another_key_and_of_the_benchs_is_none():
+    keys = {
+        name: {cell_key("drift", 1, {"method": name, "potential": field}, digest) for digest in ("1" * 24, "2" * 24)}
+        for name, field in (("rk4", "tide"), ("mine:METHOD", "tide"), ("backlund", "mine:POTENTIAL"), ("suzuki4", None))
+    }
+    assert {name: len(found) for name, found in keys.items()} == {
+        "rk4": 1,
+        "mine:METHOD": 2,
+        "backlund": 2,
+        "suzuki4": 2,
+    }
 
 
-def script(tree, *words, **settings):
-    return python(tree, {**os.environ, "PYTHONPATH": str(tree), **settings}, *words)
+# ---------------------------------------------------------------- as it was imported
 
 
-MOVED = {
-    "integrators.problem.units": "integrators.units",
-    "integrators.methods.kahan": "integrators.kahan",
-    "experiments.measuring.states": "experiments.states",
-    "experiments.measuring.metrics": "experiments.metrics",
-}
+def test_what_was_imported_counts_and_not_what_the_file_has_now(folder):
+    """Also after an edit that keeps size and time of the file, which Python's cache of byte code misses."""
+    folder("mine.py", "VALUE = 1\n")
+    imported.follow("mine")
+    sys.path.insert(0, os.getcwd())
+    cell = {"method": "mine:METHOD"}
+    module = importlib.import_module("mine")
+    first, time = sources.of_cell("drift", cell), Path("mine.py").stat().st_mtime_ns
+    now = folder("mine.py", "VALUE = 2\n")
+    os.utime("mine.py", ns=(time, time))
+    assert sources.of_cell("drift", cell) == first != now
+    assert importlib.reload(module).VALUE == 2
+    assert sources.of_cell("drift", cell) == now
 
 
-def rooms(match):
-    """`from package import …` once for what stayed and once for what moved."""
-    package, names = match[1], match[2].split(", ")
-    gone = [name for name in names if f"{package}.{name}" in MOVED]
-    lines = {package: [name for name in names if name not in gone], package.partition(".")[0]: gone}
-    return "\n".join(f"from {place} import {', '.join(some)}" for place, some in lines.items() if some)
+def test_what_a_digest_was_made_of_is_what_is_imported_later(folder):
+    """An import within a function, after an edit: the process goes on with one state of the files."""
+    folder("helper.py", "VALUE = 1\n")
+    folder("mine.py", "def f():\n    import helper\n    return helper.VALUE\n")
+    sys.path.insert(0, os.getcwd())
+    cell = {"method": "mine:METHOD"}
+    first = sources.of_cell("drift", cell)
+    assert folder("helper.py", "VALUE = 2\n") != first
+    assert importlib.import_module("mine").f() == 1
+    assert sources.of_cell("drift", cell) == first
 
 
-def test_files_may_move(tree):
-    before = {f"{e} {m}": sources.of_cell(e, {"method": m}) for e in EXPERIMENTS for m in METHODS}
-    for old, new in MOVED.items():
-        target = tree.joinpath(*new.split(".")).with_suffix(".py")
-        tree.joinpath(*old.split(".")).with_suffix(".py").rename(target)
-    for file in tree.rglob("*.py"):
-        text = file.read_text()
-        for old, new in MOVED.items():
-            text = re.sub(rf"\b{re.escape(old)}\b", new, text)
-        file.write_text(re.sub(r"^from (\w+\.\w+) import (\w.*)$", rooms, text, flags=re.M))
-    code, out, err = script(tree, "-c", MOVE)
-    assert code == 0, err
-    assert json.loads(out) == before
-    assert None not in before.values()
-
-
-# ---------------------------------------------------------------- what is said and done about it
-
-SWEEP = """
-[[sweep]]
-tops = ["generic"]
-methods = ["kahan", "rk4"]
-h = [0.25, 0.5]
-time = 4.0
-"""
-INTERPRETER = {"NUMBA_DISABLE_JIT": "1"}  # there is nothing here to compile for
-HOME = ("run", "mine.toml", "--jobs", "1", "--quiet", "--results", "out")
-
-
-def test_run_says_what_is_old_and_again_computes_exactly_that(tree):
-    def counts(*words):
-        code, out, err = script(tree, "-W", "error", "-m", "lagrange_bench", *HOME, *words, "--json", **INTERPRETER)
-        assert code == 0, err
-        found = json.loads(out)["experiments"]["sweep_mine"]
-        return found["computed"], found["stored"], found["other_sources"], found["unknown_sources"]
-
-    (tree / "mine.toml").write_text(SWEEP)
-    kernel, store = tree / "integrators" / "methods" / "kahan.py", Store(tree / "out")
-    text = kernel.read_text()
-    assert counts() == (4, 0, 0, 0)
-    line = "k, kick = c[HALF], c[KICK]"
-    assert line in text
-    kernel.write_text(text.replace(line, "k, kick = c[HALF] * 1.5, c[KICK]"))
-    code, out, _ = script(tree, "-m", "lagrange_bench", *HOME, **INTERPRETER)
-    assert code == 0
-    assert re.search(r"^sweep_mine +4 +0 +4 ", out, re.MULTILINE)
-    assert "old: sweep_mine: 2 stored cells were computed with other source code than this\n" in out
-    assert "again, the old cells: lagrange-bench run mine.toml --jobs 1 --quiet --results out --again\n" in out
-    before = {json.dumps(r["cell"]): r["rows"] for r in store.latest("sweep_mine")}
-    assert counts("--again") == (2, 2, 0, 0)
-    after = {json.dumps(r["cell"]): r["rows"] for r in store.latest("sweep_mine")}
-    changed = [json.loads(cell)["method"] for cell in before if before[cell] != after[cell]]
-    assert changed == ["kahan", "kahan"]
-    assert len(store.read("sweep_mine")[0]) == 6, "appended, not rewritten"
-    kernel.write_text(kernel.read_text().replace("c[HALF] * 1.5, c[KICK]", "c[HALF] * 1.5, c[KICK]  # a comment"))
-    assert counts("--again") == (0, 4, 0, 0)
+def test_byte_code_is_used_again_and_never_for_another_source(folder, monkeypatch):
+    compiled, compile_ = [], imported.Loader.source_to_code
+    monkeypatch.setattr(imported.Loader, "source_to_code", lambda *a: compiled.append(1) or compile_(*a))
+    sys.path.insert(0, os.getcwd())
+    for value, count in ((1, 1), (1, 1), (2, 2)):
+        folder("mine.py", f"number = {value}\n")
+        sys.modules.pop("mine", None)
+        module = importlib.import_module("mine")
+        assert module.number == value
+        assert len(compiled) == count

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from results import provenance, store
-from results.store import Store, StoreError
+from lagrange_bench.results import provenance, store
+from lagrange_bench.results.store import Store, StoreError
 
 
 def record(attempt, status="done", experiment="toy", version=1, position=None, **cell):
@@ -55,7 +55,7 @@ AWKWARD = {
     "single": np.float32(0.1),
     "count": np.int64(2**62),
     "flag": np.bool_(True),
-    "text": "Bäcklund λ\n\ud800",
+    "text": "Bäcklund λ\n\\ud800",
     "none": None,
     "quarter": Fraction(1, 4),
 }
@@ -367,7 +367,7 @@ def test_a_file_in_place_of_the_folder(tmp_path, below):
 
 WRITER = """
 import os, sys, time
-from results import store
+from lagrange_bench.results import store
 real = os.write
 
 def short(file, data):  # many short writes for one line, with time for the other writer in between
@@ -413,7 +413,7 @@ def test_two_writers(tmp_path, lock):
 
 LIMITED = """
 import resource, signal, sys
-from results import store
+from lagrange_bench.results import store
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))
 results = store.Store(sys.argv[1])

@@ -1,0 +1,72 @@
+"""Reductions over measured rows. NaN in a row that is done is a failure: pandas would skip it, and hide it among good numbers.
+
+A missing row was not measured, so nothing can be said of it. A row that is done but lacks a number that every row of its
+part has (`MEASURED` of the experiment) is another matter: its cell failed. A row may say why it lacks one (`reason`,
+`predicted`); the time of a run with an error above USEFUL is not measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+USEFUL = 0.1  # an error above this is no solution
+EXCUSES = ("reason", "predicted")
+TIMED = ("seconds", "setup_seconds", "steps", "evals", "iterations")  # of a run: only where its error is useful
+
+
+def settled(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> pd.DataFrame:
+    """The rows, each cell that lacks a number as one failed row; the same object if none does.
+
+    measured : part of the experiment ("" if it has none) → the numbers that every row of it has.
+    """
+    lacks = lacking(rows, measured)
+    if (lacks == "").all():
+        return rows
+    cells = rows["key"] if "key" in rows else pd.Series(rows.index, index=rows.index)
+    failed = cells.isin(cells[lacks != ""])
+    heads = rows[failed & ~cells.duplicated()].copy()
+    why = lacks[lacks != ""].groupby(cells).first()
+    heads["failure"] = "NotANumber: " + cells[heads.index].map(why)
+    heads["status"] = "failed"
+    for part, names in measured.items():
+        here = heads["part"] == part if part and "part" in heads else pd.Series(True, index=heads.index)
+        heads = heads.assign(**{name: heads[name].mask(here) for name in names if name in heads})
+    return pd.concat([rows[~failed], heads]).sort_index()
+
+
+def lacking(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> pd.Series:
+    """Of each row that is done the first number that it lacks, or ""."""
+    found = np.full(len(rows), "", dtype=object)
+    if "status" not in rows:
+        return pd.Series(found, index=rows.index)
+    done = (rows["status"] == "done").to_numpy()
+    for name in EXCUSES:
+        if name in rows:
+            done = done & rows[name].isna().to_numpy()
+    poor = rows["error"].to_numpy(dtype=float) > USEFUL if "error" in rows else np.zeros(len(rows), dtype=bool)
+    for part, names in measured.items():
+        here = done & (rows["part"] == part).to_numpy() if part and "part" in rows else done
+        for name in names:
+            if name in rows:
+                found[here & rows[name].isna().to_numpy() & ~(poor & (name in TIMED)) & (found == "")] = name
+    return pd.Series(found, index=rows.index)
+
+
+def largest(values: ArrayLike) -> float:
+    """The largest absolute value; NaN if there is a NaN."""
+    return float(np.max(np.abs(np.asarray(values, dtype=float))))
+
+
+def worst(rows: pd.DataFrame, names: Iterable[str]) -> pd.Series:
+    """Row by row the largest absolute value of these columns; NaN if there is a NaN."""
+    return rows[list(names)].abs().max(axis=1, skipna=False)
+
+
+def mean_square(values: pd.Series, by: Any) -> pd.Series:
+    """The mean square of each group; NaN if there is a NaN."""
+    return values.pow(2).groupby(by).agg(lambda squares: squares.mean(skipna=False))
