@@ -7,9 +7,7 @@ of every source the function can call, in the user's cache directory (LAGRANGE_B
 
 from __future__ import annotations
 
-import hashlib
 import os
-import re
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -18,55 +16,44 @@ from typing import Any
 
 import numba
 
-from integrators.compiling.numba_internals import call_by_name, config, keep_code, name_of, set_name
-from integrators.files import cache_folder
+from lagrange_bench.integrators.compiling.numba_internals import config, keep_code, name_of, set_name
+from lagrange_bench.integrators.files import cache_folder
+from lagrange_bench.integrators.imported import IMPORTED, digest
 
 njit: Any = numba.njit  # its types know fewer options than it has
 OPTIONS = {"error_model": "numpy", "nogil": True, "fastmath": False, "no_cfunc_wrapper": True}
 
 
-PACKAGE = Path(__file__).parents[1]
 BELOW = ("compiling", "problem")  # rooms whose kernels reach others as arguments: part of every digest
 SETTINGS = ("BOUNDSCHECK", "LOOP_VECTORIZE", "OPT", "SLP_VECTORIZE")  # of Numba: they change the machine code
-IMPORT = re.compile(r"^\s*from (integrators\b[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
 
 
-@cache
-def _imported(source: Path) -> frozenset[Path]:
-    """The files of this package that one of them imports, at the top or within a function."""
-    found = set()
-    for module, names in IMPORT.findall(source.read_text(encoding="utf-8")):
-        place = PACKAGE.joinpath(*module.split(".")[1:])
-        found |= {file for word in re.findall(r"\w+", names) if (file := (place / word).with_suffix(".py")).is_file()}
-        found |= {file for file in (place.with_suffix(".py"), place / "__init__.py") if file.is_file()}
-    return frozenset(found)
-
-
-@cache
 def _folder(module: str) -> str | None:
     """Where the machine code of a module's functions is kept: named by all sources that they can call, and by `SETTINGS`."""
     home = cache_folder()
     if home is None:
         return None
-    own = PACKAGE.joinpath(*module.split(".")[1:]).with_suffix(".py")
-    if module.startswith("integrators.") and own.is_file():
-        waiting = {own, *(file for room in BELOW for file in (PACKAGE / room).glob("*.py"))}
-    else:  # somebody else's function calls what it likes
-        waiting = set(PACKAGE.rglob("*.py"))
-    sources: set[Path] = set()
-    while waiting:
-        sources |= waiting
-        waiting = set().union(*map(_imported, waiting)) - sources
-    settings = [f"{name}={getattr(config, name)}" for name in SETTINGS]
-    digest = hashlib.sha256(" ".join((numba.__version__, *settings)).encode())
-    for source in sorted(sources):
-        digest.update(source.read_bytes())
-    folder = os.path.join(home, digest.hexdigest()[:16])
+    kept = ("machine code", module)
+    if kept not in IMPORTED.digests:
+        settings = [f"{name}={getattr(config, name)}" for name in SETTINGS]
+        try:
+            IMPORTED.digests[kept] = digest(IMPORTED.files({module, *_below()}), numba.__version__, *settings)
+        except (ImportError, OSError):  # a module without a file
+            IMPORTED.digests[kept] = None
+    if IMPORTED.digests[kept] is None:
+        return None
+    folder = os.path.join(home, str(IMPORTED.digests[kept]))
     try:
         os.makedirs(folder, exist_ok=True)
     except OSError:
         return None
     return folder if os.access(folder, os.W_OK) else None
+
+
+@cache
+def _below() -> frozenset[str]:
+    package, here = __name__.rsplit(".", 2)[0], Path(__file__).parents[1]
+    return frozenset(f"{package}.{room}.{file.stem}" for room in BELOW for file in (here / room).glob("[!_]*.py"))
 
 
 def compiled(function: Callable[..., Any], **more: Any) -> Any:
@@ -121,19 +108,8 @@ def jit_over(*kernels: Any) -> Callable[[Callable[..., Any]], Any]:
     """
     if config.DISABLE_JIT:
         return compiled
-    ours = all(k is None or k.py_func.__module__.startswith("integrators.") for k in kernels)
+    ours = all(k is None or k.py_func.__module__.startswith("lagrange_bench.integrators.") for k in kernels)
     return jit if ours else compiled
-
-
-def outlined(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of a pointer to doubles that gives an int: kernels call it and hold no copy. For long code, seldom run.
-
-    Numba puts a copy of all that a kernel calls into the kernel, and LLVM optimises each copy. A kernel out of the cache needs
-    this function, too: call `outlined` wherever such a kernel is made.
-    """
-    if config.DISABLE_JIT:
-        return function
-    return call_by_name(jit(function, no_cfunc_wrapper=False), f"{function.__module__}.{function.__qualname__}")
 
 
 def inlined_copy(kernel: Any) -> Any:

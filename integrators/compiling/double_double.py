@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from integrators.compiling.compiled import inlined, jit
+from lagrange_bench.integrators.compiling.compiled import inlined, jit
 
 SPLITTER = 134217729.0  # 2^27 + 1
 

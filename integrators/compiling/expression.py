@@ -1,8 +1,9 @@
-"""Formulas of + − × ÷ and √: an ordinary Python function, recorded once, and evaluated on any kind of number.
+"""Formulas of + − × ÷, √, sin, cos, exp and log: a Python function, recorded once, evaluated on any kind of number.
 
 `record` calls a function with symbols and keeps the operations it asks for as a `Program`, a straight list without
 repetitions. A program runs on floats, arrays, mpmath numbers, heyoka expressions and, through `machine_code`, in compiled
-kernels; its digest identifies the formula, wherever the function stands. Derivatives are programs too: `Tape` differentiates
+kernels; its digest identifies the formula, wherever the function stands. Bits are the same everywhere as long as the
+formula is algebraic; sin, cos, exp and log are those of the C library. Derivatives are programs too: `Tape` differentiates
 backwards (a gradient, for the price of a few evaluations) and forwards (along a direction).
 
 Source: Griewank & Walther, Evaluating Derivatives (2008), chapters 3 and 4.
@@ -14,15 +15,18 @@ import hashlib
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from functools import cache, cached_property
-from typing import Any
+from functools import cache, cached_property, partial
+from typing import Any, NamedTuple
 
-from integrators.compiling.compiled import inlined, jit_as
-from integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.compiling.compiled import inlined, jit_as
+from lagrange_bench.integrators.compiling.unroll import unrolled
 
-PYTHON = {"add": "{} + {}", "sub": "{} - {}", "mul": "{} * {}", "div": "{} / {}", "neg": "-{}", "sqrt": "sqrt({})"}
-UFUNCS = {"add": "add", "subtract": "sub", "multiply": "mul", "divide": "div", "negative": "neg", "sqrt": "sqrt"}
-REFUSAL = "a formula may use + − × ÷, whole and half powers, and sqrt of integrators only"
+FUNCTIONS = ("sqrt", "sin", "cos", "exp", "log")
+PYTHON = {"add": "{} + {}", "sub": "{} - {}", "mul": "{} * {}", "div": "{} / {}", "neg": "-{}"}
+PYTHON |= {name: name + "({})" for name in FUNCTIONS}
+UFUNCS = {"add": "add", "subtract": "sub", "multiply": "mul", "divide": "div", "negative": "neg"}
+UFUNCS |= {name: name for name in FUNCTIONS}
+REFUSAL = "a formula may use + − × ÷, whole and half powers, and sqrt, sin, cos, exp, log of integrators only"
 
 
 def sqrt(a: Any) -> Any:
@@ -30,18 +34,48 @@ def sqrt(a: Any) -> Any:
 
     NaN for a negative float. TypeError : a type without a square root.
     """
+    return apply("sqrt", a)
+
+
+def sin(a: Any) -> Any:
+    """Sine of whatever a formula is evaluated on; as `sqrt`."""
+    return apply("sin", a)
+
+
+def cos(a: Any) -> Any:
+    """Cosine of whatever a formula is evaluated on; as `sqrt`."""
+    return apply("cos", a)
+
+
+def exp(a: Any) -> Any:
+    """Exponential of whatever a formula is evaluated on; as `sqrt`. Infinite where it overflows."""
+    return apply("exp", a)
+
+
+def log(a: Any) -> Any:
+    """Natural logarithm of whatever a formula is evaluated on; as `sqrt`. NaN for a negative float, −∞ for 0."""
+    return apply("log", a)
+
+
+def apply(name: str, a: Any) -> Any:
+    """One of FUNCTIONS. TypeError : a type that does not have it."""
     if isinstance(a, (float, int)):
-        return math.sqrt(a) if a >= 0 else math.nan
-    if hasattr(a, "sqrt"):
-        return a.sqrt()
+        try:
+            return getattr(math, name)(a)
+        except ValueError:
+            return -math.inf if name == "log" and a == 0 else math.nan
+        except OverflowError:
+            return math.inf
+    package = type(a).__module__.partition(".")[0]
+    if package in ("mpmath", "heyoka"):  # first of all: `exp` of an mpmath number is its exponent
+        return getattr(__import__(package), name)(a)
+    if hasattr(a, name):
+        return getattr(a, name)()
     if hasattr(a, "__array__"):
         import numpy as np
 
-        return np.sqrt(a)
-    package = type(a).__module__.partition(".")[0]
-    if package in ("mpmath", "heyoka"):
-        return __import__(package).sqrt(a)
-    raise TypeError(f"no square root of a {type(a).__name__}")
+        return getattr(np, name)(a)
+    raise TypeError(f"no {name} of a {type(a).__name__}")
 
 
 class Term:
@@ -85,6 +119,18 @@ class Term:
 
     def sqrt(self) -> Term:
         return self.tape.make("sqrt", self)
+
+    def sin(self) -> Term:
+        return self.tape.make("sin", self)
+
+    def cos(self) -> Term:
+        return self.tape.make("cos", self)
+
+    def exp(self) -> Term:
+        return self.tape.make("exp", self)
+
+    def log(self) -> Term:
+        return self.tape.make("log", self)
 
     def __pow__(self, power: Any) -> Term:
         twice = 2 * power if isinstance(power, (int, float)) else 0.5
@@ -138,7 +184,8 @@ class Program:
 
     def _python(self, constant: Callable[[float], Any] | None) -> Callable[..., Any]:
         """The lines as a Python function: five times as quick as going through them."""
-        room: dict[str, Any] = {"sqrt": sqrt, "nan": math.nan, "inf": math.inf, "constant": constant}
+        room: dict[str, Any] = {name: partial(apply, name) for name in FUNCTIONS if name != "sqrt"}
+        room |= {"sqrt": sqrt, "nan": math.nan, "inf": math.inf, "constant": constant}
 
         def word(place: Any) -> str:
             if not isinstance(place, tuple):
@@ -234,22 +281,31 @@ class Program:
 
 
 class Tape:
-    """Where formulas are recorded and differentiated. Equal operations are recorded once, those with 0 and 1 not at all."""
+    """Where formulas are recorded and differentiated. Equal operations are recorded once, those with 0 and 1 not at all.
+
+    `fixed` inputs, such as a step and parameters, are the same for all steps of a run. Once there is one, factors are
+    collected so that what depends on fixed inputs and constants alone is computed before the loop: see `split`.
+    """
 
     def __init__(self) -> None:
         self.lines: list[tuple[Any, ...]] = []
         self.places: dict[tuple[Any, ...], int] = {}
         self.inputs: list[Term] = []
+        self.moving: list[bool] = []  # of each line: whether it depends on an input that is not fixed
+        self.collects = False
 
-    def _record(self, *line: Any) -> Term:
-        if line not in self.places:
-            self.places[line] = len(self.lines)
+    def _record(self, *line: Any, moving: bool = False) -> Term:
+        key = (line[0], *sorted(line[1:])) if line[0] in ("add", "mul") else line  # a + b = b + a, to the last bit
+        if key not in self.places:
+            self.places[key] = len(self.lines)
             self.lines.append(line)
-        return Term(self, self.places[line])
+            self.moving.append(moving)
+        return Term(self, self.places[key])
 
-    def input(self) -> Term:
+    def input(self, fixed: bool = False) -> Term:
         """One more unknown number."""
-        self.inputs.append(self._record("input", len(self.inputs)))
+        self.collects = self.collects or fixed
+        self.inputs.append(self._record("input", len(self.inputs), moving=not fixed))
         return self.inputs[-1]
 
     def constant(self, value: Any) -> Term:
@@ -259,6 +315,8 @@ class Tape:
                 raise TypeError("a formula must not keep numbers of another call")
             return value
         try:
+            if isinstance(value, (str, bytes, bytearray)):
+                raise ValueError("float() would read it")
             number = float(value)
         except (TypeError, ValueError, OverflowError):
             raise TypeError(f"{REFUSAL}; got {value!r}") from None
@@ -295,7 +353,43 @@ class Tape:
                 return self.constant(0.0)
             if operation == "add":
                 return self.make("mul", 2.0, terms[0])
-        return self._record(operation, *(term.place for term in terms))
+        folded = self._fold(operation, *terms)
+        if folded is not None:
+            return folded
+        places = [term.place for term in terms]
+        return self._record(operation, *places, moving=any(self.moving[place] for place in places))
+
+    def _fold(self, operation: str, *terms: Term) -> Term | None:
+        """f·(g·m) as (f·g)·m for fixed f and g, and what is like it; with constants only where nothing is rounded."""
+        if operation == "neg" and self.collects:
+            factor, rest = self._factor(terms[0])
+            return None if factor is None else -factor * rest
+        if operation == "div" and self.collects and not self.moving[terms[1].place]:
+            factor, rest = self._factor(terms[0])
+            return None if factor is None else (factor / terms[1]) * rest
+        if operation == "mul":
+            for fixed, other in (terms, terms[::-1]):
+                factor, rest = self._factor(other)
+                if factor is not None and not self.moving[fixed.place] and self._may_collect(fixed, factor):
+                    return (fixed * factor) * rest
+        return None
+
+    def _factor(self, term: Term) -> tuple[Term | None, Term]:
+        """(f, m) of a term f·m or m/(1/f) with fixed f and moving m; f is None for any other term."""
+        operation, *arguments = self.lines[term.place]
+        if operation == "mul":
+            for i in (0, 1):
+                if not self.moving[arguments[i]] and self.moving[arguments[1 - i]]:
+                    return Term(self, arguments[i]), Term(self, arguments[1 - i])
+        if operation == "div" and self.moving[arguments[0]] and not self.moving[arguments[1]]:
+            divisor = Term(self, arguments[1])
+            if self.collects or _exact(self.known(divisor)):
+                return 1.0 / divisor, Term(self, arguments[0])
+        return None, term
+
+    def _may_collect(self, f: Term, g: Term) -> bool:
+        """Not a constant times a fixed number, such as a weight times h: it would take a place of its own."""
+        return _exact(self.known(f)) or (_exact(self.known(g)) if self.known(f) is not None else self.collects)
 
     def run(self, program: Program, *numbers: Any) -> tuple[Term, ...]:
         """A program's outputs as terms of this tape."""
@@ -320,6 +414,14 @@ class Tape:
                 share = -(rate * here) / b if i else rate / b
             elif operation == "sqrt":
                 share = rate / (2.0 * here)
+            elif operation == "sin":
+                share = rate * a.cos()
+            elif operation == "cos":
+                share = -(rate * a.sin())
+            elif operation == "exp":
+                share = rate * here
+            elif operation == "log":
+                share = rate / a
             else:
                 share = -rate if operation == "neg" or (operation == "sub" and i) else rate
             yield argument, share
@@ -346,23 +448,65 @@ class Tape:
     def program(self, outputs: Iterable[Any]) -> Program:
         """What these outputs need, as a program of all inputs."""
         terms = tuple(map(self.constant, outputs))
-        needed, waiting = set(), [term.place for term in terms]
+        return self._program(self.inputs, terms, self.needed(terms))
+
+    def split(self, outputs: Iterable[Any]) -> Split:
+        """The same in two programs: what depends on fixed inputs alone, and the rest."""
+        terms = tuple(map(self.constant, outputs))
+        needed = self.needed(terms)
+        fixed = {place for place in needed if not self.moving[place] and self.lines[place][0] != "constant"}
+        used = {place for line in needed - fixed for place in self._arguments(line)} | {term.place for term in terms}
+        links = [Term(self, place) for place in sorted(fixed & used)]
+        before = [term for term in self.inputs if not self.moving[term.place]]
+        inputs = [*(term for term in self.inputs if self.moving[term.place]), *links]
+        return Split(self._program(before, links, fixed), self._program(inputs, terms, needed - fixed))
+
+    def _arguments(self, place: int) -> list[int]:
+        operation, *arguments = self.lines[place]
+        return [] if operation in ("input", "constant") else arguments
+
+    def needed(self, terms: Iterable[Term]) -> set[int]:
+        """The places that terms depend on, their own included."""
+        needed: set[int] = set()
+        waiting = [term.place for term in terms]
         while waiting:
             place = waiting.pop()
             if place not in needed:
                 needed.add(place)
-                operation, *arguments = self.lines[place]
-                waiting += arguments if operation not in ("input", "constant") else []
-        new: dict[int, Any] = {term.place: i for i, term in enumerate(self.inputs)}
+                waiting += self._arguments(place)
+        return needed
+
+    def _program(self, inputs: Sequence[Term], outputs: Sequence[Term], needed: set[int]) -> Program:
+        new: dict[int, Any] = {term.place: i for i, term in enumerate(inputs)}
         lines: list[tuple[Any, ...]] = []
         for place in sorted(needed - set(new)):
             operation, *arguments = self.lines[place]
             if operation == "constant":
                 new[place] = ("=", arguments[0])
             else:
-                new[place] = len(self.inputs) + len(lines)
-                lines.append((operation, *(new[argument] for argument in arguments)))
-        return Program(len(self.inputs), tuple(lines), tuple(new[term.place] for term in terms))
+                new[place] = len(inputs) + len(lines)
+                words = [new[a] if a in new else ("=", self.lines[a][1]) for a in arguments]
+                lines.append((operation, *words))
+        return Program(len(inputs), tuple(lines), tuple(new[term.place] for term in outputs))
+
+
+class Split(NamedTuple):
+    """A formula in two parts: `fixed` of the fixed inputs, and `moving` of the others and of what `fixed` gives."""
+
+    fixed: Program
+    moving: Program
+
+    def constants(self, *numbers: float) -> tuple[float, ...]:
+        """What `fixed` gives, as doubles: 1/0 is infinite."""
+        import numpy as np
+
+        with np.errstate(all="ignore"):
+            return tuple(map(float, self.fixed(*map(np.float64, numbers))))
+
+
+def _exact(factor: float | None) -> bool:
+    """Whether a product with it is not rounded: a power of two."""
+    return factor is not None and abs(math.frexp(factor)[0]) == 0.5
 
 
 def record(function: Callable[..., Any], inputs: int) -> Program:
@@ -397,15 +541,42 @@ def one(c, first):
     return (c[first],)
 
 
+@inlined
+def nothing(c, first):
+    return ()
+
+
 @cache
 def take(count: int) -> Any:
-    """(c, first) → the tuple of `count` ≥ 1 doubles that begins at c[first], for compiled kernels."""
-    if count == 1:
-        return one
-    rest = take(count - 1)
+    """(c, first) → the tuple of `count` doubles that begins at c[first], for compiled kernels."""
+    if count <= 1:
+        return one if count else nothing
+    half = count // 2
+    begin, end = take(half), take(count - half)
 
     @jit_as(f"take {count}", forceinline=True)
     def some(c, first):
-        return (c[first],) + rest(c, first + 1)  # noqa: RUF005 - compiled code does not unpack
+        return begin(c, first) + end(c, first + half)
+
+    return some
+
+
+@inlined
+def put_one(c, first, values):
+    c[first] = values[0]
+
+
+@cache
+def put(count: int) -> Any:
+    """(c, first, values) writes a tuple of `count` ≥ 1 doubles to where `take` finds it."""
+    if count == 1:
+        return put_one
+    half = count // 2
+    begin, end = put(half), put(count - half)
+
+    @jit_as(f"put {count}", forceinline=True)
+    def some(c, first, values):
+        begin(c, first, values[:half])
+        end(c, first + half, values[half:])
 
     return some

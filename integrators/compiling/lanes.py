@@ -10,10 +10,10 @@ import numpy as np
 from numba import TypingError
 from numpy.typing import NDArray
 
-from integrators.compiling.compiled import inlined_copy, jit, jit_over
-from integrators.compiling.loops import FAILURE, INTERRUPTIBLE, SIZE
-from integrators.compiling.numba_internals import column, put_column, strided
-from integrators.interface import Array
+from lagrange_bench.integrators.compiling.compiled import inlined_copy, jit, jit_over
+from lagrange_bench.integrators.compiling.loops import FAILURE, INTERRUPTIBLE, SIZE
+from lagrange_bench.integrators.compiling.numba_internals import column, put_column, strided
+from lagrange_bench.integrators.interface import Array
 
 compiling = threading.Lock()
 LANES = 32  # tops that take a step together: some SIMD registers full, so that none waits for a result of its own

@@ -1,6 +1,6 @@
 """The time loop of every compiled method.
 
-A compiled method is a pair of Numba functions on six scalars: `step(s, c, tally) -> s` and, where a method
+A compiled method is a pair of Numba functions on a tuple of numbers: `step(s, c, tally) -> s` and, where a method
 pins its state, `pin(s, c) -> s`, called before every `block` steps, the first of a call included: what a call returns
 has been stepped since it was pinned. `c` is the method's array of constants, `tally` counts (see below). State lives in
 registers; nothing is allocated. `lanes` has the loop of many tops, `natural` the one of kernels that choose their steps.
@@ -14,14 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from integrators.checks import as_state, check_grid
-from integrators.compiling.compiled import is_compiled, jit, jit_over
-from integrators.compiling.numba_internals import NumbaError, useful_lines
-from integrators.interface import Array, StepError, Stepper, Work
+from lagrange_bench.integrators.checks import as_state, check_grid
+from lagrange_bench.integrators.compiling.compiled import is_compiled, jit, jit_over
+from lagrange_bench.integrators.compiling.numba_internals import NumbaError, column, put_column, useful_lines
+from lagrange_bench.integrators.interface import Array, StepError, Stepper, Work
 
 # places in `tally`; a kernel that fails puts a code into FAILURE and what it could not reduce into RESIDUAL; from MEMORY on
 # there are SIZE - MEMORY numbers, zero at the start of a call, for what a kernel carries from step to step (compensation)
-ITERATIONS, RHS_EVALS, FAILURE, FAILED_AT, RESIDUAL, MEMORY = range(6)
+# the CLOCK shows a `timed` kernel the number of its step, from which it computes the time: no rounding adds up
+ITERATIONS, RHS_EVALS, FAILURE, FAILED_AT, RESIDUAL, CLOCK, MEMORY = range(7)
 SIZE = 32
 
 NEVER = 1 << 62  # a block no run reaches the end of
@@ -38,15 +39,15 @@ def finite(numbers):
 
 
 @cache
-def compile_loop(step: Callable, pin: Callable | None) -> Callable:
-    """The loop around one kernel; False where a step fails, or the last state is not finite."""
+def compile_loop(step: Callable, pin: Callable | None, size: int = 6, timed: bool = False) -> Callable:
+    """The loop around one kernel of `size` numbers; False where a step fails, or the last state is not finite."""
 
     @jit_over(step, pin)
     def run(y, first, last, every, block, c, tally, out):
         # From step number `first` to `last`. Rows and pins fall on multiples of `every` and of `block`,
         # counted from the start of the whole run: however it is divided, and whatever is recorded, it goes
         # through the same states.
-        s = (y[0], y[1], y[2], y[3], y[4], y[5])
+        s = column(y, 0, size, 1)
         i = first
         row = i // every
         next_row = (row + 1) * every
@@ -58,6 +59,8 @@ def compile_loop(step: Callable, pin: Callable | None) -> Callable:
                     s = pin(s, c)
             stop = min(last, next_row, next_pin)
             for k in range(i, stop):
+                if timed:
+                    tally[CLOCK] = k
                 s = step(s, c, tally)
                 if tally[FAILURE] != 0:
                     tally[FAILED_AT] = k
@@ -66,24 +69,24 @@ def compile_loop(step: Callable, pin: Callable | None) -> Callable:
             if i == next_row:
                 row += 1
                 next_row += every
-                out[row, 0], out[row, 1], out[row, 2], out[row, 3], out[row, 4], out[row, 5] = s
-        y[0], y[1], y[2], y[3], y[4], y[5] = s
+                put_column(out, row * size, s, 1)
+        put_column(y, 0, s, 1)
         return finite(y)
 
     return run
 
 
 @cache
-def compiled_loop(step: Callable, pin: Callable | None, dtype: np.dtype) -> Callable:
+def compiled_loop(step: Callable, pin: Callable | None, dtype: np.dtype, size: int, timed: bool) -> Callable:
     """`compile_loop`, compiled for numbers of that type. ValueError: it cannot be."""
     for kernel in (step, pin):
         if kernel is not None and not is_compiled(kernel):
             name = getattr(kernel, "__name__", repr(kernel))
             raise ValueError(f"the kernel {name} is not compiled: put @compiled above it")
-    run = compile_loop(step, pin)
-    state = np.zeros(6, dtype)
+    run = compile_loop(step, pin, size, timed)
+    state = np.zeros(size, dtype)
     try:
-        run(state, 0, 0, 1, 1, np.zeros(1, dtype), np.zeros(SIZE), np.empty((1, 6), dtype))
+        run(state, 0, 0, 1, 1, np.zeros(1, dtype), np.zeros(SIZE), np.empty((1, size), dtype))
     except NumbaError as error:  # of many thousand characters
         advice = f"`lagrange-bench check {step.__module__}:METHOD` looks for the line"
         raise KernelError(f"the kernel {step.__name__} cannot be compiled: {useful_lines(error)} ({advice})") from error
@@ -109,6 +112,9 @@ class FixedStepper(Stepper):
     the number of constants it takes: all of them, or those of one of the equal parts that a step consists of; it has
     the bits of `step`, or sets FAILURE. False: one top after the other.
 
+    `size` is the number of components of a state. `timed`: the kernel reads the number of its step from tally[CLOCK], so that
+    a run must not be continued from a state on the way. `memory`: how many numbers it carries from step to step.
+
     Raises
     ------
     ValueError : constants are not floats, or a kernel cannot be compiled. StepError : from `advance` and `record`.
@@ -128,6 +134,9 @@ class FixedStepper(Stepper):
         rhs_per_step: int = 0,
         failures: dict[int, str] | None = None,
         lane: bool | tuple[Callable, int] = False,
+        size: int = 6,
+        timed: bool = False,
+        memory: int = SIZE - MEMORY,
     ):
         if not isinstance(constants, np.ndarray) or constants.dtype.kind not in "fc":
             raise ValueError(f"constants must be an array of floats, np.array((…), dtype=float); got {constants!r}")
@@ -135,26 +144,29 @@ class FixedStepper(Stepper):
         self._enter, self._leave = enter, leave
         self.rhs_per_step, self.failures = rhs_per_step, failures or {}
         self.pin, self.lane = pin, (step, len(constants)) if lane is True else lane or None
-        self._run = compiled_loop(step, pin, constants.dtype)
-        self.work = Work()
+        self.size = size
+        if timed:  # else it is for the class to say
+            self.from_start = True
+        self._run = compiled_loop(step, pin, constants.dtype, size, timed)
+        self.work, self.tally = Work(), np.zeros(max(SIZE, MEMORY + memory))
 
     # not attributes: a stepper that holds methods of its own waits for the garbage collector, which costs as much as a
     # short run
     def enter(self, y: Array) -> Array:
-        """A state (6,) in the kernel's units, a fresh array."""
+        """A state in the kernel's units, a fresh array."""
         return self._enter(y) if self._enter else np.array(y)
 
     def leave(self, rows: Array) -> Array:
-        """The kernel's rows as states (rows, 6) of the user; may work in `rows`."""
+        """The kernel's rows as states of the user; may work in `rows`."""
         return self._leave(rows) if self._leave else rows
 
     def record(self, y: Array, n: int, every: int) -> Array:
         check_grid(n, every)
-        y = as_state(y)
+        y = as_state(y, self.size)
         state = self.enter(y)
-        out = np.empty((n // every + 1, 6), dtype=state.dtype)
+        out = np.empty((n // every + 1, self.size), dtype=state.dtype)
         out[0] = state
-        tally = np.zeros(SIZE)
+        self.tally = tally = np.zeros(len(self.tally))  # of the last call, for a method that reads its MEMORY
         for first in range(0, n, INTERRUPTIBLE):
             last = min(first + INTERRUPTIBLE, n)
             if not self._run(state, first, last, every, self.block, self.constants, tally, out):
@@ -169,7 +181,7 @@ class FixedStepper(Stepper):
         return result
 
     def rows(self, out: Array, every: int) -> Array:
-        """The kernel's states after 0, every, 2 every, … steps as those of the user, (rows, 6); may work in `out`."""
+        """The kernel's states after 0, every, 2 every, … steps as those of the user; may work in `out`."""
         return self.leave(out)
 
     def _failure(self, last: int, tally: Array) -> StepError:
@@ -194,7 +206,7 @@ class ConjugateStepper(FixedStepper):
     ) -> None:
         self._map_rows, self._way_in, self._way_out = map_rows, way_in, way_out
         super().__init__(name, h, *args, **more)
-        map_rows(np.empty((0, 6)), *way_in, np.zeros(SIZE))  # compile
+        map_rows(np.empty((0, self.size)), *way_in, np.zeros(SIZE))  # compile
 
     def enter(self, y: Array) -> Array:
         return self._map(np.array(y)[None], self._way_in)[0]
@@ -205,7 +217,7 @@ class ConjugateStepper(FixedStepper):
     def _map(self, rows: Array, way: tuple) -> Array:
         tally = np.zeros(SIZE)
         self._map_rows(rows, *way, tally)
-        if tally[FAILURE] or not finite(rows):
+        if tally[FAILURE] or not finite(rows.ravel()):
             left = "the state left the range of floating-point numbers"
             raise StepError(self.name, self.failures.get(int(tally[FAILURE]), left), h=self.h)
         return rows

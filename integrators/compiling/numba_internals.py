@@ -108,16 +108,33 @@ def name_of(dispatcher: Any) -> str:
     return str(inside(dispatcher, "_uuid"))
 
 
+def is_kept(dispatcher: Any) -> bool:
+    """Whether the cache has machine code of a function, of whatever types."""
+    kept = inside(dispatcher, "_cache")
+    files = getattr(kept, "_cache_file", None)
+    if files is None or not os.path.exists(inside(files, "_index_path")):
+        return False
+    own = inside(kept, "_index_key")(None, inside(dispatcher, "targetctx.codegen")())[
+        -1
+    ]  # functions of a factory share a file
+    return any(key[-1] == own for key in inside(files, "_load_index")())
+
+
 def named_intrinsic(function: Callable[..., Any]) -> Any:
     """An intrinsic whose name is the same in all processes."""
     return set_name(intrinsic(function), f"{function.__module__}.{function.__qualname__}")
 
 
-def call_by_name(dispatcher: Any, name: str) -> Any:
-    """A compiled function of a pointer to doubles that gives an int, as LLVM finds it by that name from now on."""
+def address_of(dispatcher: Any) -> int:
+    """Where the machine code is of a function of a pointer to doubles that gives an int; compiles it."""
     dispatcher.compile((types.CPointer(types.float64),))
     (made,) = inside(dispatcher, "overloads").values()
-    add_symbol(name, inside(made, "library.get_pointer_to_function")(inside(made, "fndesc.llvm_cfunc_wrapper_name")))
+    return int(inside(made, "library.get_pointer_to_function")(inside(made, "fndesc.llvm_cfunc_wrapper_name")))
+
+
+def call_by_name(address: int, name: str) -> Any:
+    """A function of a pointer to doubles that gives an int, as LLVM finds it by that name from now on."""
+    add_symbol(name, address)
 
     def call(typingctx, numbers):  # closes over no type of Numba: these have other numbers in each process
         def generate(context, builder, signature, args):
@@ -135,11 +152,13 @@ if config.DISABLE_JIT:
         return [0.0] * size
 
     def column(array, place, count, stride):
-        return tuple(array[place + k * stride] for k in range(count))
+        flat = array.reshape(-1)
+        return tuple(flat[place + k * stride] for k in range(count))
 
     def put_column(array, place, values, stride):
+        flat = array.reshape(-1)
         for k, value in enumerate(values):
-            array[place + k * stride] = value
+            flat[place + k * stride] = value
 
     class StridedView:
         def __init__(self, array, place, stride):
@@ -174,6 +193,8 @@ else:
     @named_intrinsic
     def column(typingctx, array, place, count, stride):
         """array[place], array[place + stride], … as a tuple; `count` and `stride` are literals, places unchecked.
+
+        Rows of the array lie one after the other, as in C.
 
         Between these loads and the stores below LLVM sees constant distances only: a loop over neighbouring places
         becomes SIMD code without any test for overlaps.

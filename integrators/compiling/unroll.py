@@ -2,9 +2,9 @@
 
 `@unrolled` turns a function of doubles and tuples of doubles into one that compiled code can call. Its loops, tuples and
 tests are those of Python and happen while compiling; what is left are the operations it asks for, in its order: + − × ÷ of
-doubles and their square roots (`.sqrt()`). So a formula may be written as a loop over a table of coefficients, zeros
-left out, and costs what it would cost written out by hand. Without compilation (NUMBA_DISABLE_JIT) the function is simply
-called, and computes the same bits.
+doubles and `.sqrt()`, `.sin()`, `.cos()`, `.exp()`, `.log()`. So a formula may be written as a loop over a table of
+coefficients, zeros left out, and costs what it would cost written out by hand. Without compilation (NUMBA_DISABLE_JIT) the
+function is simply called, and computes the same bits.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 from numba import types
 from numba.extending import intrinsic
 
-from integrators.compiling.numba_internals import config, set_name
+from lagrange_bench.integrators.compiling.numba_internals import config, set_name
 
 TUPLE: Any = types.BaseTuple
 
@@ -52,14 +52,29 @@ class Symbol:
         return Symbol(self.emit, self.emit.fneg(self.value))
 
     def sqrt(self) -> Symbol:
-        square_root = self.emit.module.declare_intrinsic("llvm.sqrt", [self.value.type])
-        return Symbol(self.emit, self.emit.call(square_root, [self.value]))
+        return self._call("llvm.sqrt")
+
+    def sin(self) -> Symbol:
+        return self._call("llvm.sin")
+
+    def cos(self) -> Symbol:
+        return self._call("llvm.cos")
+
+    def exp(self) -> Symbol:
+        return self._call("llvm.exp")
+
+    def log(self) -> Symbol:
+        return self._call("llvm.log")
 
     def __rtruediv__(self, other: Any) -> Symbol:
         return self._of("fdiv", other, self)
 
     def __bool__(self) -> bool:
         raise TypeError("an unrolled function cannot branch on a number that is not known yet")
+
+    def _call(self, name: str) -> Symbol:
+        function = self.emit.module.declare_intrinsic(name, [self.value.type])
+        return Symbol(self.emit, self.emit.call(function, [self.value]))
 
     def _of(self, operation: str, a: Any, b: Any) -> Symbol:
         a, b = (x.value if isinstance(x, Symbol) else self.value.type(float(x)) for x in (a, b))
@@ -85,7 +100,9 @@ def unrolled(name: str) -> Callable[[Callable[..., Any]], Any]:
 
         own = inspect.Parameter("typingctx", inspect.Parameter.POSITIONAL_OR_KEYWORD)
         typed.__signature__ = inspect.Signature([own, *inspect.signature(function).parameters.values()])  # type: ignore
-        return set_name(intrinsic(typed), f"{function.__module__}.{name}")
+        made = set_name(intrinsic(typed), f"{function.__module__}.{name}")
+        made.py_func = function  # as of a dispatcher: the function itself
+        return made
 
     return decorate
 
@@ -96,7 +113,8 @@ class Unknown:
     def __add__(self, other: Any = None) -> Unknown:
         return self
 
-    __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __neg__ = sqrt = __add__
+    __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __neg__ = __add__
+    sqrt = sin = cos = exp = log = __add__
     __bool__ = Symbol.__bool__
 
 

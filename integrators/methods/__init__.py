@@ -1,1 +1,1 @@
-"""One file per method; `integrators.registry` lists them."""
+"""One file per method; `registry` lists them."""

@@ -32,9 +32,9 @@ import math
 
 import numpy as np
 
-from integrators.checks import check_count
-from integrators.compiling.compiled import jit
-from integrators.compiling.double_double import (
+from lagrange_bench.integrators.checks import check_count
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.double_double import (
     add,
     cadd,
     cmul,
@@ -47,12 +47,12 @@ from integrators.compiling.double_double import (
     sqrt,
     sub,
 )
-from integrators.compiling.loops import NEVER, FixedStepper
-from integrators.interface import Array, Method, StepError
-from integrators.problem.top import LagrangeTop
-from integrators.problem.units import Units
-from integrators.torus import time_step as ts
-from integrators.torus.real_map import (
+from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper
+from lagrange_bench.integrators.interface import Array, Method, StepError
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.units import Units
+from lagrange_bench.integrators.torus import time_step as ts
+from lagrange_bench.integrators.torus.real_map import (
     ALPHA,
     C1,
     C1_LO,
@@ -63,9 +63,9 @@ from integrators.torus.real_map import (
     H,
     far_flow,
 )
-from integrators.torus.real_map import CONSTANTS as TORUS
-from integrators.torus.real_map import pin as onto_torus
-from integrators.torus.stepper import TorusStepper
+from lagrange_bench.integrators.torus.real_map import CONSTANTS as TORUS
+from lagrange_bench.integrators.torus.real_map import pin as onto_torus
+from lagrange_bench.integrators.torus.stepper import TorusStepper
 
 # places of the constants, behind those of the torus; complex ones take two
 HALF_N, HALF_P, HALF_ALPHA_P, HALF_ALPHA, D0, D1, D2 = range(TORUS, TORUS + 7)

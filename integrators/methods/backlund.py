@@ -22,22 +22,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integrators.checks import check_count
-from integrators.compiling.compiled import jit
-from integrators.compiling.lanes import run_lanes
-from integrators.compiling.loops import NEVER, SIZE, FixedStepper, compile_loop, finite
-from integrators.interface import Array, Method, StepError, Work, in_one_call
-from integrators.problem.top import LagrangeTop
-from integrators.problem.units import Units, own_units, shift
-from integrators.torus import attitude as at
-from integrators.torus import time_step as ts
-from integrators.torus.any_parameter import check_parameter, papers_parameter, plain_constants
-from integrators.torus.plain_step import HALVES, many_plain_constants
-from integrators.torus.real_map import (
+from lagrange_bench.integrators.checks import check_count
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted, seldom
+from lagrange_bench.integrators.compiling.lanes import run_lanes
+from lagrange_bench.integrators.compiling.loops import NEVER, SIZE, FixedStepper, compile_loop, finite
+from lagrange_bench.integrators.interface import Array, Method, StepError, Work, in_one_call
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.units import Units, own_units, shift
+from lagrange_bench.integrators.torus import time_step as ts
+from lagrange_bench.integrators.torus.any_parameter import check_parameter, papers_parameter, plain_constants
+from lagrange_bench.integrators.torus.plain_step import HALVES, many_plain_constants
+from lagrange_bench.integrators.torus.real_map import (
     CONSTANTS,
     KERNELS,
     NO_TURN,
-    attitude_loop,
+    attitudes,
     exact_constants,
     form,
     many_constants,
@@ -46,8 +46,8 @@ from integrators.torus.real_map import (
     turn_many,
     turn_rows,
 )
-from integrators.torus.real_map import pin as onto_torus
-from integrators.torus.stepper import OFF_TORUS, TorusStepper, Turn, check_constants
+from lagrange_bench.integrators.torus.real_map import pin as onto_torus
+from lagrange_bench.integrators.torus.stepper import OFF_TORUS, TorusStepper, Turn, check_constants
 
 PIN = 8  # steps between two pins, by default
 SHORT = 16  # steps of an ensemble up to which λ(h) comes in plain doubles: else set-up would cost fifty times as much as they
@@ -55,13 +55,17 @@ FEW = 4  # tops below which, in longer runs, one after the other is quicker than
 LONGEST_TURN = (
     16.0  # of a step of the attitude, in units of rate 1: towards the unstable vertical |m|² falls below round-off
 )
-MOST_PARTS = 10**8  # steps of an attitude between two rows: some seconds, not to be interrupted
+MOST_PARTS = 10**8  # steps of an attitude: some seconds, not to be interrupted
+
+
+first_form, first_exact_constants = at_first_interpreted(form), at_first_interpreted(exact_constants)
+first_flow = at_first_interpreted(ts.flow)
 
 
 def _stepper(name: str, h: float, units: Units, c: Array, pin_every: int, turn: Turn = NO_TURN) -> FixedStepper:
     check_constants(name, c, h)
     back, block = (onto_torus, pin_every) if pin_every else (None, NEVER)
-    return TorusStepper(name, h, units, c, KERNELS[form(c)], back, block, turn=turn, lane=True)
+    return TorusStepper(name, h, units, c, KERNELS[first_form(c)], back, block, turn=turn, lane=True)
 
 
 LOOP = compile_loop(KERNELS[0], onto_torus)
@@ -90,7 +94,9 @@ def run(alpha, y, h, steps, every, out):
 
 
 def at_once(top: LagrangeTop, y0: Array, h: float, steps: int, every: int) -> Array | None:
-    """The rows of `prepare_exact(…).record`; None where `run` fails."""
+    """The rows of `prepare_exact(…).record`; None where `run` fails, and at the first calls, which need not wait for it."""
+    if seldom(run):
+        return None
     out = np.empty((steps // every + 1, 6))
     return out if run(top.alpha, y0, h, steps, every, out) else None
 
@@ -117,7 +123,7 @@ def prepare_unpinned(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
 def _exact(name: str, top: LagrangeTop, y0: Array, h: float, pin_every: int) -> FixedStepper:
     units = Units(top, y0, h)
     state, span = units.enter(y0), units.span(name, h)
-    c, turn = exact_constants(units.alpha, tuple(state.tolist()), span)
+    c, turn = first_exact_constants(units.alpha, tuple(state.tolist()), span)
     return _stepper(name, h, units, c, pin_every, turn)
 
 
@@ -137,8 +143,7 @@ def _plain(name: str, top: LagrangeTop, y0: Array, h: float, lam: complex, pin_e
 def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
     """Jumps: one two-point map from y0 to each output time, whatever the distance."""
     units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
-    spans = np.array([units.span("backlund", t) for t in times.tolist()])
-    y = units.leave(ts.flow(units.alpha, tuple(units.enter(y0)), spans))
+    y = units.leave(first_flow(units.alpha, tuple(units.enter(y0)), units.spans("backlund", times)))
     y[times == 0.0] = y0
     if not np.all(np.isfinite(y)):
         raise StepError("backlund", "no Bäcklund parameter was found for one of the times")
@@ -196,28 +201,27 @@ def evaluate_many(alphas: Array, Y0: Array, times: Array, out: Array) -> NDArray
     return done
 
 
-def attitude_exact(
-    top: LagrangeTop, y0: Array, h: float, n: int, every: int, g0: Array, *, pin: int = PIN, lam: complex | None = None
-) -> Array:
-    """Attitude of the frame that turns with J at 0, every·h, …, n·h, (n//every + 1, 4); exact, see `torus.attitude`."""
+def attitude_exact(top: LagrangeTop, y0: Array, times: Array, *, pin: int = PIN, lam: complex | None = None) -> Array:
+    """The frame that turns with J, quaternions (N, 4): exact steps from one time to the next, see `torus.attitude`."""
     if lam is not None:
         raise ValueError("lam: the attitude is that of the exact step; it cannot be followed for another parameter")
-    units = Units(top, y0, h)
-    state = tuple(units.enter(y0))
-    span = units.span("backlund", h)
+    units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
+    state, spans = tuple(units.enter(y0)), units.spans("backlund", times)
     # whole nutations have no λ of their own: steps of at most half of one, or of LONGEST_TURN where it takes for ever
-    nutation = min(ts.torus(units.alpha, state, 0.0)[1][0], 2 * LONGEST_TURN)
-    parts = max(1, math.ceil(2 * abs(span) / nutation))
-    if every * parts > MOST_PARTS:
-        raise StepError("backlund", f"the attitude is followed by half nutations, at most {MOST_PARTS} a row", h=h)
-    c, _ = exact_constants(units.alpha, state, span / parts)
-    spin = at.step_spin(units.alpha, state, span / parts)
+    longest = 0.5 * min(ts.nutation_period(units.alpha, state)[0], 2 * LONGEST_TURN)
+    if np.max(np.abs(spans), initial=0.0) > MOST_PARTS * longest:
+        raise StepError("backlund", f"the attitude is followed by half nutations, at most {MOST_PARTS} of them")
     block = check_count(pin, "pin") or NEVER
-    g, out = tuple(g0), [g0]
-    for _ in range(n // every):
-        state, g = attitude_loop(state, g, c, spin, every * parts, block)
-        out.append(np.array(g))
-    return np.array(out)
+    g = np.empty((len(spans), 4))
+    g[:] = 1.0, 0.0, 0.0, 0.0
+    for sign in (1.0, -1.0):
+        side = np.flatnonzero(sign * spans > 0.0)
+        side = side[np.argsort(sign * spans[side], kind="stable")]
+        if len(side):
+            g[side] = attitudes(units.alpha, state, spans[side], longest, block)
+    if not np.all(np.isfinite(g)):
+        raise StepError("backlund", "no Bäcklund parameter was found for one of the times")
+    return g
 
 
 ALL = frozenset({"H", "J3", "C1", "C2"})

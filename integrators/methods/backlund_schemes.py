@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from integrators.interface import Array
-from integrators.precision import workdps
+from lagrange_bench.integrators.interface import Array
+from lagrange_bench.integrators.precision import workdps
 
 
 class Scheme(NamedTuple):

@@ -24,6 +24,11 @@ before it make it up if 2 Σ b_j sin(a_j w) = 1/(2 sin(w/2)) − 1/w. a_j = 0.4 
 the kicks are made first, the others in the order reversed, so that no commutator of two of them is left. At w = 2π the step is
 in resonance with V, and no transformation helps.
 
+The guard. H of the whole problem is conserved; what it moves by shows what the step does not resolve: a resonance, or a
+close encounter with a singularity of V. `moves` gives it at rows of the run, and at the state after the strongest kick, which
+the kernel remembers. A run with a fixed h warns where H moves by much more than in its first steps; with `tol`,
+`backlund_choice` takes the run again.
+
 Every map here is Poisson and symmetric (the corrector is made of |h|), and C1 and C2 are pinned. Only a table with all digits
 makes it so, not any smooth one: a step of time T(H, J3) and turn Θ(H, J3) is Poisson only if ∂T/∂J3 = ∂Θ/∂H.
 
@@ -41,24 +46,24 @@ from typing import Any
 
 import numpy as np
 
-from integrators.checks import check_choice, check_flag, warn_caller
-from integrators.compiling.compiled import inlined, jit, jit_as, outlined
-from integrators.compiling.expression import take
-from integrators.compiling.loops import FAILURE, ITERATIONS, SIZE, ConjugateStepper
-from integrators.compiling.numba_internals import stack
-from integrators.compiling.unroll import unrolled
-from integrators.interface import AnyField, Array, Method, StepError, Stepper, StepWarning
-from integrators.methods import backlund, backlund_choice
-from integrators.methods.backlund_choice import Candidate, ChosenWork
-from integrators.methods.backlund_schemes import PROCESSED, SCHEMES, Scheme, ends_of
-from integrators.problem.field import Field
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.top import LagrangeTop
-from integrators.torus import real_map
-from integrators.torus.plain_step import invariants, move, parameter
-from integrators.torus.step_table import look_up, table_size, tables
-from integrators.torus.stepper import OFF_TORUS
-from integrators.truth import exact
+from lagrange_bench.integrators.checks import check_choice, check_flag, warn_caller
+from lagrange_bench.integrators.compiling.compiled import jit, jit_as
+from lagrange_bench.integrators.compiling.expression import take
+from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted, outlined
+from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, SIZE, ConjugateStepper
+from lagrange_bench.integrators.compiling.numba_internals import stack
+from lagrange_bench.integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError, Stepper, StepWarning
+from lagrange_bench.integrators.methods import backlund, backlund_choice
+from lagrange_bench.integrators.methods.backlund_choice import Candidate, ChosenWork
+from lagrange_bench.integrators.methods.backlund_schemes import PROCESSED, SCHEMES, Scheme, ends_of
+from lagrange_bench.integrators.problem.field import Field
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.torus import real_map
+from lagrange_bench.integrators.torus.plain_step import invariants, move, parameter
+from lagrange_bench.integrators.torus.step_table import look_up, table_size, tables
+from lagrange_bench.integrators.torus.stepper import OFF_TORUS
 
 # ------------------------------------------------------------------------------------ kernels
 
@@ -70,40 +75,46 @@ LOST = 1
 FAILURES = {LOST: "no exact step over this time was found; take a smaller |h|"}
 
 
-@jit
-def flow(s, alpha, h):
-    """The exact step over h, λ(h) computed in place, and whether one was found."""
-    R, eta, mr, mi, ok = parameter(invariants(s, alpha), s[2], alpha, h)
-    if ok:
-        return move(s, alpha, (R, eta, mr, mi)), True
-    return real_map.far_flow(s, alpha, h)
-
-
-def flow_of_numbers(numbers):
-    """`flow` of (s, alpha, h), in its place; whether one was found."""
-    s = numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5]
-    s, found = flow(s, numbers[6], numbers[7])
-    numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5] = s
-    return 1 if found else 0
-
-
 @cache
-def called_flow() -> Any:
-    """`flow` for kernels that seldom need it: called, so that its long code is not a part of each of them."""
-    call = outlined(flow_of_numbers)
+def called(name: str, kernel: Any) -> Any:
+    """`kernel`, (s, alpha, h) → (s, found), for others that seldom need it: called, so that they hold no copy of it."""
 
-    @jit_as("called flow")
-    def called(s, alpha, h):
+    def of_numbers(numbers):
+        s = numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5]
+        s, found = kernel(s, numbers[6], numbers[7])
+        numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5] = s
+        return 1 if found else 0
+
+    call = outlined(of_numbers, name)
+
+    @jit_as(f"called {name}")
+    def run(s, alpha, h):
         numbers = stack(8)
         numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5] = s
         numbers[6], numbers[7] = alpha, h
         found = call(numbers)
         return (numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5]), found != 0
 
-    return called
+    run.interpreted = kernel
+    return run
 
 
-@inlined
+@cache
+def flow() -> Any:
+    """(s, alpha, h) → the exact step over h, λ(h) computed in place, and whether one was found."""
+    far_flow = called("far flow", real_map.far_flow)
+
+    @jit_as("flow")
+    def run(s, alpha, h):
+        R, eta, mr, mi, ok = parameter(invariants(s, alpha), s[2], alpha, h)
+        if ok:
+            return move(s, alpha, (R, eta, mr, mi)), True
+        return far_flow(s, alpha, h)
+
+    return run
+
+
+@unrolled("tabled flow")
 def tabled_flow(s, torus, alpha, R, eta, mr, mi, inverse):
     """The exact step with λ and m of a table, and one step of Newton's method for m on the curve m² = Q(λ).
 
@@ -165,17 +176,27 @@ def kick_of(field: Field, level: bool, gradients: int) -> Any:
     return kicked
 
 
+@unrolled("push")
+def push(s, before):
+    """|the kick|², of a state after it and before it."""
+    a, b, c = s[0] - before[0], s[1] - before[1], s[2] - before[2]
+    return (a * a + b * b) + c * c
+
+
 @cache
 def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool) -> Any:
-    """The step; `degree` of the tables, 0 for none; `single`: of one flow and one kick, at places that the compiler knows."""
+    """The step; `degree` of the tables, 0 for none; `single`: of one flow and one kick, at places that the compiler knows.
+
+    It leaves in MEMORY the strongest kick of the run, squared, and the state after that step: there the guard looks at H.
+    """
     kicked, numbers, look = kick_of(field, level, gradients), take(field.parameters), look_up(degree or 1, level)[0]
-    exact = called_flow() if degree else flow
+    exact = called("flow", flow()) if degree else flow()
     first, stride = NUMBERS + field.parameters, GROUP + table_size(degree, level)
 
     @jit_as(f"backlund splitting {field.digest} {level} {gradients} {degree} {single}", forceinline=True)
     def step(s, c, tally):
         alpha = c[ALPHA]
-        q = numbers(c, NUMBERS)
+        q, strongest = numbers(c, NUMBERS), 0.0
         for g in range(1 if single else int(c[GROUPS])):
             place = first + g * stride
             if degree > 0:
@@ -193,7 +214,13 @@ def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool)
                 s, found = exact(s, alpha, c[place + TIME])
                 if not found:
                     tally[FAILURE] = LOST
+            before = s
             s = kicked(s, q, (c[place + KICK], c[place + TWIST], c[place + SECOND]))
+            strongest = max(strongest, push(s, before))
+        if strongest > tally[MEMORY]:
+            tally[MEMORY] = strongest
+            for k in range(6):
+                tally[MEMORY + 1 + k] = s[k]
         return s
 
     return step
@@ -255,7 +282,7 @@ LARGEST = 600  # constants of a step in SIMD lanes: with more its compilation wo
 @cache
 def map_over(field: Field, level: bool) -> Any:
     """Of each row, in place: flows and kicks of the lengths in `parts`, one after the other."""
-    kicked, numbers, exact = kick_of(field, level, 0), take(field.parameters), called_flow()
+    kicked, numbers, exact = kick_of(field, level, 0), take(field.parameters), called("flow", flow())
 
     @jit_as(f"map over {field.digest} {level}")
     def run(rows, numbers_of, parts, tally):
@@ -271,7 +298,27 @@ def map_over(field: Field, level: bool) -> Any:
                     s = kicked(s, q, (parts[k, 1],))
             row[0], row[1], row[2], row[3], row[4], row[5] = s
 
-    return run
+    return at_first_interpreted(run)
+
+
+@cache
+def energies(field: Field) -> Any:
+    """(rows, numbers) → H of each row, V included."""
+    potential, numbers = field.potential, take(field.parameters)
+
+    @unrolled(f"energy of V {field.digest}")
+    def energy(x, q):
+        return potential(*x, *q)[0]
+
+    @jit_as(f"energies {field.digest}")
+    def run(rows, numbers_of):
+        q, found = numbers(numbers_of, 0), np.empty(len(rows))
+        for k in range(len(rows)):
+            J1, J2, J3, x1, x2, x3 = rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5]
+            found[k] = 0.5 * ((J1 * J1 + J2 * J2) + J3 * J3) + (numbers_of[0] * x3 + energy((x1, x2, x3), q))
+        return found
+
+    return at_first_interpreted(run)
 
 
 # ------------------------------------------------------------------------------------ the box of the tables
@@ -283,8 +330,11 @@ MARGIN = 8.0  # the box is so many times as wide: a slow motion goes further tha
 
 @cache
 def pilot(field: Field, level: bool) -> Any:
-    """(y, c, h, steps) → the least and the largest 2H and J3 of the top without V, along so many steps of one flow and kick."""
-    kicked, numbers, exact = kick_of(field, level, 0), take(field.parameters), called_flow()
+    """(y, c, h, steps) → the least and the largest 2H and J3 of the top without V, along so many steps of one flow and kick.
+
+    And the strongest kick, squared.
+    """
+    kicked, numbers, exact = kick_of(field, level, 0), take(field.parameters), called("flow", flow())
 
     @jit_as(f"pilot {field.digest} {level}")
     def run(y, c, h, steps):
@@ -292,17 +342,20 @@ def pilot(field: Field, level: bool) -> Any:
         s = (y[0], y[1], y[2], y[3], y[4], y[5])
         low_h = high_h = invariants(s, alpha)[2]
         low_j = high_j = s[2]
+        strongest = 0.0
         for _ in range(steps):
             s, found = exact(s, alpha, h)
             if not found:
                 break
+            before = s
             s = kicked(s, q, (h,))
+            strongest = max(strongest, push(s, before))
             h2 = invariants(s, alpha)[2]
             low_h, high_h = min(low_h, h2), max(high_h, h2)
             low_j, high_j = min(low_j, s[2]), max(high_j, s[2])
-        return low_h, high_h, low_j, high_j
+        return low_h, high_h, low_j, high_j, strongest
 
-    return run
+    return at_first_interpreted(run)
 
 
 # ------------------------------------------------------------------------------------ steppers
@@ -311,10 +364,18 @@ STRONG = 0.05  # of V's range along the pilot to the energy of the top, from whi
 CHOICES = ("aba864", "processed6", "strang")  # where the step is chosen: the others are never the cheapest by much
 TOLERANCE = 1e-9  # default of the error at the last time
 RESONANT = 0.125  # of the nutation period, a step from which harmonics of the motion come near the step's own frequency
+SURPRISE = 8.0  # times as far as in the first steps H may move; in regular runs it is below 4
+FIRST, ROWS = 64.0, 4  # length of the first steps in time scales, at most; places at which H is looked at
+LONG_RUN = 2**16  # steps from which the first ones are always looked at: that is then below 3 % of the run
+# that H moves by more than this share of V's range, or a kick that is so much stronger squared, is looked into in any run
+MOVED, STRONGER = 2.0**-13, 4.0
 
 
 class ExactSplittingStepper(ConjugateStepper):
-    """Runs over the conjugate of a scheme; states enter and leave through its first flow and its corrector."""
+    """Runs over the conjugate of a scheme; states enter and leave through its first flow and its corrector.
+
+    `watched`: a run warns where H moves by much more than in its first steps.
+    """
 
     def __init__(
         self,
@@ -326,6 +387,7 @@ class ExactSplittingStepper(ConjugateStepper):
         corrected: bool,
         twisted: bool,
         tabled: bool,
+        watched: bool = False,
     ):
         numbers, level = np.array(top.numbers), "J3" in top.conserved
         field, n = top.formula.perturbation, len(chosen.b)
@@ -341,7 +403,9 @@ class ExactSplittingStepper(ConjugateStepper):
                 groups[:, SECOND] = np.array(chosen.d) * (h * h * h * h * h)
         head = np.array((top.alpha, x @ x, x @ J, n, 0.0, 1.0, 0.0, 1.0, *numbers))
         degree, made = 0, []
-        if tabled and self._box(head, y0, field, level, top.top.scales(y0), h):
+        self.watched, self.scales, self.usual = watched, top.top.scales(y0), 0.0
+        self.energy = (self.scales[0] or top.scales(y0)[0]) ** 2
+        if tabled and self._box(head, y0, field, level, h, max(map(abs, chosen.b))):
             different = tuple(dict.fromkeys(times))
             degree, listed = tables(head[ALPHA : C2 + 1], head[CENTRE_H:NUMBERS], different, level)
             if degree:
@@ -352,6 +416,7 @@ class ExactSplittingStepper(ConjugateStepper):
             raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
         self.degree = degree  # of the tables, 0 for none
         before, after = ends_of(chosen, h, corrected)
+        self._energies = energies(field)
         step = kernel(field, level, gradients, degree, n == 1 and gradients > 0 and degree > 0)
         lane = degree > 0 and len(c) <= LARGEST and (lane_of(field, level, gradients, degree, n), len(c))
         super().__init__(
@@ -370,15 +435,60 @@ class ExactSplittingStepper(ConjugateStepper):
             )
         return super().enter(y)
 
-    @staticmethod
-    def _box(c: Array, y0: Array, field: Field, level: bool, scales: tuple[float, float, float], h: float) -> bool:
+    def record(self, y: Array, n: int, every: int) -> Array:
+        rows = super().record(y, n, every)
+        if self.watched and n >= 256:
+            self._watch(rows, n)
+        return rows
+
+    def moves(self, rows: Array, tally: Array) -> Array:
+        """How far H of the later `rows` is from that of the first, in rate²; the last number: where the kick was strongest."""
+        strongest = self._left(tally[None, MEMORY + 1 : MEMORY + 7].copy()) if tally[MEMORY] > 0.0 else rows[-1:]
+        H = self._energies(np.concatenate((rows, strongest)), self._way_in[0])
+        with np.errstate(all="ignore"):
+            moved = np.abs(H[1:] - H[0]) / self.energy
+        return np.where(np.isfinite(moved), moved, np.inf)
+
+    def _left(self, rows: Array) -> Array:
+        """`leave`, for the guard: it fails no run."""
+        try:
+            return self.leave(rows)
+        except StepError:
+            return np.full_like(rows, np.inf)
+
+    def least_move(self, n: int) -> float:
+        """The round-off of H after n steps, in rate²."""
+        return 2.0**-53 * (2.0 + math.sqrt(n))
+
+    def _watch(self, rows: Array, n: int) -> None:
+        """Warns where H moves by much more than in the first steps; short runs are looked at only if they seem odd."""
+        c, H = self.constants, self._energies(rows[:: len(rows) - 1], self._way_in[0])
+        odd = abs(H[1] - H[0]) * c[SCALE_H] * MARGIN > MOVED or self.tally[MEMORY] > STRONGER * self.usual
+        if not odd and n < LONG_RUN:
+            return
+        moved = self.moves(rows[:: math.ceil((len(rows) - 1) / ROWS)], self.tally).max()
+        every = math.ceil(min(FIRST * self.scales[2] / abs(self.h), n / (8 if odd else 64)) / ROWS)
+        first, tally, state = np.empty((ROWS + 1, 6)), np.zeros(SIZE), self.enter(rows[0])
+        self._run(state, 0, ROWS * every, every, self.block, c, tally, first)
+        promised = self.moves(np.concatenate((rows[:1], self._left(first[1:]))), tally).max()
+        times = moved / max(promised, self.least_move(n))
+        if times > SURPRISE:
+            text = (
+                f"H moves by {moved:.1e}, {times:.2g} times as far as in the first steps: the motion comes closer to what "
+                "perturbs it, or h is in resonance with it; take a shorter h, or tol= in place of h"
+            )
+            warn_caller(text, StepWarning)
+
+    def _box(self, c: Array, y0: Array, field: Field, level: bool, h: float, kick: float) -> bool:
         """Sets the box of the tables, from a run with long steps; False if that does not get through."""
-        rate, _, unit = scales
+        rate, _, unit = self.scales
         if not math.isfinite(unit):  # without V nothing moves
             return False
-        low_h, high_h, low_j, high_j = pilot(field, level)(y0, c, math.copysign(STRIDE * unit, h), PILOT)
+        stride = math.copysign(STRIDE * unit, h)
+        low_h, high_h, low_j, high_j, strongest = pilot(field, level)(y0, c, stride, PILOT)
         if not all(map(math.isfinite, (low_h, high_h, low_j, high_j))):
             return False
+        self.usual = strongest * (kick * h / stride) ** 2
         for place, low, high, size in ((CENTRE_H, low_h, high_h, rate * rate), (CENTRE_J, low_j, high_j, rate)):
             c[place] = 0.5 * (low + high)
             c[place + 1] = 1.0 / (0.5 * MARGIN * (high - low) + 2.0**-40 * size)
@@ -413,7 +523,9 @@ def prepare_in_field(
     corrected, twisted = _check(scheme, corrector, modified_kick, table)
     _warn_strong(top, y0)
     _warn_long(top, y0, h)
-    return ExactSplittingStepper("backlund_splitting", top, y0, h, SCHEMES[scheme], corrected, twisted, bool(table))
+    return ExactSplittingStepper(
+        "backlund_splitting", top, y0, h, SCHEMES[scheme], corrected, twisted, bool(table), True
+    )
 
 
 def _check(scheme: str, corrector: Any, modified_kick: Any, table: Any) -> tuple[bool, bool]:
@@ -478,7 +590,7 @@ def _warn_strong(top: PerturbedTop, y0: Array) -> None:
 def _warn_long(top: PerturbedTop, y0: Array, h: float) -> None:
     unit = top.top.scales(y0)[2]
     if abs(h) > 0.39 * unit:  # an eighth of the shortest period there is, π units
-        period = exact.nutation_period(top.top, y0)
+        period = backlund_choice.nutation_period(top, y0)
         if abs(h) >= 0.5 * period:
             reason = f"h is {abs(h) / period:.2g} of the nutation period, in resonance with it; take less than a half"
             raise StepError("backlund_splitting", reason, h=h)

@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from integrators.compiling.compiled import jit
-from integrators.compiling.loops import FAILURE, FixedStepper
-from integrators.interface import Array
-from integrators.methods.backlund import PAPER, SOURCE
-from integrators.problem.top import LagrangeTop
-from integrators.problem.units import Units
-from integrators.torus import time_step as ts
-from integrators.torus.any_parameter import branch_guess, check_parameter, papers_parameter
-from integrators.torus.stepper import check_constants
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.loops import FAILURE, FixedStepper
+from lagrange_bench.integrators.interface import Array
+from lagrange_bench.integrators.methods.backlund import PAPER, SOURCE
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.units import Units
+from lagrange_bench.integrators.torus import time_step as ts
+from lagrange_bench.integrators.torus.any_parameter import branch_guess, check_parameter, papers_parameter
+from lagrange_bench.integrators.torus.stepper import check_constants
 
 
 @jit

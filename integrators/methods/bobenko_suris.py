@@ -30,16 +30,16 @@ from typing import Any
 
 import numpy as np
 
-from integrators.checks import check_choice
-from integrators.compiling.compiled import jit, jit_as
-from integrators.compiling.expression import machine_code, take
-from integrators.compiling.loops import FixedStepper
-from integrators.interface import AnyField, Array, Method
-from integrators.methods.lie_group import turn as rotated
-from integrators.problem.field import Field
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.top import LagrangeTop
-from integrators.problem.units import Units
+from lagrange_bench.integrators.checks import check_choice
+from lagrange_bench.integrators.compiling.compiled import jit, jit_as
+from lagrange_bench.integrators.compiling.expression import machine_code, take
+from lagrange_bench.integrators.compiling.loops import FixedStepper
+from lagrange_bench.integrators.interface import AnyField, Array, Method
+from lagrange_bench.integrators.methods.lie_group import turn as rotated
+from lagrange_bench.integrators.problem.field import Field
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.units import Units
 
 HALF, KICK = range(2)  # places of the constants h/2 and alpha h/2
 

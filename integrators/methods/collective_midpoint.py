@@ -40,16 +40,16 @@ from typing import Any
 
 import numpy as np
 
-from integrators.checks import check_choice
-from integrators.compiling.compiled import jit, jit_as
-from integrators.compiling.expression import Program, Tape, machine_code, take, with_slopes
-from integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
-from integrators.interface import AnyField, Array, Method, StepError
-from integrators.methods.lie_group import cross as vector
-from integrators.methods.lie_group import dot as scalar
-from integrators.problem.field import Field, cross, dot
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.checks import check_choice
+from lagrange_bench.integrators.compiling.compiled import jit, jit_as
+from lagrange_bench.integrators.compiling.expression import Program, Tape, machine_code, take, with_slopes
+from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
+from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError
+from lagrange_bench.integrators.methods.lie_group import cross as vector
+from lagrange_bench.integrators.methods.lie_group import dot as scalar
+from lagrange_bench.integrators.problem.field import Field, cross, dot
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 QUARTER, KICK = range(2)  # places of the constants: h/4 and h alpha
 UNIQUE = 6.03  # h²|alpha||x| below which the step is unique: 8/max (1 − t)²(1 + 2√t), at √t = (√6 − 1)/5

@@ -11,14 +11,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from integrators.checks import as_state, check_count, check_grid
-from integrators.interface import Array, StepError, Stepper, Work
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.checks import as_state, check_count, check_grid
+from lagrange_bench.integrators.interface import Array, StepError, Stepper, Work
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.problem import Problem as AnyProblem
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 FARTHEST = 1e12  # in time scales of a top: at about a step each and a microsecond a step, eleven days
 Run = Callable[[Array, Array, Work], Array]
-Problem = LagrangeTop | PerturbedTop
+Problem = LagrangeTop | PerturbedTop | AnyProblem
 
 
 class DenseStepper(Stepper):
@@ -26,19 +27,19 @@ class DenseStepper(Stepper):
 
     def __init__(self, name: str, top: Problem, y0: Array, h: float, run: Run):
         self.name, self.h, self.run, self.farthest = name, h, run, farthest(top, y0)
-        self.work = Work()
+        self.work, self.size, self.from_start = Work(), top.system.size, top.system.timed
 
     def advance(self, y: Array, n: int) -> Array:
         # not by `record`: two microseconds count against a library that takes one per unit of time
-        y = as_state(y)
+        y = as_state(y, self.size)
         if check_count(n, "n") == 0:
             return y.copy()
         return self._to(y, np.array((self.h * n,)))[0]
 
     def record(self, y: Array, n: int, every: int) -> Array:
         check_grid(n, every)
-        y = as_state(y)
-        out = np.empty((n // every + 1, 6))
+        y = as_state(y, self.size)
+        out = np.empty((n // every + 1, self.size))
         out[0] = y
         if n:
             with np.errstate(over="ignore"):
@@ -76,7 +77,7 @@ def at_times(name: str, top: Problem, run: Run, y0: Array, times: Array) -> tupl
     work, limit, last = Work(), farthest(top, y0), np.max(np.abs(times), initial=0.0)
     if last > limit:
         raise StepError(name, too_far(last, limit))
-    out = np.empty((len(times), 6))
+    out = np.empty((len(times), len(y0)))
     out[times == 0.0] = y0
     for side in (times > 0, times < 0):
         if np.any(side):

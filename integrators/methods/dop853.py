@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from integrators.checks import check_real
-from integrators.compiling.compiled import jit, jit_as
-from integrators.compiling.expression import take
-from integrators.compiling.loops import INTERRUPTIBLE
-from integrators.compiling.natural import (
+from lagrange_bench.integrators.checks import check_real
+from lagrange_bench.integrators.compiling.compiled import jit, jit_as
+from lagrange_bench.integrators.compiling.expression import Program, Tape, take
+from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
+from lagrange_bench.integrators.compiling.natural import (
     INTERPOLATED,
     REJECTED,
     ROW,
@@ -35,15 +35,14 @@ from integrators.compiling.natural import (
     WALK,
     compile_natural_loop,
 )
-from integrators.compiling.unroll import unrolled
-from integrators.interface import AnyField, Array, Method, StepError, Work
-from integrators.methods.dense import DenseStepper, Problem, Run, at_times
-from integrators.methods.runge_kutta import floats, slopes_in_field, slopes_of, weigh
-from integrators.methods.tableaux import DOP853, DOP853_MORE
-from integrators.problem.field import Field
-from integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError, Work
+from lagrange_bench.integrators.methods.dense import DenseStepper, Problem, Run, at_times
+from lagrange_bench.integrators.methods.runge_kutta import floats, stages, weigh
+from lagrange_bench.integrators.methods.tableaux import DOP853, DOP853_MORE
+from lagrange_bench.integrators.problem.system import System
 
-RTOL, ATOL, ALPHA = range(3)  # places of the constants; parameters of a potential follow alpha
+RTOL, ATOL, START, NUMBERS = range(4)  # places of the constants; START is the time at the start
 LEAST_RTOL = 100 * float(np.finfo(float).eps)  # as SciPy's
 LEAST_SCALE = 2.0**-1022
 LARGEST = 2.0**1000  # of a state: beyond, stages overflow, and steps are cut until they change nothing
@@ -81,31 +80,65 @@ class Kernels(NamedTuple):
     first_step: Callable[..., Any]
 
 
-def kernels(name: str, slopes_of: Callable[..., Any], places: tuple[int, ...], count: int) -> Kernels:
-    """For `slopes_of(rows, s, q, h, slopes)`, slopes having the components `places` of a state; q: `count` numbers."""
-    numbered, numbers = tuple(enumerate(places)), take(count)
+@cache
+def kernels(system: System) -> Kernels:
+    """For any system. Slopes have the components that move; constants: RTOL, ATOL, the time at the start, parameters."""
+    places, n, name = system.moving, system.size, system.digest
+    numbered, numbers = tuple(enumerate(places)), take(system.parameters)
+    count = len(places)
 
-    @unrolled(f"attempt {name}")
-    def attempt(s, q, h):
+    def recorded(formula: Callable[..., Any], slopes: int = 0) -> Program:
+        """`formula(follow, slopes, increment)` as a program of t, s, these, h and parameters; their products come first."""
+        tape = Tape()
+        t, s = tape.input(), [tape.input() for _ in range(n)]
+        made = tuple(whole([tape.input() for _ in range(count)]) for _ in range(slopes))
+        extra = [tape.input() for _ in range(count)] if slopes else []
+        h = tape.input(fixed=True)
+        p = [tape.input(fixed=True) for _ in range(system.parameters)]
+        follow = partial(stages, system, tape=tape, t=t, y=s, h=h, p=p)
+        return tape.program(formula(follow, made, extra))
+
+    def whole(slope: Any) -> tuple[Any, ...]:
+        return tuple(slope[places.index(j)] if j in places else 0.0 for j in range(n))
+
+    def moving(v: Any) -> tuple[Any, ...]:
+        return tuple(v[j] for j in places)
+
+    def attempt_of(follow: Any, *_: Any) -> Any:
         """Increment, both errors, and all twelve slopes."""
-        slopes = slopes_of(A, s, q, h)
-        return weigh(B, slopes), weigh(E5, slopes), weigh(E3, slopes), slopes
+        slopes = follow(A)
+        return [v for part in (weigh(B, slopes), weigh(E5, slopes), weigh(E3, slopes), *slopes) for v in moving(part)]
 
-    @unrolled(f"polynomial {name}")
-    def polynomial(s, increment, q, h, slopes):
-        """Coefficients of the interpolant, in its own nested form."""
-        slopes = slopes_of(AHEAD, s, q, h, slopes)
+    def polynomial_of(follow: Any, slopes: Any, increment: Any) -> Any:
+        """Coefficients of the interpolant, in its own nested form, but for the state."""
+        slopes = follow(AHEAD, slopes=slopes)
 
-        def minus(a, b):
+        def minus(a: Any, b: Any) -> Any:
             return tuple(p - q for p, q in zip(a, b, strict=True))
 
-        bend = minus(slopes[0], increment)
-        twist = minus(minus(increment, slopes[12]), bend)
-        return tuple(s[j] for j in places), increment, bend, twist, *(weigh(d, slopes) for d in D)
+        bend = minus(moving(slopes[0]), increment)
+        twist = minus(minus(increment, moving(slopes[12])), bend)
+        return [v for part in (bend, twist, *(moving(weigh(d, slopes)) for d in D)) for v in part]
+
+    attempt_program, polynomial_program = recorded(attempt_of), recorded(polynomial_of, 12)
+    slope_program = system.record(lambda *inputs: moving(system.rates(*inputs)))
+
+    def in_rows(flat: Any) -> Any:
+        return tuple(flat[i : i + count] for i in range(0, len(flat), count))
+
+    @unrolled(f"attempt {name}")
+    def attempt(s, t, q, h):
+        d, e, f, *slopes = in_rows(attempt_program(t, *s, h, *q))
+        return d, e, f, tuple(slopes)
+
+    @unrolled(f"polynomial {name}")
+    def polynomial(s, increment, t, q, h, slopes):
+        made = (v for slope in slopes for v in slope)
+        return moving(s), increment, *in_rows(polynomial_program(t, *s, *made, *increment, h, *q))
 
     @unrolled(f"slope {name}")
-    def slope(s, q):
-        return slopes_of((), s, q, 1.0)[0]
+    def slope(s, t, q):
+        return slope_program(t, *s, *q)
 
     @unrolled(f"parts {name}")
     def parts(s):
@@ -113,20 +146,20 @@ def kernels(name: str, slopes_of: Callable[..., Any], places: tuple[int, ...], c
 
     @unrolled(f"replaced {name}")
     def replaced(s, parts):
-        return tuple(parts[places.index(j)] if j in places else s[j] for j in range(6))
+        return tuple(parts[places.index(j)] if j in places else s[j] for j in range(n))
 
     @unrolled(f"moved {name}")
     def moved(s, h, d):
         """s + h d"""
-        return tuple(s[j] + h * d[places.index(j)] if j in places else s[j] for j in range(6))
+        return tuple(s[j] + h * d[places.index(j)] if j in places else s[j] for j in range(n))
 
     @unrolled(f"difference {name}")
     def difference(a, b):
         return tuple(p - q for p, q in zip(a, b, strict=True))
 
     @jit_as(f"trial {name}")
-    def trial(s, h, c):
-        d, e, f, slopes = attempt(s, numbers(c, ALPHA), h)
+    def trial(s, t, h, c):
+        d, e, f, slopes = attempt(s, c[START] + t, numbers(c, NUMBERS), h)
         new = moved(s, 1.0, d)
         fifth = third = 0.0
         for i, j in numbered:
@@ -135,14 +168,14 @@ def kernels(name: str, slopes_of: Callable[..., Any], places: tuple[int, ...], c
             fifth += p * p
             third += q * q
         both = fifth + 0.01 * third
-        error = fifth / math.sqrt(6.0 * both) if both > 0.0 else both  # six components share it; or NaN
+        error = fifth / math.sqrt(n * both) if both > 0.0 else both  # all components share it; or NaN
         growth = SAFETY / eighth_root(max(error, NEGLIGIBLE))
         return new, error, growth, (d, slopes)
 
     @jit_as(f"interpolant {name}")
-    def interpolant(s, new, h, c, made):
+    def interpolant(s, new, t, h, c, made):
         d, slopes = made
-        return s, polynomial(s, d, numbers(c, ALPHA), h, slopes)
+        return s, polynomial(s, d, c[START] + t, numbers(c, NUMBERS), h, slopes)
 
     @jit_as(f"value {name}")
     def value(f, theta):
@@ -159,12 +192,12 @@ def kernels(name: str, slopes_of: Callable[..., Any], places: tuple[int, ...], c
     @jit_as(f"first step {name}")
     def first_step(s, end, c):
         """A step whose error should be a hundredth of the tolerance, from f and from its change along an Euler step."""
-        f = slope(s, numbers(c, ALPHA))
+        f = slope(s, c[START], numbers(c, NUMBERS))
         d0, d1 = size(parts(s), s, c), size(f, s, c)
         h = 0.01 * d0 / d1 if min(d0, d1) > 1e-5 else 1e-6
         h = math.copysign(min(h, abs(end)), end)
         if h != 0.0:
-            g = slope(moved(s, h, f), numbers(c, ALPHA))
+            g = slope(moved(s, h, f), c[START] + h, numbers(c, NUMBERS))
             d2 = size(difference(g, f), s, c) / abs(h)
             steepest = max(d1, d2)
             best = eighth_root(0.01 / steepest) if steepest > 1e-15 else max(1e-6, 1e-3 * abs(h))
@@ -172,16 +205,6 @@ def kernels(name: str, slopes_of: Callable[..., Any], places: tuple[int, ...], c
         return h if h != 0.0 else 1e-6 * end  # the control finds its step from anywhere
 
     return Kernels(trial, interpolant, value, first_step)
-
-
-UNIFORM = kernels("uniform", lambda rows, s, q, *more: slopes_of(rows, s, q[0], *more), (0, 1, 3, 4, 5), 1)
-
-
-@cache
-def kernels_in_field(field: Field, level: bool) -> Kernels:
-    """`level`: the field keeps J3."""
-    slopes = partial(slopes_in_field, field.torque, level)
-    return kernels(f"{field.digest} {level}", slopes, tuple(range(6)), field.parameters)
 
 
 def prepare(top: Problem, y0: Array, h: float, *, rtol: float = 1e-9, atol: float = 1e-12) -> DenseStepper:
@@ -196,24 +219,24 @@ def evaluate(top: Problem, y0: Array, times: Array, *, rtol: float = 1e-9, atol:
 
 def _runner(top: Problem, rtol: float, atol: float) -> Run:
     rtol, atol = check_tolerances(rtol, atol)
-    made, numbers = UNIFORM, [top.alpha]
-    if isinstance(top, PerturbedTop):
-        made, numbers = kernels_in_field(top.field, "J3" in top.conserved), [*top.numbers]
-    c = np.array((rtol, atol, *numbers))
-    loop, first_step = compile_natural_loop(made.trial, made.interpolant, made.value), made.first_step
-    loop(np.zeros(6), np.zeros(1), 0, c, np.zeros(WALK), np.zeros((1, 6)))  # compile
-    first_step((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0, c)
+    made, n = kernels(top.system), top.system.size
+    c = np.array((rtol, atol, top.start, *top.numbers))
+    loop, first_step = compile_natural_loop(made.trial, made.interpolant, made.value, n), made.first_step
+    loop(np.zeros(n), np.zeros(1), 0, c, np.zeros(WALK), np.zeros((1, n)))  # compile
+    first_step((0.0,) * n, 1.0, c)
 
     def run(y: Array, grid: Array, work: Work) -> Array:
         if not np.max(np.abs(y)) <= LARGEST:
             raise StepError("dop853", "a state this close to the largest double leaves a step no room")
-        state, out, walk = y.copy(), np.empty((len(grid), 6)), np.zeros(WALK)
+        state, out, walk = y.copy(), np.empty((len(grid), n)), np.zeros(WALK)
         walk[STEP] = first_step(tuple(y.tolist()), float(grid[-1]), c)
-        length = math.hypot(*y[3:])
+        length = math.hypot(*y[-3:])  # a Casimir function
         while walk[ROW] < len(grid) and not walk[STUCK]:
             # else it may spin ever faster, in ever smaller steps
-            if not 0.5 * length <= math.hypot(*state[3:]) <= 2.0 * length:
-                reason = f"rtol and atol do not hold this state: |x| is off by a factor over 2 at t = {walk[TIME]:g}"
+            if not 0.5 * length <= math.hypot(*state[-3:]) <= 2.0 * length:
+                reason = (
+                    f"rtol and atol do not hold this state: a length is off by a factor over 2 at t = {walk[TIME]:g}"
+                )
                 raise StepError("dop853", reason, step=int(walk[TAKEN]))
             loop(state, grid, INTERRUPTIBLE, c, walk, out)
         taken, rejected, interpolated = (int(walk[place]) for place in (TAKEN, REJECTED, INTERPOLATED))
@@ -249,5 +272,5 @@ METHOD = Method(
     source="Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5 and II.6; program DOP853",
     prepare=prepare,
     evaluate=evaluate,
-    in_field=AnyField(prepare, conserves=frozenset({"J3"}), evaluate=evaluate),
+    in_field=AnyField(prepare, conserves=frozenset({"J3"}), needs="rhs", evaluate=evaluate),
 )

@@ -31,14 +31,14 @@ import math
 
 import numpy as np
 
-from integrators.checks import check_choice, check_flag
-from integrators.compiling.compiled import inlined, jit
-from integrators.compiling.double_double import two_sum
-from integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, RHS_EVALS, FixedStepper
-from integrators.compiling.numba_internals import stack
-from integrators.interface import AnyField, Array, Method, StepError
-from integrators.methods.gauss_coefficients import matrices
-from integrators.methods.gauss_in_field import (
+from lagrange_bench.integrators.checks import check_choice, check_flag
+from lagrange_bench.integrators.compiling.compiled import inlined, jit
+from lagrange_bench.integrators.compiling.double_double import two_sum
+from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, RHS_EVALS, FixedStepper
+from lagrange_bench.integrators.compiling.numba_internals import stack
+from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError
+from lagrange_bench.integrators.methods.gauss_coefficients import matrices
+from lagrange_bench.integrators.methods.gauss_in_field import (
     FAILURES,
     LIMIT,
     LONGEST,
@@ -50,8 +50,8 @@ from integrators.methods.gauss_in_field import (
     stepper_in_field,
     substitute,
 )
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 # h²|alpha||x| at the first fold of the stage equations, over all J and x, rounded down: found by minimising it under the
 # equations and det = 0 from some hundred random starts (the same search gives 4 for s = 1, where the cubic proves it)
@@ -305,7 +305,7 @@ def method(stages: int) -> Method:
         control="step",
         source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.3 and IV.2.1",
         prepare=prepare,
-        in_field=AnyField(prepare_in_field, frozenset({"J3", "C1", "C2"}), if_quadratic=frozenset({"H"})),
+        in_field=AnyField(prepare_in_field, frozenset({"J3", "C1", "C2"}), if_quadratic=frozenset({"H"}), needs="rhs"),
     )
 
 

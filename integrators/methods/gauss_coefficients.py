@@ -18,7 +18,7 @@ from functools import cache
 
 import numpy as np
 
-from integrators.interface import Array
+from lagrange_bench.integrators.interface import Array
 
 
 @cache

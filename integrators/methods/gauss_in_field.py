@@ -1,12 +1,13 @@
-"""Gauss collocation in any field, of any number of stages, and what its kernels share with those of the top alone (`gauss`).
+"""Gauss collocation for any problem, of any number of stages, and what its kernels share with those of the top alone (`gauss`).
 
-The unknowns are the K of x1, x2, x3 of all stages, J follows from the torque ∇U×x of the stages, and Newton's matrix holds all
-of them. C1, C2 and, where the top keeps it, J3 stay; H does in a quadratic potential only. No bound for one solution is known. A
-step whose iteration does not end is taken again, by Newton from the state itself, and then refused. So is a solution with
-det(1 − h A f') < 0: on the way to it from h = 0 the determinant, 1 there, has passed through 0, a fold of the equations.
+Some components have rates that depend on others only, as J of a top in a field, whose torque is a function of x: their K
+follow from the other stages. The unknowns are the K of the rest, and Newton's matrix holds all of them. Casimir functions and
+components that the motion keeps stay; so does every other quadratic invariant, such as H in a quadratic potential. No bound
+for one solution is known. A step whose iteration does not end is taken again, by Newton from the state itself, and then
+refused. So is a solution with det(1 − h A f') < 0: on the way to it from h = 0 the determinant, 1 there, has passed through 0, a
+fold of the equations.
 
-Vectors over the stages lie one component after the other: K and X of x1, x2, x3, then L and J of J1, J2, J3. Matrices lie by
-columns.
+Vectors over the stages lie one stage after the other, matrices of stages by columns.
 """
 
 from __future__ import annotations
@@ -17,16 +18,23 @@ from typing import Any
 
 import numpy as np
 
-from integrators.checks import check_choice, check_flag
-from integrators.compiling.compiled import inlined, jit_as
-from integrators.compiling.double_double import two_sum
-from integrators.compiling.expression import machine_code, take, with_slopes
-from integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, RHS_EVALS, FixedStepper
-from integrators.compiling.numba_internals import stack
-from integrators.interface import Array, StepError
-from integrators.methods.gauss_coefficients import matrices
-from integrators.problem.field import Field
-from integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.checks import check_choice, check_flag
+from lagrange_bench.integrators.compiling.compiled import inlined, jit_as
+from lagrange_bench.integrators.compiling.expression import Program, Tape, machine_code, put, take
+from lagrange_bench.integrators.compiling.loops import (
+    CLOCK,
+    FAILURE,
+    ITERATIONS,
+    MEMORY,
+    RESIDUAL,
+    RHS_EVALS,
+    FixedStepper,
+)
+from lagrange_bench.integrators.compiling.numba_internals import stack
+from lagrange_bench.integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.interface import Array, StepError
+from lagrange_bench.integrators.methods.gauss_coefficients import matrices, tableau
+from lagrange_bench.integrators.problem.system import System, depends
 
 # contraction below which the fixed point leaves no bias to be seen in some 10⁷ steps, without and with compensated sums
 WEAK = (1 / 10, 1 / 16)
@@ -39,14 +47,14 @@ FAILURES = {
     FOLDED: "the stage equations have several solutions, and a wrong one was found; take a smaller |h|",
 }
 
-# Constants of a kernel: the solver, compensation, β, μ, ν = 1/μ, extrapolation, numbers.
-FIELD_BETA = 2
+# Constants of a kernel: the solver, compensation, time at the start, h; then β, nodes, μ, ν = 1/μ, extrapolation, numbers
+SOLVER, COMPENSATED, START, STEP, BETAS = range(5)
 SOLVERS = ("fixed_point", "newton", "auto")
 
 
 @inlined
 def accumulate(S, c, place, K, X):
-    """X += M K of three components, the matrix M (S, S) by columns at c[place]."""
+    """X += M K of three components, the matrix M (S, S) by columns at c[place]; components one after the other."""
     for j in range(S):
         for i in range(S):
             w = c[place + S * j + i]
@@ -88,82 +96,127 @@ def substitute(m, A, pivots, r):
         r[k] *= A[m * k + k]
 
 
-@cache
-def kernel_in_field(stages: int, field: Field, level: bool) -> Any:
-    """The step in a field; `level`: the field keeps J3."""
-    S, m = stages, 3 * stages
-    MU, NU, AHEAD, NUMBERS = (FIELD_BETA + S + k * S * S for k in range(4))
-    torque, slopes = machine_code(field.torque), machine_code(with_slopes(field.torque, 3))
-    numbers, name = take(field.parameters), f"{stages} {field.digest} {level}"
+# ------------------------------------------------------------------------------------ the formulas of a kernel
 
-    @jit_as(f"residual {name}", forceinline=True)
-    def residual(s, c, low, K, X, L, J, R):
-        """X, L, J and R = h b J×x − K of the stages that K makes; returns Σ|R| and the size of the terms in it."""
+
+@cache
+def groups(system: System) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """The unknown components, and those whose rates depend on the unknown ones only."""
+    n, moving = system.size, system.moving
+    eliminated = tuple(i for i in moving if i < 3) if system.space.affine else ()
+    own = Program(system.rhs.inputs, system.rhs.lines, tuple(system.rhs.outputs[i] for i in eliminated))
+    if depends(own, [1 + i for i in eliminated]):
+        eliminated = ()
+    return tuple(i for i in range(n) if i in moving and i not in eliminated), eliminated
+
+
+@cache
+def formulas(system: System) -> tuple[Program, Program, Program, Program]:
+    """Rates of the unknown, rates of the eliminated; derivatives; sizes of the terms in the rates: of (t, y, p)."""
+    unknown, eliminated = groups(system)
+
+    def slopes(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
+        """By rows: unknown by unknown, unknown by eliminated, eliminated by unknown."""
+        rates = system.rates(tape, t, y, p)
+        columns = {k: tape.along(rates, y, [float(i == k) for i in range(len(y))]) for k in (*unknown, *eliminated)}
+        blocks = ((unknown, unknown), (unknown, eliminated), (eliminated, unknown))
+        return [columns[k][i] for rows, across in blocks for i in rows for k in across]
+
+    def terms(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
+        """|∂H/∂v| |v|, summed over the vectors: what is rounded off in a rate is a share of it."""
+        g = system.slopes(tape, t, y, p)
+        total = tape.constant(0.0)
+        for i in range(0, len(y), 3):
+            turning = g[:3] if system.space.affine else g[i : i + 3]
+            total = total + ((sum(v * v for v in turning)) * sum(v * v for v in y[i : i + 3])).sqrt()
+        return [total]
+
+    def some(places: tuple[int, ...]) -> Program:
+        return system.record(lambda *inputs: [system.rates(*inputs)[i] for i in places])
+
+    return some(unknown), some(eliminated), system.record(slopes), system.record(terms)
+
+
+@cache
+def kernel(stages: int, system: System) -> Any:
+    """The step of any system; numbers of the constants are the parameters."""
+    S, n, (unknown, eliminated) = stages, system.size, groups(system)
+    U, E = len(unknown), len(eliminated)
+    m, name, timed = S * U, f"{stages} {system.digest}", system.timed
+    NODES, MU, NU, AHEAD, NUMBERS = (BETAS + k for k in (S, 2 * S, 2 * S + S * S, 2 * S + 2 * S * S, 2 * S + 3 * S * S))
+    rates_u, rates_e, slopes, terms = map(machine_code, formulas(system))
+    numbers, whole, keep = take(system.parameters), take(n), put(n)
+    keep_u, keep_e, keep_slopes = (put(max(count, 1)) for count in (U, E, U * U + 2 * U * E))
+    ROW, LOW = U * U + 2 * U * E, MEMORY + m
+    sizes = {
+        word: max(count, 1) for word, count in (("K", m), ("L", S * E), ("Y", S * n), ("M", S * ROW), ("A", m * m))
+    }
+    K_SIZE, L_SIZE, Y_SIZE, M_SIZE, A_SIZE = sizes.values()
+    places_u, places_e = np.array(unknown or (0,)), np.array(eliminated or (0,))
+
+    @unrolled(f"place {name}")
+    def place(s, u, e):
+        """The state with new unknown and eliminated components."""
+        new = dict(zip((*unknown, *eliminated), (*u, *e), strict=True))
+        return tuple(new.get(i, s[i]) for i in range(n))
+
+    get_u, get_e = take(U), take(E)
+
+    @jit_as(f"residual {name}")
+    def residual(s, c, tally, low, K, Y, L, R):
+        """Y, L and R = h b f(Y) − K of the stages that K makes; returns Σ|R|."""
         q = numbers(c, NUMBERS)
+        u, e = stack(K_SIZE), stack(L_SIZE)
+        size = 0.0
         for i in range(S):
-            X[i], X[S + i], X[2 * S + i] = low[3], low[4], low[5]
-            J[i], J[S + i], J[2 * S + i] = low[0], low[1], low[2]
-        accumulate(S, c, MU, K, X)  # small terms first
+            for a in range(U):
+                total = low[places_u[a]]
+                for j in range(S):
+                    total += c[MU + S * j + i] * K[U * j + a]  # small terms first
+                u[U * i + a] = total + s[places_u[a]]
+            for a in range(E):
+                e[E * i + a] = s[places_e[a]]
+            y = place(s, get_u(u, U * i), get_e(e, E * i))
+            t = c[START] + c[STEP] * (tally[CLOCK] + c[NODES + i]) if timed else 0.0
+            if E > 0:
+                keep_e(L, E * i, rates_e((t,) + y, q))  # noqa: RUF005 - compiled code does not unpack
+                for a in range(E):
+                    L[E * i + a] *= c[BETAS + i]
         for i in range(S):
-            X[i] += s[3]
-            X[S + i] += s[4]
-            X[2 * S + i] += s[5]
-            t, b = torque((X[i], X[S + i], X[2 * S + i]), q), c[FIELD_BETA + i]
-            L[i], L[S + i], L[2 * S + i] = b * t[0], b * t[1], 0.0 if level else b * t[2]
-        for j in range(S):
-            for i in range(S):
-                w = c[MU + S * j + i]
-                J[i] += w * L[j]
-                J[S + i] += w * L[S + j]
-                if not level:
-                    J[2 * S + i] += w * L[2 * S + j]
-        size = terms = 0.0
-        for i in range(S):
-            J[i] += s[0]
-            J[S + i] += s[1]
-            J[2 * S + i] += s[2]
-            b = c[FIELD_BETA + i]
-            y1, y2, y3 = b * X[i], b * X[S + i], b * X[2 * S + i]
-            R[i] = (J[S + i] * y3 - J[2 * S + i] * y2) - K[i]
-            R[S + i] = (J[2 * S + i] * y1 - J[i] * y3) - K[S + i]
-            R[2 * S + i] = (J[i] * y2 - J[S + i] * y1) - K[2 * S + i]
-            size += abs(R[i]) + abs(R[S + i]) + abs(R[2 * S + i])
-            rate = abs(J[i]) + abs(J[S + i]) + abs(J[2 * S + i]) + abs(L[i]) + abs(L[S + i]) + abs(L[2 * S + i])
-            terms += rate * (abs(y1) + abs(y2) + abs(y3))
-        return size, terms
+            for a in range(E):
+                total = low[places_e[a]]
+                for j in range(S):
+                    total += c[MU + S * j + i] * L[E * j + a]
+                e[E * i + a] = total + s[places_e[a]]
+            y = place(s, get_u(u, U * i), get_e(e, E * i))
+            t = c[START] + c[STEP] * (tally[CLOCK] + c[NODES + i]) if timed else 0.0
+            keep(Y, n * i, y)
+            keep_u(R, U * i, rates_u((t,) + y, q))  # noqa: RUF005
+            for a in range(U):
+                R[U * i + a] = c[BETAS + i] * R[U * i + a] - K[U * i + a]
+                size += abs(R[U * i + a])
+        return size
 
     @jit_as(f"linearise {name}")
-    def linearise(c, X, J, A, pivots):
-        """Factors of the matrix of ν δx − β (J×δx + δJ×x) = r, δJ = μ β T' δx, T' the derivative of the torque.
-
-        Returns the sign of its determinant.
-        """
-        q, M = numbers(c, NUMBERS), stack(54)
+    def linearise(c, tally, Y, A, pivots):
+        """Factors of the matrix of ν δu − β (f_u δu + f_e δe) = r, δe = μ β g δu. Returns the sign of its determinant."""
+        q, M = numbers(c, NUMBERS), stack(M_SIZE)
         for j in range(S):
-            t, b = slopes((X[j], X[S + j], X[2 * S + j]), q), c[FIELD_BETA + j]
-            for k in range(3):
-                M[9 * j + 3 * k] = b * t[3 + 3 * k]
-                M[9 * j + 3 * k + 1] = b * t[4 + 3 * k]
-                M[9 * j + 3 * k + 2] = 0.0 if level else b * t[5 + 3 * k]
+            t = c[START] + c[STEP] * (tally[CLOCK] + c[NODES + j]) if timed else 0.0
+            keep_slopes(M, ROW * j, slopes((t,) + whole(Y, n * j), q))  # noqa: RUF005
         for i in range(S):
-            b = c[FIELD_BETA + i]
-            y1, y2, y3 = b * X[i], b * X[S + i], b * X[2 * S + i]
             for j in range(S):
-                w, v = c[MU + S * j + i], c[NU + S * j + i]
-                for k in range(3):
-                    t1, t2, t3 = M[9 * j + 3 * k], M[9 * j + 3 * k + 1], M[9 * j + 3 * k + 2]
-                    A[m * i + k * S + j] = w * (y2 * t3 - y3 * t2)
-                    A[m * (S + i) + k * S + j] = w * (y3 * t1 - y1 * t3)
-                    A[m * (2 * S + i) + k * S + j] = w * (y1 * t2 - y2 * t1)
-                for k in range(3):
-                    A[m * (k * S + i) + k * S + j] += v
-            v1, v2, v3 = b * J[i], b * J[S + i], b * J[2 * S + i]
-            A[m * i + S + i] += v3
-            A[m * i + 2 * S + i] -= v2
-            A[m * (S + i) + 2 * S + i] += v1
-            A[m * (S + i) + i] -= v3
-            A[m * (2 * S + i) + i] += v2
-            A[m * (2 * S + i) + S + i] -= v1
+                mu, b = c[MU + S * j + i], c[BETAS + j]
+                for a in range(U):
+                    for k in range(U):
+                        total = 0.0
+                        for e in range(E):
+                            total += M[ROW * i + U * U + E * a + e] * M[ROW * j + U * U + U * E + U * e + k]
+                        total *= mu * b
+                        if i == j:
+                            total += M[ROW * i + U * a + k]
+                        A[m * (U * i + a) + U * j + k] = -c[BETAS + i] * total
+                    A[m * (U * i + a) + U * j + a] += c[NU + S * j + i]
         factor(m, A, pivots)
         sign = 1.0
         for k in range(m):
@@ -174,29 +227,30 @@ def kernel_in_field(stages: int, field: Field, level: bool) -> Any:
     @jit_as(f"solve {name}")
     def solve(s, c, low, K, L, tally, newton):
         """K and L of the step. Returns the number of iterations, 0 if there were too many."""
-        X, J, R, A, r, pivots = stack(18), stack(18), stack(18), stack(324), stack(18), stack(18)
-        weak = WEAK[1] if c[1] != 0.0 else WEAK[0]
+        Y, R, A, r, pivots = stack(Y_SIZE), stack(K_SIZE), stack(A_SIZE), stack(K_SIZE), stack(K_SIZE)
+        weak = WEAK[1] if c[COMPENSATED] != 0.0 else WEAK[0]
+        t = c[START] + c[STEP] * tally[CLOCK] if timed else 0.0
+        small = 2.0**-45 * abs(c[STEP]) * terms((t,) + s, numbers(c, NUMBERS))[0]  # noqa: RUF005
         last, sign, fresh = math.inf, 1.0, True
         for k in range(LIMIT):
-            size, terms = residual(s, c, low, K, X, L, J, R)
+            size = residual(s, c, tally, low, K, Y, L, R)
             if not size < math.inf:
                 break
-            small = 2.0**-45 * terms
             done = size == 0.0 or (size >= last and size <= small)
             if not done:
-                newton = newton or (c[0] == 2.0 and size > max(weak * last, small))
+                newton = newton or (c[SOLVER] == 2.0 and size > max(weak * last, small))
                 if newton:
                     if fresh or size > max(2.0**-8 * last, small):
-                        sign = linearise(c, X, J, A, pivots)
+                        sign = linearise(c, tally, Y, A, pivots)
                         fresh = False
                     for i in range(m):
                         r[i] = R[i]
                     substitute(m, A, pivots, r)
                     for i in range(S):
-                        for a in range(3):
-                            R[a * S + i] = 0.0
+                        for a in range(U):
+                            R[U * i + a] = 0.0
                             for j in range(S):
-                                R[a * S + i] += c[NU + S * j + i] * r[a * S + j]
+                                R[U * i + a] += c[NU + S * j + i] * r[U * j + a]
             for i in range(m):
                 K[i] += R[i]
             if done:
@@ -207,17 +261,26 @@ def kernel_in_field(stages: int, field: Field, level: bool) -> Any:
         tally[RESIDUAL] = last
         return 0
 
+    @unrolled(f"sums {name}")
+    def sums(s, change):
+        """s + change, and what is lost: as `two_sum`."""
+        totals = tuple(a + b for a, b in zip(s, change, strict=True))
+        shares = [total - a for a, total in zip(s, totals, strict=True)]
+        rows = zip(s, change, totals, shares, strict=True)
+        return totals, tuple((a - (total - d)) + (b - d) for a, b, total, d in rows)
+
     @jit_as(f"step {name}")
     def step(s, c, tally):
-        LOW = MEMORY + m
-        K, L, low = stack(18), stack(18), stack(6)
-        for i in range(m):
-            K[i] = 0.0
-        accumulate(S, c, AHEAD, tally[MEMORY:], K)
-        for i in range(6):
+        K, L, low = stack(K_SIZE), stack(L_SIZE), stack(n)
+        for i in range(S):
+            for a in range(U):
+                K[U * i + a] = 0.0
+                for j in range(S):
+                    K[U * i + a] += c[AHEAD + S * j + i] * tally[MEMORY + U * j + a]
+        for i in range(n):
             low[i] = tally[LOW + i]
-        iterations = solve(s, c, low, K, L, tally, c[0] == 1.0)
-        if iterations == 0 and c[0] != 0.0:  # once more from the state itself
+        iterations = solve(s, c, low, K, L, tally, c[SOLVER] == 1.0)
+        if iterations == 0 and c[SOLVER] != 0.0:  # once more from the state itself
             for i in range(m):
                 K[i] = 0.0
             tally[RESIDUAL] = 0.0
@@ -229,38 +292,36 @@ def kernel_in_field(stages: int, field: Field, level: bool) -> Any:
         for i in range(m):
             tally[MEMORY + i] = K[i]
         for i in range(S):
-            low[0] += L[i]
-            low[1] += L[S + i]
-            low[2] += L[2 * S + i]
-            low[3] += K[i]
-            low[4] += K[S + i]
-            low[5] += K[2 * S + i]
-        J1, l1 = two_sum(s[0], low[0])
-        J2, l2 = two_sum(s[1], low[1])
-        J3, l3 = two_sum(s[2], low[2])
-        x1, l4 = two_sum(s[3], low[3])
-        x2, l5 = two_sum(s[4], low[4])
-        x3, l6 = two_sum(s[5], low[5])
-        if c[1] != 0.0:
-            tally[LOW], tally[LOW + 1], tally[LOW + 2] = l1, l2, l3
-            tally[LOW + 3], tally[LOW + 4], tally[LOW + 5] = l4, l5, l6
-        return J1, J2, J3, x1, x2, x3
+            for a in range(U):
+                low[places_u[a]] += K[U * i + a]
+            for a in range(E):
+                low[places_e[a]] += L[E * i + a]
+        new, lost = sums(s, whole(low, 0))
+        if c[COMPENSATED] != 0.0:
+            keep(tally, LOW, lost)
+        return new
 
     return step
 
 
 def stepper_in_field(
-    name: str, stages: int, top: PerturbedTop, y0: Array, h: float, solver: str, compensated: bool = False
+    name: str, stages: int, top: Any, y0: Array, h: float, solver: str, compensated: bool = False
 ) -> FixedStepper:
     """Collocation in so many Gauss nodes. Options as those of `method`."""
     check_choice(solver, "solver", SOLVERS)
     check_flag(compensated, "compensated")
-    slope = np.linalg.norm(top.jacobian(y0)[:3, 3:], 2)
-    span = abs(h) * (math.hypot(*y0[:3]) + math.sqrt(slope * math.hypot(*y0[3:])))
+    system = top.system
+    if "force" in top.offers:
+        slope = np.linalg.norm(top.jacobian(y0)[:3, 3:], 2)
+        span = abs(h) * (math.hypot(*y0[:3]) + math.sqrt(slope * math.hypot(*y0[3:])))
+    else:
+        span = abs(h) / top.scales(y0)[2]
     if not span <= LONGEST:
-        raise StepError(name, f"|h| is over {LONGEST:g} times the time scale of the top", h=h)
+        raise StepError(name, f"|h| is over {LONGEST:g} times the time scale of the problem", h=h)
     b, mu, nu, ahead = matrices(stages)
-    parts = (h * b, mu.T.ravel(), nu.T.ravel(), (ahead if span <= 1 else 0 * ahead).T.ravel(), top.numbers)
-    c = np.concatenate(((SOLVERS.index(solver), bool(compensated)), *parts))
-    kernel = kernel_in_field(stages, top.field, "J3" in top.conserved)
-    return FixedStepper(name, h, c, kernel, failures=FAILURES)
+    nodes = np.array(tableau(stages)[0], dtype=float)
+    parts = (h * b, nodes, mu.T.ravel(), nu.T.ravel(), (ahead if span <= 1 else 0 * ahead).T.ravel(), top.numbers)
+    c = np.concatenate(((SOLVERS.index(solver), bool(compensated), top.start, h), *parts))
+    memory = (stages + 1) * system.size
+    step = kernel(stages, system)
+    return FixedStepper(name, h, c, step, failures=FAILURES, size=system.size, timed=system.timed, memory=memory)

@@ -23,13 +23,14 @@ import math
 
 import numpy as np
 
-from integrators.checks import check_choice
-from integrators.compiling.compiled import inlined
-from integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
-from integrators.interface import AnyField, Array, Method, StepError
-from integrators.methods.gauss_in_field import stepper_in_field
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.checks import check_choice
+from lagrange_bench.integrators.compiling.compiled import inlined
+from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
+from lagrange_bench.integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError
+from lagrange_bench.integrators.methods.gauss_in_field import stepper_in_field
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 ALPHA, H, LARGE = range(3)  # places of the constants
 LIMIT = 500  # iterations; the fixed point takes 5 to 20, Newton 3 to 6
@@ -44,7 +45,7 @@ WEAK = 2.0**-8
 LONGEST = 1e6  # of |h|, in time scales of the top: x̄ ~ x/h is a difference that loses as many digits as h has
 
 
-@inlined
+@unrolled("cayley")
 def cayley(x1, x2, x3, v1, v2, v3):
     """u = v×x, d = (1 − v×)⁻¹ u and q = 1/(1 + |v|²)."""
     u1 = v2 * x3 - v3 * x2
@@ -57,7 +58,7 @@ def cayley(x1, x2, x3, v1, v2, v3):
     return u1, u2, u3, d1, d2, d3, q
 
 
-@inlined
+@unrolled("newton correction")
 def newton_correction(x1, x2, x3, v1, v2, v3, q, k, r1, r2):
     """(1 − F')⁻¹ r at v, where x̄ = (x1, x2, x3); δx̄ = q (b + v×b + v (v·b)) for b = δv×x̄, δF = k e3×δx̄."""
     t = v3 * x2 - v2 * x3
@@ -98,10 +99,16 @@ def solve(s, c, tally, newton, v1, v2):
     else:
         tally[FAILURE] = NOT_CONVERGED
         tally[RESIDUAL] = size
+    return image(s, 2.0 * kick, (u1, u2, u3), (d1, d2, d3), (v1, v2, v3))
+
+
+@unrolled("image")
+def image(s, kick, u, d, v):
+    J1, J2, J3, x1, x2, x3 = s
+    (u1, u2, u3), (d1, d2, d3), (v1, v2, v3) = u, d, v
     e1 = u1 + (v2 * d3 - v3 * d2)  # v × x̄, equal to d but for round-off
     e2 = u2 + (v3 * d1 - v1 * d3)
     e3 = u3 + (v1 * d2 - v2 * d1)
-    kick *= 2.0
     return (
         J1 - kick * (x2 + 0.5 * (d2 + e2)),
         J2 + kick * (x1 + 0.5 * (d1 + e1)),
@@ -112,11 +119,11 @@ def solve(s, c, tally, newton, v1, v2):
     )
 
 
-@inlined
-def explicit_guess(s, c):
+@unrolled("explicit guess")
+def explicit_guess(s, alpha, h):
     J1, J2, _, x1, x2, _ = s
-    half = 0.5 * c[H]
-    return half * (J1 - half * c[ALPHA] * x2), half * (J2 + half * c[ALPHA] * x1)
+    half = 0.5 * h
+    return half * (J1 - half * alpha * x2), half * (J2 + half * alpha * x1)
 
 
 @inlined
@@ -154,7 +161,7 @@ def cubic_guess(s, c, tally):
     return half * J1 - a * y2, half * J2 + a * y1
 
 
-@inlined
+@unrolled("cubic")
 def cubic(z, a, b, x3, g, k):
     u = 1.0 - a * z
     w = u * u + b * b
@@ -163,13 +170,13 @@ def cubic(z, a, b, x3, g, k):
 
 @inlined
 def fixed_point_step(s, c, tally):
-    v1, v2 = explicit_guess(s, c)
+    v1, v2 = explicit_guess(s, c[ALPHA], c[H])
     return solve(s, c, tally, False, v1, v2)
 
 
 @inlined
 def newton_step(s, c, tally):
-    v1, v2 = cubic_guess(s, c, tally) if c[LARGE] else explicit_guess(s, c)
+    v1, v2 = cubic_guess(s, c, tally) if c[LARGE] else explicit_guess(s, c[ALPHA], c[H])
     return solve(s, c, tally, True, v1, v2)
 
 
@@ -207,5 +214,5 @@ METHOD = Method(
     control="step",
     source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.1 and IV.2.1",
     prepare=prepare,
-    in_field=AnyField(prepare_in_field, frozenset({"J3", "C1", "C2"}), if_quadratic=frozenset({"H"})),
+    in_field=AnyField(prepare_in_field, frozenset({"J3", "C1", "C2"}), if_quadratic=frozenset({"H"}), needs="rhs"),
 )

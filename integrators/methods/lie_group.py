@@ -1,9 +1,9 @@
-"""Two Lie-group methods of order 4: every update is a motion of space, an element of SE(3), acting on (J, x).
+"""Two Lie-group methods of order 4: every update is a motion of space, an element of SE(3), acting on (J, x); or rotations.
 
-The coadjoint action of exp(a, b) is x → R x, J → R J + (V b)×(R x), with R = exp(a×) and V = ∫₀¹ exp(s a×) ds. The top moves by
-the generator (J, ∇U), in a uniform field (J, alpha e3). The commutator is [(a, b), (c, d)] = (a×c, a×d − c×b). Whatever the
-generator, |x| and x·J stay: C1 and C2 are kept for every h. J3 and H are not; they drift in proportion to time, as for a plain
-Runge-Kutta method.
+The coadjoint action of exp(a, b) is x → R x, J → R J + (V b)×(R x), with R = exp(a×) and V = ∫₀¹ exp(s a×) ds. On e3 the motion
+has the generator (∂H/∂J, ∂H/∂x), of the top (J, alpha e3) in a uniform field; a spin turns by exp(∂H/∂s). The commutator is
+[(a, b), (c, d)] = (a×c, a×d − c×b). Whatever the generator, Casimir functions such as |x| and x·J are kept for every h. J3 and H
+are not; they drift in proportion to time, as for a plain Runge-Kutta method.
 
 `rkmk4` is the classical Runge-Kutta method on the Lie algebra, with the two commutators that order 4 needs; `commutator_free4`
 composes exponentials instead, five in all, of which one is used twice.
@@ -21,20 +21,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
-from integrators.compiling.compiled import jit, jit_as
-from integrators.compiling.expression import machine_code, take
-from integrators.compiling.loops import FAILURE, FixedStepper
-from integrators.interface import AnyField, Array, Method
-from integrators.problem.field import Field
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
+from lagrange_bench.integrators.compiling.expression import Split, Tape, machine_code, take
+from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, FixedStepper
+from lagrange_bench.integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.interface import AnyField, Array, Method
+from lagrange_bench.integrators.problem.field import cross as product
+from lagrange_bench.integrators.problem.system import System
 
-H, ALPHA_H = range(2)  # places of the constants; in a field h, then alpha and the parameters of the potential
+START, STEP, FIRST = range(3)  # places of the constants: the time at the start, h, and those of the generator
 STAGES = 4
 MOST = 1024.0
 TURNED = 1
@@ -47,7 +47,7 @@ LAG = tuple((-1) ** k / math.factorial(2 * k + 3) for k in range(8))
 
 # weights of the generators of the four stages: rkmk4, and the two factors of commutator_free4
 RK4 = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
-FIRST, LAST = (1 / 4, 1 / 6, 1 / 6, -1 / 12), (-1 / 12, 1 / 6, 1 / 6, 1 / 4)
+FIRST_HALF, LAST_HALF = (1 / 4, 1 / 6, 1 / 6, -1 / 12), (-1 / 12, 1 / 6, 1 / 6, 1 / 4)
 
 
 @jit
@@ -78,12 +78,6 @@ def add(a, r, b):
 
 
 @jit
-def combine(w, a1, a2, a3, a4):
-    a = add(times(w[0], a1), w[3], a4)
-    return add(add(a, w[1], a2), w[2], a3)
-
-
-@jit
 def turn(w, q, v):
     """R v."""
     u = cross(w, v)
@@ -92,23 +86,30 @@ def turn(w, q, v):
     return v[0] + (d[0] + (u[0] + e[0])), v[1] + (d[1] + (u[1] + e[1])), v[2] + (d[2] + (u[2] + e[2]))
 
 
-@jit
-def move(a, b, s, tally):
-    """exp(a, b) acting on s."""
+@inlined
+def exponential(a, tally):
+    """The rotation exp(a×) as (w, q, parts, a part of a, its θ²): as a product of so many equal ones."""
     z = (a[0] * a[0] + a[1] * a[1]) + a[2] * a[2]
     if not z <= MOST * MOST:
         tally[FAILURE] = TURNED
-        return s
+        z, a = 0.0, (0.0, 0.0, 0.0)
     parts = 1
     while z > 1.0:
         z *= 0.25
         parts *= 2
     if parts > 1:
-        a, b = times(1.0 / parts, a), times(1.0 / parts, b)
+        a = times(1.0 / parts, a)
     sinc, cos = polynomial(SINC, z), polynomial(COS, z)
+    return times(sinc / (2.0 * cos), a), cos * cos, parts, a, z, sinc
+
+
+@jit
+def move(k, s, tally):
+    """exp(a, b) acting on a state of e3, k = (a, b) in six numbers."""
+    w, q, parts, a, z, sinc = exponential((k[0], k[1], k[2]), tally)
+    b = times(1.0 / parts, (k[3], k[4], k[5])) if parts > 1 else (k[3], k[4], k[5])
     u = cross(a, b)
     Vb = add(add(b, 0.5 * (sinc * sinc), u), polynomial(LAG, z), cross(a, u))
-    w, q = times(sinc / (2.0 * cos), a), cos * cos
     J, x = (s[0], s[1], s[2]), (s[3], s[4], s[5])
     for _ in range(parts):
         x = turn(w, q, x)
@@ -117,144 +118,123 @@ def move(a, b, s, tally):
 
 
 @jit
-def spin(h, s):
-    """The rotation part a of h times the generator at s; the other part is the same everywhere, b = h alpha e3."""
-    return h * s[0], h * s[1], h * s[2]
-
-
-@jit
-def rkmk4_step(s, c, tally):
-    h = c[H]
-    b, half_b = (0.0, 0.0, c[ALPHA_H]), (0.0, 0.0, 0.5 * c[ALPHA_H])
-    a1 = spin(h, s)
-    a2 = spin(h, move(times(0.5, a1), half_b, s, tally))
-    # ½ k2 − ⅛ [k1, k2]
-    a = add(times(0.5, a2), -0.125, cross(a1, a2))
-    a3 = spin(h, move(a, add(half_b, -0.125, cross(add(a1, -1.0, a2), b)), s, tally))
-    a4 = spin(h, move(a3, b, s, tally))
-    # (k1 + 2 k2 + 2 k3 + k4)/6 − [k1, k4]/12
-    a = add(combine(RK4, a1, a2, a3, a4), -1.0 / 12.0, cross(a1, a4))
-    return move(a, add(b, -1.0 / 12.0, cross(add(a1, -1.0, a4), b)), s, tally)
-
-
-@jit
-def commutator_free4_step(s, c, tally):
-    h = c[H]
-    half_b = (0.0, 0.0, 0.5 * c[ALPHA_H])
-    a1 = spin(h, s)
-    half_a1 = times(0.5, a1)
-    middle = move(half_a1, half_b, s, tally)
-    a2 = spin(h, middle)
-    a3 = spin(h, move(times(0.5, a2), half_b, s, tally))
-    a4 = spin(h, move(add(a3, -1.0, half_a1), half_b, middle, tally))  # the exponential of k1/2 is used again
-    middle = move(combine(FIRST, a1, a2, a3, a4), half_b, s, tally)
-    return move(combine(LAST, a1, a2, a3, a4), half_b, middle, tally)
-
-
-# ------------------------------------------------------------------------------------ any field
-
-
-@jit
-def commutator(k, l):
-    """[k, l] of two generators (a, b)."""
-    return cross(k[0], l[0]), add(cross(k[0], l[1]), -1.0, cross(l[0], k[1]))
-
-
-@jit
-def scaled(r, k):
-    return times(r, k[0]), times(r, k[1])
-
-
-@jit
-def plus(k, r, l):
-    """k + r l."""
-    return add(k[0], r, l[0]), add(k[1], r, l[1])
-
-
-@jit
-def mean(w, k1, k2, k3, k4):
-    return combine(w, k1[0], k2[0], k3[0], k4[0]), combine(w, k1[1], k2[1], k3[1], k4[1])
+def turn_one(k, s, tally):
+    """The rotation exp(k×) of one vector."""
+    w, q, parts, _, _, _ = exponential((k[0], k[1], k[2]), tally)
+    v = (s[0], s[1], s[2])
+    for _ in range(parts):
+        v = turn(w, q, v)
+    return v
 
 
 @cache
-def generator_in_field(field: Field) -> Any:
-    """(h, c, s) → h times the generator (J, g) at s."""
-    gradient, numbers = machine_code(field.gradient), take(field.parameters)
+def turn_all(count: int) -> Any:
+    """Rotations of so many vectors."""
+    if count == 1:
+        return turn_one
+    rest = turn_all(count - 1)
 
-    @jit_as(f"generator {field.digest}")
-    def generator(h, c, s):
-        g = gradient((s[3], s[4], s[5]), numbers(c, 1))
-        return (h * s[0], h * s[1], h * s[2]), (h * g[0], h * g[1], h * g[2])
+    @jit_as(f"turn {count}")
+    def some(k, s, tally):
+        return turn_one(k[:3], s[:3], tally) + rest(k[3:], s[3:], tally)
 
-    return generator
+    return some
+
+
+# ------------------------------------------------------------------------------------ any system
 
 
 @cache
-def rkmk4_in_field(field: Field) -> Any:
-    generator = generator_in_field(field)
+def generator_of(system: System) -> Split:
+    """h times the generator of the motion: the gradient of H, with the sign of the bracket."""
 
-    @jit_as(f"rkmk4 {field.digest}")
-    def step(s, c, tally):
-        h = c[H]
-        k1 = generator(h, c, s)
-        k = scaled(0.5, k1)
-        k2 = generator(h, c, move(k[0], k[1], s, tally))
-        k = plus(scaled(0.5, k2), -0.125, commutator(k1, k2))
-        k3 = generator(h, c, move(k[0], k[1], s, tally))
-        k4 = generator(h, c, move(k3[0], k3[1], s, tally))
+    def generator(tape: Tape, t: Any, y: Any, h: Any, p: Any) -> list[Any]:
+        return [(-h if system.body else h) * slope for slope in system.slopes(tape, t, y, p)]
+
+    return system.split(generator)
+
+
+@cache
+def algebra(affine: bool, size: int) -> tuple[Any, Any]:
+    """(r1, k1, …, r4, k4) → Σ r k, and the commutator [k, l], of generators in `size` numbers."""
+
+    @unrolled(f"mean {size}")
+    def mean(w, k1, k2, k3, k4):
+        rows = zip(k1, k4, k2, k3, strict=True)
+        return tuple(((w[0] * a + w[3] * d) + w[1] * b) + w[2] * c for a, d, b, c in rows)
+
+    @unrolled(f"commutator {affine} {size}")
+    def commutator(k, l):
+        if affine:
+            pairs = zip(product(k[:3], l[3:]), product(l[:3], k[3:]), strict=True)
+            return *product(k[:3], l[:3]), *(a - b for a, b in pairs)
+        return tuple(v for i in range(0, size, 3) for v in product(k[i : i + 3], l[i : i + 3]))
+
+    return mean, commutator
+
+
+@cache
+def sum_of(size: int) -> Any:
+    """(k, r, l) → k + r l of generators in `size` numbers."""
+
+    @unrolled(f"plus {size}")
+    def plus(k, r, l):
+        return tuple(a + r * b for a, b in zip(k, l, strict=True))
+
+    return plus
+
+
+@cache
+def kernel(name: str, system: System) -> Any:
+    """The step of a method for any system; constants: the time at the start, h, and those of the generator."""
+    split, n, timed, affine = generator_of(system), system.size, system.timed, system.space.affine
+    program, numbers = machine_code(split.moving), take(len(split.fixed.outputs))
+    mean, commutator = algebra(affine, n)
+    plus, act = sum_of(n), move if affine else turn_all(n // 3)
+    zero = (0.0,) * n
+
+    @jit_as(f"generator {system.digest}")
+    def generator(s, ahead, c, tally):
+        t = c[START] + c[STEP] * (tally[CLOCK] + ahead) if timed else 0.0
+        return program((t,) + s, numbers(c, FIRST))  # noqa: RUF005 - compiled code does not unpack
+
+    @jit_as(f"rkmk4 {system.digest}")
+    def rkmk4(s, c, tally):
+        k1 = generator(s, 0.0, c, tally)
+        k2 = generator(act(plus(zero, 0.5, k1), s, tally), 0.5, c, tally)
+        # ½ k2 − ⅛ [k1, k2]
+        k = plus(plus(zero, 0.5, k2), -0.125, commutator(k1, k2))
+        k3 = generator(act(k, s, tally), 0.5, c, tally)
+        k4 = generator(act(k3, s, tally), 1.0, c, tally)
+        # (k1 + 2 k2 + 2 k3 + k4)/6 − [k1, k4]/12
         k = plus(mean(RK4, k1, k2, k3, k4), -1.0 / 12.0, commutator(k1, k4))
-        return move(k[0], k[1], s, tally)
+        return act(k, s, tally)
 
-    return step
+    @jit_as(f"commutator_free4 {system.digest}")
+    def commutator_free4(s, c, tally):
+        k1 = generator(s, 0.0, c, tally)
+        half = plus(zero, 0.5, k1)
+        middle = act(half, s, tally)
+        k2 = generator(middle, 0.5, c, tally)
+        k3 = generator(act(plus(zero, 0.5, k2), s, tally), 0.5, c, tally)
+        k4 = generator(act(plus(k3, -1.0, half), middle, tally), 1.0, c, tally)  # the exponential of k1/2 is used again
+        middle = act(mean(FIRST_HALF, k1, k2, k3, k4), s, tally)
+        return act(mean(LAST_HALF, k1, k2, k3, k4), middle, tally)
 
-
-@cache
-def commutator_free4_in_field(field: Field) -> Any:
-    generator = generator_in_field(field)
-
-    @jit_as(f"commutator_free4 {field.digest}")
-    def step(s, c, tally):
-        h = c[H]
-        k1 = generator(h, c, s)
-        half = scaled(0.5, k1)
-        middle = move(half[0], half[1], s, tally)
-        k2 = generator(h, c, middle)
-        k = scaled(0.5, k2)
-        k3 = generator(h, c, move(k[0], k[1], s, tally))
-        k = plus(k3, -1.0, half)
-        k4 = generator(h, c, move(k[0], k[1], middle, tally))
-        k = mean(FIRST, k1, k2, k3, k4)
-        middle = move(k[0], k[1], s, tally)
-        k = mean(LAST, k1, k2, k3, k4)
-        return move(k[0], k[1], middle, tally)
-
-    return step
-
-
-def in_field(name: str, kernel: Any) -> AnyField:
-    def prepare(top: PerturbedTop, y0: Array, h: float) -> FixedStepper:
-        """Any h for which no exponential turns by more than `MOST` rad."""
-        c = np.array((h, *top.numbers))
-        return FixedStepper(name, h, c, kernel(top.field), rhs_per_step=STAGES, failures=FAILURES)
-
-    return AnyField(prepare, conserves=frozenset({"C1", "C2"}))
+    return rkmk4 if name == "rkmk4" else commutator_free4
 
 
 # ------------------------------------------------------------------------------------ methods
 
 
-def prepare_rkmk4(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
-    """Any h for which no exponential turns by more than `MOST` rad: four exponentials, two commutators."""
-    return _stepper("rkmk4", rkmk4_step, top, h)
-
-
-def prepare_commutator_free4(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
-    """Any h for which no exponential turns by more than `MOST` rad: five exponentials."""
-    return _stepper("commutator_free4", commutator_free4_step, top, h)
-
-
-def _stepper(name: str, kernel: Any, top: LagrangeTop, h: float) -> FixedStepper:
-    return FixedStepper(name, h, np.array((h, h * top.alpha)), kernel, rhs_per_step=STAGES, failures=FAILURES)
+def prepare(name: str, problem: Any, y0: Array, h: float) -> FixedStepper:
+    """Any h for which no exponential turns by more than `MOST` rad: four or five exponentials."""
+    system = problem.system
+    c = np.array((problem.start, h, *generator_of(system).constants(h, *problem.numbers)))
+    size, timed = system.size, system.timed
+    return FixedStepper(
+        name, h, c, kernel(name, system), rhs_per_step=STAGES, failures=FAILURES, size=size, timed=timed
+    )
 
 
 RKMK4 = Method(
@@ -267,8 +247,8 @@ RKMK4 = Method(
     conserves=frozenset({"C1", "C2"}),
     control="step",
     source="Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115; Munthe-Kaas and Owren, Phil. Trans. R. Soc. A 357 (1999) 957",
-    prepare=prepare_rkmk4,
-    in_field=in_field("rkmk4", rkmk4_in_field),
+    prepare=partial(prepare, "rkmk4"),
+    in_field=AnyField(partial(prepare, "rkmk4"), conserves=frozenset({"C1", "C2"}), needs="rhs"),
 )
 
 COMMUTATOR_FREE4 = replace(
@@ -276,6 +256,6 @@ COMMUTATOR_FREE4 = replace(
     name="commutator_free4",
     label="Commutator-free 4",
     source="Celledoni, Marthinsen and Owren, Future Gener. Comput. Syst. 19 (2003) 341",
-    prepare=prepare_commutator_free4,
-    in_field=in_field("commutator_free4", commutator_free4_in_field),
+    prepare=partial(prepare, "commutator_free4"),
+    in_field=AnyField(partial(prepare, "commutator_free4"), conserves=frozenset({"C1", "C2"}), needs="rhs"),
 )

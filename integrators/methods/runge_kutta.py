@@ -1,7 +1,8 @@
 """Explicit Runge-Kutta formulas at a fixed step, compiled: RK4, Dormand-Prince 5, DOP853, Verner 9, and Verner 9 projected.
 
-A formula is a tableau of coefficients; the step is written out from it, with nothing for coefficients that vanish. Of the
-invariants only J3, whose derivative vanishes, is kept; the others drift, and the phase error grows like t².
+A formula is a tableau of coefficients; the step of any problem is written out from it, with nothing for coefficients that
+vanish, and products of h and parameters are computed once, before the loop. Of the invariants only those are kept whose
+derivative vanishes, such as J3; the others drift, and the phase error grows like t².
 
 `verner9_projected` moves the state z after every step to the nearest point with the H, C1 and C2 it was prepared with.
 Distances are in units where |x| and |J| + √(|alpha||x|) are of order one. A Newton step goes to z + Gᵀλ with
@@ -21,6 +22,7 @@ Programming 2, section 4.2.2, theorem B.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -28,14 +30,13 @@ from typing import Any
 
 import numpy as np
 
-from integrators.checks import check_flag
-from integrators.compiling.compiled import inlined, jit, jit_as
-from integrators.compiling.double_double import two_sum
-from integrators.compiling.expression import take
-from integrators.compiling.loops import FAILURE, MEMORY, RESIDUAL, FixedStepper
-from integrators.compiling.unroll import unrolled
-from integrators.interface import AnyField, Array, Method, StepError
-from integrators.methods.tableaux import (
+from lagrange_bench.integrators.checks import check_flag
+from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
+from lagrange_bench.integrators.compiling.expression import Split, Tape, machine_code, put, take
+from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, RESIDUAL, FixedStepper
+from lagrange_bench.integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError
+from lagrange_bench.integrators.methods.tableaux import (
     DOP853,
     DORMAND_PRINCE,
     RK4,
@@ -43,13 +44,14 @@ from integrators.methods.tableaux import (
     Row,
     Tableau,
 )
-from integrators.problem.field import Field, cross, dot
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.top import LagrangeTop
-from integrators.problem.units import Units, ldexp, units_in_field
-from integrators.torus.stepper import OFF_TORUS
+from lagrange_bench.integrators.problem.field import Field, dot
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.system import System
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.units import Units, ldexp, units_in_field
+from lagrange_bench.integrators.torus.stepper import OFF_TORUS
 
-ALPHA, H, ENERGY, C1, C2 = range(5)  # places of the constants
+ALPHA, ENERGY, C1, C2 = range(4)  # places of the constants of the projection
 DAMPING = 2.0**-46
 TINY = 2.0**-50  # square of a correction after which what is left is round-off
 LIMIT = 10  # Newton steps
@@ -69,20 +71,14 @@ def weigh(weights: tuple[float, ...], slopes: Any) -> Any:
     return total
 
 
-def slopes_of(rows: tuple[tuple[float, ...], ...], s: Any, alpha: Any, h: Any, slopes: Any = ()) -> Any:
-    """All h f(u_i), J3 left out: of the state, unless `slopes` has it and more, and of u_i = s + Σ a_ij h f(u_j) for each row."""
-    J1, J2, J3, x1, x2, x3 = s
-    kick, spin = h * alpha, h * J3
-
-    def slope(u):
-        J1, J2, x1, x2, x3 = u
-        P1, P2 = h * J1, h * J2
-        return -kick * x2, kick * x1, P2 * x3 - spin * x2, spin * x1 - P1 * x3, P1 * x2 - P2 * x1
-
-    y = J1, J2, x1, x2, x3
-    slopes = list(slopes) or [slope(y)]
+def stages(
+    system: System, rows: tuple[tuple[float, ...], ...], tape: Tape, t: Any, y: Any, h: Any, p: Any, slopes: Any = ()
+) -> tuple[Any, ...]:
+    """All h f(u_i) on a tape: of the state, unless `slopes` has it and more, and of u_i = y + Σ a_ij h f(u_j) for each row."""
+    slopes = list(slopes) or [system.rates(tape, t, y, p, h)]
     for row in rows:
-        slopes.append(slope(tuple(a + d for a, d in zip(y, weigh(row, slopes), strict=True))))
+        u = tuple(a + d for a, d in zip(y, weigh(row, slopes), strict=True))
+        slopes.append(system.rates(tape, t + math.fsum(row) * h if system.timed else t, u, p, h))
     return tuple(slopes)
 
 
@@ -90,44 +86,82 @@ def floats(row: Row) -> tuple[float, ...]:
     return tuple(float(a) for a in row)
 
 
-def increment_of(tableau: Tableau) -> Any:
-    """(s, alpha, h) → what the formula adds to J1, J2, x1, x2, x3."""
+@cache
+def increment_of(tableau: Tableau, system: System) -> Split:
+    """What the formula adds to the components of the state that move."""
     a, b = tuple(map(floats, tableau.a)), floats(tableau.b)
 
-    @unrolled(f"increment {tableau.name}")
-    def increment(s, alpha, h):
-        return weigh(b, slopes_of(a, s, alpha, h))
+    def increment(tape: Tape, t: Any, y: Any, h: Any, p: Any) -> Any:
+        total = weigh(b, stages(system, a, tape, t, y, h, p))
+        return [total[i] for i in system.moving]
 
-    return increment
+    return system.split(increment)
 
 
 # ------------------------------------------------------------------------------------ adding the increment
 
 
-@jit
-def plain(s, d, c, tally):
-    J1, J2, J3, x1, x2, x3 = s
-    return J1 + d[0], J2 + d[1], J3, x1 + d[2], x2 + d[3], x3 + d[4]
+@cache
+def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
+    """(s, d, tally) → the state with the increment of its moving components.
+
+    `compensated`: s + (d + what the last sum lost); what this one loses, exactly, is kept.
+    """
+    name, count = f"{size} {moving}", len(moving)
+    get, keep = take(count), put(max(count, 1))
+
+    @unrolled(f"add {name}")
+    def add(s, d):
+        return tuple(s[i] + d[moving.index(i)] if i in moving else s[i] for i in range(size))
+
+    @unrolled(f"sums {name}")
+    def sums(s, d, lost):
+        """The new state, and what is lost: as `two_sum`."""
+        pairs = [(s[i], change + low) for i, change, low in zip(moving, d, lost, strict=True)]
+        totals = [a + b for a, b in pairs]
+        shares = [total - a for (a, _), total in zip(pairs, totals, strict=True)]
+        lows = [(a - (c - e)) + (b - e) for (a, b), c, e in zip(pairs, totals, shares, strict=True)]
+        return tuple(totals[moving.index(i)] if i in moving else s[i] for i in range(size)), tuple(lows)
+
+    @jit_as(f"plain {name}")
+    def plain(s, d, tally):
+        return add(s, d)
+
+    @jit_as(f"compensated {name}")
+    def carrying(s, d, tally):
+        new, lost = sums(s, d, get(tally, MEMORY))
+        keep(tally, MEMORY, lost)
+        return new
+
+    return carrying if compensated and count else plain
 
 
-@jit
-def add(y, d, tally, place):
-    """y + (d + what the last sum lost); what this one loses, exactly, is kept."""
-    total, tally[place] = two_sum(y, d + tally[place])
-    return total
+# ------------------------------------------------------------------------------------ the step of any system
+
+START, STEP, FIRST = range(3)  # places of the constants: the time at the start, h, and those of the formula
 
 
-@jit
-def compensated(s, d, c, tally):
-    J1, J2, J3, x1, x2, x3 = s
-    return (
-        add(J1, d[0], tally, MEMORY),
-        add(J2, d[1], tally, MEMORY + 1),
-        J3,
-        add(x1, d[2], tally, MEMORY + 2),
-        add(x2, d[3], tally, MEMORY + 3),
-        add(x3, d[4], tally, MEMORY + 4),
-    )
+@cache
+def kernel(tableau: Tableau, system: System, compensated: bool = False) -> Callable[..., Any]:
+    """The step of a formula for any system."""
+    split, timed = increment_of(tableau, system), system.timed
+    increment, constants = machine_code(split.moving), take(len(split.fixed.outputs))
+    finish = adding(system.size, system.moving, compensated)
+
+    @jit_as(f"{tableau.name} {system.digest} {compensated}")
+    def step(s, c, tally):
+        t = c[START] + c[STEP] * tally[CLOCK] if timed else 0.0
+        return finish(s, increment((t,) + s, constants(c, FIRST)), tally)  # noqa: RUF005 - compiled code does not unpack
+
+    return step
+
+
+def constants_of(tableau: Tableau, problem: Any, h: float) -> Array:
+    """The `c` of `kernel`."""
+    return np.array((problem.start, h, *increment_of(tableau, problem.system).constants(h, *problem.numbers)))
+
+
+# ------------------------------------------------------------------------------------ projection
 
 
 @jit
@@ -155,8 +189,8 @@ def multipliers(a11, a12, a13, a22, a23, a33, g1, g2, g3):
 
 
 @jit
-def projected(s, d, c, tally):
-    J1, J2, J3, x1, x2, x3 = plain(s, d, c, tally)
+def projected(s, c, tally):
+    J1, J2, J3, x1, x2, x3 = s
     alpha = c[ALPHA]
     for _ in range(LIMIT):
         j, t, a22, a23 = products(J1, J2, J3, x1, x2, x3)
@@ -184,59 +218,12 @@ def projected(s, d, c, tally):
 # ------------------------------------------------------------------------------------ a top in any field
 
 
-def slopes_in_field(torque: Any, level: bool, rows: Any, s: Any, q: Any, h: Any, slopes: Any = ()) -> Any:
-    """`slopes_of` for the torque of any field, with a place for J3, which a `level` field keeps: 0 then."""
-
-    def slope(u):
-        J, x = u[:3], u[3:]
-        t1, t2, t3 = torque(*x, *q)
-        return h * t1, h * t2, 0.0 if level else h * t3, *(h * v for v in cross(J, x))
-
-    slopes = list(slopes) or [slope(s)]
-    for row in rows:
-        slopes.append(slope(tuple(a + d for a, d in zip(s, weigh(row, slopes), strict=True))))
-    return tuple(slopes)
-
-
 @jit
-def plain_in_field(s, d, c, tally):
+def moved(s, d):
     return s[0] + d[0], s[1] + d[1], s[2] + d[2], s[3] + d[3], s[4] + d[4], s[5] + d[5]
 
 
-@jit
-def compensated_in_field(s, d, c, tally):
-    return (
-        add(s[0], d[0], tally, MEMORY),
-        add(s[1], d[1], tally, MEMORY + 1),
-        add(s[2], d[2], tally, MEMORY + 2),
-        add(s[3], d[3], tally, MEMORY + 3),
-        add(s[4], d[4], tally, MEMORY + 4),
-        add(s[5], d[5], tally, MEMORY + 5),
-    )
-
-
-@cache
-def kernel_in_field(
-    tableau: Tableau, field: Field, level: bool, finish: Callable[..., Any], first: int = 1
-) -> Callable[..., Any]:
-    """The step of a formula in a field; constants: h, and from `first` on alpha and the parameters of the potential."""
-    name = f"{tableau.name} {field.digest} {level}"
-    a, b, numbers = tuple(map(floats, tableau.a)), floats(tableau.b), take(field.parameters)
-
-    @unrolled(f"increment {name}")
-    def increment(s, q, h):
-        return weigh(b, slopes_in_field(field.torque, level, a, s, q, h))
-
-    @jit_as(f"{name} {finish.__name__}")
-    def step(s, c, tally):
-        return finish(s, increment(s, numbers(c, first), c[0]), c, tally)
-
-    return step
-
-
-TIME_STEP, IN_ENERGY, IN_C1, IN_C2, PER_RATE, PER_LENGTH, NUMBERS = range(
-    7
-)  # places of the constants of the projection
+IN_ENERGY, IN_C1, IN_C2, PER_RATE, PER_LENGTH, NUMBERS = range(6)  # places of the constants of the projection
 
 
 @cache
@@ -285,13 +272,12 @@ def projected_in_field(field: Field, level: bool) -> tuple[Callable[..., Any], C
         return J, x, g, (c[IN_ENERGY] - values[0], c[IN_C1] - values[1], c[IN_C2] - values[2])
 
     @jit_as(f"projected {name}")
-    def finish(s, d, c, tally):
-        s = plain_in_field(s, d, c, tally)
+    def finish(s, c, tally):
         for _ in range(LIMIT):
             J, x, g, (g1, g2, g3) = lacking(s, c)
             a11, a12, a13, a22, a23, a33 = products(J, x, g)
             l1, l2, l3 = multipliers(a11, a12, a13, a22, a23, a33, g1, g2, g3)
-            s = plain_in_field(s, correction(J, x, g, l1, l2, l3, c[PER_RATE], c[PER_LENGTH]), c, tally)
+            s = moved(s, correction(J, x, g, l1, l2, l3, c[PER_RATE], c[PER_LENGTH]))
             square = l1 * g1 + l2 * g2 + l3 * g3
             if square <= TINY:
                 break
@@ -303,33 +289,30 @@ def projected_in_field(field: Field, level: bool) -> tuple[Callable[..., Any], C
     return finish, lacking
 
 
-def kernel(tableau: Tableau, finish: Callable[..., Any]) -> Callable[..., Any]:
-    """The step of a formula; `finish` adds the increment to the state."""
-    increment = increment_of(tableau)
+@cache
+def followed_by(tableau: Tableau, system: System, finish: Callable[..., Any]) -> Callable[..., Any]:
+    """The step of a formula, and `finish(s, c, tally)` of where it leads, with constants of its own after those of `kernel`."""
+    step, first = kernel(tableau, system), FIRST + len(increment_of(tableau, system).fixed.outputs)
 
-    @jit_as(f"{tableau.name} {finish.__name__}")
-    def step(s, c, tally):
-        return finish(s, increment(s, c[ALPHA], c[H]), c, tally)
+    @jit_as(f"{tableau.name} {system.digest} {finish.__name__}")
+    def both(s, c, tally):
+        return finish(step(s, c, tally), c[first:], tally)
 
-    return step
+    return both
 
 
 # ------------------------------------------------------------------------------------ methods
 
 
 def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
-    kernels = {False: kernel(tableau, plain), True: kernel(tableau, compensated)}
-
-    def prepare(top: LagrangeTop, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
+    def prepare(problem: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
         """`compensated`: carry the rounding error of the state along, at most a few per cent dearer."""
-        step = kernels[check_flag(compensated, "compensated")]
-        return FixedStepper(name, h, np.array((top.alpha, h)), step, rhs_per_step=tableau.stages, lane=True)
-
-    def prepare_in_field(top: PerturbedTop, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
-        """As `prepare`."""
-        finish = compensated_in_field if check_flag(compensated, "compensated") else plain_in_field
-        step = kernel_in_field(tableau, top.field, "J3" in top.conserved, finish)
-        return FixedStepper(name, h, np.array((h, *top.numbers)), step, rhs_per_step=tableau.stages, lane=True)
+        system = problem.system
+        step = kernel(tableau, system, check_flag(compensated, "compensated"))
+        c, timed, size = constants_of(tableau, problem, h), system.timed, system.size
+        alike = size == 6 and not timed  # in SIMD lanes there is no clock
+        stages = tableau.stages
+        return FixedStepper(name, h, c, step, rhs_per_step=stages, lane=alike, size=size, timed=timed, memory=size)
 
     return Method(
         name=name,
@@ -342,7 +325,7 @@ def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
         control="step",
         source=source,
         prepare=prepare,
-        in_field=AnyField(prepare_in_field, conserves=frozenset({"J3"})),
+        in_field=AnyField(prepare, conserves=frozenset({"J3"}), needs="rhs"),
     )
 
 
@@ -360,14 +343,12 @@ EIGHTH = fixed(
 )
 NINTH = fixed("verner9_fixed", "Verner 9, fixed step", VERNER9, VERNER)
 
-projected_step = kernel(VERNER9, projected)
-
 
 def prepare_projected(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     """Back onto the H, C1 and C2 of y0 after every step."""
     name, units = "verner9_projected", Units(top, y0, h)
-    c = np.zeros(5)
-    c[ALPHA], c[H] = units.alpha, units.time(h)
+    c = np.zeros(4)
+    c[ALPHA] = units.alpha
 
     def lacking(state: Array) -> tuple[float, float, float]:
         j, _, xx, xJ = products(*state)
@@ -382,10 +363,11 @@ def prepare_projected(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
 
     g1, g2, g3 = lacking(units.enter(y0))
     c[ENERGY], c[C1], c[C2] = -g1, -2.0 * g2, -g3
-    if not np.isfinite(c).all():
+    constants = np.concatenate((constants_of(VERNER9, LagrangeTop(units.alpha), units.time(h)), c))
+    if not np.isfinite(constants).all():
         raise StepError(name, "the top, its state or h is beyond the range of doubles", h=h)
-    leave, stages = units.leave, VERNER9.stages
-    return FixedStepper(name, h, c, projected_step, enter=enter, leave=leave, rhs_per_step=stages, failures=FAILURES)
+    leave, stages, step = units.leave, VERNER9.stages, followed_by(VERNER9, top.system, projected)
+    return FixedStepper(name, h, constants, step, enter=enter, leave=leave, rhs_per_step=stages, failures=FAILURES)
 
 
 def prepare_projected_in_field(top: PerturbedTop, y0: Array, h: float) -> FixedStepper:
@@ -393,7 +375,7 @@ def prepare_projected_in_field(top: PerturbedTop, y0: Array, h: float) -> FixedS
     name, units, level = "verner9_projected", units_in_field("verner9_projected", top, y0, h), "J3" in top.conserved
     finish, lacking = projected_in_field(top.field, level)
     scales = ldexp(1.0, -units.rate), ldexp(1.0, -units.length)
-    c = np.array((h, 0.0, 0.0, 0.0, *scales, *top.numbers))
+    c = np.array((0.0, 0.0, 0.0, *scales, *top.numbers))
 
     def lack_of(y: Array) -> Array:
         return np.array(lacking(tuple(y.tolist()), c)[3])
@@ -407,8 +389,8 @@ def prepare_projected_in_field(top: PerturbedTop, y0: Array, h: float) -> FixedS
             raise StepError(name, "the state is not on the torus this step was prepared for", h=h)
         return np.array(y)
 
-    step = kernel_in_field(VERNER9, top.field, level, finish, NUMBERS)
-    return FixedStepper(name, h, c, step, enter=enter, rhs_per_step=VERNER9.stages, failures=FAILURES)
+    step, constants = followed_by(VERNER9, top.system, finish), np.concatenate((constants_of(VERNER9, top, h), c))
+    return FixedStepper(name, h, constants, step, enter=enter, rhs_per_step=VERNER9.stages, failures=FAILURES)
 
 
 PROJECTED = replace(

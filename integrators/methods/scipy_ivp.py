@@ -35,86 +35,52 @@ import numpy as np
 import scipy.integrate
 from scipy.linalg import LinAlgWarning
 
-from integrators.compiling.compiled import jit, jit_as
-from integrators.compiling.expression import take
-from integrators.compiling.unroll import unrolled
-from integrators.interface import AnyField, Array, Method, StepError, Work
-from integrators.methods.dense import DenseStepper, Problem, Run, at_times
-from integrators.methods.dop853 import check_tolerances
-from integrators.problem.field import Field, cross
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.top import LagrangeTop
-from integrators.problem.units import Units, ldexp, units_of
+from lagrange_bench.integrators.compiling.compiled import jit_as
+from lagrange_bench.integrators.compiling.expression import take
+from lagrange_bench.integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError, Work
+from lagrange_bench.integrators.methods.dense import DenseStepper, Problem, Run, at_times
+from lagrange_bench.integrators.methods.dop853 import check_tolerances
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.problem import Problem as AnyProblem
+from lagrange_bench.integrators.problem.system import System
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.units import Units, ldexp, units_of
 
 IN_TURNS = threading.Lock()
 
 
-@jit
-def rhs(alpha, y):
-    J1, J2, J3, x1, x2, x3 = y
-    f = np.array((-alpha * x2, alpha * x1, 0.0, J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1))
-    if not math.isfinite(f.sum()):  # SciPy would try steps of NaN for ever
-        raise OverflowError
-    return f
-
-
-@jit
-def jacobian(alpha, y):
-    J1, J2, J3, x1, x2, x3 = y
-    return np.array(
-        (
-            (0.0, 0.0, 0.0, 0.0, -alpha, 0.0),
-            (0.0, 0.0, 0.0, alpha, 0.0, 0.0),
-            (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-            (0.0, x3, -x2, 0.0, -J3, J2),
-            (-x3, 0.0, x1, J3, 0.0, -J1),
-            (x2, -x1, 0.0, -J2, J1, 0.0),
-        )
-    )
-
-
 @cache
-def in_field(field: Field, level: bool) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """(c, y) → right-hand side and Jacobian of any field. `c`: units of x and of the torque, then alpha and the parameters.
+def functions(system: System) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """(c, t, y) → right-hand side and Jacobian of any system, in units of y and of y'.
 
-    `level`: the field keeps J3.
+    `c`: the units, those of y', the time at the start, then the parameters.
     """
-    name, numbers, axes = f"{field.digest} {level}", take(field.parameters), np.eye(3).tolist()
+    n, name = system.size, system.digest
+    units, numbers = take(n), take(system.parameters)
 
     @unrolled(f"rates {name}")
-    def rates(y, q, length, force):
-        x = tuple(length * v for v in y[3:])
-        t1, t2, t3 = (v / force for v in field.torque(*x, *q))
-        return t1, t2, 0.0 if level else t3, *cross(y[:3], y[3:])
+    def rates(t, y, q, unit, rate):
+        values = system.rhs(t, *(u * v for u, v in zip(unit, y, strict=True)), *q)
+        return tuple(v / r for v, r in zip(values, rate, strict=True))
 
     @unrolled(f"slopes {name}")
-    def slopes(y, q, length, force):
-        """The derivatives of the torque by x, row by row."""
-        x = tuple(length * v for v in y[3:])
-        columns = [tuple(length * v / force for v in field.torque_along(*x, *axis, *q)) for axis in axes]
-        a, b, c = (tuple(column[i] for column in columns) for i in range(3))
-        return a, b, (0.0, 0.0, 0.0) if level else c
+    def slopes(t, y, q, unit, rate):
+        """The derivatives by y, row by row."""
+        values = system.jacobian(t, *(u * v for u, v in zip(unit, y, strict=True)), *q)
+        return tuple(values[n * k + i] * unit[k] / rate[i] for i in range(n) for k in range(n))
 
     @jit_as(f"rhs {name}")
-    def rhs(c, y):
-        f = np.array(rates((y[0], y[1], y[2], y[3], y[4], y[5]), numbers(c, 2), c[0], c[1]))
-        if not math.isfinite(f.sum()):
+    def rhs(c, t, y):
+        f = np.array(rates(c[2 * n] + t, units(y, 0), numbers(c, 2 * n + 1), units(c, 0), units(c, n)))
+        if not math.isfinite(f.sum()):  # SciPy would try steps of NaN for ever
             raise OverflowError
         return f
 
     @jit_as(f"jacobian {name}")
-    def jacobian(c, y):
-        J1, J2, J3, x1, x2, x3 = y
-        u, v, w = slopes((J1, J2, J3, x1, x2, x3), numbers(c, 2), c[0], c[1])
-        return np.array(
-            (
-                (0.0, 0.0, 0.0, u[0], u[1], u[2]),
-                (0.0, 0.0, 0.0, v[0], v[1], v[2]),
-                (0.0, 0.0, 0.0, w[0], w[1], w[2]),
-                (0.0, x3, -x2, 0.0, -J3, J2),
-                (-x3, 0.0, x1, J3, 0.0, -J1),
-                (x2, -x1, 0.0, -J2, J1, 0.0),
-            )
+    def jacobian(c, t, y):
+        return np.array(slopes(c[2 * n] + t, units(y, 0), numbers(c, 2 * n + 1), units(c, 0), units(c, n))).reshape(
+            n, n
         )
 
     return rhs, jacobian
@@ -132,7 +98,7 @@ class Solver:
         f, c, matrix = functions_of(top)
         for function in (f, matrix) if self.times else (f,):
             with contextlib.suppress(ArithmeticError):  # a potential may have no value at x = 0
-                function(c, np.zeros(6))  # compile
+                function(c, 0.0, np.zeros(top.system.size))  # compile
 
         def run(y: Array, grid: Array, work: Work) -> Array:
             try:
@@ -148,7 +114,7 @@ class Solver:
 
     def on_its_level(self, top: Problem, y: Array, out: Array) -> Array:
         """The states, if none has lost its energy: a pole of the potential may lie within a step."""
-        if isinstance(top, PerturbedTop):
+        if isinstance(top, PerturbedTop):  # not a Problem, whose H may depend on t
             off = np.abs(top.invariants(out)[:, 0] - top.invariants(y)[0])
             if not np.all(off <= top.invariant_scales(y)[0]):
                 raise StepError(
@@ -158,31 +124,34 @@ class Solver:
 
     def explicit(self, top: Problem, y: Array, grid: Array, work: Work, rtol: float, atol: float) -> Array:
         f, c, _ = functions_of(top)
-        solver = self.scipys(lambda t, y: f(c, y), 0.0, y, grid[-1], rtol=rtol, atol=atol)
+        solver = self.scipys(lambda t, y: f(c, t, y), 0.0, y, grid[-1], rtol=rtol, atol=atol)
         return self.steps(solver, grid, work)
 
     def implicit(self, top: Problem, y: Array, grid: Array, work: Work, rtol: float, atol: float) -> Array:
-        units = units_of(self.name, top, y, float(grid[-1]))
+        units = None if isinstance(top, AnyProblem) else units_of(self.name, top, y, float(grid[-1]))
         slope, c, matrix = functions_of(top, units)
-        times = np.array([units.time(t) for t in grid.tolist()])
+        times = np.array([units.time(t) for t in grid.tolist()]) if units else grid
         tried: set[float] = set()
 
         def f(t: float, y: Array) -> Any:
             tried.add(t)
-            return slope(c, y)
+            return slope(c, t, y)
 
         def jac(t: float, y: Array) -> Any:
-            return matrix(c, y)
+            return matrix(c, t, y)
 
         with IN_TURNS, warnings.catch_warnings():
             warnings.filterwarnings("error", message="lsoda")
             warnings.filterwarnings("error", category=LinAlgWarning)
-            small = units.enter(np.full(6, atol))
-            solver = self.scipys(f, 0.0, units.enter(y), times[-1], jac=jac, rtol=rtol, atol=small)
-            return units.leave(self.steps(solver, times, work, tried))
+            small, state = np.full(len(y), atol), y
+            if units:
+                small, state = units.enter(small), units.enter(y)
+            solver = self.scipys(f, 0.0, state, times[-1], jac=jac, rtol=rtol, atol=small)
+            states = self.steps(solver, times, work, tried)
+            return units.leave(states) if units else states
 
     def steps(self, solver: Any, grid: Array, work: Work, tried: set[float] | None = None) -> Array:
-        out = np.empty((len(grid), 6))
+        out = np.empty((len(grid), len(solver.y)))
         size, done = np.abs(grid), 0
         while solver.status == "running":
             evaluations, start = solver.nfev, solver.t
@@ -207,12 +176,16 @@ class Solver:
 
 
 def functions_of(top: Problem, units: Units | None = None) -> tuple[Callable[..., Any], Any, Callable[..., Any]]:
-    """Right-hand side, what it takes besides a state, and Jacobian; in units of order one or in the user's."""
-    if isinstance(top, LagrangeTop):
-        return rhs, units.alpha if units else top.alpha, jacobian
-    f, matrix = in_field(top.field, "J3" in top.conserved)
-    length, rate = (units.length, units.rate) if units else (0, 0)
-    return f, np.array((ldexp(1.0, length), ldexp(1.0, 2 * rate), *top.numbers)), matrix
+    """Right-hand side, what it takes besides time and state, and Jacobian; in units of order one or in the user's."""
+    n, rate, length = top.system.size, 0, 0
+    if isinstance(top, LagrangeTop) and units:  # its equations have one form in all units
+        top = LagrangeTop(units.alpha)
+    elif units:
+        rate, length = units.rate, units.length
+    powers = (rate,) * 3 + (length,) * 3 if n == 6 else (0,) * n
+    c = [*(ldexp(1.0, p) for p in powers), *(ldexp(1.0, p + rate) for p in powers), top.start, *top.numbers]
+    f, matrix = functions(top.system)
+    return f, np.array(c), matrix
 
 
 def natural(
@@ -243,7 +216,7 @@ def natural(
         source=f"scipy.integrate.{solver.scipys.__name__}; {source}",
         prepare=prepare,
         evaluate=evaluate,
-        in_field=AnyField(prepare, conserves=frozenset({"J3"}), evaluate=evaluate),
+        in_field=AnyField(prepare, conserves=frozenset({"J3"}), needs="rhs", evaluate=evaluate),
         engine="scipy",
     )
 

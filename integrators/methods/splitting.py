@@ -25,6 +25,8 @@ way. With r, what is left of this error is a change of the angle, and the length
 and b are small, of order z, and so are their errors. Beyond 2|v| = 1 the turn is made in 2, 4, 8, … equal parts. No
 library function is called: the bits are the same everywhere.
 
+Any other Hamiltonian is a sum of `parts` with closed flows; schemes for two flows become sweeps through all of them.
+
 Sources: with each scheme. McLachlan & Quispel, Acta Numerica 11 (2002) 341, for splittings; López-Marcos, Sanz-Serna &
 Skeel, SIAM J. Sci. Comput. 18 (1997) 223, for processing; the rotation and the processor: this project.
 """
@@ -32,21 +34,23 @@ Skeel, SIAM J. Sci. Comput. 18 (1997) 223, for processing; the rotation and the 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cache, partial
+from itertools import chain, zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from integrators.checks import check_flag
-from integrators.compiling.compiled import inlined, jit, jit_as, jit_over
-from integrators.compiling.double_double import two_sum
-from integrators.compiling.expression import take
-from integrators.compiling.loops import FAILURE, MEMORY, ConjugateStepper, finite
-from integrators.compiling.unroll import unrolled
-from integrators.interface import AnyField, Array, Method, StepError
-from integrators.problem.field import Field
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.checks import check_flag
+from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as, jit_over
+from lagrange_bench.integrators.compiling.double_double import two_sum
+from lagrange_bench.integrators.compiling.expression import machine_code, take
+from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, ConjugateStepper, FixedStepper, finite
+from lagrange_bench.integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError
+from lagrange_bench.integrators.problem.field import Field
+from lagrange_bench.integrators.problem.parts import Part
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 # ------------------------------------------------------------------------------------ schemes
 
@@ -441,10 +445,12 @@ def prepare(name: str, top: LagrangeTop, y0: Array, h: float, *, compensated: bo
     )
 
 
-def prepare_in_field(
-    name: str, top: PerturbedTop, y0: Array, h: float, *, compensated: bool = False
-) -> ConjugateStepper:
+def prepare_in_field(name: str, top: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
     """As `prepare`, kicks and their gradients being those of the whole potential; there is no processor."""
+    if "force" not in top.offers:
+        if compensated:
+            raise ValueError(f"compensated: {name} carries no sums for a Problem")
+        return prepare_parts(name, top, h)
     scheme, carried = SCHEMES[name], check_flag(compensated, "compensated")
     steps, first = groups(scheme)
     numbers, level = np.array(top.numbers), "J3" in top.conserved
@@ -467,12 +473,102 @@ def prepare_in_field(
     )
 
 
+# ------------------------------------------------------------------------------------ any parts
+
+
+Stage = tuple[int, float, float]  # which part flows, how long, and when, in units of h
+
+
+def stages_of(scheme: Scheme, parts: Sequence[Part]) -> list[Stage]:
+    """The flows of one step.
+
+    Of two parts, of which the first does not depend on t, they are the letters of the scheme, and t goes on with the first.
+    In general the scheme is made of sweeps φ*, φ, φ*, … through all parts, φ* in the opposite order (McLachlan, SIAM J. Sci.
+    Comput. 16 (1995) 151), with t as one more part.
+    """
+    letters = [scheme.a, scheme.b] if scheme.first == "A" else [scheme.b, scheme.a]
+    lengths = [v for pair in zip_longest(*letters) for v in pair if v is not None]
+    found: list[Stage] = []
+    now = 0.0
+
+    def flow(part: int, length: float) -> None:
+        last, before, when = found[-1] if found else (-1, 0.0, 0.0)
+        if last == part and (when == now or not parts[part].timed):
+            found[-1] = part, before + length, when
+        else:
+            found.append((part, length, now))
+
+    if len(parts) == 2 and not parts[0].timed:
+        for i, length in enumerate(lengths):
+            first = (i % 2 == 0) == (scheme.first == "A")
+            flow(0 if first else 1, length)
+            now += length if first else 0.0
+        return found
+    weight = 0.0
+    for i, length in enumerate(lengths[:-1]):
+        weight = length - weight
+        now += weight if i % 2 else 0.0
+        for part in range(len(parts)) if i % 2 else reversed(range(len(parts))):
+            flow(part, weight)
+        now += 0.0 if i % 2 else weight
+    return found
+
+
+START, TIME_STEP, STAGES = range(
+    3
+)  # places of the constants: time at the start, h, number of stages; then stages, numbers
+
+
+@cache
+def kernel_of_parts(parts: tuple[Part, ...], size: int) -> Any:
+    """One step of any stages; the constants of the parts follow them."""
+    timed, name = any(part.timed for part in parts), ", ".join(part.digest for part in parts)
+
+    def flow_of(number: int) -> Any:
+        split = parts[number].flow
+        program, numbers = machine_code(split.moving), take(len(split.fixed.outputs))
+        skipped = sum(len(part.flow.fixed.outputs) for part in parts[:number])
+        others = flow_of(number + 1) if number + 1 < len(parts) else None
+
+        @jit_as(f"flow {number} of {name}")
+        def flow(part, s, t, span, c, first):
+            if others is None or part == number:
+                return program((t,) + s + (span,), numbers(c, first + skipped))  # noqa: RUF005 - as elsewhere
+            return others(part, s, t, span, c, first)
+
+        return flow
+
+    flow = flow_of(0)
+
+    @jit_as(f"step of {name}")
+    def step(s, c, tally):
+        first = STAGES + 1 + 3 * int(c[STAGES])
+        for i in range(STAGES + 1, first, 3):
+            t = c[START] + c[TIME_STEP] * (tally[CLOCK] + c[i + 2]) if timed else 0.0
+            s = flow(int(c[i]), s, t, c[i + 1], c, first)
+        return s
+
+    return step
+
+
+def prepare_parts(name: str, problem: Any, h: float) -> FixedStepper:
+    """One step of a `Problem` by the flows of its parts."""
+    parts, system = problem.parts, problem.system
+    stages = [(part, length * h, when) for part, length, when in stages_of(SCHEMES[name], parts)]
+    numbers = [v for part in parts for v in part.flow.constants(*problem.numbers)]
+    c = np.array((problem.start, h, len(stages), *chain.from_iterable(stages), *numbers))
+    step = kernel_of_parts(parts, system.size)
+    return FixedStepper(name, h, c, step, rhs_per_step=len(stages), size=system.size, timed=system.timed)
+
+
 # ------------------------------------------------------------------------------------ records
 
 
 def _record(name: str, label: str) -> Method:
     conserves = frozenset({"J3", "C1", "C2"})
-    processed = SCHEMES[name].processor != 0.0
+    scheme = SCHEMES[name]
+    processed, needs = scheme.processor != 0.0, "kinetic" if scheme.nystrom else "parts"
+    needs = "force" if scheme.c or scheme.d else needs
     return Method(
         name=name,
         label=label,
@@ -484,8 +580,8 @@ def _record(name: str, label: str) -> Method:
         control="step",
         source=SCHEMES[name].source,
         prepare=partial(prepare, name),
-        in_field=None if processed else AnyField(partial(prepare_in_field, name), conserves),
-        uniform_only="its processor is known in closed form in a uniform field only",
+        in_field=None if processed else AnyField(partial(prepare_in_field, name), conserves, needs=needs),
+        uniform_only="its processor is known in closed form in a uniform field only" if processed else "",
     )
 
 

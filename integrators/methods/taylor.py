@@ -35,16 +35,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from integrators.checks import check_count, check_flag, check_real
-from integrators.compiling.compiled import jit
-from integrators.compiling.loops import FixedStepper
-from integrators.compiling.numba_internals import stack
-from integrators.interface import AnyField, Array, Method, StepError, Work
-from integrators.methods.dense import DenseStepper, Problem, Run, at_times
-from integrators.problem.field import Field
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.top import LagrangeTop
-from integrators.problem.units import Units, ldexp, units_of
+from lagrange_bench.integrators.checks import check_count, check_flag, check_real
+from lagrange_bench.integrators.compiling.compiled import jit, jit_as
+from lagrange_bench.integrators.compiling.expression import take
+from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
+from lagrange_bench.integrators.compiling.numba_internals import stack
+from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError, Work
+from lagrange_bench.integrators.methods.dense import DenseStepper, Problem, Run, at_times
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.problem import Problem as AnyProblem
+from lagrange_bench.integrators.problem.system import System, uniform_system
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.units import Units, ldexp, units_of
 
 EPS = float(np.finfo(float).eps)
 FAR = 30  # powers of two
@@ -81,40 +83,39 @@ def variant(name: str, high_accuracy: bool = False, compact_mode: bool = False) 
 
 
 class Form(NamedTuple):
-    """What equations depend on, besides numbers: the field, whether it keeps J3, and whether x and torque have units.
+    """What equations depend on, besides numbers: the system, and whether rates and lengths have units.
 
     Then these units are two more numbers, in front of the others.
     """
 
-    field: Field
-    level: bool
+    system: System
     units: bool = False
 
 
-def form_of(top: Problem) -> Form | None:
-    """None for a uniform field."""
-    return None if isinstance(top, LagrangeTop) else Form(top.field, "J3" in top.conserved)
+def form_of(top: Problem) -> Form:
+    return Form(top.system)
 
 
 def equations(form: Form | None = None) -> list[Any]:
-    """The equations of motion in heyoka's symbols; alpha and the parameters of a potential are its runtime parameters."""
+    """The equations of motion in heyoka's symbols; parameters are its runtime parameters, the time at the start the last one.
+
+    By default those of the Lagrange top.
+    """
     import heyoka as hy
 
     hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
-    J1, J2, J3, x1, x2, x3 = hy.make_vars("J1", "J2", "J3", "x1", "x2", "x3")
-    if form is None:
-        alpha = hy.par[0]
-        t1, t2, t3 = -alpha * x2, alpha * x1, 0.0
-    else:
-        first, n = 2 * form.units, form.field.parameters
-        length, force = (hy.par[0], hy.par[1]) if form.units else (1.0, 1.0)
-        torque = form.field.torque(
-            *(length * v if form.units else v for v in (x1, x2, x3)), *(hy.par[first + i] for i in range(n))
-        )
-        t1, t2, t3 = (t / force for t in torque) if form.units else torque
-        t3 = 0.0 if form.level else t3
-    moments = [(J, t if isinstance(t, hy.expression) else hy.expression(t)) for J, t in ((J1, t1), (J2, t2), (J3, t3))]
-    return [*moments, (x1, J2 * x3 - J3 * x2), (x2, J3 * x1 - J1 * x3), (x3, J1 * x2 - J2 * x1)]
+    system, units = form or Form(uniform_system())
+    first, count = 2 * units, system.parameters
+    names = ("J1", "J2", "J3", "x1", "x2", "x3") if system.size == 6 else [f"y{i}" for i in range(system.size)]
+    y = hy.make_vars(*names)
+    rate, length = (hy.par[0], hy.par[1]) if units else (1.0, 1.0)
+    scales = (rate,) * 3 + (length,) * 3 if units else None
+    states = [u * v for u, v in zip(scales, y, strict=True)] if scales else y
+    t = hy.time + hy.par[first + count] if system.timed else 0.0
+    rates = system.rhs(t, *states, *(hy.par[first + i] for i in range(count)))
+    if scales:
+        rates = tuple(f / (rate * u) for f, u in zip(rates, scales, strict=True))
+    return [(v, f if isinstance(f, hy.expression) else hy.expression(f)) for v, f in zip(y, rates, strict=True)]
 
 
 def set_numbers(ta: Any, numbers: Any) -> None:
@@ -127,8 +128,9 @@ def compile_integrator(tol: float, high_accuracy: bool, compact_mode: bool = Fal
     """heyoka's integrator for one tolerance. It has a state: see `integrator_here`."""
     import heyoka as hy
 
+    system = equations(form)
     return hy.taylor_adaptive(
-        equations(form), [1.0] * 6, tol=tol, high_accuracy=high_accuracy, compact_mode=compact_mode
+        system, [1.0] * len(system), tol=tol, high_accuracy=high_accuracy, compact_mode=compact_mode
     )
 
 
@@ -154,7 +156,9 @@ def check_tolerance(tol: Any) -> float:
 
 
 def far_units(name: str, top: Problem, y: Array, end: float) -> Units | None:
-    """The units in which a state is to be followed; None for the user's."""
+    """The units in which a state is to be followed; None for the user's, as of every problem that is not a top."""
+    if isinstance(top, AnyProblem):
+        return None
     size = math.hypot(*y[3:].tolist())
     rate = math.hypot(*y[:3].tolist()) + math.sqrt(abs(top.alpha) * size)
     if 2.0**-FAR < size < 2.0**FAR and 2.0**-FAR < rate < 2.0**FAR:
@@ -166,7 +170,7 @@ def far_units(name: str, top: Problem, y: Array, end: float) -> Units | None:
 def _runner(name: str, top: Problem, tol: float, high_accuracy: bool, compact_mode: bool = False) -> Run:
     tol = check_tolerance(tol)
     key = tol, check_flag(high_accuracy, "high_accuracy"), compact_mode, form_of(top)
-    numbers = (top.alpha,) if isinstance(top, LagrangeTop) else top.numbers
+    numbers = (*top.numbers, *((top.start,) * top.system.timed))
     integrator_here(*key)
 
     def run(y: Array, grid: Array, work: Work) -> Array:
@@ -181,8 +185,8 @@ def _runner(name: str, top: Problem, tol: float, high_accuracy: bool, compact_mo
     def in_units(units: Units) -> tuple[Any, Any]:
         if isinstance(top, LagrangeTop):
             return key, (units.alpha,)
-        form = Form(top.field, "J3" in top.conserved, units=True)
-        return (*key[:3], form), (ldexp(1.0, units.length), ldexp(1.0, 2 * units.rate), *numbers)
+        form = Form(top.system, units=True)
+        return (*key[:3], form), (ldexp(1.0, units.rate), ldexp(1.0, units.length), *numbers)
 
     def follow(y: Array, grid: Array, work: Work, key: Any, numbers: Any) -> Array:
         ta = integrator_here(*key)  # of the thread that runs
@@ -207,7 +211,7 @@ def _until(ta: Any, end: float) -> tuple[Array, int]:
         outcome, _, _, taken, *_ = ta.propagate_until(end, max_steps=INTERRUPTIBLE)
         steps += taken
         limited = _check(ta, outcome, steps)
-    return ta.state.copy().reshape(1, 6), steps
+    return ta.state.copy().reshape(1, -1), steps
 
 
 def _on_grid(ta: Any, y: Array, grid: Array) -> tuple[Array, int]:
@@ -248,30 +252,21 @@ def compile_body(tol: float, high_accuracy: bool) -> Any:
     return hy.taylor_adaptive(system, [1.0] * 10, pars=[1.0], tol=tol, high_accuracy=high_accuracy, compact_mode=False)
 
 
-def attitude(
-    top: LagrangeTop,
-    y0: Array,
-    h: float,
-    n: int,
-    every: int,
-    g0: Array,
-    *,
-    tol: float = EPS,
-    high_accuracy: bool = False,
-) -> Array:
-    """Attitude of the frame that turns with J at 0, every·h, …, n·h, (n//every + 1, 4): integrated alongside."""
+def attitude(top: LagrangeTop, y0: Array, times: Array, *, tol: float = EPS, high_accuracy: bool = False) -> Array:
+    """The frame that turns with J, quaternions (N, 4): integrated alongside, with dense output."""
     ta = copy.deepcopy(compile_body(check_tolerance(tol), bool(high_accuracy)))
-    alpha, y, row = top.alpha, y0, h * every
-    if units := far_units("taylor", top, y0, h):
-        alpha, y, row = units.alpha, units.enter(y0), units.time(row)
-    ta.pars[0] = alpha
-    ta.state[:] = np.concatenate((y, g0))
-    outcome, _, _, steps, _, out = ta.propagate_grid(row * np.arange(n // every + 1.0))
-    try:
-        _check(ta, outcome, steps)
-    except StepError as error:
-        raise StepError("taylor", error.reason, h=h, step=error.step) from None
-    g = out[:, 6:]
+    units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
+    ta.pars[0], spans = units.alpha, units.spans("taylor", times)
+    g = np.empty((len(spans), 4))
+    g[:] = 1.0, 0.0, 0.0, 0.0
+    start = np.array((*units.enter(y0), 1.0, 0.0, 0.0, 0.0))
+    for sign in (1.0, -1.0):
+        side = np.flatnonzero(sign * spans > 0.0)
+        if not len(side):
+            continue
+        grid, places = np.unique(np.abs(spans[side]), return_inverse=True)
+        ta.time, ta.state[:] = 0.0, start
+        g[side] = _on_grid(ta, start, sign * grid)[0][:, 6:][places]
     unit: Array = g / np.linalg.norm(g, axis=1, keepdims=True)
     return unit
 
@@ -279,7 +274,7 @@ def attitude(
 # ------------------------------------------------------------------------------------ many tops at once, heyoka
 
 
-def _batches(form: Form | None, numbers: Array, Y0: Array, times: Array, tol: float, width: int) -> Array:
+def _batches(form: Form, numbers: Array, Y0: Array, times: Array, tol: float, width: int) -> Array:
     """States (len(times), n, 6) of n tops from Y0 (n, 6), each on natural steps of its own, `width` tops in one SIMD register.
 
     `numbers` (n, k) are alpha and the parameters of a potential; `times` lead away from 0 (which may be among them) in one
@@ -305,12 +300,12 @@ def _batches(form: Form | None, numbers: Array, Y0: Array, times: Array, tol: fl
 
 def advance_many(alphas: Array, *run: Any, **options: Any) -> NDArray[np.bool_]:
     """Natural steps of many tops, in heyoka's batch mode; what it refuses, and compensated sums, are taken one by one."""
-    return _advance([(None, np.arange(len(alphas)), alphas[:, None])], *run, **options)
+    return _advance([(Form(uniform_system()), np.arange(len(alphas)), alphas[:, None])], *run, **options)
 
 
 def advance_many_in_field(problems: Sequence[PerturbedTop], *run: Any, **options: Any) -> NDArray[np.bool_]:
     """As `advance_many`; tops that keep J3 and tops that do not are in batches of their own."""
-    kinds: dict[Form | None, list[int]] = {}
+    kinds: dict[Form, list[int]] = {}
     for i, problem in enumerate(problems):
         kinds.setdefault(form_of(problem), []).append(i)
     groups = [
@@ -320,7 +315,7 @@ def advance_many_in_field(problems: Sequence[PerturbedTop], *run: Any, **options
 
 
 def _advance(
-    groups: Sequence[tuple[Form | None, NDArray[np.intp], Array]],
+    groups: Sequence[tuple[Form, NDArray[np.intp], Array]],
     Y0: Array,
     h: float,
     steps: int,
@@ -397,7 +392,7 @@ def _limited(ta: Any, first: int) -> bool:
 
 @jit
 def step(s, c, tally):
-    """The Taylor polynomial of one step, in powers of t/h; z[8k … 8k+4] holds coefficient k of h J1, h J2, x1, x2, x3."""
+    """The Taylor polynomial of one step in a uniform field, in powers of t/h; z[8k … 8k+4]: coefficient k of h J1, h J2, x."""
     J1, J2, J3, x1, x2, x3 = s
     h, alpha_h, order = c[0], c[1], int(c[2])
     spin, kick = h * J3, h * alpha_h
@@ -428,12 +423,151 @@ def step(s, c, tally):
     return J1 + alpha_h * d1, J2 + alpha_h * d2, J3, x1 + e1, x2 + e2, x3 + e3
 
 
-def prepare_fixed(top: LagrangeTop, y0: Array, h: float, *, order: int = 20) -> FixedStepper:
-    """The Taylor polynomial of degree `order`, at most 60, in every step."""
+# what a line of a program does to coefficients: one kernel reads these tables, whatever the problem
+ADD, SUB, NEG, SCALE, MUL, DIV, SQRT, EXP, LOG, SIN, COS = range(11)
+CODES = {"add": ADD, "sub": SUB, "neg": NEG, "mul": MUL, "div": DIV, "sqrt": SQRT, "exp": EXP, "log": LOG}
+
+
+class Recurrences(NamedTuple):
+    """Operations and their two operands, by rows of coefficients; where y' is; numbers that are constants, and their rows.
+
+    Rows are those of t, y and p, of the operations, and of constants.
+    """
+
+    codes: Array
+    first: Array
+    second: Array
+    rates: Array
+    constants: tuple[float, ...]
+    rows: int
+
+
+@lru_cache(maxsize=64)
+def recurrences(system: System) -> Recurrences:
+    """The right-hand side as tables. A sine is followed by its cosine, and a cosine by its sine: each needs the other."""
+    program = system.rhs
+    table: list[tuple[int, int, int]] = []
+    place: dict[Any, int] = {i: i for i in range(program.inputs)}
+    moving = set(range(1 + system.size))
+    constants = sorted({a[1] for _, *args in program.lines for a in args if isinstance(a, tuple)})
+    constants = sorted({*constants, *(o[1] for o in program.outputs if isinstance(o, tuple))})
+    count = sum(2 if line[0] in ("sin", "cos") else 1 for line in program.lines)
+    known = {("=", value): program.inputs + count + i for i, value in enumerate(constants)}
+    for i, (operation, *arguments) in enumerate(program.lines, program.inputs):
+        a, b = (known[v] if isinstance(v, tuple) else place[v] for v in (arguments[0], arguments[-1]))
+        here = program.inputs + len(table)
+        place[i] = here
+        if operation in ("sin", "cos"):
+            table += [(SIN if operation == "sin" else COS, a, here + 1), (COS if operation == "sin" else SIN, a, here)]
+        elif operation == "mul" and not {a, b} <= moving:
+            table.append((SCALE, a, b) if a in moving else (SCALE, b, a))
+        else:
+            table.append((CODES[operation], a, b))
+        if moving & {a, b}:
+            moving |= {here, here + 1} if operation in ("sin", "cos") else {here}
+    rates = [known[o] if isinstance(o, tuple) else place[o] for o in program.outputs]
+    codes, first, second = (np.array(column, dtype=np.int64) for column in zip(*table or [(ADD, 0, 0)], strict=True))
+    size = program.inputs + count + len(constants)
+    return Recurrences(codes[:count], first, second, np.array(rates), tuple(constants), size)  # type: ignore[arg-type]
+
+
+@jit
+def coefficient(z, code, a, b, here, k):
+    """Coefficient k of one operation, from those of its operands and its own earlier ones."""
+    if code == ADD:
+        return z[a + k] + z[b + k]
+    if code == SUB:
+        return z[a + k] - z[b + k]
+    if code == NEG:
+        return -z[a + k]
+    if code == SCALE:
+        return z[a + k] * z[b]
+    total = 0.0
+    if code == MUL:
+        for j in range(k + 1):
+            total += z[a + j] * z[b + k - j]
+        return total
+    if code == DIV:
+        for j in range(1, k + 1):
+            total += z[b + j] * z[here + k - j]
+        return (z[a + k] - total) / z[b]
+    if k == 0:
+        v = z[a]
+        if code == SQRT:
+            return math.sqrt(v)
+        if code == EXP:
+            return math.exp(v)
+        if code == LOG:
+            return math.log(v)
+        return math.sin(v) if code == SIN else math.cos(v)
+    if code == SQRT:
+        for j in range(1, k):
+            total += z[here + j] * z[here + k - j]
+        return (z[a + k] - total) / (2.0 * z[here])
+    if code == LOG:
+        for j in range(1, k):
+            total += j * z[here + j] * z[a + k - j]
+        return (z[a + k] - total / k) / z[a]
+    other = here if code == EXP else b
+    for j in range(1, k + 1):
+        total += j * z[a + j] * z[other + k - j]
+    return -total / k if code == COS else total / k
+
+
+@lru_cache(maxsize=64)
+def kernel_of(system: System) -> Callable[..., Any]:
+    """The Taylor polynomial of one step of any system, in powers of t/h; constants: start, h, order, then numbers."""
+    made, n = recurrences(system), system.size
+    codes, first, second, rates = made.codes, made.first * (MAX_ORDER + 1), made.second * (MAX_ORDER + 1), made.rates
+    inputs, lines, timed, width = 1 + n + system.parameters, len(made.codes), system.timed, MAX_ORDER + 1
+    given, scratch, places = made.rows - lines - 1 - n, made.rows * (MAX_ORDER + 1), rates * (MAX_ORDER + 1)
+    get = take(n)
+
+    @jit_as(f"taylor {system.digest}")
+    def step(s, c, tally):
+        h, order, z, total = c[1], int(c[2]), stack(scratch), stack(n)
+        for i in range(scratch):
+            z[i] = 0.0
+        z[0], z[1] = c[0] + h * tally[CLOCK] if timed else c[0], h
+        for i in range(n):
+            z[width * (1 + i)], total[i] = s[i], 0.0
+        for i in range(given):  # parameters, then constants, which lie behind the operations
+            row = 1 + n + i if i < inputs - 1 - n else 1 + n + i + lines
+            z[width * row] = c[3 + i]
+        for k in range(order):
+            for i in range(lines):
+                here = width * (inputs + i)
+                z[here + k] = coefficient(z, codes[i], first[i], second[i], here, k)
+            for i in range(n):
+                z[width * (1 + i) + k + 1] = h * z[places[i] + k] / (k + 1)
+        for k in range(order, 0, -1):  # small terms first
+            for i in range(n):
+                total[i] += z[width * (1 + i) + k]
+        for i in range(n):
+            total[i] += s[i]
+        return get(total, 0)
+
+    return step
+
+
+def check_order(order: int) -> int:
     if check_count(order, "order", least=1) > MAX_ORDER:
         raise ValueError(f"order must be at most {MAX_ORDER}; got {order}")
-    c = np.concatenate(((h, h * top.alpha, order), 1 / np.arange(1.0, order + 1)))
+    return order
+
+
+def prepare_fixed(top: LagrangeTop, y0: Array, h: float, *, order: int = 20) -> FixedStepper:
+    """The Taylor polynomial of degree `order`, at most 60, in every step."""
+    c = np.concatenate(((h, h * top.alpha, check_order(order)), 1 / np.arange(1.0, order + 1)))
     return FixedStepper("taylor_fixed", h, c, step, rhs_per_step=order)
+
+
+def prepare_fixed_in_field(top: Any, y0: Array, h: float, *, order: int = 20) -> FixedStepper:
+    """As `prepare_fixed`, for any problem: the recurrences are read from tables."""
+    system = top.system
+    c = np.array((top.start, h, check_order(order), *top.numbers, *recurrences(system).constants))
+    size, timed = system.size, system.timed
+    return FixedStepper("taylor_fixed", h, c, kernel_of(system), rhs_per_step=order, size=size, timed=timed)
 
 
 NATURAL = Method(
@@ -492,5 +626,5 @@ FIXED = Method(
     control="step",
     source="Jorba and Zou, Exp. Math. 14 (2005) 99, section 2",
     prepare=prepare_fixed,
-    uniform_only="its recurrence is written for a uniform field; taylor takes any",
+    in_field=AnyField(prepare_fixed_in_field, conserves=frozenset({"J3"}), needs="smooth"),
 )

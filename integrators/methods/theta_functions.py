@@ -20,7 +20,7 @@ same means, are double-doubles, found with + − × ÷ √ alone; whole periods 
 What remains is in doubles: errors stay at round-off for any t, up to the conditioning of the orbit itself.
 
 This is a formula and no stepping kernel: it may call sin, cos and exp. A step is one evaluation, at t = n h from the state the
-run began with; `evaluate` takes any times. The truth the methods are judged by (`integrators.truth.exact`) rests on mpmath's
+run began with; `evaluate` takes any times. The truth the methods are judged by (`truth.exact`) rests on mpmath's
 constants; it shares nothing with this file.
 
 Sources: Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477; DLMF 19.8.7-8, 19.25, 20.7.30-33, 22.2.
@@ -32,9 +32,9 @@ import math
 
 import numpy as np
 
-from integrators.checks import as_state
-from integrators.compiling.compiled import jit
-from integrators.compiling.double_double import (
+from lagrange_bench.integrators.checks import as_state
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.double_double import (
     add,
     dd,
     div,
@@ -45,11 +45,12 @@ from integrators.compiling.double_double import (
     sub,
     two_prod,
 )
-from integrators.compiling.loops import FAILURE, MEMORY, FixedStepper
-from integrators.interface import Array, Method, StepError, Work
-from integrators.problem.top import LagrangeTop
-from integrators.problem.units import Units
-from integrators.torus.time_step import cubic_root
+from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, FixedStepper
+from lagrange_bench.integrators.interface import Array, Method, StepError, Work
+from lagrange_bench.integrators.problem.body import quaternion_product
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.units import Units
+from lagrange_bench.integrators.torus.time_step import cubic_root
 
 # places of the constants
 KIND, H, TIME_0, PERIOD, PERIOD_LO, TURN, TURN_LO, CLOCK, BARRIER, NOME, SIGN = range(11)
@@ -57,7 +58,7 @@ RATE_J, RATE_X, SIZE_J, SIZE_X, SIZE_A2, SIZE_B2, PSI_RE, PSI_IM, J3 = range(11,
 START = 20  # the initial state
 TERMS = 4
 COS_J, SIN_J, COS_A, SIN_A, COS_B, SIN_B, THETA = range(26, 26 + 7 * TERMS, TERMS)
-SIZE = THETA + TERMS
+RATE_A, RATE_B, SIZE = range(THETA + TERMS, THETA + TERMS + 3)
 
 REST, FREE, DIRECT, TRANSFORMED, TOO_UPRIGHT = range(5)
 NOT_FINITE, TOO_LATE = 1, 2
@@ -88,10 +89,10 @@ def reduced(t, c):
 
 
 @jit
-def turned(n, c):
-    """The angle of n whole periods about e3, in (−π, π]."""
-    p, e = two_prod(n, c[TURN])
-    return TWO_PI[0] * ((p - np.rint(p)) + (e + n * c[TURN_LO]))
+def turned(n, turn, turn_lo):
+    """The angle of n whole periods, in (−π, π], from the turns in each."""
+    p, e = two_prod(n, turn)
+    return TWO_PI[0] * ((p - np.rint(p)) + (e + n * turn_lo))
 
 
 @jit
@@ -159,7 +160,7 @@ def unit(angle):
 def model(n, r, c):
     """J+, x+ and x3 for ψ = 0."""
     J, A, B = factors(r, c)
-    turn = turned(n, c)
+    turn = turned(n, c[TURN], c[TURN_LO])
     x3 = 0.5 * (c[SIZE_B2] * (B.real * B.real + B.imag * B.imag) - c[SIZE_A2] * (A.real * A.real + A.imag * A.imag))
     AB = A * B
     x = complex(-AB.imag, AB.real) * unit(turn + c[RATE_X] * r) * c[SIZE_X]
@@ -226,6 +227,56 @@ def positions(times, c):
         s = position(times[i], 0.0, c)
         out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4], out[i, 5] = s
     return out
+
+
+# ------------------------------------------------------------------------------------ the frame that turns with J
+
+
+@jit
+def klein(n, r, turn, c):
+    """Unit quaternion w + xi + yj + zk of a frame that turns with J and has x/|x| as its third axis, for ψ = 0.
+
+    F_A and F_B are its Cayley-Klein parameters: w + iz = F_B/√2s, y − ix = i F_A/√2s. `turn`: that of F_A in a period.
+    """
+    J, A, B = factors(r, c)
+    turn_b = sub((c[TURN], c[TURN_LO]), turn)
+    b = A * unit(turned(n, turn[0], turn[1]) + c[RATE_A] * r) * math.sqrt(c[SIZE_A2])
+    a = B * unit(turned(n, turn_b[0], turn_b[1]) + c[RATE_B] * r) * math.sqrt(c[SIZE_B2])
+    size = 1.0 / math.sqrt((a.real * a.real + a.imag * a.imag) + (b.real * b.real + b.imag * b.imag))
+    return a.real * size, -b.real * size, -b.imag * size, a.imag * size
+
+
+@jit
+def frames(times, turn, c):
+    """Unit quaternions (N, 4) of the frame that turns with J, from the unit matrix at t = 0."""
+    out = np.empty((len(times), 4))
+    J1, J2, J3_ = c[START], c[START + 1], c[START + 2]
+    moving = c[KIND] == DIRECT or c[KIND] == TRANSFORMED
+    n, r = reduced(0.0, c)
+    w0, x0, y0, z0 = klein(n, r, turn, c) if moving else (1.0, 0.0, 0.0, 0.0)
+    for i in range(len(times)):
+        n, r = reduced(times[i], c)
+        if moving:
+            w, x, y, z = quaternion_product(klein(n, r, turn, c), (w0, -x0, -y0, -z0))
+            x, y = c[PSI_RE] * x - c[PSI_IM] * y, c[PSI_IM] * x + c[PSI_RE] * y
+        elif c[KIND] == FREE:
+            s = math.sin(0.5 * c[CLOCK] * r) / c[CLOCK]
+            w, x, y, z = math.cos(0.5 * c[CLOCK] * r), s * J1, s * J2, s * J3_
+        else:  # J is vertical, and so is x or there is none
+            w, x, y, z = math.cos(0.5 * J3_ * times[i]), 0.0, 0.0, math.sin(0.5 * J3_ * times[i])
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = w, x, y, z
+    return out
+
+
+@jit
+def turn_of_frame(alpha, y):
+    """The turn of F_A in a period, over 2π; with `klein` it is all that a frame needs besides the constants of `position`."""
+    J1, J2, m, x1, x2, x3 = y
+    if alpha < 0.0:
+        alpha, x1, x2, x3 = -alpha, -x1, -x2, -x3
+    z1, z2, z3, _, zA, _, _, dA, _ = roots(alpha, (J1, J2, m, x1, x2, x3))
+    low, high = above(z1, z2, z3, zA, dA)
+    return period_and_turn(z1, z2, z3, sub(zA, z3), low, high, dA, 0.0)[1]
 
 
 # ------------------------------------------------------------------------------------ constants
@@ -487,7 +538,8 @@ def constants(alpha, y, h):
         gA = transformed_series(c, COS_A, SIN_A, sA, bA, False)
         gB = transformed_series(c, COS_B, SIN_B, sB, bB, True)
     c[RATE_J] = 0.5 * m + (ddJ[0] / J3_ - c[CLOCK] * gJ)
-    c[RATE_X] = (ddA[0] / A3_ - c[CLOCK] * gA) + (ddB[0] / B2_ - c[CLOCK] * gB)
+    c[RATE_A], c[RATE_B] = ddA[0] / A3_ - c[CLOCK] * gA, ddB[0] / B2_ - c[CLOCK] * gB
+    c[RATE_X] = c[RATE_A] + c[RATE_B]
     # sizes: of J+ and A where x3 is smallest, of B where it is largest; then the phase, from the initial state
     J, A, B = factors(0.0, c)
     c[SIZE_J] = math.sqrt(2.0 * J3_) / abs(J)
@@ -547,11 +599,22 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> ThetaStepper:
 def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
     """The states at any times, one evaluation each."""
     units = Units(top, y0, 1.0)
-    scaled = np.array([units.span("theta_functions", t) for t in times.tolist()])
+    scaled = units.spans("theta_functions", times)
     c = found_constants(units, y0, 0.0)
     states = units.leave(positions(scaled, c))
     states[times == 0.0] = y0  # also what is lost beside |x| on the way through the formulas
     return states, Work(steps=len(times))
+
+
+def attitude(top: LagrangeTop, y0: Array, times: Array) -> Array:
+    """Unit quaternions (N, 4) of the frame that turns with J, at any times: the Cayley-Klein parameters in closed form."""
+    units = Units(top, y0, 1.0)
+    scaled = units.spans("theta_functions", times)
+    c = found_constants(units, y0, 0.0)
+    moving = c[KIND] in (DIRECT, TRANSFORMED)
+    turn = turn_of_frame(units.alpha, tuple(units.enter(y0))) if moving else ZERO
+    g: Array = frames(scaled, turn, c)
+    return g
 
 
 METHOD = Method(
@@ -567,4 +630,5 @@ METHOD = Method(
     prepare=prepare,
     uniform_only="it is the closed form of an integrable top; backlund_splitting takes any potential",
     evaluate=evaluate,
+    attitude=attitude,
 )

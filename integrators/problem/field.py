@@ -1,8 +1,8 @@
 """A potential V(x) of the axis x, and the formulas made from it: what methods compile.
 
-A `Potential` is V with the names of its parameters. V is an ordinary Python function of + − × ÷, whole and half powers, and
-`sqrt`. It is recorded once (`compiling.expression`) as a `Formula`: so the same formula serves floats, mpmath, heyoka and the
-compiled kernels. A `Field` is alpha x3 + V with all derivatives, made from what was recorded.
+A `Potential` is V with the names of its parameters. V is an ordinary Python function of + − × ÷, whole and half powers,
+`sqrt`, `sin`, `cos`, `exp` and `log`. It is recorded once (`compiling.expression`) as a `Formula`: so the same formula serves
+floats, mpmath, heyoka and the compiled kernels. A `Field` is alpha x3 + V with all derivatives, made from what was recorded.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from functools import cache, cached_property
 from itertools import chain, combinations
 from typing import Any
 
-from integrators.compiling.compiled import jit_as
-from integrators.compiling.expression import Program, Tape, Term, record, take
-from integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.compiling.compiled import jit_as
+from lagrange_bench.integrators.compiling.expression import Program, Tape, Term, record, take
+from lagrange_bench.integrators.compiling.unroll import unrolled
 
 ROOTS = 6  # at most: each combination of their signs is tried
 Vector = tuple[Any, Any, Any]
@@ -34,7 +34,7 @@ class Potential:
 
     Raises
     ------
-    ValueError : from `formula` and from `PerturbedTop`, for a function of more than + − × ÷, whole and half powers, and sqrt.
+    ValueError : from `formula` and from `PerturbedTop`, for a function that is no such formula.
     """
 
     def __init__(
@@ -52,6 +52,10 @@ class Potential:
             if not callable(function) and not (word == "gradient" and function is None):
                 raise ValueError(f"potential {name}: {word} must be a function of (x1, x2, x3, p); got {function!r}")
         self.name, self.value, self.given, self.note = name, value, gradient, note
+        if parameters is not None:
+            listed = isinstance(parameters, Iterable) and not isinstance(parameters, str)
+            if not listed or not all(isinstance(word, str) and word for word in parameters):
+                raise ValueError(f"potential {name}: parameters must be a sequence of names; got {parameters!r}")
         self.parameters = None if parameters is None else tuple(parameters)
         self._formulas: dict[int, Formula] = {}
 
@@ -80,8 +84,9 @@ class Potential:
             program = record(plain, 3 + count)
         except IndexError as error:
             raise ValueError(f"potential {self.name}: {word} asks for more than {count} parameters ({error})") from None
-        except Exception as error:  # somebody else's function may raise anything
+        except (Exception, SystemExit) as error:  # somebody else's function may raise anything
             reason = " ".join(str(error).split())  # in one line
+            reason = f"it calls sys.exit({reason})" if isinstance(error, SystemExit) else reason
             raise ValueError(f"potential {self.name}: {word}(x1, x2, x3, p) fails: {reason}") from None
         if len(program.outputs) != outputs:
             raise ValueError(f"potential {self.name}: {word} must return {outputs} numbers; got {len(program.outputs)}")

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from integrators.checks import Array
-from integrators.compiling.expression import Program
-from integrators.precision import workdps
-from integrators.problem.field import Formula, dot
+from lagrange_bench.integrators.checks import Array
+from lagrange_bench.integrators.compiling.expression import Program
+from lagrange_bench.integrators.precision import workdps
+from lagrange_bench.integrators.problem.field import Formula, dot
 
 POINTS = 6  # random points at which two formulas that are not the same are told apart
 DIGITS = 50

@@ -14,16 +14,17 @@ import hashlib
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from integrators.checks import Array, check_real
-from integrators.compiling.expression import Program
-from integrators.problem.field import Field, Formula, Potential, Vector, cross, dot
-from integrators.problem.nature import Nature, _nature, _points, _wrong
-from integrators.problem.top import LagrangeTop, hat
+from lagrange_bench.integrators.checks import Array, check_real
+from lagrange_bench.integrators.compiling.expression import Program
+from lagrange_bench.integrators.problem.field import Field, Formula, Potential, Vector, cross, dot
+from lagrange_bench.integrators.problem.nature import Nature, _nature, _points, _wrong
+from lagrange_bench.integrators.problem.system import System, top_system
+from lagrange_bench.integrators.problem.top import LagrangeTop, hat
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,7 @@ class PerturbedTop:
     top: LagrangeTop
     potential: Potential
     parameters: tuple[Any, ...] = ()
+    start: ClassVar[float] = 0.0  # time at the initial state, which nothing depends on
 
     def __post_init__(self) -> None:
         if not isinstance(self.top, LagrangeTop):
@@ -82,6 +84,11 @@ class PerturbedTop:
     def field(self) -> Field:
         """The formulas of the whole potential alpha x3 + V."""
         return self.formula.field
+
+    @cached_property
+    def system(self) -> System:
+        """H and its bracket as formulas; their parameters are `numbers`."""
+        return top_system(self.field.potential, self.field.gradient, "J3" in self.conserved)
 
     @property
     def alpha(self) -> Any:
@@ -131,13 +138,14 @@ class PerturbedTop:
 
     @cached_property
     def offers(self) -> frozenset[str]:
-        """What methods may rely on: "force", always; "smooth", no corners; "quadratic", a linear force; "linear", a uniform one.
+        """What methods may rely on: "rhs", "parts", "kinetic" and "force", always; "smooth", no corners; "quadratic", a linear
+        force; "linear", a uniform one.
 
         A root of a square, √(w²), has a corner where w changes its sign.
         """
         nature, smooth = self.nature, not self.field.potential.corners(3)
         kinds = {"smooth": smooth or nature.quadratic, "quadratic": nature.quadratic, "linear": nature.linear}
-        return frozenset({"force", *(name for name, offered in kinds.items() if offered)})
+        return frozenset({"rhs", "parts", "kinetic", "force", *(name for name, offered in kinds.items() if offered)})
 
     @cached_property
     def conserved(self) -> frozenset[str]:

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from integrators.compiling.expression import sqrt
-from integrators.problem.field import Potential, dot
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.top import TOPS, LagrangeTop, Named, NamedTop
+from lagrange_bench.integrators.compiling.expression import sqrt
+from lagrange_bench.integrators.problem.field import Potential, dot
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop, Named, NamedTop
 
 
 def _quadratic(x1: Any, x2: Any, x3: Any, p: Any) -> Any:

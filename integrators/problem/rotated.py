@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from integrators.checks import as_state
-from integrators.interface import Array, Method, Stepper, Work
-from integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.checks import as_state
+from lagrange_bench.integrators.interface import Array, Method, Stepper, Work
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.watched import watched
 
 
 class Rotated(Stepper):
@@ -61,7 +62,7 @@ def prepare_for(method: Method, problem: Any) -> Callable[..., Stepper]:
     @wraps(method.prepare)
     def build(problem: PerturbedTop, y0: Array, h: float, **options: Any) -> Stepper:
         top, R = frame(problem)
-        return Rotated(method.prepare(top, turn(R, y0), h, **options), R)
+        return Rotated(watched(method.name, method.prepare(top, turn(R, y0), h, **options)), R)
 
     return build
 

@@ -14,13 +14,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from integrators.checks import Array
-from integrators.words import suggestion
+from lagrange_bench.integrators.checks import Array
+from lagrange_bench.integrators.problem.system import System, uniform_system
+from lagrange_bench.integrators.words import suggestion
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +37,7 @@ class LagrangeTop:
     """
 
     alpha: float = 1.0
+    start: ClassVar[float] = 0.0  # time at the initial state, which nothing depends on
 
     if TYPE_CHECKING:
 
@@ -72,6 +74,16 @@ class LagrangeTop:
         if isinstance(self.alpha, np.ndarray):
             raise ValueError(f"top holds {len(self.alpha)} values of alpha, which only integrate_ensemble takes")
         return self.alpha
+
+    @property
+    def system(self) -> System:
+        """H and its bracket as formulas."""
+        return uniform_system()
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """The parameters of `system`: alpha. ValueError if there are many."""
+        return (self.single(),)
 
     def rhs(self, y: ArrayLike) -> Array:
         """Time derivative of states (..., 6)."""
@@ -180,10 +192,12 @@ class NamedTop:
 
 
 class Named(dict[str, Any]):
-    """A dict that knows what was meant."""
+    """A dict that knows what was meant; `kind` of thing."""
+
+    kind = "top"
 
     def __missing__(self, name: str) -> Any:
-        raise KeyError(f"unknown top {name!r}{suggestion(str(name), self)} Known: {', '.join(self)}")
+        raise KeyError(f"unknown {self.kind} {name!r}{suggestion(str(name), self)} Known: {', '.join(self)}")
 
 
 # Where a state must lie exactly on a special orbit, every number is a short binary fraction, chosen so that the

@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 
-from integrators.compiling.compiled import jit
-from integrators.interface import Array, StepError
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
+from lagrange_bench.integrators.interface import Array, StepError
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 LARGEST_SPAN = 1e15  # of |h|, in time scales of the top: beyond it the phase has no digits left
 USUAL = 1e-200  # squares above it and below its inverse: nothing under- or overflows
@@ -78,21 +79,24 @@ def ldexp(number: float, exponent: int) -> float:
         return math.copysign(math.inf, number)
 
 
+first_exponents, first_shift = at_first_interpreted(exponents), at_first_interpreted(shift)
+
+
 class Units:
     """Powers of two that bring |x| and |J| + √(|alpha||x|) to order one: changing units is exact."""
 
     def __init__(self, top: LagrangeTop, y0: Array, h: float):
-        self.rate, self.length = exponents(top.alpha, tuple(y0.tolist()), h)
+        self.rate, self.length = first_exponents(top.alpha, tuple(y0.tolist()), h)
         self.alpha = ldexp(top.alpha, self.length - 2 * self.rate)
 
     def enter(self, y: Array) -> Array:
         scaled = np.array(y)
-        shift(scaled, -self.rate, -self.length)
+        first_shift(scaled, -self.rate, -self.length)
         return scaled
 
     def leave(self, y: Array) -> Array:
         """Works in `y`."""
-        shift(y, self.rate, self.length)
+        first_shift(y, self.rate, self.length)
         return y
 
     def time(self, t: float) -> float:
@@ -104,6 +108,14 @@ class Units:
         if not abs(span) < LARGEST_SPAN:
             raise StepError(method, "|h| is over 1e15 times the time scale of the top: its phase is beyond double", h=h)
         return span
+
+    def spans(self, method: str, times: Array) -> Array:
+        """`span` of many times."""
+        with np.errstate(over="ignore"):
+            spans: Array = np.ldexp(times, self.rate)
+        if not np.all(np.abs(spans) < LARGEST_SPAN):
+            self.span(method, float(times[np.argmax(np.abs(spans))]))
+        return spans
 
     def parameter(self, lam: complex) -> complex:
         """λ has the units of x/J."""

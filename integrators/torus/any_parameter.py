@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from integrators.compiling.loops import SIZE
-from integrators.interface import Array, StepError
-from integrators.problem.top import LagrangeTop
-from integrators.problem.units import Units
-from integrators.torus import time_step as ts
-from integrators.torus.real_map import KERNELS, constants, form
-from integrators.torus.stepper import check_constants
+from lagrange_bench.integrators.compiling.loops import SIZE
+from lagrange_bench.integrators.interface import Array, StepError
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.units import Units
+from lagrange_bench.integrators.torus import time_step as ts
+from lagrange_bench.integrators.torus.real_map import KERNELS, constants, form
+from lagrange_bench.integrators.torus.stepper import check_constants
 
 
 def papers_parameter(name: str, y0: Array, h: float) -> complex:
@@ -60,7 +60,7 @@ def branch_guess(alpha: float, state: Array, lam: complex) -> tuple[float, float
 
 
 def two_point(top: LagrangeTop, y: Array, lam: complex, sheet: int = 1) -> Array:
-    """One step of the map with any λ; see `integrators.two_point`."""
+    """One step of the map with any λ; see `lagrange_bench.two_point`."""
     if sheet not in (1, -1):
         raise ValueError(f"sheet must be 1 or -1; got {sheet!r}")
     units = Units(top, y, 1.0)

@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import math
 
-from integrators.compiling.compiled import jit
-from integrators.compiling.double_double import (
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.double_double import (
     add,
     cmul,
     dd,
@@ -28,10 +28,8 @@ from integrators.compiling.double_double import (
     sqrt,
     sub,
 )
-from integrators.problem import body
-from integrators.torus import time_step as ts
-
-quaternion_product = jit(body.quaternion_product)
+from lagrange_bench.integrators.problem.body import quaternion_product
+from lagrange_bench.integrators.torus import time_step as ts
 
 
 @jit

@@ -34,15 +34,15 @@ from typing import Any
 
 import numpy as np
 
-from integrators.compiling import double_double
-from integrators.compiling.compiled import inlined, inlined_copy, jit
-from integrators.compiling.double_double import dd, scale
-from integrators.compiling.lanes import LANES
-from integrators.compiling.numba_internals import column, put_column
-from integrators.compiling.unroll import unrolled
-from integrators.torus import real_map
-from integrators.torus import time_step as ts
-from integrators.torus.real_map import ALPHA, CONSTANTS, H
+from lagrange_bench.integrators.compiling import double_double
+from lagrange_bench.integrators.compiling.compiled import inlined, inlined_copy, jit
+from lagrange_bench.integrators.compiling.double_double import dd, scale
+from lagrange_bench.integrators.compiling.lanes import LANES
+from lagrange_bench.integrators.compiling.numba_internals import column, put_column
+from lagrange_bench.integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.torus import real_map
+from lagrange_bench.integrators.torus import time_step as ts
+from lagrange_bench.integrators.torus.real_map import ALPHA, CONSTANTS, H
 
 WEIGHT = 10  # of the polynomials of the start
 REACH = 2.0**-3  # times up to this, in units of 1/√max(2H + 2|alpha|√C1, |alpha|√C1), start from them

@@ -15,8 +15,8 @@ import math
 
 import numpy as np
 
-from integrators.compiling.compiled import jit
-from integrators.compiling.double_double import (
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.double_double import (
     add,
     cmul,
     dd,
@@ -26,10 +26,10 @@ from integrators.compiling.double_double import (
     times,
     two_sum,
 )
-from integrators.compiling.loops import MEMORY
-from integrators.problem.units import LARGEST_SPAN, MODERATE, exponents, own_units
-from integrators.torus import attitude as at
-from integrators.torus import time_step as ts
+from lagrange_bench.integrators.compiling.loops import MEMORY
+from lagrange_bench.integrators.problem.units import LARGEST_SPAN, MODERATE, exponents, own_units
+from lagrange_bench.integrators.torus import attitude as at
+from lagrange_bench.integrators.torus import time_step as ts
 
 # places of the constants
 R, ETA, ETA_2, ETA2, ETA_S, ETA_B, MR, MI_ETA, MI_Q3, MM_Q3, P3, ALPHA_2, J3_2 = range(13)
@@ -364,14 +364,33 @@ def many_jumps(alphas, Y, times, out, done):
 
 
 @jit
-def attitude_loop(s, g, c, spin, steps, block):
-    """(state, attitude) after so many steps; pinned before every `block` of them."""
-    tally = np.zeros(5)
-    for i in range(steps):
-        if i % block == 0:
-            s = pin(s, c)
-        u1, u2, u3, size = direction(s, c)
-        r = c[ETA] / size
-        g = at.turn_with(g, (s[3], s[4], s[5]), c[R], (r * u1, r * u2, r * u3), spin)
-        s = turning_step(s, c, tally)
-    return s, g
+def attitudes(alpha, y, times, longest, block):
+    """Quaternions (N, 4) of the frame that turns with J, which is 1 at 0, at times that lead away from 0.
+
+    From each to the next by steps of at most `longest`, pinned before every `block` of them; equal distances share their
+    constants, and are counted from where they begin: no rounding of a time adds up.
+    """
+    out, tally = np.empty((len(times), 4)), np.zeros(5)
+    s, g = (y[0], y[1], y[2], y[3], y[4], y[5]), (1.0, 0.0, 0.0, 0.0)
+    begin = before = gap = 0.0
+    number = done = parts = 0
+    c, spin = np.zeros(CONSTANTS), (1.0, 0.0)
+    for i in range(len(times)):
+        number += 1
+        if gap == 0.0 or abs(begin + number * gap - times[i]) > 2e-16 * abs(times[i]):
+            begin, number, gap = before, 1, times[i] - before
+            parts = math.ceil(abs(gap) / longest)
+            if gap != 0.0:
+                c[:] = exact_constants(alpha, y, gap / parts)[0]
+                spin = at.step_spin(alpha, y, gap / parts)
+        for _ in range(parts if gap != 0.0 else 0):
+            if done % block == 0:
+                s = pin(s, c)
+            u1, u2, u3, size = direction(s, c)
+            r = c[ETA] / size
+            g = at.turn_with(g, (s[3], s[4], s[5]), c[R], (r * u1, r * u2, r * u3), spin)
+            s = turning_step(s, c, tally)
+            done += 1
+        before = begin + number * gap
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = g
+    return out

@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from integrators.compiling.compiled import jit, jit_as
-from integrators.compiling.unroll import unrolled
-from integrators.interface import Array
-from integrators.torus.plain_step import parameter
+from lagrange_bench.integrators.compiling.compiled import jit, jit_as
+from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
+from lagrange_bench.integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.interface import Array
+from lagrange_bench.integrators.torus.plain_step import parameter
 
 DEGREES = (1, 2, 3, 4, 6, 8, 10, 12)
 TAIL = 2.0**-50  # relative size of the coefficients of highest degree of a table that has all digits
@@ -130,6 +131,9 @@ def tabulate(top, box, h, nodes, to_chebyshev, to_monomials, level, found):
     return least
 
 
+at_first_tabulate = at_first_interpreted(tabulate)
+
+
 @cache
 def order_of(degree: int, level: bool) -> tuple[Array, Array]:
     """Powers of u and v, in the order of `look_up`."""
@@ -147,7 +151,7 @@ def tables(top: Array, box: Array, times: tuple[float, ...], level: bool) -> tup
     for n in GRIDS:
         found, degree = np.zeros((len(times), 4, size, 1 if level else size)), 0
         for k, h in enumerate(times):
-            least = tabulate(top, box, h, *chebyshev(n), level, found[k, :, :n, :n])
+            least = at_first_tabulate(top, box, h, *chebyshev(n), level, found[k, :, :n, :n])
             if least == 0:
                 break
             degree = max(degree, least)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from integrators.compiling.loops import FixedStepper, finite
-from integrators.interface import Array, StepError
-from integrators.problem.units import Units
-from integrators.torus.real_map import NO_TURN, on_torus, turn_rows
+from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
+from lagrange_bench.integrators.compiling.loops import FixedStepper, finite
+from lagrange_bench.integrators.interface import Array, StepError
+from lagrange_bench.integrators.problem.units import Units
+from lagrange_bench.integrators.torus.real_map import NO_TURN, on_torus, turn_rows
 
 Turn = tuple[tuple[float, float], tuple[float, float]]  # cos and sin of an angle, as double-doubles
+first_on_torus, first_turn_rows = at_first_interpreted(on_torus), at_first_interpreted(turn_rows)
 OFF_TORUS = 4e-11  # distance of an invariant from the prepared torus, in scaled units, that is no longer round-off
 
 
@@ -25,13 +27,13 @@ class TorusStepper(FixedStepper):
 
     def enter(self, y: Array) -> Array:
         state = super().enter(y)
-        if not on_torus(state, self.constants, OFF_TORUS):
+        if not first_on_torus(state, self.constants, OFF_TORUS):
             raise StepError(self.name, "the state is not on the torus this step was prepared for", h=self.h)
         return state
 
     def rows(self, out: Array, every: int) -> Array:
         if self.turn != NO_TURN:
-            turn_rows(out[1:], *self.turn, every)
+            first_turn_rows(out[1:], *self.turn, every)
         return super().rows(out, every)
 
 

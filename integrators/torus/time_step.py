@@ -32,8 +32,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from integrators.compiling.compiled import jit
-from integrators.compiling.double_double import (
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.double_double import (
     add,
     cadd,
     cdiv,

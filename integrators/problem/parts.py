@@ -1,0 +1,210 @@
+"""Parts of a Hamiltonian whose flows are closed formulas, found on its tape.
+
+    kick      a function of t and x on e3: x stays, J grows by τ ∂U/∂x × x
+    axis      a function of t and of components along one axis: these stay, each vector turns about the axis
+    square    a multiple of |J|² on e3: J stays, x turns about it; on so3 a Casimir function, nothing moves
+    pair      a multiple of s_j·s_k: both spins turn about their sum
+
+t is frozen in a flow: a splitting advances it by itself. H is a sum, multiplied out where a factor does not depend on y; an
+addend that is none of these has no closed flow here. Where two of the coefficients of J1², J2², J3² are equal, |J|² is taken
+out of them.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from lagrange_bench.integrators.compiling.expression import Program, Split, Tape, Term, cos, sin, sqrt
+from lagrange_bench.integrators.problem.field import cross, dot
+from lagrange_bench.integrators.problem.system import Space, System, depends
+
+TINY = 1e-300  # beside the square of a length: keeps 0/0 from a vector that vanishes
+NO_FLOW = (
+    "it is not a function of t and x, nor of components along one axis, nor a multiple of |J|² or s_j·s_k, or it is several "
+    "of these"
+)
+Key = tuple[Any, ...]  # of a part: "kick"; "axis" and which; "square" and the vector; "pair" and both vectors
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part H_i of H, a program of (t, y, p), with its kind and what it acts on."""
+
+    key: Key
+    energy: Program
+    space: Space
+    body: bool
+
+    @property
+    def kind(self) -> str:
+        """One of "kick", "axis", "square", "pair"."""
+        return str(self.key[0])
+
+    @cached_property
+    def digest(self) -> str:
+        """Identity of the formula and of what it acts on."""
+        return f"{'-'.join(map(str, self.key))} {self.energy.digest} {self.space.name} {self.body}"
+
+    @cached_property
+    def timed(self) -> bool:
+        """Whether it depends on t."""
+        return depends(self.energy, [0])
+
+    @cached_property
+    def flow(self) -> Split:
+        """(t, y, τ) → y after the time τ; fixed inputs are the parameters."""
+        n = self.space.size
+        tape = Tape()
+        t, y, span = tape.input(), tuple(tape.input() for _ in range(n)), tape.input()
+        p = [tape.input(fixed=True) for _ in range(self.energy.inputs - 1 - n)]
+        slopes = tape.gradient(tape.run(self.energy, t, *y, *p)[0], y)
+        turn = {"kick": self._kick, "axis": self._axis, "square": self._square, "pair": self._pair}[self.kind]
+        return tape.split(turn(y, slopes, -span if self.body else span))
+
+    def _kick(self, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
+        torque = cross(g[3:], y[3:])
+        return [*(v + span * w for v, w in zip(y[:3], torque, strict=True)), *y[3:]]
+
+    def _axis(self, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
+        axis, new = self.key[1], list(y)
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        if self.space.affine:
+            new[i], new[j] = new[i] - span * g[3 + axis] * y[3 + j], new[j] + span * g[3 + axis] * y[3 + i]
+        for first in range(0, len(y), 3):
+            angle = span * g[axis if self.space.affine else first + axis]
+            new[first + i], new[first + j] = turned(new[first + i], new[first + j], angle)
+        return new
+
+    def _square(self, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
+        """∂H/∂J = 2 w J: 2 w is the second derivative by any component, here a quotient of sums of squares."""
+        J, x = y[:3], y[3:]
+        change = swing(J, x, span * (dot(g[:3], J) / (dot(J, J) + TINY)))
+        return [*J, *(v + d for v, d in zip(x, change, strict=True))]
+
+    def _pair(self, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
+        """∂H/∂s_j = K s_k."""
+        new, (j, k) = list(y), self.key[1:]
+        s, r = y[3 * j : 3 * j + 3], y[3 * k : 3 * k + 3]
+        strength = dot(g[3 * j : 3 * j + 3], r) / (dot(r, r) + TINY)
+        change = swing([a + b for a, b in zip(s, r, strict=True)], s, span * strength)
+        for i, d in enumerate(change):
+            new[3 * j + i], new[3 * k + i] = s[i] + d, r[i] - d
+        return new
+
+
+def turned(u: Any, v: Any, angle: Any) -> tuple[Any, Any]:
+    """(u, v) turned by an angle, and back to its length: sin² + cos² − 1 may be the same at every step."""
+    if isinstance(angle, Term) and angle.tape.known(angle) == 0.0:
+        return u, v
+    c, s = cos(angle), sin(angle)
+    a, b, square = c * u - s * v, s * u + c * v, u * u + v * v
+    lack = 0.5 * ((a * a - square) + b * b) / (square + TINY)
+    return a - lack * a, b - lack * b
+
+
+def swing(axis: Sequence[Any], v: Sequence[Any], rate: Any) -> list[Any]:
+    """By how much v changes when it turns about a vector by `rate` times its length."""
+    square = dot(axis, axis)
+    size = sqrt(square)
+    half = 0.5 * rate * size
+    s = sin(half)
+    first, second = 2.0 * s * cos(half) / (size + TINY), 2.0 * s * s / (square + TINY)
+    u = cross(axis, v)
+    return [first * a + second * b for a, b in zip(u, cross(axis, u), strict=True)]
+
+
+# ------------------------------------------------------------------------------------ taking H apart
+
+
+def closed_flows(system: System, numbers: tuple[float, ...], posed: Iterable[Program] = ()) -> tuple[Part, ...]:
+    """The parts of H with these parameters, or those posed by the user; none if an addend has no closed flow."""
+    energies = tuple(posed) or (system.energy,)
+    found = [_taken_apart(system, numbers, energy) for energy in energies]
+    return tuple(part for parts in found if parts for part in parts) if None not in found else ()
+
+
+def no_closed_flow(system: System, numbers: tuple[float, ...], energy: Program) -> str:
+    """Why a part that was posed has no closed flow; "" if it has one."""
+    parts = _taken_apart(system, numbers, energy)
+    return NO_FLOW if parts is None or len(parts) > 1 else ""
+
+
+def _taken_apart(system: System, numbers: tuple[float, ...], energy: Program) -> list[Part] | None:
+    tape, space = Tape(), system.space
+    inputs = [tape.input() for _ in range(energy.inputs)]
+    y = inputs[1 : 1 + space.size]
+    (H,) = tape.run(energy, *inputs)
+    found: dict[Key, list[Term]] = defaultdict(list)
+    products: dict[Key, dict[int, Term]] = defaultdict(dict)  # of two components along one axis: axis → weight
+    for weight, core in _addends(tape, tape.constant(1.0), H, y):
+        moved = [i for i, v in enumerate(y) if _depends(tape, core, {v.place})]
+        pair = _product(tape, core, y)
+        if not moved:
+            continue
+        if space.affine and min(moved) >= 3:
+            found["kick",].append(weight * core)
+        elif pair and moved[0] % 3 not in products[pair] and not (space.affine and pair == (1, 1)):
+            products[pair][moved[0] % 3] = weight
+        elif len({i % 3 for i in moved}) == 1:
+            found["axis", moved[0] % 3].append(weight * core)
+        else:
+            return None
+    for (j, k), weights in products.items():
+        values = {axis: _value(tape, weight, numbers) for axis, weight in weights.items()}
+        same = [axis for axis in values if list(values.values()).count(values[axis]) > 1]
+        common = weights[same[0]] if len(values) == 3 and same else None
+        if common is not None and j == k and space.affine:
+            found["square", j].append(common * dot(y[:3], y[:3]))
+        elif common is not None and j != k and not space.affine:
+            found["pair", j, k].append(common * dot(y[3 * j : 3 * j + 3], y[3 * k : 3 * k + 3]))
+        for axis, weight in weights.items():
+            if common is None or axis not in same:
+                rest = weight if common is None else weight - common
+                found["axis", axis].append(rest * (y[3 * j + axis] * y[3 * k + axis]))
+    order = ("square", "pair", "axis", "kick")
+    keys = sorted(found, key=lambda key: (order.index(key[0]), key[1:]))
+    return [Part(key, tape.program((sum(found[key], tape.constant(0.0)),)), space, system.body) for key in keys]
+
+
+def _value(tape: Tape, weight: Term, numbers: tuple[float, ...]) -> Any:
+    """A weight as a number, or as its formula if it depends on t."""
+    program = tape.program((weight,))
+    return weight.place if depends(program, [0]) else program(*(0.0,) * (program.inputs - len(numbers)), *numbers)
+
+
+def _addends(tape: Tape, weight: Term, term: Term, y: Sequence[Term]) -> Iterator[tuple[Term, Term]]:
+    """weight × term as a sum of weights, which do not depend on y, times terms that are no sums."""
+    operation, *arguments = tape.lines[term.place]
+    places = {v.place for v in y}
+    if operation in ("add", "sub", "neg"):
+        for i, place in enumerate(arguments):
+            minus = operation == "neg" or (operation == "sub" and i == 1)
+            yield from _addends(tape, -weight if minus else weight, Term(tape, place), y)
+        return
+    if operation in ("mul", "div"):
+        a, b = (Term(tape, place) for place in arguments)
+        if not _depends(tape, b, places):
+            yield from _addends(tape, weight * b if operation == "mul" else weight / b, a, y)
+            return
+        if operation == "mul" and not _depends(tape, a, places):
+            yield from _addends(tape, weight * a, b, y)
+            return
+    yield weight, term
+
+
+def _depends(tape: Tape, term: Term, places: set[int]) -> bool:
+    return not places.isdisjoint(tape.needed([term]))
+
+
+def _product(tape: Tape, core: Term, y: Sequence[Term]) -> tuple[int, int] | None:
+    """The vectors of y_i y_k, two components along one axis."""
+    operation, *arguments = tape.lines[core.place]
+    component = {v.place: i for i, v in enumerate(y)}
+    if operation != "mul" or not all(place in component for place in arguments):
+        return None
+    i, k = sorted(component[place] for place in arguments)
+    return (i // 3, k // 3) if i % 3 == k % 3 else None

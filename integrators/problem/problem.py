@@ -1,0 +1,351 @@
+"""A problem of your own: a phase space and a Hamiltonian, posed in a line.
+
+    from lagrange_bench.integrators import Problem, integrate
+    body = Problem("body", "so3", lambda t, y, p: (y[0]**2/p[0] + y[1]**2/p[1] + y[2]**2/p[2])/2, (1.0, 2.0, 3.0), frame="body")
+    integrate(body, (0.3, -0.4, 1.2), h=0.05, steps=1000, method="gauss6").invariants()
+
+H is recorded once (`compiling.expression`); the right-hand side, its Jacobian and the kernels of methods follow from that. The
+brackets are in `system`, the splitting into parts with closed flows in `parts`.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lagrange_bench.integrators.checks import Array, check_numbers, check_real
+from lagrange_bench.integrators.compiling.expression import Program, Tape, record
+from lagrange_bench.integrators.problem.parts import Part, closed_flows, no_closed_flow
+from lagrange_bench.integrators.problem.system import System, find_space, make_system
+
+POINTS = 5  # random points at which claims about formulas are tried
+SAME = 1e-9  # of the size of the terms: what counts as nothing at such a point
+Formula = Callable[..., Any]
+
+
+class Problem:
+    """A Hamiltonian system on "e3", "so3" or n spins. Picklable, hashable.
+
+    Parameters
+    ----------
+    name : what messages and tables call it.
+    space : "e3", six numbers (J, x); "so3", three; "so3**n" or n, n spins, 3n numbers.
+    hamiltonian : (t, y, p) → H, a function of + − × ÷, whole and half powers, and sqrt, sin, cos, exp, log of `integrators`; y
+        are the numbers of the state, p the parameters.
+    parameters : numbers.
+    parts : functions as `hamiltonian` with closed flows, H being their sum; by default H is taken apart where that works:
+        functions of t and x, of components along one axis, multiples of |J|² and of s_j·s_k.
+    invariants : name → function as `hamiltonian`, what is conserved besides H and the Casimir functions.
+    frame : "space", with the bracket of the top, J' = ∂H/∂J × J + ∂H/∂x × x, x' = ∂H/∂J × x; or "body", with the other sign.
+
+    Raises
+    ------
+    ValueError : a function that is no formula, an invariant that is not conserved, parts that do not add up to H or have no
+    closed flow; the message names the argument.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        space: str | int,
+        hamiltonian: Formula,
+        parameters: Sequence[float] = (),
+        parts: Sequence[Formula] = (),
+        invariants: Mapping[str, Formula] | None = None,
+        frame: str = "space",
+    ):
+        if not isinstance(name, str) or not name:
+            raise ValueError(f"name of a problem must be a word; got {name!r}")
+        if frame not in ("space", "body"):
+            raise ValueError(f"problem {name}: frame must be 'space' or 'body'; got {frame!r}")
+        if isinstance(parameters, (str, bytes)) or not hasattr(parameters, "__iter__"):
+            raise ValueError(f"problem {name}: parameters must be numbers; got {parameters!r}")
+        self.name, self.space = name, find_space(space)
+        self.numbers = tuple(check_real(v, f"problem {name}: parameters[{i}]") for i, v in enumerate(parameters))
+        self.start = 0.0
+        energy = self._record("hamiltonian", hamiltonian)
+        self.given = {
+            word: self._record(f"invariants[{word!r}]", formula) for word, formula in (invariants or {}).items()
+        }
+        self.posed = tuple(self._record(f"parts[{i}]", formula) for i, formula in enumerate(parts))
+        kept = {o - 1 for program in self.given.values() for o in program.outputs if self._is_component(o)}
+        self.system = make_system(self.space, energy, body=frame == "body", kept=kept)
+        self._check_invariants(make_system(self.space, energy, body=frame == "body"))
+        if self.posed:
+            self._check_parts()
+
+    def _is_component(self, place: Any) -> bool:
+        return isinstance(place, int) and 1 <= place <= self.space.size
+
+    def _record(self, word: str, formula: Formula) -> Program:
+        size = self.space.size
+        if not callable(formula):
+            raise ValueError(f"problem {self.name}: {word} must be a function of (t, y, p); got {formula!r}")
+        try:
+            return record(lambda t, *n: (formula(t, n[:size], n[size:]),), 1 + size + len(self.numbers))
+        except IndexError as error:
+            count = f"{size} numbers of y and {len(self.numbers)} parameters"
+            raise ValueError(f"problem {self.name}: {word} asks for more than {count} ({error})") from None
+        except Exception as error:  # somebody else's function may raise anything
+            reason = " ".join(str(error).split())  # in one line
+            raise ValueError(f"problem {self.name}: {word}(t, y, p) fails: {reason}") from None
+
+    def __repr__(self) -> str:
+        return f"Problem({self.name!r})"
+
+    def __hash__(self) -> int:
+        return hash((self.system, self.numbers))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Problem) and self._identity == other._identity
+
+    @property
+    def _identity(self) -> tuple[Any, ...]:
+        return self.system, self.numbers, self.start, tuple(self.given.items()), self.posed
+
+    def __reduce__(self) -> Any:  # functions typed at a prompt cannot be pickled, what was recorded of them can
+        frame = "body" if self.system.body else "space"
+        words = (
+            self.name,
+            self.space.name,
+            self.system.energy,
+            self.numbers,
+            self.posed,
+            self.given,
+            frame,
+            self.start,
+        )
+        return _rebuild, words
+
+    def starting(self, t: float) -> Problem:
+        """The same problem with another time at the initial state; times of a trajectory are counted from there."""
+        other = object.__new__(Problem)
+        other.__dict__ |= {**self.__dict__, "start": check_real(t, "t")}
+        return other
+
+    # ------------------------------------------------------------------ what methods ask for
+
+    @cached_property
+    def parts(self) -> tuple[Part, ...]:
+        """Parts of H with closed flows; none if it cannot be taken apart."""
+        return closed_flows(self.system, self.numbers, self.posed)
+
+    @property
+    def timed(self) -> bool:
+        """Whether H depends on t."""
+        return self.system.timed
+
+    @cached_property
+    def offers(self) -> frozenset[str]:
+        """What methods may rely on: "rhs", always; "parts" with closed flows; "kinetic", c |J|² + U(t, x); "smooth"."""
+        kinetic = [part.kind for part in self.parts] == ["square", "kick"] and not self.parts[0].timed
+        words = {"smooth": self.system.smooth, "parts": bool(self.parts), "kinetic": kinetic}
+        return frozenset({"rhs", *(word for word, offered in words.items() if offered)})
+
+    def single(self) -> None:
+        """A problem has one set of parameters."""
+
+    def check_state(self, y: Any, name: str = "y0") -> Array:
+        """A state as a fresh array (n,), of any shape with so many numbers. ValueError: it is none, or H is not finite."""
+        state = check_numbers(y, name, self.space.size)
+        if not np.isfinite((self.energy(state), *self.rhs(state))).all():
+            raise ValueError(f"{name}: the problem {self.name} is not finite at {state.tolist()}")
+        return state
+
+    # ------------------------------------------------------------------ its functions
+
+    def energy(self, y: ArrayLike, t: Any = 0.0) -> Any:
+        """H of states (..., n), at the time t from the start."""
+        return self._values(self.system.energy, y, t)[..., 0]
+
+    def rhs(self, y: ArrayLike, t: Any = 0.0) -> Array:
+        """Time derivative of states (..., n), at the time t from the start."""
+        return self._values(self.system.rhs, y, t)
+
+    def jacobian(self, y: ArrayLike, t: float = 0.0) -> Array:
+        """Derivative of `rhs`, shape (n, n), at one state (n,)."""
+        n = self.space.size
+        return self._values(self.system.jacobian, y, t).reshape(n, n).T
+
+    def poisson(self, y: ArrayLike) -> Array:
+        """The tensor P (n, n) with y' = P(y) ∇H at one state (n,)."""
+        sign = -1.0 if self.system.body else 1.0
+        columns = [self.space.flow(e, np.asarray(y).tolist()) for e in np.eye(self.space.size).tolist()]
+        return sign * np.array(columns, dtype=float).T
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The invariants: H, unless it depends on t, Casimir functions, and those given."""
+        return (*(("H",) * (not self.timed)), *self.space.casimirs(range(1, 100)), *self.given)
+
+    @property
+    def conserved(self) -> frozenset[str]:
+        """`names`, as a set."""
+        return frozenset(self.names)
+
+    @cached_property
+    def _invariants(self) -> Program:
+        def values(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
+            energy = [] if self.timed else tape.run(self.system.energy, t, *y, *p)
+            given = [tape.run(program, t, *y, *p)[0] for program in self.given.values()]
+            return [*energy, *self.space.casimirs(y).values(), *given]
+
+        return self.system.record(values)
+
+    @cached_property
+    def _slopes(self) -> Program:
+        """The gradients of the invariants, one after the other."""
+
+        def gradients(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
+            values = tape.run(self._invariants, t, *y, *p)
+            return [slope for value in values for slope in tape.gradient(value, y)]
+
+        return self.system.record(gradients)
+
+    def invariants(self, y: ArrayLike, t: Any = 0.0) -> Array:
+        """Values of `names` at states (..., n) and times (...) from the start; shape (..., len(names))."""
+        return self._values(self._invariants, y, t)
+
+    def gradients(self, y: ArrayLike, t: float = 0.0) -> Array:
+        """Gradients of `names` as rows, at one state (n,)."""
+        return self._values(self._slopes, y, t).reshape(len(self.names), self.space.size)
+
+    def sizes(self, y: ArrayLike) -> Array:
+        """Of each component of one state (n,) the scale that its error is judged by: the length of its vector.
+
+        To J of e3 what the force turns it by in the time scale of the motion is added.
+        """
+        vectors = np.asarray(y, dtype=float).reshape(-1, 3)
+        lengths = np.linalg.norm(vectors, axis=1)
+        if self.space.affine:
+            force = self._values(self.system.gradient, y, 0.0)[3:]
+            lengths[0] += math.sqrt(float(np.linalg.norm(force)) * lengths[1])
+        return np.repeat(lengths, 3)
+
+    def scales(self, y: ArrayLike) -> tuple[float, float, float]:
+        """Scales of momenta, of x (1 without) and of time, at one state (n,): the time is inf at a rest that stays one.
+
+        1/time is the rate at which vectors turn, and the largest one in the linearised motion.
+        """
+        sizes, slopes = self.sizes(y), self._values(self.system.gradient, y, 0.0)
+        momenta = slopes[:3] if self.space.affine else slopes
+        rate = max(float(np.max(np.linalg.norm(momenta.reshape(-1, 3), axis=1))), self._fastest(y))
+        return (
+            float(np.max(sizes[:3])),
+            float(sizes[-1]) if self.space.affine else 1.0,
+            1.0 / rate if rate else math.inf,
+        )
+
+    def _fastest(self, y: ArrayLike) -> float:
+        return float(np.max(np.abs(np.linalg.eigvals(self.jacobian(y)))))
+
+    def invariant_scales(self, y: ArrayLike) -> Array:
+        """Sizes of the terms in `names` at one state: what relative drift and ulps refer to."""
+        return np.maximum(np.abs(self.gradients(y)) @ self.sizes(y), np.abs(self.invariants(y)))
+
+    def kept_by(self, claims: Any) -> frozenset[str]:
+        """Those of `names` that a method keeps at round-off, by its claims for a top in any field.
+
+        C1 and C2 stand for the Casimir functions, J3 for components that stay, H of a quadratic field for all quadratic
+        functions. A splitting keeps a component if all parts do.
+        """
+        conserves, if_quadratic = claims.conserves, claims.if_quadratic
+        casimirs = frozenset(self.space.casimirs(range(1, 100)))
+        kept = casimirs if {"C1", "C2"} <= conserves else frozenset[str]()
+        if "J3" in conserves:
+            flows = [part.flow.moving.outputs for part in self.parts] if claims.needs in ("parts", "kinetic") else []
+            for name, program in self.given.items():
+                (place,) = program.outputs
+                if self._is_component(place) and all(flow[place - 1] == place for flow in flows):
+                    kept |= {name}
+        if "H" in conserves:
+            kept |= {"H"} & self.conserved
+        return kept | self._quadratic if "H" in if_quadratic else kept
+
+    @cached_property
+    def _quadratic(self) -> frozenset[str]:
+        """Those of `names` whose second derivatives are the same everywhere and at all times."""
+        shape = 1 + self.space.size, len(self.names), self.space.size
+        found = np.array([self._values(self._bends, point[1:], point[0]).reshape(shape) for point in self._points()])
+        spread = np.max(np.abs(found - found[:1]), axis=(0, 1, 3), initial=0.0)
+        return frozenset(name for name, width in zip(self.names, spread, strict=True) if width <= 1e-12)
+
+    @cached_property
+    def _bends(self) -> Program:
+        def bends(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
+            slopes = tape.run(self._slopes, t, *y, *p)
+            units = np.eye(1 + len(y)).tolist()
+            return [bend for unit in units for bend in tape.along(slopes, (t, *y), unit)]
+
+        return self.system.record(bends)
+
+    def _values(self, program: Program, y: ArrayLike, t: Any) -> Array:
+        states = np.asarray(y, dtype=float)
+        if states.shape[-1:] != (self.space.size,):
+            raise ValueError(f"y must be states of {self.space.size} numbers; got shape {states.shape}")
+        with np.errstate(all="ignore"):
+            values = program(np.float64(self.start) + t, *np.moveaxis(states, -1, 0), *map(np.float64, self.numbers))
+        shape = states.shape[:-1]
+        return np.stack([np.broadcast_to(value, shape) for value in values], axis=-1).astype(float)
+
+    # ------------------------------------------------------------------ whether it is what it is said to be
+
+    def _points(self) -> list[tuple[float, ...]]:
+        """Random times and states at which H is finite."""
+        draw, n = random.Random("points of comparison"), 1 + self.space.size
+        points = [tuple(draw.uniform(-1, 1) for _ in range(n)) for _ in range(4 * POINTS)]
+        return [p for p in points if np.isfinite((self.energy(p[1:], p[0]), *self.rhs(p[1:], p[0]))).all()][:POINTS]
+
+    def _check_invariants(self, system: System) -> None:
+        """Each must change by {I, H} + ∂I/∂t = 0, the formula of a component included."""
+        for word, program in self.given.items():
+
+            def change(tape: Tape, t: Any, y: Any, p: Any, program: Program = program) -> list[Any]:
+                slopes = tape.gradient(tape.run(program, t, *y, *p)[0], (t, *y))
+                return [*slopes, tape.constant(1.0), *system.rates(tape, t, y, p)]
+
+            terms = system.record(change)
+            for point in self._points():
+                slopes, rates = self._values(terms, point[1:], point[0]).reshape(2, -1)
+                if abs(slopes @ rates) > SAME * np.abs(slopes).sum() * np.abs(rates).max():
+                    where = tuple(round(v, 3) for v in point[1:])
+                    raise ValueError(f"problem {self.name}: invariants[{word!r}] is not conserved, as at y = {where}")
+
+    def _check_parts(self) -> None:
+        """The gradients must add up, and each part must have a closed flow."""
+        for i, program in enumerate(self.posed):
+            if reason := no_closed_flow(self.system, self.numbers, program):
+                raise ValueError(f"problem {self.name}: parts[{i}] has no closed flow: {reason}")
+
+        def slopes(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
+            posed = [tape.gradient(tape.run(program, t, *y, *p)[0], y) for program in self.posed]
+            return [v for gradient in (self.system.slopes(tape, t, y, p), *posed) for v in gradient]
+
+        program = self.system.record(slopes)
+        for point in self._points():
+            whole, *parts = self._values(program, point[1:], point[0]).reshape(1 + len(self.posed), -1)
+            if np.any(np.abs(whole - np.sum(parts, axis=0)) > SAME * (np.abs(whole) + np.sum(np.abs(parts), axis=0))):
+                raise ValueError(f"problem {self.name}: parts do not add up to the hamiltonian")
+
+
+def _rebuild(
+    name: str,
+    space: str,
+    energy: Program,
+    numbers: tuple[float, ...],
+    posed: tuple[Program, ...],
+    given: dict[str, Program],
+    frame: str,
+    start: float,
+) -> Problem:
+    def formula(program: Program) -> Formula:
+        return lambda t, y, p: program(t, *y, *p)[0]
+
+    parts, invariants = map(formula, posed), {word: formula(program) for word, program in given.items()}
+    return Problem(name, space, formula(energy), numbers, tuple(parts), invariants, frame).starting(start)

@@ -1,0 +1,207 @@
+"""Phase spaces and Hamiltonians as formulas: what kernels are made from.
+
+A `Space` consists of vectors in three dimensions, with a Lie-Poisson bracket. In the rest frame, where the bracket is that of
+the top (`top`),
+
+    e3      J' = ∂H/∂J × J + ∂H/∂x × x,   x' = ∂H/∂J × x         Casimirs |x|² and x·J
+    so3     J' = ∂H/∂J × J                                        |J|²
+    so3**n  the same for each of n spins                          |s_j|²
+
+In the frame of the body the bracket has the other sign. A `System` is a space with H(t, y, p): its right-hand side, Jacobian
+and the formulas of kernels are recorded on a `Tape`.
+
+Source: Marsden & Ratiu, Introduction to Mechanics and Symmetry (1999), chapters 13 and 14.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
+
+from lagrange_bench.integrators.compiling.expression import Program, Split, Tape, Term
+from lagrange_bench.integrators.problem.field import cross, dot
+
+
+@dataclass(frozen=True)
+class Space:
+    """So many momenta in three dimensions; of e3 the second vector is x, on which the first acts."""
+
+    name: str
+    vectors: int
+    affine: bool = False
+
+    @property
+    def size(self) -> int:
+        """How many numbers a state has."""
+        return 3 * self.vectors
+
+    def flow(self, g: Sequence[Any], y: Sequence[Any], turn: Callable[..., Any] = cross) -> tuple[Any, ...]:
+        """P(y) g, by which y changes if g is ∇H; with a product `turn` of vectors of g and y other than g × y."""
+        if self.affine:
+            own, other = turn(g[:3], y[:3]), turn(g[3:], y[3:])
+            return *(a + b for a, b in zip(own, other, strict=True)), *turn(g[:3], y[3:])
+        parts = [turn(g[i : i + 3], y[i : i + 3]) for i in range(0, self.size, 3)]
+        return tuple(rate for part in parts for rate in part)
+
+    def casimirs(self, y: Sequence[Any]) -> dict[str, Any]:
+        """What every Hamiltonian keeps."""
+        if self.affine:
+            return {"C1": dot(y[3:], y[3:]), "C2": dot(y[3:], y[:3])}
+        squares = [dot(y[i : i + 3], y[i : i + 3]) for i in range(0, self.size, 3)]
+        return {"C" if len(squares) == 1 else f"C{j}": square for j, square in enumerate(squares, 1)}
+
+
+E3, SO3 = Space("e3", 2, affine=True), Space("so3", 1)
+
+
+def find_space(space: Any) -> Space:
+    """A space by its name: "e3", "so3", "so3**n"; n alone stands for n spins. ValueError for anything else."""
+    spins = re.fullmatch(r"so3\*\*([1-9]\d?)", space) if isinstance(space, str) else None
+    if spins or (type(space) is int and 0 < space < 100):
+        n = int(spins[1]) if spins else int(space)
+        return Space(f"so3**{n}", n) if n > 1 else SO3
+    if isinstance(space, str) and space in ("e3", "so3"):
+        return E3 if space == "e3" else SO3
+    raise ValueError(f"space must be 'e3', 'so3', 'so3**n' or a number of spins; got {space!r}")
+
+
+@dataclass(frozen=True)
+class System:
+    """H(t, y, p) on a space, recorded; inputs of all programs are t, the numbers of y, those of p.
+
+    gradient : ∂H/∂y, if it is not to be derived. kept : components of y that the motion keeps for other reasons than their
+    formula shows: their rates are 0. body : the bracket is that of the body's frame.
+    """
+
+    space: Space
+    energy: Program
+    gradient: Program
+    body: bool = False
+    kept: frozenset[int] = frozenset()
+
+    @cached_property
+    def digest(self) -> str:
+        """Identity of the formulas, hexadecimal."""
+        words = (self.space.name, self.energy.digest, self.gradient.digest, self.body, sorted(self.kept))
+        return hashlib.sha256(repr(words).encode()).hexdigest()[:16]
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, System) and self.digest == other.digest
+
+    @property
+    def size(self) -> int:
+        """How many numbers a state has."""
+        return self.space.size
+
+    @property
+    def parameters(self) -> int:
+        """How many parameters H has."""
+        return self.energy.inputs - 1 - self.size
+
+    def slopes(self, tape: Tape, t: Any, y: Sequence[Any], p: Sequence[Any]) -> tuple[Term, ...]:
+        """∂H/∂y on a tape."""
+        return tape.run(self.gradient, t, *y, *p)
+
+    def rates(self, tape: Tape, t: Any, y: Sequence[Any], p: Sequence[Any], h: Any = 1.0) -> tuple[Term, ...]:
+        """h times the right-hand side on a tape, products of h and parameters first; 0 where the motion keeps y."""
+        product = (lambda a, b: cross(b, a)) if self.body else cross
+
+        def turn(a: Sequence[Any], b: Sequence[Any]) -> list[Term]:
+            """h a × b, nothing where a × b vanishes: (h J) × J would not show it."""
+            scaled = product([h * v for v in a], b)
+            plain = map(tape.constant, product(a, b))
+            return [tape.constant(0.0 if tape.known(v) == 0.0 else w) for v, w in zip(plain, scaled, strict=True)]
+
+        rates = map(tape.constant, self.space.flow(self.slopes(tape, t, y, p), y, turn))
+        return tuple(tape.constant(0.0) if i in self.kept else rate for i, rate in enumerate(rates))
+
+    def record(self, formula: Callable[..., Iterable[Any]]) -> Program:
+        """The program of `formula(tape, t, y, p)`."""
+        tape, t, y, p = self._inputs(fixed=False)
+        return tape.program(formula(tape, t, y, p))
+
+    def split(self, formula: Callable[..., Iterable[Any]]) -> Split:
+        """`formula(tape, t, y, h, p)` with all products of h and p taken out: fixed inputs are h and p."""
+        tape, t, y, p = self._inputs(fixed=True)
+        return tape.split(formula(tape, t, y, p[0], p[1:]))
+
+    def _inputs(self, fixed: bool) -> tuple[Tape, Term, tuple[Term, ...], tuple[Term, ...]]:
+        tape = Tape()
+        t, y = tape.input(), tuple(tape.input() for _ in range(self.size))
+        return tape, t, y, tuple(tape.input(fixed) for _ in range(self.parameters + fixed))
+
+    @cached_property
+    def rhs(self) -> Program:
+        """y'."""
+        return self.record(self.rates)
+
+    @cached_property
+    def jacobian(self) -> Program:
+        """The columns ∂y'/∂y_k, one after the other."""
+
+        def columns(tape: Tape, t: Term, y: Sequence[Term], p: Sequence[Term]) -> Iterable[Term]:
+            rates, unit = (
+                self.rates(tape, t, y, p),
+                [[float(i == k) for i in range(self.size)] for k in range(self.size)],
+            )
+            return (slope for direction in unit for slope in tape.along(rates, y, direction))
+
+        return self.record(columns)
+
+    @cached_property
+    def moving(self) -> tuple[int, ...]:
+        """The components that change."""
+        return tuple(i for i, rate in enumerate(self.rhs.known) if rate != 0.0)
+
+    @cached_property
+    def timed(self) -> bool:
+        """Whether H depends on t."""
+        return depends(self.energy, [0]) or depends(self.gradient, [0])
+
+    @cached_property
+    def smooth(self) -> bool:
+        """Whether H has a Taylor series everywhere, except where it is infinite: no roots of squares that change sign."""
+        return not self.energy.corners(1 + self.size)
+
+
+def depends(program: Program, inputs: Iterable[int]) -> bool:
+    """Whether an output depends on one of the inputs."""
+    reached = set(inputs)
+    for place, (_, *arguments) in enumerate(program.lines, program.inputs):
+        if reached.intersection(a for a in arguments if isinstance(a, int)):
+            reached.add(place)
+    return bool(reached.intersection(o for o in program.outputs if isinstance(o, int)))
+
+
+def make_system(space: Space, energy: Program, *, body: bool = False, kept: Iterable[int] = ()) -> System:
+    """The system of H(t, y, p), with its derived gradient."""
+    tape = Tape()
+    inputs = [tape.input() for _ in range(energy.inputs)]
+    gradient = tape.gradient(tape.run(energy, *inputs)[0], inputs[1 : 1 + space.size])
+    return System(space, energy, tape.program(gradient), body, frozenset(kept))
+
+
+def top_system(potential: Program, gradient: Program, level: bool) -> System:
+    """|J|²/2 + U(x) on e3, of programs U and ∇U of (x, p); `level`: the motion keeps J3."""
+    tape = Tape()
+    tape.input()
+    J, x = (tuple(tape.input() for _ in range(3)) for _ in range(2))
+    p = [tape.input() for _ in range(potential.inputs - 3)]
+    energy = tape.program((dot(J, J) / 2.0 + tape.run(potential, *x, *p)[0],))
+    slopes = tape.program((*J, *tape.run(gradient, *x, *p)))
+    return System(E3, energy, slopes, kept=frozenset({2} if level else ()))
+
+
+@cache
+def uniform_system() -> System:
+    """|J|²/2 + alpha x3, the Lagrange top."""
+    tape = Tape()
+    x, alpha = [tape.input() for _ in range(3)], tape.input()
+    return top_system(tape.program((alpha * x[2],)), tape.program((0.0, 0.0, alpha)), level=True)

@@ -1,0 +1,24 @@
+"""A Lagrange top on a pivot that vibrates up and down: a Hamiltonian that depends on time.
+
+    H = |J|²/2 + alpha(t) x3,   alpha(t) = alpha + strength cos(frequency t)
+
+In the frame of the pivot its acceleration adds to that of gravity. J3, |x|² and x·J are conserved, H is not. Fast enough, the
+vibration holds an upright top that would fall: on the average it acts like (strength/(2 frequency))² (x1² + x2²) in H.
+
+Source: Kapitza, Zh. Eksp. Teor. Fiz. 21 (1951) 588; Landau & Lifshitz, Mechanics (1976), section 30.
+"""
+
+from __future__ import annotations
+
+from lagrange_bench.integrators.compiling.expression import cos
+from lagrange_bench.integrators.problem.problem import Problem
+
+
+def vibrating_pivot(alpha: float, strength: float, frequency: float) -> Problem:
+    """The top whose weight parameter swings; alpha and strength in units of J²/x, frequency in units of J."""
+
+    def hamiltonian(t, y, p):
+        return (y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) / 2.0 + (p[0] + p[1] * cos(p[2] * t)) * y[5]
+
+    numbers = (alpha, strength, frequency)
+    return Problem("vibrating_pivot", "e3", hamiltonian, numbers, invariants={"J3": lambda t, y, p: y[2]})

@@ -1,0 +1,89 @@
+"""Somebody else's steppers are looked at when they are first called: a wrong row would be believed.
+
+The bench's own classes are not: their loops write as many rows as there are, and tests check them.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from lagrange_bench.integrators.checks import Array, as_state, check_grid
+from lagrange_bench.integrators.interface import Stepper
+
+OWN = __name__.removesuffix("problem.watched")  # how the modules of the bench's own classes begin
+CALLS = 2  # of `advance`, and of `record`, that are looked at: the second one may return the array of the first
+
+
+def watched(name: str, stepper: Any, size: int = 6) -> Stepper:
+    """The stepper of the method `name`, of states of `size` numbers, or what looks at its first calls.
+
+    ValueError : it is no stepper.
+    """
+    if _own(type(stepper)):  # type: ignore[arg-type]  # mypy takes no type[Any] for hashable
+        return stepper  # type: ignore[no-any-return]
+    for word in ("record", "advance", "work"):
+        if not hasattr(stepper, word):
+            raise ValueError(f"{name}: prepare returned {stepper!r} without {word}: return a stepper")
+    return Watched(name, stepper, size)  # type: ignore[return-value]
+
+
+@cache
+def _own(kind: type) -> bool:
+    methods = (getattr(kind, "record", None), getattr(kind, "advance", None))
+    return all(getattr(method, "__module__", "").startswith(OWN) for method in methods)
+
+
+class Watched:
+    """A stepper whose first calls are looked at; then they are the stepper's own, at no cost. All else is the stepper's.
+
+    Raises
+    ------
+    ValueError : a result of the wrong shape or type, a first row that is not the input, an input that was written to, or an
+    array that was returned before.
+    """
+
+    def __init__(self, name: str, stepper: Stepper, size: int = 6):
+        self.name, self.stepper, self.size, self.last = name, stepper, size, None
+        self.left = {"advance": CALLS, "record": CALLS}
+
+    def __getattr__(self, word: str) -> Any:
+        return getattr(self.stepper, word)
+
+    def advance(self, y: Array, n: int) -> Array:
+        inherited = getattr(type(self.stepper), "advance", None) is Stepper.advance
+        if inherited:  # the last row of `record`, if all rows are there
+            last: Array = self.record(y, n, max(n, 1))[-1]
+            return last
+        return self._call("advance", (self.size,), as_state(y, self.size), n)
+
+    def record(self, y: Array, n: int, every: int) -> Array:
+        check_grid(n, every)
+        y = as_state(y, self.size)
+        rows = self._call("record", (n // every + 1, self.size), y, n, every)
+        if rows[0].tobytes() != y.tobytes():
+            raise ValueError(f"{self.name}: row 0 of record must be the input {y.tolist()}; got {rows[0].tolist()}")
+        return rows
+
+    def _call(self, word: str, shape: tuple[int, ...], y: Array, *counts: int) -> Array:
+        before = y.tobytes()
+        found = getattr(self.stepper, word)(y, *counts)
+        if y.tobytes() != before:
+            raise ValueError(f"{self.name}: {word} wrote to its input; it must return a fresh array")
+        check_rows(self.name, word, found, shape)
+        if found is self.last:
+            raise ValueError(f"{self.name}: {word} returned the same array twice; it must return a fresh one")
+        self.last = found
+        self.left[word] -= 1
+        if not self.left[word]:
+            setattr(self, word, getattr(self.stepper, word))
+        return found  # type: ignore[no-any-return]
+
+
+def check_rows(name: str, word: str, found: Any, shape: tuple[int, ...]) -> None:
+    """ValueError unless `found`, returned by the function `word` of the method `name`, is an array of floats of this shape."""
+    if not isinstance(found, np.ndarray) or found.shape != shape or found.dtype.kind != "f":
+        kind = f"{found.dtype} {found.shape}" if isinstance(found, np.ndarray) else type(found).__name__
+        raise ValueError(f"{name}: {word} must return an array of floats of shape {shape}; got {kind}")
