@@ -1,6 +1,6 @@
 """Geometric integrators for the symmetric Lagrange top, behind one interface.
 
-    from integrators import LagrangeTop, integrate
+    from lagrange_bench.integrators import LagrangeTop, integrate
     trajectory = integrate(LagrangeTop(alpha=1.0), y0, h=0.1, steps=10_000, method="backlund", every=10)
     trajectory.t, trajectory.y, trajectory.invariants(), trajectory.work
 
@@ -14,27 +14,33 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from integrators.lazy import face
+from lagrange_bench.integrators.lazy import face
 
 if TYPE_CHECKING:
-    from integrators.any_problem import integrate
-    from integrators.api import Trajectory, prepare, two_point
-    from integrators.backward_error.prediction import PredictedPhase, predicted_phase
-    from integrators.compiling.expression import sqrt
-    from integrators.ensemble import integrate_ensemble
-    from integrators.interface import INVARIANTS, AnyField, Method, StepError, Stepper, Work
-    from integrators.paper.gaudin_magnets import MAGNETS
-    from integrators.paper.gaudin_methods import MAGNET_METHODS
-    from integrators.paper.gaudin_model import GaudinMagnet
-    from integrators.problem.body import HeavyTop
-    from integrators.problem.field import Potential
-    from integrators.problem.perturbed import PerturbedTop
-    from integrators.problem.potentials import PERTURBED_TOPS, in_any_field
-    from integrators.problem.top import TOPS, LagrangeTop, NamedTop
-    from integrators.registry import METHODS, POTENTIALS, available
-    from integrators.truth import exact
+    from lagrange_bench.integrators.any_problem import integrate
+    from lagrange_bench.integrators.api import Trajectory, prepare, two_point
+    from lagrange_bench.integrators.backward_error.prediction import PredictedPhase, predicted_phase
+    from lagrange_bench.integrators.cases import CASES, Case
+    from lagrange_bench.integrators.compiling.expression import cos, exp, log, sin, sqrt
+    from lagrange_bench.integrators.ensemble import integrate_ensemble
+    from lagrange_bench.integrators.interface import INVARIANTS, AnyField, Method, StepError, Stepper, Work
+    from lagrange_bench.integrators.paper.gaudin_magnets import MAGNETS
+    from lagrange_bench.integrators.paper.gaudin_methods import MAGNET_METHODS
+    from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
+    from lagrange_bench.integrators.problem.body import HeavyTop, RigidTop
+    from lagrange_bench.integrators.problem.field import Potential
+    from lagrange_bench.integrators.problem.free_body import free_body
+    from lagrange_bench.integrators.problem.kirchhoff import kirchhoff_body
+    from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+    from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS, in_any_field
+    from lagrange_bench.integrators.problem.problem import Problem
+    from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop, NamedTop
+    from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
+    from lagrange_bench.integrators.registry import METHODS, POTENTIALS, available
+    from lagrange_bench.integrators.truth import exact, reference
 
 __all__ = [
+    "CASES",
     "INVARIANTS",
     "MAGNETS",
     "MAGNET_METHODS",
@@ -43,6 +49,7 @@ __all__ = [
     "POTENTIALS",
     "TOPS",
     "AnyField",
+    "Case",
     "GaudinMagnet",
     "HeavyTop",
     "LagrangeTop",
@@ -51,39 +58,55 @@ __all__ = [
     "PerturbedTop",
     "Potential",
     "PredictedPhase",
+    "Problem",
+    "RigidTop",
     "StepError",
     "Stepper",
     "Trajectory",
     "Work",
     "available",
+    "cos",
     "exact",
+    "exp",
+    "free_body",
     "in_any_field",
     "integrate",
     "integrate_ensemble",
+    "kirchhoff_body",
+    "log",
     "predicted_phase",
     "prepare",
+    "reference",
+    "sin",
     "sqrt",
     "two_point",
+    "vibrating_pivot",
 ]
 
 __getattr__, __dir__ = face(
     __name__,
     {
-        "integrators.any_problem": ("integrate",),
-        "integrators.api": ("Trajectory", "prepare", "two_point"),
-        "integrators.backward_error.prediction": ("PredictedPhase", "predicted_phase"),
-        "integrators.ensemble": ("integrate_ensemble",),
-        "integrators.interface": ("INVARIANTS", "AnyField", "Method", "StepError", "Stepper", "Work"),
-        "integrators.paper.gaudin_magnets": ("MAGNETS",),
-        "integrators.paper.gaudin_methods": ("MAGNET_METHODS",),
-        "integrators.paper.gaudin_model": ("GaudinMagnet",),
-        "integrators.problem.body": ("HeavyTop",),
-        "integrators.compiling.expression": ("sqrt",),
-        "integrators.problem.field": ("Potential",),
-        "integrators.problem.perturbed": ("PerturbedTop",),
-        "integrators.problem.potentials": ("PERTURBED_TOPS", "in_any_field"),
-        "integrators.problem.top": ("TOPS", "LagrangeTop", "NamedTop"),
-        "integrators.registry": ("METHODS", "POTENTIALS", "available"),
-        "integrators.truth.exact": (),
+        "lagrange_bench.integrators.any_problem": ("integrate",),
+        "lagrange_bench.integrators.api": ("Trajectory", "prepare", "two_point"),
+        "lagrange_bench.integrators.backward_error.prediction": ("PredictedPhase", "predicted_phase"),
+        "lagrange_bench.integrators.ensemble": ("integrate_ensemble",),
+        "lagrange_bench.integrators.interface": ("INVARIANTS", "AnyField", "Method", "StepError", "Stepper", "Work"),
+        "lagrange_bench.integrators.paper.gaudin_magnets": ("MAGNETS",),
+        "lagrange_bench.integrators.paper.gaudin_methods": ("MAGNET_METHODS",),
+        "lagrange_bench.integrators.paper.gaudin_model": ("GaudinMagnet",),
+        "lagrange_bench.integrators.problem.body": ("HeavyTop", "RigidTop"),
+        "lagrange_bench.integrators.cases": ("CASES", "Case"),
+        "lagrange_bench.integrators.compiling.expression": ("cos", "exp", "log", "sin", "sqrt"),
+        "lagrange_bench.integrators.problem.field": ("Potential",),
+        "lagrange_bench.integrators.problem.perturbed": ("PerturbedTop",),
+        "lagrange_bench.integrators.problem.problem": ("Problem",),
+        "lagrange_bench.integrators.problem.free_body": ("free_body",),
+        "lagrange_bench.integrators.problem.kirchhoff": ("kirchhoff_body",),
+        "lagrange_bench.integrators.problem.vibrating_pivot": ("vibrating_pivot",),
+        "lagrange_bench.integrators.problem.potentials": ("PERTURBED_TOPS", "in_any_field"),
+        "lagrange_bench.integrators.problem.top": ("TOPS", "LagrangeTop", "NamedTop"),
+        "lagrange_bench.integrators.registry": ("METHODS", "POTENTIALS", "available"),
+        "lagrange_bench.integrators.truth.exact": (),
+        "lagrange_bench.integrators.truth.reference": (),
     },
 )

@@ -6,20 +6,21 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-from integrators import api
-from integrators.api import Trajectory
-from integrators.checks import check_grid
-from integrators.interface import Method
-from integrators.problem.body import HeavyTop
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators import api
+from lagrange_bench.integrators.api import Trajectory
+from lagrange_bench.integrators.checks import check_grid
+from lagrange_bench.integrators.interface import Method
+from lagrange_bench.integrators.problem.body import RigidTop
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.problem import Problem
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 if TYPE_CHECKING:
-    from integrators.paper.gaudin_model import GaudinMagnet
+    from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 
 
 def integrate(
-    top: LagrangeTop | HeavyTop | PerturbedTop | GaudinMagnet,
+    top: LagrangeTop | RigidTop | PerturbedTop | Problem | GaudinMagnet,
     y0: ArrayLike,
     h: float | None = None,
     steps: int | None = None,
@@ -29,7 +30,7 @@ def integrate(
     attitude: bool | ArrayLike = False,
     **options: Any,
 ) -> Trajectory:
-    """Follow a top, or a magnet, from y0.
+    """Follow a top, a problem of your own, or a magnet, from y0.
 
     Give either `h` and `steps`, or `t`. With `h` and `steps` every `every` steps are recorded (default: only the start
     and the end). With `t`, any times counted from that of y0, the method's dense output is used. The exact Bäcklund map takes one
@@ -38,23 +39,28 @@ def integrate(
 
     Parameters
     ----------
-    top : LagrangeTop, HeavyTop (time in s then), or PerturbedTop; or a GaudinMagnet, with h and steps only. y0 : (6,),
-    initial (J, x); of a magnet its spins (n, 3). h : step, negative runs backwards. Times are in the top's own unit, 1 over
-    the unit of J. steps : number of steps. method : a name in METHODS, or a Method; for a magnet a name in MAGNET_METHODS.
-    every : must divide `steps`. t : (N,), finite. attitude : follow the whole body too: True, or its initial attitude as a
-    unit quaternion (4,), scalar first; the body is that of a HeavyTop, or one with equal moments of inertia. options : the
-    method's own.
+    top : LagrangeTop, RigidTop (time in s then), PerturbedTop, or Problem; or a GaudinMagnet, with h and steps only.
+    y0 : (6,), initial (J, x); of a Problem as many numbers as its space has; of a magnet its spins (n, 3).
+    h : step, negative runs backwards. Times are in the top's own unit, 1 over the unit of J.
+    steps : number of steps. method : a name in METHODS, or a Method; for a magnet a name in MAGNET_METHODS.
+    every : must divide `steps`. t : (N,), finite. attitude : True, or a unit quaternion (4,), scalar first: the initial attitude
+    of a HeavyTop, or of the body with equal moments of inertia that a LagrangeTop is. A state from `RigidTop.state` has its own.
+    options : the method's own.
 
     Returns
     -------
-    a `Trajectory`: t (N,), y (N, 6), of a magnet (N, n, 3), work, and attitude (N, 4) if it was asked for.
+    a `Trajectory`: t (N,), y (N, 6), of a Problem (N, size), of a magnet (N, n, 3), and work; `rotation` where the start has
+    one. Of a RigidTop also `position`, `omega_body`, `omega_world` and `energy`, in SI units. The rotation is followed when it
+    is first asked for, by backlund, theta_functions and taylor.
 
     Raises
     ------
     ValueError : bad input; the message names the argument. StepError : the method failed.
     """
-    if not isinstance(top, (LagrangeTop, HeavyTop, PerturbedTop)):
-        from integrators.paper.gaudin_model import GaudinMagnet  # with mpmath: a top does not wait for it
+    if not isinstance(top, (LagrangeTop, RigidTop, PerturbedTop, Problem)):
+        from lagrange_bench.integrators.paper.gaudin_model import (
+            GaudinMagnet,  # with mpmath: a top does not wait for it
+        )
 
         if isinstance(top, GaudinMagnet):
             if t is not None or (attitude is not False and attitude is not None):
@@ -66,7 +72,7 @@ def integrate(
 def _integrate_magnet(
     magnet: GaudinMagnet, spins: Any, h: Any, steps: Any, method: Any, every: Any, options: dict[str, Any]
 ) -> Trajectory:
-    from integrators.paper.gaudin_methods import prepare_method
+    from lagrange_bench.integrators.paper.gaudin_methods import prepare_method
 
     if h is None or steps is None:
         raise ValueError("give h and steps")

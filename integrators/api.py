@@ -3,26 +3,34 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from integrators.checks import check_grid, check_options, check_state, check_step, check_times
-from integrators.compiling.loops import INTERRUPTIBLE
-from integrators.interface import Array, Method, StepError, Stepper, Work
-from integrators.problem import body
-from integrators.problem.body import HeavyTop
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.rotated import evaluate_for, prepare_for
-from integrators.problem.top import LagrangeTop, NamedTop
-from integrators.registry import find_method
-from integrators.torus import any_parameter
+from lagrange_bench.integrators.checks import check_grid, check_options, check_state, check_step, check_times
+from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
+from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, Work
+from lagrange_bench.integrators.problem import body
+from lagrange_bench.integrators.problem.body import BodyState, HeavyTop, RigidTop
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.problem import Problem
+from lagrange_bench.integrators.problem.rotated import evaluate_for, prepare_for
+from lagrange_bench.integrators.problem.top import LagrangeTop, NamedTop
+from lagrange_bench.integrators.problem.watched import check_rows, watched
+from lagrange_bench.integrators.registry import find_method
+from lagrange_bench.integrators.torus import any_parameter
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 FEW = 8  # numbers for which Python is quicker than NumPy
-TOP_TYPES = "a LagrangeTop, a HeavyTop or a PerturbedTop"
+TOP_TYPES = "a LagrangeTop, a RigidTop, a PerturbedTop or a Problem"
 
 
 @dataclass(frozen=True)
@@ -34,21 +42,70 @@ class Trajectory:
     t: Array
     y: Array
     work: Work
-    attitude: Array | None = None  # (N, 4) unit quaternions, scalar first, body to rest frame; see `body`
+    follow: Callable[[], Array] | None = field(default=None, repr=False, compare=False)
+
+    @cached_property
+    def _followed(self) -> Array | None:
+        return self.follow() if self.follow else None
+
+    @property
+    def attitude(self) -> Array | None:
+        """(N, 4) unit quaternions, scalar first, body to world; None where the start has none. Followed when first asked."""
+        return self._followed
+
+    @property
+    def rotation(self) -> Rotation:
+        """The body's N rotations, a SciPy Rotation from the body's frame to the world's."""
+        from scipy.spatial.transform import Rotation
+
+        if self.attitude is None:
+            raise ValueError("y0 has no rotation: start from top.state(rotation=…), or integrate(…, attitude=True)")
+        return Rotation.from_quat(self.attitude, scalar_first=True)
 
     def invariants(self) -> Array:
-        """H, J3, C1, C2 along the trajectory, shape (N, 4); of a magnet all H_j and s_j², shape (N, 2n)."""
-        return self.top.invariants(self.y)
+        """H, J3, C1, C2 along the trajectory, shape (N, 4); of a magnet all H_j and s_j², (N, 2n); of a Problem its `names`."""
+        return self.top.invariants(self.y, self.t) if isinstance(self.top, Problem) else self.top.invariants(self.y)
 
     def euler_angles(self) -> Array:
-        """(theta, phi, psi) of the body, rad, shape (N, 3); needs `integrate(…, attitude=True)`."""
-        if self.attitude is None:
-            raise ValueError("the attitude was not followed: integrate(…, attitude=True)")
-        return body.to_euler(self.attitude)
+        """(theta, phi, psi) of the body, rad, shape (N, 3): R = R3(phi) R2(theta) R3(psi).
+
+        Within 1e-7 of the vertical only phi ± psi has a meaning; all of it is then given to phi.
+        """
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # says that
+            return self.rotation.as_euler("ZYZ")[:, (1, 0, 2)]
+
+
+@dataclass(frozen=True)
+class RigidTrajectory(Trajectory):
+    """A trajectory of a RigidTop, in SI units; y (N, 6) is (J, x) in the frame whose third axis points up."""
+
+    body: RigidTop = field(kw_only=True)
+    spin: float | None = field(default=None, kw_only=True)  # rad/s, about the axis
+
+    @property
+    def position(self) -> Array:
+        """The centre of mass in the world's frame, m, shape (N, 3)."""
+        return self.body.positions(self.y)
+
+    @property
+    def omega_world(self) -> Array:
+        """Angular velocity in the world's frame, rad/s, shape (N, 3)."""
+        return np.einsum("ij,jk->ik", self.body.angular_velocity(self.y, self.spin), self.body.world)
+
+    @property
+    def omega_body(self) -> Array:
+        """Angular velocity in the body's frame, rad/s, shape (N, 3)."""
+        return self.rotation.apply(self.omega_world, inverse=True)
+
+    @property
+    def energy(self) -> Array:
+        """Kinetic plus potential energy, J, shape (N,)."""
+        return self.body.energy(self.y)
 
 
 def prepare(
-    top: LagrangeTop | HeavyTop | PerturbedTop,
+    top: LagrangeTop | RigidTop | PerturbedTop | Problem,
     y0: ArrayLike,
     h: float,
     method: str | Method = "backlund",
@@ -67,7 +124,7 @@ def prepare(
 
 
 def integrate(
-    top: LagrangeTop | HeavyTop | PerturbedTop,
+    top: LagrangeTop | RigidTop | PerturbedTop | Problem,
     y0: ArrayLike,
     h: float | None = None,
     steps: int | None = None,
@@ -81,55 +138,75 @@ def integrate(
 
     What measures tops calls this one: its rows do not depend on the sources of the magnets.
     """
-    heavy = top if isinstance(top, HeavyTop) else None
-    top, found, state = _look_up(top, y0, method)
+    given, (top, found, state) = top, _look_up(top, y0, method)
     wanted = attitude is not False and attitude is not None
-    if wanted and isinstance(top, PerturbedTop):
-        raise ValueError("attitude: the body of a PerturbedTop is not followed; give a LagrangeTop or a HeavyTop")
-    if wanted and found.attitude is None:
-        raise ValueError(f"attitude: {found.name} does not follow the body; backlund and taylor do")
+    if wanted and isinstance(top, (PerturbedTop, Problem)):
+        kind = type(top).__name__
+        raise ValueError(f"attitude: the body of a {kind} is not followed; give a LagrangeTop or a HeavyTop")
+    if wanted and isinstance(given, RigidTop) and not isinstance(given, HeavyTop):
+        raise ValueError("attitude: a RigidTop starts from top.state(rotation=…, omega_body=…), which has it")
+    turn = getattr(y0, "rotation", None)
+    if wanted and (turn is None or attitude is not True):
+        turn = body.check_attitude(attitude, state)
     if t is not None:
-        for name, given in (("h", h), ("steps", steps), ("every", every), ("attitude", attitude if wanted else None)):
-            if given is not None:
+        for name, value in (("h", h), ("steps", steps), ("every", every)):
+            if value is not None:
                 raise ValueError(f"give either t or h and steps; got t and {name}")
-        return _evaluate(found, top, state, t, options)
-    if h is None or steps is None:
+        run = _evaluate(found, top, state, t, options)
+    elif h is None or steps is None:
         raise ValueError("give h and steps, or output times t")
-    steps, every = check_grid(steps, every, "steps")
-    h = check_step(h)
+    else:
+        run = _advance(found, top, state, check_step(h), *check_grid(steps, every, "steps"), options)
+    if isinstance(top, (PerturbedTop, Problem)):
+        return run
+    start = y0 if isinstance(y0, BodyState) else state
+    follow = None if turn is None else partial(body.follow, found, given, start, turn, run.t, run.y, h, options)
+    if isinstance(given, RigidTop):
+        exact = start.spin if isinstance(start, BodyState) else None
+        spin = None if exact is None else float(exact)
+        facts = (top, run.method, run.t, run.y, run.work)
+        run = RigidTrajectory(*facts, follow=follow, body=given, spin=spin)
+    elif follow:
+        run = replace(run, follow=follow)
+    if wanted:
+        run.attitude  # noqa: B018 - now, so that it fails here
+    return run
+
+
+def _advance(
+    found: Method, top: Any, state: Array, h: float, steps: int, every: int, options: dict[str, Any]
+) -> Trajectory:
+    """`integrate` by steps of h."""
     at_once = getattr(found.prepare, "at_once", None)
-    if at_once and steps <= INTERRUPTIBLE and not (options or wanted or isinstance(top, PerturbedTop)):
+    if at_once and steps <= INTERRUPTIBLE and not (options or isinstance(top, (PerturbedTop, Problem))):
         y = at_once(top, state, h, steps, every)
         if y is not None and math.isfinite(h * steps):
+            if len(y) != steps // every + 1:
+                check_rows(found.name, "at_once", y, (steps // every + 1, 6))
             return Trajectory(top, found.name, grid_times(h, every, len(y)), y, Work(steps=steps))
     stepper = _prepare(found, top, state, h, options)
     if not math.isfinite(h * steps):
         raise StepError(found.name, "the time n h is beyond the largest double", h=h)
-    g0 = body.check_attitude(attitude, state) if wanted else None
     y = stepper.record(state, steps, every)
-    g = None
-    if g0 is not None:
-        own_spin = heavy.own_spin(state) if heavy else 0.0
-        assert isinstance(top, LagrangeTop)
-        g = body.follow(found, top, y, h, every, g0, own_spin, options)
-    return Trajectory(top, found.name, grid_times(h, every, len(y)), y, stepper.work, g)
+    return Trajectory(top, found.name, grid_times(h, every, len(y)), y, stepper.work)
 
 
-def two_point(top: LagrangeTop | HeavyTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
+def two_point(top: LagrangeTop | RigidTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
     """One step of the two-point Bäcklund transformation with parameters λ and λ̄, any λ with Im λ > 0.
 
     `sheet` = 1 takes the branch of √Q(λ) continuous from +√C1 along the segment from 0 to λ; −1 the other
     one, which is the inverse map. At a root of Q they meet: within 1e-14 of a simple root, or 1e-8 of a double one,
-    round-off decides which is which. Shape (6,). Source: paper, section 5.5; docs/exact-step.md.
+    round-off decides which is which. At a double root there is no inverse: a homoclinic state
+    goes to the sleeping top. Shape (6,). Source: paper, section 5.5; docs/exact-step.md.
 
     Raises
     ------
     ValueError : y, λ or sheet make no sense. StepError : the image is beyond the range of doubles.
     """
-    top = top.top if isinstance(top, HeavyTop) else top
+    top = top.top if isinstance(top, RigidTop) else top
     _check_top(top)
-    if isinstance(top, PerturbedTop):
-        raise ValueError("top must be a LagrangeTop or a HeavyTop: the map is that of a uniform field")
+    if isinstance(top, (PerturbedTop, Problem)):
+        raise ValueError("top must be a LagrangeTop or a RigidTop: the map is that of a uniform field")
     return any_parameter.two_point(top, check_state(y, "y"), lam, sheet)
 
 
@@ -142,11 +219,13 @@ def grid_times(h: float, every: int, rows: int) -> Array:
 
 def _look_up(top: Any, y0: ArrayLike, method: str | Method) -> tuple[Any, Method, Array]:
     """The top without its body, the method and the state, all checked."""
-    plain = top.top if isinstance(top, HeavyTop) else top
+    plain = top.top if isinstance(top, RigidTop) else top
     _check_top(plain)
+    if isinstance(top, Problem):
+        return top, find_method(method), top.check_state(y0)
     found, state = find_method(method), check_state(y0)
-    if isinstance(top, (HeavyTop, PerturbedTop)):
-        top.check_state(state)
+    if isinstance(top, (RigidTop, PerturbedTop)):
+        top.check_state(y0 if isinstance(y0, BodyState) else state)
     return plain, found, state
 
 
@@ -155,9 +234,10 @@ def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, A
     build = prepare_for(method, top)
     check_options(method.name, build, options)
     start = perf_counter()
-    stepper = build(top, y0, h, **options)
-    if stepper is None:
-        raise ValueError(f"{method.name}: prepare returned None: return a stepper")
+    before = y0.tobytes()
+    stepper = watched(method.name, build(top, y0, h, **options), len(y0))
+    if y0.tobytes() != before:
+        raise ValueError(f"{method.name}: prepare wrote to y0")
     stepper.work.setup_seconds = perf_counter() - start
     return stepper
 
@@ -165,7 +245,7 @@ def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, A
 def _check_top(top: Any) -> None:
     if isinstance(top, NamedTop):
         raise ValueError(f"top must be {TOP_TYPES}; {top.name!r} has one: pass named.top, named.state")
-    if not isinstance(top, (LagrangeTop, PerturbedTop)):
+    if not isinstance(top, (LagrangeTop, PerturbedTop, Problem)):
         raise ValueError(f"top must be {TOP_TYPES}; got {type(top).__name__}")
     top.single()
 
@@ -177,4 +257,5 @@ def _evaluate(method: Method, top: Any, y0: Array, t: ArrayLike, options: dict[s
     times = check_times(t)
     check_options(method.name, evaluate, options)
     y, work = evaluate(top, y0, times, **options)
+    check_rows(method.name, "evaluate", y, (len(times), len(y0)))
     return Trajectory(top, method.name, times, y, work)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integrators.words import suggestion
+from lagrange_bench.integrators.words import suggestion
 
 Array = NDArray[np.float64]
 
@@ -56,11 +56,22 @@ def check_state(y0: Any, name: str = "y0") -> Array:
     return y
 
 
-def as_state(y: Any) -> Array:
-    """`y` itself if it is a (6,) float64 array, for compiled code looks no further; else what `check_state` makes of it."""
-    if type(y) is np.ndarray and y.shape == (6,) and y.dtype == np.float64:
+def as_state(y: Any, size: int = 6) -> Array:
+    """`y` itself if it is a (size,) float64 array, for compiled code looks no further; else what the checks make of it."""
+    if type(y) is np.ndarray and y.shape == (size,) and y.dtype == np.float64:
         return y
-    return check_state(y, "y")
+    return check_state(y, "y") if size == 6 else check_numbers(y, "y", size)
+
+
+def check_numbers(y: Any, name: str, size: int) -> Array:
+    """`y` as a fresh array of so many finite real numbers, whatever its shape; ValueError naming the argument."""
+    try:
+        numbers = np.array(y)
+    except ValueError as error:
+        raise ValueError(f"{name} must be {size} real numbers: {error}") from None
+    if numbers.size != size or numbers.dtype.kind not in "iuf" or not np.isfinite(numbers).all():
+        raise ValueError(f"{name} must be {size} finite real numbers; got {np.asarray(y).tolist()}")
+    return numbers.astype(np.float64).reshape(size)
 
 
 def check_step(h: Any, name: str = "h") -> float:

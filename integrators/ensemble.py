@@ -26,24 +26,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from integrators import machine
-from integrators.checks import check_count, check_grid, check_options, check_step, check_times
-from integrators.compiling.lanes import LANES, run_lanes
-from integrators.compiling.loops import FixedStepper
-from integrators.interface import Array, Method, StepError, Stepper
-from integrators.problem.body import HeavyTop, has_unit_axis
-from integrators.problem.nature import natures
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.rotated import evaluate_for, prepare_for
-from integrators.problem.top import LagrangeTop
-from integrators.registry import find_method
+from lagrange_bench.integrators import machine
+from lagrange_bench.integrators.checks import check_count, check_grid, check_options, check_step, check_times
+from lagrange_bench.integrators.compiling.lanes import LANES, run_lanes
+from lagrange_bench.integrators.compiling.loops import FixedStepper
+from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper
+from lagrange_bench.integrators.problem.body import RigidTop, has_unit_axis
+from lagrange_bench.integrators.problem.nature import natures
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.rotated import evaluate_for, prepare_for
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.watched import check_rows, watched
+from lagrange_bench.integrators.registry import find_method
 
 CHUNK = 1024  # tops in one call, at most: their constants stay in the processor's cache
 FEW = LANES // 2  # tops of the last block below which they are quicker one by one
 
 
 def integrate_ensemble(
-    top: LagrangeTop | HeavyTop | PerturbedTop,
+    top: LagrangeTop | RigidTop | PerturbedTop,
     Y0: ArrayLike,
     h: float | None = None,
     steps: int | None = None,
@@ -58,7 +59,7 @@ def integrate_ensemble(
 
     Parameters
     ----------
-    top : LagrangeTop, HeavyTop or PerturbedTop, the same for all, or LagrangeTop(alpha=array) with one alpha for each; of a
+    top : LagrangeTop, RigidTop or PerturbedTop, the same for all, or LagrangeTop(alpha=array) with one alpha for each; of a
     PerturbedTop alpha and every parameter may be such an array. h, steps, method, options : as in `integrate`.
     every : record every `every` steps, row 0 is Y0; shape (steps//every + 1, n, 6).
     t : output times (m,) in place of h and steps, shape (m, n, 6); for the exact Bäcklund map one map away from Y0 each:
@@ -254,7 +255,8 @@ class _Steps(_Work):
     def prepare(self, place: int) -> Stepper:
         with self.preparing:
             top = self.tops.one(place)
-            return prepare_for(self.method, top)(top, self.states[place].copy(), self.h, **self.options)
+            build = prepare_for(self.method, top)
+            return watched(self.method.name, build(top, self.states[place].copy(), self.h, **self.options))
 
     def one(self, place: int) -> Array:
         stepper = self.prepared.pop(place, None) or self.prepare(place)
@@ -277,7 +279,9 @@ class _Jumps(_Work):
         with self.preparing:
             evaluate = evaluate_for(self.method, top)
             assert evaluate is not None
-            return evaluate(top, y0, self.times, **self.options)[0]
+            y = evaluate(top, y0, self.times, **self.options)[0]
+            check_rows(self.method.name, "evaluate", y, (len(self.times), 6))
+            return y
 
 
 def _run(work: _Work, threads: int) -> Failures:
@@ -317,10 +321,10 @@ def _judge(method: Method, h: float | None, out: Array, failures: Failures, on_f
 
 def _check_tops(top: Any, Y0: ArrayLike) -> tuple[_Tops, Array]:
     """The tops, and their states (n, 6), contiguous float64; the caller's own memory where that is what it holds."""
-    unit = isinstance(top, HeavyTop)
-    top = top.top if isinstance(top, HeavyTop) else top
+    unit = isinstance(top, RigidTop)
+    top = top.top if isinstance(top, RigidTop) else top
     if not isinstance(top, (LagrangeTop, PerturbedTop)):
-        raise ValueError(f"top must be a LagrangeTop, a HeavyTop or a PerturbedTop; got {type(top).__name__}")
+        raise ValueError(f"top must be a LagrangeTop, a RigidTop or a PerturbedTop; got {type(top).__name__}")
     try:
         states = np.asarray(Y0)
     except ValueError as error:
@@ -335,7 +339,7 @@ def _check_tops(top: Any, Y0: ArrayLike) -> tuple[_Tops, Array]:
     vertical = (states[:, 3] == 0.0) & (states[:, 4] == 0.0)
     _refuse(vertical & (states[:, 5] == 0.0), "has x = 0: the axis of a top needs |x| > 0", states)
     if unit:
-        _refuse(~has_unit_axis(states), "has |x| not 1: the axis of a HeavyTop is the direction x", states)
+        _refuse(~has_unit_axis(states), "has |x| not 1: the axis of a RigidTop is the direction x", states)
     alphas = _one_for_each(top.alpha, "alpha", len(states))
     if isinstance(top, LagrangeTop):
         return _Tops(alphas), states

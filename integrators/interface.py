@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from integrators.checks import Array, keyword_options
+from lagrange_bench.integrators.checks import Array, keyword_options
 
 INVARIANTS = ("H", "J3", "C1", "C2")
 ENGINES = ("numba", "heyoka", "scipy", "python")
@@ -53,7 +53,7 @@ class Work:
 
 
 class Stepper(Protocol):
-    """Advances states by multiples of the step h it was built for.
+    """Advances states by multiples of the step h it was built for. Those of a `Problem` have as many numbers as its space.
 
     `from_start` is True where n steps are not n calls of one step: for a multistep method, or a closed form of the time.
     Such a run must not be continued from a state on the way, so the experiments start it again for every sample. It is
@@ -87,7 +87,15 @@ def in_one_call(at_once: Callable[..., Array | None]) -> Callable[[Callable[...,
     return decorate
 
 
-NEEDS = ("force", "smooth", "quadratic")  # what a method may need of a potential: see `PerturbedTop.offers`
+# what a method may need of a problem, see `PerturbedTop.offers` and `Problem.offers`, and what is said of one without
+NEEDS = {
+    "rhs": "a right-hand side",
+    "parts": "a Hamiltonian of parts with closed flows",
+    "kinetic": "a Hamiltonian c |J|² + U(t, x)",
+    "smooth": "a Hamiltonian without corners",
+    "force": "a top in a field, a PerturbedTop",
+    "quadratic": "a top in a quadratic field, a PerturbedTop",
+}
 
 # fields of `Method` and `AnyField`: what they must be
 KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
@@ -117,7 +125,7 @@ def check_record(record: Any) -> None:
     for name in ("conserves", "if_quadratic"):
         if unknown := set(getattr(record, name, ())) - set(INVARIANTS):
             raise ValueError(f"{name} names unknown invariants: {sorted(map(str, unknown))}")
-    if (needs := getattr(record, "needs", NEEDS[0])) not in NEEDS:
+    if (needs := getattr(record, "needs", "force")) not in NEEDS:
         raise ValueError(f"needs must be one of {', '.join(NEEDS)}; got {needs!r}")
 
 
@@ -126,7 +134,7 @@ Quantity = Callable[[Any, float, Array], tuple[Array, float]]
 
 @dataclass(frozen=True)
 class AnyField:
-    """How a method takes a `PerturbedTop`: the same formula for a force of any kind."""
+    """How a method takes a `PerturbedTop`, a force of any kind; or, if it needs "rhs", "parts", "smooth", any `Problem`."""
 
     prepare: Callable[..., Stepper]  # (problem, y0, h, **options), as `Method.prepare`
     conserves: frozenset[str]  # of INVARIANTS, at round-off, for every h, as far as the problem conserves them
@@ -162,7 +170,7 @@ class Method:
     source: str  # citation, equation numbers
     prepare: Callable[..., Stepper]  # (top, y0, h, **options): everything slow happens here, once; see `in_one_call`
     evaluate: Callable[..., tuple[Array, Work]] | None = None  # (top, y0, times, **options): dense output or jumps
-    attitude: Callable[..., Array] | None = None  # (top, y0, h, n, every, g0) -> unit quaternions, see `body`
+    attitude: Callable[..., Array] | None = None  # (top, y0, times, **options) -> (N, 4), see `body`
     # many tops in one call, (n,) alphas and (n, 6) states: (alphas, Y0, h, steps, every, out, stopped, **options) and
     # (alphas, Y0, times, out, **options) → the tops done, a mask; see `ensemble`
     advance_many: Callable[..., NDArray[np.bool_]] | None = None
@@ -174,8 +182,8 @@ class Method:
     keeps: Mapping[str, Quantity] = field(default_factory=dict, hash=False)
     # of `conserves` and `keeps`: those whose round-off grows faster than a random walk, and why
     biased: Mapping[str, str] = field(default_factory=dict, hash=False)
-    in_field: AnyField | None = None  # how it takes a top in any field; None: a uniform field only, for this reason:
-    uniform_only: str = "its record has no in_field (“Tops in any field” in docs/adding-a-method.md)"
+    in_field: AnyField | None = None  # how it takes a top in any field; None: a uniform field only
+    uniform_only: str = ""  # the reason, where `in_field` is None
     reduces_to: str = ""  # in a uniform field it is this other method, and measured under its name
     options: tuple[str, ...] = field(init=False)  # keyword options of `prepare`
 
@@ -190,21 +198,30 @@ class Method:
         object.__setattr__(self, "options", keyword_options(self.prepare))
 
     def takes(self, problem: Any) -> str | None:
-        """None if the method can follow this LagrangeTop or PerturbedTop, else the reason why not."""
+        """None if the method can follow this problem, else the reason why not."""
         offers = getattr(problem, "offers", None)  # a LagrangeTop offers everything
         if offers is None or "linear" in offers:
             return None
+        potential = getattr(problem, "potential", None)
         if self.in_field is None:
-            return f"{self.name} does not take the potential {problem.potential.name}: {self.uniform_only}"
-        if self.in_field.needs not in offers:
-            return f"{self.name} needs a {self.in_field.needs} potential, which {problem.potential.name} is not"
-        return None
+            which = f"potential {potential.name}" if potential else f"problem {problem.name}"
+            reason = self.uniform_only or "its record has no in_field (“Tops in any field” in docs/adding-a-method.md)"
+            return f"{self.name} does not take the {which}: {reason}"
+        needs = self.in_field.needs
+        if needs in offers:
+            return None
+        if potential:
+            return f"{self.name} needs a {needs} potential, which {potential.name} is not"
+        return f"{self.name} needs {NEEDS[needs]}, which the problem {problem.name} is not"
 
     def kept(self, problem: Any) -> frozenset[str]:
-        """Of H, J3, C1, C2 those that the method keeps at round-off for this problem, which it takes."""
+        """Of the problem's invariants, such as H, J3, C1, C2, those that the method keeps at round-off; it takes the problem."""
         offers = getattr(problem, "offers", None)
         if offers is None:
             return self.conserves
+        if "force" not in offers and self.in_field is not None:
+            kept: frozenset[str] = problem.kept_by(self.in_field)
+            return kept
         if self.in_field is None:  # through the frame of a uniform field
             return self.conserves & frozenset(problem.conserved)
         quadratic = self.in_field.if_quadratic if "quadratic" in offers else frozenset()

@@ -23,63 +23,64 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from integrators.interface import Method, StepError
-from integrators.words import suggestion
+from lagrange_bench.integrators.imported import follow
+from lagrange_bench.integrators.interface import Method, StepError
+from lagrange_bench.integrators.words import suggestion
 
 BUILT_IN = {
     # backlund
-    "backlund": "integrators.methods.backlund:EXACT",
-    "backlund_unpinned": "integrators.methods.backlund:UNPINNED",
-    "backlund_paper": "integrators.methods.backlund:PAPER",
-    "backlund_textbook": "integrators.methods.backlund_textbook:METHOD",
-    "backlund_splitting": "integrators.methods.backlund_splitting:METHOD",
+    "backlund": "lagrange_bench.integrators.methods.backlund:EXACT",
+    "backlund_unpinned": "lagrange_bench.integrators.methods.backlund:UNPINNED",
+    "backlund_paper": "lagrange_bench.integrators.methods.backlund:PAPER",
+    "backlund_textbook": "lagrange_bench.integrators.methods.backlund_textbook:METHOD",
+    "backlund_splitting": "lagrange_bench.integrators.methods.backlund_splitting:METHOD",
     # closed-form
-    "addition_theorem": "integrators.methods.addition_theorem:METHOD",
-    "theta_functions": "integrators.methods.theta_functions:METHOD",
+    "addition_theorem": "lagrange_bench.integrators.methods.addition_theorem:METHOD",
+    "theta_functions": "lagrange_bench.integrators.methods.theta_functions:METHOD",
     # taylor
-    "taylor": "integrators.methods.taylor:NATURAL",
-    "taylor_accurate": "integrators.methods.taylor:ACCURATE",
-    "taylor_compact": "integrators.methods.taylor:COMPACT",
-    "taylor_fixed": "integrators.methods.taylor:FIXED",
+    "taylor": "lagrange_bench.integrators.methods.taylor:NATURAL",
+    "taylor_accurate": "lagrange_bench.integrators.methods.taylor:ACCURATE",
+    "taylor_compact": "lagrange_bench.integrators.methods.taylor:COMPACT",
+    "taylor_fixed": "lagrange_bench.integrators.methods.taylor:FIXED",
     # runge-kutta
-    "rk4": "integrators.methods.runge_kutta:CLASSICAL",
-    "rk45_fixed": "integrators.methods.runge_kutta:FIFTH",
-    "dop853_fixed": "integrators.methods.runge_kutta:EIGHTH",
-    "verner9_fixed": "integrators.methods.runge_kutta:NINTH",
-    "verner9_projected": "integrators.methods.runge_kutta:PROJECTED",
-    "dop853": "integrators.methods.dop853:METHOD",
-    "rk45": "integrators.methods.scipy_ivp:RK45",
-    "scipy_dop853": "integrators.methods.scipy_ivp:DOP853",
+    "rk4": "lagrange_bench.integrators.methods.runge_kutta:CLASSICAL",
+    "rk45_fixed": "lagrange_bench.integrators.methods.runge_kutta:FIFTH",
+    "dop853_fixed": "lagrange_bench.integrators.methods.runge_kutta:EIGHTH",
+    "verner9_fixed": "lagrange_bench.integrators.methods.runge_kutta:NINTH",
+    "verner9_projected": "lagrange_bench.integrators.methods.runge_kutta:PROJECTED",
+    "dop853": "lagrange_bench.integrators.methods.dop853:METHOD",
+    "rk45": "lagrange_bench.integrators.methods.scipy_ivp:RK45",
+    "scipy_dop853": "lagrange_bench.integrators.methods.scipy_ivp:DOP853",
     # splitting
-    "strang": "integrators.methods.splitting:STRANG",
-    "takahashi_imada": "integrators.methods.splitting:TAKAHASHI_IMADA",
-    "blanes_moan4": "integrators.methods.splitting:BLANES_MOAN4",
-    "force_gradient4": "integrators.methods.splitting:FORCE_GRADIENT4",
-    "blanes_moan6": "integrators.methods.splitting:BLANES_MOAN6",
-    "force_gradient6": "integrators.methods.splitting:FORCE_GRADIENT6",
-    "kahan_li6": "integrators.methods.splitting:KAHAN_LI6",
-    "kahan_li8": "integrators.methods.splitting:KAHAN_LI8",
-    "sofroniou_spaletta10": "integrators.methods.splitting:SOFRONIOU_SPALETTA10",
+    "strang": "lagrange_bench.integrators.methods.splitting:STRANG",
+    "takahashi_imada": "lagrange_bench.integrators.methods.splitting:TAKAHASHI_IMADA",
+    "blanes_moan4": "lagrange_bench.integrators.methods.splitting:BLANES_MOAN4",
+    "force_gradient4": "lagrange_bench.integrators.methods.splitting:FORCE_GRADIENT4",
+    "blanes_moan6": "lagrange_bench.integrators.methods.splitting:BLANES_MOAN6",
+    "force_gradient6": "lagrange_bench.integrators.methods.splitting:FORCE_GRADIENT6",
+    "kahan_li6": "lagrange_bench.integrators.methods.splitting:KAHAN_LI6",
+    "kahan_li8": "lagrange_bench.integrators.methods.splitting:KAHAN_LI8",
+    "sofroniou_spaletta10": "lagrange_bench.integrators.methods.splitting:SOFRONIOU_SPALETTA10",
     # integrable
-    "kahan": "integrators.methods.kahan:METHOD",
-    "bobenko_suris": "integrators.methods.bobenko_suris:METHOD",
+    "kahan": "lagrange_bench.integrators.methods.kahan:METHOD",
+    "bobenko_suris": "lagrange_bench.integrators.methods.bobenko_suris:METHOD",
     # implicit
-    "implicit_midpoint": "integrators.methods.implicit_midpoint:METHOD",
-    "collective_midpoint": "integrators.methods.collective_midpoint:METHOD",
-    "gauss4": "integrators.methods.gauss:GAUSS4",
-    "gauss6": "integrators.methods.gauss:GAUSS6",
-    "gauss8": "integrators.methods.gauss:GAUSS8",
-    "gauss12": "integrators.methods.gauss:GAUSS12",
-    "lsoda": "integrators.methods.scipy_ivp:LSODA",
-    "radau": "integrators.methods.scipy_ivp:RADAU",
+    "implicit_midpoint": "lagrange_bench.integrators.methods.implicit_midpoint:METHOD",
+    "collective_midpoint": "lagrange_bench.integrators.methods.collective_midpoint:METHOD",
+    "gauss4": "lagrange_bench.integrators.methods.gauss:GAUSS4",
+    "gauss6": "lagrange_bench.integrators.methods.gauss:GAUSS6",
+    "gauss8": "lagrange_bench.integrators.methods.gauss:GAUSS8",
+    "gauss12": "lagrange_bench.integrators.methods.gauss:GAUSS12",
+    "lsoda": "lagrange_bench.integrators.methods.scipy_ivp:LSODA",
+    "radau": "lagrange_bench.integrators.methods.scipy_ivp:RADAU",
     # lie-group
-    "rkmk4": "integrators.methods.lie_group:RKMK4",
-    "commutator_free4": "integrators.methods.lie_group:COMMUTATOR_FREE4",
+    "rkmk4": "lagrange_bench.integrators.methods.lie_group:RKMK4",
+    "commutator_free4": "lagrange_bench.integrators.methods.lie_group:COMMUTATOR_FREE4",
 }
 
 
 POTENTIALS_BUILT_IN = {
-    name: f"integrators.problem.potentials:{name.upper()}"
+    name: f"lagrange_bench.integrators.problem.potentials:{name.upper()}"
     for name in ("quadratic", "axisymmetric", "charge", "dipole", "tide")
 }
 
@@ -123,10 +124,11 @@ class Registry(Mapping[str, Any]):
         loaded = self._loaded.get(name)
         if loaded is not None and loaded[0] is entry:
             return loaded[1]
+        follow(entry.module)
         with no_exit():
             found = entry.load()
         if not isinstance(found, self.kind):
-            raise TypeError(f"{entry.value} is a {type(found).__name__}, not an integrators.{self.kind.__name__}")
+            raise TypeError(f"{entry.value} is a {type(found).__name__}, not a lagrange_bench.{self.kind.__name__}")
         if found.name != name and ":" not in name:
             raise ValueError(f"{entry.value} calls itself {found.name!r} but is registered as {name!r}")
         self._loaded[name] = entry, found
@@ -200,12 +202,12 @@ class TopRegistry(Registry):
     """Name → NamedTop: the named tops of the bench, in a potential or not, and those of packages."""
 
     def __init__(self) -> None:
-        super().__init__("top", {}, "integrators.problem.top:NamedTop")
+        super().__init__("top", {}, "lagrange_bench.integrators.problem.top:NamedTop")
 
     @cached_property
     def _ours(self) -> dict[str, Any]:
-        from integrators.problem.potentials import PERTURBED_TOPS
-        from integrators.problem.top import TOPS
+        from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
+        from lagrange_bench.integrators.problem.top import TOPS
 
         return {**TOPS, **PERTURBED_TOPS}
 
@@ -218,8 +220,8 @@ class TopRegistry(Registry):
         return self._ours[name] if name in self._ours else super().__getitem__(name)
 
 
-METHODS = Registry("method", BUILT_IN, "integrators.interface:Method")
-POTENTIALS = Registry("potential", POTENTIALS_BUILT_IN, "integrators.problem.field:Potential")
+METHODS = Registry("method", BUILT_IN, "lagrange_bench.integrators.interface:Method")
+POTENTIALS = Registry("potential", POTENTIALS_BUILT_IN, "lagrange_bench.integrators.problem.field:Potential")
 NAMED_TOPS = TopRegistry()
 
 
@@ -287,7 +289,7 @@ def _load(name: str, registry: Registry) -> Any:
         hint = _meant(name, error, registry)
         raise ValueError(f"{word} {name} cannot be loaded: {type(error).__name__}: {error}{hint}") from error
     if not isinstance(found, registry.kind):
-        raise ValueError(f"{word} {name} is a {type(found).__name__}, not an integrators.{registry.kind.__name__}")
+        raise ValueError(f"{word} {name} is a {type(found).__name__}, not a lagrange_bench.{registry.kind.__name__}")
     return found
 
 
@@ -345,6 +347,7 @@ def import_own(module: str) -> ModuleType:
     if "" not in sys.path and here not in sys.path:
         sys.path.append(here)
     sys.path.insert(0, here)
+    follow(module)
     try:
         with no_exit():
             return importlib.import_module(module)

@@ -5,7 +5,7 @@ Coefficients are numbers of the type they are given as. Sums, products and quoti
 
 from __future__ import annotations
 
-from types import FunctionType, SimpleNamespace
+from types import CellType, FunctionType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -81,6 +81,9 @@ def interpreted(kernel: Any) -> Any:
     }
     if "math" in known:
         called["math"] = SimpleNamespace(sqrt=Series.sqrt)
-    copy = FunctionType(function.__code__, {**function.__globals__, **called}, closure=function.__closure__)
+    cells = function.__closure__ and tuple(
+        CellType(interpreted(v) if hasattr(v := cell.cell_contents, "py_func") else v) for cell in function.__closure__
+    )
+    copy = FunctionType(function.__code__, {**function.__globals__, **called}, closure=cells)
     copy.__kwdefaults__, copy.__defaults__ = function.__kwdefaults__, function.__defaults__
     return copy

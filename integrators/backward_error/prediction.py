@@ -1,10 +1,12 @@
-"""The phase error of a method by backward error analysis: how fast its clock is wrong, and how fast its torus turns.
+"""The error of a method by backward error analysis: how fast its clock is wrong, and how fast its torus turns.
 
-After n steps of h a state is at the exact solution of the time t + τ(t), t = nh, turned about e3 by θ(t),
+After n steps of h a state is at the exact solution of the time t + τ(t), t = nh, turned about e3 by θ(t), and off the torus by
+what the method loses of the invariants. But for what oscillates with the nutation
 
     τ = clock t + ½ clock_growth t²        θ = turn t + ½ turn_growth t²,
 
-up to what oscillates with the nutation. docs/phase-theory.md has the formulas and their sources.
+and the growths, like the distance to the torus, are 0 unless the method lets the invariants drift.
+`PredictedPhase.states` has all parts. docs/phase-theory.md has the formulas and their sources.
 
 The two-point map: T(λ) and Θ(λ) are known, so clock = T/h − 1 and turn = Θ/h, and nothing oscillates.
 
@@ -24,24 +26,24 @@ taken off.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from integrators.backward_error.power_series import Series
-from integrators.backward_error.steps import STEPS, flow
-from integrators.checks import check_state, check_step
-from integrators.interface import Array, Method
-from integrators.paper.interpolating_flow import time_and_turn
-from integrators.precision import workdps
-from integrators.problem.body import HeavyTop
-from integrators.problem.top import LagrangeTop
-from integrators.problem.units import Units
-from integrators.registry import find_method
-from integrators.torus.any_parameter import check_parameter, papers_parameter
-from integrators.truth import exact
+from lagrange_bench.integrators.backward_error.power_series import Series
+from lagrange_bench.integrators.backward_error.steps import STEPS, flow
+from lagrange_bench.integrators.checks import check_state, check_step, check_times
+from lagrange_bench.integrators.interface import Array, Method
+from lagrange_bench.integrators.paper.interpolating_flow import time_and_turn
+from lagrange_bench.integrators.precision import workdps
+from lagrange_bench.integrators.problem.body import RigidTop
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.units import Units
+from lagrange_bench.integrators.registry import find_method
+from lagrange_bench.integrators.torus.any_parameter import check_parameter, papers_parameter
+from lagrange_bench.integrators.truth import exact
 
 PAPERS = ("backlund_paper", "backlund_textbook")  # two-point maps with λ = i h √C1/2
 SPANS = (1e-6, 1e3)  # of |h|, in time scales of the top
@@ -55,10 +57,23 @@ ROUND_OFF = 1e-14  # of a local error, in units of the top
 THIN = 1e-6  # the least singular value of vectors of length 1 over the largest, if they are independent
 
 
-class PredictedPhase(NamedTuple):
-    """`clock` is a number, `turn` in rad per unit of time, the growths are per unit of time.
+class NoPrediction(ValueError):
+    """There is no theory of a method on a top; the message is the reason."""
 
-    Without a prediction clock and turn are None, the growths are 0, and `reason` says why.
+
+@dataclass(frozen=True)
+class PredictedPhase:
+    """What backward error analysis says of the runs of one method, from one state, with one step.
+
+    Attributes
+    ----------
+    clock, turn : float or None
+        By how much the method's clock is fast, a number, and how fast it turns about e3 too far, in rad per unit of time.
+        None without a prediction.
+    clock_growth, turn_growth : float
+        How these grow, per unit of time: 0 for a method that keeps the invariants in the mean.
+    reason : str
+        Why there is no prediction; else empty.
     """
 
     clock: float | None
@@ -66,37 +81,71 @@ class PredictedPhase(NamedTuple):
     clock_growth: float = 0.0
     turn_growth: float = 0.0
     reason: str = ""
+    _theory: Theory | None = field(default=None, repr=False, compare=False)
 
+    def states(self, t: ArrayLike) -> Array:
+        """Where the method is at the times of its steps.
 
-class NoPrediction(ValueError):
-    """There is no theory of a method on a top; the message is the reason."""
+        Parameters
+        ----------
+        t : (N,) array_like
+            Multiples of h, as in `Trajectory.t`. Between steps, where a method has no state, it is a smooth curve.
+
+        Returns
+        -------
+        (N, 6) ndarray
+            Predicted states: phases, what oscillates, and what the method has lost of the invariants. First order in the local
+            error; exact for the two-point map.
+
+        Raises
+        ------
+        ValueError : there is no prediction; the message is the reason.
+        """
+        theory = self._known()
+        return theory.states(theory.steps(t))
+
+    def shifts(self, t: ArrayLike) -> tuple[Array, Array]:
+        """How far ahead the method is in time, and by what angle it has turned too far, (N,) each; `t` as of `states`."""
+        theory = self._known()
+        return theory.shifts(theory.steps(t))
+
+    def _known(self) -> Theory:
+        if self._theory is None:
+            raise NoPrediction(f"there is no prediction: {self.reason}")
+        return self._theory
 
 
 def predicted_phase(
-    top: LagrangeTop | HeavyTop, y0: ArrayLike, h: float, method: str | Method = "backlund", lam: complex | None = None
+    top: LagrangeTop | RigidTop, y0: ArrayLike, h: float, method: str | Method = "backlund", lam: complex | None = None
 ) -> PredictedPhase:
-    """How fast the phases of `method` go wrong, by backward error analysis; without taking a step.
+    """How the phases of `method` go wrong, and where it will be, by backward error analysis; without taking a step.
 
     Parameters
     ----------
-    top, y0, h, method : as of `integrate`. lam : parameter of a two-point map, Im λ > 0; h is then the time its step is meant
-    to take.
+    top, y0, h, method
+        As of `integrate`; `top` in a uniform field.
+    lam : complex, optional
+        Parameter of the two-point map, Im λ > 0, for a method with this option; h is then the time its step is meant to take.
 
     Returns
     -------
-    (clock, turn, clock_growth, turn_growth, reason): after a time t the method is at the exact solution of the time
-    t + clock t + ½ clock_growth t², turned about e3 by turn t + ½ turn_growth t². Growth is 0 if the method keeps the
-    invariants in the mean. Where there is no prediction clock and turn are None, and `reason` says why.
+    PredictedPhase
+        Its `states(t)` are those of the method after a time t. Its rates say the same in two numbers: up to what oscillates, the
+        method is at the exact solution of the time t + clock t + ½ clock_growth t², turned about e3 by turn t + ½ turn_growth
+        t². Where there is no prediction clock and turn are None, and `reason` says why.
 
     Raises
     ------
-    ValueError : an argument that makes no sense; the message names it.
+    ValueError
+        An argument that makes no sense; the message names it.
     """
-    top = top.top if isinstance(top, HeavyTop) else top
+    top = top.top if isinstance(top, RigidTop) else top
     if not isinstance(top, LagrangeTop):
-        raise ValueError(f"top must be a LagrangeTop or a HeavyTop; got {type(top).__name__}")
+        raise ValueError(f"top must be a LagrangeTop or a RigidTop; got {type(top).__name__}")
     top.single()
     found, state, h = find_method(method), check_state(y0), check_step(h)
+    if lam is not None and "lam" not in found.options:
+        raise ValueError(f"lam: {found.name} has no such option")
     try:
         return theory(top, state, h, found, None if lam is None else check_parameter(lam)).phase
     except NoPrediction as reason:
@@ -156,7 +205,7 @@ class Theory:
         angle: NDArray[Any],
         drifts: bool = False,
     ):
-        self.units = Units(top, y0, h)
+        self.units, self.user_h = Units(top, y0, h), h
         self.top, self.y0, self.h = LagrangeTop(self.units.alpha), self.units.enter(y0), self.units.time(h)
         off = Sum.of(step[:, 2:], angle)
         self.off = off if drifts else replace(off, mean=np.zeros(4))
@@ -171,8 +220,18 @@ class Theory:
         clock, turn = (self.along.mean - self.ramp.mean / 2) / self.h
         clock_growth, turn_growth = self.ramp.mean / self.h**2
         return PredictedPhase(
-            float(clock), float(turn * second), float(clock_growth * second), float(turn_growth * second * second)
+            float(clock),
+            float(turn * second),
+            float(clock_growth * second),
+            float(turn_growth * second * second),
+            _theory=self,
         )
+
+    def steps(self, t: ArrayLike) -> Array:
+        """How many steps make the times t (N,): whole numbers where t is a multiple of h but for its rounding."""
+        n = check_times(t) / self.user_h
+        whole = np.rint(n)
+        return np.where(np.abs(n - whole) <= 4.0 * np.finfo(float).eps * np.abs(n), whole, n)
 
     def shifts(self, n: ArrayLike) -> tuple[Array, Array]:
         """After n steps (N,): how far ahead the method is in time, and by what angle it has turned too far."""

@@ -13,19 +13,20 @@ from typing import Any
 
 import numpy as np
 
-from integrators.backward_error.power_series import Series, interpreted
-from integrators.compiling.loops import SIZE
-from integrators.methods import bobenko_suris as bs
-from integrators.methods import collective_midpoint as cm
-from integrators.methods import gauss_coefficients as gauss
-from integrators.methods import kahan, lie_group, runge_kutta, splitting
-from integrators.methods.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Tableau
-from integrators.problem.field import cross
+from lagrange_bench.integrators.backward_error.power_series import Series, interpreted
+from lagrange_bench.integrators.compiling.loops import SIZE
+from lagrange_bench.integrators.methods import bobenko_suris as bs
+from lagrange_bench.integrators.methods import collective_midpoint as cm
+from lagrange_bench.integrators.methods import gauss_coefficients as gauss
+from lagrange_bench.integrators.methods import kahan, lie_group, runge_kutta, splitting
+from lagrange_bench.integrators.methods.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Tableau
+from lagrange_bench.integrators.problem.field import cross
+from lagrange_bench.integrators.problem.system import uniform_system
 
 State = tuple[Any, ...]  # J1, J2, J3, x1, x2, x3
 Step = Callable[[float, State, Series, int], State]  # (alpha, state, h, highest power of h) → the state after a step
 
-ByMethod = dict[str, Step]  # `results.sources` knows this word: of such a table a cell uses its own method's entry
+ByMethod = dict[str, Step]  # see `imported.TABLES`
 
 TALLY = np.zeros(SIZE)  # what a kernel reports, which is nothing here
 
@@ -45,18 +46,18 @@ def flow(alpha: float, s: State, h: Series, power: int) -> State:
 
 
 def runge_kutta_step(tableau: Tableau, alpha: float, s: State, h: Series, power: int) -> State:
-    rows = tuple(map(runge_kutta.floats, tableau.a))
-    d = runge_kutta.weigh(runge_kutta.floats(tableau.b), runge_kutta.slopes_of(rows, s, alpha, h))
+    split = runge_kutta.increment_of(tableau, uniform_system())
+    d = split.moving(0.0, *s, *split.fixed(h, alpha))
     return s[0] + d[0], s[1] + d[1], s[2], s[3] + d[2], s[4] + d[3], s[5] + d[4]
 
 
 def projected_step(tableau: Tableau, alpha: float, s: State, h: Series, power: int) -> State:
     """Back to the nearest point with the invariants of s, by one Newton step: the second changes what is of second order."""
-    rows = tuple(map(runge_kutta.floats, tableau.a))
-    d = runge_kutta.weigh(runge_kutta.floats(tableau.b), runge_kutta.slopes_of(rows, s, alpha, h))
     j, _, xx, xJ = interpreted(runge_kutta.products)(*s)
     energy = 0.5 * (j + s[2] * s[2]) + alpha * s[5]
-    state: State = interpreted(runge_kutta.projected)(s, d, (alpha, h, energy, xx, xJ), TALLY)
+    state: State = interpreted(runge_kutta.projected)(
+        runge_kutta_step(tableau, alpha, s, h, power), (alpha, energy, xx, xJ), TALLY
+    )
     return state
 
 
@@ -138,8 +139,8 @@ def half_step(alpha: float, h: Series) -> Any:
     return 0.5 * h, 0.5 * alpha * h
 
 
-def whole_step(alpha: float, h: Series) -> Any:
-    return h, alpha * h
+def generator_step(alpha: float, h: Series) -> Any:
+    return 0.0, h, *lie_group.generator_of(uniform_system()).fixed(h, alpha)
 
 
 # one entry for each method, in the order of the registry
@@ -167,6 +168,6 @@ STEPS: ByMethod = {
     "gauss6": partial(collocation_step, 3),
     "gauss8": partial(collocation_step, 4),
     "gauss12": partial(collocation_step, 6),
-    "rkmk4": partial(kernel_step, lie_group.rkmk4_step, whole_step),
-    "commutator_free4": partial(kernel_step, lie_group.commutator_free4_step, whole_step),
+    "rkmk4": partial(kernel_step, lie_group.kernel("rkmk4", uniform_system()), generator_step),
+    "commutator_free4": partial(kernel_step, lie_group.kernel("commutator_free4", uniform_system()), generator_step),
 }

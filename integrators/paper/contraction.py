@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from integrators.paper import gaudin_maps
-from integrators.paper.gaudin_model import GaudinMagnet
-from integrators.paper.one_point import one_point
-from integrators.paper.phase_space import E3, Numbers, poisson_tensor, vector_field
-from integrators.problem.top import LagrangeTop
-from integrators.torus.any_parameter import two_point
+from lagrange_bench.integrators.paper import gaudin_maps
+from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
+from lagrange_bench.integrators.paper.one_point import one_point
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, poisson_tensor, vector_field
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.torus.any_parameter import two_point
 
 SITE = 1  # the second site, whose sheets are those of the top
 

@@ -1,7 +1,7 @@
 """The discrete Lagrange top of Bobenko and Suris has a Lax pair, and is a two-point Bäcklund map in disguise.
 
 The paper mentions it before section 5.1: “their discrete Lax matrix is deformed with respect to the continuous one”. The step is
-that of `integrators.methods.bobenko_suris`, symmetric form: K = J + (h/2) alpha e3×x, x̃ − x = (h/2) K×(x + x̃),
+that of `methods.bobenko_suris`, symmetric form: K = J + (h/2) alpha e3×x, x̃ − x = (h/2) K×(x + x̃),
 J̃ = K + (h/2) alpha e3×x̃. With
 
     K₋ = J − (h/2) alpha e3×x        X = (1 + alpha h² x3/4) x − (h/2) J×x                         (`deformed`)
@@ -26,7 +26,7 @@ The coefficients of Q_h are what the step keeps: J3, C2 + alpha h² C1 J3/4, E +
 
 Everything tends to the paper's as h → 0. (K₋, X) is no Poisson image of (J, x): |X|² is no function of the Casimirs.
 
-The map of Kahan, Hirota and Kimura, `integrators.methods.kahan`, is the same map again, at another state with another
+The map of Kahan, Hirota and Kimura, `methods.kahan`, is the same map again, at another state with another
 step. With its invariants r0 and κ, eps = alpha h²/4 and β² = 1 − κ eps²
 
     J → (J1, J2, β (J3 + eps r0))        x → (β x1, β x2, x3 + κ eps)        h → h/β            (`of_kahan`)
@@ -51,9 +51,9 @@ from typing import Any
 
 import numpy as np
 
-from integrators.paper import interpolating_flow, lax
-from integrators.paper.phase_space import E3, Numbers, cross, sqrt
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.paper import interpolating_flow, lax
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cross, sqrt
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 
 def deformed(top: LagrangeTop, y: Any, h: Any) -> Numbers:

@@ -16,7 +16,7 @@ from random import Random
 
 import numpy as np
 
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 MODULES = (
     "phase_space",

@@ -32,13 +32,13 @@ import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
-from integrators.checks import check_count, check_state
-from integrators.paper.errata import Erratum
-from integrators.paper.phase_space import components, sqrt
-from integrators.paper.weierstrass import Weierstrass
-from integrators.precision import workdps
-from integrators.problem.top import LagrangeTop
-from integrators.truth.exact import check_times, solution
+from lagrange_bench.integrators.checks import check_count, check_state
+from lagrange_bench.integrators.paper.errata import Erratum
+from lagrange_bench.integrators.paper.phase_space import components, sqrt
+from lagrange_bench.integrators.paper.weierstrass import Weierstrass
+from lagrange_bench.integrators.precision import workdps
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.truth.exact import check_times, solution
 
 __all__ = ["Motion", "angles", "from_angles", "hamiltonian", "motion", "rates", "states", "to_angles"]
 

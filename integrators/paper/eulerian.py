@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 from mpmath import mp
 
-from integrators.paper.errata import Erratum
-from integrators.paper.euler_angles import function, to_angles
-from integrators.paper.phase_space import Numbers, ladder, sqrt
-from integrators.precision import workdps
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.paper.errata import Erratum
+from lagrange_bench.integrators.paper.euler_angles import function, to_angles
+from lagrange_bench.integrators.paper.phase_space import Numbers, ladder, sqrt
+from lagrange_bench.integrators.precision import workdps
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 Pair = tuple[Any, Any]
 

@@ -29,9 +29,10 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from integrators.paper.gaudin_model import GaudinMagnet, check_parameter, check_upper
-from integrators.paper.lax import check_sheet
-from integrators.paper.phase_space import E3, Numbers, sqrt
+from lagrange_bench.integrators.checks import check_count
+from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet, check_parameter, check_upper
+from lagrange_bench.integrators.paper.lax import check_sheet
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, sqrt
 
 STRIDE = 1 / 16  # longest interval of the grid, as a share of the segment
 NODES = 14  # of the quadrature, per stride
@@ -65,11 +66,11 @@ def _follow(
     Returns w² and w as functions of t (m,), and a grid from 0 to 1. Its intervals are no longer than the distance of each of
     their points from the nearest site and branch point, so w is smooth on each of them. The w serves to choose a root of w²:
     it is the product of the principal roots √(1 − z/(u_i − start)), z = u − start, over the branch points u_i, and none of
-    these jumps unless u_i lies on the segment.
+    these jumps unless u_i lies on the segment. Only differences from the start enter: the sites may lie far from 0.
     """
-    start = complex(_start(magnet, lam, site))
-    length = complex(lam) - start
-    gaps, rest, pole = start - np.array(magnet.sites, dtype=complex), np.asarray(spins).astype(complex), np.zeros(3)
+    start = _start(magnet, lam, site)
+    length = complex(lam - start)
+    gaps, rest, pole = -_from(magnet, start), np.asarray(spins).astype(complex), np.zeros(3)
     if site is not None:  # (u − a_site) ℓ has no pole at the start
         gaps, rest, pole = np.delete(gaps, site), np.delete(rest, site, axis=0), rest[site]
     elif np.any(gaps == 0):
@@ -85,7 +86,7 @@ def _follow(
     first = complex(square(np.zeros(1))[0])
     if first == 0:
         raise ValueError(f"spins: {'ℓ(Re lam)' if site is None else f'the one at site {site}'} is zero")
-    zeros, poles = branch_points(magnet, spins) - start, -gaps
+    zeros, poles = branch_points(magnet, spins, start), -gaps
     zeros = zeros[zeros != 0]
 
     def root(t: Numbers) -> Numbers:
@@ -102,8 +103,8 @@ def _follow(
     return square, root, np.array(grid)
 
 
-def branch_points(magnet: GaudinMagnet, spins: Any) -> Numbers:
-    """The zeros of v², in double; each site without a spin is one twice.
+def branch_points(magnet: GaudinMagnet, spins: Any, origin: Any = 0) -> Numbers:
+    """The zeros of v², less `origin`, in double; each site without a spin is one twice.
 
     v² = α² + Σ H_j/(u − a_j) + C_j/(u − a_j)² is a transfer function, c (u − A)⁻¹ b + α² with a block of two for each site. Its
     zeros are the eigenvalues of a pencil, better conditioned than the roots of Q.
@@ -111,13 +112,18 @@ def branch_points(magnet: GaudinMagnet, spins: Any) -> Numbers:
     n = len(magnet)
     A, N = np.zeros((2 * n + 1, 2 * n + 1), dtype=complex), np.eye(2 * n + 1)
     H, C, N[-1, -1] = magnet.hamiltonians(spins), magnet.casimirs(spins), 0.0
-    for j, site in enumerate(magnet.sites):
-        A[2 * j, 2 * j] = A[2 * j + 1, 2 * j + 1] = complex(site)
+    for j, site in enumerate(_from(magnet, origin)):
+        A[2 * j, 2 * j] = A[2 * j + 1, 2 * j + 1] = site
         A[2 * j, 2 * j + 1], A[-1, 2 * j] = 1.0, -1.0
         A[2 * j, -1], A[2 * j + 1, -1] = complex(H[j]), complex(C[j])
     A[-1, -1] = -(float(magnet.alpha) ** 2)
     found: Numbers = scipy.linalg.eigvals(A, N)
     return found[np.isfinite(found)]
+
+
+def _from(magnet: GaudinMagnet, origin: Any) -> Numbers:
+    """a_j − origin, in double: each difference is rounded once, so a common part of the sites leaves no trace."""
+    return np.array([complex(a - origin) for a in magnet.sites])
 
 
 def _start(magnet: GaudinMagnet, lam: Any, site: Any) -> Any:
@@ -149,15 +155,14 @@ def spectral_polynomial(magnet: GaudinMagnet, spins: Any) -> Numbers:
 
 def times(magnet: GaudinMagnet, spins: Any, lams: Any, sheet: int = 1, site: int | None = 0) -> Numbers:
     """c_j, shape (n,): steps with all of `lams` are the flow of Σ c_j H_j over time 1. Real at real sites."""
-    sites = np.array(magnet.sites, dtype=complex)
     c = np.zeros(len(magnet), dtype=complex)
     for lam in np.atleast_1d(lams):
-        c += _segment(magnet, spins, check_upper(magnet, complex(lam), "lams"), site, sites)
+        c += _segment(magnet, spins, check_upper(magnet, complex(lam), "lams"), site)
     c *= check_sheet(sheet)
-    return c.real if not np.any(sites.imag) else c
+    return c.real if not any(a.imag for a in magnet.sites) else c
 
 
-def _segment(magnet: GaudinMagnet, spins: Any, lam: complex, site: int | None, sites: Numbers) -> Numbers:
+def _segment(magnet: GaudinMagnet, spins: Any, lam: complex, site: int | None) -> Numbers:
     """i ∫ du/(2v (u − a_j)) from λ down the segment to its start and up the conjugate one.
 
     Gauss-Legendre between the points of a grid that keeps its distance from sites and branch points: full accuracy with few
@@ -169,17 +174,19 @@ def _segment(magnet: GaudinMagnet, spins: Any, lam: complex, site: int | None, s
     t = (grid[:-1, None] + stride * (x + 1) / 2).ravel()
     v: Numbers = np.sqrt(square(t))
     v = np.where((v * root(t).conj()).real < 0, -v, v)
-    length = lam - complex(_start(magnet, lam, site))
-    v = v if site is None else v / (t * length)
-    u = lam + (t - 1) * length
+    start = _start(magnet, lam, site)
+    length = complex(lam - start)
+    z = t * length
+    v = v if site is None else v / z
     f = (stride * weights / 2).ravel() * length / v
-    integral: Numbers = 0.5j * (f.conj() @ (1 / (u.conj()[:, None] - sites)) - f @ (1 / (u[:, None] - sites)))
+    above, below = 1 / (z[:, None] - _from(magnet, start)), 1 / (z.conj()[:, None] - _from(magnet, start.conjugate()))
+    integral: Numbers = 0.5j * (f.conj() @ below - f @ above)
     return integral
 
 
 def pade_parameters(magnet: GaudinMagnet, spins: Any, h: float, factors: int = 1, site: int = 0) -> Numbers:
-    """λ_i, shape (factors,), of a step of order 2·factors for the flow of H_site over the time h > 0."""
-    if not 1 <= factors <= FACTORS:
+    """λ_i − a_site, shape (factors,), of a step of order 2·factors for the flow of H_site over the time h > 0."""
+    if check_count(factors, "factors", least=1) > FACTORS:
         raise ValueError(f"factors must be from 1 to {FACTORS}; got {factors!r}")
     if not (h > 0 and math.isfinite(h)):
         raise ValueError(f"h must be positive and finite; got {h!r}")
@@ -187,7 +194,7 @@ def pade_parameters(magnet: GaudinMagnet, spins: Any, h: float, factors: int = 1
     size = np.sqrt(complex(np.sum(np.asarray(spins[site]) ** 2)))
     if start.imag or size.imag or not size.real > 0:
         raise ValueError(f"site: {site} must be a real site with a real spin that is not zero")
-    lams: Numbers = start + size.real * h * pade_roots(factors)
+    lams: Numbers = size.real * h * pade_roots(factors)
     return lams
 
 

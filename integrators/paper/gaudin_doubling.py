@@ -42,10 +42,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from mpmath import mp
 
-from integrators.paper.gaudin_curve import pade_roots, spectral_polynomial
-from integrators.paper.gaudin_model import GaudinMagnet
-from integrators.paper.phase_space import Numbers
-from integrators.precision import workdps
+from lagrange_bench.integrators.paper.gaudin_curve import pade_roots, spectral_polynomial
+from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
+from lagrange_bench.integrators.paper.phase_space import Numbers
+from lagrange_bench.integrators.precision import workdps
 
 DIGITS = 24  # of the first run, and two more for each spin
 AGREE = 1e-18  # of λ and of the turn, relative, between two runs with different numbers of digits
@@ -56,8 +56,12 @@ PHASES = 8  # tried in the last doubling of a magnet with an even number of spin
 
 
 class ExactStep(NamedTuple):
-    """λ_i and v_i of the maps of a step, and the part of a revolution about e3 that follows them."""
+    """The maps of a step, λ_i = a_near + lams_i and v_i, and the part of a revolution about e3 that follows them.
 
+    λ_i is counted from the site next to it: a double of its place would not do for sites that lie far from 0.
+    """
+
+    near: list[int]
     lams: Numbers
     v: Numbers
     turn: Fraction
@@ -110,18 +114,21 @@ def _distance(a: tuple, b: tuple) -> float:
     return float(max(changes))
 
 
-def _rounded(lams: list, v: list, angle: Any) -> ExactStep:
+def _rounded(lams: list, v: list, angle: Any, sites: tuple) -> ExactStep:
     with workdps(50):
         turn = Fraction(int(mp.floor(angle / (2 * mp.pi) * mp.mpf(2) ** 128)) % 2**128, 2**128)
-    return ExactStep(np.array([complex(x) for x in lams]), np.array([complex(x) for x in v]), turn)
+        near = [min(range(len(sites)), key=lambda j: abs(x - sites[j])) for x in lams]
+        lams = [complex(x - sites[j]) for x, j in zip(lams, near, strict=True)]
+    return ExactStep(near, np.array(lams), np.array([complex(x) for x in v]), turn)
 
 
-def _exact_step(magnet: GaudinMagnet, spins: Any, base: float, times: Numbers) -> tuple[list, list, Any]:
+def _exact_step(magnet: GaudinMagnet, spins: Any, base: float, times: Numbers) -> tuple[list, list, Any, tuple]:
+    """λ_i less the centre of the moved sites, v_i, the angle of the turn, and the sites less the centre."""
     n, alpha = len(magnet), mp.mpf(magnet.alpha)
     angle = 2 * alpha * mp.mpf(base)
     moved = [j for j in range(n) if times[j] and np.any(spins[j])]
     if n == 1 or not moved:
-        return [], [], angle
+        return [], [], angle, ()
     sites = [mp.mpmathify(a) for a in magnet.sites]
     centre = mp.fsum(sites[j] for j in moved) / len(moved)
     fine = GaudinMagnet(tuple(a - centre for a in sites), alpha)
@@ -136,7 +143,7 @@ def _exact_step(magnet: GaudinMagnet, spins: Any, base: float, times: Numbers) -
         step = curve.compose(step, step, last=i == doublings - 1)
     lams = upper_roots(step.U)
     v = [_value(step.V, x) / (1j * mp.fprod(x - a for a in fine.sites)) for x in lams]
-    return [x + centre for x in lams], v, angle + step.angle
+    return lams, v, angle + step.angle, fine.sites
 
 
 class _Curve:

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from integrators.interface import Array
-from integrators.paper.gaudin_model import GaudinMagnet
+from lagrange_bench.integrators.interface import Array
+from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 
 
 class NamedMagnet(NamedTuple):

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from integrators.paper.gaudin_curve import eigenvalue
-from integrators.paper.gaudin_model import GaudinMagnet, check_parameter, check_upper, dot
-from integrators.paper.lax import gaudin_entries, pauli
-from integrators.paper.phase_space import Numbers, cross
+from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue
+from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet, check_parameter, check_upper, dot
+from lagrange_bench.integrators.paper.lax import gaudin_entries, pauli
+from lagrange_bench.integrators.paper.phase_space import Numbers, cross
 
 
 def one_point(

@@ -24,16 +24,17 @@ from typing import Any
 
 import numpy as np
 
-from integrators.checks import Array, check_grid, check_options, check_real, check_step, keyword_options
-from integrators.compiling.compiled import jit
-from integrators.compiling.loops import INTERRUPTIBLE
-from integrators.interface import StepError, Stepper, Work
-from integrators.paper.gaudin_model import GaudinMagnet
-from integrators.paper.gaudin_step import prepare, prepare_exact
-from integrators.paper.phase_space import Numbers
-from integrators.words import suggestion
+from lagrange_bench.integrators.checks import Array, check_grid, check_options, check_real, check_step, keyword_options
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
+from lagrange_bench.integrators.interface import StepError, Stepper, Work
+from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
+from lagrange_bench.integrators.paper.gaudin_step import prepare, prepare_exact
+from lagrange_bench.integrators.paper.phase_space import Numbers
+from lagrange_bench.integrators.words import suggestion
 
 ITERATIONS = 200  # of an implicit step, at most
+FARTHEST = 1e12  # turns of the quickest spin, at most, for a method that chooses its steps: it would take months
 
 
 @dataclass(frozen=True)
@@ -80,8 +81,10 @@ class _CompiledStepper(Stepper):
         s = np.array(self.magnet.check_spins(spins), dtype=float)
         out = np.empty((n // every + 1, *s.shape))
         out[0] = s
-        for first in range(0, n, INTERRUPTIBLE):
-            last = min(first + INTERRUPTIBLE, n)
+        b, _, K, *_ = self.constants
+        some = max(1, INTERRUPTIBLE // (len(b) + len(K)))  # Ctrl-C is seen between two calls
+        for first in range(0, n, some):
+            last = min(first + some, n)
             failed, iterations = self.run(s, *self.constants, first, last, every, out)
             self.work.iterations += iterations
             self.work.rhs_evals += iterations
@@ -238,6 +241,7 @@ class _GridStepper(Stepper):
 
     def __init__(
         self,
+        name: str,
         magnet: GaudinMagnet,
         spins: Array,
         h: float,
@@ -245,8 +249,17 @@ class _GridStepper(Stepper):
         work: Work,
         size: float,
     ):
-        self.magnet, self.h, self.solve, self.work, self.size = magnet, check_step(h), solve, work, size
-        magnet.check_spins(spins)
+        self.name, self.magnet, self.h, self.solve, self.work, self.size = (
+            name,
+            magnet,
+            check_step(h),
+            solve,
+            work,
+            size,
+        )
+        c = magnet.flow
+        fields = np.abs(magnet.couplings * (c[:, None] - c)) @ np.linalg.norm(magnet.check_spins(spins), axis=1)
+        self.rate = float(np.max(2 * np.abs(magnet.alpha * c) + fields)) / (2 * math.pi)  # of turning, at most
 
     def record(self, spins: Array, n: int, every: int) -> Array:
         """Spins after the times 0, every h, … n h."""
@@ -254,6 +267,8 @@ class _GridStepper(Stepper):
         out = np.empty((n // every + 1, len(self.magnet), 3))
         out[0] = self.magnet.check_spins(spins)
         if n:
+            if (turns := abs(self.h) * n * self.rate) > FARTHEST:
+                raise StepError(self.name, f"a spin may turn {turns:.3g} times, and at most {FARTHEST:g}", h=self.h)
             times = self.h * every * np.arange(1.0, len(out))
             out[1:] = self.solve(out[0] / self.size, times * self.size) * self.size
         return out
@@ -262,6 +277,13 @@ class _GridStepper(Stepper):
 def _size(spins: Array) -> float:
     """A power of two, 1 or less, in units of which the largest spin is not small."""
     return math.ldexp(1.0, min(0, math.frexp(float(np.max(np.abs(spins))))[1]))
+
+
+def _check_tolerance(value: Any, name: str, least: float) -> float:
+    number = check_real(value, name)
+    if not (number > 0 and least <= number <= 1):
+        raise ValueError(f"{name} must be between {least:.3g} and 1; got {number:g}")
+    return number
 
 
 def prepare_taylor(magnet: GaudinMagnet, spins: Array, h: float, *, tol: float | None = None) -> _GridStepper:
@@ -283,10 +305,11 @@ def prepare_taylor(magnet: GaudinMagnet, spins: Array, h: float, *, tol: float |
     for (x, y, z), sums in zip(s, parts, strict=True):
         p, q, r = (hy.sum(addends) if addends else hy.expression(0.0) for addends in sums)
         system += [(x, q * z - r * y), (y, r * x - p * z), (z, p * y - q * x)]
-    given = {} if tol is None else {"tol": check_real(tol, "tol")}
+    given = {} if tol is None else {"tol": _check_tolerance(tol, "tol", 0.0)}
     strengths = [*K.tolist(), *(b[fields] / size).tolist()]
     ta = hy.taylor_adaptive(system, [0.0] * (3 * n), pars=strengths, compact_mode=n > 8, **given)
 
+    some = max(1, INTERRUPTIBLE // (n + len(K)))
     alone = Lock()  # heyoka's integrator has a state, and lets other threads run
 
     def solve(start: Array, times: Array) -> Array:
@@ -294,24 +317,28 @@ def prepare_taylor(magnet: GaudinMagnet, spins: Array, h: float, *, tol: float |
             ta.time = 0.0
             ta.state[:] = start.ravel()
             if len(times) == 1:  # without dense output
-                outcome, _, _, steps, _, _ = ta.propagate_until(float(times[0]))
+                outcome, steps = hy.taylor_outcome.step_limit, 0
+                while outcome == hy.taylor_outcome.step_limit:  # resuming changes no bit, and Ctrl-C is seen between
+                    outcome, _, _, taken, *_ = ta.propagate_until(float(times[0]), max_steps=some)
+                    steps += taken
                 rows = np.array((start.ravel(), ta.state))
-            else:
-                outcome, _, _, steps, _, rows = ta.propagate_grid([0.0, *times])
+            else:  # the callback lets Ctrl-C in
+                outcome, _, _, steps, _, rows = ta.propagate_grid([0.0, *times], callback=lambda ta: True)
         if outcome != hy.taylor_outcome.time_limit:
             raise StepError("taylor", f"heyoka stopped: {outcome}", h=h)
         work.steps += int(steps)
         found: Array = rows[1:].reshape(-1, n, 3)
         return found
 
-    return _GridStepper(magnet, spins, h, solve, work, size)
+    return _GridStepper("taylor", magnet, spins, h, solve, work, size)
 
 
 def prepare_dop853(magnet: GaudinMagnet, spins: Array, h: float, *, rtol: float = 3e-14) -> _GridStepper:
     """SciPy's DOP853 with its dense output; the absolute tolerance is a tenth of the relative one, times the largest spin."""
     from scipy.integrate import solve_ivp
 
-    rtol, c, work, n, size = check_real(rtol, "rtol"), magnet.flow, Work(), len(magnet), _size(spins)
+    rtol = _check_tolerance(rtol, "rtol", 100 * np.finfo(float).eps)
+    c, work, n, size = magnet.flow, Work(), len(magnet), _size(spins)
 
     def rhs(_: float, y: Array) -> Array:
         rate: Array = magnet.rhs(size * y.reshape(n, 3), c).ravel() / size / size
@@ -325,7 +352,7 @@ def prepare_dop853(magnet: GaudinMagnet, spins: Array, h: float, *, rtol: float 
         rows: Array = found.y.T.reshape(-1, n, 3)
         return rows
 
-    return _GridStepper(magnet, spins, h, solve, work, size)
+    return _GridStepper("dop853", magnet, spins, h, solve, work, size)
 
 
 # ------------------------------------------------------------------------------------------ the list
@@ -371,7 +398,9 @@ MAGNET_METHODS: Mapping[str, MagnetMethod] = {
 def _in_doubles(magnet: GaudinMagnet) -> GaudinMagnet:
     """The magnet with sites and alpha rounded to doubles, which compiled code takes."""
     if any(a.imag for a in magnet.sites):
-        raise ValueError("sites must be real numbers for `integrate`; integrators.paper takes conjugate pairs too")
+        raise ValueError(
+            "sites must be real numbers for `integrate`; lagrange_bench.integrators.paper takes conjugate pairs too"
+        )
     return replace(magnet, sites=tuple(float(a.real) for a in magnet.sites), alpha=float(magnet.alpha))
 
 

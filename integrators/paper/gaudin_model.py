@@ -25,9 +25,9 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from integrators.checks import check_count
-from integrators.paper.errata import Erratum
-from integrators.paper.phase_space import E3, Numbers, cross, poisson_tensor
+from lagrange_bench.integrators.checks import check_count
+from lagrange_bench.integrators.paper.errata import Erratum
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cross, poisson_tensor
 
 
 def dot(a: Any, b: Any) -> Numbers:

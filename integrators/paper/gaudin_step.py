@@ -23,21 +23,22 @@ Round-off is what decides here. Three things make it a random walk of a few ulp,
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from mpmath import mp
 
-from integrators.checks import check_grid, check_step
-from integrators.compiling.compiled import jit
-from integrators.compiling.loops import INTERRUPTIBLE
-from integrators.interface import StepError, Stepper, Work
-from integrators.paper.gaudin_curve import eigenvalue, pade_parameters
-from integrators.paper.gaudin_doubling import exact_step
-from integrators.paper.gaudin_model import GaudinMagnet, check_upper
-from integrators.paper.phase_space import Numbers
-from integrators.precision import workdps
+from lagrange_bench.integrators.checks import check_grid, check_step
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
+from lagrange_bench.integrators.interface import StepError, Stepper, Work
+from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue, pade_parameters
+from lagrange_bench.integrators.paper.gaudin_doubling import exact_step
+from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet, check_upper
+from lagrange_bench.integrators.paper.phase_space import Numbers
+from lagrange_bench.integrators.precision import workdps
 
 PIN = 8  # steps between two corrections of |s_j|
 OFF_TORUS = 1e-9  # relative distance of an invariant from the prepared torus that is no longer round-off
@@ -133,6 +134,7 @@ class MagnetStepper(Stepper):
     Parameters
     ----------
     lams : λ, one or several or none, in the upper half-plane. sheet, site : see `gaudin_curve`; sheet −1 steps backwards.
+    near : the site from which each λ is counted; by default it is counted from 0.
     v : in place of sheet and site, each v to a few digits. turn : about e3 after the maps, in revolutions.
     """
 
@@ -145,6 +147,7 @@ class MagnetStepper(Stepper):
         site: int | None = 0,
         h: float | None = None,
         *,
+        near: Sequence[int] | None = None,
         v: Any = None,
         turn: Fraction = Fraction(0),
     ):
@@ -153,20 +156,24 @@ class MagnetStepper(Stepper):
         magnet.check_real(spins)
         sites = np.array(magnet.sites)
         self.dtype = sites.dtype if sites.dtype.kind == "c" else np.dtype(float)
-        self.lams = np.array([check_upper(magnet, complex(lam), "lams") for lam in np.atleast_1d(lams)], dtype=complex)
+        lams = np.array([complex(lam) for lam in np.atleast_1d(lams)], dtype=complex)
+        origins = np.zeros(len(lams)) if near is None else sites[np.array(near, dtype=int)]
+        self.lams = np.array([check_upper(magnet, lam, "lams") for lam in origins + lams], dtype=complex)
         self.turn, self.follow = turn, False
         with workdps(34):  # so that what is kept is correctly rounded
-            fine = GaudinMagnet(tuple(mp.mpmathify(a) for a in magnet.sites), mp.mpmathify(magnet.alpha))
             exactly = np.array([[mp.mpmathify(v) for v in s] for s in spins.tolist()])
-            if v is None:
-                points = [eigenvalue(fine, exactly, mp.mpc(lam), sheet, site) for lam in self.lams]
-            else:
-                points = [_near(fine.vector(exactly, mp.mpc(lam)), w) for lam, w in zip(self.lams, v, strict=True)]
-            squares = fine.casimirs(exactly)
+            points = []
+            for i, (origin, lam) in enumerate(zip(origins.tolist(), lams.tolist(), strict=True)):
+                fine = GaudinMagnet(tuple(mp.mpmathify(a) - origin for a in magnet.sites), mp.mpmathify(magnet.alpha))
+                if v is None:
+                    points.append(eigenvalue(fine, exactly, mp.mpc(lam), sheet, site))
+                else:
+                    points.append(_next_to(fine.vector(exactly, mp.mpc(lam)), v[i]))
+            squares = magnet.casimirs(exactly)
             self.v = np.array([complex(v) for v in points], dtype=complex)
             self.square = self._round(squares)
             self.low = self._round(squares - np.array([mp.mpmathify(c) for c in self.square.tolist()]))
-        self.gaps = sites - self.lams.real[:, None]
+        self.gaps = (sites - origins[:, None]) - lams.real[:, None]
         self.home = magnet.invariants(spins)
 
     def _round(self, values: Numbers) -> Numbers:
@@ -203,8 +210,9 @@ class MagnetStepper(Stepper):
             self.square,
             self.low,
         )
-        for first in range(0, n, INTERRUPTIBLE):
-            run(s, *constants, first, min(first + INTERRUPTIBLE, n), n, every, out)
+        some = max(1, INTERRUPTIBLE // max(1, self.gaps.size))  # Ctrl-C is seen between two calls
+        for first in range(0, n, some):
+            run(s, *constants, first, min(first + some, n), n, every, out)
         rows: Numbers = np.swapaxes(out, 1, 2)
         return rows
 
@@ -218,7 +226,7 @@ class MagnetStepper(Stepper):
         return turned
 
 
-def _near(ell: Numbers, guess: complex) -> Any:
+def _next_to(ell: Numbers, guess: complex) -> Any:
     """The root v of ℓ·ℓ close to a guess."""
     v = mp.sqrt(mp.fsum(x * x for x in ell))
     return v if (v * complex(guess).conjugate()).real > 0 else -v
@@ -231,7 +239,7 @@ def prepare(magnet: GaudinMagnet, spins: Any, h: float, *, factors: int = 1) -> 
         raise ValueError("hamiltonian: a step of finite order follows one H_j only; give the magnet a site")
     spins, site = magnet.check_spins(spins), magnet.site or 0
     lams = pade_parameters(magnet, spins, abs(h), factors, site)
-    return MagnetStepper(magnet, spins, lams, 1 if h > 0 else -1, site, h)
+    return MagnetStepper(magnet, spins, lams, 1 if h > 0 else -1, site, h, near=[site] * factors)
 
 
 def prepare_exact(magnet: GaudinMagnet, spins: Any, h: float) -> MagnetStepper:
@@ -239,9 +247,9 @@ def prepare_exact(magnet: GaudinMagnet, spins: Any, h: float) -> MagnetStepper:
     h, spins = check_step(h), magnet.check_spins(spins)
     magnet.check_real(spins)
     try:
-        lams, v, turn = exact_step(magnet, spins, h * magnet.flow)
+        near, lams, v, turn = exact_step(magnet, spins, h * magnet.flow)
     except ArithmeticError as error:
         raise StepError("backlund", str(error), h=h) from None
-    stepper = MagnetStepper(magnet, spins, lams, h=h, v=v, turn=turn)
+    stepper = MagnetStepper(magnet, spins, lams, h=h, near=near, v=v, turn=turn)
     stepper.follow = len(lams) > 1
     return stepper

@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 from mpmath import mp
 
-from integrators.paper import eulerian
-from integrators.paper.errata import Erratum
-from integrators.paper.euler_angles import function
-from integrators.paper.eulerian import Pair, root_near
-from integrators.paper.phase_space import Numbers, cartesian, ladder, sqrt
-from integrators.precision import workdps
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.paper import eulerian
+from lagrange_bench.integrators.paper.errata import Erratum
+from lagrange_bench.integrators.paper.euler_angles import function
+from lagrange_bench.integrators.paper.eulerian import Pair, root_near
+from lagrange_bench.integrators.paper.phase_space import Numbers, cartesian, ladder, sqrt
+from lagrange_bench.integrators.precision import workdps
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 # ---------------------------------------------------------------- the top
 

@@ -6,7 +6,9 @@ on a leaf, that is the motion (1.1) over a time T followed by a rotation about e
 
     T = −i ∫_{λ2}^{λ1} du/√Q        Θ = −i alpha ∫_{λ2}^{λ1} u du/√Q        along λ2 → 0 → λ1
 
-and for λ2 = λ̄1 = λ̄ real: T = 2 Im ∫_0^λ du/√Q. For a small λ = iη, T = 2η/√C1: the paper's −iΔλ if C1 = 1.
+and for λ2 = λ̄1 = λ̄ real: T = 2 Im ∫_0^λ du/√Q. No multiple root of Q may lie on the path, its end included: there
+the integrals diverge, and the step leads to a sleeping top (docs/exact-step.md, section 1). For a small λ = iη, T =
+2η/√C1: the paper's −iΔλ if C1 = 1.
 
 `sheet` is that of `two_point`, 1 forward in time, √Q the branch of `lax.root`. Quadratures run in mpmath's working
 precision and cost milliseconds: `time_step` has the inverse, λ of a given time, for the hot path.
@@ -22,27 +24,27 @@ from typing import Any
 import numpy as np
 from mpmath import mp
 
-from integrators.paper import lax
-from integrators.paper.errata import Erratum, draw
-from integrators.paper.euler_angles import function
-from integrators.paper.lax import (
+from lagrange_bench.integrators.paper import lax
+from lagrange_bench.integrators.paper.errata import Erratum, draw
+from lagrange_bench.integrators.paper.euler_angles import function
+from lagrange_bench.integrators.paper.lax import (
     check_sheet,
     entries,
     lax_matrix,
     pauli,
     root,
 )
-from integrators.paper.one_point import gauge
-from integrators.paper.phase_space import (
+from lagrange_bench.integrators.paper.one_point import gauge
+from lagrange_bench.integrators.paper.phase_space import (
     Numbers,
     components,
     invariants,
     lift,
     vector_field,
 )
-from integrators.paper.two_point import Point, check_upper, point, pole_free
-from integrators.precision import workdps
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.paper.two_point import Point, check_upper, point, pole_free
+from lagrange_bench.integrators.precision import workdps
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 PANELS = (1, 4, 16)  # of the quadrature, more where a root of Q is close to the segment
 

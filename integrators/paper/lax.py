@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from integrators.paper.errata import Erratum, draw
-from integrators.paper.phase_space import (
+from lagrange_bench.integrators.paper.errata import Erratum, draw
+from lagrange_bench.integrators.paper.phase_space import (
     Numbers,
     components,
     invariants,
@@ -29,7 +29,7 @@ from integrators.paper.phase_space import (
     poisson_tensor,
     sqrt,
 )
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 PAULI = np.array((((0, 1), (1, 0)), ((0, -1j), (1j, 0)), ((1, 0), (0, -1))))
 PERMUTATION = np.array(((1, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0), (0, 0, 0, 1)))

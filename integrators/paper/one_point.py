@@ -12,7 +12,7 @@ Iterated, |J-|, |x-| grow and |J+|, |x+| shrink geometrically, so `orbit` keeps 
 
 Its inverse is its mirror image: transposing L exchanges J- with J+ and p with q, hence B⁻¹ = τ B τ with
 τ: J2, x2 → −J2, −x2, at the same (λ, μ). B_(λ̄,ν)⁻¹ ∘ B_(λ,μ) on one sheet is the real two-point map of section 5.5,
-`integrators.two_point(top, y, λ, sheet=s)` for the one-point maps of sheet −s.
+`lagrange_bench.two_point(top, y, λ, sheet=s)` for the one-point maps of sheet −s.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from integrators.paper.errata import Erratum, draw
-from integrators.paper.lax import check_sheet, eigenvalue, pauli, root
-from integrators.paper.phase_space import (
+from lagrange_bench.integrators.paper.errata import Erratum, draw
+from lagrange_bench.integrators.paper.lax import check_sheet, eigenvalue, pauli, root
+from lagrange_bench.integrators.paper.phase_space import (
     Numbers,
     cartesian,
     components,
@@ -33,7 +33,7 @@ from integrators.paper.phase_space import (
     lift,
     vector_field,
 )
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 
 def _m(top: LagrangeTop, y: Any, lam: Any, sheet: int, mu: Any) -> Any:

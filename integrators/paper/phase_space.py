@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integrators.paper.errata import Erratum, draw
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.paper.errata import Erratum, draw
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 Numbers = NDArray[Any]  # complex128, or objects with + − * / ** such as mpmath numbers
 E3 = np.array((0, 0, 1))

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from integrators.paper.errata import Erratum, draw
-from integrators.paper.lax import entries, matrix
-from integrators.paper.phase_space import (
+from lagrange_bench.integrators.paper.errata import Erratum, draw
+from lagrange_bench.integrators.paper.lax import entries, matrix
+from lagrange_bench.integrators.paper.phase_space import (
     Numbers,
     cartesian,
     components,
@@ -27,7 +27,7 @@ from integrators.paper.phase_space import (
     ladder,
     sqrt,
 )
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 
 def adjugate_row(top: LagrangeTop, y: Any, u: Any, v: Any) -> Numbers:

@@ -14,7 +14,7 @@ M(u) = u − λ0 + i w·σ, a_k = x + λ_k J + λ_k² alpha e3 and m_k = iλ_k²
     J̃ = J + 2 alpha e3×w      x̃ = x + λ0 (J̃ − J) + (J + J̃)×w
 
 (a result of this project), and for real states and λ2 = λ̄1, m2 = m̄1, where the denominator is |m|² + |Re a|² + |Im a|²,
-the real map of `integrators.two_point`. `sheet` is that of m, 1 forward in time: sheet −1 of `lax.eigenvalue`.
+the real map of `lagrange_bench.two_point`. `sheet` is that of m, 1 forward in time: sheet −1 of `lax.eigenvalue`.
 
 μ and m are functions of the state: with them from the curve at every state the map is Poisson, with frozen ones not.
 What the map is in time, section 5.6, is in `interpolating_flow`.
@@ -29,8 +29,8 @@ from typing import Any
 
 import numpy as np
 
-from integrators.paper.errata import Erratum, draw
-from integrators.paper.lax import (
+from lagrange_bench.integrators.paper.errata import Erratum, draw
+from lagrange_bench.integrators.paper.lax import (
     PAULI,
     check_sheet,
     eigenvalue,
@@ -38,8 +38,8 @@ from integrators.paper.lax import (
     pauli,
     root,
 )
-from integrators.paper.one_point import one_point
-from integrators.paper.phase_space import (
+from lagrange_bench.integrators.paper.one_point import one_point
+from lagrange_bench.integrators.paper.phase_space import (
     E3,
     Numbers,
     cartesian,
@@ -48,7 +48,7 @@ from integrators.paper.phase_space import (
     ladder,
     lift,
 )
-from integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 Point = tuple[Any, Any]  # (λ, μ)
 

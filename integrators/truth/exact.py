@@ -1,6 +1,6 @@
 """The closed-form solution of the top: the truth every method is judged by.
 
-Theta functions, valid for every alpha, |x| > 0, initial state and time: `integrators.truth.orbit` has the formulas. Their
+Theta functions, valid for every alpha, |x| > 0, initial state and time: `truth.orbit` has the formulas. Their
 constants are found once per (alpha, y0), in mpmath, and kept. Nothing here uses a method of the bench, and the initial
 doubles are taken as they are: |x| is not normalised.
 
@@ -19,10 +19,10 @@ import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
-from integrators.checks import check_count, check_state
-from integrators.precision import workdps
-from integrators.problem.top import LagrangeTop
-from integrators.truth.orbit import (
+from lagrange_bench.integrators.checks import check_count, check_state
+from lagrange_bench.integrators.precision import workdps
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.truth.orbit import (
     Nutation,
     Orbit,
     Rotation,
@@ -60,7 +60,7 @@ def solution(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None)
     ------
     ValueError : an argument is malformed, the state overflows, or, without `digits`, |t| exceeds 2^45 periods.
 
-    Source: `integrators.truth.orbit`. The first call for a (top, y0) takes about 5 ms, up to 100 ms if the sizes in y0 differ
+    Source: `truth.orbit`. The first call for a (top, y0) takes about 5 ms, up to 100 ms if the sizes in y0 differ
     enormously; then it is 0.3 ms a call and 1 μs a time. With digits=30 it is 0.5 ms a time.
     """
     key = (top.single(), tuple(check_state(y0).tolist()))

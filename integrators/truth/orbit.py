@@ -1,6 +1,6 @@
 """The orbit through one state: the closed-form solution and its constants, in mpmath.
 
-Everything the motion depends on is found here once per initial state, to any number of digits; `integrators.truth.exact`
+Everything the motion depends on is found here once per initial state, to any number of digits; `truth.exact`
 evaluates it. The doubles alpha and y0 are taken as the rationals they are, so that every distinction of cases
 (equilibrium, separatrix, poles) is exact. Two reductions come first: alpha < 0 becomes alpha > 0 by
 (alpha, x) -> (-alpha, -x), which leaves the equations unchanged, and units that are powers of two make J, x of order 1.
@@ -42,7 +42,7 @@ from typing import Any
 
 from mpmath import mp, mpf
 
-from integrators.precision import workdps
+from lagrange_bench.integrators.precision import workdps
 
 Vector = tuple[Any, ...]  # of mpf, mpc, float or complex
 

@@ -30,15 +30,15 @@ import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
-from integrators.checks import Array, check_choice, check_real, check_state, check_times
-from integrators.compiling.expression import Program, Tape
-from integrators.files import cache_folder, write_file
-from integrators.interface import StepError
-from integrators.precision import ONE_AT_A_TIME, workdps
-from integrators.problem.field import cross
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.units import ldexp
-from integrators.truth.exact import rounded_off
+from lagrange_bench.integrators.checks import Array, check_choice, check_real, check_state, check_times
+from lagrange_bench.integrators.compiling.expression import Program, Tape
+from lagrange_bench.integrators.files import cache_folder, write_file
+from lagrange_bench.integrators.interface import StepError
+from lagrange_bench.integrators.precision import ONE_AT_A_TIME, workdps
+from lagrange_bench.integrators.problem.field import cross
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.units import ldexp
+from lagrange_bench.integrators.truth.exact import rounded_off
 
 __all__ = ["Reference", "after_steps", "engines", "horizon", "lyapunov", "solution"]
 

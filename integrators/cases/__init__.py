@@ -1,0 +1,165 @@
+"""Named motions of real tops with their exact solution: what any program that follows a rigid body can be compared with.
+
+Their numbers are decimals in a TOML file each, for the digits are part of a case. `Case.solution` gives doubles from the closed
+form, a microsecond a time; `Case.digits` gives as many digits as are wanted from Taylor series in integers, which share nothing
+with that.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from decimal import Decimal, localcontext
+from fractions import Fraction
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lagrange_bench.integrators.api import RigidTrajectory, integrate
+from lagrange_bench.integrators.checks import check_count
+from lagrange_bench.integrators.problem.body import BodyState, RigidTop, as_rotation
+from lagrange_bench.integrators.problem.top import Named
+from lagrange_bench.integrators.truth.rigid_body import rigid_motion
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+MOST_DIGITS = 40  # that the decimals of the named cases are good for
+COLUMNS = "t,x,y,z,qw,qx,qy,qz,r11,r12,r13,r21,r22,r23,r31,r32,r33,wx,wy,wz"
+CONVENTIONS = """\
+t: s. x y z: centre of mass in the world, m, from the fixed point. qw qx qy qz: unit quaternion, scalar first, qw >= 0.
+r11 ... r33: rotation matrix, row by row. Both take vectors of the body to the world.
+wx wy wz: angular velocity in the body, rad/s."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """The motion of a top from a given start.
+
+    Parameters
+    ----------
+    name : in tables.
+    top : the RigidTop.
+    rotation : at t = 0, a SciPy Rotation or a matrix (3, 3), body to world.
+    omega_body : (3,) rad/s, at t = 0.
+    until, every : s, how long it is meant to run, and the time between rows of a reference.
+    title, source, remarks : words.
+    exact : the numbers of a named case, as decimals.
+    """
+
+    name: str
+    top: RigidTop
+    rotation: Rotation | ArrayLike
+    omega_body: ArrayLike
+    until: float = 1.0
+    every: float = 0.1
+    title: str = ""
+    source: str = ""
+    remarks: str = ""
+    exact: Mapping[str, Any] = field(default_factory=dict, repr=False)
+
+    @property
+    def state(self) -> BodyState:
+        """What `integrate(case.top, case.state, …)` takes."""
+        return self.top.state(rotation=self.rotation, omega_body=self.omega_body)
+
+    def solution(self, t: ArrayLike) -> RigidTrajectory:
+        """The exact motion at times t (N,), s, in any order: `.position` (N, 3), `.rotation`, `.omega_body` (N, 3), `.energy`.
+
+        Doubles, from theta functions; errors are of the size of round-off, 1e-15 for each radian that the body turns.
+        """
+        run = integrate(self.top, self.state, t=t, method="theta_functions")
+        assert isinstance(run, RigidTrajectory)
+        return run
+
+    def digits(self, times: Sequence[Any], digits: int = 25) -> Iterator[list[Decimal]]:
+        """Rows of COLUMNS at `times` (ascending from 0: decimal strings, Fractions, doubles), each number to so many digits.
+
+        From `truth.rigid_body`: integers throughout. Of a case of one's own the doubles are taken as exact.
+        """
+        digits = check_count(digits, "digits", least=1)
+        if digits > MOST_DIGITS:
+            raise ValueError(f"digits must be at most {MOST_DIGITS}; got {digits}")
+        facts = dict(self.exact) or self._facts()
+        com, start = [Fraction(v) for v in facts["com"]], matrix(facts.pop("quaternion"))
+        motion = rigid_motion(**facts, rotation=start, times=times, digits=digits + 5)
+        for t, (R, omega) in zip(times, motion, strict=True):
+            position = [sum((a * b for a, b in zip(row, com, strict=True)), Fraction(0)) for row in R]
+            numbers = [Fraction(t), *position, *quaternion(R), *(v for row in R for v in row), *omega]
+            yield [rounded(v, digits) for v in numbers]
+
+    def _facts(self) -> dict[str, Any]:
+        """The numbers of a case of one's own: the doubles themselves."""
+        facts = {name: getattr(self.top, name) for name in ("mass", "com", "inertia_com", "gravity")}
+        start = as_rotation(self.rotation).as_quat(scalar_first=True)
+        return {**facts, "quaternion": start, "omega_body": self.omega_body}
+
+    def doubles(self, times: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """The same rows as doubles, (N, 20), from `solution`."""
+        run = self.solution(times)
+        q = run.rotation.as_quat(canonical=True, scalar_first=True)
+        return np.column_stack((run.t, run.position, q, run.rotation.as_matrix().reshape(-1, 9), run.omega_body))
+
+
+def matrix(q: Sequence[Any]) -> list[list[Fraction]]:
+    """The rotation of a quaternion of any length, scalar first: orthogonal without rounding."""
+    w, x, y, z = (Fraction(v) for v in q)
+    n = w * w + x * x + y * y + z * z
+    return [
+        [(w * w + x * x - y * y - z * z) / n, 2 * (x * y - w * z) / n, 2 * (x * z + w * y) / n],
+        [2 * (x * y + w * z) / n, (w * w - x * x + y * y - z * z) / n, 2 * (y * z - w * x) / n],
+        [2 * (x * z - w * y) / n, 2 * (y * z + w * x) / n, (w * w - x * x - y * y + z * z) / n],
+    ]
+
+
+def quaternion(R: list[list[Fraction]]) -> list[Fraction]:
+    """The unit quaternion of a matrix, scalar first and not negative, from its largest component."""
+    (a, b, c), (d, e, f), (g, h, i) = R
+    # rows of 4 q qᵀ
+    rows = [
+        [1 + a + e + i, h - f, c - g, d - b],
+        [h - f, 1 + a - e - i, b + d, c + g],
+        [c - g, b + d, 1 - a + e - i, f + h],
+        [d - b, c + g, f + h, 1 - a - e + i],
+    ]
+    k = max(range(4), key=lambda n: rows[n][n])
+    with localcontext(prec=MOST_DIGITS + 20):
+        length = Fraction((4 * decimal(rows[k][k])).sqrt()) / 2  # 2 |q_k|
+    return [v / (2 * length) * (-1 if rows[k][0] < 0 else 1) for v in rows[k]]
+
+
+def decimal(v: Fraction) -> Decimal:
+    return Decimal(v.numerator) / v.denominator
+
+
+def rounded(v: Fraction, digits: int) -> Decimal:
+    """To so many significant digits, or decimals below 1."""
+    with localcontext(prec=digits + 20):
+        number = decimal(v)
+        places = digits - max(0, number.adjusted() + 1)
+        return (round(number, places) + 0).normalize()
+
+
+def load(name: str) -> Case:
+    """The named case of `name`.toml."""
+    facts = tomllib.loads(files("lagrange_bench.integrators.cases").joinpath(f"{name}.toml").read_text("utf-8"))
+    words = {word: facts.pop(word).replace("\n", " ") for word in ("title", "source", "remarks")}
+    until, every = float(facts.pop("until")), float(facts.pop("every"))
+    mass, com, inertia, gravity, q, omega = (
+        np.array(facts[key], dtype=float)
+        for key in ("mass", "com", "inertia_com", "gravity", "quaternion", "omega_body")
+    )
+    rotation = [[float(v) for v in row] for row in matrix(facts["quaternion"])]
+    return Case(name, RigidTop(float(mass), com, inertia, gravity), rotation, omega, until, every, **words, exact=facts)
+
+
+class Cases(Named):
+    """The named cases."""
+
+    kind = "case"
+
+
+CASES: dict[str, Case] = Cases((name, load(name)) for name in ("bruels", "slow", "simo_wong", "metis"))
