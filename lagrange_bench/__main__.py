@@ -13,20 +13,21 @@ import json
 import os
 import re
 import sys
+import threading
 from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any, NoReturn
 
-from integrators.interrupts import interrupted_once
-from integrators.words import suggestion
 from lagrange_bench.commands import (
     bits,
+    case,
     check,
     compare,
     completion,
     errata,
     figure,
     integrate,
+    judge,
     merge,
     methods,
     paper,
@@ -36,6 +37,8 @@ from lagrange_bench.commands import (
     tops,
     verify,
 )
+from lagrange_bench.integrators.interrupts import interrupted_once
+from lagrange_bench.integrators.words import suggestion
 
 INTRODUCTION = """\
 Benchmarks of geometric integrators for the symmetric Lagrange top, judged by its exact solution."""
@@ -82,6 +85,16 @@ class Parser(argparse.ArgumentParser):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command and returns the exit code; what went wrong is one line on stderr."""
+    code = _guarded(argv)
+    if argv is None and any(not t.daemon and t is not threading.main_thread() for t in threading.enumerate()):
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(code)  # Python would wait for the thread of a plug-in
+    return code
+
+
+def _guarded(argv: Sequence[str] | None) -> int:
     try:
         with interrupted_once() if argv is None else contextlib.nullcontext():
             return _run(sys.argv[1:] if argv is None else list(argv))
@@ -112,7 +125,7 @@ def _run(argv: list[str]) -> int:
     except SystemExit as done:  # --help
         return int(done.code or 0)
     if options.version:
-        from results.provenance import version
+        from lagrange_bench.results.provenance import version
 
         _emit(f"lagrange-bench {version('lagrange-bench') or '(not installed)'}")
         return 0
@@ -154,12 +167,12 @@ def _join_negative(argv: list[str]) -> list[str]:
 
 def _exit_code(error: Exception) -> int | None:
     """2 for bad input and unusable files, 1 for a method that failed, None for what nobody expected."""
-    from results.store import StoreError
+    from lagrange_bench.results.store import StoreError
 
     cluster = sys.modules.get("lagrange_bench.runner.cluster")
     if isinstance(error, (ValueError, StoreError)) or (cluster and isinstance(error, cluster.ClusterError)):
         return 2
-    interface, registry = (sys.modules.get(f"integrators.{name}") for name in ("interface", "registry"))
+    interface, registry = (sys.modules.get(f"lagrange_bench.integrators.{name}") for name in ("interface", "registry"))
     if registry is not None and isinstance(error, registry.NotInstalled):
         return 2
     return 1 if interface is not None and isinstance(error, interface.StepError) else None
@@ -168,7 +181,10 @@ def _exit_code(error: Exception) -> int | None:
 @cache
 def _note_cache() -> None:
     """Where nothing compiled can be kept, every start takes as long as the first: worth a word, once."""
-    compiled, place = sys.modules.get("integrators.compiling.compiled"), os.environ.get("LAGRANGE_BENCH_CACHE")
+    compiled, place = (
+        sys.modules.get("lagrange_bench.integrators.compiling.compiled"),
+        os.environ.get("LAGRANGE_BENCH_CACHE"),
+    )
     if (
         compiled is None
         or compiled.config.DISABLE_JIT
@@ -219,7 +235,7 @@ def _stdout_for_data_only() -> Iterator[None]:
 
 
 COMMANDS = (
-    *(methods, tops, potentials, run, report, figure, merge, compare),
+    *(methods, tops, potentials, case, judge, run, report, figure, merge, compare),
     *(verify, integrate, check, errata, paper, completion, bits),
 )
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from integrators import words
+from lagrange_bench.integrators import words
 
 
 def argument(parse: Callable[[str], Any]) -> Callable[[str], Any]:
@@ -102,7 +102,7 @@ def add_choice(command: argparse.ArgumentParser) -> None:
 
 def choice_of(options: argparse.Namespace) -> Any:
     """What `add_choice` was given; methods in files of the user's own are known from then on."""
-    from results.choice import Choice
+    from lagrange_bench.results.choice import Choice
 
     choice = Choice(options.methods, options.tops, options.highlight)
     choice.include()
@@ -111,7 +111,7 @@ def choice_of(options: argparse.Namespace) -> Any:
 
 def check_choice(results: Any, choice: Any) -> None:
     """ValueError for a name that nothing in a folder of results has."""
-    from results.store import Store
+    from lagrange_bench.results.store import Store
 
     store = Store(results)
     choice.check(record["cell"] for name in store.experiments() for record in store.latest(name))
@@ -119,7 +119,7 @@ def check_choice(results: Any, choice: Any) -> None:
 
 def named_top(name: str) -> Any:
     """The named top, in a potential or not, of the bench, of a package or of the user's own `module:TOP`."""
-    from integrators.registry import find_top
+    from lagrange_bench.integrators.registry import find_top
 
     try:
         return find_top(name)
@@ -136,8 +136,8 @@ def add_potential(command: Any) -> None:
 
 def in_potential(top: Any, options: argparse.Namespace) -> Any:
     """The top in the potential of --potential and --parameters, if there is one."""
-    from integrators import PerturbedTop
-    from integrators.registry import find_potential
+    from lagrange_bench.integrators import PerturbedTop
+    from lagrange_bench.integrators.registry import find_potential
 
     if options.potential is None:
         if options.parameters is not None:

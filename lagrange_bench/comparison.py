@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from experiments import work_precision as experiment
-from experiments.drawing import style
-from experiments.measuring.states import find
-from integrators import METHODS, Method
-from integrators.checks import check_real
-from integrators.registry import find_method
+from lagrange_bench.experiments import work_precision as experiment
+from lagrange_bench.experiments.drawing import style
+from lagrange_bench.experiments.measuring.states import find
+from lagrange_bench.integrators import METHODS, Method
+from lagrange_bench.integrators.checks import check_real
+from lagrange_bench.integrators.registry import find_method
 
 if TYPE_CHECKING:
-    from experiments.drawing.style import Figure
+    from lagrange_bench.experiments.drawing.style import Figure
 
+SPANS = (1e-3, 1e9)  # of `time`: shorter runs are a step each, and longer ones take seconds only to be tried
 COLUMNS = ("method", "error", "seconds", "setup_seconds")  # that are there in any case
 
 
@@ -44,12 +45,18 @@ def work_precision(
     ------
     ValueError : no such method or top, two methods of one name, or a method that does not take the top.
     """
+    if isinstance(methods, str) or not isinstance(methods, Iterable):
+        raise ValueError(f"methods must be a list of names or Method objects; got {methods!r}")
     found = [find_method(method) for method in methods]
     names = [method.name for method in found]
     if not names or len(set(names)) < len(names):
         raise ValueError(f"methods: give at least one, and each name once; got {names}")
-    if not (check_real(time, "time") > 0 and check_real(longest, "longest") > 0):
-        raise ValueError("time and longest must be positive")
+    if not SPANS[0] <= check_real(time, "time") <= SPANS[1]:
+        raise ValueError(f"time must be from {SPANS[0]:g} to {SPANS[1]:g} time scales of the top; got {time!r}")
+    if not check_real(longest, "longest") > 0:
+        raise ValueError(f"longest must be positive; got {longest!r}")
+    if not isinstance(top, str):
+        raise ValueError(f"top must be a name; got {top!r}")
     problem = find(top)[0]
     if refused := [reason for method in found if (reason := method.takes(problem))]:
         raise ValueError(f"methods: {'; '.join(refused)}")

@@ -8,7 +8,7 @@
         assert_order(METHOD)
 
 A method is a `Method`, a registered name or "package.module:METHOD". A top is a name, as in `lagrange-bench tops` (tops in a
-potential, too), or a pair (top, y0). `experiments.measuring.bounds` says how drifts are measured, docs/ci.md how to use this.
+potential, too), or a pair (top, y0). `measuring.bounds` says how drifts are measured, docs/ci.md how to use this.
 """
 
 from __future__ import annotations
@@ -19,10 +19,20 @@ from typing import Any
 
 import numpy as np
 
-from experiments.measuring import check, metrics, states
-from experiments.measuring.bounds import TOPS, Refused, Run, Top, check_invariant, drifts, find
-from integrators import INVARIANTS, Method
-from integrators.registry import find_method
+from lagrange_bench.experiments.measuring import check, metrics, states
+from lagrange_bench.experiments.measuring.bounds import (
+    TOPS,
+    Refused,
+    Run,
+    Top,
+    check_invariant,
+    check_tops,
+    drifts,
+    find,
+)
+from lagrange_bench.integrators import INVARIANTS, Method, PerturbedTop
+from lagrange_bench.integrators.checks import check_real
+from lagrange_bench.integrators.registry import find_method
 
 __tracebackhide__ = True  # pytest shows the user's test, not the lines of this file
 
@@ -60,8 +70,10 @@ def assert_drift(
     for name in asked:
         check_invariant(name)
     for name, bound in ulps.items():
-        if not bound >= 0:
+        if not check_real(bound, name) >= 0:
             raise ValueError(f"{name} must be a bound in ulps, at least 0; got {bound!r}")
+    if below is not None:
+        check_real(below, "below")
     found = find_method(method)
     if tops is None:
         tops = TOPS if growth is None else states.RANDOM
@@ -110,16 +122,20 @@ def assert_order(method: str | Method, order: int | None = None, *, tops: Iterab
     ------
     AssertionError : with the order that was found. ValueError : a method exact in time, or one that chooses its steps.
     """
-    found, names = find_method(method), tuple(tops)
-    if not names:
-        raise ValueError("tops: give at least one")
-    for name in names:
-        if reason := found.takes(find(name)[1]):
+    found, listed = find_method(method), check_tops(tops)
+    names = tuple(name for name in listed if isinstance(name, str))
+    if not names or len(names) < len(listed):
+        raise ValueError(f"tops: give one or more names; got {listed!r}")
+    problems = [find(name)[1] for name in names]
+    if len({isinstance(problem, PerturbedTop) for problem in problems}) > 1:
+        raise ValueError(f"tops must be all in a potential or all not; got {', '.join(names)}")
+    for problem in problems:
+        if reason := found.takes(problem):
             raise ValueError(f"tops: {reason}")
     if order is not None:
         field = None if found.in_field is None else replace(found.in_field, order=order)
         found = replace(found, order=order, in_field=field)
-    claimed = found.order_for(find(names[0])[1])
+    claimed = found.order_for(problems[0])
     if claimed is None or found.control == "tolerance":
         why = "is exact in time" if claimed is None else "chooses its own steps"
         raise ValueError(f"{found.name} {why}: it has no order to measure")

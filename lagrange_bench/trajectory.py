@@ -15,17 +15,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments.measuring import metrics, truths
-from integrators import INVARIANTS, PerturbedTop, Trajectory
-from integrators.files import replace_file
-from integrators.interface import Array, Method
-from integrators.truth import exact
+from lagrange_bench.experiments.measuring import metrics, truths
+from lagrange_bench.integrators import INVARIANTS, PerturbedTop, Trajectory
+from lagrange_bench.integrators.files import replace_file
+from lagrange_bench.integrators.interface import Array, Method
+from lagrange_bench.integrators.truth import exact
+from lagrange_bench.results import provenance
 from lagrange_bench.text import table
-from results import provenance
 
 if TYPE_CHECKING:
-    from experiments.drawing.style import Figure
-    from integrators import Method
+    from lagrange_bench.experiments.drawing.style import Figure
+    from lagrange_bench.integrators import Method
 
 COLUMNS = ("t", "J1", "J2", "J3", "x1", "x2", "x3")
 VIEW = (22, -55)  # degrees above the horizon and around it, of who looks at the sphere
@@ -189,7 +189,7 @@ def _parquet(trajectory: Trajectory, metadata: dict[str, Any]) -> bytes:
 
 def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -> str:
     """Draw where the axis went on its sphere and write the picture."""
-    from experiments.drawing import figures, style
+    from lagrange_bench.experiments.drawing import figures, style
 
     with style.apply():
         figure = sphere(trajectory, method, name)
@@ -216,7 +216,7 @@ def animate(path: Path, trajectory: Trajectory, method: Method, name: str | None
     import matplotlib
     from matplotlib import animation
 
-    from experiments.drawing import style
+    from lagrange_bench.experiments.drawing import style
 
     chosen = np.unique(np.linspace(0, len(trajectory.t) - 1, PICTURES).round().astype(int))
     with style.apply(), tempfile.TemporaryDirectory() as folder:
@@ -264,7 +264,7 @@ def _alone(film: str, title: str) -> str:
 
 def sphere(trajectory: Trajectory, method: Method, name: str | None) -> Figure:
     """The axis x on the sphere of radius |x|, seen from outside; what is behind the sphere is pale."""
-    from experiments.drawing import style
+    from lagrange_bench.experiments.drawing import style
 
     x, radius = trajectory.y[:, 3:], math.hypot(*trajectory.y[0, 3:])
     view = _view()

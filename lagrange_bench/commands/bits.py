@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict
 
-from integrators.words import suggestion
+from lagrange_bench.integrators.words import suggestion
 from lagrange_bench.text import Answer, table
 
 SUMMARY = "are the kernels' bits the same here"
@@ -37,8 +37,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """Compare the bits of compiled kernels with those written down; exit code 1 if any differ."""
-    from experiments.measuring import bits as machine
-    from integrators import METHODS
+    from lagrange_bench.experiments.measuring import bits as machine
+    from lagrange_bench.integrators import METHODS
 
     for name in options.kernels:
         if (method := name.removesuffix(" compensated")) not in METHODS:

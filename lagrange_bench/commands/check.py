@@ -13,7 +13,7 @@ from lagrange_bench.arguments import location
 from lagrange_bench.text import Answer, plain, table
 
 if TYPE_CHECKING:
-    from integrators import Method
+    from lagrange_bench.integrators import Method
 
 SUMMARY = "test what a method claims"
 
@@ -44,8 +44,8 @@ exit codes: 0 nothing fails · 1 a claim fails, or a bound is exceeded · 2 no s
 
 def run(options: argparse.Namespace) -> Answer:
     """Test the claims of one method; one that fails makes exit code 1."""
-    from experiments.measuring import check as checks
-    from integrators.registry import find_method
+    from lagrange_bench.experiments.measuring import check as checks
+    from lagrange_bench.integrators.registry import find_method
 
     method = find_method(options.method)
     if options.write_bounds:
@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> Answer:
     bounds = _bounds(options.bounds, method) if options.bounds else []
     verdicts = checks.check(options.method, quick=options.quick)
     if bounds and not any(verdict.claim == checks.TAKES_A_STEP for verdict in verdicts):
-        from experiments.measuring import bounds as drift
+        from lagrange_bench.experiments.measuring import bounds as drift
 
         verdicts += drift.judge(method, bounds)
     rows = [("verdict", "claim", "measured", "bound", *(["how"] if options.verbose else []))]
@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> Answer:
 
 def _file(name: str) -> str:
     """Where the record lies."""
-    from integrators.registry import METHODS
+    from lagrange_bench.integrators.registry import METHODS
 
     module = sys.modules[METHODS.module(name)]
     return module.__file__ or module.__name__
@@ -90,7 +90,7 @@ def _file(name: str) -> str:
 
 def _bounds(path: Path, method: Method) -> list[dict[str, Any]]:
     """What the file allows this method."""
-    from experiments.measuring import bounds as drift
+    from lagrange_bench.experiments.measuring import bounds as drift
 
     bounds = [bound for bound in drift.read_bounds(path) if bound["method"] == method.name]
     if not bounds:
@@ -100,7 +100,7 @@ def _bounds(path: Path, method: Method) -> list[dict[str, Any]]:
 
 def _write(path: Path, method: Method) -> Answer:
     """Measures the runs that the file has of this method, or the usual ones, and writes bounds on their drift."""
-    from experiments.measuring import bounds as drift
+    from lagrange_bench.experiments.measuring import bounds as drift
 
     known = drift.read_bounds(path) if path.exists() else []
     plan = [bound for bound in known if bound["method"] == method.name] or drift.plan(method)
@@ -118,7 +118,7 @@ def _write(path: Path, method: Method) -> Answer:
 
 def _name_taken(word: str, method: Method) -> list[str]:
     """What to tell who checks a method of their own that is called like one of the registry."""
-    from integrators import METHODS
+    from lagrange_bench.integrators import METHODS
 
     if ":" not in word or method.name not in METHODS:
         return []

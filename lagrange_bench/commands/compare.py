@@ -43,9 +43,9 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """What two stores differ in; exit code 1 if in anything."""
-    from integrators.registry import import_modules
-    from report import origin
-    from results import compare as stores
+    from lagrange_bench.integrators.registry import import_modules
+    from lagrange_bench.report import origin
+    from lagrange_bench.results import compare as stores
 
     import_modules(options.module)
     tolerance = {"rtol": options.rtol, "atol": options.atol}

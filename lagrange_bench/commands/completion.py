@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from experiments import EXPERIMENTS
 from lagrange_bench.arguments import location
+from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.text import Answer
 
 SUMMARY = "completion for bash, zsh or fish"
@@ -45,8 +45,8 @@ def run(options: argparse.Namespace) -> Answer:
 
 def names() -> dict[str, list[str]]:
     """What may be given for an option or operand, by its name in the parser."""
-    from integrators.registry import METHODS, NAMED_TOPS, POTENTIALS
-    from results.store import default_results
+    from lagrange_bench.integrators.registry import METHODS, NAMED_TOPS, POTENTIALS
+    from lagrange_bench.results.store import default_results
 
     results = default_results(), *default_results("quick").parent.glob("*")
     figures = sorted({path.stem for folder in results for path in folder.glob("page/figures/*.svg")})

@@ -22,12 +22,12 @@ examples:
   lagrange-bench errata --json | jq -r '.[] | select(.section == "5.5") | .corrected_text'
 
 alpha, J1 … x3, λ, μ, x, X as in the paper, J̃ for the image; ℓ = x·J, C1 = |x|². The list is the DESCRIPTION of each module
-of integrators.paper, where the corrected formulas are."""
+of lagrange_bench.integrators.paper, where the corrected formulas are."""
 
 
 def run(options: argparse.Namespace) -> Answer:
     """Every erratum of the paper with the residual of the statement as printed and as corrected."""
-    from experiments.measuring import errata as paper
+    from lagrange_bench.experiments.measuring import errata as paper
 
     found = paper.measure(options.points, options.seed)
     rows = [("section", "equation", "wrong", "residual", "", "statement")]

@@ -48,14 +48,16 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """Draw one stored figure, or all of them, as files."""
-    from integrators.files import replace_file
-    from integrators.registry import import_modules
+    from lagrange_bench.integrators.files import replace_file
+    from lagrange_bench.integrators.registry import import_modules
+    from lagrange_bench.report import export
+    from lagrange_bench.results.store import find_results
     from lagrange_bench.runner import progress
-    from report import export
-    from results.store import find_results
 
     if sum((options.all, options.list, options.name is not None)) != 1:
         raise ValueError("give one of: the name of a figure, as phase_h; --all; --list")
+    if options.list and (given := [word for word in ("output", "format", "width") if getattr(options, word)]):
+        raise ValueError(f"--{given[0]} is for figures that are drawn, and --list draws none")
     import_modules(options.module)
     results, _ = find_results(options.results)
     choice = choice_of(options)
@@ -91,8 +93,10 @@ def run(options: argparse.Namespace) -> Answer:
 def _format(options: argparse.Namespace) -> str:
     """As asked for, or as the name of the file ends, or SVG. ValueError if the two contradict each other."""
     suffix = "" if options.output is None else Path(options.output).suffix.removeprefix(".").lower()
-    if options.format and suffix in FORMATS and suffix != options.format:
+    if suffix and suffix not in FORMATS:
+        raise ValueError(f"--output {options.output}: the name must end in .{', .'.join(FORMATS)}")
+    if options.format and suffix and suffix != options.format:
         raise ValueError(
             f"--format {options.format} and --output {options.output} contradict each other: give one format"
         )
-    return str(options.format or (suffix if suffix in FORMATS else "svg"))
+    return str(options.format or suffix or "svg")

@@ -8,15 +8,15 @@ from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from integrators import memory
-from integrators.words import suggestion
 from lagrange_bench.arguments import add_potential, count, in_potential, location, named_top, number, numbers, option
+from lagrange_bench.integrators import memory
+from lagrange_bench.integrators.words import suggestion
 from lagrange_bench.text import Answer, plain
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from integrators import Method, Trajectory
+    from lagrange_bench.integrators import Method, Trajectory
 
 SUMMARY = "follow one top with one method"
 
@@ -144,10 +144,10 @@ def physical(text: str) -> dict[str, float]:
 
 def run(options: argparse.Namespace) -> Answer:
     """Follow the top, write what is wanted, and sum up."""
-    from integrators.checks import check_options
-    from integrators.problem.rotated import evaluate_for, prepare_for
-    from integrators.registry import find_method
     from lagrange_bench import trajectory as output
+    from lagrange_bench.integrators.checks import check_options
+    from lagrange_bench.integrators.problem.rotated import evaluate_for, prepare_for
+    from lagrange_bench.integrators.registry import find_method
 
     name, top, y0 = _start(options)
     grid, method, settings = _grid(options), find_method(options.method), _settings(options)
@@ -192,8 +192,8 @@ def run(options: argparse.Namespace) -> Answer:
 
 def _follow(word: str, method: Method, top: Any, y0: np.ndarray, arguments: dict[str, Any]) -> Trajectory:
     """The trajectory. What a method of the user's own raises is a StepError with the line of its file, as in `check`."""
-    import integrators
-    from integrators.registry import BUILT_IN
+    from lagrange_bench import integrators
+    from lagrange_bench.integrators.registry import BUILT_IN
 
     try:
         return integrators.integrate(top, y0, method=method, **arguments)
@@ -202,7 +202,7 @@ def _follow(word: str, method: Method, top: Any, y0: np.ndarray, arguments: dict
     except (Exception, SystemExit) as error:  # a plug-in may raise anything
         if word in BUILT_IN:
             raise
-        from experiments.measuring import first_step
+        from lagrange_bench.experiments.measuring import first_step
 
         raise integrators.StepError(method.name, first_step.describe(error, method, word)) from error
 
@@ -220,8 +220,8 @@ def _start(options: argparse.Namespace) -> tuple[str | None, Any, np.ndarray]:
 
 def _unperturbed(options: argparse.Namespace) -> tuple[str | None, Any, np.ndarray]:
     """As `_start`, without the potential of --potential."""
-    from integrators import HeavyTop, LagrangeTop
-    from integrators.checks import check_state
+    from lagrange_bench.integrators import HeavyTop, LagrangeTop
+    from lagrange_bench.integrators.checks import check_state
 
     if options.state is not None:
         alpha = 1.0 if options.alpha is None else options.alpha
@@ -239,7 +239,7 @@ def _unperturbed(options: argparse.Namespace) -> tuple[str | None, Any, np.ndarr
 
 
 def _grid(options: argparse.Namespace) -> dict[str, Any]:
-    """The arguments of `integrators.integrate` that say when."""
+    """The arguments of `lagrange_bench.integrate` that say when."""
     if options.times is not None:
         if given := [flag for flag in ("h", "steps", "every") if getattr(options, flag) is not None]:
             raise ValueError(f"give either --times or --h and --steps; got --times and --{given[0]}")

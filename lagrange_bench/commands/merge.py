@@ -22,7 +22,7 @@ examples:
 
 def run(options: argparse.Namespace) -> Answer:
     """Append to one store what others have and it has not."""
-    from results.store import Store, StoreError
+    from lagrange_bench.results.store import Store, StoreError
 
     target = Store(options.results)
     for folder in options.folders:

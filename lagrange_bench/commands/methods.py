@@ -28,7 +28,7 @@ lagrange-bench check tests what it claims."""
 
 def run(options: argparse.Namespace) -> Answer:
     """Every method in legend order; one that cannot be loaded is listed with the reason."""
-    from integrators import INVARIANTS, METHODS, available
+    from lagrange_bench.integrators import INVARIANTS, METHODS, available
 
     problem = in_potential(named_top(options.top or "generic").top, options)
     data: list[dict[str, Any]] = []
@@ -66,7 +66,7 @@ def _method_row(claims: dict[str, Any]) -> tuple[str, ...]:
 
 def _method_notes(data: list[dict[str, Any]]) -> list[str]:
     """What is missing, once for each package, and how to get it."""
-    from integrators.registry import how_to_get
+    from lagrange_bench.integrators.registry import how_to_get
 
     missing: dict[str, list[str]] = {}
     for claims in data:

@@ -25,8 +25,8 @@ examples:
   lagrange-bench paper flow --top figure1 --output flow.pdf
   lagrange-bench paper separation --json | jq .residuals
 
-The functions are those of integrators.paper; docs/equations.md has them equation by equation, lagrange-bench errata what is
-misprinted.
+The functions are those of lagrange_bench.integrators.paper; docs/equations.md has them equation by equation, and
+lagrange-bench errata says what is misprinted.
 
 exit codes: 0 done · 1 a formula misses by more than is allowed · 2 bad input: a section that does not apply to this top"""
 
@@ -42,11 +42,11 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """List the sections, or show one."""
-    from experiments import paper_sections
-    from experiments.drawing import figures
-    from integrators import TOPS
-    from integrators.files import replace_file
-    from integrators.words import suggestion
+    from lagrange_bench.experiments import paper_sections
+    from lagrange_bench.experiments.drawing import figures
+    from lagrange_bench.integrators import TOPS
+    from lagrange_bench.integrators.files import replace_file
+    from lagrange_bench.integrators.words import suggestion
 
     known = paper_sections.SECTIONS
     if options.section is None:

@@ -23,13 +23,13 @@ examples:
   lagrange-bench methods --potential charge --parameters 0.1,0,0,2      which methods take it
 
 A potential of your own: a file my_field.py with POTENTIAL = Potential("name", value), value a function (x1, x2, x3, p) of
-+ - * /, whole and half powers, and sqrt from integrators, is --potential my_field:POTENTIAL. One of your package joins this list
-through the entry-point group lagrange_bench.potentials (name = package.module:POTENTIAL)."""
++ - * /, whole and half powers, sqrt, sin, cos, exp, log from integrators, is --potential my_field:POTENTIAL. One of your
+package joins this list through the entry-point group lagrange_bench.potentials (name = package.module:POTENTIAL)."""
 
 
 def run(options: argparse.Namespace) -> Answer:
     """Every potential; one that cannot be loaded is listed with the reason."""
-    from integrators import POTENTIALS
+    from lagrange_bench.integrators import POTENTIALS
 
     data: list[dict[str, Any]] = []
     rows, notes = [("name", "parameters", "formula and units")], []

@@ -45,15 +45,16 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """Build the page from stored results, and say what could not be drawn."""
-    from integrators import machine
-    from integrators.registry import import_modules
+    from lagrange_bench.integrators import machine
+    from lagrange_bench.integrators.registry import import_modules
+    from lagrange_bench.report import claims, page
+    from lagrange_bench.report.sections import place
+    from lagrange_bench.results.store import find_results
     from lagrange_bench.runner import progress
-    from report import page
-    from results.store import find_results
 
     results, notes = find_results(options.results)
     beside = options.beside and find_results(options.beside)[0]
-    output = options.output or results / "page"
+    output = options.output or place(results, "page")
     import_modules(options.module)
     choice = choice_of(options)
     check_choice(results, choice)
@@ -66,7 +67,7 @@ def run(options: argparse.Namespace) -> Answer:
         notes.append(f"the page is large: {size / 1e6:.1f} MB; draw dense figures with rasterized=True")
     notes += [f"{s.experiment}: no rows of {', '.join(s.lacking)}" for s in report.sections if s.lacking]
     notes += [report.old] if report.old else []
-    notes += [f"refuted: {judged.claim.text}" for judged in report.claims if judged.verdict.passed is False]
+    notes += [f"refuted: {judged.claim.text}" for judged in report.claims if judged.verdict.word == claims.REFUTED]
     summary = f"{page.counted(report)}; {size / 1e6:.1f} MB"
     remarks = [*(f"not drawn: {error}" for error in report.errors), *notes, summary]
     for line in remarks if not options.quiet else ():

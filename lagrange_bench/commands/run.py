@@ -8,12 +8,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from experiments import EXPERIMENTS, SWEEP
 from lagrange_bench.arguments import add_choice, argument, choice_of, location, positive, seconds, shard
+from lagrange_bench.experiments import EXPERIMENTS, SWEEP
 from lagrange_bench.text import Answer
 
 if TYPE_CHECKING:
-    from results.choice import Choice
+    from lagrange_bench.results.choice import Choice
 
 SUMMARY = "measure what is missing"
 
@@ -33,19 +33,20 @@ examples:
 
 With --shard 3/100 --no-timings each of a hundred jobs computes a hundredth of the cells.
 
-After you edited a method or an experiment, lagrange-bench run --again computes the cells it changed: with each cell the
-source code is recorded that its rows come from, what measures, the method, and all the functions these call. Comments,
-figures and other methods do not count. New rows are added to the journal, and the old ones stay in it. Methods and potentials
-in files of your own need no --again: after any change to their file, also of a comment, a plain run computes their cells.
+After you edited a method or an experiment, lagrange-bench run --again computes the cells it concerns: with each cell a
+digest of the files is stored that its rows come from: the experiment, the method, and what these import. Other methods
+do not count. New rows are added to the journal, and the old ones stay in it. Methods and potentials in files of your own need
+no --again: after an edit a plain run computes their cells. Rows of a file that was edited while the run went on, or
+that is another one on a worker, are not stored, and counted as set aside.
 
 Timing cells are measured on this machine, one at a time, after all others, whatever --jobs and --scheduler say; with
 --no-timings not at all. Needs for --scheduler: pip install 'lagrange-bench[cluster]' (docs/cluster.md).
 
-An experiment of your own is named by its module: lagrange-bench run my_package.my_experiment. `python -m experiments.drift`
-does what `lagrange-bench run drift` does, with the same options.
+An experiment of your own is named by its module: lagrange-bench run my_package.my_experiment. In a clone,
+`python experiments/drift.py` does what `lagrange-bench run drift` does, with the same options.
 
-exit codes: 0 done; a method that refuses a step (StepError) is a result, reported and drawn · 1 a cell failed otherwise ·
-2 bad input, or results cannot be written · 130 interrupted; what was finished is stored"""
+exit codes: 0 done; a method that refuses a step (StepError) is a result, reported and drawn · 1 a cell failed otherwise or
+was set aside · 2 bad input, or results cannot be written · 130 interrupted; what was finished is stored"""
 
 
 def scheduler(text: str) -> str:
@@ -86,8 +87,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """Compute what is missing, draw what a file of the user asked for, and say what to do next."""
+    from lagrange_bench.results.store import default_results
     from lagrange_bench.runner import engine
-    from results.store import default_results
 
     names = [_sweep(name) for name in options.experiments] or EXPERIMENTS
     sweeps = [name for name in names if name.startswith(SWEEP)]
@@ -111,7 +112,7 @@ def run(options: argparse.Namespace) -> Answer:
 
 def _own_modules(experiments: Iterable[str]) -> list[str]:
     """What the user has named of their own: a report imports it only if it is named again."""
-    from experiments.catalogue import load
+    from lagrange_bench.experiments.catalogue import load
 
     modules = []
     for name in experiments:
@@ -127,15 +128,15 @@ def _sweep(name: str) -> str:
     """The experiment that a word on the command line means."""
     if not name.endswith(".toml"):
         return name
-    from experiments import sweep
+    from lagrange_bench.experiments import sweep
 
     return sweep.read(name)
 
 
 def _draw(name: str, results: Path, choice: Choice) -> list[Path]:
     """Figures and tables of an experiment; of a shard, or where all is skipped, perhaps none. A sweep's lie by its journal."""
-    from report import sections
-    from results.store import Store
+    from lagrange_bench.report import sections
+    from lagrange_bench.results.store import Store
 
     output = results if name.startswith(SWEEP) else results / "page"
     return sections.write_experiment(name, results, output, choice) if Store(results, choice).latest(name) else []

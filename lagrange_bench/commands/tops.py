@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from lagrange_bench.text import Answer, plain, table
 
 if TYPE_CHECKING:
-    from integrators import NamedTop
+    from lagrange_bench.integrators import NamedTop
 
 SUMMARY = "the named tops"
 
@@ -34,10 +34,10 @@ examples:
 
 def run(options: argparse.Namespace) -> Answer:
     """The named tops, of both kinds; one that cannot be loaded is listed with the reason."""
-    from integrators import INVARIANTS
-    from integrators.problem.potentials import NamedPerturbedTop
-    from integrators.registry import NAMED_TOPS
-    from integrators.truth import exact
+    from lagrange_bench.integrators import INVARIANTS
+    from lagrange_bench.integrators.problem.potentials import NamedPerturbedTop
+    from lagrange_bench.integrators.registry import NAMED_TOPS
+    from lagrange_bench.integrators.truth import exact
 
     tops, broken = [], []
     for name, found, error in NAMED_TOPS.each():

@@ -48,11 +48,11 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """Compute stored cells again; exit code 1 if rows changed."""
-    from integrators.registry import import_modules
+    from lagrange_bench.integrators.registry import import_modules
+    from lagrange_bench.report import origin
+    from lagrange_bench.results import sources
+    from lagrange_bench.results.store import Store, StoreError, default_results
     from lagrange_bench.runner import verify
-    from report import origin
-    from results import sources
-    from results.store import Store, StoreError, default_results
 
     import_modules(options.module)
     if options.folder and options.results:

@@ -20,10 +20,10 @@ from functools import cache
 from time import monotonic, perf_counter
 from typing import Any
 
-from integrators import interrupts, memory
+from lagrange_bench.integrators import interrupts, memory
+from lagrange_bench.results import provenance
 from lagrange_bench.runner import workers
 from lagrange_bench.runner.workers import DIED, Outcome, Task, failure
-from results import provenance
 
 CONNECT = 30.0  # s to wait for the scheduler
 LOOK = 2.0  # s between two questions to the scheduler how many workers there are
@@ -103,7 +103,7 @@ class Cluster:
         return max(1, min(MOST, int(HANDFUL / self._seconds))) if self._seconds else 1
 
     def submit(self, tasks: list[Task]) -> None:
-        cells = [(task.experiment, task.cell) for task in tasks]
+        cells = [(task.experiment, task.cell, task.sources) for task in tasks]
         future = self._client.submit(compute, cells, self._limit, pure=False)
         self._out[future] = tasks
         future.add_done_callback(self._done.put)
@@ -170,29 +170,31 @@ def _distributed() -> Any:
 
 
 def _compare(facts: dict[str, Any]) -> None:
-    """ClusterError if a worker would give other rows than this machine, or the same under other names."""
+    """ClusterError if a worker has other packages; its source code is compared for each cell, in `workers.compute`."""
     here = look()
     if different := [name for name in here if facts[name] != here[name]]:
         listed = ", ".join(f"{name} is {facts[name]}, here {here[name]}" for name in different)
         raise ClusterError(
-            f"the Dask workers do not run what this machine does: {listed}; install the same versions and sources there "
-            "and restart the workers"
+            f"the Dask workers do not run what this machine does: {listed}; install the same versions there and restart the "
+            "workers"
         )
 
 
 # ---------------------------------------------------------------- inside a Dask worker
 
 
-def compute(cells: list[tuple[str, dict[str, Any]]], limit: float | None) -> tuple[dict[str, Any], list[Outcome]]:
+def compute(
+    cells: list[tuple[str, dict[str, Any], str | None]], limit: float | None
+) -> tuple[dict[str, Any], list[Outcome]]:
     """Outcomes of the first few cells, as many as take about HANDFUL seconds and at least one; and what runs here.
 
     A worker may join when the run has begun: then nobody has asked it for the experiments, and it must not make failed
     cells of what it lacks.
     """
-    facts = look(sorted({experiment for experiment, _ in cells}))
+    facts = look(sorted({experiment for experiment, _, _ in cells}))
     start, outcomes = perf_counter(), []
-    for experiment, cell in cells:
-        outcome = _slots().compute(experiment, cell, limit)
+    for experiment, cell, expected in cells:
+        outcome = _slots().compute(experiment, cell, limit, expected)
         outcomes.append({**outcome, "provenance": provenance.provenance()})
         if perf_counter() - start > HANDFUL:
             break
@@ -200,12 +202,12 @@ def compute(cells: list[tuple[str, dict[str, Any]]], limit: float | None) -> tup
 
 
 def look(experiments: Sequence[str] = ()) -> dict[str, Any]:
-    """What decides about rows: versions and sources. Also finds out whether the modules of `experiments` are here."""
+    """The versions that decide about rows. Also finds out whether the modules of `experiments` are here."""
     memory.limit()  # ValueError for a wrong one
     for name in experiments:
         if "." in name and importlib.util.find_spec(name) is None:
             raise ModuleNotFoundError(f"no module {name}")
-    return {**{package: provenance.version(package) for package in provenance.DECISIVE}, "source": provenance.source()}
+    return {package: provenance.version(package) for package in provenance.DECISIVE}
 
 
 def abandon() -> None:

@@ -14,23 +14,26 @@ from itertools import compress, islice
 from pathlib import Path
 from typing import Any
 
-from experiments import PROFILES
-from experiments.catalogue import load
-from integrators import interrupts, machine, memory
-from lagrange_bench.runner import progress, workers
-from lagrange_bench.runner.workers import Outcome, Task
-from results import sources
-from results.choice import ALL, Choice
-from results.store import (
+from lagrange_bench.experiments import PROFILES
+from lagrange_bench.experiments.catalogue import load
+from lagrange_bench.integrators import interrupts, machine, memory
+from lagrange_bench.integrators.imported import Sources
+from lagrange_bench.results import sources
+from lagrange_bench.results.choice import ALL, Choice
+from lagrange_bench.results.store import (
     ADDED,
+    Record,
     Store,
     cell_key,
     clean,
     make_record,
 )
+from lagrange_bench.runner import progress, workers
+from lagrange_bench.runner.workers import Outcome, Task
 
 TIME_LIMITS = {"quick": 300.0, "full": 3600.0}  # s for one cell; the longest take 20 s and 40 s on two idle cores
 
+ASIDE = "a worker had other source code than this run began with (a file was edited meanwhile, or the worker has another one)"
 Shard = tuple[int, int]  # (i, n): the cells whose place in the experiment's list leaves the remainder i modulo n
 
 
@@ -44,7 +47,9 @@ class Tally:
     other_sources: int = 0  # of the stored: computed by other sources than those that are here
     unknown_sources: int = 0  # of the stored: computed by sources that were not recorded
     unavailable: int = 0  # skipped: their method needs a package that is not installed here, or no timings were asked
+    declined: int = 0  # their method declined the step: a result
     failed: int = 0
+    set_aside: int = 0  # computed, or to be computed, by other sources than those the run began with: not stored
     seconds: float = 0.0  # sum over the cells computed or failed now
 
 
@@ -61,7 +66,7 @@ class Summary:
     @property
     def exit_code(self) -> int:
         """1 if a cell failed by accident. A method that refuses (StepError) is a result: it is drawn and reported."""
-        return 1 if any(not error.startswith("StepError:") for _, _, error in self.failures) else 0
+        return 1 if any(tally.failed or tally.set_aside for tally in self.tallies.values()) else 0
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-able."""
@@ -72,21 +77,22 @@ class Summary:
 
     def __str__(self) -> str:
         lines = [
-            f"{'experiment':<16}{'cells':>7}{'computed':>10}{'stored':>8}{'skipped':>9}{'failed':>8}{'seconds':>10}"
+            f"{'experiment':<16}{'cells':>7}{'computed':>10}{'stored':>8}{'skipped':>9}{'declined':>10}{'failed':>8}{'seconds':>10}"
         ]
         for name, t in self.tallies.items():
-            counts = f"{t.cells:>7}{t.computed:>10}{t.stored:>8}{t.unavailable:>9}{t.failed:>8}{t.seconds:>10.1f}"
+            counts = f"{t.cells:>7}{t.computed:>10}{t.stored:>8}{t.unavailable:>9}{t.declined:>10}{t.failed:>8}{t.seconds:>10.1f}"
             lines.append(f"{name:<16}{counts}")
-        lines += [f"failed: {name} {json.dumps(cell)}: {error}" for name, cell, error in self.failures[:10]]
+        lines += [f"{_word(error)}: {name} {json.dumps(cell)}: {error}" for name, cell, error in self.failures[:10]]
         if len(self.failures) > 10:
             lines.append(f"… and {len(self.failures) - 10} more")
-        if any("h" in cell and error.startswith("StepError:") for _, cell, error in self.failures):
+        if any("h" in cell and _word(error) == "declined" for _, cell, error in self.failures):
             lines.append(
                 "note: the h in {…} is in units of 1/(|J| + √(|α||x|)), the h of a StepError in those of the top"
             )
         for name, t in self.tallies.items():
             old = sources.told({sources.OTHER: t.other_sources, sources.UNKNOWN: t.unknown_sources})
             lines += [f"old: {name}: {old}"] if old else []
+            lines += [f"set aside: {name}: {t.set_aside} of the cells are not stored: {ASIDE}"] if t.set_aside else []
         return "\n".join([*lines, *self.notes, f"results: {self.results}"])
 
     @property
@@ -142,8 +148,8 @@ def run(
     modules = [load(name) for name in experiments]
     choice.check(cell for module in modules for cell in module.cells(profile))
     store.check_writable()  # before anything is computed, and after what is wrong with the words is known
-    names = dict.fromkeys(experiments)
-    plans = [_plan(name, profile, shard, store, summary, timings, again, choice) for name in names]
+    names, files = dict.fromkeys(experiments), Sources()  # as they are when the run begins
+    plans = [_plan(name, profile, shard, store, summary, timings, again, choice, files) for name in names]
     at_a_time = None if scheduler else jobs or machine.usable_cores()
     with progress.follow({plan.experiment: plan.missing for plan in plans if plan.missing}, show, at_a_time) as bar:
 
@@ -152,11 +158,14 @@ def run(
 
         def finish(outcomes: Sequence[tuple[Task, Outcome]]) -> None:
             with interrupts.interrupt_held_back():  # stored and counted, or neither
-                store.append(*(make_record(t.experiment, t.version, t.position, t.cell, **o) for t, o in outcomes))
-                for task, outcome in outcomes:
+                same = [(task, o) for task, o in outcomes if o.get("sources", task.sources) == task.sources]
+                store.append(*(_record(task, outcome) for task, outcome in same))
+                for task, outcome in same:
                     _count(summary, task, outcome)
+                for task, outcome in outcomes:
+                    summary.tallies[task.experiment].set_aside += (task, outcome) not in same
             for task, outcome in outcomes:
-                bar.advance(task.experiment, outcome["status"] == "failed")
+                bar.advance(task.experiment, outcome["status"] == "failed" and outcome["error"]["type"] != "StepError")
 
         try:
             if any(any(plan.accuracy) for plan in plans):
@@ -195,6 +204,7 @@ class _Plan:
     profile: str
     shard: Shard
     choice: Choice = ALL
+    files: Sources = field(default_factory=Sources)
     accuracy: bytearray = field(default_factory=bytearray)  # of each cell of the shard: to be computed?
     timing: bytearray = field(default_factory=bytearray)
 
@@ -211,7 +221,11 @@ class _Plan:
     def tasks(self, chosen: bytearray) -> Iterator[Task]:
         version = load(self.experiment).VERSION
         for position, cell in compress(self.cells(), chosen):
-            yield Task(self.experiment, version, position, cell)
+            yield Task(self.experiment, version, position, cell, self.digest(cell))
+
+    def digest(self, cell: dict[str, Any]) -> str | None:
+        """Of the source code that computes a cell, as it was when the run began."""
+        return sources.of_cell(self.experiment, cell, self.files)
 
 
 def _plan(
@@ -223,6 +237,7 @@ def _plan(
     timings: bool,
     again: bool = False,
     choice: Choice = ALL,
+    files: Sources | None = None,
 ) -> _Plan:
     """Finds the cells to compute now, and enters the others in the summary.
 
@@ -230,7 +245,7 @@ def _plan(
     ------
     ValueError : two cells are equal, or a field has a name the store adds.
     """
-    plan, version = _Plan(experiment, profile, shard, choice), load(experiment).VERSION
+    plan, version = _Plan(experiment, profile, shard, choice, files or Sources()), load(experiment).VERSION
     tally = summary.tallies[experiment] = Tally()
     done, hidden, problems = store.done(experiment)
     revived = set()
@@ -238,7 +253,8 @@ def _plan(
     seen = set()
     for _, cell in plan.cells():
         tally.cells += 1
-        key = bytes.fromhex(cell_key(experiment, version, cell))
+        digest = plan.digest(cell)
+        key = bytes.fromhex(cell_key(experiment, version, cell, digest))
         if key in seen:
             raise ValueError(f"experiment {experiment!r} lists the cell {cell} twice")
         if taken := set(ADDED) & set(cell):
@@ -247,7 +263,7 @@ def _plan(
             )
         seen.add(key)
         timed, stored = bool(cell.get("timing")), key in done
-        age = sources.compared(done.get(key), sources.of_cell(experiment, cell))
+        age = sources.compared(done.get(key), digest)
         missing = not stored or (again and age != sources.SAME)
         if missing and (package := _lacks(cell.get("method"))):
             missing = False
@@ -269,6 +285,11 @@ def _plan(
     return plan
 
 
+def _record(task: Task, outcome: Outcome) -> Record:
+    """What is stored: under the digest that the process gave which computed it; of a process that died it is not known."""
+    return make_record(task.experiment, task.version, task.position, task.cell, **{"sources": None, **outcome})
+
+
 def _note(summary: Summary, note: str) -> None:
     if note not in summary.notes:
         summary.notes.append(note)
@@ -279,7 +300,7 @@ def _lacks(method: str | None) -> str | None:
     """The package a method needs and this machine has not."""
     if method is None:
         return None
-    from integrators.registry import METHODS, available
+    from lagrange_bench.integrators.registry import METHODS, available
 
     try:
         found = METHODS[method]
@@ -288,12 +309,17 @@ def _lacks(method: str | None) -> str | None:
     return None if available(found) else found.requires
 
 
+def _word(error: str) -> str:
+    """Whether a method declined the step, or the cell failed."""
+    return "declined" if error.startswith("StepError:") else "failed"
+
+
 def _count(summary: Summary, task: Task, outcome: Outcome) -> None:
     tally = summary.tallies[task.experiment]
     tally.seconds += outcome["seconds"]
     if outcome["status"] == "done":
         tally.computed += 1
     else:
-        tally.failed += 1
-        error = outcome["error"]
-        summary.failures.append((task.experiment, task.cell, f"{error['type']}: {error['message']}"))
+        error = f"{outcome['error']['type']}: {outcome['error']['message']}"
+        setattr(tally, _word(error), getattr(tally, _word(error)) + 1)
+        summary.failures.append((task.experiment, task.cell, error))

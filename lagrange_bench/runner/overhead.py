@@ -15,9 +15,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from lagrange_bench.results.store import Store, make_record
 from lagrange_bench.runner import cluster, engine, workers
 from lagrange_bench.text import table
-from results.store import Store, make_record
 
 VERSION = 1
 NAME = "lagrange_bench.runner.overhead"

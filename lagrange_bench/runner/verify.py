@@ -9,17 +9,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from experiments.catalogue import UnknownExperiment, load_stored
-from integrators import machine
-from integrators.registry import find_stored_method, find_stored_potential
+from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
+from lagrange_bench.integrators import machine
+from lagrange_bench.integrators.imported import Sources
+from lagrange_bench.integrators.registry import find_stored_method, find_stored_potential
+from lagrange_bench.results import sources
+from lagrange_bench.results.compare import Difference, _store, differences, is_time, times_of
+from lagrange_bench.results.store import Record, Store, StoreError, _canonical
 from lagrange_bench.runner import progress, workers
 from lagrange_bench.runner.workers import Task
-from results import sources
-from results.compare import Difference, _store, differences, is_time, times_of
-from results.store import Record, Store, StoreError, _canonical
 
 if TYPE_CHECKING:
-    from integrators import Method
+    from lagrange_bench.integrators import Method
 
 # `verify`, where a library takes the steps or the truth is not from + − × ÷ √ alone
 RTOL, ATOL = 1e-3, 1e-12
@@ -69,8 +70,8 @@ def verify(
     StoreError : no such results, or none of their cells can be computed again; but all may be of the source code here.
     Outdated : an experiment has another VERSION now.
     """
-    found = Verification()
-    records = _sample(_store(folder), sample, random.Random(seed), longest, found, old)
+    found, here = Verification(), Sources()
+    records = _sample(_store(folder), sample, random.Random(seed), longest, found, old, here)
     if not records and not (old and set(found.stored) == {sources.SAME} and not found.notes):
         reasons = found.notes[:SHOWN] or ["it has no cells with anything but times"]
         more = [f"{len(found.notes) - SHOWN} more"] if len(found.notes) > SHOWN else []
@@ -90,16 +91,16 @@ def verify(
             workers.compute_all(tasks, executor, lambda _: bar.begin("verify"), finish)
     found.cells = len(records)
     for record in records:
-        _judge(found, record, current[record["experiment"], _canonical(record["cell"])])
+        _judge(found, record, current[record["experiment"], _canonical(record["cell"])], here)
     return found
 
 
-def _judge(found: Verification, old: Record, new: Record) -> None:
+def _judge(found: Verification, old: Record, new: Record, here: Sources) -> None:
     own = times_of(old["experiment"])
     if not differences(old, new, own, lambda _: (0.0, 0.0)):
         found.identical += 1
     elif differing := differences(old, new, own, _tolerance(old["cell"].get("method"))):
-        found.changed.append((old["experiment"], old["cell"], differing, sources.judge(old)))
+        found.changed.append((old["experiment"], old["cell"], differing, sources.judge(old, here)))
     else:
         found.close += 1
 
@@ -111,7 +112,7 @@ def _tolerance(method: str | None) -> Any:
 
 
 def _sample(
-    store: Store, sample: int, draw: random.Random, longest: float, found: Verification, old: bool
+    store: Store, sample: int, draw: random.Random, longest: float, found: Verification, old: bool, here: Sources
 ) -> list[Record]:
     """Stored cells in turn from every (experiment, part, method), drawn at random within each."""
     groups: dict[tuple[str, str, str], list[Record]] = {}
@@ -127,7 +128,7 @@ def _sample(
         found.stored.update([sources.LEFT_OUT] * journal.left_out)
         for record in journal.latest:
             cell, method = record["cell"], record["cell"].get("method")
-            age = sources.judge(record)
+            age = sources.judge(record, here)
             found.stored[age] += 1
             if old and age == sources.SAME:
                 continue

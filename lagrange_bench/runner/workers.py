@@ -27,15 +27,16 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, Protocol
 
-from experiments.catalogue import load
-from integrators import interrupts, memory
-from results.store import clean_rows, restore
+from lagrange_bench.experiments.catalogue import load
+from lagrange_bench.integrators import interrupts, memory
+from lagrange_bench.results import sources
+from lagrange_bench.results.store import clean_rows, restore, text_of
 
 # read by the numerical libraries when they are imported
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS")
 TRACEBACK = 4000  # characters kept of a traceback, from its end
 HOME = f"{Path(__file__).resolve().parents[2]}{os.sep}"
-DIED = "WorkerDied"
+DIED, OTHER_SOURCES = "WorkerDied", "OtherSources"
 GRACE = 30.0  # s the parent of a hanging cell has to end it
 
 
@@ -47,9 +48,10 @@ class Task:
     version: int
     position: int
     cell: dict[str, Any]
+    sources: str | None = None  # digest of the source code that is to compute it; None for any
 
 
-Outcome = dict[str, Any]  # status, rows, error, warnings, seconds
+Outcome = dict[str, Any]  # status, rows, error, warnings, seconds; and sources, if the process lived to say
 Finish = Callable[[Sequence[tuple[Task, Outcome]]], None]
 
 
@@ -150,7 +152,7 @@ class Local:
         (task,) = tasks
         self._out += 1
         with interrupts.interrupt_held_back():  # else the pool would not wait for a thread that it just started
-            future = self._threads.submit(self._slots.compute, task.experiment, task.cell, self._limit)
+            future = self._threads.submit(self._slots.compute, task.experiment, task.cell, self._limit, task.sources)
         future.add_done_callback(lambda done: self._done.put((task, done)))
 
     def finished(self) -> list[tuple[Task, Outcome]]:
@@ -175,14 +177,16 @@ class Slots:
         self._all: set[_Slot] = set()
         self._lock, self._killed = threading.Lock(), False
 
-    def compute(self, experiment: str, cell: dict[str, Any], limit: float | None) -> Outcome:
+    def compute(
+        self, experiment: str, cell: dict[str, Any], limit: float | None, expected: str | None = None
+    ) -> Outcome:
         """The outcome of a cell, whatever it does to its process; `limit` is in seconds, None for no limit."""
         slot, start = self._take(), perf_counter()
         try:
             with self._lock:
                 if self._killed:
                     raise BrokenProcessPool
-                future = slot.submit(experiment, cell, limit)
+                future = slot.submit(experiment, cell, limit, expected)
             outcome = future.result(limit)
         except TimeoutError:
             slot.kill()
@@ -213,7 +217,7 @@ class Slots:
                 slot.kill()
 
     def close(self) -> None:
-        """Waits for the processes to end; nothing may be being computed."""
+        """Ends the processes; nothing may be being computed."""
         for slot in self._all:
             slot.close()
         self._all.clear()
@@ -246,6 +250,7 @@ class _Slot:
             self._process.kill()
 
     def close(self) -> None:
+        self.kill()  # it has nothing to lose, and a plug-in's thread could keep it alive
         self._executor.shutdown(wait=True, cancel_futures=True)
 
     def reason(self) -> str:
@@ -287,12 +292,22 @@ def _one_thread_each() -> Iterator[None]:
 # ---------------------------------------------------------------- inside a worker
 
 
-def compute(experiment: str, cell: dict[str, Any], limit: float | None = None) -> Outcome:
+def compute(experiment: str, cell: dict[str, Any], limit: float | None = None, expected: str | None = None) -> Outcome:
     """Measures one cell. Whatever is raised becomes part of the outcome; warnings are collected.
 
-    `limit` is kept by the parent; here it only ends a process that lost its parent within a compiled call.
+    limit : kept by the parent; here it only ends a process that lost its parent within a compiled call. expected : digest of
+    the source code; a cell that other code would compute here is not begun.
     """
     start = perf_counter()
+    found = sources.of_cell(experiment, cell)
+    if expected not in (None, found):
+        return {**failure(OTHER_SOURCES, "the source code here is not that of this run", "", 0.0), "sources": found}
+    outcome = _measure(experiment, cell, limit)
+    seconds = round(perf_counter() - start, 3)
+    return {**outcome, "seconds": seconds, "sources": sources.of_cell(experiment, cell)}  # as it was imported meanwhile
+
+
+def _measure(experiment: str, cell: dict[str, Any], limit: float | None) -> Outcome:
     try:
         if limit is not None:
             faulthandler.dump_traceback_later(limit + GRACE, exit=True)
@@ -302,22 +317,21 @@ def compute(experiment: str, cell: dict[str, Any], limit: float | None = None) -
             if "method" in cell:
                 _restrain(cell["method"])
             rows = clean_rows(cell, list(module.measure(restore(cell))))
+        messages = sorted({f"{warning.category.__name__}: {text_of(warning.message)}" for warning in caught})
     except BaseException as error:  # also SystemExit: it must end neither the worker nor the run
-        message = str(error)
+        message = text_of(error)
         if isinstance(error, MemoryError):
             message = f"more than {memory.limit():g} GB; {memory.VARIABLE} in the environment, in GB, allows more"
-        return failure(type(error).__name__, message, traceback.format_exc(), perf_counter() - start)
+        return failure(type(error).__name__, message, traceback.format_exc(), 0.0)
     finally:
         faulthandler.cancel_dump_traceback_later()
-    messages = sorted({f"{warning.category.__name__}: {warning.message}" for warning in caught})
-    outcome = {"status": "done", "rows": rows, "error": None, "warnings": messages[:5]}
-    return {**outcome, "seconds": round(perf_counter() - start, 3)}
+    return {"status": "done", "rows": rows, "error": None, "warnings": messages[:5]}
 
 
 def failure(type_: str, message: str, trace: str, seconds: float) -> Outcome:
     """The outcome of a cell that has no rows."""
     trace = trace.replace(HOME, "")  # where the suite lies is nobody's business, and differs between machines
-    error = {"type": type_, "message": message, "traceback": trace[-TRACEBACK:]}
+    error = {"type": type_, "message": message, "traceback": text_of(trace[-TRACEBACK:])}
     return {"status": "failed", "rows": [], "error": error, "warnings": [], "seconds": round(seconds, 3)}
 
 
@@ -339,7 +353,7 @@ def _end_with_parent() -> None:
 @cache
 def _restrain(method: str) -> None:
     """Heyoka reads no environment variable: one thread and no chatter are set by call."""
-    from integrators.registry import METHODS
+    from lagrange_bench.integrators.registry import METHODS
 
     if ":" in method:  # the user named it: no experiment lists another one
         METHODS.include(method)

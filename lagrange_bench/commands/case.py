@@ -1,0 +1,101 @@
+"""`lagrange-bench case`: motions of real tops with their exact solution, as a table for any other program."""
+
+from __future__ import annotations
+
+import argparse
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lagrange_bench.arguments import positive
+from lagrange_bench.text import Answer, table
+
+if TYPE_CHECKING:
+    from lagrange_bench.integrators import Case
+
+SUMMARY = "named motions of real tops, with their exact solution as a CSV file"
+DESCRIPTION = """\
+List the named cases, or write the exact motion of one: centre of mass, quaternion, rotation matrix and angular velocity at
+equal times. It is a reference for programs that follow rigid bodies, in any language: no tiny steps, no convergence against
+oneself."""
+EXAMPLES = """\
+Up to 17 digits come from the closed form in doubles, whose last digit or two are round-off; more, up to 40, from a Taylor series
+in integers, some seconds for a hundred turns. SI units. Lines that begin with # say what the columns are:
+pandas.read_csv("ref.csv", comment="#") reads the file.
+
+examples:
+  lagrange-bench case --verbose
+  lagrange-bench case bruels --until 2 --every 0.1 --output ref.csv
+  lagrange-bench case metis --digits 25"""
+MOST_ROWS = 10**7  # 4 GB of text
+DOUBLE = 17  # digits that make a double again
+
+
+def run(options: argparse.Namespace) -> Answer:
+    """The list of the cases, or the rows of one."""
+    from lagrange_bench.integrators import CASES
+    from lagrange_bench.integrators.files import replace_file
+    from lagrange_bench.integrators.words import suggestion
+
+    if options.name is None:
+        lines = table([("name", "title", "until"), *((c.name, c.title, f"{c.until:g} s") for c in CASES.values())])
+        for case in CASES.values() if options.verbose else ():
+            lines += ["", f"{case.name}: {case.source}", "", case.remarks]
+        facts = ("name", "title", "until", "source", "remarks")
+        return Answer("\n".join(lines), [{fact: getattr(case, fact) for fact in facts} for case in CASES.values()])
+    if options.name not in CASES:
+        raise ValueError(f"unknown case {options.name!r}{suggestion(options.name, CASES)} Known: {', '.join(CASES)}")
+    case = CASES[options.name]
+    rows = rows_of(case, options.until, options.every, options.digits)
+    if options.output is None:
+        data = {"case": case.name, "columns": head(case)[-1].split(","), "rows": [row.split(",") for row in rows]}
+        return Answer("\n".join((*head(case), *rows)), data)
+    done = replace_file(Path(options.output), "\n".join((*head(case), *rows, "")))
+    return Answer(f"{done} ({len(rows)} rows)", {"case": case.name, "rows": len(rows), "file": options.output})
+
+
+def head(case: Case) -> list[str]:
+    """Lines above the rows: what they are, and the names of the columns."""
+    import numpy as np
+
+    from lagrange_bench.integrators.cases import COLUMNS, CONVENTIONS
+
+    top, start = case.top, f"start: omega {np.asarray(case.omega_body, dtype=float).tolist()} rad/s"
+    facts = f"mass {top.mass} kg, com {top.com.tolist()} m, gravity {top.gravity.tolist()} m/s^2, inertia about the com"
+    words = [f"{case.name}: {case.title}; lagrange-bench", f"{facts} {top.inertia_com.tolist()} kg m^2, {start}"]
+    return [f"# {line}" for line in (*words, *CONVENTIONS.splitlines())] + [COLUMNS]
+
+
+def rows_of(case: Case, until: str | None, every: str | None, digits: int) -> list[str]:
+    """Lines of numbers; times are exact decimals."""
+    end, gap = (
+        _time(text, name) for text, name in ((until or f"{case.until}", "until"), (every or f"{case.every}", "every"))
+    )
+    if end / gap >= MOST_ROWS:
+        raise ValueError(f"--every {every} gives more than {MOST_ROWS} rows up to --until {until or case.until}")
+    times = [k * gap for k in range(int(end / gap) + 1)]
+    if digits > DOUBLE:
+        return [",".join(f"{v:f}" for v in row) for row in case.digits(times, digits)]
+    numbers = case.doubles([float(t) for t in times])[:, 1:].tolist()
+    start = (f"{float(t):.15g}" for t in times)
+    return [",".join((t, *(f"{v + 0.0:.{digits}g}" for v in row))) for t, row in zip(start, numbers, strict=True)]
+
+
+def _time(text: str, name: str) -> Fraction:
+    try:
+        time = Fraction(text)
+    except (ValueError, ZeroDivisionError):
+        raise ValueError(f"--{name} must be a number of seconds such as 0.1; got {text!r}") from None
+    if not 0 < time < 10**9:
+        raise ValueError(f"--{name} must be a positive number of seconds; got {text!r}")
+    return time
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    settings: dict[str, Any] = {"metavar": "SECONDS"}
+    command.add_argument("name", nargs="?", metavar="NAME", help="the case; without it they are listed")
+    command.add_argument("--verbose", action="store_true", help="also say where each is from, and what to look out for")
+    command.add_argument("--until", help="last time (default: that of the case)", **settings)
+    command.add_argument("--every", help="between two rows (default: that of the case)", **settings)
+    command.add_argument("--digits", type=positive, default=DOUBLE, metavar="N", help="of each number (default: 17)")
+    command.add_argument("--output", metavar="FILE", help="write here (default: stdout)")

@@ -1,0 +1,139 @@
+"""`lagrange-bench judge`: how far a trajectory that any program wrote is from the exact motion of a heavy top."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from typing import TYPE_CHECKING, Any
+
+from lagrange_bench.arguments import location, numbers
+from lagrange_bench.integrators import words
+from lagrange_bench.text import Answer, plain, table
+
+if TYPE_CHECKING:
+    from lagrange_bench.judging import Judgement
+
+SUMMARY = "judge the trajectory of any program by the exact heavy top"
+
+DESCRIPTION = """\
+Read the trajectory of a heavy top that any program wrote as text, and print its errors: position, direction of the axis,
+rotation, spin about the axis, length, orthogonality, angular velocity, energy and vertical angular momentum, as far as the
+file has them. Also says whether the start is right, and which convention is perhaps another one."""
+
+EXAMPLES = """\
+Columns are found by the names in the header; capitals and units in brackets do not matter:
+  t | time                       s
+  x y z | px py pz | pos_x …     m, position of the centre of mass; ux uy uz | u0 u1 u2: its displacement
+  qw qx qy qz                    quaternion, body to world; q0 … q3 | e0 … e3 in the order of --quat
+  r11 r12 … r33 | r00 … r22      matrix, body to world, row by row
+  rx ry rz | rvx rvy rvz         rotation vector, rad
+  roll pitch yaw                 rad, about the fixed axes x, y, z in this order
+  wx wy wz | omega_x …           rad/s, in the frame of --omega
+Commas, semicolons, tabs or blanks separate them, # and % start comments, decimals need a point. A program that has the axis
+of symmetry elsewhere, or another axis upwards: --axis z, --up y, or --up=-y.
+
+Times that all are less than 1e-10 s (of fewer than 100 rows: 5e-13 s) from multiples of 1e-9 s are taken as these, for sums
+of steps round. q and -q are the same rotation. A NaN in a row makes the error NaN, and violates every bound.
+
+examples:
+  lagrange-bench judge run.csv --case bruels
+  lagrange-bench judge coarse.csv fine.csv --case bruels                 with the observed orders
+  lagrange-bench judge run.txt --case bruels --columns t=0,x=1,y=2,z=3   without a header
+  lagrange-bench judge run.csv --case bruels --bounds position=1e-6,rotation=1e-5
+
+exit codes: 0 done · 1 a bound is violated · 2 a file that cannot be judged"""
+
+PICTURES = (".svg", ".png", ".pdf")
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument("files", nargs="+", type=location, metavar="FILE", help="a text file with a row for each time")
+    text = "the top and its start: a name, see lagrange-bench case"
+    command.add_argument("--case", required=True, metavar="NAME", help=text)
+    how = command.add_argument_group("how the files are written")
+    text = "the columns of these names: words of the header, or indices from 0"
+    how.add_argument("--columns", type=pairs, default={}, metavar="t=0,x=3,…", help=text)
+    text = "order of the quaternions q0 … q3 or e0 … e3 (default: wxyz); qw, qx, qy and qz say it themselves"
+    how.add_argument("--quat", default="wxyz", choices=("wxyz", "xyzw"), help=text)
+    text = "frame of the angular velocity (default: body)"
+    how.add_argument("--omega", default="body", choices=("body", "world"), help=text)
+    axes = tuple(sign + name for name in "xyz" for sign in ("", "-"))
+    how.add_argument("--up", choices=axes, help="axis of the world that points up (default: that of the case)")
+    how.add_argument("--axis", choices=axes, help="axis of symmetry in the body (default: that of the case)")
+    text = "the steps of the files, for the orders (default: the distances of their rows)"
+    how.add_argument("--steps", type=numbers, metavar="h,h,…", help=text)
+    results = command.add_argument_group("results")
+    text = "exit with 1 if the largest error of a quantity is above this"
+    results.add_argument("--bounds", type=pairs, default={}, metavar="position=1e-6,…", help=text)
+    text = f"draw the errors over time: a name that ends in {', '.join(PICTURES)}"
+    results.add_argument("--draw", type=location, metavar="FILE", help=text)
+
+
+def pairs(text: str) -> dict[str, str]:
+    """name=value,…"""
+    found = {}
+    for part in text.split(","):
+        name, equals, value = (word.strip() for word in part.partition("="))
+        if not equals or not name or not value:
+            raise argparse.ArgumentTypeError(f"must be name=value,…; got {part!r}")
+        found[name] = value
+    return found
+
+
+def run(options: argparse.Namespace) -> Answer:
+    """The errors of each file, the orders, and the bounds that are violated."""
+    from lagrange_bench import judging, trajectory
+
+    try:
+        bounds = {name: words.number(value) for name, value in options.bounds.items()}
+    except ValueError as error:
+        raise ValueError(f"--bounds: {error}") from None
+    if unknown := [name for name in bounds if name not in judging.UNITS]:
+        raise ValueError(f"--bounds: unknown {unknown[0]!r}; known: {', '.join(judging.UNITS)}")
+    if options.steps and len(options.steps) != len(options.files):
+        raise ValueError(f"--steps: {len(options.steps)} steps for {len(options.files)} files")
+    if options.draw is not None:
+        trajectory.check_target("--draw", options.draw, PICTURES)
+    case = judging.find(options.case)
+    convention = judging.Convention(options.quat, options.omega, options.up, options.axis)
+    judged = [judging.judge_file(path, case, convention, options.columns) for path in options.files]
+    orders = judging.orders(judged, options.steps or [each.step for each in judged])
+    violated = [line for each in judged for line in _violated(each, bounds)]
+    lines = [line for each in judged for line in [*_described(each, judging.UNITS), ""]]
+    for name, found in orders.items():
+        if found:
+            shown = ", ".join("none" if math.isnan(order) else f"{order:.2f}" for order in found)
+            lines.append(f"order of {name}, from the largest step to the smallest: {shown}")
+    lines += violated or (["All errors are within the bounds."] if bounds else [])
+    if options.draw is not None:
+        print(judging.draw(options.draw, judged), file=sys.stderr)
+    data = {"case": options.case, "files": [{"file": each.file, **each.as_dict()} for each in judged], "orders": orders}
+    data |= {"violated": violated} if bounds else {}
+    return Answer("\n".join(lines).rstrip(), plain(data), 1 if violated else 0)
+
+
+def _violated(judged: Judgement, bounds: dict[str, float]) -> list[str]:
+    if missing := [name for name in bounds if name not in judged.errors]:
+        raise ValueError(f"--bounds: {judged.file} has no columns to judge {missing[0]} by")
+    off = {name: judged.errors[name].max for name in bounds if not judged.errors[name].max <= bounds[name]}
+    return [f"{judged.file}: {name} is off by {error:.3g}: above {bounds[name]:g}" for name, error in off.items()]
+
+
+def _described(judged: Judgement, units: dict[str, str]) -> list[str]:
+    """What is to be said of one file."""
+    rows: list[tuple[str, ...]] = [("error of", "largest", "last row", "unit")]
+    rows += [(name, f"{error.max:.2e}", f"{error.end:.2e}", units[name]) for name, error in judged.errors.items()]
+    first, last = judged.span
+    lines = [f"{judged.file}: {judged.rows} rows, t = {first:.9g} to {last:.9g}", *table(rows)]
+    lines.append(_start(judged.start, units))
+    for name, floor in judged.floor.items():
+        lines.append(f"The digits printed for {name} say nothing of errors below {floor:.1e} {units[name]}.")
+    return [*lines, *judged.notes, *(f"Perhaps {hint}" for hint in judged.hints)]
+
+
+def _start(start: dict[str, Any], units: dict[str, str]) -> str:
+    if start["right"] is None:
+        return f"The first row is at t = {start['t']:.9g}: nothing can be said of the start."
+    off = ", ".join(f"{name} by {start[name]:.2e} {units[name]}" for name in start if name not in ("t", "right"))
+    return "The start is right." if start["right"] else f"The start is not that of the case: off are {off}."

@@ -1,0 +1,407 @@
+"""`judge`: how far the trajectory of any program is from the exact motion of a heavy top."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from lagrange_bench import columns as written
+from lagrange_bench.integrators import CASES, Case, StepError
+
+Array = np.ndarray
+Exact = tuple[Array, Array, Array]  # position (n, 3), matrix (n, 3, 3), angular velocity in the body (n, 3)
+UNITS = {  # what is judged → its unit, in the order in which it is reported
+    **{"position": "m", "axis": "rad", "rotation": "rad", "spin": "rad", "length": "m", "orthogonality": "1"},
+    **{"omega": "rad/s", "energy": "J", "momentum": "kg m²/s"},
+}
+AXES = {
+    sign + name: row * (1.0 - 2 * len(sign)) for name, row in zip("xyz", np.eye(3), strict=True) for sign in ("", "-")
+}
+ATTITUDES = ("quaternion", "matrix", "rotation vector", "angles")
+GRID, NEAR = 9, 1e-10  # decimals of a second; times that all are that near to multiples of 10⁻⁹ s are these
+SOME, FEW = 5e-13, 100  # the same where there are fewer times than `FEW`
+HEAD, SHIFTS = 2000, (1, -1, 2, -2, 3, -3)  # rows that hints are taken from; rows that they may be late
+BETTER = 10  # times less is the error with another convention, for a hint
+POINTS = 100  # of a curve, for each chunk
+START = 1e-9  # relative to the size of a quantity: more than that is another start
+
+
+class Error(NamedTuple):
+    """The largest error of all rows, and that of the last row; NaN where a row holds NaN."""
+
+    max: float
+    end: float
+
+
+@dataclass(frozen=True)
+class Convention:
+    """How rotations, angular velocities and frames are written: see `judge`. The last three are for hints."""
+
+    quat: str = "wxyz"
+    omega_frame: str = "body"
+    up: str | None = None
+    axis: str | None = None
+    transposed: bool = False
+    degrees: bool = False
+    displaced: bool = False
+
+    def __post_init__(self) -> None:
+        known = {"quat": ("wxyz", "xyzw"), "omega_frame": ("body", "world"), "up": (*AXES, None), "axis": (*AXES, None)}
+        for name, values in known.items():
+            if getattr(self, name) not in values:
+                raise ValueError(f"{name} must be one of {', '.join(map(str, values))}; got {getattr(self, name)!r}")
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What `judge` finds: `errors` of those `UNITS` that the trajectory has columns for, each also an attribute.
+
+    span : s, first and last time. start : time and errors of the first row, and whether it is the start of the case; None where
+    that time is not 0. floor : errors below it are lost in the printed digits. curves : times and errors, (2, M), to be drawn.
+    """
+
+    case: str
+    rows: int
+    span: tuple[float, float]
+    errors: dict[str, Error]
+    start: dict[str, Any]
+    floor: dict[str, float] = field(default_factory=dict)
+    hints: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    curves: dict[str, Array] = field(default_factory=dict, repr=False)
+    file: str | None = None
+
+    @property
+    def step(self) -> float:
+        """The mean distance of two rows, s."""
+        return (self.span[1] - self.span[0]) / (self.rows - 1) if self.rows > 1 else math.nan
+
+    def __getattr__(self, name: str) -> Error:
+        if name in UNITS and name in self.errors:
+            return self.errors[name]
+        raise AttributeError(f"{name} is not judged: there are no columns for it" if name in UNITS else name)
+
+    def __repr__(self) -> str:
+        found = ", ".join(f"{name} {error.max:.1e}" for name, error in self.errors.items())
+        return f"<{self.case}, {self.rows} rows to t = {self.span[1]:.6g}: {found}>"
+
+    def as_dict(self) -> dict[str, Any]:
+        """The numbers of --json for a file."""
+        facts = {"rows": self.rows, "step": self.step, **{name: error._asdict() for name, error in self.errors.items()}}
+        return {**facts, "start": self.start, "floor": self.floor, "hints": self.hints, "notes": self.notes}
+
+
+def judge(
+    t: ArrayLike,
+    position: ArrayLike | None = None,
+    rotation: ArrayLike | Rotation | None = None,
+    omega: ArrayLike | None = None,
+    *,
+    case: str | Case,
+    **convention: Any,
+) -> Judgement:
+    """Judge the trajectory of a heavy top by its exact motion; at least one of position, rotation and omega.
+
+        judge(t, position=x, rotation=R, case="bruels").rotation.max
+
+    Parameters
+    ----------
+    t : (N,) s, increasing. position : (N, 3) m, of the centre of mass. rotation : body to world, a `Rotation` of N, matrices
+    (N, 3, 3), or quaternions (N, 4). omega : (N, 3) rad/s. case : a name, see `CASES`, or a `Case`.
+    quat : "xyzw" or "wxyz", the order of the quaternions; default "wxyz". omega_frame : "body" or "world"; default "body".
+    up : the axis that points up in the world of these numbers, such as "y" or "-z". axis : the axis of symmetry in the
+    body of these numbers. The smallest turn leads from both to those of the case, which are the default.
+
+    Raises
+    ------
+    ValueError : other shapes, times that do not increase, a name that is not known.
+    """
+    given: dict[str, Array] = {"time": np.asarray(t, dtype=float).ravel()[:, None]}
+    n = len(given["time"])
+    turns, rotation = (rotation, None) if isinstance(rotation, Rotation) else (None, rotation)
+    if turns is not None and np.shape(turns.as_quat()) != (n, 4):
+        raise ValueError(f"rotation must hold {n} rotations, as many as there are times")
+    for name, array, shapes in (
+        ("position", position, [(n, 3)]),
+        ("rotation", rotation, [(n, 3, 3), (n, 4)]),
+        ("omega", omega, [(n, 3)]),
+    ):
+        if array is not None:
+            values = np.asarray(array, dtype=float)
+            if values.shape not in shapes:
+                raise ValueError(f"{name} must have the shape {' or '.join(map(str, shapes))}; got {values.shape}")
+            kind = name if name != "rotation" else ATTITUDES[values.ndim - 2]
+            given[kind] = values.reshape(n, -1)
+    if n == 0 or (len(given) == 1 and turns is None):
+        raise ValueError("give times and at least one of position, rotation and omega")
+    tally = _Tally(find(case), Convention(**convention))
+    for chunk in (slice(first, first + written.ROWS) for first in range(0, n, written.ROWS)):
+        matrices = {} if turns is None else {"matrix": turns[chunk].as_matrix().reshape(-1, 9)}
+        tally.add({name: array[chunk] for name, array in given.items()} | matrices)
+    return tally.result({})
+
+
+def judge_file(path: Path, case: Case, convention: Convention, names: Mapping[str, str]) -> Judgement:
+    """As `judge`, what a file holds, in chunks; `names` as `columns.survey` takes them."""
+    layout = written.survey(path, names)
+    tally = _Tally(case, replace(convention, quat="wxyz") if layout.named else convention)
+    for chunk in written.read(layout):
+        try:
+            tally.add(chunk)
+        except (ValueError, StepError) as error:
+            raise ValueError(f"{path}: {error}") from None
+    found = tally.result(layout.floor)
+    return replace(found, file=str(path), notes=[*layout.notes, *found.notes])
+
+
+def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> dict[str, list[float]]:
+    """Observed orders of position and rotation between neighbours, from the largest step to the smallest.
+
+    NaN where an error says nothing; none of a quantity that not all files have columns for.
+    """
+    pairs = sorted(zip(steps, judged, strict=True), key=lambda pair: -pair[0])
+    made: dict[str, list[float]] = {"position": [], "rotation": []}
+    for name, found in made.items():
+        known = all(name in each.errors for each in judged)
+        for (h, coarse), (k, fine) in itertools.pairwise(pairs) if known else ():
+            large, small = coarse.errors[name].max, fine.errors[name].max
+            says = h > k and large > 0 and small > fine.floor.get(name, 0.0)
+            found.append(math.log(large / small) / math.log(h / k) if says else math.nan)
+    return made
+
+
+def find(case: str | Case) -> Case:
+    """The case of this name, or one's own."""
+    if not isinstance(case, str | Case):
+        raise ValueError(f"case must be a name or a Case; got {case!r}")
+    try:
+        return CASES[case] if isinstance(case, str) else case
+    except KeyError as error:
+        raise ValueError(error.args[0]) from None
+
+
+# ---------------------------------------------------------------- one chunk of rows
+
+
+class _Frames:
+    """A case, and the turns from the world and the body of the rows to its own."""
+
+    def __init__(self, case: Case, convention: Convention):
+        self.case, self.top, self.convention = case, case.top, convention
+        self.world, self.body = _turn(convention.up, self.top.world[2]), _turn(convention.axis, self.top.axis).T
+        x, R, omega = self.exact([0.0])
+        self.start, self.speed = x[0], float(np.linalg.norm(omega))
+        self.energy, self.momentum = self.top.energy(R, omega), self.top.vertical_momentum(R, omega)
+
+    def exact(self, t: ArrayLike) -> Exact:
+        """The motion of the case."""
+        motion = self.case.solution(t)
+        return motion.position, motion.rotation.as_matrix(), motion.omega_body
+
+    def errors(self, given: Mapping[str, Array], exact: Exact) -> dict[str, Array]:
+        """What the rows of the groups are off by, (n,) for each quantity."""
+        found: dict[str, Array] = {}
+        R, omega = None, None
+        if moved := {"position", "displacement"} & set(given):
+            x = given[max(moved)] @ self.world.T
+            x = x + self.start if self.convention.displaced or "position" not in given else x
+            length = np.linalg.norm(x, axis=1)
+            found = {"position": np.linalg.norm(x - exact[0], axis=1), "length": np.abs(length - self.top.distance)}
+            found["axis"] = _angle(x / length[:, None], exact[0])
+        if group := next((name for name in ATTITUDES if name in given), None):
+            R, defect = self._attitude(group, given[group])
+            found |= self._turned(exact[1].transpose(0, 2, 1) @ R) | defect
+        if "omega" in given and self.convention.omega_frame == "body":
+            omega = given["omega"] @ self.body
+            found["omega"] = np.linalg.norm(omega - exact[2], axis=1)
+        elif "omega" in given:
+            in_world = given["omega"] @ self.world.T
+            found["omega"] = np.linalg.norm(in_world - (exact[1] @ exact[2][..., None])[..., 0], axis=1)
+            omega = (in_world[:, None, :] @ R)[:, 0] if R is not None else None
+        if R is not None and omega is not None:
+            found["energy"] = np.abs(self.top.energy(R, omega) - self.energy)
+            found["momentum"] = np.abs(self.top.vertical_momentum(R, omega) - self.momentum)
+        return {name: found[name] for name in UNITS if name in found}
+
+    def _attitude(self, group: str, values: Array) -> tuple[Array, dict[str, Array]]:
+        """Matrices from the body to the world of the case, and how far they are from orthogonal, or quaternions from 1."""
+        how, defect = self.convention, {}
+        if group == "matrix":
+            R = values.reshape(-1, 3, 3)
+            defect["orthogonality"] = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max((1, 2))
+        else:
+            bad = ~np.isfinite(values).all(1)
+            if group == "quaternion":
+                defect["orthogonality"] = np.abs(np.linalg.norm(values, axis=1) - 1)
+                bad |= ~values.any(1)
+            values = np.where(bad[:, None], 1.0, np.deg2rad(values) if how.degrees else values)
+            if group == "quaternion":
+                turns = Rotation.from_quat(values, scalar_first=how.quat == "wxyz")
+            elif group == "rotation vector":
+                turns = Rotation.from_rotvec(values)
+            else:
+                turns = Rotation.from_euler("xyz", values)
+            R = turns.as_matrix()
+            R[bad] = np.nan
+        return self.world @ (R.transpose(0, 2, 1) if how.transposed else R) @ self.body, defect
+
+    def _turned(self, E: Array) -> dict[str, Array]:
+        """Of the rotations in the body from the right attitude: their angle, its part about the axis, and the axis's own."""
+        vector = np.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], 1)
+        trace = E.trace(axis1=1, axis2=2)
+        angle = np.arctan2(np.linalg.norm(vector, axis=1), trace - 1)
+        spin = 2 * np.abs(np.arctan2(vector @ self.top.axis, 1 + trace))
+        return {"axis": _angle(E @ self.top.axis, self.top.axis), "rotation": angle, "spin": spin}
+
+
+def _turn(name: str | None, to: Array) -> Array:
+    """The smallest rotation from an axis of the rows to that of the case."""
+    return np.eye(3) if name is None else Rotation.align_vectors(to, AXES[name])[0].as_matrix()
+
+
+def _angle(a: Array, b: Array) -> Array:
+    """Between vectors, right for small angles too."""
+    return np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), (a * b).sum(-1))
+
+
+def _hints(frames: _Frames, given: Mapping[str, Array], t: Array) -> Iterator[str]:
+    """Conventions under which these rows are much nearer to the exact motion."""
+    how, exact = frames.convention, frames.exact(t)
+    x, R, omega = exact
+    if "matrix" in given and np.any(np.linalg.det(given["matrix"].reshape(-1, 3, 3)) < 0):
+        yield "a row or column of the matrices has the wrong sign: their determinant is negative."
+    now = {name: error.max() for name, error in frames.errors(given, exact).items()}
+    quat = "xyzw" if how.quat == "wxyz" else "wxyz"
+    frame = "world" if how.omega_frame == "body" else "body"
+    for judged, group, changes, words in (
+        ("rotation", "", {"transposed": True}, "the rotations are transposed: they take the world to the body."),
+        (
+            "rotation",
+            "quaternion",
+            {"quat": quat},
+            f"the quaternions are in the order {quat}: --quat {quat}, or other names.",
+        ),
+        ("rotation", "quaternion", {"quat": quat, "transposed": True}, f"the order is {quat}, and they are conjugate."),
+        ("rotation", "angles", {"degrees": True}, "the angles are in degrees."),
+        ("rotation", "rotation vector", {"degrees": True}, "the rotation vectors are in degrees."),
+        ("omega", "", {"omega_frame": frame}, f"ω is in the {frame} frame: --omega {frame}."),
+        ("position", "", {"displaced": True}, "the position is a displacement from the start: name it ux, uy, uz."),
+        ("position", "", {"up": "y"}, "the axis y points up: --up y."),
+    ):
+        if now.get(judged, 0.0) > START and (not group or group in given):
+            other = _Frames(frames.case, replace(how, **changes)).errors(given, exact)[judged]
+            if other.max() < now[judged] / BETTER:
+                yield words
+    judged = next((name for name in ("rotation", "position") if name in now), "omega")
+    for k in SHIFTS if len(t) > BETTER and now[judged] > START else ():
+        rows, there = slice(max(0, -k), len(t) - max(0, k)), slice(max(0, k), len(t) + min(0, k))
+        late = frames.errors({name: array[rows] for name, array in given.items()}, (x[there], R[there], omega[there]))
+        if late[judged].max() < now[judged] / BETTER:
+            way = "later" if k > 0 else "earlier"
+            yield f"the times are shifted: each row holds the state {abs(k)} row{'s'[: abs(k) - 1]} {way}."
+
+
+# ---------------------------------------------------------------- chunk after chunk
+
+
+class _Tally:
+    """Maxima over chunks of rows; memory does not grow with their number, but for the points of the curves."""
+
+    def __init__(self, case: Case, convention: Convention):
+        self.frames = _Frames(case, convention)
+        self.rows, self.bad, self.bad_from, self.last, self.on_grid = 0, 0, math.nan, -math.inf, False
+        self.errors: dict[str, Error] = {}
+        self.curves: dict[str, list[Array]] = {}
+        self.hints: list[str] = []
+        self.first: dict[str, float] = {}
+
+    def add(self, given: Mapping[str, Array]) -> None:
+        """Judge some more rows."""
+        t = self._times(given["time"][:, 0])
+        with np.errstate(all="ignore"):
+            found = self.frames.errors(given, self.frames.exact(t))
+            if not self.rows:
+                self.first = {"t": float(t[0]), **{name: float(error[0]) for name, error in found.items()}}
+                self.hints = list(_hints(self.frames, {name: array[:HEAD] for name, array in given.items()}, t[:HEAD]))
+        bad = ~np.isfinite(np.stack(list(found.values()))).all(0)
+        if bad.any() and not self.bad:
+            self.bad_from = float(t[bad][0])
+        self.bad += int(bad.sum())
+        marks = np.linspace(0, len(t), min(len(t), POINTS) + 1).astype(int)[:-1]
+        for name, error in found.items():
+            before = self.errors.get(name, Error(0.0, 0.0)).max
+            self.errors[name] = Error(float(np.maximum(before, error.max())), float(error[-1]))
+            self.curves.setdefault(name, []).append(np.stack([t[marks], np.maximum.reduceat(error, marks)]))
+        self.rows += len(t)
+
+    def _times(self, t: Array) -> Array:
+        """The times, without the rounding of a sum of steps; ValueError where they do not increase."""
+        with np.errstate(all="ignore"):
+            wrong = np.flatnonzero(~(np.diff(t, prepend=self.last) > 0) | ~np.isfinite(t))
+            rounded = np.round(t, GRID)
+        if len(wrong):
+            i = wrong[0]
+            before = f" after {t[i - 1] if i else self.last:.12g}" if i or self.rows else ""
+            raise ValueError(
+                f"row {self.rows + i + 1}: the time is {t[i]:.12g}{before}; times must be numbers that increase"
+            )
+        self.last = float(t[-1])
+        many = len(t) >= FEW or self.on_grid
+        near = bool(np.all(np.abs(rounded - t) < (NEAR if many else SOME)))
+        self.on_grid = near and many
+        return rounded if near else t
+
+    def result(self, floor: Mapping[str, float]) -> Judgement:
+        """All that was found; `floor` of each group of columns."""
+        notes, off = [], self.errors.get("orthogonality", Error(0.0, 0.0)).max
+        groups = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omega": ("omega",)}
+        floors = {
+            name: 2 * max(floor.get(each, 0.0) for each in those)
+            for name, those in groups.items()
+            if name in self.errors
+        }
+        floors = {name: value for name, value in floors.items() if value > 0}
+        if self.bad:
+            notes.append(
+                f"{self.bad} of {self.rows} rows hold no finite numbers, the first at t = {self.bad_from:.9g}."
+            )
+        if off > 1e-3:
+            notes.append(
+                f"Matrices are not orthogonal or quaternions not of length 1, by {off:.2g}; quaternions are scaled to 1."
+            )
+        sizes = {"position": self.frames.top.distance, "rotation": 1.0, "omega": self.frames.speed}
+        first = {name: self.first[name] for name in sizes if name in self.first}
+        right = all(error <= START * sizes[name] + 2 * floors.get(name, 0.0) for name, error in first.items())
+        start = {"t": self.first["t"], **first, "right": right if self.first["t"] == 0 else None}
+        curves = {name: np.concatenate(parts, axis=1) for name, parts in self.curves.items()}
+        span = (self.first["t"], self.last)
+        return Judgement(self.frames.case.name, self.rows, span, self.errors, start, floors, self.hints, notes, curves)
+
+
+# ---------------------------------------------------------------- a picture
+
+
+def draw(path: Path, judged: Sequence[Judgement]) -> str:
+    """Draw position and rotation error, or what else there is, over time, a line for each file; write the picture."""
+    from lagrange_bench.experiments.drawing import figures, style
+    from lagrange_bench.integrators.files import replace_file
+
+    chosen = [name for name in ("position", "rotation") if name in judged[0].errors] or list(judged[0].errors)[:1]
+    with style.apply():
+        width = "page" if len(chosen) > 1 else "column"
+        figure, axes = style.figure(width, ncols=len(chosen), squeeze=False)
+        for panel, name in zip(axes[0], chosen, strict=True):
+            for each in (each for each in judged if name in each.curves):
+                t, error = each.curves[name]
+                panel.plot(t, np.where(error > 0, error, np.nan), label=Path(each.file or each.case).stem)
+            panel.set(yscale="log", xlabel="t (s)", ylabel=f"error of {name} ({UNITS[name]})")
+        axes[0][0].legend()
+    return replace_file(path, figures.FORMATS[path.suffix.lower().removeprefix(".")](figure))
