@@ -9,8 +9,8 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
 
-from experiments import EXPERIMENTS, SWEEP
-from integrators.words import suggestion
+from lagrange_bench.experiments import EXPERIMENTS, SWEEP
+from lagrange_bench.integrators.words import suggestion
 
 GROUP = "lagrange_bench.experiments"  # of entry points: name = package.module
 
@@ -37,15 +37,15 @@ def load(name: str) -> ModuleType:
     ------
     UnknownExperiment : no such experiment, or the module lacks a part of the protocol.
     """
-    from integrators.registry import import_own, no_exit
+    from lagrange_bench.integrators.registry import import_own, no_exit
 
     find: Callable[[str], ModuleType] = importlib.import_module
     if name in EXPERIMENTS:
-        path = f"experiments.{name}"
+        path = f"lagrange_bench.experiments.{name}"
     elif "." in name and all(map(str.isidentifier, name.split("."))):
         path, find = name, import_own
     elif name.startswith(SWEEP):
-        from experiments import sweep
+        from lagrange_bench.experiments import sweep
 
         return sweep.module(name)
     elif name in installed():

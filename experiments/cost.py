@@ -17,10 +17,10 @@ import tempfile
 import numpy as np
 import pandas as pd
 
-from experiments import script
-from experiments.drawing.tables import captioned
-from experiments.measuring import metrics, timing
-from experiments.measuring.states import (
+from lagrange_bench.experiments import script
+from lagrange_bench.experiments.drawing.tables import captioned
+from lagrange_bench.experiments.measuring import metrics, timing
+from lagrange_bench.experiments.measuring.states import (
     KNOBS,
     find,
     interpreted,
@@ -29,11 +29,19 @@ from experiments.measuring.states import (
     options_of,
     rounded,
 )
-from integrators import METHODS, Method, prepare
-from integrators.api import integrate
-from integrators.truth import exact
+from lagrange_bench.integrators import METHODS, Method, prepare
+from lagrange_bench.integrators.api import integrate
+from lagrange_bench.integrators.truth import exact
 
 VERSION = 4
+A_STEP = ("ns_per_step", "ns_per_step_median", "ns_per_time", "steps_per_time", "evals_per_step", "iterations_per_step",
+          "rejected_per_step", "setup_us")  # fmt: skip
+MEASURED = {
+    "step": A_STEP,
+    "periods": A_STEP,
+    "start": ("import_s", "first_s", "second_s"),
+    "headline": ("h", "steps", "backlund_s", "heyoka_s", "ratio", "adapter_ratio", "backlund_error", "heyoka_error"),
+}
 
 STATE = "generic"
 STEPS = {"quick": (1 / 16, 1.0), "full": tuple(2.0**k for k in range(-8, 3, 2))}
@@ -113,7 +121,7 @@ def _kind(method: Method) -> str:
 PROBE = """
 import json, sys, time
 start = time.perf_counter()
-from integrators import TOPS, prepare
+from lagrange_bench.integrators import TOPS, prepare
 imported = time.perf_counter()
 named = TOPS["generic"]
 seconds = []
@@ -254,7 +262,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from experiments.drawing import style
+    from lagrange_bench.experiments.drawing import style
 
     steps = rows[(rows.part == "step") & (rows.status == "done")]
     return {} if steps.empty else {"steps": _draw_steps(steps, style)}

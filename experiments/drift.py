@@ -13,9 +13,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from experiments import script
-from experiments.measuring import metrics
-from experiments.measuring.states import (
+from lagrange_bench.experiments import script
+from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.experiments.measuring.reductions import largest, mean_square, worst
+from lagrange_bench.experiments.measuring.states import (
     RANDOM,
     WIDE,
     affordable,
@@ -26,12 +27,17 @@ from experiments.measuring.states import (
     rounded,
     sample,
 )
-from integrators.interface import INVARIANTS
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.top import TOPS
-from integrators.truth import exact
+from lagrange_bench.integrators.interface import INVARIANTS
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.top import TOPS
+from lagrange_bench.integrators.truth import exact
 
 VERSION = 2
+MEASURED = {  # the numbers in every row that is done, by part: one without them failed, see `reductions`
+    "time": ("t", *INVARIANTS),
+    "h": INVARIANTS,
+    "long": ("fraction", *INVARIANTS),
+}
 
 KEPT = "kept: "  # before the name of a quantity of a method's own, in the name of its column
 STEP = 0.125  # of the runs against time
@@ -96,7 +102,7 @@ def _largest(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> di
 
 def errors(name: str, top, h: float, states: np.ndarray) -> dict[str, np.ndarray]:
     """Relative errors of the four invariants, and of what the method keeps of its own, after the first state."""
-    from integrators import METHODS
+    from lagrange_bench.integrators import METHODS
 
     drift = metrics.relative_drift(top.invariants(states), top.invariant_scales(states[0]))
     found = dict(zip(INVARIANTS, drift[1:].T, strict=True))
@@ -112,7 +118,7 @@ def errors(name: str, top, h: float, states: np.ndarray) -> dict[str, np.ndarray
 
 def against_time(rows: pd.DataFrame) -> pd.DataFrame:
     """Per method and quantity: claimed or not, exponent with interval, largest error, verdict; the sixteen states."""
-    from integrators import METHODS
+    from lagrange_bench.integrators import METHODS
 
     rows = rows[(rows.part == "time") & (rows.status == "done") & rows.state.isin(RANDOM)]
     own = [name for name in rows.columns if name.startswith(KEPT)]
@@ -120,10 +126,11 @@ def against_time(rows: pd.DataFrame) -> pd.DataFrame:
     for method, group in rows.groupby("method", sort=False):
         record = METHODS.get(method)
         t = np.sort(group.groupby("t_index").t.median().to_numpy())
-        for name in (*INVARIANTS, *(column for column in own if group[column].notna().any())):
+        has = {KEPT + quantity for quantity in record.keeps} if record else set()
+        for name in (*INVARIANTS, *(column for column in own if column in has or group[column].notna().any())):
             found = group.pivot(index="state", columns="t_index", values=name).to_numpy(dtype=float)
             growth = metrics.growth_exponent(t, found)
-            largest = float(np.max(np.abs(found)))
+            most = largest(found)
             quantity = name.removeprefix(KEPT)
             claimed = record is not None and (name.startswith(KEPT) or name in record.conserves)
             table.append(
@@ -131,12 +138,12 @@ def against_time(rows: pd.DataFrame) -> pd.DataFrame:
                     "method": method,
                     "invariant": quantity,
                     "claimed": claimed,
-                    "largest relative error": largest,
+                    "largest relative error": most,
                     "length of run": float(t[-1]),
                     "exponent": growth.p,
                     "low": growth.low,
                     "high": growth.high,
-                    "verdict": metrics.verdict(*growth, largest, floor=FLOOR),
+                    "verdict": metrics.verdict(*growth, most, floor=FLOOR),
                     "biased, as the method says": record.biased.get(quantity, "") if record else "",
                 }
             )
@@ -154,7 +161,7 @@ def long_steps(rows: pd.DataFrame) -> pd.DataFrame:
     """The largest relative error of each invariant for each method and each length of the long steps."""
     rows = rows[(rows.part == "long") & (rows.status == "done")]
     grouped = rows.groupby(["method", "fraction"], sort=False)
-    table = grouped[list(INVARIANTS)].max()
+    table = grouped[list(INVARIANTS)].agg(largest)
     table.insert(0, "tops", grouped.state.nunique())
     table.insert(1, "steps", grouped.steps.max())
     table = table.reset_index().rename(columns={"fraction": "step / nutation period"})
@@ -168,9 +175,9 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     timed = rows[(rows.part == "time") & (rows.status == "done")]
     if timed.empty:
         return long
-    worst = timed.assign(worst=timed[list(INVARIANTS)].abs().max(axis=1))
-    named = worst[worst.state.isin(TOPS)]
-    wide = named.pivot_table(index="method", columns="state", values="worst", aggfunc="max", sort=False)
+    named = timed[timed.state.isin(TOPS)]
+    named = named.assign(worst=worst(named, INVARIANTS))
+    wide = named.pivot_table(index="method", columns="state", values="worst", aggfunc=largest, sort=False)
     wide.insert(0, "steps", named.groupby("method").steps.max())
     verdicts = against_time(rows)
     verdicts.attrs["caption"] = (
@@ -183,7 +190,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from experiments.drawing import style
+    from lagrange_bench.experiments.drawing import style
 
     rows = indexed(rows)
     figures = {}
@@ -200,8 +207,8 @@ def draw(rows: pd.DataFrame) -> dict:
 def _draw_time(rows: pd.DataFrame, style, names: list[str], what: str):
     runs = {}
     for method, good in rows[rows.status == "done"].groupby("method", sort=False):
-        mean_square = good[names].pow(2).groupby(good.t_index).mean().max(axis=1)
-        runs[method] = (good.groupby("t_index").t.median().to_numpy(), np.sqrt(mean_square.where(mean_square > 0)))
+        squares = np.max([mean_square(good[name], good.t_index) for name in names], axis=0)
+        runs[method] = (good.groupby("t_index").t.median(), np.sqrt(np.where(squares > 0, squares, np.nan)))
 
     def line(ax, method, look):
         if method in runs:
@@ -218,7 +225,7 @@ def _draw_time(rows: pd.DataFrame, style, names: list[str], what: str):
     fig.caption = (
         f"Relative error of {what} against time, root mean square over sixteen random tops, step 1/8 or the default "
         "tolerance, one panel for each family of methods; in grey the exact Bäcklund step. The thin line is one ulp; "
-        "dotted, in the first panel: growth like √t and t. A cross before a name: the method failed."
+        "dotted, in the first panel: growth like √t and t. A cross before a name: the method declined the step or failed."
         + (" J3, which is constant in every stage of nearly all, is in the table." if names == ["H"] else "")
     )
     return fig
@@ -226,7 +233,7 @@ def _draw_time(rows: pd.DataFrame, style, names: list[str], what: str):
 
 def _draw_h(rows: pd.DataFrame, style):
     state = "generic"
-    rows = rows.assign(worst=rows[list(INVARIANTS)].max(axis=1))
+    rows = rows.assign(worst=worst(rows, INVARIANTS))
 
     def line(ax, method, look):
         chosen = rows[(rows.method == method) & (rows.state == state)].sort_values("h")
@@ -239,7 +246,7 @@ def _draw_h(rows: pd.DataFrame, style):
     style.label_ends(axes)
     fig.caption = (
         f"The worst of the four invariants over t = {SPAN} on “{TOPS[state].label}”, against the step; in grey "
-        "the exact Bäcklund step. Crosses: a method failed, in its colour. Errors above 100 are cut off."
+        "the exact Bäcklund step. Crosses, in its colour: a method declined the step or failed. Errors above 100 are cut off."
     )
     return fig
 

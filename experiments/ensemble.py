@@ -21,20 +21,31 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments import script
-from experiments.drawing.tables import captioned, show
-from experiments.measuring import metrics, timing
-from experiments.measuring.states import options_of, rounded, truth
-from integrators import METHODS, POTENTIALS, LagrangeTop, PerturbedTop, integrate_ensemble, prepare
-from integrators.compiling.compiled import compiled
-from integrators.compiling.lanes import LANES, run_lanes
-from integrators.interface import Array
-from integrators.machine import usable_cores
-from integrators.methods.backlund import SHORT
-from integrators.torus import real_map
-from integrators.truth import exact, reference
+from lagrange_bench.experiments import script
+from lagrange_bench.experiments.drawing.tables import captioned, show
+from lagrange_bench.experiments.measuring import metrics, timing
+from lagrange_bench.experiments.measuring.states import options_of, rounded, truth
+from lagrange_bench.integrators import METHODS, POTENTIALS, LagrangeTop, PerturbedTop, integrate_ensemble, prepare
+from lagrange_bench.integrators.compiling.compiled import compiled
+from lagrange_bench.integrators.compiling.lanes import LANES, run_lanes
+from lagrange_bench.integrators.interface import Array
+from lagrange_bench.integrators.machine import usable_cores
+from lagrange_bench.integrators.methods.backlund import SHORT
+from lagrange_bench.integrators.torus import real_map
+from lagrange_bench.integrators.truth import exact, reference
 
 VERSION = 3
+COST = ("us_per_top", "ns_per_time", "error", "largest_error")
+MEASURED = {
+    "bound": ("pinned_ns", "pinned_bound_ns", "pinned_ratio", "free_ns", "free_bound_ns", "free_ratio"),
+    "tops": ("steps", "ns_per_step", "ns_per_step_and_core", "setup_us"),
+    "lanes": ("tops", "pinned_ns_per_step", "free_ns_per_step"),
+    "setup": ("tops", "setup_us", "first_step_us"),
+    "many": ("steps", "threads", "seconds", "us_per_top", "memory"),
+    "rival": COST,
+    "jump": COST,
+    "perturbed": (*COST, "setup_us", "ns_per_kick"),
+}
 
 STEP = 0.1
 BUDGET = 2e7  # steps of a top in one sample of throughput
@@ -385,7 +396,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from experiments.drawing import style
+    from lagrange_bench.experiments.drawing import style
 
     good = rows[rows.status == "done"]
     figures = {}

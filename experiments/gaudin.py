@@ -20,17 +20,25 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments import script
-from experiments.drawing.tables import captioned
-from experiments.measuring import metrics, timing
-from experiments.measuring.states import log_counts, rounded
-from integrators.interface import Array, StepError
-from integrators.paper.gaudin_magnets import central_spin, random_magnet, unit_of_time
-from integrators.paper.gaudin_methods import MAGNET_METHODS, prepare_method
-from integrators.paper.gaudin_model import GaudinMagnet
-from integrators.registry import METHODS
+from lagrange_bench.experiments import script
+from lagrange_bench.experiments.drawing.tables import captioned
+from lagrange_bench.experiments.measuring import metrics, timing
+from lagrange_bench.experiments.measuring.reductions import largest
+from lagrange_bench.experiments.measuring.states import log_counts, rounded
+from lagrange_bench.integrators.interface import Array, StepError
+from lagrange_bench.integrators.paper.gaudin_magnets import central_spin, random_magnet, unit_of_time
+from lagrange_bench.integrators.paper.gaudin_methods import MAGNET_METHODS, prepare_method
+from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
+from lagrange_bench.integrators.registry import METHODS
 
 VERSION = 3
+MEASURED = {
+    "time": ("t", "spins", "hamiltonians"),
+    "h": ("error",),
+    "random": ("failed", "error", "drift"),
+    "cost": ("h", "maps", "ns_per_step", "ns_per_time"),
+    "work": ("knob", "error", "seconds", "setup_seconds"),
+}
 
 SIZES = (2, 3, 8, 32)
 EXACT_SIZES = {"quick": (2, 3, 8), "full": SIZES}  # the exact step of 32 spins takes seconds to prepare
@@ -229,7 +237,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     found = {}
     timed = good[good.part == "time"]
     if not timed.empty:
-        worst = timed.groupby(["n", "variant"], sort=False)[["spins", "hamiltonians"]].max().reset_index()
+        worst = timed.groupby(["n", "variant"], sort=False)[["spins", "hamiltonians"]].agg(largest).reset_index()
         worst.insert(2, "length of run", timed.groupby(["n", "variant"], sort=False).t.max().to_numpy())
         found["drift"] = worst
     swept = good[good.part == "h"]
@@ -302,7 +310,7 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from experiments.drawing import style
+    from lagrange_bench.experiments.drawing import style
 
     figures = {}
     if (rows.part == "time").any():

@@ -10,14 +10,16 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from experiments import script
-from experiments.drawing.tables import captioned
-from experiments.measuring import metrics
-from experiments.measuring.states import find, options_of, rounded
-from integrators import prepare
-from integrators.interface import INVARIANTS
+from lagrange_bench.experiments import script
+from lagrange_bench.experiments.drawing.tables import captioned
+from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.experiments.measuring.reductions import largest, worst
+from lagrange_bench.experiments.measuring.states import find, options_of, rounded
+from lagrange_bench.integrators import prepare
+from lagrange_bench.integrators.interface import INVARIANTS
 
 VERSION = 1
+MEASURED = {"": ("n", *INVARIANTS)}
 
 FIGURES = {1: ("figure1", 0.0, 0.02, 1000), 2: ("figure2", 500.0, 5000.0, 4000)}
 TITLES = {1: "steps close together, λ = 0.02i", 2: "steps far apart, λ = 500 + 5000i"}
@@ -63,14 +65,14 @@ def measure(cell: dict) -> list[dict]:
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     good = rows[rows.status == "done"]
-    worst = good.groupby(["figure", "form"], sort=False)[list(INVARIANTS)].agg(lambda e: e.abs().max())
+    most = good.groupby(["figure", "form"], sort=False)[list(INVARIANTS)].agg(largest)
     last = good.groupby(["figure", "form"], sort=False).steps.first()
     caption = "The two runs of the paper's figures: the largest relative error of each invariant, by the way the map is written"
-    return captioned({"invariants": worst.assign(steps=last).reset_index()}, {"invariants": caption})
+    return captioned({"invariants": most.assign(steps=last).reset_index()}, {"invariants": caption})
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from experiments.drawing import style
+    from lagrange_bench.experiments.drawing import style
 
     return {
         "figures": _draw_orbits(rows[rows.status == "done"], style),
@@ -116,8 +118,8 @@ def _draw_drift(rows: pd.DataFrame, style):
         for form, (method, options) in FORMS.items():
             chosen = rows[(rows.figure == figure) & (rows.form == form) & (rows.n > 0)]
             look = style.of("backlund_paper" if options.get("pin") else method)
-            worst = chosen[list(INVARIANTS)].abs().max(axis=1).cummax()
-            ax.loglog(chosen.n, worst.clip(lower=1e-17), **{**look, "marker": "none", "label": form})
+            most = worst(chosen, INVARIANTS).cummax()
+            ax.loglog(chosen.n, most.clip(lower=1e-17), **{**look, "marker": "none", "label": form})
         ax.set_title(TITLES[figure])
         ax.set_xlabel("number of steps")
         style.ulp_line(ax)

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from mpmath import mp
 
-from experiments.drawing import style
-from integrators import prepare
-from integrators.interface import INVARIANTS, Array
-from integrators.paper import (
+from lagrange_bench.experiments.drawing import style
+from lagrange_bench.integrators import prepare
+from lagrange_bench.integrators.interface import INVARIANTS, Array
+from lagrange_bench.integrators.paper import (
     contraction,
     discrete_lax,
     euler_angles,
@@ -28,9 +28,9 @@ from integrators.paper import (
     separation,
     two_point,
 )
-from integrators.paper.phase_space import invariants, vector_field
-from integrators.problem.top import LagrangeTop
-from integrators.truth import exact
+from lagrange_bench.integrators.paper.phase_space import invariants, vector_field
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.truth import exact
 
 Residuals = dict[str, tuple[float, float]]
 

@@ -13,26 +13,45 @@ of winners shows where the border is.
 Every method that takes a potential follows these tops. Part “drift” asks what each keeps of H, J3, C1 and C2. Part
 “order” asks how its error falls with the step. Part “work” asks of the compiled ones what an error costs on runs of 10³ and
 10⁴ units of time. On one top it also has runs of 10⁵, by the methods that are near the first place there. The splitting with
-the exact step races with two of its schemes. Errors are those against the reference in quadruple precision. On a chaotic
-orbit no method follows the exact solution for long: errors are reported up to the time at which an ulp has grown to
-1e-6, drift of the invariants beyond. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
+the exact step races with two of its schemes. Part “tolerance” gives that splitting an error in place of a step, on random tops
+in tides and near charges, and compares the error asked for, the one it expects, and the true one. Errors are those against the
+reference in quadruple precision. On a chaotic orbit no method follows the exact solution for long: errors are reported up to the
+time at which an ulp has grown to 1e-6, drift of the invariants beyond. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations
 
+import random
+import warnings
+
 import numpy as np
 import pandas as pd
 
-from experiments import drift, script, work_precision
-from experiments.drawing.tables import captioned, numbers_in, show
-from experiments.measuring import metrics
-from experiments.measuring.states import affordable, find, interpreted, log_counts, methods_on, rounded, truth
-from integrators import METHODS, prepare
-from integrators.interface import INVARIANTS, Method
-from integrators.problem.potentials import PERTURBED_TOPS
-from integrators.truth import reference
+from lagrange_bench.experiments import drift, script, work_precision
+from lagrange_bench.experiments.drawing.tables import captioned, numbers_in, show
+from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.experiments.measuring.reductions import largest
+from lagrange_bench.experiments.measuring.states import (
+    affordable,
+    find,
+    interpreted,
+    log_counts,
+    methods_on,
+    rounded,
+    truth,
+)
+from lagrange_bench.integrators import METHODS, LagrangeTop, PerturbedTop, StepError, integrate, prepare
+from lagrange_bench.integrators.interface import INVARIANTS, Method, StepWarning
+from lagrange_bench.integrators.problem.potentials import CHARGE, PERTURBED_TOPS, TIDE
+from lagrange_bench.integrators.truth import reference
 
 VERSION = 2
+MEASURED = {
+    "drift": ("t", *INVARIANTS),
+    "order": ("error",),
+    "work": work_precision.MEASURED[""],
+    "tolerance": ("error", "expected"),
+}
 
 STEP = 0.125  # of the drift part
 STEPS = {"quick": 10**4, "full": 10**6}
@@ -49,6 +68,12 @@ GRID = {"quick": (1, 3), "full": (2, 1)}
 LOST = 1e-6  # an ulp has grown to this where a chaotic orbit is given up
 OURS = "backlund_splitting"
 VARIANTS = {OURS: ("strang", "processed6")}  # schemes of one method that race for it
+FIELDS = {"random tides": TIDE, "random charges": CHARGE}  # of the tolerance part
+TOLERANCES = (1e-6, 1e-8)
+LENGTHS = {"quick": (300.0,), "full": (300.0, 3000.0, 10000.0)}  # in time scales of each top
+DRAWS = {"quick": 8, "full": 60}  # tops in each field, for each length and tolerance
+SENSITIVE = 0.01  # of tol: an orbit on which an ulp grows to it is chaotic, and not followed
+ULP, NEAR = 2.0**-52, 2.0**-32  # a neighbour so near shows how an ulp grows
 EPSILON = {"tide_1e-6": 1e-6, "weak_tide": 1e-4, "moderate_tide": 1e-2, "strong_tide": 1e-1}  # of one top in one tide
 
 
@@ -70,7 +95,52 @@ def cells(profile: str) -> list[dict]:
                     continue
                 race = {"timing": True, "part": "work", "method": name, "state": state, **sweep}
                 listed += [{**race, "scheme": scheme} for scheme in VARIANTS.get(name, ())] or [race]
-    return listed
+    tolerance = {"part": "tolerance", "method": OURS, "tops": DRAWS[profile]}
+    return listed + [
+        {**tolerance, "field": field, "span": span, "tol": tol}
+        for field in FIELDS
+        for span in LENGTHS[profile]
+        for tol in TOLERANCES
+    ]
+
+
+def drawn(field: str, number: int) -> tuple[PerturbedTop, np.ndarray]:
+    """A random top, and its state: k log-uniform from 1e-6 to 1e-2; a charge 0.03, 0.1 or 0.3 beyond the sphere of the axis."""
+    draw = random.Random(f"{field} {number}")
+
+    def direction() -> np.ndarray:
+        v = np.array([draw.gauss(0.0, 1.0) for _ in range(3)])
+        return v / np.linalg.norm(v)
+
+    alpha, k, speed = draw.choice((-1.0, 1.0)), 10.0 ** draw.uniform(-6.0, -2.0), draw.choice((0.3, 0.7, 1.0, 2.0))
+    far = draw.choice((1.03, 1.1, 1.3)) if FIELDS[field] is CHARGE else 1.0
+    place, J, x = far * direction(), speed * np.array([draw.gauss(0.0, 1.0) for _ in range(3)]), direction()
+    return PerturbedTop(LagrangeTop(alpha), FIELDS[field], (k, *place.tolist())), np.concatenate((J, x))
+
+
+def to_tolerance(cell: dict) -> list[dict]:
+    """For each top the error and the one expected, or that the run was refused, or is chaotic.
+
+    The truth is Taylor's method, which is within 1e-12 where an ulp stays below 1e-10: the reference would take an hour.
+    """
+    rows: list[dict] = []
+    for number in range(cell["tops"]):
+        top, y0 = drawn(cell["field"], number)
+        time = cell["span"] * top.scales(y0)[2]
+        right, near = (integrate(top, y, t=[time], method="taylor").y for y in (y0, y0 * (1.0 + NEAR)))
+        if ULP / NEAR * metrics.scaled_error(top.top, y0, near, right).max() > SENSITIVE * cell["tol"]:
+            rows.append({"answer": "chaotic", "reason": f"an ulp grows to {SENSITIVE:g} tol"})
+            continue
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", StepWarning)  # of a V that is strong
+                run = integrate(top, y0, t=[time], method=cell["method"], tol=cell["tol"])
+        except StepError as error:
+            rows.append({"answer": "refused", "reason": str(error)})
+            continue
+        true = rounded(float(metrics.scaled_error(top.top, y0, run.y, right)[0]))
+        rows.append({"answer": "given", "error": true, "expected": vars(run.work)["expected"]})
+    return rows
 
 
 def racing(method: Method, state: str, span: float) -> bool:
@@ -79,6 +149,8 @@ def racing(method: Method, state: str, span: float) -> bool:
 
 
 def measure(cell: dict) -> list[dict]:
+    if cell["part"] == "tolerance":
+        return to_tolerance(cell)
     top, y0 = find(cell["state"])
     unit = top.scales(y0)[2]
     if cell["part"] == "drift":
@@ -101,7 +173,8 @@ def measure(cell: dict) -> list[dict]:
 
 def part(rows: pd.DataFrame, name: str) -> pd.DataFrame:
     """The rows of one part that were computed."""
-    return rows[(rows.part == name) & (rows.status == "done")] if "part" in rows else rows[:0]
+    found = rows[(rows.part == name) & (rows.status == "done")] if "part" in rows else rows[:0]
+    return found if "state" in found else found.assign(state=None)  # of the tolerance part alone
 
 
 def claimed(method: str, state: str) -> frozenset[str]:
@@ -114,7 +187,7 @@ def kept(rows: pd.DataFrame) -> pd.DataFrame:
     table = []
     for (state, method), run in part(rows, "drift").groupby(["state", "method"], sort=False):
         top = PERTURBED_TOPS[state].top
-        found = {name: float(run[name].abs().max()) if name in top.conserved else np.nan for name in INVARIANTS}
+        found = {name: largest(run[name]) if name in top.conserved else np.nan for name in INVARIANTS}
         says = ", ".join(name for name in INVARIANTS if name in claimed(method, state))
         table.append({"state": state, "method": method, "steps": int(run.steps.max()), **found, "claimed": says})
     return pd.DataFrame(table)
@@ -124,9 +197,10 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
     """The order of each method on each top, from the steps whose errors are neither round-off nor saturated."""
     table = []
     good = part(rows, "order")
-    good = good[good.error.notna()] if "error" in good else good[:0]
+    if "stopped" in good:
+        good = good[good.stopped.isna()]
     for (state, method), run in good.groupby(["state", "method"], sort=False):
-        floor = max(1e-12, 100 * run.error.min())  # near the separatrix round-off is a hundred times larger
+        floor = max(100 * run.error.min(skipna=False), 1e-12)  # near the separatrix round-off is a hundred times larger
         run = run[(run.error > floor) & (run.error < 1e-3)].sort_values("h")[:4]
         slope = float(np.polyfit(np.log(run.h), np.log(run.error), 1)[0]) if len(run) > 2 else np.nan
         says = METHODS[method].order_for(PERTURBED_TOPS[state].top) if method in METHODS else None
@@ -136,7 +210,8 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
 
 def winners(rows: pd.DataFrame) -> pd.DataFrame:
     """For each run and error the cheapest method, set-up counted, and how many times as long the best of the others takes."""
-    good = work_precision.useful(part(rows, "work")) if "error" in rows and "seconds" in rows else rows[:0]
+    work = part(rows, "work")
+    good = work_precision.useful(work) if "error" in rows and "seconds" in rows else work[:0]
     table = []
     for (span, state), group in good.groupby(["span", "state"], sort=False):
         for target in work_precision.TARGETS[:-1]:
@@ -160,19 +235,47 @@ def winners(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
+def tolerances(rows: pd.DataFrame) -> pd.DataFrame:
+    """For each field, length and error asked for: how many tops were answered, refused and given up, and how well."""
+    table: list[dict] = []
+    found = part(rows, "tolerance")
+    if found.empty:
+        return pd.DataFrame(table)
+    columns = ["field", "span", "tol", "answer", "error", "expected"]  # without the last two if nothing was answered
+    for (field, span, tol), group in found.reindex(columns=columns).groupby(["field", "span", "tol"], sort=False):
+        given = group[group.answer == "given"]
+        near = given.expected.between(0.1 * given.error, 10.0 * given.error)
+        table.append(
+            {
+                "tops in": field,
+                "span": span,
+                "tol": tol,
+                "answered": len(given),
+                "refused": int((group.answer == "refused").sum()),
+                "chaotic": int((group.answer == "chaotic").sum()),
+                "largest error / tol": float(np.max(given.error.to_numpy() / tol, initial=0.0)),
+                "expected within a factor of ten": float(near.mean()) if len(given) else np.nan,
+            }
+        )
+    return pd.DataFrame(table)
+
+
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    made = {"kept": kept(rows), "orders": orders(rows), "winners": winners(rows)}
+    made = {"kept": kept(rows), "orders": orders(rows), "winners": winners(rows), "tolerances": tolerances(rows)}
     captions = {
         "kept": "Tops in a potential: the largest relative error of each invariant that the top has",
         "orders": f"Tops in a potential: orders claimed, and measured as the slope of the error at t = {SPAN:g} against the "
         "step. At these steps some slopes are still below the order. Empty where fewer than three steps tell",
         "winners": "Tops in a potential: the cheapest method, set-up counted, and the best of the others",
+        "tolerances": "The splitting with the exact step, given an error tol in place of a step, on random tops: how many runs "
+        "it answers and refuses, the largest error, and for how many the error expected is within a factor of ten of the true "
+        f"one. Chaotic: an ulp grows to {SENSITIVE:g} tol; these are left out",
     }
     return captioned(made, captions)
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from experiments.drawing import style
+    from lagrange_bench.experiments.drawing import style
 
     figures = {}
     work = part(rows, "work")
@@ -254,7 +357,7 @@ def _draw_order(rows: pd.DataFrame, style):
     style.label_ends(axes)
     fig.caption = (
         f"Error against the step on “{PERTURBED_TOPS[state].label}”, one panel for each family of methods. The slopes are the "
-        "orders; their numbers for all tops are in the table. A cross before a name: the method failed."
+        "orders; their numbers for all tops are in the table. A cross before a name: the method declined the step or failed."
     )
     return fig
 

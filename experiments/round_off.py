@@ -18,23 +18,24 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments import script
-from experiments.drawing.tables import captioned, numbers_in
-from experiments.measuring import metrics, timing
-from experiments.measuring.states import (
+from lagrange_bench.experiments import script
+from lagrange_bench.experiments.drawing.tables import captioned, numbers_in
+from lagrange_bench.experiments.measuring import metrics, timing
+from lagrange_bench.experiments.measuring.reductions import largest, mean_square, worst
+from lagrange_bench.experiments.measuring.states import (
     RANDOM,
     find,
     follow,
     log_counts,
     rounded,
 )
-from integrators import prepare
-from integrators.compiling.compiled import compiled
-from integrators.compiling.loops import MEMORY, NEVER, FixedStepper
-from integrators.interface import Array
-from integrators.problem.units import Units
-from integrators.torus import real_map
-from integrators.torus.real_map import (
+from lagrange_bench.integrators import prepare
+from lagrange_bench.integrators.compiling.compiled import compiled
+from lagrange_bench.integrators.compiling.loops import MEMORY, NEVER, FixedStepper
+from lagrange_bench.integrators.interface import Array
+from lagrange_bench.integrators.problem.units import Units
+from lagrange_bench.integrators.torus import real_map
+from lagrange_bench.integrators.torus.real_map import (
     ALPHA,
     ALPHA_2,
     ETA,
@@ -44,8 +45,8 @@ from integrators.torus.real_map import (
     P3,
     R,
 )
-from integrators.torus.stepper import TorusStepper
-from integrators.truth import exact
+from lagrange_bench.integrators.torus.stepper import TorusStepper
+from lagrange_bench.integrators.truth import exact
 
 VERSION = 3
 
@@ -56,6 +57,8 @@ FRACTION_STEPS = {"quick": 10**4, "full": 10**6}
 LONG = {"quick": 10**6, "full": 10**9}
 LONG_STATE = "generic"
 INVARIANTS = ("H", "C1", "C2")
+ERRORS = ("t", *INVARIANTS, "time", "angle", "error")
+MEASURED = {"drift": ERRORS, "cost": ("ns_per_step", "ns_per_step_median"), "long": ERRORS}
 
 
 # ---------------------------------------------------------------- forms of the Bäcklund step
@@ -352,7 +355,7 @@ def _long(cell: dict) -> list[dict]:
 
 def _heyoka(top, y0) -> Callable[[float], Any]:
     """heyoka carried on from time to time; a last step shortened at each doubling of the time changes nothing of note."""
-    from integrators.methods.taylor import EPS, integrator_here
+    from lagrange_bench.integrators.methods.taylor import EPS, integrator_here
 
     ta = integrator_here(EPS, False)
     ta.time, ta.state[:], ta.pars[0] = 0.0, y0, top.alpha
@@ -380,11 +383,11 @@ def forms(rows: pd.DataFrame) -> pd.DataFrame:
         for name in INVARIANTS:
             errors = group.pivot(index="state", columns="place", values=name).to_numpy()
             growth = metrics.growth_exponent(t, errors)
-            row[f"largest error of {name}"] = float(np.abs(errors).max())
+            row[f"largest error of {name}"] = largest(errors)
             row[f"exponent of {name}"] = growth.p
             row[f"{name} low"], row[f"{name} high"] = growth.low, growth.high
         last = group[group.place == group.place.max()]
-        row["phase error / t"] = float(np.sqrt(np.mean(np.square(last.time / last.t))))
+        row["phase error / t"] = float(np.sqrt(np.mean(np.square((last.time / last.t).to_numpy()))))
         found = cost[(cost.form == form) & (cost.h == h)]
         row["ns per step"] = float(found.ns_per_step.min()) if len(found) else np.nan
         table.append(row)
@@ -394,7 +397,7 @@ def forms(rows: pd.DataFrame) -> pd.DataFrame:
 def long_runs(rows: pd.DataFrame) -> pd.DataFrame:
     """Where the long runs end: time reached in the same wall time, error, invariants."""
     rows = rows[(rows.part == "long") & (rows.status == "done")]
-    last = rows.loc[rows.groupby("method", sort=False).t.idxmax()] if len(rows) else rows
+    last = rows.groupby("method", sort=False).tail(1) if len(rows) else rows  # without rows there are no columns
     return last.reindex(columns=["method", "t", "error", "time", "angle", *INVARIANTS]).reset_index(drop=True)
 
 
@@ -414,7 +417,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from experiments.drawing import style
+    from lagrange_bench.experiments.drawing import style
 
     figures = {}
     if (rows.part == "drift").any():
@@ -429,8 +432,7 @@ def _draw_forms(rows: pd.DataFrame, style):
 
     drift = rows[(rows.part == "drift") & (rows.status == "done") & (rows.h == SIZES[0])].copy()
     drift["place"] = drift.groupby("key", sort=False).cumcount()
-    drift["worst"] = drift[list(INVARIANTS)].abs().max(axis=1)
-    drift["casimirs"] = drift[["C1", "C2"]].abs().max(axis=1)
+    drift["worst"], drift["casimirs"] = worst(drift, INVARIANTS), worst(drift, ("C1", "C2"))
     panels = {  # of which method, what, its name, title
         "upper left": ("backlund", "worst", "largest error of H, C1, C2", "Bäcklund, exact λ(h)"),
         "upper right": ("backlund", "time", "phase (time) error", "Bäcklund, exact λ(h): phase"),
@@ -445,7 +447,7 @@ def _draw_forms(rows: pd.DataFrame, style):
         names = [form for form in FORMS if FORMS[form][0] == of and (drift.form == form).any()]
         for i, form in enumerate(names):
             run = drift[drift.form == form]
-            rms = np.sqrt(run[what].pow(2).groupby(run.place).mean())
+            rms = np.sqrt(mean_square(run[what], run.place))
             pinned = form.startswith("pinned")
             look = {
                 "color": shades[pinned](0.5 + 0.05 * i if pinned else 0.7 * i / len(names)),
@@ -476,9 +478,9 @@ def _draw_long(rows: pd.DataFrame, style):
     rows = rows[rows.status == "done"]
     for name in style.ordered(rows.method) if len(rows) else ():  # one cell measures them all: it failed as a whole
         run = rows[rows.method == name].sort_values("t")
-        worst = run[list(INVARIANTS)].abs().max(axis=1)
+        most = worst(run, INVARIANTS)
         left.loglog(run.t, run.error, **style.of(name))
-        right.loglog(run.t, worst.where(worst > 0), **style.of(name))
+        right.loglog(run.t, most.where(most > 0), **style.of(name))
     left.set_ylabel("error against the exact solution")
     right.set_ylabel("worst error of H, C1, C2")
     for ax in (left, right):

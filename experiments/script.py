@@ -1,4 +1,4 @@
-"""`python -m experiments.NAME` does what `lagrange-bench run NAME` does."""
+"""`python experiments/NAME.py` does what `lagrange-bench run NAME` does."""
 
 from __future__ import annotations
 

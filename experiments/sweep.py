@@ -18,23 +18,30 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments import SWEEP
-from experiments.measuring import metrics, truths
-from experiments.measuring.states import find, follow, rounded
-from integrators import INVARIANTS, PerturbedTop, StepError, memory, prepare
-from integrators.api import integrate
-from integrators.checks import MOST, check_count, check_options, check_real, check_state, check_step
-from integrators.files import read_toml
-from integrators.interface import Array, Method
-from integrators.problem.rotated import evaluate_for, prepare_for
-from integrators.problem.top import LagrangeTop
-from integrators.registry import NAMED_TOPS, NotInstalled, find_method, find_potential, find_stored_method
-from integrators.words import numbers, option, suggestion
+from lagrange_bench.experiments import SWEEP
+from lagrange_bench.experiments.measuring import metrics, truths
+from lagrange_bench.experiments.measuring.states import find, follow, rounded
+from lagrange_bench.integrators import INVARIANTS, PerturbedTop, StepError, memory, prepare
+from lagrange_bench.integrators.api import integrate
+from lagrange_bench.integrators.checks import MOST, check_count, check_options, check_real, check_state, check_step
+from lagrange_bench.integrators.files import read_toml
+from lagrange_bench.integrators.interface import Array, Method
+from lagrange_bench.integrators.problem.rotated import evaluate_for, prepare_for
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.registry import (
+    NAMED_TOPS,
+    NotInstalled,
+    find_method,
+    find_potential,
+    find_stored_method,
+)
+from lagrange_bench.integrators.words import numbers, option, suggestion
 
 if TYPE_CHECKING:
     import pandas as pd
 
 VERSION = 2
+MEASURED = {"": ("t", "H", "C1", "C2")}  # J3 and the error only where the top and the truth have them
 TIMES = ("seconds",)  # columns that no two runs have in common
 
 KNOBS = ("h", "tol", "rtol")
@@ -309,7 +316,15 @@ def module(experiment: str) -> ModuleType:
             raise ValueError(f"the cells of {experiment} are in a TOML file: lagrange-bench run FILE.toml")
         return _cells[experiment]
 
-    parts = {"VERSION": VERSION, "TIMES": TIMES, "cells": cells, "measure": measure, "draw": draw, "tables": tables}
+    parts = {
+        "VERSION": VERSION,
+        "TIMES": TIMES,
+        "MEASURED": MEASURED,
+        "cells": cells,
+        "measure": measure,
+        "draw": draw,
+        "tables": tables,
+    }
     vars(made).update(parts, __file__=__file__)
     return made
 
@@ -367,15 +382,17 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """The largest error and drift of each run."""
     import pandas as pd
 
+    from lagrange_bench.experiments.measuring.reductions import largest
+
     table = []
     for cell, run in _runs(rows):
-        worst = run[list(INVARIANTS)].abs().max() if cell["status"] == "done" else pd.Series(dtype=float)
+        most = {name: largest(run[name]) for name in INVARIANTS} if cell["status"] == "done" else {}
         found: dict[str, Any] = {"error at the end": np.nan, "largest error": np.nan, "seconds": np.nan}
         if cell["status"] == "done":
-            ends = {"error at the end": run.error.iloc[-1], "largest error": run.error.max()}
+            ends = {"error at the end": run.error.iloc[-1], "largest error": largest(run.error)}
             found = {**ends, "seconds": run.seconds.iloc[-1]}
         head = {name: cell.get(name, np.nan) for name in ("top", "method", "options", *KNOBS)}
-        drift = {f"drift of {name}": worst.get(name, np.nan) for name in INVARIANTS}
+        drift = {f"drift of {name}": most.get(name, np.nan) for name in INVARIANTS}
         table.append({**head, **found, **drift, "failure": cell["failure"] or ""})
     made = pd.DataFrame(table).dropna(axis=1, how="all")
     made = made.drop(columns=[name for name in ("options", "failure") if name in made and not made[name].any()])
@@ -422,6 +439,11 @@ def _series(cell: Cell) -> tuple[str, str, str]:
     return cell["top"], cell["method"], cell["options"]
 
 
+def _conserved(run: pd.DataFrame) -> list[str]:
+    """The invariants of the top of a run: J3 has no number where the field does not conserve it."""
+    return [name for name in INVARIANTS if run[name].notna().any()]
+
+
 def _rank(cell: Cell) -> tuple[bool, float]:
     """A cell that is done comes before one that failed, and then the finer one."""
     return cell["status"] != "done", min(abs(cell[knob]) for knob in KNOBS if knob in cell)
@@ -429,7 +451,7 @@ def _rank(cell: Cell) -> tuple[bool, float]:
 
 def _panels(runs: list[tuple[Cell, pd.DataFrame]], xlabel: str) -> tuple[Any, dict[str, Any]]:
     """A figure with a row for each top: errors on the left, invariants on the right."""
-    from experiments.drawing import style
+    from lagrange_bench.experiments.drawing import style
 
     tops = list(dict.fromkeys(cell["top"] for cell, _ in runs))
     figure, axes = style.figure("page", 0.4 + 2.3 * len(tops), nrows=len(tops), ncols=2, sharex=True, squeeze=False)
@@ -446,7 +468,7 @@ def _panels(runs: list[tuple[Cell, pd.DataFrame]], xlabel: str) -> tuple[Any, di
 
 def _looks(runs: list[tuple[Cell, pd.DataFrame]]) -> dict[tuple[str, str], dict[str, Any]]:
     """Method and options → keywords of a line; the options of one method differ by their dashes."""
-    from experiments.drawing import style
+    from lagrange_bench.experiments.drawing import style
 
     looks: dict[tuple[str, str], dict[str, Any]] = {}
     for method in style.ordered({cell["method"] for cell, _ in runs}):
@@ -464,7 +486,7 @@ def _looks(runs: list[tuple[Cell, pd.DataFrame]]) -> dict[tuple[str, str], dict[
 
 def _label(name: str) -> str:
     """What a legend calls a method; one of `module:METHOD` by its own label, if it is loaded."""
-    from experiments.drawing import style
+    from lagrange_bench.experiments.drawing import style
 
     if ":" in name:
         with suppress(ValueError):
@@ -479,7 +501,8 @@ def _line(ax: Any, x: Any, y: Any, look: dict[str, Any]) -> None:
 
 
 def _draw_time(runs: list[tuple[Cell, pd.DataFrame]], truth: str) -> Any:
-    from experiments.drawing import style
+    from lagrange_bench.experiments.drawing import style
+    from lagrange_bench.experiments.measuring.reductions import worst
 
     figure, panels = _panels(runs, style.TIME)
     looks = _looks(runs)
@@ -488,19 +511,21 @@ def _draw_time(runs: list[tuple[Cell, pd.DataFrame]], truth: str) -> Any:
             style.failed_label(panels[cell["top"]][0], cell["method"], _label(cell["method"]))
             continue
         look = {**looks[cell["method"], cell["options"]], "marker": "none"}
-        for ax, values in zip(panels[cell["top"]], (run.error, run[list(INVARIANTS)].abs().max(axis=1)), strict=True):
+        for ax, values in zip(panels[cell["top"]], (run.error, worst(run, _conserved(run))), strict=True):
             _line(ax, run.t, values, look)
     style.legend_below(figure)
     figure.caption = (
         f"Error against {truth}, relative to the scales of J and x, and the largest of the relative drifts of H, "
-        "J3, C1 and C2, against time: each method at the smallest step or tolerance at which it did not fail. Values that are "
-        "exactly zero are left out; the grey line is the spacing of doubles at 1. A cross before a name: the method failed."
+        "J3, C1 and C2, against time: each method at the smallest step or tolerance at which it has a result. Values that are "
+        "exactly zero are left out; the grey line is the spacing of doubles at 1. "
+        "A cross before a name: the method declined the step or failed."
     )
     return figure
 
 
 def _draw_knob(runs: list[tuple[Cell, pd.DataFrame]], knob: str, truth: str) -> Any:
-    from experiments.drawing import style
+    from lagrange_bench.experiments.drawing import style
+    from lagrange_bench.experiments.measuring.reductions import largest
 
     texts = {"h": style.STEP, "tol": "tolerance", "rtol": "relative tolerance"}
     figure, panels = _panels(runs, texts[knob])
@@ -508,7 +533,7 @@ def _draw_knob(runs: list[tuple[Cell, pd.DataFrame]], knob: str, truth: str) -> 
     failed: dict[tuple[str, str], list[float]] = {}
     for cell, run in runs:
         if cell["status"] == "done":
-            found = (abs(cell[knob]), run.error.max(), run[list(INVARIANTS)].abs().max(axis=None))
+            found = (abs(cell[knob]), largest(run.error), largest(run[_conserved(run)]))
             points.setdefault(_series(cell), []).append(found)
         else:
             failed.setdefault((cell["top"], cell["method"]), []).append(abs(cell[knob]))
@@ -522,6 +547,7 @@ def _draw_knob(runs: list[tuple[Cell, pd.DataFrame]], knob: str, truth: str) -> 
     style.legend_below(figure)
     figure.caption = (
         f"Largest error against {truth} among the recorded states, relative to the scales of J and x, and the "
-        f"largest relative drift of H, J3, C1 and C2, against the {texts[knob].split(' h ')[0]}. Crosses: failed."
+        f"largest relative drift of H, J3, C1 and C2, against the {texts[knob].split(' h ')[0]}. "
+        "Crosses: the method declined the step or failed."
     )
     return figure

@@ -17,10 +17,10 @@ from time import perf_counter
 import numpy as np
 import pandas as pd
 
-from experiments import script
-from experiments.drawing.tables import captioned, show
-from experiments.measuring import metrics, timing
-from experiments.measuring.states import (
+from lagrange_bench.experiments import script
+from lagrange_bench.experiments.drawing.tables import captioned, show
+from lagrange_bench.experiments.measuring import metrics, timing
+from lagrange_bench.experiments.measuring.states import (
     KNOBS,
     find,
     knobs,
@@ -30,12 +30,13 @@ from experiments.measuring.states import (
     sample,
     truth,
 )
-from integrators import METHODS, prepare
-from integrators.interface import StepError
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.top import TOPS
+from lagrange_bench.integrators import METHODS, prepare
+from lagrange_bench.integrators.interface import StepError
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.top import TOPS
 
 VERSION = 3
+MEASURED = {"": ("error", "seconds", "setup_seconds", "steps", "evals", "iterations")}
 
 # span: (states, steps to an octave, decades of tolerance between two, longest run in s)
 SPANS: dict[str, dict[float, tuple[tuple[str, ...], int, int, float]]] = {
@@ -283,7 +284,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from experiments.drawing import style
+    from lagrange_bench.experiments.drawing import style
 
     good = useful(rows)
     if good.empty:

@@ -1,142 +1,217 @@
 """How a claim is checked against stored rows; `promises` has the claims themselves.
 
-A check is a function of one experiment's rows. A claim is confirmed or refuted by the runs it is about. Where these are
-missing it is consistent with shorter ones, or not tested; a cell that failed refutes every claim about it.
+A claim is a sentence and the bounds it sets. Each bound names the rows it is about. If all of them are stored, it is confirmed or
+refuted. If some are missing, the others can agree with it, or refute it by failing, but not decide it. One that failed
+refutes it: an accident, a step that a method declined, or NaN in a row that is done.
 """
 
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
-from experiments import PROFILES
-from experiments.catalogue import load
-from experiments.drawing import tables
+from lagrange_bench.experiments import PROFILES
+from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
+from lagrange_bench.experiments.drawing.tables import show
+from lagrange_bench.experiments.measuring.reductions import settled
 
-SIGNS = {operator.le: "≤", operator.ge: "≥"}
+SIGNS: dict[str, Callable[[float, float], bool]] = {
+    "≤": operator.le,
+    "<": operator.lt,
+    "≥": operator.ge,
+    ">": operator.gt,
+}
+GROUPS = ("exactness", "conservation", "cost", "fields", "magnets", "method")
 CONFIRMED, CONSISTENT, REFUTED, UNTESTED = "confirmed", "consistent", "refuted", "not tested"
 WORDS = (CONFIRMED, CONSISTENT, REFUTED, UNTESTED)
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What a check found. `passed` None: there is nothing to judge by, `note` says why."""
-
-    value: Any
-    bound: Any
-    passed: bool | None
-    note: str = ""
-    over: str = ""  # what was found under other conditions than those of the bound, in short
-    sign: str = "≤"  # of the bound: value sign bound is what the claim requires
-    short: str = ""  # which of the claim's runs are missing, where shorter ones were judged instead
-
-    @property
-    def word(self) -> str:
-        if self.passed is None:
-            return UNTESTED
-        return (CONSISTENT if self.short else CONFIRMED) if self.passed else REFUTED
-
-
-Check = Callable[[pd.DataFrame], Verdict]
-Need = Callable[[pd.DataFrame], str]  # which runs are missing in rows, or in the cells of a profile; "" if none is
-
-
-def nothing(rows: pd.DataFrame) -> str:
-    """The need of a claim that every profile has the runs for."""
-    return ""
-
-
-def steps(length: int) -> Need:
-    """Runs of at least so many steps."""
-    missing = f"no run of {tables.show(length)} steps is stored"
-    return lambda rows: "" if (_column(rows, "steps") >= length).any() else missing
-
-
-def spans(*lengths: float) -> Need:
-    """Runs of each of these lengths."""
-
-    def missing(rows: pd.DataFrame) -> str:
-        absent = sorted(set(lengths) - set(_column(rows, "span")))
-        return f"no run up to t = {tables.show(absent[0])} is stored" if absent else ""
-
-    return missing
-
-
-def tops(*names: str) -> Need:
-    """Runs on each of these tops."""
-
-    def missing(rows: pd.DataFrame) -> str:
-        absent = [name for name in names if name not in set(_column(rows, "state"))]
-        return f"no run of the top {absent[0]} is stored" if absent else ""
-
-    return missing
-
-
-def _column(rows: pd.DataFrame, name: str) -> pd.Series:
-    return rows[name] if name in rows else pd.Series(dtype=float)
-
-
-@dataclass(frozen=True)
-class Claim:
-    """One sentence of the README or the paper, and how to check it."""
-
-    id: str
-    text: str
-    experiment: str
-    check: Check
-    needs: Need = nothing  # the runs it is about; without them there is no data
-    brief: str = ""  # the sentence in at most fifteen words, for the README; "" where it is not among those named there
-    unit: str = ""  # of what is found and required
-    about: tuple[str, ...] = ()  # the methods whose panels on the page show it
-
-    @property
-    def profile(self) -> str:
-        """The smallest profile that has the runs it is about."""
-        if self.needs is nothing:
-            return PROFILES[0]
-        cells = load(self.experiment).cells
-        return next((p for p in PROFILES if not self.needs(pd.DataFrame(cells(p)))), PROFILES[-1])
 
 
 class NoData(LookupError):
     """The rows a claim needs are not there; the message says which."""
 
 
-class CellFailed(RuntimeError):
-    """A claim is about cells that failed: it does not hold."""
+class Refuted(RuntimeError):
+    """A claim does not hold, whatever the other numbers are: a row it is about failed, for instance."""
+
+
+class Found(NamedTuple):
+    """All numbers that a bound is about, and which is the worst."""
+
+    values: ArrayLike
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """What one number of a claim must be.
+
+    Attributes
+    ----------
+    measure : the measured columns, whose absolute values count, or a function of all rows of the experiment. Every value that it
+        gives has to satisfy the bound.
+    where : the rows it is about: field → its value, or a tuple of all values it must have.
+    steps : the length that the longest of these runs must have. what : which of the claim's numbers this is.
+    ranged : show the least and the largest value, not the worst alone.
+    """
+
+    measure: tuple[str, ...] | Callable[[pd.DataFrame], Found | ArrayLike]
+    sign: str
+    limit: float
+    unit: str = ""
+    where: Mapping[str, Any] = field(default_factory=dict)
+    steps: int = 0
+    what: str = ""
+    ranged: bool = False
+
+    def missing(self, rows: pd.DataFrame) -> str:
+        """Which of its runs are not among these rows, or the cells of a profile; "" if none is."""
+        here = select(rows, **{name: wanted for name, wanted in self.where.items() if name in rows})
+        for name, wanted in self.where.items():
+            if name in here and (absent := [value for value in _all(wanted) if value not in set(here[name])]):
+                return f"no run with {name} = {show(absent[0])} is stored"
+        if self.steps and not ("steps" in here and (here["steps"] >= self.steps).any()):
+            return f"no run of {show(self.steps)} steps is stored"
+        return ""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What was found for one bound. `passed` None: it decides nothing, and `note` says why."""
+
+    bound: Bound
+    values: tuple[float, float] | None = None  # the least and the largest
+    passed: bool | None = None
+    note: str = ""
+    short: str = ""  # which of its runs are missing, where others were judged instead
+
+    @property
+    def value(self) -> float | None:
+        """The worst value."""
+        return None if self.values is None else self.values[self.bound.sign in "≤<"]
+
+    @property
+    def measured(self) -> str:
+        """The worst value or the range, for a reader."""
+        if self.values is None:
+            return ""
+        least, most = map(show, self.values)
+        number = f"{least}–{most}" if self.bound.ranged and least != most else show(self.value)
+        return _joined(self.bound.what and f"{self.bound.what}:", number, self.bound.unit)
+
+    @property
+    def required(self) -> str:
+        return f"{self.bound.sign} {show(self.bound.limit)}"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the checks of a claim found."""
+
+    findings: tuple[Finding, ...]
+
+    @property
+    def word(self) -> str:
+        passed = [finding.passed for finding in self.findings]
+        if False in passed:
+            return REFUTED
+        if True not in passed:
+            return UNTESTED
+        return CONSISTENT if None in passed or self.short else CONFIRMED
+
+    @property
+    def short(self) -> str:
+        """Which runs of the claim are missing."""
+        return next((finding.short for finding in self.findings if finding.short), "")
+
+    @property
+    def measured(self) -> str:
+        return "; ".join(finding.measured for finding in self.findings if finding.measured)
+
+    @property
+    def required(self) -> str:
+        return "; ".join(finding.required for finding in self.findings)
+
+    @property
+    def note(self) -> str:
+        short = f"{self.short}, judged by others" if self.short and self.word != UNTESTED else ""
+        return "; ".join(dict.fromkeys(filter(None, (short, *(finding.note for finding in self.findings)))))
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One sentence of the README or the paper, and what it requires of the stored rows."""
+
+    id: str
+    group: str
+    text: str
+    experiment: str
+    bounds: tuple[Bound, ...]
+    brief: str = ""  # the sentence in at most fifteen words, for the README; "" where it is not among those named there
+    about: tuple[str, ...] = ()  # the methods whose panels on the page show it
+
+    @property
+    def profile(self) -> str:
+        """The smallest profile that has the runs it is about."""
+        cells = load_stored(self.experiment).cells
+        planned = ((profile, pd.DataFrame(cells(profile))) for profile in PROFILES)
+        return next((p for p, rows in planned if not any(b.missing(rows) for b in self.bounds)), PROFILES[-1])
 
 
 def judge(claim: Claim, rows: pd.DataFrame) -> tuple[Verdict, str | None]:
-    """The verdict on a claim, and what went wrong in the check itself (None: nothing)."""
+    """The verdict on a claim, and what went wrong in a check itself (None: nothing)."""
     if rows.empty:
-        return Verdict(None, None, None, f"nothing of {claim.experiment} is stored"), None
-    missing_runs = claim.needs(rows)
+        return Verdict(tuple(Finding(b, note=f"nothing of {claim.experiment} is stored") for b in claim.bounds)), None
+    rows = settled(rows, measured(claim.experiment))
+    found = [_judge(bound, rows) for bound in claim.bounds]
+    errors = (f"claim {claim.id}: {error}" for _, error in found if error)
+    return Verdict(tuple(finding for finding, _ in found)), next(errors, None)
+
+
+def measured(experiment: str) -> Mapping[str, tuple[str, ...]]:
+    """The numbers that every row of an experiment has, by part; none are known of an experiment that is not here."""
     try:
-        verdict = claim.check(rows)
+        return getattr(load_stored(experiment), "MEASURED", {})
+    except UnknownExperiment:
+        return {}
+
+
+def _judge(bound: Bound, rows: pd.DataFrame) -> tuple[Finding, str | None]:
+    short = ""
+    try:
+        short = bound.missing(rows)
+        found = _found(bound, rows)
     except NoData as missing:
-        return Verdict(None, None, None, missing_runs or str(missing)), None
+        return Finding(bound, note=short or str(missing)), None
+    except Refuted as failure:
+        return Finding(bound, None, False, str(failure)), None
     except KeyError as missing:
-        return Verdict(None, None, None, f"{claim.experiment} has no column {missing}"), None
+        return Finding(bound, note=f"no column {missing}"), None
     except Exception as error:  # a mistake in one check must not take the page with it
-        if missing_runs:
-            return Verdict(None, None, None, missing_runs), None
         reason = f"{type(error).__name__}: {error}"
-        return Verdict(None, None, None, f"the check itself failed: {reason}"), f"claim {claim.id}: {reason}"
-    passed = verdict.passed
-    if missing_runs and (passed or verdict.value is not None):
-        # shorter runs can agree with a claim, but not refute it unless they failed; what they found is shown
-        note = f"{missing_runs}, judged by shorter ones"
-        verdict = replace(verdict, note="; ".join(filter(None, (note, verdict.note))), short=missing_runs)
-        passed = passed or None
-    return replace(verdict, passed=None if passed is None else bool(passed)), None  # a NumPy bool is not a bool
+        return Finding(bound, note=short or f"the check itself failed: {reason}"), None if short else reason
+    numbers = np.asarray(found.values, dtype=float)
+    passed: bool | None = all(SIGNS[bound.sign](float(number), bound.limit) for number in numbers.flat)
+    if short and not passed and np.all(np.isfinite(numbers)):
+        passed = None  # other runs than those of the claim can agree with it, but not refute it unless they failed
+    return Finding(bound, (float(np.min(numbers)), float(np.max(numbers))), passed, found.note, short), None
 
 
-# ---------------------------------------------------------------- checks to choose from
+def _found(bound: Bound, rows: pd.DataFrame) -> Found:
+    """The numbers that a bound is about."""
+    covered = _sound(select(rows, **bound.where), bound.where)
+    if callable(bound.measure):
+        found = bound.measure(rows)
+        return found if isinstance(found, Found) else Found(found)
+    return Found(np.abs(values(covered, *bound.measure)))
+
+
+# ---------------------------------------------------------------- rows to measure
 
 
 def values(rows: pd.DataFrame, *columns: str, **where: Any) -> np.ndarray:
@@ -144,21 +219,12 @@ def values(rows: pd.DataFrame, *columns: str, **where: Any) -> np.ndarray:
 
     Raises
     ------
-    NoData : no such rows or column. CellFailed : a cell they would come from failed.
+    NoData : no such rows or column. Refuted : a cell they would come from failed.
     """
-    chosen = select(rows, **where)
-    if chosen.empty:
-        raise NoData("no rows" + (f" with {_said(where)}" if where else ""))
-    failed = chosen[_failed(chosen)]
-    if len(failed):
-        raise CellFailed(f"{len(failed)} of {len(chosen)} failed: {failed['failure'].iloc[0]}")
+    chosen = _sound(select(rows, **where), where)
     if missing := [name for name in columns if name not in chosen]:
         raise NoData(f"no column {missing[0]!r}")
     return np.asarray(chosen[list(columns)], dtype=float)
-
-
-def _failed(rows: pd.DataFrame) -> pd.Series:
-    return rows["status"] == "failed" if "status" in rows else pd.Series(False, index=rows.index)
 
 
 def select(rows: pd.DataFrame, **where: Any) -> pd.DataFrame:
@@ -167,43 +233,35 @@ def select(rows: pd.DataFrame, **where: Any) -> pd.DataFrame:
     for name, wanted in where.items():
         if name not in rows:
             raise NoData(f"no column {name!r}")
-        hit = rows[name].isin(wanted if isinstance(wanted, (tuple, list, set)) else [wanted])
-        keep &= hit | (_failed(rows) & rows[name].isna())
+        keep &= rows[name].isin(_all(wanted)) | (_failed(rows) & rows[name].isna())
     return rows[keep]
 
 
-def within(bound: float, *columns: str, **where: Any) -> Check:
-    """Every |value| of the columns is ≤ bound; NaN is not."""
-    return compare(lambda rows: float(np.max(np.abs(values(rows, *columns, **where)))), operator.le, bound)
+def _sound(chosen: pd.DataFrame, where: Mapping[str, Any]) -> pd.DataFrame:
+    """The chosen rows, if there are any and none of them failed."""
+    if chosen.empty:
+        said = ", ".join(f"{name} = {wanted}" for name, wanted in where.items())
+        raise NoData("no rows" + (f" with {said}" if said else ""))
+    failed = chosen[_failed(chosen)]
+    if len(failed):
+        raise Refuted(f"{len(failed)} of {len(chosen)} failed: {failed['failure'].iloc[0]}")
+    return chosen
 
 
-def at_most(bound: float, *columns: str, **where: Any) -> Check:
-    """Every value of the columns is ≤ bound; NaN is not."""
-    return compare(lambda rows: float(np.max(values(rows, *columns, **where))), operator.le, bound)
+def _failed(rows: pd.DataFrame) -> pd.Series:
+    return rows["status"] == "failed" if "status" in rows else pd.Series(False, index=rows.index)
 
 
-def at_least(bound: float, *columns: str, **where: Any) -> Check:
-    """Every value of the columns is ≥ bound; NaN is not."""
-    return compare(lambda rows: float(np.min(values(rows, *columns, **where))), operator.ge, bound)
+def _all(wanted: Any) -> list[Any]:
+    return list(wanted) if isinstance(wanted, (tuple, list, set)) else [wanted]
 
 
-def on(derive: Callable[[pd.DataFrame], pd.DataFrame], check: Check) -> Check:
-    """The check of what an experiment makes of its rows, a table of it for instance."""
-    return lambda rows: check(derive(rows))
+def _joined(*words: str) -> str:
+    return " ".join(filter(None, words)).replace(" ×", "×")
 
 
-def compare(measure: Callable[[pd.DataFrame], float], holds: Callable[..., bool], bound: float) -> Check:
-    """The check `holds(measure(rows), bound)`; a failed cell refutes it."""
-
-    def check(rows: pd.DataFrame) -> Verdict:
-        try:
-            value = measure(rows)
-        except CellFailed as failure:
-            return Verdict(None, bound, False, str(failure), sign=SIGNS[holds])
-        return Verdict(value, bound, bool(holds(value, bound)), sign=SIGNS[holds])
-
-    return check
-
-
-def _said(where: dict[str, Any]) -> str:
-    return ", ".join(f"{name} = {wanted}" for name, wanted in where.items())
+def grouped(judged: list[Any]) -> Iterator[tuple[str, list[Any]]]:
+    """(group, the judged claims in it), for those groups that have any."""
+    for group in GROUPS:
+        if mine := [each for each in judged if each.claim.group == group]:
+            yield group, mine

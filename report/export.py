@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pandas as pd
 
-from experiments import EXPERIMENTS
-from experiments.catalogue import UnknownExperiment, load_stored
-from experiments.drawing import figures, style
-from integrators.files import write_file
-from integrators.words import suggestion
-from report import origin, sections
-from results.choice import ALL, Choice
-from results.store import Store
+from lagrange_bench.experiments import EXPERIMENTS
+from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
+from lagrange_bench.experiments.drawing import figures, style
+from lagrange_bench.integrators.files import write_file
+from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.report import origin, sections
+from lagrange_bench.results.choice import ALL, Choice
+from lagrange_bench.results.store import Store
 
 Write = Callable[[Path, bytes], object]
 

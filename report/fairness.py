@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from experiments.cost import quickest
-from experiments.drawing import tables
-from experiments.measuring.states import methods_on
-from integrators.compiling.compiled import OPTIONS
-from integrators.interface import Method
+from lagrange_bench.experiments.cost import quickest
+from lagrange_bench.experiments.drawing import tables
+from lagrange_bench.experiments.measuring.states import methods_on
+from lagrange_bench.integrators.compiling.compiled import OPTIONS
+from lagrange_bench.integrators.interface import Method
 
 ENGINES = {
     "numba": "compiled here (Numba)",
@@ -44,7 +44,9 @@ def _part(rows: pd.DataFrame, part: str) -> pd.DataFrame:
 
 
 def _rules(records: dict[str, Method], step: pd.DataFrame, setup: str, work: pd.DataFrame) -> list[tuple[str, str]]:
-    from integrators.methods.backlund_splitting import PIN_EVERY  # compiles: not for who only imports this
+    from lagrange_bench.integrators.methods.backlund_splitting import (
+        PIN_EVERY,  # compiles: not for who only imports this
+    )
 
     engines = [record.engine for record in records.values()]
     many = ", ".join(f"{engines.count(e)} {text}" for e, text in ENGINES.items() if e in engines)

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import pandas as pd
 
-from experiments.measuring.states import CLOSE, RANDOM, WIDE
-from integrators.interface import INVARIANTS, Method
-from integrators.problem.potentials import PERTURBED_TOPS
-from integrators.problem.top import TOPS
-from integrators.registry import METHODS, POTENTIALS, POTENTIALS_BUILT_IN
+from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, WIDE
+from lagrange_bench.integrators.interface import INVARIANTS, Method
+from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
+from lagrange_bench.integrators.problem.top import TOPS
+from lagrange_bench.integrators.registry import METHODS, POTENTIALS, POTENTIALS_BUILT_IN
 
 TAKES = {
     "linear": "uniform field",
     "quadratic": "quadratic potentials",
-    "smooth": "smooth potentials",
+    "smooth": "any smooth problem",
     "force": "any potential",
+    "rhs": "any problem",
+    "parts": "any problem of parts with closed flows",
+    "kinetic": "any problem c |J|² + U(t, x)",
 }
-DRAWN = {  # of `experiments.measuring.states`, by the first word of their names
+DRAWN = {  # of `lagrange_bench.experiments.measuring.states`, by the first word of their names
     RANDOM: "generic: α from 0.3 to 2, each J from −2 to 2, |x| from 0.5 to 2, drawn at random",
     CLOSE: "on the separatrix but for 10⁻⁸ to 10⁻¹ of J, drawn at random",
     WIDE: "of every kind: α of either sign, |J|²/(|α||x|) from 10⁻³ to 10³, drawn at random",

@@ -11,11 +11,11 @@ from types import ModuleType
 
 import pandas as pd
 
-from experiments import PROFILES, SWEEP
-from experiments.catalogue import load_stored
-from results import provenance
-from results.choice import ALL, Choice
-from results.store import Record, _canonical, clean, default_results
+from lagrange_bench.experiments import PROFILES, SWEEP
+from lagrange_bench.experiments.catalogue import load_stored
+from lagrange_bench.results import provenance
+from lagrange_bench.results.choice import ALL, Choice
+from lagrange_bench.results.store import Record, _canonical, clean, default_results
 
 
 @dataclass(frozen=True)

@@ -22,17 +22,17 @@ import jinja2
 import pandas as pd
 from markupsafe import Markup, escape
 
-from experiments import EXPERIMENTS
-from experiments.drawing import figures, tables
-from experiments.measuring import errata
-from integrators.files import write_file
-from report import claims, fairness, lists, live, origin, panels, promises, summary
-from report.origin import PUBLISHED, Origin
-from report.sections import Drawn, Section, draw_all, said, stored_rows
-from report.sections import write as write_section
-from results import sources
-from results.choice import ALL, Choice
-from results.store import Store
+from lagrange_bench.experiments import EXPERIMENTS
+from lagrange_bench.experiments.drawing import figures, tables
+from lagrange_bench.experiments.measuring import errata
+from lagrange_bench.integrators.files import write_file
+from lagrange_bench.report import claims, fairness, lists, live, origin, panels, promises, summary
+from lagrange_bench.report.origin import PUBLISHED, Origin
+from lagrange_bench.report.sections import Drawn, Section, draw_all, place, said, stored_rows
+from lagrange_bench.report.sections import write as write_section
+from lagrange_bench.results import sources
+from lagrange_bench.results.choice import ALL, Choice
+from lagrange_bench.results.store import Store
 
 HERE = Path(__file__).parent
 HEADLINE = "phase"  # error against the step: what is new here, in one figure
@@ -72,10 +72,17 @@ class Report:
     panels: str = ""  # the data of the panels of the methods
 
     @property
-    def judged(self) -> int:
-        """How many methods have rows that the exact solution judges."""
-        rows = [section.rows for section in self.sections if section.experiment not in ("perturbed", "gaudin")]
-        return len({name for some in rows for name in some.get("method", ()) if isinstance(name, str)})
+    def integrators(self) -> tuple[int, int, int]:
+        """How many methods have rows of a top; of these, in a uniform field, and in a potential."""
+        names: dict[str, set[str]] = {"uniform": set(), "potential": set()}
+        for section in self.sections:
+            if section.experiment != "gaudin":  # its methods follow magnets
+                rows = section.rows
+                field = rows.get("potential", pd.Series(section.experiment == "perturbed" or None, rows.index)).notna()
+                for kind, chosen in (("uniform", ~field), ("potential", field)):
+                    found = rows.get("method", pd.Series(dtype=object))[chosen] if len(rows) else ()
+                    names[kind] |= {name for name in found if isinstance(name, str)}
+        return len(names["uniform"] | names["potential"]), len(names["uniform"]), len(names["potential"])
 
 
 # ---------------------------------------------------------------- what others call
@@ -153,7 +160,7 @@ def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> tuple[li
     judged, errors = [], []
     for claim in promises.CLAIMS:
         verdict, error = claims.judge(claim, rows.get(claim.experiment, pd.DataFrame()))
-        wanted = source.reaching(claim.profile) if verdict.passed is None or verdict.short else source
+        wanted = source.reaching(claim.profile) if verdict.word in (claims.UNTESTED, claims.CONSISTENT) else source
         judged.append(Judged(claim, verdict, Section(claim.experiment, origin=wanted).again))
         errors += [error] if error else []
     return judged, errors
@@ -198,7 +205,7 @@ def write(report: Report, output: Path) -> Path:
     output = Path(output)
     before = _linked(output)
     written = {path for section in report.sections for path in write_section(section, output)}
-    index = write_file(output / "index.html", html(report))
+    index = write_file(place(output, "index.html"), html(report))
     for old in before - written:
         old.unlink(missing_ok=True)
     return index
@@ -248,9 +255,11 @@ def check_writable(output: Path) -> None:
 
     Nobody wants to learn that after a minute of drawing.
     """
-    _linked(output)
-    for folder in (output, output / "figures", output / "tables"):
-        write_file(folder / f".probe-{os.getpid()}", b"").unlink()
+    place(output, "index.html")
+    for path in _linked(output):
+        place(output, str(path.relative_to(output)))
+    for folder in ("", "figures/", "tables/"):
+        write_file(place(output, f"{folder}.probe-{os.getpid()}"), b"").unlink()
     if (output / "index.html").is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(output / "index.html"))
 
@@ -276,6 +285,7 @@ def html(report: Report) -> str:
         report=report,
         headline=_headline(report.sections),
         counts=_counts(report.claims),
+        claim_groups=_claim_groups(report),
         environment=environment_facts(report.sections),
         long=LONG,
         lists={
@@ -294,6 +304,14 @@ def html(report: Report) -> str:
         live=live.script(),
         **parts,
     )
+
+
+def _claim_groups(report: Report) -> list[tuple[str, list[Judged]]]:
+    """(heading, claims): by group; last, under no heading, those about experiments of which nothing is stored."""
+    stored = {section.experiment for section in report.sections if not section.absent}
+    here = [judged for judged in report.claims if judged.claim.experiment in stored]
+    away = [judged for judged in report.claims if judged.claim.experiment not in stored]
+    return [*claims.grouped(here), *([("", away)] if away else [])]
 
 
 def prose(text: str) -> Markup:

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments import work_precision
-from experiments.drawing.tables import numbers_in, show
-from integrators.interface import INVARIANTS
-from integrators.registry import NAMED_TOPS
-from report.claims import NoData
-from report.promises import CLAIMS, table
+from lagrange_bench.experiments import work_precision
+from lagrange_bench.experiments.drawing.tables import numbers_in, show
+from lagrange_bench.experiments.measuring.reductions import worst
+from lagrange_bench.integrators.interface import INVARIANTS
+from lagrange_bench.integrators.registry import NAMED_TOPS
+from lagrange_bench.report.claims import NoData
+from lagrange_bench.report.promises import CLAIMS, table
 
 PARTS = 20  # of a decade
 LEAST = 1e-17  # what is smaller, or 0, is drawn here
@@ -80,7 +81,7 @@ def _largest_so_far(rows: pd.DataFrame, state: str) -> pd.DataFrame:
     top = NAMED_TOPS[state].top
     names = [name for name in INVARIANTS if name in getattr(top, "conserved", INVARIANTS)]
     made = [
-        run.assign(error=run[names].abs().max(axis=1).cummax())[::-THINNED][::-1]
+        run.assign(error=worst(run, names).cummax())[::-THINNED][::-1]
         for _, run in (rows.groupby("method", sort=False) if len(rows) else ())
     ]
     return pd.concat(made or [pd.DataFrame()])

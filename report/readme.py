@@ -1,4 +1,4 @@
-"""`python -m report.readme`: writes the claims with what was measured into README.md and docs/claims.md, and the picture."""
+"""`python -m lagrange_bench.report.readme` writes the claims, with what was measured, and the picture into README and docs."""
 
 from __future__ import annotations
 
@@ -7,16 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments import EXPERIMENTS, phase, work_precision
-from experiments.drawing import figures, style, tables
-from integrators.files import write_file
-from report import page
-from report.claims import CONFIRMED
-from report.origin import PUBLISHED
-from results.store import Store
+from lagrange_bench.experiments import EXPERIMENTS, phase, work_precision
+from lagrange_bench.experiments.drawing import figures, style, tables
+from lagrange_bench.integrators.files import write_file
+from lagrange_bench.report import page
+from lagrange_bench.report.claims import CONFIRMED, grouped
+from lagrange_bench.report.origin import PUBLISHED
+from lagrange_bench.results.store import Store
 
 ROOT = Path(__file__).resolve().parents[1]
-BEGIN = "<!-- claims: written by `python -m report.readme`, checked by tests/test_report/test_readme.py -->"
+BEGIN = (
+    "<!-- claims: written by `python -m lagrange_bench.report.readme`, checked by tests/test_report/test_readme.py -->"
+)
 PICTURE = ROOT / "docs" / "headline.svg"
 TOP, SPAN = "generic", 1e4  # of the picture
 END = "<!-- end of claims -->"
@@ -26,28 +28,27 @@ def six_claims(judged: list[page.Judged]) -> str:
     """The claims that have a brief sentence, as a Markdown table: the sentence, measured, required, how to reproduce it."""
     lines = ["| claim | measured | required | reproduce |", "|---|---|---|---|"]
     for each in (each for each in judged if each.claim.brief):
-        found, bound = values(each)
         verdict = "" if each.verdict.word == CONFIRMED else f" (**{each.verdict.word}**)"
-        lines.append(f"| {each.claim.brief} | {found}{verdict} | {bound} | `{PUBLISHED.run(each.claim.experiment)}` |")
+        lines.append(f"| {each.claim.brief}{verdict} | {numbers(each)} | `{PUBLISHED.run(each.claim.experiment)}` |")
     return "\n".join(lines)
 
 
 def all_claims(judged: list[page.Judged]) -> str:
-    """Every claim as a Markdown table: the sentence, measured, required, verdict, experiment."""
-    lines = ["| claim | measured | required | | experiment |", "|---|---|---|---|---|"]
-    for each in judged:
-        found, bound = values(each)
-        text = tables.numbers_in(each.claim.text).replace("|", "\\|")
-        lines.append(f"| {text} | {found} | {bound} | {each.verdict.word} | `{each.claim.experiment}` |")
-    return "\n".join(lines)
+    """Every claim, a Markdown table for each group: the sentence, measured, required, verdict, experiment."""
+    lines: list[str] = []
+    for group, members in grouped(judged):
+        head = "| claim | measured | required | | experiment |"
+        lines += ["", f"## {group.capitalize()}", "", head, "|---|---|---|---|---|"]
+        for each in members:
+            text = tables.numbers_in(each.claim.text).replace("|", "\\|")
+            lines.append(f"| {text} | {numbers(each)} | {each.verdict.word} | `{each.claim.experiment}` |")
+    return "\n".join(lines[1:])
 
 
-def values(judged: page.Judged) -> tuple[str, str]:
-    """What was measured, with its unit, and the bound with its sign."""
-    verdict, unit = judged.verdict, judged.claim.unit
-    found, bound = ("" if v is None else tables.show(v) for v in (verdict.value, verdict.bound))
-    found += ("" if unit == "×" else " ") + unit if found else ""
-    return f"{found} ({verdict.over})" if verdict.over else found, f"{verdict.sign} {bound}" if bound else ""
+def numbers(judged: page.Judged) -> str:
+    """What was measured and what is required, in two cells of a table: a line for each bound of the claim."""
+    findings = judged.verdict.findings
+    return " | ".join("<br>".join(lines) for lines in zip(*((f.measured, f.required) for f in findings), strict=True))
 
 
 def with_claims(text: str, made: str) -> str:

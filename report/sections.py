@@ -18,18 +18,20 @@ from types import ModuleType
 
 import pandas as pd
 
-from experiments import PROFILES
-from experiments.catalogue import UnknownExperiment, load, load_stored
-from experiments.drawing import figures, style, tables
-from integrators.files import write_file
-from integrators.interrupts import interrupt_held_back
-from integrators.registry import import_modules
-from report import origin
-from report.origin import PUBLISHED, Origin, commits, days
-from results import sources
-from results.choice import ALL, Choice
-from results.store import Store, StoreError
+from lagrange_bench.experiments import PROFILES
+from lagrange_bench.experiments.catalogue import UnknownExperiment, load, load_stored
+from lagrange_bench.experiments.drawing import figures, style, tables
+from lagrange_bench.experiments.measuring.reductions import settled
+from lagrange_bench.integrators.files import write_file
+from lagrange_bench.integrators.interrupts import interrupt_held_back
+from lagrange_bench.integrators.registry import import_modules
+from lagrange_bench.report import origin
+from lagrange_bench.report.origin import PUBLISHED, Origin, commits, days
+from lagrange_bench.results import sources
+from lagrange_bench.results.choice import ALL, Choice
+from lagrange_bench.results.store import Store, StoreError
 
+DECLINED = "StepError"  # what a method raises that declines a step
 WORTH = 2  # journals to draw for which a process of its own is started: the imports of one take as long
 Drawn = Callable[[int, int], None]  # gets how many sections are drawn, of how many
 
@@ -102,11 +104,10 @@ class Section:
         p = self.provenance
         if p.empty:
             return ""
-        failed = f", {len(self.failures)} failed" if len(self.failures) else ""
+        kinds = {"declined": len(self.declined), "failed": len(self.failed)}
+        ends = "".join(f", {count} {word}" for word, count in kinds.items() if count)
         seconds = tables.show(float(p["seconds"].sum()))
-        return (
-            f"{len(p)} cells{failed}; {days(p)}, {seconds} s of computing; commit {', '.join(sorted(set(commits(p))))}"
-        )
+        return f"{len(p)} cells{ends}; {days(p)}, {seconds} s of computing; commit {', '.join(sorted(set(commits(p))))}"
 
     @property
     def old(self) -> str:
@@ -114,11 +115,23 @@ class Section:
         return sources.told(self.ages)
 
     @property
+    def declined(self) -> pd.DataFrame:
+        """The cells whose method declined the step, which is a result: their fields, and a column for the reason."""
+        return self._ended(lambda kinds: kinds == DECLINED)
+
+    @property
     def failed(self) -> pd.DataFrame:
-        """The failed cells: their fields, and one column for the error."""
-        errors = [name for name in self.failures.columns if name.startswith("error_")]
-        error = self.failures["error_type"] + ": " + self.failures["error_message"]
-        return self.failures.drop(columns=["key", *errors]).assign(error=error)
+        """The cells that failed by accident, likewise."""
+        return self._ended(lambda kinds: kinds != DECLINED)
+
+    def _ended(self, chosen: Callable[[pd.Series], pd.Series]) -> pd.DataFrame:
+        if self.failures.empty:
+            return self.failures
+        found = self.failures[chosen(self.failures["error_type"])]
+        kind = (found["error_type"] + ": ").replace(f"{DECLINED}: ", "")
+        errors = [name for name in found.columns if name.startswith("error_")]
+        shown = found.drop(columns=["key", *errors]).dropna(axis="columns", how="all")
+        return shown.assign(reason=kind + found["error_message"])
 
     def file(self, name: str) -> str:
         """Name of the file, without suffix, of a figure or table."""
@@ -197,10 +210,24 @@ def read(section: Section, store: Store, module: ModuleType | None) -> None:
     journal = store.open(section.experiment)
     section.notes = [note.replace(f"{store.folder}{os.sep}", "") for note in journal.problems]
     section.rows, section.failures, section.provenance = journal.rows(), journal.failures(), journal.provenance()
+    if module is not None:
+        section.rows = settled(section.rows, getattr(module, "MEASURED", {}))
+        section.failures = _with_settled(section.failures, section.rows)
     section.ages = journal.ages()
     if module is not None:
         section.profiles = origin.profiles_of(module, journal.latest)
         section.lacking = lacking(module, section.rows, store.choice)
+
+
+def _with_settled(failures: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
+    """The failed cells, and those that lack a number."""
+    failed = rows[rows["status"] == "failed"]
+    more = failed[~failed["key"].isin(failures.get("key", ()))].dropna(axis="columns", how="all")
+    if more.empty:
+        return failures
+    kind, message = more["failure"].str.split(": ", n=1, expand=True).to_numpy().T
+    more = more.drop(columns=["status", "failure"]).assign(error_type=kind, error_message=message, error_traceback="")
+    return pd.concat([failures, more], ignore_index=True)
 
 
 def lacking(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list[str]:
@@ -237,25 +264,35 @@ def said(error: Exception) -> str:
 # ---------------------------------------------------------------- to files
 
 
+def place(output: Path, name: str) -> Path:
+    """Where a file of a page goes. ValueError if a symbolic link in the folder would lead out of it."""
+    path = output / name
+    for part in (path, path.parent) if path.parent != output else (path,):
+        if part.is_symlink():
+            raise ValueError(f"{part} is a symbolic link: remove it, or give another folder with --output")
+    return path
+
+
 def write(section: Section, output: Path) -> list[Path]:
     """Writes `figures/*.svg` and `tables/*`; their paths."""
     written = []
     for figure in section.figures:
-        written.append(write_file(output / "figures" / f"{section.file(figure.name)}.svg", figure.document))
+        written.append(write_file(place(output, f"figures/{section.file(figure.name)}.svg"), figure.document))
     for table in section.tables:
-        path = output / "tables" / section.file(table.name)
+        name = f"tables/{section.file(table.name)}"
         for suffix, text in (
             (".md", tables.markdown(table.frame)),
             (".tex", tables.latex(table.frame, table.caption)),
             (".csv", tables.csv(table.frame)),
         ):
-            written.append(write_file(path.with_name(path.name + suffix), text))
+            written.append(write_file(place(output, name + suffix), text))
     return written
 
 
 def write_experiment(experiment: str, results: Path, output: Path, choice: Choice = ALL) -> list[Path]:
     """Draws one experiment's figures and tables into `output`; raises whatever drawing raises."""
-    module, section = load(experiment), Section(experiment, rows=Store(results, choice).rows(experiment))
+    module, section = load(experiment), Section(experiment)
+    section.rows = settled(Store(results, choice).rows(experiment), getattr(module, "MEASURED", {}))
     section.figures = draw_figures(module, section.rows, choice.highlight)
     section.tables = make_tables(module, section.rows)
     return write(section, output)

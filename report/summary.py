@@ -9,13 +9,13 @@ from decimal import ROUND_CEILING, Decimal
 import numpy as np
 import pandas as pd
 
-from experiments import phase, work_precision
-from experiments.drawing import style, tables
-from experiments.measuring.states import RANDOM
-from integrators.interface import INVARIANTS
-from integrators.problem.top import TOPS
-from report.claims import CellFailed, NoData, select, values
-from report.promises import EXACT, against_others, ratios_over_steps, table
+from lagrange_bench.experiments import phase, work_precision
+from lagrange_bench.experiments.drawing import style, tables
+from lagrange_bench.experiments.measuring.states import RANDOM
+from lagrange_bench.integrators.interface import INVARIANTS
+from lagrange_bench.integrators.problem.top import TOPS
+from lagrange_bench.report.claims import NoData, Refuted, select, values
+from lagrange_bench.report.promises import EXACT, against_others, table
 
 OURS = "backlund"
 STATE = "generic"  # the top of comparisons
@@ -59,7 +59,7 @@ def _sentence(
         if rows.get(section, pd.DataFrame()).empty:
             raise NoData(f"nothing of {section} is stored")
         return Sentence(head, *say(rows), section, True)
-    except (NoData, CellFailed, KeyError) as missing:
+    except (NoData, Refuted, KeyError) as missing:
         why = f"no column {missing}" if isinstance(missing, KeyError) else str(missing)
         return Sentence(head, "–", f"{head} No data.", f"No data: {why}.", section, False)
 
@@ -90,17 +90,14 @@ def accuracy(rows: dict[str, pd.DataFrame]) -> Said:
 
 def cost(rows: dict[str, pd.DataFrame]) -> Said:
     """The headline run against the Taylor series; and where the exact step loses."""
-    names = ("backlund_s", "heyoka_s", "ratio", "backlund_error", "heyoka_error", "steps", "h")
-    ours, theirs, ratio, error, their_error, steps, h = values(rows["cost"], *names, part="headline", fraction=0.5)[0]
-    times, over = tables.show(round(ratio)), ratios_over_steps(rows["cost"])
-    gloss = (
-        f"faster than a Taylor series up to t\xa0=\xa0{_show(steps * h)}, at half a nutation period per step"
-        f"{f' ({over})' if over else ''}"
-    )
+    names = ("fraction", "backlund_s", "heyoka_s", "ratio", "backlund_error", "heyoka_error", "steps", "h")
+    fraction, ours, theirs, ratio, error, their_error, steps, h = values(rows["cost"], *names, part="headline").T
+    times, spacings, end = _range(np.round(ratio)), _range(fraction), _show(float(f"{(steps * h).max():.2g}"))
+    gloss = f"the time of a Taylor series up to t\xa0=\xa0{end}, with a state every {spacings} nutation periods"
     text = (
-        f"On the {LABEL} a run up to t = {_show(steps * h)} at half a nutation period a step takes {_show(1e3 * ours)} ms, with "
-        f"an error of {_show(error)}. A Taylor series at machine precision takes {times} times as long "
-        f"({_show(1e3 * theirs)} ms), with an error of {_show(their_error)}."
+        f"On the {LABEL} up to t = {end} a state takes {_range(1e9 * ours / steps)} ns, at every spacing of {spacings} nutation "
+        f"periods. The largest error is {_show(error.max())}. A Taylor series at machine precision takes {times} times as long "
+        f"({_range(1e6 * theirs / steps)} µs), with an error of {_show(their_error.max())}."
     )
     return f"{times}×", gloss, text + _where_it_loses(rows.get("work_precision", pd.DataFrame()))
 
@@ -149,6 +146,12 @@ def invariants(rows: dict[str, pd.DataFrame]) -> Said:
 
 def _name(method: str) -> str:
     return f"“{style.label(method)}”"
+
+
+def _range(numbers: np.ndarray) -> str:
+    """The least and the largest number, or the one."""
+    least, most = (tables.show(float(number)) for number in (numbers.min(), numbers.max()))
+    return least if least == most else f"{least}–{most}"
 
 
 def _bound(value: float) -> str:

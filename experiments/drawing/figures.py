@@ -17,7 +17,7 @@ from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from experiments.drawing import style
+from lagrange_bench.experiments.drawing import style
 
 WIDE = 360  # points: a figure wider than a column gets a row of the page to itself
 DENSE = 20_000  # points of one line or scatter beyond which it is stored as pixels

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_rgb
 
-from experiments.drawing.canvas import highlighted, plain, printable, title
-from integrators.registry import BUILT_IN, METHODS
+from lagrange_bench.experiments.drawing.canvas import highlighted, plain, printable, title
+from lagrange_bench.integrators.registry import BUILT_IN, METHODS
 
 CONTRAST = 4.5  # of coloured text on white, as WCAG asks for
 

@@ -17,9 +17,18 @@ from matplotlib.collections import LineCollection
 from matplotlib.ticker import FixedLocator
 from matplotlib.transforms import blended_transform_factory, offset_copy
 
-from experiments.drawing.canvas import FAINT, INK, TALLEST, Figure, keep_to_the_letter, panels, plain, width
-from experiments.drawing.looks import FAMILIES, OTHERS, TITLES, family, label, of, ordered, readable
-from integrators.registry import METHODS
+from lagrange_bench.experiments.drawing.canvas import (
+    FAINT,
+    INK,
+    TALLEST,
+    Figure,
+    keep_to_the_letter,
+    panels,
+    plain,
+    width,
+)
+from lagrange_bench.experiments.drawing.looks import FAMILIES, OTHERS, TITLES, family, label, of, ordered, readable
+from lagrange_bench.integrators.registry import METHODS
 
 TIME, STEP = "time · (|J| + √(|α||x|))", "step h · (|J| + √(|α||x|))"  # axes in the units of the top
 REFERENCE = "backlund"  # in grey in every panel of small multiples

@@ -5,7 +5,7 @@ imports from those before it.
 """
 
 # ruff: noqa: F401  it hands names on
-from experiments.drawing.canvas import (
+from lagrange_bench.experiments.drawing.canvas import (
     FAINT,
     INK,
     RC,
@@ -22,7 +22,7 @@ from experiments.drawing.canvas import (
     title,
     width,
 )
-from experiments.drawing.looks import (
+from lagrange_bench.experiments.drawing.looks import (
     CONTRAST,
     DASHES,
     FAMILIES,
@@ -41,7 +41,7 @@ from experiments.drawing.looks import (
     readable,
     thin,
 )
-from experiments.drawing.marks import (
+from lagrange_bench.experiments.drawing.marks import (
     STEP,
     TIME,
     by_family,

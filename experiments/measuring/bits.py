@@ -19,11 +19,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from experiments.measuring.states import find
-from integrators import METHODS, prepare
-from integrators.compiling.loops import FixedStepper
-from integrators.files import write_file
-from integrators.interface import Array
+from lagrange_bench.experiments.measuring.states import find
+from lagrange_bench.integrators import METHODS, prepare
+from lagrange_bench.integrators.compiling.loops import FixedStepper
+from lagrange_bench.integrators.files import write_file
+from lagrange_bench.integrators.interface import Array
 
 GOLDEN = Path(__file__).with_name("golden.json")
 STATES = ("generic", "figure1", "random000")
@@ -57,7 +57,7 @@ def kernels(only: Iterable[str] | None = None) -> list[tuple[str, str, dict[str,
         if not method or name in LIBRARY or chosen.isdisjoint((name, f"{name} compensated")):
             continue
         builder = getattr(method.prepare, "func", method.prepare)  # of a partial, too
-        if method.engine != "numba" or not builder.__module__.startswith("integrators."):
+        if method.engine != "numba" or not builder.__module__.startswith("lagrange_bench.integrators."):
             continue
         if isinstance(prepare(top, y0, STEP, method), FixedStepper):
             found.append((name, name, {}))
@@ -91,7 +91,7 @@ def digest(numbers: Array) -> str:
 def in_python(only: Iterable[str] | None = None) -> Hashes:
     """The hashes after the first thousand steps, with every kernel a Python function: in a process of its own."""
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
-    command = [sys.executable, "-m", "experiments.measuring.bits", *(only or ())]
+    command = [sys.executable, "-m", "lagrange_bench.experiments.measuring.bits", *(only or ())]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(f"the interpreted run failed: {done.stderr.strip().splitlines()[-1:]}")

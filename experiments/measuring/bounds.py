@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from experiments.measuring import check, metrics, states
-from experiments.measuring.check import Verdict
-from integrators import INVARIANTS, METHODS, Method, StepError
-from integrators.checks import check_count, check_step
-from integrators.files import read_toml, write_file
-from integrators.words import suggestion
+from lagrange_bench.experiments.measuring import check, metrics, states
+from lagrange_bench.experiments.measuring.check import Verdict
+from lagrange_bench.integrators import INVARIANTS, METHODS, LagrangeTop, Method, PerturbedTop, StepError
+from lagrange_bench.integrators.checks import check_count, check_state, check_step
+from lagrange_bench.integrators.files import read_toml, write_file
+from lagrange_bench.integrators.words import suggestion
 
 __tracebackhide__ = True  # pytest shows the user's test, not the lines of this file
 
@@ -79,8 +79,10 @@ def drifts(
     """
     n = _length(method, steps)
     counts = states.log_counts(n, per_octave=4)
+    if not isinstance(options or {}, Mapping):
+        raise ValueError(f"options must be a dict; got {options!r}")
     with METHODS.lent(method) as name:
-        for word in tops:
+        for word in check_tops(tops):
             label, top, y0 = find(word)
             if reason := method.takes(top):
                 raise ValueError(f"tops: {reason}")
@@ -99,15 +101,25 @@ def _length(method: Method, steps: int | None) -> int:
 
 
 def _sizes(h: float | Iterable[float]) -> list[float]:
-    return [check_step(size, "h") for size in ([h] if isinstance(h, (int, float)) else h)]
+    return [check_step(size, "h") for size in (h if isinstance(h, Iterable) else [h])]
 
 
 def find(word: Top) -> tuple[str, Any, np.ndarray]:
     """What messages call a top, the top and its state."""
     if isinstance(word, str):
         return word, *check.find(word)
-    top, y0 = word
-    return f"{top!r} from {np.asarray(y0, dtype=float).tolist()}", top, np.array(y0, dtype=float)
+    pair = isinstance(word, (tuple, list)) and len(word) == 2
+    if not pair or not isinstance(word[0], (LagrangeTop, PerturbedTop)):
+        raise ValueError(f"tops: a top is a name or a pair (LagrangeTop or PerturbedTop, y0); got {word!r}")
+    top, y0 = word[0], check_state(word[1])
+    return f"{top!r} from {y0.tolist()}", top, y0
+
+
+def check_tops(tops: Any) -> tuple[Top, ...]:
+    """`tops` as a tuple; ValueError if they are no sequence."""
+    if isinstance(tops, str) or not isinstance(tops, Iterable):
+        raise ValueError(f"tops must be a sequence of tops; got {tops!r}")
+    return tuple(tops)
 
 
 def check_invariant(name: Any) -> None:

@@ -22,12 +22,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from experiments.measuring import first_step, metrics, states, truths
-from integrators import POTENTIALS, PerturbedTop
-from integrators.interface import INVARIANTS, Array, Method, StepError, Stepper, StepWarning
-from integrators.problem.rotated import prepare_for
-from integrators.problem.top import TOPS, LagrangeTop
-from integrators.registry import find_method
+from lagrange_bench.experiments.measuring import first_step, metrics, states, truths
+from lagrange_bench.integrators import POTENTIALS, PerturbedTop
+from lagrange_bench.integrators.interface import INVARIANTS, Array, Method, StepError, Stepper, StepWarning
+from lagrange_bench.integrators.problem.rotated import prepare_for
+from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
+from lagrange_bench.integrators.registry import find_method
 
 EPS = float(np.finfo(float).eps)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from random import Random
 
-from integrators.paper import errata
+from lagrange_bench.integrators.paper import errata
 
 POINTS, SEED = 8, 0  # what the command and the page take by default
 

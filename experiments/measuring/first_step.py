@@ -1,7 +1,7 @@
 """The first step of a method, before all else: a kernel that cannot take it has one fault, reported once, with its line.
 
 Numba does not name the line of every mistake, and compiled code does not check indices. Python does both. So the step is taken
-once more by another process, with Numba switched off: `python -m experiments.measuring.first_step module:METHOD`.
+once more by another process, with Numba switched off: `python -m lagrange_bench.experiments.measuring.first_step module:METHOD`.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from integrators.compiling import loops
-from integrators.compiling.numba_internals import NumbaError, useful_lines
-from integrators.interface import Method, StepError
-from integrators.problem.potentials import PERTURBED_TOPS
-from integrators.problem.rotated import prepare_for
-from integrators.problem.top import TOPS
-from integrators.registry import METHODS, find_method
-from integrators.words import suggestion
+from lagrange_bench.integrators.compiling import loops
+from lagrange_bench.integrators.compiling.numba_internals import NumbaError, useful_lines
+from lagrange_bench.integrators.interface import Method, StepError
+from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
+from lagrange_bench.integrators.problem.rotated import prepare_for
+from lagrange_bench.integrators.problem.top import TOPS
+from lagrange_bench.integrators.registry import METHODS, find_method
+from lagrange_bench.integrators.words import suggestion
 
 PATIENCE = 60  # seconds that the other process may take
 

@@ -14,9 +14,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from integrators.checks import Array
-from integrators.problem.top import LagrangeTop
-from integrators.truth import exact
+from lagrange_bench.integrators.checks import Array
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.truth import exact
 
 ROUND_OFF = 2.0**-53  # half an ulp of 1: a relative error below this carries no information
 

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from experiments.measuring import truths
-from integrators.interface import Method, Stepper
-from integrators.problem.potentials import PERTURBED_TOPS
-from integrators.problem.top import TOPS, Array, LagrangeTop
-from integrators.registry import NAMED_TOPS
+from lagrange_bench.experiments.measuring import truths
+from lagrange_bench.integrators.interface import Method, Stepper
+from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
+from lagrange_bench.integrators.problem.top import TOPS, Array, LagrangeTop
+from lagrange_bench.integrators.registry import NAMED_TOPS
 
 RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
 CLOSE = tuple(f"close{i:03d}" for i in range(32))  # to the separatrix; likewise
@@ -30,7 +30,7 @@ def find(name: str) -> tuple[Any, Array]:
     whose `random()` never changes. The wide ones have either sign of alpha and |J|²/(|alpha||x|) from 1e-3 to 1e3. The close
     ones are on the separatrix but for a part of 1e-1 to 1e-8 of J. ValueError : no such name.
     """
-    if name in TOPS:  # not by NAMED_TOPS: `results.sources` is to see on which definitions a row depends
+    if name in TOPS:
         return TOPS[name].top, TOPS[name].state
     if name in PERTURBED_TOPS:
         return PERTURBED_TOPS[name].top, PERTURBED_TOPS[name].state
@@ -68,7 +68,7 @@ def methods_on(state: str | None = None) -> dict[str, Method]:
     In a potential these are the methods with a formula for it, else all but those that are another one in a uniform field.
     A plug-in that cannot be loaded is left out: `lagrange-bench methods` says why.
     """
-    from integrators import METHODS
+    from lagrange_bench.integrators import METHODS
 
     loaded = {name: method for name, method, _ in METHODS.each() if method}
     if state not in PERTURBED_TOPS:
@@ -89,8 +89,8 @@ def sample(top: LagrangeTop, y0: Array, method: str, h: float, counts: list[int]
     A method that steps by h is advanced from count to count. One that chooses its own steps runs through in
     one go, with dense output: restarting it at every sample would change what it does.
     """
-    from integrators import METHODS, prepare
-    from integrators.api import integrate
+    from lagrange_bench.integrators import METHODS, prepare
+    from lagrange_bench.integrators.api import integrate
 
     times = h * np.array(counts, dtype=float)
     if METHODS[method].control == "tolerance":
@@ -144,7 +144,7 @@ def knobs(method: Method, steps: Iterable[float], tolerances: Iterable[float]) -
 
 def options_of(cell: dict[str, Any]) -> dict[str, Any]:
     """The options a cell sets: a tolerance, and an atol of a thousandth of an rtol; the interval between pins; a scheme."""
-    from integrators import METHODS
+    from lagrange_bench.integrators import METHODS
 
     options: dict[str, Any] = {name: cell[name] for name in ("tol", "rtol", "pin", "scheme") if name in cell}
     if "rtol" in options and "atol" in METHODS[cell["method"]].options:

@@ -17,6 +17,9 @@ from time import get_clock_info, perf_counter_ns
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange_bench.integrators.compiling import interpreted
+
+interpreted.OFTEN = 0  # reported times are those of compiled code, set-up included
 TICKS = 1000  # a sample is at least this many ticks of the clock: 0.1 % resolution
 UNSTABLE = 0.1  # coefficient of variation above which a timing is called unstable
 

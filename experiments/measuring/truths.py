@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from integrators.interface import Array, StepError
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.rotated import turn
-from integrators.truth import exact
+from lagrange_bench.integrators.interface import Array, StepError
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.rotated import turn
+from lagrange_bench.integrators.truth import exact
 
 LONGEST = 2000.0  # time scales: a reference of this length takes some ten seconds
 LOST = 1e-12  # error of a reference state: where it is larger no method that computes in doubles follows the motion
@@ -65,7 +65,7 @@ def _reference(problem: PerturbedTop, y0: Array, times: Array, rest: Array) -> A
     """Runs of one length with different steps end an ulp apart. They share one reference, at times of BITS bits, and the
     rest of the time, some 1e-13 of it, is one term of the Taylor series.
     """
-    from integrators.truth import reference
+    from lagrange_bench.integrators.truth import reference
 
     mantissas, exponents = np.frexp(times)
     shared = np.ldexp(np.rint(np.ldexp(mantissas, BITS)), exponents - BITS)

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from experiments.drawing import style
-from integrators.problem.top import TOPS
+from lagrange_bench.experiments.drawing import style
+from lagrange_bench.integrators.problem.top import TOPS
 
 HERE = Path(__file__).parent
 # those of top.js, and what each becomes in a tide: the exact step the inside of a splitting; None: it is for no tide
