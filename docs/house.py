@@ -8,6 +8,9 @@ from a room that is drawn above it.
 
 from __future__ import annotations
 
+import shutil
+import sys
+import tempfile
 from functools import cache
 from pathlib import Path
 
@@ -19,28 +22,37 @@ from matplotlib import pyplot as plt
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
 ROOT = Path(__file__).resolve().parents[1]
-SMALL = ("checks", "words", "machine", "memory", "interrupts", "files", "lazy", "precision")
-CONTRACT = tuple(f"integrators.{name}" for name in ("interface", *SMALL))
+SMALL = ("checks", "words", "machine", "memory", "interrupts", "imported", "files", "lazy", "precision")
+CONTRACT = tuple(f"lagrange_bench.integrators.{name}" for name in ("interface", *SMALL))
 FLOORS: tuple[tuple[tuple[str, tuple[str, ...]], ...], ...] = (  # from the top: label, and which modules live there
     (("lagrange_bench", ("lagrange_bench",)),),
     (("lagrange_bench/commands", ("lagrange_bench.commands",)),),
-    (("lagrange_bench/runner", ("lagrange_bench.runner",)), ("report", ("report",))),
-    (("results", ("results",)),),
-    (("experiments", ("experiments",)),),
+    (("lagrange_bench/runner", ("lagrange_bench.runner",)), ("report", ("lagrange_bench.report",))),
+    (("results", ("lagrange_bench.results",)),),
+    (("experiments", ("lagrange_bench.experiments",)),),
     (
-        ("experiments/measuring", ("experiments.measuring",)),
-        ("experiments/drawing", ("experiments.drawing",)),
+        ("experiments/measuring", ("lagrange_bench.experiments.measuring",)),
+        ("experiments/drawing", ("lagrange_bench.experiments.drawing",)),
     ),
-    (("integrators: api, registry", ("integrators",)),),
-    (("integrators/methods", ("integrators.methods",)), ("integrators/paper", ("integrators.paper",))),
-    (("integrators/torus", ("integrators.torus",)), ("integrators/truth", ("integrators.truth",))),
-    (("integrators/problem", ("integrators.problem",)),),
-    (("integrators/compiling", ("integrators.compiling",)),),
+    (("integrators: api, registry", ("lagrange_bench.integrators",)),),
+    (
+        ("integrators/methods", ("lagrange_bench.integrators.methods",)),
+        ("integrators/paper", ("lagrange_bench.integrators.paper",)),
+    ),
+    (
+        ("integrators/torus", ("lagrange_bench.integrators.torus",)),
+        ("integrators/truth", ("lagrange_bench.integrators.truth",)),
+    ),
+    (("integrators/problem", ("lagrange_bench.integrators.problem",)),),
+    (("integrators/compiling", ("lagrange_bench.integrators.compiling",)),),
     (("integrators: interface, checks", CONTRACT),),
 )
 ROOMS = {prefix: label for floor in FLOORS for label, prefixes in floor for prefix in prefixes}
-FACES = ("experiments", "results", "integrators", "lagrange_bench")  # packages' __init__: they only hand on names
-HELPERS = tuple(f"lagrange_bench.{name}" for name in ("text", "arguments", "trajectory", "differences"))
+# packages' __init__: they only hand on names
+FACES = ("lagrange_bench", *(f"lagrange_bench.{name}" for name in ("experiments", "results", "integrators")))
+HELPERS = tuple(
+    f"lagrange_bench.{name}" for name in ("text", "arguments", "trajectory", "differences", "judging", "columns")
+)
 COLOURS = {
     "lagrange_bench": "#e8d9f0", "report": "#d6e6f5", "results": "#fdf0cf", "experiments": "#dcefd8", "integrators": "#f7dcd3",
 }  # fmt: skip
@@ -54,7 +66,15 @@ def room(module: str) -> str:
 
 def arrows() -> set[tuple[str, str]]:
     """(importing room, imported room), without those that others imply."""
-    graph = grimp.build_graph(*COLOURS)
+    with (
+        tempfile.TemporaryDirectory() as folder
+    ):  # laid out as a wheel installs it: grimp reads folders, not `package-dir`
+        home = Path(folder, "lagrange_bench")
+        for package in COLOURS:
+            shutil.copytree(ROOT / package, home if package == home.name else home / package)
+        sys.path.insert(0, folder)
+        graph = grimp.build_graph("lagrange_bench", cache_dir=None)
+        sys.path.remove(folder)
     below: dict[str, set[str]] = {label: set() for label in ROOMS.values()}
     for a in graph.modules:
         for b in graph.find_modules_directly_imported_by(a):
@@ -73,7 +93,8 @@ def sizes() -> dict[str, tuple[int, int]]:
     counted = dict.fromkeys(ROOMS.values(), (0, 0))
     for package in COLOURS:
         for path in (ROOT / package).rglob("*.py"):
-            name = room(".".join(path.relative_to(ROOT).with_suffix("").parts))
+            parts = path.relative_to(ROOT / package).with_suffix("").parts
+            name = room(".".join(("lagrange_bench", *([package] if package != "lagrange_bench" else []), *parts)))
             files, lines = counted[name]
             counted[name] = files + 1, lines + len(path.read_text(encoding="utf-8").splitlines())
     return counted

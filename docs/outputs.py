@@ -22,7 +22,7 @@ from pathlib import Path
 from lagrange_bench import __main__ as cli
 
 DOCS = Path(__file__).parent
-PAGES = [*sorted((DOCS / "tutorials").glob("*.md")), *sorted(DOCS.glob("adding-*.md"))]
+PAGES = [*sorted((DOCS / "tutorials").glob("*.md")), *sorted(DOCS.glob("adding-*.md")), DOCS / "phase-theory.md"]
 FENCED = re.compile(r"^```(\w+(?: \w+)?)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 

@@ -37,7 +37,7 @@ def missing() -> list[str]:
 
 def figures(text: str, results: Path, folder: Path) -> str:
     """The page with its figures drawn as PDF into the folder, and shown."""
-    from report import export
+    from lagrange_bench.report import export
 
     def shown(match: re.Match[str]) -> str:
         name, caption = match.groups()

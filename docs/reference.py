@@ -20,15 +20,17 @@ os.environ["NUMBA_DISABLE_JIT"] = "1"  # compiled kernels are Python functions t
 os.environ["PDOC_ALLOW_EXEC"] = "1"  # of what our modules import, NumPy before 2.1 runs lscpu
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("integrators", "experiments", "results")
 
 
 def modules() -> list[str]:
     """All but the command lines."""
-    names = []
-    for package in PACKAGES:
+    names = ["lagrange_bench"]
+    for package in (
+        "lagrange_bench",
+        *(f"lagrange_bench.{room}" for room in ("integrators", "experiments", "results")),
+    ):
         path = importlib.import_module(package).__path__
-        names += [package, *sorted(m.name for m in pkgutil.walk_packages(path, f"{package}."))]
+        names += sorted({package, *(m.name for m in pkgutil.walk_packages(path, f"{package}."))} - set(names))
     return [name for name in names if not name.endswith("__main__")]
 
 

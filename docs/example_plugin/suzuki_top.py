@@ -9,8 +9,7 @@ Source: Suzuki, Phys. Lett. A 146 (1990) 319.
 
 import numpy as np
 
-from integrators.interface import Method
-from lagrange_bench import FixedStepper, compiled
+from lagrange_bench import FixedStepper, Method, compiled
 
 ALPHA, OUTER, MIDDLE = range(3)  # places of the constants
 S = 1 / (4 - 4 ** (1 / 3))

@@ -10,8 +10,8 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from integrators import TOPS, exact, integrate
-from integrators.torus import time_step
+from lagrange_bench import TOPS, exact, integrate
+from lagrange_bench.integrators.torus import time_step
 
 named = TOPS["generic"]
 top, y0 = named.top, named.state
