@@ -65,11 +65,15 @@ docs: .venv/ready
 paper: .venv/ready
 	$(BIN)/python docs/paper.py
 
+# mypy and import-linter read folders: laid out as a wheel installs them
 lint: .venv/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
-	$(BIN)/lint-imports --no-logo
+	rm -rf build/lint && mkdir -p build/lint
+	cp -R lagrange_bench lagrange_bench_pytest.py build/lint
+	cp -R integrators experiments results report build/lint/lagrange_bench
+	cd build/lint && $(CURDIR)/$(BIN)/mypy --config-file $(CURDIR)/pyproject.toml --cache-dir $(CURDIR)/.mypy_cache
+	cd build/lint && $(CURDIR)/$(BIN)/lint-imports --no-logo --config $(CURDIR)/pyproject.toml --cache-dir $(CURDIR)/.import_linter_cache
 
 # A stamp for each set of extras: none, for who only runs and draws; and those of tests and lint, which include the former.
 .venv/made:

@@ -35,8 +35,8 @@ def pytest_configure(config: pytest.Config) -> None:
 def drift_bounds(request: pytest.FixtureRequest) -> Callable[..., None]:
     """drift_bounds(METHOD, tops=…, h=…, steps=…, options=…) fails if an invariant drifts beyond its bound in the file."""
     import lagrange_bench  # noqa: F401, which names a folder that hides a package of the bench
-    from experiments.measuring import bounds
-    from integrators.registry import find_method
+    from lagrange_bench.experiments.measuring import bounds
+    from lagrange_bench.integrators.registry import find_method
 
     config = request.config
     chosen = config.getoption("drift_bounds")

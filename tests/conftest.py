@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-import lagrange_bench
 from lagrange_bench import __main__ as cli
 
 if "PYTEST_XDIST_WORKER" not in os.environ:  # the processes of pytest-xdist share the folder of their parent
@@ -54,10 +53,12 @@ def _nothing_to_collect_twice():
 
 @pytest.fixture
 def tree(tmp_path):
-    """A copy of the bench."""
+    """A copy of the bench, laid out as a wheel installs it: Python started in this folder imports the copy."""
     ignored = shutil.ignore_patterns("__pycache__", "*.html", "*.svg", "*.jsonl", "local")
-    for package in (*lagrange_bench.ROOMS, "lagrange_bench"):
-        shutil.copytree(ROOT / package, tmp_path / package, ignore=ignored)
+    home = tmp_path / "lagrange_bench"
+    shutil.copytree(ROOT / "lagrange_bench", home, ignore=ignored)
+    for room in ("integrators", "experiments", "results", "report"):
+        shutil.copytree(ROOT / room, home / room, ignore=ignored)
     return tmp_path
 
 
@@ -88,8 +89,8 @@ def answer(run):
 @pytest.fixture
 def short_races(monkeypatch):
     """The two experiments that race by the clock stop after a moment, which need not be long beside the clock's ticks."""
-    from experiments import cost, work_precision
-    from experiments.measuring import timing
+    from lagrange_bench.experiments import cost, work_precision
+    from lagrange_bench.experiments.measuring import timing
 
     monkeypatch.setattr(cost, "HEADLINE_TIME", 100.0)
     monkeypatch.setattr(work_precision, "SAMPLE", 2e-4)

@@ -8,10 +8,13 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
-from results.store import Store
+import pytest
+
+from lagrange_bench.results.store import Store
 
 HERE = Path(__file__).resolve().parent
 TOY = "toys.behaviour"
@@ -35,6 +38,20 @@ def end(process):
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.communicate()
+
+
+@contextlib.contextmanager
+def interrupted():
+    """Ctrl-C comes after 0.3 s and must end what is inside within a second or so, though it would take an hour."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    try:
+        timer.start()
+        with pytest.raises(KeyboardInterrupt):
+            yield
+    finally:
+        timer.cancel()
+        signal.signal(signal.SIGINT, before)
 
 
 def wait_for_lines(path, count, run=None):

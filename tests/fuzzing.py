@@ -14,12 +14,12 @@ import numpy as np
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
-from experiments.measuring.metrics import scaled_error
-from integrators import METHODS, TOPS, LagrangeTop, StepError, integrate
-from integrators.interface import INVARIANTS
-from integrators.methods import runge_kutta
-from integrators.truth import exact
-from integrators.truth.orbit import units
+from lagrange_bench.experiments.measuring.metrics import scaled_error
+from lagrange_bench.integrators import METHODS, TOPS, LagrangeTop, StepError, integrate
+from lagrange_bench.integrators.interface import INVARIANTS
+from lagrange_bench.integrators.methods import runge_kutta
+from lagrange_bench.integrators.truth import exact
+from lagrange_bench.integrators.truth.orbit import units
 
 EPS = float(np.finfo(float).eps)
 TINY = 5e-324

@@ -2,7 +2,7 @@
 
 import pytest
 
-from integrators import METHODS, available
+from lagrange_bench.integrators import METHODS, available
 
 
 def installed(name):

@@ -4,7 +4,7 @@ import inspect
 import types
 from dataclasses import replace
 
-from experiments.measuring import check
+from lagrange_bench.experiments.measuring import check
 
 
 def failed(method, quick=True):

@@ -20,17 +20,17 @@ from packaging.requirements import Requirement
 from packaging.version import Version
 from scipy.integrate import solve_ivp
 
-import integrators
-from experiments import EXPERIMENTS
-from experiments.measuring import states
-from experiments.measuring.metrics import phase_split, poisson_defect, scaled_error
-from integrators import PERTURBED_TOPS, TOPS, LagrangeTop, integrate, prepare, two_point
-from integrators.methods import backlund_schemes
-from integrators.paper import lax
-from integrators.paper import two_point as paper_two_point
-from integrators.torus import time_step
-from integrators.truth import exact, reference
 from lagrange_bench import __main__ as cli
+from lagrange_bench import integrators
+from lagrange_bench.experiments import EXPERIMENTS
+from lagrange_bench.experiments.measuring import states
+from lagrange_bench.experiments.measuring.metrics import phase_split, poisson_defect, scaled_error
+from lagrange_bench.integrators import PERTURBED_TOPS, TOPS, LagrangeTop, integrate, prepare, two_point
+from lagrange_bench.integrators.methods import backlund_schemes
+from lagrange_bench.integrators.paper import interpolating_flow, lax
+from lagrange_bench.integrators.paper import two_point as paper_two_point
+from lagrange_bench.integrators.torus import time_step
+from lagrange_bench.integrators.truth import exact, reference
 from tests.reference import largest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -97,6 +97,12 @@ def test_what_a_page_shows_is_written_anew(folder):
     text = shown.format("'long, longer'", "", "old") + shown.format("2", " varies", "1") + "```python\nx = 1\n```\n"
     page.write_text(text, encoding="utf-8")
     assert outputs.refreshed(page) == text.replace("\nold\n", "\nlong, longer\n").replace("varies\n1\n", "varies\n2\n")
+
+
+def test_the_table_of_published_references_is_computed():
+    """If this fails: python docs/published.py, and read what changed."""
+    published = script(DOCS / "published.py")
+    assert published.written() == published.PAGE.read_text(encoding="utf-8")
 
 
 # ---------------------------------------------------------------- links and commands
@@ -368,6 +374,26 @@ def test_lambda_meets_a_real_double_root_only_where_the_flow_is_the_identity():
         assert np.max(np.abs(prepare(top, y, h).advance(y, 1) - turned(y, -h))) < 1e-14
 
 
+def test_a_double_root_leads_to_the_sleeping_top():
+    """λ at the complex double root of a homoclinic orbit: m = 0, every state of it has one image, and T is infinite."""
+    with mp.workdps(60):
+        top, lam, asleep = LagrangeTop(1.0), mp.mpc("-0.6", "0.8"), np.array([0, 0, mp.mpf("1.2"), 0, 0, 1])
+        y = np.array([mp.mpf("0.6"), mp.sqrt(mp.mpf("0.44")), mp.mpf("1.2"), mp.mpf("0.8"), mp.mpf(0), mp.mpf("0.6")])
+        assert largest(y[3:] + lam * y[:3] + np.array((0, 0, lam * lam))) > 0.5  # a(λ) is not 0
+
+        def image(y, share=1):
+            return paper_two_point.pole_free(top, y, share * lam, (share * lam).conjugate())
+
+        for state in (y, y * (1, -1, 1, 1, 1, 1)):
+            assert largest(image(state) - asleep) < 1e-28  # √Q(λ) halves the digits
+            assert largest(image(state, mp.mpf("0.999")) - asleep) > 1e-4, "negative control"
+        times = [interpolating_flow.time_and_turn(top, y, lam * (1 - mp.mpf(10) ** -k))[0] for k in (3, 4)]
+    assert float(times[1] - times[0]) == pytest.approx(math.log(10) / 0.8, rel=1e-3)  # −ln δ/(alpha η) + …
+    assert float(times[1] - 4 * math.log(10) / 0.8) == pytest.approx(0.5875, abs=1e-3)
+    with pytest.raises(ValueError, match="a root of Q"):
+        interpolating_flow.time_and_turn(top, y, complex(lam))
+
+
 def random_steps(count=5):
     """Real tops and states, λ well inside the nearest root of Q, and a direction in which λ moves; 40 digits."""
     draw = random.Random(9)
@@ -498,7 +524,7 @@ def in_one_sweep(scheme):
 
 
 @pytest.mark.parametrize("name", ["moderate_tide", "axisymmetric"])
-@pytest.mark.filterwarnings("ignore::integrators.interface.StepWarning")
+@pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
 def test_a_corrector_in_one_sweep_leaves_a_commutator(name, monkeypatch):
     top, y0, unit = tide(name)
     right = reference.solution(top, y0, [16 * unit]).states[0]
@@ -518,7 +544,7 @@ def test_a_corrector_in_one_sweep_leaves_a_commutator(name, monkeypatch):
     assert sweep[1] > 3 * palindrome[1]
 
 
-@pytest.mark.filterwarnings("ignore::integrators.interface.StepWarning")
+@pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
 def test_an_instability_that_comes_late():
     top, y0, unit = tide("triaxial")
     run = integrate(top, y0, t=[3000 * unit], method="backlund_splitting", tol=1e-6)

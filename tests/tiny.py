@@ -1,7 +1,7 @@
 """A few small cells of every experiment."""
 
-from experiments.catalogue import load
-from integrators import METHODS, available
+from lagrange_bench.experiments.catalogue import load
+from lagrange_bench.integrators import METHODS, available
 
 SMALL = {"steps": 64, "span": 16.0, "longest": 0.01, "repeats": 1, "magnets": 1, "budget": 1e5}
 STATES = ("generic", "figure1", "random000", "random001", "random002", "random003", "wide000", "weak_tide")

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from experiments.measuring import bits
-from integrators import METHODS
+from lagrange_bench.experiments.measuring import bits
+from lagrange_bench.integrators import METHODS
 
 
 def test_compiled_kernels_have_the_golden_bits():

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.measuring import check, metrics, truths
-from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, LagrangeTop, PerturbedTop
-from integrators.interface import AnyField, Stepper, Work
-from integrators.truth import exact
+from lagrange_bench.experiments.measuring import check, metrics, truths
+from lagrange_bench.integrators import METHODS, PERTURBED_TOPS, POTENTIALS, LagrangeTop, PerturbedTop
+from lagrange_bench.integrators.interface import AnyField, Stepper, Work
+from lagrange_bench.integrators.truth import exact
 
 
 class Map(Stepper):
@@ -101,9 +101,9 @@ def test_methods_are_judged_where_they_go():
 
 def test_the_two_potentials_are_of_opposite_kinds():
     (tide, _), (charge, _) = (check.find(f"generic{kind}") for kind in (check.TIDE, check.CHARGE))
-    assert tide.offers == {"force", "smooth", "quadratic"}
+    assert tide.offers == {"rhs", "parts", "kinetic", "force", "smooth", "quadratic"}
     assert tide.conserved == {"H", "C1", "C2"}
-    assert charge.offers == {"force", "smooth"}
+    assert charge.offers == {"rhs", "parts", "kinetic", "force", "smooth"}
     assert charge.conserved == {"H", "J3", "C1", "C2"}
 
 

@@ -7,11 +7,11 @@ own time scale 1/(|J| + √(|alpha||x|)). The largest error is taken over 20 sam
 import numpy as np
 import pytest
 
-from experiments.measuring import metrics, states
-from integrators import METHODS, prepare
-from integrators.compiling.compiled import jit
-from integrators.compiling.loops import FixedStepper
-from integrators.methods import implicit_midpoint
+from lagrange_bench.experiments.measuring import metrics, states
+from lagrange_bench.integrators import METHODS, prepare
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.loops import FixedStepper
+from lagrange_bench.integrators.methods import implicit_midpoint
 from tests.installed import installed
 
 U = 2.0**-53

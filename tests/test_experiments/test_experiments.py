@@ -6,10 +6,10 @@ import pandas as pd
 import pytest
 from tiny import tiny
 
-from experiments import EXPERIMENTS, cost, perturbed
-from experiments.catalogue import load
-from experiments.drawing import style
-from results.store import Store, make_record
+from lagrange_bench.experiments import EXPERIMENTS, cost, perturbed
+from lagrange_bench.experiments.catalogue import load
+from lagrange_bench.experiments.drawing import style
+from lagrange_bench.results.store import Store, make_record
 
 pytestmark = [
     pytest.mark.usefixtures("short_races"),
@@ -68,7 +68,7 @@ SHORTER = {  # fields in which cells of the quick profile differ from their like
     "phase": {"steps"},
     "cost": {"time"},
     "work_precision": SWEEP,
-    "perturbed": {"steps", *SWEEP},
+    "perturbed": {"steps", *SWEEP, "tops"},
     "round_off": {"steps"},
     "gaudin": {"steps", "magnets"},
 }

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
-from experiments.drawing import figures, style
 from lagrange_bench.__main__ import main
-from report import export, page
-from results import store
+from lagrange_bench.experiments.drawing import figures, style
+from lagrange_bench.report import export, page
+from lagrange_bench.results import store
 
 pytestmark = pytest.mark.xdist_group("figures")  # they are drawn once
 

@@ -8,14 +8,14 @@ import sys
 import numba
 import pytest
 
-from experiments.measuring import check, first_step
-from integrators import METHODS, registry
-from integrators.registry import find_method
+from lagrange_bench.experiments.measuring import check, first_step
+from lagrange_bench.integrators import METHODS, registry
+from lagrange_bench.integrators.registry import find_method
 
 MINE = """\
 import numpy as np
 
-from integrators import Method
+from lagrange_bench.integrators import Method
 from lagrange_bench import FixedStepper, compiled
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments import gaudin
-from experiments.drawing import style
+from lagrange_bench.experiments import gaudin
+from lagrange_bench.experiments.drawing import style
 
 
 def rows_of(cells):

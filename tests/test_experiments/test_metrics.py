@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from experiments.measuring import metrics
-from integrators.problem.top import TOPS, LagrangeTop
+from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
 
 T = np.arange(1, 40_001) * 0.05  # 40 000 samples
 STATES = 16

@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from experiments import paper_sections
-from integrators import TOPS
-from integrators.paper import one_point, two_point
 from lagrange_bench import __main__ as cli
+from lagrange_bench.experiments import paper_sections
+from lagrange_bench.integrators import TOPS
+from lagrange_bench.integrators.paper import one_point, two_point
 
 
 def missed(name, top):

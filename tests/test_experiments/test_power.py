@@ -11,10 +11,10 @@ import pandas as pd
 import pytest
 from toys import multistep
 
-from experiments import phase
-from experiments.measuring import check, metrics
-from integrators import METHODS, TOPS, LagrangeTop, StepError, integrate, prepare, registry
-from integrators.interface import Method, Stepper, Work
+from lagrange_bench.experiments import phase
+from lagrange_bench.experiments.measuring import check, metrics
+from lagrange_bench.integrators import METHODS, TOPS, LagrangeTop, StepError, integrate, prepare, registry
+from lagrange_bench.integrators.interface import Method, Stepper, Work
 from tests.sabotage import failed
 
 ALL = frozenset({"H", "J3", "C1", "C2"})

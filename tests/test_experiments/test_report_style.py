@@ -14,13 +14,13 @@ import pandas as pd
 import pytest
 from matplotlib.text import Text
 
-from experiments import EXPERIMENTS
-from experiments.catalogue import load
-from experiments.drawing import figures, style, tables
-from experiments.drawing.looks import _luminance
-from integrators import METHODS
-from integrators.interface import FAMILIES
-from results.store import Store, default_results
+from lagrange_bench.experiments import EXPERIMENTS
+from lagrange_bench.experiments.catalogue import load
+from lagrange_bench.experiments.drawing import figures, style, tables
+from lagrange_bench.experiments.drawing.looks import _luminance
+from lagrange_bench.integrators import METHODS
+from lagrange_bench.integrators.interface import FAMILIES
+from lagrange_bench.results.store import Store, default_results
 
 TEX = next(filter(None, map(shutil.which, ("pdflatex", "lualatex", "xelatex", "tectonic"))), None)
 

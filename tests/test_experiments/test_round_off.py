@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from experiments import round_off
-from experiments.measuring import metrics
-from experiments.measuring.states import find
-from integrators import StepError, prepare
-from integrators.truth import exact
+from lagrange_bench.experiments import round_off
+from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.experiments.measuring.states import find
+from lagrange_bench.integrators import StepError, prepare
+from lagrange_bench.integrators.truth import exact
 
 STEPS = 200
 

@@ -13,13 +13,13 @@ import pandas as pd
 import pytest
 from matplotlib.text import Text
 
-from experiments import sweep
-from experiments.catalogue import load
-from integrators import INVARIANTS, METHODS, PERTURBED_TOPS, TOPS, integrate
-from integrators.problem.top import LagrangeTop
 from lagrange_bench.arguments import numbers
 from lagrange_bench.commands.run import _own_modules
-from results.store import Store
+from lagrange_bench.experiments import sweep
+from lagrange_bench.experiments.catalogue import load
+from lagrange_bench.integrators import INVARIANTS, METHODS, PERTURBED_TOPS, TOPS, integrate
+from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.results.store import Store
 from tests.reference import largest
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "sweeps.md"
@@ -222,8 +222,8 @@ def test_cells_carry_the_potential(write):
 
 
 def test_the_module_of_a_potential_of_the_users_own_is_named_for_the_page(write):
-    own = IN_A_FIELD.replace('"charge"', '"integrators.problem.potentials:CHARGE"')
-    assert _own_modules([sweep.read(write(own))]) == ["integrators.problem.potentials"]
+    own = IN_A_FIELD.replace('"charge"', '"lagrange_bench.integrators.problem.potentials:CHARGE"')
+    assert _own_modules([sweep.read(write(own))]) == ["lagrange_bench.integrators.problem.potentials"]
     sweep._cells.clear()
     assert _own_modules([sweep.read(write(IN_A_FIELD))]) == []
 

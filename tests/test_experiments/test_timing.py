@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from experiments.measuring import timing
+from lagrange_bench.experiments.measuring import timing
 
 
 class Clock:

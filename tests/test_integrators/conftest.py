@@ -2,8 +2,8 @@
 
 import pytest
 
-from integrators import ensemble
-from integrators.compiling import lanes
+from lagrange_bench.integrators import ensemble
+from lagrange_bench.integrators.compiling import lanes
 
 
 @pytest.fixture

@@ -8,12 +8,21 @@ import mpmath
 import numpy as np
 import pytest
 
-from experiments.measuring import metrics
-from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, LagrangeTop, PerturbedTop, StepError, integrate, prepare
-from integrators.methods import backlund_schemes
-from integrators.methods import backlund_splitting as bs
-from integrators.torus import step_table
-from integrators.truth import reference
+from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.integrators import (
+    METHODS,
+    PERTURBED_TOPS,
+    POTENTIALS,
+    LagrangeTop,
+    PerturbedTop,
+    StepError,
+    integrate,
+    prepare,
+)
+from lagrange_bench.integrators.methods import backlund_schemes
+from lagrange_bench.integrators.methods import backlund_splitting as bs
+from lagrange_bench.integrators.torus import step_table
+from lagrange_bench.integrators.truth import reference
 
 NAME = "backlund_splitting"
 ORDERS = {
@@ -26,7 +35,7 @@ ORDERS = {
     "aba1064": (10, 6),
 }
 pytestmark = [
-    pytest.mark.filterwarnings("ignore::integrators.interface.StepWarning"),
+    pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning"),
     pytest.mark.xdist_group("splitting"),  # kernels are compiled once for the two files about it
 ]
 

@@ -10,8 +10,8 @@ import pytest
 from mpmath import mp
 from scipy import special
 
-from experiments.measuring import metrics
-from integrators import (
+from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.integrators import (
     METHODS,
     TOPS,
     LagrangeTop,
@@ -19,12 +19,12 @@ from integrators import (
     integrate,
     prepare,
 )
-from integrators.compiling.double_double import add, div, mul, sub
-from integrators.compiling.loops import SIZE
-from integrators.methods import addition_theorem as at
-from integrators.methods import theta_functions as th
-from integrators.torus import time_step as ts
-from integrators.truth import exact
+from lagrange_bench.integrators.compiling.double_double import add, div, mul, sub
+from lagrange_bench.integrators.compiling.loops import SIZE
+from lagrange_bench.integrators.methods import addition_theorem as at
+from lagrange_bench.integrators.methods import theta_functions as th
+from lagrange_bench.integrators.torus import time_step as ts
+from lagrange_bench.integrators.truth import exact
 from tests.reference import largest
 
 GENERIC = TOPS["generic"]
@@ -305,7 +305,7 @@ def test_they_do_not_lean_on_the_truth(module):
         elif isinstance(node, ast.Import):
             imported |= {alias.name for alias in node.names}
     assert not any("exact" in name or "orbit" in name or "mpmath" in name for name in imported)
-    assert not any(name.startswith("integrators.torus.time_step.parameter") for name in imported)
+    assert not any(name.startswith("lagrange_bench.integrators.torus.time_step.parameter") for name in imported)
 
 
 @pytest.mark.parametrize("name", ["addition_theorem", "theta_functions"])

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.measuring import check, metrics
-from integrators import (
+from lagrange_bench.experiments.measuring import check, metrics
+from lagrange_bench.integrators import (
     METHODS,
     PERTURBED_TOPS,
     TOPS,
@@ -25,9 +25,10 @@ from integrators import (
     methods,
     prepare,
 )
-from integrators.interface import Work
-from integrators.methods import implicit_midpoint, taylor
-from integrators.truth import exact
+from lagrange_bench.integrators.interface import Work
+from lagrange_bench.integrators.methods import implicit_midpoint, taylor
+from lagrange_bench.integrators.registry import BUILT_IN
+from lagrange_bench.integrators.truth import exact
 from tests.installed import installed
 
 GENERIC = TOPS["generic"]
@@ -62,8 +63,8 @@ def test_without_compilation_each_method_has_the_same_bits():
     """Numba rearranges nothing; and no kernel leaves its arrays, for NumPy would refuse it."""
     done = subprocess.run(
         [sys.executable, "-c", "import json, test_contract; print(json.dumps(test_contract.ends()))"],
-        env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, cwd=Path(__file__).parent, capture_output=True, text=True,
-        check=False, timeout=300,
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(Path(__file__).parents[2])},
+        cwd=Path(__file__).parent, capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     interpreted = json.loads(done.stdout)
@@ -83,6 +84,13 @@ def test_every_file_of_methods_is_registered():
     }  # what several of them use
     known = {entry.value.partition(":")[0].rpartition(".")[2] for entry in METHODS._entries.values()}
     assert files <= known
+
+
+def test_a_reason_for_a_uniform_field_only_is_given_where_it_is_so():
+    """And only there: a splitting of the force alone does not answer with the reason of the processed one."""
+    assert {name for name in BUILT_IN if METHODS[name].uniform_only} == {
+        name for name in BUILT_IN if METHODS[name].in_field is None
+    }
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -317,7 +325,7 @@ def test_midpoint_cubic_is_the_midpoint_equation():
     tally = np.zeros(5)
     v1, v2 = implicit_midpoint.cubic_guess(tuple(GENERIC.state), c, tally)
     x = GENERIC.state[3:]
-    d = implicit_midpoint.cayley(*x, v1, v2, 0.5 * h * GENERIC.state[2])[3:6]
+    d = implicit_midpoint.cayley.py_func(*x, v1, v2, 0.5 * h * GENERIC.state[2])[3:6]
     J = GENERIC.state[:3] + 0.5 * h * GENERIC.alpha * np.array((-(x[1] + d[1]), x[0] + d[0], 0.0))
     assert abs(v1 - 0.5 * h * J[0]) + abs(v2 - 0.5 * h * J[1]) < 1e-14
 

@@ -4,16 +4,13 @@ Short runs of the exact step have λ(h) in plain doubles, and the accuracy of on
 """
 
 import math
-import os
 import pickle
-import signal
-import threading
 
 import numpy as np
 import pytest
 
-from experiments.measuring import metrics
-from integrators import (
+from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.integrators import (
     METHODS,
     TOPS,
     HeavyTop,
@@ -25,12 +22,12 @@ from integrators import (
     integrate_ensemble,
     prepare,
 )
-from integrators.compiling import lanes
-from integrators.compiling.loops import FixedStepper
-from integrators.methods import backlund
-from integrators.methods.backlund import SHORT
-from integrators.torus.plain_step import HALVES, many_plain_constants
-from integrators.torus.real_map import (
+from lagrange_bench.integrators.compiling import lanes
+from lagrange_bench.integrators.compiling.loops import FixedStepper
+from lagrange_bench.integrators.methods import backlund
+from lagrange_bench.integrators.methods.backlund import SHORT
+from lagrange_bench.integrators.torus.plain_step import HALVES, many_plain_constants
+from lagrange_bench.integrators.torus.real_map import (
     CONSTANTS,
     KERNELS,
     NO_TURN,
@@ -38,7 +35,8 @@ from integrators.torus.real_map import (
     step,
     turning_step,
 )
-from integrators.truth import exact
+from lagrange_bench.integrators.truth import exact
+from tests.faults import interrupted
 from tests.installed import installed
 
 SIZE = 150  # more than four blocks of lanes, the last one not full
@@ -422,17 +420,9 @@ def test_a_step_that_fails_on_the_way():
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_control_c(threads):
-    """Within a second or so, though it would take an hour."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
     integrate_ensemble(TOP, Y0, 0.1, 1)  # compiled
-    try:
-        timer.start()
-        with pytest.raises(KeyboardInterrupt):
-            integrate_ensemble(TOP, Y0, 0.1, 10**10, threads=threads)
-    finally:
-        timer.cancel()
-        signal.signal(signal.SIGINT, before)
+    with interrupted():
+        integrate_ensemble(TOP, Y0, 0.1, 10**10, threads=threads)
 
 
 # ---------------------------------------------------------------- input

@@ -18,8 +18,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpmath import mp, mpf
 
-from integrators.problem.top import TOPS, LagrangeTop
-from integrators.truth import exact, orbit
+from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
+from lagrange_bench.integrators.truth import exact, orbit
 
 BOUND = 4e-15  # of the scales: what exact.solution promises in doubles, 18 eps
 RANDOM_STATES = int(os.environ.get("EXACT_RANDOM_STATES", "300"))  # 3000 for a sweep of some minutes
@@ -597,7 +597,7 @@ def test_bad_arguments_are_refused():
 
 def test_it_uses_no_method_of_the_bench():
     rooms = ("checks", "interface", "precision", "problem.top", "truth.orbit")
-    allowed = {f"integrators.{room}" for room in rooms}
+    allowed = {f"lagrange_bench.integrators.{room}" for room in rooms}
     for module in ("exact", "orbit"):
         tree = ast.parse((pathlib.Path(exact.__file__).parent / f"{module}.py").read_text())
         imported = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}

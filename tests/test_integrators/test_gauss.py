@@ -5,11 +5,11 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from experiments.measuring import metrics, states
-from integrators import METHODS, TOPS, LagrangeTop, StepError, prepare
-from integrators.compiling.compiled import jit
-from integrators.compiling.loops import FixedStepper
-from integrators.methods import collective_midpoint, gauss, gauss_coefficients
+from lagrange_bench.experiments.measuring import metrics, states
+from lagrange_bench.integrators import METHODS, TOPS, LagrangeTop, StepError, prepare
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.loops import FixedStepper
+from lagrange_bench.integrators.methods import collective_midpoint, gauss, gauss_coefficients
 
 TOP, Y0 = TOPS["generic"].top, TOPS["generic"].state
 EPS = np.finfo(float).eps

@@ -6,14 +6,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from experiments.measuring import metrics
-from integrators import METHODS, TOPS, LagrangeTop, PerturbedTop, Potential, StepError, prepare
-from integrators.interface import INVARIANTS
-from integrators.methods import gauss_coefficients as gauss
-from integrators.problem.body import product
-from integrators.problem.potentials import CHARGE, QUADRATIC, TIDE
-from integrators.problem.top import hat
-from integrators.truth import reference
+from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.integrators import METHODS, TOPS, LagrangeTop, PerturbedTop, Potential, StepError, prepare
+from lagrange_bench.integrators.interface import INVARIANTS
+from lagrange_bench.integrators.methods import gauss_coefficients as gauss
+from lagrange_bench.integrators.problem.body import quaternion_product
+from lagrange_bench.integrators.problem.potentials import CHARGE, QUADRATIC, TIDE
+from lagrange_bench.integrators.problem.top import hat
+from lagrange_bench.integrators.truth import reference
 
 EPS = np.finfo(float).eps
 TOP, Y0 = LagrangeTop(1.0), TOPS["generic"].state
@@ -233,6 +233,10 @@ def test_gauss_step_is_what_the_tableau_says(name, field):
             for solver in ("auto", "newton", "fixed_point") if h < 0.5 else ("auto", "newton"):
                 z = prepare(top, y, h, name, solver=solver).advance(y, 2)
                 assert metrics.scaled_error(top, y, z, expected) < 64 * EPS, (h, solver)
+
+
+def product(a, b):
+    return np.array(quaternion_product(a, b))
 
 
 def quaternion_midpoint(top, y, h, spin):

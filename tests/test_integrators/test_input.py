@@ -1,25 +1,31 @@
 """Bad input: one ValueError, raised before anything is computed, whose message names the argument."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from integrators import (
+from lagrange_bench.experiments.measuring import states
+from lagrange_bench.integrators import (
     METHODS,
     PERTURBED_TOPS,
     TOPS,
     HeavyTop,
     LagrangeTop,
+    PerturbedTop,
+    Potential,
     StepError,
+    Stepper,
+    Work,
     integrate,
     integrate_ensemble,
     prepare,
     two_point,
 )
-from integrators.truth import exact
+from lagrange_bench.integrators.truth import exact
 from tests.installed import installed
 
 TOP = LagrangeTop(1.0)
@@ -263,6 +269,85 @@ def test_a_missing_package_is_named(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(StepError, match="taylor: heyoka is not installed here"):
         prepare(TOP, Y0, 0.1, "taylor")
+
+
+class Resting(Stepper):
+    """A plug-in whose tops do not move; `fault` changes what it has in hand: y, the rows and what it returned last."""
+
+    def __init__(self, fault):
+        self.fault, self.work, self.buffer = fault, Work(), np.empty(6)
+
+    def record(self, y, n, every):
+        return self.fault(self, y, np.tile(y, (n // every + 1, 1)))
+
+
+class Advancing(Resting):
+    def advance(self, y, n):
+        return self.record(y, n, max(n, 1))[-1]
+
+
+def scribbling(stepper, y, rows):
+    y *= 1.5
+    return rows
+
+
+def reusing(stepper, y, rows):
+    stepper.buffer[:] = rows[-1]
+    return [stepper.buffer]
+
+
+FAULTS = {
+    "a row too few": (lambda s, y, rows: rows[:-1], "record must return .* shape .*; got float64"),
+    "a row too many": (lambda s, y, rows: np.vstack((rows, rows[-1])), "record must return .* shape"),
+    "five numbers": (lambda s, y, rows: rows[:, :5], "must return .* shape"),
+    "complex": (lambda s, y, rows: rows + 0j, r"must return an array of floats .*; got complex128"),
+    "a list": (lambda s, y, rows: rows.tolist(), "must return .*; got list"),
+    "another start": (lambda s, y, rows: rows + 1e-15, "row 0 of record must be the input"),
+    "the input": (scribbling, "wrote to its input"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_steppers_of_plug_ins_are_looked_at(fault):
+    """By `integrate`, by an ensemble, in a frame of its own, and by the loops of the experiments."""
+    broken, said = FAULTS[fault]
+    build = replace(METHODS["rk4"], name="mine", in_field=None, prepare=lambda top, y0, h: Resting(broken))
+    tilted = PerturbedTop(TOP, Potential("tilted", lambda x1, x2, x3, p: 0.5 * x1))
+    refused(rf"^mine: .*{said}", integrate, TOP, Y0, 0.1, 10, build, 5)
+    refused(rf"^mine: .*{said}", integrate, tilted, Y0, 0.1, 10, build)
+    refused(rf"^mine: .*{said}", integrate_ensemble, TOP, [Y0, Y0], 0.1, 10, build)
+    with METHODS.lent(build) as name:
+        refused(rf"^mine: .*{said}", states.sample, TOP, Y0, name, 0.1, [1, 2, 4])
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"), [(reusing, "advance returned the same array twice"), (scribbling, "advance wrote to its input")]
+)
+def test_the_steps_of_plug_ins_are_looked_at(fault, said):
+    build = replace(METHODS["rk4"], name="mine", prepare=lambda top, y0, h: Advancing(fault))
+    with METHODS.lent(build) as name:
+        refused(rf"^mine: {said}", states.sample, TOP, Y0, name, 0.1, [1, 2, 4])
+
+
+def test_what_plug_ins_prepare_and_evaluate_is_looked_at():
+    short = replace(METHODS["rk4"], name="mine", evaluate=lambda top, y0, times: (np.tile(y0, (1, 1)), Work()))
+    refused(r"^mine: evaluate must return .* shape \(2, 6\)", integrate, TOP, Y0, t=[1.0, 2.0], method=short)
+    refused(r"^mine: evaluate must return", integrate_ensemble, TOP, [Y0, Y0], t=[1.0, 2.0], method=short)
+    for builder, said in (
+        (lambda top, y0, h: None, "prepare returned None"),
+        (lambda top, y0, h: scribbling(None, y0, Resting(None)), "prepare wrote to y0"),
+    ):
+        refused(f"^mine: {said}", integrate, TOP, Y0, 0.1, 10, replace(METHODS["rk4"], name="mine", prepare=builder))
+
+
+def test_a_good_plug_in_is_looked_at_and_then_left_alone():
+    found = prepare(
+        TOP, Y0, 0.1, replace(METHODS["rk4"], prepare=lambda top, y0, h: Advancing(lambda s, y, rows: rows))
+    )
+    for _ in range(3):
+        assert np.array_equal(found.record(Y0, 4, 2), np.tile(Y0, (3, 1)))
+        assert np.array_equal(found.advance(Y0, 4), Y0)
+    assert (found.record, found.advance) == (found.stepper.record, found.stepper.advance)
 
 
 NUMBER = st.floats(allow_nan=False, allow_infinity=False)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from experiments.measuring import check, metrics, states
-from integrators import LagrangeTop, StepError
-from integrators.compiling.compiled import jit
-from integrators.compiling.loops import FixedStepper
-from integrators.methods import bobenko_suris, kahan
-from integrators.problem.top import TOPS
+from lagrange_bench.experiments.measuring import check, metrics, states
+from lagrange_bench.integrators import LagrangeTop, StepError
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.loops import FixedStepper
+from lagrange_bench.integrators.methods import bobenko_suris, kahan
+from lagrange_bench.integrators.problem.top import TOPS
 from tests.sabotage import failed, spoiled
 from tests.test_integrators.paper.tools import jacobian
 

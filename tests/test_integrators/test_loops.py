@@ -1,18 +1,16 @@
 """The time loop: pins, records and interruptions leave no trace in the bits."""
 
 import math
-import os
-import signal
-import threading
 
 import numpy as np
 import pytest
 
-from integrators import TOPS, StepError, prepare
-from integrators.compiling import loops
-from integrators.compiling.compiled import compiled, jit
-from integrators.compiling.loops import FAILURE, RESIDUAL, FixedStepper
-from integrators.compiling.numba_internals import NumbaError
+from lagrange_bench.integrators import TOPS, StepError, prepare
+from lagrange_bench.integrators.compiling import loops
+from lagrange_bench.integrators.compiling.compiled import compiled, jit
+from lagrange_bench.integrators.compiling.loops import FAILURE, RESIDUAL, FixedStepper
+from lagrange_bench.integrators.compiling.numba_internals import NumbaError
+from tests.faults import interrupted
 
 GENERIC = TOPS["generic"]
 Y0 = GENERIC.state
@@ -108,18 +106,10 @@ def test_whole_numbers_are_no_steps():
 )
 @pytest.mark.parametrize("record", [False, True])
 def test_control_c_ends_a_long_run(name, options, record):
-    """Within a second or so, though it would take minutes."""
     if name == "taylor":
         pytest.importorskip("heyoka")
     stepper = prepare(GENERIC.top, Y0, 0.1, name)
     stepper.advance(Y0, 1)
     n = 10**11
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
-    try:
-        timer.start()
-        with pytest.raises(KeyboardInterrupt):
-            stepper.record(Y0, n, n // 4) if record else stepper.advance(Y0, n)
-    finally:
-        timer.cancel()
-        signal.signal(signal.SIGINT, before)
+    with interrupted():
+        stepper.record(Y0, n, n // 4) if record else stepper.advance(Y0, n)

@@ -2,12 +2,13 @@
 
 import math
 import pickle
+import sys
 
 import mpmath
 import numpy as np
 import pytest
 
-from integrators import (
+from lagrange_bench.integrators import (
     METHODS,
     PERTURBED_TOPS,
     POTENTIALS,
@@ -18,9 +19,9 @@ from integrators import (
     integrate,
     sqrt,
 )
-from integrators.compiling.expression import Program, Tape, machine_code, record
-from integrators.problem.nature import SAME
-from integrators.registry import find_potential
+from lagrange_bench.integrators.compiling.expression import Program, Tape, machine_code, record
+from lagrange_bench.integrators.problem.nature import SAME
+from lagrange_bench.integrators.registry import find_potential
 
 Y = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
 TOP = LagrangeTop(1.0)
@@ -83,7 +84,7 @@ def test_one_formula_serves_every_kind_of_number():
     assert np.allclose(here, there, rtol=1e-14)
     assert np.array_equal([v[0] for v in rows], here)
 
-    from integrators.compiling.compiled import compiled
+    from lagrange_bench.integrators.compiling.compiled import compiled
 
     code = machine_code(program)
     assert compiled(lambda x, q: code(x, q))(tuple(Y[3:]), top.numbers) == here
@@ -93,10 +94,18 @@ def test_a_field_knows_its_kind():
     def top(name, *numbers):
         return PerturbedTop(TOP, POTENTIALS[name], numbers)
 
-    assert top("tide", 0.1, 1.0, 0.0, 0.0).offers == {"force", "smooth", "quadratic"}
-    assert top("charge", 0.1, 2.0, 0.0, 0.0).offers == {"force", "smooth"}
-    assert top("dipole", 0.1, 0.2, 0.3).offers == {"force", "smooth", "quadratic", "linear"}
-    assert top("tide", 0.0, 1.0, 0.0, 0.0).offers == {"force", "smooth", "quadratic", "linear"}
+    assert top("tide", 0.1, 1.0, 0.0, 0.0).offers == {"rhs", "parts", "kinetic", "force", "smooth", "quadratic"}
+    assert top("charge", 0.1, 2.0, 0.0, 0.0).offers == {"rhs", "parts", "kinetic", "force", "smooth"}
+    assert top("dipole", 0.1, 0.2, 0.3).offers == {"rhs", "parts", "kinetic", "force", "smooth", "quadratic", "linear"}
+    assert top("tide", 0.0, 1.0, 0.0, 0.0).offers == {
+        "rhs",
+        "parts",
+        "kinetic",
+        "force",
+        "smooth",
+        "quadratic",
+        "linear",
+    }
     assert "J3" not in top("tide", 0.1, 1.0, 0.0, 0.0).conserved
     assert "J3" in top("tide", 0.1, 0.0, 0.0, 1.0).conserved
     assert "J3" in top("quadratic", 0.1, 0.1, 0.3, 0.0, 0.0, 0.0).conserved
@@ -115,7 +124,7 @@ def test_a_field_knows_its_kind():
 def test_a_wall_that_no_point_of_comparison_touches_is_seen(wall, conserved):
     """V = 0 on one side of a plane: only the other sign of a root shows that it is not 0 everywhere."""
     top = PerturbedTop(TOP, Potential("wall", wall), (0.9,))
-    assert top.offers == {"force"}
+    assert top.offers == {"rhs", "parts", "kinetic", "force"}
     assert ("J3" in top.conserved) is conserved
     with pytest.raises(ValueError, match="backlund does not take the potential wall"):
         integrate(top, Y, 0.1, 10)
@@ -131,7 +140,12 @@ def walls(x1, x2, x3, p):
 
 def test_many_walls_are_no_uniform_field():
     """V = 0 but where all eight of its roots have one sign."""
-    assert PerturbedTop(TOP, Potential("walls", walls), (0.92, 0.94, 0.96, 0.98)).offers == {"force"}
+    assert PerturbedTop(TOP, Potential("walls", walls), (0.92, 0.94, 0.96, 0.98)).offers == {
+        "rhs",
+        "parts",
+        "kinetic",
+        "force",
+    }
 
 
 @pytest.mark.parametrize(
@@ -205,20 +219,29 @@ def test_a_top_in_a_potential_is_a_value():
 @pytest.mark.parametrize(
     ("value", "reason"),
     [
-        (lambda x1, x2, x3, p: math.sqrt(x1), "sqrt of integrators"),
+        (lambda x1, x2, x3, p: math.sqrt(x1), "log of integrators"),
         (lambda x1, x2, x3, p: x1 if x1 > 0 else x2, "cannot branch"),
         (lambda x1, x2, x3: 0.0, "takes 3 positional arguments"),
         (lambda x1, x2, x3, p: p[1] * x1, "asks for more than 1 parameters"),
         (lambda x1, x2, x3, p: "much", "got 'much'"),
-        (lambda x1, x2, x3, p: np.sin(x1), "got numpy's sin"),
+        (lambda x1, x2, x3, p: np.tan(x1), "got numpy's tan"),
         (lambda x1, x2, x3, p: x1**0.3, "got the power 0.3"),
         (lambda x1, x2, x3, p: 1 / 0, "division by zero"),
+        *((lambda x1, x2, x3, p, text=text: x1 * text, f"got {text!r}") for text in ("2", b"2", bytearray(b"2"))),
+        (lambda x1, x2, x3, p: "2", "got '2'"),
+        (lambda x1, x2, x3, p: sys.exit(3), "it calls sys.exit(3)"),
     ],
 )
 def test_what_is_no_formula_is_refused(value, reason):
     with pytest.raises(ValueError, match=r"^potential mine: ") as refused:
         PerturbedTop(TOP, Potential("mine", value), (1.0,))
     assert reason in str(refused.value)
+
+
+@pytest.mark.parametrize("parameters", [3, "ab", (1, 2), ("k", ""), ("k", b"l")], ids=repr)
+def test_names_of_parameters(parameters):
+    with pytest.raises(ValueError, match=r"^potential mine: parameters must be a sequence of names"):
+        Potential("mine", lambda x1, x2, x3, p: x1, parameters=parameters)
 
 
 def test_a_wrong_gradient_is_found():

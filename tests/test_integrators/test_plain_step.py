@@ -7,11 +7,11 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from integrators import TOPS, LagrangeTop, prepare
-from integrators.compiling.compiled import compiled
-from integrators.compiling.lanes import LANES
-from integrators.torus import plain_step as ps
-from integrators.torus import time_step as ts
+from lagrange_bench.integrators import TOPS, LagrangeTop, prepare
+from lagrange_bench.integrators.compiling.compiled import compiled
+from lagrange_bench.integrators.compiling.lanes import LANES
+from lagrange_bench.integrators.torus import plain_step as ps
+from lagrange_bench.integrators.torus import time_step as ts
 from tests.test_integrators.test_time_step import random_torus
 
 TORI = 10_000

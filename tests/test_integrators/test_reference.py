@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from integrators import TOPS, GaudinMagnet, LagrangeTop, PerturbedTop, Potential, StepError, integrate
-from integrators.compiling.expression import sqrt
-from integrators.truth import exact, reference
+from lagrange_bench.integrators import TOPS, GaudinMagnet, LagrangeTop, PerturbedTop, Potential, StepError, integrate
+from lagrange_bench.integrators.compiling.expression import sqrt
+from lagrange_bench.integrators.truth import exact, reference
 from tests.reference import largest
 
 Y0 = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))

@@ -11,22 +11,22 @@ import scipy.integrate
 from mpmath import mp, mpf
 from scipy.integrate import DOP853, RK45
 
-from experiments.measuring import metrics, states
-from integrators import (
+from lagrange_bench.experiments.measuring import metrics, states
+from lagrange_bench.integrators import (
     METHODS,
     TOPS,
     StepError,
     integrate,
     prepare,
 )
-from integrators.compiling.compiled import jit
-from integrators.compiling.natural import STUCK, WALK, compile_natural_loop
-from integrators.compiling.unroll import unrolled
-from integrators.interface import Work
-from integrators.methods import dop853, runge_kutta, scipy_ivp
-from integrators.methods.tableaux import DOP853 as EIGHTH
-from integrators.methods.tableaux import DOP853_MORE, DORMAND_PRINCE, RK4, VERNER9
-from integrators.truth import exact
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.natural import STUCK, WALK, compile_natural_loop
+from lagrange_bench.integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.interface import Work
+from lagrange_bench.integrators.methods import dop853, runge_kutta, scipy_ivp
+from lagrange_bench.integrators.methods.tableaux import DOP853 as EIGHTH
+from lagrange_bench.integrators.methods.tableaux import DOP853_MORE, DORMAND_PRINCE, RK4, VERNER9
+from lagrange_bench.integrators.truth import exact
 from tests.reference import flow
 
 GENERIC = TOPS["generic"]
@@ -152,6 +152,23 @@ def test_tableaux_are_scipys():
 # ---------------------------------------------------------------- steps written out from a tableau
 
 
+def slopes_of(rows, s, alpha, h):
+    """All h f(u_i) of the Lagrange top by hand, on any kind of number, J3 left out."""
+    J1, J2, J3, x1, x2, x3 = s
+    kick, spin = h * alpha, h * J3
+
+    def slope(u):
+        J1, J2, x1, x2, x3 = u
+        P1, P2 = h * J1, h * J2
+        return -kick * x2, kick * x1, P2 * x3 - spin * x2, spin * x1 - P1 * x3, P1 * x2 - P2 * x1
+
+    y = J1, J2, x1, x2, x3
+    slopes = [slope(y)]
+    for row in rows:
+        slopes.append(slope(tuple(a + d for a, d in zip(y, runge_kutta.weigh(row, slopes), strict=True))))
+    return tuple(slopes)
+
+
 @pytest.mark.parametrize("tableau", FIXED.values(), ids=lambda t: t.name)
 def test_order_to_fifty_digits(tableau):
     """The step itself in mpmath, error of one step. Verner's leading error term is hidden by round-off in doubles."""
@@ -161,7 +178,7 @@ def test_order_to_fifty_digits(tableau):
         errors = []
         for h in (mpf(1) / 64, mpf(1) / 128):
             y = [mpf(v) for v in GENERIC.y0]
-            d = runge_kutta.weigh(b, runge_kutta.slopes_of(a, y, mpf(GENERIC.alpha), h))
+            d = runge_kutta.weigh(b, slopes_of(a, y, mpf(GENERIC.alpha), h))
             truth = flow(GENERIC.alpha, GENERIC.y0, h, digits=50)
             five = [truth[i] - y[i] for i in (0, 1, 3, 4, 5)]
             errors.append(mp.sqrt(sum((p - q) ** 2 for p, q in zip(d, five, strict=True))))
@@ -175,7 +192,7 @@ def test_compiled_steps_are_those_of_python(name):
     a, b = [runge_kutta.floats(row) for row in tableau.a], runge_kutta.floats(tableau.b)
     y, h = tuple(GENERIC.y0), 0.3
     for _ in range(20):
-        d = runge_kutta.weigh(b, runge_kutta.slopes_of(a, y, GENERIC.alpha, h))
+        d = runge_kutta.weigh(b, slopes_of(a, y, GENERIC.alpha, h))
         y = (y[0] + d[0], y[1] + d[1], y[2], y[3] + d[2], y[4] + d[3], y[5] + d[4])
     assert np.array_equal(prepare(GENERIC.top, GENERIC.state, h, name).advance(GENERIC.state, 20), y)
 
@@ -367,11 +384,11 @@ def test_a_step_that_never_fits_ends():
     """Also if the error is not a number."""
 
     @jit
-    def trial(s, h, c):
+    def trial(s, t, h, c):
         return s, c[0], 0.9, (0.0, 0.0)
 
     @jit
-    def interpolant(s, new, h, c, slopes):
+    def interpolant(s, new, t, h, c, slopes):
         return s
 
     @jit
@@ -392,8 +409,9 @@ def test_a_step_that_never_fits_ends():
 def test_jacobian_is_that_of_the_top():
     for name in ("generic", "figure1", "inverted"):
         top, y = TOPS[name].top, TOPS[name].state
-        assert np.array_equal(scipy_ivp.jacobian(top.alpha, y), top.jacobian(y))
-        assert np.array_equal(scipy_ivp.rhs(top.alpha, y), top.rhs(y))
+        f, c, jacobian = scipy_ivp.functions_of(top)
+        assert np.array_equal(jacobian(c, 0.0, y), top.jacobian(y))
+        assert np.array_equal(f(c, 0.0, y), top.rhs(y))
 
 
 @pytest.mark.parametrize("name", ["rk45", "scipy_dop853"])
@@ -414,8 +432,13 @@ def test_scipy_is_used_as_it_stands(name):
 @pytest.mark.parametrize("name", ["rk45", "scipy_dop853", "lsoda", "radau"])
 def test_scipy_work_is_counted(name, monkeypatch):
     calls = []
-    rhs = scipy_ivp.rhs
-    monkeypatch.setattr(scipy_ivp, "rhs", lambda alpha, y: calls.append(1) or rhs(alpha, y))
+    functions_of = scipy_ivp.functions_of
+
+    def counted(*arguments):
+        rhs, *rest = functions_of(*arguments)
+        return lambda *given: calls.append(1) or rhs(*given), *rest
+
+    monkeypatch.setattr(scipy_ivp, "functions_of", counted)
     stepper = prepare(GENERIC.top, GENERIC.state, 1.0, name, rtol=1e-4, atol=1e-7)
     calls.clear()
     stepper.advance(GENERIC.state, 20)
@@ -449,8 +472,8 @@ def test_rejected_steps_of_implicit_solvers():
 @pytest.mark.parametrize("name", ["rk45", "scipy_dop853", "lsoda", "radau"])
 def test_scipy_says_what_went_wrong(name, monkeypatch):
     """y' = y² leaves for infinity: an error with SciPy's reason, and no warning (they are errors here)."""
-    monkeypatch.setattr(scipy_ivp, "rhs", lambda alpha, y: y * y)
-    monkeypatch.setattr(scipy_ivp, "jacobian", lambda alpha, y: np.diag(2 * y))
+    squares = (lambda c, t, y: y * y, None, lambda c, t, y: np.diag(2 * y))
+    monkeypatch.setattr(scipy_ivp, "functions_of", lambda top, units=None: squares)
     y = np.ones(6)
     with pytest.raises(StepError, match=rf"^{name} at h = 5, step \d+: (SciPy: |the state left)"):
         prepare(GENERIC.top, y, 5.0, name, rtol=1e-8).advance(y, 1)
@@ -465,7 +488,7 @@ def test_scipys_own_words():
 
 def test_a_solver_that_stands_still_is_stopped():
     class Still:
-        status, nfev, t = "running", 0, 1.0
+        status, nfev, t, y = "running", 0, 1.0, np.zeros(6)
 
         def step(self):
             return None

@@ -8,10 +8,10 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from experiments.measuring import check, metrics, states
-from integrators import METHODS, TOPS, LagrangeTop, StepError, prepare
-from integrators.compiling.compiled import jit
-from integrators.methods import splitting as sp
+from lagrange_bench.experiments.measuring import check, metrics, states
+from lagrange_bench.integrators import METHODS, TOPS, LagrangeTop, StepError, prepare
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.methods import splitting as sp
 from tests.reference import largest
 from tests.sabotage import failed
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from mpmath import mp, mpc, mpf
 
-from integrators import TOPS, LagrangeTop, StepError, prepare
-from integrators.torus import time_step as ts
-from integrators.truth import exact
+from lagrange_bench.integrators import TOPS, LagrangeTop, StepError, prepare
+from lagrange_bench.integrators.torus import time_step as ts
+from lagrange_bench.integrators.truth import exact
 from tests.reference import flow, horner, largest, real, turned
 
 EQUILIBRIA = ("sleeping_stable", "sleeping_unstable", "hanging")

@@ -6,8 +6,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from integrators import TOPS, HeavyTop, LagrangeTop, integrate
-from integrators.problem.top import hat
+from lagrange_bench.integrators import TOPS, HeavyTop, LagrangeTop, integrate
+from lagrange_bench.integrators.problem.top import hat
 
 DRAW = np.random.default_rng(1)
 STATES = [DRAW.normal(size=6) for _ in range(20)]

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-import integrators
-from integrators import METHODS, registry
 from lagrange_bench import __main__ as cli
-from results.store import Store
+from lagrange_bench import integrators
+from lagrange_bench.integrators import METHODS, registry
+from lagrange_bench.results.store import Store
 
 COMMANDS = tuple(module.__name__.rpartition(".")[2] for module in cli.COMMANDS)
 SLOW = (
@@ -182,7 +182,7 @@ BAD = [  # words, what the line must name
     ("integrate --h 0.1 --steps 3 --animate axis.mp4", "--animate"),
     ("integrate --times 0,1 --parameters 1,2", "--parameters"),
     ("integrate --times 0,1 --potential tid", "did you mean 'tide'?"),
-    ("integrate --times 0,1 --potential json:loads", "json:loads is a function, not an integrators.Potential"),
+    ("integrate --times 0,1 --potential json:loads", "json:loads is a function, not a lagrange_bench.Potential"),
     ("integrate --times 0,1 --potential no.such_module:POTENTIAL", "no.such_module"),
     ("integrate --times 0,1 --potential tide", "4 numbers (k, n1, n2, n3); got 0"),
     ("integrate --times 0,1 --potential tide --parameters 1,x", "--parameters"),
@@ -213,7 +213,9 @@ BAD = [  # words, what the line must name
 @pytest.mark.parametrize(("words", "named"), BAD, ids=[words for words, _ in BAD])
 def test_bad_input(run, words, named, monkeypatch):
     monkeypatch.chdir(HERE.parent)
-    monkeypatch.setattr("report.page.assemble", lambda *_: pytest.fail("drawn before it was known where to"))
+    monkeypatch.setattr(
+        "lagrange_bench.report.page.assemble", lambda *_: pytest.fail("drawn before it was known where to")
+    )
     code, out, err = run(*words.split())
     assert (code, out) == (2, "")
     assert re.fullmatch(r"lagrange-bench: error: .*\n", err), err  # one line
@@ -338,7 +340,7 @@ def test_a_terminal_without_greek():
 
 
 def test_a_cache_that_cannot_be_written_is_told_once(run, monkeypatch):
-    compiled = sys.modules["integrators.compiling.compiled"]
+    compiled = sys.modules["lagrange_bench.integrators.compiling.compiled"]
     monkeypatch.setattr(compiled, "_folder", lambda module: None)
     monkeypatch.setenv("LAGRANGE_BENCH_CACHE", "/read/only")
     cli._note_cache.cache_clear()

@@ -8,8 +8,8 @@ import re
 import pytest
 from test_cli import HERE
 
-from experiments.measuring import bits, check
-from integrators import METHODS, registry
+from lagrange_bench.experiments.measuring import bits, check
+from lagrange_bench.integrators import METHODS, registry
 
 
 def test_check_a_method_that_keeps_its_word(run):

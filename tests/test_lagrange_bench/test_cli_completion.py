@@ -69,6 +69,7 @@ NEEDED = {  # of these commands, for them to be understood
     "compare": ("a", "b"),
     "check": ("rk4",),
     "completion": ("bash",),
+    "judge": ("a.csv", "--case", "bruels"),
 }
 
 

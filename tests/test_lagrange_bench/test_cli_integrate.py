@@ -18,12 +18,21 @@ from PIL import Image
 from pyarrow import parquet
 from test_cli import examples
 
-import integrators
-from experiments.measuring import truths
-from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, HeavyTop, LagrangeTop, PerturbedTop, integrate
+from lagrange_bench import integrators
 from lagrange_bench import trajectory as output
 from lagrange_bench.arguments import option
 from lagrange_bench.commands.integrate import EXAMPLES
+from lagrange_bench.experiments.measuring import truths
+from lagrange_bench.integrators import (
+    METHODS,
+    PERTURBED_TOPS,
+    POTENTIALS,
+    TOPS,
+    HeavyTop,
+    LagrangeTop,
+    PerturbedTop,
+    integrate,
+)
 
 SHORT = ("integrate", "--h", "0.1", "--steps", "20")
 
@@ -308,7 +317,7 @@ def test_a_tilted_uniform_field_has_an_exact_solution(run, answer):
 def test_a_potential_of_ones_own(run, answer, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
-    text = "from integrators import Potential\nPOTENTIAL = Potential('well', lambda x1, x2, x3, p: p[0] * x1**2 / (2 + x2))\n"
+    text = "from lagrange_bench import Potential\nPOTENTIAL = Potential('well', lambda x1, x2, x3, p: p[0] * x1**2 / (2 + x2))\n"
     (tmp_path / "my_well.py").write_text(text)
     words = (*IN_A_FIELD, "--steps", "5", "--parameters", "0.5", "--draw", "axis.svg")
     data = answer(*words, "--potential", "my_well:POTENTIAL")

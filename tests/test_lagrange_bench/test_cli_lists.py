@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from integrators import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
-from integrators.registry import NAMED_TOPS
 from lagrange_bench import text
+from lagrange_bench.integrators import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
+from lagrange_bench.integrators.registry import NAMED_TOPS
 
 
 @pytest.mark.parametrize("command", [("methods",), ("tops", "--verbose"), ("potentials",), ("check", "rk4", "--quick")])

@@ -14,12 +14,12 @@ import pandas as pd
 import pytest
 from test_cli import HERE
 
-from experiments import EXPERIMENTS
-from experiments.sweep import VERSION
 from lagrange_bench.commands import completion
+from lagrange_bench.experiments import EXPERIMENTS
+from lagrange_bench.experiments.sweep import VERSION
+from lagrange_bench.report import page
+from lagrange_bench.results.store import Store, default_results, make_record
 from lagrange_bench.runner import engine
-from report import page
-from results.store import Store, default_results, make_record
 
 
 @pytest.fixture
@@ -161,7 +161,7 @@ def test_figures_are_listed_and_completed(run, answer, tmp_path, monkeypatch):
     (tmp_path / "page" / "figures").mkdir(parents=True)
     for name in listed:
         (tmp_path / "page" / "figures" / f"{name}.svg").touch()
-    monkeypatch.setattr("results.store.default_results", lambda profile=None: tmp_path)
+    monkeypatch.setattr("lagrange_bench.results.store.default_results", lambda profile=None: tmp_path)
     assert set(listed) <= set(completion.names()["name"])
 
 
@@ -184,6 +184,12 @@ def test_a_figure_that_cannot_be_written_is_named(run, tmp_path):
     assert code == 2
     assert str(tmp_path / "file") in err
     assert ".z.svg" not in err
+    for name, more in (("x.eps", ()), ("x.jpg", ()), ("x.eps", ("--format", "svg")), ("x.svg", ("--format", "pdf"))):
+        code, _, err = run("figure", "ensemble_throughput", "--results", tmp_path, "--output", tmp_path / name, *more)
+        assert (code, len(err.splitlines())) == (2, 1)
+        assert "--output" in err
+        assert not (tmp_path / name).exists()
+    assert "--list draws none" in run("figure", "--list", "--results", tmp_path, "--output", "x.svg")[2]
 
 
 def test_a_picture_is_not_replaced_in_silence(run, tmp_path, monkeypatch):

@@ -12,9 +12,8 @@ import time
 import pytest
 from faults import HERE, TOY, comparable, end, nobody_left, squares, start, wait_for_lines
 
+from lagrange_bench.results.store import Store
 from lagrange_bench.runner import cluster, engine
-from results import provenance
-from results.store import Store
 
 pytest.importorskip("distributed")
 linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for left-over processes in /proc")
@@ -23,11 +22,11 @@ pytestmark = [linux, pytest.mark.processes]
 ODD = [{"do": "raise", "i": 100}, {"do": "die", "i": 101}, {"do": "segfault", "i": 102}, {"do": "bad row", "i": 103}]
 
 
-def dask(*words, **variables):
+def dask(*words, cwd=HERE.parent, **variables):
     environment = {**os.environ, "PYTHONPATH": str(HERE), **variables}
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
     command = [sys.executable, "-m", "dask", *map(str, words)]
-    return subprocess.Popen(command, env=environment, cwd=HERE.parent, **quiet)
+    return subprocess.Popen(command, env=environment, cwd=cwd, **quiet)
 
 
 @pytest.fixture
@@ -144,43 +143,80 @@ def test_interrupt(tmp_path, whom):
     assert nobody_left(run.pid)
 
 
-def test_workers_that_differ_are_refused(tmp_path, scheduler, monkeypatch):
-    """A worker with another numpy would store its rows under this one's name."""
-    here = cluster.look()
-    cluster._compare(here)
-    with pytest.raises(cluster.ClusterError, match=r"numpy is 1\.0, here .* install the same versions"):
-        cluster._compare({**here, "numpy": "1.0"})
-    with pytest.raises(cluster.ClusterError, match="source is 0, here"):
-        cluster._compare({**here, "source": "0"})
-    assert here["source"] == provenance.source() != ""
-    with pytest.raises(ModuleNotFoundError, match="no module"):
-        cluster.look(["experiments.nonexistent"])
-    # and for real: a worker that does not find the module of the experiment, whether it is there before the run or not
-    scheduler.worker(PYTHONPATH="")
-    run = start(squares(1), tmp_path / "there", "--scheduler", scheduler.address)
-    out, err = run.communicate(timeout=60)
-    assert run.returncode == 2
-    assert "a Dask worker lacks something" in err
-    assert err.count("\n") == 1
-
-
-def test_a_worker_that_joins_late_is_checked_too(tmp_path, scheduler, monkeypatch):
-    """What it lacks is no result: nothing is stored."""
-    monkeypatch.syspath_prepend(str(HERE))
-    monkeypatch.setenv("TOY_CELLS", json.dumps(squares(1, 2)))
+def joins_late(scheduler, monkeypatch, **variables):
+    """A run asks the workers at its start; this one is not there yet."""
     enter = cluster.Cluster.__enter__
 
     def join(self):
-        entered = enter(self)  # asks the workers, of which there are none
-        scheduler.worker(PYTHONPATH="")
+        entered = enter(self)
+        scheduler.worker(**variables)
         return entered
 
     monkeypatch.setattr(cluster.Cluster, "__enter__", join)
-    with pytest.raises(
-        cluster.ClusterError, match=r"a Dask worker lacks something: No module named .toys.; install the same"
-    ):
+
+
+def here_only(folder):
+    return {"PYTHONPATH": ""}
+
+
+def another_mpmath(folder):
+    """A worker with another version would store its rows under this machine's."""
+    info = folder / "mpmath-0.1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mpmath\nVersion: 0.1\n")
+    return {"PYTHONPATH": f"{folder}{os.pathsep}{HERE}"}
+
+
+LACKING = r"a Dask worker lacks something: No module named .toys.; install the same"
+OLDER = r"mpmath is 0\.1, here .*; install the same versions there and restart the workers"
+
+
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize(("other", "message"), [(here_only, LACKING), (another_mpmath, OLDER)])
+def test_workers_that_differ_are_refused(tmp_path, scheduler, monkeypatch, other, message, late):
+    """Whether they are there before the run or not. What they lack is no result: nothing is stored."""
+    monkeypatch.syspath_prepend(str(HERE))
+    monkeypatch.setenv("TOY_CELLS", json.dumps(squares(1, 2)))
+    variables = other(tmp_path)
+    if late:
+        joins_late(scheduler, monkeypatch, **variables)
+    else:
+        scheduler.worker(**variables)
+    with pytest.raises(cluster.ClusterError, match=message):
         engine.run([TOY], "quick", tmp_path, scheduler=scheduler.address, show=False)
     assert keys(tmp_path) == []
+
+
+STUDY = """
+from own import helper
+VERSION = 1
+def cells(profile): return [{"i": i} for i in range(3)]
+def measure(cell): return [{"value": helper.VALUE}]
+def draw(rows): return {}
+def tables(rows): return {}
+"""
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_rows_of_another_file_of_the_users_are_not_stored(tmp_path, scheduler, monkeypatch, late):
+    """A worker imports what is in its own folder: the rows are set aside, and those of a worker with the same file stored."""
+    for name in ("here", "there"):
+        (tmp_path / name / "own").mkdir(parents=True)
+        (tmp_path / name / "own" / "study_of_values.py").write_text(STUDY)
+        (tmp_path / name / "own" / "helper.py").write_text(f"VALUE = '{name}'\n")
+    monkeypatch.chdir(tmp_path / "here")
+    other = {"cwd": tmp_path / "there", "PYTHONPATH": str(HERE.parent)}
+    with monkeypatch.context() as patch:
+        joins_late(scheduler, patch, **other) if late else scheduler.worker(**other)
+        summary = engine.run(["own.study_of_values"], "quick", tmp_path, scheduler=scheduler.address, show=False)
+    tally = summary.tallies["own.study_of_values"]
+    assert (tally.computed, tally.set_aside, summary.exit_code) == (0, 3, 1)
+    assert "set aside: own.study_of_values: 3 of the cells are not stored: a worker had other source code" in str(
+        summary
+    )
+    summary = engine.run(["own.study_of_values"], "quick", tmp_path, scheduler="local:1", show=False)
+    assert (summary.tallies["own.study_of_values"].computed, summary.exit_code) == (3, 0)
+    assert set(Store(tmp_path).rows("own.study_of_values").value) == {"here"}
 
 
 def test_nobody_there(tmp_path, monkeypatch):

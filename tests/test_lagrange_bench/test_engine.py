@@ -16,10 +16,10 @@ import pytest
 from faults import HERE, TOY, comparable, nobody_left, session, squares, start, wait_for_lines
 from rich.console import Console
 
-from integrators import interrupts, registry
-from integrators.interface import Method
+from lagrange_bench.integrators import interrupts, registry
+from lagrange_bench.integrators.interface import Method
+from lagrange_bench.results.store import Store, StoreError
 from lagrange_bench.runner import engine, progress, workers
-from results.store import Store, StoreError
 
 pytestmark = pytest.mark.processes
 
@@ -62,7 +62,7 @@ def test_what_is_as_it_was_is_shown_again_and_not_computed(toy, monkeypatch):
     toy(squares(1, 2))
     first = [record["key"] for record in toy.store.latest(TOY)]
     with monkeypatch.context() as changed:
-        changed.setattr("results.store._packages", lambda: {"numpy": "99"})
+        changed.setattr("lagrange_bench.results.store._packages", lambda: {"numpy": "99"})
         assert tally(toy(squares(1, 2))).computed == 2
         assert [record["key"] for record in toy.store.latest(TOY)] != first
     again = tally(toy(squares(1, 2)))
@@ -168,6 +168,31 @@ def test_a_failing_cell_is_a_result(toy, tmp_path):
     assert toy.store.rows(TOY)["status"].tolist() == ["failed", "done", "failed", "failed", "done", "done"]
 
 
+def test_whatever_a_plug_in_raises_is_a_text_of_bounded_length(toy, run, tmp_path):
+    """And can be printed, stored and put on a page."""
+    said = {
+        "no text": "NoText: (no text: its __str__ raises RuntimeError)",
+        "surrogate": "ValueError: no such \\udcff file",
+        "long text": f"ValueError: {'x' * 2000}… (10000000 characters)",
+    }
+    summary = toy([{"do": what, "i": i} for i, what in enumerate(said)])
+    assert {cell["do"]: error for _, cell, error in summary.failures} == said
+    str(summary).encode()
+    assert toy.store.path(TOY).stat().st_size < 50_000
+    code, out, err = run("report", "--results", tmp_path, "--module", TOY, "--quiet")
+    assert (code, out) == (0, f"{tmp_path / 'page' / 'index.html'}\n"), err
+
+
+def test_a_thread_of_a_plug_in_keeps_no_process(tmp_path, monkeypatch):
+    """Neither a worker nor the command, both of which import it."""
+    monkeypatch.setenv("TOY_THREAD", "1")
+    before = time.monotonic()
+    run = start(squares(1, 2), tmp_path, "--time-limit", "20", jobs=1)
+    assert run.communicate(timeout=60)
+    assert (run.returncode, time.monotonic() - before < 40) == (0, True)  # the thread would live for a minute
+    assert nobody_left(run.pid)
+
+
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_cell_that_kills_its_process_is_found(toy, jobs):
     deadly = [{"do": "die", "i": 100}, {"do": "segfault", "i": 101}]
@@ -188,15 +213,12 @@ def test_a_timing_cell_that_dies_does_not_stop_the_others(toy):
     assert (found.computed, found.failed) == (2, 1)
 
 
-def test_a_method_that_is_not_available_is_skipped_and_said_once(toy, monkeypatch):
+def test_a_method_that_is_not_available_is_skipped_and_said_once(toy):
     ghost = Method("ghost", "", "", 1, False, False, frozenset(), "step", "", lambda: None, requires="no_such_package")
 
-    class Ghosts(dict):
-        built_in = ("ghost",)
-
-    monkeypatch.setattr(registry, "METHODS", Ghosts(ghost=ghost))
     engine._lacks.cache_clear()
-    summary = toy(squares(1, 2, method="ghost") + squares(3))
+    with registry.METHODS.lent(ghost):
+        summary = toy(squares(1, 2, method="ghost") + squares(3))
     engine._lacks.cache_clear()
     assert (tally(summary).unavailable, tally(summary).computed, summary.exit_code) == (2, 1, 0)
     assert str(summary).count("ghost needs no_such_package") == 1
@@ -359,7 +381,7 @@ def test_run_draws_if_asked(toy, tmp_path, monkeypatch, run):
         written.append((experiment, results, output))
         return [output / "figure.svg"]
 
-    monkeypatch.setattr("report.sections.write_experiment", write_experiment)
+    monkeypatch.setattr("lagrange_bench.report.sections.write_experiment", write_experiment)
     monkeypatch.setenv("TOY_CELLS", json.dumps([*squares(1), {"do": "raise", "i": 2}]))
     words = ["run", TOY, "--results", tmp_path, "--jobs", 1]
     code, out, _ = run(*words, "--json")

@@ -21,9 +21,9 @@ from pathlib import Path
 import pytest
 from faults import HERE, TOY, comparable, nobody_left, session, squares, start, wait_for_lines
 
+from lagrange_bench.results import provenance
+from lagrange_bench.results.store import SCHEMA, Store, make_record
 from lagrange_bench.runner import engine
-from results import provenance
-from results.store import SCHEMA, Store, make_record
 
 pytestmark = pytest.mark.processes
 linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for left-over processes in /proc")

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from experiments.catalogue import load
-from results import store
-from results.store import Store
+from lagrange_bench.experiments.catalogue import load
+from lagrange_bench.report import sections
+from lagrange_bench.results import store
+from lagrange_bench.results.store import Store
 from tests.commands import one_by_one
 
 pytestmark = pytest.mark.xdist_group("foreign")  # they share one process that imports nothing
@@ -23,7 +24,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-from integrators import METHODS, Potential
+from lagrange_bench.integrators import METHODS, Potential
 
 Path(__file__).with_name("ran").touch()
 VERSION = 1
@@ -178,4 +179,60 @@ def test_an_installed_experiment_needs_no_permission(tmp_path):
     code, out, err, ran = typed(folder, "verify", "mine", "--quiet")
     assert (code, ran) == (0, True), err
     assert "1 identical" in out
-    assert load("drift").__name__ == "experiments.drift"
+    assert load("drift").__name__ == "lagrange_bench.experiments.drift"
+
+
+# ---------------------------------------------------------------- what is in somebody else's folder
+
+
+@pytest.fixture
+def foreign(tmp_path):
+    (tmp_path / "results").mkdir()
+    stored(tmp_path / "results", "drift", {"state": "generic", "method": "rk4"})
+    return tmp_path / "results"
+
+
+@pytest.mark.parametrize("name", ["page", "page/index.html", "page/figures", "page/tables"])
+def test_a_link_in_a_foreign_folder_is_not_followed(run, foreign, name):
+    """What it points to is the reader's."""
+    target = foreign.parent / "mine"
+    target.write_text("mine") if name.endswith(".html") else target.mkdir()
+    (foreign / name).parent.mkdir(exist_ok=True)
+    (foreign / name).symlink_to(target)
+    code, out, err = run("report", "--results", foreign, "--quiet")
+    assert (code, out) == (2, "")
+    assert f"{foreign / name} is a symbolic link: remove it, or give another folder with --output" in err
+    assert target.read_text() == "mine" if target.is_file() else not list(target.iterdir())
+
+
+def test_a_link_in_place_of_a_figure_is_not_followed(foreign, tmp_path):
+    (foreign / "figures").mkdir()
+    (tmp_path / "mine").write_text("mine")
+    (foreign / "figures" / "drift_time.svg").symlink_to(tmp_path / "mine")
+    section = sections.Section("drift", figures=[sections.DrawnFigure("time", "<svg/>", "")])
+    with pytest.raises(ValueError, match=r"drift_time\.svg is a symbolic link"):
+        sections.write(section, foreign)
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
+def test_a_journal_that_is_no_file_is_not_waited_for(run, foreign):
+    os.mkfifo(foreign / "phase.jsonl")
+    assert Store(foreign).experiments() == ["drift"]
+    with pytest.raises(store.StoreError, match=r"cannot read .*phase\.jsonl: it is not a file"):
+        Store(foreign).read("phase")
+
+
+def test_messages_are_read_as_text_of_bounded_length(foreign):
+    message = "\ud800" + "x" * 10_000_000
+    failed = {
+        "status": "failed",
+        "rows": [],
+        "error": {"type": "E", "message": message},
+        "warnings": [],
+        "seconds": 0.1,
+    }
+    Store(foreign).append(store.make_record("drift", load("drift").VERSION, 1, {"method": "rk4"}, **failed))
+    (found,) = Store(foreign).open("drift").failures()["error_message"]
+    assert len(found.encode()) < 2100
+    stored(foreign, "drift", {"state": "generic", "method": "rk4"}, [{"note": "\ud800 λ"}], load("drift").VERSION)
+    assert Store(foreign).rows("drift").note.dropna().tolist() == ["? λ"]

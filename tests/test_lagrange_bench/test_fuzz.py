@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from integrators import (
+from lagrange_bench.integrators import (
     METHODS,
     TOPS,
     LagrangeTop,
@@ -27,8 +27,8 @@ from integrators import (
     prepare,
     two_point,
 )
-from integrators.checks import keyword_options
-from integrators.methods import backlund
+from lagrange_bench.integrators.checks import keyword_options
+from lagrange_bench.integrators.methods import backlund
 from tests.fuzzing import (
     COMPILED,
     EPS,

@@ -2,6 +2,7 @@
 
 import os
 import runpy
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import lagrange_bench
-from experiments import script
+from lagrange_bench.experiments import script
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -20,7 +21,7 @@ def python(*words, **settings):
 
 @pytest.mark.parametrize("words", [["--help"], ["--profile", "none"], ["--results", "/dev/null/x"]])
 def test_a_script_does_what_the_command_line_does(words):
-    ours = python("-m", "experiments.paper", *words, cwd=ROOT)
+    ours = python("-m", "lagrange_bench.experiments.paper", *words, cwd=ROOT)
     theirs = python("-m", "lagrange_bench", "run", "paper", *words, cwd=ROOT)
     assert (ours.returncode, ours.stdout, ours.stderr) == (theirs.returncode, theirs.stdout, theirs.stderr)
     assert ours.returncode == (0 if words == ["--help"] else 2)
@@ -28,7 +29,7 @@ def test_a_script_does_what_the_command_line_does(words):
 
 def test_every_experiment_is_a_script(monkeypatch):
     """Negative control: a name that is not that of the file would run another experiment."""
-    from experiments import EXPERIMENTS
+    from lagrange_bench.experiments import EXPERIMENTS
 
     run = []
     monkeypatch.setattr(script, "run", run.append)
@@ -37,21 +38,34 @@ def test_every_experiment_is_a_script(monkeypatch):
     assert tuple(run) == EXPERIMENTS
 
 
-@pytest.mark.parametrize("room", lagrange_bench.ROOMS)
-def test_a_folder_that_hides_a_room_is_named(tmp_path, room):
-    (tmp_path / room).mkdir()
-    (tmp_path / room / "__init__.py").write_text("")
-    found = python("-m", "lagrange_bench", "--help", cwd=tmp_path)
-    assert found.returncode == 1
-    assert f"ImportError: {tmp_path.resolve() / room} hides the package '{room}' of lagrange-bench: " in found.stderr
-    assert "rename it" in found.stderr
-
-
-def test_a_folder_without_python_hides_nothing(tmp_path):
-    """Negative control for the test above, and what nearly every user has: a folder of results."""
-    for room in lagrange_bench.ROOMS:
-        (tmp_path / room).mkdir()
-    assert python("-m", "lagrange_bench", "--help", cwd=tmp_path).returncode == 0
+def test_the_wheel_meets_a_visitors_own_names(tmp_path):
+    """A repository with its own integrators/, experiments/, results/ and report.py: neither hides the other's."""
+    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--quiet", "--no-deps")
+    source = tmp_path / "source"  # setuptools builds beside the sources
+    ignored = shutil.ignore_patterns(".*", "build", "*.jsonl", "__pycache__", "*.egg-info", "local", "tests")
+    shutil.copytree(ROOT, source, ignore=ignored)
+    subprocess.run([*pip, "--no-build-isolation", "--target", str(tmp_path / "site"), str(source)], check=True)
+    top = {path.name for path in (tmp_path / "site").iterdir() if not path.name.endswith(".dist-info")}
+    assert top <= {"lagrange_bench", "lagrange_bench_pytest.py", "bin", "__pycache__"}
+    theirs = tmp_path / "theirs"
+    for name in ("integrators", "experiments", "results"):
+        (theirs / name).mkdir(parents=True)
+        (theirs / name / "__init__.py").write_text("OWN = True\n")
+    (theirs / "report.py").write_text("OWN = True\n")
+    script = (
+        "import integrators, experiments, results, report, lagrange_bench\n"
+        "from lagrange_bench import METHODS, TOPS, exact\n"
+        "assert integrators.OWN and experiments.OWN and results.OWN and report.OWN\n"
+        "top = TOPS['generic']\n"
+        "print(len(METHODS), exact.solution(top.top, top.state, 1.0).shape, lagrange_bench.__file__)\n"
+    )
+    settings = {**os.environ, "PYTHONPATH": str(tmp_path / "site")}
+    found = python("-c", script, cwd=theirs, env=settings)
+    assert found.returncode == 0, found.stderr
+    assert found.stdout.startswith(f"{len(lagrange_bench.METHODS)} (6,)")
+    assert str(tmp_path / "site") in found.stdout
+    found = python("-m", "lagrange_bench", "run", "paper", "--results", "rows", "--quiet", cwd=theirs, env=settings)
+    assert found.returncode == 0, found.stderr
 
 
 def test_public_names():

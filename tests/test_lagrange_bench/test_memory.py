@@ -9,7 +9,7 @@ import sys
 import pytest
 from faults import HERE, TOY, squares
 
-from integrators import memory
+from lagrange_bench.integrators import memory
 from lagrange_bench.runner import engine
 
 

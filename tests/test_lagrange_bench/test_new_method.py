@@ -27,20 +27,25 @@ def edit(path, old, new):
 
 
 def test_a_method_is_one_file_and_one_line(tree):
-    file = tree / "integrators" / "methods" / "suzuki.py"
+    file = tree / "lagrange_bench" / "integrators" / "methods" / "suzuki.py"
     shutil.copy(ROOT / "docs" / "example_plugin" / "suzuki_top.py", file)
-    imports = "from integrators.compiling.compiled import jit as compiled\nfrom integrators.compiling.loops import FixedStepper"
-    edit(file, "from lagrange_bench import FixedStepper, compiled", imports)
+    compiling = "from lagrange_bench.integrators.compiling"
+    imports = f"{compiling}.compiled import jit as compiled\n{compiling}.loops import FixedStepper"
+    edit(
+        file,
+        "from lagrange_bench import FixedStepper, Method, compiled",
+        f"from lagrange_bench import Method\n{imports}",
+    )
     code, message = bench(tree, "check", "suzuki4", "--quick")
     assert code == 2, "negative control: without the line nobody knows it"
     edit(
-        tree / "integrators" / "registry.py",
+        tree / "lagrange_bench" / "integrators" / "registry.py",
         "    # integrable\n",
-        '    "suzuki4": "integrators.methods.suzuki:METHOD",\n    # integrable\n',
+        '    "suzuki4": "lagrange_bench.integrators.methods.suzuki:METHOD",\n    # integrable\n',
     )
     code, found = bench(tree, "check", "suzuki4", "--quick")
     assert (code, found["passed"]) == (0, True)
-    golden = tree / "experiments" / "measuring" / "golden.json"
+    golden = tree / "lagrange_bench" / "experiments" / "measuring" / "golden.json"
     before = json.loads(golden.read_text())
     assert bench(tree, "bits", "suzuki4", "--quick")[1]["verdicts"][0]["passed"] is None
     assert bench(tree, "bits", "suzuki4", "--write")[0] == 0
@@ -53,7 +58,7 @@ def test_a_method_is_one_file_and_one_line(tree):
 
 def test_a_top_is_one_entry(tree):
     entry = '    NamedTop("lopsided", "lopsided", 0.75, (0.5, 0.0, 1.25, 0.5, 0.0, 1.0), "of this test"),\n'
-    path = tree / "integrators" / "problem" / "top.py"
+    path = tree / "lagrange_bench" / "integrators" / "problem" / "top.py"
     text = path.read_text(encoding="utf-8")
     place = text.index("    NamedTop(")
     path.write_text(text[:place] + entry + text[place:], encoding="utf-8")

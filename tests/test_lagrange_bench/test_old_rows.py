@@ -11,11 +11,11 @@ from types import ModuleType
 
 import pytest
 
-from experiments.drawing import style
+from lagrange_bench.experiments.drawing import style
+from lagrange_bench.report import page
+from lagrange_bench.results import sources
+from lagrange_bench.results.store import Store, clean, make_record
 from lagrange_bench.runner import verify
-from report import page
-from results import sources
-from results.store import Store, clean, make_record
 
 NAME = "toy.study"
 
@@ -36,6 +36,7 @@ def study(monkeypatch, tmp_path):
     module.measure = lambda cell: [{"square": float(cell["i"] ** 2)}]
     monkeypatch.setitem(sys.modules, NAME, module)
     monkeypatch.setattr(page, "EXPERIMENTS", (NAME,))
+    monkeypatch.setattr(sources, "of_cell", lambda *cell: "1" * 24)  # it has no file
     monkeypatch.chdir(tmp_path)
     (tmp_path / "out").mkdir()
     append(module, *range(6))
@@ -112,18 +113,12 @@ def stale(study):
     """Two of the six rows are of other sources, and one line is damaged."""
     for i in (1, 2):
         done = {"status": "done", "rows": study.measure({"i": i}), "error": None, "warnings": [], "seconds": 0.1}
-        Store("out").append({**make_record(NAME, 1, i, {"i": i}, **done), "sources": "0" * 16})
+        Store("out").append({**make_record(NAME, 1, i, {"i": i}, **done), "sources": "0" * 24})
     path = Store("out").path(NAME)
     path.write_bytes(path.read_bytes().replace(b'"square":25.0', b'"square":26.0'))
 
 
-@pytest.fixture
-def known(monkeypatch):
-    """Of a module without a file the sources are not known; of this one they are."""
-    monkeypatch.setattr(sources, "of_cell", lambda experiment, cell: "1" * 16)
-
-
-def test_figures_name_old_rows_and_damaged_lines(run, known, study, stale):
+def test_figures_name_old_rows_and_damaged_lines(run, study, stale):
     for words in ((f"{NAME}_squares",), ("--all", "--format", "svg", "--width", "page")):
         code, out, err = run("figure", *words, "--results", "out")
         assert code == 0
@@ -139,7 +134,7 @@ def test_figures_name_old_rows_and_damaged_lines(run, known, study, stale):
     assert "cannot be drawn from out: toy.study.jsonl, line 1: damaged" in err
 
 
-def test_the_report_names_old_rows_in_one_line(run, known, study, stale):
+def test_the_report_names_old_rows_in_one_line(run, study, stale):
     code, out, err = run("report", "--results", "out", "--output", "page")
     (line,) = [line for line in err.splitlines() if OTHER in line]
     assert line == f"{OTHER} (lagrange-bench verify out computes a sample again and compares)"

@@ -11,7 +11,6 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -24,10 +23,10 @@ EXAMPLE = ROOT / "docs" / "example_plugin"
 DRAW = """
 import json
 from matplotlib.text import Text
-from experiments.catalogue import load
-from results.store import Store, make_record
-from experiments.drawing import style
-from report import page
+from lagrange_bench.experiments.catalogue import load
+from lagrange_bench.results.store import Store, make_record
+from lagrange_bench.experiments.drawing import style
+from lagrange_bench.report import page
 
 store = Store("results")
 listed = {}
@@ -150,67 +149,41 @@ def test_a_name_that_is_taken_and_a_name_without_a_colon(python, tmp_path):
     assert "is taken" not in out, "its own entry point does not clash with it"
 
 
-# ---------------------------------------------------------------- what results are stored under
-
 KEYS = """
 import json, sys
-from results.store import cell_key
-print(json.dumps([cell_key("toy", 1, {"method": name}) for name in sys.argv[1:]]))
+from lagrange_bench.results import sources
+from lagrange_bench.results.store import cell_key
+cells = [dict([word.split("=")]) for word in sys.argv[1:]]
+print(json.dumps([cell_key("drift", 1, cell, sources.of_cell("drift", cell)) for cell in cells]))
 """
 
 
-def test_an_edit_of_ones_own_method_is_another_key(python, tmp_path):
-    """Whatever process asks, and wherever the files are; nothing else of the folder counts, and nothing does for ours."""
+def test_an_edit_of_ones_own_method_or_potential_is_another_key(python, well, tmp_path):
+    """Whatever process asks; what they import counts, nothing else of the folder does, and nothing of it for ours."""
+    names = ("method=rk4", "method=suzuki4", "method=mine:METHOD", "potential=tide", "potential=well")
+    ours, package, mine, field, own_field = range(len(names))
 
-    def keys():
-        code, out, err = python("-c", KEYS, "rk4", "suzuki4", "mine:METHOD", "nobody")
+    def changed(file, text):
+        nonlocal before
+        (tmp_path / file).write_text(text, encoding="utf-8")
+        code, out, err = python("-c", KEYS, *names)
         assert code == 0, err
-        return json.loads(out)
+        before, old = json.loads(out), before
+        return {i for i in range(len(names)) if not old or before[i] != old[i]}
 
-    def edit(name, text):
-        (tmp_path / name).write_text(text, encoding="utf-8")
-
-    edit("helper.py", "# one\n")
-    edit("other.py", "# one\n")
-    edit("mine.py", "import helper\nfrom suzuki_top import METHOD\n")
-    first = keys()
-    assert keys() == first
-    edit("other.py", "# two\n")
-    assert keys() == first
-    edit("helper.py", "# two\n")
-    second = keys()
-    assert [a == b for a, b in zip(first, second, strict=True)] == [True, True, False, True]
-    plug_in = tmp_path / "site" / "suzuki_top.py"
-    plug_in.write_text(plug_in.read_text(encoding="utf-8") + "\n", encoding="utf-8")
-    third = keys()
-    assert [a == b for a, b in zip(second, third, strict=True)] == [True, False, False, True]
-    (about,) = (tmp_path / "site").glob("*.dist-info/METADATA")
-    about.write_text(about.read_text(encoding="utf-8").replace("1.0", "1.1"), encoding="utf-8")
-    assert [a == b for a, b in zip(third, keys(), strict=True)] == [True, False, True, True]
-
-
-def test_a_whole_package_counts(tmp_path, monkeypatch):
-    from results import plugin_sources as method_source
-
-    package = tmp_path / "of_mine"
-    (package / "deep").mkdir(parents=True)
-    for file in ("__init__.py", "methods.py", "deep/kernels.py", "notes.txt"):
-        (package / file).write_text("import beside, integrators, numpy\n", encoding="utf-8")
-    (tmp_path / "beside.py").write_text("", encoding="utf-8")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    found = method_source._files({"of_mine.methods"})
-    assert set(found) == {"of_mine/__init__.py", "of_mine/methods.py", "of_mine/deep/kernels.py", "beside.py"}
-    (tmp_path / "x.dist-info").mkdir()
-    assert "beside.py" not in method_source._files({"of_mine.methods"}), "packages are installed there"
-    monkeypatch.setitem(sys.modules, "__main__", ModuleType("__main__"))  # not that of `python -m pytest`
-    assert method_source._files({"sys", "__main__", "no_such_module"}) == {}
-    assert method_source.digest("no_such_module:METHOD") is None
+    before = []
+    (tmp_path / "mine.py").write_text("import helper\nfrom suzuki_top import METHOD\n", encoding="utf-8")
+    changed("helper.py", "# one\n")
+    assert changed("other.py", "# one\n") == set()
+    assert changed("helper.py", "# two\n") == {mine}
+    assert changed("depth.py", "DEPTH = 3\n") == {own_field}
+    assert changed("site/suzuki_top.py", (EXAMPLE / "suzuki_top.py").read_text(encoding="utf-8") + "\n") == {package}
 
 
 def test_built_in_methods_keep_their_keys(monkeypatch):
     """To the letter: what is stored stays valid."""
-    from integrators.registry import BUILT_IN
-    from results import store
+    from lagrange_bench.integrators.registry import BUILT_IN
+    from lagrange_bench.results import store
 
     monkeypatch.setattr(store, "_packages", lambda: {"numpy": "2.0"})
     golden = {
@@ -227,7 +200,7 @@ def test_built_in_methods_keep_their_keys(monkeypatch):
 # ---------------------------------------------------------------- potentials
 
 WELL = """
-from integrators import Potential
+from lagrange_bench.integrators import Potential
 import depth
 POTENTIAL = Potential("well", lambda x1, x2, x3, p: -p[0] / (depth.DEPTH + x1 * x1), parameters=("k",), note="a well")
 """
@@ -268,7 +241,7 @@ def test_a_potential_of_a_taken_name_is_left_out(python, well):
 def test_a_top_of_a_package(python, well, tmp_path):
     """It is listed, followed, and swept with its numbers; one whose name is taken is left out."""
     (tmp_path / "my_tops.py").write_text(
-        "from integrators import NamedTop\nMINE = NamedTop('mine', 'my top', 2.0, (0.5, 0.0, 1.25, 0.5, 0.0, 1.0), 'a test')\n"
+        "from lagrange_bench import NamedTop\nMINE = NamedTop('mine', 'my top', 2.0, (0.5, 0.0, 1.25, 0.5, 0.0, 1.0), 'a test')\n"
     )
     (entries,) = well.glob("well_top*/entry_points.txt")
     entries.write_text("[lagrange_bench.tops]\nmine = my_tops:MINE\nfast = my_tops:MINE\n")
@@ -294,29 +267,9 @@ def test_a_top_of_a_package(python, well, tmp_path):
     assert '"alpha": 2.0' in (tmp_path / "out" / "sweep_own.jsonl").read_text().replace('":2.0', '": 2.0')
 
 
-POTENTIAL_KEYS = """
-import json, sys
-from results.store import cell_key
-print(json.dumps([cell_key("toy", 1, {"method": "rk4", "potential": name}) for name in sys.argv[1:]]))
-"""
-
-
-def test_an_edit_of_ones_own_potential_is_another_key(python, well, tmp_path):
-    def keys():
-        code, out, err = python("-c", POTENTIAL_KEYS, "tide", "well", "my_well:POTENTIAL", "nobody")
-        assert code == 0, err
-        return json.loads(out)
-
-    first = keys()
-    assert len(set(first)) == 4
-    assert keys() == first
-    (tmp_path / "depth.py").write_text("DEPTH = 3\n", encoding="utf-8")
-    assert [a == b for a, b in zip(first, keys(), strict=True)] == [True, False, False, True]
-
-
 def test_not_there_unless_installed():
     """The control: without its package the name is unknown."""
-    from integrators import METHODS, POTENTIALS
+    from lagrange_bench.integrators import METHODS, POTENTIALS
 
     assert "suzuki4" not in METHODS
     assert "well" not in POTENTIALS
@@ -326,7 +279,7 @@ def test_the_documents_name_what_there_is():
     text = (ROOT / "docs" / "adding-a-method.md").read_text(encoding="utf-8")
     from dataclasses import fields
 
-    from integrators.interface import FAMILIES, Method
+    from lagrange_bench.integrators.interface import FAMILIES, Method
 
     for name in (*FAMILIES, *(field.name for field in fields(Method))):
         assert name in text, name

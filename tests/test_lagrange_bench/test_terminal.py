@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from faults import squares
 
-from results.store import Store, make_record
+from lagrange_bench.results.store import Store, make_record
 
 pty = pytest.importorskip("pty", reason="no pseudo-terminals on this platform")
 pytestmark = pytest.mark.processes

@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.measuring import bounds as drift
-from experiments.measuring import check
-from integrators import METHODS, LagrangeTop, StepError, Stepper
+from lagrange_bench.experiments.measuring import bounds as drift
+from lagrange_bench.experiments.measuring import check
+from lagrange_bench.integrators import METHODS, LagrangeTop, StepError, Stepper
 from lagrange_bench.testing import assert_drift, assert_order
 
 MINE = replace(METHODS["strang"], name="mine")  # of nobody's registry
@@ -80,7 +80,12 @@ def test_a_run_that_ends_early_or_is_not_finite():
 NO_TEST = [
     ({}, "give a bound"),
     ({"C3": 16}, "unknown invariant 'C3'"),
-    ({"H": float("nan")}, "H must be a bound"),
+    *(({"H": bound}, "^H must be ") for bound in (-1, float("nan"), float("inf"), "1", None, True)),
+    *(({"growth": "H", "below": p}, "^below must be ") for p in (float("nan"), float("inf"), "1", True)),
+    *(({"H": 16, "tops": tops}, "^tops") for tops in (5, "generic", (5,), ((1, 2),), (LagrangeTop(1.0),))),
+    ({"H": 16, "tops": ((LagrangeTop(1.0), (1.0, 2.0)),)}, "^y0 must have shape"),
+    ({"H": 16, "h": None}, "^h must be a real number"),
+    ({"H": 16, "options": 5}, "^options must be a dict"),
     ({"growth": "H"}, "go together"),
     ({"growth": "E", "below": 0.5}, "unknown invariant 'E'"),
     ({"H": 16, "tops": ["generi"]}, "unknown state 'generi'"),
@@ -91,7 +96,7 @@ NO_TEST = [
 ]
 
 
-@pytest.mark.parametrize(("more", "message"), NO_TEST, ids=[message for _, message in NO_TEST])
+@pytest.mark.parametrize(("more", "message"), NO_TEST)
 def test_what_would_test_nothing(more, message):
     with pytest.raises(ValueError, match=message):
         assert_drift(MINE, **more)
@@ -112,6 +117,9 @@ def test_order():
         assert_order("backlund")
     with pytest.raises(ValueError, match="chooses its own steps"):
         assert_order("rk45")
+    for tops in (("generic", "weak_tide"), ((LagrangeTop(1.0), (1.0, 0, 0, 0, 0, 1.0)),), 5, "generic", ()):
+        with pytest.raises(ValueError, match=r"^tops"):
+            assert_order(MINE, tops=tops)
 
 
 # ---------------------------------------------------------------- files

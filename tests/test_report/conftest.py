@@ -2,7 +2,7 @@
 
 import pytest
 
-from report import page, readme
+from lagrange_bench.report import page, readme
 
 SWITCHES = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-background-networking")
 

@@ -8,9 +8,9 @@ import pytest
 from browsing import IN_A_BROWSER, By, WebDriverWait, afresh, live, look, said, screen
 from selenium.webdriver.common.keys import Keys
 
-from integrators import registry
-from report import readme
-from results.store import Store
+from lagrange_bench.integrators import registry
+from lagrange_bench.report import readme
+from lagrange_bench.results.store import Store
 
 pytestmark = IN_A_BROWSER
 METHODS_LISTED = {method.name: method.label for method in registry.METHODS.values()}

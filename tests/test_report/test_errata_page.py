@@ -6,9 +6,9 @@ import sys
 
 import pytest
 
-from experiments.measuring import errata
 from lagrange_bench import __main__ as cli
-from report import page, readme
+from lagrange_bench.experiments.measuring import errata
+from lagrange_bench.report import page, readme
 
 # What was found wrong when every equation was checked, by section and equation.
 PROSE = {  # a sentence, beside formulas that are right

@@ -7,9 +7,9 @@ import pytest
 from browsing import IN_A_BROWSER, By, afresh, box, drawn, frame, live, look, move, said, screen, swipe
 from selenium.webdriver.common.keys import Keys
 
-from integrators import TOPS, StepError, integrate
-from integrators.problem.perturbed import PerturbedTop
-from integrators.problem.potentials import TIDE
+from lagrange_bench.integrators import TOPS, StepError, integrate
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.potentials import TIDE
 
 pytestmark = IN_A_BROWSER
 

@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from integrators import METHODS
-from report import page, panels, promises
-from report.promises import CLAIMS
+from lagrange_bench.integrators import METHODS
+from lagrange_bench.report import page, panels, promises
+from lagrange_bench.report.promises import CLAIMS
 
 
 def frame(**columns):

@@ -6,11 +6,12 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from experiments.measuring import errata
-from integrators import METHODS
-from report import claims, readme
-from report.promises import CLAIMS
-from results.store import Store
+from lagrange_bench.experiments.measuring import errata
+from lagrange_bench.integrators import METHODS
+from lagrange_bench.integrators.registry import BUILT_IN
+from lagrange_bench.report import claims, readme
+from lagrange_bench.report.promises import CLAIMS
+from lagrange_bench.results.store import Store
 
 pytestmark = pytest.mark.xdist_group("readme")  # all claims are judged once
 TEXT = (readme.ROOT / "README.md").read_text(encoding="utf-8")
@@ -25,7 +26,7 @@ def documents():
 
 
 def test_claims_in_the_documents_are_those_of_the_reference_run(documents):
-    """If this fails: `python -m report.readme`, and read what changed."""
+    """If this fails: `python -m lagrange_bench.report.readme`, and read what changed."""
     assert len(documents) == 2
     for path, text in documents.items():
         assert text == path.read_text(encoding="utf-8"), path
@@ -46,15 +47,26 @@ def test_the_first_screen_is_short():
     assert TEXT.count("\n") < 150
 
 
-def test_methods_that_take_a_potential_are_counted():
-    needs = Counter(method.in_field.needs for method in METHODS.values() if method.in_field)
-    words = "{force} methods take any potential, {smooth} more smooth ones, and Kahan's quadratic ones"
-    assert words.format(**needs) in " ".join(TEXT.split())
+def test_the_methods_are_counted():
+    """In README.md and docs/phase-theory.md: all, those compared in a uniform field, in a potential, held against theory."""
+    methods = [METHODS[name] for name in BUILT_IN]
+    needs = Counter(method.in_field.needs for method in methods if method.in_field)
+    compared = [method for method in methods if not method.reduces_to]
+    predicted = [method for method in compared if method.control == "step" and method.order is not None]
+    text, theory = (
+        " ".join(page.split()) for page in (TEXT, (readme.ROOT / "docs/phase-theory.md").read_text("utf-8"))
+    )
+    assert f"lists the {len(methods)} methods" in text
+    assert f"so {len(compared)} are compared there" in text
+    any_field = sum(needs[word] for word in ("rhs", "parts", "kinetic", "force"))
+    words = "{} methods take any potential, {} more smooth ones, and Kahan's quadratic ones"
+    assert words.format(any_field, needs["smooth"]) in text
     assert needs["quadratic"] == 1
+    assert f"each of the {len(predicted)} methods of finite order that step by h" in theory
 
 
 def test_the_picture_shows_the_reference_run(monkeypatch):
-    """If this fails: `python -m report.readme`, and look at docs/headline.svg."""
+    """If this fails: `python -m lagrange_bench.report.readme`, and look at docs/headline.svg."""
     shown = readme.shown(readme.draw(RESULTS))
     assert f'data-shows="{shown}"' in readme.PICTURE.read_text(encoding="utf-8")
     useful = readme.work_precision.useful
@@ -89,9 +101,9 @@ def test_errata_are_counted_as_they_are():
 
 
 def test_every_command_of_the_readme_exists():
-    from experiments import EXPERIMENTS
+    from lagrange_bench.experiments import EXPERIMENTS
 
-    named = set(re.findall(r"python -m experiments\.(\w+)", TEXT)) | set(re.findall(r"lagrange-bench run (\w+)", TEXT))
+    named = set(re.findall(r"(?:python experiments/|lagrange-bench run )(\w+)", TEXT))
     assert named - {"NAME"} <= set(EXPERIMENTS)
     assert all(f"`{name}`" in TEXT for name in EXPERIMENTS)
     makefile = (readme.ROOT / "Makefile").read_text(encoding="utf-8")

@@ -20,17 +20,22 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.catalogue import load
-from experiments.drawing import style
-from experiments.measuring.states import methods_on
-from integrators import METHODS
 from lagrange_bench.__main__ import main
-from report import claims, fairness, lists, origin, page, promises, sections, summary
-from report.claims import Claim
-from results import store
-from results.choice import Choice
+from lagrange_bench.experiments.catalogue import load
+from lagrange_bench.experiments.drawing import style
+from lagrange_bench.experiments.measuring.states import methods_on
+from lagrange_bench.integrators import METHODS
+from lagrange_bench.report import fairness, lists, origin, page, promises, sections, summary
+from lagrange_bench.report.claims import Bound, Claim
+from lagrange_bench.results import sources, store
+from lagrange_bench.results.choice import Choice
 
 NASTY = "50 % of a_b & <script>alert(1)</script> | α"
+
+
+def toy_cells(profile):
+    steps = (0.01, 0.1, 1.0, 2.0, 3.0, 4.0)
+    return [{"method": method, "h": h} for method in ("backlund", "rk45", "somebody_elses") for h in steps]
 
 
 def toy(name: str, draw, make_tables) -> ModuleType:
@@ -39,7 +44,7 @@ def toy(name: str, draw, make_tables) -> ModuleType:
     def forbidden(*_):
         raise AssertionError("the report must not measure")
 
-    module.VERSION, module.cells, module.measure = 1, forbidden, forbidden
+    module.VERSION, module.cells, module.measure = 1, toy_cells, forbidden
     module.draw, module.tables = draw, make_tables
     return module
 
@@ -74,12 +79,16 @@ def outcome(rows=(), message=None):
     return {"status": status, "rows": list(rows), "error": error, "warnings": [], "seconds": 0.5}
 
 
+def claim(name, text, limit, column="drift", experiment="toy.good", **where):
+    return Claim(name, "cost", text, experiment, (Bound((column,), "≤", limit, where=where),))
+
+
 CLAIMS = [
-    Claim("holds", "Drift stays small.", "toy.good", claims.within(1e-3, "drift", method="backlund")),
-    Claim("refuted", "Drift stays tiny.", "toy.good", claims.within(1e-30, "drift", method="backlund")),
-    Claim("failed", "A method that failed is fine.", "toy.good", claims.within(1e9, "drift", method="rk45")),
-    Claim("absent", "Nobody measured this.", "toy.good", claims.within(1.0, "colour", method="backlund")),
-    Claim("unstored", "Nothing is stored.", "toy.empty", claims.at_most(1.0, "drift")),
+    claim("holds", "Drift stays small.", 1e-3, method="backlund"),
+    claim("refuted", "Drift stays tiny.", 1e-30, method="backlund"),
+    claim("failed", "A method that declines is fine.", 1e9, method="rk45"),
+    claim("absent", "Nobody measured this.", 1.0, "colour", method="backlund"),
+    claim("unstored", "Nothing is stored.", 1.0, experiment="toy.empty"),
 ]
 
 
@@ -92,6 +101,7 @@ def results(tmp_path_factory):
             patch.setitem(sys.modules, name, toy(name, draw, make_tables))
         patch.setattr(page, "EXPERIMENTS", ("toy.good", "toy.broken", "toy.empty"))
         patch.setattr(promises, "CLAIMS", CLAIMS)
+        patch.setattr(sources, "of_cell", lambda *cell: "1" * 24)  # toys have no file
         journals = store.Store(folder)
         for name in ("toy.good", "toy.broken"):
             for i, method in enumerate(("backlund", "rk45", "somebody_elses")):
@@ -257,7 +267,7 @@ def test_the_page_says_which_rows_are_old(results, tmp_path, monkeypatch):
     folder = shutil.copytree(results, tmp_path / "mine" / "quick")
     assert not any(section.old for section in page.assemble(folder).sections)
     assert "other source code" not in page.html(page.assemble(folder))
-    for i, digest in enumerate(("0" * 16, "0" * 16, None)):
+    for i, digest in enumerate(("0" * 24, "0" * 24, None)):
         record = store.make_record(
             "toy.good", 1, 9 + i, {"method": "backlund", "h": 2.0 + i}, **outcome([{"drift": 1e-9}])
         )
@@ -358,7 +368,9 @@ def test_what_is_missing_is_said_in_its_place(report, text):
     found, away = sections["claims"].split("about experiments that are not stored here")
     assert ("claim-holds" in found, "claim-unstored" in found, "claim-unstored" in away) == (True, False, True)
     assert "toy.good.jsonl, line 10: cut off while it was written" in sections["toy.good"]
-    assert "StepError: Newton gave up &lt;here&gt;" in sections["failures"]
+    declined, failed = sections["failures"].split("No stored cell failed.")
+    assert "Declined: toy.good <small>(1 cells)" in declined
+    assert "Newton gave up &lt;here&gt;" in declined
     assert "numpy" in sections["environment"]
     assert np.__version__ in sections["environment"]
     assert report.errors == ["toy.broken: figures cannot be drawn: ZeroDivisionError: <b>no luck</b>"]
@@ -374,7 +386,7 @@ def test_no_results_at_all(tmp_path):
     report = page.assemble(tmp_path)
     text = page.write(report, tmp_path / "out").read_text(encoding="utf-8")
     assert text.count("nothing of this experiment is stored") == len(page.EXPERIMENTS)
-    assert {judged.verdict.passed for judged in report.claims} == {None}
+    assert {judged.verdict.word for judged in report.claims} == {"not tested"}
 
 
 def test_a_plug_in_that_cannot_be_loaded_stops_neither_page_nor_run(monkeypatch, tmp_path):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from browsing import IN_A_BROWSER, By, WebDriverWait, afresh, box, frame, live, look, screen, swipe
 
-from report import readme
+from lagrange_bench.report import readme
 
 pytestmark = IN_A_BROWSER
 

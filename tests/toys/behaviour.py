@@ -10,6 +10,7 @@ import json
 import os
 import signal
 import sys
+import threading
 import time
 import warnings
 from pathlib import Path
@@ -17,6 +18,13 @@ from pathlib import Path
 import numpy as np
 
 VERSION = 1
+if "TOY_THREAD" in os.environ:
+    threading.Thread(target=time.sleep, args=(60,)).start()
+
+
+class NoText(Exception):
+    def __str__(self):
+        raise RuntimeError
 
 
 def cells(profile):
@@ -33,6 +41,12 @@ def measure(cell):
                 time.sleep(0.01)
         case "raise":
             raise ArithmeticError(f"cell {i} was told to")
+        case "no text":
+            raise NoText
+        case "surrogate":
+            raise ValueError(os.fsdecode(b"no such \xff file"))
+        case "long text":
+            raise ValueError("x" * 10_000_000)
         case "exit":
             raise SystemExit(3)
         case "die":

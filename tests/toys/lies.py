@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from integrators import Method, StepError, Stepper, Work
+from lagrange_bench.integrators import Method, StepError, Stepper, Work
 
 
 class KickAndRotation(Stepper):

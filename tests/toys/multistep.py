@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from integrators import METHODS
-from integrators.compiling.compiled import compiled
-from integrators.compiling.loops import MEMORY, FixedStepper
+from lagrange_bench.integrators import METHODS
+from lagrange_bench.integrators.compiling.compiled import compiled
+from lagrange_bench.integrators.compiling.loops import MEMORY, FixedStepper
 
 
 @compiled

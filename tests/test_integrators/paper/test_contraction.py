@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from mpmath import mpf
 
-from integrators import TOPS
-from integrators.paper import contraction as con
-from integrators.paper.phase_space import invariants, poisson_tensor
+from lagrange_bench.integrators import TOPS
+from lagrange_bench.integrators.paper import contraction as con
+from lagrange_bench.integrators.paper.phase_space import invariants, poisson_tensor
 from tests.test_integrators.paper.tools import DIGITS, jacobian, points
 
 both = pytest.mark.parametrize("digits", DIGITS)

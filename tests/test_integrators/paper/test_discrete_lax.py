@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from integrators import TOPS, LagrangeTop, prepare
-from integrators.paper import discrete_lax, lax
-from integrators.paper.phase_space import cross
-from integrators.paper.two_point import pole_free
-from integrators.truth import exact
+from lagrange_bench.integrators import TOPS, LagrangeTop, prepare
+from lagrange_bench.integrators.paper import discrete_lax, lax
+from lagrange_bench.integrators.paper.phase_space import cross
+from lagrange_bench.integrators.paper.two_point import pole_free
+from lagrange_bench.integrators.truth import exact
 from tests.reference import turned
 from tests.test_integrators.paper.tools import largest
 from tests.test_integrators.test_integrable_maps import MAPS, rational_cases

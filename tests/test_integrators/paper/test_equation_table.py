@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from integrators.paper.errata import errata
+from lagrange_bench.integrators.paper.errata import errata
 
 ROOT = Path(__file__).resolve().parents[3]
 EQUATIONS = {  # how many equations each section of the paper has
@@ -46,7 +46,9 @@ def test_functions_and_tests_exist(row):
     assert tests
     for name in named:
         module, *path = name.split(".")
-        assert callable(reduce(getattr, path, importlib.import_module(f"integrators.paper.{module}"))), name
+        assert callable(reduce(getattr, path, importlib.import_module(f"lagrange_bench.integrators.paper.{module}"))), (
+            name
+        )
     for name in tests:
         module, function = name.split(".")
         assert function.startswith("test_")

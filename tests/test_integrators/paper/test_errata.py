@@ -6,8 +6,8 @@ from random import Random
 
 import pytest
 
-from integrators import paper
-from integrators.paper.errata import Erratum, errata
+from lagrange_bench.integrators import paper
+from lagrange_bench.integrators.paper.errata import Erratum, errata
 
 RECORDS = errata()
 
@@ -27,5 +27,5 @@ def test_no_erratum_is_listed_twice():
 
 def test_every_record_is_gathered():
     for module in pkgutil.iter_modules(paper.__path__):
-        for record in getattr(importlib.import_module(f"integrators.paper.{module.name}"), "ERRATA", []):
+        for record in getattr(importlib.import_module(f"lagrange_bench.integrators.paper.{module.name}"), "ERRATA", []):
             assert record in RECORDS

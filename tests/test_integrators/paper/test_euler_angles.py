@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from mpmath import mp, mpc, mpf
 
-from integrators import TOPS, LagrangeTop
-from integrators.paper import euler_angles
-from integrators.paper.euler_angles import (
+from lagrange_bench.integrators import TOPS, LagrangeTop
+from lagrange_bench.integrators.paper import euler_angles
+from lagrange_bench.integrators.paper.euler_angles import (
     angles,
     from_angles,
     hamiltonian,
@@ -18,9 +18,9 @@ from integrators.paper.euler_angles import (
     states,
     to_angles,
 )
-from integrators.paper.phase_space import invariants, poisson_tensor, vector_field
-from integrators.paper.weierstrass import Weierstrass
-from integrators.truth import exact
+from lagrange_bench.integrators.paper.phase_space import invariants, poisson_tensor, vector_field
+from lagrange_bench.integrators.paper.weierstrass import Weierstrass
+from lagrange_bench.integrators.truth import exact
 from tests.test_integrators.paper.tools import DIGITS, largest, points
 
 both = pytest.mark.parametrize("digits", DIGITS)

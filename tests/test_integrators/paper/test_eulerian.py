@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from integrators import LagrangeTop
-from integrators.paper import eulerian
-from integrators.paper import generating_functions as gf
-from integrators.paper.euler_angles import to_angles
-from integrators.paper.lax import eigenvalue
-from integrators.paper.one_point import one_point
-from integrators.paper.phase_space import invariants, sqrt
+from lagrange_bench.integrators import LagrangeTop
+from lagrange_bench.integrators.paper import eulerian
+from lagrange_bench.integrators.paper import generating_functions as gf
+from lagrange_bench.integrators.paper.euler_angles import to_angles
+from lagrange_bench.integrators.paper.lax import eigenvalue
+from lagrange_bench.integrators.paper.one_point import one_point
+from lagrange_bench.integrators.paper.phase_space import invariants, sqrt
 from tests.test_integrators.paper.tools import DIGITS, largest, points
 
 both = pytest.mark.parametrize("digits", DIGITS)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from mpmath import mp, mpc, mpf
 
-from integrators.compiling.double_double import dd
-from integrators.paper import lax
-from integrators.paper.gaudin_curve import eigenvalue, spectral_polynomial, times
-from integrators.paper.gaudin_maps import one_point, one_point_inverse, two_point, two_point_textbook
-from integrators.paper.gaudin_model import GaudinMagnet
-from integrators.paper.phase_space import poisson_tensor
-from integrators.torus import time_step
+from lagrange_bench.integrators.compiling.double_double import dd
+from lagrange_bench.integrators.paper import lax
+from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue, spectral_polynomial, times
+from lagrange_bench.integrators.paper.gaudin_maps import one_point, one_point_inverse, two_point, two_point_textbook
+from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
+from lagrange_bench.integrators.paper.phase_space import poisson_tensor
+from lagrange_bench.integrators.torus import time_step
 from tests.test_integrators.paper.tools import DIGITS, jacobian, largest, points
 
 both = pytest.mark.parametrize("digits", DIGITS)

@@ -7,12 +7,14 @@ import mpmath
 import numpy as np
 import pytest
 
-from integrators import MAGNET_METHODS, MAGNETS, GaudinMagnet, StepError, integrate
-from integrators.paper.gaudin_magnets import central_spin, random_magnet
-from integrators.paper.gaudin_methods import prepare_method, weights_of_two
-from integrators.registry import available
+from lagrange_bench.integrators import MAGNET_METHODS, MAGNETS, GaudinMagnet, StepError, integrate
+from lagrange_bench.integrators.paper.gaudin_magnets import central_spin, random_magnet
+from lagrange_bench.integrators.paper.gaudin_methods import prepare_method, weights_of_two
+from lagrange_bench.integrators.registry import available
+from tests.faults import interrupted
 
 MAGNET, SPINS = central_spin(4)
+HERE = [name for name, method in MAGNET_METHODS.items() if method.requires is None or available(method)]
 GENERAL = replace(MAGNET, hamiltonian=(1.0, -0.5, 0.25, 0.0))
 
 
@@ -20,9 +22,9 @@ GENERAL = replace(MAGNET, hamiltonian=(1.0, -0.5, 0.25, 0.0))
     ("method", "magnet"),
     [
         pytest.param(method, magnet, id=f"{method.name}-{word}")
-        for method in MAGNET_METHODS.values()
+        for method in map(MAGNET_METHODS.get, HERE)
         for word, magnet in (("site", MAGNET), ("hamiltonian", GENERAL))
-        if (method.requires is None or available(method)) and (method.name, word) != ("backlund_paper", "hamiltonian")
+        if (method.name, word) != ("backlund_paper", "hamiltonian")
     ],
 )
 def test_methods_follow_one_flow_and_keep_what_they_claim(method, magnet):
@@ -63,7 +65,7 @@ def test_methods_are_poisson_as_claimed(method):
     assert defect < 1e-8 if method.poisson else defect > 1e-5
 
 
-TOLERANT = [m.name for m in MAGNET_METHODS.values() if m.control == "tolerance" and (not m.requires or available(m))]
+TOLERANT = [name for name in HERE if MAGNET_METHODS[name].control == "tolerance"]
 
 
 @pytest.mark.parametrize("size", [1e-8, 1e-100])
@@ -88,6 +90,54 @@ def test_steps_backwards():
     for name in ("backlund", "strang", "implicit_midpoint"):
         there = integrate(MAGNET, SPINS, h=0.5, steps=1, method=name).y[-1]
         assert np.max(np.abs(integrate(MAGNET, there, h=-0.5, steps=1, method=name).y[-1] - SPINS)) < 1e-13
+
+
+@pytest.mark.parametrize("n", [2, 5])
+@pytest.mark.parametrize("method", HERE)
+def test_only_differences_of_sites_count(method, n):
+    magnet, spins = random_magnet(n, 1)
+    sites = [round(1024 * a) / 1024 for a in magnet.sites]
+    options = {"factors": 2} if method == "backlund_paper" else {}
+    here, *there = (
+        integrate(replace(magnet, sites=tuple(a + far for a in sites)), spins, 0.125, 16, method, **options)
+        for far in (0.0, 2.0**20, -(2.0**30), 2.0**40)
+    )
+    for run in there:
+        assert np.max(np.abs(run.y - here.y)) < 1e-12
+        assert np.max(np.abs(run.invariants() - here.invariants())) < 1e-12
+
+
+@pytest.mark.parametrize("flow", [*({"site": j} for j in range(4)), {"hamiltonian": (0.3, -0.2, 1.0, 0.5)}], ids=str)
+def test_groups_of_sites_far_apart(flow):
+    pytest.importorskip("heyoka")
+    magnet = GaudinMagnet((-5e7, 1e8, 1e8 + 0.5, 1e8 + 2), 0.7, **flow)
+    for h in (1.0, -5.0):
+        exact, truth = (integrate(magnet, SPINS, h, 1, method).y[-1] for method in ("backlund", "taylor"))
+        assert np.max(np.abs(exact - truth)) < 1e-13
+
+
+@pytest.mark.parametrize(("method", "steps"), [("taylor", 1), ("taylor", 4), ("implicit_midpoint", 10**9)])
+def test_control_c_ends_a_long_run(method, steps):
+    if method not in HERE:
+        pytest.skip(f"{method} is not installed here")
+    magnet, spins = MAGNETS["central32"]
+    stepper = prepare_method(magnet, spins, 1e8 if method == "taylor" else 0.1, method, {})
+    stepper.advance(spins, 0 if method == "taylor" else 1)
+    with interrupted():
+        stepper.record(spins, steps, max(1, steps // 4))
+
+
+@pytest.mark.parametrize("tol", [0.0, -1e-9, 2.0, np.nan, "1e-9"])
+def test_tolerances_of_heyoka(tol):
+    pytest.importorskip("heyoka")
+    with pytest.raises(ValueError, match=r"^tol must be"):
+        integrate(MAGNET, SPINS, 0.5, 2, "taylor", tol=tol)
+
+
+@pytest.mark.parametrize("method", TOLERANT)
+def test_times_that_no_steps_reach(method):
+    with pytest.raises(StepError, match=rf"^{method} at h = 1e\+300: a spin may turn .* times"):
+        integrate(MAGNET, SPINS, 1e300, 1, method)
 
 
 def test_options_reach_the_method():
@@ -128,8 +178,8 @@ def test_named_and_random_magnets():
         ({"t": [0.0, 1.0]}, "t"),
         ({"attitude": True}, "attitude"),
         ({"tol": 1e-3}, "tol"),
-        ({"method": "dop853", "rtol": "small"}, "rtol"),
-        ({"method": "backlund_paper", "factors": 0}, "factors"),
+        *(({"method": "dop853", "rtol": rtol}, "^rtol must be") for rtol in ("small", 0.0, -1e-9, 1e-17, 2.0, np.nan)),
+        *(({"method": "backlund_paper", "factors": k}, "^factors must be") for k in (0, 17, 1.5, True, "2", None)),
         ({"method": "backlund_paper", "top": GENERAL}, "hamiltonian"),
         ({"top": MAGNETS["central128"].magnet, "y0": MAGNETS["central128"].spins}, "at most 32"),
         ({"top": GaudinMagnet((0, 1j, -1j, 2), 0.5)}, "sites"),
@@ -144,11 +194,9 @@ def test_bad_input(change, named):
         integrate(**call | change)
 
 
-@pytest.mark.parametrize("method", MAGNET_METHODS)
+@pytest.mark.parametrize("method", HERE)
 @pytest.mark.parametrize("kind", [mpmath.mpf, complex, np.float32])
 def test_sites_and_alpha_may_be_any_real_numbers(method, kind):
-    if not available(MAGNET_METHODS[method]):
-        pytest.skip(f"{method} is not installed here")
     plain, alpha = GaudinMagnet((0.0, 0.5, 2.0**70, -1.5), 0.5), 0.5 if kind is complex else kind(0.5)
     other = GaudinMagnet((kind(0.0), kind(0.5), 2**70, kind(-1.5)), alpha)
     ends = [integrate(magnet, SPINS, h=0.3, steps=4, method=method).y[-1] for magnet in (plain, other)]

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from integrators import StepError
-from integrators.paper.gaudin_curve import pade_parameters, times
-from integrators.paper.gaudin_magnets import random_magnet, unit_of_time
-from integrators.paper.gaudin_maps import two_point
-from integrators.paper.gaudin_model import GaudinMagnet
-from integrators.paper.gaudin_step import MagnetStepper, prepare, prepare_exact
+from lagrange_bench.integrators import StepError
+from lagrange_bench.integrators.paper.gaudin_curve import pade_parameters, times
+from lagrange_bench.integrators.paper.gaudin_magnets import random_magnet, unit_of_time
+from lagrange_bench.integrators.paper.gaudin_maps import two_point
+from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
+from lagrange_bench.integrators.paper.gaudin_step import MagnetStepper, prepare, prepare_exact
 
 PROMISE = 1e-12  # of issue 3: relative change of every |s_j| and H_j over 1e5 steps
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from integrators.paper import gaudin_maps
-from integrators.paper.gaudin_curve import eigenvalue
-from integrators.paper.gaudin_model import GaudinMagnet
+from lagrange_bench.integrators.paper import gaudin_maps
+from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue
+from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 from tests.test_integrators.paper.test_gaudin import defect
 from tests.test_integrators.paper.tools import largest
 

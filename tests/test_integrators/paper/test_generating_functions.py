@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from integrators import TOPS, LagrangeTop
-from integrators.paper import generating_functions as gf
-from integrators.paper.lax import eigenvalue, gaudin_entries, lax_matrix, pauli
-from integrators.paper.one_point import dressing_matrix, k_value, one_point
-from integrators.paper.phase_space import cartesian, invariants, ladder, sqrt
+from lagrange_bench.integrators import TOPS, LagrangeTop
+from lagrange_bench.integrators.paper import generating_functions as gf
+from lagrange_bench.integrators.paper.lax import eigenvalue, gaudin_entries, lax_matrix, pauli
+from lagrange_bench.integrators.paper.one_point import dressing_matrix, k_value, one_point
+from lagrange_bench.integrators.paper.phase_space import cartesian, invariants, ladder, sqrt
 from tests.test_integrators.paper.tools import DIGITS, largest, points
 
 both = pytest.mark.parametrize("digits", DIGITS)

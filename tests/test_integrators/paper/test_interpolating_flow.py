@@ -9,13 +9,13 @@ import pytest
 from mpmath import mp, mpc, mpf
 from scipy.integrate import solve_ivp
 
-from integrators import TOPS, LagrangeTop
-from integrators.paper import interpolating_flow as flow
-from integrators.paper import lax
-from integrators.paper import two_point as tp
-from integrators.paper.phase_space import invariants, poisson_tensor, sqrt, vector_field
-from integrators.torus import attitude
-from integrators.torus import time_step as ts
+from lagrange_bench.integrators import TOPS, LagrangeTop
+from lagrange_bench.integrators.paper import interpolating_flow as flow
+from lagrange_bench.integrators.paper import lax
+from lagrange_bench.integrators.paper import two_point as tp
+from lagrange_bench.integrators.paper.phase_space import invariants, poisson_tensor, sqrt, vector_field
+from lagrange_bench.integrators.torus import attitude
+from lagrange_bench.integrators.torus import time_step as ts
 from tests import reference
 from tests.test_integrators.paper.tools import DIGITS, jacobian, largest, points
 

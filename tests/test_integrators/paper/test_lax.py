@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from mpmath import mp, mpc
 
-from integrators import TOPS, LagrangeTop
-from integrators.paper import lax
-from integrators.paper.phase_space import (
+from lagrange_bench.integrators import TOPS, LagrangeTop
+from lagrange_bench.integrators.paper import lax
+from lagrange_bench.integrators.paper.phase_space import (
     cartesian,
     invariants,
     ladder,

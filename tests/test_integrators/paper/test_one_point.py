@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from integrators import TOPS, LagrangeTop
-from integrators.paper import lax
-from integrators.paper import one_point as op
-from integrators.paper.phase_space import invariants, ladder, poisson_tensor, sqrt
+from lagrange_bench.integrators import TOPS, LagrangeTop
+from lagrange_bench.integrators.paper import lax
+from lagrange_bench.integrators.paper import one_point as op
+from lagrange_bench.integrators.paper.phase_space import invariants, ladder, poisson_tensor, sqrt
 from tests.test_integrators.paper.tools import DIGITS, jacobian, largest, points, size
 
 both = pytest.mark.parametrize("digits", DIGITS)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from integrators import TOPS, two_point
-from integrators.paper import lax
-from integrators.paper import one_point as op
-from integrators.paper.phase_space import invariants, poisson_tensor
+from lagrange_bench.integrators import TOPS, two_point
+from lagrange_bench.integrators.paper import lax
+from lagrange_bench.integrators.paper import one_point as op
+from lagrange_bench.integrators.paper.phase_space import invariants, poisson_tensor
 from tests.test_integrators.paper.tools import (
     DIGITS,
     Dual,
@@ -44,7 +44,7 @@ def test_all_maps_commute(digits):
 @pytest.mark.parametrize("name", ["figure1", "figure2", "generic", "inverted"])
 @sheets
 def test_composition_with_the_inverse_is_the_two_point_map(name, sheet):
-    """B_(λ̄)⁻¹ ∘ B_λ on one sheet is real, and `integrators.two_point` of the other; so is the product reversed."""
+    """B_(λ̄)⁻¹ ∘ B_λ on one sheet is real, and `lagrange_bench.two_point` of the other; so is the product reversed."""
     top, y = TOPS[name].top, TOPS[name].state
     for lam in (0.1 + 0.3j, -0.5 + 0.2j):
         with mp.workdps(30):

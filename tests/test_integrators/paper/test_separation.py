@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from integrators import TOPS, LagrangeTop
-from integrators.paper import lax
-from integrators.paper import separation as sep
-from integrators.paper.phase_space import invariants, poisson_tensor, sqrt, vector_field
+from lagrange_bench.integrators import TOPS, LagrangeTop
+from lagrange_bench.integrators.paper import lax
+from lagrange_bench.integrators.paper import separation as sep
+from lagrange_bench.integrators.paper.phase_space import invariants, poisson_tensor, sqrt, vector_field
 from tests.test_integrators.paper.tools import (
     CANONICAL,
     DIGITS,

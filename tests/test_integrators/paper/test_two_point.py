@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from mpmath import mp, mpc, mpf
 
-from integrators import TOPS, LagrangeTop, prepare, two_point
-from integrators.paper import lax
-from integrators.paper import one_point as op
-from integrators.paper import two_point as tp
-from integrators.paper.phase_space import components, invariants, ladder, poisson_tensor
+from lagrange_bench.integrators import TOPS, LagrangeTop, prepare, two_point
+from lagrange_bench.integrators.paper import lax
+from lagrange_bench.integrators.paper import one_point as op
+from lagrange_bench.integrators.paper import two_point as tp
+from lagrange_bench.integrators.paper.phase_space import components, invariants, ladder, poisson_tensor
 from tests.test_integrators.paper.tools import DIGITS, jacobian, largest, points, poisson_defect
 
 both = pytest.mark.parametrize("digits", DIGITS)

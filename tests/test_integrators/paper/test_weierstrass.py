@@ -5,7 +5,7 @@ import itertools
 import pytest
 from mpmath import mp, mpc, mpf
 
-from integrators.paper.weierstrass import Weierstrass
+from lagrange_bench.integrators.paper.weierstrass import Weierstrass
 
 DIGITS = 40
 ROOTS = {"square": ("1", "0"), "wide": ("1", "0.999"), "tall": ("2", "-0.9"), "oblong": ("3", "0.25")}  # e1, e2

@@ -5,8 +5,8 @@ import random
 import numpy as np
 from mpmath import mp, mpc, mpf
 
-from integrators import LagrangeTop
-from integrators.paper.phase_space import poisson_tensor
+from lagrange_bench.integrators import LagrangeTop
+from lagrange_bench.integrators.paper.phase_space import poisson_tensor
 from tests.reference import largest
 
 DIGITS = (15, 50)  # double, and mpmath

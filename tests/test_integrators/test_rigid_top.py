@@ -1,0 +1,222 @@
+"""Tops in SI units with any axis and any gravity, and the named cases, against Taylor series of the whole body in integers."""
+
+import math
+import pickle
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lagrange_bench.integrators import CASES, METHODS, Case, HeavyTop, RigidTop, available, integrate
+from lagrange_bench.integrators.cases import matrix
+from lagrange_bench.integrators.truth.rigid_body import about_fixed_point, rigid_motion
+
+REFERENCE = Path(__file__).parents[2] / "docs" / "cases"
+FOLLOWING = [name for name in ("backlund", "theta_functions", "taylor") if available(METHODS[name])]
+DISK = {"mass": 15.0, "com": (0, 1, 0), "inertia_com": (0.234375, 0.46875, 0.234375)}
+
+
+def motion(top, rotation, omega, times, digits=17):
+    """Rotation matrices (N, 3, 3) and angular velocities (N, 3) in the body, from integers."""
+    start = matrix(rotation.as_quat(scalar_first=True))
+    found = list(rigid_motion(top.mass, top.com, top.inertia_com, top.gravity, start, omega, times, digits))
+    return tuple(np.array([np.array(row[k], dtype=float) for row in found]) for k in (0, 1))
+
+
+def random_top(seed):
+    """A top with a random axis, gravity and orientation; its start; and a time of some 60 rad."""
+    rng = np.random.default_rng(seed)
+    Q, up, start = Rotation.random(3, random_state=rng)
+    C = 10 ** rng.uniform(-3, 0)
+    across, mass, distance = C * rng.uniform(0.5, 4), 10 ** rng.uniform(-1, 1.5), rng.uniform(0.02, 1.0)
+    inertia = (Q.as_matrix() * (across, across, C)) @ Q.as_matrix().T
+    axis = Q.apply((0, 0, 1))
+    top = RigidTop(mass, distance * axis, (inertia + inertia.T) / 2, up.apply((0, 0, rng.uniform(1, 20))))
+    spin = 10 ** rng.uniform(0, math.log10(500))
+    omega = spin * axis + np.cross(axis, rng.normal(size=3)) * 10 ** rng.uniform(-1, 1)
+    return top, start, omega, min(2.0, 60 / spin)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_random_tops_by_every_method(seed):
+    top, start, omega, end = random_top(seed)
+    times = [0.0, 0.3 * end, end]
+    R, Omega = motion(top, start, omega, times)
+    state = top.state(rotation=start, omega_body=omega)
+    for method in FOLLOWING:
+        for run, rows in (
+            (integrate(top, state, t=times, method=method), [0, 1, 2]),
+            (integrate(top, state, h=end / 10, steps=10, method=method), [0, 2]),
+            (integrate(top, state, h=end, steps=1, method=method), [0, 2]),
+        ):
+            assert np.max(np.abs(run.position - R[rows] @ top.com)) < 1e-13 * top.distance
+            assert np.max(np.abs(run.rotation.as_matrix() - R[rows])) < 1e-13
+            assert np.max(np.abs(run.omega_body - Omega[rows])) < 1e-13 * np.max(np.abs(omega))
+
+
+@pytest.mark.parametrize("method", FOLLOWING)
+@pytest.mark.parametrize("name", CASES)
+def test_the_cases_against_their_reference_files(name, method):
+    """25 digits on file: position to 1e-14 m in one step, rotation to 1e-13, through 500 rad of spin."""
+    case, file = CASES[name], np.loadtxt(REFERENCE / f"{name}.csv", delimiter=",", skiprows=6)
+    t, position, R, omega = file[:, 0], file[:, 1:4], file[:, 8:17].reshape(-1, 3, 3), file[:, 17:]
+    one = integrate(case.top, case.state, h=t[-1], steps=1, method=method)
+    dense = integrate(case.top, case.state, t=t, method=method)
+    for run, rows in ((one, [0, -1]), (dense, slice(None))):
+        assert np.max(np.abs(run.position - position[rows])) < 1e-14
+        assert np.max(np.abs(run.rotation.as_matrix() - R[rows])) < 1e-13
+        assert np.max(np.abs(run.omega_body - omega[rows])) < 2e-15 * np.max(np.abs(omega)) * (1 + t[-1])
+    assert np.max(np.abs(case.doubles(t) - file)) < 1e-13 * max(1, np.max(np.abs(omega)))
+
+
+def test_steady_precession_in_closed_form():
+    """R(t) = exp(10 t e3) R(0) exp(135.6 t e3): `metis`, at a thousand times."""
+    case, t = CASES["metis"], np.linspace(-1, 1, 1000)
+    about = [Rotation.from_rotvec(np.outer(rate * t, (0, 0, 1))) for rate in (10.0, 135.6)]
+    want = about[0] * Rotation.from_rotvec((math.pi / 3, 0, 0)) * about[1]
+    found = case.solution(t)
+    assert np.max((want.inv() * found.rotation).magnitude()) < 1e-13
+    assert np.max(np.abs(found.position - want.apply((0, 0, 0.075)))) < 1e-15
+
+
+def test_energy_and_momenta_of_a_run_are_those_of_the_body():
+    case = CASES["bruels"]
+    run = case.solution(np.linspace(0, case.until, 50))
+    energy = case.top.energy(run.rotation, run.omega_body)
+    assert np.max(np.abs(energy / run.energy - 1)) < 1e-13
+    assert np.ptp(run.energy) < 1e-13 * run.energy[0]
+    assert np.ptp(case.top.vertical_momentum(run.rotation, run.omega_body)) < 1e-11
+    np.testing.assert_allclose(run.rotation.apply(run.omega_body), run.omega_world, atol=1e-12)
+    np.testing.assert_allclose(run.position, run.rotation.apply(case.top.com), atol=1e-13)
+
+
+def test_a_heavy_top_is_a_rigid_top():
+    """The same body by its moments about the fixed point; the state from Euler angles has the rotation too."""
+    rigid = RigidTop(0.1, (0, 0, 0.03), (1e-4, 1e-4, 6e-5))
+    heavy = HeavyTop(mass=0.1, distance=0.03, gravity=9.81, A=rigid.A, C=rigid.C)
+    state = heavy.state((0.4, 0.3, 0.1), (0.2, 1.5, 120.0))
+    run = integrate(heavy, state, h=0.5, steps=4, every=1)
+    sent = integrate(eval(repr(heavy)), pickle.loads(pickle.dumps(state)), h=0.5, steps=4, every=1)
+    assert np.array_equal(sent.rotation.as_quat(), run.rotation.as_quat())
+    same = integrate(rigid, rigid.state(rotation=state.rotation, omega_world=run.omega_world[0]), t=run.t)
+    np.testing.assert_allclose(run.position, same.position, atol=1e-14)
+    np.testing.assert_allclose(run.rotation.as_matrix(), same.rotation.as_matrix(), atol=3e-13)
+    np.testing.assert_allclose(run.energy, same.energy, rtol=1e-13)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {**DISK, "com": (0, 0, 0)},
+        {**DISK, "gravity": (0, 0, 0)},
+        {"mass": 1.0, "com": (0, 0, 0), "inertia_com": (2, 2, 2)},
+    ],
+)
+def test_a_free_top(body):
+    top, start = RigidTop(**body), Rotation.from_rotvec((0.3, -0.2, 1.0))
+    R, Omega = motion(top, start, (1.0, 20.0, -3.0), [2.0])
+    for method in FOLLOWING:
+        run = integrate(top, top.state(rotation=start, omega_body=(1.0, 20.0, -3.0)), t=[2.0], method=method)
+        assert np.max(np.abs(run.rotation.as_matrix() - R)) < 1e-13
+        assert np.max(np.abs(run.omega_body - Omega)) < 1e-12
+
+
+def test_a_case_of_ones_own():
+    """Its digits start from the doubles; a matrix serves as well as a Rotation."""
+    top, turn = RigidTop(**DISK), Rotation.from_rotvec((0.1, 0.2, 0.3))
+    case = Case("mine", top, turn.as_matrix(), (1.0, 5.0, 2.0), until=1.0)
+    rows = np.array([list(map(float, row)) for row in case.digits([0, "0.25", 0.5], 20)])
+    assert np.max(np.abs(rows - case.doubles([0, 0.25, 0.5]))) < 1e-14
+    assert [len(str(v).lstrip("-0.").replace(".", "")) for v in next(iter(case.digits([0.0], 30)))][4] >= 29
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        ({"com": (0, 1, 0.1)}, "com and inertia_com: only"),
+        ({"inertia_com": (0.2, 0.4, 0.25)}, "com and inertia_com: only"),
+        ({"inertia_com": (0.1, 0.4, 0.1)}, "inertia_com: no rigid body"),
+        ({"inertia_com": [[1, 1, 0], [0, 1, 0], [0, 0, 1]]}, "inertia_com must be a symmetric"),
+        ({"inertia_com": (1, 2)}, "inertia_com must be"),
+        ({"com": (0, math.nan, 0)}, "com must be"),
+        ({"mass": 0}, "mass must be positive"),
+        ({"gravity": -9.81}, "gravity must be"),
+    ],
+)
+def test_bodies_that_are_refused(change, what):
+    with pytest.raises(ValueError, match=f"^{what}"):
+        RigidTop(**{**DISK, **change})
+
+
+@pytest.mark.parametrize(
+    ("start", "what"),
+    [
+        ({"rotation": np.eye(3) * 1.001, "omega_body": (0, 1, 0)}, "rotation must be"),
+        ({"rotation": -np.eye(3), "omega_body": (0, 1, 0)}, "rotation must be"),
+        ({"rotation": Rotation.identity(2), "omega_body": (0, 1, 0)}, "rotation must be"),
+        ({"rotation": np.eye(3)}, "give either omega_body or omega_world"),
+        ({"rotation": np.eye(3), "omega_world": (0, 1)}, "omega_world must be"),
+    ],
+)
+def test_starts_that_are_refused(start, what):
+    with pytest.raises(ValueError, match=f"^{what}"):
+        RigidTop(**DISK).state(**start)
+
+
+@pytest.mark.parametrize("change", [{"inertia_com": (0.2, 0.3, 0.2)}, {"com": (0, -1, 0)}, {"gravity": (0, 9.81, 0)}])
+def test_a_state_of_another_top_is_refused(change):
+    with pytest.raises(ValueError, match=r"^y0 belongs to a top with another axis"):
+        integrate(RigidTop(**{**DISK, **change}), CASES["bruels"].state, t=[1.0])
+
+
+def test_a_run_without_a_rotation_says_so():
+    top = RigidTop(**DISK)
+    run = integrate(top, np.array(CASES["bruels"].state), t=[1.0])
+    assert run.position.shape == (1, 3)
+    with pytest.raises(ValueError, match=r"y0 has no rotation: start from top\.state"):
+        run.rotation  # noqa: B018
+    with pytest.raises(ValueError, match=r"^attitude: rk4 does not follow the body"):
+        integrate(top, CASES["bruels"].state, h=1e-3, steps=1, method="rk4").rotation  # noqa: B018
+
+
+# ---------------------------------------------------------------- the Taylor series in integers
+
+
+def test_the_exact_values_of_bruels():
+    """45 digits from a program that shares nothing with this one; here at t = 0.1 s, and at 2 s in the reference file."""
+    last = (REFERENCE / "bruels.csv").read_text("utf-8").splitlines()[-1].split(",")
+    assert last[1].startswith("-0.150416822745641759810030")
+    assert last[3].startswith("-0.67302226956044409605022")
+    assert last[-1].startswith("-5.85562458920545772829141")
+
+
+def dot(a, b):
+    return sum(v * w for v, w in zip(a, b, strict=True))
+
+
+@pytest.mark.parametrize("gravity", [(0, 0, 0), (Fraction(1, 2), -1, Fraction(-981, 100))])
+def test_an_asymmetric_body(gravity):
+    """An orthogonal R, energy and vertical momentum to 25 digits; of a free body all of the angular momentum."""
+    com, moments = [Fraction(n, 10) for n in (1, 2, -3)], [Fraction(n, 10) for n in (3, 5, 7)]
+    inertia, kept = about_fixed_point(Fraction(2), com, moments), []
+    for R, omega in rigid_motion(2, com, moments, gravity, np.eye(3).tolist(), (3, -2, 5), [0, 1, 2], 25):
+        body = [dot(row, omega) for row in inertia]
+        momentum = [dot(row, body) for row in R]
+        energy = dot(omega, body) / 2 - 2 * dot(gravity, [dot(row, com) for row in R])
+        kept.append(
+            [energy, *(dot(a, b) for a in R for b in R), *([dot(gravity, momentum)] if any(gravity) else momentum)]
+        )
+    assert max(abs(a - b) for row in kept[1:] for a, b in zip(row, kept[0], strict=True)) < 1e-24
+
+
+def test_kovalevskayas_integral():
+    """(p² − q² − cγ1)² + (2pq − cγ2)² of a body with moments 2, 2, 1 and its centre of mass in the plane of the equal ones."""
+    moments = [Fraction(2), Fraction(7, 4), Fraction(3, 4)]  # about the centre of mass (1/2, 0, 0), mass 1; c = 3/2
+    start = matrix((3, 1, -2, 1))
+    values = []
+    for R, (p, q, _) in rigid_motion(1, (0.5, 0, 0), moments, (0, 0, -3), start, (1, 2, -1), [0, 1, 2.5], 25):
+        c, up = Fraction(3, 2), R[2]
+        values.append((p * p - q * q - c * up[0]) ** 2 + (2 * p * q - c * up[1]) ** 2)
+    assert max(abs(v - values[0]) for v in values) < 1e-22

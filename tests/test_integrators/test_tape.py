@@ -1,0 +1,97 @@
+"""The tape: what it folds, what it takes out of the loop, its derivatives, and kernels that know the time."""
+
+import mpmath
+import numpy as np
+import pytest
+
+from lagrange_bench.integrators.compiling.compiled import compiled
+from lagrange_bench.integrators.compiling.expression import (
+    FUNCTIONS,
+    Tape,
+    apply,
+    cos,
+    exp,
+    log,
+    machine_code,
+    record,
+    sin,
+    sqrt,
+)
+from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
+from lagrange_bench.integrators.problem.field import cross
+from lagrange_bench.integrators.problem.top import LagrangeTop
+
+
+def rates_of_the_top(tape, y, alpha):
+    J, x = y[:3], y[3:]
+    H = (J[0] * J[0] + J[1] * J[1] + J[2] * J[2]) / 2 + alpha * x[2]
+    g = tape.gradient(H, y)
+    own, weight = cross(g[:3], J), cross(g[3:], x)
+    return *(a + b for a, b in zip(own, weight, strict=True)), *cross(g[:3], x)
+
+
+def test_the_derived_right_hand_side_costs_what_the_hand_written_one_does():
+    tape = Tape()
+    y = [tape.input() for _ in range(6)]
+    program = tape.program(rates_of_the_top(tape, y, tape.input()))
+    assert len(program.lines) == 12
+    state = np.random.default_rng(1).normal(size=6)
+    assert np.array_equal(np.array(program(*state, 1.25), float), LagrangeTop(1.25).rhs(state))
+
+
+def test_what_depends_on_fixed_inputs_alone_is_computed_before_the_loop():
+    tape = Tape()
+    y, h, a = tape.input(), tape.input(fixed=True), tape.input(fixed=True)
+    split = tape.split((y + h * (3.0 * (a * y)), -(h * y) / a, h * h, sqrt(a)))
+    assert [line[0] for line in split.moving.lines] == ["mul", "add", "mul"]
+    values = split.moving(0.7, *split.constants(0.1, 2.0))
+    assert np.allclose(values, (0.7 + 0.1 * 3 * 2 * 0.7, -0.1 * 0.7 / 2, 0.01, 2**0.5), rtol=1e-15)
+    assert split.constants(1.0, 0.0)[1] == -np.inf  # not an exception
+
+
+def test_nothing_is_collected_that_would_be_rounded_elsewhere():
+    """Without fixed inputs only exact products of constants: 2 (a/2) is a, 3 (a/5) stays."""
+    assert record(lambda a: (2.0 * (a / 2.0), 3.0 * (a / 5.0)), 1).outputs[0] == 0
+    assert len(record(lambda a: (3.0 * (a / 5.0),), 1).lines) == 2
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_function_has_the_same_value_and_derivative_everywhere(name):
+    tape = Tape()
+    x = tape.input()
+    value = apply(name, x * x + 0.5)
+    program = tape.program((value, *tape.gradient(value, [x]), *tape.along([value], [x], [1.0])))
+    a = 0.83
+    exact = [
+        getattr(mpmath, name)(mpmath.mpf(a) ** 2 + 0.5),
+        mpmath.diff(lambda v: getattr(mpmath, name)(v * v + 0.5), a),
+    ]
+    wanted = np.array([exact[0], exact[1], exact[1]], float)
+    code = machine_code(program)
+    in_a_kernel = compiled(lambda v: code((v,), ()))(a)
+    for got in (program(a), program(np.float64(a)), program(mpmath.mpf(a)), in_a_kernel):
+        assert np.allclose(np.array(got, float), wanted, rtol=1e-15)
+    assert np.allclose(np.array(program(np.full(3, a))), wanted[:, None], rtol=1e-15)
+    heyoka = pytest.importorskip("heyoka")
+    v = heyoka.make_vars("v")
+    assert np.allclose(heyoka.cfunc(list(program(v)), [v])([a]), wanted, rtol=1e-15)
+
+
+def test_functions_beyond_their_range():
+    assert np.isnan((sqrt(-1.0), log(-1.0), sin(np.inf), cos(np.inf))).all()
+    assert (exp(1000.0), log(0.0)) == (np.inf, -np.inf)
+
+
+def test_a_timed_kernel_of_any_size_counts_its_steps():
+    """y1' = t by midpoints is exact: nothing adds up but the states."""
+
+    @compiled
+    def step(s, c, tally):
+        return s[0] + c[0] * (c[0] * (tally[CLOCK] + 0.5)), s[1] - 1.0
+
+    stepper = FixedStepper("mine", 0.25, np.array((0.25,)), step, size=2, timed=True)
+    rows = stepper.record(np.array((0.0, 8.0)), 8, 2)
+    assert np.array_equal(rows, [((0.5 * k) ** 2 / 2, 8.0 - 2 * k) for k in range(5)])
+    assert stepper.from_start
+    with pytest.raises(ValueError, match="y must be 2 finite real numbers"):
+        stepper.advance([1.0, 2.0, 3.0], 1)

@@ -1,0 +1,226 @@
+"""`judge`: whatever a program writes is read in its own convention, and the error that was put in is the one reported."""
+
+from __future__ import annotations
+
+import json
+import os
+import tracemalloc
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lagrange_bench import columns, judge
+from lagrange_bench.integrators import CASES, RigidTop
+from lagrange_bench.judging import Convention, judge_file
+
+BRUELS = CASES["bruels"]
+T = np.linspace(0, 2, 401)
+X, R, OMEGA = (motion := BRUELS.solution(T)).position, motion.rotation, motion.omega_body
+Q, M = R.as_quat(scalar_first=True), R.as_matrix()
+TURNED = Rotation.from_matrix([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # takes y to z, keeps x
+INTO = TURNED.as_matrix()
+NINE = " ".join(f"r{i}{j}" for i in "123" for j in "123")
+
+
+def write(path, header, *parts, separator=",", digits=17):
+    rows = np.column_stack(parts)
+    np.savetxt(path, rows, fmt=f"%.{digits}g", delimiter=separator, header=separator.join(header.split()), comments="")
+    return path
+
+
+CONVENTIONS = {
+    "quaternions": ("t x y z qw qx qy qz wx wy wz", (X, Q, OMEGA), ()),
+    "displacement": ("time u0 u1 u2 q0 q1 q2 q3 wx wy wz", (X - X[0], -Q, R.apply(OMEGA)), ("--omega", "world")),
+    "scalar last": ("t e0 e1 e2 e3 wx wy wz", (R.as_quat(), OMEGA), ("--quat", "xyzw")),
+    "names decide": ("T qx[1] qy[1] qz[1] qw[1] Px[m] Py[m] Pz[m]", (R.as_quat(), X), ("--quat", "xyzw")),
+    "matrices": (f"t {NINE} wx wy wz", (M.reshape(-1, 9), OMEGA), ()),
+    "rotation vectors": ("t rx ry rz wx wy wz", (R.as_rotvec(), OMEGA), ()),
+    "roll, pitch, yaw": ("t roll pitch yaw", (R.as_euler("xyz"),), ()),
+    "y up": (f"t x y z {NINE} wx wy wz", (X @ INTO, (INTO.T @ M).reshape(-1, 9), OMEGA), ("--up", "y")),
+    "axis z": (f"t {NINE} wx wy wz", ((M @ INTO.T).reshape(-1, 9), OMEGA @ INTO.T), ("--axis", "z")),
+    "names given": ("a b c d junk", (X, 0 * T), ("--columns", "t=a,x=b,y=2,z=3")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", "  "])
+@pytest.mark.parametrize("name", CONVENTIONS)
+def test_the_exact_motion_is_right_in_every_convention(name, separator, tmp_path, answer):
+    header, parts, options = CONVENTIONS[name]
+    file = write(tmp_path / "run.txt", header, T, *parts, separator=separator)
+    (found,) = answer("judge", file, "--case", "bruels", *options)["files"]
+    limits = {"position": 1e-14, "axis": 1e-14, "rotation": 1e-12, "spin": 1e-12, "omega": 1e-11, "energy": 1e-9}
+    judged = {quantity: found[quantity]["max"] for quantity in limits if quantity in found}
+    assert {"position", "rotation"} & set(judged)
+    assert all(judged[quantity] < limits[quantity] for quantity in judged), judged
+    assert (found["rows"], found["start"]["right"], found["hints"], found["notes"]) == (401, True, [], [])
+
+
+def test_the_error_that_was_put_in_is_found():
+    spun = judge(T, rotation=R * Rotation.from_rotvec([0, 1e-3, 0]), case="bruels")
+    assert spun.rotation.max == pytest.approx(1e-3) == spun.spin.end
+    assert spun.axis.max < 1e-12
+    tilted = judge(
+        T,
+        X + np.array([3e-3, 0, 4e-3]),
+        R * Rotation.from_rotvec([1e-3, 0, 0]),
+        OMEGA + np.array([0, 1e-3, 0]),
+        case=BRUELS,
+    )
+    assert (tilted.axis.max, tilted.position.max) == pytest.approx((1e-3, 5e-3))
+    assert tilted.omega.max == pytest.approx(1e-3)
+    energy = 0.46875 * (150 * 1e-3 + 1e-6 / 2)  # and m g times how much higher the tilted axis ends
+    heights = (R * Rotation.from_rotvec([1e-3, 0, 0])).apply([0, 1, 0])[:, 2] - X[:, 2]
+    assert tilted.energy.max == pytest.approx(np.max(np.abs(energy + 15 * 9.81 * heights)), rel=1e-6)
+    assert not tilted.start["right"]
+    far = judge([0, 1e-3], position=[[0, 1.25, 0], [0, np.nan, 0]], case="bruels")
+    assert (far.length.max, far.length.end, far.start["position"]) == pytest.approx((np.nan, np.nan, 0.25), nan_ok=True)
+    scaled = judge(T, rotation=-0.7 * Q, case="bruels")
+    assert (scaled.rotation.max < 1e-12, scaled.orthogonality.max) == (True, pytest.approx(0.3))
+    sums = np.cumsum(np.full(2_000_000, 1e-6))[999::1000]  # 7e-11 s from where they should be
+    late = judge(sums, rotation=BRUELS.solution(np.arange(1, 2001) / 1000).rotation, case="bruels")
+    assert (late.rotation.max < 1e-12, late.start["right"]) == (True, None)
+    once = judge(T, X + (T == 1)[:, None] * [1e-3, 0, 0], case="bruels")
+    assert (once.position.max, once.position.end < 1e-14) == (pytest.approx(1e-3), True)
+    assert judge([1e-17], X[:1], case="bruels").start["right"]
+    odd = np.random.default_rng(0).uniform(0, 2, 3)
+    assert judge(np.sort(odd), BRUELS.solution(np.sort(odd)).position, case="bruels").position.max < 1e-15
+    mine = type(BRUELS)("mine", RigidTop(2, (0, 0, 0.1), (0.03, 0.03, 0.01)), np.eye(3), (1, 0, 40))
+    assert judge(T, mine.solution(T).position, case=mine).position.max < 1e-12
+    assert "mine, 401 rows to t = 2: position" in repr(judge(T, mine.solution(T).position, case=mine))
+
+
+@pytest.mark.parametrize(
+    ("what", "hint"),
+    [
+        ({"rotation": M.transpose(0, 2, 1)}, "transposed"),
+        ({"rotation": R.as_quat()}, "--quat xyzw"),
+        ({"rotation": R.inv().as_quat()}, "order is xyzw, and they are conjugate"),
+        ({"rotation": R, "omega": R.apply(OMEGA)}, "--omega world"),
+        ({"rotation": M * [1, 1, -1]}, "determinant is negative"),
+        ({"position": X - X[0]}, "name it ux, uy, uz"),
+        ({"position": X @ INTO}, "--up y"),
+        ({"rotation": np.roll(M, 2, 0)}, "2 rows earlier"),
+        ({"position": np.roll(X, -1, 0)}, "1 row later"),
+        ({"rotation": R * Rotation.from_rotvec([1e-3, 1e-3, 0])}, ""),
+    ],
+)
+def test_a_wrong_convention_is_named(what, hint):
+    what = {name: value[2:-2] for name, value in what.items()}
+    (found,) = judge(T[2:-2], **what, case="bruels").hints or [""]
+    assert hint in found
+    assert bool(hint) == bool(found)
+
+
+FILES = {  # what is in it → exit code, what is said
+    "": (2, "run.csv: the file is empty"),
+    "\0\1\2": (2, "run.csv: this is no text in UTF-8"),
+    "x" * 2_000_000: (2, "this is no text in UTF-8 with one row a line"),
+    "t,x,y,z\n": (2, "there is no line of numbers"),
+    "0 0 1 0\n": (2, "no column is named t or time; it has no header. Name them: --columns t=0,x=1"),
+    "s,x,y,z\n0,0,1,0": (2, "its columns are s x y z"),
+    "t,a,b\n0,1,2": (2, "nothing to judge but times"),
+    "t,qx,qy,qz\n0,1,2,3": (2, "No quaternion: there is no column qw."),
+    "t,x,y,z\n0,0,1,0\n1,0,1": (2, "line 3: 3 columns instead of 4"),
+    "t,x,y,z\n" + "".join(f"{i},0,1,0\n" for i in range(201)) + "1,0,1,0,5": (2, "line 203: 5 columns instead of 4"),
+    "t,x,y,z\n0,0,foo,0": (2, "line 2: 'foo' is no number"),
+    "t;x;y;z\n0,5;0;1;0": (2, "line 2: '0,5' is no number (decimals need a point)"),
+    "t,x,y,z\n0,0,1,0\n1,0,1,0\n.5,0,1,0": (2, "row 3: the time is 0.5 after 1; times must be numbers that increase"),
+    "t,x,y,z\n0,0,1,0\n0,0,1,0": (2, "row 2: the time is 0 after 0"),
+    "t,x,y,z\n1e300,0,1,0": (2, "run.csv: theta_functions at h = 1e+300"),
+    "t, x, y, z\n0 0 1 0": (2, "line 2: 1 columns instead of 4"),
+    "t\tx\ty\tz\n\n0\t0\t1\t0 # start\r\n0.1\t\t1\t0\r\n": (0, "1 of 2 rows hold no finite numbers"),
+    "t,x,y,z\nnan,0,1,0": (2, "row 1: the time is nan"),
+    "t,x,y,z\n0,0,1,0\n0.1,,1,0": (0, "1 of 2 rows hold no finite numbers, the first at t = 0.1"),
+    "t,x,y,z\n0,0,1,0\n0.1,1e300,1,-inf": (0, "1 of 2 rows hold no finite numbers"),
+    "t,qw,qx,qy,qz\n0,0,0,0,0": (0, "1 of 1 rows hold no finite numbers"),
+    "t,qw,qx,qy,qz\n0,0.7,0,0,0": (0, "not of length 1, by 0.3"),
+    "t,x,y,z\n0,0,0.5,0": (0, "The start is not that of the case: off are position by 5.00e-01 m."),
+    "t,x,y,z\n1,0,0.5,0": (0, "The first row is at t = 1"),
+    "t [ms],x (mm),y (mm),z (mm)\n0,0,1,0": (0, "not converted, but the header has mm, ms: s, m, rad and rad/s are"),
+    "% made by hand\n# t x y z\n0 0 1 0\n": (0, "The start is right."),
+}
+
+
+@pytest.mark.parametrize("text", FILES, ids=lambda text: repr(text[:30]))
+def test_whatever_a_file_holds_gets_a_clear_line(text, tmp_path, run):
+    (tmp_path / "run.csv").write_text(text, encoding="utf-8")
+    code, out, err = run("judge", tmp_path / "run.csv", "--case", "bruels")
+    expected, said = FILES[text]
+    assert (code, said in (out if code == 0 else err)) == (expected, True), out + err
+    assert err.count("\n") == (1 if code else 0)
+
+
+def test_bounds_json_digits_and_a_picture(tmp_path, run, answer):
+    six = write(tmp_path / "six.csv", "t x y z", T, X, digits=6)
+    code, out, err = run("judge", six, "--case", "bruels", "--bounds", "position=1e-5", "--draw", tmp_path / "a.svg")
+    assert (code, "nothing of errors below 1.0e-06 m" in out) == (0, True)
+    assert (tmp_path / "a.svg").stat().st_size > 1000
+    code, out, _ = run("judge", six, "--case", "bruels", "--bounds", "position=1e-9", "--json")
+    data = json.loads(out)
+    assert (code, len(data["violated"]), data["case"]) == (1, 1, "bruels")
+    assert data["orders"] == {"position": [], "rotation": []}
+    assert data["files"][0]["position"]["max"] == pytest.approx(7e-7, rel=0.3)
+    half = write(tmp_path / "half.csv", "t x y z", T[::2], X[::2], digits=6)
+    assert answer("judge", six, half, "--case", "bruels")["orders"] == {"position": [None], "rotation": []}
+    cone = CASES["metis"].solution(T[:20])
+    short = write(tmp_path / "cone.csv", f"t {NINE}", cone.t, cone.rotation.as_matrix().reshape(-1, 9), digits=6)
+    assert answer("judge", short, "--case", "metis")["files"][0]["start"]["right"]
+    gap = write(tmp_path / "gap.csv", "t x y z", T[:2], [X[0], X[1] * np.nan])
+    assert run("judge", gap, "--case", "bruels", "--bounds", "position=9")[0] == 1
+    assert answer("judge", gap, "--case", "bruels")["files"][0]["position"] == {"max": None, "end": None}
+    end, start = os.pipe()
+    os.write(start, b"t,x,y,z\n0,0,1,0\n")
+    os.close(start)
+    code, _, err = run("judge", f"/dev/fd/{end}", "--case", "bruels")
+    assert (code, "a pipe cannot be read twice" in err) == (2, True)
+    for words, said in (
+        (("--bounds", "omega=1"), "no columns to judge omega by"),
+        (("--bounds", "colour=1"), "--bounds: unknown 'colour'"),
+        (("--bounds", "axis=low"), "--bounds: must be a number; got 'low'"),
+        (("--columns", "q=0"), "--columns: unknown 'q'"),
+        (("--columns", "x=9"), "--columns x=9: there is no such column among 4"),
+        (("--steps", "1,2"), "--steps: 2 steps for 1 files"),
+        (("--case", "brüls"), "did you mean 'bruels'?"),
+    ):
+        code, _, err = run("judge", six, "--case", "bruels", *words)
+        assert (code, said in err) == (2, True), err
+
+
+def slope(y, top=CASES["slow"].top):
+    """Of matrices and angular velocities in the body."""
+    R, w = y[:3], y[3]
+    torque = np.cross(top.mass * top.com, R.T @ top.gravity)
+    return np.vstack([np.cross(R, w), np.linalg.solve(top.inertia, np.cross(top.inertia @ w, w) + torque)])
+
+
+@pytest.mark.parametrize(("nodes", "order"), [((0, 1 / 2), 2), ((0, 1 / 2, 1 / 2, 1), 4)])
+def test_orders_are_those_of_the_method(nodes, order, tmp_path, answer):
+    """Midpoint rule and classical Runge-Kutta."""
+    files = []
+    for steps in (100, 200, 400):
+        y, h, rows = np.vstack([np.eye(3), CASES["slow"].omega_body]), 0.4 / steps, []
+        for i in range(steps + 1):
+            rows.append([i * h, *y[:3, 1], *y[:3].ravel()])
+            k = [slope(y)]
+            for c in nodes[1:]:
+                k.append(slope(y + c * h * k[-1]))
+            y = y + h * (k[-1] if order == 2 else (k[0] + 2 * k[1] + 2 * k[2] + k[3]) / 6)
+        files.append(write(tmp_path / f"{steps}.csv", f"t x y z {NINE}", rows))
+    found = answer("judge", *files, "--case", "slow")["orders"]
+    assert [*found["position"], *found["rotation"]] == pytest.approx([order] * 4, abs=0.15)
+    equal = answer("judge", *files, "--case", "slow", "--steps", "1,1,1")["orders"]
+    assert equal["position"] == [None, None]
+
+
+def test_memory_does_not_grow_with_the_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(columns, "ROWS", 2000)
+    peaks = []
+    for n in (20_000, 100_000):
+        t = np.arange(n) * 1e-5
+        file = write(tmp_path / f"{n}.csv", "t x y z", t, BRUELS.solution(t).position)
+        tracemalloc.start()
+        assert judge_file(file, BRUELS, Convention(), {}).rows == n
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.3 * peaks[0]
