@@ -70,7 +70,7 @@ lint: .venv/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	rm -rf build/lint && mkdir -p build/lint
-	cp -R lagrange_bench lagrange_bench_pytest.py build/lint
+	cp -R lagrange_bench build/lint
 	cp -R integrators experiments results report build/lint/lagrange_bench
 	cd build/lint && $(CURDIR)/$(BIN)/mypy --config-file $(CURDIR)/pyproject.toml --cache-dir $(CURDIR)/.mypy_cache
 	cd build/lint && $(CURDIR)/$(BIN)/lint-imports --no-logo --config $(CURDIR)/pyproject.toml --cache-dir $(CURDIR)/.import_linter_cache

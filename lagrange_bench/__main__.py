@@ -28,7 +28,6 @@ from lagrange_bench.commands import (
     figure,
     integrate,
     judge,
-    merge,
     methods,
     paper,
     potentials,
@@ -235,7 +234,7 @@ def _stdout_for_data_only() -> Iterator[None]:
 
 
 COMMANDS = (
-    *(methods, tops, potentials, case, judge, run, report, figure, merge, compare),
+    *(methods, tops, potentials, case, judge, run, report, figure, compare),
     *(verify, integrate, check, errata, paper, completion, bits),
 )
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -67,14 +66,6 @@ def tolerance(text: str) -> float:
     if value < 0:
         raise argparse.ArgumentTypeError(f"must not be negative; got {text}")
     return float(value)
-
-
-def shard(text: str) -> tuple[int, int]:
-    """(I, N) of "I/N", 0 ≤ I < N."""
-    found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text, re.ASCII)
-    if found is None or not int(found[1]) < int(found[2]):
-        raise argparse.ArgumentTypeError(f"must be I/N with 0 <= I < N, as 0/4 … 3/4; got {text!r}")
-    return int(found[1]), int(found[2])
 
 
 def names(text: str) -> tuple[str, ...]:

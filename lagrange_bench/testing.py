@@ -8,7 +8,7 @@
         assert_order(METHOD)
 
 A method is a `Method`, a registered name or "package.module:METHOD". A top is a name, as in `lagrange-bench tops` (tops in a
-potential, too), or a pair (top, y0). `measuring.bounds` says how drifts are measured, docs/ci.md how to use this.
+potential, too), or a pair (top, y0). `measuring.drifts` says how drifts are measured, docs/ci.md how to use this.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.experiments.measuring import check, metrics, states
-from lagrange_bench.experiments.measuring.bounds import (
+from lagrange_bench.experiments.measuring.drifts import (
     TOPS,
     Refused,
     Run,

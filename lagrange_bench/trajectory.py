@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import html
 import importlib.util
 import io
 import json
 import math
 import os
-import re
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -194,72 +191,6 @@ def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -
     with style.apply():
         figure = sphere(trajectory, method, name)
     return replace_file(path, figures.FORMATS[path.suffix.lower().removeprefix(".")](figure))
-
-
-ICONS = {  # of matplotlib's buttons
-    "minus": "−",
-    "fast-backward": "⏮",
-    "step-backward": "◂",
-    "play fa-flip-horizontal": "◀",
-    "pause": "❚❚",
-    "play": "▶",
-    "step-forward": "▸",
-    "fast-forward": "⏭",
-    "plus": "+",
-}
-PICTURES = 60  # of a film, at most
-PER_SECOND = 15
-
-
-def animate(path: Path, trajectory: Trajectory, method: Method, name: str | None) -> str:
-    """Let the axis move on its sphere, with the way it came, and write the film."""
-    import matplotlib
-    from matplotlib import animation
-
-    from lagrange_bench.experiments.drawing import style
-
-    chosen = np.unique(np.linspace(0, len(trajectory.t) - 1, PICTURES).round().astype(int))
-    with style.apply(), tempfile.TemporaryDirectory() as folder:
-        matplotlib.rcParams.update({"savefig.dpi": 100, "animation.embed_limit": 100})  # MB, of 4
-        figure = sphere(trajectory, method, name)
-        ax = figure.axes[0]
-        front, back = (line for line in ax.get_lines() if line.get_gid() == "way")
-        start, end = (line for line in ax.get_lines() if line.get_label() in ("start", "end"))
-        moving: list[Any] = [back, front, end]
-        end.set_label("now")
-        figure.legends[0].remove()
-        figure.legend(handles=[start, end], loc="outside lower center", ncols=2)
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # nothing but the way changes, so the layout of each picture is the first's
-        title, x, view = ax.get_title().rpartition("t = ")[0], trajectory.y[:, 3:], _view()
-
-        def show(i: int) -> list[Any]:
-            way = x[: i + 1]
-            for line, points in zip(
-                moving, (_parts(way, view, False), _parts(way, view, True), x[i, :, None]), strict=True
-            ):
-                line.set_data_3d(points)
-            ax.set_title(f"{title}t = {trajectory.t[i]:.4g}")
-            return moving
-
-        film = animation.FuncAnimation(figure, show, frames=chosen.tolist(), interval=1000 / PER_SECOND)
-        if path.suffix.lower() == ".html":
-            page = _alone(film.to_jshtml(fps=PER_SECOND, default_mode="loop"), name or method.label)
-            return replace_file(path, page.encode())
-        film.save(Path(folder) / "film.gif", writer=animation.PillowWriter(fps=PER_SECOND))
-        return replace_file(path, (Path(folder) / "film.gif").read_bytes())
-
-
-def _alone(film: str, title: str) -> str:
-    """matplotlib's film as a page that asks the network for nothing, the same for the same trajectory."""
-    mark = re.search(r"_anim_img([0-9a-f]{32})", film)
-    assert mark, "matplotlib marks its elements by a random number"
-    film = re.sub(r"<link[^>]*>", "", film.replace(mark[1], "top"))  # an icon font, from somebody's server
-    for icon, sign in ICONS.items():
-        film = film.replace(f'<i class="fa fa-{icon}"></i>', sign)
-    return (
-        f'<!doctype html>\n<html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>\n{film}</html>\n'
-    )
 
 
 def sphere(trajectory: Trajectory, method: Method, name: str | None) -> Figure:

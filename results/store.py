@@ -52,7 +52,6 @@ KINDS = {
 FACTS = {"utc": (str,), "commit": (str, NoneType), "dirty": (bool, NoneType), "cpu": (str, NoneType)}  # on the page
 SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of the row fields that may be lists of numbers: raw timings
 
-BLOCK = 4096  # records merged at a time
 LONGEST = 2000  # characters of a message
 
 
@@ -308,7 +307,7 @@ class Journal:
 class Store:
     """The journals in one folder. Nothing is read or created before it is asked for.
 
-    choice : the cells that `open`, `latest` and `rows` give; all that is written or merged is.
+    choice : the cells that `open`, `latest` and `rows` give; all that is written is.
     """
 
     def __init__(self, folder: str | Path, choice: Choice = ALL):
@@ -437,37 +436,8 @@ class Store:
             for _, _, record in self.lines(experiment)
             if record is not None and record["status"] == "done" and bytes.fromhex(record["key"]) in keys
         }
-        now = provenance.provenance()["utc"]  # else `merge` takes both for one
+        now = provenance.provenance()["utc"]
         self.append(*({**record, "revived": now} for record in last.values()))
-
-    def merge(self, other: Store) -> dict[str, tuple[int, int]]:
-        """Appends the records of another store that are not here yet: experiment → (how many, damaged lines left out).
-
-        Records are taken as they are, in their order: of several of one cell the last
-        counts, so the store merged last wins.
-        """
-        if self.folder.resolve() == other.folder.resolve():
-            raise ValueError(f"{other.folder} cannot be merged into itself")
-        self.check_writable()
-        merged = {}
-        for experiment in other.experiments():
-            here = {_identity(line) for _, line, record in self.lines(experiment) if record is not None}
-            found: list[bytes] = []
-            added = damaged = 0
-            for _, line, record in other.lines(experiment):
-                if record is None:
-                    damaged += 1
-                elif (identity := _identity(line)) not in here:
-                    here.add(identity)
-                    found.append(line.rstrip(b"\n") + b"\n")
-                    added += 1
-                if len(found) >= BLOCK:
-                    self._append(experiment, b"".join(found))
-                    found.clear()
-            if found:
-                self._append(experiment, b"".join(found))
-            merged[experiment] = (added, damaged)
-        return merged
 
     def open(self, experiment: str) -> Journal:
         """What is stored of an experiment now, read once."""
@@ -550,10 +520,6 @@ def _sound(record: Record, text: str, experiment: str) -> bool:
         and (failed or record["status"] == "done")
         and (type(error["type"]) is type(error["message"]) is str if failed else error is None)
     )
-
-
-def _identity(line: bytes) -> bytes:
-    return hashlib.sha256(line.rstrip(b"\n")).digest()
 
 
 def _append(file: int, line: bytes) -> None:

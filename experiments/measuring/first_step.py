@@ -1,15 +1,7 @@
-"""The first step of a method, before all else: a kernel that cannot take it has one fault, reported once, with its line.
-
-Numba does not name the line of every mistake, and compiled code does not check indices. Python does both. So the step is taken
-once more by another process, with Numba switched off: `python -m lagrange_bench.experiments.measuring.first_step module:METHOD`.
-"""
+"""The first step of a method, before all else: a kernel that cannot take it has one fault, reported once."""
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 import traceback
 import warnings
 from typing import Any
@@ -22,30 +14,21 @@ from lagrange_bench.integrators.interface import Method, StepError
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.rotated import prepare_for
 from lagrange_bench.integrators.problem.top import TOPS
-from lagrange_bench.integrators.registry import METHODS, find_method
+from lagrange_bench.integrators.registry import METHODS
 from lagrange_bench.integrators.words import suggestion
-
-PATIENCE = 60  # seconds that the other process may take
 
 
 def problem(method: Method, word: str | None) -> str | None:
     """Why the method cannot take its first step, in one line; None if it can, or has a StepError.
 
-    word : its name or module:METHOD, by which another process finds it, too. None: it has none.
+    word : its name or module:METHOD; None: it has none.
     """
-    error = stumble(method)
-    if error is None:
-        found = None if word is None or word in METHODS.built_in else interpreted(word)
-        if found is None or found[0] != IndexError.__name__:  # else it is only Python that cannot take it
-            return None
-        return f"{found[1]}; compiled code does not check indices and takes whatever lies there"
-    cause = error.__cause__ if isinstance(error, loops.KernelError) else error
-    found = interpreted(word) if word is not None and isinstance(cause, NumbaError) else None
-    return found[1] if found else describe(error, method, word)
+    error = first_error(method)
+    return None if error is None else describe(error, method, word)
 
 
-def stumble(method: Method) -> BaseException | None:
-    """What a first step ends in, if neither in a state nor in a StepError."""
+def first_error(method: Method) -> BaseException | None:
+    """The exception that a first step raises, a StepError apart; None if there is none."""
     for named in (TOPS["generic"], *([PERTURBED_TOPS["moderate_tide"]] if method.in_field else [])):
         if method.takes(named.top) is not None:
             continue
@@ -88,28 +71,3 @@ def _modules(method: Method, word: str | None) -> set[str]:
     """The modules of the record and of its `prepare`."""
     named = set() if word is None else {METHODS.module(word)}
     return named | {getattr(method.prepare, "__module__", None) or ""}
-
-
-def interpreted(word: str) -> tuple[str, str] | None:
-    """Type and description of what the step ends in without Numba; None if in nothing, or if this cannot be found out."""
-    path = os.pathsep.join(folder for folder in sys.path if folder)
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": path}
-    command = [sys.executable, "-P", "-m", __name__, word]
-    settings: dict[str, Any] = {"env": environment, "capture_output": True, "stdin": subprocess.DEVNULL, "text": True}
-    try:
-        done = subprocess.run(command, check=True, timeout=PATIENCE, **settings)
-        found = json.loads(done.stdout.splitlines()[-1])  # the method's module may print, too
-    except (subprocess.SubprocessError, OSError, ValueError, IndexError):
-        return None
-    return (found[0], found[1]) if found else None
-
-
-def main(word: str) -> None:
-    method = find_method(word)
-    error = stumble(method)
-    print()
-    print(json.dumps(error and (type(error).__name__, describe(error, method, word))))
-
-
-if __name__ == "__main__":
-    main(sys.argv[1])

@@ -23,7 +23,7 @@ SUMMARY = "follow one top with one method"
 DESCRIPTION = """\
 Follow one top with one method. Prints the final state, the invariants and their drift, the error against the exact
 solution (in a potential: a reference solution in quadruple precision), and the work done; --output keeps the trajectory,
---draw and --animate show the axis on its sphere."""
+--draw shows the axis on its sphere."""
 
 
 EXAMPLES = """\
@@ -54,7 +54,7 @@ PHYSICAL = {  # name → default, None: must be given
     "dpsi": None,
 }
 PER_ROW = 1000  # bytes of memory that a recorded state takes until it is printed or written, measured
-TABLES, PICTURES, FILMS = (".csv", ".npz", ".parquet"), (".svg", ".png", ".pdf"), (".gif", ".html")
+TABLES, PICTURES = (".csv", ".npz", ".parquet"), (".svg", ".png", ".pdf")
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -98,11 +98,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     results.add_argument("--output", type=location, metavar="FILE", help=text)
     text = "draw the axis on its sphere: FILE.svg, FILE.png or FILE.pdf; a file of this name is replaced"
     results.add_argument("--draw", type=location, metavar="FILE", help=text)
-    text = (
-        "let the axis move on its sphere: FILE.gif, or FILE.html, a page of its own with buttons; the recorded states, "
-    )
-    text += "thinned out to at most 60 pictures"
-    results.add_argument("--animate", type=location, metavar="FILE", help=text)
     results.add_argument("--quiet", action="store_true", help="do not say on stderr which files were written")
 
 
@@ -158,8 +153,8 @@ def run(options: argparse.Namespace) -> Answer:
     if options.times is not None and evaluate is None:
         raise ValueError(f"--times: {method.name} steps on a grid only; give --h and --steps")
     check_options(method.name, evaluate or prepare_for(method, top), settings)
-    files = {"--output": options.output, "--draw": options.draw, "--animate": options.animate}
-    for (flag, path), suffixes in zip(files.items(), (TABLES, PICTURES, FILMS), strict=True):
+    files = {"--output": options.output, "--draw": options.draw}
+    for (flag, path), suffixes in zip(files.items(), (TABLES, PICTURES), strict=True):
         if path is not None:  # nobody wants to learn after an hour that there is no such folder
             output.check_target(flag, path, suffixes)
 
@@ -180,8 +175,6 @@ def run(options: argparse.Namespace) -> Answer:
         done.append(output.save(options.output, trajectory, plain(facts)))
     if options.draw is not None:
         done.append(output.draw(options.draw, trajectory, method, name))
-    if options.animate is not None:
-        done.append(output.animate(options.animate, trajectory, method, name))
     for line in done if not options.quiet else ():
         print(line, file=sys.stderr)
     if options.output is None:
@@ -250,7 +243,7 @@ def _grid(options: argparse.Namespace) -> dict[str, Any]:
         raise ValueError("--h must not be 0")
     every = options.every
     if every is None:
-        every = 1 if options.output or options.draw or options.animate else max(options.steps, 1)
+        every = 1 if options.output or options.draw else max(options.steps, 1)
     if every < 1 or options.steps % every:
         raise ValueError(f"--every {every} does not divide --steps {options.steps}")
     memory.check(options.steps // every + 1, PER_ROW, memory.available(), "--steps", "record fewer states (--every)")

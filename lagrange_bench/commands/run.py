@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lagrange_bench.arguments import add_choice, argument, choice_of, location, positive, seconds, shard
+from lagrange_bench.arguments import add_choice, argument, choice_of, location, positive, seconds
 from lagrange_bench.experiments import EXPERIMENTS, SWEEP
 from lagrange_bench.text import Answer
 
@@ -30,8 +30,6 @@ examples:
   lagrange-bench run drift phase --methods mine:METHOD,rk4,strang --tops generic,fast
   lagrange-bench run my.toml                    tops, methods and steps of your own (docs/sweeps.md)
   lagrange-bench run drift --scheduler tcp://head:8786      on the workers of a Dask scheduler
-
-With --shard 3/100 --no-timings each of a hundred jobs computes a hundredth of the cells.
 
 After you edited a method or an experiment, lagrange-bench run --again computes the cells it concerns: with each cell a
 digest of the files is stored that its rows come from: the experiment, the method, and what these import. Other methods
@@ -72,8 +70,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--jobs", type=positive, metavar="N", help=text)
     text = "a cell that takes longer fails, and the rest goes on (default: 300 in the quick, 3600 in the full profile)"
     command.add_argument("--time-limit", type=seconds, metavar="SECONDS", help=text)
-    text = "only every N-th cell of each experiment, starting with the I-th; I counts from 0"
-    command.add_argument("--shard", type=shard, metavar="I/N", default=(0, 1), help=text)
     text = "compute on a Dask cluster: the address tcp://HOST:PORT of its scheduler, or local:N for one with N workers "
     text += "here, for the time of the run"
     command.add_argument("--scheduler", type=scheduler, metavar="ADDRESS", help=text)
@@ -94,7 +90,7 @@ def run(options: argparse.Namespace) -> Answer:
     sweeps = [name for name in names if name.startswith(SWEEP)]
     own = len(sweeps) == len(names)  # a folder of its own: the page of a profile is not the place for it
     results = options.results or default_results(sweeps[0].removeprefix(SWEEP) if own else options.profile)
-    where = {"shard": options.shard, "scheduler": options.scheduler, "timings": not options.no_timings}
+    where = {"scheduler": options.scheduler, "timings": not options.no_timings}
     where["again"] = options.again
     limit, show, choice = options.time_limit, not options.quiet, choice_of(options)
     summary = engine.run(names, options.profile, results, options.jobs, show, time_limit=limit, choice=choice, **where)
@@ -134,7 +130,7 @@ def _sweep(name: str) -> str:
 
 
 def _draw(name: str, results: Path, choice: Choice) -> list[Path]:
-    """Figures and tables of an experiment; of a shard, or where all is skipped, perhaps none. A sweep's lie by its journal."""
+    """Figures and tables of an experiment; where all is skipped, none. A sweep's lie by its journal."""
     from lagrange_bench.report import sections
     from lagrange_bench.results.store import Store
 

@@ -10,7 +10,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
-from itertools import compress, islice
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,6 @@ from lagrange_bench.runner.workers import Outcome, Task
 TIME_LIMITS = {"quick": 300.0, "full": 3600.0}  # s for one cell; the longest take 20 s and 40 s on two idle cores
 
 ASIDE = "a worker had other source code than this run began with (a file was edited meanwhile, or the worker has another one)"
-Shard = tuple[int, int]  # (i, n): the cells whose place in the experiment's list leaves the remainder i modulo n
 
 
 @dataclass
@@ -109,7 +108,6 @@ def run(
     show: bool = True,
     *,
     time_limit: float | None = None,
-    shard: Shard = (0, 1),
     scheduler: str | None = None,
     timings: bool = True,
     again: bool = False,
@@ -122,7 +120,6 @@ def run(
     experiments : names in EXPERIMENTS, or dotted paths of modules. profile : "quick" or "full".
     jobs : worker processes; default: one per usable core. show : progress on stderr.
     time_limit : s; a cell that takes longer fails. Default: TIME_LIMITS[profile].
-    shard : (i, n): of each experiment only every n-th cell, starting with cell i.
     scheduler : of Dask, "tcp://host:port" or "local:N": accuracy cells are computed there. Timing cells never are.
     timings : whether to compute timing cells.
     again : also compute the stored cells that are not known to come from the sources that are here.
@@ -140,8 +137,6 @@ def run(
         raise ValueError(f"jobs must be at least 1; got {jobs}")
     if time_limit is not None and not time_limit > 0:
         raise ValueError(f"time_limit must be positive; got {time_limit}")
-    if not 0 <= shard[0] < shard[1]:
-        raise ValueError(f"shard must be (i, n) with 0 <= i < n; got {shard}")
     limit = TIME_LIMITS[profile] if time_limit is None else time_limit
     memory.limit()  # ValueError for a wrong one
     store, summary = Store(results), Summary(Path(results), profile)
@@ -149,7 +144,7 @@ def run(
     choice.check(cell for module in modules for cell in module.cells(profile))
     store.check_writable()  # before anything is computed, and after what is wrong with the words is known
     names, files = dict.fromkeys(experiments), Sources()  # as they are when the run begins
-    plans = [_plan(name, profile, shard, store, summary, timings, again, choice, files) for name in names]
+    plans = [_plan(name, profile, store, summary, timings, again, choice, files) for name in names]
     at_a_time = None if scheduler else jobs or machine.usable_cores()
     with progress.follow({plan.experiment: plan.missing for plan in plans if plan.missing}, show, at_a_time) as bar:
 
@@ -202,10 +197,9 @@ class _Plan:
 
     experiment: str
     profile: str
-    shard: Shard
     choice: Choice = ALL
     files: Sources = field(default_factory=Sources)
-    accuracy: bytearray = field(default_factory=bytearray)  # of each cell of the shard: to be computed?
+    accuracy: bytearray = field(default_factory=bytearray)  # of each cell: to be computed?
     timing: bytearray = field(default_factory=bytearray)
 
     @property
@@ -213,10 +207,9 @@ class _Plan:
         return sum(self.accuracy) + sum(self.timing)
 
     def cells(self) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Position and content of every cell of the shard that is asked for, in the experiment's order."""
+        """Position and content of every cell that is asked for, in the experiment's order."""
         numbered = enumerate(load(self.experiment).cells(self.profile))
-        mine = islice(numbered, self.shard[0], None, self.shard[1])
-        return ((position, clean(cell)) for position, cell in mine if self.choice.takes(cell))
+        return ((position, clean(cell)) for position, cell in numbered if self.choice.takes(cell))
 
     def tasks(self, chosen: bytearray) -> Iterator[Task]:
         version = load(self.experiment).VERSION
@@ -231,7 +224,6 @@ class _Plan:
 def _plan(
     experiment: str,
     profile: str,
-    shard: Shard,
     store: Store,
     summary: Summary,
     timings: bool,
@@ -245,7 +237,7 @@ def _plan(
     ------
     ValueError : two cells are equal, or a field has a name the store adds.
     """
-    plan, version = _Plan(experiment, profile, shard, choice, files or Sources()), load(experiment).VERSION
+    plan, version = _Plan(experiment, profile, choice, files or Sources()), load(experiment).VERSION
     tally = summary.tallies[experiment] = Tally()
     done, hidden, problems = store.done(experiment)
     revived = set()

@@ -112,7 +112,7 @@ def planning() -> tuple[str, ...]:
     before, start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         summary = engine.Summary(Path(folder), "full")
-        plan = engine._plan(NAME, "full", (0, 1), Store(folder), summary, True)
+        plan = engine._plan(NAME, "full", Store(folder), summary, True)
     took, grown = perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
     LENGTHS.clear()
     LENGTHS.update(listed)

@@ -107,7 +107,6 @@ BAD = [  # words, what the line must name
     ("run .drift", "did you mean 'drift'?"),
     ("run --scheduler ucx://head:1", "--scheduler"),
     ("run --scheduler local:\u0661", "--scheduler"),
-    ("run --shard \u0661/3", "--shard"),
     ("run --jobs 1_0", "--jobs"),
     ("verify --seed \u0661", "--seed"),
     ("errata --seed 1_0", "--seed"),
@@ -118,12 +117,8 @@ BAD = [  # words, what the line must name
     ("run --time-limit 0", "--time-limit"),
     ("run --time-limit inf", "--time-limit"),
     ("run --time-limit soon", "--time-limit"),
-    ("run --shard 3/3", "--shard"),
-    ("run --shard 3", "--shard"),
     ("run --scheduler head", "--scheduler"),
     ("run --scheduler local:0", "--scheduler"),
-    ("merge results/reference", "--results"),
-    ("merge /no/such/folder --results /no/such/other", "/no/such/folder"),
     ("compare results/reference", "NEW"),
     ("compare results/reference /no/such/folder", "/no/such/folder"),
     ("compare a b --rtol -1", "--rtol"),
@@ -179,7 +174,6 @@ BAD = [  # words, what the line must name
     ("integrate --h 0.1 --steps 3 --output run.txt", "--output"),
     ("integrate --h 0.1 --steps 3 --output no/such/folder/run.csv", "--output"),
     ("integrate --h 0.1 --steps 3 --draw axis.gif", "--draw"),
-    ("integrate --h 0.1 --steps 3 --animate axis.mp4", "--animate"),
     ("integrate --times 0,1 --parameters 1,2", "--parameters"),
     ("integrate --times 0,1 --potential tid", "did you mean 'tide'?"),
     ("integrate --times 0,1 --potential json:loads", "json:loads is a function, not a lagrange_bench.Potential"),
@@ -222,13 +216,11 @@ def test_bad_input(run, words, named, monkeypatch):
     assert named in err
 
 
-@pytest.mark.parametrize(
-    "word", ["run", "report", "figure", "verify", "merge x", "compare x", "check rk4", "integrate"]
-)
+@pytest.mark.parametrize("word", ["run", "report", "figure", "verify", "compare x", "integrate"])
 def test_an_empty_word_is_no_folder(run, tmp_path, monkeypatch, word):
     """$RESULTS, where it is not set, would be the current folder."""
     monkeypatch.chdir(tmp_path)
-    flag = {"compare x": [], "check rk4": ["--write-bounds"], "integrate": ["--output"]}.get(word, ["--results"])
+    flag = {"compare x": [], "integrate": ["--output"]}.get(word, ["--results"])
     code, out, err = run(*word.split(), *flag, "")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert f"argument {(flag or ['NEW'])[0]}: must name a file or folder; got an empty word" in err

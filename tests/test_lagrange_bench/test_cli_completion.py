@@ -65,7 +65,6 @@ def test_completion_in_fish(run, tmp_path, typed, offered):
 
 
 NEEDED = {  # of these commands, for them to be understood
-    "merge": ("a", "--results", "b"),
     "compare": ("a", "b"),
     "check": ("rk4",),
     "completion": ("bash",),

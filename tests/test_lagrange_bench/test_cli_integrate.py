@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import importlib.util
-import itertools
 import json
 import os
 import re
@@ -14,7 +13,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from packaging.version import Version
-from PIL import Image
 from pyarrow import parquet
 from test_cli import examples
 
@@ -43,7 +41,7 @@ def test_the_examples_of_integrate_run(run, words, tmp_path, monkeypatch):
     code, out, err = run(*words)
     assert code == 0, err
     assert re.search("against the (exact|reference) solution", out)
-    for flag in {"--output", "--draw", "--animate"} & set(words):
+    for flag in {"--output", "--draw"} & set(words):
         assert Path(words[words.index(flag) + 1]).stat().st_size > 0
 
 
@@ -211,28 +209,6 @@ def test_a_name_that_looks_like_a_formula_is_drawn_as_it_is(tmp_path, suffix):
     trajectory = integrate(TOPS["generic"].top, TOPS["generic"].state, h=0.1, steps=3)
     output.draw(tmp_path / f"axis{suffix}", trajectory, METHODS["backlund"], "a $_$ b")
     assert (tmp_path / f"axis{suffix}").stat().st_size > 1000
-
-
-def test_films(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(output, "PICTURES", 4)
-    path, page = tmp_path / "axis.gif", tmp_path / "axis.html"
-    code, _, err = run(*SHORT, "--animate", path, "--quiet")
-    assert (code, err) == (0, "")
-    pictures = []
-    with Image.open(path) as film:
-        assert (film.n_frames, film.info["loop"]) == (4, 0)
-        for i in range(4):
-            film.seek(i)
-            pictures.append(np.asarray(film.convert("RGB"), dtype=int))
-    assert all(np.abs(a - b).max() > 50 for a, b in itertools.pairwise(pictures))  # it moves
-    texts = []
-    for _ in range(2):
-        assert run(*SHORT, "--animate", page)[0] == 0
-        texts.append(page.read_text("utf-8"))
-    assert texts[0] == texts[1]
-    assert texts[0].count("data:image/png;base64") == 4
-    assert "<button" in texts[0]
-    assert not re.search(r"https?:|fa-|<link", texts[0])  # it asks the network for nothing
 
 
 def test_parquet(run, tmp_path):

@@ -54,10 +54,10 @@ def test_run_takes_all_experiments_by_default(run, monkeypatch):
     assert asked["names"] == EXPERIMENTS
     assert (asked["profile"], asked["jobs"], asked["show"]) == ("full", None, True)
     assert asked["results"].name == "full"
-    asked_nothing = {"time_limit": None, "shard": (0, 1), "scheduler": None, "timings": True}
+    asked_nothing = {"time_limit": None, "scheduler": None, "timings": True}
     assert {name: asked[name] for name in asked_nothing} == asked_nothing
-    assert run("run", "--time-limit", "9", "--shard", "2/5", "--scheduler", "local:2", "--no-timings")[0] == 0
-    asked_this = {"time_limit": 9.0, "shard": (2, 5), "scheduler": "local:2", "timings": False}
+    assert run("run", "--time-limit", "9", "--scheduler", "local:2", "--no-timings")[0] == 0
+    asked_this = {"time_limit": 9.0, "scheduler": "local:2", "timings": False}
     assert {name: asked[name] for name in asked_this} == asked_this
 
 

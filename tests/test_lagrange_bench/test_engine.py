@@ -109,15 +109,6 @@ def test_warnings_and_chatter_are_kept_out_of_the_way(toy, capfd):
     assert toy.store.read(TOY)[0][0]["warnings"] == ["RuntimeWarning: toy warning"]
 
 
-def test_shards_are_disjoint_and_complete(toy, tmp_path):
-    cells = squares(*range(10)) + squares(10, 11, timing=True)
-    for i in range(5):
-        assert tally(toy(cells, shard=(i, 5))).cells == (3 if i < 2 else 2)
-    assert len(toy.store.read(TOY)[0]) == 12
-    assert toy.store.rows(TOY)["i"].tolist() == list(range(12))
-    assert tally(toy(cells)).stored == 12
-
-
 def test_timings_can_be_left_out(toy):
     summary = toy(squares(1) + squares(2, 3, timing=True), timings=False)
     assert (tally(summary).computed, tally(summary).unavailable, summary.exit_code) == (1, 2, 0)
@@ -362,7 +353,7 @@ def test_names(toy, tmp_path, monkeypatch):
         engine.load("half.broken")
     with pytest.raises(ValueError, match="profile"):
         engine.run([TOY], "fast", tmp_path)
-    for wrong in ({"jobs": 0}, {"time_limit": 0.0}, {"shard": (2, 2)}, {"scheduler": "nowhere"}):
+    for wrong in ({"jobs": 0}, {"time_limit": 0.0}, {"scheduler": "nowhere"}):
         monkeypatch.setenv("TOY_CELLS", json.dumps(squares(1)))
         with pytest.raises(ValueError, match=next(iter(wrong))):
             engine.run([TOY], "quick", tmp_path, **wrong)

@@ -11,6 +11,7 @@ import multiprocessing
 import os
 import random
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -251,7 +252,7 @@ def test_a_disk_that_is_full(toy, tmp_path):
         records, problems = Store(tmp_path / "small" / "results").read(TOY)
         assert problems == []
         assert 0 < len(records) < 200
-        Store(tmp_path / "here").merge(Store(tmp_path / "small" / "results"))  # the other folder goes on with them
+        shutil.copytree(tmp_path / "small" / "results", tmp_path / "here")  # the other folder goes on with them
     summary = toy(cells)
     assert summary.tallies[TOY].stored == len(records)
     assert summary.tallies[TOY].computed == 200 - len(records)
@@ -325,8 +326,10 @@ def test_real_experiments_give_the_same_rows_again(tmp_path):
     """Stopped and resumed, or in one go: the same bits, cell by cell."""
     once, pieces = tmp_path / "once", tmp_path / "pieces"
     engine.run(["paper"], "quick", once, 2, show=False)
-    for i in (1, 0):
-        engine.run(["paper"], "quick", pieces, 1, show=False, shard=(i, 2))
+    engine.run(["paper"], "quick", pieces, 1, show=False)
+    path = pieces / "paper.jsonl"
+    path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[::2]))
+    engine.run(["paper"], "quick", pieces, 1, show=False)
     assert comparable(once, "paper") == comparable(pieces, "paper")
     assert len(comparable(once, "paper")) == len(engine.load("paper").cells("quick"))
     path = once / "paper.jsonl"

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import gc
 import re
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from lagrange_bench.experiments.measuring import bounds as drift
 from lagrange_bench.experiments.measuring import check
+from lagrange_bench.experiments.measuring import drifts as drift
 from lagrange_bench.integrators import METHODS, LagrangeTop, StepError, Stepper
 from lagrange_bench.testing import assert_drift, assert_order
 
@@ -120,78 +118,6 @@ def test_order():
     for tops in (("generic", "weak_tide"), ((LagrangeTop(1.0), (1.0, 0, 0, 0, 0, 1.0)),), 5, "generic", ()):
         with pytest.raises(ValueError, match=r"^tops"):
             assert_order(MINE, tops=tops)
-
-
-# ---------------------------------------------------------------- files
-
-
-def test_bounds_in_a_file(run, tmp_path, monkeypatch):
-    path = tmp_path / "bounds.toml"
-    monkeypatch.setattr(check, "CHECKS", ())
-    drift.write_bounds(path, [{"method": "rk4", "top": "generic", "h": 0.1, "steps": 7, "H": 1}])
-    plan = drift.plan(MINE, ["generic", "magnet"], 0.1, 500)
-    drift.write_bounds(path, drift.measured(MINE, plan))
-    bounds = drift.read_bounds(path)
-    assert [bound["method"] for bound in bounds] == ["rk4", "mine", "mine"], "the others stay"
-    assert "J3" not in bounds[2], "magnet does not conserve it"
-    assert all(verdict.passed for verdict in drift.judge(MINE, bounds))
-    code, out, _ = run("check", "rk4", "--bounds", path)
-    assert code == 1
-    assert out.endswith("runge_kutta.py): 0 claims hold, 1 fail: drift of H on generic, h = 0.1\n")
-    code, out, _ = run("check", "rk4", "--write-bounds", path)
-    assert code == 0
-    assert [bound["method"] for bound in drift.read_bounds(path)] == ["rk4", "mine", "mine"]
-    assert drift.read_bounds(path)[0]["H"] > 1
-    assert run("check", "rk4", "--bounds", path)[0] == 0
-    code, _, err = run("check", "strang", "--bounds", path)
-    assert (code, err.count("\n")) == (2, 1)
-    assert "has no bound for strang" in err
-
-
-@pytest.mark.parametrize(
-    ("text", "named"),
-    [
-        ("x", "not TOML"),
-        ("drift = 3", r"tables \[\[drift\]\]"),
-        ("[[drift]]\nmethod = 'rk4'", "lacks top, h, steps"),
-        ("[[drift]]\nmethod = 'rk4'\ntop = 'generic'\nh = 0.1\nsteps = 10", "give a bound"),
-        ("[[drift]]\nmethod = 'rk4'\ntop = 'generic'\nh = 0.1\nsteps = 10\nJ4 = 1", "unknown key 'J4'"),
-        ("[[drift]]\nmethod = 'rk4'\ntop = 'generic'\nh = 0.1\nsteps = 10\nJ3 = -1", "J3 must be a bound"),
-    ],
-)
-def test_a_file_with_mistakes(tmp_path, text, named):
-    (tmp_path / "bounds.toml").write_text(text)
-    with pytest.raises(ValueError, match=named):
-        drift.read_bounds(tmp_path / "bounds.toml")
-
-
-def test_the_plug_in_of_pytest(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "pytest.ini").write_text("[pytest]\n")  # the root folder, whatever lies above
-    (tmp_path / "test_mine.py").write_text(
-        "def test_mine(drift_bounds):\n    drift_bounds('rk4', tops=['generic'], h=0.1, steps=100)\n"
-    )
-
-    gc.collect()
-    gc.freeze()  # at its end, pytest collects five times
-
-    def pytest_says(*words):
-        code = pytest.main(["-q", "-p", "no:cacheprovider", "-p", "lagrange_bench_pytest", *words, str(tmp_path)])
-        captured = capsys.readouterr()
-        sys.modules.pop("test_mine", None)
-        return code, captured.out + captured.err
-
-    code, out = pytest_says()
-    assert code == 1
-    assert "has no bound for method = rk4, top = generic, h = 0.1, steps = 100" in out
-    assert pytest_says("--write-drift-bounds", "-n", "2")[0] == 4
-    assert pytest_says("--write-drift-bounds")[0] == 0
-    assert pytest_says()[0] == 0
-    written = (tmp_path / "drift-bounds.toml").read_text().replace("H = ", "H = 0.")
-    (tmp_path / "other.toml").write_text(written)
-    code, out = pytest_says("--drift-bounds", "other.toml")
-    assert code == 1
-    assert "rk4: drift of H on generic, h = 0.1: " in out
 
 
 # ---------------------------------------------------------------- what `check` says

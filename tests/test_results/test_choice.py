@@ -111,7 +111,7 @@ def test_a_store_shows_what_is_chosen(tmp_path):
 
 def test_a_run_computes_what_is_chosen():
     def cells(choice):
-        return dict(engine._Plan("phase", "quick", (0, 2), choice).cells())
+        return dict(engine._Plan("phase", "quick", choice).cells())
 
     every, some = cells(ALL), cells(Choice(("rk4", "strang"), ("generic",)))
     assert some == {place: cell for place, cell in every.items() if Choice(("rk4", "strang"), ("generic",)).takes(cell)}

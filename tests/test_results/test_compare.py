@@ -336,24 +336,3 @@ def test_compiled_methods_are_held_to_the_bit():
     assert changed(ulp, "taylor") == []  # a library: not bit by bit on every machine
     assert changed(truth, "backlund") == []
     assert changed(wrong, "backlund") == changed(wrong, "taylor") == ["error"]
-
-
-# ---------------------------------------------------------------- merging
-
-
-def test_merge(run, tmp_path):
-    parts = [store(tmp_path / f"part{i}", CELLS[i]) for i in range(3)]
-    torn = parts[1] / "toy.none.jsonl"
-    torn.write_bytes(torn.read_bytes() + b'{"cell": {"i": 5')
-    code, out, err = run("merge", *parts, "--results", tmp_path / "all")
-    assert (code, err) == (0, "")
-    assert "the cells of damaged lines count as not computed" in out
-    merged = Store(tmp_path / "all")
-    assert merged.read("toy.none")[1] == []  # damage is left behind
-    assert len(merged.latest("toy.none")) == 3
-    assert run("merge", *parts, "--results", tmp_path / "all", "--json")[0] == 0  # again: nothing is added
-    assert len(merged.read("toy.none")[0]) == 3
-    for words in (("merge", parts[0], "--results", parts[0]), ("merge", tmp_path / "no", "--results", parts[0])):
-        code, out, err = run(*words)
-        assert (code, out) == (2, "")
-        assert "into itself" in err or "no results in" in err

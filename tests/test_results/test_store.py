@@ -242,9 +242,6 @@ def test_what_is_as_it_was_counts_again(tmp_path, monkeypatch, status):
     results.revive("toy", {key})
     assert results.latest("toy")[0]["rows"] == [{"square": 1.0}]
     assert key not in results.done("toy")[1]
-    merged = Store(tmp_path / "merged")
-    merged.merge(results)
-    assert merged.latest("toy")[0]["rows"] == [{"square": 1.0}]
 
 
 def test_other_sources_replace_even_by_failure(tmp_path):
