@@ -26,7 +26,6 @@ from lagrange_bench.integrators.api import integrate
 from lagrange_bench.integrators.checks import MOST, check_count, check_options, check_real, check_state, check_step
 from lagrange_bench.integrators.files import read_toml
 from lagrange_bench.integrators.interface import Array, Method
-from lagrange_bench.integrators.problem.rotated import evaluate_for, prepare_for
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.registry import (
     NAMED_TOPS,
@@ -238,10 +237,10 @@ def _check_taken(name: str, start: Start, knob: str, options: dict[str, Any], pl
         raise ValueError(
             f"{place}, methods: {reason}: give the top {start['top']} to others, in a [[sweep]] of their own"
         )
-    if knob != "h" and evaluate_for(method, top) is None:
+    if knob != "h" and method.evaluate_for(top) is None:
         raise ValueError(f"{place}, methods: {name} has no dense output for the top {start['top']}")
     try:
-        check_options(name, prepare_for(method, top), options)
+        check_options(name, method.prepare_for(top), options)
     except ValueError as error:
         raise ValueError(f"{place}, options: {error}") from None
     if knob in options:

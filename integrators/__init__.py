@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING
 from lagrange_bench.integrators.lazy import face
 
 if TYPE_CHECKING:
-    from lagrange_bench.integrators.any_problem import integrate
-    from lagrange_bench.integrators.api import Trajectory, prepare, two_point
+    from lagrange_bench.integrators.api import Trajectory, integrate, prepare, two_point
     from lagrange_bench.integrators.backward_error.prediction import PredictedPhase, predicted_phase
     from lagrange_bench.integrators.cases import CASES, Case
     from lagrange_bench.integrators.compiling.expression import cos, exp, log, sin, sqrt
@@ -86,8 +85,7 @@ __all__ = [
 __getattr__, __dir__ = face(
     __name__,
     {
-        "lagrange_bench.integrators.any_problem": ("integrate",),
-        "lagrange_bench.integrators.api": ("Trajectory", "prepare", "two_point"),
+        "lagrange_bench.integrators.api": ("Trajectory", "integrate", "prepare", "two_point"),
         "lagrange_bench.integrators.backward_error.prediction": ("PredictedPhase", "predicted_phase"),
         "lagrange_bench.integrators.ensemble": ("integrate_ensemble",),
         "lagrange_bench.integrators.interface": ("INVARIANTS", "AnyField", "Method", "StepError", "Stepper", "Work"),

@@ -20,7 +20,6 @@ from lagrange_bench.integrators.problem import body
 from lagrange_bench.integrators.problem.body import BodyState, HeavyTop, RigidTop
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem
-from lagrange_bench.integrators.problem.rotated import evaluate_for, prepare_for
 from lagrange_bench.integrators.problem.top import LagrangeTop, NamedTop
 from lagrange_bench.integrators.problem.watched import check_rows, watched
 from lagrange_bench.integrators.registry import find_method
@@ -28,6 +27,8 @@ from lagrange_bench.integrators.torus import any_parameter
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
+
+    from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 
 FEW = 8  # numbers for which Python is quicker than NumPy
 TOP_TYPES = "a LagrangeTop, a RigidTop, a PerturbedTop or a Problem"
@@ -124,7 +125,7 @@ def prepare(
 
 
 def integrate(
-    top: LagrangeTop | RigidTop | PerturbedTop | Problem,
+    top: LagrangeTop | RigidTop | PerturbedTop | Problem | GaudinMagnet,
     y0: ArrayLike,
     h: float | None = None,
     steps: int | None = None,
@@ -134,10 +135,37 @@ def integrate(
     attitude: bool | ArrayLike = False,
     **options: Any,
 ) -> Trajectory:
-    """Follow the top from y0: `any_problem.integrate`, which describes the arguments, without the magnets.
+    """Follow a top, a problem of your own, or a magnet, from y0.
 
-    What measures tops calls this one: its rows do not depend on the sources of the magnets.
+    Give either `h` and `steps`, or `t`. With `h` and `steps` every `every` steps are recorded (default: only the start
+    and the end). With `t`, any times counted from that of y0, the method's dense output is used. The exact Bäcklund map takes one
+    map for each time then: a jump, not a sequence of steps. With `t`, `backlund_splitting` chooses its step for `tol`
+    and reports it in `work.notes`.
+
+    Parameters
+    ----------
+    top : LagrangeTop, RigidTop (time in s then), PerturbedTop, or Problem; or a GaudinMagnet, with h and steps only.
+    y0 : (6,), initial (J, x); of a Problem as many numbers as its space has; of a magnet its spins (n, 3).
+    h : step, negative runs backwards. Times are in the top's own unit, 1 over the unit of J.
+    steps : number of steps. method : a name in METHODS, or a Method; for a magnet a name in MAGNET_METHODS.
+    every : must divide `steps`. t : (N,), finite. attitude : True, or a unit quaternion (4,), scalar first: the initial attitude
+    of a HeavyTop, or of the body with equal moments of inertia that a LagrangeTop is. A state from `RigidTop.state` has its own.
+    options : the method's own.
+
+    Returns
+    -------
+    a `Trajectory`: t (N,), y (N, 6), of a Problem (N, size), of a magnet (N, n, 3), and work; `rotation` where the start has
+    one. Of a RigidTop also `position`, `omega_body`, `omega_world` and `energy`, in SI units. The rotation is followed when it
+    is first asked for, by backlund, theta_functions and taylor.
+
+    Raises
+    ------
+    ValueError : bad input; the message names the argument. StepError : the method failed.
     """
+    if "spins" in getattr(top, "offers", ()):
+        if t is not None or (attitude is not False and attitude is not None):
+            raise ValueError(f"{'attitude' if t is None else 't'}: not for a GaudinMagnet; give h and steps")
+        return _follow_magnet(top, y0, h, steps, method, every, options)
     given, (top, found, state) = top, _look_up(top, y0, method)
     wanted = attitude is not False and attitude is not None
     if wanted and isinstance(top, (PerturbedTop, Problem)):
@@ -191,6 +219,21 @@ def _advance(
     return Trajectory(top, found.name, grid_times(h, every, len(y)), y, stepper.work)
 
 
+def _follow_magnet(
+    magnet: Any, spins: Any, h: Any, steps: Any, method: Any, every: Any, options: dict[str, Any]
+) -> Trajectory:
+    from lagrange_bench.integrators.paper.gaudin_methods import (
+        prepare_method,  # with mpmath: a top does not wait for it
+    )
+
+    if h is None or steps is None:
+        raise ValueError("give h and steps")
+    steps, every = check_grid(steps, every, "steps")
+    stepper = prepare_method(magnet, spins, h, method, options)
+    y = stepper.record(spins, steps, every)
+    return Trajectory(magnet, method, grid_times(stepper.h, every, len(y)), y, stepper.work)
+
+
 def two_point(top: LagrangeTop | RigidTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
     """One step of the two-point Bäcklund transformation with parameters λ and λ̄, any λ with Im λ > 0.
 
@@ -231,7 +274,7 @@ def _look_up(top: Any, y0: ArrayLike, method: str | Method) -> tuple[Any, Method
 
 def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, Any]) -> Stepper:
     """`prepare`, of what has been checked."""
-    build = prepare_for(method, top)
+    build = method.prepare_for(top)
     check_options(method.name, build, options)
     start = perf_counter()
     before = y0.tobytes()
@@ -251,7 +294,7 @@ def _check_top(top: Any) -> None:
 
 
 def _evaluate(method: Method, top: Any, y0: Array, t: ArrayLike, options: dict[str, Any]) -> Trajectory:
-    evaluate = evaluate_for(method, top)
+    evaluate = method.evaluate_for(top)
     if evaluate is None:
         raise ValueError(f"t: {method.name} steps on a grid only; give h and steps")
     times = check_times(t)

@@ -34,7 +34,6 @@ from lagrange_bench.integrators.interface import Array, Method, StepError, Stepp
 from lagrange_bench.integrators.problem.body import RigidTop, has_unit_axis
 from lagrange_bench.integrators.problem.nature import natures
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
-from lagrange_bench.integrators.problem.rotated import evaluate_for, prepare_for
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.watched import check_rows, watched
 from lagrange_bench.integrators.registry import find_method
@@ -76,7 +75,7 @@ def integrate_ensemble(
     n = len(states)
     found = find_method(method)
     sample = tops.one(0) if n else LagrangeTop()
-    build, evaluate = prepare_for(found, sample), evaluate_for(found, sample)
+    build, evaluate = found.prepare_for(sample), found.evaluate_for(sample)
     threads = machine.usable_cores() if threads is None else check_count(threads, "threads", least=1)
     if on_failure not in ("raise", "nan"):
         raise ValueError(f"on_failure must be 'raise' or 'nan'; got {on_failure!r}")
@@ -255,7 +254,7 @@ class _Steps(_Work):
     def prepare(self, place: int) -> Stepper:
         with self.preparing:
             top = self.tops.one(place)
-            build = prepare_for(self.method, top)
+            build = self.method.prepare_for(top)
             return watched(self.method.name, build(top, self.states[place].copy(), self.h, **self.options))
 
     def one(self, place: int) -> Array:
@@ -277,7 +276,7 @@ class _Jumps(_Work):
     def one(self, place: int) -> Array:
         top, y0 = self.tops.one(place), self.states[place].copy()
         with self.preparing:
-            evaluate = evaluate_for(self.method, top)
+            evaluate = self.method.evaluate_for(top)
             assert evaluate is not None
             y = evaluate(top, y0, self.times, **self.options)[0]
             check_rows(self.method.name, "evaluate", y, (len(self.times), 6))

@@ -200,7 +200,7 @@ class Method:
     def takes(self, problem: Any) -> str | None:
         """None if the method can follow this problem, else the reason why not."""
         offers = getattr(problem, "offers", None)  # a LagrangeTop offers everything
-        if offers is None or "linear" in offers:
+        if offers is None:
             return None
         potential = getattr(problem, "potential", None)
         if self.in_field is None:
@@ -214,16 +214,28 @@ class Method:
             return f"{self.name} needs a {needs} potential, which {potential.name} is not"
         return f"{self.name} needs {NEEDS[needs]}, which the problem {problem.name} is not"
 
+    def prepare_for(self, problem: Any) -> Callable[..., Stepper]:
+        """What prepares a stepper for this problem: (problem, y0, h, **options); ValueError if the method does not take it."""
+        return self._record_for(problem).prepare
+
+    def evaluate_for(self, problem: Any) -> Callable[..., tuple[Array, Work]] | None:
+        """Dense output for this problem: (problem, y0, times, **options) → states and work; None if there is none."""
+        return self._record_for(problem).evaluate
+
+    def _record_for(self, problem: Any) -> Method | AnyField:
+        if reason := self.takes(problem):
+            raise ValueError(f"method: {reason}")
+        return self.in_field if self.in_field and getattr(problem, "offers", None) is not None else self
+
     def kept(self, problem: Any) -> frozenset[str]:
         """Of the problem's invariants, such as H, J3, C1, C2, those that the method keeps at round-off; it takes the problem."""
         offers = getattr(problem, "offers", None)
         if offers is None:
             return self.conserves
-        if "force" not in offers and self.in_field is not None:
+        assert self.in_field is not None, "it takes the problem"
+        if "force" not in offers:
             kept: frozenset[str] = problem.kept_by(self.in_field)
             return kept
-        if self.in_field is None:  # through the frame of a uniform field
-            return self.conserves & frozenset(problem.conserved)
         quadratic = self.in_field.if_quadratic if "quadratic" in offers else frozenset()
         return (self.in_field.conserves | quadratic) & frozenset(problem.conserved)
 

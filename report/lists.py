@@ -11,7 +11,7 @@ from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.registry import METHODS, POTENTIALS, POTENTIALS_BUILT_IN
 
 TAKES = {
-    "linear": "uniform field",
+    "uniform": "uniform field",
     "quadratic": "quadratic potentials",
     "smooth": "any smooth problem",
     "force": "any potential",
@@ -42,7 +42,7 @@ def _method(name: str, record: Method) -> dict[str, str | int]:
         "order": order or "exact",
         "keeps to round-off": ", ".join([*kept, *record.keeps]) or "nothing",
         "symmetric": "yes" if record.symmetric else "no",
-        "takes": TAKES[record.in_field.needs if record.in_field else "linear"],
+        "takes": TAKES[record.in_field.needs if record.in_field else "uniform"],
         "source": record.source,
     }
 

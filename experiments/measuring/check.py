@@ -25,7 +25,6 @@ import numpy as np
 from lagrange_bench.experiments.measuring import first_step, metrics, states, truths
 from lagrange_bench.integrators import POTENTIALS, PerturbedTop
 from lagrange_bench.integrators.interface import INVARIANTS, Array, Method, StepError, Stepper, StepWarning
-from lagrange_bench.integrators.problem.rotated import prepare_for
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
 from lagrange_bench.integrators.registry import find_method
 
@@ -530,7 +529,7 @@ def _truth(names: tuple[str, ...]) -> str:
 
 
 def prepared(method: Method, top: Any, y: Array, h: float) -> Stepper:
-    return prepare_for(method, top)(top, y.copy() if y.flags.writeable else y, float(h))
+    return method.prepare_for(top)(top, y.copy() if y.flags.writeable else y, float(h))
 
 
 def same(a: Array, b: Array) -> bool:

@@ -12,7 +12,6 @@ from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.numba_internals import NumbaError, useful_lines
 from lagrange_bench.integrators.interface import Method, StepError
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
-from lagrange_bench.integrators.problem.rotated import prepare_for
 from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.registry import METHODS
 from lagrange_bench.integrators.words import suggestion
@@ -36,7 +35,7 @@ def first_error(method: Method) -> BaseException | None:
         try:
             with np.errstate(all="ignore"), warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                stepper: Any = prepare_for(method, top)(top, y0.copy(), 0.1 * top.scales(y0)[2])
+                stepper: Any = method.prepare_for(top)(top, y0.copy(), 0.1 * top.scales(y0)[2])
                 if stepper is None:
                     raise ValueError("prepare returned None: return a stepper")
                 stepper.advance(y0.copy(), 1)

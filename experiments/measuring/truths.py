@@ -1,7 +1,4 @@
-"""What runs are judged by: the exact solution of a Lagrange top, the reference solution of a top in a potential.
-
-A top in a uniform field is a Lagrange top about another vertical, and has an exact solution, too.
-"""
+"""What runs are judged by: the exact solution of a Lagrange top, the reference solution of a top in a potential."""
 
 from __future__ import annotations
 
@@ -13,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
-from lagrange_bench.integrators.problem.rotated import turn
 from lagrange_bench.integrators.truth import exact
 
 LONGEST = 2000.0  # time scales: a reference of this length takes some ten seconds
@@ -42,8 +38,7 @@ def after_steps(problem: Any, y0: Array, h: float, counts: ArrayLike, longest: f
 
 def name(problem: Any) -> str:
     """What the truth about a problem is called."""
-    perturbed = isinstance(problem, PerturbedTop) and problem.uniform() is None
-    return "reference solution" if perturbed else "exact solution"
+    return "reference solution" if isinstance(problem, PerturbedTop) else "exact solution"
 
 
 def _found(
@@ -53,9 +48,6 @@ def _found(
     if not isinstance(problem, PerturbedTop):
         states: Array = getattr(exact, which)(problem, y0, *when)
         return states
-    if (uniform := problem.uniform()) is not None:
-        top, R = uniform
-        return turn(R.T, getattr(exact, which)(top, turn(R, y0), *when))
     if np.max(np.abs(times), initial=0.0) > longest * problem.scales(y0)[2]:
         raise ValueError(f"the run is longer than {longest:g} time scales 1/(|J| + √(|alpha||x|))")
     return _reference(problem, y0, times, rest)

@@ -20,7 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from random import Random
-from typing import Any
+from typing import Any, ClassVar
 
 import mpmath
 import numpy as np
@@ -49,6 +49,7 @@ class GaudinMagnet:
     alpha: Any = 1.0
     site: int | None = None
     hamiltonian: tuple[float, ...] | None = None
+    offers: ClassVar[frozenset[str]] = frozenset({"spins"})  # what its methods need of it
 
     def __post_init__(self) -> None:
         sites = check_numbers(self.sites, "sites")

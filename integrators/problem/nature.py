@@ -29,12 +29,11 @@ Point = tuple[float, float, float]
 class Nature:
     """What a field is, with its numbers."""
 
-    linear: bool  # ∇V is the same everywhere
-    quadratic: bool  # V'' is
+    quadratic: bool  # V'' is the same everywhere
     axisymmetric: bool  # V keeps J3
 
 
-PLAIN = Nature(False, False, False)
+PLAIN = Nature(False, False)
 
 
 @cache
@@ -61,11 +60,10 @@ def natures(formula: Formula, parameters: Array) -> list[Nature | None]:
                 values[i] = value
         slope, bend, (x1, x2, _) = found[:, :3], found[:, 3:], np.array(_points()).T[..., None]
         least = 1e-6 * np.max(np.abs(found), axis=(0, 1))
-        linear = (np.abs(bend) <= least).all(axis=(0, 1))
         quadratic = (np.abs(bend - bend[0]) <= least).all(axis=(0, 1))
         axisymmetric = (np.abs(slope[:, 0] * x2 - slope[:, 1] * x1) <= least).all(axis=0)
         finite = np.isfinite(least)
-    rough = [Nature(*flags) for flags in np.transpose((linear, quadratic, axisymmetric)).tolist()]
+    rough = [Nature(*flags) for flags in np.transpose((quadratic, axisymmetric)).tolist()]
     return [kind if good and kind in (PLAIN, generic) else None for kind, good in zip(rough, finite, strict=True)]
 
 
@@ -132,7 +130,6 @@ def _kind(found: Sequence[tuple[Point, list[Any]]]) -> Nature:
 
     ends = [offset(*one) for one in found]
     return Nature(
-        linear=same(slice(3)) and all(abs(v) <= least for _, values in found for v in values[3:]),
         quadratic=same(slice(3, None))
         and all(abs(v - w) <= least for end in ends for v, w in zip(end, ends[0], strict=True)),
         axisymmetric=all(abs(values[0] * x[1] - values[1] * x[0]) <= least for x, values in found),

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from lagrange_bench.integrators.checks import Array, check_real
 from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.problem.field import Field, Formula, Potential, Vector, cross, dot
-from lagrange_bench.integrators.problem.nature import Nature, _nature, _points, _wrong
+from lagrange_bench.integrators.problem.nature import Nature, _nature, _wrong
 from lagrange_bench.integrators.problem.system import System, top_system
 from lagrange_bench.integrators.problem.top import LagrangeTop, hat
 
@@ -139,42 +139,18 @@ class PerturbedTop:
     @cached_property
     def offers(self) -> frozenset[str]:
         """What methods may rely on: "rhs", "parts", "kinetic" and "force", always; "smooth", no corners; "quadratic", a linear
-        force; "linear", a uniform one.
+        force.
 
         A root of a square, √(w²), has a corner where w changes its sign.
         """
         nature, smooth = self.nature, not self.field.potential.corners(3)
-        kinds = {"smooth": smooth or nature.quadratic, "quadratic": nature.quadratic, "linear": nature.linear}
+        kinds = {"smooth": smooth or nature.quadratic, "quadratic": nature.quadratic}
         return frozenset({"rhs", "parts", "kinetic", "force", *(name for name, offered in kinds.items() if offered)})
 
     @cached_property
     def conserved(self) -> frozenset[str]:
         """Of H, J3, C1, C2 those that the exact motion keeps."""
         return frozenset({"H", "C1", "C2", *(("J3",) * self.nature.axisymmetric)})
-
-    def uniform(self) -> tuple[LagrangeTop, Array] | None:
-        """If V = b·x: the Lagrange top that this is, and the rotation R (3, 3) to its frame, R (alpha e3 + b) upward."""
-        if not self.nature.linear:
-            return None
-        g = self._anywhere()
-        alpha = math.hypot(*g)
-        if alpha == 0.0 or (g[0] == 0.0 and g[1] == 0.0):
-            return LagrangeTop(float(g[2])), np.eye(3)
-        axis = g / alpha
-        side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-        side /= np.linalg.norm(side)
-        return LagrangeTop(alpha), np.array((side, np.cross(axis, side), axis))
-
-    def _anywhere(self) -> Array:
-        """The gradient (3,) of a uniform field, where the formula gives one."""
-        for point in ((1.0, 0.0, 0.0), *_points()):
-            try:
-                g = np.array(self.gradient(*point), dtype=float)
-            except (ZeroDivisionError, OverflowError):
-                continue
-            if np.isfinite(g).all():
-                return g
-        raise ValueError(f"the potential {self.potential.name} is finite at none of the points tried")
 
     def check_state(self, y: Array) -> None:
         """ValueError, naming the potential, if the force is not finite at a state (6,)."""

@@ -91,10 +91,10 @@ CHARGE = Potential(
 )  # fmt: skip
 
 # V = b·x: a dipole along the axis in a uniform field b that is tilted. With the weight it is a Lagrange top about another
-# vertical, and the exact step solves it. Source: Jackson, section 4.2.
+# vertical: for the exact step turn the frame, or give a RigidTop its gravity. Source: Jackson, section 4.2.
 DIPOLE = Potential(
     "dipole", _dipole, parameters=("b1", "b2", "b3"),
-    note="b·x: a dipole in a tilted uniform field: another Lagrange top, solved exactly; b in units of J²/x",
+    note="b·x: a dipole in a tilted uniform field; b in units of J²/x",
 )  # fmt: skip
 
 # V = k (n·x)²/2: the tide that a distant mass M in the direction n, at distance r, raises in the motion of a symmetric

@@ -141,7 +141,6 @@ def run(options: argparse.Namespace) -> Answer:
     """Follow the top, write what is wanted, and sum up."""
     from lagrange_bench import trajectory as output
     from lagrange_bench.integrators.checks import check_options
-    from lagrange_bench.integrators.problem.rotated import evaluate_for, prepare_for
     from lagrange_bench.integrators.registry import find_method
 
     name, top, y0 = _start(options)
@@ -149,10 +148,10 @@ def run(options: argparse.Namespace) -> Answer:
     if reason := method.takes(top):
         given = (f"--{word} {getattr(options, word)}" for word in ("top", "potential") if getattr(options, word))
         raise ValueError(f"--method: {reason} (those that do: lagrange-bench methods {' '.join(given)})")
-    evaluate = None if options.times is None else evaluate_for(method, top)
+    evaluate = None if options.times is None else method.evaluate_for(top)
     if options.times is not None and evaluate is None:
         raise ValueError(f"--times: {method.name} steps on a grid only; give --h and --steps")
-    check_options(method.name, evaluate or prepare_for(method, top), settings)
+    check_options(method.name, evaluate or method.prepare_for(top), settings)
     files = {"--output": options.output, "--draw": options.draw}
     for (flag, path), suffixes in zip(files.items(), (TABLES, PICTURES), strict=True):
         if path is not None:  # nobody wants to learn after an hour that there is no such folder

@@ -28,7 +28,6 @@ ALPHAS, NUMBERS = RNG.uniform(0.5, 2, SIZE), RNG.uniform(0.1, 0.9, SIZE)
 
 # formulas that other tests use too: they are compiled once for all
 ALONG, PLACE, ABOVE = (0.8, 0.0, 0.6), (2.0, 1.0, 0.5), (0.0, 0.0, 1.6)
-TILTED = Potential("tilted", lambda x1, x2, x3, p: p[0] * x1 + 0.3 * x2)
 TOPS_IN = {
     "all numbers": PerturbedTop(LagrangeTop(ALPHAS), TIDE, (NUMBERS, *ALONG)),
     "some numbers": PerturbedTop(LagrangeTop(0.7), CHARGE, (NUMBERS, *PLACE)),
@@ -154,19 +153,6 @@ def test_at_times(name):
     for i in range(4):
         assert np.array_equal(got[:, i], integrate(one(problem, i), STATES[i], t=t, method=name).y)
     assert not np.array_equal(got[0], got[2])
-
-
-def test_a_uniform_field_that_is_tilted():
-    """By a method that takes no other, in its own frame: one by one, each with a frame of its own."""
-    problem = PerturbedTop(LagrangeTop(ALPHAS[:5]), TILTED, (NUMBERS[:5],))
-    for name in ("backlund", "theta_functions"):
-        got = integrate_ensemble(problem, STATES[:5], 0.1, 10, name, every=5)
-        assert np.array_equal(got, one_by_one(problem, STATES[:5], 0.1, 10, 5, name))
-        other = integrate_ensemble(problem, STATES[:5], 0.1, 10, "dop853", every=5, rtol=1e-12)
-        assert np.max(np.abs(got - other)) < 1e-10
-        assert np.max(np.abs(got - integrate_ensemble(LagrangeTop(ALPHAS[:5]), STATES[:5], 0.1, 10, every=5))) > 0.01
-    jumps = integrate_ensemble(problem, STATES[:5], t=[1.0])
-    assert np.max(np.abs(jumps[0] - got[2])) < 1e-13
 
 
 def test_failures():

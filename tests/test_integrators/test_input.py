@@ -15,8 +15,6 @@ from lagrange_bench.integrators import (
     TOPS,
     HeavyTop,
     LagrangeTop,
-    PerturbedTop,
-    Potential,
     StepError,
     Stepper,
     Work,
@@ -309,12 +307,10 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_steppers_of_plug_ins_are_looked_at(fault):
-    """By `integrate`, by an ensemble, in a frame of its own, and by the loops of the experiments."""
+    """By `integrate`, by an ensemble, and by the loops of the experiments."""
     broken, said = FAULTS[fault]
     build = replace(METHODS["rk4"], name="mine", in_field=None, prepare=lambda top, y0, h: Resting(broken))
-    tilted = PerturbedTop(TOP, Potential("tilted", lambda x1, x2, x3, p: 0.5 * x1))
     refused(rf"^mine: .*{said}", integrate, TOP, Y0, 0.1, 10, build, 5)
-    refused(rf"^mine: .*{said}", integrate, tilted, Y0, 0.1, 10, build)
     refused(rf"^mine: .*{said}", integrate_ensemble, TOP, [Y0, Y0], 0.1, 10, build)
     with METHODS.lent(build) as name:
         refused(rf"^mine: .*{said}", states.sample, TOP, Y0, name, 0.1, [1, 2, 4])

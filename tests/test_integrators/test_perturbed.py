@@ -7,6 +7,7 @@ import sys
 import mpmath
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lagrange_bench.integrators import (
     METHODS,
@@ -15,6 +16,7 @@ from lagrange_bench.integrators import (
     LagrangeTop,
     PerturbedTop,
     Potential,
+    exact,
     in_any_field,
     integrate,
     sqrt,
@@ -96,7 +98,7 @@ def test_a_field_knows_its_kind():
 
     assert top("tide", 0.1, 1.0, 0.0, 0.0).offers == {"rhs", "parts", "kinetic", "force", "smooth", "quadratic"}
     assert top("charge", 0.1, 2.0, 0.0, 0.0).offers == {"rhs", "parts", "kinetic", "force", "smooth"}
-    assert top("dipole", 0.1, 0.2, 0.3).offers == {"rhs", "parts", "kinetic", "force", "smooth", "quadratic", "linear"}
+    assert top("dipole", 0.1, 0.2, 0.3).offers == {"rhs", "parts", "kinetic", "force", "smooth", "quadratic"}
     assert top("tide", 0.0, 1.0, 0.0, 0.0).offers == {
         "rhs",
         "parts",
@@ -104,7 +106,6 @@ def test_a_field_knows_its_kind():
         "force",
         "smooth",
         "quadratic",
-        "linear",
     }
     assert "J3" not in top("tide", 0.1, 1.0, 0.0, 0.0).conserved
     assert "J3" in top("tide", 0.1, 0.0, 0.0, 1.0).conserved
@@ -172,26 +173,18 @@ def test_corners_are_seen(value, corner):
             integrate(top, Y, 0.1, 10, "taylor")
 
 
-def test_a_field_whose_formula_fails_somewhere_may_be_uniform():
-    top = PerturbedTop(TOP, Potential("quotient", lambda x1, x2, x3, p: p[0] * x2 * x2 / x2), (0.2,))
-    assert "linear" in top.offers
-    same = PerturbedTop(TOP, Potential("line", lambda x1, x2, x3, p: p[0] * x2), (0.2,))
-    assert np.allclose(integrate(top, Y, 1.0, 8).y[-1], integrate(same, Y, 1.0, 8).y[-1], atol=1e-14)
-
-
-def test_a_tilted_uniform_field_is_another_top():
+def test_a_tilted_uniform_field_is_a_lagrange_top_about_another_vertical():
+    """By a method for any field, against the exact solution of the top in a frame that is turned."""
+    b = np.add((0.1, 0.2, 0.3), (0.0, 0.0, TOP.alpha))
+    turn = Rotation.align_vectors([[0.0, 0.0, 1.0]], [b])[0]
+    turned = np.concatenate((turn.apply(Y[:3]), turn.apply(Y[3:])))
+    end = exact.solution(LagrangeTop(float(np.linalg.norm(b))), turned, 8.0)
+    expected = np.concatenate((turn.inv().apply(end[:3]), turn.inv().apply(end[3:])))
     top = PerturbedTop(TOP, POTENTIALS["dipole"], (0.1, 0.2, 0.3))
-    steps = integrate(top, Y, 0.01, 800, "verner9_fixed").y[-1]
-    for name in ("backlund", "theta_functions"):
-        assert np.allclose(integrate(top, Y, 8.0, 1, name).y[-1], steps, atol=1e-13)
-    assert np.allclose(integrate(top, Y, t=[8.0], method="backlund").y[-1], steps, atol=1e-13)
-    rows = integrate(top, Y, t=[3.0, 0.0, 3.0], method="backlund").y
-    assert np.array_equal(rows[0], rows[2])
-    assert np.array_equal(rows[1], Y)
-    run = integrate(top, Y, 8.0, 1000, "backlund", every=10)
-    assert np.abs(run.invariants()[:, [0, 2, 3]] - top.invariants(Y)[[0, 2, 3]]).max() < 2e-14
-    other = PerturbedTop(TOP, POTENTIALS["dipole"], (0.1, 0.2, 0.4))
-    assert np.abs(integrate(other, Y, 8.0, 1).y[-1] - steps).max() > 0.01
+    for name in ("verner9_fixed", "gauss12", "blanes_moan6"):
+        assert np.allclose(integrate(top, Y, 0.01, 800, name).y[-1], expected, atol=1e-12), name
+    with pytest.raises(ValueError, match="backlund does not take the potential dipole"):
+        integrate(top, Y, 8.0, 1)
 
 
 def test_methods_say_which_problems_they_take():

@@ -282,14 +282,6 @@ def test_a_potential_on_any_top(answer, tmp_path):
     assert (plain["potential"], plain["parameters"]) == (None, [])
 
 
-def test_a_tilted_uniform_field_has_an_exact_solution(run, answer):
-    words = ("integrate", "--potential", "dipole", "--parameters", "0.1,0.2,0.3", "--h", "1", "--steps", "50")
-    data = answer(*words)
-    assert data["error"]["against"] == "exact solution"
-    assert data["error"]["largest"] < 1e-13
-    assert answer(*words, "--method", "strang")["error"]["largest"] > 1e-3
-
-
 def test_a_potential_of_ones_own(run, answer, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
