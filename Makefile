@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help setup bench test test-oldest test-bounds stress lint full report dist docs paper clean
+.PHONY: help setup bench test test-oldest test-bounds mutants stress lint full report dist docs paper clean
 
 help:
 	@echo "make setup   set up and nothing else; then: source .venv/bin/activate"
@@ -11,6 +11,7 @@ help:
 	@echo "make stress  repeat the tests that start processes beside busy loops (hours); ROUNDS=30 MINUTES=240"
 	@echo "make test-oldest   the tests with the oldest versions of all packages (tests/oldest.txt), in .venv-oldest"
 	@echo "make test-bounds   the tests of methods and experiments, with every index of a kernel checked"
+	@echo "make mutants   make one mistake after the other in a copy, and see that a test fails (an hour)"
 	@echo "make full    set up, run the full profile (about an hour), draw the report and print where it is"
 	@echo "make report  draw the committed reference run again, computing nothing"
 	@echo "make docs    write the reference of all modules to build/docs, to be read offline"
@@ -46,6 +47,9 @@ test-oldest: .venv-oldest/ready
 
 test-bounds: .venv/ready
 	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n auto --dist loadgroup -q tests/test_integrators tests/test_experiments
+
+mutants: .venv/ready
+	$(BIN)/python tests/mutants.py
 
 dist:
 	$(PYTHON) -m venv --clear .venv-dist

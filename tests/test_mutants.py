@@ -1,0 +1,19 @@
+"""The table of mutations fits the sources: what it replaces is there, once. `make mutants` applies it."""
+
+import pytest
+from mutants import ROOT, mutants
+
+TABLE = mutants()
+
+
+@pytest.mark.parametrize("mutant", TABLE, ids=lambda mutant: mutant["name"])
+def test_a_mutation_fits_its_file(mutant):
+    assert (ROOT / mutant["file"]).read_text(encoding="utf-8").count(mutant["old"]) == 1
+    assert mutant["old"] != mutant["new"]
+    files = [word for word in mutant["tests"] if word.startswith("tests/")]
+    assert files
+    assert all((ROOT / name.partition("::")[0]).exists() for name in files)
+
+
+def test_there_are_many_and_each_has_a_name():
+    assert len({mutant["name"] for mutant in TABLE}) == len(TABLE) >= 80
