@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import errno
 import json
 import os
 import re
@@ -114,7 +113,6 @@ def _guarded(argv: Sequence[str] | None) -> int:
 
 
 def _run(argv: list[str]) -> int:
-    _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):  # a terminal without λ shows \u03bb; it is no reason to stop
         with contextlib.suppress(AttributeError):
             stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
@@ -142,15 +140,6 @@ def _run(argv: list[str]) -> int:
         _note_cache()
     _emit(json.dumps(answer.data, allow_nan=False) if options.json else answer.text)
     return int(answer.code)
-
-
-def _open_closed_streams() -> None:
-    """A stdout or stderr that was closed, with >&-, becomes /dev/null, for worker processes too. No file takes its number."""
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
-            number = os.open(os.devnull, os.O_WRONLY)
-            os.set_inheritable(number, True)
-            setattr(sys, name, os.fdopen(number, "w", encoding="utf-8", closefd=False))
 
 
 def _join_negative(argv: list[str]) -> list[str]:
@@ -218,14 +207,8 @@ def _emit(text: str) -> None:
 def _stdout_for_data_only() -> Iterator[None]:
     """What anybody prints meanwhile, compiled libraries too, goes to stderr."""
     with contextlib.redirect_stdout(sys.stderr):
-        try:
-            saved = os.dup(1)
-            os.dup2(2, 1)
-        except OSError as error:
-            if error.errno != errno.EBADF:
-                raise
-            yield  # no such streams here, so nothing to protect
-            return
+        saved = os.dup(1)
+        os.dup2(2, 1)
         try:
             yield
         finally:

@@ -15,7 +15,6 @@ import pytest
 from lagrange_bench import __main__ as cli
 from lagrange_bench import integrators
 from lagrange_bench.integrators import METHODS, registry
-from lagrange_bench.results.store import Store
 
 COMMANDS = tuple(module.__name__.rpartition(".")[2] for module in cli.COMMANDS)
 SLOW = (
@@ -289,32 +288,6 @@ def test_closed_pipe():
     with open(writing, "w") as stdout:
         done = process("methods", "--help", stdout=stdout)
     assert (done.returncode, done.stderr) == (141, "")
-
-
-@pytest.mark.parametrize("words", ["methods", "tops --json", "integrate --h 0.1 --steps 2 --output run.csv"])
-@pytest.mark.parametrize("number", [1, 2])
-def test_a_closed_stream(tmp_path, words, number):
-    """As `lagrange-bench methods >&-`; what would be said on a closed stderr does not go to stdout."""
-    line = f"exec {sys.executable} -W error -m lagrange_bench {words} {number}>&-"
-    environment = {**os.environ, "PYTHONPATH": str(HERE.parent)}
-    settings = {"cwd": tmp_path, "env": environment, "capture_output": True, "text": True, "timeout": 60}
-    done = subprocess.run(["/bin/sh", "-c", line], check=False, **settings)
-    written = "run.csv" in words
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ("written: run.csv\n" if written and number == 1 else "")
-    assert (done.stdout == "") == (number == 1)
-    assert "written" not in done.stdout
-    assert not written or "J1,J2,J3" in (tmp_path / "run.csv").read_text()
-
-
-def test_workers_of_a_run_with_closed_streams(tmp_path):
-    """A cell that warns and prints in one of them."""
-    cells = json.dumps([{"do": "warn", "i": i} for i in range(3)])
-    environment = {**os.environ, "TOY_CELLS": cells, "PYTHONPATH": str(HERE)}
-    line = f"exec {sys.executable} -W error -m lagrange_bench run toys.behaviour --results {tmp_path} >&- 2>&-"
-    done = subprocess.run(["/bin/sh", "-c", line], cwd=HERE.parent, env=environment, timeout=60, check=False)
-    assert done.returncode == 0
-    assert len(Store(tmp_path).rows("toys.behaviour")) == 3
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
