@@ -2,12 +2,13 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help setup bench test test-oldest test-bounds mutants stress lint full report dist docs paper clean
+.PHONY: help setup bench test test-all test-oldest test-bounds mutants stress lint full report dist docs paper clean
 
 help:
 	@echo "make setup   set up and nothing else; then: source .venv/bin/activate"
 	@echo "make bench   set up, run the quick profile (about 5 minutes), draw the report and print where it is"
 	@echo "make test    set up, run the tests (about 10 minutes)"
+	@echo "make test-all  the slow tests, too: clusters, pages in a browser, oldest packages, mutations, stress (about two hours)"
 	@echo "make stress  repeat the tests that start processes beside busy loops (hours); ROUNDS=30 MINUTES=240"
 	@echo "make test-oldest   the tests with the oldest versions of all packages (tests/oldest.txt), in .venv-oldest"
 	@echo "make test-bounds   the tests of methods and experiments, with every index of a kernel checked"
@@ -35,7 +36,13 @@ report: .venv/bench
 	$(BIN)/lagrange-bench report
 
 test: .venv/ready
+	$(BIN)/python -m pytest -n auto --dist loadgroup -q -m "not slow"
+
+# before a release, and after a change to the runner, the page or the packages: about two hours
+test-all: .venv/ready
 	$(BIN)/python -m pytest -n auto --dist loadgroup -q
+	$(MAKE) test-oldest test-bounds mutants
+	$(MAKE) stress ROUNDS=1
 
 ROUNDS ?= 30
 MINUTES ?= 240

@@ -217,6 +217,7 @@ def written(thing) -> bool:
 
 @pytest.mark.processes
 @pytest.mark.skipif(importlib.util.find_spec("pdoc") is None, reason="needs pdoc: pip install 'lagrange-bench[docs]'")
+@pytest.mark.slow
 def test_the_reference_is_written_without_a_warning(tmp_path):
     """In a process of its own, in which kernels are Python functions. No page asks the network for anything."""
     words = [sys.executable, str(DOCS / "reference.py"), str(tmp_path)]

@@ -17,7 +17,7 @@ from lagrange_bench.runner import cluster, engine
 
 pytest.importorskip("distributed")
 linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for left-over processes in /proc")
-pytestmark = [linux, pytest.mark.processes]
+pytestmark = [linux, pytest.mark.processes, pytest.mark.slow]
 
 ODD = [{"do": "raise", "i": 100}, {"do": "die", "i": 101}, {"do": "segfault", "i": 102}, {"do": "bad row", "i": 103}]
 

@@ -70,6 +70,7 @@ def one_line(err):
 
 
 @linux
+@pytest.mark.slow
 def test_killed_at_random_moments_and_resumed(toy, tmp_path):
     """SIGKILL: no handler, no clean-up. The moments are spread over the whole run, its start included."""
     cells = [*squares(*range(40), seconds=0.05), *squares(*range(40, 46), timing=True)]

@@ -15,6 +15,7 @@ IN_A_BROWSER = [
     pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="needs the packages chromium and chromium-driver"),
     pytest.mark.xdist_group("browser"),
     pytest.mark.processes,
+    pytest.mark.slow,
 ]
 
 selenium = pytest.importorskip("selenium")

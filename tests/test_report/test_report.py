@@ -337,6 +337,7 @@ def test_commands_of_the_usual_folders_are_short():
     assert origin.Origin("my out").run("sweep_mine") == "lagrange-bench run mine.toml --results 'my out'"
 
 
+@pytest.mark.slow
 def test_drawn_in_two_processes_it_is_the_same(tmp_path):
     for name in ("ensemble", "paper"):
         shutil.copy(store.default_results() / f"{name}.jsonl", tmp_path)
