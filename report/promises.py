@@ -199,6 +199,13 @@ def lead(*errors: tuple[float, float, float]) -> Measure:
     return measure
 
 
+def lead_bound(sign: str, limit: float, what: str, *errors: tuple[float, float, float]) -> Bound:
+    """A bound on `lead` over the tops generic and figure1, its least and largest value shown."""
+    spans = tuple(dict.fromkeys(span for span, _, _ in errors))
+    where = {"span": spans if len(spans) > 1 else spans[0], "state": ("generic", "figure1")}
+    return Bound(lead(*errors), sign, limit, "×", where, what=what, ranged=True)
+
+
 def per_state(rows: pd.DataFrame) -> Found:
     """Time of heyoka over that of the exact step, from one output state to the next."""
     ratio, steps, ours, theirs = values(rows, "ratio", "steps", "backlund_s", "heyoka_s", part="headline").T
@@ -419,33 +426,9 @@ CLAIMS = [
         "1e-12, it takes less time: most of a short Bäcklund run is Python around the call.",
         "work_precision",
         (
-            Bound(
-                lead((1e4, 1e-4, 1e-12), (1e6, 1e-4, 1e-10)),
-                "≥",
-                10.0,
-                "×",
-                {"span": (1e4, 1e6), "state": ("generic", "figure1")},
-                what="t = 10⁴, 10⁶",
-                ranged=True,
-            ),
-            Bound(
-                lead((100.0, 1e-8, 1e-12)),
-                ">",
-                1.0,
-                "×",
-                {"span": 100.0, "state": ("generic", "figure1")},
-                what="t = 100",
-                ranged=True,
-            ),
-            Bound(
-                lead((10.0, 1e-4, 1e-12), (100.0, 1e-4, 1e-4)),
-                "<",
-                1.0,
-                "×",
-                {"span": (10.0, 100.0), "state": ("generic", "figure1")},
-                what="lost",
-                ranged=True,
-            ),
+            lead_bound("≥", 10.0, "t = 10⁴, 10⁶", (1e4, 1e-4, 1e-12), (1e6, 1e-4, 1e-10)),
+            lead_bound(">", 1.0, "t = 100", (100.0, 1e-8, 1e-12)),
+            lead_bound("<", 1.0, "lost", (10.0, 1e-4, 1e-12), (100.0, 1e-4, 1e-4)),
         ),
         brief="Set-up counted, Bäcklund steps win long runs and lose those of t = 10.",
         about=("backlund",),

@@ -436,8 +436,7 @@ class Store:
             for _, _, record in self.lines(experiment)
             if record is not None and record["status"] == "done" and bytes.fromhex(record["key"]) in keys
         }
-        now = provenance.provenance()["utc"]
-        self.append(*({**record, "revived": now} for record in last.values()))
+        self.append(*last.values())
 
     def open(self, experiment: str) -> Journal:
         """What is stored of an experiment now, read once."""
