@@ -236,6 +236,11 @@ class NotInstalled(StepError):
     """A method cannot run here, for the package it needs is not installed."""
 
 
+def registry_of(method: str) -> Registry:
+    """BODY_METHODS if it has a method of this name, else METHODS."""
+    return BODY_METHODS if method in BODY_METHODS.built_in else METHODS
+
+
 def find_method(method: str | Method) -> Method:
     """The method of a name in METHODS or of `package.module:METHOD`, or the method itself, if it can run here.
 
@@ -243,8 +248,7 @@ def find_method(method: str | Method) -> Method:
     ------
     ValueError : there is none, or it cannot be loaded; the message says why. NotInstalled : it needs another package.
     """
-    registry = BODY_METHODS if isinstance(method, str) and method in BODY_METHODS.built_in else METHODS
-    found = _load(method, registry) if isinstance(method, str) else method
+    found = _load(method, registry_of(method)) if isinstance(method, str) else method
     if not isinstance(found, Method):
         raise ValueError(f"method must be a name in METHODS, package.module:METHOD or a Method; got {method!r}")
     if not available(found):
