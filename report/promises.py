@@ -557,7 +557,7 @@ CLAIMS = [
         "fields",
         "On the heavy top of Brüls, Cardona and Arnold, 2^15 steps in 2 s, the splitting into free top and kick, `strang`, errs "
         "at most a hundredth as much in position as RATTLE, Simo and Wong's method, the Lie midpoint and generalized-α, all of "
-        "order 2. Without symmetry the lead shrinks: on Kovalevskaya's body it errs more than a tenth as much as the Lie midpoint. "
+        "order 2. Without symmetry the lead shrinks: on Kovalevskaya's body it errs over a tenth as much as the Lie midpoint. "
         "RK4 in quaternions errs less on a top that spins slowly.",
         "heavy_top",
         (
@@ -572,8 +572,8 @@ CLAIMS = [
         "position-and-rotation",
         "fields",
         "Position and rotation rank methods differently, and what keeps the energy need not follow. On the heavy top of Brüls, "
-        "Cardona and Arnold, 2^15 steps in 2 s, RATTLE errs at least 300 times as much in rotation (rad) as in position (m), the "
-        "Lie midpoint at most 3 times. Simo and Wong's method, which keeps the energy to round-off, errs at least 10 000 times as "
+        "Cardona and Arnold, 2^15 steps in 2 s, RATTLE errs at least 300 times as much in rotation (rad) as in position (m), "
+        "the Lie midpoint at most 3 times. Simo and Wong's method, which keeps the energy to round-off, errs at least 10 000 times as "
         "much in position as RK4, which does not.",
         "heavy_top",
         (
