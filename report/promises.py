@@ -573,8 +573,8 @@ CLAIMS = [
         "fields",
         "Position and rotation rank methods differently, and what keeps the energy need not follow. On the heavy top of Brüls, "
         "Cardona and Arnold, 2^15 steps in 2 s, RATTLE errs at least 300 times as much in rotation (rad) as in position (m), "
-        "the Lie midpoint at most 3 times. Simo and Wong's method, which keeps the energy to round-off, errs at least 10 000 times as "
-        "much in position as RK4, which does not.",
+        "the Lie midpoint at most 3 times. Simo and Wong's method, which keeps the energy to round-off, errs at least 10 000 "
+        "times as much in position as RK4, which does not.",
         "heavy_top",
         (
             of_whole_body("bruels", (("rattle",), "rotation"), (("rattle",), "position"), "≥", 300.0, "RATTLE"),
