@@ -1,6 +1,8 @@
 """Experiments: each file asks one question of the methods, measures rows, and draws them."""
 
-EXPERIMENTS = ("drift", "phase", "cost", "work_precision", "perturbed", "round_off", "ensemble", "paper", "gaudin")
+EXPERIMENTS = (
+    *("drift", "phase", "cost", "work_precision", "perturbed", "round_off", "ensemble", "heavy_top", "paper", "gaudin"),
+)
 
 PROFILES = ("quick", "full")
 SWEEP = "sweep_"  # how the names of experiments begin that a TOML file describes

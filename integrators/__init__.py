@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from lagrange_bench.integrators.problem.problem import Problem
     from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop, NamedTop
     from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
+    from lagrange_bench.integrators.problem.whole_body import WholeBody
     from lagrange_bench.integrators.registry import METHODS, POTENTIALS, available
     from lagrange_bench.integrators.truth import exact, reference
 
@@ -62,6 +63,7 @@ __all__ = [
     "StepError",
     "Stepper",
     "Trajectory",
+    "WholeBody",
     "Work",
     "available",
     "cos",
@@ -101,6 +103,7 @@ __getattr__, __dir__ = face(
         "lagrange_bench.integrators.problem.free_body": ("free_body",),
         "lagrange_bench.integrators.problem.kirchhoff": ("kirchhoff_body",),
         "lagrange_bench.integrators.problem.vibrating_pivot": ("vibrating_pivot",),
+        "lagrange_bench.integrators.problem.whole_body": ("WholeBody",),
         "lagrange_bench.integrators.problem.potentials": ("PERTURBED_TOPS", "in_any_field"),
         "lagrange_bench.integrators.problem.top": ("TOPS", "LagrangeTop", "NamedTop"),
         "lagrange_bench.integrators.registry": ("METHODS", "POTENTIALS", "available"),

@@ -105,6 +105,45 @@ class RigidTrajectory(Trajectory):
         return self.body.energy(self.y)
 
 
+@dataclass(frozen=True)
+class BodyTrajectory(Trajectory):
+    """A trajectory of a WholeBody, in SI units; y (N, 7) is (q, L), see `problem.whole_body`."""
+
+    @property
+    def attitude(self) -> Array:
+        """(N, 4) unit quaternions, scalar first, body to world."""
+        quaternions: Array = self.rotation.as_quat(scalar_first=True)
+        return quaternions
+
+    @property
+    def rotation(self) -> Rotation:
+        """The body's N rotations, a SciPy Rotation from the body's frame to the world's."""
+        turns: Rotation = self.top.rotations(self.y)
+        return turns
+
+    @property
+    def position(self) -> Array:
+        """The centre of mass in the world's frame, m, shape (N, 3)."""
+        return self.rotation.apply(self.top.com)
+
+    @property
+    def omega_body(self) -> Array:
+        """Angular velocity in the body's frame, rad/s, shape (N, 3)."""
+        omega: Array = self.top.angular_velocity(self.y)
+        return omega
+
+    @property
+    def omega_world(self) -> Array:
+        """Angular velocity in the world's frame, rad/s, shape (N, 3)."""
+        return self.rotation.apply(self.omega_body)
+
+    @property
+    def energy(self) -> Array:
+        """Kinetic plus potential energy, J, shape (N,)."""
+        energy: Array = self.top.energy(self.y)
+        return energy
+
+
 def prepare(
     top: LagrangeTop | RigidTop | PerturbedTop | Problem,
     y0: ArrayLike,
@@ -155,8 +194,8 @@ def integrate(
     Returns
     -------
     a `Trajectory`: t (N,), y (N, 6), of a Problem (N, size), of a magnet (N, n, 3), and work; `rotation` where the start has
-    one. Of a RigidTop also `position`, `omega_body`, `omega_world` and `energy`, in SI units. The rotation is followed when it
-    is first asked for, by backlund, theta_functions and taylor.
+    one. Of a RigidTop and a WholeBody also `position`, `omega_body`, `omega_world` and `energy`, in SI units. The rotation of
+    a top is followed when it is first asked for, by backlund, theta_functions and taylor; that of a WholeBody is in y.
 
     Raises
     ------
@@ -185,6 +224,8 @@ def integrate(
         raise ValueError("give h and steps, or output times t")
     else:
         run = _advance(found, top, state, check_step(h), *check_grid(steps, every, "steps"), options)
+    if "body" in getattr(top, "offers", ()):
+        return BodyTrajectory(top, run.method, run.t, run.y, run.work)
     if isinstance(top, (PerturbedTop, Problem)):
         return run
     start = y0 if isinstance(y0, BodyState) else state

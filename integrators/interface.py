@@ -17,7 +17,17 @@ from lagrange_bench.integrators.checks import Array, keyword_options
 
 INVARIANTS = ("H", "J3", "C1", "C2")
 ENGINES = ("numba", "heyoka", "scipy", "python")
-FAMILIES = ("backlund", "closed-form", "taylor", "runge-kutta", "splitting", "integrable", "implicit", "lie-group")
+FAMILIES = (
+    "backlund",
+    "closed-form",
+    "taylor",
+    "runge-kutta",
+    "splitting",
+    "integrable",
+    "implicit",
+    "lie-group",
+    "whole-body",
+)
 
 
 class StepError(RuntimeError):
@@ -93,6 +103,7 @@ NEEDS = {
     "parts": "a Hamiltonian of parts with closed flows",
     "kinetic": "a Hamiltonian c |J|² + U(t, x)",
     "smooth": "a Hamiltonian without corners",
+    "body": "a rigid body in a uniform field, a WholeBody",
     "force": "a top in a field, a PerturbedTop",
     "quadratic": "a top in a quadratic field, a PerturbedTop",
 }
@@ -201,7 +212,8 @@ class Method:
         """None if the method can follow this problem, else the reason why not."""
         offers = getattr(problem, "offers", None)  # a LagrangeTop offers everything
         if offers is None:
-            return None
+            only_bodies = self.in_field is not None and self.in_field.needs == "body"
+            return f"{self.name} needs {NEEDS['body']}, which a LagrangeTop is not" if only_bodies else None
         potential = getattr(problem, "potential", None)
         if self.in_field is None:
             which = f"potential {potential.name}" if potential else f"problem {problem.name}"

@@ -19,7 +19,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 
 from lagrange_bench.experiments.drawing.canvas import highlighted, plain, printable, title
-from lagrange_bench.integrators.registry import BUILT_IN, METHODS
+from lagrange_bench.integrators.registry import BODY_METHODS, BUILT_IN, METHODS
 
 CONTRAST = 4.5  # of coloured text on white, as WCAG asks for
 
@@ -33,6 +33,7 @@ FAMILIES: dict[str, tuple[Sequence[str], Sequence[str]]] = {
     "integrable": (("#1E95CC", "#0F5C80", "#3AA0DA"), ("p", "o", "s", "D")),
     "implicit": (("#C0649A", "#7B2E5E", "#D07AAE", "#A0437C", "#54183E"), ("d", "o", "s", "H", "^", "v")),
     "lie-group": (("#8C8000", "#544D00", "#A39700"), ("h", "o", "s", "D")),
+    "whole-body": (("#8A5A44", "#5C3A2B", "#B07A60", "#3E2519", "#A0664B"), ("v", "o", "s", "D", "^")),
 }
 TITLES = {
     "backlund": "Bäcklund maps",
@@ -43,6 +44,7 @@ TITLES = {
     "integrable": "integrable discretisations",
     "implicit": "implicit, multistep",
     "lie-group": "Lie group",
+    "whole-body": "multibody dynamics",
 }
 OTHERS = "others"  # methods no longer registered, and families of plug-ins
 STRANGERS = (("#5A5A5A", "#8F8F8F", "#333333", "#B0B0B0"), ("+", "x", "1", "2"))
@@ -138,7 +140,7 @@ def _known(changes: int) -> tuple[dict[str, str], dict[str, dict[str, Any]]]:
     families: dict[str, str] = {}
     styles: dict[str, dict[str, Any]] = {}
     places: Counter[str] = Counter()
-    for name, method, _ in METHODS.each():
+    for name, method, _ in (*METHODS.each(), *BODY_METHODS.each()):
         styles[name] = _stranger(name)
         if method and method.family in FAMILIES:
             families[name] = method.family

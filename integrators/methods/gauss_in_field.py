@@ -126,9 +126,8 @@ def formulas(system: System) -> tuple[Program, Program, Program, Program]:
         """|∂H/∂v| |v|, summed over the vectors: what is rounded off in a rate is a share of it."""
         g = system.slopes(tape, t, y, p)
         total = tape.constant(0.0)
-        for i in range(0, len(y), 3):
-            turning = g[:3] if system.space.affine else g[i : i + 3]
-            total = total + ((sum(v * v for v in turning)) * sum(v * v for v in y[i : i + 3])).sqrt()
+        for turning, vector in system.space.turning(g, y):
+            total = total + ((sum(v * v for v in turning)) * sum(v * v for v in vector)).sqrt()
         return [total]
 
     def some(places: tuple[int, ...]) -> Program:

@@ -8,6 +8,9 @@ are not; they drift in proportion to time, as for a plain Runge-Kutta method.
 `rkmk4` is the classical Runge-Kutta method on the Lie algebra, with the two commutators that order 4 needs; `commutator_free4`
 composes exponentials instead, five in all, of which one is used twice.
 
+A whole body (q, L) is moved by SO(3)×R³: q is turned by exp(a/2), in its own frame from the right, and L grows by b = h L'. The
+commutator is (a × c, 0), and |q| is kept.
+
 R is written with w = a tan(θ/2)/θ, θ = |a|: R x = x + d + w×(x + d), d = (w×x + w×(w×x)) cos²(θ/2). A relative error of d then
 does not change |R x| to first order, and round-off is a random walk. As x + sin θ/θ a×x + …, with sine and cosine
 rounded apart, C1 drifts. The coefficients are polynomials in θ²: no library function, the same bits on every machine. Beyond
@@ -32,7 +35,7 @@ from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, FixedStep
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import AnyField, Array, Method
 from lagrange_bench.integrators.problem.field import cross as product
-from lagrange_bench.integrators.problem.system import System
+from lagrange_bench.integrators.problem.system import BODY, Space, System
 
 START, STEP, FIRST = range(3)  # places of the constants: the time at the start, h, and those of the generator
 STAGES = 4
@@ -141,6 +144,31 @@ def turn_all(count: int) -> Any:
     return some
 
 
+@jit
+def turn_body(k, s, tally, right):
+    """(a, b) of SO(3)×R³ acting on a whole body (q, L): q exp(−a/2) if `right`, else exp(a/2) q; and L + b."""
+    _, _, parts, a, z, sinc = exponential((k[0], k[1], k[2]), tally)
+    c, v = polynomial(COS, z), times(-0.5 * sinc if right else 0.5 * sinc, a)
+    q0, q = s[0], (s[1], s[2], s[3])
+    square = q0 * q0 + dot(q, q)
+    for _ in range(parts):
+        across = cross(q, v) if right else cross(v, q)
+        q0, q = c * q0 - dot(v, q), add(add(times(c, q), q0, v), 1.0, across)
+    lack = 0.5 * (square - (q0 * q0 + dot(q, q))) / square
+    q = add(q, lack, q)
+    return q0 + lack * q0, q[0], q[1], q[2], s[4] + k[3], s[5] + k[4], s[6] + k[5]
+
+
+@jit
+def turn_from_right(k, s, tally):
+    return turn_body(k, s, tally, True)
+
+
+@jit
+def turn_from_left(k, s, tally):
+    return turn_body(k, s, tally, False)
+
+
 # ------------------------------------------------------------------------------------ any system
 
 
@@ -149,22 +177,27 @@ def generator_of(system: System) -> Split:
     """h times the generator of the motion: the gradient of H, with the sign of the bracket."""
 
     def generator(tape: Tape, t: Any, y: Any, h: Any, p: Any) -> list[Any]:
-        return [(-h if system.body else h) * slope for slope in system.slopes(tape, t, y, p)]
+        slopes = system.slopes(tape, t, y, p)
+        more = system.rates(tape, t, y, p, h)[4:] if system.space == BODY else []
+        return [*((-h if system.body else h) * slope for slope in slopes[-3 if more else 0 :]), *more]
 
     return system.split(generator)
 
 
 @cache
-def algebra(affine: bool, size: int) -> tuple[Any, Any]:
-    """(r1, k1, …, r4, k4) → Σ r k, and the commutator [k, l], of generators in `size` numbers."""
+def algebra(space: Space) -> tuple[Any, Any]:
+    """(r1, k1, …, r4, k4) → Σ r k, and the commutator [k, l], of generators."""
+    size, affine, body = 6 if space == BODY else space.size, space.affine, space == BODY
 
     @unrolled(f"mean {size}")
     def mean(w, k1, k2, k3, k4):
         rows = zip(k1, k4, k2, k3, strict=True)
         return tuple(((w[0] * a + w[3] * d) + w[1] * b) + w[2] * c for a, d, b, c in rows)
 
-    @unrolled(f"commutator {affine} {size}")
+    @unrolled(f"commutator {affine} {body} {size}")
     def commutator(k, l):
+        if body:
+            return *product(k[:3], l[:3]), *(0.0 * v for v in k[3:])
         if affine:
             pairs = zip(product(k[:3], l[3:]), product(l[:3], k[3:]), strict=True)
             return *product(k[:3], l[:3]), *(a - b for a, b in pairs)
@@ -187,11 +220,14 @@ def sum_of(size: int) -> Any:
 @cache
 def kernel(name: str, system: System) -> Any:
     """The step of a method for any system; constants: the time at the start, h, and those of the generator."""
-    split, n, timed, affine = generator_of(system), system.size, system.timed, system.space.affine
+    split, timed, space = generator_of(system), system.timed, system.space
     program, numbers = machine_code(split.moving), take(len(split.fixed.outputs))
-    mean, commutator = algebra(affine, n)
-    plus, act = sum_of(n), move if affine else turn_all(n // 3)
-    zero = (0.0,) * n
+    mean, commutator = algebra(space)
+    n = len(split.moving.outputs)
+    act = turn_from_right if system.body else turn_from_left
+    if space != BODY:
+        act = move if space.affine else turn_all(n // 3)
+    plus, zero = sum_of(n), (0.0,) * n
 
     @jit_as(f"generator {system.digest}")
     def generator(s, ahead, c, tally):

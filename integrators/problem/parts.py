@@ -4,6 +4,9 @@
     axis      a function of t and of components along one axis: these stay, each vector turns about the axis
     square    a multiple of |J|² on e3: J stays, x turns about it; on so3 a Casimir function, nothing moves
     pair      a multiple of s_j·s_k: both spins turn about their sum
+    free      of a whole body, a multiple of |L|² and a function of L along one axis: the free symmetric top
+
+Of a whole body a kick is a function of t and q, and q turns with the body.
 
 t is frozen in a flow: a splitting advances it by itself. H is a sum, multiplied out where a factor does not depend on y; an
 addend that is none of these has no closed flow here. Where two of the coefficients of J1², J2², J3² are equal, |J|² is taken
@@ -20,7 +23,7 @@ from typing import Any
 
 from lagrange_bench.integrators.compiling.expression import Program, Split, Tape, Term, cos, sin, sqrt
 from lagrange_bench.integrators.problem.field import cross, dot
-from lagrange_bench.integrators.problem.system import Space, System, depends
+from lagrange_bench.integrators.problem.system import BODY, Space, System, depends
 
 TINY = 1e-300  # beside the square of a length: keeps 0/0 from a vector that vanishes
 NO_FLOW = (
@@ -41,7 +44,7 @@ class Part:
 
     @property
     def kind(self) -> str:
-        """One of "kick", "axis", "square", "pair"."""
+        """One of "kick", "axis", "square", "pair", "free"."""
         return str(self.key[0])
 
     @cached_property
@@ -62,8 +65,33 @@ class Part:
         t, y, span = tape.input(), tuple(tape.input() for _ in range(n)), tape.input()
         p = [tape.input(fixed=True) for _ in range(self.energy.inputs - 1 - n)]
         slopes = tape.gradient(tape.run(self.energy, t, *y, *p)[0], y)
+        if self.space == BODY:
+            return tape.split(self._whole(tape, y, slopes, span))
         turn = {"kick": self._kick, "axis": self._axis, "square": self._square, "pair": self._pair}[self.kind]
         return tape.split(turn(y, slopes, -span if self.body else span))
+
+    def _whole(self, tape: Tape, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
+        """Of a whole body: q and L after the time `span`."""
+        if self.kind == "kick":
+            turn = (lambda a, b: cross(b, a)) if self.body else cross
+            push = self.space.flow((*g[:4], *(tape.constant(0.0),) * 3), y, turn)[4:]
+            return [*y[:4], *(v + span * w for v, w in zip(y[4:], push, strict=True))]
+        q, L = list(y[:4]), list(y[4:])
+        if self.kind in ("square", "free"):
+            other = 4 if self.kind == "square" else 4 + (self.key[1] + 1) % 3
+            rate = tape.gradient(g[other], y)[other]
+            q = turned_about(q, [rate * v for v in L], span, self.body)
+            g = [slope - rate * v for slope, v in zip(g[4:], L, strict=True)]
+        else:
+            g = g[4:]
+        if self.kind in ("axis", "free"):
+            k = self.key[1]
+            i, j, angle = (k + 1) % 3, (k + 2) % 3, span * g[k]
+            sign = -1.0 if self.body else 1.0
+            L[i], L[j] = turned(L[i], L[j], sign * angle)
+            q[0], q[1 + k] = turned(q[0], q[1 + k], 0.5 * angle)
+            q[1 + i], q[1 + j] = turned(q[1 + i], q[1 + j], sign * (0.5 * angle))
+        return [*q, *L]
 
     def _kick(self, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
         torque = cross(g[3:], y[3:])
@@ -117,6 +145,19 @@ def swing(axis: Sequence[Any], v: Sequence[Any], rate: Any) -> list[Any]:
     return [first * a + second * b for a, b in zip(u, cross(axis, u), strict=True)]
 
 
+def turned_about(q: Sequence[Any], omega: Sequence[Any], span: Any, body: bool) -> list[Any]:
+    """The quaternion of a body that turns with a constant angular velocity, in its frame or in that of the world."""
+    speed = sqrt(dot(omega, omega))
+    half = 0.5 * span * speed
+    c, s = cos(half), sin(half) / (speed + TINY)
+    across = cross(q[1:], omega) if body else cross(omega, q[1:])
+    own = (-dot(omega, q[1:]), *(q[0] * w + v for w, v in zip(omega, across, strict=True)))
+    new = [c * a + s * b for a, b in zip(q, own, strict=True)]
+    square = dot(q[1:], q[1:]) + q[0] * q[0]
+    lack = 0.5 * ((new[0] * new[0] - square) + dot(new[1:], new[1:])) / (square + TINY)
+    return [v - lack * v for v in new]
+
+
 # ------------------------------------------------------------------------------------ taking H apart
 
 
@@ -137,17 +178,23 @@ def _taken_apart(system: System, numbers: tuple[float, ...], energy: Program) ->
     tape, space = Tape(), system.space
     inputs = [tape.input() for _ in range(energy.inputs)]
     y = inputs[1 : 1 + space.size]
+    first = space.momenta.start
+    vectors = y[first:]
     (H,) = tape.run(energy, *inputs)
     found: dict[Key, list[Term]] = defaultdict(list)
     products: dict[Key, dict[int, Term]] = defaultdict(dict)  # of two components along one axis: axis → weight
     for weight, core in _addends(tape, tape.constant(1.0), H, y):
         moved = [i for i, v in enumerate(y) if _depends(tape, core, {v.place})]
-        pair = _product(tape, core, y)
+        pair = _product(tape, core, vectors)
         if not moved:
             continue
-        if space.affine and min(moved) >= 3:
+        if (space.affine and min(moved) >= 3) or max(moved) < first:
             found["kick",].append(weight * core)
-        elif pair and moved[0] % 3 not in products[pair] and not (space.affine and pair == (1, 1)):
+            continue
+        moved = [i - first for i in moved]
+        if min(moved) < 0:
+            return None
+        if pair and moved[0] % 3 not in products[pair] and not (space.affine and pair == (1, 1)):
             products[pair][moved[0] % 3] = weight
         elif len({i % 3 for i in moved}) == 1:
             found["axis", moved[0] % 3].append(weight * core)
@@ -157,15 +204,19 @@ def _taken_apart(system: System, numbers: tuple[float, ...], energy: Program) ->
         values = {axis: _value(tape, weight, numbers) for axis, weight in weights.items()}
         same = [axis for axis in values if list(values.values()).count(values[axis]) > 1]
         common = weights[same[0]] if len(values) == 3 and same else None
-        if common is not None and j == k and space.affine:
-            found["square", j].append(common * dot(y[:3], y[:3]))
+        round_body = common is not None and space == BODY
+        if common is not None and j == k and (space.affine or round_body):
+            found["square", j].append(common * dot(vectors[:3], vectors[:3]))
         elif common is not None and j != k and not space.affine:
             found["pair", j, k].append(common * dot(y[3 * j : 3 * j + 3], y[3 * k : 3 * k + 3]))
         for axis, weight in weights.items():
             if common is None or axis not in same:
                 rest = weight if common is None else weight - common
-                found["axis", axis].append(rest * (y[3 * j + axis] * y[3 * k + axis]))
-    order = ("square", "pair", "axis", "kick")
+                found["axis", axis].append(rest * (vectors[3 * j + axis] * vectors[3 * k + axis]))
+    axes = [key for key in found if key[0] == "axis"]
+    if space == BODY and ("square", 0) in found and len(axes) == 1:  # they commute
+        found["free", axes[0][1]] = found.pop(("square", 0)) + found.pop(axes[0])
+    order = ("square", "pair", "free", "axis", "kick")
     keys = sorted(found, key=lambda key: (order.index(key[0]), key[1:]))
     return [Part(key, tape.program((sum(found[key], tape.constant(0.0)),)), space, system.body) for key in keys]
 

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import Array, check_numbers, check_real
 from lagrange_bench.integrators.compiling.expression import Program, Tape, record
+from lagrange_bench.integrators.problem.field import cross
 from lagrange_bench.integrators.problem.parts import Part, closed_flows, no_closed_flow
 from lagrange_bench.integrators.problem.system import System, find_space, make_system
 
@@ -30,12 +31,13 @@ Formula = Callable[..., Any]
 
 
 class Problem:
-    """A Hamiltonian system on "e3", "so3" or n spins. Picklable, hashable.
+    """A Hamiltonian system on "e3", "so3", n spins, or of a whole "body". Picklable, hashable.
 
     Parameters
     ----------
     name : what messages and tables call it.
-    space : "e3", six numbers (J, x); "so3", three; "so3**n" or n, n spins, 3n numbers.
+    space : "e3", six numbers (J, x); "so3", three; "so3**n" or n, n spins, 3n numbers; "body", seven, (q, L): a quaternion,
+        scalar first, that takes vectors of the body to the world, and its angular momentum.
     hamiltonian : (t, y, p) → H, a function of + − × ÷, whole and half powers, and sqrt, sin, cos, exp, log of `integrators`; y
         are the numbers of the state, p the parameters.
     parameters : numbers.
@@ -144,7 +146,8 @@ class Problem:
     @cached_property
     def offers(self) -> frozenset[str]:
         """What methods may rely on: "rhs", always; "parts" with closed flows; "kinetic", c |J|² + U(t, x); "smooth"."""
-        kinetic = [part.kind for part in self.parts] == ["square", "kick"] and not self.parts[0].timed
+        kinds = [part.kind for part in self.parts]
+        kinetic = kinds in (["square", "kick"], ["free", "kick"]) and not self.parts[0].timed
         words = {"smooth": self.system.smooth, "parts": bool(self.parts), "kinetic": kinetic}
         return frozenset({"rhs", *(word for word, offered in words.items() if offered)})
 
@@ -175,9 +178,9 @@ class Problem:
 
     def poisson(self, y: ArrayLike) -> Array:
         """The tensor P (n, n) with y' = P(y) ∇H at one state (n,)."""
-        sign = -1.0 if self.system.body else 1.0
-        columns = [self.space.flow(e, np.asarray(y).tolist()) for e in np.eye(self.space.size).tolist()]
-        return sign * np.array(columns, dtype=float).T
+        turn = (lambda a, b: cross(b, a)) if self.system.body else cross
+        columns = [self.space.flow(e, np.asarray(y).tolist(), turn) for e in np.eye(self.space.size).tolist()]
+        return np.array(columns, dtype=float).T
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -221,12 +224,16 @@ class Problem:
 
         To J of e3 what the force turns it by in the time scale of the motion is added.
         """
-        vectors = np.asarray(y, dtype=float).reshape(-1, 3)
-        lengths = np.linalg.norm(vectors, axis=1)
+        vectors = [vector for _, vector in self.space.turning(np.zeros(self.space.size), np.asarray(y, dtype=float))]
+        lengths = np.array([np.linalg.norm(vector[None], axis=1)[0] for vector in vectors])
         if self.space.affine:
             force = self._values(self.system.gradient, y, 0.0)[3:]
             lengths[0] += math.sqrt(float(np.linalg.norm(force)) * lengths[1])
-        return np.repeat(lengths, 3)
+        elif self.space.momenta.start:
+            at_rest = np.concatenate((vectors[0], np.zeros(3)))
+            torque, lightness = self.rhs(at_rest)[4:], np.linalg.norm(self.jacobian(at_rest)[:4, 4:], 2)
+            lengths[1] += math.sqrt(float(np.linalg.norm(torque) / lightness) * lengths[0] / 2) if lightness else 0.0
+        return np.repeat(lengths, [len(vector) for vector in vectors])
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
         """Scales of momenta, of x (1 without) and of time, at one state (n,): the time is inf at a rest that stays one.
@@ -234,10 +241,10 @@ class Problem:
         1/time is the rate at which vectors turn, and the largest one in the linearised motion.
         """
         sizes, slopes = self.sizes(y), self._values(self.system.gradient, y, 0.0)
-        momenta = slopes[:3] if self.space.affine else slopes
-        rate = max(float(np.max(np.linalg.norm(momenta.reshape(-1, 3), axis=1))), self._fastest(y))
+        omegas = np.array([omega for omega, _ in self.space.turning(slopes, sizes)])
+        rate = max(float(np.max(np.linalg.norm(omegas, axis=1))), self._fastest(y))
         return (
-            float(np.max(sizes[:3])),
+            float(np.max(sizes[self.space.momenta])),
             float(sizes[-1]) if self.space.affine else 1.0,
             1.0 / rate if rate else math.inf,
         )
@@ -256,6 +263,8 @@ class Problem:
         functions. A splitting keeps a component if all parts do.
         """
         conserves, if_quadratic = claims.conserves, claims.if_quadratic
+        if claims.needs == "body":
+            return frozenset(conserves & self.conserved)
         casimirs = frozenset(self.space.casimirs(range(1, 100)))
         kept = casimirs if {"C1", "C2"} <= conserves else frozenset[str]()
         if "J3" in conserves:

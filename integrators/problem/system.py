@@ -6,9 +6,11 @@ the top (`top`),
     e3      J' = ∂H/∂J × J + ∂H/∂x × x,   x' = ∂H/∂J × x         Casimirs |x|² and x·J
     so3     J' = ∂H/∂J × J                                        |J|²
     so3**n  the same for each of n spins                          |s_j|²
+    body    q' = ω q/2,   L' = ω × L + (g0 q − q0 g + g × q)/2,   ω = ∂H/∂L, (g0, g) = ∂H/∂q      |q|²
 
-In the frame of the body the bracket has the other sign. A `System` is a space with H(t, y, p): its right-hand side, Jacobian
-and the formulas of kernels are recorded on a `Tape`.
+The whole body, seven numbers, is the quaternion q that turns its frame to that of the world, and its angular momentum L.
+In the frame of the body the bracket has the other sign; there q' = q ω/2, and L has components along the body's axes. A
+`System` is a space with H(t, y, p): its right-hand side, Jacobian and the formulas of kernels are recorded on a `Tape`.
 
 Source: Marsden & Ratiu, Introduction to Mechanics and Symmetry (1999), chapters 13 and 14.
 """
@@ -39,8 +41,22 @@ class Space:
         """How many numbers a state has."""
         return 3 * self.vectors
 
-    def flow(self, g: Sequence[Any], y: Sequence[Any], turn: Callable[..., Any] = cross) -> tuple[Any, ...]:
-        """P(y) g, by which y changes if g is ∇H; with a product `turn` of vectors of g and y other than g × y."""
+    @property
+    def momenta(self) -> slice:
+        """Where the momenta are, of several spins the first."""
+        return slice(0, 3)
+
+    def turning(self, g: Any, y: Any) -> list[tuple[Any, Any]]:
+        """The vectors of y, each with the angular velocity at which it turns if g is ∇H."""
+        return [(g[:3] if self.affine else g[i : i + 3], y[i : i + 3]) for i in range(0, self.size, 3)]
+
+    def flow(
+        self, g: Sequence[Any], y: Sequence[Any], turn: Callable[..., Any] = cross, scale: Any = 1.0
+    ) -> tuple[Any, ...]:
+        """P(y) g, by which y changes if g is ∇H; with a product `turn` of vectors of g and y other than g × y.
+
+        scale : a factor of all other products of g and y.
+        """
         if self.affine:
             own, other = turn(g[:3], y[:3]), turn(g[3:], y[3:])
             return *(a + b for a, b in zip(own, other, strict=True)), *turn(g[:3], y[3:])
@@ -55,18 +71,48 @@ class Space:
         return {"C" if len(squares) == 1 else f"C{j}": square for j, square in enumerate(squares, 1)}
 
 
-E3, SO3 = Space("e3", 2, affine=True), Space("so3", 1)
+@dataclass(frozen=True)
+class BodySpace(Space):
+    """A quaternion, scalar first, and one momentum."""
+
+    @property
+    def size(self) -> int:
+        return 7
+
+    @property
+    def momenta(self) -> slice:
+        return slice(4, 7)
+
+    def turning(self, g: Any, y: Any) -> list[tuple[Any, Any]]:
+        return [(g[4:], y[:4]), (g[4:], y[4:])]
+
+    def flow(
+        self, g: Sequence[Any], y: Sequence[Any], turn: Callable[..., Any] = cross, scale: Any = 1.0
+    ) -> tuple[Any, ...]:
+        scalar, q = 0.5 * y[0], [0.5 * v for v in y[1:4]]
+        (g0, *gq), omega = (scale * v for v in g[:4]), [scale * v for v in g[4:]]
+        along = [scalar * w + v for w, v in zip(omega, turn(g[4:], q), strict=True)]
+        own, pull = turn(g[4:], y[4:]), turn(g[1:4], q)  # of which the second is −q × g/2
+        torque = [g0 * v - scalar * w + u for v, w, u in zip(q, gq, pull, strict=True)]
+        return -dot(omega, q), *along, *(a + b for a, b in zip(own, torque, strict=True))
+
+    def casimirs(self, y: Sequence[Any]) -> dict[str, Any]:
+        return {"C1": dot(y[1:4], y[1:4]) + y[0] * y[0]}
+
+
+E3, SO3, BODY = Space("e3", 2, affine=True), Space("so3", 1), BodySpace("body", 1)
 
 
 def find_space(space: Any) -> Space:
-    """A space by its name: "e3", "so3", "so3**n"; n alone stands for n spins. ValueError for anything else."""
+    """A space by its name: "e3", "so3", "so3**n", "body"; n alone stands for n spins. ValueError for anything else."""
     spins = re.fullmatch(r"so3\*\*([1-9]\d?)", space) if isinstance(space, str) else None
     if spins or (type(space) is int and 0 < space < 100):
         n = int(spins[1]) if spins else int(space)
         return Space(f"so3**{n}", n) if n > 1 else SO3
-    if isinstance(space, str) and space in ("e3", "so3"):
-        return E3 if space == "e3" else SO3
-    raise ValueError(f"space must be 'e3', 'so3', 'so3**n' or a number of spins; got {space!r}")
+    for known in (E3, SO3, BODY):
+        if isinstance(space, str) and space == known.name:
+            return known
+    raise ValueError(f"space must be 'e3', 'so3', 'so3**n', 'body' or a number of spins; got {space!r}")
 
 
 @dataclass(frozen=True)
@@ -119,7 +165,7 @@ class System:
             plain = map(tape.constant, product(a, b))
             return [tape.constant(0.0 if tape.known(v) == 0.0 else w) for v, w in zip(plain, scaled, strict=True)]
 
-        rates = map(tape.constant, self.space.flow(self.slopes(tape, t, y, p), y, turn))
+        rates = map(tape.constant, self.space.flow(self.slopes(tape, t, y, p), y, turn, h))
         return tuple(tape.constant(0.0) if i in self.kept else rate for i, rate in enumerate(rates))
 
     def record(self, formula: Callable[..., Iterable[Any]]) -> Program:

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagrange_bench.integrators import METHODS, Problem, StepError, cos, integrate, sin, sqrt
+from lagrange_bench.integrators import METHODS, Problem, StepError, WholeBody, cos, integrate, sin, sqrt
+from lagrange_bench.integrators.registry import BODY_METHODS
 
 EPS = np.finfo(float).eps
 END = 6.0
@@ -62,12 +63,38 @@ PROBLEMS = {
     "heavy": Problem("heavy", "e3", heavy, (1.0, 1.5, 3.0, 0.5, 0.7), frame="body"),
     "kirchhoff": Problem("kirchhoff", "e3", kirchhoff, (1.0, 1.5, 3.0, 0.5, 0.6, 0.7, 0.1, 0.2, -0.1), frame="body"),
     "spins": Problem("spins", "so3**3", spins, (0.7, 1.2, -0.8)),
+    "whole": WholeBody(1.0, (0.1, 0.3, -0.2), (1.0, 1.5, 2.0), (0.6, 0.0, -0.8)),
+    "round": WholeBody(1.0, (0.0, 0.5, 0.0), (1.0, 0.7, 1.0), (0.0, 0.0, -0.8)),
 }
+
+
+class Quaternion(np.ndarray):
+    def __new__(cls, numbers):
+        return np.array(numbers, dtype=float).view(cls)
+
+    def __mul__(self, other):
+        if not isinstance(other, Quaternion):
+            return np.array(self) * other
+        (a, *u), (b, *v) = np.array(self), np.array(other)
+        return Quaternion((a * b - np.dot(u, v), *(a * np.array(v) + b * np.array(u) + np.cross(u, v))))
+
+    def back(self, v):
+        conjugate = Quaternion(np.array(self) * (1, -1, -1, -1))
+        return np.array(conjugate * Quaternion((0, *v)) * self)[1:]
 
 
 def by_hand(name):
     """The right-hand side, written out with NumPy."""
     p = PROBLEMS[name].numbers
+    if name in ("whole", "round"):
+        w, up = np.reshape(p[3:], (2, 3))
+
+        def body(t, y):
+            q, L = Quaternion(y[:4]), y[4:]
+            omega = L * p[:3]
+            return np.concatenate((0.5 * (q * Quaternion((0, *omega))), np.cross(L, omega) + np.cross(q.back(up), w)))
+
+        return body
     if name == "body":
         return lambda t, y: np.cross(y, y / p)
     if name == "vibrating":
@@ -112,7 +139,10 @@ def by_hand(name):
 
 @cache
 def start(name):
-    return np.random.default_rng(5).normal(size=PROBLEMS[name].space.size)
+    y = np.random.default_rng(5).normal(size=PROBLEMS[name].space.size)
+    if name in ("whole", "round"):
+        y[:4] /= np.linalg.norm(y[:4])
+    return y
 
 
 @cache
@@ -123,7 +153,8 @@ def end(name):
 GENERAL = [
     name for name in METHODS if METHODS[name].in_field and METHODS[name].in_field.needs in ("rhs", "smooth", "parts")
 ]
-PAIRS = [(name, problem) for problem in PROBLEMS for name in GENERAL if METHODS[name].takes(PROBLEMS[problem]) is None]
+ALL = {**{name: METHODS[name] for name in GENERAL}, **BODY_METHODS}
+PAIRS = [(name, problem) for problem in PROBLEMS for name in ALL if ALL[name].takes(PROBLEMS[problem]) is None]
 
 
 @pytest.mark.parametrize("problem", PROBLEMS)
@@ -142,7 +173,7 @@ def test_the_right_hand_side_and_its_derivative_are_those_of_the_formula(problem
 
 def measured(name, problem):
     """Errors by numbers of steps, as long as they are clear of round-off; and the largest drift of what is kept, in ulps."""
-    posed, method, y0 = PROBLEMS[problem], METHODS[name], start(problem)
+    posed, method, y0 = PROBLEMS[problem], ALL[name], start(problem)
     errors = {}
     if method.control == "tolerance":
         tight = {"tol": 1e-13} if "tol" in method.options else {"rtol": 1e-11, "atol": 1e-13}
@@ -179,11 +210,11 @@ def interpreted():
 def test_order_and_what_is_kept(name, problem):
     """Errors fall as fast as the order says, and the invariants named by `kept` stay."""
     errors, drift = interpreted()[f"{name} {problem}"]
-    if METHODS[name].control == "tolerance":
+    if ALL[name].control == "tolerance":
         assert max(error for _, error in errors) < 1e-8
     else:
         (n, error), (m, less) = errors[-2:]
-        assert np.log(error / less) / np.log(m / n) > 0.75 * METHODS[name].order_for(PROBLEMS[problem])
+        assert np.log(error / less) / np.log(m / n) > 0.75 * ALL[name].order_for(PROBLEMS[problem])
     assert drift < 64
 
 
@@ -216,7 +247,7 @@ def test_the_clock_starts_where_it_is_set():
         ({"invariants": {"I": lambda t, y, p: y[1]}}, r"invariants\['I'\] is not conserved, as at y = "),
         ({"parts": [lambda t, y, p: square(y[:3]) / 2]}, "parts do not add up to the hamiltonian"),
         ({"parts": [lambda t, y, p: square(y[:3]) / 2 + y[5]]}, r"parts\[0\] has no closed flow"),
-        ({"space": "e4"}, "space must be 'e3', 'so3', 'so3\\*\\*n' or a number of spins; got 'e4'"),
+        ({"space": "e4"}, "space must be 'e3', 'so3', 'so3\\*\\*n', 'body' or a number of spins; got 'e4'"),
         ({"frame": "mine"}, "frame must be 'space' or 'body'"),
         ({"parameters": [np.nan]}, r"parameters\[0\] must be finite"),
     ],

@@ -1,0 +1,166 @@
+"""Heavy tops of multibody dynamics: how well do integrators follow position and rotation of a whole body?
+
+Every method with a fixed step that takes a `WholeBody` follows four motions: `bruels`, the usual test of codes for multibody
+dynamics, 300 rad of spin; `slow`, the same with a fifteenth of the spin; `simo_wong`; and Kovalevskaya's body, which is not
+symmetric. Errors at the end are those of the centre of mass (m), of the rotation (rad), of a symmetric body also of its spin
+(rad); beside them are those of energy and of the momentum about the vertical, relative to their terms. Truth is the closed
+form; for Kovalevskaya's body Taylor series in integers, and her integral K is one more test.
+
+With A = B = 2C and the centre of mass on the first axis K = |(ω1 + iω2)² − (w/C)(Γ1 + iΓ2)|².
+
+Source of K: Kowalevski, Acta Math. 12 (1889) 177.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from lagrange_bench.experiments import script
+from lagrange_bench.experiments.drawing.tables import captioned
+from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.experiments.measuring.states import rounded
+from lagrange_bench.integrators import CASES, METHODS, WholeBody, available, integrate
+from lagrange_bench.integrators.interface import Array, Method
+from lagrange_bench.integrators.registry import BODY_METHODS
+from lagrange_bench.integrators.truth.rigid_body import rigid_motion
+
+VERSION = 1
+MEASURED = {"": ("position", "rotation", "energy", "momentum")}
+
+# mass, centre of mass, moments of inertia about it, gravity: about the fixed point A = B = 2, C = 1
+KOVALEVSKAYA = (1, (0.5, 0, 0), (2, 1.75, 0.75), (0, 0, -9.81))
+START = (
+    ((1, 0, 0), (0, 0.8, -0.6), (0, 0.6, 0.8)),
+    (1.5, -1.0, 2.0),
+)  # rotation, body to world; angular velocity in the body
+UNTIL = {"bruels": 2.0, "slow": 2.0, "simo_wong": 10.0, "kovalevskaya": 10.0}
+POWERS = {
+    "bruels": range(9, 17),
+    "slow": range(5, 13),
+    "simo_wong": range(8, 16),
+    "kovalevskaya": range(6, 14),
+}  # of 2, steps
+CHOSEN = ("strang", "rk4", "rkmk4", "rattle", "simo_wong", "lie_midpoint", "generalized_alpha")  # in the quick profile
+NAMED = (*CHOSEN, "gauss8", "blanes_moan6", "verner9_fixed")  # by name in the figure
+FLOOR = 1e-13  # of errors that tell an order
+
+
+def methods() -> dict[str, Method]:
+    """Those with a fixed step that take a whole body."""
+    body, found = motion("kovalevskaya")[0], {**METHODS, **BODY_METHODS}
+    usable = {name: method for name, method in found.items() if method.control == "step" and available(method)}
+    return {name: method for name, method in usable.items() if method.in_field and method.takes(body) is None}
+
+
+def cells(profile: str) -> list[dict]:
+    full = profile == "full"
+    return [
+        {"case": case, "method": name, "h": UNTIL[case] / 2**k}
+        for case, powers in POWERS.items()
+        for name in (methods() if full else CHOSEN)
+        for k in (powers if full else powers[1:-1:3])
+    ]
+
+
+def motion(case: str) -> tuple[WholeBody, Array]:
+    """The body and its state at t = 0."""
+    if case == "kovalevskaya":
+        body = WholeBody(*KOVALEVSKAYA)
+        return body, body.state(rotation=np.array(START[0]), omega_body=START[1])
+    body = WholeBody.of(CASES[case].top)
+    return body, body.state(rotation=CASES[case].rotation, omega_body=CASES[case].omega_body)
+
+
+@cache
+def end(case: str) -> Array:
+    """The rotation matrix at the end."""
+    if case != "kovalevskaya":
+        matrix: Array = CASES[case].solution([UNTIL[case]]).rotation.as_matrix()[0]
+        return matrix
+    rotation = [[Fraction(v).limit_denominator(10) for v in row] for row in START[0]]
+    ((R, _),) = rigid_motion(*KOVALEVSKAYA, rotation, START[1], [UNTIL[case]], digits=20)
+    return np.array([[float(v) for v in row] for row in R])
+
+
+def kovalevskaya(y: Array) -> Array:
+    """Her integral at states (N, 7) of her body."""
+    body = motion("kovalevskaya")[0]
+    omega, up = body.angular_velocity(y), body.rotations(y).apply((0.0, 0.0, 1.0), inverse=True)
+    z = (omega[:, 0] + 1j * omega[:, 1]) ** 2 - body.weight[0] / body.inertia[2] * (up[:, 0] + 1j * up[:, 1])
+    return np.abs(z) ** 2
+
+
+def measure(cell: dict) -> list[dict]:
+    case, h = cell["case"], cell["h"]
+    steps = round(UNTIL[case] / h)
+    body, y0 = motion(case)
+    run = integrate(body, y0, h=h, steps=steps, method=cell["method"], every=steps // 16)
+    errors = body.errors(run.y[-1:], end(case)[None])
+    drift = dict(zip(body.names, metrics.relative_drift(run.invariants(), body.invariant_scales(y0)).T, strict=True))
+    row: dict[str, Any] = {name: rounded(error[0]) for name, error in errors.items()}
+    row |= {"energy": rounded(np.max(np.abs(drift["H"]))), "momentum": rounded(np.max(np.abs(drift["J3"])))}
+    if case == "kovalevskaya":
+        K = kovalevskaya(run.y)
+        row["K"] = rounded(np.max(np.abs(K / K[0] - 1.0)))
+    return [row]
+
+
+def orders(rows: pd.DataFrame) -> pd.DataFrame:
+    """Measured orders of position and rotation, and the errors with the smallest step."""
+    table = []
+    for (case, method), group in rows.groupby(["case", "method"], sort=False):
+        group = group.sort_values("h")
+        found = {name: metrics.order(group.h, group[name], floor=FLOOR).p for name in ("position", "rotation")}
+        record = METHODS.get(method) or BODY_METHODS.get(method)
+        line = {"case": case, "method": method, "order": record.order if record else None}
+        line |= {f"order of {name}": p for name, p in found.items()}
+        columns = [name for name in ("h", "position", "rotation", "energy", "momentum", "K") if name in group]
+        table.append({**line, **group.iloc[0][columns]})
+    return pd.DataFrame(table)
+
+
+def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    good = rows[rows.status == "done"]
+    if good.empty:
+        return {}
+    captions = {
+        "orders": "Whole bodies: the order that a method claims and those of its errors of position and rotation. Then "
+        "errors with the smallest step: position (m), rotation (rad), energy, momentum about the vertical, Kovalevskaya's K"
+    }
+    return captioned({"orders": orders(good)}, captions)
+
+
+def draw(rows: pd.DataFrame) -> dict:
+    from lagrange_bench.experiments.drawing import style
+
+    rows = rows[rows.status == "done"]
+    if rows.empty:
+        return {}
+    cases, quantities = [case for case in POWERS if case in set(rows.case)], {"position": "m", "rotation": "rad"}
+    looks = style.looks(rows.method, NAMED)
+    size = {"nrows": len(cases), "ncols": 2, "sharex": "row", "squeeze": False}
+    fig, grid = style.figure("page", 0.9 + 1.8 * len(cases), **size)
+    for line, case in zip(grid, cases, strict=True):
+        for ax, (name, unit) in zip(line, quantities.items(), strict=True):
+            for method, look in looks.items():
+                run = rows[(rows.case == case) & (rows.method == method)].sort_values("h")
+                if not run.empty:
+                    ax.loglog(run.h, run[name].clip(lower=1e-16), **{**look, "markersize": 3.0})
+            ax.set_title(f"{case}, t = {UNTIL[case]:g} s")
+            ax.set_xlabel("step, s")
+            ax.set_ylabel(f"error of {name}, {unit}")
+    style.legend_below(fig)
+    fig.caption = (
+        "Errors of the centre of mass and of the rotation at the end against the step. Many methods lose the spin long "
+        f"before the axis: compare the columns. {style.naming(rows.method, 'some are named')}."
+    )
+    return {"steps": fig}
+
+
+if __name__ == "__main__":
+    script.run("heavy_top")

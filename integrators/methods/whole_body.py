@@ -1,0 +1,366 @@
+"""Methods of multibody dynamics for a `WholeBody`: states (q, L), all in the frame of the body's principal axes.
+
+    rattle            symplectic: half a kick, the discrete Moser–Veselov step of the free body, half a kick
+    simo_wong         turns by the mean angular velocity, by Cayley's formula; the torque of the mean position keeps the energy
+    lie_midpoint      turns by the mean angular velocity, by the exponential; the torque is that of the midpoint
+    generalized_alpha Newmark's formulas with weights α on the Lie group, numerical damping by `rho`
+    rk4_normalized    RK4 in quaternions, which are made units after every step
+
+One step is R̃ = R F. With f the quaternion of F, I the moments of inertia, Θ the vector of a rotation:
+
+    rattle       2 (f0 I f + f × I f) = h L½,            L̃½ = L½ − (4/h) f × I f
+    simo_wong    I Θ = h (L + L̃)/2,   L̃ = Fᵀ L + h Γ̃ × (w + Fᵀ w)/2,           F = (1 − Θ̂/2)⁻¹ (1 + Θ̂/2)
+    lie_midpoint I Θ = h (L + L̃)/2,   L̃ = exp(−Θ̂/2) (exp(−Θ̂/2) L + h τ̄),   F = exp(Θ̂)
+
+In the world the torque of simo_wong is that of the mean of both positions. The turn times it is what the potential loses, and
+it is horizontal: energy and the momentum about the vertical stay. The mean (w + Fᵀ w)/2 is (1 + Θ̂/2)⁻¹ w. Equations are solved
+by Newton's method to round-off; the derivative of the torque, of order h², is left out of its matrix.
+
+Sources: McLachlan & Zanna, Found. Comput. Math. 5 (2005) 87 (Moser–Veselov in quaternions); Simo & Wong, Int. J. Numer.
+Methods Eng. 31 (1991) 19 (mean angular velocity, with both formulas); Brüls, Cardona & Arnold, Mech.
+Mach. Theory 48 (2012) 121 (generalized-α).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+
+from lagrange_bench.integrators.checks import check_real
+from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
+from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, FixedStepper
+from lagrange_bench.integrators.interface import AnyField, Array, Method
+from lagrange_bench.integrators.methods.lie_group import FAILURES as OF_EXPONENTIALS
+from lagrange_bench.integrators.methods.lie_group import TURNED, add, cross, dot, times, turn_from_right, turn_one
+from lagrange_bench.integrators.methods.runge_kutta import constants_of, kernel
+from lagrange_bench.integrators.methods.tableaux import RK4
+from lagrange_bench.integrators.problem.whole_body import WholeBody
+
+STEP, INERTIA, WEIGHT, UP, OPTIONS = 0, 1, 4, 7, 10  # places of the constants
+LIMIT = 50  # iterations; Newton takes 3 to 6
+SMALL = 2.0**-40  # relative: a correction that has stopped falling is round-off only below this
+NOT_CONVERGED = TURNED + 1
+UNSOLVED = f"the equations of the step are not solved after {LIMIT} iterations; take a smaller |h|"
+FAILURES = {**OF_EXPONENTIALS, NOT_CONVERGED: UNSOLVED}
+ZERO = (0.0, 0.0, 0.0)
+
+
+# ------------------------------------------------------------------------------------ vectors, quaternions, equations
+
+
+@inlined
+def vector(c, first):
+    return c[first], c[first + 1], c[first + 2]
+
+
+@jit
+def scaled(a, b):
+    return a[0] * b[0], a[1] * b[1], a[2] * b[2]
+
+
+@jit
+def vertical(s, c):
+    """Γ, the vertical in the body."""
+    q, up = (s[1], s[2], s[3]), vector(c, UP)
+    across = cross(up, q)  # R^T u = u + 2 q0 u × q + 2 (u × q) × q
+    return add(add(up, 2.0 * s[0], across), 2.0, cross(across, q))
+
+
+@jit
+def torque(s, c):
+    return cross(vertical(s, c), vector(c, WEIGHT))
+
+
+@jit
+def turned_by(s, f0, f):
+    """The quaternion q f, as long as q where f is a unit but for round-off."""
+    q0, q = s[0], (s[1], s[2], s[3])
+    n0, n = q0 * f0 - dot(q, f), add(add(times(f0, q), q0, f), 1.0, cross(q, f))
+    square = q0 * q0 + dot(q, q)
+    lack = 0.5 * (square - (n0 * n0 + dot(n, n))) / square
+    n = add(n, lack, n)
+    return n0 + lack * n0, n[0], n[1], n[2]
+
+
+@jit
+def rotated(s, a, tally):
+    """The state with its body turned by exp(â)."""
+    return turn_from_right((-a[0], -a[1], -a[2], 0.0, 0.0, 0.0), s, tally)
+
+
+@jit
+def rows(I, scale, f, m):
+    """The matrix scale·I + f̂ I − m̂."""
+    return (
+        (scale * I[0], m[2] - f[2] * I[1], f[1] * I[2] - m[1]),
+        (f[2] * I[0] - m[2], scale * I[1], m[0] - f[0] * I[2]),
+        (m[1] - f[1] * I[0], f[0] * I[1] - m[0], scale * I[2]),
+    )
+
+
+@cache
+def newton(residual: Callable[..., Any]) -> Any:
+    """(x, a, c, tally) → the solution near x of residual(x, a, c) = 0, to round-off; it returns also the rows of a matrix."""
+
+    @jit_as(f"newton {residual.__name__}")
+    def solve(x, a, c, tally):
+        last = math.inf
+        for i in range(LIMIT):
+            g, (r0, r1, r2) = residual(x, a, c, tally)
+            p = cross(r1, r2)
+            d = add(add(times(g[0], p), g[1], cross(r2, r0)), g[2], cross(r0, r1))
+            x = add(x, -1.0 / dot(r0, p), d)
+            size = math.sqrt(dot(d, d)) / abs(dot(r0, p))
+            if size == 0.0 or (size >= last and size * size <= SMALL * SMALL * (dot(x, x) + 1e-300)):
+                tally[ITERATIONS] += i + 1
+                return x
+            last = size
+        tally[FAILURE], tally[RESIDUAL] = NOT_CONVERGED, last
+        return x
+
+    return solve
+
+
+# ------------------------------------------------------------------------------------ steps
+
+
+@jit
+def free_residual(f, a, c, tally):
+    """Of Moser and Veselov's equation; a = h L½."""
+    I = vector(c, INERTIA)
+    m, f0 = scaled(I, f), math.sqrt(max(1.0 - dot(f, f), 1e-30))
+    g = add(times(2.0, add(times(f0, m), 1.0, cross(f, m))), -1.0, a)
+    r0, r1, r2 = rows(I, f0, f, m)
+    w = -1.0 / f0
+    r0, r1, r2 = add(r0, w * m[0], f), add(r1, w * m[1], f), add(r2, w * m[2], f)
+    return g, (times(2.0, r0), times(2.0, r1), times(2.0, r2))
+
+
+@jit
+def rattle(s, c, tally):
+    h, I = c[STEP], vector(c, INERTIA)
+    L = add((s[4], s[5], s[6]), 0.5 * h, torque(s, c))
+    guess = 0.5 * h * L[0] / I[0], 0.5 * h * L[1] / I[1], 0.5 * h * L[2] / I[2]
+    guess = times(1.0 / math.sqrt(1.0 + dot(guess, guess)), guess)
+    f = free(guess, times(h, L), c, tally)
+    square = dot(f, f)
+    if not square < 1.0:
+        tally[FAILURE] = NOT_CONVERGED
+        return s
+    q = turned_by(s, math.sqrt(1.0 - square), f)
+    L = add(L, -4.0 / h, cross(f, scaled(I, f)))
+    L = add(L, 0.5 * h, torque(q, c))
+    return q[0], q[1], q[2], q[3], L[0], L[1], L[2]
+
+
+@jit
+def middle(turn, g):
+    """(1 + Θ̂/2)⁻¹ g."""
+    v = times(0.5, turn)
+    return times(1.0 / (1.0 + dot(v, v)), add(add(g, -1.0, cross(v, g)), dot(v, g), v))
+
+
+@jit
+def mean_push(turn, up, w):
+    """Γ̃ × (1 + Θ̂/2)⁻¹ w, and Θ/2 × this added."""
+    image = add(times(2.0, middle(turn, up)), -1.0, up)
+    push = cross(image, middle(turn, w))
+    return add(push, 0.5, cross(turn, push))
+
+
+@jit
+def cayley_residual(turn, a, c, tally):
+    """a = (L, Γ)."""
+    h, I = c[STEP], vector(c, INERTIA)
+    m, push = scaled(I, turn), mean_push(turn, (a[3], a[4], a[5]), vector(c, WEIGHT))
+    g = add(add(times(2.0, m), 1.0, cross(turn, m)), -2.0 * h, (a[0], a[1], a[2]))
+    return add(g, -h * h, push), rows(I, 2.0, turn, m)
+
+
+@jit
+def simo_wong(s, c, tally):
+    h, I, L = c[STEP], vector(c, INERTIA), (s[4], s[5], s[6])
+    up = vertical(s, c)
+    guess = h * L[0] / I[0], h * L[1] / I[1], h * L[2] / I[2]
+    turn = cayley(guess, (L[0], L[1], L[2], up[0], up[1], up[2]), c, tally)
+    v = times(0.5, turn)
+    f0 = 1.0 / math.sqrt(1.0 + dot(v, v))
+    q = turned_by(s, f0, times(f0, v))
+    L = add(L, -1.0 / h, cross(turn, scaled(I, turn)))
+    L = add(L, h, mean_push(turn, up, vector(c, WEIGHT)))
+    return q[0], q[1], q[2], q[3], L[0], L[1], L[2]
+
+
+@jit
+def carried(turn, s, c, tally):
+    """L̃ of lie_midpoint."""
+    push, back = torque(rotated(s, times(0.5, turn), tally), c), times(-0.5, turn)
+    return turn_one(back, add(turn_one(back, (s[4], s[5], s[6]), tally), c[STEP], push), tally)
+
+
+@jit
+def midpoint_residual(turn, s, c, tally):
+    h, I = c[STEP], vector(c, INERTIA)
+    L = carried(turn, s, c, tally)
+    g = add(add(scaled(I, turn), -0.5 * h, (s[4], s[5], s[6])), -0.5 * h, L)
+    return g, rows(I, 1.0, ZERO, times(0.5 * h, L))
+
+
+@jit
+def lie_midpoint(s, c, tally):
+    h, I, L = c[STEP], vector(c, INERTIA), (s[4], s[5], s[6])
+    guess = h * L[0] / I[0], h * L[1] / I[1], h * L[2] / I[2]
+    turn = midpoint(guess, s, c, tally)
+    L, q = carried(turn, s, c, tally), rotated(s, turn, tally)
+    return q[0], q[1], q[2], q[3], L[0], L[1], L[2]
+
+
+@jit
+def rate(v, s, c):
+    """v' = I⁻¹ (I v × v + τ)."""
+    I = vector(c, INERTIA)
+    w = add(torque(s, c), 1.0, cross(scaled(I, v), v))
+    return w[0] / I[0], w[1] / I[1], w[2] / I[2]
+
+
+ALPHA_M, ALPHA_F, GAMMA, BETA = range(OPTIONS, OPTIONS + 4)
+
+
+@jit
+def newmark(b, a, c):
+    """The next a, the angular velocity and the turn, b being the next rate; `a` = (q, v, v', a)."""
+    h, m, f = c[STEP], c[ALPHA_M], c[ALPHA_F]
+    v, old = (a[4], a[5], a[6]), (a[10], a[11], a[12])
+    new = times(1.0 / (1.0 - m), add(add(times(1.0 - f, b), f, (a[7], a[8], a[9])), -m, old))
+    speed = add(add(v, (1.0 - c[GAMMA]) * h, old), c[GAMMA] * h, new)
+    turn = add(add(times(h, v), (0.5 - c[BETA]) * h * h, old), c[BETA] * h * h, new)
+    return new, speed, turn
+
+
+@jit
+def alpha_residual(b, a, c, tally):
+    I = vector(c, INERTIA)
+    _, v, turn = newmark(b, a, c)
+    g = scaled(I, add(b, -1.0, rate(v, rotated((a[0], a[1], a[2], a[3], 0.0, 0.0, 0.0), turn, tally), c)))
+    k = c[GAMMA] * c[STEP] * (1.0 - c[ALPHA_F]) / (1.0 - c[ALPHA_M])
+    return g, rows(I, 1.0, times(k, v), times(k, scaled(I, v)))
+
+
+@jit
+def generalized_alpha(s, c, tally):
+    I = vector(c, INERTIA)
+    v = s[4] / I[0], s[5] / I[1], s[6] / I[2]
+    if tally[MEMORY] == 0.0:  # the first step: both accelerations are that of the motion
+        tally[MEMORY] = 1.0
+        b = rate(v, s, c)
+        for i in range(3):
+            tally[MEMORY + 1 + i] = tally[MEMORY + 4 + i] = b[i]
+    b, a = vector(tally, MEMORY + 1), vector(tally, MEMORY + 4)
+    known = s[0], s[1], s[2], s[3], v[0], v[1], v[2], b[0], b[1], b[2], a[0], a[1], a[2]
+    b = damped(b, known, c, tally)
+    a, v, turn = newmark(b, known, c)
+    for i in range(3):
+        tally[MEMORY + 1 + i], tally[MEMORY + 4 + i] = b[i], a[i]
+    q, L = rotated(s, turn, tally), scaled(I, v)
+    return q[0], q[1], q[2], q[3], L[0], L[1], L[2]
+
+
+free, cayley, midpoint, damped = map(newton, (free_residual, cayley_residual, midpoint_residual, alpha_residual))
+
+
+# ------------------------------------------------------------------------------------ methods
+
+
+def constants(body: WholeBody, h: float, *options: float) -> Array:
+    """What the kernels take."""
+    return np.array((h, *body.inertia, *body.weight, *body.up, *options), dtype=float)
+
+
+def prepare(name: str, step: Callable[..., Any], body: WholeBody, y0: Array, h: float) -> FixedStepper:
+    """One step is solved to round-off."""
+    return FixedStepper(name, h, constants(body, h), step, failures=FAILURES, size=7)
+
+
+def prepare_alpha(body: WholeBody, y0: Array, h: float, *, rho: float = 0.9) -> FixedStepper:
+    """`rho`: the spectral radius at infinite frequency, from 0, which damps most, to 1, which does not."""
+    rho = check_real(rho, "rho")
+    if not 0.0 <= rho <= 1.0:
+        raise ValueError(f"rho must be from 0 to 1; got {rho}")
+    m, f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
+    gamma = 0.5 + f - m
+    c = constants(body, h, m, f, gamma, 0.25 * (gamma + 0.5) ** 2)
+    stepper = FixedStepper("generalized_alpha", h, c, generalized_alpha, failures=FAILURES, size=7, memory=7)
+    stepper.from_start = True  # accelerations are carried from step to step
+    return stepper
+
+
+@cache
+def normalized(step: Callable[..., Any], digest: str) -> Any:
+    """The step, and its quaternion made a unit."""
+
+    @jit_as(f"normalized {digest}")
+    def both(s, c, tally):
+        s = step(s, c, tally)
+        r = 1.0 / math.sqrt((s[0] * s[0] + s[1] * s[1]) + (s[2] * s[2] + s[3] * s[3]))
+        return r * s[0], r * s[1], r * s[2], r * s[3], s[4], s[5], s[6]
+
+    return both
+
+
+def prepare_normalized(body: WholeBody, y0: Array, h: float) -> FixedStepper:
+    """RK4 on the seven numbers."""
+    step = normalized(kernel(RK4, body.system), body.system.digest)
+    return FixedStepper("rk4_normalized", h, constants_of(RK4, body, h), step, rhs_per_step=4, size=7)
+
+
+def of_bodies(
+    name: str,
+    label: str,
+    order: int,
+    kept: str,
+    source: str,
+    prepare: Any,
+    symmetric: bool = True,
+    poisson: bool = False,
+) -> Method:
+    """The record of a method for a `WholeBody` only; `kept`: names of the invariants, see `problem.whole_body`."""
+    conserves = frozenset(kept.split())
+    return Method(
+        name=name,
+        label=label,
+        family="whole-body",
+        order=order,
+        symmetric=symmetric,
+        poisson=poisson,
+        conserves=conserves,
+        control="step",
+        source=source,
+        prepare=prepare,
+        in_field=AnyField(prepare, conserves, needs="body"),
+    )
+
+
+RATTLE = of_bodies(
+    "rattle", "RATTLE", 2, "J3 C1 C2", "McLachlan and Zanna, Found. Comput. Math. 5 (2005) 87",
+    partial(prepare, "rattle", rattle), poisson=True,
+)  # fmt: skip
+SIMO_WONG = of_bodies(
+    "simo_wong", "Simo–Wong", 2, "H J3 C1", "Simo and Wong, Int. J. Numer. Methods Eng. 31 (1991) 19",
+    partial(prepare, "simo_wong", simo_wong),
+)  # fmt: skip
+LIE_MIDPOINT = of_bodies(
+    "lie_midpoint", "Lie midpoint", 2, "J3 C1", "Simo and Wong, Int. J. Numer. Methods Eng. 31 (1991) 19, with the exponential",
+    partial(prepare, "lie_midpoint", lie_midpoint),
+)  # fmt: skip
+GENERALIZED_ALPHA = of_bodies(
+    "generalized_alpha", "Generalized-α", 2, "C1 C2", "Brüls, Cardona and Arnold, Mech. Mach. Theory 48 (2012) 121",
+    prepare_alpha, symmetric=False,
+)  # fmt: skip
+RK4_NORMALIZED = of_bodies(
+    "rk4_normalized", "RK4, unit quaternions", 4, "C1 C2", "Kutta, Z. Math. Phys. 46 (1901) 435",
+    prepare_normalized, symmetric=False,
+)  # fmt: skip
