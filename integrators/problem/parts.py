@@ -22,7 +22,7 @@ from functools import cached_property
 from typing import Any
 
 from lagrange_bench.integrators.compiling.expression import Program, Split, Tape, Term, cos, sin, sqrt
-from lagrange_bench.integrators.problem.field import cross, dot
+from lagrange_bench.integrators.problem.field import cross, cross_in, dot
 from lagrange_bench.integrators.problem.system import BODY, Space, System, depends
 
 TINY = 1e-300  # beside the square of a length: keeps 0/0 from a vector that vanishes
@@ -73,8 +73,7 @@ class Part:
     def _whole(self, tape: Tape, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
         """Of a whole body: q and L after the time `span`."""
         if self.kind == "kick":
-            turn = (lambda a, b: cross(b, a)) if self.body else cross
-            push = self.space.flow((*g[:4], *(tape.constant(0.0),) * 3), y, turn)[4:]
+            push = self.space.flow((*g[:4], *(tape.constant(0.0),) * 3), y, cross_in(self.body))[4:]
             return [*y[:4], *(v + span * w for v, w in zip(y[4:], push, strict=True))]
         q, L = list(y[:4]), list(y[4:])
         if self.kind in ("square", "free"):

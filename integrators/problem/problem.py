@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import Array, check_numbers, check_real
 from lagrange_bench.integrators.compiling.expression import Program, Tape, record
-from lagrange_bench.integrators.problem.field import cross
+from lagrange_bench.integrators.problem.field import cross_in
 from lagrange_bench.integrators.problem.parts import Part, closed_flows, no_closed_flow
 from lagrange_bench.integrators.problem.system import System, find_space, make_system
 
@@ -178,8 +178,8 @@ class Problem:
 
     def poisson(self, y: ArrayLike) -> Array:
         """The tensor P (n, n) with y' = P(y) ∇H at one state (n,)."""
-        turn = (lambda a, b: cross(b, a)) if self.system.body else cross
-        columns = [self.space.flow(e, np.asarray(y).tolist(), turn) for e in np.eye(self.space.size).tolist()]
+        product, numbers = cross_in(self.system.body), np.asarray(y).tolist()
+        columns = [self.space.flow(e, numbers, product) for e in np.eye(self.space.size).tolist()]
         return np.array(columns, dtype=float).T
 
     @cached_property

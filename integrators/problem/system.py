@@ -25,7 +25,7 @@ from functools import cache, cached_property
 from typing import Any
 
 from lagrange_bench.integrators.compiling.expression import Program, Split, Tape, Term
-from lagrange_bench.integrators.problem.field import cross, dot
+from lagrange_bench.integrators.problem.field import cross, cross_in, dot
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class System:
 
     def rates(self, tape: Tape, t: Any, y: Sequence[Any], p: Sequence[Any], h: Any = 1.0) -> tuple[Term, ...]:
         """h times the right-hand side on a tape, products of h and parameters first; 0 where the motion keeps y."""
-        product = (lambda a, b: cross(b, a)) if self.body else cross
+        product = cross_in(self.body)
 
         def turn(a: Sequence[Any], b: Sequence[Any]) -> list[Term]:
             """h a × b, nothing where a × b vanishes: (h J) × J would not show it."""
