@@ -145,6 +145,14 @@ def turn_all(count: int) -> Any:
 
 
 @jit
+def of_length(square, q0, q):
+    """A quaternion (q0, q) that is as long as √square but for round-off, made so; four numbers."""
+    lack = 0.5 * (square - (q0 * q0 + dot(q, q))) / square
+    q = add(q, lack, q)
+    return q0 + lack * q0, q[0], q[1], q[2]
+
+
+@jit
 def turn_body(k, s, tally, right):
     """(a, b) of SO(3)×R³ acting on a whole body (q, L): q exp(−a/2) if `right`, else exp(a/2) q; and L + b."""
     _, _, parts, a, z, sinc = exponential((k[0], k[1], k[2]), tally)
@@ -154,9 +162,8 @@ def turn_body(k, s, tally, right):
     for _ in range(parts):
         across = cross(q, v) if right else cross(v, q)
         q0, q = c * q0 - dot(v, q), add(add(times(c, q), q0, v), 1.0, across)
-    lack = 0.5 * (square - (q0 * q0 + dot(q, q))) / square
-    q = add(q, lack, q)
-    return q0 + lack * q0, q[0], q[1], q[2], s[4] + k[3], s[5] + k[4], s[6] + k[5]
+    n = of_length(square, q0, q)
+    return n[0], n[1], n[2], n[3], s[4] + k[3], s[5] + k[4], s[6] + k[5]
 
 
 @jit

@@ -35,13 +35,24 @@ from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, FixedStepper
 from lagrange_bench.integrators.interface import AnyField, Array, Method
 from lagrange_bench.integrators.methods.lie_group import FAILURES as OF_EXPONENTIALS
-from lagrange_bench.integrators.methods.lie_group import TURNED, add, cross, dot, times, turn_from_right, turn_one
+from lagrange_bench.integrators.methods.lie_group import (
+    TURNED,
+    add,
+    cross,
+    dot,
+    of_length,
+    times,
+    turn_from_right,
+    turn_one,
+)
 from lagrange_bench.integrators.methods.runge_kutta import constants_of, kernel
 from lagrange_bench.integrators.methods.tableaux import RK4
 from lagrange_bench.integrators.problem.whole_body import WholeBody
 
 STEP, INERTIA, WEIGHT, UP, OPTIONS = 0, 1, 4, 7, 10  # places of the constants
-LIMIT = 50  # iterations; Newton takes 3 to 6
+LIMIT = (
+    50  # iterations: 3 to 6 at short steps; at long ones, without the derivative of the torque, each halves the error
+)
 SMALL = 2.0**-40  # relative: a correction that has stopped falling is round-off only below this
 NOT_CONVERGED = TURNED + 1
 UNSOLVED = f"the equations of the step are not solved after {LIMIT} iterations; take a smaller |h|"
@@ -80,10 +91,7 @@ def turned_by(s, f0, f):
     """The quaternion q f, as long as q where f is a unit but for round-off."""
     q0, q = s[0], (s[1], s[2], s[3])
     n0, n = q0 * f0 - dot(q, f), add(add(times(f0, q), q0, f), 1.0, cross(q, f))
-    square = q0 * q0 + dot(q, q)
-    lack = 0.5 * (square - (n0 * n0 + dot(n, n))) / square
-    n = add(n, lack, n)
-    return n0 + lack * n0, n[0], n[1], n[2]
+    return of_length(q0 * q0 + dot(q, q), n0, n)
 
 
 @jit
