@@ -77,12 +77,12 @@ class RigidTop:
     def __init__(
         self, mass: float, com: ArrayLike, inertia_com: ArrayLike, gravity: ArrayLike = (0.0, 0.0, -9.81)
     ) -> None:
-        I, self.com = _numbers(inertia_com, "inertia_com", (3,), (3, 3)), _numbers(com, "com", (3,))
+        I, self.com = real_array(inertia_com, "inertia_com", (3,), (3, 3)), real_array(com, "com", (3,))
         self.inertia_com = I if I.shape == (3, 3) else np.diag(I)
         axis, c = _axis_of_symmetry(self.inertia_com, self.com), _fractions(self.com)
         C = _dot(axis, [_dot(_fractions(row), axis) for row in self.inertia_com]) / _dot(axis, axis)
         across = (sum(_fractions(np.diag(self.inertia_com))) - C) / 2
-        mass, gravity = check_real(mass, "mass"), _numbers(gravity, "gravity", (3,))
+        mass, gravity = check_real(mass, "mass"), real_array(gravity, "gravity", (3,))
         weight = float(np.linalg.norm(gravity))
         self._set_up(mass, gravity, across + Fraction(mass) * _dot(c, c), C, axis, float(_root(_dot(c, c))), weight)
 
@@ -131,9 +131,9 @@ class RigidTop:
         if (omega_body is None) == (omega_world is None):
             raise ValueError("give either omega_body or omega_world")
         if omega_body is None:
-            omega = turn.inv().apply(_numbers(omega_world, "omega_world", (3,)))
+            omega = turn.inv().apply(real_array(omega_world, "omega_world", (3,)))
         else:
-            omega = _numbers(omega_body, "omega_body", (3,))
+            omega = real_array(omega_body, "omega_body", (3,))
         w, d, length = _fractions(omega), self.direction, self.length
         along = _dot(w, d) / length**2
         J = [float(a - (1 - self.ratio) * along * b) for a, b in zip(w, d, strict=True)]
@@ -252,7 +252,7 @@ def has_unit_axis(states: Array) -> NDArray[np.bool_]:
 # ------------------------------------------------------------------------------------------------ what users pass in
 
 
-def _numbers(values: Any, name: str, *shapes: tuple[int, ...]) -> Array:
+def real_array(values: Any, name: str, *shapes: tuple[int, ...]) -> Array:
     """`values` as a fresh array of finite doubles."""
     try:
         v = np.array(values)
@@ -278,7 +278,7 @@ def as_rotation(rotation: Any) -> Rotation:
         if not rotation.single:
             raise ValueError(f"rotation must be a single one; got {len(rotation)}")
         return rotation
-    R = _numbers(rotation, "rotation", (3, 3))
+    R = real_array(rotation, "rotation", (3, 3))
     if np.max(np.abs(R.T @ R - np.eye(3))) > 1e-9 or np.linalg.det(R) < 0:
         raise ValueError(f"rotation must be an orthogonal matrix with determinant 1; got {R.tolist()}")
     return Rotation.from_matrix(R)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import Array, check_real
-from lagrange_bench.integrators.problem.body import SYMMETRIC, UNIT, RigidTop, as_rotation
+from lagrange_bench.integrators.problem.body import SYMMETRIC, UNIT, RigidTop, as_rotation, real_array
 from lagrange_bench.integrators.problem.problem import Problem
 
 if TYPE_CHECKING:
@@ -53,10 +53,8 @@ class WholeBody(Problem):
         self, mass: float, com: ArrayLike, inertia_com: ArrayLike, gravity: ArrayLike = (0.0, 0.0, -9.81)
     ) -> None:
         self.facts = mass, com, inertia_com, gravity
-        mass, field, at = check_real(mass, "mass"), _vector(gravity, "gravity"), _vector(com, "com")
-        moments = np.asarray(inertia_com, dtype=float)
-        if moments.shape not in ((3,), (3, 3)) or not np.isfinite(moments).all():
-            raise ValueError(f"inertia_com must be three moments or a matrix (3, 3); got {inertia_com!r}")
+        mass, field, at = check_real(mass, "mass"), real_array(gravity, "gravity", (3,)), real_array(com, "com", (3,))
+        moments = real_array(inertia_com, "inertia_com", (3,), (3, 3))
         matrix = np.diag(moments) if moments.ndim == 1 else moments
         if mass <= 0 or np.max(np.abs(matrix - matrix.T)) > SYMMETRIC * np.max(np.abs(matrix)):
             raise ValueError("mass must be positive and inertia_com symmetric")
@@ -115,7 +113,11 @@ class WholeBody(Problem):
         turn = as_rotation(rotation)
         if (omega_body is None) == (omega_world is None):
             raise ValueError("give either omega_body or omega_world")
-        omega = _vector(omega_body, "omega_body") if omega_world is None else turn.inv().apply(omega_world)
+        omega = (
+            real_array(omega_body, "omega_body", (3,))
+            if omega_world is None
+            else turn.inv().apply(real_array(omega_world, "omega_world", (3,)))
+        )
         q = (turn * Rotation.from_matrix(self.axes.T)).as_quat(scalar_first=True)
         return np.concatenate((q, self.inertia * (self.axes @ omega)))
 
@@ -159,13 +161,6 @@ class WholeBody(Problem):
             twist = 2.0 * np.arctan2(q[..., 1:] @ self.axes[self.axis], q[..., 0])
             found["spin"] = np.abs(np.remainder(twist + math.pi, 2.0 * math.pi) - math.pi)
         return found
-
-
-def _vector(values: Any, name: str) -> Array:
-    v = np.asarray(values, dtype=float)
-    if v.shape != (3,) or not np.isfinite(v).all():
-        raise ValueError(f"{name} must be three finite numbers; got {values!r}")
-    return v
 
 
 def _clean(v: Array) -> Array:
