@@ -1,7 +1,16 @@
 """Experiments: each file asks one question of the methods, measures rows, and draws them."""
 
 EXPERIMENTS = (
-    *("drift", "phase", "cost", "work_precision", "perturbed", "round_off", "ensemble", "heavy_top", "paper", "gaudin"),
+    "drift",
+    "phase",
+    "cost",
+    "work_precision",
+    "perturbed",
+    "round_off",
+    "ensemble",
+    "heavy_top",
+    "paper",
+    "gaudin",
 )
 
 PROFILES = ("quick", "full")

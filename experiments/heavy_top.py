@@ -26,7 +26,7 @@ from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.states import rounded
 from lagrange_bench.integrators import CASES, METHODS, WholeBody, available, integrate
 from lagrange_bench.integrators.interface import Array, Method
-from lagrange_bench.integrators.registry import BODY_METHODS
+from lagrange_bench.integrators.registry import BODY_METHODS, registry_of
 from lagrange_bench.integrators.truth.rigid_body import rigid_motion
 
 VERSION = 1
@@ -116,7 +116,7 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
     for (case, method), group in rows.groupby(["case", "method"], sort=False):
         group = group.sort_values("h")
         found = {name: metrics.order(group.h, group[name], floor=FLOOR).p for name in ("position", "rotation")}
-        record = METHODS.get(method) or BODY_METHODS.get(method)
+        record = registry_of(method).get(method)
         line = {"case": case, "method": method, "order": record.order if record else None}
         line |= {f"order of {name}": p for name, p in found.items()}
         columns = [name for name in ("h", "position", "rotation", "energy", "momentum", "K") if name in group]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments import work_precision
+from lagrange_bench.experiments import heavy_top, work_precision
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing.tables import flat, show
 from lagrange_bench.experiments.measuring.metrics import ROUND_OFF
@@ -129,7 +129,9 @@ OF_BODIES = (
     "lie_midpoint",
     "generalized_alpha",
 )  # of order 2, the usual ones in multibody dynamics
-BODY_STEPS = {"bruels": 2.0 / 2**15, "slow": 2.0 / 2**11, "simo_wong": 10.0 / 2**14, "kovalevskaya": 10.0 / 2**12}
+BODY_STEPS = {
+    case: until / 2 ** heavy_top.POWERS[case][-2] for case, until in heavy_top.UNTIL.items()
+}  # the last step but one
 
 
 def of_whole_body(
