@@ -99,9 +99,17 @@ def looks(methods: Iterable[str], named: Collection[str]) -> dict[str, dict[str,
     names = ordered(methods)
     if len(names) <= FEW:
         alone = Counter(family(name) for name in names)
-        return {name: bold(name) if alone[family(name)] == 1 else {**of(name), "linewidth": 1.6} for name in names}
-    mine = _standing_out()
-    return {name: of(name) if name in mine else bold(name) if name in named else thin(name) for name in names}
+        return {name: _prominent(name, alone) for name in names}
+    mine, alone = _standing_out(), Counter(family(name) for name in names if name in named)
+    return {
+        name: of(name) if name in mine else thin(name) if name not in named else _prominent(name, alone)
+        for name in names
+    }
+
+
+def _prominent(method: str, alone: Counter[str]) -> dict[str, Any]:
+    """The bold line of its family; with its own shade, marker and dashes where others of its family stand out, too."""
+    return bold(method) if alone[family(method)] == 1 else {**of(method), "linewidth": 1.6}
 
 
 def naming(methods: Collection[str], chosen: str) -> str:
