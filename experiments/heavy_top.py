@@ -138,8 +138,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 def draw(rows: pd.DataFrame) -> dict:
     from lagrange_bench.experiments.drawing import style
 
-    rows = rows[rows.status == "done"]
-    if rows.empty:
+    if (rows.status != "done").all():
         return {}
     cases, quantities = [case for case in POWERS if case in set(rows.case)], {"position": "m", "rotation": "rad"}
     looks = style.looks(rows.method, NAMED)
@@ -149,15 +148,18 @@ def draw(rows: pd.DataFrame) -> dict:
         for ax, (name, unit) in zip(line, quantities.items(), strict=True):
             for method, look in looks.items():
                 run = rows[(rows.case == case) & (rows.method == method)].sort_values("h")
-                if not run.empty:
-                    ax.loglog(run.h, run[name].clip(lower=1e-16), **{**look, "markersize": 3.0})
+                good = run[run.status == "done"]
+                if not good.empty:
+                    ax.loglog(good.h, good[name].clip(lower=1e-16), **{**look, "markersize": 3.0})
+                style.failure_marks(ax, run[run.status == "failed"].h, method)
             ax.set_title(f"{case}, t = {UNTIL[case]:g} s")
             ax.set_xlabel("step, s")
             ax.set_ylabel(f"error of {name}, {unit}")
     style.legend_below(fig)
     fig.caption = (
         "Errors of the centre of mass and of the rotation at the end against the step. Many methods lose the spin long "
-        f"before the axis: compare the columns. {style.naming(rows.method, 'some are named')}."
+        "before the axis: compare the columns. Crosses: a method declined the step. "
+        f"{style.naming(rows.method, 'some are named')}."
     )
     return {"steps": fig}
 
