@@ -27,7 +27,7 @@ from lagrange_bench.integrators import (
 )
 from lagrange_bench.integrators.interface import Work
 from lagrange_bench.integrators.methods import implicit_midpoint, taylor
-from lagrange_bench.integrators.registry import BUILT_IN
+from lagrange_bench.integrators.registry import BODY_METHODS, BUILT_IN
 from lagrange_bench.integrators.truth import exact
 from tests.installed import installed
 
@@ -82,7 +82,8 @@ def test_every_file_of_methods_is_registered():
         "gauss_in_field",
         "tableaux",
     }  # what several of them use
-    known = {entry.value.partition(":")[0].rpartition(".")[2] for entry in METHODS._entries.values()}
+    entries = (*METHODS._entries.values(), *BODY_METHODS._entries.values())
+    known = {entry.value.partition(":")[0].rpartition(".")[2] for entry in entries}
     assert files <= known
 
 
