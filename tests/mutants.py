@@ -1,8 +1,8 @@
 """Which mistakes the tests see: `make mutants`, or python tests/mutants.py [NAME …].
 
 Each mutation of `mutants.toml` is one wrong line. The tests that it names are run on a copy of the repository, those that
-`make test` runs, first without the mutation, where all must pass, and then with it, where at least one must fail or must not
-end. Exit status 1 if fewer than 95 % of the mutations are killed, or if one could not be tested.
+`make test` runs, first without the mutation, where all must pass, and then with it, where at least one must fail, must not end,
+or cannot be collected. Exit status 1 if fewer than 95 % of the mutations are killed, or if one could not be tested.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ("integrators", "experiments", "results", "report")
 LIMIT = 900  # s for the tests of one mutation: without it they take less, so a kernel that never ends is seen
 ENOUGH = 0.95
-PASSED, FAILED = 0, 1  # exit codes of pytest
+PASSED, FAILED, NOT_COLLECTED = 0, 1, 2  # exit codes of pytest
 
 
 def mutants() -> list[dict[str, Any]]:
@@ -73,7 +73,9 @@ class Mutated:
             code = tested(self.home, tests)
         finally:
             path.write_text(source, encoding="utf-8")
-        return {FAILED: "killed", PASSED: "SURVIVED"}.get(code, f"NOT TESTED, pytest ended with {code}")
+        return {FAILED: "killed", NOT_COLLECTED: "killed", PASSED: "SURVIVED"}.get(
+            code, f"NOT TESTED, pytest ended with {code}"
+        )
 
 
 def main(names: list[str]) -> int:
