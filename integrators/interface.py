@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import wraps
 from typing import Any, Protocol
 
 import numpy as np
@@ -104,8 +105,9 @@ NEEDS = {
     "kinetic": "a Hamiltonian c |J|² + U(t, x)",
     "smooth": "a Hamiltonian without corners",
     "body": "a rigid body in a uniform field, a WholeBody",
-    "force": "a top in a field, a PerturbedTop",
-    "quadratic": "a top in a quadratic field, a PerturbedTop",
+    "top": "a Hamiltonian |J|²/2 + U(t, x)",
+    "force": "a Hamiltonian |J|²/2 + U(x)",
+    "quadratic": "a Hamiltonian |J|²/2 + U(x) with a quadratic U",
 }
 
 # fields of `Method` and `AnyField`: what they must be
@@ -141,6 +143,12 @@ def check_record(record: Any) -> None:
 
 
 Quantity = Callable[[Any, float, Array], tuple[Array, float]]
+
+
+def _offers_of_top(problem: Any) -> frozenset[str]:
+    """What a `Problem` offers as a top in a potential; nothing if H depends on t, or it is no such top."""
+    top = None if getattr(problem, "timed", True) else problem.as_top
+    return frozenset() if top is None else top.offers
 
 
 @dataclass(frozen=True)
@@ -220,7 +228,7 @@ class Method:
             reason = self.uniform_only or "its record has no in_field (“Tops in any field” in docs/adding-a-method.md)"
             return f"{self.name} does not take the {which}: {reason}"
         needs = self.in_field.needs
-        if needs in offers:
+        if needs in offers or needs in _offers_of_top(problem):
             return None
         if potential:
             return f"{self.name} needs a {needs} potential, which {potential.name} is not"
@@ -228,11 +236,23 @@ class Method:
 
     def prepare_for(self, problem: Any) -> Callable[..., Stepper]:
         """What prepares a stepper for this problem: (problem, y0, h, **options); ValueError if the method does not take it."""
-        return self._record_for(problem).prepare
+        return self._for_form(problem, self._record_for(problem).prepare)
 
     def evaluate_for(self, problem: Any) -> Callable[..., tuple[Array, Work]] | None:
         """Dense output for this problem: (problem, y0, times, **options) → states and work; None if there is none."""
-        return self._record_for(problem).evaluate
+        evaluate = self._record_for(problem).evaluate
+        return evaluate and self._for_form(problem, evaluate)
+
+    def _for_form(self, problem: Any, function: Callable[..., Any]) -> Callable[..., Any]:
+        """A function of the problem; if the method needs its form as a top in a potential, it gets that one."""
+        if self.in_field is None or self.in_field.needs in getattr(problem, "offers", NEEDS):
+            return function
+
+        @wraps(function)
+        def of_top(problem: Any, *arguments: Any, **options: Any) -> Any:
+            return function(problem.as_top, *arguments, **options)
+
+        return of_top
 
     def _record_for(self, problem: Any) -> Method | AnyField:
         if reason := self.takes(problem):
@@ -241,15 +261,11 @@ class Method:
 
     def kept(self, problem: Any) -> frozenset[str]:
         """Of the problem's invariants, such as H, J3, C1, C2, those that the method keeps at round-off; it takes the problem."""
-        offers = getattr(problem, "offers", None)
-        if offers is None:
+        if getattr(problem, "offers", None) is None:
             return self.conserves
         assert self.in_field is not None, "it takes the problem"
-        if "force" not in offers:
-            kept: frozenset[str] = problem.kept_by(self.in_field)
-            return kept
-        quadratic = self.in_field.if_quadratic if "quadratic" in offers else frozenset()
-        return (self.in_field.conserves | quadratic) & frozenset(problem.conserved)
+        kept: frozenset[str] = problem.kept_by(self.in_field)
+        return kept
 
     def order_for(self, problem: Any) -> int | None:
         """The order for this problem, which the method takes; None: exact in time."""

@@ -24,6 +24,11 @@ before it make it up if 2 Σ b_j sin(a_j w) = 1/(2 sin(w/2)) − 1/w. a_j = 0.4 
 the kicks are made first, the others in the order reversed, so that no commutator of two of them is left. At w = 2π the step is
 in resonance with V, and no transformation helps.
 
+Time. V may depend on t, see `Problem`. With t and its momentum E as two more variables A + E is in the place of A. Its flow
+is the exact step and a clock, and a kick takes V at the time of that clock. Schemes and corrector consist of these flows.
+{V, {V, A + E}} is {V, {V, A}}, for {V, {V, E}} vanishes; so the modified kicks stay as they are, and all orders hold. But H is
+no longer conserved: there is no guard, and no step is chosen.
+
 The guard. H of the whole problem is conserved; what it moves by shows what the step does not resolve: a resonance, or a
 close encounter with a singularity of V. `moves` gives it at rows of the run, and at the state after the strongest kick, which
 the kernel remembers. A run with a fixed h warns where H moves by much more than in its first steps; with `tol`,
@@ -41,6 +46,7 @@ table, this corrector: this project.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -50,7 +56,7 @@ from lagrange_bench.integrators.checks import check_choice, check_flag, warn_cal
 from lagrange_bench.integrators.compiling.compiled import jit, jit_as
 from lagrange_bench.integrators.compiling.expression import take
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted, outlined
-from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, SIZE, ConjugateStepper
+from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, ITERATIONS, MEMORY, SIZE, ConjugateStepper
 from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError, Stepper, StepWarning
@@ -59,6 +65,7 @@ from lagrange_bench.integrators.methods.backlund_choice import Candidate, Chosen
 from lagrange_bench.integrators.methods.backlund_schemes import PROCESSED, SCHEMES, Scheme, ends_of
 from lagrange_bench.integrators.problem.field import Field
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus.plain_step import invariants, move, parameter
@@ -68,8 +75,9 @@ from lagrange_bench.integrators.torus.stepper import OFF_TORUS
 # ------------------------------------------------------------------------------------ kernels
 
 # places of the constants: those of the top, of the box, of the field, then of each group its own and its table
-ALPHA, C1, C2, GROUPS, CENTRE_H, SCALE_H, CENTRE_J, SCALE_J, NUMBERS = range(9)
-TIME, KICK, TWIST, SECOND, INVERSE, GROUP = range(6)  # of one flow and one kick; 1/(2|m|²) in the middle of the box
+ALPHA, C1, C2, GROUPS, STEP, CENTRE_H, SCALE_H, CENTRE_J, SCALE_J, NUMBERS = range(10)
+# of one flow and one kick: its time from that of the step; 1/(2|m|²) in the middle of the box
+TIME, KICK, TWIST, SECOND, WHEN, INVERSE, GROUP = range(7)
 
 LOST = 1
 FAILURES = {LOST: "no exact step over this time was found; take a smaller |h|"}
@@ -176,6 +184,18 @@ def kick_of(field: Field, level: bool, gradients: int) -> Any:
     return kicked
 
 
+@cache
+def numbers_of(field: Field, timed: bool) -> Any:
+    """(c, first, t) → the numbers of V in c from `first` on; of a V that depends on t its last one is t."""
+    numbers = take(field.parameters - timed)
+
+    @jit_as(f"numbers of V {field.parameters} {timed}")
+    def run(c, first, t):
+        return numbers(c, first) + (t,) if timed else numbers(c, first)  # noqa: RUF005 - as elsewhere
+
+    return run
+
+
 @unrolled("push")
 def push(s, before):
     """|the kick|², of a state after it and before it."""
@@ -184,19 +204,19 @@ def push(s, before):
 
 
 @cache
-def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool) -> Any:
+def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool, timed: bool = False) -> Any:
     """The step; `degree` of the tables, 0 for none; `single`: of one flow and one kick, at places that the compiler knows.
 
     It leaves in MEMORY the strongest kick of the run, squared, and the state after that step: there the guard looks at H.
     """
-    kicked, numbers, look = kick_of(field, level, gradients), take(field.parameters), look_up(degree or 1, level)[0]
+    kicked, numbers, look = kick_of(field, level, gradients), numbers_of(field, timed), look_up(degree or 1, level)[0]
     exact = called("flow", flow()) if degree else flow()
     first, stride = NUMBERS + field.parameters, GROUP + table_size(degree, level)
 
-    @jit_as(f"backlund splitting {field.digest} {level} {gradients} {degree} {single}", forceinline=True)
+    @jit_as(f"backlund splitting {field.digest} {level} {gradients} {degree} {single} {timed}", forceinline=True)
     def step(s, c, tally):
         alpha = c[ALPHA]
-        q, strongest = numbers(c, NUMBERS), 0.0
+        strongest = 0.0
         for g in range(1 if single else int(c[GROUPS])):
             place = first + g * stride
             if degree > 0:
@@ -215,7 +235,8 @@ def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool)
                 if not found:
                     tally[FAILURE] = LOST
             before = s
-            s = kicked(s, q, (c[place + KICK], c[place + TWIST], c[place + SECOND]))
+            t = c[first - 1] + (c[STEP] * tally[CLOCK] + c[place + WHEN]) if timed else 0.0
+            s = kicked(s, numbers(c, NUMBERS, t), (c[place + KICK], c[place + TWIST], c[place + SECOND]))
             strongest = max(strongest, push(s, before))
         if strongest > tally[MEMORY]:
             tally[MEMORY] = strongest
@@ -280,22 +301,28 @@ LARGEST = 600  # constants of a step in SIMD lanes: with more its compilation wo
 
 
 @cache
-def map_over(field: Field, level: bool) -> Any:
-    """Of each row, in place: flows and kicks of the lengths in `parts`, one after the other."""
-    kicked, numbers, exact = kick_of(field, level, 0), take(field.parameters), called("flow", flow())
+def map_over(field: Field, level: bool, timed: bool = False) -> Any:
+    """Of each row, in place: flows and kicks of the lengths in `parts`, one after the other.
 
-    @jit_as(f"map over {field.digest} {level}")
-    def run(rows, numbers_of, parts, tally):
-        alpha, q = numbers_of[0], numbers(numbers_of, 0)
+    times : of the first row, and from each row to the next.
+    """
+    kicked, numbers, exact = kick_of(field, level, 0), numbers_of(field, timed), called("flow", flow())
+
+    @jit_as(f"map over {field.digest} {level} {timed}")
+    def run(rows, given, parts, times, tally):
+        alpha, count = given[0], 0.0
         for row in rows:
             s = (row[0], row[1], row[2], row[3], row[4], row[5])
+            t = times[0] + count * times[1]
+            count += 1.0
             for k in range(len(parts)):
+                t += parts[k, 0]
                 if parts[k, 0] != 0.0:
                     s, found = exact(s, alpha, parts[k, 0])
                     if not found:
                         tally[FAILURE] = LOST
                 if parts[k, 1] != 0.0:
-                    s = kicked(s, q, (parts[k, 1],))
+                    s = kicked(s, numbers(given, 0, t), (parts[k, 1],))
             row[0], row[1], row[2], row[3], row[4], row[5] = s
 
     return at_first_interpreted(run)
@@ -329,26 +356,27 @@ MARGIN = 8.0  # the box is so many times as wide: a slow motion goes further tha
 
 
 @cache
-def pilot(field: Field, level: bool) -> Any:
+def pilot(field: Field, level: bool, timed: bool = False) -> Any:
     """(y, c, h, steps) → the least and the largest 2H and J3 of the top without V, along so many steps of one flow and kick.
 
     And the strongest kick, squared.
     """
-    kicked, numbers, exact = kick_of(field, level, 0), take(field.parameters), called("flow", flow())
+    kicked, numbers, exact = kick_of(field, level, 0), numbers_of(field, timed), called("flow", flow())
+    start = NUMBERS + field.parameters - 1  # the time, where V depends on it
 
-    @jit_as(f"pilot {field.digest} {level}")
+    @jit_as(f"pilot {field.digest} {level} {timed}")
     def run(y, c, h, steps):
-        alpha, q = c[ALPHA], numbers(c, NUMBERS)
+        alpha = c[ALPHA]
         s = (y[0], y[1], y[2], y[3], y[4], y[5])
         low_h = high_h = invariants(s, alpha)[2]
         low_j = high_j = s[2]
         strongest = 0.0
-        for _ in range(steps):
+        for k in range(steps):
             s, found = exact(s, alpha, h)
             if not found:
                 break
             before = s
-            s = kicked(s, q, (h,))
+            s = kicked(s, numbers(c, NUMBERS, c[start] + (k + 1) * h), (h,))
             strongest = max(strongest, push(s, before))
             h2 = invariants(s, alpha)[2]
             low_h, high_h = min(low_h, h2), max(high_h, h2)
@@ -380,7 +408,7 @@ class ExactSplittingStepper(ConjugateStepper):
     def __init__(
         self,
         name: str,
-        top: PerturbedTop,
+        problem: PerturbedTop | Problem,
         y0: Array,
         h: float,
         chosen: Scheme,
@@ -389,23 +417,25 @@ class ExactSplittingStepper(ConjugateStepper):
         tabled: bool,
         watched: bool = False,
     ):
-        numbers, level = np.array(top.numbers), "J3" in top.conserved
-        field, n = top.formula.perturbation, len(chosen.b)
+        top, level, timed = problem.as_top, problem.level, problem.timed
+        assert top is not None
+        numbers, field, n = np.array(top.numbers), top.formula.perturbation, len(chosen.b)
         J, x = y0[:3], y0[3:]
         times = ((chosen.a[0] + chosen.a[-1]) * h, *(a * h for a in chosen.a[1:-1]))
         groups = np.zeros((n, GROUP))
         groups[:, TIME], groups[:, KICK] = times, np.array(chosen.b) * h
+        groups[:, WHEN] = np.cumsum(chosen.a[:-1]) * h
         gradients = (1 + bool(chosen.d)) if twisted else 0
         with np.errstate(all="ignore"):  # of an h whose powers are beyond the range of doubles
             if gradients > 0:
                 groups[:, TWIST] = np.array(chosen.c) * -(h * h * h)
             if gradients > 1:
                 groups[:, SECOND] = np.array(chosen.d) * (h * h * h * h * h)
-        head = np.array((top.alpha, x @ x, x @ J, n, 0.0, 1.0, 0.0, 1.0, *numbers))
+        head = np.array((top.alpha, x @ x, x @ J, n, h, 0.0, 1.0, 0.0, 1.0, *numbers))
         degree, made = 0, []
         self.watched, self.scales, self.usual = watched, top.top.scales(y0), 0.0
         self.energy = (self.scales[0] or top.scales(y0)[0]) ** 2
-        if tabled and self._box(head, y0, field, level, h, max(map(abs, chosen.b))):
+        if tabled and self._box(head, y0, pilot(field, level, timed), h, max(map(abs, chosen.b))):
             different = tuple(dict.fromkeys(times))
             degree, listed = tables(head[ALPHA : C2 + 1], head[CENTRE_H:NUMBERS], different, level)
             if degree:
@@ -417,13 +447,19 @@ class ExactSplittingStepper(ConjugateStepper):
         self.degree = degree  # of the tables, 0 for none
         before, after = ends_of(chosen, h, corrected)
         self._energies = energies(field)
-        step = kernel(field, level, gradients, degree, n == 1 and gradients > 0 and degree > 0)
-        lane = degree > 0 and len(c) <= LARGEST and (lane_of(field, level, gradients, degree, n), len(c))
+        step = kernel(field, level, gradients, degree, n == 1 and gradients > 0 and degree > 0, timed)
+        laned = degree > 0 and len(c) <= LARGEST and not timed
+        lane = laned and (lane_of(field, level, gradients, degree, n), len(c))
         super().__init__(
             name, h, c, step, pin_level if level else pin, PIN_EVERY,
-            map_rows=map_over(field, level), way_in=(numbers, before), way_out=(numbers, after),
-            rhs_per_step=n, failures=FAILURES, lane=lane,
+            map_rows=map_over(field, level, timed), way_in=(numbers, before, (problem.start, 0.0)),
+            way_out=(numbers, after, (problem.start - chosen.a[0] * h, 0.0)),
+            rhs_per_step=n, failures=FAILURES, lane=lane, timed=timed,
         )  # fmt: skip
+
+    def rows(self, out: Array, every: int) -> Array:
+        numbers, after, (start, _) = self._way_out
+        return self._map(out, (numbers, after, (start, every * self.h)))
 
     def enter(self, y: Array) -> Array:
         J, x, (c1, c2) = y[:3], y[3:], self.constants[[C1, C2]]
@@ -479,13 +515,13 @@ class ExactSplittingStepper(ConjugateStepper):
             )
             warn_caller(text, StepWarning)
 
-    def _box(self, c: Array, y0: Array, field: Field, level: bool, h: float, kick: float) -> bool:
+    def _box(self, c: Array, y0: Array, run: Callable[..., Any], h: float, kick: float) -> bool:
         """Sets the box of the tables, from a run with long steps; False if that does not get through."""
         rate, _, unit = self.scales
         if not math.isfinite(unit):  # without V nothing moves
             return False
         stride = math.copysign(STRIDE * unit, h)
-        low_h, high_h, low_j, high_j, strongest = pilot(field, level)(y0, c, stride, PILOT)
+        low_h, high_h, low_j, high_j, strongest = run(y0, c, stride, PILOT)
         if not all(map(math.isfinite, (low_h, high_h, low_j, high_j))):
             return False
         self.usual = strongest * (kick * h / stride) ** 2
@@ -510,7 +546,7 @@ def prepare(
 
 
 def prepare_in_field(
-    top: PerturbedTop, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | None = None,
+    top: PerturbedTop | Problem, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | None = None,
     modified_kick: bool | None = None, table: bool = True,
 ) -> ExactSplittingStepper:  # fmt: skip
     """Kicks by V, exact flows of the top without it.
@@ -521,11 +557,17 @@ def prepare_in_field(
     table : λ from a table in (H, J3); False: computed at every flow.
     """
     corrected, twisted = _check(scheme, corrector, modified_kick, table)
-    _warn_strong(top, y0)
-    _warn_long(top, y0, h)
+    _warn_strong(_top_of(top), y0)
+    _warn_long(_top_of(top), y0, h)
     return ExactSplittingStepper(
-        "backlund_splitting", top, y0, h, SCHEMES[scheme], corrected, twisted, bool(table), True
+        "backlund_splitting", top, y0, h, SCHEMES[scheme], corrected, twisted, bool(table), not top.timed
     )
+
+
+def _top_of(problem: PerturbedTop | Problem) -> PerturbedTop:
+    """A problem that offers "top" as one."""
+    assert problem.as_top is not None
+    return problem.as_top
 
 
 def _check(scheme: str, corrector: Any, modified_kick: Any, table: Any) -> tuple[bool, bool]:
@@ -551,10 +593,14 @@ def evaluate(top: LagrangeTop, y0: Array, times: Array, *, tol: float = TOLERANC
 
 
 def evaluate_in_field(
-    top: PerturbedTop, y0: Array, times: Array, *, tol: float = TOLERANCE
+    problem: PerturbedTop | Problem, y0: Array, times: Array, *, tol: float = TOLERANCE
 ) -> tuple[Array, ChosenWork]:
     """Scheme and step chosen by a short pilot: `tol` is the error at the last time, relative to the scales of J and x."""
-    tol = backlund_choice.check_tolerance(tol)
+    if problem.timed:
+        raise ValueError(
+            f"t: H of {problem!r} depends on time, so backlund_splitting cannot choose a step; give h and steps"
+        )
+    top, tol = _top_of(problem), backlund_choice.check_tolerance(tol)
     _warn_strong(top, y0)
     small, map_rows = SCHEMES["aba1064"], map_over(top.formula.perturbation, "J3" in top.conserved)
     numbers, one = np.array(top.numbers), np.column_stack((small.a, (*small.b, 0.0)))
@@ -569,7 +615,7 @@ def evaluate_in_field(
 
     def shorter(y: Array, h: float, parts: int) -> tuple[Array, int]:
         rows, tally = np.array(y)[None], np.zeros(SIZE)
-        map_rows(rows, numbers, np.tile(one * (h / parts), (parts, 1)), tally)
+        map_rows(rows, numbers, np.tile(one * (h / parts), (parts, 1)), (0.0, 0.0), tally)
         if tally[FAILURE]:
             raise StepError("backlund_splitting", FAILURES[int(tally[FAILURE])], h=h)
         return rows[0], parts * len(small.b)
@@ -611,6 +657,12 @@ METHOD = Method(
     source="this project; Wisdom and Holman, Astron. J. 102 (1991) 1528; corrector and modified kick: see the module",
     prepare=prepare,
     evaluate=evaluate,
-    in_field=AnyField(prepare_in_field, conserves=frozenset({"J3", "C1", "C2"}), order=4, evaluate=evaluate_in_field),
+    in_field=AnyField(
+        prepare_in_field,
+        conserves=frozenset({"J3", "C1", "C2"}),
+        needs="top",
+        order=4,
+        evaluate=evaluate_in_field,
+    ),
     reduces_to="backlund",
 )

@@ -182,8 +182,8 @@ def _taken_apart(system: System, numbers: tuple[float, ...], energy: Program) ->
     (H,) = tape.run(energy, *inputs)
     found: dict[Key, list[Term]] = defaultdict(list)
     products: dict[Key, dict[int, Term]] = defaultdict(dict)  # of two components along one axis: axis → weight
-    for weight, core in _addends(tape, tape.constant(1.0), H, y):
-        moved = [i for i, v in enumerate(y) if _depends(tape, core, {v.place})]
+    for weight, core in addends(tape, tape.constant(1.0), H, y):
+        moved = [i for i, v in enumerate(y) if depends_on(tape, core, {v.place})]
         pair = _product(tape, core, vectors)
         if not moved:
             continue
@@ -226,27 +226,27 @@ def _value(tape: Tape, weight: Term, numbers: tuple[float, ...]) -> Any:
     return weight.place if depends(program, [0]) else program(*(0.0,) * (program.inputs - len(numbers)), *numbers)
 
 
-def _addends(tape: Tape, weight: Term, term: Term, y: Sequence[Term]) -> Iterator[tuple[Term, Term]]:
+def addends(tape: Tape, weight: Term, term: Term, y: Sequence[Term]) -> Iterator[tuple[Term, Term]]:
     """weight × term as a sum of weights, which do not depend on y, times terms that are no sums."""
     operation, *arguments = tape.lines[term.place]
     places = {v.place for v in y}
     if operation in ("add", "sub", "neg"):
         for i, place in enumerate(arguments):
             minus = operation == "neg" or (operation == "sub" and i == 1)
-            yield from _addends(tape, -weight if minus else weight, Term(tape, place), y)
+            yield from addends(tape, -weight if minus else weight, Term(tape, place), y)
         return
     if operation in ("mul", "div"):
         a, b = (Term(tape, place) for place in arguments)
-        if not _depends(tape, b, places):
-            yield from _addends(tape, weight * b if operation == "mul" else weight / b, a, y)
+        if not depends_on(tape, b, places):
+            yield from addends(tape, weight * b if operation == "mul" else weight / b, a, y)
             return
-        if operation == "mul" and not _depends(tape, a, places):
-            yield from _addends(tape, weight * a, b, y)
+        if operation == "mul" and not depends_on(tape, a, places):
+            yield from addends(tape, weight * a, b, y)
             return
     yield weight, term
 
 
-def _depends(tape: Tape, term: Term, places: set[int]) -> bool:
+def depends_on(tape: Tape, term: Term, places: set[int]) -> bool:
     return not places.isdisjoint(tape.needed([term]))
 
 

@@ -42,6 +42,7 @@ class PerturbedTop:
     potential: Potential
     parameters: tuple[Any, ...] = ()
     start: ClassVar[float] = 0.0  # time at the initial state, which nothing depends on
+    timed: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.top, LagrangeTop):
@@ -138,14 +139,30 @@ class PerturbedTop:
 
     @cached_property
     def offers(self) -> frozenset[str]:
-        """What methods may rely on: "rhs", "parts", "kinetic" and "force", always; "smooth", no corners; "quadratic", a linear
-        force.
+        """What methods may rely on: "rhs", "parts", "kinetic", "top" and "force", always; "smooth", no corners; "quadratic", a
+        linear force.
 
         A root of a square, √(w²), has a corner where w changes its sign.
         """
         nature, smooth = self.nature, not self.field.potential.corners(3)
         kinds = {"smooth": smooth or nature.quadratic, "quadratic": nature.quadratic}
-        return frozenset({"rhs", "parts", "kinetic", "force", *(name for name, offered in kinds.items() if offered)})
+        always = ("rhs", "parts", "kinetic", "top", "force")
+        return frozenset({*always, *(name for name, offered in kinds.items() if offered)})
+
+    @property
+    def as_top(self) -> PerturbedTop:
+        """Itself, as of a `Problem`."""
+        return self
+
+    @property
+    def level(self) -> bool:
+        """Whether it keeps J3."""
+        return "J3" in self.conserved
+
+    def kept_by(self, claims: Any) -> frozenset[str]:
+        """Those of `conserved` that a method keeps at round-off, by its claims for a top in any field."""
+        quadratic = claims.if_quadratic if "quadratic" in self.offers else frozenset()
+        return (claims.conserves | quadratic) & self.conserved
 
     @cached_property
     def conserved(self) -> frozenset[str]:

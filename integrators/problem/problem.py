@@ -21,8 +21,10 @@ from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import Array, check_numbers, check_real
 from lagrange_bench.integrators.compiling.expression import Program, Tape, record
+from lagrange_bench.integrators.problem.as_top import as_top, is_top
 from lagrange_bench.integrators.problem.field import cross_in
 from lagrange_bench.integrators.problem.parts import Part, closed_flows, no_closed_flow
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.system import System, find_space, make_system
 
 POINTS = 5  # random points at which claims about formulas are tried
@@ -129,6 +131,7 @@ class Problem:
         """The same problem with another time at the initial state; times of a trajectory are counted from there."""
         other = object.__new__(Problem)
         other.__dict__ |= {**self.__dict__, "start": check_real(t, "t")}
+        other.__dict__.pop("as_top", None)  # it has the time at the start
         return other
 
     # ------------------------------------------------------------------ what methods ask for
@@ -145,11 +148,28 @@ class Problem:
 
     @cached_property
     def offers(self) -> frozenset[str]:
-        """What methods may rely on: "rhs", always; "parts" with closed flows; "kinetic", c |J|² + U(t, x); "smooth"."""
+        """What methods may rely on: "rhs", always; "parts" with closed flows; "kinetic", c |J|² + U(t, x); "top"; "smooth".
+
+        "top" is |J|²/2 + U(t, x), see `as_top`.
+        """
         kinds = [part.kind for part in self.parts]
         kinetic = kinds in (["square", "kick"], ["free", "kick"]) and not self.parts[0].timed
-        words = {"smooth": self.system.smooth, "parts": bool(self.parts), "kinetic": kinetic}
+        top = is_top(self.parts, self.numbers)
+        words = {"smooth": self.system.smooth, "parts": bool(self.parts), "kinetic": kinetic, "top": top}
         return frozenset({"rhs", *(word for word, offered in words.items() if offered)})
+
+    @cached_property
+    def as_top(self) -> PerturbedTop | None:
+        """A problem that offers "top" as a top in a potential; if H depends on t, the time is the last parameter."""
+        if "top" not in self.offers:
+            return None
+        return as_top(self.name, self.parts, self.numbers, self.start if self.timed else None)
+
+    @property
+    def level(self) -> bool:
+        """Of a problem that offers "top": whether it keeps J3, at all times."""
+        assert self.as_top is not None
+        return 2 in self.system.kept if self.timed else self.as_top.level
 
     def single(self) -> None:
         """A problem has one set of parameters."""
@@ -268,7 +288,7 @@ class Problem:
         casimirs = frozenset(self.space.casimirs(range(1, 100)))
         kept = casimirs if {"C1", "C2"} <= conserves else frozenset[str]()
         if "J3" in conserves:
-            flows = [part.flow.moving.outputs for part in self.parts] if claims.needs in ("parts", "kinetic") else []
+            flows = [part.flow.moving.outputs for part in self.parts] if claims.needs in ("parts", "kinetic", "top") else []
             for name, program in self.given.items():
                 (place,) = program.outputs
                 if self._is_component(place) and all(flow[place - 1] == place for flow in flows):

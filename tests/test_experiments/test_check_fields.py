@@ -100,9 +100,9 @@ def test_methods_are_judged_where_they_go():
 
 def test_the_two_potentials_are_of_opposite_kinds():
     (tide, _), (charge, _) = (check.find(f"generic{kind}") for kind in (check.TIDE, check.CHARGE))
-    assert tide.offers == {"rhs", "parts", "kinetic", "force", "smooth", "quadratic"}
+    assert tide.offers == {"rhs", "parts", "kinetic", "top", "force", "smooth", "quadratic"}
     assert tide.conserved == {"H", "C1", "C2"}
-    assert charge.offers == {"rhs", "parts", "kinetic", "force", "smooth"}
+    assert charge.offers == {"rhs", "parts", "kinetic", "top", "force", "smooth"}
     assert charge.conserved == {"H", "J3", "C1", "C2"}
 
 

@@ -96,13 +96,14 @@ def test_a_field_knows_its_kind():
     def top(name, *numbers):
         return PerturbedTop(TOP, POTENTIALS[name], numbers)
 
-    assert top("tide", 0.1, 1.0, 0.0, 0.0).offers == {"rhs", "parts", "kinetic", "force", "smooth", "quadratic"}
-    assert top("charge", 0.1, 2.0, 0.0, 0.0).offers == {"rhs", "parts", "kinetic", "force", "smooth"}
-    assert top("dipole", 0.1, 0.2, 0.3).offers == {"rhs", "parts", "kinetic", "force", "smooth", "quadratic"}
+    assert top("tide", 0.1, 1.0, 0.0, 0.0).offers == {"rhs", "parts", "kinetic", "top", "force", "smooth", "quadratic"}
+    assert top("charge", 0.1, 2.0, 0.0, 0.0).offers == {"rhs", "parts", "kinetic", "top", "force", "smooth"}
+    assert top("dipole", 0.1, 0.2, 0.3).offers == {"rhs", "parts", "kinetic", "top", "force", "smooth", "quadratic"}
     assert top("tide", 0.0, 1.0, 0.0, 0.0).offers == {
         "rhs",
         "parts",
         "kinetic",
+        "top",
         "force",
         "smooth",
         "quadratic",
@@ -125,7 +126,7 @@ def test_a_field_knows_its_kind():
 def test_a_wall_that_no_point_of_comparison_touches_is_seen(wall, conserved):
     """V = 0 on one side of a plane: only the other sign of a root shows that it is not 0 everywhere."""
     top = PerturbedTop(TOP, Potential("wall", wall), (0.9,))
-    assert top.offers == {"rhs", "parts", "kinetic", "force"}
+    assert top.offers == {"rhs", "parts", "kinetic", "top", "force"}
     assert ("J3" in top.conserved) is conserved
     with pytest.raises(ValueError, match="backlund does not take the potential wall"):
         integrate(top, Y, 0.1, 10)
@@ -145,6 +146,7 @@ def test_many_walls_are_no_uniform_field():
         "rhs",
         "parts",
         "kinetic",
+        "top",
         "force",
     }
 

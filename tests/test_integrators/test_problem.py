@@ -267,7 +267,7 @@ def test_a_bad_call_is_refused_in_a_line():
         (lambda: integrate(posed, y0, h=0.1, steps=1), "backlund does not take the problem kirchhoff"),
         (
             lambda: integrate(posed, y0, h=0.1, steps=1, method="kahan"),
-            "kahan needs a top in a quadratic field",
+            "kahan needs a Hamiltonian [|]J[|]²/2 [+] U[(]x[)] with a quadratic U",
         ),
         (
             lambda: integrate(posed, y0, h=0.1, steps=1, method="taylor", attitude=True),

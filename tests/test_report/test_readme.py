@@ -58,7 +58,7 @@ def test_the_methods_are_counted():
     )
     assert f"lists the {len(methods)} methods" in text
     assert f"so {len(compared)} are compared there" in text
-    any_field = sum(needs[word] for word in ("rhs", "parts", "kinetic", "force"))
+    any_field = sum(needs[word] for word in ("rhs", "parts", "kinetic", "top", "force"))
     words = "{} methods take any potential, {} more smooth ones, and Kahan's quadratic ones"
     assert words.format(any_field, needs["smooth"]) in text
     assert needs["quadratic"] == 1

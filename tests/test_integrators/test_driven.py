@@ -1,0 +1,94 @@
+"""Splittings with the exact step where V depends on time, and problems posed by hand as tops in a potential."""
+
+import numpy as np
+import pytest
+
+from lagrange_bench.integrators import METHODS, LagrangeTop, PerturbedTop, Potential, Problem, cos, integrate
+from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
+
+Y0 = np.array((0.3, -0.2, 1.1, 0.4, 0.1, 0.9))
+END = 12.0
+
+
+def kinetic(y):
+    return (y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) / 2.0
+
+
+def driven(t, y, p):
+    weight = 1.0 + p[0] * cos(1.1 * t)  # a part of it is constant
+    return kinetic(y) + weight * y[5] + p[0] * cos(0.7 * t) * (y[3] * y[3] - 0.5 * y[4] * y[5])
+
+
+DRIVEN = Problem("driven", "e3", driven, (0.01,)).starting(1.3)
+
+
+@pytest.fixture(scope="module")
+def end():
+    return integrate(DRIVEN, Y0, h=END / 2000, steps=2000, method="dop853_fixed").y[-1]
+
+
+@pytest.mark.parametrize(
+    ("scheme", "order", "options"),
+    [
+        ("strang", 4, {}),
+        ("strang", 2, {"corrector": False, "modified_kick": False}),
+        ("processed6", 6, {}),
+        ("aba864", 6, {}),
+    ],
+)
+def test_every_scheme_keeps_its_order_in_a_driven_field(scheme, order, options, end):
+    def error(steps):
+        run = integrate(DRIVEN, Y0, h=END / steps, steps=steps, method="backlund_splitting", scheme=scheme, **options)
+        return np.max(np.abs(run.y[-1] - end))
+
+    coarse, fine = error(48), error(96)
+    assert np.log2(coarse / fine) == pytest.approx(order, abs=0.25)
+    assert fine < 2e-4
+
+
+def test_rows_on_the_way_do_not_change_the_run():
+    """Each row leaves the run at its own time."""
+    rows = integrate(DRIVEN, Y0, h=0.25, steps=48, every=12, method="backlund_splitting").y
+    ends = [integrate(DRIVEN, Y0, h=0.25, steps=n, method="backlund_splitting").y[-1] for n in (12, 24, 36, 48)]
+    np.testing.assert_array_equal(rows[1:], ends)
+
+
+def test_a_vibrating_pivot_keeps_J3_and_the_Casimirs():
+    pivot = vibrating_pivot(1.0, 0.02, 3.0)
+    run = integrate(pivot, Y0, h=0.1, steps=1000, every=100, method="backlund_splitting")
+    assert METHODS["backlund_splitting"].kept(pivot) == {"C1", "C2", "J3"}
+    assert np.ptp(run.invariants(), axis=0) == pytest.approx(0.0, abs=1e-14)
+
+
+FIELD = Problem("mine", "e3", lambda t, y, p: kinetic(y) + 1.3 * y[5] + p[0] * (y[3] * y[3] - y[4] * y[5]), (0.01,))
+SAME = PerturbedTop(LagrangeTop(1.3), Potential("mine", lambda a, b, c, p: p[0] * (a * a - b * c)), (0.01,))
+
+
+@pytest.mark.parametrize("name", ["backlund_splitting", "force_gradient4", "kahan", "verner9_projected"])
+def test_a_problem_posed_by_hand_is_followed_as_a_top_in_a_potential(name):
+    method = METHODS[name]
+    assert method.takes(FIELD) is None
+    assert method.kept(FIELD) == method.kept(SAME)
+    rows = [integrate(top, Y0, h=0.1, steps=20, every=5, method=name).y for top in (FIELD, SAME)]
+    np.testing.assert_array_equal(*rows)
+
+
+@pytest.mark.parametrize(
+    "hamiltonian",
+    [
+        lambda t, y, p: 2.0 * kinetic(y) + y[5],  # another mass
+        lambda t, y, p: kinetic(y) * (1.0 + t) + y[5],
+        lambda t, y, p: kinetic(y) + y[2] * y[5],
+    ],
+    ids=["twice |J|²", "mass depends on time", "not apart"],
+)
+def test_what_is_no_top_in_a_potential_is_declined(hamiltonian):
+    problem = Problem("other", "e3", hamiltonian)
+    assert "needs a Hamiltonian |J|²/2 + U(t, x)" in str(METHODS["backlund_splitting"].takes(problem))
+
+
+def test_a_driven_top_needs_h():
+    with pytest.raises(ValueError, match=r"depends on time.*give h and steps"):
+        integrate(DRIVEN, Y0, t=[1.0], method="backlund_splitting")
+    with pytest.raises(ValueError, match="kahan needs"):
+        integrate(DRIVEN, Y0, h=0.1, steps=1, method="kahan")
