@@ -26,7 +26,6 @@ from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.states import rounded
 from lagrange_bench.integrators import CASES, METHODS, WholeBody, available, integrate
 from lagrange_bench.integrators.interface import Array, Method
-from lagrange_bench.integrators.registry import BODY_METHODS, registry_of
 from lagrange_bench.integrators.truth.rigid_body import rigid_motion
 
 VERSION = 1
@@ -52,8 +51,8 @@ FLOOR = 1e-13  # of errors that tell an order
 
 def methods() -> dict[str, Method]:
     """Those with a fixed step that take a whole body."""
-    body, found = motion("kovalevskaya")[0], {**METHODS, **BODY_METHODS}
-    usable = {name: method for name, method in found.items() if method.control == "step" and available(method)}
+    body = motion("kovalevskaya")[0]
+    usable = {name: method for name, method in METHODS.items() if method.control == "step" and available(method)}
     return {name: method for name, method in usable.items() if method.in_field and method.takes(body) is None}
 
 
@@ -116,7 +115,7 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
     for (case, method), group in rows.groupby(["case", "method"], sort=False):
         group = group.sort_values("h")
         found = {name: metrics.order(group.h, group[name], floor=FLOOR).p for name in ("position", "rotation")}
-        record = registry_of(method).get(method)
+        record = METHODS.get(method)
         line = {"case": case, "method": method, "order": record.order if record else None}
         line |= {f"order of {name}": p for name, p in found.items()}
         columns = [name for name in ("h", "position", "rotation", "energy", "momentum", "K") if name in group]

@@ -336,7 +336,7 @@ def measure(cell: Cell) -> list[dict[str, Any]]:
     counts, times, states, seconds = _run(method, top, y0, unit, cell, options)
     drift = metrics.relative_drift(top.invariants(np.vstack([y0, states])), top.invariant_scales(y0))[1:]
     columns = {"t": times * rate, **dict(zip(INVARIANTS, drift.T, strict=True))}
-    if "J3" not in getattr(top, "conserved", INVARIANTS):
+    if "J3" not in top.conserved:
         columns["J3"] = np.full(len(times), np.nan)
     columns |= dict.fromkeys(("error", "time", "angle"), np.full(len(times), np.nan))
     try:

@@ -76,13 +76,12 @@ BUILT_IN = {
     # lie-group
     "rkmk4": "lagrange_bench.integrators.methods.lie_group:RKMK4",
     "commutator_free4": "lagrange_bench.integrators.methods.lie_group:COMMUTATOR_FREE4",
-}
-
-
-# for a WholeBody only
-OF_BODIES = {
-    name: f"lagrange_bench.integrators.methods.whole_body:{name.upper()}"
-    for name in ("rattle", "simo_wong", "lie_midpoint", "generalized_alpha", "rk4_normalized")
+    # whole-body
+    "rattle": "lagrange_bench.integrators.methods.whole_body:RATTLE",
+    "simo_wong": "lagrange_bench.integrators.methods.whole_body:SIMO_WONG",
+    "lie_midpoint": "lagrange_bench.integrators.methods.whole_body:LIE_MIDPOINT",
+    "generalized_alpha": "lagrange_bench.integrators.methods.whole_body:GENERALIZED_ALPHA",
+    "rk4_normalized": "lagrange_bench.integrators.methods.whole_body:RK4_NORMALIZED",
 }
 
 POTENTIALS_BUILT_IN = {
@@ -227,18 +226,12 @@ class TopRegistry(Registry):
 
 
 METHODS = Registry("method", BUILT_IN, "lagrange_bench.integrators.interface:Method")
-BODY_METHODS = Registry("body_method", OF_BODIES, "lagrange_bench.integrators.interface:Method")
 POTENTIALS = Registry("potential", POTENTIALS_BUILT_IN, "lagrange_bench.integrators.problem.field:Potential")
 NAMED_TOPS = TopRegistry()
 
 
 class NotInstalled(StepError):
     """A method cannot run here, for the package it needs is not installed."""
-
-
-def registry_of(method: str) -> Registry:
-    """BODY_METHODS if it has a method of this name, else METHODS."""
-    return BODY_METHODS if method in BODY_METHODS.built_in else METHODS
 
 
 def find_method(method: str | Method) -> Method:
@@ -248,7 +241,7 @@ def find_method(method: str | Method) -> Method:
     ------
     ValueError : there is none, or it cannot be loaded; the message says why. NotInstalled : it needs another package.
     """
-    found = _load(method, registry_of(method)) if isinstance(method, str) else method
+    found = _load(method, METHODS) if isinstance(method, str) else method
     if not isinstance(found, Method):
         raise ValueError(f"method must be a name in METHODS, package.module:METHOD or a Method; got {method!r}")
     if not available(found):

@@ -1,7 +1,8 @@
 """Everything a user needs, from one place.
 
     from lagrange_bench import LagrangeTop, integrate, METHODS      # the integrators
-    from lagrange_bench import metrics, states, timing, check       # what the experiments measure with
+    from lagrange_bench import check                                # does a method keep its word? on a problem of yours, too
+    from lagrange_bench import metrics, states, timing              # what the experiments measure with
     from lagrange_bench import work_precision                       # a few methods against each other: a figure and a frame
     from lagrange_bench import judge                                # the trajectory of any program, by the exact heavy top
     from lagrange_bench import FixedStepper, compiled               # for a method of your own
@@ -19,7 +20,8 @@ from lagrange_bench.integrators.lazy import face
 if TYPE_CHECKING:
     from lagrange_bench.comparison import work_precision
     from lagrange_bench.experiments.drawing import style
-    from lagrange_bench.experiments.measuring import check, metrics, states, timing
+    from lagrange_bench.experiments.measuring import metrics, states, timing
+    from lagrange_bench.experiments.measuring.check import check
     from lagrange_bench.integrators import *  # noqa: F403
     from lagrange_bench.integrators.compiling.compiled import compiled
     from lagrange_bench.integrators.compiling.loops import MEMORY, FixedStepper
@@ -33,7 +35,7 @@ __getattr__, __dir__ = face(
         "lagrange_bench.integrators.compiling.compiled": ("compiled",),
         "lagrange_bench.integrators.compiling.loops": ("MEMORY", "FixedStepper"),
         "lagrange_bench.experiments.drawing.style": (),
-        "lagrange_bench.experiments.measuring.check": (),
+        "lagrange_bench.experiments.measuring.check": ("check",),
         "lagrange_bench.experiments.measuring.metrics": (),
         "lagrange_bench.experiments.measuring.states": (),
         "lagrange_bench.experiments.measuring.timing": (),

@@ -11,6 +11,7 @@ from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.registry import METHODS, POTENTIALS, POTENTIALS_BUILT_IN
 
 TAKES = {
+    "body": "a whole body",
     "uniform": "uniform field",
     "quadratic": "quadratic potentials",
     "smooth": "any smooth problem",

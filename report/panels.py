@@ -79,7 +79,7 @@ def _part(rows: dict[str, pd.DataFrame], experiment: str, part: str) -> pd.DataF
 def _largest_so_far(rows: pd.DataFrame, state: str) -> pd.DataFrame:
     """Of the invariants of the top, at every fourth time."""
     top = NAMED_TOPS[state].top
-    names = [name for name in INVARIANTS if name in getattr(top, "conserved", INVARIANTS)]
+    names = [name for name in INVARIANTS if name in top.conserved]
     made = [
         run.assign(error=worst(run, names).cummax())[::-THINNED][::-1]
         for _, run in (rows.groupby("method", sort=False) if len(rows) else ())

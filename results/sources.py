@@ -46,10 +46,10 @@ def of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTE
 
 
 def _digest(sources: Sources, experiment: str, method: str | None, potential: str | None) -> str:
-    from lagrange_bench.integrators.registry import METHODS, POTENTIALS, registry_of
+    from lagrange_bench.integrators.registry import METHODS, POTENTIALS
 
     modules = {_module(experiment)}
-    for name, registry in ((method or DEFAULT, registry_of(method or DEFAULT)), (potential, POTENTIALS)):
+    for name, registry in ((method or DEFAULT, METHODS), (potential, POTENTIALS)):
         if name is not None and (":" in name or name in set(registry)):  # the names only: nothing is loaded
             modules.add(registry.module(name))
     methods = set(METHODS)

@@ -128,9 +128,9 @@ def cell_key(experiment: str, version: int, cell: Mapping[str, Any], digest: str
 
 @cache
 def _built_in() -> dict[str, tuple[str | None, ...]]:
-    from lagrange_bench.integrators.registry import BODY_METHODS, METHODS, POTENTIALS
+    from lagrange_bench.integrators.registry import METHODS, POTENTIALS
 
-    return {"method": (None, *METHODS.built_in, *BODY_METHODS.built_in), "potential": (None, *POTENTIALS.built_in)}
+    return {"method": (None, *METHODS.built_in), "potential": (None, *POTENTIALS.built_in)}
 
 
 def make_record(experiment: str, version: int, position: int, cell: Mapping[str, Any], **outcome: Any) -> Record:

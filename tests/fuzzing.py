@@ -20,6 +20,7 @@ from lagrange_bench.integrators.interface import INVARIANTS
 from lagrange_bench.integrators.methods import runge_kutta
 from lagrange_bench.integrators.truth import exact
 from lagrange_bench.integrators.truth.orbit import units
+from tests.installed import FOR_TOPS
 
 EPS = float(np.finfo(float).eps)
 TINY = 5e-324
@@ -42,7 +43,7 @@ def examples(few):
 
 def those(have):
     """Names of the methods that have what a test is about."""
-    return [name for name, record in METHODS.items() if have(record)]
+    return [name for name, record in FOR_TOPS.items() if have(record)]
 
 
 # ---------------------------------------------------------------- what there is to try

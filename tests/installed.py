@@ -2,7 +2,11 @@
 
 import pytest
 
-from lagrange_bench.integrators import METHODS, available
+from lagrange_bench.integrators import METHODS, LagrangeTop, available
+
+FOR_TOPS = {
+    name: method for name, method in METHODS.items() if method.takes(LagrangeTop()) is None
+}  # not for bodies only
 
 
 def installed(name):

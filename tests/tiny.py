@@ -1,7 +1,8 @@
 """A few small cells of every experiment."""
 
 from lagrange_bench.experiments.catalogue import load
-from lagrange_bench.integrators import METHODS, available
+from lagrange_bench.integrators import available
+from tests.installed import FOR_TOPS
 
 SMALL = {"steps": 64, "span": 16.0, "longest": 0.01, "repeats": 1, "magnets": 1, "budget": 1e5}
 STATES = ("generic", "figure1", "random000", "random001", "random002", "random003", "wide000", "weak_tide")
@@ -9,7 +10,7 @@ STATES = ("generic", "figure1", "random000", "random001", "random002", "random00
 
 def kinds():
     """A method of every kind the experiments tell apart: family, engine, control. The contract tests see the others."""
-    there = {name: method for name, method in METHODS.items() if available(method)}
+    there = {name: method for name, method in FOR_TOPS.items() if available(method)}
     return set({(m.family, m.engine, m.control, bool(m.keeps)): name for name, m in reversed(there.items())}.values())
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 
 from lagrange_bench.experiments.drawing.canvas import highlighted, plain, printable, title
-from lagrange_bench.integrators.registry import BODY_METHODS, BUILT_IN, METHODS
+from lagrange_bench.integrators.registry import BUILT_IN, METHODS
 
 CONTRAST = 4.5  # of coloured text on white, as WCAG asks for
 
@@ -148,7 +148,7 @@ def _known(changes: int) -> tuple[dict[str, str], dict[str, dict[str, Any]]]:
     families: dict[str, str] = {}
     styles: dict[str, dict[str, Any]] = {}
     places: Counter[str] = Counter()
-    for name, method, _ in (*METHODS.each(), *BODY_METHODS.each()):
+    for name, method, _ in METHODS.each():
         styles[name] = _stranger(name)
         if method and method.family in FAMILIES:
             families[name] = method.family

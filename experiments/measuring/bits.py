@@ -54,7 +54,7 @@ def kernels(only: Iterable[str] | None = None) -> list[tuple[str, str, dict[str,
     found: list[tuple[str, str, dict[str, Any]]] = []
     top, y0 = find(STATES[0])
     for name, method, _ in METHODS.each():
-        if not method or name in LIBRARY or chosen.isdisjoint((name, f"{name} compensated")):
+        if not method or name in LIBRARY or chosen.isdisjoint((name, f"{name} compensated")) or method.takes(top):
             continue
         builder = getattr(method.prepare, "func", method.prepare)  # of a partial, too
         if method.engine != "numba" or not builder.__module__.startswith("lagrange_bench.integrators."):

@@ -80,7 +80,7 @@ def drifts(
                     raise Refused(f"{name} on {label}, h = {size:g}, in {n} steps: {error.reason}") from None
                 with np.errstate(over="ignore", invalid="ignore"):  # of a run that has left every bound behind
                     ulps = metrics.ulps(top.invariants(np.vstack((y0, y))), top.invariant_scales(y0))[1:]
-                yield Run(label, size, counts, ulps, tuple(getattr(top, "conserved", INVARIANTS)))
+                yield Run(label, size, counts, ulps, tuple(top.conserved))
 
 
 def _length(method: Method, steps: int | None) -> int:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array
 from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.units import scaled_size
 from lagrange_bench.integrators.truth import exact
 
 ROUND_OFF = 2.0**-53  # half an ulp of 1: a relative error below this carries no information
@@ -42,15 +43,9 @@ def ulps(invariants: ArrayLike, scales: ArrayLike) -> Array:
     return units
 
 
-def scaled_error(top: LagrangeTop, y0: ArrayLike, y: ArrayLike, y_exact: ArrayLike) -> Array:
-    """max(|δJ|/scale of J, |δx|/|x|) of states (..., 6), the scales being those of y0; shape (...,)."""
-    rate, size, _ = top.scales(y0)
-    e = _floats(y) - _floats(y_exact)
-    errors = [np.linalg.norm(e[..., 3:], axis=-1) / size]
-    dJ = np.linalg.norm(e[..., :3], axis=-1)
-    # without weight and spin J has no scale: any error in it is infinitely large, none is none
-    errors.append(dJ / rate if rate > 0 else np.where(dJ > 0, np.inf, 0.0))
-    return np.asarray(np.maximum(*errors))
+def scaled_error(problem: Any, y0: ArrayLike, y: ArrayLike, y_exact: ArrayLike) -> Array:
+    """The largest |δvector|/scale, of a top of δJ and δx, of states (..., n); the scales are those of y0; shape (...,)."""
+    return scaled_size(problem, y0, _floats(y) - _floats(y_exact))
 
 
 def pareto_front(cost: ArrayLike, error: ArrayLike) -> NDArray[np.intp]:
@@ -322,17 +317,17 @@ class PoissonDefect(NamedTuple):
     error: float  # of `defect`, from two differencing steps: a defect below it says nothing
 
 
-def poisson_defect(step: Callable[[Array], Array], top: LagrangeTop, y: ArrayLike) -> PoissonDefect:
+def poisson_defect(step: Callable[[Array], Array], problem: Any, y: ArrayLike) -> PoissonDefect:
     """‖D P(y) Dᵀ − P(ỹ)‖ of ỹ = step(y), D its derivative by central differences of order 6.
 
-    `step` must be defined in a neighbourhood of y (a stepper made for one torus is not). It is called 72 times.
+    `step` must be defined in a neighbourhood of y (a stepper made for one torus is not). It is called 72 times for a top.
     Compiled maps take no complex step; of several real ones the two that agree best are used.
     """
     y = _floats(y)
-    rate, size, _ = top.scales(y)
-    unit = np.repeat((rate if rate > 0 else 1.0, size), 3)
-    target = top.poisson(step(y)) / np.outer(unit, unit)
-    source = top.poisson(y) / np.outer(unit, unit)
+    sizes = problem.sizes(y)
+    unit = np.where(sizes > 0, sizes, 1.0)
+    target = problem.poisson(step(y)) / np.outer(unit, unit)
+    source = problem.poisson(y) / np.outer(unit, unit)
     pushed = [D @ source @ D.T for D in (_derivative(step, y, unit, delta) for delta in (0.02, 0.01, 0.005, 0.0025))]
     size_of_P = float(np.max(np.abs(target)))
     gaps = [float(np.max(np.abs(a - b))) for a, b in pairwise(pushed)]
@@ -341,10 +336,11 @@ def poisson_defect(step: Callable[[Array], Array], top: LagrangeTop, y: ArrayLik
 
 
 def _derivative(step: Callable[[Array], Array], y: Array, unit: Array, delta: float) -> Array:
-    """Derivative of `step` at y in scaled units, (6, 6), by 7-point central differences."""
-    D = np.empty((6, 6))
-    for j in range(6):
-        shift = np.zeros(6)
+    """Derivative of `step` at y (n,) in scaled units, (n, n), by 7-point central differences."""
+    n = len(y)
+    D = np.empty((n, n))
+    for j in range(n):
+        shift = np.zeros(n)
         shift[j] = delta * unit[j]
         difference = [(step(y + k * shift) - step(y - k * shift)) / unit for k in (1, 2, 3)]
         D[:, j] = (45 * difference[0] - 9 * difference[1] + difference[2]) / (60 * delta)

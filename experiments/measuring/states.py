@@ -65,16 +65,16 @@ def _near_separatrix(alpha: float, x: Array, share: float, off: float) -> list[f
 def methods_on(state: str | None = None) -> dict[str, Method]:
     """The methods that are measured on a state, by name; None: on any top in a uniform field.
 
-    In a potential these are the methods with a formula for it, else all but those that are another one in a uniform field.
+    In a potential these are the methods with a formula for it, else all for a top but those that are another one there.
     A plug-in that cannot be loaded is left out: `lagrange-bench methods` says why.
     """
     from lagrange_bench.integrators import METHODS
 
     loaded = {name: method for name, method, _ in METHODS.each() if method}
     if state not in PERTURBED_TOPS:
-        return {name: method for name, method in loaded.items() if not method.reduces_to}
+        return {name: m for name, m in loaded.items() if not m.reduces_to and m.takes(LagrangeTop()) is None}
     top = PERTURBED_TOPS[state].top
-    return {name: method for name, method in loaded.items() if method.in_field and method.takes(top) is None}
+    return {name: m for name, m in loaded.items() if m.in_field and m.takes(top) is None}
 
 
 def log_counts(last: int, per_octave: int) -> list[int]:

@@ -1,4 +1,4 @@
-"""What runs are judged by: the exact solution of a Lagrange top, the reference solution of a top in a potential."""
+"""What runs are judged by: the exact solution of a Lagrange top, the reference solution of any other problem."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.interface import Array, StepError
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.truth import exact
 
 LONGEST = 2000.0  # time scales: a reference of this length takes some ten seconds
@@ -18,9 +18,9 @@ BITS = 44  # of the times for which reference solutions are computed and kept
 
 
 def solution(problem: Any, y0: Array, times: ArrayLike, longest: float = LONGEST) -> Array:
-    """The states (N, 6) at `times` of the motion that is at y0 at t = 0; NaN where a chaotic motion is lost.
+    """The states (N, n) at `times` of the motion that is at y0 at t = 0; NaN where a chaotic motion is lost.
 
-    longest : of a run in a potential, in time scales.
+    longest : of a run with a reference solution, in time scales.
 
     Raises
     ------
@@ -38,22 +38,22 @@ def after_steps(problem: Any, y0: Array, h: float, counts: ArrayLike, longest: f
 
 def name(problem: Any) -> str:
     """What the truth about a problem is called."""
-    return "reference solution" if isinstance(problem, PerturbedTop) else "exact solution"
+    return "exact solution" if isinstance(problem, LagrangeTop) else "reference solution"
 
 
 def _found(
     which: str, problem: Any, y0: Array, when: tuple[Any, ...], times: Array, rest: Array, longest: float
 ) -> Array:
     """By the function `which` of `exact` of `when`; or by the reference at `times` + `rest`."""
-    if not isinstance(problem, PerturbedTop):
+    if isinstance(problem, LagrangeTop):
         states: Array = getattr(exact, which)(problem, y0, *when)
         return states
     if np.max(np.abs(times), initial=0.0) > longest * problem.scales(y0)[2]:
-        raise ValueError(f"the run is longer than {longest:g} time scales 1/(|J| + √(|alpha||x|))")
+        raise ValueError(f"the run is longer than {longest:g} time scales of the motion")
     return _reference(problem, y0, times, rest)
 
 
-def _reference(problem: PerturbedTop, y0: Array, times: Array, rest: Array) -> Array:
+def _reference(problem: Any, y0: Array, times: Array, rest: Array) -> Array:
     """Runs of one length with different steps end an ulp apart. They share one reference, at times of BITS bits, and the
     rest of the time, some 1e-13 of it, is one term of the Taylor series.
     """
@@ -65,5 +65,6 @@ def _reference(problem: PerturbedTop, y0: Array, times: Array, rest: Array) -> A
         found = reference.solution(problem, y0, shared)
     except StepError as error:
         raise ValueError(error.reason) from None
-    states = found.states + (found.tail + ((times - shared) + rest)[:, None] * problem.rhs(found.states))
+    rates = problem.rhs(found.states, times)
+    states = found.states + (found.tail + ((times - shared) + rest)[:, None] * rates)
     return np.where(found.error[:, None] <= LOST, states, math.nan)

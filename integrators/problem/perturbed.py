@@ -43,6 +43,7 @@ class PerturbedTop:
     parameters: tuple[Any, ...] = ()
     start: ClassVar[float] = 0.0  # time at the initial state, which nothing depends on
     timed: ClassVar[bool] = False
+    names: ClassVar[tuple[str, ...]] = LagrangeTop.names
 
     def __post_init__(self) -> None:
         if not isinstance(self.top, LagrangeTop):
@@ -195,8 +196,8 @@ class PerturbedTop:
         a, b, c = self.field.hessian_times(x1, x2, x3, v1, v2, v3, self.alpha, *self.parameters)
         return a, b, c
 
-    def rhs(self, y: ArrayLike) -> Array:
-        """Time derivative of states (..., 6)."""
+    def rhs(self, y: ArrayLike, t: ArrayLike = 0.0) -> Array:
+        """Time derivative of states (..., 6), at any time."""
         J, x = _parts(y)
         with np.errstate(all="ignore"):
             rates = (*cross(self.gradient(*x), x), *cross(J, x))
@@ -215,8 +216,8 @@ class PerturbedTop:
         """The tensor P (6, 6) with {f, g} = ∇f·P∇g at one state (6,)."""
         return self.top.poisson(y)
 
-    def invariants(self, y: ArrayLike) -> Array:
-        """H, J3, C1 = |x|², C2 = x·J of states (..., 6); shape (..., 4). J3 need not be conserved."""
+    def invariants(self, y: ArrayLike, t: ArrayLike = 0.0) -> Array:
+        """H, J3, C1 = |x|², C2 = x·J of states (..., 6), at any time; shape (..., 4). J3 need not be conserved."""
         J, x = _parts(y)
         with np.errstate(all="ignore"):
             H = dot(J, J) / 2 + self.energy(*x)
@@ -241,6 +242,15 @@ class PerturbedTop:
         if math.isfinite(force):
             rate = max(rate, math.sqrt(force) * math.sqrt(size))
         return rate, size, (1.0 / rate if rate > 0 else math.inf)
+
+    @property
+    def vectors(self) -> tuple[int, ...]:
+        """How many numbers each vector of a state has: J and x."""
+        return 3, 3
+
+    def sizes(self, y: ArrayLike) -> Array:
+        """Of each component of one state (6,) the scale that its error is judged by."""
+        return np.repeat(self.scales(y)[:2], 3)
 
     def invariant_scales(self, y: ArrayLike) -> Array:
         """Sizes of the terms in H, J3, C1, C2 at one state: what relative drift and ulps refer to; shape (4,)."""

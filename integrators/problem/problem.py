@@ -239,6 +239,12 @@ class Problem:
         """Gradients of `names` as rows, at one state (n,)."""
         return self._values(self._slopes, y, t).reshape(len(self.names), self.space.size)
 
+    @property
+    def vectors(self) -> tuple[int, ...]:
+        """How many numbers each vector of a state has."""
+        size = self.space.size
+        return tuple(len(vector) for _, vector in self.space.turning([0.0] * size, [0.0] * size))
+
     def sizes(self, y: ArrayLike) -> Array:
         """Of each component of one state (n,) the scale that its error is judged by: the length of its vector.
 
@@ -288,7 +294,9 @@ class Problem:
         casimirs = frozenset(self.space.casimirs(range(1, 100)))
         kept = casimirs if {"C1", "C2"} <= conserves else frozenset[str]()
         if "J3" in conserves:
-            flows = [part.flow.moving.outputs for part in self.parts] if claims.needs in ("parts", "kinetic", "top") else []
+            flows = (
+                [part.flow.moving.outputs for part in self.parts] if claims.needs in ("parts", "kinetic", "top") else []
+            )
             for name, program in self.given.items():
                 (place,) = program.outputs
                 if self._is_component(place) and all(flow[place - 1] == place for flow in flows):

@@ -38,6 +38,8 @@ class LagrangeTop:
 
     alpha: float = 1.0
     start: ClassVar[float] = 0.0  # time at the initial state, which nothing depends on
+    names: ClassVar[tuple[str, ...]] = ("H", "J3", "C1", "C2")  # of `invariants`
+    conserved: ClassVar[frozenset[str]] = frozenset(names)
 
     if TYPE_CHECKING:
 
@@ -85,8 +87,8 @@ class LagrangeTop:
         """The parameters of `system`: alpha. ValueError if there are many."""
         return (self.single(),)
 
-    def rhs(self, y: ArrayLike) -> Array:
-        """Time derivative of states (..., 6)."""
+    def rhs(self, y: ArrayLike, t: ArrayLike = 0.0) -> Array:
+        """Time derivative of states (..., 6), at any time."""
         J1, J2, J3, x1, x2, x3 = _components(y)
         turned = (J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1)
         return np.stack((-self.alpha * x2, self.alpha * x1, 0.0 * J3, *turned), axis=-1)
@@ -108,8 +110,8 @@ class LagrangeTop:
         P[:3, 3:] = P[3:, :3] = -hat(y[3:])
         return P
 
-    def invariants(self, y: ArrayLike) -> Array:
-        """H, J3, C1 = |x|², C2 = x·J of states (..., 6); shape (..., 4)."""
+    def invariants(self, y: ArrayLike, t: ArrayLike = 0.0) -> Array:
+        """H, J3, C1 = |x|², C2 = x·J of states (..., 6), at any time; shape (..., 4)."""
         J1, J2, J3, x1, x2, x3 = _components(y)
         H = (J1 * J1 + J2 * J2 + J3 * J3) / 2 + self.alpha * x3
         return np.stack((H, J3, x1 * x1 + x2 * x2 + x3 * x3, x1 * J1 + x2 * J2 + x3 * J3), axis=-1)
@@ -134,6 +136,15 @@ class LagrangeTop:
         size = math.hypot(*y[3:])
         rate = math.hypot(*y[:3]) + math.sqrt(abs(self.single())) * math.sqrt(size)
         return rate, size, (1.0 / rate if rate > 0 else math.inf)
+
+    @property
+    def vectors(self) -> tuple[int, ...]:
+        """How many numbers each vector of a state has: J and x."""
+        return 3, 3
+
+    def sizes(self, y: ArrayLike) -> Array:
+        """Of each component of one state (6,) the scale that its error is judged by."""
+        return np.repeat(self.scales(y)[:2], 3)
 
     def invariant_scales(self, y: ArrayLike) -> Array:
         """Sizes of the terms in H, J3, C1, C2 at one state: what relative drift and ulps refer to; shape (4,)."""

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
@@ -138,3 +140,17 @@ def units_in_field(method: str, problem: PerturbedTop, y0: Array, h: float) -> U
     if not math.isfinite(force):
         raise StepError(method, f"the potential {problem.potential.name} is not finite at x = {y0[3:].tolist()}", h=h)
     return Units(LagrangeTop(force), y0, h)
+
+
+def scaled_size(problem: Any, y0: ArrayLike, difference: Array) -> Array:
+    """The largest |vector|/scale of differences of states (..., n), the scales being those of y0; shape (...,).
+
+    A vector without a scale counts as infinite, unless it vanishes.
+    """
+    sizes, start, found = problem.sizes(y0), 0, []
+    for count in problem.vectors:
+        length = np.linalg.norm(difference[..., start : start + count], axis=-1)
+        size = float(sizes[start])
+        found.append(length / size if size > 0 else np.where(length > 0, np.inf, 0.0))
+        start += count
+    return np.asarray(np.max(found, axis=0))

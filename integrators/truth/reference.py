@@ -1,10 +1,11 @@
-"""The reference solution of a top in any field: numerical, in quadruple precision, and checked against itself.
+"""The reference solution of a top in any field, or of any problem: in quadruple precision, and checked against itself.
 
     J' = ∇U(x) × x        x' = J × x        H = |J|²/2 + U(x)
 
-has no closed form in general. Two runs of Taylor's method with different orders and steps give one solution; their
-difference is the estimate of its error and is returned with it. heyoka takes the steps in 128-bit numbers; where it is
-missing, or has no such numbers, mpmath takes them, about 20 times slower. No method of the bench is used.
+has no closed form in general, nor has a `Problem`; the time, if H depends on it, is one more variable there. Two runs of
+Taylor's method with different orders and steps give one solution; their difference is the estimate of its error and is
+returned with it. heyoka takes the steps in 128-bit numbers; where it is missing, or has no such numbers, mpmath takes them,
+about 20 times slower. No method of the bench is used.
 
 What is integrated is the program of the problem's gradient, with its constants and parameters as exact numbers: heyoka on its
 own would turn a division by a double into a product with the rounded reciprocal.
@@ -37,7 +38,9 @@ from lagrange_bench.integrators.interface import StepError
 from lagrange_bench.integrators.precision import ONE_AT_A_TIME, workdps
 from lagrange_bench.integrators.problem.field import cross
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
-from lagrange_bench.integrators.problem.units import ldexp
+from lagrange_bench.integrators.problem.problem import Problem
+from lagrange_bench.integrators.problem.system import System
+from lagrange_bench.integrators.problem.units import ldexp, scaled_size
 from lagrange_bench.integrators.truth.exact import rounded_off
 
 __all__ = ["Reference", "after_steps", "engines", "horizon", "lyapunov", "solution"]
@@ -55,9 +58,9 @@ SEGMENT = 2.0  # units of the motion between two renormalisations of a tangent v
 class Reference:
     """States with an estimate of their errors. The arrays are read-only."""
 
-    states: Array  # (N, 6)
-    tail: Array  # (N, 6): states + tail has about 30 digits
-    error: Array  # (N,): of states + tail, relative to the scales of J and x; rounding adds 1.1e-16 to that of `states`
+    states: Array  # (N, n), n = 6 for a top
+    tail: Array  # (N, n): states + tail has about 30 digits
+    error: Array  # (N,): of states + tail, relative to the scales of its vectors; rounding adds 1.1e-16 to that of `states`
     engine: str  # "heyoka" or "mpmath"
 
     @property
@@ -67,12 +70,12 @@ class Reference:
         return max(0, math.floor(-math.log10(worst)))
 
 
-def solution(problem: PerturbedTop, y0: ArrayLike, t: ArrayLike, engine: str | None = None) -> Reference:
+def solution(problem: PerturbedTop | Problem, y0: ArrayLike, t: ArrayLike, engine: str | None = None) -> Reference:
     """States at times t of the motion that is at y0 at t = 0.
 
     Parameters
     ----------
-    problem, y0 : the problem and a state (6,). Their doubles are taken as exact.
+    problem, y0 : the problem and a state (6,), of a Problem (n,). Their doubles are taken as exact.
     t : times (N,) of any sign, in any order.
     engine : one of `engines()`; None for the first.
 
@@ -90,7 +93,7 @@ def solution(problem: PerturbedTop, y0: ArrayLike, t: ArrayLike, engine: str | N
 
 
 def after_steps(
-    problem: PerturbedTop, y0: ArrayLike, h: float, counts: ArrayLike, engine: str | None = None
+    problem: PerturbedTop | Problem, y0: ArrayLike, h: float, counts: ArrayLike, engine: str | None = None
 ) -> Reference:
     """States after n steps of h for n in `counts`: at the times n·h themselves, not at the doubles next to them.
 
@@ -154,28 +157,35 @@ def horizon(
     return float(_kept(orbit.key("horizon", tolerance.hex(), longest.hex()), (1,), compute)[0])
 
 
-def _solution(problem: PerturbedTop, y0: ArrayLike, times: Array, more: Array, engine: str | None) -> Reference:
-    orbit = Orbit(problem, y0, engine)
-    key = orbit.key("solution", times.tobytes().hex(), more.tobytes().hex())
-    table = _kept(key, (len(times), 13), lambda: orbit.compute(times, more))
-    return Reference(table[:, :6], table[:, 6:12], table[:, 12], orbit.engine)
+def _solution(
+    problem: PerturbedTop | Problem, y0: ArrayLike, times: Array, more: Array, engine: str | None
+) -> Reference:
+    orbit = ProblemOrbit(problem, y0, engine) if isinstance(problem, Problem) else Orbit(problem, y0, engine)
+    key, n = orbit.key("solution", times.tobytes().hex(), more.tobytes().hex()), len(orbit.y0)
+    table = _kept(key, (len(times), 2 * n + 1), lambda: orbit.compute(times, more))
+    return Reference(table[:, :n], table[:, n : 2 * n], table[:, 2 * n], orbit.engine)
 
 
 class Orbit:
     """A motion in units where |x| and the rate are between 1/2 and 2: powers of two, so that changing units is exact."""
 
-    def __init__(self, problem: PerturbedTop, y0: ArrayLike, engine: str | None, tangent: bool = False):
+    def __init__(self, problem: Any, y0: ArrayLike, engine: str | None, tangent: bool = False):
         y = check_state(y0)
-        known = engines()
-        self.engine = known[0] if engine is None else check_choice(engine, "engine", known)
         problem.check_state(y)
-        if "smooth" not in problem.offers:
-            what = f"the potential {problem.potential.name} has corners, roots of squares, and no series goes on there"
-            raise StepError("reference", f"there is no reference solution: {what}")
-        self.problem, self.y0, self.tangent = problem, y, tangent
+        self.take(problem, y, engine, f"the potential {problem.potential.name}")
+        self.tangent = tangent
         self.rate, self.size, _ = problem.scales(y)
         powers = [round(math.log2(v)) if 0.0 < v < math.inf else 0 for v in (self.rate, self.size)]
         self.exponents, self.clock = np.repeat(powers, 3), powers[0]
+
+    def take(self, problem: Any, y: Array, engine: str | None, name: str) -> None:
+        """The problem, its state and who takes the steps. StepError: it has no Taylor series everywhere."""
+        known = engines()
+        self.engine = known[0] if engine is None else check_choice(engine, "engine", known)
+        if "smooth" not in problem.offers:
+            what = f"{name} has corners, roots of squares, and no series goes on there"
+            raise StepError("reference", f"there is no reference solution: {what}")
+        self.problem, self.y0 = problem, y
 
     def key(self, kind: str, *more: str) -> bytes:
         state = self.y0.tobytes().hex()
@@ -198,15 +208,19 @@ class Orbit:
         if not np.all(np.isfinite(rows)):
             raise StepError("reference", "the motion leaves the range of doubles")
         difference = np.sum(rows[0] - rows[1], axis=1)  # of the heads, and of the tails
+        return np.column_stack((rows[0, :, 0], rows[0, :, 1], self.scaled(difference) + PAIR))
+
+    def scaled(self, difference: Array) -> Array:
+        """Sizes of differences of states (N, n), relative to the scales of the motion."""
         J, x = (np.linalg.norm(part, axis=1) for part in (difference[:, :3], difference[:, 3:]))
-        error = np.maximum(J / (self.rate or 1.0), x / self.size) + PAIR
-        return np.column_stack((rows[0, :, 0], rows[0, :, 1], error))
+        size: Array = np.maximum(J / (self.rate or 1.0), x / self.size)
+        return size
 
     def run(self, tolerance: float, times: Array, more: Array) -> Array:
-        """States (N, 2, 6), heads and tails."""
+        """States (N, 2, n), heads and tails."""
         self.check_span(float(np.max(np.abs(times), initial=0.0)))
-        start = np.array((np.ldexp(self.y0, -self.exponents), np.zeros(6)))
-        out = np.empty((len(times), 2, 6))
+        start = np.array((np.ldexp(self.y0, -self.exponents), np.zeros(len(self.y0))))
+        out = np.empty((len(times), *start.shape))
         runner = self.runner(tolerance)
         for sign in (1, -1):
             later = np.flatnonzero(sign * times > 0)
@@ -251,6 +265,39 @@ class Orbit:
             yield math.ldexp(min(n * SEGMENT, end), -self.clock), total + math.log(size)
             y[:, 6:] = np.ldexp(y[:, 6:], -exponent)
             total += exponent * math.log(2)
+
+
+class ProblemOrbit(Orbit):
+    """A motion of a `Problem`, in its own units; its time follows the state."""
+
+    def __init__(self, problem: Problem, y0: ArrayLike, engine: str | None):
+        self.take(problem, problem.check_state(y0), engine, f"H of the problem {problem.name}")
+        self.clock, self.exponents, self.tangent = 0, np.zeros(len(self.y0), dtype=int), False
+
+    def key(self, kind: str, *more: str) -> bytes:
+        system, numbers = self.problem.system, map(float.hex, (self.problem.start, *self.problem.numbers))
+        words = (_version(), kind, self.engine, system.digest, *numbers, self.y0.tobytes().hex(), *more)
+        return hashlib.sha256("\n".join(words).encode()).digest()
+
+    def runner(self, tolerance: float) -> Any:
+        program = clocked(self.problem.system)
+        return {"heyoka": Heyoka, "mpmath": Mpmath}[self.engine](program, self.problem.numbers, tolerance)
+
+    def advance(self, runner: Any, start: Array, times: Array, since: float = 0.0) -> Array:
+        begin = np.column_stack((start, (self.problem.start, 0.0)))
+        return super().advance(runner, begin, times, since)[:, :, :-1]
+
+    def scaled(self, difference: Array) -> Array:
+        return scaled_size(self.problem, self.y0, difference)
+
+
+@lru_cache(maxsize=64)
+def clocked(system: System) -> Program:
+    """The rates of a state and of the time, from the state, the time and the parameters."""
+    tape = Tape()
+    *y, t = (tape.input() for _ in range(system.size + 1))
+    rates = tape.run(system.rhs, t, *y, *(tape.input() for _ in range(system.parameters)))
+    return tape.program((*rates, tape.constant(1.0)))
 
 
 @lru_cache(maxsize=64)
@@ -301,7 +348,7 @@ class Heyoka:
         grid = np.append(self.real(0.0), self.quadruple(times.T))
         ta.time, end = grid[0], grid[-1]
         ta.state[:] = self.quadruple(start)
-        ta.pars[:] = self.quadruple((self.parameters,))
+        ta.pars[:] = self.quadruple((self.parameters[: len(ta.pars)],))  # the last ones may be in no formula
 
         def go_on(ta: Any) -> bool:  # being called at all also lets Ctrl-C in
             return abs(float(ta.last_h)) > SHORTEST or ta.time == end
@@ -333,7 +380,6 @@ def compiled(program: Program, tolerance: float) -> Any:
     return hy.taylor_adaptive(
         system,
         [zero] * n,
-        pars=[zero] * (program.inputs - n),
         tol=hy.real128(tolerance),
         fp_type=hy.real128,
         compact_mode=True,

@@ -6,8 +6,9 @@ import argparse
 import contextlib
 import sys
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from lagrange_bench.arguments import numbers
 from lagrange_bench.text import Answer, plain, table
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ the table. Drifts of invariants are relative: 1 is as large as the invariant's t
 potential is tested there, too ("in a field: …"). A method that cannot take its first step gets one verdict, with the
 line of its code that fails, or what Numba says of its kernel.
 
+With --problem the claims are tested on that problem at a state and at states near it, and nowhere else.
+
 Also for your own method, before you publish it. For bounds on its drift in your own tests see docs/ci.md."""
 
 
@@ -33,6 +36,7 @@ examples:
   lagrange-bench check backlund
   lagrange-bench check implicit_midpoint --quick
   lagrange-bench check mine:METHOD              METHOD in ./mine.py, else in an installed module of this name
+  lagrange-bench check gauss6 --problem mine:PROBLEM --state 0.3,-0.4,1.2
 
 exit codes: 0 nothing fails · 1 a claim fails · 2 no such method or file"""
 
@@ -43,7 +47,7 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.integrators.registry import find_method
 
     method = find_method(options.method)
-    verdicts = checks.check(options.method, quick=options.quick)
+    verdicts = checks.check(options.method, quick=options.quick, problem=_problem(options), y0=options.state)
     rows = [("verdict", "claim", "measured", "bound", *(["how"] if options.verbose else []))]
     reasons = []
     for verdict in verdicts:
@@ -66,6 +70,21 @@ def run(options: argparse.Namespace) -> Answer:
     data |= {"notes": notes, "next": after}
     lines = [*table(rows), "", *reasons, *notes, sum_up, *(f"next: {command}" for command in after)]
     return Answer("\n".join(lines), data, 1 if failed else 0)
+
+
+def _problem(options: argparse.Namespace) -> Any:
+    """What --problem names. ValueError: it cannot be imported, or there is no --state."""
+    from lagrange_bench.integrators.registry import import_own
+
+    module, _, name = (options.problem or "").partition(":")
+    if options.problem is None:
+        if options.state is not None:
+            raise ValueError("--state: give --problem, too")
+        return None
+    try:
+        return getattr(import_own(module), name)
+    except Exception as error:  # somebody's own module may raise anything
+        raise ValueError(f"--problem {options.problem} cannot be loaded: {type(error).__name__}: {error}") from error
 
 
 def _file(name: str) -> str:
@@ -94,6 +113,9 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "method", metavar="METHOD", help="a name (see lagrange-bench methods) or package.module:METHOD"
     )
+    text = "test the claims on this problem of your own, with --state"
+    command.add_argument("--problem", metavar="package.module:PROBLEM", help=text)
+    command.add_argument("--state", type=numbers, metavar="y1,y2,…", help="a state of the problem, for --problem")
     command.add_argument("--quick", action="store_true", help="fewer and shorter runs, for while you are developing")
     command.add_argument(
         "--verbose", action="store_true", help="say how each claim was measured, not only those that fail"

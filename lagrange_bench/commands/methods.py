@@ -29,6 +29,7 @@ lagrange-bench check tests what it claims."""
 def run(options: argparse.Namespace) -> Answer:
     """Every method in legend order; one that cannot be loaded is listed with the reason."""
     from lagrange_bench.integrators import INVARIANTS, METHODS, available
+    from lagrange_bench.integrators.interface import NEEDS
 
     problem = in_potential(named_top(options.top or "generic").top, options)
     data: list[dict[str, Any]] = []
@@ -44,6 +45,8 @@ def run(options: argparse.Namespace) -> Answer:
         more = {"conserves": kept, "available": available(method), "options": list(method.options)}
         if options.top or options.potential:
             more["refuses"] = refuses
+        elif refuses:
+            more["takes"] = NEEDS[method.in_field.needs]
         data.append({"name": name, **claims, **more})
     header = ("name", "label", "order", "symmetric", "Poisson", "conserves")
     taken = [claims for claims in data if not claims.get("refuses")]
@@ -73,6 +76,11 @@ def _method_notes(data: list[dict[str, Any]]) -> list[str]:
         if claims.get("available") is False:
             missing.setdefault(claims["requires"], []).append(claims["name"])
     notes = [f"{', '.join(names)}: {how_to_get(package)}" for package, names in missing.items()]
+    special: dict[str, list[str]] = {}
+    for claims in data:
+        if "takes" in claims:
+            special.setdefault(claims["takes"], []).append(claims["name"])
+    notes += [line for what, names in special.items() for line in (f"only for {what}:", f"  {', '.join(names)}")]
     return notes + [f"{claims['name']}: cannot be loaded: {claims['error']}" for claims in data if "error" in claims]
 
 

@@ -353,11 +353,11 @@ def _end_with_parent() -> None:
 @cache
 def _restrain(method: str) -> None:
     """Heyoka reads no environment variable: one thread and no chatter are set by call."""
-    from lagrange_bench.integrators.registry import METHODS, registry_of
+    from lagrange_bench.integrators.registry import METHODS
 
     if ":" in method:  # the user named it: no experiment lists another one
         METHODS.include(method)
-    found = registry_of(method)[method]
+    found = METHODS[method]
     if found.requires == "heyoka":
         import heyoka
 

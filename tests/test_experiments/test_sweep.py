@@ -249,7 +249,7 @@ def test_a_run_in_a_potential_is_drawn(run, write, tmp_path):
     text = IN_A_FIELD.replace("time = 50", "time = 5") + 'samples = 4\ntops = ["heavy", "generic"]\n'
     results = tmp_path / "results"
     code, out, err = run("run", write(text), "--results", results, "--jobs", "1", "--quiet")
-    assert code == 0, err
+    assert code == 0, out + err
     rows = Store(results).rows("sweep_my")
     table = load("sweep_my").tables(rows)["runs"]
     assert table["largest error"].notna().all()
@@ -269,7 +269,7 @@ def test_run_draws_and_resumes_and_the_report_needs_no_file(run, write, tmp_path
     text = GOOD + '[[sweep]]\nmethods = ["dop853", "toys.lies:METHOD"]\nrtol = [1e-6]\ntime = 5\n'
     path, results = write(text.replace(', "toys.lies:METHOD"', "")), tmp_path / "results"
     code, out, err = run("run", path, "--results", results, "--jobs", "2", "--json")
-    assert code == 0, err
+    assert code == 0, out + err
     data = json.loads(out)
     assert data["experiments"]["sweep_my"]["computed"] == 5
     assert {Path(name).name for name in data["drawn"]} >= {"sweep_my_time.svg", "sweep_my_h.svg", "sweep_my_runs.csv"}
@@ -283,7 +283,7 @@ def test_run_draws_and_resumes_and_the_report_needs_no_file(run, write, tmp_path
     assert run("compare", results, tmp_path / "again")[0] == 0  # every bit but the seconds
     sweep._cells.clear()
     code, out, err = run("report", "--results", results)
-    assert code == 0, err
+    assert code == 0, out + err
     assert "Sweep my" in (page / "index.html").read_text("utf-8")
     assert (page / "figures" / "sweep_my_time.svg").exists()
     rows = Store(results).rows("sweep_my")

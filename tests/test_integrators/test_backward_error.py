@@ -25,6 +25,7 @@ from lagrange_bench.integrators.backward_error.power_series import Series, inter
 from lagrange_bench.integrators.backward_error.prediction import PredictedPhase, local_error
 from lagrange_bench.integrators.backward_error.steps import STEPS
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
+from tests.installed import FOR_TOPS
 
 TOP, Y0 = LagrangeTop(0.9), np.array([0.5, -0.7, 0.3, 0.6, -0.3, 0.5])
 SLOW, Z0 = LagrangeTop(0.9 / 4), Y0 / (2, 2, 2, 1, 1, 1)  # the same in the units of `Units`
@@ -48,7 +49,7 @@ def test_the_series_of_a_step_is_the_step(name):
 
 
 def test_every_step_has_a_series():
-    stepping = {name for name, method in METHODS.items() if method.control == "step" and method.order}
+    stepping = {name for name, method in FOR_TOPS.items() if method.control == "step" and method.order}
     assert stepping - set(STEPS) == {"backlund_paper", "backlund_textbook"}  # of which T(λ) and Θ(λ) are known
 
 

@@ -27,9 +27,9 @@ from lagrange_bench.integrators import (
 )
 from lagrange_bench.integrators.interface import Work
 from lagrange_bench.integrators.methods import implicit_midpoint, taylor
-from lagrange_bench.integrators.registry import BODY_METHODS, BUILT_IN
+from lagrange_bench.integrators.registry import BUILT_IN
 from lagrange_bench.integrators.truth import exact
-from tests.installed import installed
+from tests.installed import FOR_TOPS, installed
 
 GENERIC = TOPS["generic"]
 EPS = np.finfo(float).eps
@@ -82,8 +82,7 @@ def test_every_file_of_methods_is_registered():
         "gauss_in_field",
         "tableaux",
     }  # what several of them use
-    entries = (*METHODS._entries.values(), *BODY_METHODS._entries.values())
-    known = {entry.value.partition(":")[0].rpartition(".")[2] for entry in entries}
+    known = {entry.value.partition(":")[0].rpartition(".")[2] for entry in METHODS._entries.values()}
     assert files <= known
 
 
@@ -102,7 +101,7 @@ def test_options_are_keywords_with_defaults(name):
     assert all(parameters[option].default is not inspect.Parameter.empty for option in record.options)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", FOR_TOPS)
 def test_any_output_times(name):
     record = installed(name)
     if record.evaluate is None:

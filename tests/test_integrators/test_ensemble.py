@@ -37,7 +37,7 @@ from lagrange_bench.integrators.torus.real_map import (
 )
 from lagrange_bench.integrators.truth import exact
 from tests.faults import interrupted
-from tests.installed import installed
+from tests.installed import FOR_TOPS, installed
 
 SIZE = 150  # more than four blocks of lanes, the last one not full
 
@@ -254,7 +254,7 @@ def test_in_short_runs_too_nothing_depends_on_place_chunks_or_threads(monkeypatc
 
 def kinds():
     """One method of every family, engine, control, and way to take many tops."""
-    there = [m for m in METHODS.values() if available(m)]
+    there = [m for m in FOR_TOPS.values() if available(m)]
     return sorted({(m.family, m.engine, m.control, m.advance_many is None): m.name for m in there[::-1]}.values())
 
 
@@ -272,9 +272,9 @@ def test_every_kind_of_method(name):
             assert np.max(np.abs(got[:, i] - alone)) < 1e-14
 
 
-COMPILED = [m.name for m in METHODS.values() if available(m) and m.engine == "numba" and m.control == "step"]
+COMPILED = [m.name for m in FOR_TOPS.values() if available(m) and m.engine == "numba" and m.control == "step"]
 ALONE = {"theta_functions", "taylor_fixed", "verner9_projected", "backlund_textbook", "rkmk4", "commutator_free4"}
-ALONE |= {m.name for m in METHODS.values() if m.family == "implicit"}
+ALONE |= {m.name for m in FOR_TOPS.values() if m.family == "implicit"}
 COMPENSATED = [name for name in COMPILED if "compensated" in METHODS[name].options]
 
 

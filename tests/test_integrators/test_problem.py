@@ -16,7 +16,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from lagrange_bench.integrators import METHODS, Problem, StepError, WholeBody, cos, integrate, sin, sqrt
-from lagrange_bench.integrators.registry import BODY_METHODS
 
 EPS = np.finfo(float).eps
 END = 6.0
@@ -151,10 +150,11 @@ def end(name):
 
 
 GENERAL = [
-    name for name in METHODS if METHODS[name].in_field and METHODS[name].in_field.needs in ("rhs", "smooth", "parts")
+    name
+    for name in METHODS
+    if METHODS[name].in_field and METHODS[name].in_field.needs in ("rhs", "smooth", "parts", "body")
 ]
-ALL = {**{name: METHODS[name] for name in GENERAL}, **BODY_METHODS}
-PAIRS = [(name, problem) for problem in PROBLEMS for name in ALL if ALL[name].takes(PROBLEMS[problem]) is None]
+PAIRS = [(name, problem) for problem in PROBLEMS for name in GENERAL if METHODS[name].takes(PROBLEMS[problem]) is None]
 
 
 @pytest.mark.parametrize("problem", PROBLEMS)
@@ -173,7 +173,7 @@ def test_the_right_hand_side_and_its_derivative_are_those_of_the_formula(problem
 
 def measured(name, problem):
     """Errors by numbers of steps, as long as they are clear of round-off; and the largest drift of what is kept, in ulps."""
-    posed, method, y0 = PROBLEMS[problem], ALL[name], start(problem)
+    posed, method, y0 = PROBLEMS[problem], METHODS[name], start(problem)
     errors = {}
     if method.control == "tolerance":
         tight = {"tol": 1e-13} if "tol" in method.options else {"rtol": 1e-11, "atol": 1e-13}
@@ -210,11 +210,11 @@ def interpreted():
 def test_order_and_what_is_kept(name, problem):
     """Errors fall as fast as the order says, and the invariants named by `kept` stay."""
     errors, drift = interpreted()[f"{name} {problem}"]
-    if ALL[name].control == "tolerance":
+    if METHODS[name].control == "tolerance":
         assert max(error for _, error in errors) < 1e-8
     else:
         (n, error), (m, less) = errors[-2:]
-        assert np.log(error / less) / np.log(m / n) > 0.75 * ALL[name].order_for(PROBLEMS[problem])
+        assert np.log(error / less) / np.log(m / n) > 0.75 * METHODS[name].order_for(PROBLEMS[problem])
     assert drift < 64
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench.integrators import CASES, LagrangeTop, StepError, WholeBody, integrate, prepare
+from lagrange_bench.integrators import CASES, LagrangeTop, StepError, WholeBody, integrate
 from lagrange_bench.integrators.cases import matrix
-from lagrange_bench.integrators.registry import BODY_METHODS
 from lagrange_bench.integrators.truth.rigid_body import rigid_motion
 
 TURNED = Rotation.from_rotvec((0.3, -0.5, 0.4))
@@ -68,22 +67,6 @@ def test_bruels_as_published_by_the_prototype(name):
     run = integrate(body, y0, h=1e-4, steps=20_000, method=name)
     errors = body.errors(run.y[-1:], case.solution([2.0]).rotation.as_matrix())
     assert (errors["position"][0], errors["rotation"][0]) == pytest.approx(BRUELS[name], rel=0.1)
-
-
-@pytest.mark.parametrize("name", BODY_METHODS)
-def test_symmetric_methods_go_back_and_poisson_ones_are(name):
-    """A step of −h undoes one of h if the record says so, and the derivative D of a step keeps the bracket, D P Dᵀ = P."""
-    y0, h, method = SKEW.state(**START), 0.1, BODY_METHODS[name]
-
-    def step(y, h=h):
-        return prepare(SKEW, y0, h, name).advance(y, 1)
-
-    back = step(step(y0), -h)
-    assert bool(np.max(np.abs(back - y0)) < 1e-14) is method.symmetric
-    e = 1e-5
-    D = np.array([(step(y0 + e * unit) - step(y0 - e * unit)) / (2 * e) for unit in np.eye(7)]).T
-    defect = np.max(np.abs(D @ SKEW.poisson(y0) @ D.T - SKEW.poisson(step(y0))))
-    assert bool(defect < 1e-8) is method.poisson
 
 
 def test_rho_damps():

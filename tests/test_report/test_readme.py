@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lagrange_bench.experiments.measuring import errata
-from lagrange_bench.integrators import METHODS
+from lagrange_bench.integrators import METHODS, LagrangeTop
 from lagrange_bench.integrators.registry import BUILT_IN
 from lagrange_bench.report import claims, readme
 from lagrange_bench.report.promises import CLAIMS
@@ -51,12 +51,14 @@ def test_the_methods_are_counted():
     """In README.md and docs/phase-theory.md: all, those compared in a uniform field, in a potential, held against theory."""
     methods = [METHODS[name] for name in BUILT_IN]
     needs = Counter(method.in_field.needs for method in methods if method.in_field)
-    compared = [method for method in methods if not method.reduces_to]
+    compared = [method for method in methods if not method.reduces_to and method.takes(LagrangeTop()) is None]
     predicted = [method for method in compared if method.control == "step" and method.order is not None]
     text, theory = (
         " ".join(page.split()) for page in (TEXT, (readme.ROOT / "docs/phase-theory.md").read_text("utf-8"))
     )
     assert f"lists the {len(methods)} methods" in text
+    assert needs["body"] == 5
+    assert "five are for whole bodies" in text
     assert f"so {len(compared)} are compared there" in text
     any_field = sum(needs[word] for word in ("rhs", "parts", "kinetic", "top", "force"))
     words = "{} methods take any potential, {} more smooth ones, and Kahan's quadratic ones"

@@ -26,11 +26,11 @@ CELLS = {(experiment, method) for experiment in FEW for method in METHODS}
 INTERPRETED = """
 import sys
 from lagrange_bench.experiments import drift
-from lagrange_bench.integrators import METHODS, available, imported
+from lagrange_bench.integrators import METHODS, LagrangeTop, available, imported
 from lagrange_bench.results import sources
 
 tried, homes = 0, {module.__file__: name for name, module in sys.modules.items() if getattr(module, "__file__", None)}
-for method in filter(lambda name: available(METHODS[name]), METHODS):
+for method in (name for name in METHODS if available(METHODS[name]) and METHODS[name].takes(LagrangeTop()) is None):
     called, cell = set(), {"part": "h", "method": method, "state": "generic", "span": 1, "h": 0.25}
     sys.setprofile(lambda frame, event, _: called.add(frame.f_code.co_filename))
     drift.measure(cell)
