@@ -29,7 +29,7 @@ from lagrange_bench.experiments.measuring.states import (
 )
 from lagrange_bench.integrators.interface import INVARIANTS
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
-from lagrange_bench.integrators.problem.top import TOPS
+from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
 from lagrange_bench.integrators.truth import exact
 
 VERSION = 2
@@ -132,7 +132,7 @@ def against_time(rows: pd.DataFrame) -> pd.DataFrame:
             growth = metrics.growth_exponent(t, found)
             most = largest(found)
             quantity = name.removeprefix(KEPT)
-            claimed = record is not None and (name.startswith(KEPT) or name in record.conserves)
+            claimed = record is not None and (name.startswith(KEPT) or name in record.kept(LagrangeTop()))
             table.append(
                 {
                     "method": method,

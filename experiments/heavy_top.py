@@ -53,7 +53,7 @@ def methods() -> dict[str, Method]:
     """Those with a fixed step that take a whole body."""
     body = motion("kovalevskaya")[0]
     usable = {name: method for name, method in METHODS.items() if method.control == "step" and available(method)}
-    return {name: method for name, method in usable.items() if method.in_field and method.takes(body) is None}
+    return {name: method for name, method in usable.items() if method.takes(body) is None}
 
 
 def cells(profile: str) -> list[dict]:

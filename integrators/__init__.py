@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from lagrange_bench.integrators.cases import CASES, Case
     from lagrange_bench.integrators.compiling.expression import cos, exp, log, sin, sqrt
     from lagrange_bench.integrators.ensemble import integrate_ensemble
-    from lagrange_bench.integrators.interface import INVARIANTS, AnyField, Method, StepError, Stepper, Work
+    from lagrange_bench.integrators.interface import INVARIANTS, Method, StepError, Stepper, Work
     from lagrange_bench.integrators.paper.gaudin_magnets import MAGNETS
     from lagrange_bench.integrators.paper.gaudin_methods import MAGNET_METHODS
     from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
@@ -48,7 +48,6 @@ __all__ = [
     "PERTURBED_TOPS",
     "POTENTIALS",
     "TOPS",
-    "AnyField",
     "Case",
     "GaudinMagnet",
     "HeavyTop",
@@ -90,7 +89,7 @@ __getattr__, __dir__ = face(
         "lagrange_bench.integrators.api": ("Trajectory", "integrate", "prepare", "two_point"),
         "lagrange_bench.integrators.backward_error.prediction": ("PredictedPhase", "predicted_phase"),
         "lagrange_bench.integrators.ensemble": ("integrate_ensemble",),
-        "lagrange_bench.integrators.interface": ("INVARIANTS", "AnyField", "Method", "StepError", "Stepper", "Work"),
+        "lagrange_bench.integrators.interface": ("INVARIANTS", "Method", "StepError", "Stepper", "Work"),
         "lagrange_bench.integrators.paper.gaudin_magnets": ("MAGNETS",),
         "lagrange_bench.integrators.paper.gaudin_methods": ("MAGNET_METHODS",),
         "lagrange_bench.integrators.paper.gaudin_model": ("GaudinMagnet",),

@@ -18,9 +18,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -123,12 +121,9 @@ class _Tops:
     def one(self, place: int) -> LagrangeTop | PerturbedTop:
         return LagrangeTop(float(self.alphas[place]))
 
-    def advance_many(self, method: Method, chunk: slice) -> Callable[..., Mask] | None:
-        """The method's own way to take the tops of a chunk, without them."""
-        return method.advance_many and partial(method.advance_many, self.alphas[chunk])
-
-    def evaluate_many(self, method: Method, chunk: slice) -> Callable[..., Mask] | None:
-        return method.evaluate_many and partial(method.evaluate_many, self.alphas[chunk])
+    def those(self, chunk: slice) -> Any:
+        """The tops of a chunk, as a method's own way to take many gets them: their alphas."""
+        return self.alphas[chunk]
 
 
 class _TopsInField(_Tops):
@@ -143,13 +138,8 @@ class _TopsInField(_Tops):
     def one(self, place: int) -> PerturbedTop:
         return self.problem.like(float(self.alphas[place]), tuple(self.parameters[place].tolist()), self.natures[place])
 
-    def advance_many(self, method: Method, chunk: slice) -> Callable[..., Mask] | None:
-        if method.in_field is None or method.in_field.advance_many is None:
-            return None
-        return partial(method.in_field.advance_many, [self.one(i) for i in range(*chunk.indices(len(self.alphas)))])
-
-    def evaluate_many(self, method: Method, chunk: slice) -> None:
-        return None
+    def those(self, chunk: slice) -> list[PerturbedTop]:
+        return [self.one(i) for i in range(*chunk.indices(len(self.alphas)))]
 
 
 class _Work:
@@ -198,12 +188,12 @@ class _Steps(_Work):
         self.prepared: dict[int, Stepper] = {}  # by place, for tops that are taken alone after all
 
     def many(self, chunk: slice) -> Mask:
-        call = self.tops.advance_many(self.method, chunk)
+        call = self.method.advance_many
         states, out = self.states[chunk], self.out[:, chunk]
         done = np.zeros(len(states), dtype=bool)
         if call is not None:
             grid = (self.h, self.steps, self.every)
-            done = call(states, *grid, out, self.stop.is_set, **self.options)
+            done = call(self.tops.those(chunk), states, *grid, out, self.stop.is_set, **self.options)
         if self.method.engine == "numba" and np.count_nonzero(~done) >= FEW:
             for members in self._alike(chunk, done):
                 self._in_lanes(members, chunk, done)
@@ -268,10 +258,10 @@ class _Jumps(_Work):
         self.times = times
 
     def many(self, chunk: slice) -> Mask:
-        call, states = self.tops.evaluate_many(self.method, chunk), self.states[chunk]
+        call, states = self.method.evaluate_many, self.states[chunk]
         if call is None:
             return np.zeros(len(states), dtype=bool)
-        return call(states, self.times, self.out[:, chunk], **self.options)
+        return call(self.tops.those(chunk), states, self.times, self.out[:, chunk], **self.options)
 
     def one(self, place: int) -> Array:
         top, y0 = self.tops.one(place), self.states[place].copy()

@@ -100,6 +100,7 @@ def in_one_call(at_once: Callable[..., Array | None]) -> Callable[[Callable[...,
 
 # what a method may need of a problem, see `PerturbedTop.offers` and `Problem.offers`, and what is said of one without
 NEEDS = {
+    "uniform": "a top in a uniform field, a LagrangeTop",
     "rhs": "a right-hand side",
     "parts": "a Hamiltonian of parts with closed flows",
     "kinetic": "a Hamiltonian c |J|² + U(t, x)",
@@ -110,9 +111,12 @@ NEEDS = {
     "quadratic": "a Hamiltonian |J|²/2 + U(x) with a quadratic U",
 }
 
-# fields of `Method` and `AnyField`: what they must be
+# fields of `Method`: what they must be
 KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "a text": (lambda value: isinstance(value, str), "name label family source needs uniform_only reduces_to"),
+    "a text": (
+        lambda value: isinstance(value, str),
+        "name label family source needs exact_for uniform_only reduces_to",
+    ),
     "True or False": (lambda value: isinstance(value, bool), "symmetric poisson"),
     "a whole number or None": (lambda value: value is None or type(value) is int, "order"),
     "a function": (callable, "prepare"),
@@ -120,8 +124,7 @@ KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
         lambda value: value is None or callable(value),
         "evaluate attitude advance_many evaluate_many",
     ),
-    "a dict": (lambda value: isinstance(value, Mapping), "keeps biased"),
-    "an AnyField or None": (lambda value: value is None or isinstance(value, AnyField), "in_field"),
+    "a dict": (lambda value: isinstance(value, Mapping), "keeps biased special"),
     "a set, such as frozenset({'J3'})": (
         lambda value: isinstance(value, (set, frozenset)),
         "conserves if_quadratic",
@@ -129,17 +132,18 @@ KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
 }
 
 
-def check_record(record: Any) -> None:
-    """ValueError for a field of a `Method` or an `AnyField` of another kind: everything that reads it would fail."""
+def check_record(record: Method) -> None:
+    """ValueError for a field of another kind: everything that reads it would fail."""
     for what, (fits, names) in KINDS.items():
         for name in names.split():
-            if hasattr(record, name) and not fits(value := getattr(record, name)):
+            if not fits(value := getattr(record, name)):
                 raise ValueError(f"{name} must be {what}; got {value!r}")
     for name in ("conserves", "if_quadratic"):
-        if unknown := set(getattr(record, name, ())) - set(INVARIANTS):
+        if unknown := set(getattr(record, name)) - set(INVARIANTS):
             raise ValueError(f"{name} names unknown invariants: {sorted(map(str, unknown))}")
-    if (needs := getattr(record, "needs", "force")) not in NEEDS:
-        raise ValueError(f"needs must be one of {', '.join(NEEDS)}; got {needs!r}")
+    for name, words in (("needs", (record.needs,)), ("special", record.special)):
+        if unknown := [word for word in words if word not in NEEDS]:
+            raise ValueError(f"{name} must be one of {', '.join(NEEDS)}; got {unknown[0]!r}")
 
 
 Quantity = Callable[[Any, float, Array], tuple[Array, float]]
@@ -149,24 +153,6 @@ def _offers_of_top(problem: Any) -> frozenset[str]:
     """What a `Problem` offers as a top in a potential; nothing if H depends on t, or it is no such top."""
     top = None if getattr(problem, "timed", True) else problem.as_top
     return frozenset() if top is None else top.offers
-
-
-@dataclass(frozen=True)
-class AnyField:
-    """How a method takes a `PerturbedTop`, a force of any kind; or, if it needs "rhs", "parts", "smooth", any `Problem`."""
-
-    prepare: Callable[..., Stepper]  # (problem, y0, h, **options), as `Method.prepare`
-    conserves: frozenset[str]  # of INVARIANTS, at round-off, for every h, as far as the problem conserves them
-    if_quadratic: frozenset[str] = frozenset()  # the same, kept in a quadratic potential only
-    needs: str = "force"  # of NEEDS: what a potential must offer, see `PerturbedTop.offers`
-    order: int | None = None  # where it is not that of the method in a uniform field
-    evaluate: Callable[..., tuple[Array, Work]] | None = None  # (problem, y0, times, **options)
-    # ([problem, …], Y0, h, steps, every, out, stopped, **options) → the tops done, a mask; as `Method.advance_many`
-    advance_many: Callable[..., NDArray[np.bool_]] | None = None
-    biased: Mapping[str, str] = field(default_factory=dict, hash=False)  # as `Method.biased`
-
-    def __post_init__(self) -> None:
-        check_record(self)
 
 
 @dataclass(frozen=True)
@@ -184,25 +170,32 @@ class Method:
     order: int | None  # None: exact in time
     symmetric: bool  # step(-h) undoes step(h)
     poisson: bool  # one step is a Poisson map
-    conserves: frozenset[str]  # of INVARIANTS: at round-off, for every h
+    conserves: frozenset[str]  # of INVARIANTS: at round-off, for every h, as far as the problem conserves them
     control: str  # "step": one internal step per h · "tolerance": h is the output grid, tol the knob
     source: str  # citation, equation numbers
-    prepare: Callable[..., Stepper]  # (top, y0, h, **options): everything slow happens here, once; see `in_one_call`
-    evaluate: Callable[..., tuple[Array, Work]] | None = None  # (top, y0, times, **options): dense output or jumps
+    prepare: Callable[
+        ..., Stepper
+    ]  # (problem, y0, h, **options): everything slow happens here, once; see `in_one_call`
+    needs: str = "uniform"  # of NEEDS: what a problem must offer
+    if_quadratic: frozenset[str] = frozenset()  # conserved, too, if H is quadratic
+    exact_for: str = ""  # of NEEDS: problems that offer this are followed exactly in time, whatever `order` is
+    # builders of another kernel for problems that offer a word of NEEDS, in place of `prepare`; each says why it is there
+    special: Mapping[str, Callable[..., Stepper]] = field(default_factory=dict, hash=False)
+    evaluate: Callable[..., tuple[Array, Work]] | None = None  # (problem, y0, times, **options): dense output or jumps
     attitude: Callable[..., Array] | None = None  # (top, y0, times, **options) -> (N, 4), see `body`
-    # many tops in one call, (n,) alphas and (n, 6) states: (alphas, Y0, h, steps, every, out, stopped, **options) and
-    # (alphas, Y0, times, out, **options) → the tops done, a mask; see `ensemble`
+    # many tops in one call: their alphas (n,) in a uniform field, else a list of problems; then (n, 6) states:
+    # (tops, Y0, h, steps, every, out, stopped, **options) and (tops, Y0, times, out, **options) → the tops done, a mask; see
+    # `ensemble`
     advance_many: Callable[..., NDArray[np.bool_]] | None = None
     evaluate_many: Callable[..., NDArray[np.bool_]] | None = None
     requires: str | None = None  # a package that may be missing on some platforms
     engine: str = "numba"  # what takes the steps: "numba" compiled here · "heyoka" · "scipy" and "python" interpreted
-    # what else is kept at round-off for every h, such as a modified energy: name → function of (top, h, states (N, 6))
-    # that returns its values (N,) and the size of its terms at the first state
+    # what else is kept at round-off for every h in a uniform field, such as a modified energy: name → function of
+    # (top, h, states (N, 6)) that returns its values (N,) and the size of its terms at the first state
     keeps: Mapping[str, Quantity] = field(default_factory=dict, hash=False)
-    # of `conserves` and `keeps`: those whose round-off grows faster than a random walk, and why
+    # of `conserves` and `keeps`: those whose round-off in a uniform field grows faster than a random walk, and why
     biased: Mapping[str, str] = field(default_factory=dict, hash=False)
-    in_field: AnyField | None = None  # how it takes a top in any field; None: a uniform field only
-    uniform_only: str = ""  # the reason, where `in_field` is None
+    uniform_only: str = ""  # the reason, where `needs` is "uniform"
     reduces_to: str = ""  # in a uniform field it is this other method, and measured under its name
     options: tuple[str, ...] = field(init=False)  # keyword options of `prepare`
 
@@ -218,34 +211,36 @@ class Method:
 
     def takes(self, problem: Any) -> str | None:
         """None if the method can follow this problem, else the reason why not."""
-        offers = getattr(problem, "offers", None)  # a LagrangeTop offers everything
-        if offers is None:
-            only_bodies = self.in_field is not None and self.in_field.needs == "body"
-            return f"{self.name} needs {NEEDS['body']}, which a LagrangeTop is not" if only_bodies else None
-        potential = getattr(problem, "potential", None)
-        if self.in_field is None:
-            which = f"potential {potential.name}" if potential else f"problem {problem.name}"
-            reason = self.uniform_only or "its record has no in_field (“Tops in any field” in docs/adding-a-method.md)"
-            return f"{self.name} does not take the {which}: {reason}"
-        needs = self.in_field.needs
-        if needs in offers or needs in _offers_of_top(problem):
+        if self.needs in problem.offers or self._special_for(problem) or self.needs in _offers_of_top(problem):
             return None
-        if potential:
-            return f"{self.name} needs a {needs} potential, which {potential.name} is not"
-        return f"{self.name} needs {NEEDS[needs]}, which the problem {problem.name} is not"
+        potential = getattr(problem, "potential", None)
+        named = f"the problem {problem.name}" if hasattr(problem, "name") else f"a {type(problem).__name__}"
+        if self.needs == "uniform":
+            what = f"the potential {potential.name}" if potential else named
+            reason = self.uniform_only or "its record names no needs (“Tops in any field” in docs/adding-a-method.md)"
+            return f"{self.name} does not take {what}: {reason}"
+        if potential and self.needs in ("smooth", "quadratic"):
+            return f"{self.name} needs a {self.needs} potential, which {potential.name} is not"
+        return f"{self.name} needs {NEEDS[self.needs]}, which {named} is not"
+
+    def _special_for(self, problem: Any) -> Callable[..., Stepper] | None:
+        return next((build for word, build in self.special.items() if word in problem.offers), None)
 
     def prepare_for(self, problem: Any) -> Callable[..., Stepper]:
         """What prepares a stepper for this problem: (problem, y0, h, **options); ValueError if the method does not take it."""
-        return self._for_form(problem, self._record_for(problem).prepare)
+        if reason := self.takes(problem):
+            raise ValueError(f"method: {reason}")
+        return self._special_for(problem) or self._for_form(problem, self.prepare)
 
     def evaluate_for(self, problem: Any) -> Callable[..., tuple[Array, Work]] | None:
         """Dense output for this problem: (problem, y0, times, **options) → states and work; None if there is none."""
-        evaluate = self._record_for(problem).evaluate
-        return evaluate and self._for_form(problem, evaluate)
+        if reason := self.takes(problem):
+            raise ValueError(f"method: {reason}")
+        return self.evaluate and self._for_form(problem, self.evaluate)
 
     def _for_form(self, problem: Any, function: Callable[..., Any]) -> Callable[..., Any]:
         """A function of the problem; if the method needs its form as a top in a potential, it gets that one."""
-        if self.in_field is None or self.in_field.needs in getattr(problem, "offers", NEEDS):
+        if self.needs in problem.offers:
             return function
 
         @wraps(function)
@@ -254,23 +249,14 @@ class Method:
 
         return of_top
 
-    def _record_for(self, problem: Any) -> Method | AnyField:
-        if reason := self.takes(problem):
-            raise ValueError(f"method: {reason}")
-        return self.in_field if self.in_field and getattr(problem, "offers", None) is not None else self
-
     def kept(self, problem: Any) -> frozenset[str]:
         """Of the problem's invariants, such as H, J3, C1, C2, those that the method keeps at round-off; it takes the problem."""
-        if getattr(problem, "offers", None) is None:
-            return self.conserves
-        assert self.in_field is not None, "it takes the problem"
-        kept: frozenset[str] = problem.kept_by(self.in_field)
+        kept: frozenset[str] = problem.conserved if self.exact_for in problem.offers else problem.kept_by(self)
         return kept
 
     def order_for(self, problem: Any) -> int | None:
         """The order for this problem, which the method takes; None: exact in time."""
-        in_field = None if getattr(problem, "offers", None) is None else self.in_field
-        return self.order if in_field is None or in_field.order is None else in_field.order
+        return None if self.exact_for in problem.offers else self.order
 
     @property
     def knob(self) -> str:

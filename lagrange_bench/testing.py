@@ -133,8 +133,7 @@ def assert_order(method: str | Method, order: int | None = None, *, tops: Iterab
         if reason := found.takes(problem):
             raise ValueError(f"tops: {reason}")
     if order is not None:
-        field = None if found.in_field is None else replace(found.in_field, order=order)
-        found = replace(found, order=order, in_field=field)
+        found = replace(found, order=order, exact_for="")
     claimed = found.order_for(problems[0])
     if claimed is None or found.control == "tolerance":
         why = "is exact in time" if claimed is None else "chooses its own steps"

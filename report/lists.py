@@ -34,17 +34,17 @@ def methods() -> pd.DataFrame:
 
 
 def _method(name: str, record: Method) -> dict[str, str | int]:
-    alone = record.in_field if record.reduces_to else None  # else it is another method
-    conserves, order = (alone.conserves, alone.order) if alone else (record.conserves, record.order)
+    # a method that is another one in a uniform field is listed for what it is elsewhere
+    conserves = record.conserves if record.reduces_to else record.conserves | record.if_quadratic
     kept = [name for name in INVARIANTS if name in conserves]
     return {
         "in figures": record.label,
         "in tables": name,
         "family": record.family,
-        "order": order or "exact",
+        "order": record.order or "exact",
         "keeps to round-off": ", ".join([*kept, *record.keeps]) or "nothing",
         "symmetric": "yes" if record.symmetric else "no",
-        "takes": TAKES[record.in_field.needs if record.in_field else "uniform"],
+        "takes": TAKES[record.needs],
         "source": record.source,
     }
 

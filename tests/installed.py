@@ -1,8 +1,17 @@
 """Methods that may be missing: those of packages that are not installed everywhere."""
 
+from dataclasses import replace
+
 import pytest
 
 from lagrange_bench.integrators import METHODS, LagrangeTop, available
+
+
+def in_uniform_fields(method, **changes):
+    """The method as one for a uniform field only, with the kernel that it has there; `changes` of its record."""
+    alone = replace(method, prepare=method.special.get("uniform", method.prepare), needs="uniform", special={})
+    return replace(alone, **changes)
+
 
 FOR_TOPS = {
     name: method for name, method in METHODS.items() if method.takes(LagrangeTop()) is None

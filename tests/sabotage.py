@@ -2,9 +2,9 @@
 
 import inspect
 import types
-from dataclasses import replace
 
 from lagrange_bench.experiments.measuring import check
+from tests.installed import in_uniform_fields
 
 
 def failed(method, quick=True):
@@ -22,4 +22,4 @@ def spoiled(module, old="", new="", record="METHOD"):
     source = source.replace("compiled import jit", "compiled import compiled as jit")
     copy = types.ModuleType("spoiled")
     exec(compile(source, module.__file__, "exec"), copy.__dict__)
-    return replace(getattr(copy, record), in_field=None)
+    return in_uniform_fields(getattr(copy, record))

@@ -389,8 +389,7 @@ def _steady(drift: Array) -> bool:
 
 
 def _biased(method: Method, names: tuple[Start, ...]) -> Mapping[str, str]:
-    in_field = None if isinstance(find(names[0])[0], LagrangeTop) else method.in_field
-    return method.biased if in_field is None else in_field.biased
+    return method.biased if isinstance(find(names[0])[0], LagrangeTop) else {}
 
 
 # ---------------------------------------------------------------- behaviour

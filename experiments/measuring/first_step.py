@@ -28,7 +28,7 @@ def problem(method: Method, word: str | None) -> str | None:
 
 def first_error(method: Method) -> BaseException | None:
     """The exception that a first step raises, a StepError apart; None if there is none."""
-    for named in (TOPS["generic"], *([PERTURBED_TOPS["moderate_tide"]] if method.in_field else [])):
+    for named in (TOPS["generic"], PERTURBED_TOPS["moderate_tide"]):
         if method.takes(named.top) is not None:
             continue
         top, y0 = named.top, named.state

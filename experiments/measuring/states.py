@@ -74,7 +74,7 @@ def methods_on(state: str | None = None) -> dict[str, Method]:
     if state not in PERTURBED_TOPS:
         return {name: m for name, m in loaded.items() if not m.reduces_to and m.takes(LagrangeTop()) is None}
     top = PERTURBED_TOPS[state].top
-    return {name: m for name, m in loaded.items() if m.in_field and m.takes(top) is None}
+    return {name: m for name, m in loaded.items() if m.takes(top) is None}
 
 
 def log_counts(last: int, per_octave: int) -> list[int]:

@@ -59,7 +59,7 @@ from lagrange_bench.integrators.compiling.interpreted import at_first_interprete
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, ITERATIONS, MEMORY, SIZE, ConjugateStepper
 from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError, Stepper, StepWarning
+from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, StepWarning
 from lagrange_bench.integrators.methods import backlund, backlund_choice
 from lagrange_bench.integrators.methods.backlund_choice import Candidate, ChosenWork
 from lagrange_bench.integrators.methods.backlund_schemes import PROCESSED, SCHEMES, Scheme, ends_of
@@ -582,20 +582,20 @@ def _check(scheme: str, corrector: Any, modified_kick: Any, table: Any) -> tuple
     return chosen[0], chosen[1]
 
 
-def evaluate(top: LagrangeTop, y0: Array, times: Array, *, tol: float = TOLERANCE) -> tuple[Array, ChosenWork]:
-    """One exact step to each time, whatever `tol`."""
-    backlund_choice.check_tolerance(tol)
-    try:
-        states, work = backlund.evaluate_exact(top, y0, times)
-    except StepError as error:
-        raise StepError("backlund_splitting", error.reason) from None
-    return states, ChosenWork(**vars(work), notes="one exact step to each time")
-
-
-def evaluate_in_field(
-    problem: PerturbedTop | Problem, y0: Array, times: Array, *, tol: float = TOLERANCE
+def evaluate(
+    problem: LagrangeTop | PerturbedTop | Problem, y0: Array, times: Array, *, tol: float = TOLERANCE
 ) -> tuple[Array, ChosenWork]:
-    """Scheme and step chosen by a short pilot: `tol` is the error at the last time, relative to the scales of J and x."""
+    """Scheme and step chosen by a short pilot: `tol` is the error at the last time, relative to the scales of J and x.
+
+    In a uniform field one exact step to each time, whatever `tol`.
+    """
+    if isinstance(problem, LagrangeTop):
+        backlund_choice.check_tolerance(tol)
+        try:
+            states, work = backlund.evaluate_exact(problem, y0, times)
+        except StepError as error:
+            raise StepError("backlund_splitting", error.reason) from None
+        return states, ChosenWork(**vars(work), notes="one exact step to each time")
     if problem.timed:
         raise ValueError(
             f"t: H of {problem!r} depends on time, so backlund_splitting cannot choose a step; give h and steps"
@@ -649,20 +649,16 @@ METHOD = Method(
     name="backlund_splitting",
     label="Bäcklund splitting",
     family="backlund",
-    order=None,
+    order=4,
     symmetric=True,
     poisson=True,
-    conserves=frozenset({"H", "J3", "C1", "C2"}),
+    conserves=frozenset({"J3", "C1", "C2"}),
     control="step",
     source="this project; Wisdom and Holman, Astron. J. 102 (1991) 1528; corrector and modified kick: see the module",
-    prepare=prepare,
+    prepare=prepare_in_field,
+    needs="top",
+    exact_for="uniform",
+    special={"uniform": prepare},
     evaluate=evaluate,
-    in_field=AnyField(
-        prepare_in_field,
-        conserves=frozenset({"J3", "C1", "C2"}),
-        needs="top",
-        order=4,
-        evaluate=evaluate_in_field,
-    ),
     reduces_to="backlund",
 )

@@ -34,7 +34,7 @@ from lagrange_bench.integrators.checks import check_choice
 from lagrange_bench.integrators.compiling.compiled import jit, jit_as
 from lagrange_bench.integrators.compiling.expression import machine_code, take
 from lagrange_bench.integrators.compiling.loops import FixedStepper
-from lagrange_bench.integrators.interface import AnyField, Array, Method
+from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.methods.lie_group import turn as rotated
 from lagrange_bench.integrators.problem.field import Field
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
@@ -153,7 +153,8 @@ METHOD = Method(
     conserves=frozenset({"J3", "C1", "C2"}),
     control="step",
     source="Bobenko and Suris, Commun. Math. Phys. 204 (1999) 147, in symmetric form",
-    prepare=prepare,
+    prepare=prepare_in_field,
     keeps={"E": energy},
-    in_field=AnyField(prepare_in_field, conserves=frozenset({"J3", "C1", "C2"})),
+    needs="force",
+    special={"uniform": prepare},
 )

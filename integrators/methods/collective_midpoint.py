@@ -44,7 +44,7 @@ from lagrange_bench.integrators.checks import check_choice
 from lagrange_bench.integrators.compiling.compiled import jit, jit_as
 from lagrange_bench.integrators.compiling.expression import Program, Tape, machine_code, take, with_slopes
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
-from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError
+from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.methods.lie_group import cross as vector
 from lagrange_bench.integrators.methods.lie_group import dot as scalar
 from lagrange_bench.integrators.problem.field import Field, cross, dot
@@ -276,6 +276,7 @@ METHOD = Method(
     conserves=frozenset({"J3", "C1", "C2"}),
     control="step",
     source="McLachlan, Modin and Verdier, Nonlinearity 27 (2014) 1525",
-    prepare=prepare,
-    in_field=AnyField(prepare_in_field, conserves=frozenset({"J3", "C1", "C2"})),
+    prepare=prepare_in_field,
+    needs="force",
+    special={"uniform": prepare},
 )

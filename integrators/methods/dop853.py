@@ -36,7 +36,7 @@ from lagrange_bench.integrators.compiling.natural import (
     compile_natural_loop,
 )
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError, Work
+from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.methods.dense import DenseStepper, Problem, Run, at_times
 from lagrange_bench.integrators.methods.runge_kutta import floats, stages, weigh
 from lagrange_bench.integrators.methods.tableaux import DOP853, DOP853_MORE
@@ -272,5 +272,5 @@ METHOD = Method(
     source="Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5 and II.6; program DOP853",
     prepare=prepare,
     evaluate=evaluate,
-    in_field=AnyField(prepare, conserves=frozenset({"J3"}), needs="rhs", evaluate=evaluate),
+    needs="rhs",
 )

@@ -36,7 +36,7 @@ from lagrange_bench.integrators.compiling.compiled import inlined, jit
 from lagrange_bench.integrators.compiling.double_double import two_sum
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.compiling.numba_internals import stack
-from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError
+from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.methods.gauss_coefficients import matrices
 from lagrange_bench.integrators.methods.gauss_in_field import (
     FAILURES,
@@ -301,11 +301,13 @@ def method(stages: int) -> Method:
         order=2 * stages,
         symmetric=True,
         poisson=False,
-        conserves=frozenset({"H", "J3", "C1", "C2"}),
+        conserves=frozenset({"J3", "C1", "C2"}),
+        if_quadratic=frozenset({"H"}),
         control="step",
         source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.3 and IV.2.1",
-        prepare=prepare,
-        in_field=AnyField(prepare_in_field, frozenset({"J3", "C1", "C2"}), if_quadratic=frozenset({"H"}), needs="rhs"),
+        prepare=prepare_in_field,
+        needs="rhs",
+        special={"uniform": prepare},
     )
 
 

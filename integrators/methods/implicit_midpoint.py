@@ -27,7 +27,7 @@ from lagrange_bench.integrators.checks import check_choice
 from lagrange_bench.integrators.compiling.compiled import inlined
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError
+from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.methods.gauss_in_field import stepper_in_field
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -210,9 +210,11 @@ METHOD = Method(
     order=2,
     symmetric=True,
     poisson=False,
-    conserves=frozenset({"H", "J3", "C1", "C2"}),
+    conserves=frozenset({"J3", "C1", "C2"}),
+    if_quadratic=frozenset({"H"}),
     control="step",
     source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.1 and IV.2.1",
-    prepare=prepare,
-    in_field=AnyField(prepare_in_field, frozenset({"J3", "C1", "C2"}), if_quadratic=frozenset({"H"}), needs="rhs"),
+    prepare=prepare_in_field,
+    needs="rhs",
+    special={"uniform": prepare},
 )

@@ -41,7 +41,7 @@ import numpy as np
 from lagrange_bench.integrators.compiling.compiled import jit, jit_as
 from lagrange_bench.integrators.compiling.expression import machine_code, take, with_slopes
 from lagrange_bench.integrators.compiling.loops import FAILURE, FixedStepper
-from lagrange_bench.integrators.interface import AnyField, Array, Method
+from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
 from lagrange_bench.integrators.problem.field import Field
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
@@ -172,7 +172,8 @@ METHOD = Method(
     conserves=frozenset({"J3"}),
     control="step",
     source="Kimura and Hirota, J. Phys. Soc. Japan 69 (2000) 3193; in the rest frame: this project",
-    prepare=prepare,
-    in_field=AnyField(prepare_in_field, conserves=frozenset({"J3"}), needs="quadratic"),
+    prepare=prepare_in_field,
+    needs="quadratic",
+    special={"uniform": prepare},
     keeps={"e": e, "r0": r0, "kappa": kappa},
 )

@@ -33,7 +33,7 @@ from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
 from lagrange_bench.integrators.compiling.expression import Split, Tape, machine_code, take
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import AnyField, Array, Method
+from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.problem.field import cross as product
 from lagrange_bench.integrators.problem.system import BODY, Space, System
 
@@ -291,7 +291,7 @@ RKMK4 = Method(
     control="step",
     source="Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115; Munthe-Kaas and Owren, Phil. Trans. R. Soc. A 357 (1999) 957",
     prepare=partial(prepare, "rkmk4"),
-    in_field=AnyField(partial(prepare, "rkmk4"), conserves=frozenset({"C1", "C2"}), needs="rhs"),
+    needs="rhs",
 )
 
 COMMUTATOR_FREE4 = replace(
@@ -300,5 +300,4 @@ COMMUTATOR_FREE4 = replace(
     label="Commutator-free 4",
     source="Celledoni, Marthinsen and Owren, Future Gener. Comput. Syst. 19 (2003) 341",
     prepare=partial(prepare, "commutator_free4"),
-    in_field=AnyField(partial(prepare, "commutator_free4"), conserves=frozenset({"C1", "C2"}), needs="rhs"),
 )

@@ -35,7 +35,7 @@ from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
 from lagrange_bench.integrators.compiling.expression import Split, Tape, machine_code, put, take
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, RESIDUAL, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError
+from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.methods.tableaux import (
     DOP853,
     DORMAND_PRINCE,
@@ -325,7 +325,7 @@ def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
         control="step",
         source=source,
         prepare=prepare,
-        in_field=AnyField(prepare, conserves=frozenset({"J3"}), needs="rhs"),
+        needs="rhs",
     )
 
 
@@ -399,6 +399,7 @@ PROJECTED = replace(
     label="Verner 9, projected",
     conserves=frozenset({"H", "J3", "C1", "C2"}),
     source=f"{VERNER}; Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), IV.4",
-    prepare=prepare_projected,
-    in_field=AnyField(prepare_projected_in_field, conserves=frozenset({"H", "J3", "C1", "C2"})),
+    prepare=prepare_projected_in_field,
+    needs="force",
+    special={"uniform": prepare_projected},
 )

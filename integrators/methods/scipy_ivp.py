@@ -38,7 +38,7 @@ from scipy.linalg import LinAlgWarning
 from lagrange_bench.integrators.compiling.compiled import jit_as
 from lagrange_bench.integrators.compiling.expression import take
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError, Work
+from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.methods.dense import DenseStepper, Problem, Run, at_times
 from lagrange_bench.integrators.methods.dop853 import check_tolerances
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
@@ -216,7 +216,7 @@ def natural(
         source=f"scipy.integrate.{solver.scipys.__name__}; {source}",
         prepare=prepare,
         evaluate=evaluate,
-        in_field=AnyField(prepare, conserves=frozenset({"J3"}), needs="rhs", evaluate=evaluate),
+        needs="rhs",
         engine="scipy",
     )
 

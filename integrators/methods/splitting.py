@@ -47,7 +47,7 @@ from lagrange_bench.integrators.compiling.double_double import two_sum
 from lagrange_bench.integrators.compiling.expression import machine_code, take
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, ConjugateStepper, FixedStepper, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError
+from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.problem.field import Field
 from lagrange_bench.integrators.problem.parts import Part
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -579,8 +579,9 @@ def _record(name: str, label: str) -> Method:
         conserves=conserves,
         control="step",
         source=SCHEMES[name].source,
-        prepare=partial(prepare, name),
-        in_field=None if processed else AnyField(partial(prepare_in_field, name), conserves, needs=needs),
+        prepare=partial(prepare if processed else prepare_in_field, name),
+        needs="uniform" if processed else needs,
+        special={} if processed else {"uniform": partial(prepare, name)},
         uniform_only="its processor is known in closed form in a uniform field only" if processed else "",
     )
 

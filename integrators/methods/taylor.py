@@ -40,7 +40,7 @@ from lagrange_bench.integrators.compiling.compiled import jit, jit_as
 from lagrange_bench.integrators.compiling.expression import take
 from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
 from lagrange_bench.integrators.compiling.numba_internals import stack
-from lagrange_bench.integrators.interface import AnyField, Array, Method, StepError, Work
+from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.methods.dense import DenseStepper, Problem, Run, at_times
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem as AnyProblem
@@ -298,19 +298,17 @@ def _batches(form: Form, numbers: Array, Y0: Array, times: Array, tol: float, wi
     return out
 
 
-def advance_many(alphas: Array, *run: Any, **options: Any) -> NDArray[np.bool_]:
-    """Natural steps of many tops, in heyoka's batch mode; what it refuses, and compensated sums, are taken one by one."""
-    return _advance([(Form(uniform_system()), np.arange(len(alphas)), alphas[:, None])], *run, **options)
+def advance_many(tops: Array | Sequence[PerturbedTop], *run: Any, **options: Any) -> NDArray[np.bool_]:
+    """Natural steps of many tops, in heyoka's batch mode; what it refuses, and compensated sums, are taken one by one.
 
-
-def advance_many_in_field(problems: Sequence[PerturbedTop], *run: Any, **options: Any) -> NDArray[np.bool_]:
-    """As `advance_many`; tops that keep J3 and tops that do not are in batches of their own."""
+    In a potential tops that keep J3 and tops that do not are in batches of their own.
+    """
+    if isinstance(tops, np.ndarray):
+        return _advance([(Form(uniform_system()), np.arange(len(tops)), tops[:, None])], *run, **options)
     kinds: dict[Form, list[int]] = {}
-    for i, problem in enumerate(problems):
+    for i, problem in enumerate(tops):
         kinds.setdefault(form_of(problem), []).append(i)
-    groups = [
-        (form, np.array(places), np.array([problems[i].numbers for i in places])) for form, places in kinds.items()
-    ]
+    groups = [(form, np.array(places), np.array([tops[i].numbers for i in places])) for form, places in kinds.items()]
     return _advance(groups, *run, **options)
 
 
@@ -586,9 +584,7 @@ NATURAL = Method(
     requires="heyoka",
     engine="heyoka",
     advance_many=advance_many,
-    in_field=AnyField(
-        prepare, conserves=frozenset({"J3"}), needs="smooth", evaluate=evaluate, advance_many=advance_many_in_field
-    ),
+    needs="smooth",
 )
 
 ACCURATE_PREPARE, ACCURATE_EVALUATE = variant("taylor_accurate", high_accuracy=True)
@@ -600,7 +596,6 @@ ACCURATE = replace(
     evaluate=ACCURATE_EVALUATE,
     attitude=None,
     advance_many=None,
-    in_field=AnyField(ACCURATE_PREPARE, conserves=frozenset({"J3"}), needs="smooth", evaluate=ACCURATE_EVALUATE),
 )
 
 COMPACT_PREPARE, COMPACT_EVALUATE = variant("taylor_compact", compact_mode=True)
@@ -612,7 +607,6 @@ COMPACT = replace(
     evaluate=COMPACT_EVALUATE,
     attitude=None,
     advance_many=None,
-    in_field=AnyField(COMPACT_PREPARE, conserves=frozenset({"J3"}), needs="smooth", evaluate=COMPACT_EVALUATE),
 )
 
 FIXED = Method(
@@ -625,6 +619,7 @@ FIXED = Method(
     conserves=frozenset({"J3"}),
     control="step",
     source="Jorba and Zou, Exp. Math. 14 (2005) 99, section 2",
-    prepare=prepare_fixed,
-    in_field=AnyField(prepare_fixed_in_field, conserves=frozenset({"J3"}), needs="smooth"),
+    prepare=prepare_fixed_in_field,
+    needs="smooth",
+    special={"uniform": prepare_fixed},
 )

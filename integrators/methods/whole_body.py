@@ -33,7 +33,7 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_real
 from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, FixedStepper
-from lagrange_bench.integrators.interface import AnyField, Array, Method
+from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.methods.lie_group import FAILURES as OF_EXPONENTIALS
 from lagrange_bench.integrators.methods.lie_group import (
     TURNED,
@@ -348,7 +348,7 @@ def of_bodies(
         control="step",
         source=source,
         prepare=prepare,
-        in_field=AnyField(prepare, conserves, needs="body"),
+        needs="body",
     )
 
 

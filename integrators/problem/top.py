@@ -40,6 +40,10 @@ class LagrangeTop:
     start: ClassVar[float] = 0.0  # time at the initial state, which nothing depends on
     names: ClassVar[tuple[str, ...]] = ("H", "J3", "C1", "C2")  # of `invariants`
     conserved: ClassVar[frozenset[str]] = frozenset(names)
+    # what methods may rely on, of `interface.NEEDS`: it is every kind of top
+    offers: ClassVar[frozenset[str]] = frozenset(
+        {"uniform", "quadratic", "force", "top", "kinetic", "parts", "smooth", "rhs"}
+    )
 
     if TYPE_CHECKING:
 
@@ -70,6 +74,11 @@ class LagrangeTop:
     def identity(self) -> float | bytes:
         """alpha, or the bytes of many."""
         return self.alpha.tobytes() if isinstance(self.alpha, np.ndarray) else self.alpha
+
+    def kept_by(self, claims: Any) -> frozenset[str]:
+        """Those of `conserved` that a method keeps at round-off, by its claims: H is quadratic."""
+        kept: frozenset[str] = claims.conserves | claims.if_quadratic
+        return kept
 
     def single(self) -> float:
         """alpha; ValueError if there are many."""

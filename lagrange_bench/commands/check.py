@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> Answer:
     sum_up += f": {', '.join(failed)}" if failed else ""
     notes = _name_taken(options.method, method)
     rivals = [name for name in RIVALS if name != method.name]
-    what = "work_precision phase perturbed" if method.in_field else "work_precision phase"
+    what = "work_precision phase perturbed" if method.needs != "uniform" else "work_precision phase"
     after = [] if failed else [f"lagrange-bench run {what} --methods {','.join([options.method, *rivals])}"]
     listed = [{**asdict(verdict), "verdict": verdict.word} for verdict in verdicts]
     data = {"method": method.name, "file": file, "passed": not failed, "verdicts": plain(listed)}

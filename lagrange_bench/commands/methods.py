@@ -41,12 +41,13 @@ def run(options: argparse.Namespace) -> Answer:
         claims = {field: getattr(method, field) for field in fields}
         refuses = method.takes(problem)
         conserves = method.conserves if refuses else method.kept(problem)
+        claims["order"] = method.order if refuses else method.order_for(problem)
         kept = [invariant for invariant in INVARIANTS if invariant in conserves]
         more = {"conserves": kept, "available": available(method), "options": list(method.options)}
         if options.top or options.potential:
             more["refuses"] = refuses
         elif refuses:
-            more["takes"] = NEEDS[method.in_field.needs]
+            more["takes"] = NEEDS[method.needs]
         data.append({"name": name, **claims, **more})
     header = ("name", "label", "order", "symmetric", "Poisson", "conserves")
     taken = [claims for claims in data if not claims.get("refuses")]

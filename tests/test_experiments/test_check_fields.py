@@ -7,7 +7,7 @@ import pytest
 
 from lagrange_bench.experiments.measuring import check, truths
 from lagrange_bench.integrators import METHODS, PERTURBED_TOPS, POTENTIALS, LagrangeTop, PerturbedTop
-from lagrange_bench.integrators.interface import AnyField, Stepper, Work
+from lagrange_bench.integrators.interface import Stepper, Work
 
 
 class Map(Stepper):
@@ -48,10 +48,8 @@ CLAIMED = frozenset({"J3", "C1", "C2"})
 
 def spoiled(sabotage, **claims):
     """Strang's splitting, right in a uniform field, spoiled in others."""
-    in_field = AnyField(
-        lambda top, y0, h: Map(top, y0, h, sabotage), conserves=claims.pop("conserves", CLAIMED), **claims
-    )
-    return replace(METHODS["strang"], in_field=in_field)
+    record = replace(METHODS["strang"], needs="force", conserves=CLAIMED)
+    return replace(record, prepare=lambda top, y0, h: Map(top, y0, h, sabotage), **claims)
 
 
 def failed(method):

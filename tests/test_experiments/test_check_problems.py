@@ -42,8 +42,7 @@ def test_claims_hold_on_a_problem(method, problem, y0):
 
 def test_false_claims_fail_on_a_problem():
     honest = METHODS["rk4"]
-    in_field = replace(honest.in_field, conserves=frozenset({"C1", "C2"}), order=3)
-    liar = replace(honest, symmetric=True, poisson=True, in_field=in_field)
+    liar = replace(honest, symmetric=True, poisson=True, conserves=frozenset({"C1", "C2"}), order=3)
     wrong = {"order 3", "symmetric", "Poisson map", "conserves C"}
     assert failed(check.check(liar, quick=True, problem=BODY, y0=START)) == {f"free_body: {claim}" for claim in wrong}
 

@@ -76,7 +76,7 @@ def growth(prepare_stepper, n):
 
 def test_midpoint_errors_walk_at_random():
     """Brouwer's law: ½, not 1. Over 10⁷ steps of h = 0.1 and 0.3 the exponents are 0.46 … 0.70."""
-    for found in growth(METHODS["implicit_midpoint"].prepare, 1_000_000):
+    for found in growth(METHODS["implicit_midpoint"].special["uniform"], 1_000_000):
         assert found.p < 0.75
 
 

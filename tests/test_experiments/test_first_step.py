@@ -93,13 +93,13 @@ def test_a_sound_method_has_no_problem(word):
         (('frozenset({"J3"})', '{"J4"}'), "conserves names unknown invariants: ['J4']"),
         (("order=1", 'order="1"'), "order must be a whole number or None; got '1'"),
         (
-            ("prepare=prepare", "prepare=prepare, in_field=prepare"),
-            "in_field must be an AnyField or None; got <function",
+            ("prepare=prepare", 'prepare=prepare, needs="field"'),
+            "needs must be one of uniform, rhs, ",
         ),
         (("prepare=prepare", "prepare=None"), "prepare must be a function; got None"),
         (("poisson=", "poison="), "unexpected keyword argument 'poison'; did you mean 'poisson'?"),
     ],
-    ids=["list", "unknown", "order", "in_field", "prepare", "keyword"],
+    ids=["list", "unknown", "order", "needs", "prepare", "keyword"],
 )
 def test_a_record_of_wrong_types_is_refused_by_the_field(word, change, message):
     with pytest.raises(ValueError, match=f"^method my_first:METHOD cannot be loaded: .*{re.escape(message)}"):

@@ -15,6 +15,7 @@ from lagrange_bench.experiments import phase
 from lagrange_bench.experiments.measuring import check, metrics
 from lagrange_bench.integrators import METHODS, TOPS, LagrangeTop, StepError, integrate, prepare, registry
 from lagrange_bench.integrators.interface import Method, Stepper, Work
+from tests.installed import in_uniform_fields
 from tests.sabotage import failed
 
 ALL = frozenset({"H", "J3", "C1", "C2"})
@@ -178,7 +179,8 @@ def test_the_starter_of_a_multistep_method_does_not_hide_its_order():
     )
     assert np.diff(errors) / -math.log(2) == pytest.approx(5, abs=0.1)
     for name in ("rk4", "strang", "gauss6"):
-        carried = replace(METHODS[name], prepare=partial(METHODS[name].prepare, compensated=True))
+        carried = in_uniform_fields(METHODS[name])
+        carried = replace(carried, prepare=partial(carried.prepare, compensated=True))
         assert not check.remembers(carried), name
 
 
@@ -205,7 +207,7 @@ class Biased:
     """A good stepper whose every step makes x longer by so many ulps of its own."""
 
     def __init__(self, ulps, top, y0, h):
-        self.inner, self.ulps, self.work = METHODS["strang"].prepare(top, y0, h), ulps, Work()
+        self.inner, self.ulps, self.work = METHODS["strang"].prepare_for(top)(top, y0, h), ulps, Work()
 
     def record(self, y, n, every):
         rows = self.inner.record(y, n, every)
@@ -217,7 +219,7 @@ class Biased:
     ("ulps", "quick", "kept"), [(0, True, True), (0.1, False, True), (2, True, False), (1, False, False)]
 )
 def test_a_rounding_that_always_goes_the_same_way_is_caught(ulps, quick, kept):
-    biased = replace(METHODS["strang"], prepare=partial(Biased, ulps))
+    biased = in_uniform_fields(METHODS["strang"], prepare=partial(Biased, ulps))
     verdicts = {v.claim: v for v in check.conserves(biased, quick)}
     assert verdicts["conserves C1"].passed is kept, verdicts
     assert ("always the same way" in verdicts["conserves C1"].how) is (ulps == 1)
@@ -232,9 +234,9 @@ def test_a_run_that_stops_leaves_the_verdicts_on_the_others(limit, passed):
     def prepare(top, y0, h):
         if abs(h) > limit * top.scales(y0)[2]:
             raise StepError("stops", "too long", h=h)
-        return METHODS["strang"].prepare(top, y0, h)
+        return METHODS["strang"].prepare_for(top)(top, y0, h)
 
-    verdicts = {v.claim: v for v in check.conserves(replace(METHODS["strang"], prepare=prepare), quick=True)}
+    verdicts = {v.claim: v for v in check.conserves(in_uniform_fields(METHODS["strang"], prepare=prepare), quick=True)}
     stopped = verdicts.pop("takes 10000 steps")
     assert stopped.passed is passed
     assert stopped.measured is None, "no number to read as a bound"
@@ -252,7 +254,7 @@ class Wrapped(Stepper):
     """A good stepper that can be given bad manners by overriding one method."""
 
     def __init__(self, top, y0, h):
-        self.inner = METHODS["rk45_fixed"].prepare(top, y0, h)
+        self.inner = METHODS["rk45_fixed"].prepare_for(top)(top, y0, h)
         self.work = self.inner.work
         self.calls = 0
 
@@ -385,7 +387,7 @@ def test_a_drift_of_the_formula_is_not_taken_for_round_off():
 
 
 def test_the_name_in_a_step_error_and_that_of_the_record_are_told():
-    renamed = replace(METHODS["rk4"], name="rk5", in_field=None)
+    renamed = replace(METHODS["rk4"], name="rk5", needs="uniform")
     verdict = next(v for v in check.extremes(renamed, True) if v.claim == "StepErrors name the method")
     assert not verdict.passed
     assert verdict.how.startswith("StepErrors say 'rk4', the record says 'rk5': ")
@@ -394,10 +396,10 @@ def test_the_name_in_a_step_error_and_that_of_the_record_are_told():
 def test_a_check_that_crashes_is_a_failure():
     def broken(top, y0, h):
         if top.alpha == 1.0:
-            return METHODS["rk45_fixed"].prepare(top, y0, h)
+            return METHODS["rk45_fixed"].prepare_for(top)(top, y0, h)
         raise KeyError("no such thing")
 
-    verdicts = check.check(replace(METHODS["rk45_fixed"], prepare=broken, in_field=None), quick=True)
+    verdicts = check.check(replace(METHODS["rk45_fixed"], prepare=broken, needs="uniform"), quick=True)
     failures = [v.how for v in verdicts if v.passed is False]
     assert len([how for how in failures if how.startswith("ended in KeyError: 'no such thing' (")]) >= 3
     assert f"{Path(__file__).name}:" in failures[0]

@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -29,7 +28,7 @@ from lagrange_bench.integrators.interface import Work
 from lagrange_bench.integrators.methods import implicit_midpoint, taylor
 from lagrange_bench.integrators.registry import BUILT_IN
 from lagrange_bench.integrators.truth import exact
-from tests.installed import FOR_TOPS, installed
+from tests.installed import FOR_TOPS, in_uniform_fields, installed
 
 GENERIC = TOPS["generic"]
 EPS = np.finfo(float).eps
@@ -89,7 +88,7 @@ def test_every_file_of_methods_is_registered():
 def test_a_reason_for_a_uniform_field_only_is_given_where_it_is_so():
     """And only there: a splitting of the force alone does not answer with the reason of the processed one."""
     assert {name for name in BUILT_IN if METHODS[name].uniform_only} == {
-        name for name in BUILT_IN if METHODS[name].in_field is None
+        name for name in BUILT_IN if METHODS[name].needs == "uniform"
     }
 
 
@@ -132,7 +131,8 @@ def test_dense_output_is_the_same_at_any_times_and_on_a_grid(name):
 
 @pytest.mark.parametrize("order", [1, 4, 8, 12, 16])
 def test_taylor_has_the_order_asked_for(order):
-    record = replace(METHODS["taylor_fixed"], order=order, prepare=partial(taylor.prepare_fixed, order=order))
+    build = partial(taylor.prepare_fixed, order=order)
+    record = in_uniform_fields(METHODS["taylor_fixed"], order=order, prepare=build)
     (verdict,) = check.order(record, quick=False)
     assert verdict.passed, verdict
 

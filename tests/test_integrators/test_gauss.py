@@ -204,7 +204,7 @@ def growth(build, n, span, tops=states.RANDOM[:8]):
 @pytest.mark.parametrize(("name", "span"), [("gauss4", 0.1), ("gauss4", 0.5), ("gauss8", 0.25), ("gauss12", 0.25)])
 def test_errors_walk_at_random(name, span, compensated):
     """Brouwer's law: ½, not 1."""
-    found = growth(lambda top, y, h: METHODS[name].prepare(top, y, h, compensated=compensated), 100_000, span)
+    found = growth(lambda top, y, h: METHODS[name].prepare_for(top)(top, y, h, compensated=compensated), 100_000, span)
     assert max(found) < 0.8  # over 10⁷ steps of 0.1 … 0.5 the exponents are 0.30 … 0.67
 
 
@@ -220,7 +220,7 @@ def test_coefficients_off_by_an_ulp_would_drift():
     """Negative control: μ + μᵀ = 1 + 2⁻⁵⁰, as it comes out of rounded a and b."""
 
     def build(top, y, h):
-        stepper = METHODS["gauss4"].prepare(top, y, h, compensated=True)
+        stepper = METHODS["gauss4"].prepare_for(top)(top, y, h, compensated=True)
         stepper.constants[gauss.BETA + 4 + 1] += 2.0**-50
         return stepper
 
@@ -229,14 +229,14 @@ def test_coefficients_off_by_an_ulp_would_drift():
 
 def test_a_slow_fixed_point_would_drift():
     """Why Newton takes over: at a contraction of 0.4 the iteration stops on the side it comes from."""
-    found = growth(lambda top, y, h: METHODS["gauss4"].prepare(top, y, h, solver="fixed_point"), 100_000, 1.5)
+    found = growth(lambda top, y, h: METHODS["gauss4"].prepare_for(top)(top, y, h, solver="fixed_point"), 100_000, 1.5)
     assert max(found) > 0.85
 
 
 def test_collective_midpoint_walks_at_random():
     for solver in ("auto", "fixed_point"):
         found = growth(
-            lambda top, y, h, solver=solver: METHODS["collective_midpoint"].prepare(top, y, h, solver=solver),
+            lambda top, y, h, solver=solver: METHODS["collective_midpoint"].prepare_for(top)(top, y, h, solver=solver),
             100_000,
             0.25,
         )

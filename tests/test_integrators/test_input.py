@@ -309,7 +309,7 @@ FAULTS = {
 def test_steppers_of_plug_ins_are_looked_at(fault):
     """By `integrate`, by an ensemble, and by the loops of the experiments."""
     broken, said = FAULTS[fault]
-    build = replace(METHODS["rk4"], name="mine", in_field=None, prepare=lambda top, y0, h: Resting(broken))
+    build = replace(METHODS["rk4"], name="mine", needs="uniform", prepare=lambda top, y0, h: Resting(broken))
     refused(rf"^mine: .*{said}", integrate, TOP, Y0, 0.1, 10, build, 5)
     refused(rf"^mine: .*{said}", integrate_ensemble, TOP, [Y0, Y0], 0.1, 10, build)
     with METHODS.lent(build) as name:

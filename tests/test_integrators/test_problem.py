@@ -149,11 +149,7 @@ def end(name):
     return solve_ivp(by_hand(name), (0.0, END), start(name), "DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
 
 
-GENERAL = [
-    name
-    for name in METHODS
-    if METHODS[name].in_field and METHODS[name].in_field.needs in ("rhs", "smooth", "parts", "body")
-]
+GENERAL = [name for name in METHODS if METHODS[name].needs in ("rhs", "smooth", "parts", "body")]
 PAIRS = [(name, problem) for problem in PROBLEMS for name in GENERAL if METHODS[name].takes(PROBLEMS[problem]) is None]
 
 

@@ -1,7 +1,6 @@
 """The splittings: coefficients in the free algebra, the two flows against independent arithmetic, and how to spoil them."""
 
 import math
-from dataclasses import replace
 from functools import cache
 
 import mpmath as mp
@@ -12,6 +11,7 @@ from lagrange_bench.experiments.measuring import check, metrics, states
 from lagrange_bench.integrators import METHODS, TOPS, LagrangeTop, StepError, prepare
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.methods import splitting as sp
+from tests.installed import in_uniform_fields
 from tests.reference import largest
 from tests.sabotage import failed
 
@@ -312,7 +312,7 @@ def growth(method, n, **options):
     errors = []
     for name in states.RANDOM:
         top, y0 = states.find(name)
-        rows = method.prepare(top, y0, 0.25 * top.scales(y0)[2], **options).record(y0, n, n // 200)
+        rows = method.prepare_for(top)(top, y0, 0.25 * top.scales(y0)[2], **options).record(y0, n, n // 200)
         errors.append(metrics.relative_drift(top.invariants(rows), top.invariant_scales(y0)))
     return [metrics.growth_exponent(np.arange(201.0), np.array(errors)[:, :, k]) for k in (2, 3)], np.array(errors)
 
@@ -333,7 +333,7 @@ def test_compensation_keeps_what_rounding_takes():
     for k in (2, 3):
         assert np.sqrt(np.mean(kept[:, -1, k] ** 2)) < 0.1 * np.sqrt(np.mean(plain[:, -1, k] ** 2))
     a, b = (
-        method.prepare(GENERIC.top, GENERIC.state, 0.1, compensated=c).advance(GENERIC.state, 100)
+        method.prepare_for(GENERIC.top)(GENERIC.top, GENERIC.state, 0.1, compensated=c).advance(GENERIC.state, 100)
         for c in (False, True)
     )
     assert 0 < metrics.scaled_error(GENERIC.top, GENERIC.state, a, b) < 100 * EPS
@@ -389,7 +389,7 @@ def biased(s, c, tally):
 )
 def test_spoiled_flows_are_caught(monkeypatch, name, kernel, caught):
     monkeypatch.setattr(sp, "KERNELS", ((kernel,) * 3,) * 2)
-    assert caught <= failed(replace(METHODS[name], in_field=None))  # other kernels, which are right
+    assert caught <= failed(in_uniform_fields(METHODS[name]))  # other kernels, which are right
 
 
 def test_a_bias_is_caught(monkeypatch):

@@ -50,7 +50,7 @@ from tests.fuzzing import (
     those,
     tops,
 )
-from tests.installed import FOR_TOPS, installed
+from tests.installed import FOR_TOPS, in_uniform_fields, installed
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -386,7 +386,7 @@ FAULTS = [value for name, value in globals().items() if name.startswith("fault_"
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_faults_are_found(fault):
-    record = METHODS["implicit_midpoint"]
+    record = in_uniform_fields(METHODS["implicit_midpoint"])
     h = 0.1
 
     def faulty(*args, **kwargs):

@@ -37,7 +37,7 @@ def test_drift_is_in_ulps_of_the_scale():
     """Against invariants computed here, at the counts the run has."""
     (run,) = drift.drifts(MINE, ["generic"], 0.1, 64)
     top, y0 = check.find("generic")
-    y = METHODS["strang"].prepare(top, y0, 0.1 * top.scales(y0)[2]).record(y0, 64, 1)
+    y = METHODS["strang"].prepare_for(top)(top, y0, 0.1 * top.scales(y0)[2]).record(y0, 64, 1)
     scale = top.invariant_scales(y0)[0]
     expected = (top.invariants(y)[:, 0] - top.invariants(y0)[0]) / np.spacing(scale)
     assert run.ulps[:, 0] == pytest.approx(expected[run.counts], abs=4)  # H itself is rounded
@@ -151,7 +151,7 @@ def test_an_overflow_of_the_bench_is_not_the_methods():
             return np.tile(y, (n // every + 1, 1))
 
     def verdicts(prepare):
-        return {v.claim: v for v in check.check(replace(MINE, prepare=prepare, in_field=None))}
+        return {v.claim: v for v in check.check(replace(MINE, prepare=prepare, needs="uniform", special={}))}
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(check, "CHECKS", (check.extremes,))

@@ -50,7 +50,7 @@ def test_the_first_screen_is_short():
 def test_the_methods_are_counted():
     """In README.md and docs/phase-theory.md: all, those compared in a uniform field, in a potential, held against theory."""
     methods = [METHODS[name] for name in BUILT_IN]
-    needs = Counter(method.in_field.needs for method in methods if method.in_field)
+    needs = Counter(method.needs for method in methods)
     compared = [method for method in methods if not method.reduces_to and method.takes(LagrangeTop()) is None]
     predicted = [method for method in compared if method.control == "step" and method.order is not None]
     text, theory = (
