@@ -25,9 +25,9 @@ from lagrange_bench.experiments.drawing.tables import captioned
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.reductions import largest
 from lagrange_bench.experiments.measuring.states import log_counts, rounded
+from lagrange_bench.integrators.api import prepare
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.paper.gaudin_magnets import central_spin, random_magnet, unit_of_time
-from lagrange_bench.integrators.paper.gaudin_methods import MAGNET_METHODS, prepare_method
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 from lagrange_bench.integrators.registry import METHODS
 
@@ -91,14 +91,14 @@ def cells(profile: str) -> list[dict]:
             if variant == "dop853" and span > LONGEST:
                 continue
             listed.append({"part": "work", "n": SWEPT, "variant": variant, "span": span, "timing": True})
-    # a cell names its method where that is one for tops, too: so it is known what has to be installed, and chosen by name
-    named = ((_method(cell["variant"]), cell) for cell in listed)
-    return [{"method": name, **cell} if name in METHODS else cell for name, cell in named]
+    # so it is known what has to be installed, and a cell can be chosen by the method's name
+    return [{"method": _method(cell["variant"]), **cell} for cell in listed]
 
 
 def _method(variant: str) -> str:
-    """The name of a variant's method in MAGNET_METHODS."""
-    return "backlund_paper" if variant.startswith("order") else {"exact": "backlund"}.get(variant, variant)
+    """The name of a variant's method."""
+    names = {"exact": "backlund", "dop853": "scipy_dop853"}
+    return "backlund_paper" if variant.startswith("order") else names.get(variant, variant)
 
 
 def measure(cell: dict) -> list[dict]:
@@ -109,7 +109,8 @@ def measure(cell: dict) -> list[dict]:
 def _stepper(magnet: GaudinMagnet, spins: Array, variant: str, h: float, **options: Any) -> Any:
     if variant.startswith("order "):
         options["factors"] = int(variant.removeprefix("order ")) // 2
-    return prepare_method(magnet, spins, h, _method(variant), options)
+    stepper: Any = prepare(magnet, spins, h, _method(variant), **options)
+    return stepper.spins
 
 
 def _drift(magnet: GaudinMagnet, spins: Array, state: Array) -> dict[str, float]:
@@ -207,7 +208,7 @@ def _work(cell: dict) -> list[dict]:
     truth = _stepper(magnet, spins, "exact" if variant == "taylor" else "taylor", span).advance(spins, 1)
     runs: list[tuple[float, int, dict]] = [(span, 1, {})]
     if variant in WORK_TOLERANCES:
-        name = MAGNET_METHODS[variant].options[0]
+        name = METHODS[_method(variant)].knob
         runs = [(span, 1, {name: tolerance}) for tolerance in WORK_TOLERANCES[variant]]
     elif WORK[variant]:
         runs = [(2.0**k, round(span / 2.0**k), {}) for k in WORK[variant]]
@@ -322,12 +323,7 @@ def draw(rows: pd.DataFrame) -> dict:
     return figures
 
 
-LABELS = {name: method.label for name, method in MAGNET_METHODS.items()}
-LABELS |= {
-    "taylor": "Taylor (heyoka)",
-    "exact": "Bäcklund, exact",
-    **{f"order {p}": f"Bäcklund, order {p}" for p in ORDERS},
-}
+LABELS = {f"order {p}": f"Bäcklund, order {p}" for p in ORDERS} | {"exact": "Bäcklund, exact"}
 
 
 SHADES = {"order 4": ("#7D9BD1", "s", 1), "order 6": ("#3F93CF", "h", 3), "order 8": ("#0F5C80", "^", 0)}
@@ -335,7 +331,7 @@ SHADES = {"order 4": ("#7D9BD1", "s", 1), "order 6": ("#3F93CF", "h", 3), "order
 
 def _look(style, variant: str) -> dict:
     like = {"spherical_midpoint": "collective_midpoint"}.get(variant, _method(variant))  # of the methods for tops
-    look = {**style.of(like), "label": LABELS[variant]}
+    look = {**style.of(like), "label": LABELS.get(variant) or METHODS[_method(variant)].label}
     if variant in SHADES:
         colour, marker, dash = SHADES[variant]
         look |= {"color": colour, "marker": marker, "linestyle": style.DASHES[dash]}

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lagrange_bench.experiments import SWEEP
-from lagrange_bench.experiments.measuring import metrics, truths
+from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.states import find, follow, rounded
 from lagrange_bench.integrators import INVARIANTS, PerturbedTop, StepError, memory, prepare
 from lagrange_bench.integrators.api import integrate
@@ -34,6 +34,7 @@ from lagrange_bench.integrators.registry import (
     find_potential,
     find_stored_method,
 )
+from lagrange_bench.integrators.truth import truths
 from lagrange_bench.integrators.words import numbers, option, suggestion
 
 if TYPE_CHECKING:

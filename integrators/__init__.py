@@ -5,7 +5,7 @@
     trajectory.t, trajectory.y, trajectory.invariants(), trajectory.work
 
 `METHODS` lists what there is; `exact` is the closed-form solution they are all judged by. The top is a limit of the
-Gaudin magnet, which the same call follows, by `MAGNET_METHODS`:
+Gaudin magnet, which the same call follows:
 
     integrate(GaudinMagnet(sites=(0, -1, -3), alpha=0.5, site=0), spins, h=2.0, steps=1000, method="backlund")
 """
@@ -17,14 +17,13 @@ from typing import TYPE_CHECKING
 from lagrange_bench.integrators.lazy import face
 
 if TYPE_CHECKING:
-    from lagrange_bench.integrators.api import Trajectory, integrate, prepare, two_point
+    from lagrange_bench.integrators.api import integrate, prepare, two_point
     from lagrange_bench.integrators.backward_error.prediction import PredictedPhase, predicted_phase
     from lagrange_bench.integrators.cases import CASES, Case
     from lagrange_bench.integrators.compiling.expression import cos, exp, log, sin, sqrt
     from lagrange_bench.integrators.ensemble import integrate_ensemble
     from lagrange_bench.integrators.interface import INVARIANTS, Method, StepError, Stepper, Work
     from lagrange_bench.integrators.paper.gaudin_magnets import MAGNETS
-    from lagrange_bench.integrators.paper.gaudin_methods import MAGNET_METHODS
     from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
     from lagrange_bench.integrators.problem.body import HeavyTop, RigidTop
     from lagrange_bench.integrators.problem.field import Potential
@@ -37,13 +36,13 @@ if TYPE_CHECKING:
     from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
     from lagrange_bench.integrators.problem.whole_body import WholeBody
     from lagrange_bench.integrators.registry import METHODS, POTENTIALS, available
+    from lagrange_bench.integrators.trajectory import Trajectory
     from lagrange_bench.integrators.truth import exact, reference
 
 __all__ = [
     "CASES",
     "INVARIANTS",
     "MAGNETS",
-    "MAGNET_METHODS",
     "METHODS",
     "PERTURBED_TOPS",
     "POTENTIALS",
@@ -86,12 +85,12 @@ __all__ = [
 __getattr__, __dir__ = face(
     __name__,
     {
-        "lagrange_bench.integrators.api": ("Trajectory", "integrate", "prepare", "two_point"),
+        "lagrange_bench.integrators.api": ("integrate", "prepare", "two_point"),
+        "lagrange_bench.integrators.trajectory": ("Trajectory",),
         "lagrange_bench.integrators.backward_error.prediction": ("PredictedPhase", "predicted_phase"),
         "lagrange_bench.integrators.ensemble": ("integrate_ensemble",),
         "lagrange_bench.integrators.interface": ("INVARIANTS", "Method", "StepError", "Stepper", "Work"),
         "lagrange_bench.integrators.paper.gaudin_magnets": ("MAGNETS",),
-        "lagrange_bench.integrators.paper.gaudin_methods": ("MAGNET_METHODS",),
         "lagrange_bench.integrators.paper.gaudin_model": ("GaudinMagnet",),
         "lagrange_bench.integrators.problem.body": ("HeavyTop", "RigidTop"),
         "lagrange_bench.integrators.cases": ("CASES", "Case"),

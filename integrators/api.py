@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -24,128 +22,17 @@ from lagrange_bench.integrators.problem.top import LagrangeTop, NamedTop
 from lagrange_bench.integrators.problem.watched import check_rows, watched
 from lagrange_bench.integrators.registry import find_method
 from lagrange_bench.integrators.torus import any_parameter
+from lagrange_bench.integrators.trajectory import BodyTrajectory, RigidTrajectory, Start, Trajectory
 
 if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
-
     from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 
 FEW = 8  # numbers for which Python is quicker than NumPy
-TOP_TYPES = "a LagrangeTop, a RigidTop, a PerturbedTop or a Problem"
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """Times (N,) in the units of h, states (N, 6) in those of y0, of a magnet (N, n, 3), and the work they took."""
-
-    top: Any  # the LagrangeTop, the PerturbedTop or the GaudinMagnet
-    method: str
-    t: Array
-    y: Array
-    work: Work
-    follow: Callable[[], Array] | None = field(default=None, repr=False, compare=False)
-
-    @cached_property
-    def _followed(self) -> Array | None:
-        return self.follow() if self.follow else None
-
-    @property
-    def attitude(self) -> Array | None:
-        """(N, 4) unit quaternions, scalar first, body to world; None where the start has none. Followed when first asked."""
-        return self._followed
-
-    @property
-    def rotation(self) -> Rotation:
-        """The body's N rotations, a SciPy Rotation from the body's frame to the world's."""
-        from scipy.spatial.transform import Rotation
-
-        if self.attitude is None:
-            raise ValueError("y0 has no rotation: start from top.state(rotation=…), or integrate(…, attitude=True)")
-        return Rotation.from_quat(self.attitude, scalar_first=True)
-
-    def invariants(self) -> Array:
-        """H, J3, C1, C2 along the trajectory, shape (N, 4); of a magnet all H_j and s_j², (N, 2n); of a Problem its `names`."""
-        return self.top.invariants(self.y, self.t) if isinstance(self.top, Problem) else self.top.invariants(self.y)
-
-    def euler_angles(self) -> Array:
-        """(theta, phi, psi) of the body, rad, shape (N, 3): R = R3(phi) R2(theta) R3(psi).
-
-        Within 1e-7 of the vertical only phi ± psi has a meaning; all of it is then given to phi.
-        """
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # says that
-            return self.rotation.as_euler("ZYZ")[:, (1, 0, 2)]
-
-
-@dataclass(frozen=True)
-class RigidTrajectory(Trajectory):
-    """A trajectory of a RigidTop, in SI units; y (N, 6) is (J, x) in the frame whose third axis points up."""
-
-    body: RigidTop = field(kw_only=True)
-    spin: float | None = field(default=None, kw_only=True)  # rad/s, about the axis
-
-    @property
-    def position(self) -> Array:
-        """The centre of mass in the world's frame, m, shape (N, 3)."""
-        return self.body.positions(self.y)
-
-    @property
-    def omega_world(self) -> Array:
-        """Angular velocity in the world's frame, rad/s, shape (N, 3)."""
-        return np.einsum("ij,jk->ik", self.body.angular_velocity(self.y, self.spin), self.body.world)
-
-    @property
-    def omega_body(self) -> Array:
-        """Angular velocity in the body's frame, rad/s, shape (N, 3)."""
-        return self.rotation.apply(self.omega_world, inverse=True)
-
-    @property
-    def energy(self) -> Array:
-        """Kinetic plus potential energy, J, shape (N,)."""
-        return self.body.energy(self.y)
-
-
-@dataclass(frozen=True)
-class BodyTrajectory(Trajectory):
-    """A trajectory of a WholeBody, in SI units; y (N, 7) is (q, L), see `problem.whole_body`."""
-
-    @property
-    def attitude(self) -> Array:
-        """(N, 4) unit quaternions, scalar first, body to world."""
-        quaternions: Array = self.rotation.as_quat(scalar_first=True)
-        return quaternions
-
-    @property
-    def rotation(self) -> Rotation:
-        """The body's N rotations, a SciPy Rotation from the body's frame to the world's."""
-        turns: Rotation = self.top.rotations(self.y)
-        return turns
-
-    @property
-    def position(self) -> Array:
-        """The centre of mass in the world's frame, m, shape (N, 3)."""
-        return self.rotation.apply(self.top.com)
-
-    @property
-    def omega_body(self) -> Array:
-        """Angular velocity in the body's frame, rad/s, shape (N, 3)."""
-        omega: Array = self.top.angular_velocity(self.y)
-        return omega
-
-    @property
-    def omega_world(self) -> Array:
-        """Angular velocity in the world's frame, rad/s, shape (N, 3)."""
-        return self.rotation.apply(self.omega_body)
-
-    @property
-    def energy(self) -> Array:
-        """Kinetic plus potential energy, J, shape (N,)."""
-        energy: Array = self.top.energy(self.y)
-        return energy
+TOP_TYPES = "a LagrangeTop, a RigidTop, a PerturbedTop, a Problem or a GaudinMagnet"
 
 
 def prepare(
-    top: LagrangeTop | RigidTop | PerturbedTop | Problem,
+    top: LagrangeTop | RigidTop | PerturbedTop | Problem | GaudinMagnet,
     y0: ArrayLike,
     h: float,
     method: str | Method = "backlund",
@@ -159,8 +46,8 @@ def prepare(
     message names the argument.
     StepError : the method cannot be prepared for this top and step.
     """
-    top, found, state = _look_up(top, y0, method)
-    return _prepare(found, top, state, check_step(h), options)
+    problem, found, state = _look_up(top, y0, method)
+    return _prepare(found, problem, state, check_step(h), options)
 
 
 def integrate(
@@ -183,10 +70,10 @@ def integrate(
 
     Parameters
     ----------
-    top : LagrangeTop, RigidTop (time in s then), PerturbedTop, or Problem; or a GaudinMagnet, with h and steps only.
+    top : LagrangeTop, RigidTop (time in s then), PerturbedTop, Problem or GaudinMagnet.
     y0 : (6,), initial (J, x); of a Problem as many numbers as its space has; of a magnet its spins (n, 3).
     h : step, negative runs backwards. Times are in the top's own unit, 1 over the unit of J.
-    steps : number of steps. method : a name in METHODS, or a Method; for a magnet a name in MAGNET_METHODS.
+    steps : number of steps. method : a name in METHODS, or a Method.
     every : must divide `steps`. t : (N,), finite. attitude : True, or a unit quaternion (4,), scalar first: the initial attitude
     of a HeavyTop, or of the body with equal moments of inertia that a LagrangeTop is. A state from `RigidTop.state` has its own.
     options : the method's own.
@@ -201,16 +88,12 @@ def integrate(
     ------
     ValueError : bad input; the message names the argument. StepError : the method failed.
     """
-    if "spins" in getattr(top, "offers", ()):
-        if t is not None or (attitude is not False and attitude is not None):
-            raise ValueError(f"{'attitude' if t is None else 't'}: not for a GaudinMagnet; give h and steps")
-        return _follow_magnet(top, y0, h, steps, method, every, options)
-    given, (top, found, state) = top, _look_up(top, y0, method)
+    problem, found, state = _look_up(top, y0, method)
     wanted = attitude is not False and attitude is not None
-    if wanted and isinstance(top, (PerturbedTop, Problem)):
+    if wanted and isinstance(problem, (PerturbedTop, Problem)):
         kind = type(top).__name__
         raise ValueError(f"attitude: the body of a {kind} is not followed; give a LagrangeTop or a HeavyTop")
-    if wanted and isinstance(given, RigidTop) and not isinstance(given, HeavyTop):
+    if wanted and isinstance(top, RigidTop) and not isinstance(top, HeavyTop):
         raise ValueError("attitude: a RigidTop starts from top.state(rotation=…, omega_body=…), which has it")
     turn = getattr(y0, "rotation", None)
     if wanted and (turn is None or attitude is not True):
@@ -219,22 +102,24 @@ def integrate(
         for name, value in (("h", h), ("steps", steps), ("every", every)):
             if value is not None:
                 raise ValueError(f"give either t or h and steps; got t and {name}")
-        run = _evaluate(found, top, state, t, options)
+        run = _evaluate(found, problem, state, t, options)
     elif h is None or steps is None:
         raise ValueError("give h and steps, or output times t")
     else:
-        run = _advance(found, top, state, check_step(h), *check_grid(steps, every, "steps"), options)
-    if "body" in getattr(top, "offers", ()):
-        return BodyTrajectory(top, run.method, run.t, run.y, run.work)
-    if isinstance(top, (PerturbedTop, Problem)):
+        run = _advance(found, problem, state, check_step(h), *check_grid(steps, every, "steps"), options)
+    if "body" in problem.offers:
+        return BodyTrajectory(problem, run.method, run.t, run.y, run.work, start=run.start)
+    if "spins" in problem.offers:
+        return replace(run, top=top, y=run.y.reshape(len(run.y), -1, 3))
+    if isinstance(problem, (PerturbedTop, Problem)):
         return run
-    start = y0 if isinstance(y0, BodyState) else state
-    follow = None if turn is None else partial(body.follow, found, given, start, turn, run.t, run.y, h, options)
-    if isinstance(given, RigidTop):
-        exact = start.spin if isinstance(start, BodyState) else None
+    first = y0 if isinstance(y0, BodyState) else state
+    follow = None if turn is None else partial(body.follow, found, top, first, turn, run.t, run.y, h, options)
+    if isinstance(top, RigidTop):
+        exact = first.spin if isinstance(first, BodyState) else None
         spin = None if exact is None else float(exact)
-        facts = (top, run.method, run.t, run.y, run.work)
-        run = RigidTrajectory(*facts, follow=follow, body=given, spin=spin)
+        facts = (problem, run.method, run.t, run.y, run.work)
+        run = RigidTrajectory(*facts, follow=follow, start=run.start, body=top, spin=spin)
     elif follow:
         run = replace(run, follow=follow)
     if wanted:
@@ -246,33 +131,19 @@ def _advance(
     found: Method, top: Any, state: Array, h: float, steps: int, every: int, options: dict[str, Any]
 ) -> Trajectory:
     """`integrate` by steps of h."""
+    start = Start(state, found, h if found.control == "step" else None, options)
     at_once = getattr(found.prepare, "at_once", None)
-    if at_once and steps <= INTERRUPTIBLE and not (options or isinstance(top, (PerturbedTop, Problem))):
+    if at_once and steps <= INTERRUPTIBLE and "uniform" in top.offers and not options:
         y = at_once(top, state, h, steps, every)
         if y is not None and math.isfinite(h * steps):
             if len(y) != steps // every + 1:
                 check_rows(found.name, "at_once", y, (steps // every + 1, 6))
-            return Trajectory(top, found.name, grid_times(h, every, len(y)), y, Work(steps=steps))
+            return Trajectory(top, found.name, grid_times(h, every, len(y)), y, Work(steps=steps), start=start)
     stepper = _prepare(found, top, state, h, options)
     if not math.isfinite(h * steps):
         raise StepError(found.name, "the time n h is beyond the largest double", h=h)
     y = stepper.record(state, steps, every)
-    return Trajectory(top, found.name, grid_times(h, every, len(y)), y, stepper.work)
-
-
-def _follow_magnet(
-    magnet: Any, spins: Any, h: Any, steps: Any, method: Any, every: Any, options: dict[str, Any]
-) -> Trajectory:
-    from lagrange_bench.integrators.paper.gaudin_methods import (
-        prepare_method,  # with mpmath: a top does not wait for it
-    )
-
-    if h is None or steps is None:
-        raise ValueError("give h and steps")
-    steps, every = check_grid(steps, every, "steps")
-    stepper = prepare_method(magnet, spins, h, method, options)
-    y = stepper.record(spins, steps, every)
-    return Trajectory(magnet, method, grid_times(stepper.h, every, len(y)), y, stepper.work)
+    return Trajectory(top, found.name, grid_times(h, every, len(y)), y, stepper.work, start=start)
 
 
 def two_point(top: LagrangeTop | RigidTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
@@ -287,11 +158,11 @@ def two_point(top: LagrangeTop | RigidTop, y: ArrayLike, lam: complex, sheet: in
     ------
     ValueError : y, λ or sheet make no sense. StepError : the image is beyond the range of doubles.
     """
-    top = top.top if isinstance(top, RigidTop) else top
-    _check_top(top)
-    if isinstance(top, (PerturbedTop, Problem)):
+    problem: Any = getattr(top, "problem", top)
+    _check_top(problem)
+    if "uniform" not in problem.offers:
         raise ValueError("top must be a LagrangeTop or a RigidTop: the map is that of a uniform field")
-    return any_parameter.two_point(top, check_state(y, "y"), lam, sheet)
+    return any_parameter.two_point(problem, check_state(y, "y"), lam, sheet)
 
 
 def grid_times(h: float, every: int, rows: int) -> Array:
@@ -302,11 +173,11 @@ def grid_times(h: float, every: int, rows: int) -> Array:
 
 
 def _look_up(top: Any, y0: ArrayLike, method: str | Method) -> tuple[Any, Method, Array]:
-    """The top without its body, the method and the state, all checked."""
-    plain = top.top if isinstance(top, RigidTop) else top
+    """The problem that is followed, of a body its top, the method and the state, all checked."""
+    plain = getattr(top, "problem", top)
     _check_top(plain)
-    if isinstance(top, Problem):
-        return top, find_method(method), top.check_state(y0)
+    if isinstance(plain, Problem):
+        return plain, find_method(method), plain.check_state(y0)
     found, state = find_method(method), check_state(y0)
     if isinstance(top, (RigidTop, PerturbedTop)):
         top.check_state(y0 if isinstance(y0, BodyState) else state)
@@ -342,4 +213,4 @@ def _evaluate(method: Method, top: Any, y0: Array, t: ArrayLike, options: dict[s
     check_options(method.name, evaluate, options)
     y, work = evaluate(top, y0, times, **options)
     check_rows(method.name, "evaluate", y, (len(times), len(y0)))
-    return Trajectory(top, method.name, times, y, work)
+    return Trajectory(top, method.name, times, y, work, start=Start(y0, method, None, options))

@@ -9,9 +9,8 @@ any h. The splitting with the exact step inside takes λ(h) from the table of ea
 and kick after the other. Implicit methods take their tops one by one, because each top needs its own number of
 iterations. So does all that is not compiled here. Tops that are left undone are also taken one by one: those of
 extreme size, and those for which the method fails. Then the StepError is the scalar one. A `PerturbedTop` goes the
-same ways, each top with its own numbers; where its field is uniform but not vertical, a method for uniform fields
-takes it one by one, in another frame. What becomes of a top depends on nothing but itself: not on the chunks, the
-threads, or its place.
+same ways, each top with its own numbers; the motions of a `Problem` or a magnet are taken one by one. What becomes of a
+top depends on nothing but itself: not on the chunks, the threads, or its place.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,16 +31,20 @@ from lagrange_bench.integrators.interface import Array, Method, StepError, Stepp
 from lagrange_bench.integrators.problem.body import RigidTop, has_unit_axis
 from lagrange_bench.integrators.problem.nature import natures
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.watched import check_rows, watched
 from lagrange_bench.integrators.registry import find_method
+
+if TYPE_CHECKING:
+    from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 
 CHUNK = 1024  # tops in one call, at most: their constants stay in the processor's cache
 FEW = LANES // 2  # tops of the last block below which they are quicker one by one
 
 
 def integrate_ensemble(
-    top: LagrangeTop | RigidTop | PerturbedTop,
+    top: LagrangeTop | RigidTop | PerturbedTop | Problem | GaudinMagnet,
     Y0: ArrayLike,
     h: float | None = None,
     steps: int | None = None,
@@ -56,8 +59,9 @@ def integrate_ensemble(
 
     Parameters
     ----------
-    top : LagrangeTop, RigidTop or PerturbedTop, the same for all, or LagrangeTop(alpha=array) with one alpha for each; of a
-    PerturbedTop alpha and every parameter may be such an array. h, steps, method, options : as in `integrate`.
+    top : LagrangeTop, RigidTop, PerturbedTop, Problem or GaudinMagnet, the same for all; or LagrangeTop(alpha=array) with one
+    alpha for each; of a PerturbedTop alpha and every parameter may be such an array. Y0 : of a Problem (n, size), of a magnet
+    (n, sites, 3), and so are the states that are returned. h, steps, method, options : as in `integrate`.
     every : record every `every` steps, row 0 is Y0; shape (steps//every + 1, n, 6).
     t : output times (m,) in place of h and steps, shape (m, n, 6); for the exact Bäcklund map one map away from Y0 each:
     jumps, not steps. threads : default: one per usable core.
@@ -85,24 +89,24 @@ def integrate_ensemble(
             raise ValueError(f"t: {found.name} steps on a grid only; give h and steps")
         times = check_times(t)
         check_options(found.name, evaluate, options)
-        out = np.empty((len(times), n, 6))
+        out = np.empty((len(times), *states.shape))
         failures = _run(_Jumps(found, tops, states, times, out, options), threads)
-        return _judge(found, None, out, failures, on_failure)
+        return _judge(found, None, out, failures, on_failure).reshape(len(times), *np.shape(Y0))
     if h is None or steps is None:
         raise ValueError("give h and steps, or output times t")
     h = check_step(h)
     check_options(found.name, build, options)
     steps, stride = check_grid(steps, every, "steps")
     if every is None:
-        out = np.empty((1, n, 6))
+        out = np.empty((1, *states.shape))
         rows = out if steps else out[:0]
     else:
-        out = np.empty((steps // stride + 1, n, 6))
+        out = np.empty((steps // stride + 1, *states.shape))
         rows = out[1:]
     if every is not None or steps == 0:
         out[0] = states
     failures = _run(_Steps(found, tops, states, h, steps, stride, rows, options), threads)
-    _judge(found, h, out, failures, on_failure)
+    out = _judge(found, h, out, failures, on_failure).reshape(len(out), *np.shape(Y0))
     return out[0] if every is None else out
 
 
@@ -118,11 +122,12 @@ class _Tops:
     def __init__(self, alphas: Array):
         self.alphas = alphas
 
-    def one(self, place: int) -> LagrangeTop | PerturbedTop:
+    def one(self, place: int) -> Any:
+        """The top of one place."""
         return LagrangeTop(float(self.alphas[place]))
 
     def those(self, chunk: slice) -> Any:
-        """The tops of a chunk, as a method's own way to take many gets them: their alphas."""
+        """The tops of a chunk, as a method's own way to take many gets them: their alphas; None if it cannot take them."""
         return self.alphas[chunk]
 
 
@@ -140,6 +145,19 @@ class _TopsInField(_Tops):
 
     def those(self, chunk: slice) -> list[PerturbedTop]:
         return [self.one(i) for i in range(*chunk.indices(len(self.alphas)))]
+
+
+class _Same(_Tops):
+    """One problem for all."""
+
+    def __init__(self, problem: Problem):
+        self.problem = problem
+
+    def one(self, place: int) -> Any:
+        return self.problem
+
+    def those(self, chunk: slice) -> None:
+        return None
 
 
 class _Work:
@@ -188,12 +206,12 @@ class _Steps(_Work):
         self.prepared: dict[int, Stepper] = {}  # by place, for tops that are taken alone after all
 
     def many(self, chunk: slice) -> Mask:
-        call = self.method.advance_many
+        call, tops = self.method.advance_many, self.tops.those(chunk)
         states, out = self.states[chunk], self.out[:, chunk]
         done = np.zeros(len(states), dtype=bool)
-        if call is not None:
+        if call is not None and tops is not None:
             grid = (self.h, self.steps, self.every)
-            done = call(self.tops.those(chunk), states, *grid, out, self.stop.is_set, **self.options)
+            done = call(tops, states, *grid, out, self.stop.is_set, **self.options)
         if self.method.engine == "numba" and np.count_nonzero(~done) >= FEW:
             for members in self._alike(chunk, done):
                 self._in_lanes(members, chunk, done)
@@ -209,7 +227,7 @@ class _Steps(_Work):
                 stepper = self.prepared[place] = self.prepare(place)
             except StepError:
                 continue  # again when it is taken alone
-            if not isinstance(stepper, FixedStepper) or stepper.lane is None:
+            if not isinstance(stepper, FixedStepper) or stepper.lane is None or stepper.size != 6:
                 return []
             kinds.setdefault((stepper.lane, stepper.pin, stepper.block, len(stepper.constants)), []).append(place)
         return list(kinds.values())
@@ -245,7 +263,8 @@ class _Steps(_Work):
         with self.preparing:
             top = self.tops.one(place)
             build = self.method.prepare_for(top)
-            return watched(self.method.name, build(top, self.states[place].copy(), self.h, **self.options))
+            y0 = self.states[place].copy()
+            return watched(self.method.name, build(top, y0, self.h, **self.options), len(y0))
 
     def one(self, place: int) -> Array:
         stepper = self.prepared.pop(place, None) or self.prepare(place)
@@ -258,10 +277,10 @@ class _Jumps(_Work):
         self.times = times
 
     def many(self, chunk: slice) -> Mask:
-        call, states = self.method.evaluate_many, self.states[chunk]
-        if call is None:
+        call, tops, states = self.method.evaluate_many, self.tops.those(chunk), self.states[chunk]
+        if call is None or tops is None:
             return np.zeros(len(states), dtype=bool)
-        return call(self.tops.those(chunk), states, self.times, self.out[:, chunk], **self.options)
+        return call(tops, states, self.times, self.out[:, chunk], **self.options)
 
     def one(self, place: int) -> Array:
         top, y0 = self.tops.one(place), self.states[place].copy()
@@ -269,7 +288,7 @@ class _Jumps(_Work):
             evaluate = self.method.evaluate_for(top)
             assert evaluate is not None
             y = evaluate(top, y0, self.times, **self.options)[0]
-            check_rows(self.method.name, "evaluate", y, (len(self.times), 6))
+            check_rows(self.method.name, "evaluate", y, (len(self.times), len(y0)))
             return y
 
 
@@ -311,9 +330,17 @@ def _judge(method: Method, h: float | None, out: Array, failures: Failures, on_f
 def _check_tops(top: Any, Y0: ArrayLike) -> tuple[_Tops, Array]:
     """The tops, and their states (n, 6), contiguous float64; the caller's own memory where that is what it holds."""
     unit = isinstance(top, RigidTop)
-    top = top.top if isinstance(top, RigidTop) else top
+    top = getattr(top, "problem", top)
+    if isinstance(top, Problem):
+        try:
+            rows: list[Any] = list(Y0)  # type: ignore[arg-type]
+            checked = [top.check_state(y, f"Y0[{i}]") for i, y in enumerate(rows)]
+            return _Same(top), np.reshape(checked, (len(rows), -1)) if rows else np.empty((0, top.space.size))
+        except TypeError:
+            raise ValueError(f"Y0 must be states, one for each motion; got {type(Y0).__name__}") from None
     if not isinstance(top, (LagrangeTop, PerturbedTop)):
-        raise ValueError(f"top must be a LagrangeTop, a RigidTop or a PerturbedTop; got {type(top).__name__}")
+        kinds = "a LagrangeTop, a RigidTop, a PerturbedTop, a Problem or a GaudinMagnet"
+        raise ValueError(f"top must be {kinds}; got {type(top).__name__}")
     try:
         states = np.asarray(Y0)
     except ValueError as error:

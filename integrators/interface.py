@@ -107,6 +107,7 @@ NEEDS = {
     "smooth": "a Hamiltonian without corners",
     "body": "a rigid body in a uniform field, a WholeBody",
     "top": "a Hamiltonian |J|²/2 + U(t, x)",
+    "spins": "a Gaudin magnet",
     "force": "a Hamiltonian |J|²/2 + U(x)",
     "quadratic": "a Hamiltonian |J|²/2 + U(x) with a quadratic U",
 }
@@ -142,8 +143,9 @@ def check_record(record: Method) -> None:
         if unknown := set(getattr(record, name)) - set(INVARIANTS):
             raise ValueError(f"{name} names unknown invariants: {sorted(map(str, unknown))}")
     for name, words in (("needs", (record.needs,)), ("special", record.special)):
-        if unknown := [word for word in words if word not in NEEDS]:
-            raise ValueError(f"{name} must be one of {', '.join(NEEDS)}; got {unknown[0]!r}")
+        for word in words:
+            if word not in NEEDS:
+                raise ValueError(f"{name} must be one of {', '.join(NEEDS)}; got {word!r}")
 
 
 Quantity = Callable[[Any, float, Array], tuple[Array, float]]
@@ -211,7 +213,7 @@ class Method:
 
     def takes(self, problem: Any) -> str | None:
         """None if the method can follow this problem, else the reason why not."""
-        if self.needs in problem.offers or self._special_for(problem) or self.needs in _offers_of_top(problem):
+        if self._follows(problem) or self._special_for(problem):
             return None
         potential = getattr(problem, "potential", None)
         named = f"the problem {problem.name}" if hasattr(problem, "name") else f"a {type(problem).__name__}"
@@ -222,6 +224,10 @@ class Method:
         if potential and self.needs in ("smooth", "quadratic"):
             return f"{self.name} needs a {self.needs} potential, which {potential.name} is not"
         return f"{self.name} needs {NEEDS[self.needs]}, which {named} is not"
+
+    def _follows(self, problem: Any) -> bool:
+        """Whether `prepare` takes it, as it is or as a top in a potential."""
+        return self.needs in problem.offers or self.needs in _offers_of_top(problem)
 
     def _special_for(self, problem: Any) -> Callable[..., Stepper] | None:
         return next((build for word, build in self.special.items() if word in problem.offers), None)
@@ -236,7 +242,9 @@ class Method:
         """Dense output for this problem: (problem, y0, times, **options) → states and work; None if there is none."""
         if reason := self.takes(problem):
             raise ValueError(f"method: {reason}")
-        return self.evaluate and self._for_form(problem, self.evaluate)
+        if self.evaluate is None or not self._follows(problem):
+            return None
+        return self._for_form(problem, self.evaluate)
 
     def _for_form(self, problem: Any, function: Callable[..., Any]) -> Callable[..., Any]:
         """A function of the problem; if the method needs its form as a top in a potential, it gets that one."""

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lagrange_bench.experiments.measuring import metrics, truths
+from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.integrators import INVARIANTS, PerturbedTop, Trajectory
 from lagrange_bench.integrators.files import replace_file
 from lagrange_bench.integrators.interface import Array, Method
-from lagrange_bench.integrators.truth import exact
+from lagrange_bench.integrators.truth import exact, truths
 from lagrange_bench.results import provenance
 from lagrange_bench.text import table
 

@@ -12,6 +12,7 @@ from lagrange_bench.integrators.registry import METHODS, POTENTIALS, POTENTIALS_
 
 TAKES = {
     "body": "a whole body",
+    "spins": "a Gaudin magnet",
     "uniform": "uniform field",
     "quadratic": "quadratic potentials",
     "smooth": "any smooth problem",

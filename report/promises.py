@@ -283,10 +283,9 @@ def long_run_lead(rows: pd.DataFrame) -> Found:
 
 def magnet_orders(rows: pd.DataFrame) -> Found:
     """Distances of measured orders from those claimed, over the Bäcklund maps of the magnet and their rivals."""
-    from lagrange_bench.integrators.paper.gaudin_methods import MAGNET_METHODS
 
     found = table("gaudin", "orders")(rows).set_index("variant").order
-    claimed = {name: method.order for name, method in MAGNET_METHODS.items()}
+    claimed = {name: METHODS[name].order for name in found.index if name in METHODS}
     claimed |= {name: int(name.removeprefix("order ")) for name in found.index if name.startswith("order ")}
     away = {name: abs(found[name] - claimed[name]) for name in found.index if claimed.get(name)}
     if not away:

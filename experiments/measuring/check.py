@@ -25,13 +25,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.experiments.measuring import first_step, metrics, states, truths
-from lagrange_bench.integrators import POTENTIALS, PerturbedTop, Problem
+from lagrange_bench.experiments.measuring import first_step, metrics, states
+from lagrange_bench.integrators import POTENTIALS, GaudinMagnet, PerturbedTop, Problem
 from lagrange_bench.integrators.checks import check_state
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, StepWarning
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
 from lagrange_bench.integrators.problem.whole_body import WholeBody
 from lagrange_bench.integrators.registry import find_method
+from lagrange_bench.integrators.truth import truths
 
 EPS = float(np.finfo(float).eps)
 
@@ -115,7 +116,7 @@ def check(method: str | Method, quick: bool = False, problem: Any = None, y0: Ar
     record, word = find_method(method), method if isinstance(method, str) else None
     if (fault := first_step.problem(record, word)) is not None:
         return [Verdict(TAKES_A_STEP, False, None, "", fault)]
-    checks = CHECKS if record.takes(LagrangeTop()) is None else (of_a_body,)
+    checks = CHECKS if record.takes(LagrangeTop()) is None else (of_its_kind,)
     if problem is not None:
         checks = (_on(problem, y0, record),)
     verdicts: list[Verdict] = []
@@ -516,13 +517,18 @@ BODY_START = np.array((0.8, 0.2, -0.4, 0.4, 0.3, -0.9, 3.0))
 NEAR_STATES = 8
 
 
-def of_a_body(method: Method, quick: bool) -> Iterator[Verdict]:
-    """The same claims on a body of any shape, of a method that is for bodies only."""
-    yield from _on(BODY, BODY_START, method)(method, quick)
+def of_its_kind(method: Method, quick: bool) -> Iterator[Verdict]:
+    """The same claims on a body of any shape, or on a magnet, of a method that is for these only."""
+    magnet = GaudinMagnet((0.0, -0.7, 1.1), 0.6, site=0)
+    spins = np.array(((0.3, -0.4, 0.8), (0.9, 0.1, -0.2), (-0.3, 0.7, 0.5)))
+    for problem, y0 in ((BODY, BODY_START), (magnet.problem, spins)):
+        if method.takes(problem) is None:
+            yield from _on(problem, y0, method)(method, quick)
 
 
 def _on(problem: Any, y0: ArrayLike | None, method: Method) -> Check:
     """The claims on a problem at a state and near it. ValueError: the method does not take it, or y0 is no state of it."""
+    problem = getattr(problem, "problem", problem)
     if reason := method.takes(problem):
         raise ValueError(f"problem: {reason}")
     if y0 is None:

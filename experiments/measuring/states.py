@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.experiments.measuring import truths
 from lagrange_bench.integrators.interface import Method, Stepper
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS, Array, LagrangeTop
 from lagrange_bench.integrators.registry import NAMED_TOPS
+from lagrange_bench.integrators.truth import truths
 
 RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
 CLOSE = tuple(f"close{i:03d}" for i in range(32))  # to the separatrix; likewise

@@ -139,7 +139,7 @@ def predicted_phase(
     ValueError
         An argument that makes no sense; the message names it.
     """
-    top = top.top if isinstance(top, RigidTop) else top
+    top = getattr(top, "problem", top)
     if not isinstance(top, LagrangeTop):
         raise ValueError(f"top must be a LagrangeTop or a RigidTop; got {type(top).__name__}")
     top.single()

@@ -28,6 +28,7 @@ from lagrange_bench.integrators.compiling.interpreted import at_first_interprete
 from lagrange_bench.integrators.compiling.lanes import run_lanes
 from lagrange_bench.integrators.compiling.loops import NEVER, SIZE, FixedStepper, compile_loop, finite
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work, in_one_call
+from lagrange_bench.integrators.methods import magnet
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units, own_units, shift
 from lagrange_bench.integrators.torus import time_step as ts
@@ -244,6 +245,7 @@ EXACT = Method(
     attitude=attitude_exact,
     advance_many=advance_many,
     evaluate_many=evaluate_many,
+    special={"spins": magnet.prepare_exact},
 )
 UNPINNED = replace(
     EXACT,
@@ -254,6 +256,7 @@ UNPINNED = replace(
     attitude=None,
     advance_many=advance_many_unpinned,
     evaluate_many=None,
+    special={},
 )
 PAPER = replace(
     UNPINNED,
@@ -263,4 +266,5 @@ PAPER = replace(
     source=SOURCE,
     prepare=prepare_paper,
     advance_many=None,
+    special={"spins": magnet.prepare_paper},
 )

@@ -92,4 +92,5 @@ METHOD = replace(
     label="Bäcklund, paper's program",
     source=SOURCE + " and the program of section 5.7",
     prepare=prepare_textbook,
+    special={},
 )

@@ -28,6 +28,7 @@ from lagrange_bench.integrators.compiling.compiled import inlined
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError
+from lagrange_bench.integrators.methods import magnet
 from lagrange_bench.integrators.methods.gauss_in_field import stepper_in_field
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -216,5 +217,5 @@ METHOD = Method(
     source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.1 and IV.2.1",
     prepare=prepare_in_field,
     needs="rhs",
-    special={"uniform": prepare},
+    special={"uniform": prepare, "spins": magnet.SPINS["implicit_midpoint"]},
 )

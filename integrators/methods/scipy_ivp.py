@@ -28,6 +28,7 @@ import math
 import threading
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -39,6 +40,7 @@ from lagrange_bench.integrators.compiling.compiled import jit_as
 from lagrange_bench.integrators.compiling.expression import take
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
+from lagrange_bench.integrators.methods import magnet
 from lagrange_bench.integrators.methods.dense import DenseStepper, Problem, Run, at_times
 from lagrange_bench.integrators.methods.dop853 import check_tolerances
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
@@ -228,12 +230,15 @@ RK45 = natural(
     5,
     "Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19",
 )
-DOP853 = natural(
-    Solver("scipy_dop853", scipy.integrate.DOP853),
-    "DOP853 (SciPy)",
-    "runge-kutta",
-    8,
-    "Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5",
+DOP853 = replace(
+    natural(
+        Solver("scipy_dop853", scipy.integrate.DOP853),
+        "DOP853 (SciPy)",
+        "runge-kutta",
+        8,
+        "Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5",
+    ),
+    special={"spins": magnet.SPINS["scipy_dop853"]},
 )
 LSODA = natural(
     Solver("lsoda", scipy.integrate.LSODA, times=1),

@@ -48,6 +48,7 @@ from lagrange_bench.integrators.compiling.expression import machine_code, take
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, ConjugateStepper, FixedStepper, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError
+from lagrange_bench.integrators.methods import magnet
 from lagrange_bench.integrators.problem.field import Field
 from lagrange_bench.integrators.problem.parts import Part
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -569,6 +570,9 @@ def _record(name: str, label: str) -> Method:
     scheme = SCHEMES[name]
     processed, needs = scheme.processor != 0.0, "kinetic" if scheme.nystrom else "parts"
     needs = "force" if scheme.c or scheme.d else needs
+    special: dict[str, Any] = {"uniform": partial(prepare, name)}
+    if name in magnet.SPINS:
+        special["spins"] = magnet.SPINS[name]
     return Method(
         name=name,
         label=label,
@@ -581,7 +585,7 @@ def _record(name: str, label: str) -> Method:
         source=SCHEMES[name].source,
         prepare=partial(prepare if processed else prepare_in_field, name),
         needs="uniform" if processed else needs,
-        special={} if processed else {"uniform": partial(prepare, name)},
+        special={} if processed else special,
         uniform_only="its processor is known in closed form in a uniform field only" if processed else "",
     )
 

@@ -41,6 +41,7 @@ from lagrange_bench.integrators.compiling.expression import take
 from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
 from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
+from lagrange_bench.integrators.methods import magnet
 from lagrange_bench.integrators.methods.dense import DenseStepper, Problem, Run, at_times
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem as AnyProblem
@@ -585,6 +586,7 @@ NATURAL = Method(
     engine="heyoka",
     advance_many=advance_many,
     needs="smooth",
+    special={"spins": magnet.SPINS["taylor"]},
 )
 
 ACCURATE_PREPARE, ACCURATE_EVALUATE = variant("taylor_accurate", high_accuracy=True)
@@ -593,6 +595,7 @@ ACCURATE = replace(
     name="taylor_accurate",
     label="Taylor (heyoka), compensated",
     prepare=ACCURATE_PREPARE,
+    special={},
     evaluate=ACCURATE_EVALUATE,
     attitude=None,
     advance_many=None,
@@ -604,6 +607,7 @@ COMPACT = replace(
     name="taylor_compact",
     label="Taylor (heyoka), compact code",
     prepare=COMPACT_PREPARE,
+    special={},
     evaluate=COMPACT_EVALUATE,
     attitude=None,
     advance_many=None,

@@ -20,13 +20,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from random import Random
-from typing import Any, ClassVar
+from typing import Any
 
 import mpmath
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_count
 from lagrange_bench.integrators.paper.errata import Erratum
+from lagrange_bench.integrators.paper.gaudin_problem import MagnetProblem
 from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cross, poisson_tensor
 
 
@@ -49,7 +50,6 @@ class GaudinMagnet:
     alpha: Any = 1.0
     site: int | None = None
     hamiltonian: tuple[float, ...] | None = None
-    offers: ClassVar[frozenset[str]] = frozenset({"spins"})  # what its methods need of it
 
     def __post_init__(self) -> None:
         sites = check_numbers(self.sites, "sites")
@@ -79,6 +79,11 @@ class GaudinMagnet:
     def flow(self) -> Numbers:
         """The c, shape (n,), with which the magnet moves by Σ c_j H_j."""
         return np.eye(len(self))[self.site or 0] if self.hamiltonian is None else np.array(self.hamiltonian)
+
+    @property
+    def problem(self) -> MagnetProblem:
+        """The flow as a `Problem`; ValueError if a site is not real."""
+        return MagnetProblem(self)
 
     def __len__(self) -> int:
         return len(self.sites)

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagrange_bench.experiments.measuring import check, truths
+from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import METHODS, PERTURBED_TOPS, POTENTIALS, LagrangeTop, PerturbedTop
 from lagrange_bench.integrators.interface import Stepper, Work
+from lagrange_bench.integrators.truth import truths
 
 
 class Map(Stepper):

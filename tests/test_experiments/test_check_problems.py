@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagrange_bench.experiments.measuring import check, metrics, truths
+from lagrange_bench.experiments.measuring import check, metrics
 from lagrange_bench.integrators import METHODS, Problem
 from lagrange_bench.integrators.problem import free_body
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
+from lagrange_bench.integrators.truth import truths
 
 BODY, START = free_body.free_body(1.0, 2.0, 3.0), (0.3, -0.4, 1.2)
 PIVOT, TOP_START = vibrating_pivot(1.0, 0.02, 3.0), (0.3, -0.2, 1.1, 0.4, 0.1, 0.9)

@@ -15,7 +15,19 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagrange_bench.integrators import METHODS, Problem, StepError, WholeBody, cos, integrate, sin, sqrt
+from lagrange_bench.integrators import (
+    METHODS,
+    GaudinMagnet,
+    Problem,
+    StepError,
+    WholeBody,
+    cos,
+    free_body,
+    integrate,
+    integrate_ensemble,
+    sin,
+    sqrt,
+)
 
 EPS = np.finfo(float).eps
 END = 6.0
@@ -276,3 +288,17 @@ def test_a_bad_call_is_refused_in_a_line():
 
 if __name__ == "__main__":
     print(json.dumps({f"{name} {problem}": measured(name, problem) for name, problem in PAIRS}))
+
+
+@pytest.mark.parametrize("method", ["rk4", "dop853", "backlund"])
+def test_an_ensemble_has_the_bits_of_its_motions(method):
+    magnet, spins = GaudinMagnet((0.0, -0.7, 1.1), 0.6), np.random.default_rng(3).normal(size=(3, 3, 3))
+    cases = [(magnet, spins)] if method == "backlund" else [(magnet, spins), (free_body(1.0, 2.0, 3.0), spins[0])]
+    for problem, Y0 in cases:
+        together = integrate_ensemble(problem, Y0, 0.1, 20, method, every=10)
+        alone = [integrate(problem, y0, 0.1, 20, method, every=10).y for y0 in Y0]
+        assert np.array_equal(together, np.stack(alone, axis=1))
+        assert np.array_equal(integrate_ensemble(problem, Y0, 0.1, 20, method), together[-1])
+    for wrong, words in ((3, "^Y0 must be states"), (spins[:, :2], r"^Y0\[0\]")):
+        with pytest.raises(ValueError, match=words):
+            integrate_ensemble(magnet, wrong, 0.1, 20, "rk4")

@@ -20,7 +20,6 @@ from lagrange_bench import integrators
 from lagrange_bench import trajectory as output
 from lagrange_bench.arguments import option
 from lagrange_bench.commands.integrate import EXAMPLES
-from lagrange_bench.experiments.measuring import truths
 from lagrange_bench.integrators import (
     METHODS,
     PERTURBED_TOPS,
@@ -31,6 +30,7 @@ from lagrange_bench.integrators import (
     PerturbedTop,
     integrate,
 )
+from lagrange_bench.integrators.truth import truths
 
 SHORT = ("integrate", "--h", "0.1", "--steps", "20")
 

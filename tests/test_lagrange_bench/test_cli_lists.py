@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lagrange_bench import text
-from lagrange_bench.integrators import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
+from lagrange_bench.integrators import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, LagrangeTop, registry
 from lagrange_bench.integrators.registry import NAMED_TOPS
 
 
@@ -31,8 +31,9 @@ def test_methods(run, answer):
     data = {method["name"]: method for method in answer("methods")}
     assert list(data) == list(METHODS)
     for name, method in METHODS.items():
-        assert data[name]["order"] == method.order
-        assert set(data[name]["conserves"]) == method.conserves
+        accepted = method.takes(LagrangeTop()) is None
+        assert data[name]["order"] == (method.order_for(LagrangeTop()) if accepted else method.order)
+        assert set(data[name]["conserves"]) == (method.kept(LagrangeTop()) if accepted else method.conserves)
         assert data[name]["options"] == list(method.options)
 
 
@@ -128,5 +129,5 @@ def test_methods_of_a_top(run, answer):
     words = ("methods", "--potential", "charge", "--parameters", "0.1,0,0,2")  # on the vertical: J3 stays
     assert {m["name"]: m for m in answer(*words)}["strang"]["conserves"] == ["J3", "C1", "C2"]
     refused = {method["name"] for method in answer("methods", "--top", "generic") if method["refuses"]}
-    assert refused == {name for name, method in METHODS.items() if method.family == "whole-body"}
+    assert refused == {name for name, method in METHODS.items() if method.needs in ("body", "spins")}
     assert "refuses" not in answer("methods")[0]

@@ -1,4 +1,4 @@
-"""Methods for the Gaudin magnet behind `integrate`: the Bäcklund maps and their rivals, MAGNET_METHODS.
+"""Kernels that loop over arrays of spins, for Gaudin magnets with any number of them: what records have as `special["spins"]`.
 
 The flow of Σ c_j H_j turns each spin about the gradient of
 
@@ -12,54 +12,70 @@ The flow of Σ c_j H_j turns each spin about the gradient of
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Callable
+from functools import partial, wraps
 from threading import Lock
-from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lagrange_bench.integrators.checks import Array, check_grid, check_options, check_real, check_step, keyword_options
+from lagrange_bench.integrators.checks import Array, check_grid, check_real, check_step
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
-from lagrange_bench.integrators.interface import StepError, Stepper, Work
-from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
-from lagrange_bench.integrators.paper.gaudin_step import prepare, prepare_exact
-from lagrange_bench.integrators.paper.phase_space import Numbers
-from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.integrators.interface import Method, StepError, Stepper, Work
 
 ITERATIONS = 200  # of an implicit step, at most
 FARTHEST = 1e12  # turns of the quickest spin, at most, for a method that chooses its steps: it would take months
 
 
-@dataclass(frozen=True)
-class MagnetMethod:
-    """What a method claims for the magnet; fields as in `interface.Method`."""
+class SpinStepper(Stepper):
+    """A stepper of spins (n, 3) as one of the 3n numbers of a state.
 
-    name: str
-    label: str
-    order: int | None  # None: exact in time, or to the tolerance
-    poisson: bool
-    conserves: frozenset[str]  # of "H_j", "|s_j|", "S3" (the total s³), at round-off, for every h
-    source: str
-    prepare: Callable[..., Any]  # (magnet, spins, h, **options) → stepper
-    control: str = "step"  # or "tolerance"
-    requires: str | None = None
-    options: tuple[str, ...] = field(init=False)
+    spins : the stepper of the spins.
+    """
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "options", keyword_options(self.prepare))
+    def __init__(self, spins: Any) -> None:
+        self.spins, self.work, self.from_start = spins, spins.work, spins.from_start
+
+    def record(self, y: Array, n: int, every: int) -> Array:
+        check_grid(n, every)
+        rows: Array = self.spins.record(np.reshape(y, (-1, 3)), n, every)
+        return np.ascontiguousarray(rows).reshape(len(rows), -1)
+
+
+def of_spins(build: Callable[..., Any]) -> Callable[..., SpinStepper]:
+    """A builder (problem, y0, h, **options) from one of spins, (magnet, spins (n, 3), h, **options)."""
+
+    @wraps(build)
+    def prepare(problem: Any, y0: Array, h: float, **options: Any) -> SpinStepper:
+        return SpinStepper(build(problem.magnet, y0.reshape(-1, 3), h, **options))
+
+    return prepare
+
+
+@of_spins
+def prepare_exact(magnet: Any, spins: Array, h: float) -> Any:
+    """The exact step: half as many two-point maps as spins, and a turn about e3, see `paper.gaudin_step`."""
+    from lagrange_bench.integrators.paper import gaudin_step  # with mpmath: a top does not wait for it
+
+    return gaudin_step.prepare_exact(magnet, spins, h)
+
+
+@of_spins
+def prepare_paper(magnet: Any, spins: Array, h: float, *, factors: int = 1) -> Any:
+    """The two-point maps of order 2·factors, see `paper.gaudin_step`."""
+    from lagrange_bench.integrators.paper import gaudin_step
+
+    return gaudin_step.prepare(magnet, spins, h, factors=factors)
 
 
 # ------------------------------------------------------------------------------------------ terms of the Hamiltonian
 
 
-def terms(magnet: GaudinMagnet) -> tuple[Numbers, Numbers, Numbers]:
+def terms(magnet: Any) -> tuple[Array, NDArray[np.int64], Array]:
     """b (n,), pairs (m, 2) with K ≠ 0 and K (m,)."""
     c = magnet.flow
     K = magnet.couplings * (c[:, None] - c)
@@ -70,7 +86,7 @@ def terms(magnet: GaudinMagnet) -> tuple[Numbers, Numbers, Numbers]:
 class _CompiledStepper(Stepper):
     """Advances real spins by a compiled loop: run(s, b, pairs, K, h, *constants, first, last, every, out) → failed step."""
 
-    def __init__(self, name: str, run: Callable, magnet: GaudinMagnet, spins: Array, h: float, *constants: Any):
+    def __init__(self, name: str, run: Callable, magnet: Any, spins: Array, h: float, *constants: Any):
         magnet.check_spins(spins)
         self.name, self.run, self.magnet, self.h, self.work = name, run, magnet, check_step(h), Work()
         self.constants = (*terms(magnet), self.h, *constants)
@@ -158,15 +174,15 @@ def weights_of_two(a: tuple[float, ...], b: tuple[float, ...]) -> Array:
     return np.array(weights)
 
 
-def _blanes_moan4() -> Array:
+def _blanes_moan4() -> tuple[tuple[float, ...], tuple[float, ...]]:
     a1, a2, a3 = 0.0792036964311957, 0.353172906049774, -0.0420650803577195
     b1, b2 = 0.209515106613362, -0.143851773179818
     a = (a1, a2, a3, 1 - 2 * (a1 + a2 + a3), a3, a2, a1)
     b = (b1, b2, 0.5 - (b1 + b2), 0.5 - (b1 + b2), b2, b1)
-    return weights_of_two(a, b)
+    return a, b
 
 
-def _prepare_splitting(name: str, weights: Array, magnet: GaudinMagnet, spins: Array, h: float) -> _CompiledStepper:
+def _prepare_splitting(name: str, weights: Array, magnet: Any, spins: Array, h: float) -> _CompiledStepper:
     return _CompiledStepper(name, run_splitting, magnet, spins, h, weights)
 
 
@@ -224,7 +240,7 @@ def run_midpoint(s, b, pairs, K, h, spherical, first, last, every, out):
     return -1, iterations
 
 
-def _prepare_midpoint(name: str, spherical: bool, magnet: GaudinMagnet, spins: Array, h: float) -> _CompiledStepper:
+def _prepare_midpoint(name: str, spherical: bool, magnet: Any, spins: Array, h: float) -> _CompiledStepper:
     return _CompiledStepper(name, run_midpoint, magnet, spins, h, spherical)
 
 
@@ -242,7 +258,7 @@ class _GridStepper(Stepper):
     def __init__(
         self,
         name: str,
-        magnet: GaudinMagnet,
+        magnet: Any,
         spins: Array,
         h: float,
         solve: Callable[[Array, Array], Array],
@@ -286,7 +302,7 @@ def _check_tolerance(value: Any, name: str, least: float) -> float:
     return number
 
 
-def prepare_taylor(magnet: GaudinMagnet, spins: Array, h: float, *, tol: float | None = None) -> _GridStepper:
+def prepare_taylor(magnet: Any, spins: Array, h: float, *, tol: float | None = None) -> _GridStepper:
     """heyoka on its natural steps, with dense output; tol, relative to the largest spin: by default an ulp."""
     import heyoka as hy
 
@@ -333,7 +349,7 @@ def prepare_taylor(magnet: GaudinMagnet, spins: Array, h: float, *, tol: float |
     return _GridStepper("taylor", magnet, spins, h, solve, work, size)
 
 
-def prepare_dop853(magnet: GaudinMagnet, spins: Array, h: float, *, rtol: float = 3e-14) -> _GridStepper:
+def prepare_dop853(magnet: Any, spins: Array, h: float, *, rtol: float = 3e-14) -> _GridStepper:
     """SciPy's DOP853 with its dense output; the absolute tolerance is a tenth of the relative one, times the largest spin."""
     from scipy.integrate import solve_ivp
 
@@ -347,77 +363,38 @@ def prepare_dop853(magnet: GaudinMagnet, spins: Array, h: float, *, rtol: float 
     def solve(start: Array, times: Array) -> Array:
         found = solve_ivp(rhs, (0, times[-1]), start.ravel(), "DOP853", times, rtol=rtol, atol=rtol / 10)
         if not found.success:
-            raise StepError("dop853", found.message, h=h)
+            raise StepError("scipy_dop853", found.message, h=h)
         work.rhs_evals += found.nfev
         rows: Array = found.y.T.reshape(-1, n, 3)
         return rows
 
-    return _GridStepper("dop853", magnet, spins, h, solve, work, size)
+    return _GridStepper("scipy_dop853", magnet, spins, h, solve, work, size)
 
 
-# ------------------------------------------------------------------------------------------ the list
-
-ALL = frozenset({"H_j", "|s_j|", "S3"})
-SPHERES = frozenset({"|s_j|", "S3"})
-
-MAGNET_METHODS: Mapping[str, MagnetMethod] = {
-    method.name: method
-    for method in (
-        MagnetMethod("backlund", "Bäcklund, exact", None, True, ALL, "this project, gaudin_doubling", prepare_exact),
-        MagnetMethod("backlund_paper", "Bäcklund, order 2k", 2, True, ALL, "paper, section 5.5; gaudin_curve", prepare),
-        MagnetMethod(
-            "taylor", "heyoka", None, False, frozenset(), "Biscani and Izzo, MNRAS 504 (2021) 2614", prepare_taylor,
-            "tolerance", "heyoka",
-        ),
-        MagnetMethod(
-            "dop853", "DOP853 (SciPy)", None, False, frozenset(), "Hairer, Nørsett and Wanner, Solving ODEs I",
-            prepare_dop853, "tolerance",
-        ),
-        MagnetMethod(
-            "strang", "Strang, pairs of spins", 2, True, SPHERES, "Strang, SIAM J. Numer. Anal. 5 (1968) 506",
-            partial(_prepare_splitting, "strang", np.array((0.5, 0.5))),
-        ),
-        MagnetMethod(
-            "blanes_moan4", "Blanes–Moan S6, pairs of spins", 4, True, SPHERES,
-            "Blanes and Moan, J. Comput. Appl. Math. 142 (2002) 313",
-            partial(_prepare_splitting, "blanes_moan4", _blanes_moan4()),
-        ),
-        MagnetMethod(
-            "implicit_midpoint", "implicit midpoint", 2, False, ALL, "Hairer, Lubich and Wanner, section IV.2",
-            partial(_prepare_midpoint, "implicit_midpoint", False),
-        ),
-        MagnetMethod(
-            "spherical_midpoint", "spherical midpoint", 2, True, SPHERES,
-            "McLachlan, Modin and Verdier, Phys. Rev. E 89 (2014) 061301",
-            partial(_prepare_midpoint, "spherical_midpoint", True),
-        ),
-    )
-}  # fmt: skip
+def splitting_of_spins(name: str, a: tuple[float, ...], b: tuple[float, ...]) -> Callable[..., SpinStepper]:
+    """The builder of a splitting of two parts, a1, b1, a2, …, by pairs of spins."""
+    return of_spins(partial(_prepare_splitting, name, weights_of_two(a, b)))
 
 
-def _in_doubles(magnet: GaudinMagnet) -> GaudinMagnet:
-    """The magnet with sites and alpha rounded to doubles, which compiled code takes."""
-    if any(a.imag for a in magnet.sites):
-        raise ValueError(
-            "sites must be real numbers for `integrate`; lagrange_bench.integrators.paper takes conjugate pairs too"
-        )
-    return replace(magnet, sites=tuple(float(a.real) for a in magnet.sites), alpha=float(magnet.alpha))
+# builders by the names of the methods that have them
+SPINS = {
+    "strang": splitting_of_spins("strang", (0.5, 0.5), (1.0,)),
+    "blanes_moan4": splitting_of_spins("blanes_moan4", *_blanes_moan4()),
+    "implicit_midpoint": of_spins(partial(_prepare_midpoint, "implicit_midpoint", False)),
+    "taylor": of_spins(prepare_taylor),
+    "scipy_dop853": of_spins(prepare_dop853),
+}
 
-
-def prepare_method(magnet: GaudinMagnet, spins: Any, h: Any, method: Any, options: Mapping[str, Any]) -> Any:
-    """A stepper of the named method; ValueError naming the argument that makes no sense."""
-    magnet = _in_doubles(magnet)
-    if not isinstance(method, str) or method not in MAGNET_METHODS:
-        close = suggestion(str(method), MAGNET_METHODS)
-        raise ValueError(f"unknown method {method!r} of a magnet{close} Known: {', '.join(MAGNET_METHODS)}")
-    found = MAGNET_METHODS[method]
-    if found.requires and importlib.util.find_spec(found.requires) is None:
-        raise StepError(method, f"{found.requires} is not installed here")
-    spins = magnet.check_spins(spins)
-    if spins.dtype.kind != "f":
-        raise ValueError(f"spins must be real numbers; got dtype {spins.dtype}")
-    check_options(method, found.prepare, options)
-    start = perf_counter()
-    stepper = found.prepare(magnet, spins, check_step(h), **options)
-    stepper.work.setup_seconds = perf_counter() - start
-    return stepper
+SPHERICAL_MIDPOINT = Method(
+    name="spherical_midpoint",
+    label="Spherical midpoint",
+    family="implicit",
+    order=2,
+    symmetric=True,
+    poisson=True,
+    conserves=frozenset({"J3", "C1", "C2"}),
+    control="step",
+    source="McLachlan, Modin and Verdier, Phys. Rev. E 89 (2014) 061301",
+    prepare=of_spins(partial(_prepare_midpoint, "spherical_midpoint", True)),
+    needs="spins",
+)

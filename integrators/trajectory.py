@@ -1,0 +1,334 @@
+"""What `integrate` returns: a trajectory, which can be made a table, drawn, saved and held against the truth.
+
+run = integrate(top, y0, h=0.1, steps=1000, every=10)
+run.to_frame(), run.plot("axis"), run.error(), run.save("run.csv")
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import json
+import textwrap
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lagrange_bench.integrators.checks import check_choice, check_times
+from lagrange_bench.integrators.files import write_file
+from lagrange_bench.integrators.interface import Array, Method, Work
+from lagrange_bench.integrators.problem.body import RigidTop
+from lagrange_bench.integrators.problem.units import scaled_size
+from lagrange_bench.integrators.truth import truths
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from scipy.spatial.transform import Rotation
+
+LEAST = 2.0**-54  # a quarter of an ulp of 1: smaller errors, 0 among them, are drawn there on a logarithmic axis
+KINDS = ("components", "invariants", "error", "axis")
+FORMATS = (".csv", ".npz", ".parquet")
+E3_COLUMNS, BODY_COLUMNS = ("J1", "J2", "J3", "x1", "x2", "x3"), ("q0", "q1", "q2", "q3", "L1", "L2", "L3")
+
+
+@dataclass(frozen=True)
+class Start:
+    """How a run began: what a trajectory needs to be judged, or evaluated at other times.
+
+    state : (n,) numbers. method : the method's record. h : the step, None of jumps and of methods that choose their own steps.
+    options : those of the method.
+    """
+
+    state: Array
+    method: Method
+    h: float | None
+    options: Mapping[str, Any]
+
+
+@dataclass(frozen=True, repr=False)
+class Trajectory:
+    """Times and states of one motion.
+
+    Attributes
+    ----------
+    top : what was followed: a top, a problem, a magnet. method : the method's name.
+    t : (N,) times in the units of h. y : (N, 6) states in those of y0; of a Problem (N, size), of a magnet (N, n, 3).
+    work : the work they took.
+    """
+
+    top: Any
+    method: str
+    t: Array
+    y: Array
+    work: Work
+    follow: Callable[[], Array] | None = field(default=None, compare=False)
+    start: Start | None = field(default=None, compare=False, kw_only=True)
+
+    def __repr__(self) -> str:
+        count = len(self.t)
+        span = f", t = {self.t[0]:.10g} … {self.t[-1]:.10g}" if count else ""
+        return f"<{type(self).__name__} of {self.top!r} by {self.method}: {count} state{'s' * (count != 1)}{span}>"
+
+    def _repr_html_(self) -> str:
+        import html
+
+        return f"<p>{html.escape(repr(self))}</p>{self.to_frame().to_html(max_rows=10, index=False)}"
+
+    # ------------------------------------------------------------------ numbers
+
+    @property
+    def problem(self) -> Any:
+        """What was integrated: of a body its top, of a magnet its flow as a `Problem`."""
+        return getattr(self.top, "problem", self.top)
+
+    @property
+    def states(self) -> Array:
+        """(N, n): `y` with one row of numbers for each time."""
+        return self.y.reshape(len(self.t), -1)
+
+    def invariants(self) -> Array:
+        """The invariants of the problem along the trajectory, shape (N, m): of a top H, J3, C1, C2; else see `problem.names`."""
+        values: Array = self.problem.invariants(self.states, self.t)
+        return values
+
+    def columns(self) -> tuple[str, ...]:
+        """Names of the n numbers of a state."""
+        space = self.problem.system.space if "spins" not in self.problem.offers else self.problem.space
+        if space.name in ("e3", "body"):
+            return E3_COLUMNS if space.name == "e3" else BODY_COLUMNS
+        if space.vectors == 1:
+            return "J1", "J2", "J3"
+        return tuple(f"s{j}_{i}" for j in range(1, space.vectors + 1) for i in (1, 2, 3))
+
+    def to_frame(self, invariants: bool = False) -> pd.DataFrame:
+        """A pandas frame with a row for each time: t, the numbers of the state, and the invariants if asked for."""
+        import pandas as pd
+
+        frame = pd.DataFrame(self.states, columns=list(self.columns()))
+        frame.insert(0, "t", self.t)
+        if invariants:
+            frame[list(self.problem.names)] = self.invariants()
+        return frame
+
+    def error(self) -> Array:
+        """Distances (N,) to the exact or the reference solution, relative to the scales of the motion; NaN where that is lost.
+
+        Raises
+        ------
+        ValueError : the run is too long for a reference solution, or there is none.
+        """
+        start = self._started("error")
+        if start.h is None:
+            true = truths.solution(self.problem, start.state, self.t)
+        else:
+            true = truths.after_steps(self.problem, start.state, start.h, np.rint(self.t / start.h).astype(np.int64))
+        return scaled_size(self.problem, start.state, self.states - true)
+
+    def sol(self, t: ArrayLike) -> Array:
+        """States at any times, from the start, by the method's dense output or jumps; shaped as `y`.
+
+        Raises
+        ------
+        ValueError : the method steps on a grid only.
+        """
+        start, times = self._started("sol"), check_times(t)
+        evaluate = start.method.evaluate_for(self.problem)
+        if evaluate is None:
+            raise ValueError(f"sol: {self.method} steps on a grid only")
+        states, _ = evaluate(self.problem, start.state, times, **start.options)
+        return states.reshape(len(times), *self.y.shape[1:])
+
+    def _started(self, word: str) -> Start:
+        if self.start is None:
+            raise ValueError(f"{word}: this trajectory does not know how it began")
+        return self.start
+
+    # ------------------------------------------------------------------ pictures and files
+
+    def plot(self, what: str = "components", ax: Axes | None = None, **look: Any) -> Axes:
+        """Draw the run.
+
+        Parameters
+        ----------
+        what : "components" of the state against time; "invariants", how far each one is from its start, relative to its terms;
+            "error", see `error`; or "axis", the path of x on its sphere, of a top.
+        ax : axes to draw on, of a 3D projection for "axis"; by default those of a new figure. look : of the lines, as of
+            matplotlib's `plot`.
+        """
+        from matplotlib import pyplot as plt
+
+        check_choice(what, "what", KINDS)
+        if what == "axis":
+            return self._plot_axis(ax or plt.figure().add_subplot(projection="3d"), look)
+        ax = ax or plt.figure(layout="constrained").add_subplot()
+        if what == "components":
+            for name, values in zip(self.columns(), self.states.T, strict=True):
+                ax.plot(self.t, values, **{"label": name, **look})
+            ax.set_ylabel("components")
+        elif what == "invariants":
+            first = self.problem.invariants(self._started("plot").state, 0.0)
+            scales = self.problem.invariant_scales(self._started("plot").state)
+            for name, drift in zip(self.problem.names, ((self.invariants() - first) / scales).T, strict=True):
+                ax.plot(self.t, np.maximum(np.abs(drift), LEAST), **{"label": name, **look})
+            ax.set(yscale="log", ylabel="relative change of the invariants")
+        else:
+            ax.plot(self.t, np.maximum(self.error(), LEAST), **{"label": self.method, **look})
+            ax.set(yscale="log", ylabel=f"error against the {truths.name(self.problem)}")
+        ax.set(xlabel="time t", title=textwrap.shorten(f"{self.method}: {self.top!r}", 60, placeholder=" …"))
+        ax.legend()
+        return ax
+
+    def _plot_axis(self, ax: Any, look: dict[str, Any]) -> Axes:
+        if self.columns() != E3_COLUMNS:
+            raise ValueError(f"what: {self.top!r} has no axis x on a sphere")
+        x = self.y[:, 3:]
+        radius = float(np.linalg.norm(x[0]))
+        around, half = np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13)
+        sphere = (
+            np.outer(np.cos(around), np.sin(half)),
+            np.outer(np.sin(around), np.sin(half)),
+            np.outer(around**0, np.cos(half)),
+        )
+        ax.plot_wireframe(*(radius * part for part in sphere), color="0.85", linewidth=0.4)
+        ax.plot(*x.T, **{"label": self.method, **look})
+        ax.plot(*x[:1].T, "o", color="black", ms=4, label="start")
+        ax.set(xlabel="$x_1$", ylabel="$x_2$", zlabel="$x_3$ (up)", box_aspect=(1, 1, 1))
+        ax.legend()
+        return ax  # type: ignore[no-any-return]
+
+    def save(self, path: str | Path, metadata: Mapping[str, Any] | None = None) -> Path:
+        """Write times and states, every double exactly, as .csv, .npz or .parquet; `metadata` is what JSON can hold.
+
+        Raises
+        ------
+        ValueError : another ending, or .parquet without pyarrow. OSError : it cannot be written; nothing is lost.
+        """
+        path = Path(path)
+        kind = check_choice(path.suffix.lower(), "the ending of the file's name", FORMATS)
+        facts = {"method": self.method, **(metadata or {})}
+        names, table = ("t", *self.columns()), np.column_stack((self.t, self.states))
+        if kind == ".npz":
+            buffer = io.BytesIO()
+            np.savez(buffer, t=self.t, y=self.y, metadata=np.array(json.dumps(facts)))
+            return write_file(path, buffer.getvalue())
+        if kind == ".parquet":
+            return write_file(path, _parquet(names, table, facts))
+        lines = [f"# {key}: {json.dumps(value, ensure_ascii=False)}" for key, value in facts.items()]
+        lines += [",".join(names), *(",".join(map(repr, row)) for row in table.tolist())]
+        return write_file(path, "\n".join(lines) + "\n")
+
+    # ------------------------------------------------------------------ the body
+
+    @cached_property
+    def _followed(self) -> Array | None:
+        return self.follow() if self.follow else None
+
+    @property
+    def attitude(self) -> Array | None:
+        """(N, 4) unit quaternions, scalar first, body to world; None where the start has none. Followed when first asked."""
+        return self._followed
+
+    @property
+    def rotation(self) -> Rotation:
+        """The body's N rotations, a SciPy Rotation from the body's frame to the world's."""
+        from scipy.spatial.transform import Rotation
+
+        if self.attitude is None:
+            raise ValueError("y0 has no rotation: start from top.state(rotation=…), or integrate(…, attitude=True)")
+        return Rotation.from_quat(self.attitude, scalar_first=True)
+
+    def euler_angles(self) -> Array:
+        """(theta, phi, psi) of the body, rad, shape (N, 3): R = R3(phi) R2(theta) R3(psi).
+
+        Within 1e-7 of the vertical only phi ± psi has a meaning; all of it is then given to phi.
+        """
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # says that
+            return self.rotation.as_euler("ZYZ")[:, (1, 0, 2)]
+
+
+@dataclass(frozen=True, repr=False)
+class RigidTrajectory(Trajectory):
+    """A trajectory of a RigidTop, in SI units; y (N, 6) is (J, x) in the frame whose third axis points up."""
+
+    body: RigidTop = field(kw_only=True)
+    spin: float | None = field(default=None, kw_only=True)  # rad/s, about the axis
+
+    @property
+    def position(self) -> Array:
+        """The centre of mass in the world's frame, m, shape (N, 3)."""
+        return self.body.positions(self.y)
+
+    @property
+    def omega_world(self) -> Array:
+        """Angular velocity in the world's frame, rad/s, shape (N, 3)."""
+        return np.einsum("ij,jk->ik", self.body.angular_velocity(self.y, self.spin), self.body.world)
+
+    @property
+    def omega_body(self) -> Array:
+        """Angular velocity in the body's frame, rad/s, shape (N, 3)."""
+        return self.rotation.apply(self.omega_world, inverse=True)
+
+    @property
+    def energy(self) -> Array:
+        """Kinetic plus potential energy, J, shape (N,)."""
+        return self.body.energy(self.y)
+
+
+@dataclass(frozen=True, repr=False)
+class BodyTrajectory(Trajectory):
+    """A trajectory of a WholeBody, in SI units; y (N, 7) is (q, L), see `problem.whole_body`."""
+
+    @property
+    def attitude(self) -> Array:
+        """(N, 4) unit quaternions, scalar first, body to world."""
+        quaternions: Array = self.rotation.as_quat(scalar_first=True)
+        return quaternions
+
+    @property
+    def rotation(self) -> Rotation:
+        """The body's N rotations, a SciPy Rotation from the body's frame to the world's."""
+        turns: Rotation = self.top.rotations(self.y)
+        return turns
+
+    @property
+    def position(self) -> Array:
+        """The centre of mass in the world's frame, m, shape (N, 3)."""
+        return self.rotation.apply(self.top.com)
+
+    @property
+    def omega_body(self) -> Array:
+        """Angular velocity in the body's frame, rad/s, shape (N, 3)."""
+        omega: Array = self.top.angular_velocity(self.y)
+        return omega
+
+    @property
+    def omega_world(self) -> Array:
+        """Angular velocity in the world's frame, rad/s, shape (N, 3)."""
+        return self.rotation.apply(self.omega_body)
+
+    @property
+    def energy(self) -> Array:
+        """Kinetic plus potential energy, J, shape (N,)."""
+        energy: Array = self.top.energy(self.y)
+        return energy
+
+
+def _parquet(names: tuple[str, ...], table: Array, facts: dict[str, Any]) -> bytes:
+    if importlib.util.find_spec("pyarrow") is None:
+        raise ValueError("pyarrow is not installed: pip install pyarrow; or write .csv or .npz")
+    import pyarrow
+    from pyarrow import parquet
+
+    texts = {key: json.dumps(value, ensure_ascii=False) for key, value in facts.items()}
+    frame = pyarrow.table([pyarrow.array(column) for column in table.T], names=list(names), metadata=texts)
+    buffer = io.BytesIO()
+    parquet.write_table(frame, buffer)
+    return buffer.getvalue()

@@ -1,0 +1,106 @@
+"""What `integrate` returns: as a table, in a file, as a picture, and held against the truth."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib import pyplot as plt
+
+from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.integrators import CASES, PERTURBED_TOPS, TOPS, GaudinMagnet, WholeBody, exact, free_body, integrate
+
+NAMED, TIDE = TOPS["generic"], PERTURBED_TOPS["weak_tide"]
+MAGNET, SPINS = GaudinMagnet((0.0, -0.7, 1.1), 0.6), np.array(((0.3, -0.4, 0.8), (0.9, 0.1, -0.2), (-0.3, 0.7, 0.5)))
+BODY = WholeBody.of(CASES["slow"].top)
+SLOW = BODY.state(rotation=np.eye(3), omega_body=(0.0, 10.0, -4.61538))
+RUNS = {
+    "top": ("J1 J2 J3 x1 x2 x3 H J3 C1 C2", NAMED.top, NAMED.state),
+    "tide": ("J1 J2 J3 x1 x2 x3 H J3 C1 C2", TIDE.top, TIDE.state),
+    "so3": ("J1 J2 J3 H C", free_body(1.0, 2.0, 3.0), (0.3, -0.4, 1.2)),
+    "magnet": ("s1_1 s1_2 s1_3 s2_1 s2_2 s2_3 s3_1 s3_2 s3_3 H_0 H_1 H_2 C1 C2 C3", MAGNET, SPINS),
+    "body": ("q0 q1 q2 q3 L1 L2 L3 H C1 J3 C2", BODY, SLOW),
+}
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return {name: integrate(top, y0, 0.01, 20, "rk4", every=5) for name, (_, top, y0) in RUNS.items()}
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_frame_has_time_state_and_invariants(runs, name):
+    run, words = runs[name], RUNS[name][0].split()
+    frame = run.to_frame(invariants=True)
+    n = len(run.columns())
+    assert list(frame) == ["t", *dict.fromkeys(words)]
+    assert np.array_equal(frame.t, run.t)
+    assert np.array_equal(run.to_frame().to_numpy()[:, 1:], run.y.reshape(5, n))
+    assert np.array_equal(frame[words[-1]], run.invariants()[:, -1])
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_the_error_is_the_distance_to_the_truth(runs, name):
+    error = runs[name].error()
+    assert error.shape == (5,)
+    assert error[0] < 1e-15 < error[-1] < 1e-4  # that of RK4
+
+
+def test_the_error_of_steps_is_that_at_n_h():
+    run = integrate(NAMED.top, NAMED.state, 0.1, 10**6, every=10**6)
+    assert run.error()[-1] < 1e-11
+    jumps = integrate(NAMED.top, NAMED.state, t=run.t)
+    true = exact.solution(NAMED.top, NAMED.state, run.t)
+    assert np.array_equal(jumps.error(), metrics.scaled_error(NAMED.top, NAMED.state, jumps.y, true))
+
+
+def test_states_between_the_recorded_ones():
+    run = integrate(NAMED.top, NAMED.state, 0.1, 100, every=100)
+    assert np.array_equal(run.sol([5.0]), integrate(NAMED.top, NAMED.state, t=[5.0]).y)
+    with pytest.raises(ValueError, match=r"^sol: strang steps on a grid only"):
+        integrate(NAMED.top, NAMED.state, 0.1, 1, "strang").sol([0.3])
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_files_have_every_bit(runs, name, tmp_path):
+    run = runs[name]
+    rows = np.loadtxt(run.save(tmp_path / "run.csv", {"mine": "é"}), delimiter=",", skiprows=3)
+    assert np.array_equal(rows, run.to_frame())
+    assert (tmp_path / "run.csv").read_text("utf-8").startswith('# method: "rk4"\n# mine: "é"\n')
+    with np.load(run.save(str(tmp_path / "run.npz"))) as data:
+        assert np.array_equal(data["y"], run.y)
+        assert json.loads(str(data["metadata"])) == {"method": "rk4"}
+    pytest.importorskip("pyarrow")
+    assert pd.read_parquet(run.save(tmp_path / "run.parquet")).equals(run.to_frame())
+
+
+def test_pictures_have_labels_and_name_the_top(runs):
+    run = runs["top"]
+    for what, lines in (("components", 6), ("invariants", 4), ("error", 1), ("axis", 2)):
+        ax = run.plot(what, color="C3")
+        assert (len(ax.lines), bool(ax.get_xlabel()), bool(ax.get_ylabel())) == (lines, True, True), what
+        assert ax.lines[0].get_color() == "C3"
+        plt.close(ax.figure)
+    figure, (left, right) = plt.subplots(1, 2)
+    assert runs["magnet"].plot("error", ax=right) is right
+    assert not left.lines
+    assert right.get_title().startswith("rk4: GaudinMagnet")
+    assert "reference solution" in right.get_ylabel()
+    plt.close(figure)
+
+
+def test_a_trajectory_is_one_line_and_a_table_in_a_notebook(runs):
+    assert repr(runs["top"]) == "<Trajectory of LagrangeTop(alpha=1.0) by rk4: 5 states, t = 0 … 0.2>"
+    assert "<table" in runs["tide"]._repr_html_()
+    assert "<Potential" not in runs["tide"]._repr_html_()
+
+
+def test_bad_words(runs, tmp_path):
+    with pytest.raises(ValueError, match=r"^what must be one of 'components', "):
+        runs["top"].plot("energy")
+    with pytest.raises(ValueError, match="no axis x"):
+        runs["magnet"].plot("axis")
+    with pytest.raises(ValueError, match=r"the ending of the file's name must be one of '\.csv'"):
+        runs["top"].save(tmp_path / "run.txt")
+    with pytest.raises(OSError, match="cannot be written"):
+        runs["top"].save("/dev/null/run.csv")
