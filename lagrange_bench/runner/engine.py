@@ -182,7 +182,7 @@ def run(
 def _executor(scheduler: str | None, jobs: int, limit: float, experiments: Sequence[str]) -> Any:
     """Context manager of the executor of the accuracy cells."""
     if scheduler is None:
-        return workers.Local(jobs, limit, ahead=jobs)
+        return workers.Local(jobs, limit)
     from lagrange_bench.runner import cluster
 
     return cluster.Cluster(scheduler, limit, experiments)
