@@ -162,10 +162,15 @@ def compute(
     A worker may join when the run has begun: then nobody has asked it for the experiments, and it must not make failed
     cells of what it lacks.
     """
-    facts, executor = look([experiment]), _executor(threading.get_ident(), limit)
+    facts, executor = _facts(experiment), _executor(threading.get_ident(), limit)
     executor.submit(Task(experiment, 0, 0, cell, expected))
     ((_, outcome),) = executor.finished()
     return facts, {**outcome, "provenance": provenance.provenance()}
+
+
+@cache
+def _facts(experiment: str) -> dict[str, Any]:
+    return look([experiment])
 
 
 def look(experiments: Sequence[str] = ()) -> dict[str, Any]:
