@@ -34,11 +34,12 @@ KILLS = int(os.environ.get("LAGRANGE_BENCH_KILLS", 8))
 def toy(monkeypatch, tmp_path):
     """run(cells, …) -> the tally; the store is in tmp_path/"here"; without the pauses of the cells."""
     monkeypatch.syspath_prepend(str(HERE))
-    monkeypatch.setenv("TOY_PACE", "0")
 
     def run(cells):
-        monkeypatch.setenv("TOY_CELLS", json.dumps(cells))
-        return engine.run([TOY], "quick", tmp_path / "here", 2, show=False).tallies[TOY]
+        with monkeypatch.context() as patch:
+            patch.setenv("TOY_PACE", "0")
+            patch.setenv("TOY_CELLS", json.dumps(cells))
+            return engine.run([TOY], "quick", tmp_path / "here", 2, show=False).tallies[TOY]
 
     return run
 
