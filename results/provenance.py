@@ -23,6 +23,7 @@ def provenance() -> dict[str, object]:
     return {"utc": datetime.now(UTC).isoformat(timespec="seconds"), **_unchanging()}
 
 
+@cache
 def version(package: str) -> str | None:
     """Installed version, None if it is not installed."""
     try:

@@ -15,9 +15,9 @@ import math
 import numbers
 import os
 import re
-import sys
+import tempfile
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -42,14 +42,13 @@ Record = dict[str, Any]
 
 SCHEMA = 1  # of the records; the envelope (one JSON object a line, "schema", "sha256") is the same in all
 ADDED = ("key", "status", "failure")  # columns `rows` adds to those of a cell
-NUMBER = (int, float)
-KINDS = {
-    "cell": (dict,),
+FIELDS: dict[str, tuple[type, ...]] = {
+    **dict.fromkeys(("key", "experiment", "status"), (str,)),
+    **dict.fromkeys(("version", "position", "seconds"), (int, float)),
+    **dict.fromkeys(("cell", "provenance"), (dict,)),
     "rows": (list,),
-    "provenance": (dict,),
-    **dict.fromkeys(("version", "position", "seconds"), NUMBER),
+    "error": (dict, NoneType),
 }
-FACTS = {"utc": (str,), "commit": (str, NoneType), "dirty": (bool, NoneType), "cpu": (str, NoneType)}  # on the page
 SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of the row fields that may be lists of numbers: raw timings
 
 LONGEST = 2000  # characters of a message
@@ -234,12 +233,9 @@ def latest(records: Sequence[Record], version: float | None = None) -> list[Reco
 
 def _counts(record: Record, old: Record | None) -> bool:
     """Whether a record counts instead of an earlier one of its cell."""
-    return not old or old["status"] != "done" or _replaces(record, old["key"], old.get("sources"))
-
-
-def _replaces(record: Record, key: str, digest: str | None) -> bool:
-    """Whether a record counts instead of an earlier success under this key and by these sources."""
-    return record["status"] == "done" or (record["key"], record.get("sources")) != (key, digest)
+    if old is None or old["status"] != "done" or record["status"] == "done":
+        return True
+    return (record["key"], record.get("sources")) != (old["key"], old.get("sources"))
 
 
 @cache
@@ -318,16 +314,12 @@ class Store:
 
     def check_writable(self) -> None:
         """Creates the folder and a file in it, for a moment; StoreError if that cannot be done."""
-        probe = self.folder / f".probe-{os.getpid()}"
         with self._explained():
             self.folder.mkdir(parents=True, exist_ok=True)
-            try:
-                with probe.open("wb") as file:
-                    file.write(bytes(4096))
-                    file.flush()
-                    os.fsync(file.fileno())
-            finally:
-                probe.unlink(missing_ok=True)
+            with tempfile.TemporaryFile(dir=self.folder) as file:
+                file.write(bytes(4096))
+                file.flush()
+                os.fsync(file.fileno())
 
     def append(self, *records: Record) -> None:
         """Adds records to their journals, all or nothing for each journal; on return they are on the disk."""
@@ -359,8 +351,8 @@ class Store:
         except OSError as error:
             raise StoreError(f"cannot read {self.folder}: {error.strerror}") from error
 
-    def lines(self, experiment: str) -> Iterator[tuple[int, bytes, Record | None]]:
-        """Each line of a journal: its number, the line, and the record in it; None if it is damaged.
+    def records(self, experiment: str, problems: list[str]) -> Iterator[Record]:
+        """Every record of an experiment, oldest first; enters in `problems` what is wrong with the lines that are none.
 
         One line is in memory at a time. What is appended after the first was asked for is not seen.
 
@@ -375,68 +367,41 @@ class Store:
             with path.open("rb") as file:
                 with _locked(file.fileno(), exclusive=False):  # nobody is in the middle of a line
                     size = os.fstat(file.fileno()).st_size
-                number = 0
-                while size > 0 and (line := file.readline(size)):
-                    number, size = number + 1, size - len(line)
+                for number, line in enumerate(iter(lambda: file.readline(max(size - file.tell(), 0)), b""), 1):
                     record = _parse(line, experiment)
                     if record is not None and record["schema"] != SCHEMA:
                         raise StoreError(
                             f"{path}, line {number}: written with schema {record['schema']}, this version reads "
                             f"{SCHEMA}: update lagrange-bench, or choose another folder with --results"
                         )
-                    if record is not None or line != b"\n":
-                        yield number, line, record
+                    if record is not None:
+                        yield record
+                    elif line != b"\n":
+                        what = "damaged" if line.endswith(b"\n") else "cut off while it was written"
+                        problems.append(f"{path}, line {number}: {what}; skipped, its cell counts as not computed")
         except FileNotFoundError:
             return
         except OSError as error:
             raise StoreError(f"cannot read {path}: {error.strerror}") from error
 
     def read(self, experiment: str) -> tuple[list[Record], list[str]]:
-        """Every record of an experiment, oldest first, and what is wrong with the lines that are none."""
-        records, problems = [], []
-        for number, line, record in self.lines(experiment):
-            if record is not None:
-                records.append(record)
-            else:
-                problems.append(self._problem(experiment, number, line))
-        return records, problems
+        """Every record of an experiment, and what is wrong with the lines that are none; see `records`."""
+        problems: list[str] = []
+        return list(self.records(experiment, problems)), problems
 
-    def _problem(self, experiment: str, number: int, line: bytes) -> str:
-        what = "damaged" if line.endswith(b"\n") else "cut off while it was written"
-        return f"{self.path(experiment)}, line {number}: {what}; skipped, its cell counts as not computed"
+    def done(self, experiment: str) -> tuple[dict[bytes, str | None], list[str]]:
+        """Keys of the cells that were computed, with the digests of the sources that did; and what is wrong with the lines.
 
-    def done(self, experiment: str) -> tuple[dict[bytes, str | None], set[bytes], list[str]]:
-        """Keys of the cells that were computed, with the digests of the sources that did; which of these are hidden; and
-        what is wrong with the lines that are no record.
-
-        Hidden is a key if `latest` takes a later record of the cell, with another key: a user's method was edited and the
-        edit undone, or packages changed and changed back. `revive` brings its rows back.
+        They are of the records that `latest` takes: what was computed otherwise since is computed again.
         """
-        found: dict[bytes, str | None] = {}
         shown: dict[bytes, Record] = {}  # of each cell and version the head of the record that counts
-        problems = []
-        for number, line, record in self.lines(experiment):
-            if record is None:
-                problems.append(self._problem(experiment, number, line))
-                continue
-            key, digest = bytes.fromhex(record["key"]), record.get("sources")
+        problems: list[str] = []
+        for record in self.records(experiment, problems):
             cell = hashlib.sha256(_canonical([record["version"], record["cell"]]).encode("ascii")).digest()
             if _counts(record, shown.get(cell)):
-                shown[cell] = {"key": sys.intern(record["key"]), "sources": digest, "status": record["status"]}
-            if record["status"] == "done":
-                found[key] = digest and sys.intern(digest)  # there are few of them, and many cells
-            elif key in found and _replaces(record, record["key"], found[key]):
-                del found[key]
-        return found, set(found) - {bytes.fromhex(head["key"]) for head in shown.values()}, problems
-
-    def revive(self, experiment: str, keys: Collection[bytes]) -> None:
-        """Appends the last success under each of these keys once more, so that it is what counts again."""
-        last = {
-            record["key"]: record
-            for _, _, record in self.lines(experiment)
-            if record is not None and record["status"] == "done" and bytes.fromhex(record["key"]) in keys
-        }
-        self.append(*last.values())
+                shown[cell] = {name: record.get(name) for name in ("key", "sources", "status")}
+        done = (head for head in shown.values() if head["status"] == "done")
+        return {bytes.fromhex(head["key"]): head["sources"] for head in done}, problems
 
     def open(self, experiment: str) -> Journal:
         """What is stored of an experiment now, read once."""
@@ -505,19 +470,19 @@ def _parse(line: bytes, experiment: str) -> Record | None:
 
 
 def _sound(record: Record, text: str, experiment: str) -> bool:
-    """Whether a record has what its readers rely on; an error if a field is missing. text : the record as JSON."""
-    error, failed = record["error"], record["status"] == "failed"
+    """Whether a record has the fields that its readers rely on; an error if one is missing. text : the record as JSON."""
     if '"float":' in text:
         restore([record["cell"], record["rows"]])
+    bytes.fromhex(record["key"])
+    failed, error = record["status"] == "failed", record["error"]
     return (
         record["experiment"] == experiment
-        and all(type(record[name]) in kinds for name, kinds in KINDS.items())
-        and all(type(record["provenance"][name]) in kinds for name, kinds in FACTS.items())
-        and type(record.get("sources")) in (str, NoneType)
-        and all(type(row) is dict for row in record["rows"])
-        and bool(bytes.fromhex(record["key"]))
-        and (failed or record["status"] == "done")
-        and (type(error["type"]) is type(error["message"]) is str if failed else error is None)
+        and record["status"] in ("done", "failed")
+        and isinstance(record.get("sources"), (str, NoneType))
+        and all(isinstance(record[name], kinds) for name, kinds in FIELDS.items())
+        and all(isinstance(row, dict) for row in record["rows"])
+        and {"utc", "commit", "dirty", "cpu"} <= set(record["provenance"])
+        and (isinstance(error["type"], str) and isinstance(error["message"], str) if failed else error is None)
     )
 
 

@@ -13,11 +13,11 @@ import multiprocessing
 import queue
 import re
 import sys
+import threading
 from collections.abc import Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from functools import cache
-from time import monotonic, perf_counter
 from typing import Any
 
 from lagrange_bench.integrators import interrupts, memory
@@ -26,12 +26,8 @@ from lagrange_bench.runner import workers
 from lagrange_bench.runner.workers import DIED, Outcome, Task, failure
 
 CONNECT = 30.0  # s to wait for the scheduler
-LOOK = 2.0  # s between two questions to the scheduler how many workers there are
-PATIENCE = 30.0  # s without a worker before that is said
-AHEAD = 2  # handfuls out for each thread of the workers: one computed, one waiting
-MORE = 4  # and these, so that a cluster that grows with what is asked of it has a reason to
-HANDFUL = 0.5  # s; short cells travel together, as many as take about this long
-MOST = 256  # but no more than this
+PATIENCE = 30.0  # s without a finished cell before it is asked whether there is a worker
+AHEAD = 500  # cells handed over at a time, for Dask to spread
 
 
 class ClusterError(RuntimeError):
@@ -52,10 +48,8 @@ class Cluster:
         self._address, self._limit, self._experiments = check_address(address), limit, list(experiments)
         self._client: Any = None
         self._own: Any = None  # the scheduler and workers of local:N
-        self._out: dict[Any, list[Task]] = {}  # future → what it computes
+        self._out: dict[Any, Task] = {}  # by future
         self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self._seconds = 0.0  # that a cell takes, lately
-        self._threads, self._looked, self._seen = 0, 0.0, monotonic()  # of the workers, and when there were any
 
     def __enter__(self) -> Cluster:
         distributed = _distributed()
@@ -66,14 +60,11 @@ class Cluster:
                     quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
                     self._own = distributed.LocalCluster(n_workers=count, threads_per_worker=1, processes=True, **quiet)
                 self._client = distributed.Client(self._own or self._address, timeout=CONNECT)
-            self._ask()
             for facts in self._client.run(look, self._experiments).values():
                 _compare(facts)
         except BaseException as error:
             self._close()
-            if isinstance(error, (OSError, ImportError, RuntimeError, TypeError, ValueError)) and not isinstance(
-                error, ClusterError
-            ):
+            if isinstance(error, Exception) and not isinstance(error, ClusterError):
                 raise ClusterError(self._explanation(error)) from error
             raise
         return self
@@ -81,6 +72,7 @@ class Cluster:
     def __exit__(self, kind: object, *_: object) -> None:
         if kind is not None and self._own is not None:
             with suppress(Exception):  # it is only to be faster
+                self._client.cancel(list(self._out))
                 self._client.run(abandon)
         self._close()
 
@@ -90,46 +82,36 @@ class Cluster:
                 if part is not None:
                     part.close()
 
-    # ------------------------------------------------------------ the executor
-
     @property
     def room(self) -> bool:
-        if monotonic() - self._looked > LOOK:
-            self._ask()
-        return len(self._out) < AHEAD * self._threads + MORE
+        return len(self._out) < AHEAD
 
-    @property
-    def size(self) -> int:
-        return max(1, min(MOST, int(HANDFUL / self._seconds))) if self._seconds else 1
-
-    def submit(self, tasks: list[Task]) -> None:
-        cells = [(task.experiment, task.cell, task.sources) for task in tasks]
-        future = self._client.submit(compute, cells, self._limit, pure=False)
-        self._out[future] = tasks
+    def submit(self, task: Task) -> None:
+        future = self._client.submit(compute, task.experiment, task.cell, task.sources, self._limit, pure=False)
+        self._out[future] = task
         future.add_done_callback(self._done.put)
 
     def finished(self) -> list[tuple[Task, Outcome]]:
-        while True:
-            try:
-                future = self._done.get(timeout=LOOK)
-            except queue.Empty:
-                self._ask()
-                continue
-            tasks = self._out.pop(future)
-            outcomes = self._outcomes(future, tasks)
-            if rest := tasks[len(outcomes) :]:  # they took longer than thought: others may help
-                self.submit(rest)
-            mean = sum(outcome["seconds"] for outcome in outcomes) / len(outcomes)
-            self._seconds = max(0.7 * self._seconds + 0.3 * mean, 1e-4)
-            return list(zip(tasks, outcomes, strict=False))
+        done = [self._next()]
+        while not self._done.empty():  # also what was finished while the last were stored
+            done.append(self._done.get())
+        return [(self._out.pop(future), self._outcome(future)) for future in done]
 
-    def _outcomes(self, future: Any, tasks: list[Task]) -> list[Outcome]:
+    def _next(self) -> Any:
+        while True:
+            with suppress(queue.Empty):
+                return self._done.get(timeout=PATIENCE)
+            with suppress(OSError):  # a scheduler that went away cancels what was submitted: `_outcome` says so
+                if not self._client.nthreads():
+                    print(f"waiting: no Dask worker is connected to {self._address}", file=sys.stderr, flush=True)
+
+    def _outcome(self, future: Any) -> Outcome:
         distributed = _distributed()
         try:
-            facts, outcomes = future.result()
+            facts, outcome = future.result()
         except distributed.scheduler.KilledWorker as error:
             lost = f"{error.allowed_failures + 1} Dask workers died one after another while they had this cell"
-            return [failure(DIED, lost, "", 0.0) for _ in tasks]
+            return failure(DIED, lost, "", 0.0)
         except CancelledError as error:
             raise ClusterError(
                 f"the scheduler at {self._address} went away; what was finished is stored: run the same command again"
@@ -137,18 +119,7 @@ class Cluster:
         except Exception as error:  # whatever is wrong with the workers: cells do not raise
             raise ClusterError(self._explanation(error)) from error
         _compare(facts)
-        return list(outcomes)
-
-    def _ask(self) -> None:
-        """How many threads there are; says so if there have been none for long."""
-        self._looked = monotonic()
-        with suppress(OSError):  # a scheduler that went away cancels what was submitted: `_outcomes` says so
-            self._threads = sum(self._client.nthreads().values())
-        if self._threads:
-            self._seen = self._looked
-        elif self._looked - self._seen > PATIENCE:
-            self._seen = self._looked
-            print(f"waiting: no Dask worker is connected to {self._address}", file=sys.stderr, flush=True)
+        return outcome  # type: ignore[no-any-return]
 
     def _explanation(self, error: Exception) -> str:
         if isinstance(error, ImportError):
@@ -184,21 +155,22 @@ def _compare(facts: dict[str, Any]) -> None:
 
 
 def compute(
-    cells: list[tuple[str, dict[str, Any], str | None]], limit: float | None
-) -> tuple[dict[str, Any], list[Outcome]]:
-    """Outcomes of the first few cells, as many as take about HANDFUL seconds and at least one; and what runs here.
+    experiment: str, cell: dict[str, Any], expected: str | None, limit: float | None
+) -> tuple[dict[str, Any], Outcome]:
+    """What runs here, and the outcome of a cell.
 
     A worker may join when the run has begun: then nobody has asked it for the experiments, and it must not make failed
     cells of what it lacks.
     """
-    facts = look(sorted({experiment for experiment, _, _ in cells}))
-    start, outcomes = perf_counter(), []
-    for experiment, cell, expected in cells:
-        outcome = _slots().compute(experiment, cell, limit, expected)
-        outcomes.append({**outcome, "provenance": provenance.provenance()})
-        if perf_counter() - start > HANDFUL:
-            break
-    return facts, outcomes
+    facts, executor = _facts(experiment), _executor(threading.get_ident(), limit)
+    executor.submit(Task(experiment, 0, 0, cell, expected))
+    ((_, outcome),) = executor.finished()
+    return facts, {**outcome, "provenance": provenance.provenance()}
+
+
+@cache
+def _facts(experiment: str) -> dict[str, Any]:
+    return look([experiment])
 
 
 def look(experiments: Sequence[str] = ()) -> dict[str, Any]:
@@ -212,12 +184,14 @@ def look(experiments: Sequence[str] = ()) -> dict[str, Any]:
 
 def abandon() -> None:
     """Ends the processes that compute; what they compute becomes a failure that nobody waits for."""
-    _slots().kill()
+    for process in multiprocessing.active_children():
+        process.kill()
 
 
 @cache
-def _slots() -> workers.Slots:
+def _executor(thread: int, limit: float | None) -> workers.Local:
+    """The process of a thread; it ends with this one (`workers._end_with_parent`)."""
     process = multiprocessing.current_process()
     if process.daemon:
-        process.daemon = False  # or it could not have processes of its own; they end with it (`_end_with_parent`)
-    return workers.Slots()
+        process.daemon = False  # or it could not have processes of its own
+    return workers.Local(1, limit)

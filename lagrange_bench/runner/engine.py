@@ -182,7 +182,7 @@ def run(
 def _executor(scheduler: str | None, jobs: int, limit: float, experiments: Sequence[str]) -> Any:
     """Context manager of the executor of the accuracy cells."""
     if scheduler is None:
-        return workers.Local(jobs, limit, ahead=jobs)
+        return workers.Local(jobs, limit)
     from lagrange_bench.runner import cluster
 
     return cluster.Cluster(scheduler, limit, experiments)
@@ -239,8 +239,7 @@ def _plan(
     """
     plan, version = _Plan(experiment, profile, choice, files or Sources()), load(experiment).VERSION
     tally = summary.tallies[experiment] = Tally()
-    done, hidden, problems = store.done(experiment)
-    revived = set()
+    done, problems = store.done(experiment)
     summary.notes += problems
     seen = set()
     for _, cell in plan.cells():
@@ -265,15 +264,12 @@ def _plan(
             _note(summary, f"skipped: the timing cells of {experiment}, as asked")
         if stored and not missing:
             tally.stored += 1
-            revived |= {key} & hidden
             tally.other_sources += age == sources.OTHER
             tally.unknown_sources += age == sources.UNKNOWN
         elif not missing:
             tally.unavailable += 1
         plan.accuracy.append(missing and not timed)
         plan.timing.append(missing and timed)
-    if revived:
-        store.revive(experiment, revived)
     return plan
 
 

@@ -1,7 +1,7 @@
 """Cells in processes of their own, one thread each: their death or their hanging is a result, not an accident.
 
-A cell is a pure function of its fields, so a process needs nothing but the experiment's name and the cell. Here cells
-are run by `Local`, on a cluster by `cluster.Cluster`; on both each is computed by `Slots.compute`, with the same rows.
+A cell is a pure function of its fields, so a process needs nothing but the experiment's name and the cell. Here cells are run
+by `Local`, on a cluster by `cluster.Cluster`, whose workers have a `Local` each: the rows are the same.
 """
 
 from __future__ import annotations
@@ -9,22 +9,18 @@ from __future__ import annotations
 import faulthandler
 import multiprocessing
 import os
-import queue
 import signal
 import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
-from itertools import islice
-from multiprocessing import resource_tracker
-from multiprocessing.process import BaseProcess
+from math import inf
+from multiprocessing import connection
 from pathlib import Path
-from time import perf_counter
+from time import monotonic, perf_counter
 from typing import Any, Protocol
 
 from lagrange_bench.experiments.catalogue import load
@@ -60,16 +56,11 @@ class Executor(Protocol):
 
     @property
     def room(self) -> bool:
-        """Whether to hand over more now."""
+        """Whether to hand over another task now."""
         ...
 
-    @property
-    def size(self) -> int:
-        """How many tasks to hand over in one go."""
-        ...
-
-    def submit(self, tasks: list[Task]) -> None:
-        """Hands over tasks, without waiting."""
+    def submit(self, task: Task) -> None:
+        """Hands over a task, without waiting."""
         ...
 
     def finished(self) -> list[tuple[Task, Outcome]]:
@@ -96,19 +87,19 @@ def compute_all(tasks: Iterable[Task], executor: Executor, begin: Callable[[Task
 def _stream(
     tasks: Iterator[Task], executor: Executor, begin: Callable[[Task], None]
 ) -> Iterator[list[tuple[Task, Outcome]]]:
-    """Outcomes as they come; as many tasks are out at a time as the executor has room for, so memory is bounded."""
-    out = 0
+    """Outcomes as they come. The next tasks are handed over first, so that no process waits for the store."""
+    out, outcomes = 0, list[tuple[Task, Outcome]]()
     while True:
-        while executor.room and (handful := list(islice(tasks, executor.size))):
-            executor.submit(handful)
-            out += len(handful)
-            for task in handful:
-                begin(task)
+        while executor.room and (task := next(tasks, None)):
+            executor.submit(task)
+            begin(task)
+            out += 1
+        if outcomes:
+            yield outcomes
         if not out:
             return
         outcomes = executor.finished()
         out -= len(outcomes)
-        yield outcomes
 
 
 def died(outcome: Outcome) -> bool:
@@ -120,158 +111,104 @@ def died(outcome: Outcome) -> bool:
 
 
 class Local:
-    """`jobs` cells at a time on this machine, and `ahead` more that wait, so that no process waits for the store.
+    """An `Executor`: `jobs` processes on this machine, that are used again. Left in whatever way, they are killed.
 
-    Left through an exception (Ctrl-C), the processes are killed.
+    limit : s a cell may take; None for no limit.
     """
 
-    size = 1
-
-    def __init__(self, jobs: int, limit: float | None = None, ahead: int = 0):
-        self._jobs, self._ahead, self._limit, self._slots, self._out = jobs, ahead, limit, Slots(), 0
-        self._done: queue.SimpleQueue[tuple[Task, Future[Outcome]]] = queue.SimpleQueue()
+    def __init__(self, jobs: int, limit: float | None = None):
+        self._jobs, self._limit = jobs, limit
+        self._idle: list[_Worker] = []
+        self._busy: dict[_Worker, Task] = {}
 
     def __enter__(self) -> Local:
-        if hasattr(signal, "pthread_sigmask"):
-            resource_tracker.ensure_running()  # multiprocessing's helper; starting it unblocks the signal
-        self._threads = ThreadPoolExecutor(self._jobs, initializer=_block_interrupts)
         return self
 
-    def __exit__(self, kind: object, *_: object) -> None:
-        with interrupts.interrupt_held_back():  # the end is short, and a second Ctrl-C would leave processes behind
-            if kind is not None:
-                self._slots.kill()
-            self._threads.shutdown(wait=True, cancel_futures=True)
-            self._slots.close()
+    def __exit__(self, *_: object) -> None:
+        with interrupts.interrupt_held_back():
+            for worker in (*self._idle, *self._busy):
+                worker.end()  # it has nothing to lose, and a plug-in's thread could keep it alive
 
     @property
     def room(self) -> bool:
-        return self._out < self._jobs + self._ahead
+        return len(self._busy) < self._jobs
 
-    def submit(self, tasks: list[Task]) -> None:
-        (task,) = tasks
-        self._out += 1
-        with interrupts.interrupt_held_back():  # else the pool would not wait for a thread that it just started
-            future = self._threads.submit(self._slots.compute, task.experiment, task.cell, self._limit, task.sources)
-        future.add_done_callback(lambda done: self._done.put((task, done)))
+    def submit(self, task: Task) -> None:
+        with interrupts.interrupt_held_back():  # a process is started and known, or neither
+            worker = self._idle.pop() if self._idle else _Worker()
+            if not worker.process.is_alive():  # it died between two cells
+                worker.end()
+                worker = _Worker()
+            self._busy[worker] = task
+        worker.start(task, self._limit)
 
     def finished(self) -> list[tuple[Task, Outcome]]:
-        found = [self._done.get()]
-        while not self._done.empty():  # also what was finished while the last were stored
-            found.append(self._done.get())
-        self._out -= len(found)
-        return [(task, future.result()) for task, future in found]
+        found: list[tuple[Task, Outcome]] = []
+        while not found:
+            left = min(worker.deadline for worker in self._busy) - monotonic()
+            connection.wait([worker.pipe for worker in self._busy], None if left == inf else max(left, 0))
+            for worker in list(self._busy):
+                if (outcome := worker.outcome()) is not None:
+                    found.append((self._busy.pop(worker), outcome))
+                    self._idle += [] if worker.pipe.closed else [worker]
+        return found
 
 
-def _block_interrupts() -> None:
-    """In a thread: Ctrl-C is for the main one, and processes started here inherit the blocked signal."""
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-
-
-class Slots:
-    """Processes that compute one cell at a time each and are used again; as many as there are callers at a time."""
+class _Worker:
+    """One fresh process, and the cell that it computes."""
 
     def __init__(self) -> None:
-        self._idle: list[_Slot] = []
-        self._all: set[_Slot] = set()
-        self._lock, self._killed = threading.Lock(), False
+        context = multiprocessing.get_context("spawn")
+        self.pipe, its = context.Pipe()
+        self.process = context.Process(target=_serve, args=(its,))
+        with _STARTING, _one_thread_each():
+            self.process.start()
+        its.close()
 
-    def compute(
-        self, experiment: str, cell: dict[str, Any], limit: float | None, expected: str | None = None
-    ) -> Outcome:
-        """The outcome of a cell, whatever it does to its process; `limit` is in seconds, None for no limit."""
-        slot, start = self._take(), perf_counter()
+    def start(self, task: Task, limit: float | None) -> None:
+        self.limit, self.begin = limit, monotonic()
+        self.deadline = inf if limit is None else self.begin + limit
+        with suppress(OSError):  # it died just now: `outcome` says so
+            self.pipe.send((task.experiment, task.cell, limit, task.sources))
+
+    def outcome(self) -> Outcome | None:
+        """What became of the cell, whatever it did to the process; None if it is still being computed."""
+        error = None
         try:
-            with self._lock:
-                if self._killed:
-                    raise BrokenProcessPool
-                future = slot.submit(experiment, cell, limit, expected)
-            outcome = future.result(limit)
-        except TimeoutError:
-            slot.kill()
-            reason = f"not done after {limit:g} s, so its process was ended; --time-limit SECONDS allows more"
-            outcome = failure("TimeLimit", reason, "", perf_counter() - start)
-        except BrokenProcessPool:
-            outcome = failure(DIED, slot.reason(), "", perf_counter() - start)
-        else:
-            self._idle.append(slot)
-            return outcome
-        slot.close()
-        self._all.discard(slot)
-        return outcome
+            if self.pipe.poll():
+                return self.pipe.recv()  # type: ignore[no-any-return]
+        except (EOFError, OSError):
+            error = DIED, self._reason()
+        if monotonic() >= self.deadline and error is None:
+            error = (
+                "TimeLimit",
+                f"not done after {self.limit:g} s, so its process was ended; --time-limit SECONDS allows more",
+            )
+        if error is None:
+            return None
+        self.end()
+        return failure(*error, "", monotonic() - self.begin)
 
-    def _take(self) -> _Slot:
-        with self._lock:
-            if self._idle:
-                return self._idle.pop()
-            slot = _Slot()
-            self._all.add(slot)
-            return slot
-
-    def kill(self) -> None:
-        """Ends every process, even within a compiled call; what is being computed becomes a failure."""
-        with self._lock:
-            self._killed = True
-            for slot in list(self._all):
-                slot.kill()
-
-    def close(self) -> None:
-        """Ends the processes; nothing may be being computed."""
-        for slot in self._all:
-            slot.close()
-        self._all.clear()
-        self._idle.clear()
-
-
-class _Slot:
-    """One fresh process."""
-
-    def __init__(self) -> None:
-        self._executor = _executor()
-        self._process: BaseProcess | None = None
-
-    def submit(self, *what: Any) -> Future[Outcome]:
-        """Starts `compute(*what)`."""
-        with _STARTING, _one_thread_each():  # the process is started in here
-            others = set(multiprocessing.active_children())
-            try:
-                future = self._executor.submit(compute, *what)
-            except BrokenProcessPool:  # it died between two cells
-                self._executor.shutdown()
-                self._executor, self._process = _executor(), None
-                future = self._executor.submit(compute, *what)
-            if self._process is None:
-                self._process = (set(multiprocessing.active_children()) - others).pop()
-        return future
-
-    def kill(self) -> None:
-        if self._process is not None:
-            self._process.kill()
-
-    def close(self) -> None:
-        self.kill()  # it has nothing to lose, and a plug-in's thread could keep it alive
-        self._executor.shutdown(wait=True, cancel_futures=True)
-
-    def reason(self) -> str:
+    def _reason(self) -> str:
         """How the process died."""
-        self._executor.shutdown()  # waits for its end
-        code = None if self._process is None else self._process.exitcode
+        self.process.join(1)
+        code = self.process.exitcode
         if code is None:
             return "the worker process died"
         if code >= 0:
             return f"the worker process ended itself with exit code {code}"
-        try:
+        with suppress(ValueError):
             return f"the worker process was killed by {signal.Signals(-code).name}"
-        except ValueError:
-            return f"the worker process was killed by signal {-code}"
+        return f"the worker process was killed by signal {-code}"
+
+    def end(self) -> None:
+        """Ends the process, even within a compiled call."""
+        self.process.kill()
+        self.process.join()
+        self.pipe.close()
 
 
-_STARTING = threading.Lock()  # one process is started at a time: whose it is, and its environment, are not confused
-
-
-def _executor() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"), initializer=_start_worker)
+_STARTING = threading.Lock()  # one process is started at a time: their environments are not confused
 
 
 @contextmanager
@@ -290,6 +227,25 @@ def _one_thread_each() -> Iterator[None]:
 
 
 # ---------------------------------------------------------------- inside a worker
+
+
+def _serve(pipe: Any) -> None:
+    """Computes the cells that come through a pipe."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    memory.restrain()
+    os.dup2(2, 1)  # stdout belongs to the data; compiled libraries print warnings there
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with suppress(EOFError, OSError):  # the parent is gone
+        while True:
+            pipe.send(compute(*pipe.recv()))
+
+
+def _end_with_parent() -> None:
+    """A worker whose parent was killed would go on with its cell."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def compute(experiment: str, cell: dict[str, Any], limit: float | None = None, expected: str | None = None) -> Outcome:
@@ -333,21 +289,6 @@ def failure(type_: str, message: str, trace: str, seconds: float) -> Outcome:
     trace = trace.replace(HOME, "")  # where the suite lies is nobody's business, and differs between machines
     error = {"type": type_, "message": message, "traceback": text_of(trace[-TRACEBACK:])}
     return {"status": "failed", "rows": [], "error": error, "warnings": [], "seconds": round(seconds, 3)}
-
-
-def _start_worker() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    memory.restrain()
-    os.dup2(2, 1)  # stdout belongs to the data; compiled libraries print warnings there
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """A worker whose parent was killed would wait for its next task for ever."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 @cache
