@@ -7,6 +7,7 @@ import itertools
 import time
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from lagrange_bench.experiments import cost, ensemble, gaudin, round_off, work_precision
@@ -186,6 +187,25 @@ def test_ensembles_are_timed_per_top(measure, part):
     cell, expected = UNITS[part]
     (row,) = measure(ensemble, {"part": part, **cell})
     assert {name: row[name] for name in expected} == pytest.approx(expected, rel=1e-3)
+
+
+def test_labels_name_the_units_of_ensembles():
+    rows = [
+        {"part": "tops", "tops": 32, "threads": 1, "ns_per_step_and_core": 5.0},
+        {"part": "setup", "h": 0.1, "setup_us": 3.0},
+        {"part": "many", "tops": 10, "us_per_top": 2.0},
+        {"part": "rival", "method": "strang", "h": 0.1, "ns_per_time": 9.0, "error": 1e-3, "span": 10.0},
+    ]
+    figures = ensemble.draw(pd.DataFrame(rows).assign(status="done"))
+    shown = {ax.get_ylabel(): ax.lines[0].get_ydata()[0] for ax in figures["throughput"].axes}
+    assert shown == {
+        "ns per step of a top, one core": 5.0,
+        "µs per set-up, one core": 3.0,
+        "µs per top, 8 steps, all cores": 2.0,
+    }
+    (ax,) = figures["rivals"].axes
+    assert ax.get_xlabel() == "ns for a top and a unit of time, one core, set-up included"
+    assert ax.lines[0].get_xdata()[0] == 9.0
 
 
 def test_magnets_are_timed_per_step_and_spin(measure, monkeypatch):
