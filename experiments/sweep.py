@@ -10,11 +10,11 @@ import math
 import re
 import warnings
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import perf_counter
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.states import find, follow, rounded
 from lagrange_bench.integrators import INVARIANTS, PerturbedTop, StepError, memory, prepare
 from lagrange_bench.integrators.api import integrate
-from lagrange_bench.integrators.checks import MOST, check_count, check_options, check_real, check_state, check_step
+from lagrange_bench.integrators.checks import MOST, check_count, check_real, check_state, check_step
 from lagrange_bench.integrators.files import read_toml
 from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -72,73 +72,60 @@ def read(path: str | Path) -> str:
     """
     path = Path(path)
     content = read_toml(path)
-    _known(content, KEYS["file"], str(path))
-    name = content.get("name", path.stem)
-    if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9_-]+", name):
-        raise ValueError(f'{path}: name must consist of letters, digits, _ and -; got {name!r}: set name = "…"')
-    tops = _tops(content.get("tops", {}), str(path))
-    sweeps = content.get("sweep")
-    if isinstance(sweeps, dict):
-        raise ValueError(f"{path}, [sweep]: write [[sweep]], with two brackets")
-    if not isinstance(sweeps, list) or not sweeps:
-        raise ValueError(f"{path}: nothing to compute: add a table [[sweep]]")
-    listed: dict[str, Cell] = {}
-    for number, table in enumerate(sweeps, 1):
-        place = f"{path}, [[sweep]]" + (f" {number}" if len(sweeps) > 1 else "")
-        if not isinstance(table, dict):
-            raise ValueError(f"{place} must be a table")
-        for cell in _sweep(table, tops, place):
-            listed[repr(cell)] = cell  # what two sweeps ask for is computed once
-    experiment, found = f"{SWEEP}{name}", list(listed.values())
-    if _cells.setdefault(experiment, found) != found:
-        raise ValueError(f"{path}: name: another file of this run is called {name!r}, too")
+    with _at(f"{path}, "):
+        _only(content, "file")
+        name = content.get("name", path.stem)
+        if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+            raise ValueError(f'name must consist of letters, digits, _ and -; got {name!r}: set name = "…"')
+        tops = {own: _own_top(own, table) for own, table in _table(content.get("tops", {}), "tops").items()}
+        sweeps = content.get("sweep")
+        if not isinstance(sweeps, list) or not sweeps:
+            raise ValueError("nothing to compute: add a table [[sweep]], with two brackets")
+        listed: dict[str, Cell] = {}
+        for number, table in enumerate(sweeps, 1):
+            with _at("[[sweep]]" + (f" {number}, " if len(sweeps) > 1 else ", ")):
+                listed |= {repr(cell): cell for cell in _sweep(_table(table, "it"), tops)}  # each cell once
+        experiment, cells = f"{SWEEP}{name}", list(listed.values())
+        if _cells.setdefault(experiment, cells) != cells:
+            raise ValueError(f"name: another file of this run is called {name!r}, too")
     return experiment
 
 
-def _tops(tables: Any, path: str) -> dict[str, Start]:
-    """The file's own tops."""
-    if not isinstance(tables, dict):
-        raise ValueError(f"{path}: tops must be tables [tops.NAME]")
-    tops = {}
-    for name, table in tables.items():
-        place = f"{path}, [tops.{name}]"
-        if not isinstance(table, dict):
-            raise ValueError(f"{place} must be a table with {', '.join(KEYS['top'][:3])}")
-        if _own(name):
-            raise ValueError(f"{place}: the bench has a top of this name; choose another")
-        _known(table, KEYS["top"], place)
+@contextmanager
+def _at(place: str) -> Iterator[None]:
+    """What goes wrong inside is said with its place in the file."""
+    try:
+        yield
+    except (ValueError, TypeError, NotInstalled) as error:
+        raise ValueError(f"{place}{error}") from None
+
+
+def _own_top(name: str, table: Any) -> Start:
+    """One of the file's own tops."""
+    with _at(f"[tops.{name}], "):
+        if _known_top(name):
+            raise ValueError("the bench has a top of this name; choose another")
+        _only(_table(table, "it"), "top")
         if missing := [key for key in KEYS["top"][:3] if key not in table]:
-            raise ValueError(f"{place} lacks {', '.join(missing)}")
-        J, x = (_numbers(table[key], f"{place}, {key}") for key in ("J", "x"))
-        for key, given in (("J", J), ("x", x)):
-            if len(given) != 3:
-                raise ValueError(f"{place}, {key} must be three numbers; got {len(given)}")
-        alpha, y0 = check_real(table["alpha"], f"{place}, alpha"), check_state([*J, *x], place)
-        start = {"top": name, "alpha": alpha, "y0": _words(y0), **_potential(table, place)}
-        try:
-            top = _top(start)
-            if isinstance(top, PerturbedTop):
-                top.check_state(y0)
-        except ValueError as error:
-            raise ValueError(f"{place}, {error}") from None
+            raise ValueError(f"{', '.join(missing)} must be given")
+        J, x = (_numbers(table, key) for key in ("J", "x"))
+        if (len(J), len(x)) != (3, 3):
+            raise ValueError(f"J and x must be three numbers each; got {len(J)} and {len(x)}")
+        if not isinstance(table.get("potential", ""), str):
+            raise ValueError(f"potential must be a name; got {table['potential']!r}")
+        if "parameters" in table and "potential" not in table:
+            raise ValueError("parameters: of which potential? Give potential = NAME, too")
+        alpha, y0 = check_real(table["alpha"], "alpha"), check_state([*J, *x])
+        start = {"top": name, "alpha": alpha, "y0": _words(y0)}
+        if "potential" in table:
+            parameters = table.get("parameters") and _numbers(table, "parameters")
+            start |= {"potential": table["potential"], "parameters": _words(parameters or ())}
+        top = _top(start)
+        if isinstance(top, PerturbedTop):
+            top.check_state(y0)
         if not math.isfinite(top.scales(y0)[2]):
-            raise ValueError(f"{place} is at rest for ever, without weight and spin: its time has no scale")
-        tops[name] = start
-    return tops
-
-
-def _potential(table: dict[str, Any], place: str) -> Start:
-    """The potential of a top, if it has one."""
-    if "potential" not in table:
-        if "parameters" in table:
-            raise ValueError(f"{place}, parameters: of which potential? Give potential = NAME, too")
-        return {}
-    if not isinstance(table["potential"], str):
-        raise ValueError(f"{place}, potential must be a name; got {table['potential']!r}")
-    parameters = table.get("parameters", [])
-    if parameters != []:
-        parameters = _numbers(parameters, f"{place}, parameters")
-    return {"potential": table["potential"], "parameters": _words(parameters)}
+            raise ValueError("it is at rest for ever, without weight and spin: its time has no scale")
+    return start
 
 
 def _words(values: Iterable[float]) -> str:
@@ -150,66 +137,56 @@ def _top(start: Start) -> Any:
     top = LagrangeTop(start["alpha"])
     if "potential" not in start:
         return top
-    try:
+    with _at("potential: "):
         parameters = tuple(numbers(start["parameters"])) if start["parameters"] else ()
         return PerturbedTop(top, find_potential(start["potential"]), parameters)
-    except ValueError as error:
-        raise ValueError(f"potential: {error}") from None
 
 
-def _own(name: str) -> bool:
+def _known_top(name: str) -> bool:
     """Whether the bench itself, or a package, has a top of this name."""
     return name in NAMED_TOPS or re.fullmatch(r"random\d{3}", name) is not None
 
 
-def _sweep(table: dict[str, Any], tops: dict[str, Start], place: str) -> Iterator[Cell]:
+def _sweep(table: dict[str, Any], tops: dict[str, Start]) -> Iterator[Cell]:
     """The cells of one table."""
-    _known(table, KEYS["sweep"], place)
-    knob = _one_of(table, KNOBS, place)
-    values = _numbers(table[knob], f"{place}, {knob}")
+    _only(table, "sweep")
+    knob = _one_of(table, KNOBS)
+    values = _numbers(table, knob)
     for i, value in enumerate(values):
-        check_step(value, f"{place}, {knob}[{i}]")
-        if not 1 / LARGEST <= abs(value) <= LARGEST:
-            raise ValueError(f"{place}, {knob}[{i}] must be between {1 / LARGEST:g} and {LARGEST:g}; got {value:g}")
-        if knob != "h" and value < 0:
-            raise ValueError(f"{place}, {knob}[{i}] must be positive; got {value:g}")
-    span = _one_of(table, ("time", "steps") if knob == "h" else ("time",), place)
-    time = check_real(table.get("time", 1.0), f"{place}, time")
+        check_step(value, f"{knob}[{i}]")
+        if not 1 / LARGEST <= (abs(value) if knob == "h" else value) <= LARGEST:
+            raise ValueError(f"{knob}[{i}] must be between {1 / LARGEST:g} and {LARGEST:g}; got {value:g}")
+    length = _one_of(table, ("time", "steps") if knob == "h" else ("time",))
+    time = check_real(table.get("time", 1.0), "time")
     if not time > 0:
-        raise ValueError(f"{place}, time must be positive; got {time:g} (a negative h runs backwards)")
-    steps = check_count(table.get("steps", 1), f"{place}, steps", least=1)
+        raise ValueError(f"time must be positive; got {time:g} (a negative h runs backwards)")
+    steps = check_count(table.get("steps", 1), "steps", least=1)
     if knob != "h" and "steps" in table:
-        raise ValueError(f"{place}, steps goes with h; with {knob} give time only")
-    samples = check_count(table.get("samples", SAMPLES), f"{place}, samples", least=2)
-    memory.check(samples, PER_SAMPLE, memory.limit(), f"{place}, samples", f"take fewer, or set {memory.VARIABLE}")
-    options = _options(table.get("options", {}), place)
-    names = table.get("tops", list(tops) or ["generic"])
-    starts = [_start(name, tops, f"{place}, tops") for name in _list(names, f"{place}, tops")]
-    methods = _list(table.get("methods"), f"{place}, methods")
+        raise ValueError(f"steps goes with h; with {knob} give time only")
+    samples = check_count(table.get("samples", SAMPLES), "samples", least=2)
+    memory.check(samples, PER_SAMPLE, memory.limit(), "samples", f"take fewer, or set {memory.VARIABLE}")
+    options = _options(_table(table.get("options", {}), "options"))
+    methods = _list(table, "methods")
+    starts = [_start(name, tops) for name in _list({"tops": list(tops) or ["generic"], **table}, "tops")]
     for name in methods:
-        _check_method(name, knob, place)
-        for start in starts:
-            _check_taken(name, start, knob, options, place)
-        if options:
-            _try_options(name, starts[0], {knob: values[0]}, options, place)
+        _check_method(name, {knob: values[0]}, starts, options)
     text = ", ".join(f"{key}={value}" for key, value in options.items())
     for start in starts:
         for name in methods:
             for value in values:
                 extent: Cell = {"span": time}
                 if knob == "h":
-                    n = time / abs(value) if span == "time" else steps
-                    extent = {"steps": check_count(round(min(n, 2.0 * MOST)), f"{place}, time / h", least=1)}
+                    n = time / abs(value) if length == "time" else steps
+                    extent = {"steps": check_count(round(min(n, 2.0 * MOST)), "time / h", least=1)}
                 yield {"method": name, **start, "options": text, knob: value, **extent, "samples": samples}
 
 
-def _start(name: Any, tops: dict[str, Start], place: str) -> Start:
+def _start(name: Any, tops: dict[str, Start]) -> Start:
     """The fields of a cell that say where it starts."""
-    if not isinstance(name, str) or not (name in tops or _own(name)):
+    if not isinstance(name, str) or not (name in tops or _known_top(name)):
         names = [*tops, *NAMED_TOPS, "random000"]
-        raise ValueError(
-            f"{place}: unknown top {name!r}{suggestion(str(name), names)} Known: {', '.join(names)} … random999"
-        )
+        known = f"Known: {', '.join(names)} … random999"
+        raise ValueError(f"tops: unknown top {name!r}{suggestion(str(name), names)} {known}")
     if name in tops:
         return tops[name]
     top, y0 = find(name)
@@ -219,83 +196,70 @@ def _start(name: Any, tops: dict[str, Start], place: str) -> Start:
     return start
 
 
-def _check_method(name: Any, knob: str, place: str) -> None:
+def _check_method(name: Any, knob: dict[str, float], starts: list[Start], words: dict[str, str]) -> None:
+    """Whether there is the method, and takes this knob, these tops, and these options."""
     if not isinstance(name, str):
-        raise ValueError(f"{place}, methods must be names; got {name!r}")
-    try:
+        raise ValueError(f"methods must be names; got {name!r}")
+    with _at("methods: "):
         method = find_method(name)
-    except (ValueError, NotInstalled) as error:
-        raise ValueError(f"{place}, methods: {error}") from None
-    if knob != method.knob and (knob == "h" or method.control == "step" or knob not in method.options):
+    (key,) = knob
+    if key != method.knob and (key == "h" or method.control == "step" or key not in method.options):
         what = "steps by h" if method.control == "step" else "chooses its own steps"
-        raise ValueError(f"{place}, {knob}: {name} {what}: give it {method.knob} = […], in a [[sweep]] of its own")
-
-
-def _check_taken(name: str, start: Start, knob: str, options: dict[str, Any], place: str) -> None:
-    """Whether the method takes the top, and these options with it."""
-    method, top = find_method(name), _top(start)
-    if reason := method.takes(top):
-        raise ValueError(
-            f"{place}, methods: {reason}: give the top {start['top']} to others, in a [[sweep]] of their own"
-        )
-    if knob != "h" and method.evaluate_for(top) is None:
-        raise ValueError(f"{place}, methods: {name} has no dense output for the top {start['top']}")
-    try:
-        check_options(name, method.prepare_for(top), options)
-    except ValueError as error:
-        raise ValueError(f"{place}, options: {error}") from None
-    if knob in options:
-        raise ValueError(f"{place}, options: {knob} is swept already")
-
-
-def _try_options(name: str, start: Start, knob: dict[str, float], words: dict[str, str], place: str) -> None:
-    """Prepares the method once: what an option may be, only the method knows."""
-    method, top, y0 = find_method(name), _top(start), np.array(numbers(start["y0"]))
+        raise ValueError(f"{key}: {name} {what}: give it {method.knob} = […], in a [[sweep]] of its own")
+    if key in words:
+        raise ValueError(f"options: {key} is swept already")
     options: dict[str, Any] = dict(option(f"{key}={word}") for key, word in words.items())
-    try:
-        if "h" in knob:
-            prepare(top, y0, knob["h"] * top.scales(y0)[2], method, **options)
-        else:
-            integrate(top, y0, t=[0.0], method=method, **(options | knob))
-    except StepError:  # of this top and step: a result
-        pass
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{place}, options of {name}: {error}") from None
+    for start in starts:
+        top, y0 = _top(start), np.array(numbers(start["y0"]))
+        if reason := method.takes(top):
+            advice = f"give the top {start['top']} to others, in a [[sweep]] of their own"
+            raise ValueError(f"methods: {reason}: {advice}")
+        if key != "h" and method.evaluate_for(top) is None:
+            raise ValueError(f"methods: {name} has no dense output for the top {start['top']}")
+        if options:  # what they may be, only the method knows
+            with suppress(StepError), _at(f"options of {name}: "):  # a StepError, of this top and step, is a result
+                if "h" in knob:
+                    prepare(top, y0, knob["h"] * top.scales(y0)[2], method, **options)
+                else:
+                    integrate(top, y0, t=[0.0], method=method, **(options | knob))
 
 
-def _options(table: Any, place: str) -> dict[str, str]:
+def _options(table: dict[str, Any]) -> dict[str, str]:
     """The options as the words that --option of `integrate` takes."""
-    if not isinstance(table, dict):
-        raise ValueError(f"{place}, options must be a table, as {{ pin = 0 }}; got {table!r}")
-    words = {}
     for key, value in table.items():
         if not isinstance(value, (bool, int, float, str)) or (isinstance(value, str) and ("," in value or not value)):
-            raise ValueError(f"{place}, options.{key} must be a number, true, false or a word; got {value!r}")
-        words[key] = str(value).lower() if isinstance(value, bool) else str(value)
-    return words
+            raise ValueError(f"options.{key} must be a number, true, false or a word; got {value!r}")
+    return {key: str(value).lower() if isinstance(value, bool) else str(value) for key, value in table.items()}
 
 
-def _known(table: dict[str, Any], known: Iterable[str], place: str) -> None:
+def _only(table: dict[str, Any], kind: str) -> None:
+    known = KEYS[kind]
     for key in table:
         if key not in known:
-            raise ValueError(f"{place}: unknown key {key!r}{suggestion(key, known)} Known: {', '.join(known)}")
+            raise ValueError(f"unknown key {key!r}{suggestion(key, known)} Known: {', '.join(known)}")
 
 
-def _list(value: Any, place: str) -> list[Any]:
-    if not isinstance(value, list) or not value:
-        raise ValueError(f"{place} must be a list with something in it, as […]; got {value!r}")
+def _table(value: Any, name: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"{name} must be a table; got {value!r}")
     return value
 
 
-def _numbers(value: Any, place: str) -> list[float]:
-    return [check_real(number, f"{place}[{i}]") for i, number in enumerate(_list(value, place))]
+def _list(table: dict[str, Any], key: str) -> list[Any]:
+    value = table.get(key)
+    if not isinstance(value, list) or not value:
+        raise ValueError(f"{key} must be a list with something in it, as […]; got {value!r}")
+    return value
 
 
-def _one_of(table: dict[str, Any], keys: tuple[str, ...], place: str) -> str:
+def _numbers(table: dict[str, Any], key: str) -> list[float]:
+    return [check_real(number, f"{key}[{i}]") for i, number in enumerate(_list(table, key))]
+
+
+def _one_of(table: dict[str, Any], keys: tuple[str, ...]) -> str:
     given = [key for key in keys if key in table]
     if len(given) != 1:
-        asked = f"one of {', '.join(keys)}" if len(keys) > 1 else keys[0]
-        raise ValueError(f"{place} needs {asked}" + (f"; got {' and '.join(given)}" if given else ""))
+        raise ValueError(f"give one of {', '.join(keys)}" + (f"; got {' and '.join(given)}" if given else ""))
     return given[0]
 
 
@@ -316,16 +280,8 @@ def module(experiment: str) -> ModuleType:
             raise ValueError(f"the cells of {experiment} are in a TOML file: lagrange-bench run FILE.toml")
         return _cells[experiment]
 
-    parts = {
-        "VERSION": VERSION,
-        "TIMES": TIMES,
-        "MEASURED": MEASURED,
-        "cells": cells,
-        "measure": measure,
-        "draw": draw,
-        "tables": tables,
-    }
-    vars(made).update(parts, __file__=__file__)
+    shared = ("VERSION", "TIMES", "MEASURED", "measure", "draw", "tables", "__file__")
+    vars(made).update({part: globals()[part] for part in shared}, cells=cells)
     return made
 
 
@@ -386,14 +342,13 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
     table = []
     for cell, run in _runs(rows):
-        most = {name: largest(run[name]) for name in INVARIANTS} if cell["status"] == "done" else {}
-        found: dict[str, Any] = {"error at the end": np.nan, "largest error": np.nan, "seconds": np.nan}
-        if cell["status"] == "done":
-            ends = {"error at the end": run.error.iloc[-1], "largest error": largest(run.error)}
-            found = {**ends, "seconds": run.seconds.iloc[-1]}
-        head = {name: cell.get(name, np.nan) for name in ("top", "method", "options", *KNOBS)}
-        drift = {f"drift of {name}": most.get(name, np.nan) for name in INVARIANTS}
-        table.append({**head, **found, **drift, "failure": cell["failure"] or ""})
+        done = cell["status"] == "done"
+        row = {name: cell.get(name, np.nan) for name in ("top", "method", "options", *KNOBS)}
+        row["error at the end"] = run.error.iloc[-1] if done else np.nan
+        row["largest error"] = largest(run.error) if done else np.nan
+        row["seconds"] = run.seconds.iloc[-1] if done else np.nan
+        row |= {f"drift of {name}": largest(run[name]) if done else np.nan for name in INVARIANTS}
+        table.append({**row, "failure": cell["failure"] or ""})
     made = pd.DataFrame(table).dropna(axis=1, how="all")
     made = made.drop(columns=[name for name in ("options", "failure") if name in made and not made[name].any()])
     made.attrs["caption"] = (
@@ -418,30 +373,50 @@ def _runs(rows: pd.DataFrame) -> Iterator[tuple[Cell, pd.DataFrame]]:
         yield {"options": "", "failure": None, **first}, run
 
 
+class Series(NamedTuple):
+    """What a line of a figure is about."""
+
+    top: str
+    method: str
+    options: str
+
+
+Line = tuple[Any, Any, Any]  # x, the error and the worst invariant there
+
+
 def draw(rows: pd.DataFrame) -> dict[str, Any]:
     """Against time, each method at its finest; and against each knob that has several values."""
-    figures: dict[str, Any] = {}
-    runs = list(_runs(rows))
-    finest: dict[tuple[str, str, str], tuple[Cell, pd.DataFrame]] = {}
-    for cell, run in runs:
-        old = finest.get(_series(cell))
-        if old is None or _rank(cell) < _rank(old[0]):
-            finest[_series(cell)] = (cell, run)
-    figures["time"] = _draw_time(list(finest.values()), _truth(rows))
-    for knob in KNOBS:
-        swept = [(cell, run) for cell, run in runs if knob in cell]
-        if len({abs(cell[knob]) for cell, _ in swept}) > 1:
-            figures[knob] = _draw_knob(swept, knob, _truth(rows))
+    from lagrange_bench.experiments.drawing import style
+
+    runs: dict[Series, list[tuple[Cell, pd.DataFrame]]] = {}
+    for cell, run in _runs(rows):
+        runs.setdefault(Series(cell["top"], cell["method"], cell["options"]), []).append((cell, run))
+    finest = {series: min(cells, key=lambda pair: _rank(pair[0])) for series, cells in runs.items()}
+    lines = {series: _along(run) for series, (cell, run) in finest.items() if cell["status"] == "done"}
+    failed: dict[Series, list[float]] = {series: [] for series in finest if series not in lines}
+    figures = {"time": _figure(lines, failed, style.TIME, {"marker": "none"})}
+    figures["time"].caption = (
+        f"Error against {_truth(rows)}, relative to the scales of J and x, and the largest of the relative drifts of H, "
+        "J3, C1 and C2, against time: each method at the smallest step or tolerance at which it has a result. Values that are "
+        "exactly zero are left out; the grey line is the spacing of doubles at 1. "
+        "A cross before a name: the method declined the step or failed."
+    )
+    for knob, text in {"h": style.STEP, "tol": "tolerance", "rtol": "relative tolerance"}.items():
+        swept = {series: [pair for pair in cells if knob in pair[0]] for series, cells in runs.items()}
+        if len({abs(cell[knob]) for cells in swept.values() for cell, _ in cells}) < 2:
+            continue
+        lines = {series: _against(knob, cells) for series, cells in swept.items() if cells}
+        failed = {
+            series: [abs(cell[knob]) for cell, _ in cells if cell["status"] != "done"]
+            for series, cells in swept.items()
+        }
+        figures[knob] = _figure(lines, {series: steps for series, steps in failed.items() if steps}, text, {})
+        figures[knob].caption = (
+            f"Largest error against {_truth(rows)} among the recorded states, relative to the scales of J and x, and the "
+            f"largest relative drift of H, J3, C1 and C2, against the {text.split(' h ')[0]}. "
+            "Crosses: the method declined the step or failed."
+        )
     return figures
-
-
-def _series(cell: Cell) -> tuple[str, str, str]:
-    return cell["top"], cell["method"], cell["options"]
-
-
-def _conserved(run: pd.DataFrame) -> list[str]:
-    """The invariants of the top of a run: J3 has no number where the field does not conserve it."""
-    return [name for name in INVARIANTS if run[name].notna().any()]
 
 
 def _rank(cell: Cell) -> tuple[bool, float]:
@@ -449,38 +424,60 @@ def _rank(cell: Cell) -> tuple[bool, float]:
     return cell["status"] != "done", min(abs(cell[knob]) for knob in KNOBS if knob in cell)
 
 
-def _panels(runs: list[tuple[Cell, pd.DataFrame]], xlabel: str) -> tuple[Any, dict[str, Any]]:
-    """A figure with a row for each top: errors on the left, invariants on the right."""
+def _along(run: pd.DataFrame) -> Line:
+    """Against time; of the invariants those that the top has: J3 has no number where the field does not conserve it."""
+    from lagrange_bench.experiments.measuring.reductions import worst
+
+    return run.t, run.error, worst(run, [name for name in INVARIANTS if run[name].notna().any()])
+
+
+def _against(knob: str, cells: list[tuple[Cell, pd.DataFrame]]) -> Line:
+    """The largest of each run against its step or tolerance."""
+    from lagrange_bench.experiments.measuring.reductions import largest
+
+    done = sorted((abs(cell[knob]), *map(largest, _along(run)[1:])) for cell, run in cells if cell["status"] == "done")
+    x, error, drift = np.array(done).reshape(-1, 3).T
+    return x, error, drift
+
+
+def _figure(lines: dict[Series, Line], failed: dict[Series, list[float]], xlabel: str, look: dict[str, Any]) -> Any:
+    """A row for each top: errors on the left, invariants on the right; crosses where a series failed, or before its name."""
     from lagrange_bench.experiments.drawing import style
 
-    tops = list(dict.fromkeys(cell["top"] for cell, _ in runs))
-    figure, axes = style.figure("page", 0.4 + 2.3 * len(tops), nrows=len(tops), ncols=2, sharex=True, squeeze=False)
-    for top, (left, right) in zip(tops, axes, strict=True):
-        left.set_title(style.plain(f"{top}: error"))
-        right.set_title(style.plain(f"{top}: worst invariant"))
-        for ax in (left, right):
-            ax.set(xscale="log", yscale="log")
-            style.ulp_line(ax)
-    for ax in axes[-1]:
-        ax.set_xlabel(xlabel)
-    return figure, dict(zip(tops, axes, strict=True))
+    tops = list(dict.fromkeys(series.top for series in (*lines, *failed)))
+    titles = [style.plain(f"{top}: {what}") for top in tops for what in ("error", "worst invariant")]
+    figure, axes = style.panels(titles, 2, (0.4, 2.3), xlabel, "", sharex=True)
+    for ax in axes:
+        ax.set(xscale="log", yscale="log")
+        style.ulp_line(ax)
+    looks = _looks([*lines, *failed])
+    for series, (x, *ys) in lines.items():
+        for ax, y in zip(axes[2 * tops.index(series.top) :], ys, strict=False):
+            y = np.asarray(y, dtype=float)
+            if (y > 0).any():
+                ax.plot(np.abs(x), np.where(y > 0, y, np.nan), **{**looks[series[1:]], **look})
+    for series, steps in failed.items():
+        ax = axes[2 * tops.index(series.top)]
+        if steps:
+            style.failure_marks(ax, steps, series.method)
+        else:
+            style.failed_label(ax, series.method, _label(series.method))
+    style.legend_below(figure)
+    return figure
 
 
-def _looks(runs: list[tuple[Cell, pd.DataFrame]]) -> dict[tuple[str, str], dict[str, Any]]:
+def _looks(shown: list[Series]) -> dict[tuple[str, ...], dict[str, Any]]:
     """Method and options → keywords of a line; the options of one method differ by their dashes."""
     from lagrange_bench.experiments.drawing import style
 
-    looks: dict[tuple[str, str], dict[str, Any]] = {}
-    for method in style.ordered({cell["method"] for cell, _ in runs}):
-        for i, options in enumerate(dict.fromkeys(cell["options"] for cell, _ in runs if cell["method"] == method)):
+    looks: dict[tuple[str, ...], dict[str, Any]] = {}
+    for method in style.ordered({series.method for series in shown}):
+        for i, options in enumerate(dict.fromkeys(series.options for series in shown if series.method == method)):
             look = style.of(method)
-            if i:
-                dashes = style.DASHES if look["linestyle"] in style.DASHES else style.OWN_DASHES
-                look["linestyle"] = dashes[(dashes.index(look["linestyle"]) + i) % len(dashes)]
-            looks[method, options] = {
-                **look,
-                "label": style.plain(_label(method) + (f" ({options})" if options else "")),
-            }
+            dashes = style.DASHES if look["linestyle"] in style.DASHES else style.OWN_DASHES
+            look["linestyle"] = dashes[(dashes.index(look["linestyle"]) + i) % len(dashes)]
+            look["label"] = style.plain(_label(method) + (f" ({options})" if options else ""))
+            looks[method, options] = look
     return looks
 
 
@@ -492,62 +489,3 @@ def _label(name: str) -> str:
         with suppress(ValueError):
             return find_stored_method(name).label
     return style.label(name)
-
-
-def _line(ax: Any, x: Any, y: Any, look: dict[str, Any]) -> None:
-    x, y = np.abs(np.asarray(x, dtype=float)), np.asarray(y, dtype=float)
-    if (y > 0).any():
-        ax.plot(x, np.where(y > 0, y, np.nan), **look)
-
-
-def _draw_time(runs: list[tuple[Cell, pd.DataFrame]], truth: str) -> Any:
-    from lagrange_bench.experiments.drawing import style
-    from lagrange_bench.experiments.measuring.reductions import worst
-
-    figure, panels = _panels(runs, style.TIME)
-    looks = _looks(runs)
-    for cell, run in runs:
-        if cell["status"] != "done":
-            style.failed_label(panels[cell["top"]][0], cell["method"], _label(cell["method"]))
-            continue
-        look = {**looks[cell["method"], cell["options"]], "marker": "none"}
-        for ax, values in zip(panels[cell["top"]], (run.error, worst(run, _conserved(run))), strict=True):
-            _line(ax, run.t, values, look)
-    style.legend_below(figure)
-    figure.caption = (
-        f"Error against {truth}, relative to the scales of J and x, and the largest of the relative drifts of H, "
-        "J3, C1 and C2, against time: each method at the smallest step or tolerance at which it has a result. Values that are "
-        "exactly zero are left out; the grey line is the spacing of doubles at 1. "
-        "A cross before a name: the method declined the step or failed."
-    )
-    return figure
-
-
-def _draw_knob(runs: list[tuple[Cell, pd.DataFrame]], knob: str, truth: str) -> Any:
-    from lagrange_bench.experiments.drawing import style
-    from lagrange_bench.experiments.measuring.reductions import largest
-
-    texts = {"h": style.STEP, "tol": "tolerance", "rtol": "relative tolerance"}
-    figure, panels = _panels(runs, texts[knob])
-    points: dict[tuple[str, str, str], list[tuple[float, float, float]]] = {}
-    failed: dict[tuple[str, str], list[float]] = {}
-    for cell, run in runs:
-        if cell["status"] == "done":
-            found = (abs(cell[knob]), largest(run.error), largest(run[_conserved(run)]))
-            points.setdefault(_series(cell), []).append(found)
-        else:
-            failed.setdefault((cell["top"], cell["method"]), []).append(abs(cell[knob]))
-    looks = _looks(runs)
-    for (top, method, options), line in points.items():
-        x, *ys = np.array(sorted(line)).T
-        for ax, y in zip(panels[top], ys, strict=True):
-            _line(ax, x, y, looks[method, options])
-    for (top, method), steps in failed.items():
-        style.failure_marks(panels[top][0], steps, method)
-    style.legend_below(figure)
-    figure.caption = (
-        f"Largest error against {truth} among the recorded states, relative to the scales of J and x, and the "
-        f"largest relative drift of H, J3, C1 and C2, against the {texts[knob].split(' h ')[0]}. "
-        "Crosses: the method declined the step or failed."
-    )
-    return figure

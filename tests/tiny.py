@@ -5,7 +5,7 @@ from lagrange_bench.integrators import available
 from tests.installed import FOR_TOPS
 
 SMALL = {"steps": 64, "span": 16.0, "longest": 0.01, "repeats": 1, "magnets": 1, "budget": 1e5}
-STATES = ("generic", "figure1", "random000", "random001", "random002", "random003", "wide000", "weak_tide")
+STATES = ("generic", "random000", "random001", "random002", "random003", "wide000", "weak_tide")
 
 
 def kinds():

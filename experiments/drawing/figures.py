@@ -108,42 +108,21 @@ def compact(document: str) -> str:
     )
     document = re.sub(r'style="[^"]*"', lambda match: match[0].replace(": ", ":").replace("; ", ";"), document)
     document = re.sub(r">\s+<", "><", document)
-    document = re.sub(r"<defs></defs>|<g></g>", "", document)
-    return _marks(document)
-
-
-def _marks(document: str) -> str:
-    """Marks of one line look the same: say so once, in the group they are in."""
-
-    def joined(match: re.Match[str]) -> str:
-        head, marks = match[1], match[2]
-        looks = set(re.findall(r'style="([^"]*)"', marks))
-        if len(looks) != 1 or "style=" in head or marks.count("style=") != marks.count("<use"):
-            return match[0]
-        look = looks.pop()
-        return f'<g{head} style="{look}">' + marks.replace(f' style="{look}"', "") + "</g>"
-
-    return re.sub(r"<g((?: [\w:-]+=\"[^\"]*\")*)>((?:<use [^>]*/>){2,})</g>", joined, document)
+    return re.sub(r"<defs></defs>|<g></g>", "", document)
 
 
 def _path(data: str) -> str:
     """Path data with relative coordinates, rounded so that errors do not add up. Curves stay absolute."""
-    tokens = re.findall(r"[A-Za-z]|-?\d+\.?\d*(?:e-?\d+)?", data)
-    if not set(filter(str.isalpha, tokens)) <= {"M", "L", "Z", "z"}:
-        return " ".join(token if token.isalpha() else _short(token) for token in tokens)
-    text, at, start, i = [], (0, 0), (0, 0), 0
-    while i < len(tokens):
-        kind = tokens[i]
-        if kind in "Zz":
+    if re.search(r"[^MLZz\d\s.e-]", data):
+        return " ".join(token if token.isalpha() else _short(token) for token in data.split())
+    text, at, start = [], (0, 0), (0, 0)
+    for kind, x, y in re.findall(r"([MLZz]?)\s*(?:(-?\d\S*)\s+(-?\d\S*))?", data):
+        if kind in ("Z", "z"):
             text.append("z")
-            at, i = start, i + 1
+            at = start
+        if not x:
             continue
-        if kind.isalpha():
-            i += 1
-        else:
-            kind = "L"
-        to = (round(100 * float(tokens[i])), round(100 * float(tokens[i + 1])))
-        i += 2
+        to = (round(100 * float(x)), round(100 * float(y)))
         if kind == "M":
             text.append("M" + _pair(*to))
             start = to

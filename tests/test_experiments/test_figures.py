@@ -1,9 +1,11 @@
-"""Figures as files: the same bytes every time, in three formats and two widths; small as SVG, and the same picture."""
+"""Figures: how methods look, names and marks in panels, and files: the same bytes every time, in three formats and two widths."""
 
-import io
+from __future__ import annotations
+
 import re
 import sys
-from itertools import pairwise
+from dataclasses import replace
+from itertools import combinations, pairwise
 from types import ModuleType
 
 import matplotlib
@@ -14,14 +16,170 @@ from matplotlib.text import Text
 
 from lagrange_bench.__main__ import main
 from lagrange_bench.experiments.drawing import figures, style
-from lagrange_bench.report import export, page
+from lagrange_bench.experiments.drawing.looks import _luminance
+from lagrange_bench.integrators import METHODS
+from lagrange_bench.integrators.interface import FAMILIES
+from lagrange_bench.report import export
 from lagrange_bench.results import store
 
 pytestmark = pytest.mark.xdist_group("figures")  # they are drawn once
 
 
+# ---------------------------------------------------------------- what methods look like
+
+
+def test_families_have_colours_and_their_methods_differ():
+    """Two methods of a panel never look the same; one that nobody registered has a look of its own, always the same."""
+    assert set(style.FAMILIES) == set(FAMILIES) == set(style.TITLES)
+    assert style.family("not_registered") == style.OTHERS
+    assert style.of("not_registered") == style.of("not_registered")
+    assert style.of("not_registered")["label"] == "not_registered"
+    assert style.ordered(["zeta", "rk45", "backlund", "alpha", "rk45"]) == ["backlund", "rk45", "alpha", "zeta"]
+    looks = {name: style.of(name) for name in METHODS}
+    for one, other in combinations(METHODS, 2):
+        if style.family(one) == style.family(other):
+            assert any(looks[one][key] != looks[other][key] for key in ("color", "marker", "linestyle")), (one, other)
+
+
+def test_a_method_lent_for_a_while_is_drawn_as_itself_whatever_was_drawn_before():
+    mine = replace(METHODS["rk4"], name="mine", label="My RK4")
+    drawn = style.looks(["rk4"], ())
+    with METHODS.lent(mine):
+        assert style.family("mine") == "runge-kutta"
+        assert style.of("mine")["label"] == "My RK4"
+        assert style.ordered(["zero", "mine", "rk4"]) == ["rk4", "mine", "zero"]
+    assert style.family("mine") == style.OTHERS
+    assert style.looks(["rk4"], ()) == drawn
+
+
+def test_coloured_text_can_be_read():
+    for colours, _ in style.FAMILIES.values():
+        for colour in (*colours, "#ffffff", "#000000"):
+            assert 1.05 / (_luminance(np.array(style.readable(colour))) + 0.05) >= style.CONTRAST
+    assert style.readable("#0072B2") == pytest.approx((0, 0x72 / 255, 0xB2 / 255)), "no darker than it has to be"
+
+
+# ---------------------------------------------------------------- names and marks in panels
+
+
+def apart(texts, gap=-0.5):
+    """Whether texts lie above each other without touching, but for so many pixels."""
+    boxes = sorted((Text.get_window_extent(text) for text in texts), key=lambda box: box.y0)
+    return all(below.y1 <= above.y0 - gap for below, above in pairwise(boxes))
+
+
+@pytest.mark.parametrize("width", [None, "column"])
+def test_small_multiples_name_every_method_once_and_apart_from_the_others(width):
+    def line(ax, method, look):
+        if method == "rk45":
+            style.failed_label(ax, method)
+        else:
+            ax.loglog([1, 10], [1e-9, 1e-9 * (1 + (width is None) * len(method))], **look)
+
+    names = [*METHODS, "not_registered"]
+    with style.apply(width):
+        fig, axes = style.by_family(reversed(names), line, "x", "y", (1e-16, 1))
+        style.label_ends(axes)
+        for dpi in (72, 600) if width else (fig.dpi,):
+            fig.set_dpi(dpi)
+            fig.draw_without_rendering()
+            for ax in axes:
+                ends = [text for text in ax.texts if Text.get_window_extent(text).x0 > ax.bbox.x1]
+                assert apart(ends, -0.007 * dpi)
+    texts = [text.get_text() for ax in axes for text in ax.texts]
+    assert sorted(texts) == sorted(f"{'× ' * (name == 'rk45')}{style.label(name)}" for name in names)
+    assert len(axes) == len({style.family(name) for name in names})
+
+
+def test_names_at_the_ends_do_not_overlap_and_stay_inside():
+    with style.apply():
+        fig, ax = style.figure("column")
+        for i in range(6):
+            ax.plot([0, 1], [0, 1 + i / 100], label=f"line {i}")
+        ax.plot([], [], label="empty")
+        style.label_end(ax)
+        fig.draw_without_rendering()
+        assert len(ax.texts) == 6
+        assert apart(ax.texts)
+        assert all(Text.get_window_extent(text).x1 <= fig.bbox.x1 for text in ax.texts)
+
+
+def test_failures_of_several_methods_do_not_hide_each_other():
+    with style.apply():
+        fig, ax = style.figure("column")
+        ax.semilogx([1, 10], [0, 1], label="_line")
+        for method in ("rk4", "rk45", "strang"):
+            style.failure_marks(ax, [2.0, 5.0], method)
+        style.failure_marks(ax, [])
+        style.failed_label(ax, "backlund")
+        style.label_end(ax)
+        fig.draw_without_rendering()
+        crosses = [line for line in ax.get_lines() if line.get_gid() == "failed"]
+        heights = [line.get_transform().transform(line.get_xydata())[0, 1] for line in crosses]
+        assert len(crosses) == 3
+        assert all(above - below > 3 * fig.dpi / 72 for above, below in pairwise(heights))
+        (name,) = ax.texts
+        assert name.get_text().startswith("×")
+        assert Text.get_window_extent(name).x0 > ax.bbox.x1, "out of the way of the data"
+
+
+def test_legend_fits_below_and_names_each_once():
+    with style.apply():
+        fig, axes = style.figure("column", ncols=2)
+        for ax in axes:
+            for i in range(7):
+                ax.plot([0, 1], [0, i], label=f"a method with a long name {i}")
+            style.failure_marks(ax, [0.5, 0.7])
+        style.legend_below(fig)
+        fig.draw_without_rendering()
+        (legend,) = fig.legends
+        assert legend.get_window_extent().width <= fig.bbox.width
+        assert fig.get_figheight() < style.TALLEST
+    texts = [text.get_text() for text in legend.get_texts()]
+    assert len(texts) == len(set(texts)) == 8
+
+
+@pytest.mark.parametrize("ends", [(2.5e-3, 8e-2), (1.2e-2, 8.5e-2), (1.1, 2.3), (1.2e-5, 4e-5)])
+def test_numbers_below_a_short_logarithmic_axis_do_not_overlap(ends):
+    with style.apply():
+        fig, (ax, many, _) = style.figure("page", 1.8, ncols=3)
+        ax.loglog(ends, [1, 2])
+        many.loglog([1, 1e6], [1, 2])
+        fig.draw_without_rendering()
+        assert len(many.get_xticks(minor=True)) == 0
+        ticks = ax.get_xticklabels() + ax.get_xticklabels(minor=True)
+        shown = [text.get_window_extent() for text in ticks if text.get_text()]
+    inside = sorted((box for box in shown if ax.bbox.x0 <= (box.x0 + box.x1) / 2 <= ax.bbox.x1), key=lambda box: box.x0)
+    assert len(inside) >= 2
+    assert all(left.x1 < right.x0 for left, right in pairwise(inside))
+
+
+@pytest.mark.parametrize("name", [r"$\frac{$", "$x$", "bell \a, escape \x1b[31m, null \0", "\ud800"])
+def test_names_are_no_formulas(name):
+    """Of methods, as a legend, an axis or a corner of a panel has them, and of whatever else is in a row."""
+    fig, ax = style.figure("column")
+    ax.plot([1, 2], [1, 2], **style.of(name))
+    ax.set_yticks([1, 2], [style.plain(name), "b"])
+    style.failed_label(ax, name)
+    style.label_ends([ax])
+    ax.set_title(name)  # of a row, by somebody who does not know of `plain`
+    ax.plot([1, 2], [2, 1], label=f"{name}, too")
+    ax.set_ylabel("$x_1$")
+    style.legend_below(fig)
+    assert all(draw(fig) for draw in figures.FORMATS.values())
+    readable = "".join(c for c in name if c.isprintable())
+    assert style.label(name) == readable
+    parsed = [text._preprocess_math(text.get_text()) for text in fig.findobj(Text)]
+    assert sum(readable in text for text, formula in parsed if not formula) >= 4
+    formulas = {text for text, formula in parsed if formula and "mathdefault" not in text}
+    assert formulas == ({"$x$", "$x$, too", "$x_1$"} if name == "$x$" else {"$x_1$"})
+
+
+# ---------------------------------------------------------------- files
+
+
 def draw(rows):
-    """Panels side by side, some taken out; small multiples; one panel as wide as a column."""
+    """Panels side by side, one taken out; one panel as wide as a column."""
     fig, axes = style.figure("page", 4.0, nrows=2, ncols=2, sharex=True, sharey=True, squeeze=False)
     for i, ax in enumerate(list(axes.flat)[:3]):
         ax.loglog(rows.h, rows.error * 10**i, **style.of("backlund"))
@@ -30,24 +188,17 @@ def draw(rows):
     for ax in axes[:, 0]:
         ax.set_ylabel("error")
     axes[1, 0].set_xlabel("step")
-
-    def line(ax, method, look):
-        ax.loglog(rows.h, rows.error, **look)
-
-    families, panels = style.by_family(["backlund", "rk4", "strang"], line, "step", "error", (1e-16, 1))
-    style.label_ends(panels)
     single, ax = style.figure("column")
     ax.scatter(rows.h, rows.error)
     style.failure_marks(ax, [0.1])
-    return {"panels": fig, "families": families, "single": single}
+    return {"panels": fig, "single": single}
 
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
     for i, h in enumerate((0.01, 0.1, 1.0)):
-        rows = [{"error": 1e-12 * 3.0**i}]
-        done = {"status": "done", "rows": rows, "error": None, "warnings": [], "seconds": 0.1}
+        done = {"status": "done", "rows": [{"error": 1e-12 * 3.0**i}], "error": None, "warnings": [], "seconds": 0.1}
         store.Store(folder).append(store.make_record("toy.figures", 1, i, {"h": h}, **done))
     module = ModuleType("toy.figures", "Toy.")
     module.VERSION, module.cells, module.measure = 1, None, None
@@ -62,42 +213,39 @@ def written(results, tmp_path_factory):
     return export.export_all(results, tmp_path_factory.mktemp("a"))[0]
 
 
-def test_every_figure_in_three_formats_and_two_widths_the_same_bytes_twice(results, written, tmp_path, monkeypatch):
-    assert len(written) == 3 * 3 * 2
+def test_the_same_rows_are_the_same_bytes_whatever_matplotlibrc_says(results, written, tmp_path, monkeypatch):
+    assert len(written) == 2 * 3 * 2
     monkeypatch.setitem(matplotlib.rcParams, "lines.linewidth", 7.0)  # the reader's own taste
     again = export.export_all(results, tmp_path, widths=("column",))[0]
     before = {path.name: path.read_bytes() for path in written}
-    assert len(again) == 3 * 3
+    assert len(again) == 2 * 3
     assert [path.name for path in again if path.read_bytes() != before[path.name]] == []
 
 
-def test_widths_are_those_asked_for(written):
+def test_files_have_the_width_asked_for_embedded_fonts_and_no_date(written):
     for path in written:
-        inches = style.WIDTHS["column" if "-column" in path.name else "page"]
+        width, content = "column" if "-column" in path.name else "page", path.read_bytes()
         if path.suffix == ".svg":
-            found = float(re.search(r'viewBox="0 0 ([\d.]+)', path.read_text())[1]) / 72
+            found = float(re.search(rb'viewBox="0 0 ([\d.]+)', content)[1]) / 72
         elif path.suffix == ".pdf":
-            found = float(re.search(rb"/MediaBox \[ *0 0 ([\d.]+)", path.read_bytes())[1]) / 72
-        else:
-            found = matplotlib.image.imread(path).shape[1] / figures.DPI["column" if "-column" in path.name else "page"]
-        assert abs(found - inches) < 0.01, path.name
-
-
-def test_a_pdf_has_its_fonts_and_no_date(written):
-    for path in written:
-        if path.suffix == ".pdf":
-            content = path.read_bytes()
+            found = float(re.search(rb"/MediaBox \[ *0 0 ([\d.]+)", content)[1]) / 72
             assert b"/FontFile2" in content, "TrueType, embedded"
             assert b"/Type3" not in content
             assert b"CreationDate" not in content
+        else:
+            pixels = matplotlib.image.imread(path)
+            assert pixels[..., :3].std() > 0.02, "it shows something"
+            found = pixels.shape[1] / figures.DPI[width]
+        assert abs(found - style.WIDTHS[width]) < 0.01, path.name
 
 
 def test_in_a_column_panels_are_on_top_of_each_other_and_keep_their_labels(results):
     with style.apply("column"):
-        drawn = draw(store.Store(results).rows("toy.figures"))
-    fig = drawn["panels"]
+        fig = draw(store.Store(results).rows("toy.figures"))["panels"]
     tall = fig.get_figheight()
-    style.finish(fig)
+    for _ in range(2):  # once is enough
+        style.finish(fig)
+        assert fig.get_figheight() == pytest.approx(0.75 * tall), "no gap where the fourth was"
     fig.draw_without_rendering()
     boxes = [ax.get_position() for ax in fig.axes]
     assert len(boxes) == 3
@@ -105,17 +253,23 @@ def test_in_a_column_panels_are_on_top_of_each_other_and_keep_their_labels(resul
     assert all(box.width > 0.6 for box in boxes)
     assert [ax.get_ylabel() for ax in fig.axes] == ["error"] * 3
     assert [ax.get_xlabel() for ax in fig.axes] == ["", "", "step"]
-    assert fig.get_figheight() == pytest.approx(0.75 * tall), "no gap where the fourth was"
-    style.finish(fig)
-    assert fig.get_figheight() == pytest.approx(0.75 * tall), "once is enough"
 
 
-def test_compact_svg_is_the_same_picture(results):
-    document = figures.svg(draw(store.Store(results).rows("toy.figures"))["panels"])
+def test_an_svg_refers_to_what_it_has_and_its_words_can_be_searched():
+    fig, ax = style.figure("column")
+    ax.plot([1, 2], [1, 2], **style.thin("rk4"))
+    ax.plot([1, 2], [2, 1], **style.of("strang"))
+    ax.plot([1, 2], [2, 2], label="_guide")
+    ax.set_xlabel("step <h> in $units")
+    document = figures.svg(fig)
     assert "<!--" not in document
     assert not re.search(r"\.\d{4,}", re.sub('style="[^"]*"', "", document))
     used = set(re.findall(r'href="#([^"]+)"', document)) | set(re.findall(r"url\(#([^)]+)\)", document))
     assert used == set(re.findall(r'\bid="([^"]+)"', document))
+    assert ">step &lt;h&gt; in $units</text>" in document
+    titles = re.findall("<g><title>([^<]*)</title>", document)
+    assert titles == [style.label("rk4"), style.label("strang")], "a line says whose it is"
+    assert f"<title>{titles[0]}</title>" in figures.inline(document, "f", "label")
 
 
 @pytest.mark.parametrize(
@@ -124,116 +278,56 @@ def test_compact_svg_is_the_same_picture(results):
         ("M 1.23456 2 \nL 3.005 4.5 \nL 3.005 4.5 \nz \n", "M1.23 2l1.77 2.5z"),
         ("M 0 0 L -0.25 10.001 M 5 5 L 5 5", "M0 0l-.25 10M5 5l0 0"),
         ("M 0 -2.5 C 0.663008 -2.5 1.29895 -2.23 1.7 -1.7 z", "M 0 -2.5 C .66 -2.5 1.3 -2.23 1.7 -1.7 z"),
+        (f"M 0 0 {' '.join(f'L {0.0333 * k:.6f} 1' for k in range(1, 1001))}", None),
     ],
+    ids=["line", "points", "curve", "long"],
 )
-def test_paths(path, short):
-    assert figures.compact(f'<path d="{path}"/>') == f'<path d="{short}"/>'
+def test_paths_are_shortened_and_rounding_does_not_add_up(path, short):
+    found = figures.compact(f'<path d="{path}"/>')
+    if short:
+        assert found == f'<path d="{short}"/>'
+    else:
+        ends = [float(x) for x, _ in re.findall(r"[Ml](-?[\d.]+) ?(-?[\d.]+)", found)]
+        assert sum(ends) == pytest.approx(33.3, abs=0.006)
 
 
-def test_rounding_does_not_add_up():
-    steps = np.cumsum(np.full(1000, 0.0333))
-    text = figures.compact(f'<path d="M 0 0 {" ".join(f"L {x:.6f} 1" for x in steps)}"/>')
-    ends = [float(x) for x, _ in re.findall(r"[Ml](-?[\d.]+) ?(-?[\d.]+)", text)]
-    assert sum(ends) == pytest.approx(steps[-1], abs=0.006)
+def test_dense_figures_are_stored_as_pixels():
+    with style.apply():
+        fig, ax = style.figure("column")
+        ax.plot(*np.random.default_rng(0).normal(size=(2, 30_000)), ".")
+        document = figures.svg(fig)
+    assert "data:image/png" in document
+    assert len(document) < 300_000
 
 
-def test_words_can_be_searched_and_lines_say_whose_they_are(results):
-    fig, ax = style.figure("column")
-    ax.plot([1, 2], [1, 2], **style.thin("rk4"))
-    ax.plot([1, 2], [2, 1], **style.of("strang"))
-    ax.plot([1, 2], [2, 2], label="_guide")
-    ax.set_xlabel("step <h> in $units")
-    document = figures.svg(fig)
-    assert ">step &lt;h&gt; in $units</text>" in document
-    titles = re.findall("<g><title>([^<]*)</title>", document)
-    assert titles == [style.label("rk4"), style.label("strang")]
-    assert f"<title>{titles[0]}</title>" in figures.inline(document, "f", "label")
+BAD = [
+    ({"name": "toy.figures_singel"}, "did you mean 'toy.figures_single'"),
+    ({"name": "nonsense"}, "toy.figures_panels"),
+    ({"format": "gif"}, "format must be"),
+    ({"width": "wall"}, "width must be"),
+    ({"results": "empty"}, "nothing is stored"),
+]
 
 
-def test_one_figure_by_name(results, tmp_path):
-    path, *_ = export.export("toy.figures_single", results, tmp_path / "here.pdf", "pdf", "column")
-    assert path.read_bytes().startswith(b"%PDF")
-    for name, said in (("toy.figures_singel", "did you mean 'toy.figures_single'"), ("nonsense", "toy.figures_panels")):
-        with pytest.raises(ValueError, match=re.escape(said)):
-            export.export(name, results)
-    with pytest.raises(ValueError, match="format must be"):
-        export.export("toy.figures_single", results, tmp_path / "x", "gif")
-    with pytest.raises(ValueError, match="width must be"):
-        export.export("toy.figures_single", results, tmp_path / "x", "svg", "wall")
-    with pytest.raises(ValueError, match="nothing is stored"):
-        export.export("toy.figures_single", tmp_path / "empty")
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_png_shows_something(written):
-    for path in written:
-        if path.suffix == ".png":
-            pixels = matplotlib.image.imread(io.BytesIO(path.read_bytes()))
-            assert pixels[..., :3].std() > 0.02
-
-
-def test_the_page_names_the_command_that_draws_a_figure(results):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(page, "EXPERIMENTS", ("toy.figures",))
-        text = page.html(page.assemble(results))
-    assert "<span>lagrange-bench</span> <span>figure</span> <span>toy.figures_panels</span>" in text
+@pytest.mark.parametrize(("change", "words"), BAD, ids=[words for _, words in BAD])
+def test_wrong_names_formats_and_widths_write_nothing(results, tmp_path, change, words):
+    given = {"name": "toy.figures_single", "results": results, "to": tmp_path / "x", "format": "svg", "width": "page"}
+    given |= {name: tmp_path / value if name == "results" else value for name, value in change.items()}
+    with pytest.raises(ValueError, match=re.escape(words)):
+        export.export(*given.values())
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_command_line(results, tmp_path, capsys):
-    here = tmp_path / "f.pdf"
-    words = ["toy.figures_single", "--format", "pdf", "--results", str(results), "--output", str(here)]
-    assert main(["figure", *words]) == 0
+    here, stored = tmp_path / "f.pdf", ["--results", str(results)]
+    words = ["toy.figures_single", *stored, "--output", str(here)]
+    assert main(["figure", *words, "--format", "pdf"]) == 0
     assert capsys.readouterr().out == f"{here}\n"
-    assert (
-        main(
-            [
-                "figure",
-                "--all",
-                "--format",
-                "svg",
-                "--width",
-                "page",
-                "--results",
-                str(results),
-                "--output",
-                str(tmp_path),
-            ]
-        )
-        == 0
-    )
-    assert len(list(tmp_path.glob("*-page.svg"))) == 3
+    assert main(["figure", "--all", "--format", "svg", "--width", "page", *stored, "--output", str(tmp_path)]) == 0
+    assert len(list(tmp_path.glob("*-page.svg"))) == 2
     capsys.readouterr()
     before = here.read_bytes()
-    two = [*words[:1], "--format", "svg", *words[3:]]
-    for wrong in ([], ["toy.figures_single", "--all"], ["toy.figures_nothing", "--results", str(results)], two):
+    for wrong in ([], [words[0], "--all"], ["toy.figures_nothing", *stored], [*words, "--format", "svg"]):
         assert main(["figure", *wrong]) == 2
         assert capsys.readouterr().err.count("\n") == 1
     assert here.read_bytes() == before
-
-
-NAMES = [r"$\frac{$", "$x$", "a$b", "bell \a, escape \x1b[31m, null \0", "\ud800"]
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_names_are_no_formulas(name):
-    """Of methods, as a legend, an axis or a corner of a panel has them, and of whatever else is in a row."""
-    fig, ax = style.figure("column")
-    look = style.of(name)
-    ax.plot([1, 2], [1, 2], **look)
-    ax.set_yticks([1, 2], [style.plain(name), "b"])
-    style.failed_label(ax, name)
-    style.label_ends([ax])
-    ax.set_title(name)  # of a row, by somebody who does not know of `plain`
-    ax.plot([1, 2], [2, 1], label=f"{name}, too")
-    ax.set_ylabel("$x_1$")
-    style.legend_below(fig)
-    assert figures.svg(fig)
-    readable = "".join(c for c in name if c.isprintable())
-    assert style.label(name) == readable
-    parsed = [text._preprocess_math(text.get_text()) for text in fig.findobj(Text)]
-    shown = [text for text, formula in parsed if not formula]
-    assert sum(readable in text for text in shown) >= 4
-    formulas = {text for text, formula in parsed if formula and "mathdefault" not in text}
-    assert formulas == ({"$x$", "$x$, too", "$x_1$"} if name == "$x$" else {"$x_1$"})
-    assert figures.pdf(fig)
-    assert figures.png(fig)

@@ -1,32 +1,84 @@
-"""The forms compared in the round-off experiment are one map each: they differ by round-off only, and not by nothing."""
+"""Round-off: how far the invariants may wander in a million steps, and that the forms compared in the experiment are one map.
+
+u = 2⁻⁵³ is half an ulp of 1. Errors are relative to the size of the terms in each invariant. Steps are in units of the top's
+own time scale 1/(|J| + √(|alpha||x|)).
+"""
 
 import numpy as np
 import pytest
 
 from lagrange_bench.experiments import round_off
-from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.experiments.measuring import metrics, states
 from lagrange_bench.experiments.measuring.states import find
 from lagrange_bench.integrators import StepError, prepare
 from lagrange_bench.integrators.truth import exact
 
+U, N = 2.0**-53, 10**6
+ULPS = "pinned: what eight steps round, for ever"
+WALK = "random walk of roundings of u or less: 3 σ of √n u, over four states; larger steps round more"
+LINEAR = "constants rounded once push the same way in every step"
+TABLE = [  # method, options, h, bound of H, C1 and C2, why
+    ("backlund", {}, 0.1, 16 * U, ULPS),
+    ("backlund", {}, 2.0, 16 * U, ULPS),
+    ("backlund_paper", {}, 2.0, 16 * U, ULPS),
+    ("backlund", {"pin": 0}, 0.1, U / 64 * N, LINEAR),
+    ("backlund_textbook", {}, 0.1, U / 16 * N, LINEAR + ", and its divisions lose digits"),
+    ("implicit_midpoint", {}, 0.5, 6 * U * 1e3, WALK),
+    ("implicit_midpoint", {"solver": "newton"}, 0.1, 3 * U * 1e3, WALK),
+    ("implicit_midpoint", {"solver": "fixed_point"}, 0.1, 3 * U * 1e3, WALK),
+]
+
+
+@pytest.mark.parametrize(("method", "options", "h", "bound", "why"), TABLE)
+def test_invariants_wander_no_further_than_this(method, options, h, bound, why):
+    for name in ("generic", "figure1", "fast", "slow"):
+        top, y0 = find(name)
+        rows = prepare(top, y0, h * top.scales(y0)[2], method, **options).record(y0, N, N // 20)
+        drift = np.abs(metrics.relative_drift(top.invariants(rows), top.invariant_scales(y0)))
+        assert np.max(drift[:, [0, 2, 3]]) <= bound, (name, np.max(drift, axis=0) / U, why)
+
+
+@pytest.mark.parametrize(("form", "walks"), [("midpoint, as registered", True), ("midpoint, tolerance 1e-12", False)])
+def test_midpoint_errors_walk_at_random_and_those_of_a_tolerance_drift(form, walks):
+    """Brouwer's law: ½, not 1. What an iteration to a tolerance leaves has a direction."""
+    n, errors = 200_000, []
+    for name in states.RANDOM:
+        top, y0 = find(name)
+        rows = round_off.FORMS[form][1](top, y0, 0.25 * top.scales(y0)[2]).record(y0, n, n // 1000)
+        errors.append(metrics.relative_drift(top.invariants(rows), top.invariant_scales(y0)))
+    p = [metrics.growth_exponent(np.arange(1001.0), np.array(errors)[:, :, k]).p for k in (0, 2, 3)]
+    assert max(p) < 0.75 if walks else max(p) > 0.9
+
+
+# ---------------------------------------------------------------- the forms of the experiment
+
 STEPS = 200
+BACKLUND = [form for form, (of, _) in round_off.FORMS.items() if of == "backlund"]
 
 
 def run(form, state, span):
     top, y0 = find(state)
-    h = span * top.scales(y0)[2]
-    return top, y0, round_off.FORMS[form][1](top, y0, h).advance(y0, STEPS)
+    return top, y0, round_off.FORMS[form][1](top, y0, span * top.scales(y0)[2]).advance(y0, STEPS)
 
 
-@pytest.mark.parametrize("span", round_off.SIZES)
-@pytest.mark.parametrize("form", [form for form, (of, _) in round_off.FORMS.items() if of == "backlund"])
-def test_forms_of_the_exact_step_are_one_map(form, span):
+@pytest.mark.parametrize(
+    ("forms", "span"),
+    [
+        *((BACKLUND, span) for span in round_off.SIZES),
+        *(
+            ([form for form, (of, _) in round_off.FORMS.items() if of == rival], 0.125)
+            for rival in ("implicit_midpoint", "strang")
+        ),
+    ],
+    ids=[*round_off.SIZES, "midpoint", "strang"],
+)
+def test_forms_are_one_map_but_for_round_off(forms, span):
     for state in ("generic", "figure1", "random003"):
-        top, y0, expected = run("pinned, every 8", state, span)
-        _, _, found = run(form, state, span)
-        assert metrics.scaled_error(top, y0, found, expected) < 1e-10
-        if not form.startswith("pinned"):
-            assert not np.array_equal(found, expected)
+        top, y0, expected = run(forms[-1], state, span)
+        for form in forms[:-1]:
+            found = run(form, state, span)[2]
+            assert metrics.scaled_error(top, y0, found, expected) < 1e-10, form
+            assert form.startswith("pinned") or not np.array_equal(found, expected), form
 
 
 @pytest.mark.parametrize("fraction", round_off.FRACTIONS)
@@ -43,21 +95,10 @@ def test_forms_of_long_steps_are_one_map(fraction):
 def test_a_form_that_leaves_its_torus_is_followed():
     """Negative control: the registered method refuses such a state."""
     top, y0 = find("generic")
-    away = y0 * (1 + 1e-9)
-    h = 0.125 * top.scales(y0)[2]
+    away, h = y0 * (1 + 1e-9), 0.125 * top.scales(y0)[2]
     assert np.isfinite(round_off.FORMS["x assigned"][1](top, y0, h).advance(away, STEPS)).all()
     with pytest.raises(StepError, match="not on the torus"):
         prepare(top, y0, h, "backlund_unpinned").advance(away, STEPS)
-
-
-@pytest.mark.parametrize("of", ["implicit_midpoint", "strang"])
-def test_forms_of_a_rival_are_one_map(of):
-    forms = [form for form, (method, _) in round_off.FORMS.items() if method == of]
-    for state in ("generic", "figure1"):
-        ends = [run(form, state, 0.125) for form in forms]
-        top, y0, expected = ends[-1]
-        for _, _, found in ends[:-1]:
-            assert 0 < metrics.scaled_error(top, y0, found, expected) < 1e-9
 
 
 def test_the_long_run_meets_heyoka():
