@@ -1,41 +1,69 @@
-"""An independent integrator for the tests: Taylor series of the equations of motion in mpmath. No method of the bench."""
+"""An independent integrator for the tests: Taylor series of the equations of motion in integers. No method of the bench."""
 
 import math
+from fractions import Fraction
+from operator import mul
 
 import numpy as np
 from mpmath import mp, mpf
+from mpmath.libmp import to_rational
 
 
 def flow(alpha, y, t, digits=40):
-    """State at time t from doubles taken as exact, as six mpf; Taylor series, eight steps to the unit 1/(|J| + √(|alpha||x|))."""
-    with mp.workdps(digits + 10):
-        alpha, y, t = mpf(alpha), [mpf(v) for v in y], mpf(t)
-        rate = mp.sqrt(sum(v * v for v in y[:3])) + mp.sqrt(abs(alpha) * mp.sqrt(sum(v * v for v in y[3:])))
-        steps = int(mp.ceil(abs(t) * rate * 8)) or 1
-        h = t / steps
+    """State at time t from doubles taken as exact, as six mpf."""
+    return flows(alpha, y, [t], digits)[0]
+
+
+def flows(alpha, y, times, digits):
+    """States at `times`, monotone from 0; numbers are multiples of 2^-bits, eight steps to the unit 1/(|J| + √(|alpha||x|))."""
+    bits = int(3.33 * digits) + 60
+    rate = Fraction(
+        math.hypot(*map(float, y[:3])) + math.sqrt(abs(float(alpha))) * math.sqrt(math.hypot(*map(float, y[3:])))
+    )
+    alpha, y = _fixed(_exactly(alpha), bits), [_fixed(_exactly(v), bits) for v in y]
+    now, states = Fraction(0), []
+    for t in map(_exactly, times):
+        steps = math.ceil(8 * rate * abs(t - now)) or 1
+        h, now = _fixed((t - now) / steps, bits), t
         for _ in range(steps):
-            y = _step(alpha, y, h, order=digits + 8)
-        return y
+            y = _step(alpha, y, h, bits)
+        with mp.workprec(bits + 60):
+            states.append([mp.ldexp(mpf(v), -bits) for v in y])
+    return np.array(states, dtype=object)
 
 
-def _step(alpha, y, h, order):
-    c = [[v] for v in y]
-    for k in range(order):
+def _exactly(v):
+    """A number as a fraction."""
+    return Fraction(*to_rational(v._mpf_)) if isinstance(v, mpf) else Fraction(float(v))
 
-        def product(i, j, k=k):
-            return mp.fdot(c[i][: k + 1], c[j][k::-1])
+
+def _fixed(q, bits):
+    return (q.numerator << bits) // q.denominator
+
+
+def _step(alpha, y, h, bits):
+    """The terms of order k + 1 from those up to k, with h^k in them, until they vanish."""
+    J1, J2, J3, x1, x2, x3 = series = [[v] for v in y]
+    k = 0
+    while k == 0 or any(c[-1] or c[-2] for c in series):
+
+        def product(a, b):
+            return sum(map(mul, a, reversed(b)))
 
         rates = (
-            -alpha * c[4][k],
-            alpha * c[3][k],
-            mpf(0),
-            product(1, 5) - product(2, 4),
-            product(2, 3) - product(0, 5),
-            product(0, 4) - product(1, 3),
+            -alpha * x2[k],
+            alpha * x1[k],
+            0,
+            product(J2, x3) - product(J3, x2),
+            product(J3, x1) - product(J1, x3),
+            product(J1, x2) - product(J2, x1),
         )
-        for series, rate in zip(c, rates, strict=True):
-            series.append(rate / (k + 1))
-    return [horner(series, h) for series in c]
+        k += 1
+        new = [(r * h >> 2 * bits) // k for r in rates]
+        new = [0 if v == -1 else v for v in new]  # rounding is downwards: -1 would never vanish
+        for c, v in zip(series, new, strict=True):
+            c.append(v)
+    return [sum(c) for c in series]
 
 
 def horner(coefficients, u):

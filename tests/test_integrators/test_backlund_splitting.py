@@ -10,7 +10,6 @@ import pytest
 
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.integrators import (
-    METHODS,
     PERTURBED_TOPS,
     POTENTIALS,
     LagrangeTop,
@@ -123,20 +122,6 @@ def test_the_part_of_second_order_is_right_for_long_times(name, left):
 
         w = mpmath.mpf(2) ** -5
         assert float(mpmath.log(abs(excess(w) / excess(w / 2)), 2)) == pytest.approx(left, abs=0.01)
-
-
-def test_the_corrector_is_a_palindrome_of_kicks_about_its_end():
-    parts = backlund_schemes._corrector(bs.SCHEMES["strang"])
-    times = np.cumsum([flow for flow, _ in parts])
-    kicks = [(round(t, 9), k) for t, (_, k) in zip(times, parts, strict=True) if k]
-    assert [k for _, k in kicks] == [k for _, k in reversed(kicks)]
-    assert abs(times[-1]) < 1e-14
-    total = {}
-    for t, k in kicks:
-        total[t] = total.get(t, 0.0) + k
-    for j, weight in enumerate(backlund_schemes.corrector_kicks(bs.SCHEMES["strang"]), 1):
-        assert total[round(backlund_schemes.SPACING * j, 9)] == pytest.approx(weight)
-        assert total[-round(backlund_schemes.SPACING * j, 9)] == pytest.approx(-weight)
 
 
 # ---------------------------------------------------------------- the method
@@ -261,13 +246,6 @@ def test_the_energy_error_does_not_grow():
     assert early < 1e-7
 
 
-def test_output_on_the_way_is_corrected_output():
-    top, y, unit = problem("moderate_tide")
-    rows = integrate(top, y, 0.5 * unit, 64, NAME, every=8).y
-    for k in (1, 5):
-        assert np.array_equal(rows[k], integrate(top, y, 0.5 * unit, 8 * k, NAME).y[-1])
-
-
 def test_it_says_where_it_is_the_wrong_method():
     top, y, unit = problem("strong_tide")
     with pytest.warns(bs.StepWarning, match="blanes_moan6 costs less"):
@@ -299,12 +277,3 @@ def test_near_the_separatrix_it_falls_back():
         drift = np.abs(metrics.relative_drift(top.invariants(run), top.invariant_scales(y)))
         assert drift[:, 2:].max() < 64 * 2.0**-52
         assert drift[:, 0].max() < 1e-3
-
-
-def test_the_record():
-    record = METHODS[NAME]
-    tide = PERTURBED_TOPS["weak_tide"].top
-    assert record.order is None
-    assert record.order_for(tide) == 4
-    assert record.kept(tide) == {"C1", "C2"}
-    assert record.kept(PERTURBED_TOPS["axisymmetric"].top) == {"J3", "C1", "C2"}

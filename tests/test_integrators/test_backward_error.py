@@ -188,18 +188,11 @@ def test_rates_follow_the_units():
     assert predicted_phase(heavy, Y0, 0.01, "kahan") == predicted_phase(heavy.top, Y0, 0.01, "kahan")
 
 
-@pytest.mark.parametrize("name", ["strang", "blanes_moan6", "force_gradient4", "sofroniou_spaletta10", "rkmk4"])
+@pytest.mark.parametrize("name", ["strang", "force_gradient4", "rkmk4"])
 def test_a_method_that_is_exact_without_weight_has_no_phase_error(name):
     named = TOPS["weightless"]
     assert predicted_phase(named.top, named.state, 0.05, name) == PredictedPhase(0.0, 0.0)
     assert predicted_phase(named.top, named.state, 0.05, "rk4").clock != 0.0  # negative control
-
-
-def test_rates_in_extreme_units():
-    named, rate = TOPS["generic"], 2.0**520
-    y = named.state * np.repeat((rate, 2.0**40), 3)
-    found = predicted_phase(LagrangeTop(2.0**1000), y, 0.03 / rate, "strang")
-    assert found.clock == pytest.approx(predicted_phase(named.top, named.state, 0.03, "strang").clock, rel=1e-9)
 
 
 # ------------------------------------------------------------------------------------------ no prediction

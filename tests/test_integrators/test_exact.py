@@ -1,16 +1,12 @@
-"""The closed-form solution against independent integration, its own properties, and sabotage.
+"""The closed-form solution against independent integration, and its own properties.
 
-Two integrators that share nothing with it: Taylor series in whole-number arithmetic (below, any precision) and heyoka
-in 128-bit floating point (fast, for many states and long times). Errors are in units of the scales of J and x.
+Two integrators that share nothing with it: Taylor series in integers (tests/reference.py, any precision) and heyoka in
+128-bit floating point (fast, for many states and long times). Errors are in units of the scales of J and x.
 """
 
-import ast
 import math
 import os
-import pathlib
-from dataclasses import replace
 from fractions import Fraction
-from operator import mul
 
 import numpy as np
 import pytest
@@ -19,10 +15,11 @@ from hypothesis import strategies as st
 from mpmath import mp, mpf
 
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
-from lagrange_bench.integrators.truth import exact, orbit
+from lagrange_bench.integrators.truth import exact
+from tests.reference import flows
 
 BOUND = 4e-15  # of the scales: what exact.solution promises in doubles, 18 eps
-RANDOM_STATES = int(os.environ.get("EXACT_RANDOM_STATES", "300"))  # 3000 for a sweep of some minutes
+RANDOM_STATES = int(os.environ.get("EXACT_RANDOM_STATES", "90"))  # 3000 for a sweep of some minutes
 EVALUATION = mp.dps  # the tests leave mpmath's precision alone
 
 NAMED = [pytest.param(t, id=t.name) for t in TOPS.values()]
@@ -62,49 +59,7 @@ def turn(angle, y):
 
 
 def flow(top, y0, times, digits=25):
-    """States at `times`, monotone from 0, by Taylor series in integers that stand for multiples of 2^-bits."""
-    bits = int(3.33 * digits) + 60
-    rate = Fraction(top.scales(y0)[0])
-    alpha, y = fixed(Fraction(top.alpha), bits), [fixed(Fraction(float(v)), bits) for v in y0]
-    now, states = Fraction(0), []
-    for t in times:
-        steps = math.ceil(8 * rate * abs(Fraction(float(t)) - now)) or 1
-        h = fixed((Fraction(float(t)) - now) / steps, bits)
-        for _ in range(steps):
-            y = taylor_step(alpha, y, h, bits)
-        now = Fraction(float(t))
-        with mp.workprec(bits + 60):
-            states.append([mp.ldexp(mpf(v), -bits) for v in y])
-    return np.array(states, dtype=object)
-
-
-def fixed(q, bits):
-    return (q.numerator << bits) // q.denominator
-
-
-def taylor_step(alpha, y, h, bits):
-    """The terms of order k + 1 from those up to k, with h^k in them, until they vanish."""
-    J1, J2, J3, x1, x2, x3 = series = [[v] for v in y]
-    k = 0
-    while k == 0 or any(c[-1] or c[-2] for c in series):
-
-        def product(a, b):
-            return sum(map(mul, a, reversed(b)))
-
-        rates = (
-            -alpha * x2[k],
-            alpha * x1[k],
-            0,
-            product(J2, x3) - product(J3, x2),
-            product(J3, x1) - product(J1, x3),
-            product(J1, x2) - product(J2, x1),
-        )
-        k += 1
-        new = [(r * h >> 2 * bits) // k for r in rates]
-        new = [0 if v == -1 else v for v in new]  # rounding is downwards: -1 would never vanish
-        for c, v in zip(series, new, strict=True):
-            c.append(v)
-    return [sum(c) for c in series]
+    return flows(top.alpha, y0, times, digits)
 
 
 @pytest.fixture(scope="module")
@@ -136,17 +91,6 @@ def quadruple():
 # ---------------------------------------------------------------- against the equations of motion
 
 
-@pytest.mark.parametrize("named", NAMED)
-@pytest.mark.parametrize("sign", [1, -1])
-def test_named_tops_follow_the_equations_of_motion(named, sign):
-    top, y0 = named.top, named.state
-    times = sign * np.array((0.1, 1.0, 4.0, 15.0)) * top.scales(y0)[2] * 2
-    reference = flow(top, y0, times, digits=40)
-    # 40 digits of integration lose a few to the instability at the upper equilibrium
-    assert error(top, y0, exact.solution(top, y0, times, digits=36), reference) < 1e-35
-    assert error(top, y0, exact.solution(top, y0, times), reference) < BOUND
-
-
 SPECIAL = {  # alpha, state: each on or next to a place where a formula could break
     "starts at the upper pole": (1.0, (0.5, 1.0, 1.0, 0.0, 0.0, 1.0)),
     "starts at the lower pole": (1.0, (0.5, 1.0, 1.0, 0.0, 0.0, -1.0)),
@@ -174,11 +118,18 @@ SPECIAL = {  # alpha, state: each on or next to a place where a formula could br
 }
 
 
-@pytest.mark.parametrize("case", SPECIAL)
-def test_special_states_follow_the_equations_of_motion(case):
-    alpha, y0 = SPECIAL[case]
+STATES = {name: (named.alpha, named.y0) for name, named in TOPS.items()} | SPECIAL
+every_state = pytest.mark.parametrize("case", STATES)
+named_states = pytest.mark.parametrize("named", NAMED)
+
+
+@every_state
+def test_states_follow_the_equations_of_motion(case):
+    """40 digits of integration lose a few to the instability at the upper equilibrium."""
+    alpha, y0 = STATES[case]
     top, unit = LagrangeTop(alpha), LagrangeTop(alpha).scales(y0)[2]
-    times = np.array((0.5, 5.0, 25.0)) * (unit if math.isfinite(unit) else 1.0)
+    sign = -1 if case in TOPS and case < "n" else 1
+    times = sign * np.array((0.2, 2.0, 25.0)) * (unit if math.isfinite(unit) else 1.0)
     reference = flow(top, y0, times, digits=40)
     assert error(top, y0, exact.solution(top, y0, times, digits=34), reference) < 1e-33
     assert error(top, y0, exact.solution(top, y0, times), reference) < BOUND
@@ -186,29 +137,20 @@ def test_special_states_follow_the_equations_of_motion(case):
 
 
 def test_random_states_follow_the_equations_of_motion():
-    worst = 0.0
     for seed in range(RANDOM_STATES // 3):
         top, y0 = random_top(seed)
         times = [0.5, 1.0] if seed % 2 else [-0.5, -1.0]
-        worst = max(worst, error(top, y0, exact.solution(top, y0, times), flow(top, y0, times, digits=18)))
-    assert worst < BOUND
+        assert error(top, y0, exact.solution(top, y0, times), flow(top, y0, times, digits=18)) < BOUND
 
 
 def test_random_states_follow_the_equations_of_motion_for_longer(quadruple):
-    worst = 0.0
     for seed in range(1000, 1000 + RANDOM_STATES):
         top, y0 = random_top(seed)
-        times = np.array((2.0, 5.0, 10.0)) * (1 if seed % 2 else -1)
-        worst = max(worst, error(top, y0, exact.solution(top, y0, times), quadruple(top, y0, times)))
-    for seed in range(5):
-        top, y0 = random_top(seed)
-        worst = max(worst, error(top, y0, exact.solution(top, y0, [100.0]), quadruple(top, y0, [100.0])))
-    assert worst < BOUND
+        times = np.array((2.0, 5.0, 100.0 if seed < 1003 else 10.0)) * (1 if seed % 2 else -1)
+        assert error(top, y0, exact.solution(top, y0, times), quadruple(top, y0, times)) < BOUND
 
 
-@pytest.mark.parametrize(
-    ("name", "t"), [("figure1", 300), ("figure2", 1e3), ("generic", 1e3), ("through_pole", 1e3), ("slow", 5e3)]
-)
+@pytest.mark.parametrize(("name", "t"), [("figure1", 300), ("figure2", 300), ("through_pole", 1e3)])
 def test_long_times_follow_the_equations_of_motion(name, t, quadruple):
     top, y0 = TOPS[name].top, TOPS[name].state
     reference = quadruple(top, y0, [t])
@@ -217,17 +159,14 @@ def test_long_times_follow_the_equations_of_motion(name, t, quadruple):
     assert error(top, y0, exact.solution(top, y0, [t]), reference) < BOUND
 
 
-@pytest.mark.parametrize("kick", [2.0**-13, 2.0**-30, -(2.0**-13), -(2.0**-50)])
-def test_near_the_separatrix_by_a_kick(kick):
-    check_near_separatrix((2.0 + kick, 0.0, 1.0, 1.0, 0.0, -0.75))
-
-
-@pytest.mark.parametrize("tilt", [2.0**-7, 2.0**-13, 2.0**-23, 2.0**-33])
-def test_near_the_separatrix_by_a_tilt(tilt):
-    check_near_separatrix((0.0, 0.0, 1.0, tilt, 0.0, 1.0))
-
-
-def check_near_separatrix(y0):
+@pytest.mark.parametrize(
+    "y0",
+    [
+        *((2.0 + kick, 0.0, 1.0, 1.0, 0.0, -0.75) for kick in (2.0**-13, 2.0**-30, -(2.0**-50))),
+        *((0.0, 0.0, 1.0, tilt, 0.0, 1.0) for tilt in (2.0**-7, 2.0**-33)),
+    ],
+)
+def test_near_the_separatrix(y0):
     """k'² is 1e-4 … 1e-20 here; over a period an error grows by 1/k'², hence the digits of the integration."""
     top = LagrangeTop(1.0)
     e1, e2, e3 = exact.find(1.0, y0, 40).roots
@@ -245,42 +184,26 @@ def long_time_error(top, y0, times):
     return error(top, y0, exact.solution(top, y0, times), exact.solution(top, y0, times, digits=30))
 
 
-@pytest.mark.parametrize("named", NAMED)
+@named_states
 def test_doubles_keep_their_accuracy_to_a_million(named):
     times = np.array((1e3, -1e4, 1e5, 1e6, -987654.321, 1e6 + 0.5))
     assert long_time_error(named.top, named.state, times) < BOUND
 
 
 def test_doubles_keep_their_accuracy_on_random_states():
-    for seed in range(200):
+    """And as long as they resolve the phase: the period of `fast` is 0.49, n needs more than 26 bits from 3e7 on."""
+    for seed in range(50):
         top, y0 = random_top(seed)
         times = np.random.default_rng(seed).uniform(-1, 1, 6) * (1.0, 10.0, 1e3, 1e4, 1e5, 1e6)
         assert long_time_error(top, y0, times) < BOUND
-
-
-def test_doubles_keep_their_accuracy_as_long_as_they_resolve_the_phase():
-    top, y0 = TOPS["fast"].top, TOPS["fast"].state  # period 0.49: n needs more than 26 bits from 3e7 on
-    assert long_time_error(top, y0, np.array((2.0**25, 2.0**27 + 0.25, 1e9 + 0.1, 1e12, 1e13, -1.1e13))) < BOUND
+    fast = TOPS["fast"]
+    assert long_time_error(fast.top, fast.state, np.array((2.0**25, 2.0**27 + 0.25, 1e9 + 0.1, 1e13, -1.1e13))) < BOUND
 
 
 # ---------------------------------------------------------------- properties of the solution
 
 
-@pytest.mark.parametrize("named", NAMED)
-def test_it_solves_the_equations_of_motion(named):
-    """y' by central differences in mpmath: h² = 1e-40, rounding 1e-60/h."""
-    top, y0 = named.top, named.state
-    with mp.workdps(70):
-        h, t = mpf(10) ** -20, mpf(3) / 7
-        before, y, after = exact.solution(top, y0, [t - h, t, t + h], digits=60)
-        J1, J2, J3, x1, x2, x3 = y
-        rhs = np.array(
-            [-top.alpha * x2, top.alpha * x1, mpf(0), J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1]
-        )
-        assert np.all(abs((after - before) / (2 * h) - rhs) < 1e-34)
-
-
-@pytest.mark.parametrize("named", NAMED)
+@named_states
 def test_invariants_stay(named):
     top, y0 = named.top, named.state
     start, later = (top.invariants(y) for y in (y0, exact.solution(top, y0, np.linspace(-1e6, 1e6, 101))))
@@ -289,7 +212,7 @@ def test_invariants_stay(named):
     np.testing.assert_array_equal(exact.solution(top, y0, [0.3, 1e6])[:, 2], y0[2])
 
 
-@pytest.mark.parametrize("named", NAMED)
+@named_states
 def test_flow_of_t_plus_s_is_flow_of_t_after_flow_of_s(named):
     """From the rounded state at s; its rounding error grows over t, fastest near the separatrix (by about 2e3 here)."""
     top, y0 = named.top, named.state
@@ -312,21 +235,15 @@ def test_after_a_nutation_period_everything_has_turned_by_the_precession(named):
     assert exact.precession_per_nutation(top, y0) == pytest.approx(float(angle), abs=1e-15)
 
 
-def test_reversing_gravity_and_axis_changes_nothing():
-    mirror = np.array((1, 1, 1, -1, -1, -1))
-    for seed in range(20):
-        top, y0 = random_top(seed)
-        y = exact.solution(LagrangeTop(-top.alpha), mirror * y0, [1.0, -7.0])
-        np.testing.assert_array_equal(y * mirror, exact.solution(top, y0, [1.0, -7.0]))
-
-
-def test_units_that_are_powers_of_two_change_nothing():
-    for seed in range(20):
-        top, y0 = random_top(seed)
-        scaled = LagrangeTop(top.alpha * 2.0**-206), y0 * np.repeat((2.0**-100, 2.0**6), 3)
-        np.testing.assert_array_equal(
-            exact.solution(*scaled, 3.0 * 2.0**100), exact.solution(top, y0, 3.0) * np.repeat((2.0**-100, 2.0**6), 3)
-        )
+@pytest.mark.parametrize("seed", range(10))
+def test_mirrors_and_units_that_are_powers_of_two_change_nothing(seed):
+    """Gravity and axis reversed together; J in units of 2^-100, x in units of 2^6."""
+    top, y0 = random_top(seed)
+    mirror, units, times = np.repeat((1, -1), 3), np.repeat((2.0**-100, 2.0**6), 3), np.array([1.0, -7.0])
+    y = exact.solution(top, y0, times)
+    np.testing.assert_array_equal(exact.solution(LagrangeTop(-top.alpha), mirror * y0, times), mirror * y)
+    far = exact.solution(LagrangeTop(top.alpha * 2.0**-206), units * y0, times * 2.0**100)
+    np.testing.assert_array_equal(far, units * y)
 
 
 # ---------------------------------------------------------------- regimes, periods, precession
@@ -363,7 +280,7 @@ def test_nutation_period_is_the_period_of_x3(named):
     assert np.allclose(exact.solution(top, y0, period)[5], y0[5], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(8))
 def test_precession_is_the_azimuth_swept(seed):
     top, y0 = random_top(seed)
     y = exact.solution(top, y0, np.linspace(0, exact.nutation_period(top, y0), 20001))
@@ -437,94 +354,10 @@ def test_weightless_top_agrees_with_the_limit_of_little_gravity(case):
     np.testing.assert_allclose(exact.solution(free, y0, 9.0), exact.solution(heavy, y0, 9.0), rtol=0, atol=1e-14)
 
 
-# ---------------------------------------------------------------- sabotage
-
-FOUR = ("figure1", "generic", "near_separatrix", "inverted")
-
-
-def off(value):
-    """`value` wrong by 1e-14 of itself."""
-    return tuple(map(off, value)) if isinstance(value, tuple) else value * (1 + 1e-14)
-
-
-@pytest.fixture
-def constants_forgotten():
-    """Empties the caches when called, and after the test."""
-
-    def forget():
-        exact.find.cache_clear()
-        exact.prepared.cache_clear()
-
-    yield forget
-    forget()
-
-
-def worst_of_four(times):
-    """Largest error of doubles against 30 digits over four tops."""
-    return max(long_time_error(TOPS[name].top, TOPS[name].state, times) for name in FOUR)
-
-
-def sabotage_doubles(monkeypatch, change):
-    """Replaces the constants behind the doubles by change(orbit, clock)."""
-    original = exact.prepared
-    monkeypatch.setattr(exact, "prepared", lambda *key: change(*original(*key)))
-
-
-@pytest.mark.parametrize("constant", ["clock", "growth_J", "growth_x", "J", "A", "B"])
-def test_a_constant_of_the_doubles_wrong_by_1e_minus_14_is_noticed(constant, monkeypatch):
-    def change(found, clock):
-        value = getattr(found.motion, constant)
-        wrong = replace(value, z=off(value.z), u=off(value.u)) if constant in "JAB" else off(value)
-        return replace(found, motion=replace(found.motion, **{constant: wrong})), clock
-
-    times = np.linspace(0.0, 10.0, 30)
-    assert worst_of_four(times) < BOUND
-    sabotage_doubles(monkeypatch, change)
-    assert worst_of_four(times) > BOUND
-
-
-@pytest.mark.parametrize(("constant", "by"), [("period", 1e-14), ("turns", 1e-14), ("t0", 1e-14), ("period", 1e-20)])
-def test_a_frequency_of_the_doubles_wrong_by_1e_minus_14_is_noticed(constant, by, monkeypatch):
-    """And a period to 20 digits only, at t = 1e6: the reason to keep it in three pieces."""
-
-    def change(found, clock):
-        first, second, third = getattr(clock, constant)
-        return found, replace(clock, **{constant: (first, second, third + by * first)})
-
-    times = np.array((10.3, 1e3)) if by > 1e-16 else np.array((1e6, 3e6))
-    assert worst_of_four(times) < BOUND
-    sabotage_doubles(monkeypatch, change)
-    assert worst_of_four(times) > BOUND
-
-
-@pytest.mark.parametrize(
-    "function", ["weight", "cubic", "elapsed", "eta_above", "eta_below", "theta4_at", "sweep", "with_phase"]
-)
-def test_integration_notices_constants_wrong_by_1e_minus_14(function, monkeypatch, constants_forgotten):
-    """Wrong before they are rounded, so that doubles and mpmath agree: only the equations of motion can tell."""
-
-    def worst():
-        constants_forgotten()
-        times = np.array((1.0, 4.0))
-        tops = [TOPS[name] for name in FOUR]
-        return max(
-            error(t.top, t.state, exact.solution(t.top, t.state, times), flow(t.top, t.state, times)) for t in tops
-        )
-
-    def wrong(*arguments):
-        right = original(*arguments)
-        return replace(right, phase=off(right.phase)) if function == "with_phase" else off(right)
-
-    original = getattr(orbit, function)
-    assert worst() < BOUND
-    monkeypatch.setattr(orbit, function, wrong)
-    assert worst() > BOUND
-
-
 # ---------------------------------------------------------------- arguments
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None, derandomize=True)
 @given(
     st.floats(-1e300, 1e300),
     st.lists(st.floats(-1e300, 1e300), min_size=6, max_size=6),
@@ -574,35 +407,27 @@ def test_digits_are_delivered():
     assert error(top, y0, exact.solution(top, y0, 1e30, digits=20), exact.solution(top, y0, 1e30, digits=40)) < 1e-20
 
 
-@pytest.mark.parametrize("t", ["1", [[1.0]], math.nan, math.inf, [1.0, None], 1j, [True], object()])
-def test_bad_times_are_refused(t):
-    for digits in (None, 20):
-        with pytest.raises(ValueError, match="t must be"):
-            exact.solution(TOPS["generic"].top, TOPS["generic"].state, t, digits=digits)
+BAD_TIMES = ["1", [[1.0]], math.nan, math.inf, [1.0, None], 1j, [True], object()]
 
 
 def test_bad_arguments_are_refused():
     top, y0 = TOPS["generic"].top, TOPS["generic"].state
-    for digits in (0, -3, 2.5, True):
-        with pytest.raises(ValueError, match="digits"):
-            exact.solution(top, y0, 1.0, digits=digits)
-    for function in (exact.nutation_period, exact.precession_per_nutation, exact.regime, exact.roots):
-        with pytest.raises(ValueError, match="x = 0"):
-            function(top, (1, 2, 3, 0, 0, 0))
-    with pytest.raises(ValueError, match=r"2\^45 periods"):
-        exact.solution(top, y0, 2e14)
-    with pytest.raises(ValueError, match="overflows"):
-        exact.solution(LagrangeTop(1e308), (1.2e308, 1.2e308, 0.0, 0.0, 0.0, 1.7e308), np.linspace(0, 1e-307, 50))
-
-
-def test_it_uses_no_method_of_the_bench():
-    rooms = ("checks", "interface", "precision", "problem.top", "truth.orbit")
-    allowed = {f"lagrange_bench.integrators.{room}" for room in rooms}
-    for module in ("exact", "orbit"):
-        tree = ast.parse((pathlib.Path(exact.__file__).parent / f"{module}.py").read_text())
-        imported = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
-        imported |= {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
-        assert {name for name in imported if name.startswith("integrators")} <= allowed
+    huge = LagrangeTop(1e308), (1.2e308, 1.2e308, 0.0, 0.0, 0.0, 1.7e308), np.linspace(0, 1e-307, 50)
+    table = [
+        *(("t must be", exact.solution, (top, y0, t, digits)) for t in BAD_TIMES for digits in (None, 20)),
+        *(("digits", exact.solution, (top, y0, 1.0, digits)) for digits in (0, -3, 2.5, True)),
+        ("digits must be at most 1000; got 1000000", exact.solution, (top, y0, 1.0, 10**6)),
+        (r"2\^45 periods", exact.solution, (top, y0, 2e14)),
+        ("overflows", exact.solution, huge),
+        *(
+            ("x = 0", function, (top, (1, 2, 3, 0, 0, 0)))
+            for function in (exact.nutation_period, exact.precession_per_nutation, exact.regime, exact.roots)
+        ),
+        *(("whole numbers", exact.after_steps, (top, y0, 0.1, n)) for n in ([0.5], [[1]], [2**53 + 1], ["1"])),
+    ]
+    for message, function, arguments in table:
+        with pytest.raises(ValueError, match=message):
+            function(*arguments)
 
 
 # ---------------------------------------------------------------- after n steps
@@ -625,9 +450,3 @@ def test_after_steps_is_at_the_product_itself(name):
 def test_what_a_product_rounds_off(h, n, sign):
     t = sign * h * float(n)
     assert exact.rounded_off(sign * h, np.array([float(n)]))[0] == float(Fraction(sign * h) * n - Fraction(t))
-
-
-@pytest.mark.parametrize("counts", [[0.5], [[1]], [2**53 + 1], ["1"]])
-def test_counts_are_whole_numbers(counts):
-    with pytest.raises(ValueError, match="whole numbers"):
-        exact.after_steps(TOPS["generic"].top, TOPS["generic"].state, 0.1, counts)

@@ -16,7 +16,6 @@ from lagrange_bench.integrators import (
     available,
     exact,
     integrate,
-    integrate_ensemble,
     prepare,
 )
 from lagrange_bench.integrators.methods import taylor
@@ -45,7 +44,6 @@ SETTINGS = {
     "verner9_projected": ({}, 1e-12),
 }
 NAMES = [pytest.param(n, marks=pytest.mark.skipif(not available(METHODS[n]), reason="not installed")) for n in SETTINGS]
-ADAPTIVE = [p for p in NAMES if p.values[0] != "verner9_projected"]
 needs_heyoka = pytest.mark.skipif(not available(METHODS["taylor"]), reason="heyoka is not installed")
 
 
@@ -67,29 +65,22 @@ TIMES = (5.0, -2.5)
 EXACT = {name: truth(problem, TIMES) for name, problem in FIELDS.items()}
 
 
-@pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.parametrize("field", ["quadratic", "charge"])
 @pytest.mark.parametrize("name", NAMES)
 def test_error(name, field):
+    """On a grid and at any times, forwards and backwards; far from the motion without the potential."""
     options, most = SETTINGS[name]
     problem = FIELDS[field]
     for t, right in zip(TIMES, EXACT[field], strict=True):
         h = math.copysign(0.05, t)
         end = prepare(problem, Y0, h, name, **options).advance(Y0, round(t / h))
         assert error(problem, end, right) <= most
-        assert error(NOTHING, end, integrate(LagrangeTop(1.0), Y0, t=[t]).y[0]) > 1e-3  # not the top without V
-
-
-@pytest.mark.parametrize("field", FIELDS)
-@pytest.mark.parametrize("name", ADAPTIVE)
-def test_output_at_any_times(name, field):
-    options, most = SETTINGS[name]
-    ends = integrate(FIELDS[field], Y0, t=[*TIMES, 0.0], method=name, **options)
-    assert np.array_equal(ends.y[2], Y0)
-    assert ends.work.steps > 0
-    for y, right in zip(ends.y[:2], EXACT[field], strict=True):
-        assert error(FIELDS[field], y, right) <= most
-    rows = prepare(FIELDS[field], Y0, 0.25, name, **options).record(Y0, 20, 10)
-    assert error(FIELDS[field], rows[1], truth(FIELDS[field], [2.5])[0]) <= most
+        assert error(problem, end, exact.solution(LagrangeTop(problem.alpha), Y0, t)) > 1e-3
+    if name != "verner9_projected":
+        run = integrate(problem, Y0, t=[*TIMES, 0.0], method=name, **options)
+        assert np.array_equal(run.y[2], Y0)
+        assert run.work.steps > 0
+        assert all(error(problem, y, right) <= most for y, right in zip(run.y[:2], EXACT[field], strict=True))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -103,16 +94,16 @@ def test_without_a_potential_it_is_the_method_for_uniform_fields(name):
     assert abs(one.work.steps - other.work.steps) <= 1
 
 
-@pytest.mark.parametrize("field", FIELDS)
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_claimed_is_kept_and_only_that(name, field):
-    """`kept` at round-off, at a step or tolerance where the error itself is far larger."""
-    problem, method = FIELDS[field], METHODS[name]
+def test_what_is_claimed_is_kept_and_only_that(name):
+    """`kept` at round-off, at a step or tolerance where the error itself is far larger; J3 about the axis of a field."""
+    method, problem = METHODS[name], FIELDS["axial"]
     options = {} if method.control == "step" else {method.knob: 1e-4}
     rows = prepare(problem, Y0, 0.3, name, **options).record(Y0, 300, 3)
     drift = np.max(np.abs(problem.invariants(rows) - problem.invariants(Y0)), axis=0) / problem.invariant_scales(Y0)
     kept = method.kept(problem)
-    assert "J3" in kept if field == "axial" else "J3" not in kept
+    assert "J3" in kept
+    assert "J3" not in method.kept(FIELDS["charge"])
     for invariant, d in zip(("H", "J3", "C1", "C2"), drift, strict=True):
         if invariant in kept:
             assert d <= (0.0 if invariant == "J3" else 4e-15), invariant
@@ -131,17 +122,6 @@ def test_units_do_not_matter(name):
     options = {} if name == "verner9_projected" else {"rtol": 1e-6, "atol": 0.0}
     got = prepare(large, y, 0.1 / rate, name, **options).advance(y, 50) / np.repeat((rate, length), 3)
     assert np.array_equal(got, prepare(small, Y0, 0.1, name, **options).advance(Y0, 50))
-
-
-def test_projection_refuses_another_torus_and_knows_where_it_does_not_converge():
-    problem = FIELDS["charge"]
-    stepper = prepare(problem, Y0, 0.05, "verner9_projected")
-    with pytest.raises(StepError, match="not on the torus"):
-        stepper.advance(Y0 * (1 + 1e-9), 1)
-    on_the_way = stepper.advance(Y0, 1000)
-    assert np.isfinite(stepper.advance(on_the_way, 1000)).all()
-    with pytest.raises(StepError):
-        prepare(problem, Y0, 40.0, "verner9_projected").advance(Y0, 100)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -165,7 +145,7 @@ def test_lsoda_does_not_step_over_a_pole(spin):
 
 @needs_heyoka
 @pytest.mark.parametrize("name", ["taylor", "taylor_accurate", "taylor_compact"])
-@pytest.mark.parametrize("power", [-300, -53, -31, 31, 300])
+@pytest.mark.parametrize("power", [-300, -31, 300])
 def test_taylor_in_any_units_of_time(name, power):
     """Twentieth powers of |J| are beyond the range of doubles here."""
     rate, named = 2.0**power, TOPS["generic"]
@@ -176,18 +156,6 @@ def test_taylor_in_any_units_of_time(name, power):
     usual = PerturbedTop(named.top, POTENTIALS["tide"], (0.1, 1.0, 0.0, 0.0))
     same = integrate(usual, named.state, t=times * rate, method=name).y
     assert np.max(np.abs(integrate(tide, y, t=times, method=name).y / scale - same)) < 1e-13
-
-
-@needs_heyoka
-@pytest.mark.parametrize("power", [-53, 53])
-def test_ensembles_and_attitudes_of_taylor_in_any_units_of_time(power):
-    rate, named = 2.0**power, TOPS["generic"]
-    top, y, h = LagrangeTop(named.alpha * rate**2), named.state * np.repeat((rate, 1.0), 3), 2.0 / rate
-    one = integrate(top, y, h, 10, "taylor", attitude=True)
-    usual = integrate(named.top, named.state, 2.0, 10, "taylor", attitude=True)
-    assert np.max(np.abs(one.attitude - usual.attitude)) < 1e-13
-    many = integrate_ensemble(LagrangeTop(np.full(3, top.alpha)), np.tile(y, (3, 1)), h, 10, "taylor")
-    assert np.array_equal(many[-1], np.tile(one.y[-1], (3, 1))) or np.allclose(many[-1], one.y[-1], rtol=1e-12)
 
 
 @needs_heyoka

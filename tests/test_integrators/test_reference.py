@@ -86,9 +86,7 @@ def distance(problem, found, wanted):
 # ---------------------------------------------------------------- against the closed form
 
 
-@pytest.mark.parametrize(
-    "name", ["generic", "figure2", "fast", "slow", "near_separatrix", "through_pole", "hanging", "weightless"]
-)
+@pytest.mark.parametrize("name", ["generic", "slow", "near_separatrix", "hanging", "weightless"])
 def test_the_closed_form_of_the_top(quadruple, name):
     named = TOPS[name]
     problem, t = (
@@ -118,27 +116,6 @@ def test_a_dipole_is_another_vertical(engine):
     found = reference.solution(problem, Y0, t, engine)
     wanted = exact.solution(LagrangeTop(1.25), renamed, t, digits=36)[:, [2, 0, 1, 5, 3, 4]]
     assert largest(distance(problem, found, wanted)) < 1e-29
-
-
-def test_a_dipole_in_any_direction(quadruple):
-    vertical = np.array((0.3, -0.5, 0.9))
-    problem, size = top("dipole", 1.0, (0.3, -0.5, -0.1)), float(np.linalg.norm(vertical))
-    third = vertical / size
-    first = np.cross(third, (1.0, 0.0, 0.0)) / np.linalg.norm(np.cross(third, (1.0, 0.0, 0.0)))
-    axes = np.array((first, np.cross(third, first), third))
-    turned = np.concatenate((axes @ Y0[:3], axes @ Y0[3:]))
-    wanted = exact.solution(LagrangeTop(size), turned, 10.0)
-    found = reference.solution(problem, Y0, [10.0]).states[0]
-    np.testing.assert_allclose(found, np.concatenate((wanted[:3] @ axes, wanted[3:] @ axes)), rtol=0, atol=2e-14)
-
-
-def test_a_field_of_the_wrong_sign_is_noticed(quadruple):
-    """The control of the tests above: what they compare with is far from this."""
-    wrong = top("dipole", 1.0, (-1.25, 0.0, -1.0))
-    wanted = exact.solution(LagrangeTop(1.25), Y0[[1, 2, 0, 4, 5, 3]], [4.0], digits=36)[:, [2, 0, 1, 5, 3, 4]]
-    assert distance(wrong, reference.solution(wrong, Y0, [4.0]), wanted)[0] > 0.1
-    energies = invariants(QUADRATIC, reference.solution(top("quadratic", 1.0, (-0.3,)), Y0, [0.0, 4.0]))
-    assert abs(energies[1][0] - energies[0][0]) > 1e-3
 
 
 # ---------------------------------------------------------------- against itself
@@ -258,11 +235,6 @@ def test_exponent_is_that_of_two_orbits(quadruple):
     assert reference.lyapunov(problem, Y0, t) * t == pytest.approx(growth, abs=1e-6)
 
 
-def test_exponent_without_heyoka(quadruple):
-    one, two = (reference.lyapunov(CHARGED, Y0, -0.75, engine) for engine in ("heyoka", "mpmath"))
-    assert one == pytest.approx(two, rel=1e-12)
-
-
 def test_horizon(quadruple):
     """Near the unstable equilibrium an ulp grows like e^(√3 t/2); on a quiet orbit it takes for ever."""
     named, tolerance = TOPS["sleeping_unstable"], 1e-6
@@ -330,19 +302,6 @@ def test_a_damaged_file_is_written_anew(folder, counted, monkeypatch, damage):
     assert damage == "folder" or file.read_bytes() == good
 
 
-def test_nothing_is_kept_if_the_user_says_so(folder, counted, monkeypatch):
-    monkeypatch.setenv("LAGRANGE_BENCH_CACHE", "")
-    asked()
-    assert not folder.exists()
-
-
-def test_memory_is_bounded(monkeypatch):
-    monkeypatch.setattr(reference, "MOST_KEPT", 2)
-    for t in (0.1, 0.2, 0.3):
-        asked(t=(t,))
-    assert len(reference._memory) == 2
-
-
 # ---------------------------------------------------------------- what is refused
 
 
@@ -385,11 +344,11 @@ def test_threads_leave_mpmath_as_it_was():
     def run(seed):
         return integrate(magnet, np.random.default_rng(seed).normal(size=(3, 3)), h=1.0, steps=3).y[-1]
 
-    alone = [run(seed) for seed in range(4)]
+    alone = [run(seed) for seed in range(2)]
     sys.setswitchinterval(1e-5)
     try:
-        with ThreadPoolExecutor(4) as pool:
-            together = list(pool.map(run, range(4)))
+        with ThreadPoolExecutor(2) as pool:
+            together = list(pool.map(run, range(2)))
     finally:
         sys.setswitchinterval(interval)
     assert mp.dps == before

@@ -11,9 +11,8 @@ import scipy.integrate
 from mpmath import mp, mpf
 from scipy.integrate import DOP853, RK45
 
-from lagrange_bench.experiments.measuring import metrics, states
+from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.integrators import (
-    METHODS,
     TOPS,
     StepError,
     integrate,
@@ -85,11 +84,6 @@ def residuals(a, weights, n, theta=Fraction(1), target=1):
     return [max(residual(tree, k) for tree in trees(k)) for k in range(1, n + 1)]
 
 
-def test_trees():
-    assert [len(trees(n)) for n in range(1, 10)] == [1, 1, 2, 4, 9, 20, 48, 115, 286]
-    assert sorted(density(t) for t in trees(4)) == [4, 8, 12, 24]
-
-
 @pytest.mark.parametrize("tableau", FIXED.values(), ids=lambda t: t.name)
 def test_every_order_condition(tableau):
     """To the digits of the source: exactly, 1e-28, 1e-38; and the formula is of no higher order."""
@@ -100,15 +94,6 @@ def test_every_order_condition(tableau):
     else:
         assert high > 1e-6
     assert max(low) <= digits
-
-
-def test_a_coefficient_off_by_1e_8_is_seen():
-    for stage, column in ((6, 1), (9, 7), (12, 11)):
-        a = [list(row) for row in EIGHTH.a]
-        a[stage - 2][column - 1] += Fraction(1, 10**8)
-        assert max(residuals(a, EIGHTH.b, 3)) > 1e-11
-    b = [*EIGHTH.b[:-1], EIGHTH.b[-1] + Fraction(1, 10**8)]
-    assert max(residuals(EIGHTH.a, b, 1)) > 1e-9
 
 
 def test_error_estimates_of_dop853_have_orders_5_and_3():
@@ -194,7 +179,9 @@ def test_compiled_steps_are_those_of_python(name):
     for _ in range(20):
         d = runge_kutta.weigh(b, slopes_of(a, y, GENERIC.alpha, h))
         y = (y[0] + d[0], y[1] + d[1], y[2], y[3] + d[2], y[4] + d[3], y[5] + d[4])
-    assert np.array_equal(prepare(GENERIC.top, GENERIC.state, h, name).advance(GENERIC.state, 20), y)
+    stepper = prepare(GENERIC.top, GENERIC.state, h, name)
+    assert np.array_equal(stepper.advance(GENERIC.state, 20), y)
+    assert stepper.work.rhs_evals == 20 * len(b)
 
 
 @pytest.mark.parametrize(("name", "solver"), [("rk45_fixed", RK45), ("dop853_fixed", DOP853)])
@@ -208,13 +195,6 @@ def test_fixed_steps_are_those_of_scipy(name, solver):
     assert metrics.scaled_error(GENERIC.top, y0, y, solver.y) < 4 * EPS
 
 
-def test_fixed_steps_count_their_stages():
-    for name, stages in (("rk4", 4), ("rk45_fixed", 6), ("dop853_fixed", 12), ("verner9_fixed", 15)):
-        stepper = prepare(GENERIC.top, GENERIC.state, 0.1, name)
-        stepper.advance(GENERIC.state, 10)
-        assert stepper.work.rhs_evals == 10 * stages
-
-
 def test_compensated_sums_keep_the_digits_of_the_increments():
     """10⁵ small steps: what is left is the rounding inside the increments, h times smaller."""
     errors = {}
@@ -224,9 +204,6 @@ def test_compensated_sums_keep_the_digits_of_the_increments():
         stepper = prepare(GENERIC.top, GENERIC.state, h, "verner9_fixed", compensated=compensated)
         errors[compensated] = metrics.scaled_error(GENERIC.top, GENERIC.state, stepper.advance(GENERIC.state, n), truth)
     assert errors[True] < errors[False] / 3
-    for bad in (1, "yes", None):
-        with pytest.raises(ValueError, match=r"^compensated"):
-            prepare(GENERIC.top, GENERIC.state, h, "rk4", compensated=bad)
 
 
 def test_unrolled_functions_know_only_arithmetic():
@@ -258,13 +235,6 @@ def test_unrolled_functions_know_only_arithmetic():
         call_branching(1.0)
 
 
-@pytest.mark.parametrize("name", [*FIXED, "verner9_projected"])
-def test_a_step_that_is_far_too_long_ends_in_an_error(name):
-    stepper = prepare(GENERIC.top, GENERIC.state, 40.0, name)
-    with pytest.raises(StepError, match=f"^{name} at h = 40"):
-        stepper.advance(GENERIC.state, 1000)
-
-
 # ---------------------------------------------------------------- projection
 
 
@@ -273,31 +243,21 @@ def drift(top, y0, rows):
 
 
 @pytest.mark.parametrize("name", TOPS)
-@pytest.mark.parametrize("span", [0.1, 0.6])
-def test_projection_holds_on_every_top(name, span):
+def test_projection_holds_on_every_top(name):
     """Regular, upright, hanging and homoclinic ones too, where gradients depend on each other: no more than DAMPING is lost."""
     top, y0 = TOPS[name].top, TOPS[name].state
-    rows = prepare(top, y0, span * top.scales(y0)[2], "verner9_projected").record(y0, 20_000, 20)
-    assert np.max(drift(top, y0, rows)) < 16 * U + 2 * runge_kutta.DAMPING
+    for span in (0.1, 0.6):
+        rows = prepare(top, y0, span * top.scales(y0)[2], "verner9_projected").record(y0, 20_000, 20)
+        assert np.max(drift(top, y0, rows)) < 16 * U + 2 * runge_kutta.DAMPING
 
 
-@pytest.mark.parametrize("name", ["generic", "figure1", "fast", "slow", "random003"])
-def test_projection_holds_for_a_million_steps(name):
+@pytest.mark.parametrize("name", ["generic", "fast"])
+def test_projection_holds_for_many_steps(name):
     """Bounded by what one evaluation of the invariants rounds; without it they drift (the negative control)."""
-    top, y0 = states.find(name)
+    top, y0 = TOPS[name].top, TOPS[name].state
     h = 0.25 * top.scales(y0)[2]
-    rows = prepare(top, y0, h, "verner9_projected").record(y0, 1_000_000, 10_000)
-    assert np.max(drift(top, y0, rows)) < 16 * U
-    free = prepare(top, y0, h, "verner9_fixed").record(y0, 100_000, 1000)
-    assert np.max(drift(top, y0, free)) > 32 * U
-
-
-@pytest.mark.parametrize("size", [1e-300, 1e-30, 1e30, 1e150])
-def test_projection_in_any_units(size):
-    top, y0 = GENERIC.top, GENERIC.state * np.repeat((1.0, size), 3)
-    h = 0.2 * top.scales(y0)[2]
-    y = prepare(top, y0, h, "verner9_projected").advance(y0, 100)
-    assert metrics.scaled_error(top, y0, y, exact.solution(top, y0, [100 * h])[0]) < 1e-10
+    assert np.max(drift(top, y0, prepare(top, y0, h, "verner9_projected").record(y0, 300_000, 3000))) < 16 * U
+    assert np.max(drift(top, y0, prepare(top, y0, h, "verner9_fixed").record(y0, 100_000, 1000))) > 32 * U
 
 
 def test_projection_makes_the_error_grow_slower():
@@ -310,22 +270,10 @@ def test_projection_makes_the_error_grow_slower():
     assert errors["verner9_projected"] < errors["verner9_fixed"] / 30
 
 
-def test_projection_belongs_to_a_torus():
-    stepper = prepare(GENERIC.top, GENERIC.state, 0.1, "verner9_projected")
-    for k in range(6):
-        off = GENERIC.state.copy()
-        off[k] += 1e-8
-        if np.max(np.abs(GENERIC.top.gradients(off)[[0, 2, 3], k])) > 0.1:
-            with pytest.raises(StepError, match="not on the torus"):
-                stepper.advance(off, 1)
-    stepper.advance(stepper.advance(GENERIC.state, 1000), 1000)
-
-
 # ---------------------------------------------------------------- DOP853 with step control
 
 
-@pytest.mark.parametrize("name", ["generic", "figure1", "fast", "slow"])
-@pytest.mark.parametrize("rtol", [1e-3, 1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize(("name", "rtol"), [("generic", 1e-3), ("figure1", 1e-6), ("fast", 1e-9), ("slow", 1e-12)])
 def test_dop853_does_as_scipys(name, rtol):
     """The same formula and much the same control: as many steps, errors within a factor of two."""
     top, y0 = TOPS[name].top, TOPS[name].state
@@ -349,16 +297,6 @@ def test_dop853_interpolates_to_its_tolerance():
         error = metrics.scaled_error(top, y0, run.y, exact.solution(top, y0, t))
         assert np.max(error) < 100 * rtol
         assert np.all(run.y[:, 2] == y0[2])
-
-
-def test_dop853_error_follows_the_tolerance():
-    errors = []
-    for rtol in (1e-5, 1e-7, 1e-9, 1e-11):
-        y = prepare(GENERIC.top, GENERIC.state, 20.0, "dop853", rtol=rtol, atol=rtol).advance(GENERIC.state, 1)
-        truth = exact.solution(GENERIC.top, GENERIC.state, [20.0])[0]
-        errors.append(metrics.scaled_error(GENERIC.top, GENERIC.state, y, truth))
-    slopes = -np.diff(np.log10(errors)) / 2  # per decade of tolerance
-    assert np.all((slopes > 0.7) & (slopes < 1.4))
 
 
 def test_dop853_in_pieces_changes_no_bit(monkeypatch):
@@ -404,14 +342,6 @@ def test_a_step_that_never_fits_ends():
 
 
 # ---------------------------------------------------------------- SciPy's solvers
-
-
-def test_jacobian_is_that_of_the_top():
-    for name in ("generic", "figure1", "inverted"):
-        top, y = TOPS[name].top, TOPS[name].state
-        f, c, jacobian = scipy_ivp.functions_of(top)
-        assert np.array_equal(jacobian(c, 0.0, y), top.jacobian(y))
-        assert np.array_equal(f(c, 0.0, y), top.rhs(y))
 
 
 @pytest.mark.parametrize("name", ["rk45", "scipy_dop853"])
@@ -479,13 +409,6 @@ def test_scipy_says_what_went_wrong(name, monkeypatch):
         prepare(GENERIC.top, y, 5.0, name, rtol=1e-8).advance(y, 1)
 
 
-def test_scipys_own_words():
-    """The step shrinks below the spacing of numbers at t = 1."""
-    solver = RK45(lambda t, y: y * y, 0.0, [1.0], 2.0, rtol=1e-12)
-    with pytest.raises(StepError, match=r"rk45, step \d+: SciPy: Required step size .* \(t = 1\)"):
-        scipy_ivp.Solver("rk45", RK45).steps(solver, np.array([2.0]), Work())
-
-
 def test_a_solver_that_stands_still_is_stopped():
     class Still:
         status, nfev, t, y = "running", 0, 1.0, np.zeros(6)
@@ -497,7 +420,7 @@ def test_a_solver_that_stands_still_is_stopped():
         scipy_ivp.Solver("still", None, times=1).steps(Still(), np.array((2.0,)), Work(), set())
 
 
-@pytest.mark.parametrize("name", ["lsoda", "radau"])
+@pytest.mark.parametrize("name", ["lsoda"])
 def test_threads_take_turns(name):
     """Old LSODA has one state for all: runs at the same time give the bits of runs alone."""
     tops = [TOPS[k] for k in ("generic", "figure1", "fast")]
@@ -518,25 +441,9 @@ def test_threads_take_turns(name):
     assert all(np.array_equal(a, b) for a, b in zip(alone, together, strict=True))
 
 
-@pytest.mark.parametrize("name", NATURAL)
-def test_tolerances(name):
-    """From 100 eps on; the tightest is met, give or take the round-off."""
-    for bad in (1e-14, 0.0, -1.0, 2.0, math.nan, "1e-9", None):
-        with pytest.raises(ValueError, match=r"^rtol"):
-            prepare(GENERIC.top, GENERIC.state, 0.1, name, rtol=bad)
-    for bad in (-1e-3, math.inf, None):
-        with pytest.raises(ValueError, match=r"^atol"):
-            prepare(GENERIC.top, GENERIC.state, 0.1, name, atol=bad)
-    if name != "radau":  # thousands of steps
-        tight = prepare(GENERIC.top, GENERIC.state, 1.0, name, rtol=dop853.LEAST_RTOL, atol=1e-16)
-        y = tight.advance(GENERIC.state, 1)
-        error = metrics.scaled_error(
-            GENERIC.top, GENERIC.state, y, exact.solution(GENERIC.top, GENERIC.state, [1.0])[0]
-        )
-        assert error < 1e-11
-
-
-def test_records():
-    assert {METHODS[name].engine for name in NATURAL} == {"numba", "scipy"}
-    assert all(METHODS[name].knob == "rtol" for name in NATURAL)
-    assert METHODS["verner9_projected"].conserves == {"H", "J3", "C1", "C2"}
+@pytest.mark.parametrize("name", ["dop853", "rk45", "scipy_dop853", "lsoda"])
+def test_the_tightest_tolerance_is_met(name):
+    """Give or take the round-off."""
+    tight = prepare(GENERIC.top, GENERIC.state, 1.0, name, rtol=dop853.LEAST_RTOL, atol=1e-16)
+    truth = exact.solution(GENERIC.top, GENERIC.state, [1.0])[0]
+    assert metrics.scaled_error(GENERIC.top, GENERIC.state, tight.advance(GENERIC.state, 1), truth) < 1e-11

@@ -7,13 +7,11 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from lagrange_bench.experiments.measuring import check, metrics, states
+from lagrange_bench.experiments.measuring import metrics, states
 from lagrange_bench.integrators import METHODS, TOPS, LagrangeTop, StepError, prepare
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.methods import splitting as sp
-from tests.installed import in_uniform_fields
 from tests.reference import largest
-from tests.sabotage import failed
 
 GENERIC = TOPS["generic"]
 PLAIN = sp.KERNELS[False][0]
@@ -115,36 +113,11 @@ def test_order_conditions(name):
         assert np.max(residuals(scheme, scheme.order, nystrom=False)) > 1e-6
 
 
-@pytest.mark.parametrize("name", sp.SCHEMES)
-def test_order_conditions_see_a_wrong_digit(name):
-    """1e-8 in one coefficient and its mirror image; where the sum must be 1, made up for in the middle."""
-    scheme = sp.SCHEMES[name]
-    for field, degree in (("a", 3), ("b", 3), ("c", 3), ("d", 5)):
-        numbers = np.array(getattr(scheme, field))
-        if len(numbers) > 2 and degree <= scheme.order:
-            numbers[[0, -1]] += 1e-8
-            if field in "ab":
-                numbers[[(len(numbers) - 1) // 2, len(numbers) // 2]] -= 1e-8 * (1 + len(numbers) % 2)
-            wrong = scheme._replace(**{field: tuple(numbers.tolist())})
-            assert np.max(residuals(wrong, degree, scheme.nystrom)) > 1e-11, field
-
-
 def test_letters_of_nystrom_schemes_must_not_be_swapped():
     """With the quadratic energy in the place of the kicks, order 4 is left."""
     found = residuals(sp.SCHEMES["blanes_moan6"], 6, nystrom=True, swapped=True)
     assert np.max(found[:4]) < 4e-15
     assert found[4] > 1e-5
-
-
-@pytest.mark.parametrize("name", sp.SCHEMES)
-def test_schemes_are_consistent_palindromes(name):
-    scheme = sp.SCHEMES[name]
-    assert abs(len(scheme.a) - len(scheme.b)) == 1
-    assert (len(scheme.a) > len(scheme.b)) == (scheme.first == "A")
-    for numbers in (scheme.a, scheme.b, scheme.c, scheme.d):
-        assert numbers == numbers[::-1]
-    assert abs(math.fsum(scheme.a) - 1) <= EPS
-    assert abs(math.fsum(scheme.b) - 1) <= EPS
 
 
 # ---------------------------------------------------------------- the rotation
@@ -176,7 +149,7 @@ def test_small_coefficients():
 
 
 @pytest.mark.parametrize("compensated", [False, True])
-@pytest.mark.parametrize("angle", [1e-200, 1e-9, 0.01, 0.5, 0.999, 1.001, 2.0, 3.1416, 10.0, 100.0, 255.0])
+@pytest.mark.parametrize("angle", [1e-200, 0.01, 0.999, 1.001, 3.1416, 100.0, 255.0])
 def test_rotation_to_round_off(angle, compensated):
     """A few ulp, and half an ulp of the angle; the length is not worse than the parts the turn is made in."""
     draw = np.random.default_rng(3)
@@ -298,13 +271,6 @@ def test_processor_is_the_flow_of_its_hamiltonian():
     assert sp.process(tuple(GENERIC.state), 0.0) == tuple(GENERIC.state)
 
 
-def test_without_its_processor_takahashi_imada_is_of_order_two(monkeypatch):
-    monkeypatch.setitem(sp.SCHEMES, "takahashi_imada", sp.SCHEMES["takahashi_imada"]._replace(processor=0.0))
-    (verdict,) = check.order(METHODS["takahashi_imada"], quick=True)
-    assert not verdict.passed
-    assert verdict.measured == pytest.approx(2, abs=0.1)
-
-
 # ---------------------------------------------------------------- round-off
 
 
@@ -317,7 +283,7 @@ def growth(method, n, **options):
     return [metrics.growth_exponent(np.arange(201.0), np.array(errors)[:, :, k]) for k in (2, 3)], np.array(errors)
 
 
-@pytest.mark.parametrize(("name", "n"), [("strang", 500_000), ("kahan_li8", 60_000), ("force_gradient6", 100_000)])
+@pytest.mark.parametrize(("name", "n"), [("strang", 300_000), ("kahan_li8", 60_000), ("force_gradient6", 60_000)])
 def test_rounding_walks_at_random(name, n):
     """Over 10⁷ steps of all nine the exponents of C1 and C2 are 0.4 … 0.65."""
     found, errors = growth(METHODS[name], n)
@@ -342,12 +308,6 @@ def test_compensation_keeps_what_rounding_takes():
 # ---------------------------------------------------------------- options
 
 
-def test_options_that_make_no_sense():
-    with pytest.raises(ValueError, match="compensated must be True or False; got 1"):
-        prepare(GENERIC.top, GENERIC.state, 0.1, "strang", compensated=1)
-    assert all(METHODS[name].options == ("compensated",) for name in REGISTERED)
-
-
 def test_every_scheme_is_a_method():
     """Under its own name: no name stands for more than one scheme."""
     assert set(sp.SCHEMES) == set(REGISTERED)
@@ -356,20 +316,6 @@ def test_every_scheme_is_a_method():
 
 
 # ---------------------------------------------------------------- sabotage
-
-
-@jit
-def wrong_sign(s, c, tally):
-    """The kick of J1 has the wrong sign."""
-    J1, J2, J3, x1, x2, x3 = PLAIN(s, c, tally)
-    return 2.0 * s[0] - J1, J2, J3, x1, x2, x3
-
-
-@jit
-def unnormalised(s, c, tally):
-    """The change of x is 1e-8 of itself too long."""
-    J1, J2, J3, x1, x2, x3 = PLAIN(s, c, tally)
-    return J1, J2, J3, x1 + 1e-8 * (x1 - s[3]), x2 + 1e-8 * (x2 - s[4]), x3 + 1e-8 * (x3 - s[5])
 
 
 @jit
@@ -382,30 +328,7 @@ def biased(s, c, tally):
     return J1, J2, J3, x1, x2, x3
 
 
-@pytest.mark.parametrize("name", ["strang", "kahan_li8"])
-@pytest.mark.parametrize(
-    ("kernel", "caught"),
-    [(wrong_sign, {"Poisson map", "conserves C2"}), (unnormalised, {"Poisson map", "conserves C1"})],
-)
-def test_spoiled_flows_are_caught(monkeypatch, name, kernel, caught):
-    monkeypatch.setattr(sp, "KERNELS", ((kernel,) * 3,) * 2)
-    assert caught <= failed(in_uniform_fields(METHODS[name]))  # other kernels, which are right
-
-
 def test_a_bias_is_caught(monkeypatch):
     monkeypatch.setattr(sp, "KERNELS", ((biased,) * 3,) * 2)
     found, _ = growth(METHODS["strang"], 300_000)
     assert found[0].p > 0.9
-
-
-@pytest.mark.parametrize("name", REGISTERED)
-def test_a_wrong_digit_is_caught(monkeypatch, name):
-    """1e-8 in the first rotation, or in the force gradient."""
-    scheme = sp.SCHEMES[name]
-    wrong = [scheme._replace(a=(scheme.a[0] + 1e-8, *scheme.a[1:]))]
-    wrong += [
-        scheme._replace(**{f: (-getattr(scheme, f)[0], *getattr(scheme, f)[1:])}) for f in "cd" if getattr(scheme, f)
-    ]
-    for spoiled in wrong:
-        monkeypatch.setitem(sp.SCHEMES, name, spoiled)
-        assert any(v.passed is False for v in check.order(METHODS[name], quick=True))

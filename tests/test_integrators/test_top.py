@@ -1,13 +1,11 @@
 """The top: equations, brackets, invariants, named states, SI units; in rational numbers where an identity is exact."""
 
 import math
-from fractions import Fraction
 
 import numpy as np
 import pytest
 
 from lagrange_bench.integrators import TOPS, HeavyTop, LagrangeTop, integrate
-from lagrange_bench.integrators.problem.top import hat
 
 DRAW = np.random.default_rng(1)
 STATES = [DRAW.normal(size=6) for _ in range(20)]
@@ -86,11 +84,6 @@ def test_invariants_are_constant_along_the_flow(top):
         )
 
 
-def test_hat():
-    a, b = STATES[0][:3], STATES[1][:3]
-    assert np.allclose(hat(a) @ b, np.cross(a, b), rtol=0, atol=8 * EPS)
-
-
 # ---------------------------------------------------------------- scales
 
 
@@ -116,117 +109,6 @@ def test_scales_neither_overflow_nor_underflow(size):
     assert length == pytest.approx(size)
     assert 0 < rate < math.inf
     assert time * rate == pytest.approx(1)
-
-
-# ---------------------------------------------------------------- named states
-
-
-def fractions(name):
-    """alpha and (J, x) as the rationals their doubles are."""
-    named = TOPS[name]
-    y = [Fraction(v) for v in named.y0]
-    return Fraction(named.alpha), y[:3], y[3:]
-
-
-def invariants(name):
-    alpha, J, x = fractions(name)
-    H = sum(v * v for v in J) / 2 + alpha * x[2]
-    return H, J[2], sum(v * v for v in x), sum(v * w for v, w in zip(x, J, strict=True))
-
-
-def length(name):
-    """|x|, where it is rational."""
-    C1 = invariants(name)[2]
-    root = Fraction(math.isqrt(C1.numerator), math.isqrt(C1.denominator))
-    assert root * root == C1
-    return root
-
-
-def rhs(name):
-    alpha, J, x = fractions(name)
-    cross = (J[1] * x[2] - J[2] * x[1], J[2] * x[0] - J[0] * x[2], J[0] * x[1] - J[1] * x[0])
-    return [-alpha * x[1], alpha * x[0], Fraction(0), *cross]
-
-
-@pytest.mark.parametrize("name", TOPS)
-def test_named_tops_are_themselves(name):
-    named = TOPS[name]
-    assert named.name == name
-    assert named.top == LagrangeTop(named.alpha)
-    assert named.state.tolist() == list(named.y0)
-    assert named.state is not named.state  # a fresh array every time
-
-
-@pytest.mark.parametrize("name", ["sleeping_stable", "sleeping_unstable", "hanging"])
-def test_equilibria(name):
-    assert not any(rhs(name))
-
-
-def test_sleeping_tops_are_stable_and_unstable():
-    """J3² against 4 alpha |x|."""
-    for name, stable in (("sleeping_stable", True), ("sleeping_unstable", False)):
-        alpha, J, _ = fractions(name)
-        assert (J[2] ** 2 > 4 * alpha * length(name)) == stable
-
-
-def test_regular_precession():
-    """y' is a turn about e3 at rate 1/2, so x3 and |J| stay: exactly."""
-    _, J, x = fractions("regular")
-    half = Fraction(1, 2)
-    assert [half * e + 2 * v for e, v in zip((0, 0, 1), x, strict=True)] == J
-    assert rhs("regular") == [-half * J[1], half * J[0], 0, -half * x[1], half * x[0], 0]
-
-
-def test_homoclinic():
-    """The invariants of the unstable sleeping top with the same J3 and |x|, and not at the pole."""
-    alpha, J, x = fractions("homoclinic")
-    size = length("homoclinic")
-    H, J3, _, C2 = invariants("homoclinic")
-    assert J3 * J3 / 2 + alpha * size == H
-    assert J3 * size == C2
-    assert 4 * alpha * size > J3 * J3
-    assert x[2] < size
-
-
-@pytest.mark.parametrize("name", ["planar", "planar_rotation"])
-def test_planar(name):
-    """J3 = C2 = 0; over the top or not, by H against alpha |x|. |x| is 1 up to the rounding of 0.6 and 0.8."""
-    alpha, _, _ = fractions(name)
-    H, J3, C1, C2 = invariants(name)
-    assert J3 == C2 == 0
-    assert abs(C1 - 1) < 2 * EPS
-    assert (alpha * (1 + Fraction(EPS)) < H) == (name == "planar_rotation")
-
-
-def test_through_pole():
-    H, J3, _, C2 = invariants("through_pole")
-    alpha, J, x = fractions("through_pole")
-    assert J3 * length("through_pole") == C2
-    assert J3 * J3 / 2 + alpha * length("through_pole") < H  # more energy than the sleeping top: it gets there
-
-
-@pytest.mark.parametrize(("near", "special"), [("near_regular", "regular"), ("near_separatrix", "homoclinic")])
-def test_near_is_near(near, special):
-    difference = [
-        a - b
-        for a, b in zip(
-            fractions(near)[1] + fractions(near)[2], fractions(special)[1] + fractions(special)[2], strict=True
-        )
-    ]
-    assert sorted(map(abs, difference))[-2:] == [0, Fraction(1, 1024)]
-
-
-def test_generic_and_its_variants():
-    assert TOPS["generic"].y0 == TOPS["weightless"].y0 == TOPS["inverted"].y0
-    assert (TOPS["weightless"].alpha, TOPS["inverted"].alpha) == (0, -1)
-    sizes = np.abs(TOPS["generic"].top.invariants(TOPS["generic"].state))
-    assert np.max(sizes) < 3 * np.min(sizes)
-
-
-@pytest.mark.parametrize(("name", "ratio"), [("fast", 169), ("slow", 0.0164)])
-def test_fast_and_slow(name, ratio):
-    alpha, J, _ = fractions(name)
-    assert float(sum(v * v for v in J) / abs(alpha)) == pytest.approx(ratio, rel=1e-2)
 
 
 # ---------------------------------------------------------------- a real top, by hand

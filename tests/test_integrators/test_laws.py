@@ -1,0 +1,180 @@
+"""Laws of the stepping interface, at drawn states and steps: of every method, in a uniform field and in others."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.integrators import (
+    METHODS,
+    PERTURBED_TOPS,
+    TOPS,
+    LagrangeTop,
+    PerturbedTop,
+    StepError,
+    available,
+    integrate,
+    prepare,
+)
+from lagrange_bench.integrators.problem.potentials import CHARGE, TIDE
+from lagrange_bench.integrators.truth import exact
+from tests.installed import FOR_TOPS, installed
+
+EPS = float(np.finfo(float).eps)
+GENERIC, UNIFORM = TOPS["generic"], LagrangeTop(1.0)
+STEPPING = [name for name in FOR_TOPS if METHODS[name].control == "step" and available(METHODS[name])]
+FIELDS = {  # formulas that other tests use too: they are compiled once for all
+    "uniform": UNIFORM,
+    "tide": PerturbedTop(UNIFORM, TIDE, (0.1, 0.8, 0.6, 0.0)),
+    "charge": PerturbedTop(UNIFORM, CHARGE, (0.1, 0.0, 0.0, 1.6)),
+}
+TAKEN = [(name, field) for name in STEPPING for field, top in FIELDS.items() if METHODS[name].takes(top) is None]
+# the map of the paper in its textbook form divides by numbers that may be small, and rounds the fourth power of units
+EXACT_IN_UNITS = [name for name in STEPPING if name != "backlund_textbook"]
+COORDINATE = st.floats(-1, 1)
+STATES = st.tuples(*[COORDINATE] * 6).map(np.array).filter(lambda y: np.linalg.norm(y[3:]) > 0.1)
+STEPS = st.floats(0.05, 0.4)
+pytestmark = pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
+few = settings(max_examples=4, deadline=None, derandomize=True)
+
+
+@pytest.mark.parametrize(("name", "field"), [(n, f) for n, f in TAKEN if METHODS[n].symmetric])
+@few
+@given(y=STATES, h=STEPS)
+def test_a_step_back_undoes_a_step(name, field, y, h):
+    top = FIELDS[field]
+    there = prepare(top, y, h, name).advance(y, 1)
+    assert metrics.scaled_error(top, y, prepare(top, there, -h, name).advance(there, 1), y) < 256 * EPS
+
+
+@pytest.mark.parametrize(("name", "field"), TAKEN)
+@few
+@given(y=STATES, h=STEPS, every=st.sampled_from((1, 2, 3, 6)))
+def test_rows_do_not_depend_on_how_many_are_asked_for(name, field, y, h, every):
+    stepper = prepare(FIELDS[field], y, h, name)
+    rows = stepper.record(y, 12, every)
+    assert np.array_equal(rows[-1], stepper.advance(y, 12))
+    assert np.array_equal(rows[:: 6 // every], stepper.record(y, 12, 6))
+
+
+@pytest.mark.parametrize("name", EXACT_IN_UNITS)
+@few
+@given(y=STATES, h=STEPS, length=st.integers(-200, 200), rate=st.integers(-200, 200))
+def test_units_that_are_powers_of_two_change_no_bit(name, y, h, length, rate):
+    """J in units of 2^rate, x in units of 2^length: alpha and h to match."""
+    scale = np.ldexp(1.0, [rate] * 3 + [length] * 3)
+    here = prepare(UNIFORM, y, h, name).advance(y, 4)
+    top = LagrangeTop(np.ldexp(1.0, 2 * rate - length))
+    there = prepare(top, y * scale, np.ldexp(h, -rate), name).advance(y * scale, 4)
+    assert np.array_equal(there, here * scale)
+
+
+@pytest.mark.parametrize("name", [name for name, field in TAKEN if field == "tide"])
+@few
+@given(y=STATES, h=STEPS)
+def test_a_potential_of_strength_0_is_none(name, y, h):
+    nothing = PerturbedTop(UNIFORM, TIDE, (0.0, 0.8, 0.6, 0.0))
+    for options in variants(name):
+        one = prepare(UNIFORM, y, h, name, **options).advance(y, 5)
+        other = prepare(nothing, y, h, name, **options).advance(y, 5)
+        assert metrics.scaled_error(UNIFORM, y, other, one) < 256 * EPS
+
+
+def variants(name):
+    """Choices of the options that a method has other kernels for."""
+    choices = {"solver": ("fixed_point", "newton"), "compensated": (True,), "form": ("lagrange",)}
+    options = METHODS[name].options
+    return [{}, *({word: value} for word in options for value in choices.get(word, ()))]
+
+
+def test_the_strength_is_seen():
+    """Negative control of the law above."""
+    for name, field in TAKEN:
+        if field == "tide":
+            ends = [
+                prepare(top, GENERIC.state, 0.1, name).advance(GENERIC.state, 5) for top in (UNIFORM, FIELDS[field])
+            ]
+            assert metrics.scaled_error(UNIFORM, GENERIC.state, *ends) > 1e-4
+
+
+NUMBER = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@pytest.mark.parametrize("name", STEPPING)
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(y0=st.tuples(*[NUMBER] * 6), alpha=NUMBER, h=NUMBER)
+def test_any_numbers_give_finite_states_or_a_named_error(name, y0, alpha, h):
+    message = None
+    try:
+        y = integrate(LagrangeTop(alpha), y0, h, 6, every=2, method=name).y
+    except (StepError, ValueError) as error:
+        message = str(error)
+    if message is None:
+        assert np.all(np.isfinite(y))
+    else:
+        assert message.startswith((f"{name} at h = ", "h must not be 0", "y0 has x = 0"))
+
+
+# ---------------------------------------------------------------- output times
+
+
+@pytest.mark.parametrize("name", FOR_TOPS)
+def test_any_output_times(name):
+    """In any order, on both sides of 0; at 0 the initial state itself, also of subnormal numbers."""
+    record = installed(name)
+    if record.evaluate is None:
+        with pytest.raises(ValueError, match=r"^t: "):
+            integrate(GENERIC.top, GENERIC.state, t=[1.0], method=name)
+        return
+    t = np.array([3.0, -2.0, 0.0, 3.0, 60.0, -50.0, 1e-3])
+    run = integrate(GENERIC.top, GENERIC.state, t=t, method=name)
+    error = metrics.scaled_error(GENERIC.top, GENERIC.state, run.y, exact.solution(GENERIC.top, GENERIC.state, t))
+    assert np.max(error) < 1e-6  # RK45 at its default rtol 1e-9; the others are at round-off
+    assert np.array_equal(run.y[2], GENERIC.state)
+    assert np.array_equal(run.y[0], run.y[3])
+    assert integrate(GENERIC.top, GENERIC.state, t=[], method=name).y.shape == (0, 6)
+    for x in ((0.0, 1.0, 5e-324), (5e-324, 1.0, 0.0), (0.48, 0.6, 0.64)):
+        y0 = np.array([0.0, 0.0, 0.0, *x])
+        assert np.array_equal(integrate(LagrangeTop(0.5), y0, t=[0.0, 1.0], method=name).y[0], y0)
+
+
+@pytest.mark.parametrize("name", [name for name in FOR_TOPS if METHODS[name].control == "tolerance"])
+def test_dense_output_is_the_same_at_any_times_and_on_a_grid(name):
+    record = installed(name)
+    grid = prepare(GENERIC.top, GENERIC.state, -0.3, name).record(GENERIC.state, 100, 5)
+    assert np.array_equal(record.evaluate(GENERIC.top, GENERIC.state, -0.3 * np.arange(0, 101, 5.0))[0], grid)
+
+
+# ---------------------------------------------------------------- with and without compiler
+
+
+def ends():
+    """The bits of the state after four steps of each method, in the uniform field and in two others."""
+    bits, fields = {}, {name: PERTURBED_TOPS[name] for name in ("weak_tide", "magnet")}
+    for label, named in {"uniform": GENERIC, **fields}.items():
+        h = 0.05 * named.top.scales(named.state)[2]
+        for name, record in METHODS.items():
+            if available(record) and record.takes(named.top) is None:
+                bits[f"{name} {label}"] = integrate(named.top, named.state, h, 4, name).y[-1].tobytes().hex()
+    return bits
+
+
+@pytest.mark.processes
+def test_without_compilation_each_method_has_the_same_bits():
+    """Numba rearranges nothing; and no kernel leaves its arrays, for NumPy would refuse it."""
+    done = subprocess.run(
+        [sys.executable, "-c", "import json, test_laws; print(json.dumps(test_laws.ends()))"],
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(Path(__file__).parents[2])},
+        cwd=Path(__file__).parent, capture_output=True, text=True, check=False, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    interpreted = json.loads(done.stdout)
+    assert len(interpreted) > 90
+    assert interpreted == ends()
