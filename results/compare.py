@@ -86,43 +86,53 @@ def compare(
     old: Path, new: Path, rtol: float = 0.0, atol: float = 0.0, times: bool = False, threshold: float = THRESHOLD
 ) -> Comparison:
     """Compares the store in `new` with that in `old`; StoreError if there is none."""
-    a, b = _store(old), _store(new)
-    found, notes, pairs, outdated = {}, [], [], []
-    for experiment in sorted({*a.experiments(), *b.experiments()}):
-        journals = a.open(experiment), b.open(experiment)
-        notes += [*journals[0].problems, *journals[1].problems]
-        before, after = ({_canonical(record["cell"]): record for record in journal.latest} for journal in journals)
+    stores = _store(old), _store(new)
+    result = Comparison({}, [], [])
+    pairs: list[tuple[Record, Record]] = []
+    for experiment in sorted({*stores[0].experiments(), *stores[1].experiments()}):
+        journals = [store.open(experiment) for store in stores]
         for folder, journal in zip((old, new), journals, strict=True):
+            result.notes += journal.problems
             count = sum(map(sources.outdated, journal.latest))
             if told := sources.told({sources.OUTDATED: count, sources.LEFT_OUT: journal.left_out}):
-                outdated.append((folder, experiment, journal.latest, told))
-        cells = found[experiment] = Cells(len(before), len(after))
+                result.outdated.append((folder, experiment, journal.latest, told))
+        before, after = ({_canonical(record["cell"]): record for record in journal.latest} for journal in journals)
+        both = [(before[key], after[key]) for key in before if key in after]
+        cells = result.experiments[experiment] = _cells(experiment, both, (rtol, atol))
+        cells.old, cells.new = len(before), len(after)
         cells.removed = [record["cell"] for key, record in before.items() if key not in after]
         cells.added = [record["cell"] for key, record in after.items() if key not in before]
-        own, reason = times_of(experiment), reason_unknown(experiment)
-        for key in before.keys() & after.keys():
-            age = sources.compared(before[key].get("sources"), after[key].get("sources"))
-            cells.other_sources += age == sources.OTHER
-            cells.unknown_sources += age == sources.UNKNOWN
-            if differing := differences(before[key], after[key], own, lambda _: (rtol, atol)):
-                cells.changed.append((before[key]["cell"], differing))
-            else:
-                cells.same += 1
-        if cells.changed and reason:
-            notes.append(f"all columns are compared, times too: {reason}")
-        cells.changed.sort(key=lambda change: before[_canonical(change[0])]["position"])
-        pairs += [(before[key], after[key]) for key in before if key in after]
+        pairs += both
+        if cells.changed:
+            try:
+                load_stored(experiment)
+            except UnknownExperiment as error:
+                result.notes.append(f"all columns are compared, times too: {error}")
     if times:
+        result.times = paired_times(pairs, threshold)
         machines = {r["provenance"].get("cpu") for pair in pairs for r in pair if r["cell"].get("timing")}
         if len(machines) > 1:
-            notes.append(f"times were measured on different machines: {', '.join(sorted(map(str, machines)))}")
-    both = sum(cells.old - len(cells.removed) for cells in found.values())
-    if other := sum(cells.other_sources for cells in found.values()):
-        notes.append(f"{other} of the {both} cells in both were computed with different source code")
-    result = Comparison(found, paired_times(pairs, threshold) if times else [], notes, outdated)
-    if (unknown := sum(cells.unknown_sources for cells in found.values())) and not result.same:
-        notes.append(f"{unknown} of the {both} cells in both were computed with source code that was not recorded")
+            result.notes.append(f"times were measured on different machines: {', '.join(sorted(map(str, machines)))}")
+    said = f"of the {len(pairs)} cells in both were computed with"
+    if other := sum(cells.other_sources for cells in result.experiments.values()):
+        result.notes.append(f"{other} {said} different source code")
+    unknown = sum(cells.unknown_sources for cells in result.experiments.values())
+    if unknown and not result.same:
+        result.notes.append(f"{unknown} {said} source code that was not recorded")
     return result
+
+
+def _cells(experiment: str, both: Sequence[tuple[Record, Record]], tolerance: tuple[float, float]) -> Cells:
+    """What differs in the cells that are in both stores."""
+    cells, own = Cells(), times_of(experiment)
+    for before, after in both:
+        age = sources.compared(before.get("sources"), after.get("sources"))
+        cells.other_sources += age == sources.OTHER
+        cells.unknown_sources += age == sources.UNKNOWN
+        if differing := differences(before, after, own, lambda _: tolerance):
+            cells.changed.append((before["cell"], differing))
+    cells.same = len(both) - len(cells.changed)
+    return cells
 
 
 def _store(folder: Path) -> Store:
@@ -138,15 +148,6 @@ def times_of(experiment: str) -> frozenset[str]:
         return frozenset(getattr(load_stored(experiment), "TIMES", ()))
     except UnknownExperiment:  # somebody else's, and not here
         return frozenset()
-
-
-def reason_unknown(experiment: str) -> str | None:
-    """Why a stored experiment is not loaded; None if it is known."""
-    try:
-        load_stored(experiment)
-    except UnknownExperiment as error:
-        return str(error)
-    return None
 
 
 def is_time(column: str, cell: dict[str, Any], own: Iterable[str] = ()) -> bool:

@@ -144,7 +144,9 @@ def run(
     choice.check(cell for module in modules for cell in module.cells(profile))
     store.check_writable()  # before anything is computed, and after what is wrong with the words is known
     names, files = dict.fromkeys(experiments), Sources()  # as they are when the run begins
-    plans = [_plan(name, profile, store, summary, timings, again, choice, files) for name in names]
+    plans = [_Plan(name, profile, choice, files) for name in names]
+    for plan in plans:
+        _fill(plan, store, summary, timings, again)
     at_a_time = None if scheduler else jobs or machine.usable_cores()
     with progress.follow({plan.experiment: plan.missing for plan in plans if plan.missing}, show, at_a_time) as bar:
 
@@ -221,23 +223,14 @@ class _Plan:
         return sources.of_cell(self.experiment, cell, self.files)
 
 
-def _plan(
-    experiment: str,
-    profile: str,
-    store: Store,
-    summary: Summary,
-    timings: bool,
-    again: bool = False,
-    choice: Choice = ALL,
-    files: Sources | None = None,
-) -> _Plan:
+def _fill(plan: _Plan, store: Store, summary: Summary, timings: bool, again: bool) -> None:
     """Finds the cells to compute now, and enters the others in the summary.
 
     Raises
     ------
     ValueError : two cells are equal, or a field has a name the store adds.
     """
-    plan, version = _Plan(experiment, profile, choice, files or Sources()), load(experiment).VERSION
+    experiment, version = plan.experiment, load(plan.experiment).VERSION
     tally = summary.tallies[experiment] = Tally()
     done, problems = store.done(experiment)
     summary.notes += problems
@@ -270,7 +263,6 @@ def _plan(
             tally.unavailable += 1
         plan.accuracy.append(missing and not timed)
         plan.timing.append(missing and timed)
-    return plan
 
 
 def _record(task: Task, outcome: Outcome) -> Record:

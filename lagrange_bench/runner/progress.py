@@ -26,10 +26,9 @@ class Lines:
 
     def __init__(self, totals: Mapping[str, int], quiet: bool = False):
         self.totals, self.quiet = totals, quiet
-        self.finished = dict.fromkeys(totals, 0)
-        self.failed = dict.fromkeys(totals, 0)
+        self.finished, self.failed = dict.fromkeys(totals, 0), dict.fromkeys(totals, 0)
         self.start: dict[str, float] = {}
-        self.printed: dict[str, float] = {}
+        self.last: dict[str, float] = {}  # when a line was printed, or in a table a cell finished
 
     def __enter__(self) -> Lines:
         return self
@@ -38,42 +37,40 @@ class Lines:
         pass
 
     def begin(self, experiment: str) -> None:
-        """A cell of this experiment is about to be computed."""
-        self.printed.setdefault(experiment, self.start.setdefault(experiment, monotonic()))
+        """A cell of this experiment is handed over."""
+        self.last.setdefault(experiment, self.start.setdefault(experiment, monotonic()))
 
     def advance(self, experiment: str, failed: bool) -> None:
         """A cell of this experiment is finished."""
         self.finished[experiment] += 1
         self.failed[experiment] += failed
-        now = monotonic()
-        last = self.finished[experiment] == self.totals[experiment]
-        if not self.quiet and (last or now - self.printed[experiment] >= INTERVAL):
-            self.printed[experiment] = now
+        self.show(experiment, monotonic())
+
+    def show(self, experiment: str, now: float) -> None:
+        complete = self.finished[experiment] == self.totals[experiment]
+        if not self.quiet and (complete or now - self.last[experiment] >= INTERVAL):
+            self.last[experiment] = now
             print(self._line(experiment, now - self.start[experiment]), file=sys.stderr, flush=True)
 
     def _line(self, experiment: str, elapsed: float) -> str:
         finished, total, failed = self.finished[experiment], self.totals[experiment], self.failed[experiment]
+        left = remaining(finished, total, elapsed)
+        time = "" if left is None else f", about {duration(left)} left"
         failures = f", {failed} failed" if failed else ""
-        if finished == total:
-            time = f", {duration(elapsed)}"
-        else:
-            left = remaining(finished, total, elapsed)
-            time = "" if left is None else f", about {duration(left)} left"
-        return f"{experiment}: {finished}/{total} cells{failures}{time}"
+        return (
+            f"{experiment}: {finished}/{total} cells{failures}{f', {duration(elapsed)}' if finished == total else time}"
+        )
 
 
-class Live:
+class Live(Lines):
     """A live table for a terminal: what is done, running, failed, and the time left."""
 
     def __init__(self, totals: Mapping[str, int], console: Console, at_a_time: int | None = None):
         from rich.live import Live as Display
 
-        self.totals, self.at_a_time = totals, at_a_time
-        self.finished = dict.fromkeys(totals, 0)
-        self.failed = dict.fromkeys(totals, 0)
-        self.clocks: dict[str, tuple[float, float]] = {}  # when the first cell was begun, and the last finished
+        super().__init__(totals)
+        self.at_a_time, self.console = at_a_time, console
         self.out: list[str] = []  # the experiments of the cells handed over, oldest first
-        self.console = console
         self.display = Display(get_renderable=self._table, console=console, refresh_per_second=5)
 
     def __enter__(self) -> Live:
@@ -85,15 +82,11 @@ class Live:
         self.display.stop()
 
     def begin(self, experiment: str) -> None:
-        """A cell of this experiment is handed over; those that wait are not running yet."""
-        self.clocks.setdefault(experiment, (monotonic(), monotonic()))
+        super().begin(experiment)
         self.out.append(experiment)
 
-    def advance(self, experiment: str, failed: bool) -> None:
-        """A cell of this experiment is finished."""
-        self.finished[experiment] += 1
-        self.failed[experiment] += failed
-        self.clocks[experiment] = (self.clocks[experiment][0], monotonic())
+    def show(self, experiment: str, now: float) -> None:
+        self.last[experiment] = now
         if experiment in self.out:
             self.out.remove(experiment)
 
@@ -124,19 +117,18 @@ class Live:
     def _time(self, name: str) -> str:
         """How long it took, or will take by what it took so far."""
         done, total = self.finished[name], self.totals[name]
-        if name not in self.clocks:
+        if name not in self.start:
             return ""
-        start, last = self.clocks[name]
         if done == total:
-            return duration(last - start)
-        elapsed = monotonic() - start
+            return duration(self.last[name] - self.start[name])
+        elapsed = monotonic() - self.start[name]
         if not done and elapsed > SOON:
             return "compiling"
         left = remaining(done, total, elapsed)
         return duration(elapsed) if left is None else f"{duration(left)} left"
 
 
-def follow(totals: Mapping[str, int], show: bool = True, at_a_time: int | None = None) -> Lines | Live:
+def follow(totals: Mapping[str, int], show: bool = True, at_a_time: int | None = None) -> Lines:
     """What suits stderr; `totals` are the cells to compute of each experiment, `at_a_time` how many run at once."""
     if show and totals and (console := _terminal()):
         return Live(totals, console, at_a_time)

@@ -172,6 +172,17 @@ def test_workers_that_differ_are_refused(tmp_path, scheduler, monkeypatch, other
     assert keys(tmp_path) == []
 
 
+def test_rows_of_workers_that_differ_are_refused():
+    """Quickly: what a worker sends with its rows is compared, whenever it joined."""
+
+    class Future:
+        def result(self):
+            return {**cluster.look(), "mpmath": "0.1"}, {"status": "done"}
+
+    with pytest.raises(cluster.ClusterError, match=OLDER):
+        cluster.Cluster("local:1", None)._outcome(Future())
+
+
 STUDY = """
 from own import helper
 VERSION = 1
