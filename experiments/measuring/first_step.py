@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import traceback
 import warnings
+from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.api import prepare
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.numba_internals import NumbaError, useful_lines
 from lagrange_bench.integrators.interface import Method, StepError
@@ -35,7 +35,10 @@ def first_error(method: Method) -> BaseException | None:
         try:
             with np.errstate(all="ignore"), warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                prepare(top, y0.copy(), 0.1 * top.scales(y0)[2], method).advance(y0.copy(), 1)
+                stepper: Any = method.prepare_for(top)(top, y0.copy(), 0.1 * top.scales(y0)[2])
+                if stepper is None:
+                    raise ValueError("prepare returned None: return a stepper")
+                stepper.advance(y0.copy(), 1)
         except StepError:
             continue
         except (Exception, SystemExit) as error:  # a plug-in may raise anything

@@ -54,7 +54,7 @@ def test_a_sound_method_has_no_problem(mine):
 
 FAULTS = [  # a change of the file, and what is said
     ("alpha * h)", "aplha * h)", "the kernel cannot be compiled: NameError: name 'aplha' is not defined"),
-    (BODY, "    FixedStepper", "mine: prepare returned None without record: return a stepper"),
+    (BODY, "    FixedStepper", "ValueError: prepare returned None: return a stepper"),
     ("@compiled\ndef step", "def step", "the kernel step is not compiled: put @compiled above it ({file}:14)"),
     (BODY, f'    raise KeyError("boom")\n{BODY}', "KeyError: 'boom' ({file}:15)"),
     (BODY, f"    return prepare(top, y0, h)\n{BODY}", "RecursionError: maximum recursion"),

@@ -268,7 +268,7 @@ def forgetting(self, y, n, every):
 
 
 BEHAVIOUR = [  # claim that fails, what is overridden
-    ("takes a step", {"advance": modifying}),
+    ("purity", {"advance": modifying}),  # a read-only input makes a modification raise
     ("input is not modified", {"record": overwriting}),
     ("same input, same bits", {"advance": remembering}),
     ("two steppers share nothing", vars(Shares)),
