@@ -95,7 +95,7 @@ def again(folder: Path, experiment: str, records: Sequence[Record]) -> str:
     return f"{find(folder, [profiles_of(load_stored(experiment), records)]).run(experiment)} --again"
 
 
-def told(origin: Origin, sources: Sequence[pd.DataFrame]) -> str:
+def described(origin: Origin, sources: Sequence[pd.DataFrame]) -> str:
     """Folder, profile, dates, machine and commit in one line. sources : provenance of each experiment."""
     stored = [source for source in sources if len(source)]
     words = [origin.folder, *([f"{origin.profile} profile"] if origin.profile else [])]

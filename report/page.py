@@ -14,9 +14,9 @@ import re
 import shlex
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 import jinja2
 import pandas as pd
@@ -28,7 +28,7 @@ from lagrange_bench.experiments.measuring import errata
 from lagrange_bench.integrators.files import write_file
 from lagrange_bench.report import claims, fairness, lists, live, origin, panels, promises, summary
 from lagrange_bench.report.origin import PUBLISHED, Origin
-from lagrange_bench.report.sections import Drawn, Section, draw_all, place, said, stored_rows
+from lagrange_bench.report.sections import Drawn, Section, described, draw_all, place, stored_rows
 from lagrange_bench.report.sections import write as write_section
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
@@ -42,8 +42,7 @@ FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table o
 POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
 OURS = "<title>Lagrange top benchmark</title>"  # in every page that was ever made
 LINK = re.compile(r'<a href="((?:figures|tables)/[\w.-]+\.(?:svg|md|tex|csv))"')
-NO_FAIRNESS = fairness.Fairness([], pd.DataFrame())
-T = TypeVar("T")
+NO_FAIRNESS = fairness.Fairness({}, pd.DataFrame())
 MEASURED_WHEN = ("key", "seconds", "utc", "dirty")
 
 
@@ -60,29 +59,30 @@ class Report:
     """Everything the page shows."""
 
     sections: list[Section]
-    claims: list[Judged]
-    fairness: fairness.Fairness
-    errata: pd.DataFrame  # of the paper
-    summary: list[summary.Sentence]
-    errors: list[str]  # what could not be drawn or checked; the page shows each in its place
     origin: str  # what it was drawn from
     whole: bool  # the bench's own page: with claims, summary, fairness and errata
+    errors: list[str]  # what could not be drawn or checked; the page shows each in its place
     old: str = ""  # how many cells are, and what to do about it
+    claims: list[Judged] = field(default_factory=list)
     beside: str = ""  # what its claims are held against
+    fairness: fairness.Fairness = NO_FAIRNESS
+    errata: pd.DataFrame = field(default_factory=pd.DataFrame)  # of the paper
+    summary: dict[str, dict[str, Any]] = field(default_factory=dict)
     panels: str = ""  # the data of the panels of the methods
 
     @property
     def integrators(self) -> tuple[int, int, int]:
         """How many methods have rows of a top; of these, in a uniform field, and in a potential."""
-        names: dict[str, set[str]] = {"uniform": set(), "potential": set()}
+        uniform: set[str] = set()
+        fields: set[str] = set()
         for section in self.sections:
-            if section.experiment != "gaudin":  # its methods follow magnets
-                rows = section.rows
-                field = rows.get("potential", pd.Series(section.experiment == "perturbed" or None, rows.index)).notna()
-                for kind, chosen in (("uniform", ~field), ("potential", field)):
-                    found = rows.get("method", pd.Series(dtype=object))[chosen] if len(rows) else ()
-                    names[kind] |= {name for name in found if isinstance(name, str)}
-        return len(names["uniform"] | names["potential"]), len(names["uniform"]), len(names["potential"])
+            if "method" in section.rows and section.experiment != "gaudin":  # its methods follow magnets
+                rows = section.rows.dropna(subset="method")
+                perturbed = pd.Series(section.experiment == "perturbed", rows.index)
+                in_field = rows.potential.notna() if "potential" in rows else perturbed
+                uniform |= set(rows.method[~in_field])
+                fields |= set(rows.method[in_field])
+        return len(uniform | fields), len(uniform), len(fields)
 
 
 # ---------------------------------------------------------------- what others call
@@ -119,28 +119,37 @@ def assemble(
         sections = [s for s in sections if len(s.rows) or s.experiment in own or s.errors]
     source = origin.find(results, [section.profiles for section in sections if len(section.rows)])
     source = replace(source, choice=choice)
-    rows = {section.experiment: section.rows for section in sections}
     for section in sections:
         section.origin = source
-        promises.keep(section.experiment, section.rows, {made.name: made.frame for made in section.tables})
+    old = _old(sections)
+    drawn_from = "; ".join(filter(None, (origin.described(source, [s.provenance for s in sections]), old)))
     errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
-    judged: list[Judged] = []
-    shown: list[summary.Sentence] = []
-    curves = ""
-    fair, misprints = NO_FAIRNESS, pd.DataFrame()
-    held = ""
+    report = Report(sections, drawn_from, whole, errors, old)
     if whole:
-        judged, wrong = judge(rows, source)
-        held = _held_against(beside, judged) if beside else ""
-        errors += wrong
-        fair = _attempt(lambda: fairness.assemble(rows), fair, "fairness: cannot be shown", errors)
-        if len(rows.get("paper", ())):
-            misprints = _attempt(_errata, misprints, "errata: cannot be evaluated", errors)
-        shown = _attempt(lambda: summary.sentences(rows), shown, "summary: cannot be written", errors)
-        curves = _attempt(lambda: panels.script(rows), curves, "panels of the methods: cannot be made", errors)
-    drawn_from, old = origin.told(source, [section.provenance for section in sections]), _old(sections)
-    told = "; ".join(filter(None, (drawn_from, old)))
-    return Report(sections, judged, fair, misprints, shown, errors, told, whole, old, held, curves)
+        _judge(report, source, beside)
+    return report
+
+
+def _judge(report: Report, source: Origin, beside: Path | None) -> None:
+    """Adds what only the bench's own page has. Rows of another version cost a part of it, not the page."""
+    rows = {section.experiment: section.rows for section in report.sections}
+    for section in report.sections:
+        promises.keep(section.experiment, section.rows, {table.name: table.frame for table in section.tables})
+    report.claims, errors = judge(rows, source)
+    report.errors += errors
+    if beside:
+        report.beside = _held_against(beside, report.claims)
+    parts: dict[str, Callable[[], object]] = {
+        "fairness": lambda: fairness.assemble(rows),
+        "errata": lambda: _errata() if len(rows.get("paper", ())) else pd.DataFrame(),
+        "summary": lambda: summary.numbers(rows),
+        "panels": lambda: panels.script(rows),
+    }
+    for name, make in parts.items():
+        try:
+            setattr(report, name, make())
+        except Exception as error:
+            report.errors.append(f"{name}: cannot be made: {described(error)}")
 
 
 def _old(sections: Sequence[Section]) -> str:
@@ -225,15 +234,6 @@ def _linked(output: Path) -> set[Path]:
     if OURS not in text:
         raise ValueError(f"{index} is not a page of lagrange-bench and stays: give another folder with --output")
     return {output / link for link in LINK.findall(text)}
-
-
-def _attempt(make: Callable[[], T], otherwise: T, trouble: str, errors: list[str]) -> T:
-    """What `make` returns; or else `otherwise`, and one error more: rows of another version cost this part, not the page."""
-    try:
-        return make()
-    except Exception as error:
-        errors.append(f"{trouble}: {said(error)}")
-        return otherwise
 
 
 def _errata() -> pd.DataFrame:

@@ -124,6 +124,6 @@ def _kept(rows: dict[str, pd.DataFrame]) -> dict[str, list[list[str]]]:
 def _records(experiment: str, name: str, rows: dict[str, pd.DataFrame]) -> list[dict[Hashable, Any]]:
     """The rows of a table; none if too little is stored for it."""
     try:
-        return table(experiment, name)(rows[experiment]).to_dict("records")
+        return table(rows[experiment], experiment, name).to_dict("records")
     except NoData:
         return []

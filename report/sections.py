@@ -197,11 +197,11 @@ def draw(experiment: str, store: Store) -> Section:
     try:
         section.figures = draw_figures(module, section.rows, store.choice.highlight)
     except Exception as error:
-        section.errors.append(f"figures cannot be drawn: {said(error)}")
+        section.errors.append(f"figures cannot be drawn: {described(error)}")
     try:
         section.tables = make_tables(module, section.rows)
     except Exception as error:
-        section.errors.append(f"tables cannot be made: {said(error)}")
+        section.errors.append(f"tables cannot be made: {described(error)}")
     return section
 
 
@@ -256,7 +256,7 @@ def make_tables(module: ModuleType, rows: pd.DataFrame) -> list[DrawnTable]:
     return [DrawnTable(name, tables.flat(t), t.attrs.get("caption", "")) for name, t in made.items()]
 
 
-def said(error: Exception) -> str:
+def described(error: Exception) -> str:
     """Of what kind an error is, and its message."""
     return f"{type(error).__name__}: {error}"
 
