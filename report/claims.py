@@ -76,7 +76,8 @@ class Bound:
         """Which of its runs are not among these rows, or the cells of a profile; "" if none is."""
         here = select(rows, **{name: wanted for name, wanted in self.where.items() if name in rows})
         for name, wanted in self.where.items():
-            if name in here and (absent := [value for value in _all(wanted) if value not in set(here[name])]):
+            present = set(here[name].unique()) if name in here else set(_all(wanted))
+            if absent := [value for value in _all(wanted) if value not in present]:
                 return f"no run with {name} = {show(absent[0])} is stored"
         if self.steps and not ("steps" in here and (here["steps"] >= self.steps).any()):
             return f"no run of {show(self.steps)} steps is stored"

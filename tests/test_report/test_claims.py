@@ -11,26 +11,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.measuring import reductions
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.report import claims, origin, page, promises
 from lagrange_bench.report.claims import Bound, Claim, NoData, Refuted
-from lagrange_bench.results.store import Store, default_results
+from lagrange_bench.results.store import default_results
 
+pytestmark = pytest.mark.xdist_group("claims")  # all are judged once
 BIASED = "biased, as the method says"
-
-
-@pytest.fixture(scope="module")
-def stored():
-    journals = {name: Store(default_results()).open(name) for name in EXPERIMENTS}
-    return {name: (journal.latest, journal.rows()) for name, journal in journals.items()}
-
-
-@pytest.fixture(scope="module")
-def judged(stored):
-    return page.judge({name: rows for name, (_, rows) in stored.items()})[0]
 
 
 # ---------------------------------------------------------------- the list of claims
@@ -65,10 +54,13 @@ def test_a_claim_names_its_runs_and_the_full_profile_has_them_all():
 # ---------------------------------------------------------------- NaN, failed, declined, missing
 
 
-def numbers(experiment, stored):
+def fields(journal):
+    """Of its cells: what was asked for, not measured."""
+    return {name for record in journal.latest for name in record["cell"]}
+
+
+def numbers(experiment, rows, cell):
     """The measured columns of numbers."""
-    records, rows = stored[experiment]
-    cell = {name for record in records for name in record["cell"]}
     found = [name for name in rows.columns if rows[name].dtype.kind == "f" and name not in reductions.EXCUSES]
     return [name for name in found if name not in cell or any(name in m for m in load(experiment).MEASURED.values())]
 
@@ -80,9 +72,9 @@ def with_nan(rows, columns):
 
 
 @pytest.mark.parametrize("claim", promises.CLAIMS, ids=lambda claim: claim.id)
-def test_nan_in_the_later_half_of_its_runs_refutes_a_claim(claim, stored):
-    rows = stored[claim.experiment][1]
-    columns = numbers(claim.experiment, stored)
+def test_nan_in_the_later_half_of_its_runs_refutes_a_claim(claim, stored, journals):
+    rows = stored[claim.experiment]
+    columns = numbers(claim.experiment, rows, fields(journals[claim.experiment]))
     for bound in claim.bounds:
         covered = claims.select(rows, **bound.where)
         parts = set(covered.get("part", [""]))
@@ -93,10 +85,10 @@ def test_nan_in_the_later_half_of_its_runs_refutes_a_claim(claim, stored):
             assert "NotANumber" in verdict.note
 
 
-def test_the_experiments_name_every_number_that_all_rows_of_a_part_have(stored):
+def test_the_experiments_name_every_number_that_all_rows_of_a_part_have(stored, journals):
     """Else NaN in it would not be seen."""
-    for experiment, (records, rows) in stored.items():
-        cell = {name for record in records for name in record["cell"]}
+    for experiment, rows in stored.items():
+        cell = fields(journals[experiment])
         for part, names in load(experiment).MEASURED.items():
             done = rows[(rows.status == "done") & ((rows.part == part) if part else True)]
             always = {name for name in done if done[name].dtype.kind == "f" and done[name].notna().all()}
@@ -121,7 +113,7 @@ def test_the_experiments_name_every_number_that_all_rows_of_a_part_have(stored):
 )
 def test_no_table_skips_nan(experiment, table, column, measured, stored):
     """Nor would one that is made without `settled`."""
-    rows = stored[experiment][1]
+    rows = stored[experiment]
     some = rows[
         rows.get("form", rows.get("method")).isin(("backlund", "backlund_unpinned", "rk4", "increments", "real form"))
     ]
@@ -296,5 +288,5 @@ def test_an_installed_plug_in_without_rows_changes_no_verdict(monkeypatch, store
     monkeypatch.setitem(sys.modules, "somebody_elses", module)
     monkeypatch.setitem(METHODS._entries, "mine", EntryPoint("mine", "somebody_elses:METHOD", METHODS.group))
     assert "mine" in METHODS
-    again = page.judge({name: rows for name, (_, rows) in stored.items()})[0]
+    again = page.judge(stored)[0]
     assert [each.verdict for each in again] == [each.verdict for each in judged]
