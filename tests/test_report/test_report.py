@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import io
+import os
 import re
 import shutil
 import sys
@@ -24,6 +25,7 @@ from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.experiments.measuring.states import methods_on
 from lagrange_bench.integrators import METHODS
+from lagrange_bench.integrators.files import write_file
 from lagrange_bench.report import fairness, lists, page, promises, sections, summary
 from lagrange_bench.report.claims import Bound, Claim
 from lagrange_bench.results import sources, store
@@ -368,7 +370,7 @@ def test_a_page_of_somebody_elses_stays(results, tmp_path, run):
 
 
 @pytest.mark.parametrize(("where", "what"), [(page, "html"), (page.os, "replace")], ids=["interrupted", "disk full"])
-def test_a_page_that_is_not_written_leaves_the_old_one_whole(report, fewer, tmp_path, monkeypatch, where, what):
+def test_a_write_that_stops_leaves_the_old_page_whole(report, fewer, tmp_path, monkeypatch, where, what):
     files = {path: path.read_bytes() for path in page.write(report, tmp_path).parent.rglob("*.*")}
 
     def stop(*_):
@@ -380,6 +382,14 @@ def test_a_page_that_is_not_written_leaves_the_old_one_whole(report, fewer, tmp_
     if what == "replace":
         assert raised.value.filename == str(tmp_path / "figures" / "toy.good_first.svg"), "not the temporary one"
     assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == files
+
+
+def test_a_write_is_on_disk_before_it_replaces_the_old_file_under_a_name_of_this_process(tmp_path, monkeypatch):
+    done = []
+    monkeypatch.setattr(os, "fsync", lambda file: done.append("on disk"))
+    monkeypatch.setattr(os, "replace", lambda new, old: done.append(str(os.getpid()) in new.name))
+    write_file(tmp_path / "page.html", "text")
+    assert done == ["on disk", True]
 
 
 def test_write_experiment_draws_one_and_raises_what_drawing_raises(results, tmp_path):
