@@ -1,4 +1,4 @@
-"""How a claim is checked against stored rows; `promises` has the claims themselves.
+"""How a claim is checked against stored rows; `promises` reads the claims themselves.
 
 A claim is a sentence and the bounds it sets. Each bound names the rows it is about. If all of them are stored, it is confirmed or
 refuted. If some are missing, the others can agree with it, or refute it by failing, but not decide it. One that failed
@@ -40,11 +40,14 @@ class Refuted(RuntimeError):
     """A claim does not hold, whatever the other numbers are: a row it is about failed, for instance."""
 
 
-class Found(NamedTuple):
+class Reading(NamedTuple):
     """All numbers that a bound is about, and which is the worst."""
 
     values: ArrayLike
     note: str = ""
+
+
+Measure = Callable[[pd.DataFrame], Reading | ArrayLike]
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ class Bound:
     ranged : show the least and the largest value, not the worst alone.
     """
 
-    measure: tuple[str, ...] | Callable[[pd.DataFrame], Found | ArrayLike]
+    measure: tuple[str, ...] | Measure
     sign: str
     limit: float
     unit: str = ""
@@ -73,7 +76,8 @@ class Bound:
         """Which of its runs are not among these rows, or the cells of a profile; "" if none is."""
         here = select(rows, **{name: wanted for name, wanted in self.where.items() if name in rows})
         for name, wanted in self.where.items():
-            if name in here and (absent := [value for value in _all(wanted) if value not in set(here[name])]):
+            present = set(here[name].unique()) if name in here else set(_all(wanted))
+            if absent := [value for value in _all(wanted) if value not in present]:
                 return f"no run with {name} = {show(absent[0])} is stored"
         if self.steps and not ("steps" in here and (here["steps"] >= self.steps).any()):
             return f"no run of {show(self.steps)} steps is stored"
@@ -168,9 +172,9 @@ def judge(claim: Claim, rows: pd.DataFrame) -> tuple[Verdict, str | None]:
     if rows.empty:
         return Verdict(tuple(Finding(b, note=f"nothing of {claim.experiment} is stored") for b in claim.bounds)), None
     rows = settled(rows, measured(claim.experiment))
-    found = [_judge(bound, rows) for bound in claim.bounds]
-    errors = (f"claim {claim.id}: {error}" for _, error in found if error)
-    return Verdict(tuple(finding for finding, _ in found)), next(errors, None)
+    judged = [_judge(bound, rows) for bound in claim.bounds]
+    errors = (f"claim {claim.id}: {error}" for _, error in judged if error)
+    return Verdict(tuple(finding for finding, _ in judged)), next(errors, None)
 
 
 def measured(experiment: str) -> Mapping[str, tuple[str, ...]]:
@@ -185,7 +189,7 @@ def _judge(bound: Bound, rows: pd.DataFrame) -> tuple[Finding, str | None]:
     short = ""
     try:
         short = bound.missing(rows)
-        found = _found(bound, rows)
+        reading = _read(bound, rows)
     except NoData as missing:
         return Finding(bound, note=short or str(missing)), None
     except Refuted as failure:
@@ -195,20 +199,20 @@ def _judge(bound: Bound, rows: pd.DataFrame) -> tuple[Finding, str | None]:
     except Exception as error:  # a mistake in one check must not take the page with it
         reason = f"{type(error).__name__}: {error}"
         return Finding(bound, note=short or f"the check itself failed: {reason}"), None if short else reason
-    numbers = np.asarray(found.values, dtype=float)
+    numbers = np.asarray(reading.values, dtype=float)
     passed: bool | None = all(SIGNS[bound.sign](float(number), bound.limit) for number in numbers.flat)
     if short and not passed and np.all(np.isfinite(numbers)):
         passed = None  # other runs than those of the claim can agree with it, but not refute it unless they failed
-    return Finding(bound, (float(np.min(numbers)), float(np.max(numbers))), passed, found.note, short), None
+    return Finding(bound, (float(np.min(numbers)), float(np.max(numbers))), passed, reading.note, short), None
 
 
-def _found(bound: Bound, rows: pd.DataFrame) -> Found:
+def _read(bound: Bound, rows: pd.DataFrame) -> Reading:
     """The numbers that a bound is about."""
     covered = _sound(select(rows, **bound.where), bound.where)
-    if callable(bound.measure):
-        found = bound.measure(rows)
-        return found if isinstance(found, Found) else Found(found)
-    return Found(np.abs(values(covered, *bound.measure)))
+    if not callable(bound.measure):
+        return Reading(np.abs(values(covered, *bound.measure)))
+    reading = bound.measure(rows)
+    return reading if isinstance(reading, Reading) else Reading(reading)
 
 
 # ---------------------------------------------------------------- rows to measure
@@ -240,8 +244,8 @@ def select(rows: pd.DataFrame, **where: Any) -> pd.DataFrame:
 def _sound(chosen: pd.DataFrame, where: Mapping[str, Any]) -> pd.DataFrame:
     """The chosen rows, if there are any and none of them failed."""
     if chosen.empty:
-        said = ", ".join(f"{name} = {wanted}" for name, wanted in where.items())
-        raise NoData("no rows" + (f" with {said}" if said else ""))
+        fields = ", ".join(f"{name} = {wanted}" for name, wanted in where.items())
+        raise NoData("no rows" + (f" with {fields}" if fields else ""))
     failed = chosen[_failed(chosen)]
     if len(failed):
         raise Refuted(f"{len(failed)} of {len(chosen)} failed: {failed['failure'].iloc[0]}")
@@ -263,5 +267,5 @@ def _joined(*words: str) -> str:
 def grouped(judged: list[Any]) -> Iterator[tuple[str, list[Any]]]:
     """(group, the judged claims in it), for those groups that have any."""
     for group in GROUPS:
-        if mine := [each for each in judged if each.claim.group == group]:
-            yield group, mine
+        if members := [each for each in judged if each.claim.group == group]:
+            yield group, members

@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import pandas as pd
-
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
 from lagrange_bench.experiments.drawing import figures, style
@@ -18,51 +16,17 @@ from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.results.store import Store
 
 Write = Callable[[Path, bytes], object]
+Written = tuple[list[Path], list[str], list[str]]  # files, what cannot be drawn and why, remarks on the rows
 
 
 class UnknownFigure(ValueError):
     """No stored rows draw a figure of this name; the message says which they draw."""
 
 
-def _section(experiment: str, store: Store) -> sections.Section:
-    """What is stored of an experiment, not drawn yet."""
-    section = sections.Section(experiment)
-    sections.read(section, store, load_stored(experiment))
-    section.origin = replace(origin.find(store.folder, [section.profiles]), choice=store.choice)
-    return section
-
-
-def _notes(section: sections.Section) -> list[str]:
-    """What is to be said of the rows that a figure shows."""
-    old = f"{section.experiment}: {section.old}. Compute them again: {section.command} --again"
-    return [*section.notes, *([old] if section.old else [])]
-
-
-def _drawn(
-    experiment: str, rows: pd.DataFrame, width: str | None, choice: Choice
-) -> Iterator[tuple[str, figures.Figure]]:
-    """(name, figure) of every figure that an experiment draws from its rows.
-
-    Raises
-    ------
-    UnknownFigure : the drawing fails, perhaps because of the rows.
-    """
-    if rows.empty:
-        return
-    try:
-        with style.apply(width, choice.highlight):
-            drawn = load_stored(experiment).draw(rows)
-    except Exception as error:
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise UnknownFigure(f"no figure can be drawn from {experiment}.jsonl: {reason}") from error
-    for name, figure in drawn.items():
-        yield sections.Section(experiment).file(name), figure
-
-
 def names(results: Path, choice: Choice = ALL) -> list[str]:
     """The names of all figures that can be drawn, in the order of the page."""
     store = Store(results, choice)
-    return [name for mine in _stored(results)[0] for name, _ in _drawn(mine, store.rows(mine), None, choice)]
+    return [name for experiment in _stored(results)[0] for name, _ in _drawn(_section(experiment, store))]
 
 
 def export(
@@ -74,7 +38,7 @@ def export(
     choice: Choice = ALL,
     write: Write = write_file,
 ) -> tuple[Path, list[str], list[str]]:
-    """Writes one figure; gives its path, what it does not show and why, and what is to be said of its rows.
+    """Writes one figure; gives its path, what it does not show and why, and remarks on its rows.
 
     name : as in the page, `phase_h` for instance. kind : svg, pdf or png. width : "column", "page" or None, as drawn.
     output : a file; default: the figure's name in the current folder.
@@ -85,38 +49,25 @@ def export(
     """
     if kind not in figures.FORMATS:
         raise ValueError(f"format must be one of {', '.join(figures.FORMATS)}, got {kind!r}")
-    stored, unknown = _stored(results)
+    stored, problems = _stored(results)
     mine = [experiment for experiment in stored if name.startswith(f"{experiment}_")]
     known: list[str] = []
     for experiment in sorted(mine, key=len, reverse=True):
         section = _section(experiment, Store(results, choice))
-        unknown += section.notes[:1]
         if choice and section.rows.empty:
             raise UnknownFigure(_no_rows(experiment, choice))
-        for found, figure in _drawn(experiment, section.rows, width, choice):
-            if found == name:
-                path = output or Path(f"{name}.{kind}")
-                write(path, figures.FORMATS[kind](figure))
-                return path, _lacking(section, choice), _notes(section)
-            known.append(found)
-    if not known:
-        known = names(results, choice)
-    if not known and unknown:
-        raise UnknownFigure(f"{name!r} cannot be drawn from {results}: {'; '.join(unknown)}")
-    if not known:
-        raise UnknownFigure(f"nothing is stored in {results}: compute it with lagrange-bench run")
-    raise UnknownFigure(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
-
-
-def _lacking(section: sections.Section, choice: Choice) -> list[str]:
-    """The chosen methods that its figures do not show because it has no rows of them."""
-    lacking = tuple(section.lacking)
-    return [_no_rows(section.experiment, replace(choice, methods=lacking))] if lacking else []
-
-
-def _no_rows(experiment: str, choice: Choice) -> str:
-    chosen = ", ".join((*choice.methods, *choice.tops))
-    return f"{experiment} has no rows of {chosen}: lagrange-bench run {experiment}{choice.words}"
+        problems += section.notes[:1]
+        drawn = dict(_drawn(section, width))
+        if name in drawn:
+            path = output or Path(f"{name}.{kind}")
+            write(path, figures.FORMATS[kind](drawn[name]))
+            return path, _lacking(section), _remarks(section)
+        known += drawn
+    if known := known or names(results, choice):
+        raise UnknownFigure(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
+    if problems:
+        raise UnknownFigure(f"{name!r} cannot be drawn from {results}: {'; '.join(problems)}")
+    raise UnknownFigure(f"nothing is stored in {results}: compute it with lagrange-bench run")
 
 
 def export_all(
@@ -127,36 +78,68 @@ def export_all(
     drawn: sections.Drawn = lambda done, total: None,
     choice: Choice = ALL,
     write: Write = write_file,
-) -> tuple[list[Path], list[str], list[str]]:
-    """Writes every figure as `NAME-WIDTH.KIND` into a folder.
-
-    Gives the paths, what cannot be drawn and why, and what is to be said of the rows.
-    """
-    written, notes = [], []
-    stored, unknown = _stored(results)
-    store = Store(results, choice)
+) -> Written:
+    """Writes every figure as `NAME-WIDTH.KIND` into a folder."""
+    files: list[Path] = []
+    remarks: list[str] = []
+    stored, problems = _stored(results)
     for i, experiment in enumerate(stored):
-        section = _section(experiment, store)
-        unknown += _lacking(section, choice)
-        notes += _notes(section)
+        section = _section(experiment, Store(results, choice))
+        problems += _lacking(section)
+        remarks += _remarks(section)
         for k, width in enumerate(widths):
             drawn(i * len(widths) + k, len(stored) * len(widths))
-            for name, figure in _drawn(experiment, section.rows, width, choice):
+            for name, figure in _drawn(section, width):
                 for kind in kinds:
-                    path = Path(folder) / f"{name}-{width}.{kind}"
-                    write(path, figures.FORMATS[kind](figure))
-                    written.append(path)
-    return written, unknown, notes
+                    files.append(Path(folder) / f"{name}-{width}.{kind}")
+                    write(files[-1], figures.FORMATS[kind](figure))
+    return files, problems, remarks
 
 
 def _stored(results: Path) -> tuple[list[str], list[str]]:
     """The experiments in the order of the page, and why others are left out."""
-    stored, known, unknown = Store(results).experiments(), [], []
-    own = [name for name in stored if name not in EXPERIMENTS]
-    for name in [*own, *(name for name in EXPERIMENTS if name in stored)]:
+    names, known, unknown = Store(results).experiments(), [], []
+    for name in [*(own for own in names if own not in EXPERIMENTS), *(name for name in EXPERIMENTS if name in names)]:
         try:
             load_stored(name)
             known.append(name)
         except UnknownExperiment as error:
             unknown.append(str(error))
     return known, unknown
+
+
+def _section(experiment: str, store: Store) -> sections.Section:
+    """What is stored of an experiment, not drawn yet."""
+    section = sections.Section(experiment)
+    sections.read(section, store, load_stored(experiment))
+    section.origin = replace(origin.find(store.folder, [section.profiles]), choice=store.choice)
+    return section
+
+
+def _drawn(section: sections.Section, width: str | None = None) -> Iterator[tuple[str, figures.Figure]]:
+    """(name, figure) of every figure that an experiment draws from its rows. UnknownFigure: the drawing fails."""
+    if section.rows.empty:
+        return
+    try:
+        with style.apply(width, section.origin.choice.highlight):
+            drawn = load_stored(section.experiment).draw(section.rows)
+    except Exception as error:  # perhaps because of the rows
+        reason = " ".join(sections.described(error).split())
+        raise UnknownFigure(f"no figure can be drawn from {section.experiment}.jsonl: {reason}") from error
+    yield from ((section.file(name), figure) for name, figure in drawn.items())
+
+
+def _remarks(section: sections.Section) -> list[str]:
+    old = f"{section.experiment}: {section.old}. Compute them again: {section.command} --again"
+    return [*section.notes, *([old] if section.old else [])]
+
+
+def _lacking(section: sections.Section) -> list[str]:
+    """The chosen methods that its figures do not show because it has no rows of them."""
+    chosen = replace(section.origin.choice, methods=tuple(section.lacking))
+    return [_no_rows(section.experiment, chosen)] if section.lacking else []
+
+
+def _no_rows(experiment: str, choice: Choice) -> str:
+    chosen = ", ".join((*choice.methods, *choice.tops))
+    return f"{experiment} has no rows of {chosen}: lagrange-bench run {experiment}{choice.words}"

@@ -52,23 +52,17 @@ def _method(name: str, record: Method) -> dict[str, str | int]:
 
 def tops() -> pd.DataFrame:
     """The named tops, those in a potential, and those that are drawn at random."""
+    columns = ("in figures", "in tables", "α", "potential", "what it is")
     rows = [
-        {"in figures": top.label, "in tables": name, "α": f"{top.alpha:g}", "potential": "", "what it is": top.note}
-        for name, top in TOPS.items()
+        *((top.label, name, f"{top.alpha:g}", "", top.note) for name, top in TOPS.items()),
+        *((top.label, name, f"{top.alpha:g}", top.potential.name, top.note) for name, top in PERTURBED_TOPS.items()),
+        *(("", f"{names[0]} …", "", "", what) for names, what in DRAWN.items()),
     ]
-    for name, top in PERTURBED_TOPS.items():
-        row = {"in figures": top.label, "in tables": name, "α": f"{top.alpha:g}"}
-        rows.append({**row, "potential": top.potential.name, "what it is": top.note})
-    for names, what in DRAWN.items():
-        rows.append({"in figures": "", "in tables": f"{names[0]} …", "α": "", "potential": "", "what it is": what})
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows, columns=columns)
 
 
 def built_in_potentials() -> pd.DataFrame:
     """The potentials that come with the bench."""
-    return pd.DataFrame(
-        [
-            {"potential": p.name, "parameters": ", ".join(p.parameters or ()) or "any number", "V(x)": p.note}
-            for p in (POTENTIALS[name] for name in POTENTIALS_BUILT_IN)
-        ]
-    )
+    potentials = [POTENTIALS[name] for name in POTENTIALS_BUILT_IN]
+    rows = [(p.name, ", ".join(p.parameters or ()) or "any number", p.note) for p in potentials]
+    return pd.DataFrame(rows, columns=["potential", "parameters", "V(x)"])

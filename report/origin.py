@@ -95,27 +95,25 @@ def again(folder: Path, experiment: str, records: Sequence[Record]) -> str:
     return f"{find(folder, [profiles_of(load_stored(experiment), records)]).run(experiment)} --again"
 
 
-def told(origin: Origin, sources: Sequence[pd.DataFrame]) -> str:
+def described(origin: Origin, sources: Sequence[pd.DataFrame]) -> str:
     """Folder, profile, dates, machine and commit in one line. sources : provenance of each experiment."""
-    stored = [source for source in sources if len(source)]
     words = [origin.folder, *([f"{origin.profile} profile"] if origin.profile else [])]
     chosen = {"methods": origin.choice.methods, "tops": origin.choice.tops}
     words += [f"only the {what} {', '.join(names)}" for what, names in chosen.items() if names]
-    if stored:
-        p = pd.concat(stored, ignore_index=True)
-        words += [days(p), _few(p["cpu"].dropna(), "", "machines"), _few(commits(p), "commit ", "commits")]
-    return "; ".join(word for word in words if word)
+    if stored := [source for source in sources if len(source)]:
+        cells = pd.concat(stored, ignore_index=True)
+        words += [days(cells), _few(cells["cpu"].dropna(), "", "machines"), _few(commits(cells), "commit ", "commits")]
+    return "; ".join(filter(None, words))
 
 
-def days(p: pd.DataFrame) -> str:
+def days(cells: pd.DataFrame) -> str:
     """When: a day, or the first and the last."""
-    first, last = p["utc"].min()[:10], p["utc"].max()[:10]
-    return first if first == last else f"{first} to {last}"
+    return " to ".join(sorted({cells["utc"].min()[:10], cells["utc"].max()[:10]}))
 
 
-def commits(p: pd.DataFrame) -> pd.Series:
+def commits(cells: pd.DataFrame) -> pd.Series:
     """Of each cell, short; and whether there were changes."""
-    return p["commit"].fillna("unknown").str.slice(0, 12) + p["dirty"].map({True: " with changes"}).fillna("")
+    return cells["commit"].fillna("unknown").str.slice(0, 12) + cells["dirty"].map({True: " with changes"}).fillna("")
 
 
 def _few(values: pd.Series, before: str, what: str) -> str:

@@ -14,9 +14,9 @@ import re
 import shlex
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 import jinja2
 import pandas as pd
@@ -28,7 +28,7 @@ from lagrange_bench.experiments.measuring import errata
 from lagrange_bench.integrators.files import write_file
 from lagrange_bench.report import claims, fairness, lists, live, origin, panels, promises, summary
 from lagrange_bench.report.origin import PUBLISHED, Origin
-from lagrange_bench.report.sections import Drawn, Section, draw_all, place, said, stored_rows
+from lagrange_bench.report.sections import Drawn, Section, described, draw_all, place, stored_rows
 from lagrange_bench.report.sections import write as write_section
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
@@ -42,8 +42,7 @@ FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table o
 POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
 OURS = "<title>Lagrange top benchmark</title>"  # in every page that was ever made
 LINK = re.compile(r'<a href="((?:figures|tables)/[\w.-]+\.(?:svg|md|tex|csv))"')
-NO_FAIRNESS = fairness.Fairness([], pd.DataFrame())
-T = TypeVar("T")
+NO_FAIRNESS = fairness.Fairness({}, pd.DataFrame())
 MEASURED_WHEN = ("key", "seconds", "utc", "dirty")
 
 
@@ -60,29 +59,25 @@ class Report:
     """Everything the page shows."""
 
     sections: list[Section]
-    claims: list[Judged]
-    fairness: fairness.Fairness
-    errata: pd.DataFrame  # of the paper
-    summary: list[summary.Sentence]
-    errors: list[str]  # what could not be drawn or checked; the page shows each in its place
     origin: str  # what it was drawn from
     whole: bool  # the bench's own page: with claims, summary, fairness and errata
+    errors: list[str]  # what could not be drawn or checked; the page shows each in its place
     old: str = ""  # how many cells are, and what to do about it
+    claims: list[Judged] = field(default_factory=list)
     beside: str = ""  # what its claims are held against
+    fairness: fairness.Fairness = NO_FAIRNESS
+    errata: pd.DataFrame = field(default_factory=pd.DataFrame)  # of the paper
+    summary: dict[str, dict[str, Any]] = field(default_factory=dict)
     panels: str = ""  # the data of the panels of the methods
 
     @property
     def integrators(self) -> tuple[int, int, int]:
         """How many methods have rows of a top; of these, in a uniform field, and in a potential."""
-        names: dict[str, set[str]] = {"uniform": set(), "potential": set()}
-        for section in self.sections:
-            if section.experiment != "gaudin":  # its methods follow magnets
-                rows = section.rows
-                field = rows.get("potential", pd.Series(section.experiment == "perturbed" or None, rows.index)).notna()
-                for kind, chosen in (("uniform", ~field), ("potential", field)):
-                    found = rows.get("method", pd.Series(dtype=object))[chosen] if len(rows) else ()
-                    names[kind] |= {name for name in found if isinstance(name, str)}
-        return len(names["uniform"] | names["potential"]), len(names["uniform"]), len(names["potential"])
+        tops = [section for section in self.sections if section.experiment != "gaudin"]  # its methods follow magnets
+        rows = [section.rows.reindex(columns=["method", "potential"]) for section in tops]
+        fields = [each.potential.notna() | (s.experiment == "perturbed") for each, s in zip(rows, tops, strict=True)]
+        methods, in_field = pd.concat(rows).method, pd.concat(fields).astype(bool)
+        return methods.nunique(), methods[~in_field].nunique(), methods[in_field].nunique()
 
 
 # ---------------------------------------------------------------- what others call
@@ -119,40 +114,47 @@ def assemble(
         sections = [s for s in sections if len(s.rows) or s.experiment in own or s.errors]
     source = origin.find(results, [section.profiles for section in sections if len(section.rows)])
     source = replace(source, choice=choice)
-    rows = {section.experiment: section.rows for section in sections}
     for section in sections:
         section.origin = source
-        promises.keep(section.experiment, section.rows, {made.name: made.frame for made in section.tables})
+    old = _old(sections)
+    drawn_from = "; ".join(filter(None, (origin.described(source, [s.provenance for s in sections]), old)))
     errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
-    judged: list[Judged] = []
-    shown: list[summary.Sentence] = []
-    curves = ""
-    fair, misprints = NO_FAIRNESS, pd.DataFrame()
-    held = ""
+    report = Report(sections, drawn_from, whole, errors, old)
     if whole:
-        judged, wrong = judge(rows, source)
-        held = _held_against(beside, judged) if beside else ""
-        errors += wrong
-        fair = _attempt(lambda: fairness.assemble(rows), fair, "fairness: cannot be shown", errors)
-        if len(rows.get("paper", ())):
-            misprints = _attempt(_errata, misprints, "errata: cannot be evaluated", errors)
-        shown = _attempt(lambda: summary.sentences(rows), shown, "summary: cannot be written", errors)
-        curves = _attempt(lambda: panels.script(rows), curves, "panels of the methods: cannot be made", errors)
-    drawn_from, old = origin.told(source, [section.provenance for section in sections]), _old(sections)
-    told = "; ".join(filter(None, (drawn_from, old)))
-    return Report(sections, judged, fair, misprints, shown, errors, told, whole, old, held, curves)
+        _judge(report, source, beside)
+    return report
+
+
+def _judge(report: Report, source: Origin, beside: Path | None) -> None:
+    """Adds what only the bench's own page has. Rows of another version cost a part of it, not the page."""
+    rows = {section.experiment: section.rows for section in report.sections}
+    for section in report.sections:
+        promises.keep(section.experiment, section.rows, {table.name: table.frame for table in section.tables})
+    report.claims, errors = judge(rows, source)
+    report.errors += errors
+    if beside:
+        report.beside = _held_against(beside, report.claims)
+    parts: dict[str, Callable[[], object]] = {
+        "fairness": lambda: fairness.assemble(rows),
+        "errata": lambda: _errata() if len(rows.get("paper", ())) else pd.DataFrame(),
+        "summary": lambda: summary.numbers(rows),
+        "panels": lambda: panels.script(rows),
+    }
+    for name, make in parts.items():
+        try:
+            setattr(report, name, make())
+        except Exception as error:
+            report.errors.append(f"{name}: cannot be made: {described(error)}")
 
 
 def _old(sections: Sequence[Section]) -> str:
     """How many cells of all sections are old, and what to do about it."""
-    ages = sum((section.ages for section in sections), Counter[str]())
+    old = sources.told(sum((section.ages for section in sections), Counter[str]()))
     again = [f"{s.command} --again" for s in sections if s.ages[sources.OUTDATED] or s.ages[sources.LEFT_OUT]]
     if again:
-        return f"{sources.told(ages)} ({' && '.join(again)} computes them again)"
-    if old := sources.told(ages):
-        folder = shlex.quote(sections[0].origin.folder)
-        return f"{old} (lagrange-bench verify {folder} computes a sample again and compares)"
-    return ""
+        return f"{old} ({' && '.join(again)} computes them again)"
+    folder = shlex.quote(sections[0].origin.folder) if old else ""
+    return old and f"{old} (lagrange-bench verify {folder} computes a sample again and compares)"
 
 
 def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> tuple[list[Judged], list[str]]:
@@ -174,25 +176,27 @@ def _held_against(beside: Path, judged: list[Judged]) -> str:
     for one, other in zip(judged, published, strict=True):
         one.beside = other.verdict
     old = sources.told(sum((journal.ages() for journal in journals.values()), Counter[str]()))
-    return f"{origin.named(beside)}: {'; '.join(filter(None, (_told(_counts(published)), old)))}"
+    return f"{origin.named(beside)}: {'; '.join(filter(None, (_fare(published), old)))}"
 
 
 def counted(report: Report) -> str:
     """How much the page shows, and how its claims fare."""
-    drawn = sum(len(section.figures) for section in report.sections)
-    made = sum(len(section.tables) for section in report.sections)
-    fare = _told(_counts(report.claims))
-    counts = [f"{count} {word}{'s' * (count != 1)}" for count, word in ((drawn, "figure"), (made, "table"))]
-    return ", ".join([*counts, *([f"{len(report.claims)} claims ({fare})"] if report.claims else [])])
+    count = {
+        "figure": sum(len(s.figures) for s in report.sections),
+        "table": sum(len(s.tables) for s in report.sections),
+    }
+    shown = [f"{number} {word}{'s' * (number != 1)}" for word, number in count.items()]
+    return ", ".join([*shown, *([f"{len(report.claims)} claims ({_fare(report.claims)})"] if report.claims else [])])
 
 
-def _told(counts: dict[str, int]) -> str:
-    return ", ".join(f"{count} {word}" for word, count in counts.items() if count)
+def _fare(judged: list[Judged]) -> str:
+    return ", ".join(f"{count} {word}" for word, count in _counts(judged).items())
 
 
 def _counts(judged: list[Judged]) -> dict[str, int]:
-    words = [j.verdict.word for j in judged]
-    return {word: words.count(word) for word in claims.WORDS}
+    """How many claims have each verdict, in the order of a legend."""
+    counts = Counter(j.verdict.word for j in judged)
+    return {word: counts[word] for word in claims.WORDS if counts[word]}
 
 
 def write(report: Report, output: Path) -> Path:
@@ -225,15 +229,6 @@ def _linked(output: Path) -> set[Path]:
     if OURS not in text:
         raise ValueError(f"{index} is not a page of lagrange-bench and stays: give another folder with --output")
     return {output / link for link in LINK.findall(text)}
-
-
-def _attempt(make: Callable[[], T], otherwise: T, trouble: str, errors: list[str]) -> T:
-    """What `make` returns; or else `otherwise`, and one error more: rows of another version cost this part, not the page."""
-    try:
-        return make()
-    except Exception as error:
-        errors.append(f"{trouble}: {said(error)}")
-        return otherwise
 
 
 def _errata() -> pd.DataFrame:
@@ -298,9 +293,9 @@ def html(report: Report) -> str:
         svg=lambda section, figure: Markup(
             figures.inline(figure.document, section.file(figure.name), figure.caption or section.title)
         ),
-        packed_rows={name: Markup(text) for name, text in _packed_rows(report.sections).items() if len(text) < HEAVY},
-        packed_panels=Markup(packed(report.panels)),
-        packed_phones={name: Markup(text) for name, text in _packed_phones(report.sections).items()},
+        packed_rows=_packed_rows(report.sections),
+        packed_panels=packed(report.panels),
+        packed_phones=_packed_phones(report.sections),
         live=live.script(),
         **parts,
     )
@@ -308,18 +303,15 @@ def html(report: Report) -> str:
 
 def _claim_groups(report: Report) -> list[tuple[str, list[Judged]]]:
     """(heading, claims): by group; last, under no heading, those about experiments of which nothing is stored."""
-    stored = {section.experiment for section in report.sections if not section.absent}
-    here = [judged for judged in report.claims if judged.claim.experiment in stored]
-    away = [judged for judged in report.claims if judged.claim.experiment not in stored]
-    return [*claims.grouped(here), *([("", away)] if away else [])]
+    missing = {section.experiment for section in report.sections if section.absent}
+    away = [judged for judged in report.claims if judged.claim.experiment in missing]
+    return [*claims.grouped([j for j in report.claims if j not in away]), *([("", away)] if away else [])]
 
 
 def prose(text: str) -> Markup:
     """A text of the sources as HTML: `words` of code, numbers and powers as in the tables."""
-    plain, *rest = text.split("`")
-    html = [_typeset(plain)]
-    for i, part in enumerate(rest):
-        html.append(_typeset(part) if i % 2 else Markup("<code>{}</code>").format(part))
+    parts = text.split("`")
+    html = [Markup("<code>{}</code>").format(part) if i % 2 else _typeset(part) for i, part in enumerate(parts)]
     return Markup("").join(html)
 
 
@@ -327,24 +319,20 @@ def _typeset(text: str) -> Markup:
     return Markup(POWER.sub(r"<sup>\1\2</sup>", str(escape(tables.numbers_in(text)))))
 
 
-def _packed_rows(sections: list[Section]) -> dict[str, str]:
-    return {section.experiment: packed(stored_rows(section)) for section in sections if len(section.rows)}
-
-
-def packed(text: str) -> str:
+def packed(text: str) -> Markup:
     """A long text for a script of the page to unpack: gzip, as base64. Empty if there is none."""
-    return base64.b64encode(gzip.compress(text.encode(), compresslevel=9, mtime=0)).decode() if text else ""
+    return Markup(base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode() if text else "")
 
 
-def _packed_phones(sections: list[Section]) -> dict[str, str]:
+def _packed_rows(sections: list[Section]) -> dict[str, Markup]:
+    packs = {section.experiment: packed(stored_rows(section)) for section in sections if len(section.rows)}
+    return {experiment: pack for experiment, pack in packs.items() if len(pack) < HEAVY}
+
+
+def _packed_phones(sections: list[Section]) -> dict[str, Markup]:
     """The drawings for phones, ready to be put into their cards: of each section the figure that is not folded."""
-    packs = {}
-    for section in sections:
-        for figure in section.figures:
-            if figure.phone:
-                name = section.file(figure.name)
-                packs[name] = packed(figures.inline(figure.phone, f"{name}-phone", figure.caption or section.title))
-    return packs
+    drawn = {s.file(f.name): (f, f.caption or s.title) for s in sections for f in s.figures if f.phone}
+    return {name: packed(figures.inline(f.phone, f"{name}-phone", label)) for name, (f, label) in drawn.items()}
 
 
 def _headline(sections: list[Section]) -> Section | None:
@@ -356,16 +344,13 @@ def _headline(sections: list[Section]) -> Section | None:
 
 def environment_facts(sections: list[Section]) -> list[tuple[str, str]]:
     """(fact, value) of where the rows come from; where experiments differ, each value names its own."""
-    values: dict[str, dict[str, list[str]]] = {}
+    facts: dict[str, dict[str, list[str]]] = {fact: {} for fact in FACTS}
     for section in sections:
         for fact in section.provenance.columns.drop(list(MEASURED_WHEN), errors="ignore"):
             for value in section.provenance[fact].astype(object).map(tables.show).unique():
-                values.setdefault(fact, {}).setdefault(value, []).append(section.experiment)
-    facts = [*(fact for fact in FACTS if fact in values), *(fact for fact in values if fact not in FACTS)]
-    return [(fact, _joined(values[fact])) for fact in facts]
-
-
-def _joined(values: dict[str, list[str]]) -> str:
-    if len(values) == 1:
-        return next(iter(values))
-    return "; ".join(f"{value} ({', '.join(names)})" for value, names in values.items())
+                facts.setdefault(fact, {}).setdefault(value, []).append(section.experiment)
+    return [
+        (fact, "; ".join(v if len(values) == 1 else f"{v} ({', '.join(names)})" for v, names in values.items()))
+        for fact, values in facts.items()
+        if values
+    ]

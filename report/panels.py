@@ -63,7 +63,7 @@ def _top(state: str, rows: dict[str, pd.DataFrame]) -> dict[str, Any]:
         "label": numbers_in(NAMED_TOPS[state].label),
         "h": _curves(errors, "h", "error"),
         "drift": _curves(_largest_so_far(drift, state), "t", "error"),
-        "work": _curves(_useful(work), "total", "error"),
+        "work": _curves(work_precision.useful(work) if len(work) else work, "total", "error"),
         "span": show(float(work.span.iloc[0])) if len(work) else "",
     }
 
@@ -78,17 +78,9 @@ def _part(rows: dict[str, pd.DataFrame], experiment: str, part: str) -> pd.DataF
 
 def _largest_so_far(rows: pd.DataFrame, state: str) -> pd.DataFrame:
     """Of the invariants of the top, at every fourth time."""
-    top = NAMED_TOPS[state].top
-    names = [name for name in INVARIANTS if name in top.conserved]
-    made = [
-        run.assign(error=worst(run, names).cummax())[::-THINNED][::-1]
-        for _, run in (rows.groupby("method", sort=False) if len(rows) else ())
-    ]
-    return pd.concat(made or [pd.DataFrame()])
-
-
-def _useful(rows: pd.DataFrame) -> pd.DataFrame:
-    return work_precision.useful(rows) if len(rows) else rows
+    names = [name for name in INVARIANTS if name in NAMED_TOPS[state].top.conserved]
+    runs = [run for _, run in rows.groupby("method", sort=False)] if len(rows) else []
+    return pd.concat([run.assign(error=worst(run, names).cummax())[::-THINNED][::-1] for run in runs] or [rows])
 
 
 def _curves(rows: pd.DataFrame, x: str, y: str) -> Curves:
@@ -105,25 +97,22 @@ def _points(x: pd.Series, y: pd.Series) -> Iterator[int]:
 
 def _kept(rows: dict[str, pd.DataFrame]) -> dict[str, list[list[str]]]:
     """Of each method (what it claims, what was found): its order, and each invariant on random tops."""
-    found: dict[str, list[list[str]]] = {}
-    if len(_part(rows, "phase", "h")):
-        for run in _records("phase", "orders", rows):
-            measured = "the leading term is below round-off" if run["hidden"] else show(round(run["measured"], 2))
-            if run["claimed"] != "exact":
-                found.setdefault(run["method"], []).append([f"order {run['claimed']}", f"{measured} ({run['state']})"])
-    if len(_part(rows, "drift", "time")):
-        for run in _records("drift", "verdicts", rows):
-            claimed = f"{run['invariant']} kept" if run["claimed"] else f"{run['invariant']} not claimed"
-            error = show(float(f"{run['largest relative error']:.1e}"))
-            found.setdefault(run["method"], []).append(
-                [claimed, f"{run['verdict']}, largest error {error} (random tops)"]
-            )
-    return found
+    kept: dict[str, list[list[str]]] = {}
+    for run in _lines(rows, "phase", "h", "orders"):
+        order = "the leading term is below round-off" if run["hidden"] else show(round(run["measured"], 2))
+        if run["claimed"] != "exact":
+            kept.setdefault(run["method"], []).append([f"order {run['claimed']}", f"{order} ({run['state']})"])
+    for run in _lines(rows, "drift", "time", "verdicts"):
+        claimed = f"{run['invariant']} {'kept' if run['claimed'] else 'not claimed'}"
+        error = show(float(f"{run['largest relative error']:.1e}"))
+        kept.setdefault(run["method"], []).append([claimed, f"{run['verdict']}, largest error {error} (random tops)"])
+    return kept
 
 
-def _records(experiment: str, name: str, rows: dict[str, pd.DataFrame]) -> list[dict[Hashable, Any]]:
-    """The rows of a table; none if too little is stored for it."""
+def _lines(rows: dict[str, pd.DataFrame], experiment: str, part: str, name: str) -> list[dict[Hashable, Any]]:
+    """The lines of a table; none if too little is stored for it."""
     try:
-        return table(experiment, name)(rows[experiment]).to_dict("records")
+        stored = len(_part(rows, experiment, part))
+        return table(rows[experiment], experiment, name).to_dict("records") if stored else []
     except NoData:
         return []

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from lagrange_bench.experiments import EXPERIMENTS, phase, work_precision
 from lagrange_bench.experiments.drawing import figures, style, tables
@@ -58,23 +60,21 @@ def with_claims(text: str, made: str) -> str:
     return f"{head}{BEGIN}\n\n{made}\n\n{END}{tail}"
 
 
-def documents(results: Path) -> dict[Path, str]:
-    """The documents that show claims, written anew from stored rows."""
-    rows = {experiment: Store(results).rows(experiment) for experiment in EXPERIMENTS}
-    judged = page.judge(rows)[0]
+def documents(judged: list[page.Judged]) -> dict[Path, str]:
+    """The documents that show claims, written anew."""
     made = {ROOT / "README.md": six_claims(judged), ROOT / "docs" / "claims.md": all_claims(judged)}
     return {path: with_claims(path.read_text(encoding="utf-8"), table) for path, table in made.items()}
 
 
-def picture(results: Path) -> str:
+def picture(rows: Mapping[str, pd.DataFrame]) -> str:
     """The picture as SVG, with the digest of what it shows: layouts differ between versions of Matplotlib, this does not."""
-    figure = draw(results)
+    figure = draw(rows)
     return figures.svg(figure).replace("<svg ", f'<svg data-shows="{shown(figure)}" ', 1)
 
 
-def draw(results: Path) -> style.Figure:
+def draw(rows: Mapping[str, pd.DataFrame]) -> style.Figure:
     """Error against the step on one top, and against time of computation, the same methods bold in both."""
-    steps, runs = (Store(results).rows(name) for name in ("phase", "work_precision"))
+    steps, runs = rows["phase"], rows["work_precision"]
     steps = steps[steps.state == TOP]
     good = work_precision.useful(runs[(runs.state == TOP) & (runs.span == SPAN)])
     best = phase.best_of_families(steps)
@@ -98,10 +98,10 @@ def shown(figure: style.Figure) -> str:
 
 
 def main() -> None:
-    results = ROOT / "results" / "reference"
-    for path, text in documents(results).items():
+    rows = {experiment: Store(ROOT / "results" / "reference").rows(experiment) for experiment in EXPERIMENTS}
+    for path, text in documents(page.judge(rows)[0]).items():
         print(write_file(path, text))
-    print(write_file(PICTURE, picture(results)))
+    print(write_file(PICTURE, picture(rows)))
 
 
 if __name__ == "__main__":

@@ -117,21 +117,20 @@ class Section:
     @property
     def declined(self) -> pd.DataFrame:
         """The cells whose method declined the step, which is a result: their fields, and a column for the reason."""
-        return self._ended(lambda kinds: kinds == DECLINED)
+        return self._ended(declined=True)
 
     @property
     def failed(self) -> pd.DataFrame:
         """The cells that failed by accident, likewise."""
-        return self._ended(lambda kinds: kinds != DECLINED)
+        return self._ended(declined=False)
 
-    def _ended(self, chosen: Callable[[pd.Series], pd.Series]) -> pd.DataFrame:
+    def _ended(self, declined: bool) -> pd.DataFrame:
         if self.failures.empty:
             return self.failures
-        found = self.failures[chosen(self.failures["error_type"])]
-        kind = (found["error_type"] + ": ").replace(f"{DECLINED}: ", "")
-        errors = [name for name in found.columns if name.startswith("error_")]
-        shown = found.drop(columns=["key", *errors]).dropna(axis="columns", how="all")
-        return shown.assign(reason=kind + found["error_message"])
+        cells = self.failures[(self.failures["error_type"] == DECLINED) == declined]
+        reason = cells["error_message"] if declined else cells["error_type"] + ": " + cells["error_message"]
+        fields = cells.drop(columns=["key", *cells.filter(like="error_")])
+        return fields.dropna(axis="columns", how="all").assign(reason=reason)
 
     def file(self, name: str) -> str:
         """Name of the file, without suffix, of a figure or table."""
@@ -197,11 +196,11 @@ def draw(experiment: str, store: Store) -> Section:
     try:
         section.figures = draw_figures(module, section.rows, store.choice.highlight)
     except Exception as error:
-        section.errors.append(f"figures cannot be drawn: {said(error)}")
+        section.errors.append(f"figures cannot be drawn: {described(error)}")
     try:
         section.tables = make_tables(module, section.rows)
     except Exception as error:
-        section.errors.append(f"tables cannot be made: {said(error)}")
+        section.errors.append(f"tables cannot be made: {described(error)}")
     return section
 
 
@@ -221,21 +220,19 @@ def read(section: Section, store: Store, module: ModuleType | None) -> None:
 
 def _with_settled(failures: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
     """The failed cells, and those that lack a number."""
-    failed = rows[rows["status"] == "failed"]
-    more = failed[~failed["key"].isin(failures.get("key", ()))].dropna(axis="columns", how="all")
+    more = rows[(rows["status"] == "failed") & ~rows["key"].isin(failures.get("key", ()))]
     if more.empty:
         return failures
     kind, message = more["failure"].str.split(": ", n=1, expand=True).to_numpy().T
-    more = more.drop(columns=["status", "failure"]).assign(error_type=kind, error_message=message, error_traceback="")
+    more = more.dropna(axis="columns", how="all").drop(columns=["status", "failure"])
+    more = more.assign(error_type=kind, error_message=message, error_traceback="")
     return pd.concat([failures, more], ignore_index=True)
 
 
 def lacking(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list[str]:
     """The chosen methods that an experiment could measure, and has no rows of."""
-    missing = [name for name in choice.methods if name not in set(rows.get("method", ()))]
-    if not missing or rows.empty:
-        return []
-    known = {cell.get("method") for profile in PROFILES for cell in module.cells(profile)}
+    missing = [name for name in choice.methods if len(rows) and name not in set(rows.get("method", ()))]
+    known = {cell.get("method") for profile in PROFILES for cell in module.cells(profile)} if missing else ()
     return [name for name in missing if name in known]
 
 
@@ -256,7 +253,7 @@ def make_tables(module: ModuleType, rows: pd.DataFrame) -> list[DrawnTable]:
     return [DrawnTable(name, tables.flat(t), t.attrs.get("caption", "")) for name, t in made.items()]
 
 
-def said(error: Exception) -> str:
+def described(error: Exception) -> str:
     """Of what kind an error is, and its message."""
     return f"{type(error).__name__}: {error}"
 
@@ -275,18 +272,13 @@ def place(output: Path, name: str) -> Path:
 
 def write(section: Section, output: Path) -> list[Path]:
     """Writes `figures/*.svg` and `tables/*`; their paths."""
-    written = []
-    for figure in section.figures:
-        written.append(write_file(place(output, f"figures/{section.file(figure.name)}.svg"), figure.document))
+    files = {f"figures/{section.file(figure.name)}.svg": figure.document for figure in section.figures}
     for table in section.tables:
         name = f"tables/{section.file(table.name)}"
-        for suffix, text in (
-            (".md", tables.markdown(table.frame)),
-            (".tex", tables.latex(table.frame, table.caption)),
-            (".csv", tables.csv(table.frame)),
-        ):
-            written.append(write_file(place(output, name + suffix), text))
-    return written
+        files[f"{name}.md"] = tables.markdown(table.frame)
+        files[f"{name}.tex"] = tables.latex(table.frame, table.caption)
+        files[f"{name}.csv"] = tables.csv(table.frame)
+    return [write_file(place(output, name), text) for name, text in files.items()]
 
 
 def write_experiment(experiment: str, results: Path, output: Path, choice: Choice = ALL) -> list[Path]:

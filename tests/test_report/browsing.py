@@ -1,12 +1,7 @@
-"""What tests do in a browser: look, move, touch, and hear what the console says.
+"""What tests do in a browser, Debian's chromium and chromium-driver without a window: move, touch, read the console."""
 
-Debian's chromium and chromium-driver, without a window. Screenshots go where SCREENSHOTS names a folder.
-"""
-
-import os
 import shutil
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
@@ -24,33 +19,54 @@ from selenium.webdriver.common.by import By  # noqa: E402
 from selenium.webdriver.support.ui import WebDriverWait  # noqa: E402
 
 
-def look(browser, name):
-    folder = os.environ.get("SCREENSHOTS")
-    if folder:
-        Path(folder).mkdir(parents=True, exist_ok=True)
-        browser.save_screenshot(str(Path(folder) / f"{name}.png"))
+def css(browser, selector):
+    """The first element of this kind."""
+    return browser.find_element(By.CSS_SELECTOR, selector)
+
+
+def until(browser, condition, seconds=20):
+    WebDriverWait(browser, seconds).until(condition)
 
 
 def live(browser):
     """The live section, in view and drawn."""
-    section = browser.find_element(By.ID, "live")
+    section = css(browser, "#live")
     browser.execute_script("arguments[0].scrollIntoView()", section)
-    WebDriverWait(browser, 60).until(lambda _: section.get_attribute("data-ready") == "yes")
+    until(browser, lambda _: section.get_attribute("data-ready") == "yes", 60)
     return section
 
 
-def move(browser, name, value):
-    browser.execute_script(
-        "const c = document.querySelector(`#live [name=${arguments[0]}]`); c.value = arguments[1];"
-        "c.dispatchEvent(new Event('input', {bubbles: true}));",
-        name, str(value),
-    )  # fmt: skip
+def move(browser, **controls):
+    """Sets controls of the live top, and draws."""
+    for name, value in controls.items():
+        browser.execute_script(
+            "const c = document.querySelector(`#live [name=${arguments[0]}]`); c.value = arguments[1];"
+            "c.dispatchEvent(new Event('input', {bubbles: true}));",
+            name, str(value),
+        )  # fmt: skip
+    frame(browser)
+
+
+def numbers(browser):
+    """The cells of the table of the live top."""
+    frame(browser)
+    cells = "[...document.querySelectorAll('#live .numbers tbody tr')].map(r => [...r.cells].map(c => c.innerText))"
+    return browser.execute_script(f"return {cells}")
+
+
+def drawn(browser):
+    """The pictures of the live top, and what is told beside them."""
+    frame(browser)
+    return browser.execute_script(
+        "return [...['.sphere', '.errors'].map(name => document.querySelector(`#live ${name}`).toDataURL()),"
+        "document.querySelector('#live .told').innerText]"
+    )
 
 
 @contextmanager
-def screen(browser, width, height, touch=True):
+def screen(browser, width, height):
     """The page on a screen of another size, under fingers if it is a phone's."""
-    mobile = touch and width < 600
+    mobile = width < 600
     size = {"width": width, "height": height, "deviceScaleFactor": 2 if mobile else 1, "mobile": mobile}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": mobile, "maxTouchPoints": 5})
@@ -76,26 +92,16 @@ def swipe(browser, *ways):
     frame(browser)
 
 
-def box(browser, selector, block="center"):
-    """Where an element is in the window, after scrolling it there."""
+def box(browser, selector):
+    """Middle, width and height of an element in the window, after scrolling it there."""
     script = (
-        "const e = document.querySelector(arguments[0]); e.scrollIntoView({block: arguments[1]});"
-        "const r = e.getBoundingClientRect(); return [r.x, r.y, r.width, r.height]"
+        "const e = document.querySelector(arguments[0]); e.scrollIntoView({block: 'center'});"
+        "const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2, r.width, r.height]"
     )
-    return browser.execute_script(script, selector, block)
+    return browser.execute_script(script, selector)
 
 
-def drawn(browser):
-    """The pictures of the live top, and what is told beside them."""
-    frame(browser)
-    return browser.execute_script(
-        "return [...['.sphere', '.errors'].map(name => document.querySelector(`#live ${name}`).toDataURL()),"
-        "document.querySelector('#live .told').innerText]"
-    )
-
-
-def said(browser):
-    """On the console."""
+def console(browser):
     return [entry["message"] for entry in browser.get_log("browser")]
 
 

@@ -1,10 +1,28 @@
-"""The page of the published results, drawn once, in a headless Chromium."""
+"""The published results, read, judged and drawn once; and a headless Chromium with their page."""
 
 import pytest
 
+from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.report import page, readme
+from lagrange_bench.results.store import Store, default_results
 
 SWITCHES = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-background-networking")
+
+
+@pytest.fixture(scope="session")
+def journals():
+    return {name: Store(default_results()).open(name) for name in EXPERIMENTS}
+
+
+@pytest.fixture(scope="session")
+def stored(journals):
+    """The rows of each experiment."""
+    return {name: journal.rows() for name, journal in journals.items()}
+
+
+@pytest.fixture(scope="session")
+def judged(stored):
+    return page.judge(stored)[0]
 
 
 @pytest.fixture(scope="session")

@@ -1,112 +1,79 @@
 """The page in a real browser: no error, no request; tables sort, figures are enlarged, panels open, and axe finds nothing."""
 
+import base64
+import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from browsing import IN_A_BROWSER, By, WebDriverWait, afresh, live, look, said, screen
+from browsing import IN_A_BROWSER, By, afresh, box, console, css, frame, live, screen, swipe, until
 from selenium.webdriver.common.keys import Keys
 
-from lagrange_bench.integrators import registry
-from lagrange_bench.report import readme
-from lagrange_bench.results.store import Store
+from lagrange_bench.integrators import METHODS
 
 pytestmark = IN_A_BROWSER
-METHODS_LISTED = {method.name: method.label for method in registry.METHODS.values()}
 
 
 def test_nothing_is_said_on_the_console_and_nothing_requested(browser):
-    import json
-
     live(browser)
-    assert said(browser) == []
+    assert console(browser) == []
     events = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
     urls = [e["params"]["request"]["url"] for e in events if e["method"] == "Network.requestWillBeSent"]
-    assert urls  # the page itself
     assert {url.partition(":")[0] for url in urls} <= {"file", "data", "blob"}
+    assert browser.page in urls
+    browser.execute_script("setTimeout(() => { throw new Error('made up') })")  # the console is listened to
+    until(browser, lambda b: any("made up" in message for message in console(b)))
 
 
-def test_the_console_is_listened_to(browser):
-    """Negative control of the test above."""
-    browser.execute_script("setTimeout(() => { throw new Error('made up') })")
-    WebDriverWait(browser, 10).until(lambda b: any("made up" in e["message"] for e in b.get_log("browser")))
-
-
-def test_tables_sort(browser):
-    browser.execute_script("document.querySelector('#phase details.more').open = true")
-    table = next(t for t in browser.find_elements(By.CSS_SELECTOR, "table.sortable") if t.is_displayed())
-    button = table.find_element(By.CSS_SELECTOR, "thead button")
-    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
-
-    def column():
-        return [row.text for row in table.find_elements(By.CSS_SELECTOR, "tbody td:first-child")]
-
-    button.send_keys(Keys.ENTER)  # the keyboard will do
-    up = column()
-    button.send_keys(Keys.ENTER)
-    down = column()
-    assert len(set(up)) > 1
-    assert up != down
-    assert sorted(up) == sorted(down)
-    assert table.find_element(By.CSS_SELECTOR, "th").get_attribute("aria-sort") == "descending"
-
-
-def test_tables_are_filtered_by_words(browser):
+def test_tables_sort_and_are_filtered_by_words(browser):
     table = browser.execute_script(
-        "return [...document.querySelectorAll('table.sortable')].sort((a, b) => b.rows.length - a.rows.length)[0]"
-    )
-    browser.execute_script(
-        "for (let e = arguments[0]; e; e = e.parentElement) if (e.tagName === 'DETAILS') e.open = true;"
-        "arguments[0].closest('.scroll').previousElementSibling.scrollIntoView({block: 'center'});",
-        table,
+        "const t = [...document.querySelectorAll('table.sortable')].sort((a, b) => b.rows.length - a.rows.length)[0];"
+        "for (let e = t; e; e = e.parentElement) if (e.tagName === 'DETAILS') e.open = true;"
+        "t.closest('.scroll').previousElementSibling.scrollIntoView({block: 'center'}); return t"
     )
     label = browser.execute_script("return arguments[0].closest('.scroll').previousElementSibling", table)
     field, count = label.find_element(By.TAG_NAME, "input"), label.find_element(By.TAG_NAME, "output")
+    button = table.find_element(By.CSS_SELECTOR, "thead button")
 
     def shown():
         rows = "[...arguments[0].tBodies[0].rows].filter(row => row.getClientRects().length).map(row => row.innerText)"
         return browser.execute_script(f"return {rows}", table)
 
-    everything = len(shown())
-    assert everything > 20
+    button.send_keys(Keys.ENTER)
+    up = shown()
+    button.send_keys(Keys.ENTER)
+    down = shown()
+    assert (sorted(up), len(set(up)) > 20, up != down) == (sorted(down), True, True)
+    assert table.find_element(By.CSS_SELECTOR, "th").get_attribute("aria-sort") == "descending"
     field.send_keys("BACKLUND unpinned")
     some = shown()
-    assert 0 < len(some) < everything
+    assert 0 < len(some) < len(up)
     assert all("backlund" in row and "unpinned" in row for row in some)
-    assert count.text == f"{len(some)} of {everything} rows"
-    look(browser, "filter")
-    table.find_element(By.CSS_SELECTOR, "thead button").click()  # sorting keeps what is filtered
-    assert sorted(shown()) == sorted(some)
+    assert count.text == f"{len(some)} of {len(up)} rows"
+    button.send_keys(Keys.ENTER)
+    assert sorted(shown()) == sorted(some), "sorting keeps what is filtered"
     field.send_keys(" nothing-like-this")
     assert shown() == []
     field.send_keys(Keys.CONTROL + "a", Keys.DELETE)
-    assert len(shown()) == everything
-    assert count.text == ""
+    assert (len(shown()), count.text) == (len(up), "")
 
 
 def test_figures_are_enlarged_and_put_back_by_keyboard_and_wheel(browser):
-    figure = browser.find_element(By.CSS_SELECTOR, "main > figure")
-    button = figure.find_element(By.CSS_SELECTOR, "button.enlarge")
-    drawn = figure.find_element(By.CSS_SELECTOR, ".card svg")
-    browser.execute_script("arguments[0].focus()", button)
+    button, dialog = css(browser, "main > figure button.enlarge"), css(browser, "#zoom")
+    drawn = css(browser, "main > figure .card svg")
     button.send_keys(Keys.ENTER)
-    dialog = browser.find_element(By.ID, "zoom")
     assert dialog.is_displayed()
-    assert dialog.find_element(By.TAG_NAME, "b").text == "Figure 1."
 
     def width():
         return dialog.find_element(By.CSS_SELECTOR, ".pane svg").rect["width"]
 
     fitted = width()
     assert fitted > drawn.rect["width"]
-    look(browser, "enlarged")
-    active = browser.switch_to.active_element
-    active.send_keys("+")
-    active.send_keys("+")
+    browser.switch_to.active_element.send_keys("++")
     assert width() == pytest.approx(2.25 * fitted, rel=1e-3)
-    look(browser, "enlarged-twice")
-    active.send_keys("0")
+    browser.switch_to.active_element.send_keys("0")
     assert width() == pytest.approx(fitted, rel=1e-3)
     point = browser.execute_script(  # the point under the pointer stays there
         "const p = document.querySelector('#zoom .pane'), s = p.querySelector('svg');"
@@ -117,127 +84,85 @@ def test_figures_are_enlarged_and_put_back_by_keyboard_and_wheel(browser):
     )
     assert width() > 3 * fitted
     assert np.max(np.abs(np.subtract(*point))) < 0.002
-    assert browser.execute_script(
-        "const ids = [...document.querySelectorAll('[id]')].map(e => e.id); return ids.length === new Set(ids).size"
-    )
+    ids = browser.execute_script("return [...document.querySelectorAll('[id]')].map(e => e.id)")
+    assert len(ids) == len(set(ids))
     browser.switch_to.active_element.send_keys(Keys.ESCAPE)
-    assert not dialog.is_displayed()
+    assert (dialog.is_displayed(), drawn.is_displayed()) == (False, True)
     assert browser.switch_to.active_element == button
-    assert drawn.is_displayed()
 
 
-def test_a_name_in_the_list_opens_the_panel_of_the_method(browser):
+@pytest.mark.parametrize(
+    ("name", "top", "words"),
+    [("implicit_midpoint", "generic", "order 2"), ("backlund_splitting", "weak_tide", "confirmed")],
+)
+def test_a_name_in_the_list_opens_the_panel_of_the_method(browser, name, top, words):
     """By keyboard; with its facts, claims and curves, also on tops in a tide; Escape leads back."""
     afresh(browser)
     browser.execute_script("document.getElementById('methods').open = true")
     buttons = browser.find_elements(By.CSS_SELECTOR, "#methods tbody td:first-child button")
-    assert len(buttons) == len(METHODS_LISTED)
-    dialog = browser.find_element(By.ID, "method")
-
-    def curves():
-        WebDriverWait(browser, 20).until(lambda _: dialog.is_displayed())
-        kinds = "[...s.querySelectorAll('path:not(.grid)')].map(p => [p.getAttribute('class'), p.textContent])"
-        return browser.execute_script(f"return [...document.querySelectorAll('#method svg')].map(s => {kinds})")
-
-    for name, top in (("implicit_midpoint", "generic"), ("backlund_splitting", "weak_tide")):
-        label = METHODS_LISTED[name]
-        button = next(b for b in buttons if b.text == label)
-        browser.execute_script("arguments[0].focus()", button)
-        button.send_keys(Keys.ENTER)
-        curves()
-        choose = (
-            "const s = document.querySelector('#method select'); s.value = arguments[0];"
-            "s.dispatchEvent(new Event('change'))"
-        )
-        browser.execute_script(choose, top)
-        drawn = curves()
-        assert len(drawn) == 3
-        for lines in drawn:
-            assert len(lines) > 20
-            assert [text for kind, text in lines if kind == "own"] == [label]
-        assert dialog.find_element(By.TAG_NAME, "b").text == label
-        text = dialog.text
-        assert name in text
-        assert "confirmed" in text
-        assert ("order 2" in text) == (name == "implicit_midpoint")
-        look(browser, f"panel-{name}")
-        browser.switch_to.active_element.send_keys(Keys.ESCAPE)
-        assert not dialog.is_displayed()
-        assert browser.switch_to.active_element == button
-    assert said(browser) == []
+    assert len(buttons) == len(METHODS)
+    button = next(b for b in buttons if b.text == METHODS[name].label)
+    dialog = css(browser, "#method")
+    button.send_keys(Keys.ENTER)
+    until(browser, lambda _: dialog.is_displayed())
+    browser.execute_script(
+        "const s = document.querySelector('#method select'); s.value = arguments[0]; s.dispatchEvent(new Event('change'))",
+        top,
+    )
+    kinds = "[...s.querySelectorAll('path:not(.grid)')].map(p => [p.getAttribute('class'), p.textContent])"
+    plots = browser.execute_script(f"return [...document.querySelectorAll('#method svg')].map(s => {kinds})")
+    assert len(plots) == 3
+    for lines in plots:
+        assert len(lines) > 20
+        assert [text for kind, text in lines if kind == "own"] == [METHODS[name].label]
+    assert all(word in dialog.text for word in (name, METHODS[name].label, "confirmed", words))
+    browser.switch_to.active_element.send_keys(Keys.ESCAPE)
+    assert not dialog.is_displayed()
+    assert browser.switch_to.active_element == button
+    assert console(browser) == []
 
 
-def test_rows_are_a_link_away(browser, built, tmp_path):
+def test_rows_are_a_link_away(browser, stored, tmp_path):
     browser.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
-    link = browser.find_element(By.CSS_SELECTOR, "#gaudin a.rows")
-    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", link)
-    link.send_keys(Keys.ENTER)
+    css(browser, "#gaudin a.rows").send_keys(Keys.ENTER)
     file = tmp_path / "gaudin.csv"
-    WebDriverWait(browser, 20).until(lambda _: file.exists() and file.stat().st_size)
-    rows = Store(readme.ROOT / "results" / "reference").rows("gaudin")
-    found = pd.read_csv(file)
-    assert len(found) == len(rows)
-    assert found.error.dropna().tolist() == rows.error.dropna().tolist()
+    until(browser, lambda _: file.exists() and file.stat().st_size)
+    assert pd.read_csv(file).error.dropna().tolist() == stored["gaudin"].error.dropna().tolist()
 
 
 def test_the_first_screen_says_what_the_bench_shows(browser):
     sentences = browser.find_elements(By.CSS_SELECTOR, ".summary li")
-    assert len(sentences) == 3
-    assert all(any(c.isdigit() for c in sentence.text) for sentence in sentences)
     key = browser.find_elements(By.CSS_SELECTOR, ".key dt")
-    assert [number.text in sentence.text for number, sentence in zip(key, sentences, strict=True)][::2] == [True, True]
+    assert len(sentences) == len(key) == 3
+    assert all(any(c.isdigit() for c in sentence.text) for sentence in sentences)
     for width, height, seen in ((1280, 800, 1.0), (360, 740, 0.3)):  # on a phone of two panels on top of each other
         with screen(browser, width, height):
-            parts = browser.execute_script(
+            numbers, figure = browser.execute_script(
                 "scrollTo(0, 0); for (const e of document.querySelectorAll('header .error')) e.hidden = true;"  # bad news may
                 "return ['.key', 'main > figure .card svg'].map(s => [...document.querySelectorAll(s)])"
                 ".map(found => found.find(e => e.getClientRects().length))"
                 ".map(e => e.getBoundingClientRect()).map(r => [r.top, r.bottom])"
             )
-        assert parts[0][1] < parts[1][0]  # the three numbers, then the figure
-        assert parts[1][0] + seen * (parts[1][1] - parts[1][0]) < height
+        assert numbers[1] < figure[0]
+        assert figure[0] + seen * (figure[1] - figure[0]) < height
 
 
 def test_the_navigation_fits_and_shows_where_one_is(browser):
     marked = "return [...document.querySelectorAll('nav [aria-current]')].map(a => a.hash)"
-    seen = "const r = document.querySelector('nav [aria-current]').getBoundingClientRect(); return [r.left, r.right, innerWidth]"
-    for width in (1280, 800, 390):
+    places = (
+        "const r = document.querySelector('nav [aria-current]').getBoundingClientRect();"
+        "const below = document.querySelector(`#${arguments[0]} h2`).getBoundingClientRect().top"
+        " - document.querySelector('nav').getBoundingClientRect().bottom; return [r.left, r.right, innerWidth, below]"
+    )
+    for width in (1280, 390):
         with screen(browser, width, 900):
-            row = "const row = document.querySelector('nav div'); return row.scrollWidth - row.clientWidth"
-            assert (browser.execute_script(row) > 0) == (width < 600)  # a phone's is moved by a finger
             for name in ("perturbed", "environment", "claims"):
                 browser.execute_script("document.getElementById(arguments[0]).scrollIntoView()", name)
-                WebDriverWait(browser, 10).until(lambda b, name=name: b.execute_script(marked) == [f"#{name}"])
-                left, right, inner = browser.execute_script(seen)
+                until(browser, lambda b, name=name: b.execute_script(marked) == [f"#{name}"])
+                left, right, inner, below = browser.execute_script(places, name)
                 assert 0 <= left < right <= inner
-                bottom = browser.execute_script(
-                    "return document.querySelector(`#${arguments[0]} h2`).getBoundingClientRect().top"
-                    " - document.querySelector('nav').getBoundingClientRect().bottom", name,
-                )  # fmt: skip
-                assert bottom >= 0  # the navigation covers no heading
-    browser.execute_script("scrollTo(0, 0)")
-    WebDriverWait(browser, 10).until(lambda b: b.execute_script(marked) == ["#top"])
-
-
-def test_a_reader_who_hears_the_page_is_told_what_is_drawn(browser):
-    figures = browser.find_elements(By.CSS_SELECTOR, "figure .card svg")
-    assert all(f.get_attribute("role") == "img" and len(f.get_attribute("aria-label")) > 20 for f in figures)
-    unnamed = browser.execute_script(
-        "const named = e => e.getAttribute('aria-label') || [...e.labels ?? []].some(l => l.textContent.trim())"
-        " || (e.matches('button, a, summary') && e.textContent.trim());"
-        "return [...document.querySelectorAll('button, a[href], input, select, summary, [tabindex]')]"
-        ".filter(e => !named(e) || (e.matches('div') && !e.getAttribute('role'))).map(e => e.outerHTML.slice(0, 100))"
-    )
-    assert unnamed == []
-    levels = browser.execute_script(
-        "return [...document.querySelectorAll('h1, h2, h3, h4, h5, h6')].map(e => Number(e.tagName[1]))"
-    )
-    assert levels.count(1) == 1
-    assert all(after - before <= 1 for before, after in zip([0, *levels], levels, strict=False))
-    assert browser.execute_script("return document.querySelectorAll('th:not([scope])').length") == 0
-    skip = browser.find_element(By.CSS_SELECTOR, "a.skip")
-    browser.execute_script("arguments[0].focus()", skip)
-    assert skip.rect["x"] >= 0
+                assert below >= 0, "the navigation covers a heading"
+            assert width == 1280 or browser.execute_script("return document.documentElement.scrollWidth") <= width
 
 
 AXE = """
@@ -268,7 +193,7 @@ def test_axe_finds_nothing_wrong(browser):
         with screen(browser, width, height):
             assert browser.execute_async_script(AXE) == []
     browser.execute_script("document.querySelector('#methods td button').click()")
-    WebDriverWait(browser, 10).until(lambda b: b.find_element(By.ID, "method").is_displayed())
+    until(browser, lambda b: css(b, "#method").is_displayed())
     browser.execute_script("for (const e of document.querySelectorAll('main > *:not(h1, header)')) e.remove();")
     assert browser.execute_async_script(AXE) == []
     browser.execute_script(  # what it is to find
@@ -280,6 +205,90 @@ def test_axe_finds_nothing_wrong(browser):
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
     afresh(browser)
     assert {"label", "image-alt", "color-contrast", "button-name", "heading-order"} <= found
+
+
+# ---------------------------------------------------------------- phones and paper
+
+
+def test_fingers_enlarge_and_move_a_figure(browser):
+    state = (
+        "const p = document.querySelector('#zoom .pane'), r = p.querySelector('svg').getBoundingClientRect();"
+        "return [r.width, p.scrollLeft, visualViewport.scale]"
+    )
+    with screen(browser, 390, 844):
+        x, y, width, height = box(browser, "main > figure button.enlarge")
+        assert min(width, height) >= 40  # a finger's width
+        swipe(browser, ((x, y), (x, y)))
+        fitted = browser.execute_script(state)
+        swipe(browser, ((155, 400), (75, 400)), ((235, 400), (315, 400)))
+        pinched = browser.execute_script(state)
+        assert pinched[0] == pytest.approx(3 * fitted[0], rel=0.02)
+        assert pinched[2] == 1, "the figure is enlarged, not the page"
+        swipe(browser, ((250, 400), (150, 400)))
+        moved = browser.execute_script(state)
+        assert moved[:2] == [pinched[0], pytest.approx(pinched[1] + 100, abs=2)]
+        css(browser, "#zoom [name=close]").click()
+
+
+def test_fingers_scroll_the_page_over_every_picture(browser):
+    with screen(browser, 390, 844):
+        live(browser)
+        for what in ("main > figure .card", "#live .sphere", "#live .errors"):
+            x, y, _, height = box(browser, what)
+            before = browser.execute_script("return scrollY")
+            swipe(browser, ((x, y + 0.3 * height), (x, y + 0.3 * height - 150)))
+            until(browser, lambda b, before=before: b.execute_script("return scrollY") > before + 80)
+
+
+def test_on_a_phone_every_figure_is_seen_whole(browser):
+    """Those that are not folded have drawings of their own, in letters one can read; the others are a tap from full size."""
+    afresh(browser)
+    sizes = (
+        "return [...document.querySelectorAll('figure')].filter(f => !f.closest('details:not([open])'))"
+        ".map(f => [f, [...f.querySelectorAll('svg')]"
+        ".filter(s => s.getClientRects().length)]).filter(([f, s]) => s.length).map(([f, s]) => [f.id, s.length, "
+        "s[0].clientWidth / parseFloat(s[0].style.getPropertyValue('--w')), f.querySelector('.wide-scroll').scrollWidth"
+        " - f.querySelector('.wide-scroll').clientWidth])"
+    )
+    with screen(browser, 390, 844):
+        until(browser, lambda b: not b.find_elements(By.CSS_SELECTOR, "script.phone"))
+        seen = browser.execute_script(sizes)
+        assert len(seen) == len(browser.find_elements(By.CSS_SELECTOR, "main > section > figure, main > figure"))
+        for name, count, scale, beyond in seen:
+            assert (count, beyond) == (1, 0), name
+            assert scale > 1.3, name  # pixels a point: the smallest letters have 6.5 points
+        browser.execute_script("document.querySelector('#drift details.more').open = true")
+        frame(browser)
+        assert all(beyond <= 0 for _, _, _, beyond in browser.execute_script(sizes))
+        x, y, width, _ = box(browser, "#drift .figures figure .card svg")
+        swipe(browser, ((x, y), (x, y)))
+        assert css(browser, "#zoom .pane svg").rect["width"] > 1.4 * width
+        css(browser, "#zoom [name=close]").click()
+    assert all(count == 1 for _, count, _, _ in browser.execute_script(sizes))
+    afresh(browser)
+
+
+def test_it_prints(browser):
+    """In the light, on A4; of the folded tables those are opened that are not too long."""
+    afresh(browser)
+    media = {"media": "print", "features": [{"name": "prefers-color-scheme", "value": "dark"}]}
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
+    with screen(browser, 703, 1000):  # A4 less its margins
+        browser.execute_script("dispatchEvent(new Event('beforeprint'))")
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= 703  # else all is shrunk
+        shown = browser.execute_script(
+            "return [...document.querySelectorAll('details')].map(d => [d, d.querySelector(':scope > .scroll tbody')])"
+            ".filter(([d, body]) => body).map(([d, body]) => [body.rows.length, d.open])"
+        )
+        ground = "return getComputedStyle(document.querySelector(arguments[0])).backgroundColor"
+        grounds = [browser.execute_script(ground, where) for where in ("body", ".badge.confirmed")]
+        browser.execute_script("dispatchEvent(new Event('afterprint'))")
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})
+    assert [(rows, opened) for rows, opened in shown if rows > 14 and opened != (rows <= 60)] == []
+    assert {opened for _, opened in shown} == {False, True}
+    assert all(min(map(int, re.findall(r"\d+", ground)[:3])) > 200 for ground in grounds), "dark ink on paper"
+    printed = browser.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})
+    assert 20 < len(re.findall(rb"/Type\s*/Page\b", base64.b64decode(printed["data"]))) < 60
 
 
 def test_the_page_is_one_file_of_moderate_size(built):

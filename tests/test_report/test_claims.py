@@ -11,26 +11,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.measuring import reductions
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.report import claims, origin, page, promises
 from lagrange_bench.report.claims import Bound, Claim, NoData, Refuted
-from lagrange_bench.results.store import Store, default_results
+from lagrange_bench.results.store import default_results
 
+pytestmark = pytest.mark.xdist_group("claims")  # all are judged once
 BIASED = "biased, as the method says"
-
-
-@pytest.fixture(scope="module")
-def stored():
-    journals = {name: Store(default_results()).open(name) for name in EXPERIMENTS}
-    return {name: (journal.latest, journal.rows()) for name, journal in journals.items()}
-
-
-@pytest.fixture(scope="module")
-def judged(stored):
-    return page.judge({name: rows for name, (_, rows) in stored.items()})[0]
 
 
 # ---------------------------------------------------------------- the list of claims
@@ -40,8 +29,15 @@ def test_claims_are_few_grouped_and_confirmed_by_the_stored_rows(judged):
     assert len({claim.id for claim in promises.CLAIMS}) == len(promises.CLAIMS) <= 21
     assert [group for group, _ in claims.grouped(judged)] == list(claims.GROUPS)
     assert {each.claim.id: each.verdict.word for each in judged if each.verdict.word != claims.CONFIRMED} == {}
-    for claim in promises.CLAIMS:
-        assert not claim.text.startswith(("It ", "The same", "On the same", "As many", "In the same")), "not read alone"
+
+
+def test_an_entry_with_a_misspelt_word_is_an_error():
+    bound = {"columns": ["x"], "where": {"part": "a"}, "required": "≤ 1 of scale", "steps": 10}
+    entry = {"id": "c", "group": "cost", "experiment": "drift", "text": "", "bound": [bound]}
+    assert promises._claim(dict(entry)).bounds[0] == Bound(("x",), "≤", 1.0, "of scale", {"part": "a"}, 10)
+    for wrong in ({"bound": [{**bound, "step": 1}]}, {"bound": [{**bound, "read": "nothing"}]}, {"kind": "cost"}):
+        with pytest.raises((TypeError, KeyError)):
+            promises._claim({**entry, **wrong})
 
 
 def test_a_claim_names_its_runs_and_the_full_profile_has_them_all():
@@ -58,10 +54,13 @@ def test_a_claim_names_its_runs_and_the_full_profile_has_them_all():
 # ---------------------------------------------------------------- NaN, failed, declined, missing
 
 
-def numbers(experiment, stored):
+def fields(journal):
+    """Of its cells: what was asked for, not measured."""
+    return {name for record in journal.latest for name in record["cell"]}
+
+
+def numbers(experiment, rows, cell):
     """The measured columns of numbers."""
-    records, rows = stored[experiment]
-    cell = {name for record in records for name in record["cell"]}
     found = [name for name in rows.columns if rows[name].dtype.kind == "f" and name not in reductions.EXCUSES]
     return [name for name in found if name not in cell or any(name in m for m in load(experiment).MEASURED.values())]
 
@@ -73,9 +72,9 @@ def with_nan(rows, columns):
 
 
 @pytest.mark.parametrize("claim", promises.CLAIMS, ids=lambda claim: claim.id)
-def test_nan_in_the_later_half_of_its_runs_refutes_a_claim(claim, stored):
-    rows = stored[claim.experiment][1]
-    columns = numbers(claim.experiment, stored)
+def test_nan_in_the_later_half_of_its_runs_refutes_a_claim(claim, stored, journals):
+    rows = stored[claim.experiment]
+    columns = numbers(claim.experiment, rows, fields(journals[claim.experiment]))
     for bound in claim.bounds:
         covered = claims.select(rows, **bound.where)
         parts = set(covered.get("part", [""]))
@@ -86,10 +85,10 @@ def test_nan_in_the_later_half_of_its_runs_refutes_a_claim(claim, stored):
             assert "NotANumber" in verdict.note
 
 
-def test_the_experiments_name_every_number_that_all_rows_of_a_part_have(stored):
+def test_the_experiments_name_every_number_that_all_rows_of_a_part_have(stored, journals):
     """Else NaN in it would not be seen."""
-    for experiment, (records, rows) in stored.items():
-        cell = {name for record in records for name in record["cell"]}
+    for experiment, rows in stored.items():
+        cell = fields(journals[experiment])
         for part, names in load(experiment).MEASURED.items():
             done = rows[(rows.status == "done") & ((rows.part == part) if part else True)]
             always = {name for name in done if done[name].dtype.kind == "f" and done[name].notna().all()}
@@ -114,7 +113,7 @@ def test_the_experiments_name_every_number_that_all_rows_of_a_part_have(stored):
 )
 def test_no_table_skips_nan(experiment, table, column, measured, stored):
     """Nor would one that is made without `settled`."""
-    rows = stored[experiment][1]
+    rows = stored[experiment]
     some = rows[
         rows.get("form", rows.get("method")).isin(("backlund", "backlund_unpinned", "rk4", "increments", "real form"))
     ]
@@ -122,12 +121,16 @@ def test_no_table_skips_nan(experiment, table, column, measured, stored):
     assert made[column].isna().any()
 
 
+def judge(rows, *bounds):
+    return claims.judge(Claim("c", "cost", "", "drift", bounds), rows)
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_value_that_is_not_finite_never_passes(value):
     rows = pd.DataFrame({"part": "a", "drift": [0.0, value]})
     for sign, passed in (("≤", False), ("<", False), ("≥", value == np.inf), (">", False)):
-        claim = Claim("c", "cost", "", "e", (Bound(lambda rows: rows.drift, sign, 0.0 if sign == ">" else -1.0),))
-        assert claims.judge(claim, rows)[0].findings[0].passed is passed
+        verdict, _ = judge(rows, Bound(lambda rows: rows.drift, sign, 0.0 if sign == ">" else -1.0))
+        assert verdict.findings[0].passed is passed
 
 
 @pytest.mark.parametrize("failure", ["StepError: too large", "ValueError: an accident"])
@@ -138,13 +141,13 @@ def test_a_run_that_fails_or_is_declined_refutes_every_claim_about_it_and_no_oth
     )  # fmt: skip
     for method, steps, word in (("a", 0, "refuted"), ("a", 10**7, "refuted"), ("b", 0, "confirmed")):
         bound = Bound(("x",), "≤", 9.0, where={"name": "H", "method": method}, steps=steps)
-        assert claims.judge(Claim("c", "cost", "", "e", (bound,)), rows)[0].word == word
+        assert judge(rows, bound)[0].word == word
 
 
 def test_a_broken_check_is_no_data_and_is_reported():
     rows = pd.DataFrame({"status": ["done"]})
     for measure, told in ((lambda rows: 1 / 0, "ZeroDivisionError"), (lambda rows: rows["gone"], "gone")):
-        verdict, error = claims.judge(Claim("c", "cost", "", "e", (Bound(measure, "≤", 1.0),)), rows)
+        verdict, error = judge(rows, Bound(measure, "≤", 1.0))
         assert verdict.word == "not tested"
         assert told in verdict.note
         assert bool(error) == (told == "ZeroDivisionError")
@@ -169,12 +172,12 @@ def test_other_runs_can_agree_with_a_claim_but_not_decide_it(length, drift, word
         Bound(("drift",), "≤", 1.0, where={"top": ("a",)}, steps=10**7),
     )
     rows = pd.DataFrame({"status": ["done"], "top": "a", "steps": [length], "drift": [drift]})
-    verdict, _ = claims.judge(Claim("c", "cost", "", "drift", bounds), rows)
+    verdict, _ = judge(rows, *bounds)
     assert verdict.word == word
     if word == "consistent":
         assert verdict.note == "no run of 10⁷ steps is stored, judged by others"
         wider = replace(bounds[0], where={"top": ("a", "b")}, steps=0)
-        assert claims.judge(Claim("c", "cost", "", "drift", (wider,)), rows)[0].note.startswith("no run with top = b")
+        assert judge(rows, wider)[0].note.startswith("no run with top = b")
 
 
 def test_no_data_for_want_of_long_runs_names_the_profile_that_has_them():
@@ -193,7 +196,7 @@ def test_no_data_for_want_of_long_runs_names_the_profile_that_has_them():
 
 @pytest.fixture
 def as_table(monkeypatch):
-    monkeypatch.setattr(promises, "table", lambda *_: lambda rows: rows)
+    monkeypatch.setattr(promises, "table", lambda rows, *_: rows)
 
 
 def holds(measure, rows, sign, limit):
@@ -258,7 +261,7 @@ def test_who_leads_is_told_with_set_up(seconds, setup, error, ratio):
     rows = pd.DataFrame({"method": list(METHODS), "status": "done", "span": 10.0, "state": "generic"})
     rows = rows.assign(error=1e-13, seconds=1.0, setup_seconds=0.0)
     rows.loc[rows.method.str.startswith("backlund"), ["seconds", "setup_seconds", "error"]] = (seconds, setup, error)
-    found = promises.lead((10.0, 1e-4, 1e-12))(rows)
+    found = promises.lead(rows, [(10.0, 1e-4, 1e-12)])
     assert np.allclose(found.values, ratio)
     assert len(found.values) == 5
 
@@ -285,5 +288,5 @@ def test_an_installed_plug_in_without_rows_changes_no_verdict(monkeypatch, store
     monkeypatch.setitem(sys.modules, "somebody_elses", module)
     monkeypatch.setitem(METHODS._entries, "mine", EntryPoint("mine", "somebody_elses:METHOD", METHODS.group))
     assert "mine" in METHODS
-    again = page.judge({name: rows for name, (_, rows) in stored.items()})[0]
+    again = page.judge(stored)[0]
     assert [each.verdict for each in again] == [each.verdict for each in judged]

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from lagrange_bench.integrators import METHODS
-from lagrange_bench.report import page, panels, promises
+from lagrange_bench.report import panels, promises
 from lagrange_bench.report.promises import CLAIMS
 
 
@@ -17,7 +17,7 @@ def frame(**columns):
 
 @pytest.fixture
 def rows(monkeypatch):
-    def derive(experiment, name):
+    def derive(stored, experiment, name):
         tables = {
             "orders": pd.DataFrame(
                 [{"method": "mine", "claimed": 2, "measured": 1.987, "hidden": False, "state": "generic"}]
@@ -34,7 +34,7 @@ def rows(monkeypatch):
                 ]
             ),
         }
-        return lambda stored: tables[name]
+        return tables[name]
 
     monkeypatch.setattr(panels, "table", derive)
     inf, nan = np.inf, np.nan
@@ -72,13 +72,6 @@ def test_a_table_without_rows_costs_nothing(rows, monkeypatch):
     for experiment in rows:
         promises.keep(experiment, rows[experiment], {})
     assert json.loads(panels.script(rows))["kept"] == {}
-
-
-def test_rows_that_do_not_fit_cost_the_panels_only(rows):
-    wrong, errors = {"phase": rows["phase"].drop(columns="status")}, []
-    found = page._attempt(lambda: panels.script(wrong), "", "panels of the methods", errors)
-    assert found == ""
-    assert "panels of the methods" in errors[0]
 
 
 def test_the_claims_about_a_method_are_claims_of_the_page(rows):

@@ -6,23 +6,19 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from lagrange_bench.experiments.measuring import errata
+from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.integrators import METHODS, LagrangeTop
 from lagrange_bench.integrators.registry import BUILT_IN
-from lagrange_bench.report import claims, readme
+from lagrange_bench.report import readme
 from lagrange_bench.report.promises import CLAIMS
-from lagrange_bench.results.store import Store
 
-pytestmark = pytest.mark.xdist_group("readme")  # all claims are judged once
+pytestmark = pytest.mark.xdist_group("claims")  # all are judged once
 TEXT = (readme.ROOT / "README.md").read_text(encoding="utf-8")
 
 
-RESULTS = readme.ROOT / "results" / "reference"
-
-
 @pytest.fixture(scope="module")
-def documents():
-    return readme.documents(RESULTS)
+def documents(judged):
+    return readme.documents(judged)
 
 
 def test_claims_in_the_documents_are_those_of_the_reference_run(documents):
@@ -30,13 +26,6 @@ def test_claims_in_the_documents_are_those_of_the_reference_run(documents):
     assert len(documents) == 2
     for path, text in documents.items():
         assert text == path.read_text(encoding="utf-8"), path
-
-
-def test_every_claim_is_confirmed(documents):
-    for text in documents.values():
-        block = text.split(readme.BEGIN)[1].split(readme.END)[0]
-        assert not [word for word in claims.WORDS if word != claims.CONFIRMED and word in block]
-    assert documents[readme.ROOT / "docs" / "claims.md"].count(f"| {claims.CONFIRMED} |") == len(CLAIMS)
 
 
 def test_the_first_screen_is_short():
@@ -67,18 +56,18 @@ def test_the_methods_are_counted():
     assert f"each of the {len(predicted)} methods of finite order that step by h" in theory
 
 
-def test_the_picture_shows_the_reference_run(monkeypatch):
+def test_the_picture_shows_the_reference_run(stored, monkeypatch):
     """If this fails: `python -m lagrange_bench.report.readme`, and look at docs/headline.svg."""
-    shown = readme.shown(readme.draw(RESULTS))
+    shown = readme.shown(readme.draw(stored))
     assert f'data-shows="{shown}"' in readme.PICTURE.read_text(encoding="utf-8")
     useful = readme.work_precision.useful
     monkeypatch.setattr(readme.work_precision, "useful", lambda rows: useful(rows.assign(seconds=2 * rows.seconds)))
-    assert readme.shown(readme.draw(RESULTS)) != shown
+    assert readme.shown(readme.draw(stored)) != shown
 
 
-def test_the_times_of_a_step_are_those_of_the_reference_run():
+def test_the_times_of_a_step_are_those_of_the_reference_run(stored):
     """In prose that nothing writes: if this fails, correct README.md and docs/tutorials/a-long-run.md."""
-    rows = Store(RESULTS).rows("cost")
+    rows = stored["cost"]
     found = f"{rows[(rows.part == 'step') & (rows.method == 'backlund')].ns_per_step.min():.0f} ns"
     for page in ("README.md", "docs/tutorials/a-long-run.md"):
         text = (readme.ROOT / page).read_text(encoding="utf-8")
@@ -98,13 +87,7 @@ def test_the_examples_run_and_are_as_accurate_as_the_text_says(capsys):
     assert np.ptp(energies) < 1e-6
 
 
-def test_errata_are_counted_as_they_are():
-    assert f"corrected: {errata.count(errata.measure())}." in " ".join(TEXT.split())
-
-
 def test_every_command_of_the_readme_exists():
-    from lagrange_bench.experiments import EXPERIMENTS
-
     named = set(re.findall(r"(?:python experiments/|lagrange-bench run )(\w+)", TEXT))
     assert named - {"NAME"} <= set(EXPERIMENTS)
     assert all(f"`{name}`" in TEXT for name in EXPERIMENTS)
