@@ -97,13 +97,13 @@ def test_compensated_and_threads(in_lanes):
 def test_tops_that_keep_j3_and_tops_that_do_not(in_lanes):
     """For some of the numbers the potential does not depend on the direction: other kernels, side by side."""
     both = Potential("both", lambda x1, x2, x3, p: x3 * x3 + p[0] * x1 * x2)
-    numbers = np.where(np.arange(SIZE) % 2 == 0, 0.0, NUMBERS)
+    numbers = np.where(np.arange(SIZE) % 2 == 1, 0.0, NUMBERS)
     problem = PerturbedTop(LagrangeTop(ALPHAS), both, (numbers,))
     got = integrate_ensemble(problem, STATES, 0.05, 10, "rk4", threads=1)
     assert np.array_equal(got, one_by_one(problem, STATES, 0.05, 10, 10, "rk4")[-1])
-    assert in_lanes == [23, 22]
-    assert np.array_equal(got[::2, 2], STATES[::2, 2])
-    assert not np.any(got[1::2, 2] == STATES[1::2, 2])
+    assert sorted(in_lanes) == [22, 23]
+    assert np.array_equal(got[1::2, 2], STATES[1::2, 2])
+    assert not np.any(got[::2, 2] == STATES[::2, 2])
 
 
 @HEYOKA

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from lagrange_bench.experiments.measuring import metrics, states
-from lagrange_bench.integrators import METHODS, TOPS, LagrangeTop, PerturbedTop, StepError, in_any_field, prepare
-from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.loops import FixedStepper
+from lagrange_bench.integrators import TOPS, LagrangeTop, PerturbedTop, StepError, in_any_field, prepare
 from lagrange_bench.integrators.methods import collective_midpoint, gauss, gauss_coefficients, implicit_midpoint
 from lagrange_bench.integrators.problem.body import quaternion_product
 from lagrange_bench.integrators.problem.potentials import CHARGE, TIDE
@@ -211,71 +209,6 @@ def test_uniqueness_ends_where_it_is_said_to():
     assert 11.5 < gauss.UNIQUE[2] < 12.0
     assert len(solutions(11.5, 0.25, -7 / 30)) == 1
     assert len(solutions(12.0, 0.25, -7 / 30)) == 3
-
-
-# ---------------------------------------------------------------- round-off
-
-
-def growth(build, n, span, tops=states.RANDOM[:8]):
-    """Exponents of the growth of H, C1, C2 over the last two decades."""
-    errors = []
-    for name in tops:
-        top, y = states.find(name)
-        rows = build(top, y, span * top.scales(y)[2]).record(y, n, n // 500)
-        errors.append(metrics.relative_drift(top.invariants(rows), top.invariant_scales(y)))
-    return [metrics.growth_exponent(np.arange(501.0), np.array(errors)[:, :, k]).p for k in (0, 2, 3)]
-
-
-@pytest.mark.parametrize(
-    ("name", "span", "compensated"),
-    [("gauss4", 0.1, False), ("gauss4", 0.5, True), ("gauss8", 0.25, False), ("gauss12", 0.25, True)],
-)
-def test_errors_walk_at_random(name, span, compensated):
-    """Brouwer's law: ½, not 1."""
-    found = growth(lambda top, y, h: METHODS[name].prepare_for(top)(top, y, h, compensated=compensated), 100_000, span)
-    assert max(found) < 0.8  # over 10⁷ steps of 0.1 … 0.5 the exponents are 0.30 … 0.67
-
-
-def test_coefficients_off_by_an_ulp_would_drift():
-    """Negative control: μ + μᵀ = 1 + 2⁻⁵⁰, as it comes out of rounded a and b."""
-
-    def build(top, y, h):
-        stepper = METHODS["gauss4"].prepare_for(top)(top, y, h, compensated=True)
-        stepper.constants[gauss.BETA + 4 + 1] += 2.0**-50
-        return stepper
-
-    assert max(growth(build, 100_000, 0.5)) > 0.9
-
-
-def test_a_slow_fixed_point_would_drift():
-    """Why Newton takes over: at a contraction of 0.4 the iteration stops on the side it comes from."""
-    found = growth(lambda top, y, h: METHODS["gauss4"].prepare_for(top)(top, y, h, solver="fixed_point"), 100_000, 1.5)
-    assert max(found) > 0.85
-
-
-def test_collective_midpoint_walks_at_random():
-    for solver in ("auto", "fixed_point"):
-        found = growth(
-            lambda top, y, h, solver=solver: METHODS["collective_midpoint"].prepare_for(top)(top, y, h, solver=solver),
-            100_000,
-            0.25,
-        )
-        assert max(found[1:]) < 0.75
-
-
-@jit
-def kick_off_by_an_ulp(s, c, tally):
-    J1, J2, J3, x1, x2, x3 = collective_midpoint.step(s, c, tally, True)
-    return J1 + 2.0**-52 * (J1 - s[0]), J2 + 2.0**-52 * (J2 - s[1]), J3, x1, x2, x3
-
-
-def test_two_roundings_of_the_kick_would_drift():
-    """Negative control: C2, when the constant that kicks J is not the one in the equation for u."""
-
-    def build(top, y, h):
-        return FixedStepper("sabotaged", h, np.array((0.25 * h, h * top.alpha)), kick_off_by_an_ulp)
-
-    assert growth(build, 100_000, 1.0)[2] > 0.9
 
 
 # ---------------------------------------------------------------- what coincides with the midpoint rule

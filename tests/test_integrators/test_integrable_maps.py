@@ -10,11 +10,8 @@ import pytest
 
 from lagrange_bench.experiments.measuring import check, metrics, states
 from lagrange_bench.integrators import LagrangeTop, StepError
-from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.methods import bobenko_suris, kahan
 from lagrange_bench.integrators.problem.top import TOPS
-from tests.installed import in_uniform_fields
 from tests.test_integrators.paper.tools import jacobian
 
 EPS = float(np.finfo(float).eps)
@@ -301,55 +298,3 @@ def test_kahan_does_not_drift():
     assert np.all(first < h**2)
     assert np.all(first > 1e-5)
     assert np.all(last < 1.001 * first)
-
-
-# ---------------------------------------------------------------- round-off
-
-
-def growth(method, span, n=1_000_000):
-    """Exponents over the last two decades, 16 random states, of all the record claims."""
-    errors = {}
-    for name in states.RANDOM:
-        top, y0 = states.find(name)
-        h = span * top.scales(y0)[2]
-        rows = method.prepare_for(top)(top, y0, h).record(y0, n, n // 1000)
-        drift = metrics.relative_drift(top.invariants(rows), top.invariant_scales(y0))
-        found = {k: drift[:, i] for i, k in enumerate(("H", "J3", "C1", "C2")) if k in method.conserves}
-        for quantity, function in method.keeps.items():
-            values, size = function(top, h, rows)
-            found[quantity] = (values - values[0]) / size
-        for quantity, error in found.items():
-            errors.setdefault(quantity, []).append(error)
-    assert not np.any(errors.pop("J3"))
-    return {k: metrics.growth_exponent(np.arange(1001.0), np.array(v)).p for k, v in errors.items()}
-
-
-@pytest.mark.parametrize("span", [0.125, 1.0])
-@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
-def test_round_off_walks_at_random(method, span):
-    """½, not 1; over 10⁷ steps of 0.125, 0.5 and 2 as well."""
-    assert max(growth(method, span).values()) < 0.75
-
-
-@jit
-def constants_first(s, c, tally):
-    """The map of Bobenko and Suris from w = (h/2) K: alpha h²/4, (h/2) J3 and its square are rounded alike in every step."""
-    J1, J2, J3, x1, x2, x3 = s
-    k, kick = c[0], c[1]
-    w1, w2, w3 = k * J1 - (k * kick) * x2, k * J2 + (k * kick) * x1, k * J3
-    u1, u2, u3 = w2 * x3 - w3 * x2, w3 * x1 - w1 * x3, w1 * x2 - w2 * x1
-    q = 2.0 / (1.0 + ((w1 * w1 + w2 * w2) + w3 * w3))
-    d1 = q * (u1 + (w2 * u3 - w3 * u2))
-    d2 = q * (u2 + (w3 * u1 - w1 * u3))
-    d3 = q * (u3 + (w1 * u2 - w2 * u1))
-    return J1 - kick * (2.0 * x2 + d2), J2 + kick * (2.0 * x1 + d1), J3, x1 + d1, x2 + d2, x3 + d3
-
-
-def test_constants_rounded_first_would_drift():
-    """Negative control of the exponent, and why the kernels are written as they are."""
-
-    def prepare(top, y0, h):
-        return FixedStepper("constants_first", h, np.array((h / 2, h / 2 * top.alpha)), constants_first)
-
-    found = growth(in_uniform_fields(bobenko_suris.METHOD, prepare=prepare), 1.0, 3_000_000)
-    assert min(found.values()) > 0.85

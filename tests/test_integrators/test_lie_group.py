@@ -101,19 +101,3 @@ def test_exact_without_weight(method):
     top, y0 = states.find("weightless")
     y = prepare(top, y0, 5.0, method.name).advance(y0, 20)
     assert metrics.scaled_error(top, y0, y, exact.solution(top, y0, [100.0])[0]) < 1e-13
-
-
-# ---------------------------------------------------------------- drift
-
-
-@by_name
-def test_round_off_walks_and_the_rest_drifts(method):
-    """C1 and C2 like √t, over 10⁷ steps too; H and J3, which a motion does not keep, in proportion to time."""
-    n, errors = 300_000, []
-    for name in states.RANDOM:
-        top, y0 = states.find(name)
-        rows = method.prepare(top, y0, 0.125 * top.scales(y0)[2]).record(y0, n, n // 1000)
-        errors.append(metrics.relative_drift(top.invariants(rows), top.invariant_scales(y0)))
-    p = [metrics.growth_exponent(np.arange(1001.0), np.array(errors)[:, :, k]).p for k in range(4)]
-    assert max(p[2:]) < 0.75
-    assert min(p[:2]) > 0.9

@@ -20,7 +20,6 @@ from lagrange_bench.integrators import (
     sqrt,
 )
 from lagrange_bench.integrators.compiling.expression import Program, Tape, machine_code, record
-from lagrange_bench.integrators.problem.nature import SAME
 
 Y = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
 TOP = LagrangeTop(1.0)
@@ -215,7 +214,7 @@ def test_a_wrong_gradient_is_found():
 
     PerturbedTop(TOP, potential(2.0))
     with pytest.raises(ValueError, match=r"potential mine: gradient is not the derivative of value at x = "):
-        PerturbedTop(TOP, potential(2.0 + 100 * SAME))
+        PerturbedTop(TOP, potential(2.0 + 1e-6))
 
 
 @pytest.mark.parametrize(
@@ -252,6 +251,8 @@ def test_scales_of_a_weightless_top_are_those_of_its_field(J):
     rate, size, time = top.scales((J, 0.0, 0.0, 0.6, 0.0, 0.8))
     assert (rate, size, time) == pytest.approx((max(J, math.sqrt(0.6)), 1.0, 1 / max(J, math.sqrt(0.6))))
     assert np.allclose(top.invariant_scales((J, 0.0, 0.0, 0.6, 0.0, 0.8)), (J * J / 2 + 0.18, rate, 1.0, rate))
+    heavy = PerturbedTop(LagrangeTop(-2.0), POTENTIALS["tide"], (1.0, 1.0, 0.0, 0.0))
+    assert heavy.invariant_scales((J, 0.0, 0.0, 0.6, 0.0, 0.8))[0] == pytest.approx(J * J / 2 + 2.0 + 0.18)
 
 
 def test_wrong_numbers_are_refused():

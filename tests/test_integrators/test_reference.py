@@ -242,6 +242,7 @@ def test_horizon(quadruple):
     found = reference.horizon(FREE, named.state, tolerance)
     assert found == pytest.approx(math.log(tolerance / 2.0**-52) / rate, abs=4.0)
     assert found < reference.horizon(FREE, named.state, 1e-3)
+    assert 2.0**-52 * math.exp(reference.lyapunov(FREE, named.state, found) * found) <= tolerance
     assert reference.horizon(FREE, Y0, 1e-6, longest=20.0) == math.inf
 
 

@@ -99,6 +99,12 @@ def test_scales_have_the_right_units():
     assert np.array_equal(other.invariants(z), top.invariants(y) * (R * R, R, L * L, L * R))
 
 
+def test_scales_of_the_invariants():
+    """|J|²/2 + |alpha||x| for H; the others by the scales of J and x."""
+    top, y = LagrangeTop(-2.0), (0.0, 3.0, 4.0, 0.0, 2.0, 0.0)
+    assert top.invariant_scales(y) == pytest.approx((12.5 + 4.0, 7.0, 4.0, 14.0))
+
+
 def test_scales_of_a_top_without_any():
     assert LagrangeTop(0.0).scales((0, 0, 0, 0, 0, 2.0)) == (0.0, 2.0, math.inf)
 

@@ -1,0 +1,150 @@
+"""Round-off in what methods keep walks at random (Brouwer's law: ½, not 1), and what would make it drift."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from lagrange_bench.experiments.measuring import metrics, states
+from lagrange_bench.integrators import METHODS
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.loops import FixedStepper
+from lagrange_bench.integrators.methods import collective_midpoint, gauss
+from lagrange_bench.integrators.methods import splitting as sp
+from tests.installed import in_uniform_fields
+
+EPS = float(np.finfo(float).eps)
+PLAIN = sp.KERNELS[False][0]
+
+
+def drifts(prepare, n, span, keeps=None, tops=states.RANDOM):
+    """Relative errors of H, J3, C1, C2, and of what else a method keeps, on the way: by name, (tops, 501)."""
+    errors = {}
+    for name in tops:
+        top, y0 = states.find(name)
+        rows = prepare(top, y0, span * top.scales(y0)[2]).record(y0, n, n // 500)
+        drift = metrics.relative_drift(top.invariants(rows), top.invariant_scales(y0))
+        found = dict(zip(("H", "J3", "C1", "C2"), drift.T, strict=True))
+        for quantity, function in (keeps or {}).items():
+            values, size = function(top, span * top.scales(y0)[2], rows)
+            found[quantity] = (values - values[0]) / size
+        for quantity, error in found.items():
+            errors.setdefault(quantity, []).append(error)
+    return {quantity: np.array(error) for quantity, error in errors.items()}
+
+
+def exponent(errors):
+    """Of the growth over the last two decades."""
+    return metrics.growth_exponent(np.arange(501.0), errors).p
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "span", "options"),
+    [
+        *((name, 500_000, span, {}) for name in ("kahan", "bobenko_suris") for span in (0.125, 1.0)),
+        *((name, 300_000, 0.125, {}) for name in ("rkmk4", "commutator_free4")),
+        *((name, n, 0.25, {}) for name, n in (("strang", 300_000), ("kahan_li8", 60_000), ("force_gradient6", 60_000))),
+        *(("gauss4", 100_000, span, {"compensated": c}) for span, c in ((0.1, False), (0.5, True))),
+        *((name, 100_000, 0.25, {"compensated": c}) for name, c in (("gauss8", False), ("gauss12", True))),
+        *(("collective_midpoint", 100_000, 0.25, {"solver": solver}) for solver in ("auto", "fixed_point")),
+    ],
+)
+def test_errors_walk_at_random(name, n, span, options):
+    """Over 10⁷ steps the exponents are 0.3 … 0.67. What a motion of space does not keep drifts in proportion to time."""
+    method = METHODS[name]
+    errors = drifts(partial(in_uniform_fields(method).prepare, **options), n, span, method.keeps)
+    kept = {*method.conserves, *method.keeps} - {"J3"}
+    if "J3" in method.conserves:
+        assert not np.any(errors["J3"])
+    assert {k: p for k in kept if (p := exponent(errors[k])) >= 0.75} == {}
+    if method.family == "splitting":
+        kicks = min(len(sp.SCHEMES[name].a), len(sp.SCHEMES[name].b))
+        assert max(np.max(np.abs(errors[k])) for k in ("C1", "C2")) < 3 * EPS * np.sqrt(n * kicks)
+    if name in ("rkmk4", "commutator_free4"):
+        assert min(exponent(errors["H"]), exponent(errors["J3"])) > 0.9
+
+
+def test_compensation_keeps_what_rounding_takes():
+    """A tenth of the error in |x|² and x·J over 4·10⁴ steps."""
+    plain, kept = (
+        drifts(partial(in_uniform_fields(METHODS["kahan_li8"]).prepare, compensated=c), 40_000, 0.25)
+        for c in (False, True)
+    )
+    for k in ("C1", "C2"):
+        assert np.sqrt(np.mean(kept[k][:, -1] ** 2)) < 0.1 * np.sqrt(np.mean(plain[k][:, -1] ** 2))
+
+
+# ---------------------------------------------------------------- what would drift, and why kernels are as they are
+
+
+@jit
+def constants_first(s, c, tally):
+    """The map of Bobenko and Suris from w = (h/2) K: alpha h²/4, (h/2) J3 and its square are rounded alike in every step."""
+    J1, J2, J3, x1, x2, x3 = s
+    k, kick = c[0], c[1]
+    w1, w2, w3 = k * J1 - (k * kick) * x2, k * J2 + (k * kick) * x1, k * J3
+    u1, u2, u3 = w2 * x3 - w3 * x2, w3 * x1 - w1 * x3, w1 * x2 - w2 * x1
+    q = 2.0 / (1.0 + ((w1 * w1 + w2 * w2) + w3 * w3))
+    d1 = q * (u1 + (w2 * u3 - w3 * u2))
+    d2 = q * (u2 + (w3 * u1 - w1 * u3))
+    d3 = q * (u3 + (w1 * u2 - w2 * u1))
+    return J1 - kick * (2.0 * x2 + d2), J2 + kick * (2.0 * x1 + d1), J3, x1 + d1, x2 + d2, x3 + d3
+
+
+@jit
+def kick_off_by_an_ulp(s, c, tally):
+    """The collective midpoint rule, where the constant that kicks J is not the one in the equation for u."""
+    J1, J2, J3, x1, x2, x3 = collective_midpoint.step(s, c, tally, True)
+    return J1 + 2.0**-52 * (J1 - s[0]), J2 + 2.0**-52 * (J2 - s[1]), J3, x1, x2, x3
+
+
+@jit
+def biased(s, c, tally):
+    """A sixteenth of an ulp of |x| in every step, always outwards: what a badly rounded rotation does."""
+    J1, J2, J3, x1, x2, x3 = PLAIN(s, c, tally)
+    x1, tally[10] = sp.add(x1, tally[10], 2.0**-56 * x1, True)
+    x2, tally[11] = sp.add(x2, tally[11], 2.0**-56 * x2, True)
+    x3, tally[12] = sp.add(x3, tally[12], 2.0**-56 * x3, True)
+    return J1, J2, J3, x1, x2, x3
+
+
+def coefficients_off_by_an_ulp(top, y, h):
+    """μ + μᵀ = 1 + 2⁻⁵⁰, as it comes out of rounded a and b."""
+    stepper = in_uniform_fields(METHODS["gauss4"]).prepare(top, y, h, compensated=True)
+    stepper.constants[gauss.BETA + 4 + 1] += 2.0**-50
+    return stepper
+
+
+def slow_fixed_point(top, y, h):
+    """Why Newton takes over: at a contraction of 0.4 the iteration stops on the side it comes from."""
+    return in_uniform_fields(METHODS["gauss4"]).prepare(top, y, h, solver="fixed_point")
+
+
+def of_kernel(kernel, *factors):
+    """`prepare` of a kernel whose constants are h times `factors`; the last times alpha, too."""
+
+    def prepare(top, y, h):
+        *first, last = factors
+        return FixedStepper(kernel.__name__, h, np.array([*(f * h for f in first), last * h * top.alpha]), kernel)
+
+    return prepare
+
+
+@pytest.mark.parametrize(
+    ("prepare", "n", "span", "quantities", "least"),
+    [
+        (of_kernel(constants_first, 0.5, 0.5), 3_000_000, 1.0, ("C1",), 0.85),
+        (of_kernel(kick_off_by_an_ulp, 0.25, 1.0), 100_000, 1.0, ("C2",), 0.9),
+        (coefficients_off_by_an_ulp, 100_000, 0.5, ("H", "C1", "C2"), 0.9),
+        (slow_fixed_point, 100_000, 1.5, ("H", "C1", "C2"), 0.85),
+    ],
+)
+def test_what_would_drift(prepare, n, span, quantities, least):
+    """Negative controls of the exponent."""
+    errors = drifts(prepare, n, span)
+    assert max(exponent(errors[k]) for k in quantities) > least
+
+
+def test_a_bias_would_drift(monkeypatch):
+    monkeypatch.setattr(sp, "KERNELS", ((biased,) * 3,) * 2)
+    assert exponent(drifts(in_uniform_fields(METHODS["strang"]).prepare, 300_000, 0.25)["C1"]) > 0.9
