@@ -297,7 +297,7 @@ def judge(record, alpha, y0, h, rows, every, chosen):
     ):  # a loose tolerance may lead anywhere, where some may overflow that nobody claims to keep
         drift = np.abs(top.invariants(y) - top.invariants(y[0]))
     for invariant, values, size in zip(INVARIANTS, drift.T, top.invariant_scales(y[0]), strict=True):
-        if invariant in record.conserves:
+        if invariant in record.kept(top):
             within(invariant, values, bound * size)
     order = order_of(record, chosen)
     if span <= SHORT and "form" not in chosen:  # beyond, a modified energy may have a pole on the way
@@ -315,7 +315,7 @@ def order_of(record, chosen):
     """None for an exact step, 0 for what is not judged by its order."""
     if record.control == "tolerance" or chosen.get("lam") is not None:
         return 0
-    return 1 if chosen.get("form") == "lagrange" else chosen.get("order", record.order)
+    return 1 if chosen.get("form") == "lagrange" else chosen.get("order", record.order_for(LagrangeTop()))
 
 
 def within(what, values, bound):
