@@ -138,6 +138,8 @@ def test_drift_and_ulps():
     invariants = start + np.array([[0.0], [2.0], [-4.0]]) * np.spacing(scales)
     assert np.array_equal(metrics.ulps(invariants, scales), np.outer((0, 2, -4), np.ones(4)))
     assert np.array_equal(metrics.relative_drift(invariants, scales) * scales, invariants - start)
+    rate, sizes = 2.0 + np.sqrt(0.5 * 5.0), LagrangeTop(-0.5).invariant_scales((0.0, 0, 2, 0, 3, 4))
+    assert sizes == pytest.approx((2.0**2 / 2 + 0.5 * 5.0, rate, 25.0, 5.0 * rate)), "of the terms of H, J3, C1, C2"
 
 
 def test_scaled_error_takes_the_worse_half():
