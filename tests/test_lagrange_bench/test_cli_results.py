@@ -10,7 +10,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pandas as pd
 import pytest
 from test_cli import HERE
 
@@ -169,7 +168,7 @@ def test_report_opens_the_page(run, tmp_path, monkeypatch):
     opened = []
     monkeypatch.setattr("webbrowser.open", opened.append)
     shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
-    empty = page.Report([], [], page.NO_FAIRNESS, pd.DataFrame(), [], [], "", False)
+    empty = page.Report([], "", False, [])
     monkeypatch.setattr(page, "assemble", lambda *_: empty)
     code, out, _ = run("report", "--results", tmp_path, "--quiet", "--open")
     assert code == 0

@@ -17,26 +17,16 @@ def frame(**columns):
 
 @pytest.fixture
 def rows(monkeypatch):
-    def derive(stored, experiment, name):
-        tables = {
-            "orders": pd.DataFrame(
-                [{"method": "mine", "claimed": 2, "measured": 1.987, "hidden": False, "state": "generic"}]
-            ),
-            "verdicts": pd.DataFrame(
-                [
-                    {
-                        "method": "mine",
-                        "invariant": "H",
-                        "claimed": False,
-                        "verdict": "biased",
-                        "largest relative error": 0.0123,
-                    }
-                ]
-            ),
-        }
-        return tables[name]
-
-    monkeypatch.setattr(panels, "table", derive)
+    order = {"method": "mine", "claimed": 2, "measured": 1.987, "hidden": False, "state": "generic"}
+    verdict = {
+        "method": "mine",
+        "invariant": "H",
+        "claimed": False,
+        "verdict": "biased",
+        "largest relative error": 0.0123,
+    }
+    tables = {"orders": pd.DataFrame([order]), "verdicts": pd.DataFrame([verdict])}
+    monkeypatch.setattr(panels, "table", lambda stored, experiment, name: tables[name])
     inf, nan = np.inf, np.nan
     return {
         "phase": frame(part="h", state="generic", method=["mine", "mine", "rk4"], h=[0.1, 1.0, 1.0], error=[1e-3, 0.0, inf]),
