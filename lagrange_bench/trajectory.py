@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import io
-import json
 import math
 import os
 from pathlib import Path
@@ -16,6 +14,7 @@ from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.integrators import INVARIANTS, PerturbedTop, Trajectory
 from lagrange_bench.integrators.files import replace_file
 from lagrange_bench.integrators.interface import Array, Method
+from lagrange_bench.integrators.trajectory import E3_COLUMNS
 from lagrange_bench.integrators.truth import exact, truths
 from lagrange_bench.results import provenance
 from lagrange_bench.text import table
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from lagrange_bench.experiments.drawing.style import Figure
     from lagrange_bench.integrators import Method
 
-COLUMNS = ("t", "J1", "J2", "J3", "x1", "x2", "x3")
 VIEW = (22, -55)  # degrees above the horizon and around it, of who looks at the sphere
 CHORD = 0.3  # rad between two recorded directions of the axis; beyond, a line between them would say too much
 
@@ -35,10 +33,10 @@ CHORD = 0.3  # rad between two recorded directions of the axis; beyond, a line b
 LAM = "lam given: one step is the flow over another time than h, and a turn"
 
 
-def judge(trajectory: Trajectory, y0: Array, method: Method, h: float | None, lam: bool = False) -> dict[str, Any]:
+def judge(trajectory: Trajectory, y0: Array, lam: bool = False) -> dict[str, Any]:
     """Invariants, their drift relative to `invariant_scales`, and the error against the exact or reference solution.
 
-    h : None for jumps. lam : whether a parameter of the map was given, which is then no step of time h.
+    lam : whether a parameter of the map was given, which is then no step of time h.
     """
     top, y = trajectory.top, np.vstack([y0, trajectory.y])
     with np.errstate(all="ignore"):  # |x|² may be no double: what it is a part of is then not given
@@ -47,11 +45,7 @@ def judge(trajectory: Trajectory, y0: Array, method: Method, h: float | None, la
     try:
         if lam:
             raise ValueError(LAM)
-        if h is None or method.control == "tolerance":
-            right = truths.solution(top, y0, trajectory.t)
-        else:
-            right = truths.after_steps(top, y0, h, np.rint(trajectory.t / h).astype(np.int64))
-        errors = metrics.scaled_error(top, y0, trajectory.y, right)
+        errors = trajectory.error()
         if np.isnan(errors).any():
             raise ValueError("the motion is chaotic: no digit of its final state is known")
         judged: dict[str, Any] = {"final": errors[-1], "largest": errors.max(), "note": ""}
@@ -92,7 +86,7 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
         f"times   {grid}, {upto}, {count} state{'' if count == 1 else 's'} recorded",
     ]
     states = [
-        ("", *(f" {name}" for name in COLUMNS[1:])),
+        ("", *(f" {name}" for name in E3_COLUMNS)),
         ("start", *_exactly(y0)),
         ("end", *_exactly(trajectory.y[-1])),
     ]
@@ -153,32 +147,10 @@ def check_target(flag: str, path: Path, suffixes: tuple[str, ...]) -> None:
 
 
 def save(path: Path, trajectory: Trajectory, facts: dict[str, Any]) -> str:
-    """Write times, states and metadata as CSV, NPZ or Parquet, every double exactly. All that write say what they did."""
-    version = f"lagrange-bench {provenance.version('lagrange-bench')}"
-    metadata = {"program": version, **facts, **provenance.provenance()}
-    if path.suffix.lower() == ".npz":
-        buffer = io.BytesIO()
-        np.savez(buffer, t=trajectory.t, y=trajectory.y, metadata=np.array(json.dumps(metadata)))
-        return replace_file(path, buffer.getvalue())
-    if path.suffix.lower() == ".parquet":
-        return replace_file(path, _parquet(trajectory, metadata))
-    lines = [f"# {key}: {json.dumps(value, ensure_ascii=False)}" for key, value in metadata.items()]
-    lines.append(",".join(COLUMNS))
-    rows = np.column_stack([trajectory.t, trajectory.y]).tolist()
-    lines += [",".join(map(repr, row)) for row in rows]
-    return replace_file(path, ("\n".join(lines) + "\n").encode())
-
-
-def _parquet(trajectory: Trajectory, metadata: dict[str, Any]) -> bytes:
-    import pyarrow
-    from pyarrow import parquet
-
-    columns = np.column_stack([trajectory.t, trajectory.y]).T
-    texts = {key: json.dumps(value, ensure_ascii=False) for key, value in metadata.items()}
-    frame = pyarrow.table([pyarrow.array(column) for column in columns], names=list(COLUMNS), metadata=texts)
-    buffer = io.BytesIO()
-    parquet.write_table(frame, buffer)
-    return buffer.getvalue()
+    """Write times, states and metadata as `Trajectory.save` does, and say what was done."""
+    version, existed = f"lagrange-bench {provenance.version('lagrange-bench')}", path.exists()
+    trajectory.save(path, {"program": version, **facts, **provenance.provenance()})
+    return f"{'replaced' if existed else 'written'}: {path}"
 
 
 # ---------------------------------------------------------------- a drawing

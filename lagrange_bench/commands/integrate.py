@@ -168,7 +168,7 @@ def run(options: argparse.Namespace) -> Answer:
     lam = method.family == "backlund" and settings.get("lam") is not None
     if lam:
         method = replace(method, label="Bäcklund, given λ")
-    data = plain({**facts, "seconds": seconds, **output.judge(trajectory, y0, method, grid.get("h"), lam)})
+    data = plain({**facts, "seconds": seconds, **output.judge(trajectory, y0, lam)})
     done = []
     if options.output is not None:
         done.append(output.save(options.output, trajectory, plain(facts)))
