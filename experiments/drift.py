@@ -28,7 +28,6 @@ from lagrange_bench.experiments.measuring.states import (
     sample,
 )
 from lagrange_bench.integrators.interface import INVARIANTS
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
 from lagrange_bench.integrators.truth import exact
 
@@ -106,7 +105,7 @@ def errors(name: str, top, h: float, states: np.ndarray) -> dict[str, np.ndarray
 
     drift = metrics.relative_drift(top.invariants(states), top.invariant_scales(states[0]))
     found = dict(zip(INVARIANTS, drift[1:].T, strict=True))
-    own_quantities = {} if isinstance(top, PerturbedTop) else METHODS[name].keeps  # these hold in a uniform field
+    own_quantities = METHODS[name].keeps if "uniform" in top.offers else {}  # these hold in a uniform field
     for own, quantity in own_quantities.items():
         values, size = quantity(top, h, states)
         found[KEPT + own] = (values[1:] - values[0]) / size

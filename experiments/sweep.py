@@ -121,7 +121,7 @@ def _own_top(name: str, table: Any) -> Start:
             parameters = table.get("parameters") and _numbers(table, "parameters")
             start |= {"potential": table["potential"], "parameters": _words(parameters or ())}
         top = _top(start)
-        if isinstance(top, PerturbedTop):
+        if "uniform" not in top.offers:
             top.check_state(y0)
         if not math.isfinite(top.scales(y0)[2]):
             raise ValueError("it is at rest for ever, without weight and spin: its time has no scale")
@@ -191,7 +191,7 @@ def _start(name: Any, tops: dict[str, Start]) -> Start:
         return tops[name]
     top, y0 = find(name)
     start = {"top": name, "alpha": top.single(), "y0": _words(y0)}
-    if isinstance(top, PerturbedTop):
+    if "uniform" not in top.offers:
         start |= {"potential": top.potential.name, "parameters": _words(top.parameters)}
     return start
 
@@ -302,7 +302,7 @@ def measure(cell: Cell) -> list[dict[str, Any]]:
         else:
             right = truths.after_steps(top, y0, cell["h"] * unit, counts)
         columns["error"] = metrics.scaled_error(top, y0, states, right)
-        if isinstance(top, LagrangeTop):  # there is no torus in a potential
+        if "uniform" in top.offers:  # there is no torus in a potential
             split = metrics.phase_split(top, right, states - right)
             columns |= {"time": split["time"] * rate, "angle": split["angle"]}
     except ValueError as error:  # beyond what doubles resolve: the method has an answer, the truth has none

@@ -32,7 +32,6 @@ from lagrange_bench.experiments.measuring.states import (
 )
 from lagrange_bench.integrators import METHODS, prepare
 from lagrange_bench.integrators.interface import StepError
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.top import TOPS
 
 VERSION = 3
@@ -103,7 +102,7 @@ def _run(cell: dict) -> dict:
     if predicted > cell["longest"]:
         return {"stopped": "too long", "predicted": rounded(predicted)}
     # in a potential at the end only: every other time would need a reference solution of its own
-    counts = [n] if isinstance(top, PerturbedTop) else sorted({max(n * k // 16, 1) for k in (13, 14, 15, 16)})
+    counts = sorted({max(n * k // 16, 1) for k in (13, 14, 15, 16)}) if "uniform" in top.offers else [n]
     _, states = sample(top, y0, cell["method"], h, counts, **options)
     with np.errstate(over="ignore"):  # of a step much too large
         error = float(np.max(metrics.scaled_error(top, y0, states, truth(top, y0, method, h, counts))))

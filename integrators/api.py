@@ -90,7 +90,7 @@ def integrate(
     """
     problem, found, state = _look_up(top, y0, method)
     wanted = attitude is not False and attitude is not None
-    if wanted and isinstance(problem, (PerturbedTop, Problem)):
+    if wanted and "uniform" not in problem.offers:
         kind = type(top).__name__
         raise ValueError(f"attitude: the body of a {kind} is not followed; give a LagrangeTop or a HeavyTop")
     if wanted and isinstance(top, RigidTop) and not isinstance(top, HeavyTop):
@@ -111,7 +111,7 @@ def integrate(
         return BodyTrajectory(problem, run.method, run.t, run.y, run.work, start=run.start)
     if "spins" in problem.offers:
         return replace(run, top=top, y=run.y.reshape(len(run.y), -1, 3))
-    if isinstance(problem, (PerturbedTop, Problem)):
+    if "uniform" not in problem.offers:
         return run
     first = y0 if isinstance(y0, BodyState) else state
     follow = None if turn is None else partial(body.follow, found, top, first, turn, run.t, run.y, h, options)
@@ -176,11 +176,9 @@ def _look_up(top: Any, y0: ArrayLike, method: str | Method) -> tuple[Any, Method
     """The problem that is followed, of a body its top, the method and the state, all checked."""
     plain = getattr(top, "problem", top)
     _check_top(plain)
-    if isinstance(plain, Problem):
-        return plain, find_method(method), plain.check_state(y0)
-    found, state = find_method(method), check_state(y0)
-    if isinstance(top, (RigidTop, PerturbedTop)):
-        top.check_state(y0 if isinstance(y0, BodyState) else state)
+    found, state = find_method(method), plain.check_state(y0)
+    if isinstance(top, RigidTop):
+        top.check_start(y0 if isinstance(y0, BodyState) else state)
     return plain, found, state
 
 

@@ -134,7 +134,7 @@ def in_potential(top: Any, options: argparse.Namespace) -> Any:
         if options.parameters is not None:
             raise ValueError("--parameters belongs to --potential")
         return top
-    if isinstance(top, PerturbedTop):
+    if "uniform" not in top.offers:
         raise ValueError(f"--potential: {options.top} is in the potential {top.potential.name} already")
     try:
         return PerturbedTop(top, find_potential(options.potential), tuple(options.parameters or ()))

@@ -30,7 +30,7 @@ from lagrange_bench.experiments.measuring.drifts import (
     drifts,
     find,
 )
-from lagrange_bench.integrators import INVARIANTS, Method, PerturbedTop
+from lagrange_bench.integrators import INVARIANTS, Method
 from lagrange_bench.integrators.checks import check_real
 from lagrange_bench.integrators.registry import find_method
 
@@ -127,7 +127,7 @@ def assert_order(method: str | Method, order: int | None = None, *, tops: Iterab
     if not names or len(names) < len(listed):
         raise ValueError(f"tops: give one or more names; got {listed!r}")
     problems = [find(name)[1] for name in names]
-    if len({isinstance(problem, PerturbedTop) for problem in problems}) > 1:
+    if len({"uniform" in problem.offers for problem in problems}) > 1:
         raise ValueError(f"tops must be all in a potential or all not; got {', '.join(names)}")
     for problem in problems:
         if reason := found.takes(problem):

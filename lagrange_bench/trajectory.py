@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.integrators import INVARIANTS, PerturbedTop, Trajectory
+from lagrange_bench.integrators import INVARIANTS, Trajectory
 from lagrange_bench.integrators.files import replace_file
 from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.trajectory import E3_COLUMNS
@@ -111,7 +111,7 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
 
 def _kind(top: Any, y0: Array) -> str:
     """What motion it is; in a potential, which one."""
-    if not isinstance(top, PerturbedTop):
+    if "uniform" in top.offers:
         return f"{exact.regime(top, y0)}, nutation period {exact.nutation_period(top, y0):.6g}"
     names = top.potential.parameters or [f"p{i}" for i in range(1, len(top.parameters) + 1)]
     values = ", ".join(f"{name} = {value:.10g}" for name, value in zip(names, top.parameters, strict=True))

@@ -26,8 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.experiments.measuring import first_step, metrics, states
-from lagrange_bench.integrators import POTENTIALS, GaudinMagnet, PerturbedTop, Problem
-from lagrange_bench.integrators.checks import check_state
+from lagrange_bench.integrators import POTENTIALS, GaudinMagnet, PerturbedTop
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, StepWarning
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
 from lagrange_bench.integrators.problem.whole_body import WholeBody
@@ -336,7 +335,7 @@ def conserves(
     for name in names:
         top, y0 = find(name)
         conserved, kept = top.conserved, method.kept(top)
-        keeps = method.keeps if isinstance(top, LagrangeTop) else {}
+        keeps = method.keeps if "uniform" in top.offers else {}
         for quantity in (*kept, *keeps):
             claimed.setdefault(quantity, []).append(label(name))
         quantities |= dict.fromkeys(top.names)
@@ -390,7 +389,7 @@ def _steady(drift: Array) -> bool:
 
 
 def _biased(method: Method, names: tuple[Start, ...]) -> Mapping[str, str]:
-    return method.biased if isinstance(find(names[0])[0], LagrangeTop) else {}
+    return method.biased if "uniform" in find(names[0])[0].offers else {}
 
 
 # ---------------------------------------------------------------- behaviour
@@ -552,15 +551,15 @@ def _on(problem: Any, y0: ArrayLike | None, method: Method) -> Check:
 
 def near(problem: Any, y0: ArrayLike) -> list[Array]:
     """A state and others that differ from it by up to a fifth of its scales."""
-    y = problem.check_state(y0) if isinstance(problem, Problem) else check_state(y0)
+    y = problem.check_state(y0)
     draw = random.Random("near a state")
     found = [y]
     while len(found) < NEAR_STATES:
         other = y + 0.2 * problem.sizes(y) * np.array([draw.uniform(-1, 1) for _ in y])
-        if "body" in getattr(problem, "offers", ()):
+        if "body" in problem.offers:
             other[:4] /= np.linalg.norm(other[:4])
         with contextlib.suppress(ValueError):  # where H is not finite
-            found.append(problem.check_state(other) if isinstance(problem, Problem) else other)
+            found.append(problem.check_state(other))
     return found
 
 

@@ -139,15 +139,15 @@ def predicted_phase(
     ValueError
         An argument that makes no sense; the message names it.
     """
-    top = getattr(top, "problem", top)
-    if not isinstance(top, LagrangeTop):
+    plain: Any = getattr(top, "problem", top)
+    if "uniform" not in getattr(plain, "offers", ()):
         raise ValueError(f"top must be a LagrangeTop or a RigidTop; got {type(top).__name__}")
-    top.single()
+    plain.single()
     found, state, h = find_method(method), check_state(y0), check_step(h)
     if lam is not None and "lam" not in found.options:
         raise ValueError(f"lam: {found.name} has no such option")
     try:
-        return theory(top, state, h, found, None if lam is None else check_parameter(lam)).phase
+        return theory(plain, state, h, found, None if lam is None else check_parameter(lam)).phase
     except NoPrediction as reason:
         return PredictedPhase(None, None, reason=str(reason))
 

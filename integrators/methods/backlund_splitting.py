@@ -582,14 +582,12 @@ def _check(scheme: str, corrector: Any, modified_kick: Any, table: Any) -> tuple
     return chosen[0], chosen[1]
 
 
-def evaluate(
-    problem: LagrangeTop | PerturbedTop | Problem, y0: Array, times: Array, *, tol: float = TOLERANCE
-) -> tuple[Array, ChosenWork]:
+def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -> tuple[Array, ChosenWork]:
     """Scheme and step chosen by a short pilot: `tol` is the error at the last time, relative to the scales of J and x.
 
     In a uniform field one exact step to each time, whatever `tol`.
     """
-    if isinstance(problem, LagrangeTop):
+    if "uniform" in problem.offers:
         backlund_choice.check_tolerance(tol)
         try:
             states, work = backlund.evaluate_exact(problem, y0, times)

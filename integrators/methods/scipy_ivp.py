@@ -43,8 +43,6 @@ from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.methods import magnet
 from lagrange_bench.integrators.methods.dense import DenseStepper, Problem, Run, at_times
 from lagrange_bench.integrators.methods.dop853 import check_tolerances
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
-from lagrange_bench.integrators.problem.problem import Problem as AnyProblem
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units, ldexp, units_of
@@ -116,7 +114,7 @@ class Solver:
 
     def on_its_level(self, top: Problem, y: Array, out: Array) -> Array:
         """The states, if none has lost its energy: a pole of the potential may lie within a step."""
-        if isinstance(top, PerturbedTop):  # not a Problem, whose H may depend on t
+        if "force" in top.offers and "uniform" not in top.offers:  # of other problems H may depend on t
             off = np.abs(top.invariants(out)[:, 0] - top.invariants(y)[0])
             if not np.all(off <= top.invariant_scales(y)[0]):
                 raise StepError(
@@ -129,8 +127,8 @@ class Solver:
         solver = self.scipys(lambda t, y: f(c, t, y), 0.0, y, grid[-1], rtol=rtol, atol=atol)
         return self.steps(solver, grid, work)
 
-    def implicit(self, top: Problem, y: Array, grid: Array, work: Work, rtol: float, atol: float) -> Array:
-        units = None if isinstance(top, AnyProblem) else units_of(self.name, top, y, float(grid[-1]))
+    def implicit(self, top: Any, y: Array, grid: Array, work: Work, rtol: float, atol: float) -> Array:
+        units = units_of(self.name, top, y, float(grid[-1])) if "force" in top.offers else None
         slope, c, matrix = functions_of(top, units)
         times = np.array([units.time(t) for t in grid.tolist()]) if units else grid
         tried: set[float] = set()
@@ -180,7 +178,7 @@ class Solver:
 def functions_of(top: Problem, units: Units | None = None) -> tuple[Callable[..., Any], Any, Callable[..., Any]]:
     """Right-hand side, what it takes besides time and state, and Jacobian; in units of order one or in the user's."""
     n, rate, length = top.system.size, 0, 0
-    if isinstance(top, LagrangeTop) and units:  # its equations have one form in all units
+    if "uniform" in top.offers and units:  # its equations have one form in all units
         top = LagrangeTop(units.alpha)
     elif units:
         rate, length = units.rate, units.length

@@ -44,7 +44,6 @@ from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.methods import magnet
 from lagrange_bench.integrators.methods.dense import DenseStepper, Problem, Run, at_times
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
-from lagrange_bench.integrators.problem.problem import Problem as AnyProblem
 from lagrange_bench.integrators.problem.system import System, uniform_system
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units, ldexp, units_of
@@ -156,9 +155,9 @@ def check_tolerance(tol: Any) -> float:
     return tol
 
 
-def far_units(name: str, top: Problem, y: Array, end: float) -> Units | None:
+def far_units(name: str, top: Any, y: Array, end: float) -> Units | None:
     """The units in which a state is to be followed; None for the user's, as of every problem that is not a top."""
-    if isinstance(top, AnyProblem):
+    if "force" not in top.offers:
         return None
     size = math.hypot(*y[3:].tolist())
     rate = math.hypot(*y[:3].tolist()) + math.sqrt(abs(top.alpha) * size)
@@ -184,7 +183,7 @@ def _runner(name: str, top: Problem, tol: float, high_accuracy: bool, compact_mo
         return follow(y, grid, work, key, numbers)
 
     def in_units(units: Units) -> tuple[Any, Any]:
-        if isinstance(top, LagrangeTop):
+        if "uniform" in top.offers:
             return key, (units.alpha,)
         form = Form(top.system, units=True)
         return (*key[:3], form), (ldexp(1.0, units.rate), ldexp(1.0, units.length), *numbers)

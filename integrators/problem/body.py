@@ -145,7 +145,7 @@ class RigidTop:
         to_frame = self.world @ turn.as_matrix()
         return _body_state(np.concatenate((to_frame @ J, to_frame @ self.axis)), turn, along * length)
 
-    def check_state(self, y0: Array) -> None:
+    def check_start(self, y0: Array) -> None:
         """ValueError for a state (6,) whose |x| is not 1, for x is the direction of the axis; or that belongs to another top."""
         if not has_unit_axis(y0):
             length = math.hypot(*y0[3:].tolist())

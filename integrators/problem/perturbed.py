@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange_bench.integrators.checks import Array, check_real
+from lagrange_bench.integrators.checks import Array, check_real, check_state
 from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.problem.field import Field, Formula, Potential, Vector, cross, dot
 from lagrange_bench.integrators.problem.nature import Nature, _nature, _wrong
@@ -170,15 +170,17 @@ class PerturbedTop:
         """Of H, J3, C1, C2 those that the exact motion keeps."""
         return frozenset({"H", "C1", "C2", *(("J3",) * self.nature.axisymmetric)})
 
-    def check_state(self, y: Array) -> None:
-        """ValueError, naming the potential, if the force is not finite at a state (6,)."""
-        x = y[3:].tolist()
+    def check_state(self, y: Any, name: str = "y0") -> Array:
+        """A state as a fresh array (6,). ValueError: it is none, or the force is not finite there."""
+        state = check_state(y, name)
+        x = state[3:].tolist()
         try:
             values = [*self.gradient(*x), self.energy(*x)]
         except (ZeroDivisionError, OverflowError):
             values = [math.nan]
         if not all(map(math.isfinite, values)):
-            raise ValueError(f"y0: the potential {self.potential.name} is not finite at x = {x}")
+            raise ValueError(f"{name}: the potential {self.potential.name} is not finite at x = {x}")
+        return state
 
     # ------------------------------------------------------------------ its functions, as those of LagrangeTop
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange_bench.integrators.checks import Array
+from lagrange_bench.integrators.checks import Array, check_state
 from lagrange_bench.integrators.problem.system import System, uniform_system
 from lagrange_bench.integrators.words import suggestion
 
@@ -74,6 +74,10 @@ class LagrangeTop:
     def identity(self) -> float | bytes:
         """alpha, or the bytes of many."""
         return self.alpha.tobytes() if isinstance(self.alpha, np.ndarray) else self.alpha
+
+    def check_state(self, y: Any, name: str = "y0") -> Array:
+        """A state as a fresh array (6,). ValueError: it is none."""
+        return check_state(y, name)
 
     def kept_by(self, claims: Any) -> frozenset[str]:
         """Those of `conserved` that a method keeps at round-off, by its claims: H is quadratic."""

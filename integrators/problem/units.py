@@ -125,9 +125,9 @@ class Units:
         return complex(ldexp(lam.real, shift), ldexp(lam.imag, shift))
 
 
-def units_of(method: str, problem: LagrangeTop | PerturbedTop, y0: Array, h: float) -> Units:
+def units_of(method: str, problem: Any, y0: Array, h: float) -> Units:
     """The units of a top in a uniform field or in any."""
-    return Units(problem, y0, h) if isinstance(problem, LagrangeTop) else units_in_field(method, problem, y0, h)
+    return Units(problem, y0, h) if "uniform" in problem.offers else units_in_field(method, problem, y0, h)
 
 
 def units_in_field(method: str, problem: PerturbedTop, y0: Array, h: float) -> Units:

@@ -157,10 +157,8 @@ def horizon(
     return float(_kept(orbit.key("horizon", tolerance.hex(), longest.hex()), (1,), compute)[0])
 
 
-def _solution(
-    problem: PerturbedTop | Problem, y0: ArrayLike, times: Array, more: Array, engine: str | None
-) -> Reference:
-    orbit = ProblemOrbit(problem, y0, engine) if isinstance(problem, Problem) else Orbit(problem, y0, engine)
+def _solution(problem: Any, y0: ArrayLike, times: Array, more: Array, engine: str | None) -> Reference:
+    orbit = Orbit(problem, y0, engine) if "force" in problem.offers else ProblemOrbit(problem, y0, engine)
     key, n = orbit.key("solution", times.tobytes().hex(), more.tobytes().hex()), len(orbit.y0)
     table = _kept(key, (len(times), 2 * n + 1), lambda: orbit.compute(times, more))
     return Reference(table[:, :n], table[:, n : 2 * n], table[:, 2 * n], orbit.engine)

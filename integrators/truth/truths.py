@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.interface import Array, StepError
-from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.truth import exact
 
 LONGEST = 2000.0  # time scales: a reference of this length takes some ten seconds
@@ -38,14 +37,14 @@ def after_steps(problem: Any, y0: Array, h: float, counts: ArrayLike, longest: f
 
 def name(problem: Any) -> str:
     """What the truth about a problem is called."""
-    return "exact solution" if isinstance(problem, LagrangeTop) else "reference solution"
+    return "exact solution" if "uniform" in problem.offers else "reference solution"
 
 
 def _found(
     which: str, problem: Any, y0: Array, when: tuple[Any, ...], times: Array, rest: Array, longest: float
 ) -> Array:
     """By the function `which` of `exact` of `when`; or by the reference at `times` + `rest`."""
-    if isinstance(problem, LagrangeTop):
+    if "uniform" in problem.offers:
         states: Array = getattr(exact, which)(problem, y0, *when)
         return states
     if np.max(np.abs(times), initial=0.0) > longest * problem.scales(y0)[2]:
