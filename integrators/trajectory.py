@@ -25,7 +25,6 @@ from lagrange_bench.integrators.files import write_file
 from lagrange_bench.integrators.interface import Array, Method, Work
 from lagrange_bench.integrators.problem.body import RigidTop
 from lagrange_bench.integrators.problem.units import scaled_size
-from lagrange_bench.integrators.truth import truths
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -124,6 +123,8 @@ class Trajectory:
         ------
         ValueError : the run is too long for a reference solution, or there is none.
         """
+        from lagrange_bench.integrators.truth import truths  # with mpmath: a run does not wait for it
+
         start = self._started("error")
         if start.h is None:
             true = truths.solution(self.problem, start.state, self.t)
@@ -179,6 +180,8 @@ class Trajectory:
                 ax.plot(self.t, np.maximum(np.abs(drift), LEAST), **{"label": name, **look})
             ax.set(yscale="log", ylabel="relative change of the invariants")
         else:
+            from lagrange_bench.integrators.truth import truths
+
             ax.plot(self.t, np.maximum(self.error(), LEAST), **{"label": self.method, **look})
             ax.set(yscale="log", ylabel=f"error against the {truths.name(self.problem)}")
         ax.set(xlabel="time t", title=textwrap.shorten(f"{self.method}: {self.top!r}", 60, placeholder=" …"))
