@@ -121,6 +121,12 @@ def test_no_table_skips_nan(experiment, table, column, measured, stored):
     assert made[column].isna().any()
 
 
+def test_the_worst_and_the_mean_of_numbers_with_nan_are_nan():
+    rows = pd.DataFrame({"H": [np.nan, -2.0], "C1": [1.0, 1.0]})
+    assert np.array_equal(reductions.worst(rows, ["H", "C1"]), [np.nan, 2.0], equal_nan=True)
+    assert np.isnan(reductions.mean_square(rows.H, [0, 0])).all()
+
+
 def judge(rows, *bounds):
     return claims.judge(Claim("c", "cost", "", "drift", bounds), rows)
 
