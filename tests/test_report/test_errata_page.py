@@ -65,25 +65,20 @@ CHECKLIST = {
 # Wrong too, but without a formula to evaluate: a bracket is missing in (5.5.5).
 
 
-@pytest.mark.parametrize("seed", [0, 1000, 2000])
-def test_every_erratum_is_listed_wrong_as_printed_and_right_as_corrected(seed):
-    found = errata.measure(points=4, seed=seed)
-    assert set(CHECKLIST) <= {(e.section, e.equation) for e in found}
-    for e in found:
-        assert e.printed > 1e-6, e.equation
-        assert e.corrected <= 1e-12, e.equation
-        assert e.printed_text != e.corrected_text
+def test_every_erratum_is_listed():
+    """That each is wrong as printed and right as corrected is tested in test_integrators/paper/test_errata.py."""
+    assert set(CHECKLIST) <= {(e.section, e.equation) for e in errata.measure(points=1)}
 
 
 def test_sentences_are_counted_apart_from_formulas():
-    found = errata.measure()
+    found = errata.measure(points=1)
     assert {(e.section, e.equation) for e in found if e.prose} == PROSE
     assert errata.count(found) == f"{len(found) - len(PROSE)} formulas and {len(PROSE)} sentences beside right formulas"
     assert errata.count(e for e in found if e.prose).startswith("0 formulas")
 
 
 def test_order_of_the_paper():
-    sections = [[int(n) for n in e.section.split(".")] for e in errata.measure()]
+    sections = [[int(n) for n in e.section.split(".")] for e in errata.measure(points=1)]
     assert sections == sorted(sections)
 
 
