@@ -18,7 +18,7 @@ from tests.test_integrators.test_integrable_maps import MAPS, rational_cases
 STEPS = (0.1, 1.0, 3.0)
 
 
-def steps(count=20):
+def steps(count=6):
     """Random tops, states and steps, and the images under the method the benchmark has."""
     rng = np.random.default_rng(14)
     for n in range(count):
@@ -84,7 +84,7 @@ def test_the_clock_of_a_thousand_steps(h):
 # ------------------------------------------------------------------------------------------------------ Kahan's map
 
 
-def kahan_steps(count=20):
+def kahan_steps(count=6):
     rng = np.random.default_rng(15)
     for _ in range(count):
         top, y, h = LagrangeTop(float(rng.choice((-1.5, 0.8)))), rng.normal(size=6), float(rng.uniform(0.2, 0.6))

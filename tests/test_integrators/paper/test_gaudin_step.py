@@ -47,7 +47,7 @@ def drift(m, spins, image):
 # ---------------------------------------------------------------------------------------------- the compiled map
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 8, 32])
+@pytest.mark.parametrize("n", [1, 3, 8])
 @pytest.mark.parametrize("sheet", [1, -1])
 def test_the_kernel_is_the_map(n, sheet):
     m, spins = magnet(n)
@@ -93,11 +93,10 @@ def test_recording():
 
 
 @pytest.mark.parametrize(
-    ("n", "factors", "steps"), [(8, 1, 100_000), (8, 4, 100_000), (2, 1, 100_000), (3, 2, 100_000), (32, 1, 20_000)]
+    ("n", "factors", "steps"), [(8, 4, 100_000), (2, 1, 100_000), (3, 2, 100_000), (32, 1, 20_000)]
 )
-@pytest.mark.parametrize("seed", [0, 1])
-def test_promise_of_long_runs(n, factors, steps, seed):
-    m, spins = magnet(n, seed)
+def test_promise_of_long_runs(n, factors, steps):
+    m, spins = magnet(n)
     image = prepare(m, spins, 0.3, factors=factors).advance(spins, steps)
     lengths, energies = drift(m, spins, image)
     assert lengths <= 4e-16  # pinned
@@ -125,8 +124,7 @@ def test_frozen_v_draws_the_state_back(sheet):
 # ---------------------------------------------------------------------------------------------- which flow a step is
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 5])
-@pytest.mark.parametrize("site", [0, None])
+@pytest.mark.parametrize(("n", "site"), [(1, 0), (2, None), (3, 0), (5, None)])
 def test_one_step_is_the_interpolating_flow(n, site):
     """Section 5.6: a step is the flow of ∫ μ du (no factor i) over time 1, that is of Σ c_j H_j with c of `times`."""
     m, spins = magnet(n)

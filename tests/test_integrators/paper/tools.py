@@ -7,18 +7,18 @@ from mpmath import mp, mpc, mpf
 
 from lagrange_bench.integrators import LagrangeTop
 from lagrange_bench.integrators.paper.phase_space import poisson_tensor
+from lagrange_bench.integrators.paper.two_point import parameters
 from tests.reference import largest
-
-DIGITS = (15, 50)  # double, and mpmath
 
 
 class Point:
-    """A random top, and random complex numbers and states of its precision. `tol` is what an identity may miss by."""
+    """A random top, state y, λ, ν and u, and more complex numbers. `tol` is what an identity may miss by."""
 
     def __init__(self, digits, seed):
-        self.rng, self.digits = random.Random(seed), digits
+        self.rng, self.digits, self.sheet = random.Random(seed), digits, (1, -1)[seed % 2]
         self.tol = 1e-12 if digits == 15 else mpf(10) ** (12 - digits)
         self.top = LagrangeTop(self.rng.choice((-1.5, 0.5, 1.5)) + self.rng.choice((0.0, 0.25)))
+        self.y, (self.lam, self.nu), self.u = self.numbers(6), self.numbers(2), 2 * self.number()
 
     def number(self):
         """Complex, in the unit square around a corner of it: never small."""
@@ -28,9 +28,6 @@ class Point:
     def numbers(self, n):
         return np.array([self.number() for _ in range(n)])
 
-    def state(self):
-        return self.numbers(6)
-
     def same(self, a, b, terms=1):
         """Equality up to round-off, relative to 1, to the largest entry or to the size of the terms behind them."""
         scale = max(1, terms, largest(a), largest(b))
@@ -38,11 +35,10 @@ class Point:
         assert error <= self.tol * scale, (error, scale)
 
 
-def points(digits, count=10):
-    """Points with the working precision set while each is in use."""
+def at_point(digits, seed):
+    """The point, with the working precision set while it is in use."""
     with mp.workdps(digits):
-        for seed in range(count):
-            yield Point(digits, seed)
+        yield Point(digits, seed)
 
 
 class Dual:
@@ -110,6 +106,12 @@ def jacobian(f, z):
 def size(*states):
     """Size of the terms of a one-point map: cubic in its arguments."""
     return max(1, *(largest(y) for y in states)) ** 3
+
+
+def chart_size(top, y, first, second):
+    """Size of the terms of a two-point map in the chart (x, X), of degree six in x and X."""
+    x, X = parameters(top, y, first, second)
+    return (1 + abs(x)) ** 3 * (1 + abs(X)) ** 2 * (1 + largest(y)) ** 2
 
 
 def poisson_defect(f, y):
