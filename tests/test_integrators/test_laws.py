@@ -51,7 +51,7 @@ few = settings(max_examples=4, deadline=None, derandomize=True)
 def test_a_step_back_undoes_a_step(name, field, y, h):
     top = FIELDS[field]
     there = prepare(top, y, h, name).advance(y, 1)
-    assert metrics.scaled_error(top, y, prepare(top, there, -h, name).advance(there, 1), y) < 256 * EPS
+    assert metrics.scaled_error(top, y, prepare(top, there, -h, name).advance(there, 1), y) < 32 * EPS
 
 
 @pytest.mark.parametrize(("name", "field"), TAKEN)
@@ -84,7 +84,7 @@ def test_a_potential_of_strength_0_is_none(name, y, h):
     for options in variants(name):
         one = prepare(UNIFORM, y, h, name, **options).advance(y, 5)
         other = prepare(nothing, y, h, name, **options).advance(y, 5)
-        assert metrics.scaled_error(UNIFORM, y, other, one) < 256 * EPS
+        assert metrics.scaled_error(UNIFORM, y, other, one) < 32 * EPS
 
 
 def variants(name):
