@@ -36,8 +36,6 @@ FIELDS = {  # formulas that other tests use too: they are compiled once for all
     "charge": PerturbedTop(UNIFORM, CHARGE, (0.1, 0.0, 0.0, 1.6)),
 }
 TAKEN = [(name, field) for name in STEPPING for field, top in FIELDS.items() if METHODS[name].takes(top) is None]
-# the map of the paper in its textbook form divides by numbers that may be small, and rounds the fourth power of units
-EXACT_IN_UNITS = [name for name in STEPPING if name != "backlund_textbook"]
 COORDINATE = st.floats(-1, 1)
 STATES = st.tuples(*[COORDINATE] * 6).map(np.array).filter(lambda y: np.linalg.norm(y[3:]) > 0.1)
 STEPS = st.floats(0.05, 0.4)
@@ -64,7 +62,7 @@ def test_rows_do_not_depend_on_how_many_are_asked_for(name, field, y, h, every):
     assert np.array_equal(rows[:: 6 // every], stepper.record(y, 12, 6))
 
 
-@pytest.mark.parametrize("name", EXACT_IN_UNITS)
+@pytest.mark.parametrize("name", STEPPING)
 @few
 @given(y=STATES, h=STEPS, length=st.integers(-200, 200), rate=st.integers(-200, 200))
 def test_units_that_are_powers_of_two_change_no_bit(name, y, h, length, rate):
