@@ -217,5 +217,7 @@ METHOD = Method(
     source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.1 and IV.2.1",
     prepare=prepare_in_field,
     needs="rhs",
+    # one cubic equation solves the step in a uniform field, and tells whether the solution is unique; the general kernel
+    # costs 4.8 times as much there
     special={"uniform": prepare, "spins": magnet.SPINS["implicit_midpoint"]},
 )

@@ -376,7 +376,7 @@ def splitting_of_spins(name: str, a: tuple[float, ...], b: tuple[float, ...]) ->
     return of_spins(partial(_prepare_splitting, name, weights_of_two(a, b)))
 
 
-# builders by the names of the methods that have them
+# builders by the names of the methods that have them: general kernels unroll all pairs of spins, these loop over any number
 SPINS = {
     "strang": splitting_of_spins("strang", (0.5, 0.5), (1.0,)),
     "blanes_moan4": splitting_of_spins("blanes_moan4", *_blanes_moan4()),
