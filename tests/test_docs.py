@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib import pyplot
 from mpmath import mp
 from packaging.requirements import Requirement
 from packaging.version import Version
@@ -55,7 +56,7 @@ outputs = script(DOCS / "outputs.py")
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """An empty current folder whose modules are found, and forgotten afterwards."""
+    """An empty current folder whose modules are found, and forgotten afterwards, as are figures that were left open."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     before = set(sys.modules)
@@ -63,6 +64,7 @@ def folder(tmp_path, monkeypatch):
     for module in set(sys.modules) - before:
         if str(tmp_path) in str(getattr(sys.modules[module], "__file__", "")):
             del sys.modules[module]
+    pyplot.close("all")
 
 
 @pytest.mark.parametrize("page", outputs.PAGES, ids=lambda page: page.stem)

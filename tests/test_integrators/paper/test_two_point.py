@@ -163,3 +163,13 @@ def test_a_singular_chart_is_not_a_singular_map():
     assert largest(truth - image) < 1e-7
     lost = tp.explicit(top, near, *conjugates(top, near, lam))
     assert largest(lost - truth) > 1e-11  # 1e-16/|B|²: four digits and more of the sixteen
+
+
+@pytest.mark.parametrize("name", TOPS)
+def test_the_real_map_is_poisson(name):
+    """At the named tops, figures included: the defect is round-off, measured below 1e-13 of |D|²."""
+    top, y = TOPS[name].top, TOPS[name].state
+    unit = top.scales(y)[1] / top.scales(y)[0]
+    for lam in (0.3j * unit, (0.4 + 0.2j) * unit):
+        defect, scale = poisson_defect(lambda z, lam=lam: tp.real_form(top, z, lam), y)
+        assert defect <= 1e-12 * scale**2
