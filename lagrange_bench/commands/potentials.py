@@ -23,7 +23,7 @@ examples:
   lagrange-bench methods --potential charge --parameters 0.1,0,0,2      which methods take it
 
 A potential of your own: a file my_field.py with POTENTIAL = Potential("name", value), value a function (x1, x2, x3, p) of
-+ - * /, whole and half powers, sqrt, sin, cos, exp, log from integrators, is --potential my_field:POTENTIAL. One of your
++ - * /, whole and half powers, sqrt, sin, cos, exp, log from lagrange_bench, is --potential my_field:POTENTIAL. One of your
 package joins this list through the entry-point group lagrange_bench.potentials (name = package.module:POTENTIAL)."""
 
 

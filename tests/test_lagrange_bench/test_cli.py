@@ -270,7 +270,7 @@ def test_an_unexpected_error_is_not_hidden(run, monkeypatch):
 def test_json_is_alone_on_stdout(tmp_path):
     # a library that chatters, on the C level and in Python, as heyoka does about its cache
     (tmp_path / "chatter.py").write_text(
-        "import os\nfrom dataclasses import replace\nfrom integrators import METHODS\n"
+        "import os\nfrom dataclasses import replace\nfrom lagrange_bench import METHODS\n"
         "def prepare(*a, **k):\n    print('python'); os.write(1, b'library\\n')\n"
         "    return METHODS['backlund'].prepare(*a, **k)\n"
         "METHOD = replace(METHODS['backlund'], prepare=prepare)\n"

@@ -43,8 +43,10 @@ CONVENTIONS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("separator", [",", ";", "\t", "  "])
-@pytest.mark.parametrize("name", CONVENTIONS)
+SEPARATORS = [("names given", separator) for separator in (";", "\t", "  ")]
+
+
+@pytest.mark.parametrize(("name", "separator"), [*((name, ",") for name in CONVENTIONS), *SEPARATORS])
 def test_the_exact_motion_is_right_in_every_convention(name, separator, tmp_path, answer):
     header, parts, options = CONVENTIONS[name]
     file = write(tmp_path / "run.txt", header, T, *parts, separator=separator)
