@@ -14,7 +14,7 @@ from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
 from importlib.metadata import EntryPoint
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import matplotlib
 import numpy as np
@@ -505,3 +505,9 @@ def test_fairness_says_what_the_rows_say_and_needs_none(report):
     table = found.methods.set_index("method")
     assert list(table["evaluations per step"][["backlund", "rk45_fixed"]]) == ["none", 6.0]
     assert table.engine["rk45"] == "SciPy, interpreted"
+
+
+def test_methods_of_magnets_and_bodies_do_not_count_among_those_of_tops():
+    rows = {"drift": ["rk4", "kahan"], "perturbed": ["rk4"], "gaudin": ["spherical_midpoint"], "heavy_top": ["rattle"]}
+    sections = [SimpleNamespace(experiment=e, rows=pd.DataFrame({"method": names})) for e, names in rows.items()]
+    assert page.Report(sections, "", True, []).integrators == (2, 2, 1)
