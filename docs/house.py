@@ -35,10 +35,8 @@ FLOORS: tuple[tuple[tuple[str, tuple[str, ...]], ...], ...] = (  # from the top:
         ("experiments/drawing", ("lagrange_bench.experiments.drawing",)),
     ),
     (("integrators: api, registry", ("lagrange_bench.integrators",)),),
-    (
-        ("integrators/methods", ("lagrange_bench.integrators.methods",)),
-        ("integrators/paper", ("lagrange_bench.integrators.paper",)),
-    ),
+    (("integrators/methods", ("lagrange_bench.integrators.methods",)),),
+    (("integrators/paper", ("lagrange_bench.integrators.paper",)),),
     (
         ("integrators/torus", ("lagrange_bench.integrators.torus",)),
         ("integrators/truth", ("lagrange_bench.integrators.truth",)),
