@@ -104,6 +104,8 @@ def test_a_heavy_top_is_a_rigid_top():
     np.testing.assert_allclose(run.position, same.position, atol=1e-14)
     np.testing.assert_allclose(run.rotation.as_matrix(), same.rotation.as_matrix(), atol=3e-13)
     np.testing.assert_allclose(run.energy, same.energy, rtol=1e-13)
+    plain = integrate(heavy, np.array(state), h=0.5, steps=4, every=1)  # its spin follows from J·x
+    np.testing.assert_allclose(plain.omega_world, run.omega_world, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

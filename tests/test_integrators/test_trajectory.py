@@ -49,6 +49,8 @@ def test_the_error_is_the_distance_to_the_truth(runs, name):
 def test_the_error_of_steps_is_that_at_n_h():
     run = integrate(NAMED.top, NAMED.state, 0.1, 10**6, every=10**6)
     assert run.error()[-1] < 1e-11
+    odd = integrate(NAMED.top, NAMED.state, 0.01, 29, every=29)  # in doubles 0.29 / 0.01 is less than 29
+    assert odd.error()[-1] < 1e-13
     jumps = integrate(NAMED.top, NAMED.state, t=run.t)
     true = exact.solution(NAMED.top, NAMED.state, run.t)
     assert np.array_equal(jumps.error(), metrics.scaled_error(NAMED.top, NAMED.state, jumps.y, true))
