@@ -206,7 +206,8 @@ class _Steps(_Work):
         self.prepared: dict[int, Stepper] = {}  # by place, for tops that are taken alone after all
 
     def many(self, chunk: slice) -> Mask:
-        call, tops = self.method.advance_many, self.tops.those(chunk)
+        call = self.method.advance_many
+        tops = None if call is None else self.tops.those(chunk)
         states, out = self.states[chunk], self.out[:, chunk]
         done = np.zeros(len(states), dtype=bool)
         if call is not None and tops is not None:
@@ -277,7 +278,8 @@ class _Jumps(_Work):
         self.times = times
 
     def many(self, chunk: slice) -> Mask:
-        call, tops, states = self.method.evaluate_many, self.tops.those(chunk), self.states[chunk]
+        call, states = self.method.evaluate_many, self.states[chunk]
+        tops = None if call is None else self.tops.those(chunk)
         if call is None or tops is None:
             return np.zeros(len(states), dtype=bool)
         return call(tops, states, self.times, self.out[:, chunk], **self.options)

@@ -82,7 +82,7 @@ class Trajectory:
 
     # ------------------------------------------------------------------ numbers
 
-    @property
+    @cached_property
     def problem(self) -> Any:
         """What was integrated: of a body its top, of a magnet its flow as a `Problem`."""
         return getattr(self.top, "problem", self.top)
