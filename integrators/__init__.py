@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
     from lagrange_bench.integrators.problem.whole_body import WholeBody
     from lagrange_bench.integrators.registry import METHODS, POTENTIALS, available
-    from lagrange_bench.integrators.trajectory import Trajectory
+    from lagrange_bench.integrators.trajectory import EnsembleTrajectory, Trajectory
     from lagrange_bench.integrators.truth import exact, reference
 
 __all__ = [
@@ -48,6 +48,7 @@ __all__ = [
     "POTENTIALS",
     "TOPS",
     "Case",
+    "EnsembleTrajectory",
     "GaudinMagnet",
     "HeavyTop",
     "LagrangeTop",
@@ -86,7 +87,7 @@ __getattr__, __dir__ = face(
     __name__,
     {
         "lagrange_bench.integrators.api": ("integrate", "prepare", "two_point"),
-        "lagrange_bench.integrators.trajectory": ("Trajectory",),
+        "lagrange_bench.integrators.trajectory": ("EnsembleTrajectory", "Trajectory"),
         "lagrange_bench.integrators.backward_error.prediction": ("PredictedPhase", "predicted_phase"),
         "lagrange_bench.integrators.ensemble": ("integrate_ensemble",),
         "lagrange_bench.integrators.interface": ("INVARIANTS", "Method", "StepError", "Stepper", "Work"),

@@ -35,6 +35,7 @@ from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.watched import check_rows, watched
 from lagrange_bench.integrators.registry import find_method
+from lagrange_bench.integrators.trajectory import EnsembleTrajectory, Start
 
 if TYPE_CHECKING:
     from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
@@ -54,19 +55,23 @@ def integrate_ensemble(
     threads: int | None = None,
     on_failure: str = "raise",
     **options: Any,
-) -> Array:
-    """Follow n tops from Y0 (n, 6), as `integrate` does one: the states at the end (n, 6), or on a grid or at times.
+) -> EnsembleTrajectory:
+    """Follow n tops from Y0 (n, 6), as `integrate` does one: to the end, on a grid or at times.
 
     Parameters
     ----------
     top : LagrangeTop, RigidTop, PerturbedTop, Problem or GaudinMagnet, the same for all; or LagrangeTop(alpha=array) with one
     alpha for each; of a PerturbedTop alpha and every parameter may be such an array. Y0 : of a Problem (n, size), of a magnet
     (n, sites, 3), and so are the states that are returned. h, steps, method, options : as in `integrate`.
-    every : record every `every` steps, row 0 is Y0; shape (steps//every + 1, n, 6).
-    t : output times (m,) in place of h and steps, shape (m, n, 6); for the exact Bäcklund map one map away from Y0 each:
+    every : record every `every` steps, row 0 is Y0: steps//every + 1 rows; default: the end alone.
+    t : output times (m,) in place of h and steps: m rows; for the exact Bäcklund map one map away from Y0 each:
     jumps, not steps. threads : default: one per usable core.
     on_failure : "raise" a StepError that names the first top for which the method fails, and says how many there are; or
     "nan": all rows of such tops are NaN.
+
+    Returns
+    -------
+    an `EnsembleTrajectory`: t (rows,) and y (rows, n, 6). As an array it is y; of the end alone (n, 6).
 
     Raises
     ------
@@ -79,6 +84,16 @@ def integrate_ensemble(
     sample = tops.one(0) if n else LagrangeTop()
     build, evaluate = found.prepare_for(sample), found.evaluate_for(sample)
     threads = machine.usable_cores() if threads is None else check_count(threads, "threads", least=1)
+
+    def collected(h: float | None, times: Array, out: Array, end_only: bool) -> EnsembleTrajectory:
+        def begin(place: int) -> tuple[Any, Start]:
+            step = h if found.control == "step" else None
+            whole = top if isinstance(tops, _Same) else tops.one(place)
+            return whole, Start(states[place], found, step, options)
+
+        y = out.reshape(len(out), *np.shape(Y0))
+        return EnsembleTrajectory(top, found.name, times, y, end_only, begin)
+
     if on_failure not in ("raise", "nan"):
         raise ValueError(f"on_failure must be 'raise' or 'nan'; got {on_failure!r}")
     if t is not None:
@@ -91,7 +106,7 @@ def integrate_ensemble(
         check_options(found.name, evaluate, options)
         out = np.empty((len(times), *states.shape))
         failures = _run(_Jumps(found, tops, states, times, out, options), threads)
-        return _judge(found, None, out, failures, on_failure).reshape(len(times), *np.shape(Y0))
+        return collected(None, times, _judge(found, None, out, failures, on_failure), end_only=False)
     if h is None or steps is None:
         raise ValueError("give h and steps, or output times t")
     h = check_step(h)
@@ -106,8 +121,10 @@ def integrate_ensemble(
     if every is not None or steps == 0:
         out[0] = states
     failures = _run(_Steps(found, tops, states, h, steps, stride, rows, options), threads)
-    out = _judge(found, h, out, failures, on_failure).reshape(len(out), *np.shape(Y0))
-    return out[0] if every is None else out
+    counts = np.array([steps]) if every is None else stride * np.arange(len(out))
+    with np.errstate(over="ignore"):  # of an h with which nothing but turns can be made
+        times = h * counts.astype(np.float64)
+    return collected(h, times, _judge(found, h, out, failures, on_failure), end_only=every is None)
 
 
 # ---------------------------------------------------------------- the work on one chunk

@@ -99,12 +99,7 @@ class Trajectory:
 
     def columns(self) -> tuple[str, ...]:
         """Names of the n numbers of a state."""
-        space = self.problem.system.space if "spins" not in self.problem.offers else self.problem.space
-        if space.name in ("e3", "body"):
-            return E3_COLUMNS if space.name == "e3" else BODY_COLUMNS
-        if space.vectors == 1:
-            return "J1", "J2", "J3"
-        return tuple(f"s{j}_{i}" for j in range(1, space.vectors + 1) for i in (1, 2, 3))
+        return state_columns(self.problem)
 
     def to_frame(self, invariants: bool = False) -> pd.DataFrame:
         """A pandas frame with a row for each time: t, the numbers of the state, and the invariants if asked for."""
@@ -213,19 +208,9 @@ class Trajectory:
         ------
         ValueError : another ending, or .parquet without pyarrow. OSError : it cannot be written; nothing is lost.
         """
-        path = Path(path)
-        kind = check_choice(path.suffix.lower(), "the ending of the file's name", FORMATS)
-        facts = {"method": self.method, **(metadata or {})}
-        names, table = ("t", *self.columns()), np.column_stack((self.t, self.states))
-        if kind == ".npz":
-            buffer = io.BytesIO()
-            np.savez(buffer, t=self.t, y=self.y, metadata=np.array(json.dumps(facts)))
-            return write_file(path, buffer.getvalue())
-        if kind == ".parquet":
-            return write_file(path, _parquet(names, table, facts))
-        lines = [f"# {key}: {json.dumps(value, ensure_ascii=False)}" for key, value in facts.items()]
-        lines += [",".join(names), *(",".join(map(repr, row)) for row in table.tolist())]
-        return write_file(path, "\n".join(lines) + "\n")
+        return write_states(
+            path, self.to_frame(), {"t": self.t, "y": self.y}, {"method": self.method, **(metadata or {})}
+        )
 
     # ------------------------------------------------------------------ the body
 
@@ -324,14 +309,112 @@ class BodyTrajectory(Trajectory):
         return energy
 
 
-def _parquet(names: tuple[str, ...], table: Array, facts: dict[str, Any]) -> bytes:
+@dataclass(frozen=True, repr=False, eq=False)
+class EnsembleTrajectory(np.lib.mixins.NDArrayOperatorsMixin):
+    """Times and states of many motions: what `integrate_ensemble` returns.
+
+    As an array (`np.asarray`, indexing, arithmetic) it is `y`; or, where only the end is recorded, that one row, of shape (n, 6).
+
+    Attributes
+    ----------
+    top : what was followed, with an array of alphas or parameters where the motions differ. method : the method's name.
+    t : (rows,) times in the units of h. y : (rows, n, 6) states in those of Y0; of a Problem (rows, n, size), of a magnet
+    (rows, n, sites, 3). end_only : whether the one row is the end.
+    """
+
+    top: Any
+    method: str
+    t: Array
+    y: Array
+    end_only: bool
+    begin: Callable[[int], tuple[Any, Start]]  # top and start of the motion of a place
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        return np.array(self.y[0] if self.end_only else self.y, dtype=dtype, copy=copy)
+
+    def __array_ufunc__(self, ufunc: np.ufunc, how: str, *inputs: Any, **options: Any) -> Any:
+        return getattr(ufunc, how)(
+            *(np.asarray(v) if isinstance(v, EnsembleTrajectory) else v for v in inputs), **options
+        )
+
+    def __getitem__(self, place: Any) -> Any:
+        return np.asarray(self)[place]
+
+    def __len__(self) -> int:
+        return len(np.asarray(self))
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of what it is as an array."""
+        return np.asarray(self).shape
+
+    def __repr__(self) -> str:
+        rows, n, top = *self.y.shape[:2], textwrap.shorten(repr(self.top), 60, placeholder=" …")
+        span = f", t = {self.t[0]:.10g} … {self.t[-1]:.10g}" if rows else ""
+        return f"<{type(self).__name__} of {top} by {self.method}: {n} motions, {rows} states each{span}>"
+
+    def motion(self, place: int) -> Trajectory:
+        """The motion of one place, with its own `error()`, `plot()` and `sol()`. Y0 is not copied: do not change it before."""
+        top, start = self.begin(range(self.y.shape[1])[place])
+        return Trajectory(top, self.method, self.t, self.y[:, place], Work(), start=start)
+
+    def invariants(self) -> Array:
+        """The invariants of all motions at all times, (rows, n, m); of a top H, J3, C1, C2."""
+        problem, (rows, n) = getattr(self.top, "problem", self.top), self.y.shape[:2]
+        values: Array = problem.invariants(self.y.reshape(rows, n, -1), self.t[:, None])
+        return values
+
+    def to_frame(self, invariants: bool = False) -> pd.DataFrame:
+        """A pandas frame with a row for each time and motion: t, the place of the motion, the state, the invariants if asked."""
+        import pandas as pd
+
+        problem, (rows, n) = getattr(self.top, "problem", self.top), self.y.shape[:2]
+        frame = pd.DataFrame(self.y.reshape(rows * n, -1), columns=list(state_columns(problem)))
+        frame.insert(0, "t", np.repeat(self.t, n))
+        frame.insert(1, "motion", np.tile(np.arange(n), rows))
+        if invariants:
+            frame[list(problem.names)] = self.invariants().reshape(rows * n, -1)
+        return frame
+
+    def save(self, path: str | Path, metadata: Mapping[str, Any] | None = None) -> Path:
+        """As `Trajectory.save`: a row for each time and motion; in .npz the arrays t and y."""
+        return write_states(
+            path, self.to_frame(), {"t": self.t, "y": self.y}, {"method": self.method, **(metadata or {})}
+        )
+
+
+def state_columns(problem: Any) -> tuple[str, ...]:
+    """Names of the numbers of a state."""
+    space = problem.system.space if "spins" not in problem.offers else problem.space
+    if space.name in ("e3", "body"):
+        return E3_COLUMNS if space.name == "e3" else BODY_COLUMNS
+    if space.vectors == 1:
+        return "J1", "J2", "J3"
+    return tuple(f"s{j}_{i}" for j in range(1, space.vectors + 1) for i in (1, 2, 3))
+
+
+def write_states(path: str | Path, frame: pd.DataFrame, arrays: Mapping[str, Array], facts: Mapping[str, Any]) -> Path:
+    """A table in a file; of .npz the arrays. See `Trajectory.save`."""
+    path = Path(path)
+    kind = check_choice(path.suffix.lower(), "the ending of the file's name", FORMATS)
+    if kind == ".npz":
+        buffer = io.BytesIO()
+        np.savez(buffer, **arrays, metadata=np.array(json.dumps(facts)))  # type: ignore[arg-type]
+        return write_file(path, buffer.getvalue())
+    if kind == ".parquet":
+        return write_file(path, _parquet(frame, facts))
+    head = [f"# {key}: {json.dumps(value, ensure_ascii=False)}\n" for key, value in facts.items()]
+    return write_file(path, "".join(head) + frame.to_csv(index=False, na_rep="nan", lineterminator="\n"))
+
+
+def _parquet(frame: pd.DataFrame, facts: Mapping[str, Any]) -> bytes:
     if importlib.util.find_spec("pyarrow") is None:
         raise ValueError("pyarrow is not installed: pip install pyarrow; or write .csv or .npz")
     import pyarrow
     from pyarrow import parquet
 
     texts = {key: json.dumps(value, ensure_ascii=False) for key, value in facts.items()}
-    frame = pyarrow.table([pyarrow.array(column) for column in table.T], names=list(names), metadata=texts)
+    table = pyarrow.table({name: pyarrow.array(frame[name].to_numpy()) for name in frame}, metadata=texts)
     buffer = io.BytesIO()
-    parquet.write_table(frame, buffer)
+    parquet.write_table(table, buffer)
     return buffer.getvalue()

@@ -8,7 +8,18 @@ import pytest
 from matplotlib import pyplot as plt
 
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.integrators import CASES, PERTURBED_TOPS, TOPS, GaudinMagnet, WholeBody, exact, free_body, integrate
+from lagrange_bench.integrators import (
+    CASES,
+    PERTURBED_TOPS,
+    TOPS,
+    GaudinMagnet,
+    LagrangeTop,
+    WholeBody,
+    exact,
+    free_body,
+    integrate,
+    integrate_ensemble,
+)
 
 NAMED, TIDE = TOPS["generic"], PERTURBED_TOPS["weak_tide"]
 MAGNET, SPINS = GaudinMagnet((0.0, -0.7, 1.1), 0.6), np.array(((0.3, -0.4, 0.8), (0.9, 0.1, -0.2), (-0.3, 0.7, 0.5)))
@@ -95,6 +106,44 @@ def test_a_trajectory_is_one_line_and_a_table_in_a_notebook(runs):
     assert repr(runs["top"]) == "<Trajectory of LagrangeTop(alpha=1.0) by rk4: 5 states, t = 0 … 0.2>"
     assert "<table" in runs["tide"]._repr_html_()
     assert "<Potential" not in runs["tide"]._repr_html_()
+
+
+# ---------------------------------------------------------------- many motions
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_an_ensemble_is_its_motions_with_one_more_axis(runs, name, tmp_path):
+    words, top, y0 = RUNS[name]
+    together, alone = integrate_ensemble(top, [y0, y0], 0.01, 20, "rk4", every=5), runs[name]
+    assert np.array_equal(together.y, np.stack([alone.y, alone.y], axis=1))
+    assert np.array_equal(together.t, alone.t)
+    frame = together.to_frame(invariants=True)
+    assert list(frame) == ["t", "motion", *dict.fromkeys(words.split())]
+    for i in (0, 1):
+        one = frame[frame.motion == i].drop(columns="motion").reset_index(drop=True)
+        assert one.equals(alone.to_frame(invariants=True))
+    assert np.array_equal(together.motion(-1).error(), alone.error())
+    assert np.array_equal(np.loadtxt(together.save(tmp_path / "a.csv"), delimiter=",", skiprows=2), together.to_frame())
+    with np.load(together.save(tmp_path / "a.npz")) as data:
+        assert np.array_equal(data["y"], together.y)
+    with pytest.raises(IndexError):
+        together.motion(2)
+
+
+def test_an_ensemble_is_an_array_of_what_was_recorded():
+    tops = LagrangeTop(np.array([1.0, 2.0]))
+    end = integrate_ensemble(tops, [NAMED.state] * 2, 0.1, 4)
+    rows = integrate_ensemble(tops, [NAMED.state] * 2, 0.1, 4, every=2)
+    assert (end.y.shape, end.shape, rows.shape) == ((1, 2, 6), (2, 6), (3, 2, 6))
+    assert (end.t.tolist(), rows.t.tolist()) == ([0.4], [0.0, 0.2, 0.4])
+    assert np.array_equal(np.asarray(end), rows[-1])
+    assert not np.any(end - rows[2])
+    assert [y.tolist() for y in end] == rows.y[-1].tolist()
+    assert repr(rows) == (
+        "<EnsembleTrajectory of LagrangeTop(alpha=array([1., 2.])) by backlund: 2 motions, 3 states each, t = 0 … 0.4>"
+    )
+    assert np.array_equal(rows.invariants()[:, 1], LagrangeTop(2.0).invariants(rows.y[:, 1]))
+    assert np.array_equal(end.motion(1).sol([0.4]), integrate(LagrangeTop(2.0), NAMED.state, t=[0.4]).y)
 
 
 def test_bad_words(runs, tmp_path):
