@@ -87,24 +87,24 @@ def measure(cell: dict) -> list[dict]:
 def against_steps(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> list[dict]:
     """A row of errors after each of `counts` steps."""
     times, states = sample(top, y0, cell["method"], h, counts, **options_of(cell))
-    drift = errors(cell["method"], top, h, np.vstack((y0, states)))
-    columns = {"t": times * top.scales(y0)[0], **drift}
+    drift = errors(cell["method"], top, h, np.vstack((y0, states)), times)
+    columns = {"t": times / top.scales(y0)[2], **drift}
     return [{name: rounded(value[i]) for name, value in columns.items()} for i in range(len(times))]
 
 
 def _largest(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> dict[str, float]:
     """The largest of each error after `counts` steps."""
-    _, states = sample(top, y0, cell["method"], h, counts, **options_of(cell))
-    drift = errors(cell["method"], top, h, np.vstack((y0, states)))
+    times, states = sample(top, y0, cell["method"], h, counts, **options_of(cell))
+    drift = errors(cell["method"], top, h, np.vstack((y0, states)), times)
     return {name: rounded(np.max(np.abs(error))) for name, error in drift.items()}
 
 
-def errors(name: str, top, h: float, states: np.ndarray) -> dict[str, np.ndarray]:
-    """Relative errors of the four invariants, and of what the method keeps of its own, after the first state."""
+def errors(name: str, top, h: float, states: np.ndarray, times: np.ndarray) -> dict[str, np.ndarray]:
+    """Relative errors of the invariants, and of what the method keeps of its own, after the first state, at `times`."""
     from lagrange_bench.integrators import METHODS
 
-    drift = metrics.relative_drift(top.invariants(states), top.invariant_scales(states[0]))
-    found = dict(zip(INVARIANTS, drift[1:].T, strict=True))
+    drift = metrics.relative_drift(top.invariants(states, np.append(0.0, times)), top.invariant_scales(states[0]))
+    found = dict(zip(top.names, drift[1:].T, strict=True))
     own_quantities = METHODS[name].keeps if "uniform" in top.offers else {}  # these hold in a uniform field
     for own, quantity in own_quantities.items():
         values, size = quantity(top, h, states)
@@ -204,23 +204,17 @@ def draw(rows: pd.DataFrame) -> dict:
 
 
 def _draw_time(rows: pd.DataFrame, style, names: list[str], what: str):
-    runs = {}
-    for method, good in rows[rows.status == "done"].groupby("method", sort=False):
-        squares = np.max([mean_square(good[name], good.t_index) for name in names], axis=0)
-        runs[method] = (good.groupby("t_index").t.median(), np.sqrt(np.where(squares > 0, squares, np.nan)))
-
-    def line(ax, method, look):
-        if method in runs:
-            ax.loglog(*runs[method], **{**look, "marker": "none"})
-        else:
-            style.failed_label(ax, method)
-
-    fig, axes = style.by_family(rows.method, line, style.TIME, "RMS error of 16 tops", (1e-17, 1.0))
+    done = rows[rows.status == "done"]
+    runs = [done.method, done.t_index]
+    squares = pd.concat([mean_square(done[name], runs) for name in names], axis=1).max(axis=1, skipna=False)
+    lines = pd.DataFrame({"t": done.groupby(runs).t.median(), "error": np.sqrt(squares.where(squares > 0))})
+    lines = lines.reset_index().assign(status="done")
+    lines = pd.concat([lines, rows[~rows.method.isin(done.method)][["method", "status"]]])
+    fig, axes = style.by_family(lines, "t", "error", style.TIME, "RMS error of 16 tops", (1e-17, 1.0), marker="none")
     for ax in axes:
         style.ulp_line(ax)
     style.slope_guide(axes[0], 0.5, (1e0, 1e-9), 1e4, "√t")  # once: the panels have one scale
     style.slope_guide(axes[0], 1.0, (1e0, 1e-9), 1e4, "t")
-    style.label_ends(axes)
     fig.caption = (
         f"Relative error of {what} against time, root mean square over sixteen random tops, step 1/8 or the default "
         "tolerance, one panel for each family of methods; in grey the exact Bäcklund step. The thin line is one ulp; "
@@ -232,17 +226,9 @@ def _draw_time(rows: pd.DataFrame, style, names: list[str], what: str):
 
 def _draw_h(rows: pd.DataFrame, style):
     state = "generic"
-    rows = rows.assign(worst=worst(rows, INVARIANTS))
-
-    def line(ax, method, look):
-        chosen = rows[(rows.method == method) & (rows.state == state)].sort_values("h")
-        good = chosen[chosen.status == "done"]
-        if not good.empty:
-            ax.loglog(good.h, good.worst.clip(lower=1e-17), **look)
-        style.failure_marks(ax, chosen[chosen.status == "failed"].h, method)
-
-    fig, axes = style.by_family(rows.method, line, style.STEP, "largest error of H, J3, C1, C2", (1e-17, 1e2))
-    style.label_ends(axes)
+    here = rows[rows.state == state].assign(worst=worst(rows, INVARIANTS))
+    ylabel = "largest error of H, J3, C1, C2"
+    fig, _ = style.by_family(here, "h", "worst", style.STEP, ylabel, (1e-17, 1e2))
     fig.caption = (
         f"The worst of the four invariants over t = {SPAN} on “{TOPS[state].label}”, against the step; in grey "
         "the exact Bäcklund step. Crosses, in its colour: a method declined the step or failed. Errors above 100 are cut off."

@@ -104,7 +104,7 @@ def measure(cell: dict) -> list[dict]:
     errors = _errors(top, states, truth(top, y0, METHODS[cell["method"]], h * unit, counts), y0, rate)
     if cell["part"] == "h":
         return [{name: rounded(np.max(np.abs(e))) for name, e in errors.items()}]
-    columns = {"t": times * rate, **errors}
+    columns = {"t": times / unit, **errors}
     return [{name: rounded(value[i]) for name, value in columns.items()} for i in range(len(times))]
 
 
@@ -156,6 +156,8 @@ def _errors(top, states, truth, y0, rate) -> dict[str, np.ndarray]:
     """time and angle (in radians of their own phase), what is off the torus, and the whole error, all scaled."""
     error = states - truth
     whole = metrics.scaled_error(top, y0, states, truth)
+    if "uniform" not in top.offers:  # there is no torus
+        return {"error": whole}
     split = metrics.phase_split(top, truth, error)
     off = np.sqrt(sum(np.square(_off_torus(top, truth, split, name)) for name in INVARIANTS))
     return {"time": split["time"] * rate, "angle": split["angle"], "off": off, "error": whole}
@@ -356,18 +358,9 @@ def best_of_families(rows: pd.DataFrame) -> set[str]:
 
 
 def _draw_families(rows: pd.DataFrame, style):
-    here = rows[(rows.state == "generic") & rows.h.notna()].sort_values("h")
-
-    def line(ax, method, look):
-        chosen = here[here.method == method]
-        good = chosen[(chosen.status == "done") & (chosen.error > 0)]
-        if not good.empty:
-            ax.loglog(good.h, good.error, **look)
-        style.failure_marks(ax, chosen[chosen.status == "failed"].h, method)
-
-    xlabel, ylabel = style.STEP, f"largest error up to t = {SPAN:g}"
-    fig, axes = style.by_family(here.method, line, xlabel, ylabel, (1e-16, 1e5))
-    style.label_ends(axes)
+    here = rows[(rows.state == "generic") & rows.h.notna()]
+    ylabel = f"largest error up to t = {SPAN:g}"
+    fig, _ = style.by_family(here, "h", "error", style.STEP, ylabel, (1e-16, 1e5))
     fig.caption = (
         f"Largest error against the exact solution up to t = {SPAN:g} on “{TOPS['generic'].label}”, against the step; a panel "
         "for each family of methods; in grey the exact Bäcklund step. "
@@ -378,17 +371,13 @@ def _draw_families(rows: pd.DataFrame, style):
 
 def _draw_time(rows: pd.DataFrame, style):
     here = rows[rows.state == "generic"]
-
-    def line(ax, method, look):
-        chosen = here[(here.method == method) & (here.status == "done")]
-        if chosen.empty:
-            style.failed_label(ax, method)
-            return
-        t, largest = metrics.block_maxima(chosen.t, chosen.time, blocks=30)
-        ax.loglog(t, np.where(largest > 0, largest, np.nan), **{**look, "marker": "none"})
-
-    fig, axes = style.by_family(here.method, line, style.TIME, "|nutation phase error|", (1e-17, 1e4))
-    style.label_ends(axes)
+    lines = [here[here.status != "done"][["method", "status"]]]
+    for method, run in here[here.status == "done"].groupby("method", sort=False):
+        t, largest = metrics.block_maxima(run.t, run.time, blocks=30)
+        shown = {"t": t, "time": np.where(largest > 0, largest, np.nan)}
+        lines.append(pd.DataFrame({"method": method, "status": "done", **shown}))
+    ylabel = "|nutation phase error|"
+    fig, _ = style.by_family(pd.concat(lines), "t", "time", style.TIME, ylabel, (1e-17, 1e4), marker="none")
     fig.caption = (
         "Phase error against time at step 1/4, or the default tolerance: the time by which the nutation is early or late, "
         "in units of 1/(|J| + √(|α||x|)), largest over blocks of time; in grey the exact Bäcklund step. A straight line of "
@@ -414,7 +403,7 @@ def _draw_theory(rows: pd.DataFrame, style):
             run.t, run.left.cummax(), **{**look, "linewidth": 0.5, "linestyle": ":", "marker": "none", "label": "_left"}
         )
 
-    fig, axes = style.by_family(here.method, line, style.TIME, "phase error", (1e-17, 1e0))
+    fig, axes = style.multiples(here.method, line, style.TIME, "phase error", (1e-17, 1e0))
     style.label_ends(axes)
     fig.caption = (
         "Phase errors against time, measured (dots) and predicted by backward error analysis (lines under them), on “generic "

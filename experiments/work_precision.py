@@ -325,9 +325,8 @@ def draw_frontier(rows: pd.DataFrame, style):
     for ax, span in zip(axes, spans, strict=True):
         here = good[good.span == span]
         draw_runs(ax, here, champions(here), style)
-        front = here.iloc[metrics.pareto_front(here.seconds, here.error)]
-        ax.loglog(front.seconds, front.error, color="#dedede", linewidth=9, zorder=1, label="_frontier")
-        _shade_calls(ax, float(good.seconds.min()), style)
+        draw_front(ax, here.seconds, here.error)
+        shade_calls(ax, float(good.seconds.min()), style)
         tried = rows[rows.span == span].method.unique()
         for method in (name for name in named if name in tried and name not in set(here.method)):
             style.failed_label(ax, method)
@@ -357,16 +356,23 @@ def draw_runs(ax, good: pd.DataFrame, named: Collection[str], style, ours: str =
     ax.set_ylim(1e-16, 1)
 
 
-def _shade_calls(ax, call: float, style) -> None:
-    """What no run can be faster than: the least time of any."""
+def draw_front(ax, seconds: pd.Series, error: pd.Series) -> None:
+    """A wide pale line through the runs that no other beats in both."""
+    front = metrics.pareto_front(seconds, error)
+    ax.loglog(seconds.iloc[front], error.iloc[front], color="#dedede", linewidth=9, zorder=1, label="_frontier")
+
+
+def shade_calls(ax, call: float, style) -> None:
+    """What no run can be faster than: the least time of any. It stays where it is if the limits change."""
     low = ax.get_xlim()[0]
     if low > call:
         return
-    low = min(low, call / 2.5)
-    ax.axvspan(low, call, color="#f0ece4", zorder=0.5)
-    ax.set_xlim(left=low)
-    text = {"fontsize": 6.5, "color": style.FAINT, "ha": "center", "va": "center", "rotation": 90}
-    ax.text((low * call) ** 0.5, 1e-8, "one call from Python", **text)
+    ax.axvspan(1e-9 * call, call, color="#f0ece4", zorder=0.5)
+    ax.set_xlim(left=min(low, call / 2.5))
+    ax.annotate(
+        "one call from Python", (call, 0.5), (-2, 0), xycoords=ax.get_xaxis_transform(), textcoords="offset points", rotation=90,
+        ha="right", va="center", fontsize=6.5, color=style.FAINT, annotation_clip=True, clip_on=True,
+    )  # fmt: skip
 
 
 def profiles(good: pd.DataFrame) -> tuple[dict[str, np.ndarray], int]:
@@ -396,7 +402,7 @@ def _draw_profile(good: pd.DataFrame, style):
         ax.step([1.0, *taken, longest], [*share, share[-1]], where="post", **{**look, **above})
     ax.set(xscale="log", xlim=(1.0, longest), ylim=(0, 1.02))
     ax.set(xlabel="factor τ: at most so many times as long as the cheapest", ylabel="share of the races")
-    style.label_end(ax)
+    style.label_ends([ax], 7)
     fig.caption = (
         f"All comparisons in one figure: {races} races, each for a top, a length of run and an error from 1e-4 to 1e-12. For "
         "each method the share of races in which it takes at most τ times as long as the cheapest, set-up counted. Up and left "

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import textwrap
 import unicodedata
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from itertools import pairwise
@@ -90,7 +90,6 @@ class Figure(matplotlib.figure.Figure):
 
     caption: str = ""
     stacked: Any = None  # the panels as they would be side by side, where they are on top of each other
-    after_layout: tuple[Callable[[], None], ...] = ()  # what has to know the sizes of the panels
 
     def savefig(self, *args: Any, **settings: Any) -> None:
         """In this style, whatever the reader's own matplotlibrc says."""
@@ -100,16 +99,7 @@ class Figure(matplotlib.figure.Figure):
     def draw(self, renderer: Any) -> None:
         for ax in self.axes:
             _choose_ticks(ax)
-        engine = self.get_layout_engine()
-        if engine is None:
-            super().draw(renderer)
-            return
-        engine.execute(self)
-        for place in self.after_layout:
-            place()
-        self.set_layout_engine("none")  # or it would be laid out twice
         super().draw(renderer)
-        self.set_layout_engine(engine)
 
 
 def _choose_ticks(ax: Axes) -> None:

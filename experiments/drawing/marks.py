@@ -12,8 +12,11 @@ from typing import Any
 
 import matplotlib.figure
 import numpy as np
+import pandas as pd
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedLocator
 from matplotlib.transforms import blended_transform_factory, offset_copy
 
@@ -32,13 +35,48 @@ from lagrange_bench.integrators.registry import METHODS
 
 TIME, STEP = "time · (|J| + √(|α||x|))", "step h · (|J| + √(|α||x|))"  # axes in the units of the top
 REFERENCE = "backlund"  # in grey in every panel of small multiples
-Line = Callable[[Axes, str, dict[str, Any]], None]  # draws one method into a panel, with this look
+LEAST = 1e-17  # where an error of 0 is drawn
+
+
+def draw_method(ax: Axes, rows: pd.DataFrame, method: str, x: str, y: str, look: dict[str, Any]) -> None:
+    """|y| against x of what one method has in `rows`, on logarithmic axes.
+
+    Crosses where it failed; or, of one that only failed at no x, before its name. Not of a line without a name.
+    """
+    mine = rows[rows.method == method].sort_values(x, kind="stable")
+    good = mine[(mine.status == "done") & mine[y].notna()]
+    if not good.empty:
+        ax.loglog(good[x], good[y].abs().clip(lower=LEAST), **look)
+    if not str(look["label"]).startswith("_"):
+        failed = mine[mine.status == "failed"][x].dropna()
+        failure_marks(ax, failed, method)
+        if good.empty and failed.empty:
+            failed_label(ax, method)
 
 
 def by_family(
+    rows: pd.DataFrame, x: str, y: str, xlabel: str, ylabel: str, ylim: tuple[float, float], marker: str | None = None
+) -> tuple[Figure, list[Axes]]:
+    """Small multiples of `draw_method`: a panel for each family, two to a row, the reference grey in each, lines named.
+
+    marker : "none" for lines without any.
+    """
+
+    def line(ax: Axes, method: str, look: dict[str, Any]) -> None:
+        draw_method(ax, rows, method, x, y, look | ({"marker": marker} if marker else {}))
+
+    fig, axes = multiples(rows.method, line, xlabel, ylabel, ylim)
+    label_ends(axes)
+    return fig, axes
+
+
+Line = Callable[[Axes, str, dict[str, Any]], None]  # draws one method into a panel, with this look
+
+
+def multiples(
     methods: Iterable[str], line: Line, xlabel: str, ylabel: str, ylim: tuple[float, float]
 ) -> tuple[Figure, list[Axes]]:
-    """Small multiples: a panel for each family that has any of the methods, two to a row, the reference grey in each."""
+    """The panels of `by_family`, with lines of another kind."""
     names = ordered(methods)
     groups = [group for group in (*FAMILIES, OTHERS) if any(family(name) == group for name in names)]
     narrow = width() == "column"
@@ -60,26 +98,25 @@ def by_family(
     return fig, axes
 
 
-def label_end(ax: Axes, fontsize: float = 7) -> None:
-    """Write each labelled line's name at its right end, pushed apart so that none overlap. Call it last."""
-    figure = ax.get_figure(root=True)
-    assert isinstance(figure, Figure)
-    figure.after_layout += (_Ends(ax, fontsize).spread,)
-
-
-def label_ends(panels: Iterable[Axes], fontsize: float = 6.5) -> None:
-    """`label_end` of several panels."""
+def label_ends(panels: Iterable[Axes], fontsize: float | None = 6.5) -> None:
+    """Write each labelled line's name where it leaves its panel, pushed apart so that none overlap. Call it last."""
     for ax in panels:
-        label_end(ax, fontsize)
+        _Ends(ax, fontsize)
 
 
-class _Ends:
-    """The names at the ends of the lines of a panel, those without a line (`failed_label`) on top."""
+class _Ends(Artist):
+    """The names at the ends of the lines of a panel, those without a line (`failed_label`) on top.
 
-    def __init__(self, ax: Axes, fontsize: float) -> None:
-        self.ax, self.fontsize = ax, fontsize
+    They are placed each time the panel is drawn, for limits and sizes may have changed: right of the panel, or, where the
+    figure has no room there, inside it. Names of lines that are not in sight are not shown.
+    """
+
+    zorder = -1.0  # drawn before what it moves
+
+    def __init__(self, ax: Axes, fontsize: float | None) -> None:
+        super().__init__()
         lines = [line for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
-        self.lines = [line for line in lines if line.get_label() != "failed" and _last_point(ax, line) is not None]
+        self.lines = [line for line in lines if line.get_label() != "failed" and np.isfinite(line.get_ydata()).any()]
         look: dict[str, Any] = {"fontsize": fontsize, "va": "center", "transform": ax.transAxes}
         self.texts = [
             ax.text(1.05, 0.5, str(line.get_label()), color=readable(line.get_color()), **look) for line in self.lines
@@ -90,29 +127,63 @@ class _Ends:
         colours = [line.get_color() for line in self.lines]
         self.leaders = LineCollection([], colors=colours, linewidths=0.4, transform=ax.transAxes, clip_on=False)
         self.leaders.set_in_layout(False)
+        self.set_in_layout(False)
         ax.add_collection(self.leaders, autolim=False)
+        ax.add_artist(self)
 
-    def spread(self) -> None:
-        """Puts them where they belong, once the panel has its size."""
-        panel = self.ax.get_window_extent()
-        figure = self.ax.get_figure(root=True)
-        assert figure is not None
-        gap = 1.25 * self.fontsize * figure.dpi / 72 / panel.height
-        ends = [_last_point(self.ax, line) or (1.0, 1.0) for line in self.lines]
-        upwards = sorted(range(len(ends)), key=lambda i: ends[i][1])
-        places = _spread([*(ends[i][1] for i in upwards), *(1.0 for _ in self.failed)], gap)
+    def draw(self, renderer: Any) -> None:
+        """Puts the names where they belong, now that the panel has its size."""
+        assert self.axes is not None
+        panel, names = self.axes.bbox, [*self.texts, *self.failed]
+        ends = [_last_point(self.axes, line) for line in self.lines]
+        shown = [i for i, end in enumerate(ends) if end is not None]
+        upwards = sorted(shown, key=lambda i: ends[i][1])  # type: ignore[index]
+        for text, end in zip(self.texts, ends, strict=False):
+            text.set_visible(end is not None)
+        if not names:
+            return
+        gap = 1.25 * names[0].get_fontsize() * self.axes.figure.dpi / 72 / panel.height
+        wanted = [ends[i][1] for i in upwards]  # type: ignore[index]
+        places = _spread([*wanted, *(1.0 for _ in self.failed)], gap)
+        outside = _room(self.axes) >= 1.05 * panel.width + max(t.get_window_extent(renderer).width for t in names)
         for text, place in zip([*(self.texts[i] for i in upwards), *self.failed], places, strict=True):
-            text.set_y(place)
-        self.leaders.set_segments([(ends[i], (1.04, self.texts[i].get_position()[1])) for i in range(len(ends))])
+            text.set(x=1.05 if outside else 0.99, y=place, ha="left" if outside else "right")
+            text.set_path_effects([] if outside else [withStroke(linewidth=2, foreground="white")])
+        leaders = [
+            (ends[i], (1.04, self.texts[i].get_position()[1])) if i in shown and outside else []
+            for i in range(len(ends))
+        ]
+        self.leaders.set_segments(leaders)
+
+
+def _room(ax: Axes) -> float:
+    """Pixels from the left end of a panel to the next one on its right, or the end of the figure."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    others = [other.bbox for other in figure.axes if other is not ax and other.bbox.x0 >= ax.bbox.x1]
+    beside = [box.x0 for box in others if box.y0 < ax.bbox.y1 and ax.bbox.y0 < box.y1]
+    return float(min([figure.bbox.x1, *beside]) - ax.bbox.x0)
 
 
 def _last_point(ax: Axes, line: Any) -> tuple[float, float] | None:
-    """The last finite point of a line, in fractions of the axes, held inside them; None if there is none."""
+    """Where a line is last seen, in fractions of the axes; if it is only above or below, at that edge; else None."""
     data = np.column_stack([np.asarray(v, dtype=float) for v in line.get_data()])
     with np.errstate(all="ignore"):
         points = ax.transAxes.inverted().transform(ax.transData.transform(data))
     points = points[np.isfinite(points).all(axis=1)]
-    return None if len(points) == 0 else (float(np.clip(points[-1][0], 0, 1)), float(np.clip(points[-1][1], 0, 1)))
+    if len(points) == 0:
+        return None
+    way = np.diff(points, axis=0, append=points[-1:])
+    way[way == 0] = 1e-12
+    near, far = np.sort([-points / way, (1 - points) / way], axis=0)  # of each segment, where it meets the edges
+    leave = np.minimum(far.min(axis=1), 1)
+    seen = np.flatnonzero(np.maximum(near.max(axis=1), 0) <= leave)
+    over = np.flatnonzero((points[:, 0] >= 0) & (points[:, 0] <= 1))
+    if len(seen) == len(over) == 0:
+        return None
+    end = points[seen[-1]] + leave[seen[-1]] * way[seen[-1]] if len(seen) else points[over[-1]]
+    x, y = np.clip(end, 0, 1)
+    return float(x), float(y)
 
 
 def _spread(places: Sequence[float], gap: float) -> list[float]:

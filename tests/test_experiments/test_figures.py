@@ -72,7 +72,7 @@ def test_small_multiples_name_every_method_once_and_apart_from_the_others(width)
 
     names = [*METHODS, "not_registered"]
     with style.apply(width):
-        fig, axes = style.by_family(reversed(names), line, "x", "y", (1e-16, 1))
+        fig, axes = style.multiples(reversed(names), line, "x", "y", (1e-16, 1))
         style.label_ends(axes)
         for dpi in (72, 600) if width else (fig.dpi,):
             fig.set_dpi(dpi)
@@ -95,7 +95,7 @@ def test_failures_of_several_methods_do_not_hide_each_other():
             style.failure_marks(ax, [2.0, 5.0], method)
         style.failure_marks(ax, [])
         style.failed_label(ax, "backlund")
-        style.label_end(ax)
+        style.label_ends([ax])
         fig.draw_without_rendering()
         crosses = [line for line in ax.get_lines() if line.get_gid() == "failed"]
         heights = [line.get_transform().transform(line.get_xydata())[0, 1] for line in crosses]
