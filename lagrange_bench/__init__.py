@@ -3,7 +3,8 @@
     from lagrange_bench import LagrangeTop, integrate, METHODS      # the integrators
     from lagrange_bench import check                                # does a method keep its word? on a problem of yours, too
     from lagrange_bench import metrics, states, timing              # what the experiments measure with
-    from lagrange_bench import work_precision                       # a few methods against each other: a figure and a frame
+    from lagrange_bench import drift, phase, work_precision         # questions: a few methods, as a frame and as figures
+    from lagrange_bench import load                                 # stored rows, the published ones among them, as frames
     from lagrange_bench import judge                                # the trajectory of any program, by the exact heavy top
     from lagrange_bench import FixedStepper, compiled               # for a method of your own
 
@@ -18,7 +19,8 @@ from lagrange_bench.integrators import __all__ as _INTEGRATORS
 from lagrange_bench.integrators.lazy import face
 
 if TYPE_CHECKING:
-    from lagrange_bench.comparison import work_precision
+    from lagrange_bench.comparison import Comparison, drift, heavy_top, order, perturbed, phase, work_precision
+    from lagrange_bench.data import load
     from lagrange_bench.experiments.drawing import style
     from lagrange_bench.experiments.measuring import metrics, states, timing
     from lagrange_bench.experiments.measuring.check import check
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from lagrange_bench.judging import judge
     from lagrange_bench.results.store import Store
 
+QUESTIONS = ("Comparison", "drift", "heavy_top", "order", "perturbed", "phase", "work_precision")
 __getattr__, __dir__ = face(
     __name__,
     {
@@ -39,7 +42,8 @@ __getattr__, __dir__ = face(
         "lagrange_bench.experiments.measuring.metrics": (),
         "lagrange_bench.experiments.measuring.states": (),
         "lagrange_bench.experiments.measuring.timing": (),
-        "lagrange_bench.comparison": ("work_precision",),
+        "lagrange_bench.comparison": QUESTIONS,
+        "lagrange_bench.data": ("load",),
         "lagrange_bench.judging": ("judge",),
         "lagrange_bench.results.store": ("Store",),
     },
@@ -47,12 +51,19 @@ __getattr__, __dir__ = face(
 __all__ = [
     *_INTEGRATORS,
     "MEMORY",
+    "Comparison",
     "FixedStepper",
     "Store",
     "check",
     "compiled",
+    "drift",
+    "heavy_top",
     "judge",
+    "load",
     "metrics",
+    "order",
+    "perturbed",
+    "phase",
     "states",
     "style",
     "timing",

@@ -58,19 +58,24 @@ class StoreError(RuntimeError):
     """Results cannot be written or read; the message names the folder and what to do."""
 
 
+def published() -> Path:
+    """The folder of the published rows, which come with the package."""
+    return Path(__file__).with_name("reference")
+
+
 def default_results(profile: str | None = None) -> Path:
     """Where results are if nobody says: of a run with this profile, or (None) the ones the report shows.
 
-    In a checkout results/local/<profile> and results/reference. For an installed package ./results/<profile>,
-    and the fullest of those there are: two profiles in one folder would be drawn into one figure.
+    In a checkout results/local/<profile> and results/reference. For an installed package ./results/<profile>, and the
+    fullest of those there are: two profiles in one folder would be drawn into one figure; without any, the published ones.
     """
     root = provenance.checkout()
     if root is not None:
         return root / "results" / "reference" if profile is None else root / "results" / "local" / profile
     results = Path("results")
-    if profile is None:
-        profile = "full" if (results / "full").is_dir() or not (results / "quick").is_dir() else "quick"
-    return results / profile
+    if profile is not None:
+        return results / profile
+    return next((results / name for name in ("full", "quick") if (results / name).is_dir()), published())
 
 
 def find_results(chosen: Path | None) -> tuple[Path, list[str]]:

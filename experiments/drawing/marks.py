@@ -38,15 +38,18 @@ REFERENCE = "backlund"  # in grey in every panel of small multiples
 LEAST = 1e-17  # where an error of 0 is drawn
 
 
-def draw_method(ax: Axes, rows: pd.DataFrame, method: str, x: str, y: str, look: dict[str, Any]) -> None:
-    """|y| against x of what one method has in `rows`, on logarithmic axes.
+def draw_method(
+    ax: Axes, rows: pd.DataFrame, method: str, x: str, y: str, look: dict[str, Any], log: Sequence[bool] = (True, True)
+) -> None:
+    """y against x of what one method has in `rows`, on logarithmic axes its absolute value.
 
     Crosses where it failed; or, of one that only failed at no x, before its name. Not of a line without a name.
     """
-    mine = rows[rows.method == method].sort_values(x, kind="stable")
-    good = mine[(mine.status == "done") & mine[y].notna()]
+    mine = rows[rows.method == method]
+    good = mine[(mine.status == "done") & mine[x].notna() & mine[y].notna()]
     if not good.empty:
-        ax.loglog(good[x], good[y].abs().clip(lower=LEAST), **look)
+        ax.plot(good[x], good[y].abs().clip(lower=LEAST) if log[1] else good[y], **look)
+        ax.set(**{f"{axis}scale": "log" for axis, is_log in zip("xy", log, strict=True) if is_log})
     if not str(look["label"]).startswith("_"):
         failed = mine[mine.status == "failed"][x].dropna()
         failure_marks(ax, failed, method)
@@ -65,6 +68,7 @@ def by_family(
     def line(ax: Axes, method: str, look: dict[str, Any]) -> None:
         draw_method(ax, rows, method, x, y, look | ({"marker": marker} if marker else {}))
 
+    rows = rows.sort_values(x, kind="stable")
     fig, axes = multiples(rows.method, line, xlabel, ylabel, ylim)
     label_ends(axes)
     return fig, axes
@@ -98,7 +102,7 @@ def multiples(
     return fig, axes
 
 
-def label_ends(panels: Iterable[Axes], fontsize: float | None = 6.5) -> None:
+def label_ends(panels: Iterable[Axes], fontsize: Any = 6.5) -> None:
     """Write each labelled line's name where it leaves its panel, pushed apart so that none overlap. Call it last."""
     for ax in panels:
         _Ends(ax, fontsize)
@@ -113,7 +117,7 @@ class _Ends(Artist):
 
     zorder = -1.0  # drawn before what it moves
 
-    def __init__(self, ax: Axes, fontsize: float | None) -> None:
+    def __init__(self, ax: Axes, fontsize: Any) -> None:
         super().__init__()
         lines = [line for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
         self.lines = [line for line in lines if line.get_label() != "failed" and np.isfinite(line.get_ydata()).any()]
@@ -149,11 +153,9 @@ class _Ends(Artist):
         for text, place in zip([*(self.texts[i] for i in upwards), *self.failed], places, strict=True):
             text.set(x=1.05 if outside else 0.99, y=place, ha="left" if outside else "right")
             text.set_path_effects([] if outside else [withStroke(linewidth=2, foreground="white")])
-        leaders = [
-            (ends[i], (1.04, self.texts[i].get_position()[1])) if i in shown and outside else []
-            for i in range(len(ends))
-        ]
-        self.leaders.set_segments(leaders)
+        joined = zip(ends, self.texts, strict=True)
+        drawn = [(end, (1.04, text.get_position()[1])) if end and outside else np.empty((0, 2)) for end, text in joined]
+        self.leaders.set_segments(drawn)
 
 
 def _room(ax: Axes) -> float:

@@ -1,0 +1,115 @@
+"""`load`: stored rows as frames, one for each experiment."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import warnings
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from lagrange_bench.experiments.measuring import states
+from lagrange_bench.integrators import LagrangeTop, PerturbedTop
+from lagrange_bench.integrators.registry import find_stored_potential
+from lagrange_bench.integrators.words import numbers, suggestion
+from lagrange_bench.results.store import Store, find_results, published
+
+OWN_UNITS = ("ensemble", "gaudin", "heavy_top")  # experiments whose rows have the tops' own unit of time, or s
+TIMES = ("h", "t", "span")
+
+
+class Results(Mapping[str, pd.DataFrame]):
+    """The rows of a folder of results by experiment, each read when it is first asked for; see `load`."""
+
+    def __init__(self, folder: Path):
+        self.folder, self._store = folder, Store(folder)
+        self._frames: dict[str, pd.DataFrame] = {}
+
+    def __getitem__(self, experiment: str) -> pd.DataFrame:
+        if experiment not in (known := list(self)):
+            close = suggestion(str(experiment), known)
+            raise KeyError(f"no rows of {experiment!r} in {self.folder}{close} There: {', '.join(known)}")
+        if experiment not in self._frames:
+            journal = self._store.open(experiment)
+            for problem in journal.problems:
+                warnings.warn(problem, RuntimeWarning, stacklevel=2)
+            rows = journal.rows().rename(columns={"state": "top", "case": "top"})
+            self._frames[experiment] = rows if experiment in OWN_UNITS else in_both_units(rows)
+        return self._frames[experiment].copy()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._store.experiments())
+
+    def __len__(self) -> int:
+        return len(self._store.experiments())
+
+    def __repr__(self) -> str:
+        return f"<results in {self.folder}: {', '.join(self)}>"
+
+
+def load(results: str | Path = "reference") -> Results:
+    """What is stored, as a pandas frame for each experiment.
+
+        frame = load()["drift"]
+        frame[frame.method == "rk4"].plot("t_scaled", "H")
+
+    Parameters
+    ----------
+    results : "reference", the published rows, which come with the package; or a folder that `lagrange-bench run` wrote to.
+
+    Returns
+    -------
+    Results
+        A mapping from the names of experiments to frames. results/README.md explains the columns, with two changes. `state` and
+        `case` are called `top`. `h`, `t` and `span` are in the top's own unit of time, as for `integrate`; `h_scaled`, `t_scaled`
+        and `span_scaled` in its time scale, as they are stored.
+
+    Raises
+    ------
+    FileNotFoundError
+        There is no such folder, or nothing is stored there.
+    KeyError
+        When an experiment is asked for that has no rows there; the message names those that have.
+    """
+    if str(results) != "reference":
+        return Results(find_results(Path(results))[0])
+    return Results(published())
+
+
+def in_both_units(rows: pd.DataFrame, known: Mapping[str, float] | None = None) -> pd.DataFrame:
+    """Rows with times in time scales of their tops: these as `h_scaled` and so on, beside them `h` in the top's own unit.
+
+    It is NaN where a row has no top that is known here. known : time scales of tops.
+    """
+    times = [name for name in TIMES if name in rows]
+    if not times:
+        return rows
+    found = rows.rename(columns={name: f"{name}_scaled" for name in times})
+    units = np.full(len(rows), math.nan)
+    if "top" in rows:
+        known = known or {name: _unit(group.iloc[0]) for name, group in rows.groupby("top", sort=False)}
+        units = rows["top"].map(known).to_numpy(dtype=float)
+    own = rows["part"].eq("headline").to_numpy() if "part" in rows else np.zeros(len(rows), dtype=bool)
+    for name in times:
+        place = int(found.columns.get_loc(f"{name}_scaled"))  # type: ignore[arg-type]
+        found.insert(place, name, rows[name] * np.where(own, 1.0, units))
+        found[f"{name}_scaled"] = rows[name] / np.where(own, units, 1.0)
+    return found
+
+
+def _unit(row: Any) -> float:
+    """The time scale of the top of a row, in its own unit."""
+    with contextlib.suppress(ValueError):
+        if not isinstance(row.get("y0"), str):  # a sweep says where its tops start
+            top, y0 = states.find(row["top"])
+            return float(top.scales(y0)[2])
+        top, y0 = LagrangeTop(row["alpha"]), np.array(numbers(row["y0"]))
+        if isinstance(row.get("potential"), str):
+            parameters = tuple(numbers(row["parameters"])) if row["parameters"] else ()
+            top = PerturbedTop(top, find_stored_potential(row["potential"]), parameters)
+        return float(top.scales(y0)[2])
+    return math.nan
