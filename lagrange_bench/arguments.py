@@ -83,6 +83,14 @@ def location(text: str) -> Path:
     return Path(text)
 
 
+def limits(text: str) -> tuple[float, float]:
+    """Two numbers, the ends of an axis."""
+    ends = numbers(text)
+    if len(ends) != 2 or ends[0] == ends[1]:
+        raise argparse.ArgumentTypeError(f"must be two numbers, as 1e-3,10; got {text!r}")
+    return float(ends[0]), float(ends[1])
+
+
 def add_choice(command: argparse.ArgumentParser) -> None:
     for flag, what in (("--methods", "methods (of mine.py: mine:METHOD)"), ("--tops", "tops")):
         text = f"only the cells of these {what}; cells that belong to none are left out, too (default: all)"

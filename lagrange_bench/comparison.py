@@ -70,13 +70,21 @@ LABELS = {
     "energy": "relative error of the energy",
     "momentum": "relative error of the momentum about the vertical",
 }
-SIGNED = (
+OF_PROBLEMS = {  # that are no tops
+    "h_scaled": "step h, in the time scale of the motion",
+    "t_scaled": "time t, in the time scale of the motion",
+    "error": "error, relative to the scales of the state",
+}
+ERRORS = (
+    "error",
+    "worst",
     "time",
     "angle",
+    "off",
     "predicted_time",
     "predicted_angle",
-    "worst",
-)  # errors that have a sign, beside the invariants
+    "left",
+)  # beside the invariants
 APART = ("top", "scheme", "options", "variant", "form", "pin", "n", "span_scaled")  # what tells lines of a method apart
 KNOBS = ("h_scaled", "tol", "rtol", "fraction")  # likewise, where a run has many rows
 
@@ -139,8 +147,7 @@ class Comparison:
         ValueError : no such column, method or top, or nothing to draw; the message says what there is.
         """
         x, y = x or self.x, y or self.y
-        rows = self._rows(x, y, methods, tops)
-        names = list(dict.fromkeys(rows["top"]))
+        rows, names = self._rows(x, y, methods, tops), self.tops(x, y, methods, tops)
         axes = _axes(ax, names)
         with self._known():
             for place, one in enumerate(axes):
@@ -151,6 +158,12 @@ class Comparison:
                 )
                 one.set(**{name: limits for name, limits in (("xlim", xlim), ("ylim", ylim)) if limits is not None})
         return axes[0] if len(axes) == 1 else np.array(axes)
+
+    def tops(
+        self, x: str, y: str, methods: Iterable[str] | None = None, tops: Iterable[str] | None = None
+    ) -> list[str]:
+        """The tops that `plot` has panels for."""
+        return list(dict.fromkeys(self._rows(x, y, methods, tops)["top"]))
 
     # ------------------------------------------------------------------ what is drawn
 
@@ -189,6 +202,8 @@ class Comparison:
         """All lines of a panel."""
         sampled = "t_scaled" in rows and bool(rows["t_scaled"].notna().any())
         race, log = x in ("seconds", "total") and y == "error", [self._is_log(rows, name) for name in (x, y)]
+        if log[1] and not self._is_error(y):
+            rows = rows.assign(**{y: rows[y].where(rows[y] > 0)})
         good = rows[rows[x].notna() & rows[y].notna()]
         if race and len(good):
             work_experiment.draw_front(ax, good[x], good[y])
@@ -219,19 +234,19 @@ class Comparison:
 
     def _is_log(self, rows: pd.DataFrame, name: str) -> bool:
         values = rows[name][np.isfinite(rows[name])]
-        if (
-            name not in (*self.invariants, *SIGNED)
-            and not name.startswith(drift_experiment.KEPT)
-            and (values <= 0).any()
-        ):
+        if not self._is_error(name) and (values < 0).any():
             return False
         sizes = values[values != 0].abs()
         return bool(len(sizes) and sizes.max() > 30 * sizes.min())
 
+    def _is_error(self, name: str) -> bool:
+        return name in (*self.invariants, *ERRORS) or name.startswith(drift_experiment.KEPT)
+
     def _label(self, name: str) -> str:
         if name in self.invariants:
             return f"relative error of {name}"
-        return LABELS.get(name) or style.plain(heading(name))
+        labels = LABELS if self.invariants == INVARIANTS else {**LABELS, **OF_PROBLEMS}
+        return labels.get(name) or style.plain(heading(name))
 
     def _title(self, tops: list[str]) -> str:
         named = [self.labels.get(top) or (NAMED_TOPS[top].label if top in NAMED_TOPS else top) for top in tops]

@@ -22,6 +22,13 @@ OWN_UNITS = ("ensemble", "gaudin", "heavy_top")  # experiments whose rows have t
 TIMES = ("h", "t", "span")
 
 
+class NoRows(KeyError, ValueError):
+    """There are no rows of an experiment; the message says of which there are."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
 class Results(Mapping[str, pd.DataFrame]):
     """The rows of a folder of results by experiment, each read when it is first asked for; see `load`."""
 
@@ -32,7 +39,7 @@ class Results(Mapping[str, pd.DataFrame]):
     def __getitem__(self, experiment: str) -> pd.DataFrame:
         if experiment not in (known := list(self)):
             close = suggestion(str(experiment), known)
-            raise KeyError(f"no rows of {experiment!r} in {self.folder}{close} There: {', '.join(known)}")
+            raise NoRows(f"no rows of {experiment!r} in {self.folder}{close} There: {', '.join(known)}")
         if experiment not in self._frames:
             journal = self._store.open(experiment)
             for problem in journal.problems:

@@ -30,6 +30,7 @@ TALLEST = 9.2  # inches: what a journal page holds
 LONGEST = 44  # letters of a label in a column
 _FORCED: ContextVar[str | None] = ContextVar("width of every figure", default=None)
 _HIGHLIGHTED: ContextVar[tuple[str, ...]] = ContextVar("methods that stand out", default=())
+_LIMITS: ContextVar[dict[str, tuple[float, float]]] = ContextVar("limits of every panel", default={})  # noqa: B039
 DECADES = 4  # an axis of more has no ticks between the powers of ten
 LESS = 0.6  # decades: an axis of less has no room for numbers at 1, 2 and 5
 INK, FAINT = "#222222", "#6b6b6b"
@@ -138,6 +139,16 @@ def apply(width: str | None = None, highlight: Sequence[str] = ()) -> Iterator[N
         _HIGHLIGHTED.reset(highlighted)
 
 
+@contextmanager
+def limits(**ends: tuple[float, float] | None) -> Iterator[None]:
+    """Figures that are printed inside have these limits in every panel: xlim, ylim, as of `set_xlim`."""
+    before = _LIMITS.set({name: pair for name, pair in ends.items() if pair is not None})
+    try:
+        yield
+    finally:
+        _LIMITS.reset(before)
+
+
 def width() -> str:
     """Of a figure meant for a page: "page", or "column" where `apply` forces that."""
     return _FORCED.get() or "page"
@@ -237,6 +248,7 @@ def _formula(text: str) -> bool:
 def finish(fig: matplotlib.figure.Figure) -> None:
     """Makes a figure ready to be saved; panels on top of each other get the labels they had from their neighbours."""
     for ax in fig.axes:
+        ax.set(**_LIMITS.get())
         _choose_ticks(ax)  # or thousands of them are made, to be looked at and thrown away
     keep_to_the_letter(fig)
     if fig.get_figwidth() == WIDTHS["column"]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
-from lagrange_bench.arguments import add_choice, add_module, check_choice, choice_of, location
+from lagrange_bench.arguments import add_choice, add_module, check_choice, choice_of, limits, location
 from lagrange_bench.text import Answer
 
 SUMMARY = "one figure, for a paper"
@@ -15,7 +16,7 @@ FORMATS = ("svg", "pdf", "png")
 
 DESCRIPTION = """\
 Draw a stored figure again, for a paper: as SVG, PDF (fonts embedded) or PNG, as wide as a column or a page. The same
-rows give the same bytes."""
+rows give the same bytes. Or draw any column of the stored rows against any other: --x and --y."""
 
 
 EXAMPLES = """\
@@ -24,12 +25,17 @@ examples:
   lagrange-bench figure phase_h --format pdf --width column
   lagrange-bench figure work_precision_time --methods mine,rk4,backlund --results results/local/quick
   lagrange-bench figure drift_time --results results/local/quick --output drift.svg
+  lagrange-bench figure phase_h --xlim 1e-2,1 --ylim 1e-12,1
+  lagrange-bench figure drift_time --x t_scaled --y C2 --tops random000 --methods rk4,backlund
   lagrange-bench figure --all --format pdf --output paper/figures"""
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "name", nargs="?", metavar="NAME", help="the name printed below a figure of the page, e.g. phase_h"
+        "name",
+        nargs="?",
+        metavar="NAME",
+        help="the name printed below a figure of the page, e.g. phase_h; or an experiment",
     )
     command.add_argument(
         "--all", action="store_true", help="every figure, in every format and width unless one is given"
@@ -37,6 +43,11 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--list", action="store_true", help="print the names of the figures that can be drawn")
     command.add_argument("--format", choices=FORMATS, help="of the file (default: as its name ends, else svg)")
     command.add_argument("--width", choices=("column", "page"), help="3.4 or 7 inches (default: as on the page)")
+    for flag in ("--x", "--y"):
+        text = "draw these columns of the rows, a panel for each top; see lagrange_bench.load for their names"
+        command.add_argument(flag, metavar="COLUMN", help=text)
+    for flag in ("--xlim", "--ylim"):
+        command.add_argument(flag, type=limits, metavar="A,B", help="limits of that axis, in every panel")
     text = "what lagrange-bench run stored (default: as for lagrange-bench report)"
     command.add_argument("--results", type=location, metavar="DIR", help=text)
     text = "the file, or the folder for --all (default: NAME.FORMAT, or ./figures)"
@@ -48,6 +59,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """Draw one stored figure, or all of them, as files."""
+    from lagrange_bench.experiments.drawing import style
     from lagrange_bench.integrators.files import replace_file
     from lagrange_bench.integrators.registry import import_modules
     from lagrange_bench.report import export
@@ -58,6 +70,8 @@ def run(options: argparse.Namespace) -> Answer:
         raise ValueError("give one of: the name of a figure, as phase_h; --all; --list")
     if options.list and (given := [word for word in ("output", "format", "width") if getattr(options, word)]):
         raise ValueError(f"--{given[0]} is for figures that are drawn, and --list draws none")
+    if (options.x is None) != (options.y is None) or (options.x and options.name is None):
+        raise ValueError("--x and --y go together, with the name of a figure or of an experiment")
     import_modules(options.module)
     results, _ = find_results(options.results)
     choice = choice_of(options)
@@ -70,8 +84,13 @@ def run(options: argparse.Namespace) -> Answer:
     def write(path: Path, content: bytes) -> None:
         done.append(replace_file(path, content))
 
-    with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
-        if options.all:
+    shown = progress.drawing(results, show=not (options.quiet or options.json))
+    with style.limits(xlim=options.xlim, ylim=options.ylim), shown as drawn:
+        if options.x:
+            kind = _format(options)
+            written, unknown, notes = [options.output or Path(f"{options.name}.{kind}")], [], []
+            write(written[0], _columns(options, results, choice, kind))
+        elif options.all:
             chosen = {"kinds": options.format, "widths": options.width}
             some = {name: (value,) for name, value in chosen.items() if value}
             folder = options.output or Path("figures")
@@ -88,6 +107,28 @@ def run(options: argparse.Namespace) -> Answer:
     paths = [str(path) for path in written]
     data = {"written": paths, "not_drawn": unknown, "notes": notes, "results": str(results)}
     return Answer("\n".join(map(str, written)), data, 1 if unknown else 0)
+
+
+def _columns(options: argparse.Namespace, results: Path, choice: Any, kind: str) -> bytes:
+    """The file of a figure of any two columns of the rows of an experiment, or of the part of them that a figure is of."""
+    from lagrange_bench.comparison import MOST, Comparison
+    from lagrange_bench.data import load
+    from lagrange_bench.experiments.drawing import figures, style
+
+    stored = load(results)
+    names = sorted((name for name in stored if f"{options.name}_".startswith(f"{name}_")), key=len)
+    frame = stored[names[-1] if names else options.name.partition("_")[0]]
+    part = options.name.removeprefix(names[-1]).removeprefix("_") if names else ""
+    if "part" in frame and part in set(frame["part"]):
+        frame = frame[frame["part"] == part]
+    drawn = Comparison(frame)
+    with style.apply(options.width, choice.highlight):
+        tops = drawn.tops(options.x, options.y, choice.methods or None, choice.tops or None)
+        if len(tops) > MOST:
+            raise ValueError(f"--tops: there are {len(tops)}; choose at most {MOST}, as --tops {','.join(tops[:2])}")
+        figure, axes = style.panels(tops, min(len(tops), 2), (0.4, 2.7), "", "")
+        drawn.plot(options.x, options.y, choice.methods or None, tops, axes)
+        return figures.FORMATS[kind](figure)
 
 
 def _format(options: argparse.Namespace) -> str:

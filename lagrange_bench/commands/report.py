@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import webbrowser
+from pathlib import Path
 
 from lagrange_bench.arguments import add_choice, add_module, check_choice, choice_of, location
 from lagrange_bench.text import Answer
@@ -29,7 +30,7 @@ not be drawn, which the page says in its place · 2 no such results, or files ca
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    text = "what lagrange-bench run stored (default: results/reference, the published ones; else your latest run)"
+    text = "what lagrange-bench run stored (default: the published results; of an installed package your latest run, if any)"
     command.add_argument("--results", type=location, metavar="DIR", help=text)
     text = "where the page goes; it is created (default: the folder page in that of the results)"
     command.add_argument("--output", type=location, metavar="DIR", help=text)
@@ -49,12 +50,14 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.integrators.registry import import_modules
     from lagrange_bench.report import claims, page
     from lagrange_bench.report.sections import place
-    from lagrange_bench.results.store import find_results
+    from lagrange_bench.results import provenance
+    from lagrange_bench.results.store import find_results, published
     from lagrange_bench.runner import progress
 
     results, notes = find_results(options.results)
     beside = options.beside and find_results(options.beside)[0]
-    output = options.output or place(results, "page")
+    installed = results == published() and provenance.checkout() is None  # nothing is written into a package
+    output = options.output or (Path("page") if installed else place(results, "page"))
     import_modules(options.module)
     choice = choice_of(options)
     check_choice(results, choice)

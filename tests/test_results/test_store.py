@@ -401,9 +401,11 @@ def test_default_results(monkeypatch, tmp_path):
     monkeypatch.setattr(provenance, "checkout", lambda: None)  # installed
     monkeypatch.chdir(tmp_path)
     assert store.default_results("quick") == Path("results/quick")
-    assert store.default_results() == Path("results/full")
+    assert store.default_results() == store.published() == root / "results" / "reference"
     (tmp_path / "results" / "quick").mkdir(parents=True)
     assert store.default_results() == Path("results/quick")
+    (tmp_path / "results" / "full").mkdir()
+    assert store.default_results() == Path("results/full")
 
 
 def test_results_are_found_in_the_checkout(filled, tmp_path, monkeypatch):
