@@ -3,6 +3,7 @@
 Every ```python block of a tutorial is executed, all of a page in one namespace and an empty folder, and so is every
 line of an ```sh block. A block ```text directly below shows what is printed, and must be that to the letter; ```text
 varies shows what differs from machine to machine. A block that starts with `# name.py` or `# name.toml` is that file.
+What a page saves as NAME.svg and shows goes to docs/pictures.
 
 A part of every reference run, on the same machine and with nothing else running, for the times that pages show: see
 results/README.md. `tests/test_docs.py` holds the pages to what they show.
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import re
 import shlex
 import sys
@@ -19,10 +21,20 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+import matplotlib
+
 from lagrange_bench import __main__ as cli
+from lagrange_bench.experiments.drawing import figures
 
 DOCS = Path(__file__).parent
-PAGES = [*sorted((DOCS / "tutorials").glob("*.md")), *sorted(DOCS.glob("adding-*.md")), DOCS / "phase-theory.md"]
+GUIDES = ("phase-theory", "reading-figures", "your-own-figures")
+PAGES = [
+    *sorted((DOCS / "tutorials").glob("*.md")),
+    *sorted(DOCS.glob("adding-*.md")),
+    *(DOCS / f"{name}.md" for name in GUIDES),
+]
+PICTURES = DOCS / "pictures"  # what pages save as NAME.svg and show
+REPEATABLE = {"svg.hashsalt": "lagrange-bench", "svg.fonttype": "none"}
 FENCED = re.compile(r"^```(\w+(?: \w+)?)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -86,11 +98,17 @@ def refreshed(page: Path) -> str:
 
 
 def main() -> None:
-    for page in PAGES:
-        with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+    """Of all pages, or of those whose names are given."""
+    matplotlib.use("svg")
+    os.environ.setdefault("SOURCE_DATE_EPOCH", "0")
+    for page in [page for page in PAGES if page.stem in sys.argv[1:] or not sys.argv[1:]]:
+        with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder), matplotlib.rc_context(REPEATABLE):
             sys.path.insert(0, folder)
             text = refreshed(page)
             sys.path.remove(folder)
+            for file in Path(folder).glob("*.svg"):
+                if f"pictures/{file.name}" in text:
+                    (PICTURES / file.name).write_text(figures.compact(file.read_text("utf-8")), "utf-8")
         if text != page.read_text(encoding="utf-8"):
             page.write_text(text, encoding="utf-8")
             print(page.relative_to(DOCS.parent))

@@ -32,7 +32,7 @@ from lagrange_bench.experiments import perturbed as field_experiment
 from lagrange_bench.experiments import phase as phase_experiment
 from lagrange_bench.experiments import work_precision as work_experiment
 from lagrange_bench.experiments.drawing import style
-from lagrange_bench.experiments.drawing.tables import heading
+from lagrange_bench.experiments.drawing.tables import heading, show
 from lagrange_bench.experiments.measuring import check, metrics, states
 from lagrange_bench.experiments.measuring.reductions import worst
 from lagrange_bench.integrators import INVARIANTS, METHODS, Method, StepError
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 Top = str | NamedTop | tuple[Any, Any]
 SPANS = (1e-3, 1e9)  # of runs, in time scales: shorter ones are a step each, longer ones take seconds only to be tried
 MOST = 12  # panels of one figure
-SAMPLED = 24  # points of a line that has no markers
+SAMPLED = 32  # points of a line that has no markers
 LABELS = {
     "h": "step h, in the top's own unit of time",
     "h_scaled": style.STEP,
@@ -86,6 +86,7 @@ ERRORS = (
     "left",
 )  # beside the invariants
 APART = ("top", "scheme", "options", "variant", "form", "pin", "n", "span_scaled")  # what tells lines of a method apart
+WORDS = {"span_scaled": "t", "h_scaled": "h"}  # what they are called then
 KNOBS = ("h_scaled", "tol", "rtol", "fraction")  # likewise, where a run has many rows
 
 
@@ -200,37 +201,32 @@ class Comparison:
 
     def _draw(self, ax: Axes, rows: pd.DataFrame, x: str, y: str) -> None:
         """All lines of a panel."""
-        sampled = "t_scaled" in rows and bool(rows["t_scaled"].notna().any())
-        race, log = x in ("seconds", "total") and y == "error", [self._is_log(rows, name) for name in (x, y)]
+        sampled, race = _sampled(rows), x in ("seconds", "total") and y == "error"
+        log = [self._is_log(rows, name) for name in (x, y)]
         if log[1] and not self._is_error(y):
             rows = rows.assign(**{y: rows[y].where(rows[y] > 0)})
         good = rows[rows[x].notna() & rows[y].notna()]
         if race and len(good):
             work_experiment.draw_front(ax, good[x], good[y])
-        for method in style.ordered(rows["method"]):
-            mine = rows[rows["method"] == method]
-            columns = (*APART, *(KNOBS if sampled else ()))
-            apart = [name for name in columns if name in mine and name not in (x, y) and mine[name].nunique() > 1]
-            lines = mine.groupby(apart, sort=False, dropna=False) if apart else [((), mine)]
-            for place, (values, line) in enumerate(lines):
-                done = line[line["status"] == "done"]
-                kept = done.iloc[metrics.pareto_front(done[x], done[y])] if race else done
-                line = pd.concat([kept, line[line["status"] == "failed"]]) if len(kept) else line
-                look = self._look(method, dict(zip(apart, values, strict=True)), place, len(kept))
-                style.draw_method(ax, line.sort_values("t_scaled" if sampled else x), method, x, y, look, log)
+        for method, look in self._looks(style.ordered(rows["method"]), good, y).items():
+            for place, (words, line) in enumerate(_lines(rows[rows["method"] == method], x, y)):
+                if race and line[y].notna().any():
+                    line = line.iloc[metrics.pareto_front(line[x], line[y])]
+                if place and "linestyle" in look:
+                    dashes = style.DASHES if look["linestyle"] in style.DASHES else style.OWN_DASHES
+                    look["linestyle"] = dashes[(dashes.index(look["linestyle"]) + 1) % len(dashes)]
+                named = {**look, "label": ", ".join([look["label"], *map(style.plain, words)])}
+                style.draw_method(ax, line.sort_values("t_scaled" if sampled else x), method, x, y, named, log)
         style.label_ends([ax], rcParams["legend.fontsize"])
 
-    def _look(self, method: str, values: dict[str, Any], place: int, points: int) -> dict[str, Any]:
-        look = style.of(method)
-        dashes = style.DASHES if look["linestyle"] in style.DASHES else style.OWN_DASHES
-        look["linestyle"] = dashes[(dashes.index(look["linestyle"]) + place) % len(dashes)]
-        known = {name: value for name, value in values.items() if value == value and value is not None}
-        words = [
-            str(value) if isinstance(value, str) else f"{name.removesuffix('_scaled')} = {value:.3g}"
-            for name, value in known.items()
-        ]
-        marker = {"marker": "none"} if points > SAMPLED else {}
-        return {**look, **marker, "label": ", ".join([look["label"], *map(style.plain, words)])}
+    def _looks(self, methods: list[str], good: pd.DataFrame, y: str) -> dict[str, dict[str, Any]]:
+        """Of each method; among many only the best of each family is named, by the median of |y|."""
+        middle = good[y].abs().groupby(good["method"]).median()
+        best = set(middle.groupby(middle.index.map(style.family)).idxmin())
+        looks = {name: style.of(name) for name in methods} if len(methods) <= MOST else style.looks(methods, best)
+        if len(good) > SAMPLED * max(good["method"].nunique(), 1):
+            looks = {name: look | {"marker": "none"} for name, look in looks.items()}
+        return looks
 
     def _is_log(self, rows: pd.DataFrame, name: str) -> bool:
         values = rows[name][np.isfinite(rows[name])]
@@ -258,6 +254,26 @@ class Comparison:
             for method in self.methods:
                 stack.enter_context(METHODS.lent(method))
             yield
+
+
+def _sampled(rows: pd.DataFrame) -> bool:
+    """Whether the rows are samples of runs, and not runs."""
+    return "t_scaled" in rows and bool(rows["t_scaled"].notna().any())
+
+
+def _lines(rows: pd.DataFrame, x: str, y: str) -> Iterator[tuple[list[str], pd.DataFrame]]:
+    """The rows of each line of a method, and what tells it from the others."""
+    columns = (*APART, *(KNOBS if _sampled(rows) else ()))
+    apart = [name for name in columns if name in rows and name not in (x, y) and rows[name].nunique() > 1]
+    if not apart:
+        yield [], rows
+        return
+    for values, line in rows.groupby(apart, sort=False, dropna=False):
+        known = [(name, value) for name, value in zip(apart, values, strict=True) if pd.notna(value)]
+        yield (
+            [value if isinstance(value, str) else f"{WORDS.get(name, name)} = {show(value)}" for name, value in known],
+            line,
+        )
 
 
 def _axes(ax: Any, tops: list[str]) -> list[Any]:

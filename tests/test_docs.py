@@ -76,6 +76,10 @@ def test_pages_print_what_they_show(page, folder):
             assert printed.rstrip() == block.shown.rstrip(), where
         elif block.kind == "python":
             assert bool(printed.strip()) == block.varies, f"{where}: prints what is not shown"
+    shown = re.findall(r"\]\(pictures/([\w-]+\.svg)\)", page.read_text(encoding="utf-8"))
+    assert sorted(shown) == sorted(file.name for file in folder.glob("*.svg") if file.name in shown), (
+        "it draws what it shows"
+    )
 
 
 def test_a_page_that_lies_is_found_out(folder):

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lagrange_bench import work_precision
 from lagrange_bench.experiments import drift, phase
 from lagrange_bench.experiments import work_precision as experiment
 from lagrange_bench.experiments.drawing import style
@@ -155,35 +154,3 @@ def test_a_method_without_a_useful_run_is_named_too():
     with style.apply():
         (ax,) = experiment.draw_frontier(rows, style).axes
     assert [text.get_text() for text in ax.texts if text.get_gid() == "failed"] == ["× Strang"]
-
-
-def test_work_precision_from_python(short_races):
-    mine = replace(METHODS["strang"], name="mine", label="Mine")
-    figure, frame = work_precision([mine, "rk4"], top="moderate_tide", time=10, longest=0.005)
-    assert frame.groupby("method").error.min().between(1e-15, 1e-3).all()
-    (ax,) = figure.axes
-    looks = {line.get_label(): line.get_color() for line in ax.get_lines()}
-    assert looks["Mine"] == style.OWN != looks[METHODS["rk4"].label]
-    assert "mine" not in METHODS
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        ({"methods": []}, "methods: give at least one"),
-        ({"methods": ["rk4", "rk4"]}, "each name once"),
-        ({"methods": ["rk44"]}, "did you mean 'rk4'"),
-        ({"methods": None}, "^methods must be a list"),
-        ({"methods": "rk4"}, "^methods must be a list"),
-        ({"top": "nowhere"}, "unknown state 'nowhere'"),
-        ({"top": None}, "^top must be a name"),
-        ({"methods": ["backlund"], "top": "magnet"}, "does not take the potential charge"),
-        ({"time": 0}, "^time must be from 0.001"),
-        ({"time": 1e300}, "^time must be from 0.001"),
-        ({"longest": 0}, "^longest must be positive"),
-        ({"longest": 1e-9}, "no run has an error below"),
-    ],
-)
-def test_work_precision_of_what_cannot_be(words, named):
-    with pytest.raises(ValueError, match=named):
-        work_precision(**{"methods": ["rk4"], **words})

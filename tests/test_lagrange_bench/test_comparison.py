@@ -1,0 +1,309 @@
+"""The questions of the bench from Python, any column against any other, and stored rows as frames."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib import pyplot as plt
+
+from lagrange_bench import (
+    METHODS,
+    PERTURBED_TOPS,
+    TOPS,
+    Comparison,
+    Problem,
+    drift,
+    free_body,
+    heavy_top,
+    integrate,
+    load,
+    order,
+    perturbed,
+    phase,
+    work_precision,
+)
+from lagrange_bench.__main__ import main
+from lagrange_bench.data import in_both_units
+from lagrange_bench.experiments import sweep
+from lagrange_bench.experiments.drawing import style
+from lagrange_bench.results.store import Store, make_record, published
+
+BODY = (free_body(1.0, 2.0, 3.0), (0.3, -0.4, 1.2))
+OWN = (
+    "mine",
+    Problem("mine", "e3", lambda t, y, p: (y[0] ** 2 + 2 * y[1] ** 2) / 2 + y[5], ()),
+    (1.0, 0, 2, 0, 0.6, 0.8),
+)
+GENERIC = TOPS["generic"]
+UNIT = GENERIC.top.scales(GENERIC.state)[2]
+NAMED = replace(METHODS["strang"], name="named", label="Named")
+
+
+@pytest.fixture(autouse=True)
+def closed():
+    yield
+    plt.close("all")
+
+
+# ---------------------------------------------------------------- questions
+
+
+def test_drift_is_that_of_a_run_in_both_units_of_time():
+    frame = drift([NAMED, "rk4"], ["generic", BODY], h=0.1, steps=8).to_frame()
+    assert set(frame.status) == {"done"}
+    run = integrate(GENERIC.top, GENERIC.state, 0.1, 8, "rk4", every=1)
+    here = frame[(frame.method == "rk4") & (frame.top == "generic")]
+    change = np.abs(run.invariants() - run.invariants()[0]) / GENERIC.top.invariant_scales(GENERIC.state)
+    last = here.iloc[-1]
+    assert (last.t, last.t_scaled) == pytest.approx((0.8, 0.8 / UNIT), rel=1e-4)
+    assert (last.h, last.h_scaled) == pytest.approx((0.1, 0.1 / UNIT))
+    assert last[["H", "J3", "C1", "C2"]].abs().to_list() == pytest.approx(change[-1], rel=1e-4, abs=1e-20)
+    assert last.worst == pytest.approx(change[-1].max(), rel=1e-4)
+    body = frame[frame.top == "free_body"]
+    assert body.H.notna().all()
+    assert body.C.notna().all()
+    assert body.t.iloc[-1] == pytest.approx(0.8, rel=1e-4), "its time scale is not 1 over that of the momenta"
+    assert "named" not in METHODS
+
+
+def test_drift_leaves_out_what_the_motion_does_not_conserve():
+    frame = drift(["rk4"], "weak_tide", steps=4).to_frame()
+    assert "J3" not in PERTURBED_TOPS["weak_tide"].top.conserved
+    assert np.allclose(frame.worst, frame[["H", "C1", "C2"]].abs().max(axis=1))
+
+
+def test_a_method_that_fails_is_a_row_with_the_reason():
+    answer = drift(["rk4", "backlund"], "generic", h_scaled=1e17, steps=3)
+    frame = answer.to_frame()
+    assert set(frame[frame.method == "backlund"].status) == {"failed"}
+    assert "|h| is over" in frame[frame.method == "backlund"].failure.iloc[0]
+
+
+def test_phase_splits_the_error_where_there_is_a_torus():
+    frame = phase(["rk4"], ["generic", OWN], h_scaled=0.1, steps=20).to_frame()
+    on_torus, own = frame[frame.top == "generic"], frame[frame.top == "mine"]
+    assert on_torus[["time", "angle", "off", "error"]].notna().all(axis=None)
+    assert own.error.between(1e-12, 1e-3).all()
+    assert own.time.isna().all()
+    assert phase(["rk4"], ["generic"], steps=2).y == "time"
+
+
+def test_order_of_a_method_on_a_top_and_on_a_problem():
+    frame = order([NAMED, "rk4"], ["fast", OWN]).to_frame()
+    measured = frame.groupby(["method", "top"]).order.first().round(0)
+    assert measured.to_dict() == {(m, top): p for m, p in (("named", 2), ("rk4", 4)) for top in ("fast", "mine")}
+
+
+@pytest.mark.parametrize("tops", ["moderate_tide", BODY])
+def test_races_count_what_an_error_costs(short_races, tops):
+    ask = perturbed if tops == "moderate_tide" else work_precision
+    answer = ask(["rk4", "gauss4"], tops, t_scaled=10, longest=0.005)
+    frame = answer.to_frame()
+    assert frame.groupby("method").error.min().between(1e-15, 1e-3).all()
+    done = frame[frame.seconds.notna()]
+    assert np.allclose(done.total, done.seconds + done.setup_seconds)
+    assert np.allclose(frame.span_scaled, 10)
+    ax = answer.plot()
+    assert [line.get_label() for line in ax.get_lines() if line.get_linewidth() == 9] == ["_frontier"]
+
+
+def test_a_whole_body():
+    frame = heavy_top(["rk4"], "slow").to_frame()
+    assert len(frame) == 8
+    assert frame.rotation.min() < 1e-9
+    assert frame.h.max() == pytest.approx(2 / 2**5)
+    assert (frame.h_scaled > frame.h).all()
+
+
+BAD = {
+    "^methods must be a list": lambda: drift("rk4"),
+    "methods: give at least one": lambda: drift([]),
+    "each name once": lambda: drift(["rk4", "rk4"]),
+    "did you mean 'rk4'": lambda: drift(["rk44"]),
+    "unknown state 'nowhere'": lambda: drift(["rk4"], "nowhere"),
+    "^tops must be names": lambda: drift(["rk4"], None),
+    "tops: a top is a name, or a pair": lambda: drift(["rk4"], [3]),
+    "the bench has a top named slow": lambda: drift(["rk4"], [("slow", *BODY)]),
+    "does not take the potential charge": lambda: drift(["backlund"], "magnet"),
+    "give h or h_scaled": lambda: drift(["rk4"], h=1, h_scaled=1),
+    "^h must be positive": lambda: drift(["rk4"], h=-1),
+    "^steps": lambda: drift(["rk4"], steps=0),
+    "no reference solution beyond": lambda: phase(["rk4"], "weak_tide", steps=10**6),
+    "is exact in time: it has no order": lambda: order(["backlund"]),
+    "chooses its own steps": lambda: order(["dop853"]),
+    "is in a uniform field; take work_precision": lambda: perturbed(["rk4"], "generic"),
+    "^t must be from 0.001": lambda: work_precision(["rk4"], t_scaled=1e300),
+    "^longest must be positive": lambda: work_precision(["rk4"], longest=0),
+    "no run has an error below": lambda: work_precision(["rk4"], longest=1e-9),
+    "of a body of your own ask": lambda: heavy_top(["rk4"], "nobody"),
+}
+
+
+@pytest.mark.parametrize("words", BAD)
+def test_what_cannot_be_asked(words):
+    with pytest.raises(ValueError, match=words):
+        BAD[words]()
+
+
+# ---------------------------------------------------------------- figures
+
+
+def made(methods=("rk4", "strang"), tops=("generic", "fast")):
+    """Errors of powers of h, an invariant that is 0, a signed column, and counts."""
+    h = 2.0 ** -np.arange(6)
+    rows = [
+        pd.DataFrame({"method": m, "top": top, "h_scaled": h, "error": h ** (k + 1), "H": 0.0, "height": np.sin(9 * h)})
+        for k, m in enumerate(methods)
+        for top in tops
+    ]
+    return Comparison(pd.concat(rows, ignore_index=True).assign(status="done", evals=7))
+
+
+def test_any_column_against_any_other_a_panel_for_each_top():
+    axes = made().plot()
+    assert [ax.get_title() for ax in axes] == ["generic unit top", "fast top"]
+    assert [len(ax.get_lines()) for ax in axes] == [2, 2]
+    assert (axes[0].get_xscale(), axes[0].get_yscale(), axes[0].get_xlabel()) == ("log", "log", style.STEP)
+    ax = made().plot("error", "height", methods=["rk4"], tops="fast", xlim=(0.1, 1), ylim=(-2, 2))
+    assert (ax.get_xscale(), ax.get_yscale(), ax.get_title()) == ("log", "linear", "fast top")
+    assert (ax.get_xlim(), ax.get_ylim(), ax.get_ylabel()) == ((0.1, 1), (-2, 2), "height")
+    (line,) = ax.get_lines()
+    assert line.get_ydata().min() < 0
+    assert made().plot("h_scaled", "H")[0].get_ylabel() == "relative error of H"
+
+
+def test_own_axes_keep_their_fonts_and_names_of_lines_stay_in_sight():
+    with plt.rc_context({"font.size": 15, "legend.fontsize": 13}):
+        figure, (left, right) = plt.subplots(1, 2)
+        ax = made().plot(tops=["generic"], ax=left)
+    assert ax is left
+    assert not right.lines
+    assert ax.xaxis.label.get_fontsize() == 15
+    assert {text.get_fontsize() for text in ax.texts} == {13}
+    rk4, strang = ax.texts
+    for limits, shown in (((0.03, 1), True), ((0.1, 0.3), True), ((2, 3), False)):
+        ax.set_xlim(limits)
+        figure.canvas.draw()
+        assert [rk4.get_visible(), strang.get_visible()] == [shown, shown]
+        if shown:
+            boxes = [text.get_window_extent() for text in (rk4, strang)]
+            assert all(ax.bbox.x0 <= box.x0 and box.x1 <= ax.bbox.x1 for box in boxes), "no room beside the panel"
+            assert not boxes[0].overlaps(boxes[1])
+    ax.set(xlim=(0.03, 0.5), ylim=(1e-4, 1))
+    figure.canvas.draw()
+    height = ax.transAxes.inverted().transform(ax.transData.transform((0.5, 0.5)))[1]
+    assert rk4.get_position()[1] == pytest.approx(height, abs=0.05), "where the line leaves the panel"
+
+
+def test_one_panel_for_all_tops_and_many_methods():
+    _, ax = plt.subplots()
+    made().plot(ax=ax)
+    assert len(ax.get_lines()) == 4
+    assert ax.get_title() == "generic unit top, fast top"
+    many = [name for name in METHODS if METHODS[name].family != "whole-body"][:14]
+    ax = made(many, ("generic",)).plot()
+    named = [line.get_label() for line in ax.get_lines() if not line.get_label().startswith("_")]
+    assert 0 < len(named) < 14
+
+
+def test_runs_of_several_lengths_are_lines_of_their_own():
+    frame = pd.concat([made().frame.assign(span_scaled=span) for span in (10.0, 1e4)])
+    ax = Comparison(frame).plot(methods=["rk4"], tops=["fast"])
+    assert [line.get_label() for line in ax.get_lines()] == ["RK4, t = 10", "RK4, t = 10⁴"]
+
+
+def test_what_cannot_be_drawn():
+    comparison = made()
+    for words, message in (
+        ({"x": "hscaled"}, "did you mean 'h_scaled'"),
+        ({"y": "method"}, "^y must be a column of numbers"),
+        ({"methods": ["rk44"]}, "did you mean 'rk4'"),
+        ({"tops": ["slow"]}, "There are generic, fast"),
+        ({"ax": plt.subplots(1, 3)[1]}, "give one, or one for each of 2"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            comparison.plot(**words)
+    parts = pd.concat([comparison.frame.assign(part=part) for part in "ab"])
+    with pytest.raises(ValueError, match="choose one of a, b"):
+        Comparison(parts).plot()
+    with pytest.raises(ValueError, match="no row has both"):
+        Comparison(comparison.frame.assign(error=np.nan)).plot()
+    tops = [f"random{i:03d}" for i in range(13)]
+    with pytest.raises(ValueError, match="there are 13; choose at most"):
+        made(tops=tops).plot()
+
+
+# ---------------------------------------------------------------- stored rows
+
+
+@pytest.fixture
+def folder(tmp_path):
+    cell = {"part": "h", "method": "rk4", "state": "generic", "h": 0.5}
+    done = {"status": "done", "rows": [{"error": 1e-3, "off": 1e-4}], "error": None, "warnings": [], "seconds": 0.1}
+    Store(tmp_path).append(*(make_record("phase", 3, i, {**cell, "h": h}, **done) for i, h in enumerate((0.5, 0.25))))
+    Store(tmp_path).append(make_record("heavy_top", 1, 0, {"case": "bruels", "method": "rk4", "h": 0.1}, **done))
+    return tmp_path
+
+
+def test_stored_rows_are_frames_in_both_units(folder):
+    stored = load(folder)
+    assert list(stored) == ["heavy_top", "phase"]
+    frame = stored["phase"]
+    assert frame.h_scaled.tolist() == [0.5, 0.25]
+    assert frame.h.tolist() == pytest.approx([0.5 * UNIT, 0.25 * UNIT])
+    assert frame.top.tolist() == ["generic"] * 2
+    assert stored["heavy_top"][["top", "h"]].to_numpy().tolist() == [["bruels", 0.1]]
+    assert Comparison(frame).plot(y="off").get_title() == "generic unit top"
+    frame["h"] = 0
+    assert stored["phase"].h.all(), "a frame of one's own"
+
+
+def test_units_of_tops_that_are_not_named():
+    start = {"y0": ",".join(map(repr, GENERIC.state.tolist())), "alpha": GENERIC.alpha, "h": 1.0}
+    rows = pd.DataFrame([{"top": "own", **start}, {"top": "nobody", "h": 1.0}, {"top": "generic", "h": 1.0}])
+    assert in_both_units(rows).h.tolist() == pytest.approx([UNIT, np.nan, UNIT], nan_ok=True)
+    assert sweep.KNOBS[0] == "h"
+
+
+def test_the_published_rows_come_with_the_package():
+    assert sorted(load()) == sorted(path.stem for path in published().glob("*.jsonl"))
+    assert {"top", "h", "h_scaled"} <= set(load("reference")["paper"].columns) | {"top"}
+
+
+def test_wrong_names_of_folders_and_experiments(folder, tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such folder of results: nowhere"):
+        load("nowhere")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FileNotFoundError, match="nothing is stored in"):
+        load(tmp_path / "empty")
+    with pytest.raises(KeyError, match="did you mean 'phase'"):
+        load(folder)["phrase"]
+    with (folder / "phase.jsonl").open("a") as file:
+        file.write("{broken\n")
+    with pytest.warns(RuntimeWarning, match="line 3"):
+        assert len(load(folder)["phase"]) == 2
+
+
+def test_the_command_draws_columns_and_limits(folder, tmp_path, capsys):
+    words = ["figure", "phase_h", "--results", str(folder), "--quiet", "--output"]
+    for name, more in {
+        "columns": ["--x", "h", "--y", "off", "--methods", "rk4", "--xlim", "0.01,2"],
+        "wide": ["--x", "h", "--y", "off"],
+    }.items():
+        assert main([*words, str(tmp_path / f"{name}.svg"), *more]) == 0
+    columns, wide = ((tmp_path / f"{name}.svg").read_text() for name in ("columns", "wide"))
+    assert "error off the torus" in columns
+    assert "generic unit top" in columns
+    assert columns != wide
+    capsys.readouterr()
+    for more, message in (
+        (["--x", "h"], "--x and --y go together"),
+        (["--x", "h", "--y", "of"], "did you mean 'off'"),
+        (["--xlim", "1"], "must be two numbers"),
+    ):
+        assert main([*words, str(tmp_path / "no.svg"), *more]) == 2
+        assert message in capsys.readouterr().err
+    assert not (tmp_path / "no.svg").exists()
