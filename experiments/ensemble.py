@@ -274,7 +274,7 @@ def _measure_rival(cell: dict) -> dict:
     steps, options = round(span / h), options_of(cell)
     top = LagrangeTop(alphas)
 
-    def run() -> Array:
+    def run() -> Any:
         return integrate_ensemble(top, Y, span / steps, steps, cell["method"], threads=1, **options)
 
     right = partial(truth, method=METHODS[cell["method"]], h=span / steps, counts=[steps])
@@ -299,7 +299,7 @@ def _measure_perturbed(cell: dict) -> dict:
     strengths, tide = STRENGTH * np.random.default_rng(20040328).uniform(0.5, 1.5, n), POTENTIALS[cell["potential"]]
     problem = PerturbedTop(LagrangeTop(alphas), tide, (strengths, *DIRECTION))
 
-    def run(steps: int = steps) -> Array:
+    def run(steps: int = steps) -> Any:
         return integrate_ensemble(problem, Y, h, steps, method, threads=1)
 
     pairs = list(zip(alphas, strengths, strict=True))[:FIELD_JUDGED]
@@ -314,7 +314,7 @@ def _measure_perturbed(cell: dict) -> dict:
 
 
 def _judged(
-    run: Callable[[], Array], right: Callable[..., Array], ones: Iterable[Any], Y: Array, span: float
+    run: Callable[[], Any], right: Callable[..., Array], ones: Iterable[Any], Y: Array, span: float
 ) -> dict[str, float]:
     """Cost on one core, and the errors of the first of the tops `ones`; `right` is where a top should be."""
     end = run()

@@ -317,9 +317,16 @@ class EnsembleTrajectory(np.lib.mixins.NDArrayOperatorsMixin):
 
     Attributes
     ----------
-    top : what was followed, with an array of alphas or parameters where the motions differ. method : the method's name.
-    t : (rows,) times in the units of h. y : (rows, n, 6) states in those of Y0; of a Problem (rows, n, size), of a magnet
-    (rows, n, sites, 3). end_only : whether the one row is the end.
+    top : LagrangeTop, PerturbedTop, Problem, …
+        What was followed, with an array of alphas or parameters where the motions differ.
+    method : str
+        The method's name.
+    t : (rows,)
+        Times in the units of h.
+    y : (rows, n, 6)
+        States in those of Y0; of a Problem (rows, n, size), of a magnet (rows, n, sites, 3).
+    end_only : bool
+        Whether the one row is the end.
     """
 
     top: Any

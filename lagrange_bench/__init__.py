@@ -19,7 +19,7 @@ from lagrange_bench.integrators import __all__ as _INTEGRATORS
 from lagrange_bench.integrators.lazy import face
 
 if TYPE_CHECKING:
-    from lagrange_bench.comparison import Comparison, drift, heavy_top, order, perturbed, phase, work_precision
+    from lagrange_bench.comparison import Comparison
     from lagrange_bench.data import load
     from lagrange_bench.experiments.drawing import style
     from lagrange_bench.experiments.measuring import metrics, states, timing
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from lagrange_bench.integrators.compiling.compiled import compiled
     from lagrange_bench.integrators.compiling.loops import MEMORY, FixedStepper
     from lagrange_bench.judging import judge
+    from lagrange_bench.questions import drift, heavy_top, order, perturbed, phase, work_precision
     from lagrange_bench.results.store import Store
 
-QUESTIONS = ("Comparison", "drift", "heavy_top", "order", "perturbed", "phase", "work_precision")
 __getattr__, __dir__ = face(
     __name__,
     {
@@ -42,7 +42,8 @@ __getattr__, __dir__ = face(
         "lagrange_bench.experiments.measuring.metrics": (),
         "lagrange_bench.experiments.measuring.states": (),
         "lagrange_bench.experiments.measuring.timing": (),
-        "lagrange_bench.comparison": QUESTIONS,
+        "lagrange_bench.comparison": ("Comparison",),
+        "lagrange_bench.questions": ("drift", "heavy_top", "order", "perturbed", "phase", "work_precision"),
         "lagrange_bench.data": ("load",),
         "lagrange_bench.judging": ("judge",),
         "lagrange_bench.results.store": ("Store",),

@@ -119,6 +119,7 @@ class _Ends(Artist):
 
     def __init__(self, ax: Axes, fontsize: Any) -> None:
         super().__init__()
+        self.panel = ax
         lines = [line for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
         self.lines = [line for line in lines if line.get_label() != "failed" and np.isfinite(line.get_ydata()).any()]
         look: dict[str, Any] = {"fontsize": fontsize, "va": "center", "transform": ax.transAxes}
@@ -137,20 +138,18 @@ class _Ends(Artist):
 
     def draw(self, renderer: Any) -> None:
         """Puts the names where they belong, now that the panel has its size."""
-        assert self.axes is not None
-        panel, names = self.axes.bbox, [*self.texts, *self.failed]
-        ends = [_last_point(self.axes, line) for line in self.lines]
-        shown = [i for i, end in enumerate(ends) if end is not None]
-        upwards = sorted(shown, key=lambda i: ends[i][1])  # type: ignore[index]
-        for text, end in zip(self.texts, ends, strict=False):
-            text.set_visible(end is not None)
+        names = [*self.texts, *self.failed]
         if not names:
             return
-        gap = 1.25 * names[0].get_fontsize() * self.axes.figure.dpi / 72 / panel.height
-        wanted = [ends[i][1] for i in upwards]  # type: ignore[index]
-        places = _spread([*wanted, *(1.0 for _ in self.failed)], gap)
-        outside = _room(self.axes) >= 1.05 * panel.width + max(t.get_window_extent(renderer).width for t in names)
-        for text, place in zip([*(self.texts[i] for i in upwards), *self.failed], places, strict=True):
+        ends = [_last_point(self.panel, line) for line in self.lines]
+        upwards = sorted((end[1], i) for i, end in enumerate(ends) if end)
+        width, height = self.panel.bbox.size
+        gap = 1.25 * float(names[0].get_fontsize()) * renderer.points_to_pixels(1.0) / height
+        places = _spread([*(y for y, _ in upwards), *(1.0 for _ in self.failed)], gap)
+        outside = _room(self.panel) >= 1.05 * width + max(text.get_window_extent(renderer).width for text in names)
+        for text, end in zip(self.texts, ends, strict=True):
+            text.set_visible(end is not None)
+        for text, place in zip([*(self.texts[i] for _, i in upwards), *self.failed], places, strict=True):
             text.set(x=1.05 if outside else 0.99, y=place, ha="left" if outside else "right")
             text.set_path_effects([] if outside else [withStroke(linewidth=2, foreground="white")])
         joined = zip(ends, self.texts, strict=True)

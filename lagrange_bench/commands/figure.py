@@ -80,6 +80,8 @@ def run(options: argparse.Namespace) -> Answer:
         found = export.names(results, choice)
         return Answer("\n".join(found), {"figures": found, "results": str(results)})
     done: list[str] = []
+    unknown: list[str] = []
+    notes: list[str] = []
 
     def write(path: Path, content: bytes) -> None:
         done.append(replace_file(path, content))
@@ -88,7 +90,7 @@ def run(options: argparse.Namespace) -> Answer:
     with style.limits(xlim=options.xlim, ylim=options.ylim), shown as drawn:
         if options.x:
             kind = _format(options)
-            written, unknown, notes = [options.output or Path(f"{options.name}.{kind}")], [], []
+            written = [options.output or Path(f"{options.name}.{kind}")]
             write(written[0], _columns(options, results, choice, kind))
         elif options.all:
             chosen = {"kinds": options.format, "widths": options.width}

@@ -147,6 +147,20 @@ def test_what_cannot_be_asked(words):
         BAD[words]()
 
 
+def test_tops_by_name_and_by_object():
+    """One or many; a named top of the bench is that of its name."""
+    for tops, names in (
+        (GENERIC, ["generic"]),
+        ([GENERIC, "random000"], ["generic", "random000"]),
+        (OWN, ["mine"]),
+        (BODY, ["free_body"]),
+        (("generic", "fast"), ["generic", "fast"]),
+        ([replace(GENERIC, name="other", alpha=2.0)], ["other"]),
+        ((GENERIC.top, GENERIC.state), ["LagrangeTop(alpha=1.0)"]),
+    ):
+        assert drift(["rk4"], tops, steps=1).to_frame().top.tolist() == names
+
+
 # ---------------------------------------------------------------- figures
 
 

@@ -1,0 +1,427 @@
+"""The questions of the bench, in one call each; the answer is a `Comparison`, which is a frame and draws figures.
+
+    answer = work_precision(["rk4", "strang", METHOD], tops=["generic", (problem, y0)])
+    answer.to_frame()
+    answer.plot(x="evals", y="error", xlim=(1e2, 1e5))
+
+A method is a registered name, "package.module:METHOD" or a `Method`. A top is a name of `lagrange-bench tops`,
+"package.module:TOP", a `NamedTop`, or a problem with a state: (problem, y0), or ("name", problem, y0). A `Problem` of your
+own will do.
+
+Steps and times are in two units, and every frame has both: `h`, `t` and `span` are in the top's own unit of time, as for
+`integrate`; `h_scaled`, `t_scaled` and `span_scaled` in its time scale, for a top 1/(|J| + √(|alpha||x|)).
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+import warnings
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from lagrange_bench.comparison import Comparison
+from lagrange_bench.data import in_both_units
+from lagrange_bench.experiments import drift as drift_experiment
+from lagrange_bench.experiments import heavy_top as body_experiment
+from lagrange_bench.experiments import perturbed as field_experiment
+from lagrange_bench.experiments import phase as phase_experiment
+from lagrange_bench.experiments import work_precision as work_experiment
+from lagrange_bench.experiments.measuring import check, states
+from lagrange_bench.experiments.measuring.reductions import worst
+from lagrange_bench.integrators import METHODS, Method, StepError
+from lagrange_bench.integrators.checks import check_count, check_real
+from lagrange_bench.integrators.interface import Array, StepWarning
+from lagrange_bench.integrators.problem.top import NamedTop
+from lagrange_bench.integrators.registry import NAMED_TOPS, find_method, find_top
+from lagrange_bench.integrators.truth import truths
+
+Top = str | NamedTop | tuple[Any, Any] | tuple[str, Any, Any]
+SPANS = (1e-3, 1e9)  # of runs, in time scales: shorter ones are a step each, longer ones take seconds only to be tried
+
+
+def drift(
+    methods: Iterable[str | Method],
+    tops: Top | Iterable[Top] = "generic",
+    *,
+    h: float | None = None,
+    h_scaled: float | None = None,
+    steps: int = 10_000,
+) -> Comparison:
+    """How far the invariants of the problem drift along a run.
+
+    Parameters
+    ----------
+    methods : list of str or Method
+        See the head of this module.
+    tops : str, NamedTop, pair, or a list of these
+        Tops by name, or problems with a state.
+    h : float, optional
+        The step in the top's own unit of time.
+    h_scaled : float, optional
+        The same in its time scale; 0.125 if neither is given.
+    steps : int
+        How many. Samples are taken after 1, 2, 3, … of them, evenly on a logarithmic scale.
+
+    Returns
+    -------
+    Comparison
+        A column for each invariant, such as H, J3, C1, C2: its change over the size of its terms. `worst` is the largest of those
+        that are conserved; "kept: …" are quantities that a method conserves of its own.
+
+    Raises
+    ------
+    ValueError
+        Bad input, or a method that does not take a top.
+    """
+    steps = check_count(steps, "steps", least=1)
+    step = _step(h, h_scaled, 0.125)
+    asked = _Asked(methods, tops)
+    frame = asked.measure(drift_experiment.measure, lambda unit: {"part": "time", "h": step(unit), "steps": steps})
+    for top in asked.tops:
+        here, names = frame["top"] == top.name, [name for name in top.top.names if name in top.top.conserved]
+        frame.loc[here, "worst"] = worst(frame.reindex(columns=names)[here], names)
+    return asked.comparison(frame, "t_scaled", "worst")
+
+
+def phase(
+    methods: Iterable[str | Method],
+    tops: Top | Iterable[Top] = "generic",
+    *,
+    h: float | None = None,
+    h_scaled: float | None = None,
+    steps: int = 4_000,
+) -> Comparison:
+    """How far a run is from where it should be, and, of a top in a uniform field, where on its torus.
+
+    Parameters
+    ----------
+    methods : list of str or Method
+        See the head of this module.
+    tops : str, NamedTop, pair, or a list of these
+        Tops by name, or problems with a state.
+    h, h_scaled : float, optional
+        The step, as for `drift`; h_scaled = 0.25 if neither is given.
+    steps : int
+        How many. Without a closed form of the motion runs of at most 2000 time scales have a reference solution.
+
+    Returns
+    -------
+    Comparison
+        `error` is the distance to the exact or reference solution. Of tops in a uniform field `time` and `angle` say by how much
+        nutation and precession are off, and `off` is the distance to the torus.
+
+    Raises
+    ------
+    ValueError
+        Bad input, a method that does not take a top, or a run that is too long.
+    """
+    steps = check_count(steps, "steps", least=1)
+    step = _step(h, h_scaled, 0.25)
+    asked = _Asked(methods, tops)
+    for top in asked.tops:
+        if "uniform" not in top.top.offers and step(top.unit) * steps > truths.LONGEST:
+            raise ValueError(
+                f"steps: {top.name} has no reference solution beyond {truths.LONGEST:g} time scales; take fewer"
+            )
+    frame = asked.measure(phase_experiment.measure, lambda unit: {"part": "time", "h": step(unit), "steps": steps})
+    return asked.comparison(frame, "t_scaled", "time" if "time" in frame and frame["time"].notna().all() else "error")
+
+
+def order(methods: Iterable[str | Method], tops: Top | Iterable[Top] = "generic") -> Comparison:
+    """The error of one step against the step: the slope is the order plus one.
+
+    Parameters
+    ----------
+    methods : list of str or Method
+        See the head of this module.
+    tops : str, NamedTop, pair, or a list of these
+        Tops by name, or problems with a state.
+
+    Returns
+    -------
+    Comparison
+        `error` is the mean of a step of h and one of −h, where it is no round-off; `order` the measured one. Of a method whose
+        steps depend on those before, errors are those of short runs, for each step.
+
+    Raises
+    ------
+    ValueError
+        Bad input, or a method that has no order: it chooses its own steps, or is exact in time.
+    """
+    asked = _Asked(methods, tops)
+    for method in asked.methods:
+        if method.control == "tolerance" or method.order is None:
+            why = "chooses its own steps" if method.control == "tolerance" else "is exact in time"
+            raise ValueError(f"methods: {method.name} {why}: it has no order")
+
+    def measure(cell: dict[str, Any]) -> list[dict[str, Any]]:
+        start = next((top.top, top.state) for top in asked.tops if top.name == cell["state"])
+        points = check.order_points(METHODS[cell["method"]], phase_experiment.ORDER_SPANS, (start,))
+        few = len(points.spans) < 3
+        found = np.nan if few else np.polyfit(np.log(points.spans), np.log(points.errors), 1)[0] - 1
+        return [{"h": h, "error": e, "order": found} for h, e in zip(points.spans, points.errors, strict=True)]
+
+    return asked.comparison(asked.measure(measure, lambda unit: {}), "h_scaled", "error")
+
+
+def work_precision(
+    methods: Iterable[str | Method],
+    tops: Top | Iterable[Top] = "generic",
+    *,
+    t: float | None = None,
+    t_scaled: float | None = None,
+    longest: float = 0.4,
+) -> Comparison:
+    """What an error costs each method, in runs with ever smaller steps or tolerances.
+
+    Parameters
+    ----------
+    methods : list of str or Method
+        See the head of this module.
+    tops : str, NamedTop, pair, or a list of these
+        Tops by name, or problems with a state.
+    t : float, optional
+        Length of the runs in the top's own unit of time.
+    t_scaled : float, optional
+        The same in its time scale; 100 if neither is given.
+    longest : float
+        Seconds; no single run takes longer.
+
+    Returns
+    -------
+    Comparison
+        A row for each step or tolerance. `error` is the largest in the last fifth of the run, without a closed form that at its
+        end; `seconds` (missing where the error is above 0.1), `setup_seconds`, `total` of both, `steps` and `evals` are what it
+        costs. In the last row of a method `stopped` says why there are no more.
+
+    Raises
+    ------
+    ValueError
+        Bad input, a method that does not take a top, or no run with an error below 0.1 within `longest`.
+    """
+    return _race(_Asked(methods, tops), work_experiment.measure, {}, _step(t, t_scaled, 100.0, "t"), longest, "seconds")
+
+
+def perturbed(
+    methods: Iterable[str | Method],
+    tops: Top | Iterable[Top] = "weak_tide",
+    *,
+    t: float | None = None,
+    t_scaled: float | None = None,
+    longest: float = 0.1,
+) -> Comparison:
+    """As `work_precision`, where there is no closed form: tops in a potential, or problems of your own. Set-up is counted.
+
+    Parameters
+    ----------
+    methods : list of str or Method
+        See the head of this module.
+    tops : str, NamedTop, pair, or a list of these
+        Tops by name, or problems with a state.
+    t, t_scaled : float, optional
+        Length of the runs, as for `work_precision`; t_scaled = 1000 if neither is given.
+    longest : float
+        Seconds; no single run takes longer.
+
+    Returns
+    -------
+    Comparison
+        As of `work_precision`. Chaotic motions that doubles lose before the end have no errors: `stopped` says so.
+
+    Raises
+    ------
+    ValueError
+        As `work_precision`; and a top in a uniform field.
+    """
+    asked = _Asked(methods, tops)
+    for top in asked.tops:
+        if "uniform" in top.top.offers:
+            raise ValueError(f"tops: {top.name} is in a uniform field; take work_precision")
+    return _race(asked, field_experiment.measure, {"part": "work"}, _step(t, t_scaled, 1000.0, "t"), longest, "total")
+
+
+def heavy_top(methods: Iterable[str | Method], tops: str | Iterable[str] = "bruels") -> Comparison:
+    """Position and rotation of a whole body at the end of a run against the step.
+
+    Parameters
+    ----------
+    methods : list of str or Method
+        Those that take a `WholeBody`.
+    tops : str or list of str
+        "bruels", "slow", "simo_wong" or "kovalevskaya". For a body of your own ask `work_precision` or `drift`.
+
+    Returns
+    -------
+    Comparison
+        `h` in s; `position` in m, `rotation` and `spin` in rad, `energy` and `momentum` relative to their terms.
+
+    Raises
+    ------
+    ValueError
+        Bad input, or a method that does not take a whole body.
+    """
+    cases = [tops] if isinstance(tops, str) else list(tops)
+    if unknown := [case for case in cases if case not in body_experiment.POWERS]:
+        known = tuple(body_experiment.POWERS)
+        raise ValueError(
+            f"tops: {unknown[0]!r} must be one of {', '.join(known)}; of a body of your own ask work_precision"
+        )
+    asked = _Asked(methods, [_Placed(case, case, *body_experiment.motion(case)) for case in cases])
+    units = {top.name: top.unit for top in asked.tops}
+
+    def measure(cell: dict[str, Any]) -> list[dict[str, Any]]:
+        case, rows = cell["state"], []
+        for k in body_experiment.POWERS[case]:
+            h = body_experiment.UNTIL[case] / 2**k
+            found = _tried(body_experiment.measure, {**cell, "case": case, "h": h})
+            rows += [{**row, "h": h / units[case]} for row in found]
+        return rows
+
+    return asked.comparison(asked.measure(measure, lambda unit: {}), "h", "rotation")
+
+
+# ---------------------------------------------------------------- how they are asked
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """A problem and a state under a name."""
+
+    name: str
+    label: str
+    top: Any
+    state: Array
+
+    @property
+    def unit(self) -> float:
+        return float(self.top.scales(self.state)[2])
+
+
+class _Asked:
+    """Methods and tops that were checked."""
+
+    def __init__(self, methods: Any, tops: Any):
+        if isinstance(methods, str) or not isinstance(methods, Iterable):
+            raise ValueError(f"methods must be a list of names or Method objects; got {methods!r}")
+        self.methods = tuple(find_method(method) for method in methods)
+        names = [method.name for method in self.methods]
+        if not names or len(set(names)) < len(names):
+            raise ValueError(f"methods: give at least one, and each name once; got {names}")
+        pair = isinstance(tops, tuple) and len(tops) in (2, 3) and _problem(tops[-2]) is not None
+        one = isinstance(tops, str) or hasattr(tops, "state") or pair
+        if not one and not isinstance(tops, Iterable):
+            raise ValueError(f"tops must be names, or pairs of a problem and a state; got {tops!r}")
+        self.tops = tuple(_placed(top) for top in ([tops] if one else tops))
+        if len({top.name for top in self.tops}) < max(len(self.tops), 1):
+            raise ValueError(f"tops: give at least one, and each name once; got {[top.name for top in self.tops]}")
+        refused = [reason for top in self.tops for method in self.methods if (reason := method.takes(top.top))]
+        if refused:
+            raise ValueError(f"methods: {'; '.join(refused)}")
+
+    @property
+    def invariants(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(name for top in self.tops for name in top.top.names))
+
+    def measure(
+        self, measure: Callable[[dict[str, Any]], list[dict[str, Any]]], cell: Callable[[float], dict[str, Any]]
+    ) -> pd.DataFrame:
+        """The rows of `measure` for each top and method, a failed one where it ends in a StepError, in both units of time."""
+        rows: list[dict[str, Any]] = []
+        with ExitStack() as stack, warnings.catch_warnings():
+            warnings.simplefilter("ignore", StepWarning)  # of steps that are tried because they are long
+            for method in self.methods:
+                stack.enter_context(METHODS.lent(method))
+            for top in self.tops:
+                stack.enter_context(NAMED_TOPS.lent(top))
+            for top in self.tops:
+                for method in self.methods:
+                    asked = {"method": method.name, "state": top.name, **cell(top.unit)}
+                    rows += [{**asked, **row} for row in _tried(measure, asked)]
+        frame = pd.DataFrame(rows).rename(columns={"state": "top"}).drop(columns="part", errors="ignore")
+        return in_both_units(frame, {top.name: top.unit for top in self.tops})
+
+    def comparison(self, frame: pd.DataFrame, x: str, y: str) -> Comparison:
+        labels = {top.name: top.label for top in self.tops}
+        return Comparison(frame, x, y, self.methods, labels, self.invariants)
+
+
+def _tried(measure: Callable[[dict[str, Any]], list[dict[str, Any]]], cell: dict[str, Any]) -> list[dict[str, Any]]:
+    try:
+        return [{**row, "status": "done", "failure": None} for row in measure(cell)]
+    except StepError as error:
+        return [{"status": "failed", "failure": str(error)}]
+
+
+def _placed(top: Any) -> _Placed:
+    """A top of a name, of the bench or of the user's own; or a problem and a state of it."""
+    if isinstance(top, _Placed):
+        return top
+    if isinstance(top, str):
+        if ":" in top:
+            named = find_top(top)
+            return _Placed(top, named.label, named.top, named.state)
+        return _Placed(top, NAMED_TOPS[top].label if top in NAMED_TOPS else top, *states.find(top))
+    if hasattr(top, "state"):  # a named top
+        if top in (NAMED_TOPS[name] for name in (top.name,) if name in NAMED_TOPS):
+            return _placed(top.name)
+        top = top.name, top.top, top.state
+    if not isinstance(top, (tuple, list)) or not 2 <= len(top) <= 3 or (problem := _problem(top[-2])) is None:
+        raise ValueError(f"tops: a top is a name, or a pair of a problem and a state; got {top!r}")
+    *name, given, y0 = top
+    label = name[0] if name else getattr(problem, "name", None) or textwrap.shorten(repr(given), 60, placeholder=" …")
+    if label in NAMED_TOPS or re.fullmatch(r"(random|wide|close)\d{3}", label):
+        raise ValueError(f"tops: the bench has a top named {label}; give yours another name: ('mine', problem, y0)")
+    return _Placed(label, label, problem, problem.check_state(y0))
+
+
+def _problem(thing: Any) -> Any:
+    """What is integrated for a top, a problem, a body or a magnet; None if it is none of these."""
+    problem = getattr(thing, "problem", thing)
+    return problem if hasattr(problem, "check_state") and hasattr(problem, "scales") else None
+
+
+def _step(own: float | None, scaled: float | None, usual: float, word: str = "h") -> Callable[[float], float]:
+    """The step, or the length of a run, of a top with a time scale, in its time scale."""
+    if own is not None and scaled is not None:
+        raise ValueError(f"give {word} or {word}_scaled, not both")
+    number = check_real(usual if own is scaled is None else scaled if own is None else own, word)
+    if not number > 0:
+        raise ValueError(f"{word if scaled is None else f'{word}_scaled'} must be positive; got {number:g}")
+    return lambda unit: number if own is None else number / unit
+
+
+def _race(
+    asked: _Asked,
+    measure: Callable[..., Any],
+    fields: dict[str, Any],
+    span: Callable[[float], float],
+    longest: float,
+    x: str,
+) -> Comparison:
+    """Work against precision of each method on each top."""
+    if not check_real(longest, "longest") > 0:
+        raise ValueError(f"longest must be positive; got {longest!r}")
+    for top in asked.tops:
+        if not SPANS[0] <= span(top.unit) <= SPANS[1]:
+            raise ValueError(
+                f"t must be from {SPANS[0]:g} to {SPANS[1]:g} time scales of {top.name}; got {span(top.unit):g}"
+            )
+
+    def cell(unit: float) -> dict[str, Any]:
+        return {**fields, "span": float(span(unit)), "per_octave": 1, "decades": 1, "longest": longest}
+
+    frame = asked.measure(measure, cell)
+    if "seconds" not in frame or not frame["seconds"].notna().any():
+        limit = work_experiment.USEFUL
+        why = next((str(reason) for reason in frame.get("reason", ()) if isinstance(reason, str)), "")
+        raise ValueError(
+            f"methods: no run has an error below {limit:g} within longest = {longest:g} s{f': {why}' if why else ''}"
+        )
+    frame["total"] = frame["seconds"] + frame["setup_seconds"]
+    return asked.comparison(frame, x, "error")
