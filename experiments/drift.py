@@ -87,24 +87,25 @@ def measure(cell: dict) -> list[dict]:
 def against_steps(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> list[dict]:
     """A row of errors after each of `counts` steps."""
     times, states = sample(top, y0, cell["method"], h, counts, **options_of(cell))
-    drift = errors(cell["method"], top, h, np.vstack((y0, states)))
+    drift = errors(cell["method"], top, h, np.vstack((y0, states)), times)
     columns = {"t": times * top.scales(y0)[0], **drift}
     return [{name: rounded(value[i]) for name, value in columns.items()} for i in range(len(times))]
 
 
 def _largest(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> dict[str, float]:
     """The largest of each error after `counts` steps."""
-    _, states = sample(top, y0, cell["method"], h, counts, **options_of(cell))
-    drift = errors(cell["method"], top, h, np.vstack((y0, states)))
+    times, states = sample(top, y0, cell["method"], h, counts, **options_of(cell))
+    drift = errors(cell["method"], top, h, np.vstack((y0, states)), times)
     return {name: rounded(np.max(np.abs(error))) for name, error in drift.items()}
 
 
-def errors(name: str, top, h: float, states: np.ndarray) -> dict[str, np.ndarray]:
-    """Relative errors of the four invariants, and of what the method keeps of its own, after the first state."""
+def errors(name: str, top, h: float, states: np.ndarray, times: np.ndarray) -> dict[str, np.ndarray]:
+    """Relative errors of the problem's invariants, and of what the method keeps of its own, after the first state."""
     from lagrange_bench.integrators import METHODS
 
-    drift = metrics.relative_drift(top.invariants(states), top.invariant_scales(states[0]))
-    found = dict(zip(INVARIANTS, drift[1:].T, strict=True))
+    values = top.invariants(states, np.concatenate(((0.0,), times)))
+    drift = metrics.relative_drift(values, top.invariant_scales(states[0]))
+    found = dict(zip(top.names, drift[1:].T, strict=True))
     own_quantities = METHODS[name].keeps if "uniform" in top.offers else {}  # these hold in a uniform field
     for own, quantity in own_quantities.items():
         values, size = quantity(top, h, states)
