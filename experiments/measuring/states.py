@@ -117,7 +117,7 @@ def sample(top: LagrangeTop, y0: Array, method: str, h: float, counts: list[int]
 
     times = h * np.array(counts, dtype=float)
     if METHODS[method].control == "tolerance":
-        return times, integrate(top, y0, t=times, method=method, **options).y
+        return times, integrate(top, y0, t=times, method=method, **options).states
     stepper = prepare(top, y0, h, method, **options)
     return times, np.array([y for y, _ in follow(stepper, y0, counts)])
 

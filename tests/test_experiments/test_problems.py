@@ -26,6 +26,11 @@ def test_a_run_on_any_problem_has_its_error_and_its_invariants(state):
     assert row["kept"] < 1e-14
 
 
+def test_a_method_with_a_tolerance_follows_a_magnet():
+    (row,) = perturbed.measure({"part": "problem", "method": "rk45", "state": "central_spin", "h": 1.0})
+    assert 0.0 < row["error"] < 1e-6
+
+
 def test_drift_has_a_column_for_each_invariant():
     rows = drift.measure({"part": "time", "h": 0.5, "steps": 8, **MAGNET})
     assert set(rows[-1]) == {"t", *find("central_spin")[0].names}
