@@ -226,7 +226,7 @@ def kept(rows: pd.DataFrame) -> pd.DataFrame:
 
 def problems(rows: pd.DataFrame) -> pd.DataFrame:
     """Of each method and problem that is no top in a fixed field: the order, and the largest error of its invariants."""
-    table = orders(rows, "problem")
+    table = orders(rows, "problem", (1e-10, 0.1))
     found = part(rows, "problem")
     if table.empty:
         return table
@@ -235,15 +235,17 @@ def problems(rows: pd.DataFrame) -> pd.DataFrame:
     return table.join(moved.rename(columns=names), on=["state", "method"])
 
 
-def orders(rows: pd.DataFrame, of: str = "order") -> pd.DataFrame:
-    """The order of each method on each top, from the steps whose errors are neither round-off nor saturated."""
+def orders(rows: pd.DataFrame, of: str = "order", between: tuple[float, float] = (1e-12, 1e-3)) -> pd.DataFrame:
+    """The order of each method on each top, from the steps whose errors are `between` round-off and saturation."""
     table = []
     good = part(rows, of)
     if "stopped" in good:
         good = good[good.stopped.isna()]
     for (state, method), run in good.groupby(["state", "method"], sort=False):
-        floor = max(100 * run.error.min(skipna=False), 1e-12)  # near the separatrix round-off is a hundred times larger
-        run = run[(run.error > floor) & (run.error < 1e-3)].sort_values("h")[:4]
+        floor = max(
+            100 * run.error.min(skipna=False), between[0]
+        )  # near the separatrix round-off is a hundred times larger
+        run = run[(run.error > floor) & (run.error < between[1])].sort_values("h")[:4]
         slope = float(np.polyfit(np.log(run.h), np.log(run.error), 1)[0]) if len(run) > 2 else np.nan
         says = METHODS[method].order_for(find(state)[0]) if method in METHODS else None
         table.append({"state": state, "method": method, "claimed": says, "measured": slope, "points": len(run)})
