@@ -83,7 +83,7 @@ def measure(cell: dict) -> list[dict]:
 
 
 def _measure_step(cell: dict) -> list[dict]:
-    top, y0 = find(STATE)
+    top, y0 = find(cell.get("state", STATE))
     unit = top.scales(y0)[2]
     options = options_of(cell)
     h = cell["periods"] * exact.nutation_period(top, y0) if "periods" in cell else cell.get("h", 1.0) * unit

@@ -100,10 +100,11 @@ def _largest(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> di
 
 
 def errors(name: str, top, h: float, states: np.ndarray, times: np.ndarray) -> dict[str, np.ndarray]:
-    """Relative errors of the invariants, and of what the method keeps of its own, after the first state, at `times`."""
+    """Relative errors of the problem's invariants, and of what the method keeps of its own, after the first state."""
     from lagrange_bench.integrators import METHODS
 
-    drift = metrics.relative_drift(top.invariants(states, np.append(0.0, times)), top.invariant_scales(states[0]))
+    values = top.invariants(states, np.concatenate(((0.0,), times)))
+    drift = metrics.relative_drift(values, top.invariant_scales(states[0]))
     found = dict(zip(top.names, drift[1:].T, strict=True))
     own_quantities = METHODS[name].keeps if "uniform" in top.offers else {}  # these hold in a uniform field
     for own, quantity in own_quantities.items():

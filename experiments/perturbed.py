@@ -1,22 +1,25 @@
-"""Perturbed tops: which method is best where an integrator is needed?
+"""Perturbed tops and other problems: which method is best where an integrator is needed?
 
-A top in a uniform field has a closed form and needs no integrator. In any other field it has none: a tide, a magnet, an
-uneven field. The full profile has ten such tops, the quick profile one, in a weak tide. Most of the ten are nearly integrable:
-a weak field of size ε bends the tori a little. Two are not: one is close to a separatrix, one is chaotic, and there two
-neighbouring orbits part by a factor e in each Lyapunov time. For the chaotic top that is 25 units: an ulp grows to 1e-6 in
-about 550.
+A top in a uniform field has a closed form and needs no integrator. In any other field it has none: a tide, a magnet,
+an uneven field. The full profile has ten such tops, the quick profile one, in a weak tide. Most of the ten are nearly
+integrable: a weak field of size ε bends the tori a little. Two are not: one is close to a separatrix, one is chaotic,
+and there two neighbouring orbits part by a factor e in each Lyapunov time. For the chaotic top that is 25 units: an
+ulp grows to 1e-6 in about 550.
 
-Who wins depends on ε, on the length of the run and on the error asked for. A splitting with the exact step inside makes an
-error in proportion to ε, so it can take long steps in weak fields; each of its steps costs more than one of rotations. The map
-of winners shows where the border is.
+Who wins depends on ε, on the length of the run and on the error asked for. A splitting with the exact step inside
+makes an error in proportion to ε, so it can take long steps in weak fields; each of its steps costs more than one of
+rotations. The map of winners shows where the border is.
 
 Every method that takes a potential follows these tops. Part “drift” asks what each keeps of H, J3, C1 and C2. Part
-“order” asks how its error falls with the step. Part “work” asks of the compiled ones what an error costs on runs of 10³ and
-10⁴ units of time. On one top it also has runs of 10⁵, by the methods that are near the first place there. The splitting with
-the exact step races with two of its schemes. Part “tolerance” gives that splitting an error in place of a step, on random tops
-in tides and near charges, and compares the error asked for, the one it expects, and the true one. Errors are those against the
-reference in quadruple precision. On a chaotic orbit no method follows the exact solution for long: errors are reported up to the
-time at which an ulp has grown to 1e-6, drift of the invariants beyond. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
+“order” asks how its error falls with the step. Part “work” asks of the compiled ones what an error costs on runs of
+10³ and 10⁴ units of time. On one top it also has runs of 10⁵, by the methods that are near the first place there. The
+splitting with the exact step races with two of its schemes. Part “tolerance” gives that splitting an error in place
+of a step, on random tops in tides and near charges, and compares the error asked for, the one it expects, and the
+true one. Errors are those against the reference in quadruple precision. Part “problem” follows what is no top in a
+fixed field (a free body, a vibrating pivot, Kirchhoff's body, a magnet) by every method that accepts it: its error
+against the step, and what it conserves. On a chaotic orbit no method follows the exact solution for long: errors are
+reported up to the time at which an ulp has grown to 1e-6, drift of the invariants beyond. Times and steps are in
+units of 1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations
@@ -32,12 +35,14 @@ from lagrange_bench.experiments.drawing.tables import captioned, numbers_in, sho
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.reductions import largest
 from lagrange_bench.experiments.measuring.states import (
+    PROBLEMS,
     affordable,
     find,
     interpreted,
     log_counts,
     methods_on,
     rounded,
+    sample,
     truth,
 )
 from lagrange_bench.integrators import METHODS, LagrangeTop, PerturbedTop, StepError, integrate, prepare
@@ -47,6 +52,7 @@ from lagrange_bench.integrators.truth import reference
 
 VERSION = 2
 MEASURED = {
+    "problem": ("error", "kept"),
     "drift": ("t", *INVARIANTS),
     "order": ("error",),
     "work": work_precision.MEASURED[""],
@@ -95,6 +101,10 @@ def cells(profile: str) -> list[dict]:
                     continue
                 race = {"timing": True, "part": "work", "method": name, "state": state, **sweep}
                 listed += [{**race, "scheme": scheme} for scheme in VARIANTS.get(name, ())] or [race]
+    for state in PROBLEMS if profile == "full" else ():
+        for name, method in methods_on(state).items():
+            sizes = SIZES[profile] if method.control == "step" else (1.0,)
+            listed += [{"part": "problem", "method": name, "state": state, "h": h} for h in sizes]
     tolerance = {"part": "tolerance", "method": OURS, "tops": DRAWS[profile]}
     return listed + [
         {**tolerance, "field": field, "span": span, "tol": tol}
@@ -151,6 +161,8 @@ def racing(method: Method, state: str, span: float) -> bool:
 def measure(cell: dict) -> list[dict]:
     if cell["part"] == "tolerance":
         return to_tolerance(cell)
+    if cell["part"] == "problem":
+        return [any_problem(cell)]
     top, y0 = find(cell["state"])
     unit = top.scales(y0)[2]
     if cell["part"] == "drift":
@@ -166,6 +178,25 @@ def measure(cell: dict) -> list[dict]:
     h = SPAN * unit / n
     y = prepare(top, y0, h, method).advance(y0, n)
     return [{"error": rounded(float(metrics.scaled_error(top, y0, y, truth(top, y0, method, h, [n])[0])))}]
+
+
+def any_problem(cell: dict) -> dict:
+    """The error at the end of a run, and the largest of the invariants that the method says it keeps, and of the others."""
+    problem, y0 = find(cell["state"])
+    method, n = METHODS[cell["method"]], round(SPAN / cell["h"])
+    h = SPAN * problem.scales(y0)[2] / n
+    counts = sorted({max(n * k // 16, 1) for k in range(1, 17)})
+    times, states = sample(problem, y0, cell["method"], h, counts)
+    moved = drift.errors(cell["method"], problem, h, np.vstack((y0, states)), times)
+    keeps = method.kept(problem)
+    sizes = {name: float(np.max(np.abs(error))) for name, error in moved.items()}
+    kept, others = ([size for name, size in sizes.items() if (name in keeps) is said] for said in (True, False))
+    error = metrics.scaled_error(problem, y0, states[-1], truth(problem, y0, method, h, [n])[0])
+    return {
+        "error": rounded(float(error)),
+        "kept": rounded(np.max(kept, initial=0.0)),
+        **({"others": rounded(np.max(others))} if others else {}),
+    }
 
 
 # ------------------------------------------------------------------------------------------ what the rows say
@@ -193,17 +224,30 @@ def kept(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-def orders(rows: pd.DataFrame) -> pd.DataFrame:
-    """The order of each method on each top, from the steps whose errors are neither round-off nor saturated."""
+def problems(rows: pd.DataFrame) -> pd.DataFrame:
+    """Of each method and problem that is no top in a fixed field: the order, and the largest error of its invariants."""
+    table = orders(rows, "problem", (1e-10, 0.1))
+    found = part(rows, "problem")
+    if table.empty:
+        return table
+    moved = found.groupby(["state", "method"], sort=False)[["kept", "others"]].agg(largest)
+    names = {"kept": "invariants it claims", "others": "its other invariants"}
+    return table.join(moved.rename(columns=names), on=["state", "method"])
+
+
+def orders(rows: pd.DataFrame, of: str = "order", between: tuple[float, float] = (1e-12, 1e-3)) -> pd.DataFrame:
+    """The order of each method on each top, from the steps whose errors are `between` round-off and saturation."""
     table = []
-    good = part(rows, "order")
+    good = part(rows, of)
     if "stopped" in good:
         good = good[good.stopped.isna()]
     for (state, method), run in good.groupby(["state", "method"], sort=False):
-        floor = max(100 * run.error.min(skipna=False), 1e-12)  # near the separatrix round-off is a hundred times larger
-        run = run[(run.error > floor) & (run.error < 1e-3)].sort_values("h")[:4]
+        floor = max(
+            100 * run.error.min(skipna=False), between[0]
+        )  # near the separatrix round-off is a hundred times larger
+        run = run[(run.error > floor) & (run.error < between[1])].sort_values("h")[:4]
         slope = float(np.polyfit(np.log(run.h), np.log(run.error), 1)[0]) if len(run) > 2 else np.nan
-        says = METHODS[method].order_for(PERTURBED_TOPS[state].top) if method in METHODS else None
+        says = METHODS[method].order_for(find(state)[0]) if method in METHODS else None
         table.append({"state": state, "method": method, "claimed": says, "measured": slope, "points": len(run)})
     return pd.DataFrame(table)
 
@@ -262,7 +306,10 @@ def tolerances(rows: pd.DataFrame) -> pd.DataFrame:
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     made = {"kept": kept(rows), "orders": orders(rows), "winners": winners(rows), "tolerances": tolerances(rows)}
+    made["problems"] = problems(rows)
     captions = {
+        "problems": "Problems that are no top in a fixed field: orders claimed and measured, and the largest relative error of "
+        "the invariants that a method says it keeps, and of the others, over all steps",
         "kept": "Tops in a potential: the largest relative error of each invariant that the top has",
         "orders": f"Tops in a potential: orders claimed, and measured as the slope of the error at t = {SPAN:g} against the "
         "step. At these steps some slopes are still below the order. Empty where fewer than three steps tell",

@@ -153,10 +153,13 @@ def _against_theory(top, y0, name, h) -> list[dict]:
 
 
 def _errors(top, states, truth, y0, rate) -> dict[str, np.ndarray]:
-    """time and angle (in radians of their own phase), what is off the torus, and the whole error, all scaled."""
+    """time and angle (in radians of their own phase), what is off the torus, and the whole error, all scaled.
+
+    Only a top in a uniform field has a known torus; of any other problem this is the whole error alone.
+    """
     error = states - truth
     whole = metrics.scaled_error(top, y0, states, truth)
-    if "uniform" not in top.offers:  # there is no torus
+    if "uniform" not in top.offers:
         return {"error": whole}
     split = metrics.phase_split(top, truth, error)
     off = np.sqrt(sum(np.square(_off_torus(top, truth, split, name)) for name in INVARIANTS))

@@ -8,12 +8,13 @@
         assert_order(METHOD)
 
 A method is a `Method`, a registered name or "package.module:METHOD". A top is a name, as in `lagrange-bench tops` (tops in a
-potential, too), or a pair (top, y0). `measuring.drifts` says how drifts are measured, docs/ci.md how to use this.
+potential, too), or a pair (problem, y0) of any problem that the method accepts. `measuring.drifts`
+says how drifts are measured, docs/ci.md how to use this.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -25,12 +26,10 @@ from lagrange_bench.experiments.measuring.drifts import (
     Refused,
     Run,
     Top,
-    check_invariant,
-    check_tops,
     drifts,
-    find,
+    find_all,
 )
-from lagrange_bench.integrators import INVARIANTS, Method
+from lagrange_bench.integrators import Method
 from lagrange_bench.integrators.checks import check_real
 from lagrange_bench.integrators.registry import find_method
 
@@ -55,7 +54,7 @@ def assert_drift(
     tops : default: TOPS; for `growth` the sixteen random tops of the drift experiment. h : one step or several.
     steps : default: LENGTH; fewer for a method that is interpreted. options : of the method.
     growth, below : the invariant whose root-mean-square error over the tops grows like t^p, and a bound on p.
-    ulps : H=16, J3=0, C1=16, C2=16: bounds in ulps of the invariant's scale, all on every top.
+    ulps : H=16, J3=0, C1=16, C2=16, or other `names` of the problem: bounds in ulps of the invariant's scale, on every top.
 
     Raises
     ------
@@ -67,8 +66,6 @@ def assert_drift(
     if not ulps and growth is None:
         raise ValueError("give a bound to test: H=16, or growth='H' and below=0.75")
     asked = [*ulps, *([] if growth is None else [growth])]
-    for name in asked:
-        check_invariant(name)
     for name, bound in ulps.items():
         if not check_real(bound, name) >= 0:
             raise ValueError(f"{name} must be a bound in ulps, at least 0; got {bound!r}")
@@ -77,17 +74,15 @@ def assert_drift(
     found = find_method(method)
     if tops is None:
         tops = TOPS if growth is None else states.RANDOM
+    named = find_all(tops, asked)
     try:
-        runs = list(drifts(found, tops, h, steps, options))
+        runs = list(drifts(found, named, h, steps, options))
     except Refused as error:
         raise AssertionError(str(error)) from None
     if not runs:
         raise ValueError("tops and h: give at least one of each")
     wrong = []
     for run in runs:
-        for name in asked:
-            if name not in run.conserved:
-                raise ValueError(f"{name}: the motion of the top {run.top} does not conserve it")
         for name, bound in ulps.items():
             value, step = run.largest(name)
             if not value <= bound:
@@ -103,7 +98,7 @@ def _grows(method: Method, runs: list[Run], name: str, below: float) -> Iterator
     """What is wrong with the exponents, one for each step. A drift that never exceeds half an ulp has none."""
     for h in dict.fromkeys(run.h for run in runs):
         these = [run for run in runs if run.h == h]
-        E = np.array([run.ulps[:, INVARIANTS.index(name)] for run in these])
+        E = np.array([run.drift(name) for run in these])
         where = f"on {len(these)} tops, h = {h:g}, {these[0].counts[-1]} steps"
         if not np.all(np.isfinite(E)):
             yield f"{method.name}: {name} is not finite {where}"
@@ -113,7 +108,7 @@ def _grows(method: Method, runs: list[Run], name: str, below: float) -> Iterator
             yield f"{method.name}: {name} grows like t^{p:.2f} (from {low:.2f} to {high:.2f}) {where}: below {below:g} allowed"
 
 
-def assert_order(method: str | Method, order: int | None = None, *, tops: Iterable[str] = check.ORDER_STATES) -> None:
+def assert_order(method: str | Method, order: int | None = None, *, tops: Sequence[Top] = check.ORDER_STATES) -> None:
     """AssertionError if the error of one step does not grow like h^(order + 1), as `lagrange-bench check` measures it.
 
     order : default: what the method claims for these tops, which are all in a potential or all not.
@@ -122,13 +117,12 @@ def assert_order(method: str | Method, order: int | None = None, *, tops: Iterab
     ------
     AssertionError : with the order that was found. ValueError : a method exact in time, or one that chooses its steps.
     """
-    found, listed = find_method(method), check_tops(tops)
-    names = tuple(name for name in listed if isinstance(name, str))
-    if not names or len(names) < len(listed):
-        raise ValueError(f"tops: give one or more names; got {listed!r}")
-    problems = [find(name)[1] for name in names]
+    found, named = find_method(method), find_all(tops)
+    if not named:
+        raise ValueError("tops: give one or more")
+    labels, problems = [label for label, _, _ in named], [problem for _, problem, _ in named]
     if len({"uniform" in problem.offers for problem in problems}) > 1:
-        raise ValueError(f"tops must be all in a potential or all not; got {', '.join(names)}")
+        raise ValueError(f"tops must be all in a potential or all not; got {', '.join(labels)}")
     for problem in problems:
         if reason := found.takes(problem):
             raise ValueError(f"tops: {reason}")
@@ -138,6 +132,10 @@ def assert_order(method: str | Method, order: int | None = None, *, tops: Iterab
     if claimed is None or found.control == "tolerance":
         why = "is exact in time" if claimed is None else "chooses its own steps"
         raise ValueError(f"{found.name} {why}: it has no order to measure")
-    (verdict,) = check.order(found, False, names)
+    starts = tuple(
+        label if isinstance(word, str) else (problem, y0)
+        for word, (label, problem, y0) in zip(tops, named, strict=True)
+    )
+    (verdict,) = check.order(found, False, starts)
     if verdict.passed is False:
-        raise AssertionError(f"{found.name}, {verdict}, on {', '.join(names)}")
+        raise AssertionError(f"{found.name}, {verdict}, on {', '.join(labels)}")

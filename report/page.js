@@ -1,5 +1,44 @@
 "use strict";
 
+// The question which method to take: a field for each of the first four columns of the table of answers.
+{
+  const form = document.querySelector("form.choose");
+  if (form) {
+    const FIELDS = 4, answer = document.querySelector(".answer");
+    const table = document.querySelector("#choose table"), heads = [...table.tHead.rows[0].cells].map((cell) => cell.textContent);
+    const rows = [...table.tBodies[0].rows].map((row) => [...row.cells].map((cell) => cell.textContent));
+    const fields = heads.slice(0, FIELDS).map((head) => {
+      const label = document.createElement("label"), field = document.createElement("select");
+      label.append(`${head[0].toUpperCase()}${head.slice(1)} `, field);
+      form.append(label);
+      return field;
+    });
+    const fits = (row, n) => fields.slice(0, n).every((field, i) => field.value === row[i]);
+    // each field offers what is stored for those before it
+    function offer() {
+      fields.forEach((field, i) => {
+        const before = field.value, texts = [...new Set(rows.filter((row) => fits(row, i)).map((row) => row[i]))];
+        field.replaceChildren(...texts.map((text) => new Option(text, text, false, text === before)));
+      });
+      const [method, code, settings, cost, next, figure] = rows.find((row) => fits(row, FIELDS)).slice(FIELDS);
+      const [label, name, link] = ["b", "code", "a"].map((tag) => document.createElement(tag));
+      label.textContent = method;
+      name.textContent = code;
+      answer.replaceChildren(label, " (", name, `) with ${settings}: ${cost}.${next ? ` Next best: ${next}.` : ""} `);
+      const drawn = document.getElementById(`figure-${figure}`);
+      if (drawn) {
+        link.href = `#figure-${figure}`;
+        link.textContent = drawn.querySelector("figcaption b").textContent.replace(/\.$/, "");
+        link.addEventListener("click", () => drawn.closest("details")?.setAttribute("open", ""));
+        answer.append(link);
+      }
+    }
+    form.addEventListener("change", offer);
+    form.hidden = answer.hidden = false;
+    offer();
+  }
+}
+
 // A click on a column's head sorts its table, a second click the other way; missing values stay last.
 document.addEventListener("click", (event) => {
   const head = event.target.closest("table.sortable thead th");
@@ -22,7 +61,7 @@ document.addEventListener("click", (event) => {
 });
 
 // On paper nothing can be unfolded: what is of moderate length is printed; what is longer, only if the reader has opened it.
-const PRINTED = 60; // rows
+const PRINTED = 40; // rows
 addEventListener("beforeprint", () => {
   for (const folded of document.querySelectorAll("details:not([open])")) {
     const rows = folded.querySelector(":scope > .scroll table")?.tBodies[0].rows.length ?? 0;
@@ -286,7 +325,14 @@ function fingers(element, { drag, pinch }) {
       button.addEventListener("click", () => open(row));
       row.cells[0].replaceChildren(button);
     }
-    list.closest(".scroll").before(element("p", "A name opens a panel with the claims and the curves of the method."));
+    const lines = new Map([...list.tBodies[0].rows].map((row) => [labels.get(row.cells[1].textContent), row]));
+    for (const text of document.querySelectorAll("figure svg text")) { // names at the ends of curves
+      const row = lines.get(text.textContent.trim());
+      if (!row) continue;
+      text.classList.add("named");
+      text.addEventListener("click", (event) => { event.stopPropagation(); open(row); });
+    }
+    list.closest(".scroll").before(element("p", "A name opens a panel with the claims and the curves of the method; so does a name in a figure."));
     choice.addEventListener("change", draw);
     dialog.querySelector('[name="close"]').addEventListener("click", () => dialog.close());
   }

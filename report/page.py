@@ -26,9 +26,9 @@ from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.drawing import figures, tables
 from lagrange_bench.experiments.measuring import errata
 from lagrange_bench.integrators.files import write_file
-from lagrange_bench.report import claims, fairness, lists, live, origin, panels, promises, summary
+from lagrange_bench.report import chooser, claims, fairness, lists, live, origin, panels, promises, summary
 from lagrange_bench.report.origin import PUBLISHED, Origin
-from lagrange_bench.report.sections import Drawn, Section, described, draw_all, place, stored_rows
+from lagrange_bench.report.sections import OPENED, Drawn, Section, described, draw_all, place, stored_rows
 from lagrange_bench.report.sections import write as write_section
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
@@ -36,7 +36,7 @@ from lagrange_bench.results.store import Store
 
 HERE = Path(__file__).parent
 HEADLINE = "phase"  # error against the step: what is new here, in one figure
-HEAVY = 1_000_000  # characters of packed rows beyond which they stay in their journal, for the page's sake
+HEAVY = 400_000  # characters of packed rows beyond which they stay in their journal, for the page's sake
 LONG = 14  # rows beyond which a table is folded
 FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table of the environment; then the packages
 POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
@@ -69,6 +69,7 @@ class Report:
     errata: pd.DataFrame = field(default_factory=pd.DataFrame)  # of the paper
     summary: dict[str, dict[str, Any]] = field(default_factory=dict)
     panels: str = ""  # the data of the panels of the methods
+    answers: pd.DataFrame = field(default_factory=pd.DataFrame)  # which method to take, see `chooser`
 
     @property
     def integrators(self) -> tuple[int, int, int]:
@@ -140,6 +141,7 @@ def _judge(report: Report, source: Origin, beside: Path | None) -> None:
         "errata": lambda: _errata() if len(rows.get("paper", ())) else pd.DataFrame(),
         "summary": lambda: summary.numbers(rows),
         "panels": lambda: panels.script(rows),
+        "answers": lambda: chooser.answers(rows),
     }
     for name, make in parts.items():
         try:
@@ -284,6 +286,7 @@ def html(report: Report) -> str:
         claim_groups=_claim_groups(report),
         environment=environment_facts(report.sections),
         long=LONG,
+        opened=OPENED,
         lists={
             "Methods: what each is called, claims and comes from": lists.methods(),
             "Tops: what each is called and stands for": lists.tops(),

@@ -33,6 +33,7 @@ from lagrange_bench.results.store import Store, StoreError
 
 DECLINED = "StepError"  # what a method raises that declines a step
 WORTH = 2  # journals to draw for which a process of its own is started: the imports of one take as long
+OPENED = ("profile", "winner")  # figures that are not folded, besides the first of an experiment
 Drawn = Callable[[int, int], None]  # gets how many sections are drawn, of how many
 
 
@@ -237,13 +238,16 @@ def lacking(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list[str]
 
 
 def draw_figures(module: ModuleType, rows: pd.DataFrame, highlight: Sequence[str]) -> list[DrawnFigure]:
-    """All figures of an experiment, the first of them for phones too; raises whatever drawing raises."""
+    """All figures of an experiment, those that are not folded for phones too; raises whatever drawing raises."""
     with style.apply(highlight=highlight):
         drawn = module.draw(rows.copy())
         made = [DrawnFigure(name, figures.svg(f), getattr(f, "caption", "")) for name, f in drawn.items()]
-    if made and figures.wide(drawn[made[0].name]):
+    seen = [figure for i, figure in enumerate(made) if i == 0 or figure.name in OPENED]
+    if any(figures.wide(drawn[figure.name]) for figure in seen):
         with style.apply("column", highlight):
-            made[0].phone = figures.svg(module.draw(rows.copy())[made[0].name])
+            narrow = module.draw(rows.copy())
+            for figure in seen:
+                figure.phone = figures.svg(narrow[figure.name])
     return made
 
 

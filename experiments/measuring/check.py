@@ -593,7 +593,11 @@ CHECKS: tuple[Check, ...] = (order, solution, symmetric, conserves, poisson, pur
 
 def label(start: Start) -> str:
     """What messages call a start."""
-    return start if isinstance(start, str) else f"{start[0].name} from {np.round(start[1], 3).tolist()}"
+    return (
+        start
+        if isinstance(start, str)
+        else f"{getattr(start[0], 'name', start[0])} from {np.round(start[1], 3).tolist()}"
+    )
 
 
 def find(name: Start) -> tuple[Any, Array]:

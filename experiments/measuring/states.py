@@ -6,6 +6,7 @@ import math
 import random
 import re
 from collections.abc import Iterable, Iterator
+from functools import cache
 from time import perf_counter
 from typing import Any
 
@@ -21,10 +22,30 @@ from lagrange_bench.integrators.truth import truths
 RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
 CLOSE = tuple(f"close{i:03d}" for i in range(32))  # to the separatrix; likewise
 WIDE = tuple(f"wide{i:03d}" for i in range(200))  # of every kind; likewise
+PROBLEMS = ("free_body", "vibrating_pivot", "kirchhoff_body", "central_spin")  # what is no top in a fixed field
+
+
+@cache
+def problem(name: str) -> tuple[Any, Array]:
+    """Problem and initial state of a name in PROBLEMS: a magnet of four spins, and one of each kind of `problem`."""
+    from lagrange_bench.integrators.paper.gaudin_magnets import central_spin
+    from lagrange_bench.integrators.problem.free_body import free_body
+    from lagrange_bench.integrators.problem.kirchhoff import kirchhoff_body
+    from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
+
+    if name == "free_body":
+        return free_body(1.0, 2.0, 3.0), np.array([0.3, -0.4, 1.2])
+    if name == "vibrating_pivot":
+        return vibrating_pivot(1.0, 0.5, 2.0), np.array([0.3, -0.2, 0.8, 0.6, 0.0, 0.8])
+    if name == "kirchhoff_body":
+        body = kirchhoff_body((1.0, 0.7, 0.4), (0.1, 0.2, -0.1), (0.5, 0.6, 0.9))
+        return body, np.array([0.3, -0.2, 0.8, 0.6, 0.0, 0.8])
+    magnet = central_spin(4)
+    return magnet.magnet.problem, magnet.spins.ravel()
 
 
 def find(name: str) -> tuple[Any, Array]:
-    """Top and initial state (6,) of a named top, or of "random000" … "random999", "wide000" … or "close000" ….
+    """Top and initial state (6,) of a named top, or of "random000" … "random999", "wide000" … or "close000" …; or a `problem`.
 
     The random ones have alpha in [0.3, 2], each J in [-2, 2] and |x| in [0.5, 2]; the generator is Python's own,
     whose `random()` never changes. The wide ones have either sign of alpha and |J|²/(|alpha||x|) from 1e-3 to 1e3. The close
@@ -36,8 +57,10 @@ def find(name: str) -> tuple[Any, Array]:
         return PERTURBED_TOPS[name].top, PERTURBED_TOPS[name].state
     if name in NAMED_TOPS:  # of a package
         return NAMED_TOPS[name].top, NAMED_TOPS[name].state
+    if name in PROBLEMS:
+        return problem(name)
     if not re.fullmatch(r"(random|wide|close)\d{3}", name):
-        known = f"{', '.join(NAMED_TOPS)}, random000 … random999, wide000 … wide999, close000 … close999"
+        known = f"{', '.join((*NAMED_TOPS, *PROBLEMS))}, random000 … random999, wide000 … wide999, close000 … close999"
         raise ValueError(f"unknown state {name!r}; known: {known}")
     draw = random.Random(name)  # seeded by the text itself, through SHA-512
     J = [draw.uniform(-2, 2) for _ in range(3)]
@@ -65,15 +88,15 @@ def _near_separatrix(alpha: float, x: Array, share: float, off: float) -> list[f
 def methods_on(state: str | None = None) -> dict[str, Method]:
     """The methods that are measured on a state, by name; None: on any top in a uniform field.
 
-    In a potential these are the methods with a formula for it, else all for a top but those that are another one there.
+    Elsewhere these are the methods that accept the problem, else all for a top but those that are another one there.
     A plug-in that cannot be loaded is left out: `lagrange-bench methods` says why.
     """
     from lagrange_bench.integrators import METHODS
 
     loaded = {name: method for name, method, _ in METHODS.each() if method}
-    if state not in PERTURBED_TOPS:
-        return {name: m for name, m in loaded.items() if not m.reduces_to and m.takes(LagrangeTop()) is None}
-    top = PERTURBED_TOPS[state].top
+    top = find(state)[0] if state else LagrangeTop()
+    if "uniform" in top.offers:
+        return {name: m for name, m in loaded.items() if not m.reduces_to and m.takes(top) is None}
     return {name: m for name, m in loaded.items() if m.takes(top) is None}
 
 
@@ -94,7 +117,7 @@ def sample(top: LagrangeTop, y0: Array, method: str, h: float, counts: list[int]
 
     times = h * np.array(counts, dtype=float)
     if METHODS[method].control == "tolerance":
-        return times, integrate(top, y0, t=times, method=method, **options).y
+        return times, integrate(top, y0, t=times, method=method, **options).states
     stepper = prepare(top, y0, h, method, **options)
     return times, np.array([y for y, _ in follow(stepper, y0, counts)])
 

@@ -21,6 +21,10 @@ class Tableau:
     a: tuple[Row, ...]  # stages 2, 3, …
     b: Row
 
+    def __hash__(self) -> int:
+        """Of the name: a hundred hashes of fractions would be most of a set-up."""
+        return hash(self.name)
+
     @property
     def stages(self) -> int:
         return len(self.b)

@@ -11,6 +11,7 @@ import pytest
 from lagrange_bench.experiments.measuring import check
 from lagrange_bench.experiments.measuring import drifts as drift
 from lagrange_bench.integrators import METHODS, LagrangeTop, StepError, Stepper
+from lagrange_bench.integrators.paper.gaudin_magnets import central_spin
 from lagrange_bench.testing import assert_drift, assert_order
 
 MINE = replace(METHODS["strang"], name="mine")  # of nobody's registry
@@ -35,7 +36,7 @@ def test_a_bound_that_is_exceeded_names_top_step_and_value():
 
 def test_drift_is_in_ulps_of_the_scale():
     """Against invariants computed here, at the counts the run has."""
-    (run,) = drift.drifts(MINE, ["generic"], 0.1, 64)
+    (run,) = drift.drifts(MINE, drift.find_all(["generic"]), 0.1, 64)
     top, y0 = check.find("generic")
     y = METHODS["strang"].prepare_for(top)(top, y0, 0.1 * top.scales(y0)[2]).record(y0, 64, 1)
     scale = top.invariant_scales(y0)[0]
@@ -115,9 +116,22 @@ def test_order():
         assert_order("backlund")
     with pytest.raises(ValueError, match="chooses its own steps"):
         assert_order("rk45")
-    for tops in (("generic", "weak_tide"), ((LagrangeTop(1.0), (1.0, 0, 0, 0, 0, 1.0)),), 5, "generic", ()):
+    for tops in (("generic", "weak_tide"), 5, "generic", ()):
         with pytest.raises(ValueError, match=r"^tops"):
             assert_order(MINE, tops=tops)
+
+
+def test_bounds_and_orders_on_a_magnet():
+    magnet, spins = central_spin(3)
+    on = {"tops": [(magnet, spins)]}
+    assert_drift("gauss4", **on, steps=200, C1=16, C3=16, H_2=64)
+    with pytest.raises(AssertionError, match="rk4: H_0 is off by"):
+        assert_drift("rk4", **on, steps=200, H_0=64)
+    with pytest.raises(ValueError, match=r"unknown invariant 'H'.*Known: H_0, H_1, H_2, C1, C2, C3"):
+        assert_drift("rk4", **on, H=64)
+    assert_order("rk4", **on)
+    with pytest.raises(AssertionError, match="order 5: "):
+        assert_order("rk4", 5, **on)
 
 
 # ---------------------------------------------------------------- what `check` says

@@ -285,7 +285,7 @@ def test_what_is_missing_is_said_in_its_place(report, text):
     assert "toy.broken_median" in parts["toy.broken"], "the tables do not need the figures"
     assert "toy.empty" not in parts, "what has no rows is named in one place"
     assert "run</span> <span>toy.empty</span>" in parts["missing"]
-    found, away = parts["claims"].split("about experiments that are not stored here")
+    found, away = parts["claims"].split("About experiments that are not stored here")
     assert ("claim-holds" in found, "claim-unstored" in found, "claim-unstored" in away) == (True, False, True)
     assert "toy.good.jsonl, line 10: cut off while it was written" in parts["toy.good"]
     declined, _ = parts["failures"].split("No stored cell failed.")

@@ -1,0 +1,138 @@
+"""Which method should I take? The cheapest for each problem, length, error and conservation law, from stored rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from lagrange_bench.experiments import work_precision
+from lagrange_bench.experiments.drawing import style, tables
+from lagrange_bench.experiments.heavy_top import UNTIL, motion
+from lagrange_bench.experiments.measuring.states import find
+from lagrange_bench.integrators import METHODS
+
+TARGETS = work_precision.TARGETS[:-1]
+COLUMNS = (
+    "problem",
+    "length of the run",
+    "error at most",
+    "must conserve",
+    "method",
+    "name",
+    "with",
+    "cost",
+    "next best",
+    "figure",
+)
+NOTHING, LENGTHS, ENERGY = "nothing in particular", "lengths (Casimirs)", "energy and lengths"
+KNOBS = ("h", "tol", "rtol", "scheme")
+TIE = 1.05  # two times whose ratio is below are the same
+
+
+class Place(NamedTuple):
+    """Where the rows of a kind of problem are: the experiment, which of its rows, and the figure drawn from them."""
+
+    experiment: str
+    where: dict[str, Any]
+    figure: str
+
+
+PLACES = {
+    "top in a uniform field": Place("work_precision", {"state": "generic"}, "work_precision_time"),
+    "top in a weak field, ε = 1e-6": Place(
+        "perturbed", {"part": "work", "state": "tide_1e-6"}, "perturbed_work_t{:.0f}"
+    ),
+    "top in a weak field, ε = 1e-4": Place(
+        "perturbed", {"part": "work", "state": "weak_tide"}, "perturbed_work_t{:.0f}"
+    ),
+    "top in a strong field, ε = 0.1": Place(
+        "perturbed", {"part": "work", "state": "strong_tide"}, "perturbed_work_t{:.0f}"
+    ),
+    "top near a magnet": Place("perturbed", {"part": "work", "state": "magnet"}, "perturbed_work_t{:.0f}"),
+    "whole body, not symmetric": Place("heavy_top", {"case": "kovalevskaya"}, "heavy_top_steps"),
+    "magnet of 8 spins": Place("gaudin", {"part": "work"}, "gaudin_work"),
+}
+
+
+def answers(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """A line for each problem, length, error and demand that some method meets; columns COLUMNS.
+
+    rows : of all experiments, by name. A whole body's cost is its step, for its runs are not timed: a longer step is cheaper.
+    """
+    lines = [line for name, place in PLACES.items() for line in _of_problem(name, place, rows.get(place.experiment))]
+    return pd.DataFrame(lines, columns=list(COLUMNS))
+
+
+def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[tuple[str, ...]]:
+    if rows is None or rows.empty or not set(place.where) <= set(rows.columns):
+        return
+    for field, value in place.where.items():
+        rows = rows[rows[field] == value]
+    timed = place.experiment != "heavy_top"
+    good = _priced(rows, timed)
+    if good.empty:
+        return
+    problem = _problem(place)
+    kept = {method: METHODS[method].kept(problem) for method in good.method.unique() if method in METHODS}
+    for length, group in good.groupby("span", sort=True):
+        when = f"{tables.show(length)}{' s' if not timed else ''}"
+        for target in TARGETS:
+            reached = group[group.error <= target]
+            best = reached.loc[reached.groupby("method").price.idxmin()].sort_values("price")
+            for demand, names in _demands(problem).items():
+                those = best[[names <= kept.get(method, frozenset()) for method in best.method]]
+                if len(those):
+                    yield (name, when, tables.show(target), demand, *_answer(those, timed), place.figure.format(length))
+
+
+def _priced(rows: pd.DataFrame, timed: bool) -> pd.DataFrame:
+    """The runs with `span`, `error` and `price`: seconds with set-up, or 1/h."""
+    if timed:
+        good = work_precision.useful(rows)
+        return good.assign(price=good.total)
+    good = rows[rows.status == "done"]
+    error = good[["position", "rotation"]].max(axis=1, skipna=False)
+    return good.assign(error=error, price=1.0 / good.h, span=good.case.map(UNTIL))
+
+
+def _demands(problem: Any) -> dict[str, frozenset[str]]:
+    """What may be asked for, as names of invariants of the problem."""
+    lengths = frozenset(name for name in problem.names if name.startswith(("C", "|")))
+    energy = frozenset(name for name in problem.names if name.startswith("H"))
+    return {NOTHING: frozenset(), **({LENGTHS: lengths} if lengths else {}), ENERGY: lengths | energy}
+
+
+def _problem(place: Place) -> Any:
+    """The problem itself; all magnets conserve the same."""
+    if place.experiment == "gaudin":
+        return find("central_spin")[0]
+    return motion(place.where["case"])[0] if "case" in place.where else find(place.where["state"])[0]
+
+
+def _answer(best: pd.DataFrame, timed: bool) -> tuple[str, ...]:
+    """Method, its setting, its cost, and the next best."""
+    first = best.iloc[0]
+    cost = f"{tables.show(float(f'{1e3 * first.price:.2g}'))} ms" if timed else f"a step of {tables.show(first.h)} s"
+    return style.label(first.method), first.method, ", ".join(_settings(first)), cost, _next(best, timed)
+
+
+def _settings(run: pd.Series) -> Iterator[str]:
+    for name in KNOBS:
+        if pd.notna(value := run.get(name)):
+            yield f"{name} = {value if isinstance(value, str) else tables.show(value)}"
+    if pd.notna(run.get("variant")):  # of a magnet
+        if run.variant != run.method:
+            yield str(run.variant)
+        tolerance = METHODS[run.method].control == "tolerance"
+        yield f"{'tol' if tolerance else 'h'} = {tables.show(run.knob)}"
+
+
+def _next(best: pd.DataFrame, timed: bool) -> str:
+    """What the method after the first takes; empty if there is none."""
+    if len(best) == 1:
+        return ""
+    ratio, what = best.price.iloc[1] / best.price.iloc[0], "long" if timed else "many steps"
+    times = f"{tables.show(float(f'{ratio:.2g}'))} times as" if ratio >= TIE else "just as"
+    return f"{style.label(best.method.iloc[1])}, {times} {what}"

@@ -1,0 +1,52 @@
+"""Every experiment measures any problem that a method accepts: magnets, bodies and driven tops have no code of their own."""
+
+import numpy as np
+import pytest
+
+from lagrange_bench.experiments import cost, drift, perturbed, phase, work_precision
+from lagrange_bench.experiments.measuring.states import PROBLEMS, find, methods_on
+from lagrange_bench.integrators import METHODS, integrate
+
+MAGNET = {"method": "rk4", "state": "central_spin"}
+
+
+@pytest.mark.parametrize("state", PROBLEMS)
+def test_a_run_on_any_problem_has_its_error_and_its_invariants(state):
+    cell = {"part": "problem", "method": "rk4", "state": state, "h": 0.5}
+    (row,) = perturbed.measure(cell)
+    problem, y0 = find(state)
+    unit = problem.scales(y0)[2]
+    true = integrate(problem, y0, t=[32.0 * unit], method="taylor").y[0]
+    run = integrate(problem, y0, h=0.5 * unit, steps=64, method="rk4")
+    moved = np.abs(run.invariants() - run.invariants()[0]) / problem.invariant_scales(y0)
+    keeps = [name in METHODS["rk4"].kept(problem) for name in problem.names]
+    error = np.max(np.abs(run.y[-1].ravel() - true.ravel()) / problem.sizes(y0))
+    assert error / 2 < row["error"] < 2 * error  # components here, vectors there
+    assert row["others"] <= np.max(moved[:, ~np.array(keeps)]) * (1 + 1e-4)
+    assert row["kept"] < 1e-14
+
+
+def test_a_method_with_a_tolerance_follows_a_magnet():
+    (row,) = perturbed.measure({"part": "problem", "method": "rk45", "state": "central_spin", "h": 1.0})
+    assert 0.0 < row["error"] < 1e-6
+
+
+def test_drift_has_a_column_for_each_invariant():
+    rows = drift.measure({"part": "time", "h": 0.5, "steps": 8, **MAGNET})
+    assert set(rows[-1]) == {"t", *find("central_spin")[0].names}
+
+
+def test_phase_work_and_cost_of_a_magnet():
+    (row,) = phase.measure({"part": "h", "h": 0.25, **MAGNET})
+    assert 0.0 < row["error"] < 1e-2
+    curve = work_precision.measure({"span": 8.0, "per_octave": 1, "decades": 1, "longest": 0.002, **MAGNET})
+    assert curve[-1]["stopped"] == "too long"
+    assert min(run.get("error", 1.0) for run in curve) < 1e-6
+    (price,) = cost.measure({"part": "step", "h": 0.25, "repeats": 1, **MAGNET})
+    assert price["evals_per_step"] == 4.0
+    assert price["ns_per_step"] > 0.0
+
+
+def test_the_full_profile_has_every_method_on_every_problem():
+    cells = [cell for cell in perturbed.cells("full") if cell["part"] == "problem"]
+    assert {(cell["state"], cell["method"]) for cell in cells} == {(s, m) for s in PROBLEMS for m in methods_on(s)}

@@ -1,0 +1,53 @@
+"""Which method to take: the cheapest stored run that reaches the error and conserves what is asked for."""
+
+import pandas as pd
+import pytest
+
+from lagrange_bench.report import chooser
+
+RUNS = [  # method, h, error, seconds, set-up
+    ("rk4", 0.5, 3e-5, 1e-3, 0.0),
+    ("rk4", 0.1, 3e-9, 5e-3, 0.0),
+    ("backlund", 8.0, 1e-15, 2e-3, 2e-3),
+    ("strang", 0.1, 2e-5, 2e-3, 0.0),
+    ("strang", 0.3, float("nan"), 1e-6, 0.0),
+]
+
+
+@pytest.fixture
+def answers():
+    columns = ["method", "h", "error", "seconds", "setup_seconds"]
+    rows = pd.DataFrame(RUNS, columns=columns).assign(state="generic", span=100.0, status="done")
+    return chooser.answers({"work_precision": rows}).set_index(["error at most", "must conserve"])
+
+
+def test_the_cheapest_with_set_up_that_reaches_the_error(answers):
+    assert dict(answers.name.xs(chooser.NOTHING, level=1)) == {
+        "10⁻⁴": "rk4",
+        "10⁻⁶": "backlund",
+        "10⁻⁸": "backlund",
+        "10⁻¹⁰": "backlund",
+    }
+    first = answers.loc[("10⁻⁶", chooser.NOTHING)]
+    assert (first["with"], first["cost"], first["next best"]) == ("h = 8", "4 ms", "RK4, 1.2 times as long")
+
+
+def test_what_must_be_conserved_is_what_the_method_claims(answers):
+    assert answers.name["10⁻⁴", chooser.LENGTHS] == "strang"
+    assert answers.name["10⁻⁴", chooser.ENERGY] == "backlund"
+
+
+def test_a_body_has_its_step_for_a_price_and_nan_never_wins():
+    rows = pd.DataFrame(
+        {"method": ["rk4", "rk4", "rkmk4"], "h": [0.1, 0.2, 0.05], "position": [1e-5, float("nan"), 1e-9]}
+    )
+    rows = rows.assign(rotation=1e-9, case="kovalevskaya", status="done")
+    found = chooser.answers({"heavy_top": rows})
+    found = found[found["must conserve"] == chooser.NOTHING].set_index("error at most")
+    assert found.cost["10⁻⁴"] == "a step of 0.1 s"
+    assert found["next best"]["10⁻⁴"].endswith("2 times as many steps")
+    assert found.name["10⁻⁸"] == "rkmk4"
+
+
+def test_without_rows_there_is_no_answer():
+    assert chooser.answers({}).empty
