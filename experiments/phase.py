@@ -104,7 +104,7 @@ def measure(cell: dict) -> list[dict]:
     errors = _errors(top, states, truth(top, y0, METHODS[cell["method"]], h * unit, counts), y0, rate)
     if cell["part"] == "h":
         return [{name: rounded(np.max(np.abs(e))) for name, e in errors.items()}]
-    columns = {"t": times / unit, **errors}
+    columns = {"t": times * rate, **errors}
     return [{name: rounded(value[i]) for name, value in columns.items()} for i in range(len(times))]
 
 

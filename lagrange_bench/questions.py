@@ -300,7 +300,13 @@ class _Placed:
 
     @property
     def unit(self) -> float:
+        """The time scale in the top's own unit."""
         return float(self.top.scales(self.state)[2])
+
+    @property
+    def rate(self) -> float:
+        """What experiments multiply times with, the scale of momenta, in 1 over the time scale: 1 of a top."""
+        return float(self.top.scales(self.state)[0] * self.unit)
 
 
 class _Asked:
@@ -342,7 +348,8 @@ class _Asked:
             for top in self.tops:
                 for method in self.methods:
                     asked = {"method": method.name, "state": top.name, **cell(top.unit)}
-                    rows += [{**asked, **row} for row in _tried(measure, asked)]
+                    found = _tried(measure, asked)
+                    rows += [{**asked, **row, **({"t": row["t"] / top.rate} if "t" in row else {})} for row in found]
         frame = pd.DataFrame(rows).rename(columns={"state": "top"}).drop(columns="part", errors="ignore")
         return in_both_units(frame, {top.name: top.unit for top in self.tops})
 
