@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import perf_counter
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,7 +32,6 @@ from lagrange_bench.integrators.registry import (
     NotInstalled,
     find_method,
     find_potential,
-    find_stored_method,
 )
 from lagrange_bench.integrators.truth import truths
 from lagrange_bench.integrators.words import numbers, option, suggestion
@@ -373,44 +372,34 @@ def _runs(rows: pd.DataFrame) -> Iterator[tuple[Cell, pd.DataFrame]]:
         yield {"options": "", "failure": None, **first}, run
 
 
-class Series(NamedTuple):
-    """What a line of a figure is about."""
-
-    top: str
-    method: str
-    options: str
-
-
-Line = tuple[Any, Any, Any]  # x, the error and the worst invariant there
-
-
 def draw(rows: pd.DataFrame) -> dict[str, Any]:
     """Against time, each method at its finest; and against each knob that has several values."""
-    from lagrange_bench.experiments.drawing import style
+    import pandas as pd
 
-    runs: dict[Series, list[tuple[Cell, pd.DataFrame]]] = {}
-    for cell, run in _runs(rows):
-        runs.setdefault(Series(cell["top"], cell["method"], cell["options"]), []).append((cell, run))
-    finest = {series: min(cells, key=lambda pair: _rank(pair[0])) for series, cells in runs.items()}
-    lines = {series: _along(run) for series, (cell, run) in finest.items() if cell["status"] == "done"}
-    failed: dict[Series, list[float]] = {series: [] for series in finest if series not in lines}
-    figures = {"time": _figure(lines, failed, style.TIME, {"marker": "none"})}
+    from lagrange_bench.experiments.drawing import style
+    from lagrange_bench.experiments.measuring.reductions import largest, worst
+
+    runs = [run for _, run in rows.groupby("key", sort=False)]  # J3 has no number where the field does not conserve it
+    has = [[name for name in INVARIANTS if run[name].notna().any()] for run in runs]
+    rows = pd.concat(
+        [run.assign(worst=worst(run, names) if names else np.nan) for run, names in zip(runs, has, strict=True)]
+    )
+    steps = [knob for knob in KNOBS if knob in rows]
+    rows = rows.assign(t=rows.t.abs(), **{knob: rows[knob].abs() for knob in steps})
+    ranked = rows.assign(failed=rows.status != "done", size=rows[steps].min(axis=1)).sort_values(["failed", "size"])
+    finest = ranked.drop_duplicates(["top", "method", "options"]).key
+    figures = {"time": _figure(rows[rows.key.isin(finest)], "t", style.TIME)}
     figures["time"].caption = (
         f"Error against {_truth(rows)}, relative to the scales of J and x, and the largest of the relative drifts of H, "
-        "J3, C1 and C2, against time: each method at the smallest step or tolerance at which it has a result. Values that are "
-        "exactly zero are left out; the grey line is the spacing of doubles at 1. "
-        "A cross before a name: the method declined the step or failed."
+        "J3, C1 and C2, against time: each method at the smallest step or tolerance at which it has a result. The grey line is "
+        "the spacing of doubles at 1. A cross before a name: the method declined the step or failed."
     )
     for knob, text in {"h": style.STEP, "tol": "tolerance", "rtol": "relative tolerance"}.items():
-        swept = {series: [pair for pair in cells if knob in pair[0]] for series, cells in runs.items()}
-        if len({abs(cell[knob]) for cells in swept.values() for cell, _ in cells}) < 2:
+        if knob not in steps or rows[knob].nunique() < 2:
             continue
-        lines = {series: _against(knob, cells) for series, cells in swept.items() if cells}
-        failed = {
-            series: [abs(cell[knob]) for cell, _ in cells if cell["status"] != "done"]
-            for series, cells in swept.items()
-        }
-        figures[knob] = _figure(lines, {series: steps for series, steps in failed.items() if steps}, text, {})
+        swept = rows[rows[knob].notna()].groupby("key", sort=False)
+        ends = swept.first().assign(error=swept.error.agg(largest), worst=swept.worst.agg(largest))
+        figures[knob] = _figure(ends, knob, text)
         figures[knob].caption = (
             f"Largest error against {_truth(rows)} among the recorded states, relative to the scales of J and x, and the "
             f"largest relative drift of H, J3, C1 and C2, against the {text.split(' h ')[0]}. "
@@ -419,73 +408,19 @@ def draw(rows: pd.DataFrame) -> dict[str, Any]:
     return figures
 
 
-def _rank(cell: Cell) -> tuple[bool, float]:
-    """A cell that is done comes before one that failed, and then the finer one."""
-    return cell["status"] != "done", min(abs(cell[knob]) for knob in KNOBS if knob in cell)
-
-
-def _along(run: pd.DataFrame) -> Line:
-    """Against time; of the invariants those that the top has: J3 has no number where the field does not conserve it."""
-    from lagrange_bench.experiments.measuring.reductions import worst
-
-    return run.t, run.error, worst(run, [name for name in INVARIANTS if run[name].notna().any()])
-
-
-def _against(knob: str, cells: list[tuple[Cell, pd.DataFrame]]) -> Line:
-    """The largest of each run against its step or tolerance."""
-    from lagrange_bench.experiments.measuring.reductions import largest
-
-    done = sorted((abs(cell[knob]), *map(largest, _along(run)[1:])) for cell, run in cells if cell["status"] == "done")
-    x, error, drift = np.array(done).reshape(-1, 3).T
-    return x, error, drift
-
-
-def _figure(lines: dict[Series, Line], failed: dict[Series, list[float]], xlabel: str, look: dict[str, Any]) -> Any:
-    """A row for each top: errors on the left, invariants on the right; crosses where a series failed, or before its name."""
+def _figure(rows: pd.DataFrame, x: str, xlabel: str) -> Any:
+    """A row for each top: errors on the left, invariants on the right."""
     from lagrange_bench.experiments.drawing import style
 
-    tops = list(dict.fromkeys(series.top for series in (*lines, *failed)))
+    tops = list(dict.fromkeys(rows.top))
     titles = [style.plain(f"{top}: {what}") for top in tops for what in ("error", "worst invariant")]
     figure, axes = style.panels(titles, 2, (0.4, 2.3), xlabel, "", sharex=True)
-    for ax in axes:
-        ax.set(xscale="log", yscale="log")
+    looks = {name: style.of(name) | ({"marker": "none"} if x == "t" else {}) for name in style.ordered(rows.method)}
+    for i, ax in enumerate(axes):
         style.ulp_line(ax)
-    looks = _looks([*lines, *failed])
-    for series, (x, *ys) in lines.items():
-        for ax, y in zip(axes[2 * tops.index(series.top) :], ys, strict=False):
-            y = np.asarray(y, dtype=float)
-            if (y > 0).any():
-                ax.plot(np.abs(x), np.where(y > 0, y, np.nan), **{**looks[series[1:]], **look})
-    for series, steps in failed.items():
-        ax = axes[2 * tops.index(series.top)]
-        if steps:
-            style.failure_marks(ax, steps, series.method)
-        else:
-            style.failed_label(ax, series.method, _label(series.method))
+        here = rows[rows.top == tops[i // 2]].sort_values(x, kind="stable")
+        here_looks = {name: look for name, look in looks.items() if (here.method == name).any()}
+        style.draw_lines(ax, here, x, ("error", "worst")[i % 2], ("options",), here_looks)
+        ax.set(xscale="log", yscale="log")
     style.legend_below(figure)
     return figure
-
-
-def _looks(shown: list[Series]) -> dict[tuple[str, ...], dict[str, Any]]:
-    """Method and options → keywords of a line; the options of one method differ by their dashes."""
-    from lagrange_bench.experiments.drawing import style
-
-    looks: dict[tuple[str, ...], dict[str, Any]] = {}
-    for method in style.ordered({series.method for series in shown}):
-        for i, options in enumerate(dict.fromkeys(series.options for series in shown if series.method == method)):
-            look = style.of(method)
-            dashes = style.DASHES if look["linestyle"] in style.DASHES else style.OWN_DASHES
-            look["linestyle"] = dashes[(dashes.index(look["linestyle"]) + i) % len(dashes)]
-            look["label"] = style.plain(_label(method) + (f" ({options})" if options else ""))
-            looks[method, options] = look
-    return looks
-
-
-def _label(name: str) -> str:
-    """What a legend calls a method; one of `module:METHOD` by its own label, if it is loaded."""
-    from lagrange_bench.experiments.drawing import style
-
-    if ":" in name:
-        with suppress(ValueError):
-            return find_stored_method(name).label
-    return style.label(name)

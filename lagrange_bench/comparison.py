@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ import pandas as pd
 from matplotlib import rcParams
 
 from lagrange_bench.experiments.drawing import style
-from lagrange_bench.experiments.drawing.tables import heading, show
+from lagrange_bench.experiments.drawing.tables import heading
 from lagrange_bench.experiments.drift import KEPT
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.work_precision import WALL, draw_front
@@ -62,7 +62,6 @@ ERRORS = [
     "left",
 ]  # beside the invariants
 APART = ("top", "scheme", "options", "variant", "form", "pin", "n", "span_scaled")  # what tells lines of a method apart
-WORDS = {"span_scaled": "t", "h_scaled": "h"}  # what they are called then
 KNOBS = ("h_scaled", "tol", "rtol", "fraction")  # likewise, where a run has many rows
 
 
@@ -199,15 +198,14 @@ class Comparison:
         good = rows[rows[x].notna() & rows[y].notna()]
         if race and len(good):
             draw_front(ax, good[x], good[y])
-        for method, look in self._looks(style.ordered(rows["method"]), good, y).items():
-            for place, (words, line) in enumerate(_lines(rows[rows["method"] == method], x, y)):
-                if race and line[y].notna().any():
-                    line = line.iloc[metrics.pareto_front(line[x], line[y])]
-                if place and "linestyle" in look:
-                    dashes = style.DASHES if look["linestyle"] in style.DASHES else style.OWN_DASHES
-                    look["linestyle"] = dashes[(dashes.index(look["linestyle"]) + 1) % len(dashes)]
-                named = {**look, "label": ", ".join([look["label"], *map(style.plain, words)])}
-                style.draw_method(ax, line.sort_values("t_scaled" if sampled else x), method, x, y, named, log)
+        apart = [name for name in (*APART, *(KNOBS if sampled else ())) if name not in (x, y)]
+        if race:
+            each = (style.lines(mine, apart) for _, mine in rows.groupby("method", sort=False))
+            kept = [line.iloc[metrics.pareto_front(line[x], line[y])] for found in each for _, line in found]
+            rows = pd.concat([*kept, rows[~rows["method"].isin(good["method"])]])
+        rows = rows.sort_values("t_scaled" if sampled else x, kind="stable")
+        looks = self._looks(style.ordered(rows["method"]), good, y)
+        style.draw_lines(ax, rows, x, y, apart, looks, log)
         style.label_ends([ax], rcParams["legend.fontsize"])
 
     def _looks(self, methods: list[str], good: pd.DataFrame, y: str) -> dict[str, dict[str, Any]]:
@@ -243,21 +241,6 @@ class Comparison:
 def _sampled(rows: pd.DataFrame) -> bool:
     """Whether the rows are samples of runs, and not runs."""
     return "t_scaled" in rows and bool(rows["t_scaled"].notna().any())
-
-
-def _lines(rows: pd.DataFrame, x: str, y: str) -> Iterator[tuple[list[str], pd.DataFrame]]:
-    """The rows of each line of a method, and what tells it from the others."""
-    columns = (*APART, *(KNOBS if _sampled(rows) else ()))
-    apart = [name for name in columns if name in rows and name not in (x, y) and rows[name].nunique() > 1]
-    if not apart:
-        yield [], rows
-        return
-    for values, line in rows.groupby(apart, sort=False, dropna=False):
-        known = [(name, value) for name, value in zip(apart, values, strict=True) if pd.notna(value)]
-        yield (
-            [value if isinstance(value, str) else f"{WORDS.get(name, name)} = {show(value)}" for name, value in known],
-            line,
-        )
 
 
 def _axes(ax: Any, tops: list[str]) -> list[Any]:

@@ -19,7 +19,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 
 from lagrange_bench.experiments.drawing.canvas import highlighted, plain, printable, title
-from lagrange_bench.integrators.registry import BUILT_IN, METHODS
+from lagrange_bench.integrators.registry import BUILT_IN, METHODS, find_stored_method
 
 CONTRAST = 4.5  # of coloured text on white, as WCAG asks for
 
@@ -67,7 +67,7 @@ def _look(method: str) -> dict[str, Any]:
     if method not in mine and ":" not in method:
         return look
     with suppress(Exception):  # one that cannot be loaded here keeps the name that it has in the rows
-        look = {**look, "label": METHODS[method].label}
+        look = {**look, "label": find_stored_method(method).label}
     place = mine.index(method) if method in mine else _digest(method)
     marker, dashes = OWN_MARKERS[place % len(OWN_MARKERS)], OWN_DASHES[place % len(OWN_DASHES)]
     return {"label": look["label"], "color": OWN, "marker": marker, "linestyle": dashes, "linewidth": 1.8}

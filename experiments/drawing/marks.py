@@ -7,7 +7,7 @@ but the best of each (`looks`). Lines are named where they end (`label_ends`), n
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import matplotlib.figure
@@ -30,12 +30,25 @@ from lagrange_bench.experiments.drawing.canvas import (
     plain,
     width,
 )
-from lagrange_bench.experiments.drawing.looks import FAMILIES, OTHERS, TITLES, family, label, of, ordered, readable
+from lagrange_bench.experiments.drawing.looks import (
+    DASHES,
+    FAMILIES,
+    OTHERS,
+    OWN_DASHES,
+    TITLES,
+    family,
+    label,
+    of,
+    ordered,
+    readable,
+)
+from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.integrators.registry import METHODS
 
 TIME, STEP = "time · (|J| + √(|α||x|))", "step h · (|J| + √(|α||x|))"  # axes in the units of the top
 REFERENCE = "backlund"  # in grey in every panel of small multiples
 LEAST = 1e-17  # where an error of 0 is drawn
+WORDS = {"span_scaled": "t", "h_scaled": "h"}  # what names of lines call columns
 
 
 def draw_method(
@@ -55,6 +68,43 @@ def draw_method(
         failure_marks(ax, failed, method)
         if good.empty and failed.empty:
             failed_label(ax, method)
+
+
+def draw_lines(
+    ax: Axes,
+    rows: pd.DataFrame,
+    x: str,
+    y: str,
+    apart: Sequence[str],
+    looks: Mapping[str, dict[str, Any]] | None = None,
+    log: Sequence[bool] = (True, True),
+) -> None:
+    """`draw_method` of each method in `looks`, default: of all; a line for each set of values of the columns `apart`.
+
+    The lines of one method differ by their dashes, and their names say the values. Rows are joined in their order.
+    """
+    for method, look in (looks or {name: of(name) for name in ordered(rows.method)}).items():
+        for i, (words, line) in enumerate(lines(rows[rows.method == method], apart)):
+            named = {**look, "label": ", ".join([look["label"], *map(plain, words)])}
+            if i and "linestyle" in look:
+                dashes = DASHES if look["linestyle"] in DASHES else OWN_DASHES
+                named["linestyle"] = dashes[(dashes.index(look["linestyle"]) + i) % len(dashes)]
+            draw_method(ax, line, method, x, y, named, log)
+
+
+def lines(rows: pd.DataFrame, apart: Sequence[str]) -> list[tuple[list[str], pd.DataFrame]]:
+    """The rows of each line of one method, and what its name says of the columns that differ."""
+    columns = [name for name in apart if name in rows and rows[name].nunique() > 1]
+    if not columns:
+        return [([], rows)]
+
+    def words(values: Any) -> list[str]:
+        known = [pair for pair in zip(columns, values, strict=True) if pd.notna(pair[1]) and pair[1] != ""]
+        return [
+            value if isinstance(value, str) else f"{WORDS.get(name, name)} = {show(value)}" for name, value in known
+        ]
+
+    return [(words(values), line) for values, line in rows.groupby(columns, dropna=False)]
 
 
 def by_family(
@@ -238,10 +288,10 @@ def failure_marks(ax: Axes, x: Iterable[float], method: str | None = None) -> No
     )  # fmt: skip
 
 
-def failed_label(ax: Axes, method: str, name: str | None = None) -> None:
+def failed_label(ax: Axes, method: str) -> None:
     """The name of a method that has nothing to show in a panel, crossed: in its corner, or where `label_ends` puts it."""
     above = sum(text.get_gid() == "failed" for text in ax.texts)
-    text = f"× {plain(name or label(method))}"
+    text = f"× {plain(label(method))}"
     ax.text(
         0.02, 0.97 - 0.09 * above, text, color=readable(of(method)["color"]), fontsize=6.5, va="top",
         transform=ax.transAxes, gid="failed",
