@@ -60,7 +60,7 @@ class StoreError(RuntimeError):
 
 def published() -> Path:
     """The folder of the published rows, which come with the package."""
-    return Path(__file__).with_name("reference")
+    return Path(__file__).resolve().with_name("reference")
 
 
 def default_results(profile: str | None = None) -> Path:

@@ -257,6 +257,10 @@ def folder(tmp_path):
     cell = {"part": "h", "method": "rk4", "state": "generic", "h": 0.5}
     done = {"status": "done", "rows": [{"error": 1e-3, "off": 1e-4}], "error": None, "warnings": [], "seconds": 0.1}
     Store(tmp_path).append(*(make_record("phase", 3, i, {**cell, "h": h}, **done) for i, h in enumerate((0.5, 0.25))))
+    order = {"part": "order", "method": "rk4"}
+    Store(tmp_path).append(
+        make_record("phase", 3, 2, order, **{**done, "rows": [{"h": 0.1, "error": 1e-6, "off": 1.0}]})
+    )
     Store(tmp_path).append(make_record("heavy_top", 1, 0, {"case": "bruels", "method": "rk4", "h": 0.1}, **done))
     return tmp_path
 
@@ -265,12 +269,15 @@ def test_stored_rows_are_frames_in_both_units(folder):
     stored = load(folder)
     assert list(stored) == ["heavy_top", "phase"]
     frame = stored["phase"]
+    assert np.isnan(frame[frame.part == "order"].h).all(), "of no top"
+    frame = frame[frame.part == "h"]
     assert frame.h_scaled.tolist() == [0.5, 0.25]
     assert frame.h.tolist() == pytest.approx([0.5 * UNIT, 0.25 * UNIT])
     assert frame.top.tolist() == ["generic"] * 2
     assert stored["heavy_top"][["top", "h"]].to_numpy().tolist() == [["bruels", 0.1]]
     assert Comparison(frame).plot(y="off").get_title() == "generic unit top"
-    frame["h"] = 0
+    own = stored["phase"]
+    own["h"] = 0
     assert stored["phase"].h.all(), "a frame of one's own"
 
 
@@ -294,8 +301,8 @@ def test_wrong_names_of_folders_and_experiments(folder, tmp_path):
         load(folder)["phrase"]
     with (folder / "phase.jsonl").open("a") as file:
         file.write("{broken\n")
-    with pytest.warns(RuntimeWarning, match="line 3"):
-        assert len(load(folder)["phase"]) == 2
+    with pytest.warns(RuntimeWarning, match="line 4"):
+        assert len(load(folder)["phase"]) == 3
 
 
 def test_the_command_draws_columns_and_limits(folder, tmp_path, capsys):
