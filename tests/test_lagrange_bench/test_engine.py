@@ -6,7 +6,6 @@ import json
 import multiprocessing
 import os
 import re
-import subprocess
 import sys
 import time
 
@@ -310,42 +309,6 @@ def test_run_draws_if_asked(toy, tmp_path, monkeypatch, run):
     out = run(*words, "--draw")[1]
     assert written == [(TOY, tmp_path, tmp_path / "page")]
     assert "drawn: " in out
-
-
-def test_the_engine_is_light_to_import():
-    """The command line shows its help without the scientific stack."""
-    heavy = "{'numpy', 'scipy', 'pandas', 'matplotlib', 'numba', 'heyoka', 'rich'} & set(sys.modules)"
-    code = f"import sys, lagrange_bench.runner.engine; assert not {heavy}, {heavy}"
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
-# ---------------------------------------------------------------- memory of commands
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        ("integrate --h 0.1 --steps 1e12 --every 1", "--steps: 1000000000001 rows take about 1e+06 GB"),
-        ("integrate --h 0.1 --steps 1e12 --output x.csv", "record fewer states"),
-        ("integrate --times 0:1:1e10", "--times: 0:1:1e10: 10000000000 rows take about 1e+04 GB"),
-        ("run mine.toml --results out", "[[sweep]], samples: 1000000000 rows take about 3e+03 GB of memory"),
-    ],
-)
-def test_too_many_states_are_refused_before_they_are_computed(run, monkeypatch, tmp_path, words, named):
-    monkeypatch.chdir(tmp_path)
-    text = f'[[sweep]]\nmethods = ["strang"]\nh = [0.5]\ntime = 50\nsamples = {10**9}\n'
-    (tmp_path / "mine.toml").write_text(text)
-    code, out, err = run(*words.split())
-    assert (code, out, err.count("lagrange-bench: error")) == (2, "", 1)
-    assert named in err
-    assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
-
-
-def test_what_fits_is_not_refused():
-    memory.check(1000, 1000, 0.001, "--steps", "")
-    with pytest.raises(ValueError, match=r"--steps: 1001 rows take about 0\.001 GB of memory, and there are 0\.001"):
-        memory.check(1001, 1000, 0.001, "--steps", "less")
-    assert memory.available() > 0
 
 
 # ---------------------------------------------------------------- progress
