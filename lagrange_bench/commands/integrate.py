@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from lagrange_bench.arguments import add_potential, count, in_potential, location, named_top, number, numbers, option
 from lagrange_bench.integrators import memory
 from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.targets import PICTURES, TABLES, check_target
 from lagrange_bench.text import Answer, plain
 
 if TYPE_CHECKING:
@@ -54,7 +55,6 @@ PHYSICAL = {  # name → default, None: must be given
     "dpsi": None,
 }
 PER_ROW = 1000  # bytes of memory that a recorded state takes until it is printed or written, measured
-TABLES, PICTURES = (".csv", ".npz", ".parquet"), (".svg", ".png", ".pdf")
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -155,7 +155,7 @@ def run(options: argparse.Namespace) -> Answer:
     files = {"--output": options.output, "--draw": options.draw}
     for (flag, path), suffixes in zip(files.items(), (TABLES, PICTURES), strict=True):
         if path is not None:  # nobody wants to learn after an hour that there is no such folder
-            output.check_target(flag, path, suffixes)
+            check_target(flag, path, suffixes)
 
     begin = perf_counter()
     trajectory = _follow(options.method, method, top, y0, {**grid, **settings})

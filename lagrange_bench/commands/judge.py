@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from lagrange_bench.arguments import location, numbers
 from lagrange_bench.integrators import words
+from lagrange_bench.targets import PICTURES, check_target
 from lagrange_bench.text import Answer, plain, table
 
 if TYPE_CHECKING:
@@ -43,8 +44,6 @@ examples:
   lagrange-bench judge run.csv --case bruels --bounds position=1e-6,rotation=1e-5
 
 exit codes: 0 done · 1 a bound is violated · 2 a file that cannot be judged"""
-
-PICTURES = (".svg", ".png", ".pdf")
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -83,7 +82,7 @@ def pairs(text: str) -> dict[str, str]:
 
 def run(options: argparse.Namespace) -> Answer:
     """The errors of each file, the orders, and the bounds that are violated."""
-    from lagrange_bench import judging, trajectory
+    from lagrange_bench import judging
 
     try:
         bounds = {name: words.number(value) for name, value in options.bounds.items()}
@@ -94,7 +93,7 @@ def run(options: argparse.Namespace) -> Answer:
     if options.steps and len(options.steps) != len(options.files):
         raise ValueError(f"--steps: {len(options.steps)} steps for {len(options.files)} files")
     if options.draw is not None:
-        trajectory.check_target("--draw", options.draw, PICTURES)
+        check_target("--draw", options.draw, PICTURES)
     case = judging.find(options.case)
     convention = judging.Convention(options.quat, options.omega, options.up, options.axis)
     judged = [judging.judge_file(path, case, convention, options.columns) for path in options.files]
