@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import signal
+import sys
 import tempfile
 from pathlib import Path
 
@@ -60,6 +61,22 @@ def tree(tmp_path):
     for room in ("integrators", "experiments", "results", "report"):
         shutil.copytree(ROOT / room, home / room, ignore=ignored)
     return tmp_path
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty current folder whose modules are found, and forgotten afterwards, as are figures that were left open."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    before = set(sys.modules)
+    yield tmp_path
+    for module in set(sys.modules) - before:
+        if str(tmp_path) in str(getattr(sys.modules[module], "__file__", "")):
+            del sys.modules[module]
+    if "matplotlib" in sys.modules:
+        from matplotlib import pyplot
+
+        pyplot.close("all")
 
 
 @pytest.fixture

@@ -12,7 +12,6 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from matplotlib import pyplot
 from packaging.requirements import Requirement
 from packaging.version import Version
 
@@ -38,19 +37,6 @@ def script(path: Path):
 
 
 outputs = script(DOCS / "outputs.py")
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """An empty current folder whose modules are found, and forgotten afterwards, as are figures that were left open."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    before = set(sys.modules)
-    yield tmp_path
-    for module in set(sys.modules) - before:
-        if str(tmp_path) in str(getattr(sys.modules[module], "__file__", "")):
-            del sys.modules[module]
-    pyplot.close("all")
 
 
 @pytest.mark.parametrize("page", outputs.PAGES, ids=lambda page: page.stem)
