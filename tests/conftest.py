@@ -19,7 +19,7 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # the processes of pytest-xdist sha
 
 
 # pytest shows what differs in an assertion of these files too
-for _shared in ("commands", "sabotage", "test_integrators.paper.tools"):
+for _shared in ("sabotage", "test_integrators.paper.tools"):
     pytest.register_assert_rewrite(f"tests.{_shared}")
 
 # a shell lets what it starts with & ignore Ctrl-C; tests that press it, and the processes they start, must not
