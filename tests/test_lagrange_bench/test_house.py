@@ -38,6 +38,17 @@ def test_every_experiment_is_a_script(monkeypatch):
     assert tuple(run) == EXPERIMENTS
 
 
+def test_every_package_is_installed_below_lagrange_bench(monkeypatch):
+    """So that a visitor's own integrators/ or report.py hides nothing, and is not hidden."""
+    monkeypatch.chdir(ROOT)
+    installed = {}
+    monkeypatch.setattr("setuptools.setup", lambda **settings: installed.update(settings))
+    runpy.run_path(str(ROOT / "setup.py"))
+    assert len(installed["packages"]) > 10
+    assert all(f"{name}.".startswith("lagrange_bench.") for name in (*installed["packages"], *installed["package_dir"]))
+
+
+@pytest.mark.slow
 def test_the_wheel_meets_a_visitors_own_names(tmp_path):
     """A repository with its own integrators/, experiments/, results/ and report.py: neither hides the other's."""
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--quiet", "--no-deps")
