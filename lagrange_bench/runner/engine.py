@@ -147,8 +147,7 @@ def run(
     plans = [_Plan(name, profile, choice, files) for name in names]
     for plan in plans:
         _fill(plan, store, summary, timings, again)
-    at_a_time = None if scheduler else jobs or machine.usable_cores()
-    with progress.follow({plan.experiment: plan.missing for plan in plans if plan.missing}, show, at_a_time) as bar:
+    with progress.follow({plan.experiment: plan.missing for plan in plans if plan.missing}, show) as bar:
 
         def begin(task: Task) -> None:
             bar.begin(task.experiment)
