@@ -8,6 +8,7 @@ EXPERIMENTS = (
     "perturbed",
     "round_off",
     "ensemble",
+    "engines",
     "heavy_top",
     "paper",
     "gaudin",
