@@ -6,6 +6,7 @@ EXPERIMENTS = (
     "cost",
     "work_precision",
     "perturbed",
+    "driven",
     "round_off",
     "ensemble",
     "engines",
