@@ -156,7 +156,7 @@ def exudyn(exu: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
     if rail:
         body = mbs.CreateMassPoint(physicsMass=mass, initialVelocity=[1, 0, 0])
     elif joint:
-        speed = np.cross(case.omega_body, com)
+        speed = np.cross(np.asarray(case.omega_body), com)
         body = mbs.CreateRigidBody(referencePosition=com, initialVelocity=speed, gravity=top.gravity, **facts)
         mbs.CreateSphericalJoint(itemNumbers=[mbs.CreateGround(), body], position=[0, 0, 0])
     else:
@@ -279,7 +279,7 @@ def pybullet(pb: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
     if not rail:  # a motor holds every joint unless it is told not to
         still = {"targetPosition": [0, 0, 0, 1], "positionGain": 0, "velocityGain": 0, "force": [0, 0, 0]}
         pb.setJointMotorControlMultiDof(body, 0, pb.POSITION_CONTROL, **still)
-        pb.resetJointStateMultiDof(body, 0, [0, 0, 0, 1], list(case.omega_body))
+        pb.resetJointStateMultiDof(body, 0, [0, 0, 0, 1], np.asarray(case.omega_body).tolist())
 
     def read() -> tuple[Any, Any]:
         link = pb.getLinkState(body, 0, computeForwardKinematics=1)
@@ -347,7 +347,8 @@ def lacks(cell: dict) -> str | None:
 
 def timed(engine: Engine, case: Case, kind: str, h: float, steps: int, rail: bool) -> tuple[float, Any]:
     """The least time of a run, s, and what can be read at its end."""
-    module, samples, read = importlib.import_module(engine.module), [], None
+    module, read = importlib.import_module(engine.module), None
+    samples: list[float] = []
     while len(samples) < 2 or (len(samples) < REPEATS and sum(samples) < ENOUGH):
         advance, read = engine.start(module, case, kind, h, rail)
         begin = perf_counter()
