@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from lagrange_bench.experiments import PROFILES
-from lagrange_bench.experiments.catalogue import load
+from lagrange_bench.experiments.catalogue import lacks, load
 from lagrange_bench.integrators import interrupts, machine, memory
 from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.results import sources
@@ -248,9 +248,10 @@ def _fill(plan: _Plan, store: Store, summary: Summary, timings: bool, again: boo
         timed, stored = bool(cell.get("timing")), key in done
         age = sources.compared(done.get(key), digest)
         missing = not stored or (again and age != sources.SAME)
-        if missing and (package := _lacks(cell.get("method"))):
+        if missing and (package := _lacks(cell.get("method")) or lacks(experiment, cell)):
             missing = False
-            _note(summary, f"skipped: {cell['method']} needs {package}, which is not installed here")
+            who = cell.get("method", f"a part of {experiment}")
+            _note(summary, f"skipped: {who} needs {package}, which is not installed here")
         elif missing and timed and not timings:
             missing = False
             _note(summary, f"skipped: the timing cells of {experiment}, as asked")
