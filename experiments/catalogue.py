@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
+from typing import Any
 
 from lagrange_bench.experiments import EXPERIMENTS, SWEEP
 from lagrange_bench.integrators.words import suggestion
@@ -68,6 +69,13 @@ def load(name: str) -> ModuleType:
     if type(module.VERSION) not in (int, float):
         raise UnknownExperiment(f"{here}: VERSION must be a number; got {module.VERSION!r}")
     return module
+
+
+def lacks(name: str, cell: Mapping[str, Any]) -> str | None:
+    """The package, beside that of its method, which a cell of a loaded experiment needs and this machine has not."""
+    asked = getattr(load(name), "lacks", None)
+    package: str | None = asked(cell) if asked else None
+    return package
 
 
 def load_stored(name: str) -> ModuleType:

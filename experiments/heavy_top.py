@@ -22,14 +22,14 @@ import pandas as pd
 
 from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.tables import captioned
-from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.states import rounded
-from lagrange_bench.integrators import CASES, METHODS, WholeBody, available, integrate
+from lagrange_bench.integrators import CASES, METHODS, WholeBody, available, integrate, prepare
 from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.truth.rigid_body import rigid_motion
 
 VERSION = 1
-MEASURED = {"": ("position", "rotation", "energy", "momentum")}
+MEASURED = {"": ("position", "rotation", "energy", "momentum", "ns_per_step")}
 
 # mass, centre of mass, moments of inertia about it, gravity: about the fixed point A = B = 2, C = 1
 KOVALEVSKAYA = (1, (0.5, 0, 0), (2, 1.75, 0.75), (0, 0, -9.81))
@@ -44,9 +44,11 @@ POWERS = {
     "simo_wong": range(8, 16),
     "kovalevskaya": range(6, 14),
 }  # of 2, steps
-CHOSEN = ("strang", "rk4", "rkmk4", "rattle", "simo_wong", "lie_midpoint", "generalized_alpha")  # in the quick profile
+QUICK = ("bruels", "kovalevskaya")  # in the quick profile
+CHOSEN = ("strang", "rk4", "rkmk4", "rattle", "simo_wong", "lie_midpoint", "generalized_alpha")  # likewise
 NAMED = (*CHOSEN, "gauss8", "blanes_moan6", "verner9_fixed")  # by name in the figure
 FLOOR = 1e-13  # of errors that tell an order
+TIMED = 2000  # steps in a call that is timed, at most
 
 
 def methods() -> dict[str, Method]:
@@ -60,8 +62,9 @@ def methods() -> dict[str, Method]:
 def cells(profile: str) -> list[dict]:
     full = profile == "full"
     return [
-        {"case": case, "method": name, "h": UNTIL[case] / 2**k}
+        {"timing": True, "case": case, "method": name, "h": UNTIL[case] / 2**k}
         for case, powers in POWERS.items()
+        if full or case in QUICK
         for name in (methods() if full else CHOSEN)
         for k in (powers if full else powers[1:-1:3])
     ]
@@ -103,6 +106,9 @@ def measure(cell: dict) -> list[dict]:
     errors = body.errors(run.y[-1:], end(case)[None])
     drift = dict(zip(body.names, metrics.relative_drift(run.invariants(), body.invariant_scales(y0)).T, strict=True))
     row: dict[str, Any] = {name: rounded(error[0]) for name, error in errors.items()}
+    stepper = prepare(body, y0, h, cell["method"])
+    n = min(steps, TIMED)
+    row["ns_per_step"] = rounded(timing.time_call(lambda: stepper.advance(y0, n), repeats=5).min / n * 1e9)
     row |= {"energy": rounded(np.max(np.abs(drift["H"]))), "momentum": rounded(np.max(np.abs(drift["J3"])))}
     if case == "kovalevskaya":
         K = kovalevskaya(run.y)
@@ -140,6 +146,23 @@ def draw(rows: pd.DataFrame) -> dict:
 
     if (rows.status != "done").all():
         return {}
+    seconds = rows.ns_per_step * 1e-9 * rows.case.map(UNTIL) / rows.h if "ns_per_step" in rows else float("nan")
+    steps = _draw_errors(rows, "h", "step, s", style)
+    steps.caption = (
+        "Errors of the centre of mass and of the rotation at the end against the step. Many methods lose the spin long "
+        "before the axis: compare the columns. Crosses: a method declined the step. "
+        f"{style.naming(rows.method, 'some are named')}."
+    )
+    work = _draw_errors(rows.assign(seconds=seconds), "seconds", "wall time of the run, s", style)
+    work.caption = (
+        "The same errors against the wall time of the run: its steps times the least time of a step; down and left is better. "
+        f"{style.naming(rows.method, 'some are named')}."
+    )
+    return {"steps": steps, "work": work}
+
+
+def _draw_errors(rows: pd.DataFrame, column: str, text: str, style: Any) -> Any:
+    """Both errors against a column, by case."""
     cases, quantities = [case for case in POWERS if case in set(rows.case)], {"position": "m", "rotation": "rad"}
     looks = style.looks(rows.method, NAMED)
     size = {"nrows": len(cases), "ncols": 2, "sharex": "row", "squeeze": False}
@@ -150,18 +173,13 @@ def draw(rows: pd.DataFrame) -> dict:
                 run = rows[(rows.case == case) & (rows.method == method)].sort_values("h")
                 good = run[run.status == "done"]
                 if not good.empty:
-                    ax.loglog(good.h, good[name].clip(lower=1e-16), **{**look, "markersize": 3.0})
-                style.failure_marks(ax, run[run.status == "failed"].h, method)
+                    ax.loglog(good[column], good[name].clip(lower=1e-16), **{**look, "markersize": 3.0})
+                style.failure_marks(ax, run[run.status == "failed"][column].dropna(), method)
             ax.set_title(f"{case}, t = {UNTIL[case]:g} s")
-            ax.set_xlabel("step, s")
+            ax.set_xlabel(text)
             ax.set_ylabel(f"error of {name}, {unit}")
     style.legend_below(fig)
-    fig.caption = (
-        "Errors of the centre of mass and of the rotation at the end against the step. Many methods lose the spin long "
-        "before the axis: compare the columns. Crosses: a method declined the step. "
-        f"{style.naming(rows.method, 'some are named')}."
-    )
-    return {"steps": fig}
+    return fig
 
 
 if __name__ == "__main__":

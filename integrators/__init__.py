@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from lagrange_bench.integrators.problem.field import Potential
     from lagrange_bench.integrators.problem.free_body import free_body
     from lagrange_bench.integrators.problem.kirchhoff import kirchhoff_body
+    from lagrange_bench.integrators.problem.orbiting_tide import orbiting_tide
     from lagrange_bench.integrators.problem.perturbed import PerturbedTop
     from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS, in_any_field
     from lagrange_bench.integrators.problem.problem import Problem
@@ -74,6 +75,7 @@ __all__ = [
     "integrate_ensemble",
     "kirchhoff_body",
     "log",
+    "orbiting_tide",
     "predicted_phase",
     "prepare",
     "reference",
@@ -101,6 +103,7 @@ __getattr__, __dir__ = face(
         "lagrange_bench.integrators.problem.problem": ("Problem",),
         "lagrange_bench.integrators.problem.free_body": ("free_body",),
         "lagrange_bench.integrators.problem.kirchhoff": ("kirchhoff_body",),
+        "lagrange_bench.integrators.problem.orbiting_tide": ("orbiting_tide",),
         "lagrange_bench.integrators.problem.vibrating_pivot": ("vibrating_pivot",),
         "lagrange_bench.integrators.problem.whole_body": ("WholeBody",),
         "lagrange_bench.integrators.problem.potentials": ("PERTURBED_TOPS", "in_any_field"),

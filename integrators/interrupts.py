@@ -9,28 +9,6 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def interrupted_once() -> Iterator[None]:
-    """Around all that a process does: the first Ctrl-C raises KeyboardInterrupt, later ones do nothing.
-
-    The end that the first one begins is short, as worker processes are killed. A second Ctrl-C in the middle of it could
-    only leave processes behind, or print a traceback.
-    """
-    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:  # e.g. nohup
-        yield
-        return
-    signal.signal(signal.SIGINT, _interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def _interrupt(*_: object) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    raise KeyboardInterrupt
-
-
-@contextmanager
 def interrupt_held_back() -> Iterator[None]:
     """Ctrl-C takes effect at the end, and processes started meanwhile never see it.
 

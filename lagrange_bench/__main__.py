@@ -12,9 +12,7 @@ import json
 import os
 import re
 import sys
-import threading
-from collections.abc import Iterator, Sequence
-from functools import cache
+from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from lagrange_bench.commands import (
@@ -35,7 +33,6 @@ from lagrange_bench.commands import (
     tops,
     verify,
 )
-from lagrange_bench.integrators.interrupts import interrupted_once
 from lagrange_bench.integrators.words import suggestion
 
 INTRODUCTION = """\
@@ -67,6 +64,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **settings: Any):
         super().__init__(**settings, formatter_class=Help, allow_abbrev=False)
+        self._negative_number_matcher = re.compile(r"-\.?\d")  # `--state -1,2,…` and `--h -1e-3` are values, too
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
@@ -74,146 +72,68 @@ class Parser(argparse.ArgumentParser):
             message = f"unknown {value!r}{suggestion(str(value), known)} Known: {', '.join(known)}"
             raise argparse.ArgumentError(action, message)
 
-    def print_help(self, file: Any = None) -> None:
-        _emit(self.format_help().rstrip())  # argparse's own hides a full disk
-
     def error(self, message: str) -> NoReturn:
         raise ValueError(f"{message} (see {self.prog} --help)")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command and returns the exit code; what went wrong is one line on stderr."""
-    code = _guarded(argv)
-    if argv is None and any(not t.daemon and t is not threading.main_thread() for t in threading.enumerate()):
-        for stream in (sys.stdout, sys.stderr):
-            with contextlib.suppress(OSError, ValueError):
-                stream.flush()
-        os._exit(code)  # Python would wait for the thread of a plug-in
-    return code
-
-
-def _guarded(argv: Sequence[str] | None) -> int:
     try:
-        with interrupted_once() if argv is None else contextlib.nullcontext():
-            return _run(sys.argv[1:] if argv is None else list(argv))
+        return _run(sys.argv[1:] if argv is None else list(argv))
+    except SystemExit as done:  # --help
+        return int(done.code or 0)
     except KeyboardInterrupt as interrupt:
-        return _say(str(interrupt) or "interrupted", 130)
+        return _report(str(interrupt) or "interrupted", 130)
     except BrokenPipeError:
         return 141
     except MemoryError:
-        return _say("error: out of memory: record fewer states (--every)", 1)
+        return _report("error: out of memory: record fewer states (--every)", 1)
     except OSError as error:
         path = "" if error.filename is None else f"{error.filename}: "
-        return _say(f"error: {path}{error.strerror or error}", 2)
+        return _report(f"error: {path}{error.strerror or error}", 2)
     except (ValueError, RuntimeError) as error:
-        expected = _exit_code(error)
-        if expected is None or sys.flags.dev_mode:  # python -X dev -m lagrange_bench: for developers
-            raise
-        return _say(f"error: {error}", expected)
+        if isinstance(error, RuntimeError) and not type(error).__module__.startswith("lagrange_bench."):
+            raise  # nobody expected it
+        return _report(f"error: {error}", 1 if type(error).__name__ == "StepError" else 2)
 
 
 def _run(argv: list[str]) -> int:
     for stream in (sys.stdout, sys.stderr):  # a terminal without λ shows \u03bb; it is no reason to stop
         with contextlib.suppress(AttributeError):
             stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
-    try:
-        commands = parser()
-        options, unknown = commands.parse_known_args(_join_negative(argv))
-    except SystemExit as done:  # --help
-        return int(done.code or 0)
+    commands = parser()
+    options, unknown = commands.parse_known_args(argv)
+    if unknown:
+        command = f"lagrange-bench {options.command}".rstrip()
+        hint = suggestion(unknown[0], options.flags)
+        raise ValueError(f"unknown argument {unknown[0]!r}{hint} (see {command} --help)")
     if options.version:
         from lagrange_bench.results.provenance import version
 
-        _emit(f"lagrange-bench {version('lagrange-bench') or '(not installed)'}")
+        _print(f"lagrange-bench {version('lagrange-bench') or '(not installed)'}")
         return 0
-    if unknown:
-        known = options.flags if hasattr(options, "run") else commands._option_string_actions
-        command = f"lagrange-bench {options.command}" if hasattr(options, "run") else "lagrange-bench"
-        raise ValueError(f"unknown argument {unknown[0]!r}{suggestion(unknown[0], known)} (see {command} --help)")
-    if not hasattr(options, "run"):
+    if not options.command:
         commands.print_help()
         return 0
     options.words, options.parser = argv, commands
-    with _stdout_for_data_only() if options.json else contextlib.nullcontext():
+    with contextlib.redirect_stdout(sys.stderr) if options.json else contextlib.nullcontext():
         answer = options.run(options)
-    if not getattr(options, "quiet", False):
-        _note_cache()
-    _emit(json.dumps(answer.data, allow_nan=False) if options.json else answer.text)
+    _print(json.dumps(answer.data, allow_nan=False) if options.json else answer.text)
     return int(answer.code)
 
 
-def _join_negative(argv: list[str]) -> list[str]:
-    """`--h -1e-3` as `--h=-1e-3`: argparse takes what starts with a minus for an option, not for its value."""
-    joined: list[str] = []
-    for word in argv:
-        if joined and re.match(r"-\.?\d", word) and re.fullmatch(r"--[a-z]+", joined[-1]):
-            joined[-1] += f"={word}"
-        else:
-            joined.append(word)
-    return joined
-
-
-def _exit_code(error: Exception) -> int | None:
-    """2 for bad input and unusable files, 1 for a method that failed, None for what nobody expected."""
-    from lagrange_bench.results.store import StoreError
-
-    cluster = sys.modules.get("lagrange_bench.runner.cluster")
-    if isinstance(error, (ValueError, StoreError)) or (cluster and isinstance(error, cluster.ClusterError)):
-        return 2
-    interface, registry = (sys.modules.get(f"lagrange_bench.integrators.{name}") for name in ("interface", "registry"))
-    if registry is not None and isinstance(error, registry.NotInstalled):
-        return 2
-    return 1 if interface is not None and isinstance(error, interface.StepError) else None
-
-
-@cache
-def _note_cache() -> None:
-    """Where nothing compiled can be kept, every start takes as long as the first: worth a word, once."""
-    compiled, place = (
-        sys.modules.get("lagrange_bench.integrators.compiling.compiled"),
-        os.environ.get("LAGRANGE_BENCH_CACHE"),
-    )
-    if (
-        compiled is None
-        or compiled.config.DISABLE_JIT
-        or place == ""
-        or compiled._folder(compiled.__name__) is not None
-    ):
-        return
-    where = f"in {place}, where LAGRANGE_BENCH_CACHE points" if place else "in your cache folder"
-    advice = "let LAGRANGE_BENCH_CACHE name a folder that can be written to"
-    print(f"note: no compiled code can be kept {where}, so each start compiles again; {advice}", file=sys.stderr)
-
-
-def _say(message: str, code: int) -> int:
-    with contextlib.suppress(OSError):
-        print("lagrange-bench:", " ".join(message.split()), file=sys.stderr, flush=True)
+def _report(message: str, code: int) -> int:
+    print("lagrange-bench:", " ".join(message.split()), file=sys.stderr)
     return code
 
 
-def _emit(text: str) -> None:
-    """Print on stdout, now: a full disk or a closed pipe can still be answered for."""
-    if not text:
-        return
+def _print(text: str) -> None:
+    """Print on stdout, now: a full disk or a closed pipe can still be reported."""
     try:
-        print(text, flush=True)
+        print(text, end="\n" if text else "", flush=True)
     except OSError as error:
-        with contextlib.suppress(OSError, ValueError):  # the interpreter would fail on what is buffered, at exit
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else the interpreter fails on it again at exit
         raise OSError(error.errno, error.strerror, "standard output") from error
-
-
-@contextlib.contextmanager
-def _stdout_for_data_only() -> Iterator[None]:
-    """What anybody prints meanwhile, compiled libraries too, goes to stderr."""
-    with contextlib.redirect_stdout(sys.stderr):
-        saved = os.dup(1)
-        os.dup2(2, 1)
-        try:
-            yield
-        finally:
-            os.dup2(saved, 1)
-            os.close(saved)
 
 
 COMMANDS = (
@@ -226,6 +146,7 @@ def parser() -> Parser:
     """The command line; every command has a module of its own."""
     top = Parser(prog="lagrange-bench", description=INTRODUCTION, epilog=EPILOGUE)
     top.add_argument("--version", action="store_true", help="print the version and stop")
+    top.set_defaults(command="", flags=top._option_string_actions)
     commands = top.add_subparsers(metavar="COMMAND", title="commands")
     for module in COMMANDS:
         name = module.__name__.rpartition(".")[2]

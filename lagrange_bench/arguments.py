@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import math
+import sys
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from lagrange_bench.integrators import words
+from lagrange_bench.integrators.words import suggestion
 
 
 def argument(parse: Callable[[str], Any]) -> Callable[[str], Any]:
@@ -25,47 +29,60 @@ def argument(parse: Callable[[str], Any]) -> Callable[[str], Any]:
 number, numbers, option = argument(words.number), argument(words.numbers), argument(words.option)
 
 
-def count(text: str) -> int:
-    """A whole number, also as 1e6."""
-    value = number(text)
-    if value != int(value) or not 0 <= value <= 2**53:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0 to 2^53; got {text!r}")
+def in_range(parse: Callable[[str], Any], least: float, most: float, what: str) -> Callable[[str], Any]:
+    """`parse`, and a message that says `what` must be given unless it is from `least` to `most`."""
+
+    def kind(text: str) -> Any:
+        with suppress(ValueError):
+            value = words.read(parse, text)
+            if least <= value <= most:
+                return value
+        raise argparse.ArgumentTypeError(f"must be {what}; got {text!r}")
+
+    return kind
+
+
+def _count(text: str) -> int:
+    """Also as 1e6."""
+    value = float(text)
+    if value != int(value):
+        raise ValueError(text)
     return int(value)
 
 
-def whole(text: str) -> int:
-    """A whole number."""
-    try:
-        return int(words.read(int, text))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be a whole number; got {text!r}") from None
-
-
-def positive(text: str) -> int:
-    """A whole number from 1 on."""
-    number = whole(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"must be at least 1; got {number}")
-    return number
-
-
 LONGEST = 1e7  # s, of a --time-limit: four months
+count = in_range(_count, 0, 2**53, "a whole number from 0 to 2^53")
+whole = in_range(int, -math.inf, math.inf, "a whole number")
+positive = in_range(int, 1, math.inf, "a whole number, at least 1")
+seconds = in_range(float, 1e-9, LONGEST, f"positive and at most {LONGEST:g}")
+tolerance = in_range(float, 0, sys.float_info.max, "a number that is not negative")
 
 
-def seconds(text: str) -> float:
-    """A length of time that is worth waiting for."""
-    value = number(text)
-    if not 0 < value <= LONGEST:
-        raise argparse.ArgumentTypeError(f"must be positive and at most {LONGEST:g}; got {text}")
-    return float(value)
+def pairs(text: str) -> dict[str, str]:
+    """name=value,…, each name once."""
+    found: dict[str, str] = {}
+    for part in text.split(","):
+        name, _, value = (word.strip() for word in part.partition("="))
+        if not name or not value:
+            raise argparse.ArgumentTypeError(f"must be name=value,…; got {part!r}")
+        if name in found:
+            raise argparse.ArgumentTypeError(f"{name} is given twice")
+        found[name] = value
+    return found
 
 
-def tolerance(text: str) -> float:
-    """A number that is not negative."""
-    value = number(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"must not be negative; got {text}")
-    return float(value)
+def number_pairs(text: str, known: Iterable[str]) -> dict[str, float]:
+    """name=number,…, of known names."""
+    found: dict[str, float] = {}
+    for name, value in pairs(text).items():
+        if name not in known:
+            hint = suggestion(name, known)
+            raise argparse.ArgumentTypeError(f"unknown {name!r}{hint} Known: {', '.join(known)}")
+        try:
+            found[name] = number(value)
+        except argparse.ArgumentTypeError as error:
+            raise argparse.ArgumentTypeError(f"{name} {error}") from None
+    return found
 
 
 def names(text: str) -> tuple[str, ...]:

@@ -391,8 +391,8 @@ class _Tally:
 
 def draw(path: Path, judged: Sequence[Judgement]) -> str:
     """Draw position and rotation error, or what else there is, over time, a line for each file; write the picture."""
-    from lagrange_bench.experiments.drawing import figures, style
-    from lagrange_bench.integrators.files import replace_file
+    from lagrange_bench.experiments.drawing import style
+    from lagrange_bench.targets import write_picture
 
     chosen = [name for name in ("position", "rotation") if name in judged[0].errors] or list(judged[0].errors)[:1]
     with style.apply():
@@ -404,4 +404,4 @@ def draw(path: Path, judged: Sequence[Judgement]) -> str:
                 panel.plot(t, np.where(error > 0, error, np.nan), label=Path(each.file or each.case).stem)
             panel.set(yscale="log", xlabel="t (s)", ylabel=f"error of {name} ({UNITS[name]})")
         axes[0][0].legend()
-    return replace_file(path, figures.FORMATS[path.suffix.lower().removeprefix(".")](figure))
+    return write_picture(path, figure)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lagrange_bench import targets
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.integrators import INVARIANTS, Trajectory
-from lagrange_bench.integrators.files import replace_file
 from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.trajectory import E3_COLUMNS
 from lagrange_bench.integrators.truth import exact, truths
@@ -20,10 +18,8 @@ from lagrange_bench.results import provenance
 from lagrange_bench.text import table
 
 if TYPE_CHECKING:
-    from lagrange_bench.experiments.drawing.style import Figure
     from lagrange_bench.integrators import Method
 
-VIEW = (22, -55)  # degrees above the horizon and around it, of who looks at the sphere
 CHORD = 0.3  # rad between two recorded directions of the axis; beyond, a line between them would say too much
 
 
@@ -131,21 +127,6 @@ def _short(value: float | None, sign: str = "-") -> str:
 # ---------------------------------------------------------------- files
 
 
-def check_target(flag: str, path: Path, suffixes: tuple[str, ...]) -> None:
-    """ValueError naming `flag` if the file could not be written, as far as that can be known before."""
-    if path.suffix.lower() not in suffixes:
-        raise ValueError(f"{flag} {path}: the name must end in {' or '.join(suffixes)}")
-    folder = path.parent
-    if not folder.is_dir():
-        raise ValueError(f"{flag} {path}: there is no folder {folder}")
-    if path.exists() and not path.is_file():
-        raise ValueError(f"{flag} {path}: this is not a file")
-    if path.suffix.lower() == ".parquet" and importlib.util.find_spec("pyarrow") is None:
-        raise ValueError(f"{flag} {path}: needs pyarrow: pip install pyarrow; or write .csv or .npz")
-    if not os.access(folder, os.W_OK):
-        raise ValueError(f"{flag} {path}: no permission to write in {folder.resolve()}")
-
-
 def save(path: Path, trajectory: Trajectory, facts: dict[str, Any]) -> str:
     """Write times, states and metadata as `Trajectory.save` does, and say what was done."""
     version, existed = f"lagrange-bench {provenance.version('lagrange-bench')}", path.exists()
@@ -157,66 +138,22 @@ def save(path: Path, trajectory: Trajectory, facts: dict[str, Any]) -> str:
 
 
 def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -> str:
-    """Draw where the axis went on its sphere and write the picture."""
-    from lagrange_bench.experiments.drawing import figures, style
-
-    with style.apply():
-        figure = sphere(trajectory, method, name)
-    return replace_file(path, figures.FORMATS[path.suffix.lower().removeprefix(".")](figure))
-
-
-def sphere(trajectory: Trajectory, method: Method, name: str | None) -> Figure:
-    """The axis x on the sphere of radius |x|, seen from outside; what is behind the sphere is pale."""
+    """Draw the path of the axis on its sphere, as `Trajectory.plot` does, and write the picture."""
     from lagrange_bench.experiments.drawing import style
 
-    x, radius = trajectory.y[:, 3:], math.hypot(*trajectory.y[0, 3:])
-    view = _view()
-    kind = {"projection": "3d", "proj_type": "ortho", "computed_zorder": False}
-    figure, ax = style.figure(4.2, 4.2, subplot_kw=kind)
-    ax.view_init(*VIEW)
-    for circle in _graticule(radius, view):
-        ax.plot(*_parts(circle, view, front=True), color="#cfcfcf", linewidth=0.4, zorder=2)
-    colour = style.of(method.name)["color"]
-    for front, pale, order in ((True, 1.0, 3), (False, 0.35, 1)):
-        look = {"linestyle": "-", "linewidth": 0.9} if _dense(x) else {"linestyle": "none", "marker": ".", "ms": 3}
-        ax.plot(*_parts(x, view, front), color=colour, alpha=pale, zorder=order, gid="way", **look)
-    for state, marker, text in ((x[0], "o", "start"), (x[-1], "s", "end")):
-        fill = colour if text == "start" else "white"
-        ax.plot(*state[:, None], marker, color=colour, markerfacecolor=fill, ms=5, zorder=4, label=text, ls="none")
-    ax.set(xlabel="$x_1$", ylabel="$x_2$", zlabel="$x_3$ (up)")
-    ax.set_box_aspect((1, 1, 1), zoom=0.88)  # leaves room for the labels, which the layout engine does not see
-    ax.set(xlim=(-radius, radius), ylim=(-radius, radius), zlim=(-radius, radius))
-    ax.locator_params(nbins=5)
-    times = f"t = {trajectory.t[0]:g} … {trajectory.t[-1]:g}, {len(x)} states"
-    ax.set_title(
-        f"Axis of the top{f' “{name}”' if name else ''}, |x| = {radius:.4g}\n{style.plain(method.label)}, {times}"
-    )
-    figure.legend(loc="outside lower center", ncols=2)
-    figure.caption = "The axis x in the rest frame, in units of the initial state; pale where it is behind the sphere."
-    return figure
-
-
-def _view() -> Array:
-    """The direction the sphere is seen from."""
-    elevation, azimuth = np.radians(VIEW)
-    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-
-
-def _graticule(radius: float, view: Array) -> list[Array]:
-    """Meridians and parallels every 30 degrees and the outline, (n, 3) each."""
-    around, half = np.linspace(0, 2 * np.pi, 121), np.linspace(-np.pi / 2, np.pi / 2, 61)
-    curves = [(np.cos(b) * np.cos(around), np.cos(b) * np.sin(around), 0 * around + np.sin(b)) for b in half[10:51:10]]
-    curves += [(np.cos(half) * np.cos(a), np.cos(half) * np.sin(a), np.sin(half)) for a in around[:-1:10]]
-    right = np.cross((0.0, 0.0, 1.0), view) / np.hypot(*view[:2])
-    outline = np.outer(np.cos(around), right) + np.outer(np.sin(around), np.cross(view, right)) + 1e-9 * view
-    return [radius * curve for curve in [outline, *(np.stack(curve, axis=-1) for curve in curves)]]
-
-
-def _parts(points: Array, view: Array, front: bool) -> Array:
-    """Coordinates (3, n) of a curve, NaN where it is on the other side; the segments across the edge are kept."""
-    here = (points @ view >= 0) == front
-    here[1:] |= here[:-1].copy()
-    return np.where(here, points.T, np.nan)
+    with style.apply():
+        figure, ax = style.figure(4.2, 4.2, subplot_kw={"projection": "3d", "proj_type": "ortho"})
+        dots = {"linestyle": "none", "marker": ".", "ms": 3}
+        look = {"linewidth": 0.9} if _dense(trajectory.y[:, 3:]) else dots
+        trajectory.plot("axis", ax=ax, color=style.of(method.name)["color"], label="axis x", **look)
+        times = f"t = {trajectory.t[0]:g} … {trajectory.t[-1]:g}, {len(trajectory.t)} states"
+        title = f"Axis of the top{f' “{name}”' if name else ''}, |x| = {math.hypot(*trajectory.y[0, 3:]):.4g}"
+        ax.set_title(f"{style.plain(title)}\n{style.plain(method.label)}, {times}")
+        ax.set_box_aspect((1, 1, 1), zoom=0.88)  # leaves room for the labels, which the layout engine does not see
+        ax.locator_params(nbins=5)
+        ax.get_legend().remove()
+        figure.legend(loc="outside lower center", ncols=2)
+    return targets.write_picture(path, figure)
 
 
 def _dense(x: Array) -> bool:

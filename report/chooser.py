@@ -51,7 +51,7 @@ PLACES = {
         "perturbed", {"part": "work", "state": "strong_tide"}, "perturbed_work_t{:.0f}"
     ),
     "top near a magnet": Place("perturbed", {"part": "work", "state": "magnet"}, "perturbed_work_t{:.0f}"),
-    "whole body, not symmetric": Place("heavy_top", {"case": "kovalevskaya"}, "heavy_top_steps"),
+    "whole body, not symmetric": Place("heavy_top", {"case": "kovalevskaya"}, "heavy_top_work"),
     "magnet of 8 spins": Place("gaudin", {"part": "work"}, "gaudin_work"),
 }
 
@@ -59,8 +59,13 @@ PLACES = {
 def answers(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """A line for each problem, length, error and demand that some method meets; columns COLUMNS.
 
-    rows : of all experiments, by name. A whole body's cost is its step, for its runs are not timed: a longer step is cheaper.
+    rows : of all experiments, by name. The exact step of a body, with its attitude, is among the rows of `engines`.
     """
+    bodies = [
+        rows[name] for name in ("heavy_top", "engines") if len(rows.get(name, ())) and "ns_per_step" in rows[name]
+    ]
+    if bodies:
+        rows = {**rows, "heavy_top": pd.concat([bodies[0], *(each[each.method == "backlund"] for each in bodies[1:])])}
     lines = [line for name, place in PLACES.items() for line in _of_problem(name, place, rows.get(place.experiment))]
     return pd.DataFrame(lines, columns=list(COLUMNS))
 
@@ -70,31 +75,35 @@ def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[
         return
     for field, value in place.where.items():
         rows = rows[rows[field] == value]
-    timed = place.experiment != "heavy_top"
-    good = _priced(rows, timed)
+    good = _priced_body(rows) if "case" in place.where else _priced(rows)
     if good.empty:
         return
     problem = _problem(place)
     kept = {method: METHODS[method].kept(problem) for method in good.method.unique() if method in METHODS}
     for length, group in good.groupby("span", sort=True):
-        when = f"{tables.show(length)}{' s' if not timed else ''}"
+        when = f"{tables.show(length)}{' s' if 'case' in place.where else ''}"
         for target in TARGETS:
             reached = group[group.error <= target]
             best = reached.loc[reached.groupby("method").price.idxmin()].sort_values("price")
             for demand, names in _demands(problem).items():
                 those = best[[names <= kept.get(method, frozenset()) for method in best.method]]
                 if len(those):
-                    yield (name, when, tables.show(target), demand, *_answer(those, timed), place.figure.format(length))
+                    yield (name, when, tables.show(target), demand, *_answer(those), place.figure.format(length))
 
 
-def _priced(rows: pd.DataFrame, timed: bool) -> pd.DataFrame:
-    """The runs with `span`, `error` and `price`: seconds with set-up, or 1/h."""
-    if timed:
-        good = work_precision.useful(rows)
-        return good.assign(price=good.total)
+def _priced(rows: pd.DataFrame) -> pd.DataFrame:
+    """The runs with `price`, seconds with set-up."""
+    good = work_precision.useful(rows)
+    return good.assign(price=good.total)
+
+
+def _priced_body(rows: pd.DataFrame) -> pd.DataFrame:
+    """The runs with `span`, the larger `error` of position (m) and rotation (rad), and `price`: the time of all steps."""
     good = rows[rows.status == "done"]
-    error = good[["position", "rotation"]].max(axis=1, skipna=False)
-    return good.assign(error=error, price=1.0 / good.h, span=good.case.map(UNTIL))
+    if "ns_per_step" not in good:
+        return good[:0]
+    error, span = good[["position", "rotation"]].max(axis=1, skipna=False), good.case.map(UNTIL)
+    return good.assign(error=error, span=span, price=1e-9 * good.ns_per_step * span / good.h)
 
 
 def _demands(problem: Any) -> dict[str, frozenset[str]]:
@@ -111,11 +120,11 @@ def _problem(place: Place) -> Any:
     return motion(place.where["case"])[0] if "case" in place.where else find(place.where["state"])[0]
 
 
-def _answer(best: pd.DataFrame, timed: bool) -> tuple[str, ...]:
+def _answer(best: pd.DataFrame) -> tuple[str, ...]:
     """Method, its setting, its cost, and the next best."""
     first = best.iloc[0]
-    cost = f"{tables.show(float(f'{1e3 * first.price:.2g}'))} ms" if timed else f"a step of {tables.show(first.h)} s"
-    return style.label(first.method), first.method, ", ".join(_settings(first)), cost, _next(best, timed)
+    cost = f"{tables.show(float(f'{1e3 * first.price:.2g}'))} ms"
+    return style.label(first.method), first.method, ", ".join(_settings(first)), cost, _next(best)
 
 
 def _settings(run: pd.Series) -> Iterator[str]:
@@ -129,10 +138,10 @@ def _settings(run: pd.Series) -> Iterator[str]:
         yield f"{'tol' if tolerance else 'h'} = {tables.show(run.knob)}"
 
 
-def _next(best: pd.DataFrame, timed: bool) -> str:
+def _next(best: pd.DataFrame) -> str:
     """What the method after the first takes; empty if there is none."""
     if len(best) == 1:
         return ""
-    ratio, what = best.price.iloc[1] / best.price.iloc[0], "long" if timed else "many steps"
-    times = f"{tables.show(float(f'{ratio:.2g}'))} times as" if ratio >= TIE else "just as"
-    return f"{style.label(best.method.iloc[1])}, {times} {what}"
+    ratio = best.price.iloc[1] / best.price.iloc[0]
+    times = f"{tables.show(float(f'{ratio:.2g}'))} times" if ratio >= TIE else "just"
+    return f"{style.label(best.method.iloc[1])}, {times} as long"

@@ -74,7 +74,7 @@ class Report:
     @property
     def integrators(self) -> tuple[int, int, int]:
         """How many methods have rows of a top; of these, in a uniform field, and in a potential."""
-        others = ("gaudin", "heavy_top")  # their methods follow magnets, and whole bodies
+        others = ("gaudin", "heavy_top", "engines", "driven")  # methods follow magnets, whole bodies, driven tops
         tops = [section for section in self.sections if section.experiment not in others]
         rows = [section.rows.reindex(columns=["method", "potential"]) for section in tops]
         fields = [each.potential.notna() | (s.experiment == "perturbed") for each, s in zip(rows, tops, strict=True)]

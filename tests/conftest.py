@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import signal
+import sys
 import tempfile
 from pathlib import Path
 
@@ -18,7 +19,7 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # the processes of pytest-xdist sha
 
 
 # pytest shows what differs in an assertion of these files too
-for _shared in ("commands", "fuzzing", "sabotage", "test_integrators.paper.tools"):
+for _shared in ("sabotage", "test_integrators.paper.tools"):
     pytest.register_assert_rewrite(f"tests.{_shared}")
 
 # a shell lets what it starts with & ignore Ctrl-C; tests that press it, and the processes they start, must not
@@ -60,6 +61,22 @@ def tree(tmp_path):
     for room in ("integrators", "experiments", "results", "report"):
         shutil.copytree(ROOT / room, home / room, ignore=ignored)
     return tmp_path
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty current folder whose modules are found, and forgotten afterwards, as are figures that were left open."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    before = set(sys.modules)
+    yield tmp_path
+    for module in set(sys.modules) - before:
+        if str(tmp_path) in str(getattr(sys.modules[module], "__file__", "")):
+            del sys.modules[module]
+    if "matplotlib" in sys.modules:
+        from matplotlib import pyplot
+
+        pyplot.close("all")
 
 
 @pytest.fixture

@@ -8,9 +8,19 @@ from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from lagrange_bench.arguments import add_potential, count, in_potential, location, named_top, number, numbers, option
+from lagrange_bench.arguments import (
+    add_potential,
+    count,
+    in_potential,
+    location,
+    named_top,
+    number,
+    number_pairs,
+    numbers,
+    option,
+)
 from lagrange_bench.integrators import memory
-from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.targets import PICTURES, TABLES, check_target
 from lagrange_bench.text import Answer, plain
 
 if TYPE_CHECKING:
@@ -40,21 +50,13 @@ reading what --output wrote, without losing a bit:
   pyarrow.parquet.read_table("run.parquet")   # metadata in its schema, each a JSON text"""
 
 
+GIVEN = ("mass", "distance", "A", "C", "theta", "dpsi")
 PHYSICAL = {  # name → default, None: must be given
-    "mass": None,
-    "distance": None,
+    **dict.fromkeys(GIVEN),
     "gravity": 9.80665,
-    "A": None,
-    "C": None,
-    "theta": None,
-    "phi": 0.0,
-    "psi": 0.0,
-    "dtheta": 0.0,
-    "dphi": 0.0,
-    "dpsi": None,
+    **dict.fromkeys(("phi", "psi", "dtheta", "dphi"), 0.0),
 }
 PER_ROW = 1000  # bytes of memory that a recorded state takes until it is printed or written, measured
-TABLES, PICTURES = (".csv", ".npz", ".parquet"), (".svg", ".png", ".pdf")
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -120,18 +122,7 @@ def times(text: str) -> list[float]:
 
 def physical(text: str) -> dict[str, float]:
     """name=number,…: the arguments of a real top, completed by the defaults."""
-    given: dict[str, float] = {}
-    for part in text.split(","):
-        name, equals, value = (word.strip() for word in part.partition("="))
-        if not equals or name not in PHYSICAL:
-            hint = suggestion(name, PHYSICAL)
-            raise argparse.ArgumentTypeError(f"{part!r} is none of {'=…, '.join(PHYSICAL)}=…{hint}")
-        if name in given:
-            raise argparse.ArgumentTypeError(f"{name} is given twice")
-        try:
-            given[name] = number(value)
-        except argparse.ArgumentTypeError as error:
-            raise argparse.ArgumentTypeError(f"{name} {error}") from None
+    given = number_pairs(text, PHYSICAL)
     if missing := [name for name, default in PHYSICAL.items() if default is None and name not in given]:
         raise argparse.ArgumentTypeError(f"lacks {', '.join(missing)}")
     return {name: given.get(name, default) for name, default in PHYSICAL.items()}  # type: ignore[misc]
@@ -155,7 +146,7 @@ def run(options: argparse.Namespace) -> Answer:
     files = {"--output": options.output, "--draw": options.draw}
     for (flag, path), suffixes in zip(files.items(), (TABLES, PICTURES), strict=True):
         if path is not None:  # nobody wants to learn after an hour that there is no such folder
-            output.check_target(flag, path, suffixes)
+            check_target(flag, path, suffixes)
 
     begin = perf_counter()
     trajectory = _follow(options.method, method, top, y0, {**grid, **settings})
@@ -201,33 +192,30 @@ def _follow(word: str, method: Method, top: Any, y0: np.ndarray, arguments: dict
 
 def _start(options: argparse.Namespace) -> tuple[str | None, Any, np.ndarray]:
     """Name, top and initial state."""
+    from lagrange_bench.integrators import HeavyTop, LagrangeTop
+    from lagrange_bench.integrators.checks import check_state
+
     given = [f"--{word}" for word in ("top", "state", "physical") if getattr(options, word) is not None]
     if len(given) > 1:
         raise ValueError(f"give only one of {' and '.join(given)}")
     if options.alpha is not None and options.state is None:
         raise ValueError("--alpha belongs to --state J1,J2,J3,x1,x2,x3; a named top has its own")
-    name, top, y0 = _unperturbed(options)
-    return name, in_potential(top, options), y0
-
-
-def _unperturbed(options: argparse.Namespace) -> tuple[str | None, Any, np.ndarray]:
-    """As `_start`, without the potential of --potential."""
-    from lagrange_bench.integrators import HeavyTop, LagrangeTop
-    from lagrange_bench.integrators.checks import check_state
-
+    name: str | None = None
     if options.state is not None:
-        alpha = 1.0 if options.alpha is None else options.alpha
-        return None, LagrangeTop(alpha), check_state(options.state, "--state")
-    if options.physical is not None:
+        top = LagrangeTop(1.0 if options.alpha is None else options.alpha)
+        state = check_state(options.state, "--state")
+    elif options.physical is not None:
         values = dict(options.physical)
         angles, rates = (tuple(values.pop(d + angle) for angle in ("theta", "phi", "psi")) for d in ("", "d"))
         try:
             heavy = HeavyTop(**values)
-            return None, heavy.top, heavy.state(angles, rates)
+            top, state = heavy.top, heavy.state(angles, rates)
         except ValueError as error:
             raise ValueError(f"--physical: {error}") from None
-    named = named_top(options.top or "generic")
-    return named.name, named.top, named.state
+    else:
+        named = named_top(options.top or "generic")
+        name, top, state = named.name, named.top, named.state
+    return name, in_potential(top, options), state
 
 
 def _grid(options: argparse.Namespace) -> dict[str, Any]:
@@ -250,9 +238,7 @@ def _grid(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _settings(options: argparse.Namespace) -> dict[str, Any]:
-    settings: dict[str, Any] = {}
-    for key, value in options.option:
-        if key in settings:
-            raise ValueError(f"--option {key} is given twice")
-        settings[key] = value
-    return settings
+    keys = [key for key, _ in options.option]
+    if twice := [key for key in keys if keys.count(key) > 1]:
+        raise ValueError(f"--option {twice[0]} is given twice")
+    return dict(options.option)

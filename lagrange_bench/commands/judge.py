@@ -7,8 +7,8 @@ import math
 import sys
 from typing import TYPE_CHECKING, Any
 
-from lagrange_bench.arguments import location, numbers
-from lagrange_bench.integrators import words
+from lagrange_bench.arguments import location, number_pairs, numbers, pairs
+from lagrange_bench.targets import PICTURES, check_target
 from lagrange_bench.text import Answer, plain, table
 
 if TYPE_CHECKING:
@@ -44,8 +44,6 @@ examples:
 
 exit codes: 0 done · 1 a bound is violated · 2 a file that cannot be judged"""
 
-PICTURES = (".svg", ".png", ".pdf")
-
 
 def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("files", nargs="+", type=location, metavar="FILE", help="a text file with a row for each time")
@@ -65,36 +63,23 @@ def add_options(command: argparse.ArgumentParser) -> None:
     how.add_argument("--steps", type=numbers, metavar="h,h,…", help=text)
     results = command.add_argument_group("results")
     text = "exit with 1 if the largest error of a quantity is above this"
-    results.add_argument("--bounds", type=pairs, default={}, metavar="position=1e-6,…", help=text)
+    results.add_argument("--bounds", metavar="position=1e-6,…", help=text)
     text = f"draw the errors over time: a name that ends in {', '.join(PICTURES)}"
     results.add_argument("--draw", type=location, metavar="FILE", help=text)
 
 
-def pairs(text: str) -> dict[str, str]:
-    """name=value,…"""
-    found = {}
-    for part in text.split(","):
-        name, equals, value = (word.strip() for word in part.partition("="))
-        if not equals or not name or not value:
-            raise argparse.ArgumentTypeError(f"must be name=value,…; got {part!r}")
-        found[name] = value
-    return found
-
-
 def run(options: argparse.Namespace) -> Answer:
     """The errors of each file, the orders, and the bounds that are violated."""
-    from lagrange_bench import judging, trajectory
+    from lagrange_bench import judging
 
     try:
-        bounds = {name: words.number(value) for name, value in options.bounds.items()}
-    except ValueError as error:
+        bounds = number_pairs(options.bounds, judging.UNITS) if options.bounds else {}
+    except argparse.ArgumentTypeError as error:
         raise ValueError(f"--bounds: {error}") from None
-    if unknown := [name for name in bounds if name not in judging.UNITS]:
-        raise ValueError(f"--bounds: unknown {unknown[0]!r}; known: {', '.join(judging.UNITS)}")
     if options.steps and len(options.steps) != len(options.files):
         raise ValueError(f"--steps: {len(options.steps)} steps for {len(options.files)} files")
     if options.draw is not None:
-        trajectory.check_target("--draw", options.draw, PICTURES)
+        check_target("--draw", options.draw, PICTURES)
     case = judging.find(options.case)
     convention = judging.Convention(options.quat, options.omega, options.up, options.axis)
     judged = [judging.judge_file(path, case, convention, options.columns) for path in options.files]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from lagrange_bench.arguments import location
-from lagrange_bench.commands.figure import FORMATS
+from lagrange_bench.targets import PICTURES, check_target, write_picture
 from lagrange_bench.text import Answer, plain, table
 
 SUMMARY = "run a section of the paper: a picture and the residuals"
@@ -43,9 +43,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Answer:
     """List the sections, or show one."""
     from lagrange_bench.experiments import paper_sections
-    from lagrange_bench.experiments.drawing import figures
     from lagrange_bench.integrators import TOPS
-    from lagrange_bench.integrators.files import replace_file
     from lagrange_bench.integrators.words import suggestion
 
     known = paper_sections.SECTIONS
@@ -58,12 +56,10 @@ def run(options: argparse.Namespace) -> Answer:
         if word not in names:
             raise ValueError(f"unknown {what} {word!r}{suggestion(word, list(names))} Known: {', '.join(names)}")
     path = options.output or Path(f"paper-{options.section}.svg")
-    kind = path.suffix.removeprefix(".").lower()
-    if kind not in FORMATS:
-        raise ValueError(f"--output must end in .svg, .pdf or .png; got {path}")
+    check_target("--output", path, PICTURES)
     named = TOPS[options.top]
     shown = paper_sections.show(options.section, named.top, named.state)
-    done = replace_file(path, figures.FORMATS[kind](shown.figure))
+    done = write_picture(path, shown.figure)
     rows: list[Any] = [("formula", "misses by", "allowed", "")]
     for name, (found, allowed) in shown.residuals.items():
         rows.append((name, f"{found:.1e}", f"{allowed:.0e}", "" if found <= allowed else "too much"))

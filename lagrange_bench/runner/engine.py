@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from lagrange_bench.experiments import PROFILES
-from lagrange_bench.experiments.catalogue import load
+from lagrange_bench.experiments.catalogue import lacks, load
 from lagrange_bench.integrators import interrupts, machine, memory
 from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.results import sources
@@ -147,8 +147,7 @@ def run(
     plans = [_Plan(name, profile, choice, files) for name in names]
     for plan in plans:
         _fill(plan, store, summary, timings, again)
-    at_a_time = None if scheduler else jobs or machine.usable_cores()
-    with progress.follow({plan.experiment: plan.missing for plan in plans if plan.missing}, show, at_a_time) as bar:
+    with progress.follow({plan.experiment: plan.missing for plan in plans if plan.missing}, show) as bar:
 
         def begin(task: Task) -> None:
             bar.begin(task.experiment)
@@ -249,9 +248,10 @@ def _fill(plan: _Plan, store: Store, summary: Summary, timings: bool, again: boo
         timed, stored = bool(cell.get("timing")), key in done
         age = sources.compared(done.get(key), digest)
         missing = not stored or (again and age != sources.SAME)
-        if missing and (package := _lacks(cell.get("method"))):
+        if missing and (package := _lacks(cell.get("method")) or lacks(experiment, cell)):
             missing = False
-            _note(summary, f"skipped: {cell['method']} needs {package}, which is not installed here")
+            who = cell.get("method", f"a part of {experiment}")
+            _note(summary, f"skipped: {who} needs {package}, which is not installed here")
         elif missing and timed and not timings:
             missing = False
             _note(summary, f"skipped: the timing cells of {experiment}, as asked")

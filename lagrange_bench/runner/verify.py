@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
+from lagrange_bench.experiments.catalogue import UnknownExperiment, lacks, load_stored
 from lagrange_bench.integrators import machine
 from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.integrators.registry import find_stored_method, find_stored_potential
@@ -134,7 +134,7 @@ def _sample(
                 continue
             if record["version"] != module.VERSION:
                 outdated.add(experiment)
-            elif lacking := _absent(cell):
+            elif lacking := _absent(cell) or lacks(experiment, cell):
                 absent.add(lacking)
             elif record["seconds"] > longest:
                 long += 1

@@ -43,7 +43,7 @@ def test_the_command(tmp_path, capsys):
     for words, says in (
         (["paper", "three-point"], "unknown section 'three-point'"),
         (["paper", "flow", "--top", "spinning"], "unknown top 'spinning'"),
-        (["paper", "flow", "--output", "x.doc"], "--output must end in"),
+        (["paper", "flow", "--output", "x.doc"], "must end in .svg or .pdf or .png"),
         (["paper", "euler", "--top", "planar_rotation", "--output", str(path)], "the axis passes through a pole"),
     ):
         assert cli.main(words) == 2

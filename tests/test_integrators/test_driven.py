@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 
-from lagrange_bench.integrators import METHODS, LagrangeTop, PerturbedTop, Potential, Problem, cos, integrate
+from lagrange_bench.experiments import driven as driven_tops
+from lagrange_bench.integrators import (
+    METHODS,
+    LagrangeTop,
+    PerturbedTop,
+    Potential,
+    Problem,
+    cos,
+    integrate,
+    orbiting_tide,
+    reference,
+)
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 
 Y0 = np.array((0.3, -0.2, 1.1, 0.4, 0.1, 0.9))
@@ -92,3 +103,41 @@ def test_a_driven_top_needs_h():
         integrate(DRIVEN, Y0, t=[1.0], method="backlund_splitting")
     with pytest.raises(ValueError, match="kahan needs"):
         integrate(DRIVEN, Y0, h=0.1, steps=1, method="kahan")
+
+
+def on_an_orbit(eccentricity, M, x):
+    """(a/r)³ (n·x)², by Newton's method for Kepler's equation."""
+    E = M
+    for _ in range(50):
+        E -= (E - eccentricity * np.sin(E) - M) / (1.0 - eccentricity * np.cos(E))
+    r = 1.0 - eccentricity * np.cos(E)
+    toward = np.array((np.cos(E) - eccentricity, np.sqrt(1.0 - eccentricity**2) * np.sin(E), 0.0)) / r
+    return (toward @ x) ** 2 / r**3
+
+
+def test_the_tide_of_an_orbit_misses_a_part_of_the_cube_of_its_eccentricity():
+    x = np.array((0.3, -0.5, 0.6))
+
+    def missed(eccentricity):
+        tide = orbiting_tide(2.0, eccentricity, 1.5)
+        times = np.linspace(0.0, 4.0, 33)
+        energies = [tide.starting(t).energy(np.r_[0.0, 0.0, 0.0, x]) for t in times]
+        return max(abs(H - 2.0 * on_an_orbit(eccentricity, 1.5 * t, x)) for t, H in zip(times, energies, strict=True))
+
+    assert missed(0.0) < 1e-14
+    assert np.log2(missed(0.02) / missed(0.01)) == pytest.approx(3.0, abs=0.1)
+
+
+@pytest.mark.parametrize("name", driven_tops.PROBLEMS)
+@pytest.mark.parametrize(("scheme", "order"), [("strang", 4), ("processed6", 6)])
+@pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
+def test_the_exact_step_inside_keeps_its_order_on_the_driven_tops(name, scheme, order):
+    problem, y0, span = driven_tops.PROBLEMS[name], driven_tops.start(name), driven_tops.SPANS[name] / 4
+    right = reference.solution(problem, y0, [span]).states[0]
+
+    def error(n):
+        run = integrate(problem, y0, h=span / n, steps=n, method="backlund_splitting", scheme=scheme)
+        return np.max(np.abs(run.y[-1] - right))
+
+    steps = 256 if name == "kapitza" else 64
+    assert np.log2(error(steps) / error(2 * steps)) == pytest.approx(order, abs=0.25)

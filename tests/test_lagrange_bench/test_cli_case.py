@@ -45,19 +45,3 @@ def test_the_reference_files(name, run):
     assert code == 0
     assert out.splitlines() == lines[:9]
     assert len(lines) == 27
-
-
-@pytest.mark.parametrize(
-    ("words", "what"),
-    [
-        (("bruls",), "unknown case 'bruls'; did you mean 'bruels'?"),
-        (("bruels", "--every", "x"), "--every must be a number"),
-        (("bruels", "--until", "-1"), "--until must be a positive"),
-        (("bruels", "--every", "1e-9"), "more than 10000000 rows"),
-        (("bruels", "--digits", "41"), "digits must be at most 40"),
-    ],
-)
-def test_bad_words(words, what, run):
-    code, _, err = run("case", *words)
-    assert code == 2
-    assert what in err

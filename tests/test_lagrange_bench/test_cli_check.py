@@ -80,12 +80,6 @@ def test_bits_that_are_the_same(run, answer, written):
     assert [verdict["kernel"] for verdict in data["verdicts"]] == ["strang compensated"]
 
 
-def test_bits_of_what_has_no_kernel(run, written):
-    code, out, err = run("bits", "rk4", "dop853", "--quick")
-    assert (code, out) == (2, "")
-    assert "dop853 has no kernel of its own" in err
-
-
 def test_bits_that_differ_or_are_not_written_down(run, written):
     written["rk4"]["figure1 1000"] = "0"
     del written["strang"]

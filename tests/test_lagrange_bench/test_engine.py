@@ -6,13 +6,11 @@ import json
 import multiprocessing
 import os
 import re
-import subprocess
 import sys
 import time
 
 import pytest
 from faults import HERE, TOY, squares
-from rich.console import Console
 
 from lagrange_bench.integrators import memory, registry
 from lagrange_bench.integrators.interface import Method
@@ -312,65 +310,25 @@ def test_run_draws_if_asked(toy, tmp_path, monkeypatch, run):
     assert "drawn: " in out
 
 
-def test_the_engine_is_light_to_import():
-    """The command line shows its help without the scientific stack."""
-    heavy = "{'numpy', 'scipy', 'pandas', 'matplotlib', 'numba', 'heyoka', 'rich'} & set(sys.modules)"
-    code = f"import sys, lagrange_bench.runner.engine; assert not {heavy}, {heavy}"
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
-# ---------------------------------------------------------------- memory of commands
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        ("integrate --h 0.1 --steps 1e12 --every 1", "--steps: 1000000000001 rows take about 1e+06 GB"),
-        ("integrate --h 0.1 --steps 1e12 --output x.csv", "record fewer states"),
-        ("integrate --times 0:1:1e10", "--times: 0:1:1e10: 10000000000 rows take about 1e+04 GB"),
-        ("run mine.toml --results out", "[[sweep]], samples: 1000000000 rows take about 3e+03 GB of memory"),
-    ],
-)
-def test_too_many_states_are_refused_before_they_are_computed(run, monkeypatch, tmp_path, words, named):
-    monkeypatch.chdir(tmp_path)
-    text = f'[[sweep]]\nmethods = ["strang"]\nh = [0.5]\ntime = 50\nsamples = {10**9}\n'
-    (tmp_path / "mine.toml").write_text(text)
-    code, out, err = run(*words.split())
-    assert (code, out, err.count("lagrange-bench: error")) == (2, "", 1)
-    assert named in err
-    assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
-
-
-def test_what_fits_is_not_refused():
-    memory.check(1000, 1000, 0.001, "--steps", "")
-    with pytest.raises(ValueError, match=r"--steps: 1001 rows take about 0\.001 GB of memory, and there are 0\.001"):
-        memory.check(1001, 1000, 0.001, "--steps", "less")
-    assert memory.available() > 0
-
-
 # ---------------------------------------------------------------- progress
 
 
-def test_plain_progress_is_sparse_and_estimates(monkeypatch, capsys):
+def test_plain_progress_is_sparse(monkeypatch, capsys):
     now = [0.0]
     monkeypatch.setattr(progress, "monotonic", lambda: now[0])
-    with progress.follow({"drift": 300, "cost": 9}) as bar:
-        assert isinstance(bar, progress.Lines)  # no terminal here
+    with progress.follow({"drift": 300, "cost": 9}) as bar:  # no terminal here
         for i in range(300):
             bar.begin("drift")
             now[0] += 0.5
             bar.advance("drift", failed=i == 100)
         bar.begin("cost")
-        now[0] += 60  # the first cell compiles: no nine minutes are announced
         bar.advance("cost", failed=False)
-    *lines, last, cost = capsys.readouterr().err.splitlines()
-    assert 10 <= len(lines) <= 15  # 150 s, one in 10 s
-    assert lines[0] == "drift: 20/300 cells", "the first ones compile: no estimate yet"
-    assert lines[2] == "drift: 60/300 cells, about 2 min left"
-    assert (last, cost) == ("drift: 300/300 cells, 1 failed, 2 min", "cost: 1/9 cells")
+    lines = capsys.readouterr().err.splitlines()
+    assert 10 <= len(lines) <= 16  # 150 s, one in 10 s
+    assert (lines[0], lines[-1]) == ("drift: 20/300 cells", "drift: 300/300 cells, 1 failed")
 
 
-def test_a_terminal_gets_a_live_table_and_a_bar(monkeypatch, capsys, tmp_path):
+def test_a_terminal_gets_bars(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     for show in (True, False):
         with progress.follow({"drift": 2, "phase": 1}, show=show) as bar:
@@ -379,44 +337,10 @@ def test_a_terminal_gets_a_live_table_and_a_bar(monkeypatch, capsys, tmp_path):
                 bar.advance(name, failed=name == "phase")
         with progress.drawing(tmp_path, show=show) as drawn:
             drawn(1, 2)
-        err = capsys.readouterr().err
+        err = re.sub(r"\x1b\[[\d;?]*\w", "", capsys.readouterr().err)
         if show:
-            assert "2/2" in err
-            assert re.search(r"phase .* 1/1 +1 ", re.sub(r"\x1b\[[\d;?]*\w", "", err))  # one failed, none is running
-            assert "1/2" in err
+            assert re.search(r"drift .* 2/2 ", err)
+            assert re.search(r"phase .* 1/1 +1 failed", err)
+            assert re.search("drawing .* 1/2", err)
             assert err.endswith(f"drawn from {tmp_path}\n")
     assert err == ""
-
-
-def test_a_terminal_is_told_that_the_first_cell_compiles(monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr(progress, "monotonic", lambda: now[0])
-    bar = progress.Live({"drift": 9}, Console())
-    bar.begin("drift")
-    now[0] = progress.SOON
-    assert bar._time("drift") == "3.0 s"
-    now[0] += 1
-    assert bar._time("drift") == "compiling"
-    bar.advance("drift", failed=False)
-    assert bar._time("drift") == "4.0 s"
-
-
-@pytest.mark.parametrize(
-    ("done", "total", "elapsed", "left"),
-    [
-        (87, 873, 40, None),  # less than a tenth
-        (88, 873, 40, 40 / 88 * 785),
-        (88, 873, 29, None),  # too soon
-        (4, 9, 60, None),
-        (5, 9, 60, 48.0),
-        (50, 5000, 299, None),
-        (50, 5000, 300, 29700.0),  # of a long run less than a tenth must do
-    ],
-)
-def test_no_estimate_before_it_says_something(done, total, elapsed, left):
-    assert progress.remaining(done, total, elapsed) == (None if left is None else pytest.approx(left))
-
-
-def test_durations():
-    words = [progress.duration(s) for s in (0.04, 9.94, 9.96, 59, 61, 3600 * 2 + 300)]
-    assert words == ["0.0 s", "9.9 s", "10 s", "59 s", "1 min", "2 h 05 min"]

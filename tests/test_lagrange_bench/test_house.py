@@ -19,7 +19,7 @@ def python(*words, **settings):
     return subprocess.run([sys.executable, *map(str, words)], capture_output=True, text=True, check=False, **settings)
 
 
-@pytest.mark.parametrize("words", [["--help"], ["--profile", "none"], ["--results", "/dev/null/x"]])
+@pytest.mark.parametrize("words", [["--help"], ["--profile", "none"]])
 def test_a_script_does_what_the_command_line_does(words):
     ours = python("-m", "lagrange_bench.experiments.paper", *words, cwd=ROOT)
     theirs = python("-m", "lagrange_bench", "run", "paper", *words, cwd=ROOT)
@@ -38,6 +38,17 @@ def test_every_experiment_is_a_script(monkeypatch):
     assert tuple(run) == EXPERIMENTS
 
 
+def test_every_package_is_installed_below_lagrange_bench(monkeypatch):
+    """So that a visitor's own integrators/ or report.py hides nothing, and is not hidden."""
+    monkeypatch.chdir(ROOT)
+    installed = {}
+    monkeypatch.setattr("setuptools.setup", lambda **settings: installed.update(settings))
+    runpy.run_path(str(ROOT / "setup.py"))
+    assert len(installed["packages"]) > 10
+    assert all(f"{name}.".startswith("lagrange_bench.") for name in (*installed["packages"], *installed["package_dir"]))
+
+
+@pytest.mark.slow
 def test_the_wheel_meets_a_visitors_own_names(tmp_path):
     """A repository with its own integrators/, experiments/, results/ and report.py: neither hides the other's."""
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--quiet", "--no-deps")

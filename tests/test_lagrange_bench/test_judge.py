@@ -179,7 +179,7 @@ def test_bounds_json_digits_and_a_picture(tmp_path, run, answer):
     for words, said in (
         (("--bounds", "omega=1"), "no columns to judge omega by"),
         (("--bounds", "colour=1"), "--bounds: unknown 'colour'"),
-        (("--bounds", "axis=low"), "--bounds: must be a number; got 'low'"),
+        (("--bounds", "axis=low"), "--bounds: axis must be a number; got 'low'"),
         (("--columns", "q=0"), "--columns: unknown 'q'"),
         (("--columns", "x=9"), "--columns x=9: there is no such column among 4"),
         (("--steps", "1,2"), "--steps: 2 steps for 1 files"),

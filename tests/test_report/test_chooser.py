@@ -37,15 +37,14 @@ def test_what_must_be_conserved_is_what_the_method_claims(answers):
     assert answers.name["10⁻⁴", chooser.ENERGY] == "backlund"
 
 
-def test_a_body_has_its_step_for_a_price_and_nan_never_wins():
-    rows = pd.DataFrame(
-        {"method": ["rk4", "rk4", "rkmk4"], "h": [0.1, 0.2, 0.05], "position": [1e-5, float("nan"), 1e-9]}
-    )
-    rows = rows.assign(rotation=1e-9, case="kovalevskaya", status="done")
+def test_a_body_is_priced_by_all_its_steps_and_nan_never_wins():
+    position = [1e-5, float("nan"), 1e-9]
+    rows = pd.DataFrame({"method": ["rk4", "rk4", "rkmk4"], "h": [0.1, 0.2, 0.05], "position": position})
+    rows = rows.assign(rotation=1e-9, ns_per_step=1e3, case="kovalevskaya", status="done")
     found = chooser.answers({"heavy_top": rows})
     found = found[found["must conserve"] == chooser.NOTHING].set_index("error at most")
-    assert found.cost["10⁻⁴"] == "a step of 0.1 s"
-    assert found["next best"]["10⁻⁴"].endswith("2 times as many steps")
+    assert (found["with"]["10⁻⁴"], found.cost["10⁻⁴"]) == ("h = 0.1", "0.1 ms")
+    assert found["next best"]["10⁻⁴"].endswith("2 times as long")
     assert found.name["10⁻⁸"] == "rkmk4"
 
 

@@ -10,7 +10,6 @@ import json
 import os
 import signal
 import sys
-import threading
 import time
 import warnings
 from pathlib import Path
@@ -18,8 +17,6 @@ from pathlib import Path
 import numpy as np
 
 VERSION = 1
-if "TOY_THREAD" in os.environ:
-    threading.Thread(target=time.sleep, args=(60,)).start()
 
 
 class NoText(Exception):

@@ -1,0 +1,167 @@
+"""Driven tops: which method is best where the Hamiltonian depends on time?
+
+`kapitza` is Kapitza's top: upright, too slow to stand, and held by a pivot that vibrates fast and strongly. `weak_pivot` is a
+heavy top whose pivot vibrates a little. `tide` is a planet or satellite that spins about one and a half times in each of its
+orbits, of eccentricity 0.2, in a weak tide; in `strong_tide` the tide is a hundred times as strong. Times are in units of
+the problems.
+
+Every compiled method that takes the problems follows them with ever smaller steps, or tolerances. Errors at the end are those
+against the reference in quadruple precision, which has the time as one more variable. Wall time is the least of several
+runs, set-up counted: it weighs less in runs that are eight times as long, by the methods that are near the first places. The
+splitting with the exact step kicks by what depends on time: where that is weak it can take long steps.
+"""
+
+from __future__ import annotations
+
+import warnings
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from lagrange_bench.experiments import script, work_precision
+from lagrange_bench.experiments.drawing.tables import captioned
+from lagrange_bench.experiments.measuring import metrics, timing
+from lagrange_bench.experiments.measuring.states import interpreted, knobs, options_of, rounded
+from lagrange_bench.integrators import METHODS, orbiting_tide, prepare, vibrating_pivot
+from lagrange_bench.integrators.interface import Array, Method, StepWarning
+from lagrange_bench.integrators.problem.problem import Problem
+from lagrange_bench.integrators.truth import reference
+
+VERSION = 1
+MEASURED = {"": ("error", "seconds", "setup_seconds")}
+OURS, SCHEMES = "backlund_splitting", ("strang", "processed6")
+PROBLEMS: dict[str, Problem] = {
+    "kapitza": vibrating_pivot(1.0, 60.0, 20.0),
+    "weak_pivot": vibrating_pivot(1.0, 0.02, 3.0),
+    "tide": orbiting_tide(1e-3, 0.2, 1.0),
+    "strong_tide": orbiting_tide(0.1, 0.2, 1.0),
+}
+STARTS = {"kapitza": (0.05, -0.02, 0.3, 0.08, 0.06, 0.995), "weak_pivot": (0.3, -0.2, 1.1, 0.48, 0.6, 0.64)}
+SPINNING = (0.3, -0.2, 1.4, 0.36, 0.48, 0.8)  # of the tides
+SPANS = {"kapitza": 32.0, "weak_pivot": 64.0, "tide": 128.0, "strong_tide": 128.0}
+POWERS = {
+    "kapitza": range(9, 16),
+    "weak_pivot": range(5, 13),
+    "tide": range(5, 13),
+    "strong_tide": range(7, 15),
+}  # of 2, steps
+TOLERANCES = (1e-5, 1e-8, 1e-11, 1e-14)
+QUICK = (OURS, "rk4", "strang", "blanes_moan4", "taylor")
+LONGER = 8  # times as long, in the full profile
+RIVALS = ("blanes_moan4", "blanes_moan6", "verner9_fixed", "dop853_fixed", "kahan_li8", "taylor")  # that run so long
+NAMED = (OURS, "rk4", "strang", "blanes_moan6", "gauss8", "dop853_fixed", "taylor")  # in the figure
+
+
+def methods() -> dict[str, Method]:
+    """Those that are compiled and take every problem."""
+    loaded = {name: method for name, method, _ in METHODS.each() if method and not interpreted(method)}
+    return {n: m for n, m in loaded.items() if all(m.takes(problem) is None for problem in PROBLEMS.values())}
+
+
+def start(problem: str) -> Array:
+    return np.array(STARTS.get(problem, SPINNING))
+
+
+def cells(profile: str) -> list[dict]:
+    full, listed = profile == "full", []
+    chosen = {1: tuple(methods()), LONGER: (OURS, *RIVALS)} if full else {1: QUICK}
+    for (problem, powers), (factor, names) in product(POWERS.items(), chosen.items()):
+        steps = [SPANS[problem] / 2**k for k in (powers if full else powers[1:-1:3])]
+        for name in (name for name in names if name in methods()):
+            for knob in knobs(METHODS[name], steps, TOLERANCES if full else TOLERANCES[::2]):
+                cell = {"timing": True, "problem": problem, "span": factor * SPANS[problem], "method": name, **knob}
+                listed += [{**cell, "scheme": scheme} for scheme in SCHEMES] if name == OURS else [cell]
+    return listed
+
+
+def measure(cell: dict) -> list[dict]:
+    name, method = cell["problem"], METHODS[cell["method"]]
+    problem, y0, span = PROBLEMS[name], start(name), cell["span"]
+    n = round(span / cell["h"]) if "h" in cell else 1
+
+    def ready() -> Any:
+        return prepare(problem, y0, span / n, method, **options_of(cell))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StepWarning)  # what depends on time may be strong here
+        stepper = ready()
+        end = stepper.advance(y0, n)
+        seconds = timing.time_call(lambda: stepper.advance(y0, n), min_time=0.005, repeats=5).min
+        setup = min(ready().work.setup_seconds for _ in range(3))
+    right = reference.solution(problem, y0, [span]).states[0]
+    row = {"error": float(metrics.scaled_error(problem, y0, end, right)), "seconds": seconds, "setup_seconds": setup}
+    return [{column: rounded(value) for column, value in row.items()}]
+
+
+# ------------------------------------------------------------------------------------------ what the rows say
+
+
+def orders(rows: pd.DataFrame) -> pd.DataFrame:
+    """Orders claimed and measured of the methods with a fixed step."""
+    table = []
+    rows = rows[rows.span <= rows.problem.map(SPANS)]
+    rows = rows.assign(scheme=rows.scheme.astype(object).fillna("") if "scheme" in rows else "")
+    for (problem, method, scheme), run in rows.groupby(["problem", "method", "scheme"], sort=False):
+        if method in METHODS and METHODS[method].knob == "h":
+            claims = 6 if scheme == "processed6" else METHODS[method].order
+            found = metrics.order(run.h, run.error, floor=1e-13, saturation=1e-2).p
+            table.append({"problem": problem, "method": method, "scheme": scheme, "claimed": claims, "measured": found})
+    return pd.DataFrame(table)
+
+
+def winners(rows: pd.DataFrame) -> pd.DataFrame:
+    """For each problem and error the cheapest method, set-up counted, and beside it ours or, if that is ours, the next."""
+    table = []
+    for (problem, span), group in work_precision.useful(rows).groupby(["problem", "span"], sort=False):
+        for target in work_precision.TARGETS:
+            found = work_precision.best(group, target, "total").set_index("method").total
+            if len(found):
+                line = {
+                    "problem": problem,
+                    "span": span,
+                    "error at most": target,
+                    "cheapest": found.index[0],
+                    "seconds": found.iloc[0],
+                }
+                others = found.drop(OURS, errors="ignore")
+                ratio = others.min() / found.get(OURS, np.nan)
+                best = others.index[0] if len(others) else ""
+                table.append({**line, "best of the others": best, "times as long as the exact step inside": ratio})
+    return pd.DataFrame(table)
+
+
+def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    good = rows[rows.status == "done"]
+    captions = {
+        "winners": "Driven tops: the cheapest method, set-up counted, and the best of the others beside the splitting with the "
+        "exact step",
+        "orders": "Driven tops: orders claimed and measured. Empty where fewer than three steps tell",
+    }
+    return captioned({"winners": winners(good), "orders": orders(good)}, captions) if len(good) else {}
+
+
+def draw(rows: pd.DataFrame) -> dict:
+    from lagrange_bench.experiments.drawing import style
+
+    good = work_precision.useful(rows)
+    if good.empty:
+        return {}
+    runs = list(good.groupby(["problem", "span"], sort=False))
+    titles = [f"{name.replace('_', ' ')}, t = {span:g}" for (name, span), _ in runs]
+    fig, axes = style.panels(
+        titles, 2, (0.5, 2.0), "wall time of the run with set-up, s", "error at the end", sharey=True
+    )
+    for ax, (_, here) in zip(axes, runs, strict=True):
+        work_precision.draw_runs(ax, here.assign(seconds=here.total), NAMED, style, ours=OURS)
+    style.label_ends(axes)
+    fig.caption = (
+        "Error at the end against wall time, set-up included, of tops with a Hamiltonian that depends on time; down and left is "
+        f"better. {style.naming(good.method, 'some are named')}. Each curve joins a method's Pareto-optimal runs."
+    )
+    return {"work": fig}
+
+
+if __name__ == "__main__":
+    script.run("driven")
