@@ -61,7 +61,18 @@ ERRORS = [
     "predicted_angle",
     "left",
 ]  # beside the invariants
-APART = ("top", "scheme", "options", "variant", "form", "pin", "n", "span_scaled")  # what tells lines of a method apart
+APART = (
+    "top",
+    "integrator",
+    "setting",
+    "scheme",
+    "options",
+    "variant",
+    "form",
+    "pin",
+    "n",
+    "span_scaled",
+)  # what tells lines of a method apart
 KNOBS = ("h_scaled", "tol", "rtol", "fraction")  # likewise, where a run has many rows
 
 
@@ -93,7 +104,7 @@ class Comparison:
 
     def __repr__(self) -> str:
         tops = list(dict.fromkeys(self.frame["top"])) if "top" in self.frame else []
-        names = textwrap.shorten(", ".join(dict.fromkeys(self.frame["method"])), 60, placeholder=" …")
+        names = textwrap.shorten(", ".join(dict.fromkeys(_methods(self.frame))), 60, placeholder=" …")
         return f"<Comparison of {names} on {len(tops)} top{'s' * (len(tops) != 1)}: {self.y} against {self.x}>"
 
     def to_frame(self) -> pd.DataFrame:
@@ -168,7 +179,7 @@ class Comparison:
                 raise ValueError(
                     f"{word} must be a column of numbers; got {name!r}{close} There are {', '.join(numbers)}"
                 )
-        rows = rows.assign(top=rows["top"].fillna("") if "top" in rows else "")
+        rows = rows.assign(top=rows["top"].fillna("") if "top" in rows else "", method=_methods(rows))
         for word, column, chosen in (("methods", "method", methods), ("tops", "top", tops)):
             if chosen is None:
                 continue
@@ -183,9 +194,8 @@ class Comparison:
             raise ValueError(f"no row has both {x} and {y}")
         if "part" in rows:
             if len(parts := list(dict.fromkeys(rows["part"][both]))) > 1:
-                raise ValueError(
-                    f"rows of several parts have {x} and {y}: choose one of {', '.join(parts)} from the frame"
-                )
+                how = f"choose one, as frame[frame.part == {parts[0]!r}], or NAME_{parts[0]} on the command line"
+                raise ValueError(f"rows of several parts have {x} and {y}: {', '.join(parts)}; {how}")
             rows = rows[rows["part"] == parts[0]]
         return rows[rows["top"].isin(rows["top"][both])]
 
@@ -219,10 +229,9 @@ class Comparison:
 
     def _is_log(self, rows: pd.DataFrame, name: str) -> bool:
         values = rows[name][np.isfinite(rows[name])]
-        if not self._is_error(name) and (values < 0).any():
-            return False
         sizes = values[values != 0].abs()
-        return bool(len(sizes) and sizes.max() > 30 * sizes.min())
+        several = bool((values >= 0).all()) and sizes.max() > 30 * sizes.min()
+        return len(sizes) > 0 and (self._is_error(name) or bool(several))
 
     def _is_error(self, name: str) -> bool:
         return name in (*self.invariants, *ERRORS) or name.startswith(KEPT)
@@ -236,6 +245,12 @@ class Comparison:
     def _title(self, tops: list[str]) -> str:
         named = [self.labels.get(top) or (NAMED_TOPS[top].label if top in NAMED_TOPS else top) for top in tops]
         return style.plain(textwrap.shorten(", ".join(named), 60, placeholder=" …"))
+
+
+def _methods(rows: pd.DataFrame) -> pd.Series:
+    """The method of each row; of one without, what else was measured."""
+    found = rows.reindex(columns=["method", "engine", "variant", "form"]).bfill(axis=1)["method"]
+    return found.fillna("rows").astype(str)
 
 
 def _sampled(rows: pd.DataFrame) -> bool:

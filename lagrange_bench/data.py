@@ -18,7 +18,7 @@ from lagrange_bench.integrators.registry import find_stored_potential
 from lagrange_bench.integrators.words import numbers, suggestion
 from lagrange_bench.results.store import Store, find_results, published
 
-OWN_UNITS = ("ensemble", "gaudin", "heavy_top")  # experiments whose rows have the tops' own unit of time, or s
+OWN_UNITS = ("ensemble", "gaudin")  # experiments whose rows have the tops' own unit of time; those of a `case` have s
 TIMES = ("h", "t", "span")
 
 
@@ -44,8 +44,10 @@ class Results(Mapping[str, pd.DataFrame]):
             journal = self._store.open(experiment)
             for problem in journal.problems:
                 warnings.warn(problem, RuntimeWarning, stacklevel=2)
-            rows = journal.rows().rename(columns={"state": "top", "case": "top"})
-            self._frames[experiment] = rows if experiment in OWN_UNITS else in_both_units(rows)
+            rows = journal.rows()
+            own = experiment in OWN_UNITS or "case" in rows
+            rows = rows.rename(columns={"state": "top", "case": "top"})
+            self._frames[experiment] = rows if own else in_both_units(rows)
         return self._frames[experiment].copy()
 
     def __iter__(self) -> Iterator[str]:

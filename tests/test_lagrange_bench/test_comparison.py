@@ -228,6 +228,13 @@ def test_runs_of_several_lengths_are_lines_of_their_own():
     assert [line.get_label() for line in ax.get_lines()] == ["RK4, t = 10", "RK4, t = 10⁴"]
 
 
+def test_rows_without_a_method_are_called_by_what_was_measured():
+    frame = made(("rk4",), ("fast",)).frame.assign(method=None, engine="rapier")
+    (line,) = Comparison(frame).plot().get_lines()
+    assert line.get_label() == "rapier"
+    assert "rapier" in repr(Comparison(frame))
+
+
 def test_what_cannot_be_drawn():
     comparison = made()
     for words, message in (
@@ -240,7 +247,7 @@ def test_what_cannot_be_drawn():
         with pytest.raises(ValueError, match=message):
             comparison.plot(**words)
     parts = pd.concat([comparison.frame.assign(part=part) for part in "ab"])
-    with pytest.raises(ValueError, match="choose one of a, b"):
+    with pytest.raises(ValueError, match="a, b; choose one"):
         Comparison(parts).plot()
     with pytest.raises(ValueError, match="no row has both"):
         Comparison(comparison.frame.assign(error=np.nan)).plot()
