@@ -330,6 +330,10 @@ def test_plain_progress_is_sparse(monkeypatch, capsys):
 
 def test_a_terminal_gets_bars(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("TERM", "dumb")
+    with progress.follow({"drift": 2}) as bar:
+        assert type(bar) is progress.Lines
+    monkeypatch.setenv("TERM", "xterm-256color")
     for show in (True, False):
         with progress.follow({"drift": 2, "phase": 1}, show=show) as bar:
             for name in ("drift", "drift", "phase"):
