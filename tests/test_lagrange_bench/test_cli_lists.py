@@ -13,7 +13,7 @@ from lagrange_bench.integrators.registry import NAMED_TOPS
 def test_tables_fit_a_terminal(run, command, monkeypatch):
     wide = run(*command)[1]
     assert max(map(len, wide.splitlines())) > 80
-    monkeypatch.setattr(text, "room", lambda: 80)
+    monkeypatch.setattr(text, "terminal_width", lambda: 80)
     narrow = run(*command)[1]
     assert max(map(len, narrow.splitlines())) <= 80
     assert sorted("".join(narrow.split())) == sorted("".join(wide.split())), "wrapped, and nothing is lost"
