@@ -112,3 +112,9 @@ def short_races(monkeypatch):
     monkeypatch.setattr(cost, "HEADLINE_TIME", 100.0)
     monkeypatch.setattr(work_precision, "SAMPLE", 2e-4)
     monkeypatch.setattr(timing, "TICKS", 10)  # on a busy machine, reading the clock takes 0.2 µs and more
+
+
+@pytest.fixture
+def one_core(monkeypatch):
+    """Pages are drawn in this process: starting others takes longer than a few figures."""
+    monkeypatch.setattr("lagrange_bench.integrators.machine.usable_cores", lambda: 1)

@@ -125,7 +125,7 @@ ERRORS = {
 }
 
 
-def test_a_failing_cell_is_a_result(toy, run, tmp_path):
+def test_a_failing_cell_is_a_result(toy, run, one_core, tmp_path):
     """Whatever a plug-in raises is a text of bounded length that can be printed, stored and put on a page."""
     file = tmp_path / "there"
     cells = [{"do": what, "i": i, "file": str(file)} for i, what in enumerate(ERRORS)] + squares(7, 8)

@@ -46,7 +46,7 @@ START = {"top": "generic", "alpha": 1.0, "y0": "0.3,-0.4,1.2,0.48,0.6,0.64", "op
 
 
 @pytest.fixture
-def evil(folder, monkeypatch):
+def evil(folder, one_core, monkeypatch):
     """Results of somebody whose modules can be imported from the current folder, as can any other."""
     monkeypatch.setitem(vars(METHODS), "_entries", METHODS._entries)
     (folder / "evilpkg").mkdir()
