@@ -73,6 +73,15 @@ def test_tops(run, answer):
     assert data["magnet"]["conserves"] == ["H", "C1", "C2"]
 
 
+UNITS = {  # so that V has those of J²
+    "quadratic": "S in units of J²/x²",
+    "axisymmetric": "ck in units of J²/x^k",
+    "charge": "k in units of J² x",
+    "dipole": "b in units of J²/x",
+    "tide": "k = 3 (GM/r³)(C − A)/A, in units of J²/x²",
+}
+
+
 def test_potentials(run, answer):
     code, out, _ = run("potentials")
     assert code == 0
@@ -80,7 +89,7 @@ def test_potentials(run, answer):
     data = {potential["name"]: potential for potential in answer("potentials")}
     assert data["tide"]["parameters"] == ["k", "n1", "n2", "n3"]
     assert data["axisymmetric"]["parameters"] is None
-    assert all("units of" in potential["note"] for potential in data.values())
+    assert all(potential["note"].endswith(UNITS[name]) for name, potential in data.items())
 
 
 def test_methods_of_a_top(run, answer):
