@@ -70,9 +70,13 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     before = set(sys.modules)
     yield tmp_path
-    for module in set(sys.modules) - before:
-        if str(tmp_path) in str(getattr(sys.modules[module], "__file__", "")):
-            del sys.modules[module]
+    for name in set(sys.modules) - before:
+        module = sys.modules[name]
+        if any(
+            str(tmp_path) in str(place)
+            for place in (module.__dict__.get("__file__"), *module.__dict__.get("__path__", ()))
+        ):
+            del sys.modules[name]
     if "matplotlib" in sys.modules:
         from matplotlib import pyplot
 

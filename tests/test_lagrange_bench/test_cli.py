@@ -173,22 +173,21 @@ BAD = {  # words → what the line must name
 
 
 @pytest.mark.parametrize("words", BAD)
-def test_bad_input(run, words, monkeypatch, tmp_path):
+def test_bad_input(run, words, folder, monkeypatch):
     """Known before anything is computed, drawn or written."""
-    monkeypatch.chdir(tmp_path)
     sweep = f'[[sweep]]\nmethods = ["strang"]\nh = [0.5]\ntime = 50\nsamples = {10**9}\n'
-    (tmp_path / "mine.toml").write_text(sweep)
+    (folder / "mine.toml").write_text(sweep)
     for name in ("folder.csv", "mine"):
-        (tmp_path / name).mkdir()
+        (folder / name).mkdir()
     for name in ("leaves.py", "mine/leaves.py"):
-        (tmp_path / name).write_text("import sys\n\nsys.exit(0)\n")
-    before = sorted(tmp_path.iterdir())
+        (folder / name).write_text("import sys\n\nsys.exit(0)\n")
+    before = sorted(folder.iterdir())
     monkeypatch.setattr("lagrange_bench.report.page.assemble", lambda *_: pytest.fail("drawn"))
     code, out, err = run(*shlex.split(words))
     assert (code, out) == (2, "")
     assert re.fullmatch(r"lagrange-bench: error: .*\n", err), err  # one line
     assert BAD[words] in err
-    assert sorted(path for path in tmp_path.iterdir() if path.name != "__pycache__") == before
+    assert sorted(path for path in folder.iterdir() if path.name != "__pycache__") == before
 
 
 @pytest.mark.parametrize(
