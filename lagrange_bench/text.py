@@ -34,13 +34,13 @@ def table(rows: Sequence[Sequence[str]]) -> list[str]:
         made.add_column(Text(name), no_wrap=i == 0, overflow="fold", min_width=least)
     for row in body:
         made.add_row(*map(Text, row))
-    console = Console(file=io.StringIO(), width=room(), color_system=None)
+    console = Console(file=io.StringIO(), width=terminal_width(), color_system=None)
     with console.capture() as captured:
         console.print(made)
     return [line.rstrip() for line in captured.get().splitlines()]
 
 
-def room() -> int:
+def terminal_width() -> int:
     """Columns of the terminal; plenty where stdout is none: a line for each row can be searched."""
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else WIDEST
 

@@ -70,9 +70,13 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     before = set(sys.modules)
     yield tmp_path
-    for module in set(sys.modules) - before:
-        if str(tmp_path) in str(getattr(sys.modules[module], "__file__", "")):
-            del sys.modules[module]
+    for name in set(sys.modules) - before:
+        module = sys.modules[name]
+        if any(
+            str(tmp_path) in str(place)
+            for place in (module.__dict__.get("__file__"), *module.__dict__.get("__path__", ()))
+        ):
+            del sys.modules[name]
     if "matplotlib" in sys.modules:
         from matplotlib import pyplot
 
@@ -112,3 +116,9 @@ def short_races(monkeypatch):
     monkeypatch.setattr(cost, "HEADLINE_TIME", 100.0)
     monkeypatch.setattr(work_precision, "SAMPLE", 2e-4)
     monkeypatch.setattr(timing, "TICKS", 10)  # on a busy machine, reading the clock takes 0.2 µs and more
+
+
+@pytest.fixture
+def one_core(monkeypatch):
+    """Pages are drawn in this process: starting others takes longer than a few figures."""
+    monkeypatch.setattr("lagrange_bench.integrators.machine.usable_cores", lambda: 1)

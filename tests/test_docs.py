@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -39,7 +40,11 @@ def script(path: Path):
 outputs = script(DOCS / "outputs.py")
 
 
-@pytest.mark.parametrize("page", outputs.PAGES, ids=lambda page: page.stem)
+LONG = ("pose-your-own-problem", "a-top-in-a-field", "a-long-run")  # they compile much
+MARKED = [pytest.param(page, marks=[pytest.mark.slow] * (page.stem in LONG)) for page in outputs.PAGES]
+
+
+@pytest.mark.parametrize("page", MARKED, ids=lambda page: page.stem)
 def test_pages_print_what_they_show(page, folder):
     """If this fails: python docs/outputs.py, and read what changed."""
     for block, printed in outputs.execute(page):
@@ -105,6 +110,7 @@ def test_links_resolve(page):
             assert anchor in map(slug, headings), target
 
 
+@cache
 def commands() -> dict[str, set[str]]:
     """Every command with its options, as argparse knows them; "" for the program itself."""
     top = cli.parser()
@@ -147,6 +153,7 @@ def test_commands_exist(page):
         assert (ROOT / file).exists(), file
 
 
+@cache
 def sources() -> list[str]:
     return [path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py")]
 

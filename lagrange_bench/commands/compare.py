@@ -49,27 +49,32 @@ def run(options: argparse.Namespace) -> Answer:
 
     import_modules(options.module)
     tolerance = {"rtol": options.rtol, "atol": options.atol}
-    found = stores.compare(options.old, options.new, **tolerance, times=options.times, threshold=options.threshold)
+    result = stores.compare(options.old, options.new, **tolerance, times=options.times, threshold=options.threshold)
     rows: list[tuple[str, ...]] = [("experiment", "cells old", "new", "same", "added", "removed", "changed")]
-    for name, c in found.experiments.items():
+    for name, c in result.experiments.items():
         counts = (c.old, c.new, c.same, len(c.added), len(c.removed), len(c.changed))
         rows.append((name, *map(str, counts)))
     lines = table(rows)
-    for name, c in found.experiments.items():
+    for name, c in result.experiments.items():
         for what, those in (("removed", c.removed), ("added", c.added)):
             lines += listed(name, what, those, None) if options.verbose else _counted(name, what, those)
         lines += changed_columns(name, c.changed)
     if options.times:
-        lines += ["", *_times(found.times, options.threshold)]
-    for folder, name, records, old in found.outdated:
-        found.notes.append(f"{folder}: {name}: {old}. Compute them again: {origin.again(folder, name, records)}")
-    lines += [*found.notes, "the same" if found.same else "not the same"]
+        lines += ["", *_times(result.times, options.threshold)]
+    for folder, name, records, old in result.outdated:
+        result.notes.append(f"{folder}: {name}: {old}. Compute them again: {origin.again(folder, name, records)}")
+    lines += [*result.notes, "the same" if result.same else "not the same"]
     cells = {
         name: {**vars(c), "changed": [as_data(cell, differing) for cell, differing in c.changed]}
-        for name, c in found.experiments.items()
+        for name, c in result.experiments.items()
     }
-    data = {"same": found.same, "experiments": cells, "times": [asdict(t) for t in found.times], "notes": found.notes}
-    return Answer("\n".join(lines), plain(data), 0 if found.same else 1)
+    data = {
+        "same": result.same,
+        "experiments": cells,
+        "times": [asdict(t) for t in result.times],
+        "notes": result.notes,
+    }
+    return Answer("\n".join(lines), plain(data), 0 if result.same else 1)
 
 
 def _counted(experiment: str, what: str, cells: Sequence[dict[str, Any]]) -> list[str]:
@@ -77,8 +82,8 @@ def _counted(experiment: str, what: str, cells: Sequence[dict[str, Any]]) -> lis
     if not cells:
         return []
     parts = Counter(str(cell["part"]) for cell in cells if "part" in cell)
-    told = f" ({', '.join(f'{count} of {part}' for part, count in parts.items())})" if parts else ""
-    return [f"{what}: {len(cells)} cell{'' if len(cells) == 1 else 's'} of {experiment}{told}; --verbose lists them"]
+    shares = f" ({', '.join(f'{count} of {part}' for part, count in parts.items())})" if parts else ""
+    return [f"{what}: {len(cells)} cell{'' if len(cells) == 1 else 's'} of {experiment}{shares}; --verbose lists them"]
 
 
 def _times(tested: Sequence[Any], threshold: float) -> list[str]:

@@ -49,9 +49,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Answer:
     """Compute stored cells again; exit code 1 if rows changed."""
     from lagrange_bench.integrators.registry import import_modules
-    from lagrange_bench.report import origin
     from lagrange_bench.results import sources
-    from lagrange_bench.results.store import Store, StoreError, default_results
+    from lagrange_bench.results.store import default_results
     from lagrange_bench.runner import verify
 
     import_modules(options.module)
@@ -59,27 +58,24 @@ def run(options: argparse.Namespace) -> Answer:
         raise ValueError("give either DIR or --results DIR")
     folder = options.folder or options.results or default_results()
     more = {"longest": options.longest, "jobs": options.jobs, "show": not options.quiet, "old": options.old}
-    try:
-        found = verify.verify(folder, options.sample, options.seed, **more)
-    except verify.Outdated as error:
-        names, store = error.args[0], Store(folder)
-        again = " && ".join(origin.again(folder, name, store.latest(name)) for name in names)
-        raise StoreError(f"{folder}: {', '.join(names)} changed (VERSION) since this was stored: {again}") from None
+    result = verify.verify(folder, options.sample, options.seed, **more)
     by_experiment: dict[str, list[Any]] = {}
-    for name, cell, differing, _ in found.changed:
+    for name, cell, differing, _ in result.changed:
         by_experiment.setdefault(name, []).append((cell, differing))
     lines = [line for name, changed in by_experiment.items() for line in changed_columns(name, changed)]
-    sum_up = f"{found.cells} cells computed again: {found.identical} identical, {found.close} within the tolerance of "
-    sum_up += f"libraries, {len(found.changed)} changed"
-    ages = Counter(age for *_, age in found.changed)
-    told = {sources.OTHER: "other source code", sources.UNKNOWN: "source code that was not recorded"}
-    words = [f"{ages[age]} of them stored with {text}" for age, text in told.items() if ages[age]]
+    sum_up = (
+        f"{result.cells} cells computed again: {result.identical} identical, {result.close} within the tolerance of "
+    )
+    sum_up += f"libraries, {len(result.changed)} changed"
+    ages = Counter(age for *_, age in result.changed)
+    labels = {sources.OTHER: "other source code", sources.UNKNOWN: "source code that was not recorded"}
+    words = [f"{ages[age]} of them stored with {text}" for age, text in labels.items() if ages[age]]
     data = {
-        **{name: getattr(found, name) for name in ("stored", "cells", "identical", "close", "notes")},
+        **{name: getattr(result, name) for name in ("stored", "cells", "identical", "close", "notes")},
         "changed": [
             {"experiment": name, "sources": age, **as_data(cell, differing)}
-            for name, cell, differing, age in found.changed
+            for name, cell, differing, age in result.changed
         ],
     }
     sum_up = "; ".join([sum_up, *words])
-    return Answer("\n".join([*lines, *found.notes, sum_up]), plain(data), 1 if found.changed else 0)
+    return Answer("\n".join([*lines, *result.notes, sum_up]), plain(data), 1 if result.changed else 0)

@@ -69,11 +69,7 @@ class Cluster:
             raise
         return self
 
-    def __exit__(self, kind: object, *_: object) -> None:
-        if kind is not None and self._own is not None:
-            with suppress(Exception):  # it is only to be faster
-                self._client.cancel(list(self._out))
-                self._client.run(abandon)
+    def __exit__(self, *_: object) -> None:
         self._close()
 
     def _close(self) -> None:
@@ -180,12 +176,6 @@ def look(experiments: Sequence[str] = ()) -> dict[str, Any]:
         if "." in name and importlib.util.find_spec(name) is None:
             raise ModuleNotFoundError(f"no module {name}")
     return {package: provenance.version(package) for package in provenance.DECISIVE}
-
-
-def abandon() -> None:
-    """Ends the processes that compute; what they compute becomes a failure that nobody waits for."""
-    for process in multiprocessing.active_children():
-        process.kill()
 
 
 @cache

@@ -13,6 +13,7 @@ from lagrange_bench.experiments.catalogue import UnknownExperiment, lacks, load_
 from lagrange_bench.integrators import machine
 from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.integrators.registry import find_stored_method, find_stored_potential
+from lagrange_bench.report import origin
 from lagrange_bench.results import sources
 from lagrange_bench.results.compare import Difference, _store, differences, is_time, times_of
 from lagrange_bench.results.store import Record, Store, StoreError, _canonical
@@ -29,10 +30,6 @@ COUNTS = ("steps", "evals", "iterations", "rejected", "maps", "evals_per_step", 
 STATES = ("H", "J3", "C1", "C2", "J1", "J2", "x1", "x2", "x3", "t", "n")
 SHOWN = 3  # reasons why nothing was computed
 EXACT = frozenset((*STATES, *COUNTS))  # of a compiled method: bit by bit
-
-
-class Outdated(StoreError):
-    """Experiments whose VERSION changed since their cells were stored; args[0] is the list of their names."""
 
 
 @dataclass
@@ -67,17 +64,17 @@ def verify(
 
     Raises
     ------
-    StoreError : no such results, or none of their cells can be computed again; but all may be of the source code here.
-    Outdated : an experiment has another VERSION now.
+    StoreError : no such results, none of their cells can be computed again (but all may be of the source code here), or an
+    experiment has another VERSION now.
     """
-    found, here = Verification(), Sources()
-    records = _sample(_store(folder), sample, random.Random(seed), longest, found, old, here)
-    if not records and not (old and set(found.stored) == {sources.SAME} and not found.notes):
-        reasons = found.notes[:SHOWN] or ["it has no cells with anything but times"]
-        more = [f"{len(found.notes) - SHOWN} more"] if len(found.notes) > SHOWN else []
+    result, here = Verification(), Sources()
+    records = _sample(_store(folder), sample, random.Random(seed), longest, result, old, here)
+    if not records and not (old and set(result.stored) == {sources.SAME} and not result.notes):
+        reasons = result.notes[:SHOWN] or ["it has no cells with anything but times"]
+        more = [f"{len(result.notes) - SHOWN} more"] if len(result.notes) > SHOWN else []
         raise StoreError(f"no cell of {folder} was computed again: {'; '.join([*reasons, *more])}")
-    told = sources.told(found.stored)
-    found.notes += [told] if told else []
+    ages = sources.told(result.stored)
+    result.notes += [ages] if ages else []
     current: dict[tuple[str, str], Record] = {}
     with progress.follow({"verify": len(records)}, show) as bar:
 
@@ -89,30 +86,30 @@ def verify(
         tasks = [Task(r["experiment"], r["version"], r["position"], r["cell"]) for r in records]
         with workers.Local(jobs or machine.usable_cores(), limit=100 * longest) as executor:
             workers.compute_all(tasks, executor, lambda _: bar.begin("verify"), finish)
-    found.cells = len(records)
+    result.cells = len(records)
     for record in records:
-        _judge(found, record, current[record["experiment"], _canonical(record["cell"])], here)
-    return found
+        _judge(result, record, current[record["experiment"], _canonical(record["cell"])], here)
+    return result
 
 
-def _judge(found: Verification, old: Record, new: Record, here: Sources) -> None:
+def _judge(result: Verification, old: Record, new: Record, here: Sources) -> None:
     own = times_of(old["experiment"])
     if not differences(old, new, own, lambda _: (0.0, 0.0)):
-        found.identical += 1
+        result.identical += 1
     elif differing := differences(old, new, own, _tolerance(old["cell"].get("method"))):
-        found.changed.append((old["experiment"], old["cell"], differing, sources.judge(old, here)))
+        result.changed.append((old["experiment"], old["cell"], differing, sources.judge(old, here)))
     else:
-        found.close += 1
+        result.close += 1
 
 
 def _tolerance(method: str | None) -> Any:
-    found = None if method is None else _method(method)
-    compiled = found is not None and found.engine == "numba"
+    result = None if method is None else _method(method)
+    compiled = result is not None and result.engine == "numba"
     return lambda column: (0.0, 0.0) if compiled and column in EXACT else (RTOL, ATOLS.get(column, ATOL))
 
 
 def _sample(
-    store: Store, sample: int, draw: random.Random, longest: float, found: Verification, old: bool, here: Sources
+    store: Store, sample: int, draw: random.Random, longest: float, result: Verification, old: bool, here: Sources
 ) -> list[Record]:
     """Stored cells in turn from every (experiment, part, method), drawn at random within each."""
     groups: dict[tuple[str, str, str], list[Record]] = {}
@@ -121,15 +118,15 @@ def _sample(
         try:
             module = load_stored(experiment)
         except UnknownExperiment as error:
-            found.notes.append(f"not computed: {error}")
+            result.notes.append(f"not computed: {error}")
             continue
         journal = store.open(experiment)
-        found.notes += journal.problems
-        found.stored.update([sources.LEFT_OUT] * journal.left_out)
+        result.notes += journal.problems
+        result.stored.update([sources.LEFT_OUT] * journal.left_out)
         for record in journal.latest:
             cell, method = record["cell"], record["cell"].get("method")
             age = sources.judge(record, here)
-            found.stored[age] += 1
+            result.stored[age] += 1
             if old and age == sources.SAME:
                 continue
             if record["version"] != module.VERSION:
@@ -142,9 +139,12 @@ def _sample(
                 group = (experiment, str(cell.get("part", "")), str(method or cell.get("variant", "")))
                 groups.setdefault(group, []).append(record)
     if outdated:
-        raise Outdated(sorted(outdated))
-    found.notes += [f"not computed: {', '.join(sorted(absent))}: not available here"] if absent else []
-    found.notes += [f"not computed: {long} cells that took longer than {longest:g} s"] if long else []
+        again = " && ".join(origin.again(store.folder, name, store.latest(name)) for name in sorted(outdated))
+        raise StoreError(
+            f"{store.folder}: {', '.join(sorted(outdated))} changed (VERSION) since this was stored: {again}"
+        )
+    result.notes += [f"not computed: {', '.join(sorted(absent))}: not available here"] if absent else []
+    result.notes += [f"not computed: {long} cells that took longer than {longest:g} s"] if long else []
     listed = list(groups.values())
     for records in listed:
         draw.shuffle(records)

@@ -72,6 +72,7 @@ def test_version(run):
 
 I = "integrate --h 0.1 --steps 3"
 T = "integrate --times 0,1"
+LEAVES = "cannot be loaded: ImportError: it calls sys.exit(0)"
 BAD = {  # words → what the line must name
     "integrat": "unknown 'integrat'; did you mean 'integrate'?",
     "--versio": "did you mean '--version'? (see lagrange-bench --help)",
@@ -160,22 +161,33 @@ BAD = {  # words → what the line must name
     "case bruels --until -1": "--until must be a positive",
     "case bruels --every 1e-9": "more than 10000000 rows",
     "case bruels --digits 41": "digits must be at most 40",
+    # a file of the user's that ends the process
+    "check leaves:METHOD --quick": f"method leaves:METHOD {LEAVES}",
+    f"{I} --method leaves:METHOD": f"method leaves:METHOD {LEAVES}",
+    f"{I} --potential leaves:WELL": f"--potential: potential leaves:WELL {LEAVES}",
+    f"{I} --top leaves:TOP": f"--top: top leaves:TOP {LEAVES}",
+    "run phase --methods leaves:METHOD": f"method leaves:METHOD {LEAVES}",
+    "run mine.leaves": f"experiment 'mine.leaves' {LEAVES}",
+    "report --module leaves": "--module leaves cannot be imported: ImportError: it calls sys.exit(0)",
 }
 
 
 @pytest.mark.parametrize("words", BAD)
-def test_bad_input(run, words, monkeypatch, tmp_path):
+def test_bad_input(run, words, folder, monkeypatch):
     """Known before anything is computed, drawn or written."""
-    monkeypatch.chdir(tmp_path)
     sweep = f'[[sweep]]\nmethods = ["strang"]\nh = [0.5]\ntime = 50\nsamples = {10**9}\n'
-    (tmp_path / "mine.toml").write_text(sweep)
-    (tmp_path / "folder.csv").mkdir()
+    (folder / "mine.toml").write_text(sweep)
+    for name in ("folder.csv", "mine"):
+        (folder / name).mkdir()
+    for name in ("leaves.py", "mine/leaves.py"):
+        (folder / name).write_text("import sys\n\nsys.exit(0)\n")
+    before = sorted(folder.iterdir())
     monkeypatch.setattr("lagrange_bench.report.page.assemble", lambda *_: pytest.fail("drawn"))
     code, out, err = run(*shlex.split(words))
     assert (code, out) == (2, "")
     assert re.fullmatch(r"lagrange-bench: error: .*\n", err), err  # one line
     assert BAD[words] in err
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["folder.csv", "mine.toml"]
+    assert sorted(path for path in folder.iterdir() if path.name != "__pycache__") == before
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,7 @@ def test_run_stopped_or_without_a_place(run, monkeypatch, tmp_path):
 
 
 @pytest.mark.processes
-def test_report(run, tmp_path, monkeypatch):
+def test_report(run, one_core, tmp_path, monkeypatch):
     opened = []
     monkeypatch.setattr("webbrowser.open", opened.append)
     (tmp_path / "results").mkdir()
@@ -104,7 +104,7 @@ def draw(rows):
 
 
 @pytest.mark.processes
-def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, folder):
+def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, one_core, folder):
     """Each command prints the next one."""
     (folder / "my_study").mkdir()
     (folder / "my_study" / "energy.py").write_text(STUDY)

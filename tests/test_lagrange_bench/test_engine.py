@@ -125,7 +125,7 @@ ERRORS = {
 }
 
 
-def test_a_failing_cell_is_a_result(toy, run, tmp_path):
+def test_a_failing_cell_is_a_result(toy, run, one_core, tmp_path):
     """Whatever a plug-in raises is a text of bounded length that can be printed, stored and put on a page."""
     file = tmp_path / "there"
     cells = [{"do": what, "i": i, "file": str(file)} for i, what in enumerate(ERRORS)] + squares(7, 8)
@@ -330,6 +330,10 @@ def test_plain_progress_is_sparse(monkeypatch, capsys):
 
 def test_a_terminal_gets_bars(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("TERM", "dumb")
+    with progress.follow({"drift": 2}) as bar:
+        assert type(bar) is progress.Lines
+    monkeypatch.setenv("TERM", "xterm-256color")
     for show in (True, False):
         with progress.follow({"drift": 2, "phase": 1}, show=show) as bar:
             for name in ("drift", "drift", "phase"):

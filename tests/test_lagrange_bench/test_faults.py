@@ -21,7 +21,7 @@ import pytest
 from faults import HERE, TOY, comparable, nobody_left, session, squares, start, wait_for_lines
 
 from lagrange_bench.integrators import interrupts
-from lagrange_bench.results.store import SCHEMA, Store
+from lagrange_bench.results.store import SCHEMA, Store, make_record
 from lagrange_bench.runner import engine
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for left-over processes in /proc")
@@ -156,6 +156,42 @@ def test_interrupt_while_workers_start(tmp_path):
         assert (code, "Traceback" in err) == (130, False), err
         assert "of 50 cells are stored" in err
         assert nobody_left(run.pid)
+
+
+SLOW = """
+import os, time
+VERSION = 1
+def cells(profile): return []
+def measure(cell): return []
+def tables(rows): return {}
+def draw(rows):
+    open("drawing", "a").write(f"{os.getpid()} ")
+    time.sleep(60)
+"""
+
+
+def test_a_page_in_the_making_is_given_up_at_once(tmp_path):
+    """Each of four experiments takes a minute to draw; Ctrl-C ends the drawing processes too."""
+    (tmp_path / "slow").mkdir()
+    words = ["report", "--results", str(tmp_path), "--output", "page"]
+    for name in ("one", "two", "three", "four"):
+        (tmp_path / "slow" / f"{name}.py").write_text(SLOW)
+        outcome = {"status": "done", "rows": [{"x": 1.0}], "error": None, "warnings": [], "seconds": 0.1}
+        record = make_record("drift", 1, 0, {"i": 0}, **outcome)
+        Store(tmp_path).append({**record, "experiment": f"slow.{name}"})
+        words += ["--module", f"slow.{name}"]
+    command = [sys.executable, "-m", "lagrange_bench", *words]
+    run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    while not (tmp_path / "drawing").exists():
+        assert run.poll() is None
+        time.sleep(0.05)
+    before = time.monotonic()
+    os.killpg(run.pid, signal.SIGINT)
+    err = run.communicate(timeout=60)[1]
+    assert time.monotonic() - before < 30, "it waited for the drawings"
+    assert (run.returncode, "Traceback" in err) == (130, False), err
+    assert not (tmp_path / "page" / "index.html").exists()
+    assert nobody_left(run.pid)
 
 
 def test_interrupt_is_held_back_whichever_thread_catches_it():

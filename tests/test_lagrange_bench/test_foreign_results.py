@@ -46,7 +46,7 @@ START = {"top": "generic", "alpha": 1.0, "y0": "0.3,-0.4,1.2,0.48,0.6,0.64", "op
 
 
 @pytest.fixture
-def evil(folder, monkeypatch):
+def evil(folder, one_core, monkeypatch):
     """Results of somebody whose modules can be imported from the current folder, as can any other."""
     monkeypatch.setitem(vars(METHODS), "_entries", METHODS._entries)
     (folder / "evilpkg").mkdir()
@@ -63,7 +63,8 @@ def evil(folder, monkeypatch):
     stored("other", "evilpkg.exp", {"i": 0}, [{"h": 0.2}])
     field = {"potential": "evilpkg.method:POTENTIAL", "parameters": "0.1"}
     stored("own", "sweep_x", {"method": "strang", **swept, **field}, SWEPT, version)
-    return folder
+    yield folder
+    catalogue.installed.cache_clear()
 
 
 COMMANDS = {  # → exit code, what they say
@@ -94,17 +95,17 @@ def test_nothing_is_imported_that_no_command_names(evil, run):
     assert (code, "not computed" in out + err) == (1, False)  # the stored rows are made up
 
 
-def test_an_installed_experiment_needs_no_permission(evil, run, monkeypatch):
-    monkeypatch.setattr(catalogue, "installed", catalogue.installed.__wrapped__)
+def test_an_installed_experiment_needs_no_permission(evil, run):
     info = evil / "evil-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: evil\nVersion: 1.0\n")
     group = "[lagrange_bench.experiments]\n"
-    (info / "entry_points.txt").write_text(f"{group}mine = evilpkg.exp\ndrift = evilpkg.exp\n")
-    code, out, err = run("run", "mine", "--results", "mine", "--jobs", "1", "--quiet", "--json")
-    assert (code, json.loads(out)["experiments"]["mine"]["computed"]) == (0, 1), err
-    assert run("figure", "mine_figure", "--results", "mine", "--quiet")[:2] == (0, "mine_figure.svg\n")
-    assert "1 identical" in run("verify", "mine", "--quiet")[1]
+    (info / "entry_points.txt").write_text(f"{group}evil = evilpkg.exp\ndrift = evilpkg.exp\n")
+    catalogue.installed.cache_clear()  # a process that lists experiments does so once
+    code, out, err = run("run", "evil", "--results", "rows", "--jobs", "1", "--quiet", "--json")
+    assert (code, json.loads(out)["experiments"]["evil"]["computed"]) == (0, 1), err + out
+    assert run("figure", "evil_figure", "--results", "rows", "--quiet")[:2] == (0, "evil_figure.svg\n")
+    assert "1 identical" in run("verify", "rows", "--quiet")[1]
     assert load("drift").__name__ == "lagrange_bench.experiments.drift"
 
 

@@ -27,7 +27,7 @@ def draw(rows):
 
 
 @pytest.fixture
-def study(monkeypatch, tmp_path):
+def study(one_core, monkeypatch, tmp_path):
     """An experiment of six cells whose rows are in ./out, computed with VERSION 1; the page has nothing else."""
     module = ModuleType(NAME, "A study of squares.\n\nNothing more.")
     module.VERSION, module.draw, module.tables = 1, draw, lambda rows: {}
