@@ -509,5 +509,6 @@ def test_fairness_says_what_the_rows_say_and_needs_none(report):
 
 def test_methods_of_magnets_and_bodies_do_not_count_among_those_of_tops():
     rows = {"drift": ["rk4", "kahan"], "perturbed": ["rk4"], "gaudin": ["spherical_midpoint"], "heavy_top": ["rattle"]}
+    rows |= {"engines": ["rkmk4"], "driven": ["gauss4"]}
     sections = [SimpleNamespace(experiment=e, rows=pd.DataFrame({"method": names})) for e, names in rows.items()]
     assert page.Report(sections, "", True, []).integrators == (2, 2, 1)
