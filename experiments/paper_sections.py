@@ -208,8 +208,7 @@ def show_generating(top: LagrangeTop, y: Array) -> Shown:
         misses.append(size(np.array(momenta) - right) / (1 + size(image)))
         old, new, kappa = eulerian.arguments(top, y + 0j, image)
         p = [euler_angles.to_angles(s)[..., 2:] for s in (y + 0j, image)]
-        gradient = eulerian.gradient(top, u, c1, c2, old, new, kappa)
-        found = np.array((*gradient[:2], -gradient[2], -gradient[3]))
+        found = np.array(eulerian.momenta(top, u, c1, c2, old, new, kappa))
         angles.append(size(found - np.concatenate(p)) / (1 + size(image) ** 2))
     mu_, middle_, slopes_ = map(np.array, (mu, middle, slopes))
     residuals: Residuals = {

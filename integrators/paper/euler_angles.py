@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import check_count, check_state
 from lagrange_bench.integrators.paper.errata import Erratum
-from lagrange_bench.integrators.paper.phase_space import components, sqrt
+from lagrange_bench.integrators.paper.phase_space import components, function, sqrt
 from lagrange_bench.integrators.paper.weierstrass import Weierstrass
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -43,12 +43,6 @@ from lagrange_bench.integrators.truth.exact import check_times, solution
 __all__ = ["Motion", "angles", "from_angles", "hamiltonian", "motion", "rates", "states", "to_angles"]
 
 DIGITS = 20  # behind the doubles
-
-
-def function(name: str, z: Any) -> Any:
-    """An elementary function of NumPy numbers or arrays, or of mpmath numbers or object arrays of them."""
-    z = np.asarray(z)
-    return np.frompyfunc(getattr(mp, name), 1, 1)(z) if z.dtype == object else getattr(np, name)(z)
 
 
 # ---------------------------------------------------------------- the map (4.1) and back
@@ -256,45 +250,40 @@ def random_unit_top(rng: Random) -> tuple[LagrangeTop, list[float]]:
     return LagrangeTop(rng.uniform(0.5, 1.5)), state.tolist()
 
 
-def theta_residual(rng: Random, shift: int) -> float:
-    """|cos θ of (4.5) − x3| with ℘ in the paper's scaling, at z = √(alpha/2)(t − t0) + shift · ω3, x3 lowest at t0."""
+def theta_residual(rng: Random, printed: bool) -> float:
+    """|cos θ of (4.5) − x3| with ℘ in the paper's scaling, at z = √(alpha/2)(t − t0), corrected + ω3, x3 lowest at t0."""
     top, y = random_unit_top(rng)
     t = rng.uniform(0.2, 0.8)
     with workdps(30):
         orbit = motion(top, y, 30)
         root = mp.sqrt(orbit.alpha / 2)
         wp = Weierstrass(orbit.wp.g2 / root**4, orbit.wp.g3 / root**6)
-        cosine = orbit.H / (3 * orbit.alpha) + wp.p(root * (t + orbit.u0) + shift * wp.omega3).real
+        cosine = orbit.H / (3 * orbit.alpha) + wp.p(root * (t + orbit.u0) + (0 if printed else wp.omega3)).real
     return abs(float(cosine) - float(solution(top, y, t)[5]))
 
 
-def phi_residual(rng: Random, sign: int, factor: int) -> float:
-    """|sign (m − factor ℓ x3)/(1 − x3²) − φ'| at a random state, φ' from (1.1)."""
+def phi_residual(rng: Random, printed: bool) -> float:
+    """|(m − 2ℓ x3)/(1 − x3²) − φ'|, corrected −(m − ℓ x3)/…, at a random state, φ' from (1.1)."""
     top, y = random_unit_top(rng)
     (J1, J2, m, x1, x2, x3), (v1, v2, _) = y, top.rhs(y)[3:]
     l, across = x1 * J1 + x2 * J2 + x3 * m, x1 * x1 + x2 * x2
-    return float(abs(sign * (m - factor * l * x3) - (v1 * x2 - v2 * x1)) / across)
+    claimed = m - 2 * l * x3 if printed else l * x3 - m
+    return float(abs(claimed - (v1 * x2 - v2 * x1)) / across)
 
 
-def p_theta_residual(rng: Random, sign: int) -> float:
-    """|sign θ' − p_θ| at a random state, θ' from (1.1) and p_θ from (4.1)."""
+def p_theta_residual(rng: Random, printed: bool) -> float:
+    """|θ' − p_θ|, corrected |−θ' − p_θ|, at a random state, θ' from (1.1) and p_θ from (4.1)."""
     top, y = random_unit_top(rng)
-    return abs(float(-sign * top.rhs(y)[5] / np.hypot(y[3], y[4]) - to_angles(y)[2]))
+    sign = -1 if printed else 1
+    return abs(float(sign * top.rhs(y)[5] / np.hypot(y[3], y[4]) - to_angles(y)[2]))
 
 
 ERRATA = [
     Erratum(
         "(4.5), θ", "4",
         "θ = arccos[E/3α + ℘(√(α/2) t)], E = H: has a pole at t = 0, and exceeds 1",
-        "θ = arccos[E/3α + ℘(√(α/2)(t − t0) + ω3)], x3 lowest at t0",
-        lambda rng: theta_residual(rng, shift=0), lambda rng: theta_residual(rng, shift=1),
+        "θ = arccos[E/3α + ℘(√(α/2)(t − t0) + ω3)], x3 lowest at t0", theta_residual,
     ),
-    Erratum(
-        "(4.5), φ", "4", "φ' = (m − 2ℓ cos θ)/(1 − cos²θ)", "φ' = −(m − ℓ cos θ)/(1 − cos²θ)",
-        lambda rng: phi_residual(rng, 1, factor=2), lambda rng: phi_residual(rng, -1, factor=1),
-    ),
-    Erratum(
-        "(4.5), p_θ", "4", "p_θ = dθ/dt", "p_θ = −dθ/dt",
-        lambda rng: p_theta_residual(rng, 1), lambda rng: p_theta_residual(rng, -1),
-    ),
+    Erratum("(4.5), φ", "4", "φ' = (m − 2ℓ cos θ)/(1 − cos²θ)", "φ' = −(m − ℓ cos θ)/(1 − cos²θ)", phi_residual),
+    Erratum("(4.5), p_θ", "4", "p_θ = dθ/dt", "p_θ = −dθ/dt", p_theta_residual),
 ]  # fmt: skip

@@ -18,7 +18,6 @@ Points (λ, v) of the curve are in `gaudin_curve`, the maps that take them in `g
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from random import Random
 from typing import Any
 
@@ -28,13 +27,8 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_count
 from lagrange_bench.integrators.paper.errata import Erratum
 from lagrange_bench.integrators.paper.gaudin_problem import MagnetProblem
-from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cross, poisson_tensor
-
-
-def dot(a: Any, b: Any) -> Numbers:
-    """a·b along the last axis, nothing conjugated."""
-    product: Numbers = np.sum(np.asarray(a) * b, axis=-1)
-    return product
+from lagrange_bench.integrators.paper.lax import gaudin_vector
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cross, dot, poisson_tensor
 
 
 @dataclass(frozen=True)
@@ -90,11 +84,7 @@ class GaudinMagnet:
 
     def vector(self, spins: Any, u: Any) -> Numbers:
         """ℓ(u), shape (..., 3); (2.1), (2.2). ValueError at a site."""
-        gaps = u - np.asarray(self.sites)
-        if np.any(gaps == 0):
-            raise ValueError(f"lam = {u} lies on a site")
-        vector: Numbers = np.sum(spins / gaps[:, None], axis=-2) + self.alpha * E3
-        return vector
+        return gaudin_vector(self.alpha, self.sites, spins, u)
 
     def casimirs(self, spins: Any) -> Numbers:
         """The squares s_j² of the spins, shape (..., n); (2.4)."""
@@ -198,8 +188,8 @@ def check_upper(magnet: GaudinMagnet, lam: Any, name: str = "lam") -> Any:
 # ------------------------------------------------------------------------------------------------ misprints
 
 
-def _beyond(rng: Random, dimension: int) -> float:
-    """How far the flows of H_1, H_2, H_3 and the turn about e3 of three spins leave a space of so many dimensions.
+def _dimension(rng: Random, printed: bool) -> float:
+    """How far the flows of H_1, H_2, H_3 and the turn about e3 of three spins leave a space of 2 or 3 dimensions.
 
     It is the next singular value of their unit vectors at a random state: 0 if that many dimensions hold them all.
     """
@@ -207,13 +197,12 @@ def _beyond(rng: Random, dimension: int) -> float:
     spins = np.array([[rng.gauss(0, 1) for _ in range(3)] for _ in range(3)])
     flows = [magnet.rhs(spins, c).ravel() for c in np.eye(3)] + [cross(E3, spins).ravel()]
     directions = [flow / np.linalg.norm(flow) for flow in flows]
-    return float(np.linalg.svd(directions, compute_uv=False)[dimension])
+    return float(np.linalg.svd(directions, compute_uv=False)[2 if printed else 3])
 
 
 ERRATA = [
     Erratum(
         "(2.11), text", "2", "the motion is linearised on the Jacobian of Γ_G, of dimension n − 1",
-        "on a generalised Jacobian, of dimension n: the Jacobian and the turns about e3",
-        partial(_beyond, dimension=2), partial(_beyond, dimension=3), prose=True,
+        "on a generalised Jacobian, of dimension n: the Jacobian and the turns about e3", _dimension, prose=True,
     ),
 ]  # fmt: skip
