@@ -23,14 +23,7 @@ from lagrange_bench.integrators.paper import gaudin_maps
 from lagrange_bench.integrators.paper.errata import Erratum, draw
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 from lagrange_bench.integrators.paper.one_point import one_point
-from lagrange_bench.integrators.paper.phase_space import (
-    E3,
-    Numbers,
-    components,
-    dot,
-    poisson_tensor,
-    vector_field,
-)
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, components, dot, poisson_tensor, vector_field
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.torus.any_parameter import two_point
 

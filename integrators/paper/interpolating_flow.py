@@ -25,21 +25,9 @@ from mpmath import mp
 
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper.errata import Erratum, draw
-from lagrange_bench.integrators.paper.lax import (
-    check_sheet,
-    entries,
-    lax_matrix,
-    root,
-)
+from lagrange_bench.integrators.paper.lax import check_sheet, entries, lax_matrix, root
 from lagrange_bench.integrators.paper.one_point import gauge
-from lagrange_bench.integrators.paper.phase_space import (
-    Numbers,
-    function,
-    invariants,
-    lift,
-    turn_rate,
-    vector_field,
-)
+from lagrange_bench.integrators.paper.phase_space import Numbers, function, invariants, lift, turn_rate, vector_field
 from lagrange_bench.integrators.paper.two_point import Point, check_upper, point, pole_free
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop

@@ -25,16 +25,7 @@ import numpy as np
 
 from lagrange_bench.integrators.paper.errata import Erratum, draw
 from lagrange_bench.integrators.paper.lax import adjugate, check_sheet, eigenvalue, from_pauli, pauli, root
-from lagrange_bench.integrators.paper.phase_space import (
-    Numbers,
-    cartesian,
-    components,
-    invariants,
-    ladder,
-    lift,
-    turn_rate,
-    vector_field,
-)
+from lagrange_bench.integrators.paper.phase_space import Numbers, cartesian, components, invariants, ladder, lift
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 
@@ -127,16 +118,6 @@ def k_value(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None) 
     J3, Jm, *_ = ladder(y)
     _, q = parameters(top, y, lam, sheet, mu)
     return _m(top, y, lam, sheet, mu) - lam * (J3 + lift(lam, q) * top.alpha - q * Jm)
-
-
-def deformation(top: LagrangeTop, image: Any, lam: Any, sheet: int = 1) -> Numbers:
-    """∂z̃/∂λ at fixed z of the image z̃ = B_(λ,μ) z: {−μ(λ), z̃}, the flow of −μ.
-
-    With dμ = −(dH + alpha λ dJ3)/(λ² μ) on a leaf this is −(z̃' + alpha λ e3 × z̃)/(λ² μ), z̃' the motion (1.1).
-    """
-    rate = vector_field(top, image) + top.alpha * (lam * turn_rate(image))
-    derivative: Numbers = 1j * sheet * rate / np.asarray(root(top, image, lam))[..., None]
-    return derivative
 
 
 def sheet_exchange(top: LagrangeTop, y: Any) -> Numbers:

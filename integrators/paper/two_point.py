@@ -42,15 +42,7 @@ from lagrange_bench.integrators.paper.lax import (
     root,
 )
 from lagrange_bench.integrators.paper.one_point import one_point
-from lagrange_bench.integrators.paper.phase_space import (
-    E3,
-    Numbers,
-    cartesian,
-    components,
-    cross,
-    ladder,
-    lift,
-)
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cartesian, components, cross, ladder, lift
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 Point = tuple[Any, Any]  # (λ, μ)
@@ -255,11 +247,7 @@ MISPRINTS = (
     ("J̃-", "J- − 2X", "J- − 2 alpha X"),
     ("J̃+", "J+ + 2x(Δλ − xX)", "J+ + 2 alpha x(Δλ − xX)"),
     ("x̃3", "x3 − alpha (Δλ − xX)J- + X J+ + 2xX(Δλ − xX)", "x3 − x(Δλ − xX)J- + X J+ + 2 alpha xX(Δλ − xX)"),
-    (
-        "x̃-",
-        "x- + (2xX + Δλ)J- − 2X J3 − 2X(xX + λ0 − Δλ/2)",
-        "x- + (2xX − Δλ)J- − 2X J3 − 2 alpha X(xX + λ0 − Δλ/2)",
-    ),
+    ("x̃-", "x- + (2xX + Δλ)J- − 2X J3 − 2X(xX + λ0 − Δλ/2)", "x- + (2xX − Δλ)J- − 2X J3 − 2 alpha X(xX + λ0 − Δλ/2)"),
     (
         "x̃+",
         "x+ − (2xX + Δλ)J+ + 2x(Δλ − xX)J3 − 2x(Δλ − xX)(xX − λ0 − Δλ/2)",

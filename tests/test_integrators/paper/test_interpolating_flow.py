@@ -182,15 +182,15 @@ def step_and_quaternion(top, y, lam):
     return image, np.array([-lam.real, *(-w)]) / abs(lam)
 
 
-def slope(f):
-    """f'(0) in mpmath, by a central difference."""
-    d = mpf(10) ** -15
-    return [(ahead - behind) / (2 * d) for ahead, behind in zip(f(d), f(-d), strict=True)]
+def derivatives(f):
+    """Of both at 0."""
+    both = gradient(lambda s: np.concatenate(f(s[0])), [mpf(0)])[:, 0]
+    return both[:6], both[6:]
 
 
 def real_steps():
     """Random real tops, λ well inside the nearest root of Q, and its m, 50 digits."""
-    for seed in range(3):
+    for seed in range(2):
         for p in at_point(50, seed):
             y, lam = np.array([z.real for z in p.y]), mpc(p.lam.real, abs(p.lam.imag)) / 8
             yield p.top, y, lam, lax.root(p.top, y, lam), p.nu
@@ -199,7 +199,7 @@ def real_steps():
 def test_the_step_moves_along_the_flow_when_lambda_does():
     """Proposition 3: ỹ' = 2 Im(λ'/m) X_H + 2α Im(λλ'/m) X_J3, and the same for q with x̃ in addition."""
     for top, y, lam, m, rate in real_steps():
-        moved, turned = slope(lambda s, top=top, y=y, lam=lam, rate=rate: step_and_quaternion(top, y, lam + s * rate))
+        moved, turned = derivatives(lambda s, top=top, y=y, lam=lam, v=rate: step_and_quaternion(top, y, lam + s * v))
         image, q = step_and_quaternion(top, y, lam)
         for sign, right in ((1, True), (-1, False)):  # not on the other sheet
             time, angle, spin = (sign * (f * rate / m).imag for f in (1, top.alpha * lam, 1 / lam))
@@ -214,7 +214,9 @@ def test_the_attitude_follows_the_step():
     for top, y, lam, _, _ in real_steps():
         along = vector_field(top, y)
         image, q = step_and_quaternion(top, y, lam)
-        _, moved = slope(lambda s, top=top, y=y, lam=lam, along=along: step_and_quaternion(top, y + s * along, lam))
+        _, moved = derivatives(
+            lambda s, top=top, y=y, lam=lam, along=along: step_and_quaternion(top, y + s * along, lam)
+        )
         J, J_new = (np.array([0, *state[:3]]) for state in (y, image))
         assert largest(moved - (product(J_new, q) - product(q, J)) / 2) < 1e-20
         assert largest(moved - (product(J, q) - product(q, J_new)) / 2) > 1e-3

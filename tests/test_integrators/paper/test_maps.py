@@ -102,8 +102,6 @@ def test_arrays_of_states(p):
         if name != "gauge":  # its factor is one number
             single = np.stack([image(name, p, y) for y in Y])
             p.same(image(name, p, Y), single)
-    new = image("one_point", p, Y)
-    p.same(op.deformation(p.top, new, p.lam), np.stack([op.deformation(p.top, y, p.lam) for y in new]))
     p.same(op.k_value(p.top, Y, p.lam), [op.k_value(p.top, y, p.lam) for y in Y])
 
 
