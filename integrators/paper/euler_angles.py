@@ -39,6 +39,7 @@ from lagrange_bench.integrators.paper.weierstrass import Weierstrass
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.truth.exact import check_times, solution
+from lagrange_bench.integrators.truth.orbit import State, real
 
 __all__ = ["Motion", "angles", "from_angles", "hamiltonian", "motion", "rates", "states", "to_angles"]
 
@@ -167,8 +168,8 @@ def motion(top: LagrangeTop, y0: ArrayLike, digits: int = DIGITS) -> Motion:
 def find(alpha: float, y0: tuple[float, ...], digits: int) -> Motion:
     if alpha == 0:
         raise ValueError("alpha = 0: no elliptic functions in a free rotation; use exact.solution")
-    a, J, x = Fraction(alpha), [Fraction(v) for v in y0[:3]], [Fraction(v) for v in y0[3:]]
-    m, l, c1, H = J[2], dot(J, x), dot(x, x), dot(J, J) / 2 + a * x[2]
+    state = State(Fraction(alpha), tuple(map(Fraction, y0[:3])), tuple(map(Fraction, y0[3:])))
+    a, m, l, c1, H = state.alpha, state.m, state.l, state.c1, state.H
     g2 = H**2 / 3 + a**2 * c1 - a * l * m
     g3 = H**3 / 27 - a * l * m * H / 6 - a**2 * c1 * H / 3 + a**2 * (l**2 + c1 * m**2) / 4
     if (discriminant := g2**3 - 27 * g3**2) == 0:
@@ -178,7 +179,7 @@ def find(alpha: float, y0: tuple[float, ...], digits: int) -> Motion:
     dps = 2 * (digits + 15) + max(0, lost)  # a turning point costs half of the digits
     with workdps(dps):
         constants = [real(v) for v in (a, m, l, c1, H)]
-        slope_d = real(a * (J[0] * x[1] - J[1] * x[0]) / 2)
+        slope_d = real(a * state.velocity / 2)
         slopes = slope_d, real((a * l - m * H + m**3 / 2) / 2)
         return assemble(
             dps, constants, Weierstrass(real(g2), real(g3)), slopes, [mpf(v) for v in y0], pole_distance == 0
@@ -200,17 +201,9 @@ def assemble(dps: int, constants: Any, wp: Weierstrass, slopes: Any, y0: Any, th
     return Motion(dps, alpha, c1, m, H, wp, u0, b, C, poles, phi0)
 
 
-def dot(a: list[Fraction], b: list[Fraction]) -> Fraction:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
 def decimals(q: Fraction) -> int:
     """log10 |q|, about."""
     return round(0.302 * (q.numerator.bit_length() - q.denominator.bit_length()))
-
-
-def real(q: Fraction) -> mpf:
-    return mpf(q.numerator) / q.denominator
 
 
 def states(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None) -> NDArray[Any]:

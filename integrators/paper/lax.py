@@ -33,6 +33,7 @@ from lagrange_bench.integrators.paper.phase_space import (
     vector_field,
 )
 from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.truth.orbit import horner
 
 PAULI = np.array((((0, 1), (1, 0)), ((0, -1j), (1j, 0)), ((1, 0), (0, -1))))
 PERMUTATION = np.array(((1, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0), (0, 0, 0, 1)))
@@ -136,10 +137,7 @@ def root(top: LagrangeTop, y: Any, lam: Any) -> Any:
     q = spectral_polynomial(top, y)
     if np.any(np.asarray(q[0]) == 0):
         raise ValueError("C1 = 0: the two sheets of the spectral curve meet at 0, there is no branch to follow")
-    value = q[4]
-    for coefficient in q[3::-1]:
-        value = value * lam + coefficient
-    m = sqrt(value)
+    m = sqrt(horner(q, lam))
     guess = _branch([np.asarray(c).astype(complex) for c in q], np.asarray(lam).astype(complex))
     sign = np.where(np.real(np.asarray(m).astype(complex) * np.conj(guess)) < 0, -1, 1)
     return sign * m if np.ndim(m) else int(sign) * m
