@@ -22,6 +22,7 @@ import numpy as np
 from lagrange_bench.integrators.paper import gaudin_maps
 from lagrange_bench.integrators.paper.errata import Erratum, draw
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
+from lagrange_bench.integrators.paper.lax import pauli
 from lagrange_bench.integrators.paper.one_point import one_point
 from lagrange_bench.integrators.paper.phase_space import E3, Numbers, components, dot, poisson_tensor, vector_field
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -126,7 +127,7 @@ def _remainder(rng: Random, printed: bool) -> float:
     top, y = draw(rng)
     eps, u = 2.0**-20 if printed else 0.125, 0.5 + rng.random()
     magnet, spins = to_magnet(top, y, eps)
-    rest = magnet.vector(spins, u) - lax_vector(top, y, u, 0 if printed else eps)
+    rest = pauli(magnet.vector(spins, u) - lax_vector(top, y, u, 0 if printed else eps))
     return float(np.max(np.abs(rest))) / (eps if printed else 1.0)
 
 
