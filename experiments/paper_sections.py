@@ -188,26 +188,20 @@ def show_one_point(top: LagrangeTop, y: Array) -> Shown:
 def show_generating(top: LagrangeTop, y: Array) -> Shown:
     """5.2 to 5.4: generating functions, spectrality, and the same in Euler angles."""
     share = np.linspace(0.2, 1.0, 25)
-    lams = parameter(top, y) * share
-    y = y + 0j
-    leaf = tuple(complex(v) for v in invariants(top, y)[2:])
-    mu, middle, slopes, momenta, angles = [], [], [], [], []
-    for lam in map(complex, lams):
-        image, d = one_point.one_point(top, y, lam), 1e-6 * abs(lam)
-        old, new, k = generating_functions.arguments(top, y, image)
-        mu.append(lax.eigenvalue(top, y, lam))
-        middle.append(generating_functions.eigenvalue(top, lam, *leaf, old, new, k))
-        ahead, behind = (
-            generating_functions.generating_function(top, u, *leaf, old, new, k) for u in (lam + d, lam - d)
-        )
-        slopes.append((behind - ahead) / (2 * d))
-        right = np.array((y[2], y[5], image[2], image[5]))
-        error = size(generating_functions.momenta(top, lam, *leaf, old, new, k) - right)
-        momenta.append(error / (1 + size(image)))
-        right = np.concatenate([euler_angles.to_angles(s)[2:] for s in (y, image)])
-        error = size(eulerian.momenta(top, lam, *leaf, *eulerian.arguments(top, y, image)) - right)
-        angles.append(error / (1 + size(image) ** 2))
-    mu, middle, slopes = map(np.array, (mu, middle, slopes))
+    start, rows = y + 0j, []
+    _, _, c1, c2 = (complex(v) for v in invariants(top, start))
+    for lam in map(complex, parameter(top, y) * share):
+        image, d = one_point.one_point(top, start, lam), 1e-6 * abs(lam)
+        old, new, k = generating_functions.arguments(top, start, image)
+        middle = generating_functions.eigenvalue(top, lam, c1, c2, old, new, k)
+        ahead, behind = (generating_functions.generating_function(top, lam + s, c1, c2, old, new, k) for s in (d, -d))
+        momenta = np.array(generating_functions.momenta(top, lam, c1, c2, old, new, k))
+        momenta -= (start[2], start[5], image[2], image[5])
+        angles = np.array(eulerian.momenta(top, lam, c1, c2, *eulerian.arguments(top, start, image)))
+        angles -= np.concatenate([euler_angles.to_angles(state)[2:] for state in (start, image)])
+        errors = size(momenta) / (1 + size(image)), size(angles) / (1 + size(image) ** 2)
+        rows.append((lax.eigenvalue(top, start, lam), middle, (behind - ahead) / (2 * d), *errors))
+    mu, middle, slopes, momenta, angles = np.array(rows).T
     residuals: Residuals = {
         "(5.2.6) J3, x3 and their images": (size(momenta), 1e-11),
         "(5.3.2) μ": (size((middle - mu) / mu), 1e-11),
