@@ -65,6 +65,16 @@ def test_off_the_torus():
         prepare(m, spins, 0.3).advance(spins * (1 + 1e-6), 1)
 
 
+@pytest.mark.parametrize("n", [1, 5])
+def test_no_spin_turns_faster_than_the_turning_rate(n):
+    """It is reached where all spins are along e3: the couplings of the central spin have one sign."""
+    m, spins = magnet(n)
+    aligned = np.linalg.norm(spins, axis=1)[:, None] * np.eye(3)[2]
+    fastest, most = (np.max(np.linalg.norm(m.gradient(s, m.flow), axis=1)) for s in (spins, aligned))
+    assert most == pytest.approx(m.turning_rate(spins), rel=1e-14)
+    assert fastest <= most * (1 + 1e-14)
+
+
 # ---------------------------------------------------------------------------------------------- round-off
 
 
