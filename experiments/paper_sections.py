@@ -46,12 +46,9 @@ def size(a: Any) -> float:
 
 def miss(a: Any, b: Any, *terms: Any) -> float:
     """Largest |a − b| of any row, relative to 1 + the largest number in that row of a, b and the terms behind them."""
-    a, b, *more = (np.asarray(v, dtype=complex) for v in (a, b, *terms))
-    a, b = np.broadcast_arrays(a, b)
-    sizes = [1 + np.zeros(a.shape[0] if a.ndim else 1)]
-    sizes += [np.abs(v).reshape(len(v), -1).max(axis=1) if v.ndim else np.abs(v)[None] for v in (a, b, *more)]
-    rows = np.abs(a - b).reshape(len(a), -1).max(axis=1) if a.ndim else np.abs(a - b)[None]
-    return float(np.max(rows / sum(sizes)))
+    arrays = [np.asarray(v, dtype=complex) for v in (a, b, *terms)]
+    largest = [np.abs(v).reshape(len(v), -1).max(axis=1) for v in (arrays[0] - arrays[1], *arrays)]
+    return float(np.max(largest[0] / (1 + sum(largest[1:]))))
 
 
 def parameter(top: LagrangeTop, y: Array, share: float = 0.4) -> complex:
@@ -69,10 +66,9 @@ def orbit(top: LagrangeTop, y: Array, nutations: float, points: int) -> tuple[Ar
     return t, states
 
 
-def slope(x: Any, error: Any) -> float:
-    """Of log error against log x, least squares."""
-    found: float = np.polyfit(np.log(x), np.log(error), 1)[0]
-    return float(found)
+def order_miss(x: Any, error: Any, order: int) -> float:
+    """How far the slope of log error against log x, least squares, is from `order`."""
+    return float(abs(np.polyfit(np.log(x), np.log(error), 1)[0] - order))
 
 
 # ------------------------------------------------------------------------------------------------- section 2
@@ -87,7 +83,7 @@ def show_contraction(top: LagrangeTop, y: Array) -> Shown:
     for name in found[0]:
         error = np.array([row[name] for row in found])
         ax.loglog(eps, error, marker=".", label=name)
-        residuals[f"{name}: order in ε, less 1"] = (abs(slope(eps, error) - 1), 0.05)
+        residuals[f"{name}: order in ε, less 1"] = (order_miss(eps, error, 1), 0.05)
     magnet, spins = contraction.to_magnet(top, y, 0.125)
     residuals["H from the magnet at ε = 1/8"] = (abs(contraction.energy(magnet, spins) - invariants(top, y)[0]), 1e-11)
     ax.set(xlabel="ε", ylabel="distance from the limit")
@@ -191,38 +187,31 @@ def show_one_point(top: LagrangeTop, y: Array) -> Shown:
 
 def show_generating(top: LagrangeTop, y: Array) -> Shown:
     """5.2 to 5.4: generating functions, spectrality, and the same in Euler angles."""
-    lam = parameter(top, y)
-    lams = lam * np.linspace(0.2, 1.0, 25)
-    _, _, c1, c2 = (complex(v) for v in invariants(top, y + 0j))
-    mu, middle, slopes, misses, angles = [], [], [], [], []
-    for u in map(complex, lams):
-        image = one_point.one_point(top, y + 0j, u)
-        old, new, k = generating_functions.arguments(top, y + 0j, image)
-        mu.append(lax.eigenvalue(top, y + 0j, u))
-        middle.append(generating_functions.eigenvalue(top, u, c1, c2, old, new, k))
-        d = 1e-6 * abs(u)
-        ahead, behind = (generating_functions.generating_function(top, u + s * d, c1, c2, old, new, k) for s in (1, -1))
-        slopes.append(-(ahead - behind) / (2 * d))
-        momenta = generating_functions.momenta(top, u, c1, c2, old, new, k)
-        right = np.array((y[2], y[5], image[2], image[5]))
-        misses.append(size(np.array(momenta) - right) / (1 + size(image)))
-        old, new, kappa = eulerian.arguments(top, y + 0j, image)
-        p = [euler_angles.to_angles(s)[..., 2:] for s in (y + 0j, image)]
-        gradient = eulerian.gradient(top, u, c1, c2, old, new, kappa)
-        found = np.array((*gradient[:2], -gradient[2], -gradient[3]))
-        angles.append(size(found - np.concatenate(p)) / (1 + size(image) ** 2))
-    mu_, middle_, slopes_ = map(np.array, (mu, middle, slopes))
+    share = np.linspace(0.2, 1.0, 25)
+    start, rows = y + 0j, []
+    _, _, c1, c2 = (complex(v) for v in invariants(top, start))
+    for lam in map(complex, parameter(top, y) * share):
+        image, d = one_point.one_point(top, start, lam), 1e-6 * abs(lam)
+        old, new, k = generating_functions.arguments(top, start, image)
+        middle = generating_functions.eigenvalue(top, lam, c1, c2, old, new, k)
+        ahead, behind = (generating_functions.generating_function(top, lam + s, c1, c2, old, new, k) for s in (d, -d))
+        momenta = np.array(generating_functions.momenta(top, lam, c1, c2, old, new, k))
+        momenta -= (start[2], start[5], image[2], image[5])
+        angles = np.array(eulerian.momenta(top, lam, c1, c2, *eulerian.arguments(top, start, image)))
+        angles -= np.concatenate([euler_angles.to_angles(state)[2:] for state in (start, image)])
+        errors = size(momenta) / (1 + size(image)), size(angles) / (1 + size(image) ** 2)
+        rows.append((lax.eigenvalue(top, start, lam), middle, (behind - ahead) / (2 * d), *errors))
+    mu, middle, slopes, momenta, angles = np.array(rows).T
     residuals: Residuals = {
-        "(5.2.6) J3, x3 and their images": (size(misses), 1e-11),
-        "(5.3.2) μ": (size((middle_ - mu_) / mu_), 1e-11),
-        "(5.3.1) −∂F/∂λ, by differences": (size((slopes_ - mu_) / mu_), 1e-6),
+        "(5.2.6) J3, x3 and their images": (size(momenta), 1e-11),
+        "(5.3.2) μ": (size((middle - mu) / mu), 1e-11),
+        "(5.3.1) −∂F/∂λ, by differences": (size((slopes - mu) / mu), 1e-6),
         "(5.4) momenta of the Euler angles": (size(angles), 1e-10),
     }
     fig, ax = style.figure("page", 2.8)
-    share = np.linspace(0.2, 1.0, 25)
     for part, name in ((np.real, "Re"), (np.imag, "Im")):
-        (line,) = ax.plot(share, part(mu_), label=f"{name} μ")
-        ax.plot(share, part(slopes_), "o", color=line.get_color(), markersize=3, label=f"{name} −∂F/∂λ")
+        (line,) = ax.plot(share, part(mu), label=f"{name} μ")
+        ax.plot(share, part(slopes), "o", color=line.get_color(), markersize=3, label=f"{name} −∂F/∂λ")
     ax.set(xlabel="λ, as a share of the λ of this section", ylabel="μ")
     style.legend_below(fig)
     fig.caption = "Spectrality: the derivative of the generating function by λ is the eigenvalue μ of the Lax matrix."
@@ -244,21 +233,19 @@ def show_two_point(top: LagrangeTop, y: Array) -> Shown:
     }
     residuals: Residuals = {f"(5.5.9) against {name}": (size(f - image) / scale, 1e-11) for name, f in forms.items()}
     residuals["the inverse"] = (size(two_point.inverse(top, image, first, second) - start) / scale, 1e-11)
-    residuals["H, J3, C1, C2"] = (
-        size(np.array(invariants(top, image)) - np.array(invariants(top, start))) / scale,
-        1e-11,
-    )
+    kept = np.array(invariants(top, image)) - np.array(invariants(top, start))
+    residuals["H, J3, C1, C2"] = (size(kept) / scale, 1e-11)
     T, turn = (complex(v) for v in interpolating_flow.time_and_turn(top, y, lam1, lam2))
-    by_flow = interpolating_flow.interpolated(top, start, T, turn)
     ours = two_point.pole_free(top, start, lam1, lam2)
-    residuals["complex time and turn of the step"] = (size(by_flow - ours) / (1 + size(ours)), 1e-10)
+    by_flow = interpolating_flow.interpolated(top, start, T, turn)
+    residuals["complex time and turn of the step"] = (miss([by_flow], [ours]), 1e-10)
     # λ1 → λ2: (image − y)/ε, ε = iΔλ, against the flow of iμ2
     eps = 2.0 ** -np.arange(4, 15)
     rate = interpolating_flow.limit_rate(top, start, lam2)
     error = [
         size((two_point.pole_free(top, start, lam2 - 1j * e, lam2) - start) / e - rate) / (1 + size(rate)) for e in eps
     ]
-    residuals["the flow of iμ2: order in ε, less 1"] = (abs(slope(eps[3:], error[3:]) - 1), 0.05)
+    residuals["the flow of iμ2: order in ε, less 1"] = (order_miss(eps[3:], error[3:], 1), 0.05)
     offsets = np.linspace(0.0, 1.0, 41) * abs(lam1)
     imaginary = [size(two_point.pole_free(top, start, lam1, lam1.conjugate() + s).imag) for s in offsets]
     residuals["imaginary part at λ2 = λ̄1"] = (imaginary[0] / scale, 1e-12)
@@ -289,18 +276,13 @@ def show_flow(top: LagrangeTop, y: Array) -> Shown:
     for _ in steps[1:]:
         iterated.append(two_point.real_form(top, iterated[-1], complex(lam)))
     turned = one_point.gauge(exact.solution(top, y, T * steps), np.exp(-1j * turn * steps)).real
-    d = 1e-4
-    with mp.workdps(30):
-        ahead, behind = (
-            interpolating_flow.hamiltonian(top, y, *(lam * (1 + s * d), (lam * (1 + s * d)).conjugate()))
-            for s in (1, -1)
-        )
-        mu = lax.eigenvalue(top, y + 0j, lam, -1)
-        rate = complex((ahead - behind) / (2 * d))
+    with mp.workdps(30):  # H_int along λ = s λ1, λ̄ = s λ̄1
+        rate = mp.diff(lambda s: interpolating_flow.hamiltonian(top, y, s * lam, s * lam.conjugate()), 1)
+        right = -2 * (lam * lax.eigenvalue(top, y + 0j, lam, -1)).real
     residuals: Residuals = {
         "the step is the flow over T, turned by Θ": (size(errors), 1e-11),
         "the same after 200 steps": (size(np.array(iterated) - turned), 1e-10),
-        "∂H_int/∂λ is −μ": (abs(rate + 2 * (lam * mu).real) / (1 + abs(rate)), 1e-6),
+        "∂H_int/∂λ is −μ": (float(abs(rate - right) / (1 + abs(rate))), 1e-6),
     }
     fig, axes = style.figure("page", 2.8, ncols=2)
     axes[0].plot(shares, clock[:, 0], label="T")
@@ -339,7 +321,7 @@ def show_discrete(top: LagrangeTop, y: Array) -> Shown:
         T = float(interpolating_flow.time_and_turn(top, y, 0.5j * k * math.hypot(*y[3:]))[0])
         rates["backlund_paper"].append(abs(T / k - 1))
     for name, found in rates.items():
-        residuals[f"clock of {style.label(name)}: order, less 2"] = (abs(slope(hs[2:], found[2:]) - 2), 0.1)
+        residuals[f"clock of {style.label(name)}: order, less 2"] = (order_miss(hs[2:], found[2:], 2), 0.1)
     fig, ax = style.figure("page", 2.9)
     for name, found in rates.items():
         ax.loglog(hs / unit, found, **style.of(name))

@@ -78,7 +78,7 @@ def prepare_paper(magnet: Any, spins: Array, h: float, *, factors: int = 1) -> A
 def terms(magnet: Any) -> tuple[Array, NDArray[np.int64], Array]:
     """b (n,), pairs (m, 2) with K ≠ 0 and K (m,)."""
     c = magnet.flow
-    K = magnet.couplings * (c[:, None] - c)
+    K = magnet.bonds(c)
     pairs = np.ascontiguousarray(np.argwhere(np.triu(K) != 0))  # else one or many pairs are two types to Numba
     return 2.0 * magnet.alpha * c, pairs, K[pairs[:, 0], pairs[:, 1]]
 
@@ -273,9 +273,7 @@ class _GridStepper(Stepper):
             work,
             size,
         )
-        c = magnet.flow
-        fields = np.abs(magnet.couplings * (c[:, None] - c)) @ np.linalg.norm(magnet.check_spins(spins), axis=1)
-        self.rate = float(np.max(2 * np.abs(magnet.alpha * c) + fields)) / (2 * math.pi)  # of turning, at most
+        self.rate = magnet.turning_rate(magnet.check_spins(spins)) / (2 * math.pi)  # at most
 
     def record(self, spins: Array, n: int, every: int) -> Array:
         """Spins after the times 0, every h, … n h."""

@@ -14,14 +14,17 @@ Every limit is reached with an error O(ε). The contraction of the generating fu
 
 from __future__ import annotations
 
+from random import Random
 from typing import Any
 
 import numpy as np
 
 from lagrange_bench.integrators.paper import gaudin_maps
+from lagrange_bench.integrators.paper.errata import Erratum, draw
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
+from lagrange_bench.integrators.paper.lax import pauli
 from lagrange_bench.integrators.paper.one_point import one_point
-from lagrange_bench.integrators.paper.phase_space import E3, Numbers, poisson_tensor, vector_field
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, components, dot, poisson_tensor, vector_field
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.torus.any_parameter import two_point
 
@@ -62,17 +65,21 @@ def bracket(y: Any, eps: Any = 0) -> Numbers:
 
 def casimirs(y: Any, eps: Any = 0) -> tuple[Any, Any]:
     """The two central functions at finite ε: |x|² and x·J − (ε/2)|J|²; for ε = 0 C1 and C2."""
-    y = np.asarray(y)
-    J, x = y[..., :3], y[..., 3:]
-    return np.sum(x * x, axis=-1), np.sum(x * J, axis=-1) - eps / 2 * np.sum(J * J, axis=-1)
+    C1, C2, JJ = _products(y)
+    return C1, C2 - eps / 2 * JJ
 
 
 def spins_squared(y: Any, eps: Any) -> tuple[Any, Any]:
     """s_1² = |J|² − 2 C2/ε + C1/ε² and s_2² = C1/ε²; (5.2.13), (5.2.14) for general C1."""
+    C1, C2, JJ = _products(y)
+    return JJ - 2 * C2 / eps + C1 / (eps * eps), C1 / (eps * eps)
+
+
+def _products(y: Any) -> tuple[Any, Any, Any]:
+    """|x|², x·J, |J|²."""
     y = np.asarray(y)
     J, x = y[..., :3], y[..., 3:]
-    C1, C2 = np.sum(x * x, axis=-1), np.sum(x * J, axis=-1)
-    return np.sum(J * J, axis=-1) - 2 * C2 / eps + C1 / (eps * eps), C1 / (eps * eps)
+    return dot(x, x), dot(x, J), dot(J, J)
 
 
 def energy(magnet: GaudinMagnet, spins: Any) -> Any:
@@ -83,12 +90,10 @@ def energy(magnet: GaudinMagnet, spins: Any) -> Any:
 
 def curve(top: LagrangeTop, y: Any, u: Any, eps: Any) -> Any:
     """v² at finite ε: alpha² + 2 alpha J3/u + |J|²/u² + 2 alpha x3/(u(u−ε)) + 2 C2/(u²(u−ε)) + C1/(u²(u−ε)²)."""
-    y = np.asarray(y)
-    J, x = y[..., :3], y[..., 3:]
-    C1, C2, JJ = (np.sum(p, axis=-1) for p in (x * x, x * J, J * J))
+    (_, _, J3, _, _, x3), (C1, C2, JJ) = components(y), _products(y)
     w = u - eps
     alpha = top.alpha
-    return alpha * alpha + (2 * alpha * (J[..., 2] + x[..., 2] / w) + (JJ + 2 * C2 / w + C1 / (w * w)) / u) / u
+    return alpha * alpha + (2 * alpha * (J3 + x3 / w) + (JJ + 2 * C2 / w + C1 / (w * w)) / u) / u
 
 
 def deviations(top: LagrangeTop, y: Any, lam: complex, eps: float) -> dict[str, float]:
@@ -112,3 +117,33 @@ def deviations(top: LagrangeTop, y: Any, lam: complex, eps: float) -> dict[str, 
         "two-point map": (from_magnet(two, eps), two_point(top, y, lam)),
     }
     return {name: float(np.max(np.abs(a - b))) for name, (a, b) in pairs.items()}
+
+
+# ------------------------------------------------------------------------------------------------ misprints
+
+
+def _remainder(rng: Random, printed: bool) -> float:
+    """(2.18), printed with a remainder that is claimed to be o(ε): that over ε; corrected without one."""
+    top, y = draw(rng)
+    eps, u = 2.0**-20 if printed else 0.125, 0.5 + rng.random()
+    magnet, spins = to_magnet(top, y, eps)
+    rest = pauli(magnet.vector(spins, u) - lax_vector(top, y, u, 0 if printed else eps))
+    return float(np.max(np.abs(rest))) / (eps if printed else 1.0)
+
+
+def _morphism(rng: Random, printed: bool) -> float:
+    """{x1, x2} for x = ε s2, against 0 or ε x3."""
+    top, y = draw(rng)
+    magnet, spins = to_magnet(top, y, eps := 0.125)
+    brackets = eps * eps * magnet.poisson(spins)[3:, 3:]
+    return float(abs(brackets[0, 1] - bracket(y, 0 if printed else eps)[3, 4]))
+
+
+ERRATA = [
+    Erratum(
+        "(2.18)", "2", "remainder O(ε²)", "remainder ε x/u³ + …: exactly L/i = alpha σ3 + J/u + x/(u(u − ε))", _remainder,
+    ),
+    Erratum(
+        "(2.20)", "2", "the morphisms hold: {x1, x2} = 0", "in the limit only: {x1, x2} = ε x3", _morphism, prose=True,
+    ),
+]  # fmt: skip

@@ -7,41 +7,25 @@ J̃ = K + (h/2) alpha e3×x̃. With
     K₋ = J − (h/2) alpha e3×x        X = (1 + alpha h² x3/4) x − (h/2) J×x                         (`deformed`)
     L(u) = i σ·(alpha e3 + K₋/u + X/u²)        M(u) = u + (ih/2) σ·x                             (`lax_matrix`, `dressing`)
 
-M L = L̃ M. Proof: its vector part is u (ℓ̃ − ℓ) = (h/2) (ℓ + ℓ̃)×x, and its scalar part x·(ℓ̃ − ℓ) = 0 follows. Order by order
-
-    K̃₋ − K₋ = h alpha e3×x        X̃ − X = (h/2) (K₋ + K̃₋)×x        (X + X̃)×x = 0.
-
-The first line is the step, K̃₋ = K. The step also gives X̃ = x + (h/2) K×x + (alpha h²/4)|x|² e3, and X is
-x − (h/2) K₋×x + (alpha h²/4)|x|² e3: their difference is the second, and their sum, (2 + alpha h² x3/2) x, the third.
-
-So (K₋, X) moves by the two-point map of section 5.5, w = (h/2) x, at the point
+M L = L̃ M, and (K₋, X) moves by the two-point map of section 5.5, w = (h/2) x, at the point
 
     λ = i h |x|/2        m = X·x/|x| + λ K₋·x/|x| + λ² alpha x3/|x| = |x| + i h x·J/2            (`curve_point`)
 
 of the deformed curve m² = Q_h(λ), Q_h the polynomial of (K₋, X). λ is the paper's time step, with |x| in place of |X|: each
 step is the flow of the top with the state (K₋, X), over a time T and with a turn Θ that are elliptic integrals (`clock`).
-The coefficients of Q_h are what the step keeps: J3, C2 + alpha h² C1 J3/4, E + alpha² h² C1/4 in place of H, and
-
-    |X|² = C1 (1 + h² E/2 + alpha² h⁴ C1/16) − h² C2²/4,        E = H − (h²/8) alpha² (x1² + x2²).
-
 Everything tends to the paper's as h → 0. (K₋, X) is no Poisson image of (J, x): |X|² is no function of the Casimirs.
 
-The map of Kahan, Hirota and Kimura, `methods.kahan`, is the same map again, at another state with another
-step. With its invariants r0 and κ, eps = alpha h²/4 and β² = 1 − κ eps²
+The map of Kahan, Hirota and Kimura, `methods.kahan`, is the same map again, at another state with another step. With its
+invariants r0 and κ, eps = alpha h²/4 and β² = 1 − κ eps²
 
     J → (J1, J2, β (J3 + eps r0))        x → (β x1, β x2, x3 + κ eps)        h → h/β            (`of_kahan`)
 
-takes it to the map of Bobenko and Suris, so both have this Lax pair and this clock, as long as κ eps² < 1. Why: written
-with K and Σ = x + x̃, Kahan's step is x̃ (1 − eps x3) − x (1 − eps x̃3) = (h/2) K×Σ, and K̃₋ = K. Its third component is that
-of the rotation, and so are the others if K·Σ = r0 (2 − eps Σ3), which holds because r0 is kept, and
-
-    Σ·Σ = κ (4 + eps² (Σ1² + Σ2²)),
-
-an identity of rational functions: computer algebra expands it to 0, and the tests check it in rational arithmetic.
+takes it to the map of Bobenko and Suris, so both have this Lax pair and this clock, as long as κ eps² < 1.
+The proofs are those of Propositions 8 and 9 in docs/exact-step.md.
 
 Sources: Bobenko & Suris, Commun. Math. Phys. 204 (1999) 147, and Suris, J. Nonlinear Math. Phys. 8 (2001) 534, whose
-abstracts say that Lax representations are found. We have read the abstracts only: the pair, its proof, and that both maps
-are the two-point map, are derived here. Of the map of Kahan, Hirota and Kimura we found no Lax pair for this top in the
+abstracts say that Lax representations are found. We have read the abstracts only: the pair, and that both maps are the
+two-point map, are derived by us. Of the map of Kahan, Hirota and Kimura we found no Lax pair for this top in the
 literature; Kimura, arXiv 1611.02271, has one for their Euler top.
 """
 

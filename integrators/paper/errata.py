@@ -20,38 +20,45 @@ from lagrange_bench.integrators.problem.top import LagrangeTop
 
 MODULES = (
     "phase_space",
+    "contraction",
     "lax",
     "separation",
     "euler_angles",
     "one_point",
     "generating_functions",
+    "eulerian",
     "two_point",
     "interpolating_flow",
     "gaudin_model",
 )
 
-Residual = Callable[[Random], float]
-
 
 @dataclass(frozen=True)
 class Erratum:
-    """One erratum. The residuals are |left − right| of what is stated, at one random point drawn from the generator."""
+    """One erratum: what is printed, what is right, and what either misses by."""
 
     equation: str  # number in the paper, or its label and line, e.g. "(2.22)"
     section: str  # numbers and dots, "5.1"
     printed_text: str  # as printed, plain text
     corrected_text: str  # as it must read
-    printed: Residual  # visibly nonzero, > 1e-6
-    corrected: Residual  # round-off, ≤ 1e-12
+    residual: Callable[[Random, bool], float]  # |left − right| at a random point, as printed (True) or as corrected
     prose: bool = False  # a sentence is wrong; the formulas beside it are right
+
+    def printed(self, rng: Random) -> float:
+        """Visibly nonzero, > 1e-6."""
+        return self.residual(rng, True)
+
+    def corrected(self, rng: Random) -> float:
+        """Round-off, ≤ 1e-12."""
+        return self.residual(rng, False)
 
 
 def errata() -> list[Erratum]:
     """All errata, in the order of the paper's sections."""
-    found: list[Erratum] = []
-    for name in MODULES:
-        found += importlib.import_module(f"{__package__}.{name}").ERRATA
-    return sorted(found, key=lambda e: [int(n) for n in e.section.split(".")])
+    modules = (importlib.import_module(f"{__package__}.{name}") for name in MODULES)
+    return sorted(
+        (e for module in modules for e in module.ERRATA), key=lambda e: [int(n) for n in e.section.split(".")]
+    )
 
 
 def draw(rng: Random) -> tuple[LagrangeTop, np.ndarray]:

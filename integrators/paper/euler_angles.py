@@ -34,21 +34,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import check_count, check_state
 from lagrange_bench.integrators.paper.errata import Erratum
-from lagrange_bench.integrators.paper.phase_space import components, sqrt
+from lagrange_bench.integrators.paper.phase_space import components, function, sqrt
 from lagrange_bench.integrators.paper.weierstrass import Weierstrass
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.truth.exact import check_times, solution
+from lagrange_bench.integrators.truth.orbit import State, real
 
 __all__ = ["Motion", "angles", "from_angles", "hamiltonian", "motion", "rates", "states", "to_angles"]
 
 DIGITS = 20  # behind the doubles
-
-
-def function(name: str, z: Any) -> Any:
-    """An elementary function of NumPy numbers or arrays, or of mpmath numbers or object arrays of them."""
-    z = np.asarray(z)
-    return np.frompyfunc(getattr(mp, name), 1, 1)(z) if z.dtype == object else getattr(np, name)(z)
 
 
 # ---------------------------------------------------------------- the map (4.1) and back
@@ -173,8 +168,8 @@ def motion(top: LagrangeTop, y0: ArrayLike, digits: int = DIGITS) -> Motion:
 def find(alpha: float, y0: tuple[float, ...], digits: int) -> Motion:
     if alpha == 0:
         raise ValueError("alpha = 0: no elliptic functions in a free rotation; use exact.solution")
-    a, J, x = Fraction(alpha), [Fraction(v) for v in y0[:3]], [Fraction(v) for v in y0[3:]]
-    m, l, c1, H = J[2], dot(J, x), dot(x, x), dot(J, J) / 2 + a * x[2]
+    state = State(Fraction(alpha), tuple(map(Fraction, y0[:3])), tuple(map(Fraction, y0[3:])))
+    a, m, l, c1, H = state.alpha, state.m, state.l, state.c1, state.H
     g2 = H**2 / 3 + a**2 * c1 - a * l * m
     g3 = H**3 / 27 - a * l * m * H / 6 - a**2 * c1 * H / 3 + a**2 * (l**2 + c1 * m**2) / 4
     if (discriminant := g2**3 - 27 * g3**2) == 0:
@@ -184,7 +179,7 @@ def find(alpha: float, y0: tuple[float, ...], digits: int) -> Motion:
     dps = 2 * (digits + 15) + max(0, lost)  # a turning point costs half of the digits
     with workdps(dps):
         constants = [real(v) for v in (a, m, l, c1, H)]
-        slope_d = real(a * (J[0] * x[1] - J[1] * x[0]) / 2)
+        slope_d = real(a * state.velocity / 2)
         slopes = slope_d, real((a * l - m * H + m**3 / 2) / 2)
         return assemble(
             dps, constants, Weierstrass(real(g2), real(g3)), slopes, [mpf(v) for v in y0], pole_distance == 0
@@ -206,17 +201,9 @@ def assemble(dps: int, constants: Any, wp: Weierstrass, slopes: Any, y0: Any, th
     return Motion(dps, alpha, c1, m, H, wp, u0, b, C, poles, phi0)
 
 
-def dot(a: list[Fraction], b: list[Fraction]) -> Fraction:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
 def decimals(q: Fraction) -> int:
     """log10 |q|, about."""
     return round(0.302 * (q.numerator.bit_length() - q.denominator.bit_length()))
-
-
-def real(q: Fraction) -> mpf:
-    return mpf(q.numerator) / q.denominator
 
 
 def states(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None) -> NDArray[Any]:
@@ -256,45 +243,40 @@ def random_unit_top(rng: Random) -> tuple[LagrangeTop, list[float]]:
     return LagrangeTop(rng.uniform(0.5, 1.5)), state.tolist()
 
 
-def theta_residual(rng: Random, shift: int) -> float:
-    """|cos θ of (4.5) − x3| with ℘ in the paper's scaling, at z = √(alpha/2)(t − t0) + shift · ω3, x3 lowest at t0."""
+def theta_residual(rng: Random, printed: bool) -> float:
+    """|cos θ of (4.5) − x3| with ℘ in the paper's scaling, at z = √(alpha/2)(t − t0), corrected + ω3, x3 lowest at t0."""
     top, y = random_unit_top(rng)
     t = rng.uniform(0.2, 0.8)
     with workdps(30):
         orbit = motion(top, y, 30)
         root = mp.sqrt(orbit.alpha / 2)
         wp = Weierstrass(orbit.wp.g2 / root**4, orbit.wp.g3 / root**6)
-        cosine = orbit.H / (3 * orbit.alpha) + wp.p(root * (t + orbit.u0) + shift * wp.omega3).real
+        cosine = orbit.H / (3 * orbit.alpha) + wp.p(root * (t + orbit.u0) + (0 if printed else wp.omega3)).real
     return abs(float(cosine) - float(solution(top, y, t)[5]))
 
 
-def phi_residual(rng: Random, sign: int, factor: int) -> float:
-    """|sign (m − factor ℓ x3)/(1 − x3²) − φ'| at a random state, φ' from (1.1)."""
+def phi_residual(rng: Random, printed: bool) -> float:
+    """|(m − 2ℓ x3)/(1 − x3²) − φ'|, corrected −(m − ℓ x3)/…, at a random state, φ' from (1.1)."""
     top, y = random_unit_top(rng)
     (J1, J2, m, x1, x2, x3), (v1, v2, _) = y, top.rhs(y)[3:]
     l, across = x1 * J1 + x2 * J2 + x3 * m, x1 * x1 + x2 * x2
-    return float(abs(sign * (m - factor * l * x3) - (v1 * x2 - v2 * x1)) / across)
+    claimed = m - 2 * l * x3 if printed else l * x3 - m
+    return float(abs(claimed - (v1 * x2 - v2 * x1)) / across)
 
 
-def p_theta_residual(rng: Random, sign: int) -> float:
-    """|sign θ' − p_θ| at a random state, θ' from (1.1) and p_θ from (4.1)."""
+def p_theta_residual(rng: Random, printed: bool) -> float:
+    """|θ' − p_θ|, corrected |−θ' − p_θ|, at a random state, θ' from (1.1) and p_θ from (4.1)."""
     top, y = random_unit_top(rng)
-    return abs(float(-sign * top.rhs(y)[5] / np.hypot(y[3], y[4]) - to_angles(y)[2]))
+    sign = -1 if printed else 1
+    return abs(float(sign * top.rhs(y)[5] / np.hypot(y[3], y[4]) - to_angles(y)[2]))
 
 
 ERRATA = [
     Erratum(
         "(4.5), θ", "4",
         "θ = arccos[E/3α + ℘(√(α/2) t)], E = H: has a pole at t = 0, and exceeds 1",
-        "θ = arccos[E/3α + ℘(√(α/2)(t − t0) + ω3)], x3 lowest at t0",
-        lambda rng: theta_residual(rng, shift=0), lambda rng: theta_residual(rng, shift=1),
+        "θ = arccos[E/3α + ℘(√(α/2)(t − t0) + ω3)], x3 lowest at t0", theta_residual,
     ),
-    Erratum(
-        "(4.5), φ", "4", "φ' = (m − 2ℓ cos θ)/(1 − cos²θ)", "φ' = −(m − ℓ cos θ)/(1 − cos²θ)",
-        lambda rng: phi_residual(rng, 1, factor=2), lambda rng: phi_residual(rng, -1, factor=1),
-    ),
-    Erratum(
-        "(4.5), p_θ", "4", "p_θ = dθ/dt", "p_θ = −dθ/dt",
-        lambda rng: p_theta_residual(rng, 1), lambda rng: p_theta_residual(rng, -1),
-    ),
+    Erratum("(4.5), φ", "4", "φ' = (m − 2ℓ cos θ)/(1 − cos²θ)", "φ' = −(m − ℓ cos θ)/(1 − cos²θ)", phi_residual),
+    Erratum("(4.5), p_θ", "4", "p_θ = dθ/dt", "p_θ = −dθ/dt", p_theta_residual),
 ]  # fmt: skip

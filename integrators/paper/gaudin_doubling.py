@@ -46,6 +46,7 @@ from lagrange_bench.integrators.paper.gaudin_curve import pade_roots, spectral_p
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 from lagrange_bench.integrators.paper.phase_space import Numbers
 from lagrange_bench.integrators.precision import workdps
+from lagrange_bench.integrators.truth.orbit import horner
 
 DIGITS = 24  # of the first run, and two more for each spin
 AGREE = 1e-18  # of λ and of the turn, relative, between two runs with different numbers of digits
@@ -142,7 +143,7 @@ def _exact_step(magnet: GaudinMagnet, spins: Any, base: float, times: Numbers) -
     for i in range(doublings):
         step = curve.compose(step, step, last=i == doublings - 1)
     lams = upper_roots(step.U)
-    v = [_value(step.V, x) / (1j * mp.fprod(x - a for a in fine.sites)) for x in lams]
+    v = [horner(step.V, x) / (1j * mp.fprod(x - a for a in fine.sites)) for x in lams]
     return lams, v, angle + step.angle, fine.sites
 
 
@@ -226,10 +227,10 @@ class _Start:
         sign = 1 if self.time > 0 else -1
         U, V = np.array([mp.mpf(1)]), np.array([mp.mpf(0)])
         for w in (length * x for x in z):
-            y = mp.sqrt(_value(self.Q, w))
+            y = mp.sqrt(horner(self.Q, w))
             y = sign * (y if (y * self.root).real > 0 else -y)
             lam = w + self.a
-            value = (1j * y - _value(V, lam)) / _value(U, lam)
+            value = (1j * y - horner(V, lam)) / horner(U, lam)
             slope = value.imag / lam.imag
             V = _sum(V, np.convolve(U, np.array([value.real - slope * lam.real, slope])))
             U = np.convolve(U, np.array([abs(lam) ** 2, -2 * lam.real, mp.mpf(1)]))
@@ -312,7 +313,7 @@ def upper_roots(U: Numbers) -> list:
         others = [*z, *(x.conjugate() for x in z)]
         steps = []
         for i, x in enumerate(z):
-            newton = _value(U, x) / _value(slope, x)
+            newton = horner(U, x) / horner(slope, x)
             pull = mp.fsum(1 / (x - y) for j, y in enumerate(others) if j != i)
             steps.append(newton / (1 - newton * pull))
         z = [x - step for x, step in zip(z, steps, strict=True)]
@@ -333,13 +334,6 @@ def _sum(p: Numbers, q: Numbers) -> Numbers:
 
 def _coefficient(p: Numbers, power: int) -> Any:
     return p[power] if 0 <= power < len(p) else mp.mpf(0)
-
-
-def _value(p: Numbers, x: Any) -> Any:
-    value = mp.mpf(0)
-    for c in p[::-1]:
-        value = value * x + c
-    return value
 
 
 def _moved(p: Numbers, a: Any) -> Numbers:

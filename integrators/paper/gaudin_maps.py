@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue
-from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet, check_parameter, check_upper, dot
-from lagrange_bench.integrators.paper.lax import gaudin_entries, pauli
-from lagrange_bench.integrators.paper.phase_space import Numbers, cross
+from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet, check_parameter, check_upper
+from lagrange_bench.integrators.paper.lax import adjugate, determinant, pauli
+from lagrange_bench.integrators.paper.one_point import dressing_matrix
+from lagrange_bench.integrators.paper.phase_space import Numbers, cross, dot
+from lagrange_bench.integrators.paper.two_point import dressing_matrix as two_point_dressing
 
 
 def one_point(
@@ -29,12 +31,12 @@ def one_point(
         raise ValueError("alpha = 0: the one-point map does not exist (p and q ~ 1/alpha); the two-point map does")
     spins, lam = magnet.check_spins(spins), check_parameter(magnet, lam)
     v = eigenvalue(magnet, spins, lam, sheet, site) if v is None else v
-    A, B, C = gaudin_entries(magnet.alpha, magnet.sites, spins, lam)
+    A, B, C = _entries(magnet, spins, lam)
     above, below = (A - v, B) if abs(A - v) > abs(A + v) else (-C, A + v)
     if below == 0:
         raise ValueError("B(λ) = 0 on this sheet: the one-point map sends the state to infinity")
     p, q = np.sum(spins[:, 0] - 1j * spins[:, 1]) / (2 * magnet.alpha), above / below
-    return _dress(magnet, spins, lambda u: ((u - lam + p * q, p), (q, 1 + 0 * p)))
+    return _dress(spins, dressing_matrix(p, q, lam, np.array(magnet.sites)))
 
 
 def one_point_inverse(
@@ -54,8 +56,8 @@ def two_point_textbook(magnet: GaudinMagnet, spins: Any, lam1: Any, v1: Any, lam
     """
     spins = magnet.check_spins(spins)
     lam1, lam2 = check_parameter(magnet, lam1, "lam1"), check_parameter(magnet, lam2, "lam2")
-    A1, B1, _ = gaudin_entries(magnet.alpha, magnet.sites, spins, lam1)
-    A2, B2, _ = gaudin_entries(magnet.alpha, magnet.sites, spins, lam2)
+    A1, B1, _ = _entries(magnet, spins, lam1)
+    A2, B2, _ = _entries(magnet, spins, lam2)
     if B1 == 0 or B2 == 0:
         raise ValueError("B vanishes at lam1 or lam2: use `two_point`, which has no poles")
     x = (A1 - v1) / B1
@@ -63,7 +65,7 @@ def two_point_textbook(magnet: GaudinMagnet, spins: Any, lam1: Any, v1: Any, lam
     if gap == 0:
         raise ValueError("(lam1, v1) and (lam2, v2): the map is singular here; use `two_point`, which has no poles")
     X = (lam1 - lam2) / gap
-    return _dress(magnet, spins, lambda u: ((u - lam1 + x * X, X), (-x * x * X + (lam1 - lam2) * x, u - lam2 - x * X)))
+    return _dress(spins, two_point_dressing(x, X, lam1, lam2, np.array(magnet.sites)))
 
 
 def two_point(
@@ -100,13 +102,14 @@ def two_point(
     return (image + image[magnet.partners].conj()) / 2 if spins.dtype.kind == "c" else image.real
 
 
-def _dress(magnet: GaudinMagnet, spins: Numbers, M: Any) -> Numbers:
-    """The spins of M(a_j) (σ·s_j) M(a_j)⁻¹."""
-    images = []
-    for a, s in zip(magnet.sites, spins, strict=True):
-        (a11, a12), (a21, a22) = M(a)
-        det = a11 * a22 - a12 * a21
-        product = np.array(((a11, a12), (a21, a22))) @ pauli(s) @ np.array(((a22, -a12), (-a21, a11))) / det
-        (s3, minus), (plus, _) = product
-        images.append(((minus + plus) / 2, (plus - minus) * -0.5j, s3))
-    return np.array(images)
+def _entries(magnet: GaudinMagnet, spins: Any, u: Any) -> tuple[Any, Any, Any]:
+    """A(u), B(u), C(u) of L_G, (2.2)."""
+    ell1, ell2, ell3 = magnet.vector(spins, u)
+    return ell3, ell1 - 1j * ell2, ell1 + 1j * ell2
+
+
+def _dress(spins: Numbers, M: Numbers) -> Numbers:
+    """The spins of M(a_j) (σ·s_j) M(a_j)⁻¹, M (n, 2, 2)."""
+    image = M @ pauli(spins) @ adjugate(M) / determinant(M)[:, None, None]
+    s3, minus, plus = image[:, 0, 0], image[:, 0, 1], image[:, 1, 0]
+    return np.stack(((minus + plus) / 2, (plus - minus) * -0.5j, s3), axis=-1)

@@ -17,24 +17,25 @@ Points (λ, v) of the curve are in `gaudin_curve`, the maps that take them in `g
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property
 from random import Random
 from typing import Any
 
 import mpmath
 import numpy as np
+from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.checks import check_count
+from lagrange_bench.integrators.checks import Array, check_count
+from lagrange_bench.integrators.compiling.expression import record
 from lagrange_bench.integrators.paper.errata import Erratum
-from lagrange_bench.integrators.paper.gaudin_problem import MagnetProblem
-from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cross, poisson_tensor
+from lagrange_bench.integrators.paper.lax import gaudin_vector
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cross, dot, poisson_tensor
+from lagrange_bench.integrators.problem import field
+from lagrange_bench.integrators.problem.problem import Problem
+from lagrange_bench.integrators.problem.system import Space, System, make_system
 
-
-def dot(a: Any, b: Any) -> Numbers:
-    """a·b along the last axis, nothing conjugated."""
-    product: Numbers = np.sum(np.asarray(a) * b, axis=-1)
-    return product
+UNROLLED = 6  # spins, 15 pairs: a right-hand side of some 200 operations
 
 
 @dataclass(frozen=True)
@@ -90,11 +91,7 @@ class GaudinMagnet:
 
     def vector(self, spins: Any, u: Any) -> Numbers:
         """ℓ(u), shape (..., 3); (2.1), (2.2). ValueError at a site."""
-        gaps = u - np.asarray(self.sites)
-        if np.any(gaps == 0):
-            raise ValueError(f"lam = {u} lies on a site")
-        vector: Numbers = np.sum(spins / gaps[:, None], axis=-2) + self.alpha * E3
-        return vector
+        return gaudin_vector(self.alpha, self.sites, spins, u)
 
     def casimirs(self, spins: Any) -> Numbers:
         """The squares s_j² of the spins, shape (..., n); (2.4)."""
@@ -125,10 +122,20 @@ class GaudinMagnet:
         matrix: Numbers = 2 / gaps * (1 - np.eye(len(a), dtype=int))
         return matrix
 
+    def bonds(self, c: Any) -> Numbers:
+        """K_jk = 2 (c_j − c_k)/(a_j − a_k), shape (n, n): Σ c_j H_j is Σ 2 alpha c_j s_j³ + Σ_{j<k} K_jk s_j·s_k + const."""
+        c = np.asarray(c)
+        return self.couplings * (c[:, None] - c)
+
+    def turning_rate(self, spins: Any) -> float:
+        """The largest rate at which a spin may turn along the flow."""
+        fields = np.abs(self.bonds(self.flow)) @ np.linalg.norm(spins, axis=1)
+        return float(np.max(np.abs(2.0 * self.alpha * self.flow) + fields))
+
     def gradient(self, spins: Any, c: Any) -> Numbers:
         """Gradient of Σ c_j H_j: at site j 2 alpha c_j e3 + Σ_k 2 (c_j − c_k)/(a_j − a_k) s_k; shape (..., n, 3)."""
         c = np.asarray(c)
-        gradient: Numbers = (self.couplings * (c[:, None] - c)) @ np.asarray(spins) + 2 * self.alpha * c[:, None] * E3
+        gradient: Numbers = self.bonds(c) @ np.asarray(spins) + 2 * self.alpha * c[:, None] * E3
         return gradient
 
     def rhs(self, spins: Any, c: Any) -> Numbers:
@@ -195,11 +202,121 @@ def check_upper(magnet: GaudinMagnet, lam: Any, name: str = "lam") -> Any:
     return lam
 
 
+# ------------------------------------------------------------------------------------------ the problem
+
+
+class MagnetProblem(Problem):
+    """The flow of a magnet with real sites on n spins: what `integrate`, `check` and the experiments see of it.
+
+    H = Σ_j b_j s_j³ + Σ_{j<k} K_jk s_j·s_k, b_j = 2 alpha c_j, is Σ c_j H_j but for a constant. A state is the 3n numbers of
+    the spins. The b and K are the parameters of H, so magnets of one size share their kernels. Methods on a tape unroll all
+    pairs, so only magnets of up to `UNROLLED` spins offer one; methods that loop over arrays of spins take any number.
+
+    Attributes
+    ----------
+    magnet : the magnet, its sites and alpha as doubles. names : H_0 … of its sites, and C1 … Cn, the squares of the spins.
+
+    Raises
+    ------
+    ValueError : a site is not real.
+    """
+
+    def __init__(self, magnet: Any) -> None:
+        if any(a.imag for a in magnet.sites):
+            raise ValueError(
+                "sites must be real numbers for `integrate`; lagrange_bench.integrators.paper takes conjugate pairs too"
+            )
+        sites = tuple(float(a.real) for a in magnet.sites)
+        self.magnet = replace(magnet, sites=sites, alpha=float(magnet.alpha))
+        n, c = len(sites), self.magnet.flow
+        self.pairs = np.argwhere(np.triu(np.ones((n, n)), 1))
+        K = self.magnet.bonds(c)[tuple(self.pairs.T)]
+        self.name, self.space, self.start = "magnet", Space(f"so3**{n}" if n > 1 else "so3", n), 0.0
+        self.numbers = (*(2.0 * self.magnet.alpha * c).tolist(), *K.tolist())
+        self.given, self.posed = {}, ()
+
+    def __reduce__(self) -> Any:
+        return MagnetProblem, (self.magnet,)
+
+    @cached_property
+    def system(self) -> System:  # type: ignore[override]
+        """H and its bracket as formulas."""
+        n = len(self.magnet)
+
+        def energy(t: Any, *numbers: Any) -> tuple[Any]:
+            spins, p = [numbers[3 * j : 3 * j + 3] for j in range(n)], numbers[3 * n :]
+            in_field = (p[j] * spins[j][2] for j in range(n))
+            bonds = (p[n + i] * field.dot(spins[j], spins[k]) for i, (j, k) in enumerate(self.pairs.tolist()))
+            return (sum((*in_field, *bonds), start=0.0),)
+
+        return make_system(self.space, record(energy, 1 + 3 * n + len(self.numbers)))
+
+    @property
+    def timed(self) -> bool:
+        return False
+
+    @cached_property
+    def offers(self) -> frozenset[str]:
+        """ "spins"; of few spins also "rhs", "smooth" and "parts"."""
+        few = len(self.magnet) <= UNROLLED
+        return frozenset({"spins", *(("rhs", "smooth", "parts") if few else ())})
+
+    @property
+    def as_top(self) -> None:
+        """It is no top."""
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        n = len(self.magnet)
+        return (*(f"H_{j}" for j in range(n)), *(f"C{j}" for j in range(1, n + 1)))
+
+    def kept_by(self, claims: Any) -> frozenset[str]:
+        """H_j are quadratic, C_j the Casimir functions."""
+        quadratic = "H" in claims.conserves | claims.if_quadratic
+        casimirs = {"C1", "C2"} <= claims.conserves
+        return frozenset(name for name in self.names if (quadratic if name.startswith("H") else casimirs))
+
+    def check_state(self, y: Any, name: str = "y0") -> Array:
+        """Spins (n, 3) or (3n,) as a fresh array (3n,). ValueError: they are none."""
+        shape = np.shape(y)
+        spins = self.magnet.check_spins(np.reshape(y, (-1, 3)) if len(shape) == 1 and shape[0] % 3 == 0 else y, name)
+        if spins.dtype.kind != "f":
+            raise ValueError(f"{name} must be real numbers; got dtype {spins.dtype}")
+        return np.array(spins, dtype=float).ravel()
+
+    # ------------------------------------------------------------------ its functions, by arrays
+
+    def _spins(self, y: ArrayLike) -> Array:
+        return np.reshape(np.asarray(y, dtype=float), (*np.shape(y)[:-1], len(self.magnet), 3))
+
+    def rhs(self, y: ArrayLike, t: Any = 0.0) -> Array:
+        rates: Array = self.magnet.rhs(self._spins(y), self.magnet.flow)
+        return rates.reshape(np.shape(y))
+
+    def poisson(self, y: ArrayLike) -> Array:
+        return np.array(self.magnet.poisson(self._spins(y)), dtype=float)
+
+    def invariants(self, y: ArrayLike, t: Any = 0.0) -> Array:
+        values: Array = self.magnet.invariants(self._spins(y))
+        return values
+
+    def invariant_scales(self, y: ArrayLike) -> Array:
+        """Sizes of the terms in `names` at one state (3n,)."""
+        spins = self._spins(y)
+        return np.concatenate((self.magnet.hamiltonian_scales(spins), self.magnet.casimirs(spins)))
+
+    def scales(self, y: ArrayLike) -> tuple[float, float, float]:
+        """Scale of the spins, 1, and of time: 1 over the largest rate at which a spin may turn."""
+        spins = self._spins(y)
+        rate = self.magnet.turning_rate(spins)
+        return float(np.max(np.linalg.norm(spins, axis=1))), 1.0, 1.0 / rate if rate else float("inf")
+
+
 # ------------------------------------------------------------------------------------------------ misprints
 
 
-def _beyond(rng: Random, dimension: int) -> float:
-    """How far the flows of H_1, H_2, H_3 and the turn about e3 of three spins leave a space of so many dimensions.
+def _dimension(rng: Random, printed: bool) -> float:
+    """How far the flows of H_1, H_2, H_3 and the turn about e3 of three spins leave a space of 2 or 3 dimensions.
 
     It is the next singular value of their unit vectors at a random state: 0 if that many dimensions hold them all.
     """
@@ -207,13 +324,12 @@ def _beyond(rng: Random, dimension: int) -> float:
     spins = np.array([[rng.gauss(0, 1) for _ in range(3)] for _ in range(3)])
     flows = [magnet.rhs(spins, c).ravel() for c in np.eye(3)] + [cross(E3, spins).ravel()]
     directions = [flow / np.linalg.norm(flow) for flow in flows]
-    return float(np.linalg.svd(directions, compute_uv=False)[dimension])
+    return float(np.linalg.svd(directions, compute_uv=False)[2 if printed else 3])
 
 
 ERRATA = [
     Erratum(
         "(2.11), text", "2", "the motion is linearised on the Jacobian of Γ_G, of dimension n − 1",
-        "on a generalised Jacobian, of dimension n: the Jacobian and the turns about e3",
-        partial(_beyond, dimension=2), partial(_beyond, dimension=3), prose=True,
+        "on a generalised Jacobian, of dimension n: the Jacobian and the turns about e3", _dimension, prose=True,
     ),
 ]  # fmt: skip

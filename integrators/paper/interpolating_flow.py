@@ -17,7 +17,6 @@ precision and cost milliseconds: `time_step` has the inverse, λ of a given time
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from random import Random
 from typing import Any
 
@@ -26,22 +25,9 @@ from mpmath import mp
 
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper.errata import Erratum, draw
-from lagrange_bench.integrators.paper.euler_angles import function
-from lagrange_bench.integrators.paper.lax import (
-    check_sheet,
-    entries,
-    lax_matrix,
-    pauli,
-    root,
-)
+from lagrange_bench.integrators.paper.lax import check_sheet, entries, lax_matrix, root
 from lagrange_bench.integrators.paper.one_point import gauge
-from lagrange_bench.integrators.paper.phase_space import (
-    Numbers,
-    components,
-    invariants,
-    lift,
-    vector_field,
-)
+from lagrange_bench.integrators.paper.phase_space import Numbers, function, invariants, lift, turn_rate, vector_field
 from lagrange_bench.integrators.paper.two_point import Point, check_upper, point, pole_free
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -71,9 +57,7 @@ def limit_matrix(top: LagrangeTop, y: Any, u: Any, second: Point) -> Numbers:
 
 def limit_lax_rate(top: LagrangeTop, y: Any, u: Any, second: Point) -> Numbers:
     """dL(u)/dε = (i/2μ2)[L(λ2)/(u − λ2), L(u)], (..., 2, 2); (5.6.4), (5.6.5) with the label 160."""
-    L, N = lax_matrix(top, y, u), limit_matrix(top, y, u, second)
-    rate: Numbers = N @ L - L @ N
-    return rate
+    return lax.commutator(limit_matrix(top, y, u, second), lax_matrix(top, y, u))
 
 
 def limit_rate(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1) -> Numbers:
@@ -81,8 +65,7 @@ def limit_rate(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1) -> Numbers:
 
     At λ2 = 0 it is the physical flow but for its unit of time, −z'/√C1: ε runs backwards, ε = −2 Im λ (5.6.8).
     """
-    J1, J2, J3, x1, x2, x3 = components(y)
-    turn = np.stack((-J2, J1, 0 * J3, -x2, x1, 0 * x3), axis=-1)
+    turn = turn_rate(y)
     field = vector_field(top, y) + turn * lift(lam, turn.ravel()[0]) * top.alpha
     rate: Numbers = -check_sheet(sheet) * field / np.asarray(root(top, y, lam))[..., None]
     return rate
@@ -207,10 +190,10 @@ def _real_step(rng: Random) -> tuple[LagrangeTop, Numbers, complex]:
     return top, state, 0.3 * size / rate * complex(np.cos(angle), np.sin(angle))
 
 
-def _interpolation(rng: Random, factor: complex) -> float:
-    """The flow of factor · ∫ μ dλ over time 1 against the map."""
+def _interpolation(rng: Random, printed: bool) -> float:
+    """The flow of i ∫ μ dλ, corrected ∫ μ dλ, over time 1 against the map."""
     top, y, lam = _real_step(rng)
-    T, turn = (factor * complex(v) for v in time_and_turn(top, y, lam))
+    T, turn = ((1j if printed else 1.0) * complex(v) for v in time_and_turn(top, y, lam))
     return float(np.max(np.abs(interpolated(top, y + 0j, T, turn) - pole_free(top, y, lam, lam.conjugate()))))
 
 
@@ -221,17 +204,8 @@ def _time_step(rng: Random, printed: bool) -> float:
     return float(np.max(np.abs(interpolated(top, y, T, turn) - pole_free(top, y, lam, lam.conjugate()))))
 
 
-def _curve(rng: Random, printed: bool) -> float:
-    """μ2² of (5.6.6) against A² + BC at λ2."""
-    top, y = draw(rng)
-    lam = 0.5 + rng.random() + 1j * rng.random()
-    A, B, C = entries(top, y, lam)
-    slip = 2 * (top.alpha - 1) * y[2] / lam if printed else 0
-    return float(abs(A * A + B * C - lax.spectral_curve(top, y, lam) - slip) / (1 + abs(A * A) + abs(B * C)))
-
-
-def _physical_limit(rng: Random, sign: int) -> float:
-    """(5.6.5) at λ2 = iη, η = 1e-25, with the μ2 of (5.6.9), against sign · (i/2u)[σ·x, L(u)]; C1 = 1."""
+def _physical_limit(rng: Random, printed: bool) -> float:
+    """(5.6.5) at λ2 = iη, η = 1e-25, with the μ2 of (5.6.9), against (i/2u)[σ·x, L(u)], corrected minus that; C1 = 1."""
     top, y, _ = _real_step(rng)
     with workdps(90):
         state = _numbers(y)
@@ -239,28 +213,22 @@ def _physical_limit(rng: Random, sign: int) -> float:
         eta, u = mp.mpf(10) ** -25, mp.mpf(0.5 + rng.random())
         lam, mu = point(top, state, 1j * eta)
         assert abs(mu - mu_near_zero(top, state, eta)) < 1e-20
-        L, N = lax_matrix(top, state, u), pauli(state[3:]) * (sign * 0.5j / u)
-        rest = limit_lax_rate(top, state, u, (lam, mu)) - (N @ L - L @ N)
+        rest = limit_lax_rate(top, state, u, (lam, mu)) - lax.lax_rate(top, state, u) * (1 if printed else -1)
         return float(max(abs(v) for v in rest.ravel()))
 
 
 ERRATA = [
     Erratum(
         "(5.6.1), text", "5.6", "the physical time step is iΔλ, |iΔλ| = 2 Im λ",
-        "T = 2 Im ∫_0^λ du/√Q, and a turn about e3 by Θ = 2 alpha Im ∫_0^λ u du/√Q",
-        partial(_time_step, printed=True), partial(_time_step, printed=False), prose=True,
+        "T = 2 Im ∫_0^λ du/√Q, and a turn about e3 by Θ = 2 alpha Im ∫_0^λ u du/√Q", _time_step, prose=True,
     ),
-    Erratum(
-        "(5.6.6)", "5.6", "… + 2 J3/λ2 + alpha²", "… + 2 alpha J3/λ2 + alpha²",
-        partial(_curve, printed=True), partial(_curve, printed=False),
-    ),
+    Erratum("(5.6.6)", "5.6", "… + 2 J3/λ2 + alpha²", "… + 2 alpha J3/λ2 + alpha²", lax.curve_residual),
     Erratum(
         "(5.6.9), (5.6.10)", "5.6", "with μ2 = i/η² − … (5.6.5) turns into L' = (i/2u)[σ·x, L]",
         "it turns into −(i/2u)[σ·x, L], which is {H, L}; with μ2 = −i/η² + … into (i/2u)[σ·x, L] = {L, H}",
-        partial(_physical_limit, sign=1), partial(_physical_limit, sign=-1),
+        _physical_limit,
     ),
     Erratum(
-        "(5.6.11)", "5.6", "H(λ1, λ2) = i ∫_{λ1}^{λ2} μ dλ", "∫_{λ1}^{λ2} μ dλ, with z' = {H, z}",
-        partial(_interpolation, factor=1j), partial(_interpolation, factor=1.0),
+        "(5.6.11)", "5.6", "H(λ1, λ2) = i ∫_{λ1}^{λ2} μ dλ", "∫_{λ1}^{λ2} μ dλ, with z' = {H, z}", _interpolation,
     ),
 ]  # fmt: skip

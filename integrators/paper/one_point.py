@@ -17,22 +17,15 @@ Its inverse is its mirror image: transposing L exchanges J- with J+ and p with q
 
 from __future__ import annotations
 
+from functools import partial
 from random import Random
 from typing import Any
 
 import numpy as np
 
 from lagrange_bench.integrators.paper.errata import Erratum, draw
-from lagrange_bench.integrators.paper.lax import check_sheet, eigenvalue, pauli, root
-from lagrange_bench.integrators.paper.phase_space import (
-    Numbers,
-    cartesian,
-    components,
-    invariants,
-    ladder,
-    lift,
-    vector_field,
-)
+from lagrange_bench.integrators.paper.lax import adjugate, check_sheet, eigenvalue, from_pauli, pauli, root
+from lagrange_bench.integrators.paper.phase_space import Numbers, cartesian, components, invariants, ladder, lift
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 
@@ -86,21 +79,19 @@ def one_point(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None
 
 def real_form(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None) -> Numbers:
     """The same map by its formulas in J1, J2, J3, x1, x2, x3, (5.1.11) with the label 85–90, corrected."""
-    J1, J2, J3, x1, x2, x3 = components(y)
+    (J1, J2, J3, _, _, x3), (_, Jm, Jp, _, xm, _) = components(y), ladder(y)
     _, q = parameters(top, y, lam, sheet, mu)
     a = lift(top.alpha, q)
     tail = J2 * J3 - q * J1 * J2 + 1j * J1 * J3
     square = q / (4 * a) * (J1**2 - J2**2)
-    J1_new = a * q + (x1 - 1j * x2) / 2 - lam / 2 * (J1 - 1j * J2) + square + 1j / (2 * a) * tail
-    J2_new = -1j * a * q + 1j / 2 * (x1 - 1j * x2) - 1j * lam / 2 * (J1 - 1j * J2) + 1j * square - tail / (2 * a)
+    J1_new = a * q + xm / 2 - lam / 2 * Jm + square + 1j / (2 * a) * tail
+    J2_new = -1j * a * q + 1j / 2 * xm - 1j * lam / 2 * Jm + 1j * square - tail / (2 * a)
     # the paper's brackets times q, which removes their 1/q
-    b2 = q * (lam / 2 * (J2**2 - J1**2) + (J1 - 1j * J2) * (x1 - 1j * x2) + 1j * lam * J1 * J2) - (J1 - 1j * J2) * x3
-    b3 = q * (q * J1**2 * (J1 - 3j * J2) + 1j * q * J2**2 * (J2 + 3j * J1) - 2 * J3 * (J1 - 1j * J2) ** 2)
-    b3 = b3 - (J1 - 1j * J2) ** 2 * (J1 + 1j * J2)
-    even = b2 / (2 * a) + b3 / (8 * a * a) - lam / 2 * (x1 - 1j * x2)
-    odd = a * q * lam + (J1 + 1j * J2) / 2 - q * q / 2 * (J1 - 1j * J2) + q * J3
-    x3_new = x3 - q * (x1 - 1j * x2) + q * lam * (J1 - 1j * J2)
-    x3_new = x3_new + ((J1**2 + J2**2) / 2 - q * q / 2 * (J1**2 - J2**2) - 1j * q * tail) / a
+    b2 = q * (lam / 2 * (J2**2 - J1**2) + Jm * xm + 1j * lam * J1 * J2) - Jm * x3
+    b3 = q * (q * J1**2 * (J1 - 3j * J2) + 1j * q * J2**2 * (J2 + 3j * J1) - 2 * J3 * Jm**2) - Jm**2 * Jp
+    even = b2 / (2 * a) + b3 / (8 * a * a) - lam / 2 * xm
+    odd = a * q * lam + Jp / 2 - q * q / 2 * Jm + q * J3
+    x3_new = x3 - q * xm + q * lam * Jm + ((J1**2 + J2**2) / 2 - q * q / 2 * (J1**2 - J2**2) - 1j * q * tail) / a
     return np.stack((J1_new, J2_new, J3 + 0 * q, odd + even, 1j * (even - odd), x3_new), axis=-1)
 
 
@@ -117,7 +108,8 @@ def transpose(y: Any) -> Numbers:
 
 def dressing_matrix(p: Any, q: Any, lam: Any, u: Any) -> Numbers:
     """M(u; λ) = ((u − λ + pq, p), (q, 1)), shape (..., 2, 2), det M = u − λ; (5.1.4)."""
-    rows = (np.stack((u - lam + p * q, p), axis=-1), np.stack((q, 1 + 0 * q), axis=-1))
+    p, q, corner = np.broadcast_arrays(p, q, u - lam + p * q)
+    rows = (np.stack((corner, p), axis=-1), np.stack((q, 1 + 0 * q), axis=-1))
     return np.stack(rows, axis=-2)
 
 
@@ -126,18 +118,6 @@ def k_value(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None) 
     J3, Jm, *_ = ladder(y)
     _, q = parameters(top, y, lam, sheet, mu)
     return _m(top, y, lam, sheet, mu) - lam * (J3 + lift(lam, q) * top.alpha - q * Jm)
-
-
-def deformation(top: LagrangeTop, image: Any, lam: Any, sheet: int = 1) -> Numbers:
-    """∂z̃/∂λ at fixed z of the image z̃ = B_(λ,μ) z: {−μ(λ), z̃}, the flow of −μ.
-
-    With dμ = −(dH + alpha λ dJ3)/(λ² μ) on a leaf this is −(z̃' + alpha λ e3 × z̃)/(λ² μ), z̃' the motion (1.1).
-    """
-    J1, J2, J3, x1, x2, x3 = components(image)
-    turn = np.stack((-J2, J1, 0 * J3, -x2, x1, 0 * x3), axis=-1)
-    rate = vector_field(top, image) + top.alpha * (lam * turn)
-    derivative: Numbers = 1j * sheet * rate / np.asarray(root(top, image, lam))[..., None]
-    return derivative
 
 
 def sheet_exchange(top: LagrangeTop, y: Any) -> Numbers:
@@ -150,14 +130,11 @@ def sheet_exchange(top: LagrangeTop, y: Any) -> Numbers:
     if top.alpha == 0 or np.any(Jm == 0):
         raise ValueError("alpha = 0 or J- = 0: the composition of the two sheets is singular")
     a, b = J3 / top.alpha - xm / Jm, Jm / (2 * top.alpha)
-    zero = 0 * b
-    K = np.stack((np.stack((a, b), axis=-1), np.stack((-1 / b, zero), axis=-1)), axis=-2)
-    K_inverse = np.stack((np.stack((zero, -b), axis=-1), np.stack((1 / b, a), axis=-1)), axis=-2)
+    K = np.stack((np.stack((a, b), axis=-1), np.stack((-1 / b, 0 * b), axis=-1)), axis=-2)
+    K_inverse, E11 = adjugate(K), np.array(((1, 0), (0, 0)))
     J, x = pauli(np.asarray(y)[..., :3]), pauli(np.asarray(y)[..., 3:])
     x_new = K @ x @ K_inverse
-    E11 = np.array(((1, 0), (0, 0)))
-    J_new = (E11 @ x + K @ J - x_new @ E11) @ K_inverse
-    return cartesian(*(m[..., i, j] for m in (J_new, x_new) for i, j in ((0, 0), (0, 1), (1, 0))))
+    return from_pauli((E11 @ x + K @ J - x_new @ E11) @ K_inverse, x_new)
 
 
 # --------------------------------------------------------------------------------------------- iteration
@@ -201,9 +178,8 @@ def orbit(top: LagrangeTop, y: Any, lam: Any, steps: int, sheet: int = 1) -> tup
 
 def _as_printed(top: LagrangeTop, y: Any, lam: Any) -> dict[int, Any]:
     """J̃2, x̃1, x̃2 of (5.1.11) as the paper prints them, under their place in the state."""
-    J1, J2, J3, x1, x2, x3 = components(y)
-    _, q = parameters(top, y, lam)
-    a, Jm, Jp, xm, xp = top.alpha, J1 - 1j * J2, J1 + 1j * J2, x1 - 1j * x2, x1 + 1j * x2
+    (J1, J2, J3, x1, x2, x3), (_, Jm, Jp, _, xm, xp) = components(y), ladder(y)
+    a, (_, q) = top.alpha, parameters(top, y, lam)
     b2 = lam / 2 * (J2**2 - J1**2) + Jm * (x1 - x3 / q) - 1j * x2 * Jp + 1j * lam * J1 * J2
     b3 = q * J1**2 * (J1 - 3j * J2) + q * J2**2 * (J2 - 3j * J1)
     b3 = b3 - 1j / q * (J1 - J2) ** 2 * (J1 + J2) - 2 * J3 * Jm**2
@@ -215,11 +191,11 @@ def _as_printed(top: LagrangeTop, y: Any, lam: Any) -> dict[int, Any]:
     return {1: J2_new, 3: x1_new, 4: x2_new}
 
 
-def _component(rng: Random, place: int, printed: bool) -> float:
+def _component(rng: Random, printed: bool, place: int) -> float:
     """One component of the real form against (5.1.10), over the size of the terms."""
     top, y = draw(rng)
     lam = complex(0.5 + rng.random(), 0.5 + rng.random())
-    value = _as_printed(top, y, lam)[place] if printed else real_form(top, y, lam)[place]
+    value = (_as_printed if printed else real_form)(top, y, lam)[place]
     _, q = parameters(top, y, lam)
     return float(abs(value - one_point(top, y, lam)[place]) / (10 * (1 + abs(q)) ** 2))
 
@@ -240,23 +216,21 @@ ERRATA = [
     Erratum(
         "(5.1.11) J̃2", "5.1", "i/2 (x1 + i x2) − iλ/2 (J1 + i J2) … + 1/(2 alpha) (J2 J3 − q J1 J2 − i J1 J3)",
         "i/2 (x1 − i x2) − iλ/2 (J1 − i J2) … − 1/(2 alpha) (J2 J3 − q J1 J2 + i J1 J3)",
-        lambda g: _component(g, 1, True), lambda g: _component(g, 1, False),
+        partial(_component, place=1),
     ),
     Erratum(
         "(5.1.11) x̃1", "5.1",
         "… − i x2 (J1 + i J2) … + q J2² (J2 − 3i J1) − (i/q)(J1 − J2)²(J1 + J2) …",
         "… − i x2 (J1 − i J2) … + i q J2² (J2 + 3i J1) − (1/q)(J1 − i J2)²(J1 + i J2) …",
-        lambda g: _component(g, 3, True), lambda g: _component(g, 3, False),
+        partial(_component, place=3),
     ),
     Erratum(
         "(5.1.11) x̃2", "5.1", "i/2 (J1 − i J2) − i q²/2 (J1 + i J2) … and the brackets of x̃1 as printed",
         "−i/2 (J1 + i J2) + i q²/2 (J1 − i J2) … and the brackets of x̃1 as corrected",
-        lambda g: _component(g, 4, True), lambda g: _component(g, 4, False),
+        partial(_component, place=4),
     ),
     Erratum(
         "before (5.5.2)", "5.5", "B_(λ,−μ) and B_(λ,μ), both of (5.1.4), are inverse to each other",
-        "B_(λ,μ)⁻¹ is the map of the adjugate ((1, −p), (−q, u − λ + pq)) at (λ, μ)",
-        lambda g: _composition(g, True), lambda g: _composition(g, False),
-        prose=True,
+        "B_(λ,μ)⁻¹ is the map of the adjugate ((1, −p), (−q, u − λ + pq)) at (λ, μ)", _composition, prose=True,
     ),
 ]  # fmt: skip

@@ -7,10 +7,12 @@ in double and in any number of digits. C1 = |x|² is general; x·x is the biline
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from random import Random
 from typing import Any
 
 import numpy as np
+from mpmath import mp
 from numpy.typing import NDArray
 
 from lagrange_bench.integrators.paper.errata import Erratum, draw
@@ -29,6 +31,18 @@ def cross(a: Any, b: Any) -> Numbers:
     """a × b along the last axis."""
     (a1, a2, a3), (b1, b2, b3) = map(components, np.broadcast_arrays(a, b))
     return np.stack((a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1), axis=-1)
+
+
+def dot(a: Any, b: Any) -> Numbers:
+    """a·b along the last axis, nothing conjugated."""
+    product: Numbers = np.sum(np.asarray(a) * b, axis=-1)
+    return product
+
+
+def turn_rate(y: Any) -> Numbers:
+    """(e3 × J, e3 × x) of states (..., 6): how they move as they turn about e3."""
+    y = np.asarray(y)
+    return np.concatenate((cross(E3, y[..., :3]), cross(E3, y[..., 3:])), axis=-1)
 
 
 def ladder(y: Any) -> tuple[Any, ...]:
@@ -53,6 +67,18 @@ def sqrt(z: Any) -> Any:
     return z**0.5 if z.dtype == object else np.sqrt(z.astype(complex))
 
 
+def function(name: str, z: Any) -> Any:
+    """An elementary function of NumPy numbers or arrays, or of mpmath numbers or object arrays of them."""
+    z = np.asarray(z)
+    return np.frompyfunc(getattr(mp, name), 1, 1)(z) if z.dtype == object else getattr(np, name)(z)
+
+
+def gradient(F: Callable[[Numbers], Any], z: Any) -> Numbers:
+    """∂F/∂z, (..., n), at numbers z (n,) by central differences, good to more than half of the digits of mpmath."""
+    z, d = np.array([mp.mpmathify(v) for v in z]), mp.mpf(10) ** (-mp.dps // 3)
+    return np.stack([(F(z + d * e) - F(z - d * e)) / (2 * d) for e in np.eye(len(z), dtype=int)], axis=-1)
+
+
 def invariants(top: LagrangeTop, y: Any) -> tuple[Any, Any, Any, Any]:
     """H, J3, C1, C2 of complex states; (1.2), (1.5)."""
     J1, J2, J3, x1, x2, x3 = components(y)
@@ -62,9 +88,9 @@ def invariants(top: LagrangeTop, y: Any) -> tuple[Any, Any, Any, Any]:
 
 def vector_field(top: LagrangeTop, y: Any) -> Numbers:
     """J' = alpha e3 × x, x' = J × x of complex states, (1.1): the flow f' = {f, H}."""
-    J1, J2, J3, x1, x2, x3 = components(y)
-    J_rate = (-top.alpha * x2, top.alpha * x1, 0 * J3)
-    return np.stack((*J_rate, J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1), axis=-1)
+    y = np.asarray(y)
+    J, x = y[..., :3], y[..., 3:]
+    return np.concatenate((cross(E3, x) * top.alpha, cross(J, x)), axis=-1)
 
 
 def poisson_tensor(*blocks: Any) -> Numbers:
@@ -88,17 +114,16 @@ def _minus_hat(v: Any) -> Numbers:
 # ------------------------------------------------------------------------------------------------ misprints
 
 
-def _force(rng: Random, sign: int) -> float:
-    """Torque of the force sign·P, P = (0, 0, alpha), on the axis, against J'."""
+def _force(rng: Random, printed: bool) -> float:
+    """Torque of the force P = (0, 0, alpha), corrected −P, on the axis, against J'."""
     top, y = draw(rng)
-    P = np.array((0.0, 0.0, sign * top.alpha))
+    P = np.array((0.0, 0.0, top.alpha if printed else -top.alpha))
     return float(np.max(np.abs(vector_field(top, y)[:3] - np.cross(y[3:], P))))
 
 
 ERRATA = [
     Erratum(
         "(1.1), text", "1", "P is the constant vector along the gravity field (then J' = x × P)",
-        "the gravity force is −P: J' = x × (−P) = P × x", lambda g: _force(g, 1), lambda g: _force(g, -1),
-        prose=True,
+        "the gravity force is −P: J' = x × (−P) = P × x", _force, prose=True,
     ),
 ]  # fmt: skip

@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.paper.errata import Erratum, draw
-from lagrange_bench.integrators.paper.lax import entries, matrix
+from lagrange_bench.integrators.paper.lax import determinant, entries, lax_matrix
 from lagrange_bench.integrators.paper.phase_space import (
     Numbers,
     cartesian,
     components,
+    function,
     invariants,
     ladder,
     sqrt,
@@ -108,17 +109,15 @@ def generating_function(q: Any, v: Any, c1: Any = 1.0, c2: Any = 0.0) -> Any:
     """F(q1, q2 | v1, v2) with p = ∂F/∂q, u = −∂F/∂v; (3.13). Principal logarithm."""
     (q1, q2), (v1, v2) = components(q), components(v)
     s = _radius(c1)
-    _refuse(q1, "q1 = J- = 0: the generating function has a pole")
-    _refuse(q2, "q2 = x- = 0: the generating function has a pole")
-    return 1j * s * q1 / q2 + 1j * (c2 / s) * _log(q2) - q1 * v2 + q2 * v1 / q1
+    _refuse(q1 * q2, "q1 = J- = 0 or q2 = x- = 0: the generating function has a pole")
+    return 1j * s * q1 / q2 + 1j * (c2 / s) * function("log", q2 + 0j) - q1 * v2 + q2 * v1 / q1
 
 
 def generated(q: Any, v: Any, c1: Any = 1.0, c2: Any = 0.0) -> tuple[Numbers, Numbers]:
     """p = ∂F/∂q and u = −∂F/∂v, each (..., 2), of the generating function; (3.14)."""
     (q1, q2), (v1, v2) = components(q), components(v)
     s = _radius(c1)
-    _refuse(q1, "q1 = J- = 0: the generating function has a pole")
-    _refuse(q2, "q2 = x- = 0: the generating function has a pole")
+    _refuse(q1 * q2, "q1 = J- = 0 or q2 = x- = 0: the generating function has a pole")
     p1 = 1j * s / q2 - v2 - q2 * v1 / q1**2
     p2 = -1j * s * q1 / q2**2 + 1j * (c2 / s) / q2 + v1 / q1
     return np.stack((p1, p2), axis=-1), np.stack((-q2 / q1, q1), axis=-1)
@@ -129,14 +128,6 @@ def _radius(c1: Any) -> Any:
     return sqrt(c1)
 
 
-def _log(z: Any) -> Any:
-    if np.asarray(z).dtype == object:
-        from mpmath import log
-
-        return np.frompyfunc(log, 1, 1)(z)
-    return np.log(np.asarray(z, dtype=complex))
-
-
 def _refuse(z: Any, reason: str) -> None:
     if np.any(np.asarray(z) == 0):
         raise ValueError(reason)
@@ -145,31 +136,29 @@ def _refuse(z: Any, reason: str) -> None:
 # ------------------------------------------------------------------------------------------------ misprints
 
 
-def _v1(rng: Random, shift: int) -> float:
-    """v1 of (3.5) against −A(u1) + shift · i alpha."""
+def _v1(rng: Random, printed: bool) -> float:
+    """v1 of (3.5) against −A(u1), corrected −A(u1) + i alpha."""
     top, y = draw(rng)
     u1, v1, _, _ = separate(y)
     A, _, _ = entries(top, y, u1)
-    return float(abs(v1 - (shift * 1j * top.alpha - A)) / (1 + abs(v1)))
+    return float(abs(v1 + A - (0 if printed else 1j * top.alpha)) / (1 + abs(v1)))
 
 
-def _on_curve(rng: Random, shift: int) -> float:
-    """det(L(u1) − v), v = v1 − shift · i alpha."""
+def _on_curve(rng: Random, printed: bool) -> float:
+    """det(L(u1) − v), v = v1, corrected v1 − i alpha."""
     top, y = draw(rng)
     u1, v1, _, _ = separate(y)
-    v = v1 - shift * 1j * top.alpha
-    M = matrix(*entries(top, y, u1)) - v * np.eye(2)
-    return float(abs(M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]) / (1 + abs(v)) ** 2)
+    v = v1 if printed else v1 - 1j * top.alpha
+    return float(abs(determinant(lax_matrix(top, y, u1) - v * np.eye(2))) / (1 + abs(v)) ** 2)
 
 
 ERRATA = [
     Erratum(
         "(3.4) with (3.5)", "3", "v1 = −A(u1) = i (J-/x-)(J3 − (J-/x-) x3)",
-        "v1 = −A(u1) + i alpha = i (J-/x-)(J3 − (J-/x-) x3)", lambda g: _v1(g, 0), lambda g: _v1(g, 1),
+        "v1 = −A(u1) + i alpha = i (J-/x-)(J3 − (J-/x-) x3)", _v1,
     ),
     Erratum(
         "(3.5), text", "3", "(u1, v1) lies on the spectral curve", "(u1, v1 − i alpha) lies on it",
-        lambda g: _on_curve(g, 0), lambda g: _on_curve(g, 1),
-        prose=True,
+        _on_curve, prose=True,
     ),
 ]  # fmt: skip

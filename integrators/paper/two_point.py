@@ -23,6 +23,7 @@ What the map is in time, section 5.6, is in `interpolating_flow`.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 from random import Random
 from typing import Any
@@ -33,21 +34,15 @@ from lagrange_bench.integrators.paper.errata import Erratum, draw
 from lagrange_bench.integrators.paper.lax import (
     PAULI,
     check_sheet,
+    commutator,
     eigenvalue,
     entries,
+    from_pauli,
     pauli,
     root,
 )
 from lagrange_bench.integrators.paper.one_point import one_point
-from lagrange_bench.integrators.paper.phase_space import (
-    E3,
-    Numbers,
-    cartesian,
-    components,
-    cross,
-    ladder,
-    lift,
-)
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cartesian, components, cross, ladder, lift
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 Point = tuple[Any, Any]  # (λ, μ)
@@ -104,8 +99,8 @@ def expressions_X(top: LagrangeTop, y: Any, image: Any, first: Point, second: Po
 
 def dressing_matrix(x: Any, X: Any, lam1: Any, lam2: Any, u: Any) -> Numbers:
     """M(u; λ1, λ2), shape (..., 2, 2), with det M = (u − λ1)(u − λ2); (5.5.3), (5.5.4)."""
-    rows = (np.stack((u - lam1 + x * X, X), axis=-1), np.stack((x * (lam1 - lam2 - x * X), u - lam2 - x * X), axis=-1))
-    return np.stack(rows, axis=-2)
+    entries = np.broadcast_arrays(u - lam1 + x * X, X, x * (lam1 - lam2 - x * X), u - lam2 - x * X)
+    return np.stack((np.stack(entries[:2], axis=-1), np.stack(entries[2:], axis=-1)), axis=-2)
 
 
 # ------------------------------------------------------------------------------------ the map, in four forms
@@ -113,43 +108,57 @@ def dressing_matrix(x: Any, X: Any, lam1: Any, lam2: Any, u: Any) -> Numbers:
 
 def explicit(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:
     """The map by components, (5.5.9) corrected."""
-    J3, Jm, Jp, x3, xm, xp = ladder(y)
-    x, X = parameters(top, y, first, second)
-    a, gap, mean = top.alpha, first[0] - second[0], (first[0] + second[0]) / 2
-    product = x * X
-    rest = x * (gap - product)
-    return cartesian(
+    return cartesian(*_ladder_image(top, y, first, second))
+
+
+def _ladder_image(top: LagrangeTop, y: Any, first: Point, second: Point, printed: bool = False) -> tuple[Any, ...]:
+    """J̃3, J̃-, J̃+, x̃3, x̃-, x̃+ of (5.5.9), corrected or as the paper prints them."""
+    (J3, Jm, Jp, x3, xm, xp), (x, X) = ladder(y), parameters(top, y, first, second)
+    gap, mean, product = first[0] - second[0], (first[0] + second[0]) / 2, x * X
+    rest, twist, lever, a = x * (gap - product), 2 * product - gap, x * (gap - product), top.alpha
+    if printed:
+        twist, lever, a = 2 * product + gap, top.alpha * (gap - product), 1.0
+    return (
         J3 + 0 * x,
         Jm - 2 * a * X,
         Jp + 2 * a * rest,
-        x3 - rest * Jm + X * Jp + 2 * a * X * rest,
-        xm + (2 * product - gap) * Jm - 2 * X * J3 - 2 * a * X * (product + mean - gap / 2),
-        xp - (2 * product - gap) * Jp + 2 * rest * J3 - 2 * a * rest * (product - mean - gap / 2),
+        x3 - lever * Jm + X * Jp + 2 * a * X * rest,
+        xm + twist * Jm - 2 * X * J3 - 2 * a * X * (product + mean - gap / 2),
+        xp - twist * Jp + 2 * rest * J3 - 2 * a * rest * (product - mean - gap / 2),
     )
 
 
 def real_generators(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:
     """The map in J1, J2, J3, x1, x2, x3, (5.5.10) with the label 145–150, corrected."""
-    J1, J2, J3, x1, x2, x3 = components(y)
-    x, X = parameters(top, y, first, second)
-    a, gap, mean = top.alpha, first[0] - second[0], (first[0] + second[0]) / 2
+    return np.stack(_real_image(top, y, first, second), axis=-1)
+
+
+def _real_image(top: LagrangeTop, y: Any, first: Point, second: Point, printed: bool = False) -> tuple[Any, ...]:
+    """J̃1 … x̃3 of (5.5.10), corrected or as the paper prints them: without alpha, and with the braces exchanged."""
+    (J1, J2, J3, x1, x2, x3), (x, X) = components(y), parameters(top, y, first, second)
+    gap, mean, a = first[0] - second[0], (first[0] + second[0]) / 2, top.alpha
     even, odd = x * gap - X * (1 + x * x), x * gap + X * (1 - x * x)
     low, high, twist = mean - gap / 2, mean + 3 * gap / 2, 2 * x * X - gap
     brace1 = x * X**2 * (1 - x * x) + X * (low + x * x * high) - x * gap * (mean + gap / 2)
     brace2 = x * X**2 * (1 + x * x) + X * (low - x * x * high) + x * gap * (mean + gap / 2)
-    x1_new = x1 - 1j * J2 * twist + J3 * even - a * brace1
-    x2_new = x2 + 1j * J1 * twist - 1j * J3 * odd - 1j * a * brace2
-    x3_new = x3 - J1 * even + 1j * J2 * odd - 2 * a * x * X * (x * X - gap)
-    return np.stack((J1 + a * even, J2 - 1j * a * odd, J3 + 0 * x, x1_new, x2_new, x3_new), axis=-1)
+    if printed:
+        a, brace1, brace2 = 1.0, brace2, brace1
+    return (
+        J1 + a * even,
+        J2 - 1j * a * odd,
+        J3 + 0 * x,
+        x1 - 1j * J2 * twist + J3 * even - a * brace1,
+        x2 + 1j * J1 * twist - 1j * J3 * odd - 1j * a * brace2,
+        x3 - J1 * even + 1j * J2 * odd - 2 * a * x * X * (x * X - gap),
+    )
 
 
 def matrix_form(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:
     """The map in one line, with M(u) = u + M0: J̃ = J + alpha [M0, σ3], x̃ = x + M0 J − J̃ M0; the program of 5.7."""
     M0 = dressing_matrix(*parameters(top, y, first, second), first[0], second[0], 0)
     J, x = pauli(np.asarray(y)[..., :3]), pauli(np.asarray(y)[..., 3:])
-    J_new = J + top.alpha * (M0 @ PAULI[2] - PAULI[2] @ M0)
-    x_new = x + M0 @ J - J_new @ M0
-    return cartesian(*(m[..., i, j] for m in (J_new, x_new) for i, j in ((0, 0), (0, 1), (1, 0))))
+    J_new = J + top.alpha * commutator(M0, PAULI[2])
+    return from_pauli(J_new, x + M0 @ J - J_new @ M0)
 
 
 def inverse(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:
@@ -206,56 +215,29 @@ def check_upper(lam: Any) -> None:
 # ------------------------------------------------------------------------------------------------ misprints
 
 
-def _as_printed(top: LagrangeTop, y: Any, first: Point, second: Point) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What (5.5.9) and (5.5.10) give as the paper prints them, by component."""
-    (J1, J2, J3, x1, x2, x3), (_, Jm, Jp, _, xm, xp) = components(y), ladder(y)
-    x, X = parameters(top, y, first, second)
-    gap, mean = first[0] - second[0], (first[0] + second[0]) / 2
-    rest, even, odd = x * (gap - x * X), x * gap - X * (1 + x * x), x * gap + X * (1 - x * x)
-    low, high, twist = mean - gap / 2, mean + 3 * gap / 2, 2 * x * X - gap
-    brace1 = x * X**2 * (1 + x * x) + X * (low - x * x * high) + x * gap * (mean + gap / 2)
-    brace2 = x * X**2 * (1 - x * x) + X * (low + x * x * high) - x * gap * (mean + gap / 2)
-    ladders = {
-        "J̃-": Jm - 2 * X,
-        "J̃+": Jp + 2 * rest,
-        "x̃3": x3 - top.alpha * (gap - x * X) * Jm + X * Jp + 2 * X * rest,
-        "x̃-": xm + (2 * x * X + gap) * Jm - 2 * X * J3 - 2 * X * (x * X + mean - gap / 2),
-        "x̃+": xp - (2 * x * X + gap) * Jp + 2 * rest * J3 - 2 * rest * (x * X - mean - gap / 2),
-    }
-    reals = {
-        "J̃1": J1 + even,
-        "J̃2": J2 - 1j * odd,
-        "x̃1": x1 - 1j * J2 * twist + J3 * even - brace1,
-        "x̃2": x2 + 1j * J1 * twist - 1j * J3 * odd - 1j * brace2,
-        "x̃3": x3 - J1 * even + 1j * J2 * odd - 2 * x * X * (x * X - gap),
-    }
-    return ladders, reals
-
-
 def _points(rng: Random, top: LagrangeTop, y: Any) -> tuple[Point, Point]:
     """Two points of the curve, λ1 above and λ2 below the real axis, not conjugate, on one random sheet each."""
     lams = [complex(0.5 + rng.random(), sign * (0.5 + rng.random())) for sign in (1, -1)]
     return point(top, y, lams[0], rng.choice((1, -1))), point(top, y, lams[1], rng.choice((1, -1)))
 
 
-def _component(rng: Random, name: str, real: bool, printed: bool) -> float:
+def _component(rng: Random, printed: bool, name: str, form: Callable[..., tuple[Any, ...]]) -> float:
     """One component as printed or as corrected against the pole-free map, over the size of the terms."""
     top, y = draw(rng)
     first, second = _points(rng, top, y)
     m = tuple(1j * lam * lam * mu for lam, mu in (first, second))
     truth = pole_free(top, y, first[0], second[0], m=m)
-    form, of, place = (real_generators, components, REAL) if real else (explicit, ladder, LADDER)
-    value, right = (of(image)[place.index(name)] for image in (form(top, y, first, second), truth))
-    value = _as_printed(top, y, first, second)[real][name] if printed else value
+    place, right = (REAL.index(name), truth) if form is _real_image else (LADDER.index(name), ladder(truth))
     x, _ = parameters(top, y, first, second)
-    return float(abs(value - right) / ((1 + abs(x)) * (1 + np.max(np.abs(truth)))))
+    error = abs(form(top, y, first, second, printed)[place] - right[place])
+    return float(error / ((1 + abs(x)) * (1 + np.max(np.abs(truth)))))
 
 
-def _reality(rng: Random, sign: int) -> float:
-    """Largest imaginary part of the image of a real state, λ2 = λ̄1, μ2 = sign · μ̄1."""
+def _reality(rng: Random, printed: bool) -> float:
+    """Largest imaginary part of the image of a real state, λ2 = λ̄1, μ2 = μ̄1, corrected −μ̄1."""
     top, y = draw(rng)
     lam, mu = point(top, y.real, complex(0.5 + rng.random(), 0.5 + rng.random()))
-    image = explicit(top, y.real, (lam, mu), (lam.conjugate(), sign * mu.conjugate()))
+    image = explicit(top, y.real, (lam, mu), (lam.conjugate(), mu.conjugate() * (1 if printed else -1)))
     return float(np.max(np.abs(image.imag)) / (1 + np.max(np.abs(image))))
 
 
@@ -265,11 +247,7 @@ MISPRINTS = (
     ("J̃-", "J- − 2X", "J- − 2 alpha X"),
     ("J̃+", "J+ + 2x(Δλ − xX)", "J+ + 2 alpha x(Δλ − xX)"),
     ("x̃3", "x3 − alpha (Δλ − xX)J- + X J+ + 2xX(Δλ − xX)", "x3 − x(Δλ − xX)J- + X J+ + 2 alpha xX(Δλ − xX)"),
-    (
-        "x̃-",
-        "x- + (2xX + Δλ)J- − 2X J3 − 2X(xX + λ0 − Δλ/2)",
-        "x- + (2xX − Δλ)J- − 2X J3 − 2 alpha X(xX + λ0 − Δλ/2)",
-    ),
+    ("x̃-", "x- + (2xX + Δλ)J- − 2X J3 − 2X(xX + λ0 − Δλ/2)", "x- + (2xX − Δλ)J- − 2X J3 − 2 alpha X(xX + λ0 − Δλ/2)"),
     (
         "x̃+",
         "x+ − (2xX + Δλ)J+ + 2x(Δλ − xX)J3 − 2x(Δλ − xX)(xX − λ0 − Δλ/2)",
@@ -293,16 +271,14 @@ REAL_MISPRINTS = (
 )
 
 
-def _erratum(number: str, real: bool, name: str, printed: str, corrected: str) -> Erratum:
-    wrong, right = (partial(_component, name=name, real=real, printed=as_printed) for as_printed in (True, False))
-    return Erratum(f"({number}) {name}", "5.5", printed, corrected, wrong, right)
-
-
 ERRATA = [
-    *(_erratum("5.5.9", False, *misprint) for misprint in MISPRINTS),
-    *(_erratum("5.5.10", True, *misprint) for misprint in REAL_MISPRINTS),
+    *(
+        Erratum(f"({number}) {name}", "5.5", printed, corrected, partial(_component, name=name, form=form))
+        for number, form, misprints in (("5.5.9", _ladder_image, MISPRINTS), ("5.5.10", _real_image, REAL_MISPRINTS))
+        for name, printed, corrected in misprints
+    ),
     Erratum(
         "(5.5.11)", "5.5", "real for λ1 = λ̄2, whatever the μ: also μ2 = μ̄1", "real for λ1 = λ̄2 and μ2 = −μ̄1",
-        partial(_reality, sign=1), partial(_reality, sign=-1), prose=True,
+        _reality, prose=True,
     ),
 ]  # fmt: skip

@@ -202,7 +202,7 @@ def total(series: Series, z: Any, u: Any) -> Any:
     return value if u is None else value + u * horner(series.u, u)
 
 
-def horner(coefficients: Vector, z: Any) -> Any:
+def horner(coefficients: Any, z: Any) -> Any:
     value = coefficients[-1]
     for c in coefficients[-2::-1]:
         value = value * z + c

@@ -1,9 +1,7 @@
-"""The contraction of two sites to the top: what is exact at every ε, and that the rest is reached with an error O(ε)."""
+"""The contraction of two sites to the top, as far as it is exact at every ε. The limits: see `test_paper_sections`."""
 
 import numpy as np
-import pytest
 
-from lagrange_bench.integrators import TOPS
 from lagrange_bench.integrators.paper import contraction as con
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper.phase_space import invariants, poisson_tensor
@@ -38,18 +36,3 @@ def test_the_bracket_at_finite_epsilon(p):
     p.same(con.bracket(y), poisson_tensor(y))
     naive = jacobian(lambda z: np.array(con.casimirs(z)), y)
     assert np.max(np.abs((P @ naive.T).astype(complex))) > 1e-3
-
-
-@pytest.mark.parametrize(("name", "lam"), [("generic", 0.2 + 0.5j), ("figure1", -0.3 + 0.8j), ("inverted", 0.2 + 0.5j)])
-def test_limits_are_reached_linearly(name, lam):
-    """Lax matrix, bracket, Casimir, curve, flow and both maps: error ~ ε, fitted over three halvings."""
-    top, y = TOPS[name].top, TOPS[name].state
-    errors = [con.deviations(top, y, lam, 2.0**-k) for k in (10, 11, 12, 13)]
-    for what in errors[0]:
-        slopes = -np.diff(np.log2([e[what] for e in errors]))
-        assert np.all(np.abs(slopes - 1) < 0.05), (what, slopes)
-
-
-def test_bad_epsilon():
-    with pytest.raises(ValueError, match="eps"):
-        con.to_magnet(TOPS["generic"].top, TOPS["generic"].state, 0.0)

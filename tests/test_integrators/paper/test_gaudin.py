@@ -1,10 +1,11 @@
 """The Gaudin magnet: brackets, integrals, spectral curve, one- and two-point maps; in double and in 50 digits."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
-from mpmath import mp, mpc, mpf
+from mpmath import mpc
 
 from lagrange_bench.integrators.compiling.double_double import dd
 from lagrange_bench.integrators.paper import generating_functions as gf
@@ -12,11 +13,12 @@ from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue, spectral_polynomial, times
 from lagrange_bench.integrators.paper.gaudin_maps import one_point, one_point_inverse, two_point, two_point_textbook
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
+from lagrange_bench.integrators.paper.gaudin_step import MagnetStepper, prepare, prepare_exact
 from lagrange_bench.integrators.paper.one_point import dressing_matrix
 from lagrange_bench.integrators.torus import time_step
 from tests.test_integrators.paper.tools import Point, jacobian, largest
 
-SIZES = pytest.mark.parametrize("n", [1, 2, 3, 5, 8])
+SIZES = pytest.mark.parametrize("n", [1, 2, 8])
 LAM = 0.4 + 0.7j
 
 
@@ -138,7 +140,7 @@ def test_one_point_map(p, n):
     p.same((*old3, *new3, mu), (*spins[:, 2], *image[:, 2], 1j * v))
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 5, 8, "pairs"])
+@pytest.mark.parametrize("n", [1, 2, 8, "pairs"])
 def test_two_forms_of_the_two_point_map(p, n):
     """(5.5.2)–(5.5.6) with n sites = the real form; B_(λ̄,v̄)⁻¹ ∘ B_(λ,v); sheet −1 is the inverse; all integrals kept."""
     magnet, spins = magnet_of(p, n, real=True)
@@ -147,6 +149,7 @@ def test_two_forms_of_the_two_point_map(p, n):
     image = two_point(magnet, spins, lam, sheet, site)
     tolerance = 1000 * largest(image)
     p.same(image, two_point(magnet, spins, lam, v=v), 100)
+    assert hash(magnet) == hash(GaudinMagnet(list(magnet.sites), magnet.alpha))
     p.same(image, two_point_textbook(magnet, spins, lam, -v, bar, -v.conjugate()), tolerance)
     p.same(image, two_point_textbook(magnet, spins, bar, v.conjugate(), lam, v), tolerance)
     back = one_point_inverse(magnet, one_point(magnet, spins, lam, v=-v), bar, v=-v.conjugate())
@@ -181,9 +184,7 @@ def test_two_point_maps_compose_and_commute(p, n):
 @SIZES
 def test_maps_are_poisson_only_with_v_of_the_state(p, n):
     """D P Dᵀ = P̃ with v of the state, D exact to round-off; with v frozen not."""
-    if n > 4 and p.digits > 15:
-        n = 4
-    magnet, spins = magnet_of(p, n, real=True)
+    magnet, spins = magnet_of(p, n if p.digits == 15 else min(n, 4), real=True)
     lam = upper(p.lam)
     v = eigenvalue(magnet, spins, lam)
     for f, terms in ((partial(one_point, lam=lam), 1000), (partial(two_point, lam=lam), 100)):
@@ -255,18 +256,19 @@ PAIR = GaudinMagnet((0.5 + 1j, 0.5 - 1j), 1.0)
         ("lam1", lambda: two_point_textbook(MAGNET, SPINS, 1.0, 1.0, 2j, 1.0)),
         ("lam2", lambda: two_point_textbook(MAGNET, SPINS, 1j, 1.0, 0.0, 1.0)),
         ("lam", lambda: MAGNET.vector(SPINS, 1.0)),
+        ("h must", lambda: prepare(MAGNET, SPINS, 0.0)),
+        ("h must", lambda: prepare_exact(MAGNET, SPINS, np.inf)),
+        *(("factors", lambda k=k: prepare(MAGNET, SPINS, 0.1, factors=k)) for k in (0, 99)),
+        ("site", lambda: replace(MAGNET, site=4)),
+        ("site", lambda: prepare(MAGNET, SPINS * np.array(((0,), (1,))), 0.1)),
+        ("hamiltonian", lambda: prepare(replace(MAGNET, hamiltonian=(1, 2)), SPINS, 0.1)),
+        ("hamiltonian", lambda: replace(MAGNET, hamiltonian=(1, 2, 3))),
+        ("either", lambda: replace(MAGNET, site=1, hamiltonian=(1, 2))),
+        *(("lams", lambda lam=lam: MagnetStepper(MAGNET, SPINS, lam)) for lam in (-1j, np.nan)),
+        ("spins", lambda: MagnetStepper(MAGNET, SPINS[:1], 1j)),
+        ("lams", lambda: times(MAGNET, SPINS, 0.3)),
     ],
 )
 def test_bad_input(named, call):
     with pytest.raises(ValueError, match=named):
         call()
-
-
-def test_numbers_of_every_kind():
-    """Integers, floats and mpmath numbers; a magnet is a key."""
-    assert GaudinMagnet([0, 1], 1) == GaudinMagnet((0, 1), 1)
-    assert hash(MAGNET) == hash(GaudinMagnet((0.0, 1.0), 1.0))
-    with mp.workdps(30):
-        fine = GaudinMagnet((mpf(0), mpf(1)), mpf(1))
-        image = two_point(fine, [[mpf(v) for v in s] for s in SPINS], mpc(0.5, 0.5))
-        assert largest(image - two_point(MAGNET, SPINS, 0.5 + 0.5j)) < 1e-14

@@ -1,12 +1,12 @@
 """Section 5.1: the one-point map, its Lax equation, sheets, deformation in λ and iteration."""
 
 import numpy as np
-import pytest
 from mpmath import mp, mpf
 
 from lagrange_bench.integrators import TOPS
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper import one_point as op
+from lagrange_bench.integrators.paper.interpolating_flow import limit_rate
 from lagrange_bench.integrators.paper.phase_space import invariants, ladder, poisson_tensor, sqrt
 from tests.test_integrators.paper.tools import jacobian, largest, size
 
@@ -27,12 +27,6 @@ def test_intertwining_and_spectrality(p):
     p.same(op.one_point(top, y, lam, mu=mu), new, 10 * size(new, y))
 
 
-def test_real_form(p):
-    """(5.1.11), label 85–90, corrected."""
-    new = op.one_point(p.top, p.y, p.lam, p.sheet)
-    p.same(op.real_form(p.top, p.y, p.lam, p.sheet), new, size(new, p.y))
-
-
 def test_quadratic_algebra_of_the_dressing_matrix(p):
     """(5.1.5) with r of (2.6) holds for {p, q} = −i and not for +i."""
     P, q, lam, u, v = p.numbers(5)
@@ -45,16 +39,6 @@ def test_quadratic_algebra_of_the_dressing_matrix(p):
 
     p.same(defect(-1j), np.zeros((4, 4)), largest(r) * largest(Mu) * largest(Mv))
     assert largest(defect(1j)) > 1e-2
-
-
-def test_the_adjugate_dresses_back(p):
-    """The inverse at the same (λ, μ) has the dressing matrix ((1, −p), (−q, u − λ + pq))."""
-    old = op.inverse(p.top, p.y, p.lam, p.sheet)
-    P, q = op.parameters(p.top, op.transpose(p.y), p.lam, p.sheet)[::-1]  # p from the curve, q from J+
-    N = op.dressing_matrix(P, q, p.lam, p.u)
-    adjugate = np.array(((N[1, 1], -N[0, 1]), (-N[1, 0], N[0, 0])))
-    left, right = adjugate @ lax.lax_matrix(p.top, p.y, p.u), lax.lax_matrix(p.top, old, p.u) @ adjugate
-    p.same(left, right, size(old, p.y, [P]))
 
 
 def test_k_and_its_sign(p):
@@ -87,20 +71,9 @@ def test_deformation(p):
     y, lam, top = p.y, p.lam, p.top
     slope = jacobian(lambda z: op.one_point(top, y, z[0], p.sheet), np.array([lam]))[:, 0]
     new = op.one_point(top, y, lam, p.sheet)
-    p.same(op.deformation(top, new, lam, p.sheet), slope, size(new) ** 3)
+    p.same(-1j * limit_rate(top, new, lam, p.sheet), slope, size(new) ** 3)
     mu_gradient = jacobian(lambda z: np.array([lax.eigenvalue(top, z, lam, p.sheet)]), new)[0]
     p.same(poisson_tensor(new) @ mu_gradient, slope, size(new) ** 3)  # {z, μ}
-
-
-@pytest.mark.parametrize("name", ["figure1", "figure2", "generic"])
-def test_real_tops(name):
-    """The data of the paper's figures, C1 ≠ 1: invariants to 1e-12, and the image of a real state is not real."""
-    top, y = TOPS[name].top, TOPS[name].state
-    for lam in (0.3, 0.2 + 0.1j):
-        new = op.one_point(top, y, lam)
-        scale = np.maximum(top.invariant_scales(y), 1) * max(1, largest(new) / largest(y)) ** 2
-        assert largest((np.array(invariants(top, new)) - top.invariants(y)) / scale) <= 1e-12
-        assert largest(new.imag) > 0.1
 
 
 def test_stable_q():
@@ -110,6 +83,7 @@ def test_stable_q():
     lam = complex(-xm / Jm)
     mu, (A, _, _) = lax.eigenvalue(top, y, lam), lax.entries(top, y, lam)
     good = 1 if abs(A + mu) > abs(A - mu) else -1
+    assert largest(op.one_point(top, y, 0.2 + 0.1j).imag) > 0.1  # the image of a real state is not real
     for nudge in (0.0, 1e-13, 1e-9):
         with mp.workdps(50):
             exact = op.one_point(top, [mpf(v) for v in y], mp.mpc(lam + nudge), good)
@@ -118,14 +92,6 @@ def test_stable_q():
     assert np.array_equal(op.one_point(top, upright, 0.7), upright)
     tilted = np.array((0.0, 0.0, 1.2, 0.48, 0.6, 0.64))  # J- = 0 alone
     assert largest(np.array(invariants(top, op.one_point(top, tilted, 0.7j))) - top.invariants(tilted)) <= 1e-12
-
-
-def test_near_the_identity_for_large_parameters():
-    """On the sheet with v = −iμ → alpha, after the gauge −1/λ: the image tends to the state like 1/λ."""
-    top, y = TOPS["generic"].top, TOPS["generic"].state
-    errors = [largest(op.gauge(op.one_point(top, y, lam), -1 / lam) - y) for lam in (1e3, 1e4, 1e5)]
-    assert errors[0] < 0.05
-    assert np.array(errors[1:]) / errors[:-1] == pytest.approx(0.1, rel=0.05)
 
 
 def test_balanced_iteration_keeps_the_invariants():
@@ -143,12 +109,3 @@ def test_balanced_iteration_keeps_the_invariants():
     assert abs(invariants(top, plain[-1])[2] - start[2]) > 0.1
     for n in range(6):
         assert largest(op.gauge(states[n], 2.0 ** -exponents[n]) - plain[n]) <= 1e-12 * largest(plain[n])
-
-
-def test_balanced_iteration_in_mpmath_and_upright():
-    with mp.workdps(40):
-        top, y = TOPS["figure2"].top, [mpf(v) for v in TOPS["figure2"].y0]
-        states, _ = op.orbit(top, y, mpf(3), 50)
-        assert largest(np.array(invariants(top, states[-1])) - np.array(invariants(top, y))) <= mpf("1e-32")
-    upright = TOPS["sleeping_stable"].state
-    assert np.array_equal(op.orbit(top, upright, 0.7, 3)[0], np.tile(upright, (4, 1)))

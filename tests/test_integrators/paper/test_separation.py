@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from mpmath import mp, mpf
+from mpmath import mpf
 
-from lagrange_bench.integrators import TOPS
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper import separation as sep
-from lagrange_bench.integrators.paper.phase_space import invariants, poisson_tensor, vector_field
+from lagrange_bench.integrators.paper.phase_space import gradient, invariants, poisson_tensor, vector_field
 from tests.test_integrators.paper.tools import CANONICAL, jacobian, largest
 
 SEPARATED = np.array(
@@ -66,32 +65,10 @@ def test_separation_equations(p):
     p.same(SEPARATED @ gradient, rates, sizes(w, 1 / w))
 
 
-def test_generating_relations(p):
-    """(3.14): p = ∂F/∂q, u = −∂F/∂v connect the two charts of one state."""
-    q, w = sep.to_darboux(p.y), sep.separate(p.y)
-    momenta, u = sep.generated(q[:2], w[1::2], *invariants(p.top, p.y)[2:])
-    p.same(momenta, q[2:], sizes(w, 1 / w))
-    p.same(u, w[::2])
-
-
-def test_generating_function_has_these_derivatives(fine):
-    """(3.13), by numerical differentiation in 50 digits."""
-    q, v, leaf = fine.numbers(2), fine.numbers(2), fine.numbers(2)
-    momenta, u = sep.generated(q, v, *leaf)
-    gradient = [
-        mp.diff(lambda *a: sep.generating_function(a[:2], a[2:], *leaf), (*q, *v), n)
-        for n in np.eye(4, dtype=int).tolist()
-    ]
-    assert largest(np.array(gradient) - np.concatenate((momenta, -u))) <= mpf("1e-35")
-
-
-def test_real_tops_and_arrays():
-    """The paper's two figures have C1 ≠ 1; c1 and c2 default to the paper's 1 and 0."""
-    top, Y = TOPS["generic"].top, np.stack([TOPS[n].state for n in ("figure1", "figure2", "generic")])
-    H, _, c1, c2 = map(np.asarray, invariants(top, Y))
-    for f, back, _ in CHARTS.values():
-        W = f(Y)
-        assert largest(W - np.stack([f(y) for y in Y])) <= 1e-13 * largest(W)
-        assert largest(back(W, c1, c2) - Y) <= 1e-12 * largest(Y)
-    assert largest(sep.separated_hamiltonian(top, sep.separate(Y), c1, c2) - H) <= 1e-12 * largest(H)
-    assert invariants(top, sep.unseparate(sep.separate(Y[0])))[2:] == pytest.approx((1, 0), abs=1e-11)
+def test_generating_function(fine):
+    """(3.13), (3.14): p = ∂F/∂q and u = −∂F/∂v by differences, and they connect the two charts of one state."""
+    q, w, leaf = sep.to_darboux(fine.y), sep.separate(fine.y), invariants(fine.top, fine.y)[2:]
+    momenta, u = sep.generated(q[:2], w[1::2], *leaf)
+    fine.same((*momenta, *u), (*q[2:], *w[::2]), sizes(w, 1 / w))
+    slopes = gradient(lambda z: sep.generating_function(z[:2], z[2:], *leaf), (*q[:2], *w[1::2]))
+    assert largest(slopes - np.concatenate((momenta, -u))) <= mpf("1e-25") * sizes(w, 1 / w)
