@@ -53,8 +53,8 @@ def test_canonical(fine):
     """(4.2): {p_θ, θ} = {p_φ, φ} = 1 is the bracket of e(3) on the leaf; θ' = −p_θ … is (1.1)."""
     q, leaf = fine.numbers(4), (fine.number() ** 2, fine.number())
     D, y = gradient(lambda z: from_angles(z, *leaf), q), from_angles(q, *leaf)
-    assert largest(D @ -CANONICAL @ D.T - poisson_tensor(y)) < mpf(10) ** -28
-    assert largest(D @ rates(fine.top.alpha, q, *leaf) - vector_field(fine.top, y)) < mpf(10) ** -28
+    assert largest(D @ -CANONICAL @ D.T - poisson_tensor(y)) < mpf(10) ** -30
+    assert largest(D @ rates(fine.top.alpha, q, *leaf) - vector_field(fine.top, y)) < mpf(10) ** -30
 
 
 # ---------------------------------------------------------------------------------------------- the solution

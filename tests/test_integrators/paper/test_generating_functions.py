@@ -46,12 +46,12 @@ def test_canonical_relations(fine):
     slope = slopes(partial(gf.generating_function, fine.top), args)
     claimed = (*gf.momenta(fine.top, *args), gf.eigenvalue(fine.top, *args))
     found = np.array((*gf.from_gradient(*args[3:5], slope), -slope[4]))
-    assert largest(found - np.array(claimed)) < mpf(10) ** -25 * (1 + largest(claimed))
+    assert largest(found - np.array(claimed)) < mpf(10) ** -30 * (1 + largest(claimed))
     for top in (fine.top, LagrangeTop(0.0)):
         args = arguments(fine, eulerian)
         slope = slopes(partial(eulerian.generating_function, top), args)
         claimed = np.array(eulerian.momenta(top, *args))
-        assert largest(slope[:4] * (1, 1, -1, -1) - claimed) < mpf(10) ** -25 * (1 + largest(claimed))
+        assert largest(slope[:4] * (1, 1, -1, -1) - claimed) < mpf(10) ** -30 * (1 + largest(claimed))
 
 
 def test_states_are_related_by_the_map(p):
@@ -167,9 +167,9 @@ def test_gaudin_gradient(fine):
     z = sqrt(squares - (sites - lam) * plus * minus)
     D = gradient(lambda v: gf.gaudin_function(alpha, v[4], sites, squares, v[:2], v[2:4], z), (*minus, *plus, lam))
     old3, new3, mu = gf.gaudin_momenta(alpha, lam, sites, squares, minus, plus, z)
-    assert largest(1j * minus * D[:n] - old3) < mpf(10) ** -25
-    assert largest(1j * plus * D[n:-1] - new3) < mpf(10) ** -25
-    assert abs(D[-1] + mu) < mpf(10) ** -25
+    assert largest(1j * minus * D[:n] - old3) < mpf(10) ** -30
+    assert largest(1j * plus * D[n:-1] - new3) < mpf(10) ** -30
+    assert abs(D[-1] + mu) < mpf(10) ** -30
     with pytest.raises(ValueError, match="site"):
         gf.gaudin_function(alpha, sites[0], sites, squares, minus, plus, z)
     with pytest.raises(ValueError, match="singular"):

@@ -116,7 +116,7 @@ def test_the_interpolating_hamiltonian():
         lam = mpc(0.2, 0.3) * unit("inverted")
         slopes = gradient(lambda z: flow.hamiltonian(top, z, lam, lam.conjugate(), -1), y)
         T, turn = flow.time_and_turn(top, y, lam, sheet=-1)
-        assert largest(-poisson_tensor(y) @ slopes - (T * vector_field(top, y) + turn * turn_rate(y))) < 1e-19
+        assert largest(-poisson_tensor(y) @ slopes - (T * vector_field(top, y) + turn * turn_rate(y))) < 1e-25
 
 
 # ------------------------------------------------------------------------------------- λ(h), the exact time step

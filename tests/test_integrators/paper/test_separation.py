@@ -71,4 +71,4 @@ def test_generating_function(fine):
     momenta, u = sep.generated(q[:2], w[1::2], *leaf)
     fine.same((*momenta, *u), (*q[2:], *w[::2]), sizes(w, 1 / w))
     slopes = gradient(lambda z: sep.generating_function(z[:2], z[2:], *leaf), (*q[:2], *w[1::2]))
-    assert largest(slopes - np.concatenate((momenta, -u))) <= mpf("1e-25") * sizes(w, 1 / w)
+    assert largest(slopes - np.concatenate((momenta, -u))) <= mpf("1e-35") * sizes(w, 1 / w)
