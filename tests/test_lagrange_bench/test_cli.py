@@ -57,7 +57,7 @@ def test_every_help_has_examples_that_are_understood(run, command, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     code, out, err = run(*([command] if command else []), "--help")
     assert (code, err) == (0, "")
-    assert 2 <= len(examples(out)) <= 5
+    assert len(examples(out)) >= 2
     for words in examples(out):  # those of `integrate` are also run
         assert hasattr(cli.parser().parse_args(words), "run")
     if command is None:
