@@ -40,11 +40,31 @@ def prepare(
 ) -> Stepper:
     """A stepper for `method` with step h; everything slow (compilation, λ(h)) happens here, once.
 
+    Parameters
+    ----------
+    top : LagrangeTop, RigidTop, PerturbedTop, Problem or GaudinMagnet
+        What to follow.
+    y0 : (6,)
+        A state, as for `integrate`.
+    h : float
+        The step, not 0, in the units of the top.
+    method : str or Method
+        A name in METHODS, or a record.
+    **options : dict
+        The method's own.
+
+    Returns
+    -------
+    Stepper
+        It starts from any state of the top.
+
     Raises
     ------
-    ValueError : a state, step or option that makes no sense, or a method that does not take the top's potential; the
-    message names the argument.
-    StepError : the method cannot be prepared for this top and step.
+    ValueError
+        A state, step or option that makes no sense, or a method that does not take the top's potential; the message names the
+        argument.
+    StepError
+        The method cannot be prepared for this top and step.
     """
     problem, found, state = _look_up(top, y0, method)
     return _prepare(found, problem, state, check_step(h), options)
@@ -70,23 +90,40 @@ def integrate(
 
     Parameters
     ----------
-    top : LagrangeTop, RigidTop (time in s then), PerturbedTop, Problem or GaudinMagnet.
-    y0 : (6,), initial (J, x); of a Problem as many numbers as its space has; of a magnet its spins (n, 3).
-    h : step, negative runs backwards. Times are in the top's own unit, 1 over the unit of J.
-    steps : number of steps. method : a name in METHODS, or a Method.
-    every : must divide `steps`. t : (N,), finite. attitude : True, or a unit quaternion (4,), scalar first: the initial attitude
-    of a HeavyTop, or of the body with equal moments of inertia that a LagrangeTop is. A state from `RigidTop.state` has its own.
-    options : the method's own.
+    top : LagrangeTop, RigidTop, PerturbedTop, Problem or GaudinMagnet
+        What to follow.
+    y0 : (6,)
+        Initial (J, x); of a Problem as many numbers as its space has; of a magnet its spins (n, 3).
+    h : float
+        The step, in the top's own unit of time, 1 over the unit of J; of a RigidTop in s. A negative one runs backwards.
+    steps : int
+        Number of steps.
+    method : str or Method
+        A name in METHODS, or a record.
+    every : int
+        Record every so many steps; must divide `steps`.
+    t : (N,)
+        Finite times, in the unit of h.
+    attitude : bool or (4,)
+        True, or a unit quaternion, scalar first: the initial attitude of a HeavyTop, or of the body with equal moments of inertia
+        that a LagrangeTop is. A state from `RigidTop.state` has its own.
+    **options : dict
+        The method's own.
 
     Returns
     -------
-    a `Trajectory`: t (N,), y (N, 6), of a Problem (N, size), of a magnet (N, n, 3), and work; `rotation` where the start has
-    one. Of a RigidTop and a WholeBody also `position`, `omega_body`, `omega_world` and `energy`, in SI units. The rotation of
-    a top is followed when it is first asked for, by backlund, theta_functions and taylor; that of a WholeBody is in y.
+    Trajectory
+        t (N,), y (N, 6), of a Problem (N, size), of a magnet (N, n, 3), and work; `rotation` where the start has one. Of a
+        RigidTop
+        and a WholeBody also `position`, `omega_body`, `omega_world` and `energy`, in SI units. The rotation of a top is followed
+        when it is first asked for, by backlund, theta_functions and taylor; that of a WholeBody is in y.
 
     Raises
     ------
-    ValueError : bad input; the message names the argument. StepError : the method failed.
+    ValueError
+        Bad input; the message names the argument.
+    StepError
+        The method failed.
     """
     problem, found, state = _look_up(top, y0, method)
     wanted = attitude is not False and attitude is not None
@@ -149,14 +186,33 @@ def _advance(
 def two_point(top: LagrangeTop | RigidTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
     """One step of the two-point Bäcklund transformation with parameters λ and λ̄, any λ with Im λ > 0.
 
-    `sheet` = 1 takes the branch of √Q(λ) continuous from +√C1 along the segment from 0 to λ; −1 the other
-    one, which is the inverse map. At a root of Q they meet: within 1e-14 of a simple root, or 1e-8 of a double one,
-    round-off decides which is which. At a double root there is no inverse: a homoclinic state
-    goes to the sleeping top. Shape (6,). Source: paper, section 5.5; docs/exact-step.md.
+    At a root of Q the two sheets meet: within 1e-14 of a simple root, or 1e-8 of a double one, round-off decides which is which.
+    At a double root there is no inverse: a homoclinic state goes to the sleeping top. Source: paper, section 5.5;
+    docs/exact-step.md.
+
+    Parameters
+    ----------
+    top : LagrangeTop or RigidTop
+        The top.
+    y : (6,)
+        The state.
+    lam : complex
+        λ, in units of J.
+    sheet : int
+        1 takes the branch of √Q(λ) continuous from +√C1 along the segment from 0 to λ; −1 the other one, which is the inverse
+        map.
+
+    Returns
+    -------
+    (6,)
+        The image.
 
     Raises
     ------
-    ValueError : y, λ or sheet make no sense. StepError : the image is beyond the range of doubles.
+    ValueError
+        y, λ or sheet make no sense.
+    StepError
+        The image is beyond the range of doubles.
     """
     problem: Any = getattr(top, "problem", top)
     _check_top(problem)

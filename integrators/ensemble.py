@@ -60,23 +60,39 @@ def integrate_ensemble(
 
     Parameters
     ----------
-    top : LagrangeTop, RigidTop, PerturbedTop, Problem or GaudinMagnet, the same for all; or LagrangeTop(alpha=array) with one
-    alpha for each; of a PerturbedTop alpha and every parameter may be such an array. Y0 : of a Problem (n, size), of a magnet
-    (n, sites, 3), and so are the states that are returned. h, steps, method, options : as in `integrate`.
-    every : record every `every` steps, row 0 is Y0: steps//every + 1 rows; default: the end alone.
-    t : output times (m,) in place of h and steps: m rows; for the exact Bäcklund map one map away from Y0 each:
-    jumps, not steps. threads : default: one per usable core.
-    on_failure : "raise" a StepError that names the first top for which the method fails, and says how many there are; or
-    "nan": all rows of such tops are NaN.
+    top : LagrangeTop, RigidTop, PerturbedTop, Problem or GaudinMagnet
+        The same for all; or LagrangeTop(alpha=array) with one alpha for each; of a PerturbedTop alpha and every parameter may be
+        such an array.
+    Y0 : (n, 6)
+        Of a Problem (n, size), of a magnet (n, sites, 3), and so are the states that are returned.
+    h, steps, method : float, int, str or Method
+        As in `integrate`.
+    every : int
+        Record every `every` steps, row 0 is Y0: steps//every + 1 rows; default: the end alone.
+    t : (m,)
+        Output times in place of h and steps: m rows; for the exact Bäcklund map one map away from Y0 each: jumps, not steps.
+    threads : int
+        Default: one per usable core.
+    on_failure : str
+        "raise" a StepError that names the first top for which the method fails, and says how many there are; or "nan": all rows
+        of
+        such tops are NaN.
+    **options : dict
+        The method's own.
 
     Returns
     -------
-    an `EnsembleTrajectory`: t (rows,) and y (rows, n, 6). As an array it is y; of the end alone (n, 6).
+    EnsembleTrajectory
+        t (rows,) and y (rows, n, 6). As an array it is y; of the end alone (n, 6).
 
     Raises
     ------
-    ValueError : bad input; the message names the argument. StepError : see `on_failure`.
-    KeyboardInterrupt : Ctrl-C, seen within a fraction of a second (between two tops, where they are taken one by one).
+    ValueError
+        Bad input; the message names the argument.
+    StepError
+        See `on_failure`.
+    KeyboardInterrupt
+        Ctrl-C, seen within a fraction of a second (between two tops, where they are taken one by one).
     """
     tops, states = _check_tops(top, Y0)
     n = len(states)

@@ -32,7 +32,19 @@ FAMILIES = (
 
 
 class StepError(RuntimeError):
-    """A method could not take a step. Attributes: `method`, its name; `reason`; `h` and the number of the `step`, or None."""
+    """A method could not take a step.
+
+    Parameters
+    ----------
+    method : str
+        The method's name.
+    reason : str
+        What went wrong.
+    h : float, optional
+        The step.
+    step : int, optional
+        Its number.
+    """
 
     def __init__(self, method: str, reason: str, *, h: float | None = None, step: int | None = None) -> None:
         at = "" if h is None else f" at h = {h:g}"
@@ -54,13 +66,27 @@ class StepWarning(RuntimeWarning):
 
 @dataclass
 class Work:
-    """What a stepper has done so far. Set-up is counted apart, with the compilation of a kernel's first use."""
+    """What a stepper has done so far. Set-up is counted apart, with the compilation of a kernel's first use.
 
-    steps: int = 0  # internal steps: one per h for control "step", natural steps for control "tolerance"
-    rhs_evals: int = 0  # right-hand sides, or their equivalent where a method has any
-    iterations: int = 0  # of a nonlinear solver
-    rejected: int = 0  # steps tried and thrown away
-    setup_seconds: float = 0.0  # 0 also where it is part of one compiled call with the steps
+    Parameters
+    ----------
+    steps : int
+        Internal steps: one per h for control "step", natural steps for control "tolerance".
+    rhs_evals : int
+        Right-hand sides, or their equivalent where a method has any.
+    iterations : int
+        Of a nonlinear solver.
+    rejected : int
+        Steps tried and thrown away.
+    setup_seconds : float
+        In s; 0 also where it is part of one compiled call with the steps.
+    """
+
+    steps: int = 0
+    rhs_evals: int = 0
+    iterations: int = 0
+    rejected: int = 0
+    setup_seconds: float = 0.0
 
 
 class Stepper(Protocol):
@@ -161,45 +187,94 @@ def _offers_of_top(problem: Any) -> frozenset[str]:
 class Method:
     """What a method claims. Every field is read by a test, a legend or a table; docs/adding-a-method.md explains each.
 
+    Parameters
+    ----------
+    name : str
+        Registry key, the name in every table.
+    label : str
+        What a legend shows.
+    family : str
+        Colour and grouping: one of FAMILIES, or a plug-in's own.
+    order : int or None
+        None: exact in time.
+    symmetric : bool
+        step(-h) undoes step(h).
+    poisson : bool
+        One step is a Poisson map.
+    conserves : frozenset of str
+        Of INVARIANTS: at round-off, for every h, as far as the problem conserves them.
+    control : str
+        "step": one internal step per h; "tolerance": h is the output grid, tol the knob.
+    source : str
+        Citation, equation numbers.
+    prepare : callable
+        (problem, y0, h, **options) → Stepper: everything slow happens here, once; see `in_one_call`.
+    needs : str
+        Of NEEDS: what a problem must offer.
+    if_quadratic : frozenset of str
+        Conserved, too, if H is quadratic.
+    exact_for : str
+        Of NEEDS: problems that offer this are followed exactly in time, whatever `order` is.
+    special : dict
+        Builders of another kernel for problems that offer a word of NEEDS, in place of `prepare`; each says why it is there.
+    evaluate : callable, optional
+        (problem, y0, times, **options) → states and Work: dense output or jumps.
+    attitude : callable, optional
+        (top, y0, times, **options) → (N, 4), see `body`.
+    advance_many, evaluate_many : callable, optional
+        Many tops in one call: their alphas (n,) in a uniform field, else a list of problems; then (n, 6) states:
+        (tops, Y0, h, steps, every, out, stopped, **options) and (tops, Y0, times, out, **options) → the tops done, a mask; see
+        `ensemble`.
+    requires : str, optional
+        A package that may be missing on some platforms.
+    engine : str
+        What takes the steps: "numba" compiled here; "heyoka"; "scipy" and "python" interpreted.
+    keeps : dict
+        What else is kept at round-off for every h in a uniform field, such as a modified energy: name → function of
+        (top, h, states (N, 6)) that returns its values (N,) and the size of its terms at the first state.
+    biased : dict
+        Of `conserves` and `keeps`: those whose round-off in a uniform field grows faster than a random walk, and why.
+    uniform_only : str
+        The reason, where `needs` is "uniform".
+    reduces_to : str
+        In a uniform field it is this other method, and measured under its name.
+
+    Attributes
+    ----------
+    options : tuple of str
+        Keyword options of `prepare`.
+
     Raises
     ------
-    ValueError : a field of a wrong type, an unknown invariant or word; or `biased` names what is not claimed.
+    ValueError
+        A field of a wrong type, an unknown invariant or word; or `biased` names what is not claimed.
     """
 
-    name: str  # registry key, the name in every table
-    label: str  # what a legend shows
-    family: str  # colour and grouping: one of FAMILIES, or a plug-in's own
-    order: int | None  # None: exact in time
-    symmetric: bool  # step(-h) undoes step(h)
-    poisson: bool  # one step is a Poisson map
-    conserves: frozenset[str]  # of INVARIANTS: at round-off, for every h, as far as the problem conserves them
-    control: str  # "step": one internal step per h · "tolerance": h is the output grid, tol the knob
-    source: str  # citation, equation numbers
-    prepare: Callable[
-        ..., Stepper
-    ]  # (problem, y0, h, **options): everything slow happens here, once; see `in_one_call`
-    needs: str = "uniform"  # of NEEDS: what a problem must offer
-    if_quadratic: frozenset[str] = frozenset()  # conserved, too, if H is quadratic
-    exact_for: str = ""  # of NEEDS: problems that offer this are followed exactly in time, whatever `order` is
-    # builders of another kernel for problems that offer a word of NEEDS, in place of `prepare`; each says why it is there
+    name: str
+    label: str
+    family: str
+    order: int | None
+    symmetric: bool
+    poisson: bool
+    conserves: frozenset[str]
+    control: str
+    source: str
+    prepare: Callable[..., Stepper]
+    needs: str = "uniform"
+    if_quadratic: frozenset[str] = frozenset()
+    exact_for: str = ""
     special: Mapping[str, Callable[..., Stepper]] = field(default_factory=dict, hash=False)
-    evaluate: Callable[..., tuple[Array, Work]] | None = None  # (problem, y0, times, **options): dense output or jumps
-    attitude: Callable[..., Array] | None = None  # (top, y0, times, **options) -> (N, 4), see `body`
-    # many tops in one call: their alphas (n,) in a uniform field, else a list of problems; then (n, 6) states:
-    # (tops, Y0, h, steps, every, out, stopped, **options) and (tops, Y0, times, out, **options) → the tops done, a mask; see
-    # `ensemble`
+    evaluate: Callable[..., tuple[Array, Work]] | None = None
+    attitude: Callable[..., Array] | None = None
     advance_many: Callable[..., NDArray[np.bool_]] | None = None
     evaluate_many: Callable[..., NDArray[np.bool_]] | None = None
-    requires: str | None = None  # a package that may be missing on some platforms
-    engine: str = "numba"  # what takes the steps: "numba" compiled here · "heyoka" · "scipy" and "python" interpreted
-    # what else is kept at round-off for every h in a uniform field, such as a modified energy: name → function of
-    # (top, h, states (N, 6)) that returns its values (N,) and the size of its terms at the first state
+    requires: str | None = None
+    engine: str = "numba"
     keeps: Mapping[str, Quantity] = field(default_factory=dict, hash=False)
-    # of `conserves` and `keeps`: those whose round-off in a uniform field grows faster than a random walk, and why
     biased: Mapping[str, str] = field(default_factory=dict, hash=False)
-    uniform_only: str = ""  # the reason, where `needs` is "uniform"
-    reduces_to: str = ""  # in a uniform field it is this other method, and measured under its name
-    options: tuple[str, ...] = field(init=False)  # keyword options of `prepare`
+    uniform_only: str = ""
+    reduces_to: str = ""
+    options: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         check_record(self)

@@ -371,7 +371,18 @@ def no_exit() -> Iterator[None]:
 
 
 def available(method: Method) -> bool:
-    """Whether the package a method needs is installed here."""
+    """Whether the package a method needs is installed here.
+
+    Parameters
+    ----------
+    method : Method
+        A record.
+
+    Returns
+    -------
+    bool
+        False if `method.requires` cannot be imported.
+    """
     return method.requires is None or importlib.util.find_spec(method.requires) is not None
 
 

@@ -53,13 +53,24 @@ class Start:
 
 @dataclass(frozen=True, repr=False)
 class Trajectory:
-    """Times and states of one motion.
+    """Times and states of one motion: what `integrate` returns.
 
-    Attributes
+    Parameters
     ----------
-    top : what was followed: a top, a problem, a magnet. method : the method's name.
-    t : (N,) times in the units of h. y : (N, 6) states in those of y0; of a Problem (N, size), of a magnet (N, n, 3).
-    work : the work they took.
+    top : LagrangeTop, PerturbedTop, Problem, …
+        What was followed.
+    method : str
+        The method's name.
+    t : (N,)
+        Times in the units of h.
+    y : (N, 6)
+        States in those of y0; of a Problem (N, size), of a magnet (N, n, 3).
+    work : Work
+        The work they took.
+    follow : callable, optional
+        () → (N, 4), the attitudes, where the start has one; called when they are first asked for.
+    start : Start, optional
+        What a state of a `RigidTop` says beside its six numbers.
     """
 
     top: Any
@@ -93,16 +104,39 @@ class Trajectory:
         return self.y.reshape(len(self.t), -1)
 
     def invariants(self) -> Array:
-        """The invariants of the problem along the trajectory, shape (N, m): of a top H, J3, C1, C2; else see `problem.names`."""
+        """The invariants of the problem along the trajectory.
+
+        Returns
+        -------
+        (N, m)
+            Of a top H, J3, C1, C2; else see `problem.names`.
+        """
         values: Array = self.problem.invariants(self.states, self.t)
         return values
 
     def columns(self) -> tuple[str, ...]:
-        """Names of the n numbers of a state."""
+        """The names of the n numbers of a state.
+
+        Returns
+        -------
+        tuple of str
+            Of a top J1, J2, J3, x1, x2, x3.
+        """
         return state_columns(self.problem)
 
     def to_frame(self, invariants: bool = False) -> pd.DataFrame:
-        """A pandas frame with a row for each time: t, the numbers of the state, and the invariants if asked for."""
+        """A pandas frame with a row for each time.
+
+        Parameters
+        ----------
+        invariants : bool
+            Whether it has columns for the invariants, too.
+
+        Returns
+        -------
+        DataFrame
+            t, the numbers of the state, and the invariants if asked for.
+        """
         import pandas as pd
 
         frame = pd.DataFrame(self.states, columns=list(self.columns()))
@@ -112,11 +146,17 @@ class Trajectory:
         return frame
 
     def error(self) -> Array:
-        """Distances (N,) to the exact or the reference solution, relative to the scales of the motion; NaN where that is lost.
+        """Distances to the exact or the reference solution, relative to the scales of the motion.
+
+        Returns
+        -------
+        (N,)
+            NaN where the reference solution is lost.
 
         Raises
         ------
-        ValueError : the run is too long for a reference solution, or there is none.
+        ValueError
+            The run is too long for a reference solution, or there is none.
         """
         from lagrange_bench.integrators.truth import truths  # with mpmath: a run does not wait for it
 
@@ -128,11 +168,22 @@ class Trajectory:
         return scaled_size(self.problem, start.state, self.states - true)
 
     def sol(self, t: ArrayLike) -> Array:
-        """States at any times, from the start, by the method's dense output or jumps; shaped as `y`.
+        """States at any times, from the start, by the method's dense output or jumps.
+
+        Parameters
+        ----------
+        t : (M,)
+            Times in the units of h, counted from the start.
+
+        Returns
+        -------
+        (M, 6)
+            The states, shaped as `y`.
 
         Raises
         ------
-        ValueError : the method steps on a grid only.
+        ValueError
+            The method steps on a grid only.
         """
         start, times = self._started("sol"), check_times(t)
         evaluate = start.method.evaluate_for(self.problem)
@@ -153,10 +204,19 @@ class Trajectory:
 
         Parameters
         ----------
-        what : "components" of the state against time; "invariants", how far each one is from its start, relative to its terms;
-            "error", see `error`; or "axis", the path of x on its sphere, of a top.
-        ax : axes to draw on, of a 3D projection for "axis"; by default those of a new figure. look : of the lines, as of
-            matplotlib's `plot`.
+        what : str
+            "components" of the state against time; "invariants", how far each one is from its start, relative to its terms;
+            "error",
+            see `error`; or "axis", the path of x on its sphere, of a top.
+        ax : Axes, optional
+            Axes to draw on, of a 3D projection for "axis"; by default those of a new figure.
+        **look : dict
+            Of the lines, as of matplotlib's `plot`.
+
+        Returns
+        -------
+        Axes
+            Those that were drawn on.
         """
         from matplotlib import pyplot as plt
 
@@ -202,11 +262,26 @@ class Trajectory:
         return ax  # type: ignore[no-any-return]
 
     def save(self, path: str | Path, metadata: Mapping[str, Any] | None = None) -> Path:
-        """Write times and states, every double exactly, as .csv, .npz or .parquet; `metadata` is what JSON can hold.
+        """Write times and states, every double exactly.
+
+        Parameters
+        ----------
+        path : str or Path
+            A file that ends in .csv, .npz or .parquet.
+        metadata : dict, optional
+            What JSON can hold; it is written, too.
+
+        Returns
+        -------
+        Path
+            The file.
 
         Raises
         ------
-        ValueError : another ending, or .parquet without pyarrow. OSError : it cannot be written; nothing is lost.
+        ValueError
+            Another ending, or .parquet without pyarrow.
+        OSError
+            It cannot be written; nothing is lost.
         """
         return write_states(
             path, self.to_frame(), {"t": self.t, "y": self.y}, {"method": self.method, **(metadata or {})}
@@ -233,9 +308,14 @@ class Trajectory:
         return Rotation.from_quat(self.attitude, scalar_first=True)
 
     def euler_angles(self) -> Array:
-        """(theta, phi, psi) of the body, rad, shape (N, 3): R = R3(phi) R2(theta) R3(psi).
+        """Euler angles of the body.
 
         Within 1e-7 of the vertical only phi ± psi has a meaning; all of it is then given to phi.
+
+        Returns
+        -------
+        (N, 3)
+            (theta, phi, psi) in rad: R = R3(phi) R2(theta) R3(psi).
         """
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # says that
@@ -315,7 +395,7 @@ class EnsembleTrajectory(np.lib.mixins.NDArrayOperatorsMixin):
 
     As an array (`np.asarray`, indexing, arithmetic) it is `y`; or, where only the end is recorded, that one row, of shape (n, 6).
 
-    Attributes
+    Parameters
     ----------
     top : LagrangeTop, PerturbedTop, Problem, …
         What was followed, with an array of alphas or parameters where the motions differ.
@@ -327,6 +407,8 @@ class EnsembleTrajectory(np.lib.mixins.NDArrayOperatorsMixin):
         States in those of Y0; of a Problem (rows, n, size), of a magnet (rows, n, sites, 3).
     end_only : bool
         Whether the one row is the end.
+    begin : callable
+        Number of a motion → its top and its start.
     """
 
     top: Any
@@ -361,18 +443,48 @@ class EnsembleTrajectory(np.lib.mixins.NDArrayOperatorsMixin):
         return f"<{type(self).__name__} of {top} by {self.method}: {n} motions, {rows} states each{span}>"
 
     def motion(self, place: int) -> Trajectory:
-        """The motion of one place, with its own `error()`, `plot()` and `sol()`. Y0 is not copied: do not change it before."""
+        """The motion of one place, with its own `error()`, `plot()` and `sol()`.
+
+        Y0 is not copied: do not change it before.
+
+        Parameters
+        ----------
+        place : int
+            Its row in Y0.
+
+        Returns
+        -------
+        Trajectory
+            Of that motion.
+        """
         top, start = self.begin(range(self.y.shape[1])[place])
         return Trajectory(top, self.method, self.t, self.y[:, place], Work(), start=start)
 
     def invariants(self) -> Array:
-        """The invariants of all motions at all times, (rows, n, m); of a top H, J3, C1, C2."""
+        """The invariants of all motions at all times.
+
+        Returns
+        -------
+        (rows, n, m)
+            Of a top H, J3, C1, C2.
+        """
         problem, (rows, n) = getattr(self.top, "problem", self.top), self.y.shape[:2]
         values: Array = problem.invariants(self.y.reshape(rows, n, -1), self.t[:, None])
         return values
 
     def to_frame(self, invariants: bool = False) -> pd.DataFrame:
-        """A pandas frame with a row for each time and motion: t, the place of the motion, the state, the invariants if asked."""
+        """A pandas frame with a row for each time and motion.
+
+        Parameters
+        ----------
+        invariants : bool
+            Whether it has columns for the invariants, too.
+
+        Returns
+        -------
+        DataFrame
+            t, the place of the motion, the state, and the invariants if asked for.
+        """
         import pandas as pd
 
         problem, (rows, n) = getattr(self.top, "problem", self.top), self.y.shape[:2]
@@ -384,7 +496,20 @@ class EnsembleTrajectory(np.lib.mixins.NDArrayOperatorsMixin):
         return frame
 
     def save(self, path: str | Path, metadata: Mapping[str, Any] | None = None) -> Path:
-        """As `Trajectory.save`: a row for each time and motion; in .npz the arrays t and y."""
+        """As `Trajectory.save`: a row for each time and motion; in .npz the arrays t and y.
+
+        Parameters
+        ----------
+        path : str or Path
+            A file that ends in .csv, .npz or .parquet.
+        metadata : dict, optional
+            What JSON can hold; it is written, too.
+
+        Returns
+        -------
+        Path
+            The file.
+        """
         return write_states(
             path, self.to_frame(), {"t": self.t, "y": self.y}, {"method": self.method, **(metadata or {})}
         )

@@ -80,7 +80,7 @@ KNOBS = ("h_scaled", "tol", "rtol", "fraction")  # likewise, where a run has man
 class Comparison:
     """Rows of some methods on some tops, as a frame and as figures.
 
-    Attributes
+    Parameters
     ----------
     frame : DataFrame
         A row for each sample or run, with columns `method`, `top` and `status` ("done", or "failed" for the reason in `failure`).
@@ -108,7 +108,13 @@ class Comparison:
         return f"<Comparison of {names} on {len(tops)} top{'s' * (len(tops) != 1)}: {self.y} against {self.x}>"
 
     def to_frame(self) -> pd.DataFrame:
-        """A copy of the frame."""
+        """The rows as a frame of its own.
+
+        Returns
+        -------
+        DataFrame
+            A copy.
+        """
         return self.frame.copy()
 
     def plot(
@@ -164,7 +170,20 @@ class Comparison:
     def tops(
         self, x: str, y: str, methods: Iterable[str] | None = None, tops: Iterable[str] | None = None
     ) -> list[str]:
-        """The tops that `plot` has panels for."""
+        """The tops that `plot` has panels for.
+
+        Parameters
+        ----------
+        x, y : str
+            Names of columns of numbers.
+        methods, tops : list of str, optional
+            These only.
+
+        Returns
+        -------
+        list of str
+            Their names.
+        """
         return list(dict.fromkeys(self._rows(x, y, methods, tops)["top"]))
 
     # ------------------------------------------------------------------ what is drawn

@@ -68,7 +68,8 @@ def load(results: str | Path = "reference") -> Results:
 
     Parameters
     ----------
-    results : "reference", the published rows, which come with the package; or a folder that `lagrange-bench run` wrote to.
+    results : str or Path
+        "reference", the published rows, which come with the package; or a folder that `lagrange-bench run` wrote to.
 
     Returns
     -------

@@ -114,15 +114,31 @@ def judge(
 
     Parameters
     ----------
-    t : (N,) s, increasing. position : (N, 3) m, of the centre of mass. rotation : body to world, a `Rotation` of N, matrices
-    (N, 3, 3), or quaternions (N, 4). omega : (N, 3) rad/s. case : a name, see `CASES`, or a `Case`.
-    quat : "xyzw" or "wxyz", the order of the quaternions; default "wxyz". omega_frame : "body" or "world"; default "body".
-    up : the axis that points up in the world of these numbers, such as "y" or "-z". axis : the axis of symmetry in the
-    body of these numbers. The smallest turn leads from both to those of the case, which are the default.
+    t : (N,)
+        In s, increasing.
+    position : (N, 3), optional
+        In m, of the centre of mass.
+    rotation : Rotation of N, (N, 3, 3) or (N, 4), optional
+        From body to world: matrices or quaternions.
+    omega : (N, 3), optional
+        In rad/s.
+    case : str or Case
+        A name, see `CASES`, or a case of your own.
+    **convention : dict
+        quat : "xyzw" or "wxyz", the order of the quaternions; default "wxyz". omega_frame : "body" or "world"; default "body".
+        up : the axis that points up in the world of these numbers, such as "y" or "-z". axis : the axis of symmetry in the body
+        of
+        these numbers. The smallest turn leads from both to those of the case, which are the default.
+
+    Returns
+    -------
+    Judgement
+        The errors of what was given, each with its largest and its last.
 
     Raises
     ------
-    ValueError : other shapes, times that do not increase, a name that is not known.
+    ValueError
+        Other shapes, times that do not increase, a name that is not known.
     """
     given: dict[str, Array] = {"time": np.asarray(t, dtype=float).ravel()[:, None]}
     n = len(given["time"])

@@ -308,7 +308,12 @@ class Journal:
 class Store:
     """The journals in one folder. Nothing is read or created before it is asked for.
 
-    choice : the cells that `open`, `latest` and `rows` give; all that is written is.
+    Parameters
+    ----------
+    folder : str or Path
+        Where they are.
+    choice : Choice
+        The cells that `open`, `latest` and `rows` give; all that is written is.
     """
 
     def __init__(self, folder: str | Path, choice: Choice = ALL):

@@ -104,13 +104,24 @@ Start = str | tuple[Any, Array]  # the name of a state, or a problem and a state
 
 
 def check(method: str | Method, quick: bool = False, problem: Any = None, y0: ArrayLike | None = None) -> list[Verdict]:
-    """All verdicts on one method, a record or its name or package.module:METHOD; `quick` takes a tenth of the steps.
-
-    problem, y0 : a problem of your own, for instance a `Problem`, and a state: the claims are tested there, and at states near
-    it, instead.
+    """All verdicts on one method: its claims, put to the test.
 
     A check that ends in an exception is a claim that failed; no claim is left out for it. Only where the very first step ends
     in one there is nothing to judge. By its name a step of the user's own method is also tested without Numba.
+
+    Parameters
+    ----------
+    method : str or Method
+        A record, its name, or package.module:METHOD.
+    quick : bool
+        Take a tenth of the steps.
+    problem, y0 : Problem and its state, optional
+        Test the claims on this problem, at this state and near it, instead.
+
+    Returns
+    -------
+    list of Verdict
+        One for each claim.
     """
     record, word = find_method(method), method if isinstance(method, str) else None
     if (fault := first_step.problem(record, word)) is not None:

@@ -65,7 +65,7 @@ class NoPrediction(ValueError):
 class PredictedPhase:
     """What backward error analysis says of the runs of one method, from one state, with one step.
 
-    Attributes
+    Parameters
     ----------
     clock, turn : float or None
         By how much the method's clock is fast, a number, and how fast it turns about e3 too far, in rad per unit of time.
@@ -74,6 +74,8 @@ class PredictedPhase:
         How these grow, per unit of time: 0 for a method that keeps the invariants in the mean.
     reason : str
         Why there is no prediction; else empty.
+    _theory : Theory, optional
+        The series behind the numbers, for `shifts`.
     """
 
     clock: float | None
@@ -122,7 +124,7 @@ def predicted_phase(
 
     Parameters
     ----------
-    top, y0, h, method
+    top, y0, h, method : LagrangeTop or RigidTop, (6,), float, str or Method
         As of `integrate`; `top` in a uniform field.
     lam : complex, optional
         Parameter of the two-point map, Im λ > 0, for a method with this option; h is then the time its step is meant to take.

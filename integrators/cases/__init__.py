@@ -41,13 +41,20 @@ class Case:
 
     Parameters
     ----------
-    name : in tables.
-    top : the RigidTop.
-    rotation : at t = 0, a SciPy Rotation or a matrix (3, 3), body to world.
-    omega_body : (3,) rad/s, at t = 0.
-    until, every : s, how long it is meant to run, and the time between rows of a reference.
-    title, source, remarks : words.
-    exact : the numbers of a named case, as decimals.
+    name : str
+        What tables call it.
+    top : RigidTop
+        The body.
+    rotation : Rotation or (3, 3)
+        At t = 0, from body to world.
+    omega_body : (3,)
+        In rad/s, at t = 0.
+    until, every : float
+        In s, how long it is meant to run, and the time between rows of a reference.
+    title, source, remarks : str
+        What it is, where it comes from, and what to know.
+    exact : dict
+        The numbers of a named case, as decimals.
     """
 
     name: str

@@ -59,7 +59,19 @@ def _below() -> frozenset[str]:
 def compiled(function: Callable[..., Any], **more: Any) -> Any:
     """Compile a function with Numba: no fastmath, and no cache on disk, so every process compiles it again.
 
-    more : options of `numba.njit`. The kernels of plug-ins are compiled with this. Numba raises its errors at the first call.
+    The kernels of plug-ins are compiled with this. Numba raises its errors at the first call.
+
+    Parameters
+    ----------
+    function : callable
+        What Numba can compile.
+    **more : dict
+        Options of `numba.njit`.
+
+    Returns
+    -------
+    callable
+        The compiled function.
     """
     return njit(**{**OPTIONS, **more})(function)
 

@@ -30,9 +30,22 @@ REFUSAL = "a formula may use + − × ÷, whole and half powers, and sqrt, sin, 
 
 
 def sqrt(a: Any) -> Any:
-    """Square root of whatever a formula is evaluated on: a symbol, a float, an array, an mpmath or a heyoka number.
+    """Square root of whatever a formula is evaluated on.
 
-    NaN for a negative float. TypeError : a type without a square root.
+    Parameters
+    ----------
+    a : number, array or symbol
+        A symbol of a formula, a float, an array, an mpmath or a heyoka number.
+
+    Returns
+    -------
+    same as a
+        The root; NaN for a negative float.
+
+    Raises
+    ------
+    TypeError
+        A type without a square root.
     """
     return apply("sqrt", a)
 

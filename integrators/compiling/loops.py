@@ -100,24 +100,45 @@ class KernelError(ValueError):
 class FixedStepper(Stepper):
     """A `Stepper` around a compiled kernel: one internal step per h.
 
-    name : of the method, in messages. h : step, in the units of the top. constants : (m,) floats, the `c` of the kernel.
-    step : compiled, step(s, c, tally) → s, with s six numbers. pin : compiled, pin(s, c) → s, called every `block` steps.
-    rhs_per_step : right-hand sides that a step counts.
-
-    `enter` and `leave` turn a state into the kernel's own units and back (exactly, or not at all);
-    `failures` maps the kernel's failure codes to reasons.
-
-    `lane` declares that an ensemble takes its tops through this kernel in SIMD lanes. True: through `step` and `pin` as they
-    are; both should be free of loops, for a loop has the same bits in lanes but no SIMD code. Or a kernel for lanes and
-    the number of constants it takes: all of them, or those of one of the equal parts that a step consists of; it has
-    the bits of `step`, or sets FAILURE. False: one top after the other.
-
-    `size` is the number of components of a state. `timed`: the kernel reads the number of its step from tally[CLOCK], so that
-    a run must not be continued from a state on the way. `memory`: how many numbers it carries from step to step.
+    Parameters
+    ----------
+    name : str
+        The method, in messages.
+    h : float
+        The step, in the units of the top.
+    constants : (m,)
+        Floats, the `c` of the kernel.
+    step : callable
+        Compiled, step(s, c, tally) → s, with s a tuple of `size` numbers.
+    pin : callable, optional
+        Compiled, pin(s, c) → s, called every `block` steps.
+    block : int
+        Steps between two calls of `pin`.
+    enter, leave : callable, optional
+        They turn a state into the kernel's own units and back, exactly or not at all.
+    rhs_per_step : int
+        Right-hand sides that a step counts.
+    failures : dict, optional
+        The reasons for the kernel's failure codes.
+    lane : bool or (callable, int)
+        Whether an ensemble takes its tops through this kernel in SIMD lanes. True: through `step` and `pin` as they are; both
+        should be free of loops, for a loop has the same bits in lanes but no SIMD code. Or a kernel for lanes and the number of
+        constants it takes: all of them, or those of one of the equal parts that a step consists of; it has the bits of `step`, or
+        sets FAILURE. False: one top after the other.
+    size : int
+        The number of components of a state.
+    timed : bool
+        Whether the kernel reads the number of its step from tally[CLOCK]; then a run must not be continued from a state on the
+        way.
+    memory : int
+        How many numbers it carries from step to step.
 
     Raises
     ------
-    ValueError : constants are not floats, or a kernel cannot be compiled. StepError : from `advance` and `record`.
+    ValueError
+        Constants are not floats, or a kernel cannot be compiled.
+    StepError
+        From `advance` and `record`.
     """
 
     def __init__(

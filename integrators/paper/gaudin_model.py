@@ -40,11 +40,24 @@ UNROLLED = 6  # spins, 15 pairs: a right-hand side of some 200 operations
 
 @dataclass(frozen=True)
 class GaudinMagnet:
-    """Sites and field of a magnet: numbers, also complex or mpmath ones; and which flow it follows. Hashable, picklable.
+    """Sites and field of a magnet, and which flow it follows. Hashable, picklable.
 
-    site : the flow of H_site, by default of H_0. hamiltonian : numbers c, the flow of Σ c_j H_j instead.
-    ValueError for sites that coincide, are not finite or not numbers; for alpha that is not real and finite; for both
-    site and hamiltonian, or one that does not fit the sites.
+    Parameters
+    ----------
+    sites : tuple
+        The λ_k: numbers, also complex or mpmath ones.
+    alpha : number
+        The field, along e3.
+    site : int, optional
+        Follow the flow of H_site; by default of H_0.
+    hamiltonian : tuple, optional
+        Numbers c: follow the flow of Σ c_j H_j instead.
+
+    Raises
+    ------
+    ValueError
+        Sites that coincide, are not finite or not numbers; alpha that is not real and finite; both site and hamiltonian, or one
+        that does not fit the sites.
     """
 
     sites: tuple[Any, ...]

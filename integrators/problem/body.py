@@ -57,21 +57,29 @@ class RigidTop:
 
     Parameters
     ----------
-    mass : kg.
-    com : (3,) m, the centre of mass in the body's frame, from the fixed point.
-    inertia_com : kg m², about the centre of mass: three moments along the axes of the body's frame, or a matrix (3, 3).
-    gravity : (3,) m/s², in the world's frame.
+    mass : float
+        In kg.
+    com : (3,)
+        In m, the centre of mass in the body's frame, from the fixed point.
+    inertia_com : (3,) or (3, 3)
+        In kg m², about the centre of mass: moments along the axes of the body's frame, or a matrix.
+    gravity : (3,)
+        In m/s², in the world's frame.
 
     Attributes
     ----------
-    They are those of the parameters, inertia_com as a matrix, and what follows: A and C, moments of inertia about the fixed
-    point across and along the axis; axis, a unit vector in the body; distance of the centre of mass along it. The axis is that
-    of `com`, or where `com` is 0 that of the single moment of inertia.
+    A, C : float
+        In kg m², moments of inertia about the fixed point, across and along the axis.
+    axis : (3,)
+        A unit vector in the body: the axis of `com`, or where `com` is 0 that of the single moment of inertia.
+    distance : float
+        In m, of the centre of mass along the axis.
 
     Raises
     ------
-    ValueError : a malformed number; moments of inertia that no body has; or a body that is not symmetric about an axis
-    through the fixed point.
+    ValueError
+        A malformed number; moments of inertia that no body has; or a body that is not symmetric about an axis through the fixed
+        point.
     """
 
     def __init__(
@@ -204,12 +212,21 @@ class RigidTop:
 class HeavyTop(RigidTop):
     """A `RigidTop` with the axis e3, gravity along −e3, and the moments of inertia about the fixed point; SI units.
 
-    mass : kg. distance : m, from the fixed point to the centre of mass along the axis. gravity : m/s².
-    A, C : kg m², moments of inertia about the fixed point, across and along the axis; C <= 2A for a rigid body.
+    Parameters
+    ----------
+    mass : float
+        In kg.
+    distance : float
+        In m, from the fixed point to the centre of mass along the axis.
+    gravity : float
+        In m/s².
+    A, C : float
+        In kg m², moments of inertia about the fixed point, across and along the axis; C <= 2A for a rigid body.
 
     Raises
     ------
-    ValueError : a number that is not finite, mass, A or C not positive, or C > 2A.
+    ValueError
+        A number that is not finite, mass, A or C not positive, or C > 2A.
     """
 
     def __init__(self, mass: float, distance: float, gravity: float, A: float, C: float) -> None:

@@ -27,14 +27,21 @@ class Potential:
 
     Parameters
     ----------
-    name : what messages and tables call it. value : (x1, x2, x3, p) → V, in the units of |J|².
-    gradient : (x1, x2, x3, p) → (∂V/∂x1, ∂V/∂x2, ∂V/∂x3); by default it is derived. It is compared with the derived one.
-    parameters : names of the parameters; by default a top may give any number of them.
-    note : what the potential stands for, in a line.
+    name : str
+        What messages and tables call it.
+    value : callable
+        (x1, x2, x3, p) → V, in the units of |J|².
+    gradient : callable, optional
+        (x1, x2, x3, p) → (∂V/∂x1, ∂V/∂x2, ∂V/∂x3); by default it is derived. It is compared with the derived one.
+    parameters : sequence of str, optional
+        Names of the parameters; by default a top may give any number of them.
+    note : str
+        What the potential stands for, in a line.
 
     Raises
     ------
-    ValueError : from `formula` and from `PerturbedTop`, for a function that is no such formula.
+    ValueError
+        From `formula` and from `PerturbedTop`, for a function that is no such formula.
     """
 
     def __init__(

@@ -24,7 +24,18 @@ from lagrange_bench.integrators.problem.problem import Problem
 
 
 def free_body(I1: float, I2: float, I3: float) -> Problem:
-    """A rigid body about its centre of mass; moments of inertia in any unit. y: the angular momentum (3,) in its frame."""
+    """A rigid body about its centre of mass.
+
+    Parameters
+    ----------
+    I1, I2, I3 : float
+        Moments of inertia, in any unit.
+
+    Returns
+    -------
+    Problem
+        Its state y is the angular momentum (3,) in the body's frame.
+    """
     moments = [check_real(moment, f"I{i}") for i, moment in enumerate((I1, I2, I3), 1)]
     if min(moments) <= 0.0:
         raise ValueError(f"moments of inertia must be positive; got {moments}")

@@ -17,7 +17,18 @@ from lagrange_bench.integrators.problem.problem import Problem
 
 
 def kirchhoff_body(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -> Problem:
-    """A body with three planes of symmetry, or a screw: three numbers each of a, b and c."""
+    """A body with three planes of symmetry, or a screw, in an ideal fluid.
+
+    Parameters
+    ----------
+    a, b, c : (3,)
+        The coefficients of J_i², J_i x_i and x_i².
+
+    Returns
+    -------
+    Problem
+        On "e3", in the body's frame.
+    """
     numbers = (*a, *b, *c)
     if len(a) != 3 or len(b) != 3 or len(c) != 3:
         raise ValueError(f"a, b and c must be three numbers each; got {a}, {b}, {c}")

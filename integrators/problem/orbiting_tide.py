@@ -19,7 +19,24 @@ from lagrange_bench.integrators.problem.problem import Problem
 
 
 def orbiting_tide(strength: float, eccentricity: float, motion: float, alpha: float = 0.0) -> Problem:
-    """The top in the tide; strength in units of J²/x², motion (radians of mean anomaly per unit of time) in units of J."""
+    """The top in a tide along an eccentric orbit.
+
+    Parameters
+    ----------
+    strength : float
+        In units of J²/x².
+    eccentricity : float
+        Of the orbit.
+    motion : float
+        Radians of mean anomaly per unit of time, in units of J.
+    alpha : float
+        Of the uniform field, in units of J²/x.
+
+    Returns
+    -------
+    Problem
+        Its Hamiltonian depends on t.
+    """
 
     def hamiltonian(t, y, p):
         k, e, rate, weight = p

@@ -33,9 +33,19 @@ class PerturbedTop:
 
     For `integrate_ensemble` alone, `alpha` of the top and the parameters may be arrays (n,), a number for each of n tops.
 
+    Parameters
+    ----------
+    top : LagrangeTop
+        The top and its uniform field.
+    potential : Potential
+        V(x, p), which is added to the energy.
+    parameters : tuple of float
+        The numbers p.
+
     Raises
     ------
-    ValueError : parameters of the wrong number or kind; a potential that is no formula; a gradient that is not V's.
+    ValueError
+        Parameters of the wrong number or kind; a potential that is no formula; a gradient that is not V's.
     """
 
     top: LagrangeTop

@@ -109,7 +109,18 @@ NOTHING = Potential("nothing", lambda x1, x2, x3, p: 0.0, note="0: the top alone
 
 
 def in_any_field(top: LagrangeTop | PerturbedTop) -> PerturbedTop:
-    """A `PerturbedTop` as it is, a `LagrangeTop` as one with the potential 0, so that one kernel serves both."""
+    """A `PerturbedTop` as it is, a `LagrangeTop` as one with the potential 0, so that one kernel serves both.
+
+    Parameters
+    ----------
+    top : LagrangeTop or PerturbedTop
+        Any top.
+
+    Returns
+    -------
+    PerturbedTop
+        The same top.
+    """
     return top if isinstance(top, PerturbedTop) else PerturbedTop(top, NOTHING)
 
 

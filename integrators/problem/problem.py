@@ -37,21 +37,29 @@ class Problem:
 
     Parameters
     ----------
-    name : what messages and tables call it.
-    space : "e3", six numbers (J, x); "so3", three; "so3**n" or n, n spins, 3n numbers; "body", seven, (q, L): a quaternion,
-        scalar first, that takes vectors of the body to the world, and its angular momentum.
-    hamiltonian : (t, y, p) → H, a function of + − × ÷, whole and half powers, and sqrt, sin, cos, exp, log of `integrators`; y
-        are the numbers of the state, p the parameters.
-    parameters : numbers.
-    parts : functions as `hamiltonian` with closed flows, H being their sum; by default H is taken apart where that works:
-        functions of t and x, of components along one axis, multiples of |J|² and of s_j·s_k.
-    invariants : name → function as `hamiltonian`, what is conserved besides H and the Casimir functions.
-    frame : "space", with the bracket of the top, J' = ∂H/∂J × J + ∂H/∂x × x, x' = ∂H/∂J × x; or "body", with the other sign.
+    name : str
+        What messages and tables call it.
+    space : str or int
+        "e3", six numbers (J, x); "so3", three; "so3**n" or n, n spins, 3n numbers; "body", seven, (q, L): a quaternion, scalar
+        first, that takes vectors of the body to the world, and its angular momentum.
+    hamiltonian : callable
+        (t, y, p) → H, a function of + − × ÷, whole and half powers, and sqrt, sin, cos, exp, log of `integrators`; y are the
+        numbers of the state, p the parameters.
+    parameters : sequence of float
+        The numbers p.
+    parts : sequence of callable
+        Functions as `hamiltonian` with closed flows, H being their sum; by default H is taken apart where that works: functions
+        of t and x, of components along one axis, multiples of |J|² and of s_j·s_k.
+    invariants : dict, optional
+        Name → function as `hamiltonian`, what is conserved besides H and the Casimir functions.
+    frame : str
+        "space", with the bracket of the top, J' = ∂H/∂J × J + ∂H/∂x × x, x' = ∂H/∂J × x; or "body", with the other sign.
 
     Raises
     ------
-    ValueError : a function that is no formula, an invariant that is not conserved, parts that do not add up to H or have no
-    closed flow; the message names the argument.
+    ValueError
+        A function that is no formula, an invariant that is not conserved, parts that do not add up to H or have no closed flow;
+        the message names the argument.
     """
 
     def __init__(

@@ -28,12 +28,18 @@ from lagrange_bench.integrators.words import suggestion
 class LagrangeTop:
     """A symmetric heavy top with weight parameter `alpha` (m g l / A for a real one). Hashable, picklable.
 
-    alpha : any finite number, in units of J²/x. For `integrate_ensemble` alone an array (n,), one number for each of n tops:
-    `rhs` and `invariants` then take states (..., n, 6), and all else raises a ValueError. Source: paper, (1.1).
+    Source: paper, (1.1).
+
+    Parameters
+    ----------
+    alpha : float
+        Any finite number, in units of J²/x. For `integrate_ensemble` alone an array (n,), one number for each of n tops: `rhs`
+        and `invariants` then take states (..., n, 6), and all else raises a ValueError.
 
     Raises
     ------
-    ValueError : alpha is not real or not finite.
+    ValueError
+        alpha is not real or not finite.
     """
 
     alpha: float = 1.0
@@ -194,8 +200,18 @@ def hat(v: ArrayLike) -> Array:
 class NamedTop:
     """A top with a name and an initial state.
 
-    name : lower case, in every table. label : in legends. alpha : in units of J²/x. y0 : (J1, J2, J3, x1, x2, x3). note : why
-    it is there.
+    Parameters
+    ----------
+    name : str
+        Lower case, in every table.
+    label : str
+        In legends.
+    alpha : float
+        In units of J²/x.
+    y0 : tuple of 6 floats
+        (J1, J2, J3, x1, x2, x3).
+    note : str
+        Why it is there.
     """
 
     name: str

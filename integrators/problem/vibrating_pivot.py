@@ -15,7 +15,20 @@ from lagrange_bench.integrators.problem.problem import Problem
 
 
 def vibrating_pivot(alpha: float, strength: float, frequency: float) -> Problem:
-    """The top whose weight parameter swings; alpha and strength in units of J²/x, frequency in units of J."""
+    """The top whose weight parameter swings.
+
+    Parameters
+    ----------
+    alpha, strength : float
+        In units of J²/x, the mean and the amplitude.
+    frequency : float
+        In units of J.
+
+    Returns
+    -------
+    Problem
+        Its Hamiltonian depends on t.
+    """
 
     def hamiltonian(t, y, p):
         return (y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) / 2.0 + (p[0] + p[1] * cos(p[2] * t)) * y[5]

@@ -35,18 +35,30 @@ class WholeBody(Problem):
 
     Parameters
     ----------
-    mass : kg. com : (3,) m, the centre of mass in the body's frame, from the fixed point. inertia_com : kg m², about the centre
-    of mass, three moments or a matrix (3, 3). gravity : (3,) m/s², in the world's frame.
+    mass : float
+        In kg.
+    com : (3,)
+        In m, the centre of mass in the body's frame, from the fixed point.
+    inertia_com : (3,) or (3, 3)
+        In kg m², about the centre of mass: three moments or a matrix.
+    gravity : (3,)
+        In m/s², in the world's frame.
 
     Attributes
     ----------
-    inertia : (3,) kg m², principal moments about the fixed point. axes : (3, 3), their axes as rows, in the body's frame.
-    axis : the number of the axis of symmetry, None where there is none. weight, up : w in the principal frame, and the
-    direction against gravity in the world's.
+    inertia : (3,)
+        In kg m², principal moments about the fixed point.
+    axes : (3, 3)
+        Their axes as rows, in the body's frame.
+    axis : int or None
+        The number of the axis of symmetry.
+    weight, up : (3,)
+        w in the principal frame, and the direction against gravity in the world's.
 
     Raises
     ------
-    ValueError : a malformed number, or moments of inertia that no body has.
+    ValueError
+        A malformed number, or moments of inertia that no body has.
     """
 
     def __init__(
