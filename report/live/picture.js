@@ -12,9 +12,22 @@ const Picture = (() => {
   });
   const GRID = [...PARALLELS, ...MERIDIANS];
 
-  // The sphere seen from `eye`, from afar. `curve`: the true orbit; `truth`: where it ends; a run has marks and a tip.
+  const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+  const unit = (a) => a.map((c) => c / Math.hypot(...a));
+
+  // Points of the body, a disc half-way up its axis: its rim from one angle to another. It begins with the axis `axis`
+  function rim({ attitude: [s, ...v], axis }, from, to) {
+    const up = unit(axis), e = unit(cross(up, Math.abs(up[0]) < 0.7 ? [1, 0, 0] : [0, 1, 0])), f = cross(up, e);
+    const turned = (p) => { const u = cross(v, p), w = cross(v, u); return p.map((c, i) => c + 2 * (s * u[i] + w[i])); };
+    const at = (angle) => up.map((c, i) => 0.5 * c + 0.36 * (Math.cos(angle) * e[i] + Math.sin(angle) * f[i]));
+    const count = Math.ceil((to - from) / 0.15);
+    return { rim: Array.from({ length: count + 1 }, (_, i) => turned(at(from + ((to - from) * i) / count))), hub: turned(up.map((c) => 0.5 * c)) };
+  }
+
+  // The sphere seen from `eye`, from afar. `curve`: the true orbit; `truth`: where it ends; `body`: its attitude there, and the
+  // axis it began with, or null; a run has marks and a tip.
   // Lengths are in units of the radius. What is behind the sphere is pale.
-  function sphere(canvas, { eye: { around, up, size }, radius, curve, truth, runs, colours }) {
+  function sphere(canvas, { eye: { around, up, size }, radius, curve, truth, body, runs, colours }) {
     const { pen, width, height } = blank(canvas);
     const [ca, sa, cu, su] = [Math.cos(around), Math.sin(around), Math.cos(up), Math.sin(up)];
     const scale = 0.44 * size * Math.min(width, height);
@@ -55,6 +68,19 @@ const Picture = (() => {
 
     for (const line of GRID) path(line, colours.grid, 1, 1);
     path(curve, colours.line, 1.5);
+    if (body) {
+      const fill = ({ rim, hub }, opacity) => {
+        pen.globalAlpha = opacity;
+        pen.fillStyle = colours.ink;
+        pen.beginPath();
+        for (const { across, down } of [hub, ...rim, hub].map((p) => seen(p, 1))) pen.lineTo(across, down);
+        pen.fill();
+        pen.globalAlpha = 1;
+      };
+      fill(rim(body, 0, 2 * Math.PI), 0.16);
+      fill(rim(body, 0, Math.PI / 3), 0.55);
+      path(rim(body, 0, 2 * Math.PI).rim, colours.ink, 1.2, 1);
+    }
     for (const { marks, colour } of runs) for (const p of marks) dot(p, colour, marks.length > 500 ? 1.2 : 2.6);
     for (const { tip, colour } of runs) {
       const from = seen([0, 0, 0]), to = seen(tip);

@@ -8,6 +8,7 @@
 const Top = (() => {
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
   const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+  const scaled = (a, r) => a.map((c) => c * r);
   const split = (y) => [y.slice(0, 3), y.slice(3)];
 
   // complex numbers are pairs
@@ -48,7 +49,8 @@ const Top = (() => {
     return m;
   }
 
-  // (λ, m) for a time h > 0 of at most an eighth of the top's own: the power series of ∫du/√Q, solved by Newton's method
+  // (λ, m) for a time h > 0 of at most an eighth of the top's own: the power series of ∫du/√Q, solved by Newton's method.
+  // And `spin`, exp(iχ/2) of the angle χ by which a body turns about its axis, as in integrators/torus/attitude
   function start(q, h) {
     const terms = 28, size = Math.sqrt(q[0]), g = [1 / size];
     for (let n = 1; n < terms; n++) {
@@ -69,20 +71,25 @@ const Top = (() => {
       lambda = add(lambda, scale([a, b], size));
       if (Math.abs(a) + Math.abs(b) < 1e-17 * lambda[1]) break;
     }
-    return { lambda, m: root(horner(q, lambda)) }; // so close to 0 that Re m > 0
+    let s = [0, 0];
+    for (let k = terms - 1; k > 0; k--) s = mul(add(s, [g[k] / k, 0]), lambda);
+    const half = -size * s[1], spin = scale(mul([-Math.cos(half), -Math.sin(half)], [lambda[0], -lambda[1]]), 1 / Math.hypot(...lambda));
+    return { lambda, m: root(horner(q, lambda)), spin }; // so close to 0 that Re m > 0
   }
 
-  // (λ, m) of twice the time: the group law of the spectral curve
-  function doubled(q, { lambda, m }) {
+  // λ, m and spin of twice the time: the group law of the spectral curve
+  function doubled(q, { lambda, m, spin }) {
     const [R, eta] = lambda;
     const g = div(horner(derivative(q), lambda), scale(m, 2));
     const a1 = m[0] / eta, b0 = (0.5 * g[0]) / eta, b1 = (0.5 * (a1 + g[1])) / (eta * eta);
     const eta2 = Math.sqrt(2 * a1 * b1 + q[4]) / b1, v = [-b0 / b1, eta2];
     const w = scale(add(mul(v, v), [eta * eta, 0]), -b1 * eta2);
-    return { lambda: [R + v[0], eta2], m: [w[0] - a1 * v[1], w[1] + a1 * v[0] - m[1]] };
+    const atZero = [(b0 - b1 * R) * (R * R + eta * eta) - m[1] - a1 * R, -Math.sqrt(q[0])];
+    const turn = scale(mul(mul(spin, spin), atZero), 1 / Math.hypot(...atZero));
+    return { lambda: [R + v[0], eta2], m: [w[0] - a1 * v[1], w[1] + a1 * v[0] - m[1]], spin: turn };
   }
 
-  // (λ, m) with time h, for 0 < h < nutation period
+  // λ, m and spin with time h, for 0 < h < nutation period
   function parameter(q, h, unit) {
     let doublings = 0;
     while (h > unit / 8) { h /= 2; doublings++; }
@@ -112,14 +119,18 @@ const Top = (() => {
 
   const scaleOfTime = (alpha, y) => 1 / (Math.hypot(...y.slice(0, 3)) + Math.sqrt(Math.abs(alpha) * Math.hypot(...y.slice(3))));
 
-  // The two-point map of a point (λ, m) of the curve
-  function twoPoint(alpha, y, lambda, m) {
+  // The vector w of length Im λ about which the map of a point (λ, m) of the curve turns x
+  function direction(alpha, y, lambda, m) {
     const [J, x] = split(y), [R, eta] = lambda, r2 = R * R - eta * eta;
     const p = [x[0] + R * J[0], x[1] + R * J[1], x[2] + R * J[2] + alpha * r2];
     const q = [eta * J[0], eta * J[1], eta * (J[2] + 2 * alpha * R)];
     const n = cross(p, q);
-    let w = [0, 1, 2].map((i) => m[0] * p[i] + m[1] * q[i] - n[i]);
-    w = w.map((c) => (c * eta) / Math.hypot(...w)); // as long as η: the denominator loses its digits close to a root of Q
+    const w = [0, 1, 2].map((i) => m[0] * p[i] + m[1] * q[i] - n[i]);
+    return w.map((c) => (c * eta) / Math.hypot(...w)); // as long as η: the denominator loses its digits close to a root of Q
+  }
+
+  function twoPoint(alpha, y, lambda, m) {
+    const [J, x] = split(y), [R] = lambda, w = direction(alpha, y, lambda, m);
     const K = [J[0] - 2 * alpha * w[1], J[1] + 2 * alpha * w[0], J[2]];
     const u = cross(w, x), v = cross(w, u), f = 2 / (R * R + dot(w, w));
     return [...K, ...[0, 1, 2].map((i) => x[i] + f * (v[i] + R * u[i]))];
@@ -151,6 +162,25 @@ const Top = (() => {
     const { lambda, m } = parameter(q, Math.abs(rest), unit), sheet = rest < 0 ? scale(m, -1) : m;
     const still = Math.abs(rest) < 1e-15 * Math.abs(h);
     return { lambda, m: sheet, turns, step: (s) => turned(still ? s : twoPoint(alpha, s, lambda, sheet), ...turn) };
+  }
+
+  const product = (a, b) => [a[0] * b[0] - dot(a.slice(1), b.slice(1)), ...cross(a.slice(1), b.slice(1)).map((c, i) => c + a[0] * b[i + 1] + b[0] * a[i + 1])];
+
+  // The attitude after a time t > 0 of a body with equal moments of inertia, a unit quaternion, 1 at the start: exact steps of
+  // at most half a nutation. null: there are too many of them
+  function attitude(alpha, y, t) {
+    const q = spectralPolynomial(alpha, y), unit = scaleOfTime(alpha, y);
+    const parts = Math.ceil(t / (0.5 * Math.min(nutationPeriod(alpha, y), 32 * unit)));
+    if (parts > 50000) return null;
+    let s = y, g = [1, 0, 0, 0];
+    const { lambda, m, spin } = parameter(q, t / (parts || 1), unit);
+    for (let i = 0; i < parts; i++) {
+      const x = s.slice(3), w = direction(alpha, s, lambda, m), part = spin[1] / Math.hypot(...x);
+      g = product([-lambda[0], ...scaled(w, -1)], product([spin[0], ...scaled(x, part)], g));
+      g = scaled(g, 1 / Math.hypot(...g));
+      s = twoPoint(alpha, s, lambda, m);
+    }
+    return g;
   }
 
   // The map of any λ with Im λ > 0: a time step of T(λ) and a turn about e3
@@ -253,20 +283,24 @@ const Top = (() => {
 
   const ORDER = 24, SHARE = 0.2; // of the Taylor series, and its step as a part of the radius of convergence
 
-  // The motion in a tide over h, to round-off: by Taylor series
+  // The motion in a tide over h, to round-off: by Taylor series; the last four of ten numbers are the attitude, as above
   function taylor(alpha, k, y, h) {
-    const unit = scaleOfTime(alpha, y), sizes = [1 / unit, Math.hypot(...y.slice(3))];
+    const unit = scaleOfTime(alpha, y.slice(0, 6)), sizes = [1 / unit, Math.hypot(...y.slice(3, 6)), 1];
     const times = (a, b, n) => { let s = 0; for (let i = 0; i <= n; i++) s += a[i] * b[n - i]; return s; };
     let s = y, left = Math.abs(h);
     while (left > 0) {
-      const [a, b, c, u, v, w] = s.map((value) => [value]);
+      const [a, b, c, u, v, w, ...g] = s.map((value) => [value]);
       for (let n = 0; n < ORDER; n++) {
         const f = Math.sign(h) / (n + 1);
         const next = [-alpha * v[n], alpha * u[n] - k * times(u, w, n), k * times(u, v, n),
           times(b, w, n) - times(c, v, n), times(c, u, n) - times(a, w, n), times(a, v, n) - times(b, u, n)];
-        [a, b, c, u, v, w].forEach((series, i) => series.push(f * next[i]));
+        if (g.length) {
+          next.push(-0.5 * (times(a, g[1], n) + times(b, g[2], n) + times(c, g[3], n)), 0.5 * (times(a, g[0], n) + times(b, g[3], n) - times(c, g[2], n)),
+            0.5 * (times(b, g[0], n) + times(c, g[1], n) - times(a, g[3], n)), 0.5 * (times(c, g[0], n) + times(a, g[2], n) - times(b, g[1], n)));
+        }
+        [a, b, c, u, v, w, ...g].forEach((series, i) => series.push(f * next[i]));
       }
-      const all = [a, b, c, u, v, w], tail = all.map((series, i) => Math.abs(series[ORDER]) / sizes[i < 3 ? 0 : 1]);
+      const all = [a, b, c, u, v, w, ...g], tail = all.map((series, i) => Math.abs(series[ORDER]) / sizes[i < 3 ? 0 : i < 6 ? 1 : 2]);
       const step = Math.min(left, SHARE * Math.max(...tail) ** (-1 / ORDER));
       if (!(step > 0)) return y.map(() => NaN);
       s = all.map((series) => series.reduceRight((sum, e) => sum * step + e, 0));
@@ -312,7 +346,7 @@ const Top = (() => {
     return states;
   }
 
-  return { exactStep, freeStep, invariants, iterate, nutationPeriod, scaleOfTime, stepper };
+  return { attitude, exactStep, freeStep, invariants, iterate, nutationPeriod, scaleOfTime, stepper };
 })();
 
 if (typeof module !== "undefined") module.exports = Top;

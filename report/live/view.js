@@ -79,11 +79,12 @@
     return span > 0 ? Top.iterate(Top.stepper(k ? "truth" : "backlund", alpha, y, span / n, k).step, y, n) : [y, y];
   }
 
-  // the true states at some of the steps, the last among them: each in one jump from the start, or in a tide by Taylor series
+  // the true states at some of the steps, the last among them: each in one jump from the start, or in a tide by Taylor series;
+  // and at the last the attitude of the body
   function truths(alpha, k, y, h, steps) {
-    const every = Math.ceil(steps / COMPARED) || 1, found = [], followed = k ? run("truth", alpha, k, y, h, steps).all : [];
-    for (let n = steps; n > 0; n -= every) found.unshift({ n, y: k ? followed[n] : Top.exactStep(alpha, y, n * h).step(y) });
-    return found;
+    const every = Math.ceil(steps / COMPARED) || 1, found = [], followed = k ? run("truth", alpha, k, [...y, 1, 0, 0, 0], h, steps).all : [];
+    for (let n = steps; n > 0; n -= every) found.unshift({ n, y: k ? followed[n].slice(0, 6) : Top.exactStep(alpha, y, n * h).step(y) });
+    return { exact: found, attitude: k ? followed[steps].slice(6) : Top.attitude(alpha, y, steps * h) };
   }
 
   const distance = (a, b) => Math.hypot(a[3] - b[3], a[4] - b[4], a[5] - b[5]) / Math.hypot(b[3], b[4], b[5]);
@@ -109,7 +110,8 @@
       return;
     }
     dress(k);
-    const runs = chosen(k).map((name) => run(name, alpha, k, y, h, steps)), exact = truths(alpha, k, y, h, steps);
+    const runs = chosen(k).map((name) => run(name, alpha, k, y, h, steps));
+    const { exact, attitude } = truths(alpha, k, y, h, steps);
     section.runs = runs; // what a test, or a curious reader, may look at
     const period = Top.nutationPeriod(alpha, y), end = steps * h;
     const share = Number.isFinite(period) ? `, ${(h / period).toPrecision(2)} nutation periods` : "";
@@ -126,7 +128,7 @@
     const axis = (state) => state.slice(3);
     Picture.sphere(globe, {
       eye, colours, radius: Math.hypot(...axis(y)), curve: orbit(alpha, k, y, end).map(axis),
-      truth: axis(steps ? exact[exact.length - 1].y : y),
+      truth: axis(steps ? exact[exact.length - 1].y : y), body: attitude && { attitude, axis: axis(y) },
       runs: runs.map(({ name, all, last, states }) => ({ colour: visible(about(name).color), marks: states.map((s) => axis(s.y)), tip: axis(all[last]) })),
     });
     const lines = (error) => runs.filter(({ name }) => name !== "free").map(({ name, all, last }) => ({

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from browsing import IN_A_BROWSER, By, afresh, box, console, css, drawn, live, move, numbers, screen, swipe
+from scipy.spatial.transform import Rotation
 from selenium.webdriver.common.keys import Keys
 
 from lagrange_bench.integrators import TOPS, StepError, integrate
@@ -76,6 +77,27 @@ def test_the_browser_computes_what_python_computes_in_a_tide(browser, method):
         )
         assert here < 1e-12
         assert elsewhere > 1e-9
+
+
+def test_the_body_spins_in_the_browser_as_in_python(browser):
+    """By exact steps and by Taylor series; the sign of a quaternion does not count."""
+    script = (
+        "const [a, y, t] = arguments, taylor = (k) => Top.stepper('truth', a, y, t, k).step([...y, 1, 0, 0, 0]);"
+        "return [Top.attitude(a, y, t), taylor(0).slice(6), taylor(0.1)]"
+    )
+    for name in ("generic", "figure1", "fast", "slow", "weightless", "through_pole"):
+        top = TOPS[name]
+        for span in (0.05, 0.9, 61.0):
+            t = float(span * top.top.scales(top.state)[2])
+            run = integrate(top.top, top.state, t=[0.0, t], attitude=True).rotation
+            expected = (run[1] * run[0].inv()).as_quat(scalar_first=True)
+            *both, tide = map(np.array, browser.execute_script(script, top.alpha, list(top.y0), t))
+            for found in both:
+                assert min(np.abs(found - expected).max(), np.abs(found + expected).max()) < 1e-11, (name, span)
+            carried = Rotation.from_quat(tide[6:], scalar_first=True).apply(top.y0[3:])
+            assert np.abs(carried - tide[3:6]).max() < 1e-11  # in a tide, too, x is the axis of the body
+            if span > 0.5:
+                assert min(np.abs(tide[6:] - expected).max(), np.abs(tide[6:] + expected).max()) > 1e-4
 
 
 def test_the_midpoint_rule_stops_where_python_s_does(browser):
