@@ -65,6 +65,8 @@ def test_growth():
         AssertionError, match=r"rk4: H grows like t\^\d\.\d\d .* 16 tops, h = 0.1, 20000 steps: below 0.75"
     ):
         assert_drift("rk4", growth="H", below=0.75, steps=20_000)
+    with pytest.raises(AssertionError, match="in the last decade"):  # over both decades an oscillation makes it t^0.62
+        assert_drift("rk4", growth="H", below=0.75, steps=3000)
     assert_drift("rk4", growth="J3", below=0.1, steps=100)  # no error at all has no exponent
 
 
