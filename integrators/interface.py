@@ -170,14 +170,13 @@ class Method:
     label: str  # what a legend shows
     family: str  # colour and grouping: one of FAMILIES, or a plug-in's own
     order: int | None  # None: exact in time
-    symmetric: bool  # step(-h) undoes step(h)
-    poisson: bool  # one step is a Poisson map
-    conserves: frozenset[str]  # of INVARIANTS: at round-off, for every h, as far as the problem conserves them
-    control: str  # "step": one internal step per h · "tolerance": h is the output grid, tol the knob
     source: str  # citation, equation numbers
-    prepare: Callable[
-        ..., Stepper
-    ]  # (problem, y0, h, **options): everything slow happens here, once; see `in_one_call`
+    # (problem, y0, h, **options): everything slow happens here, once; see `in_one_call`
+    prepare: Callable[..., Stepper]
+    symmetric: bool = False  # step(-h) undoes step(h)
+    poisson: bool = False  # one step is a Poisson map
+    conserves: frozenset[str] = frozenset()  # of INVARIANTS: at round-off, for every h, as far as the problem conserves them
+    control: str = "step"  # "step": one internal step per h · "tolerance": h is the output grid, tol the knob
     needs: str = "uniform"  # of NEEDS: what a problem must offer
     if_quadratic: frozenset[str] = frozenset()  # conserved, too, if H is quadratic
     exact_for: str = ""  # of NEEDS: problems that offer this are followed exactly in time, whatever `order` is

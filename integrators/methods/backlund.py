@@ -237,7 +237,6 @@ EXACT = Method(
     symmetric=True,
     poisson=True,
     conserves=ALL,
-    control="step",
     source=SOURCE + "; λ(h) by time doubling, this project",
     prepare=prepare_exact,
     uniform_only="it is a map of the torus of an integrable top; backlund_splitting takes any potential",

@@ -151,7 +151,6 @@ METHOD = Method(
     symmetric=True,
     poisson=True,
     conserves=frozenset({"J3", "C1", "C2"}),
-    control="step",
     source="Bobenko and Suris, Commun. Math. Phys. 204 (1999) 147, in symmetric form",
     prepare=prepare_in_field,
     keeps={"E": energy},

@@ -274,7 +274,6 @@ METHOD = Method(
     symmetric=True,
     poisson=True,
     conserves=frozenset({"J3", "C1", "C2"}),
-    control="step",
     source="McLachlan, Modin and Verdier, Nonlinearity 27 (2014) 1525",
     prepare=prepare_in_field,
     needs="force",

@@ -6,8 +6,10 @@ that leads away from 0, counted into `work`. It leaves `y` alone, and raises `St
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -56,6 +58,24 @@ class DenseStepper(Stepper):
             return finite(self.name, self.run(y, grid, self.work))
         except StepError as error:
             raise StepError(error.method, error.reason, h=self.h, step=error.step) from None
+
+
+def dense(
+    name: str, runner: Callable[..., Run]
+) -> tuple[Callable[..., DenseStepper], Callable[..., tuple[Array, Work]]]:
+    """`prepare` and `evaluate` of a method whose `runner(top, *, …)` makes the `run`, with the options of that."""
+
+    def prepare(top: Problem, y0: Array, h: float, **options: Any) -> DenseStepper:
+        return DenseStepper(name, top, y0, h, runner(top, **options))
+
+    def evaluate(top: Problem, y0: Array, times: Array, **options: Any) -> tuple[Array, Work]:
+        return at_times(name, top, runner(top, **options), y0, times)
+
+    options = [p for p in inspect.signature(runner).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    for function in (prepare, evaluate):
+        known = list(inspect.signature(function).parameters.values())[:-1]
+        function.__signature__ = inspect.Signature(known + options)  # type: ignore[attr-defined]
+    return prepare, evaluate
 
 
 def farthest(top: Problem, y0: Array) -> float:

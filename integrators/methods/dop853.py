@@ -37,7 +37,7 @@ from lagrange_bench.integrators.compiling.natural import (
 )
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
-from lagrange_bench.integrators.methods.dense import DenseStepper, Problem, Run, at_times
+from lagrange_bench.integrators.methods.dense import Problem, Run, dense
 from lagrange_bench.integrators.methods.runge_kutta import floats, stages, weigh
 from lagrange_bench.integrators.methods.tableaux import DOP853, DOP853_MORE
 from lagrange_bench.integrators.problem.system import System
@@ -207,17 +207,8 @@ def kernels(system: System) -> Kernels:
     return Kernels(trial, interpolant, value, first_step)
 
 
-def prepare(top: Problem, y0: Array, h: float, *, rtol: float = 1e-9, atol: float = 1e-12) -> DenseStepper:
+def runner(top: Problem, *, rtol: float = 1e-9, atol: float = 1e-12) -> Run:
     """Natural steps with the local error kept below atol + rtol |y_i|, root mean square over the components."""
-    return DenseStepper("dop853", top, y0, h, _runner(top, rtol, atol))
-
-
-def evaluate(top: Problem, y0: Array, times: Array, *, rtol: float = 1e-9, atol: float = 1e-12) -> tuple[Array, Work]:
-    """Dense output at any times; options as in `prepare`."""
-    return at_times("dop853", top, _runner(top, rtol, atol), y0, times)
-
-
-def _runner(top: Problem, rtol: float, atol: float) -> Run:
     rtol, atol = check_tolerances(rtol, atol)
     made, n = kernels(top.system), top.system.size
     c = np.array((rtol, atol, top.start, *top.numbers))
@@ -260,17 +251,16 @@ def check_tolerances(rtol: float, atol: float) -> tuple[float, float]:
     return rtol, atol
 
 
+PREPARE, EVALUATE = dense("dop853", runner)
 METHOD = Method(
     name="dop853",
     label="DOP853",
     family="runge-kutta",
     order=8,
-    symmetric=False,
-    poisson=False,
     conserves=frozenset({"J3"}),
     control="tolerance",
     source="Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5 and II.6; program DOP853",
-    prepare=prepare,
-    evaluate=evaluate,
+    prepare=PREPARE,
+    evaluate=EVALUATE,
     needs="rhs",
 )

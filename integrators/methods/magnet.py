@@ -165,13 +165,14 @@ def run_splitting(s, b, pairs, K, h, weights, first, last, every, out):
     return -1, 0
 
 
+def alternating(a: tuple[float, ...], b: tuple[float, ...]) -> list[float]:
+    """a1, b1, a2, b2, …"""
+    return [x for pair in itertools.zip_longest(a, b) for x in pair if x is not None]
+
+
 def weights_of_two(a: tuple[float, ...], b: tuple[float, ...]) -> Array:
     """The weights of φ*, φ, φ*, … that for a sum of two parts is the splitting a1, b1, a2, b2, … (McLachlan)."""
-    letters = [x for pair in itertools.zip_longest(a, b, fillvalue=None) for x in pair if x is not None]
-    weights: list[float] = []
-    for letter in letters[:-1]:
-        weights.append(letter - (weights[-1] if weights else 0.0))
-    return np.array(weights)
+    return np.array(list(itertools.accumulate(alternating(a, b)[:-1], lambda weight, letter: letter - weight)))
 
 
 def _blanes_moan4() -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -391,7 +392,6 @@ SPHERICAL_MIDPOINT = Method(
     symmetric=True,
     poisson=True,
     conserves=frozenset({"J3", "C1", "C2"}),
-    control="step",
     source="McLachlan, Modin and Verdier, Phys. Rev. E 89 (2014) 061301",
     prepare=of_spins(partial(_prepare_midpoint, "spherical_midpoint", True)),
     needs="spins",

@@ -36,14 +36,7 @@ from lagrange_bench.integrators.compiling.expression import Split, Tape, machine
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, RESIDUAL, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError
-from lagrange_bench.integrators.methods.tableaux import (
-    DOP853,
-    DORMAND_PRINCE,
-    RK4,
-    VERNER9,
-    Row,
-    Tableau,
-)
+from lagrange_bench.integrators.methods.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Row, Tableau
 from lagrange_bench.integrators.problem.field import Field, dot
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.system import System
@@ -319,10 +312,7 @@ def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
         label=label,
         family="runge-kutta",
         order=tableau.order,
-        symmetric=False,
-        poisson=False,
         conserves=frozenset({"J3"}),
-        control="step",
         source=source,
         prepare=prepare,
         needs="rhs",

@@ -29,7 +29,7 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,7 +42,7 @@ from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
 from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.methods import magnet
-from lagrange_bench.integrators.methods.dense import DenseStepper, Problem, Run, at_times
+from lagrange_bench.integrators.methods.dense import Problem, Run, dense
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.system import System, uniform_system
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -56,30 +56,6 @@ SCRATCH = 8 * (MAX_ORDER + 1)
 
 
 # ------------------------------------------------------------------------------------ natural steps, heyoka
-
-
-def prepare(top: Problem, y0: Array, h: float, *, tol: float = EPS, high_accuracy: bool = False) -> DenseStepper:
-    """Natural steps with the local error kept below `tol` (relative above norm 1); `high_accuracy`: compensated sums."""
-    return DenseStepper("taylor", top, y0, h, _runner("taylor", top, tol, high_accuracy))
-
-
-def evaluate(
-    top: Problem, y0: Array, times: Array, *, tol: float = EPS, high_accuracy: bool = False
-) -> tuple[Array, Work]:
-    """Dense output at any times; options as in `prepare`."""
-    return at_times("taylor", top, _runner("taylor", top, tol, high_accuracy), y0, times)
-
-
-def variant(name: str, high_accuracy: bool = False, compact_mode: bool = False) -> tuple[Callable, Callable]:
-    """`prepare` and `evaluate` of a method that sets heyoka's switches for good."""
-
-    def prepare(top: Problem, y0: Array, h: float, *, tol: float = EPS) -> DenseStepper:
-        return DenseStepper(name, top, y0, h, _runner(name, top, tol, high_accuracy, compact_mode))
-
-    def evaluate(top: Problem, y0: Array, times: Array, *, tol: float = EPS) -> tuple[Array, Work]:
-        return at_times(name, top, _runner(name, top, tol, high_accuracy, compact_mode), y0, times)
-
-    return prepare, evaluate
 
 
 class Form(NamedTuple):
@@ -167,7 +143,8 @@ def far_units(name: str, top: Any, y: Array, end: float) -> Units | None:
     return units if max(abs(units.rate), abs(units.length)) > FAR else None
 
 
-def _runner(name: str, top: Problem, tol: float, high_accuracy: bool, compact_mode: bool = False) -> Run:
+def runner(name: str, compact_mode: bool, top: Problem, *, tol: float = EPS, high_accuracy: bool = False) -> Run:
+    """Natural steps with the local error kept below `tol` (relative above norm 1); `high_accuracy`: compensated sums."""
     tol = check_tolerance(tol)
     key = tol, check_flag(high_accuracy, "high_accuracy"), compact_mode, form_of(top)
     numbers = (*top.numbers, *((top.start,) * top.system.timed))
@@ -202,6 +179,11 @@ def _runner(name: str, top: Problem, tol: float, high_accuracy: bool, compact_mo
         return out
 
     return run
+
+
+def variant(name: str, high_accuracy: bool, compact_mode: bool, top: Problem, *, tol: float = EPS) -> Run:
+    """The `runner` of a method that sets heyoka's switches for good."""
+    return runner(name, compact_mode, top, tol=tol, high_accuracy=high_accuracy)
 
 
 def _until(ta: Any, end: float) -> tuple[Array, int]:
@@ -568,18 +550,17 @@ def prepare_fixed_in_field(top: Any, y0: Array, h: float, *, order: int = 20) ->
     return FixedStepper("taylor_fixed", h, c, kernel_of(system), rhs_per_step=order, size=size, timed=timed)
 
 
+PREPARE, EVALUATE = dense("taylor", partial(runner, "taylor", False))
 NATURAL = Method(
     name="taylor",
     label="Taylor (heyoka)",
     family="taylor",
     order=20,
-    symmetric=False,
-    poisson=False,
     conserves=frozenset({"J3"}),
     control="tolerance",
     source="heyoka.taylor_adaptive; Biscani and Izzo, MNRAS 504 (2021) 2614",
-    prepare=prepare,
-    evaluate=evaluate,
+    prepare=PREPARE,
+    evaluate=EVALUATE,
     attitude=attitude,
     requires="heyoka",
     engine="heyoka",
@@ -588,39 +569,22 @@ NATURAL = Method(
     special={"spins": magnet.SPINS["taylor"]},
 )
 
-ACCURATE_PREPARE, ACCURATE_EVALUATE = variant("taylor_accurate", high_accuracy=True)
-ACCURATE = replace(
-    NATURAL,
-    name="taylor_accurate",
-    label="Taylor (heyoka), compensated",
-    prepare=ACCURATE_PREPARE,
-    special={},
-    evaluate=ACCURATE_EVALUATE,
-    attitude=None,
-    advance_many=None,
-)
 
-COMPACT_PREPARE, COMPACT_EVALUATE = variant("taylor_compact", compact_mode=True)
-COMPACT = replace(
-    NATURAL,
-    name="taylor_compact",
-    label="Taylor (heyoka), compact code",
-    prepare=COMPACT_PREPARE,
-    special={},
-    evaluate=COMPACT_EVALUATE,
-    attitude=None,
-    advance_many=None,
-)
+def _variant(name: str, label: str, high_accuracy: bool, compact_mode: bool) -> Method:
+    prepare, evaluate = dense(name, partial(variant, name, high_accuracy, compact_mode))
+    own = {"prepare": prepare, "evaluate": evaluate, "attitude": None, "advance_many": None, "special": {}}
+    return replace(NATURAL, name=name, label=label, **own)  # type: ignore[arg-type]
+
+
+ACCURATE = _variant("taylor_accurate", "Taylor (heyoka), compensated", True, False)
+COMPACT = _variant("taylor_compact", "Taylor (heyoka), compact code", False, True)
 
 FIXED = Method(
     name="taylor_fixed",
     label="Taylor 20, fixed step",
     family="taylor",
     order=20,
-    symmetric=False,
-    poisson=False,
     conserves=frozenset({"J3"}),
-    control="step",
     source="Jorba and Zou, Exp. Math. 14 (2005) 99, section 2",
     prepare=prepare_fixed_in_field,
     needs="smooth",

@@ -34,17 +34,7 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import as_state
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.double_double import (
-    add,
-    dd,
-    div,
-    mul,
-    neg,
-    scale,
-    sqrt,
-    sub,
-    two_prod,
-)
+from lagrange_bench.integrators.compiling.double_double import add, dd, div, mul, neg, scale, sqrt, sub, two_prod
 from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, FixedStepper
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.problem.body import quaternion_product
@@ -625,7 +615,6 @@ METHOD = Method(
     symmetric=True,
     poisson=True,
     conserves=frozenset({"H", "J3", "C1", "C2"}),
-    control="step",
     source="Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477",
     prepare=prepare,
     uniform_only="it is the closed form of an integrable top; backlund_splitting takes any potential",

@@ -345,7 +345,6 @@ def of_bodies(
         symmetric=symmetric,
         poisson=poisson,
         conserves=conserves,
-        control="step",
         source=source,
         prepare=prepare,
         needs="body",
