@@ -175,7 +175,9 @@ class Method:
     prepare: Callable[..., Stepper]
     symmetric: bool = False  # step(-h) undoes step(h)
     poisson: bool = False  # one step is a Poisson map
-    conserves: frozenset[str] = frozenset()  # of INVARIANTS: at round-off, for every h, as far as the problem conserves them
+    conserves: frozenset[str] = (
+        frozenset()
+    )  # of INVARIANTS: at round-off, for every h, as far as the problem conserves them
     control: str = "step"  # "step": one internal step per h · "tolerance": h is the output grid, tol the knob
     needs: str = "uniform"  # of NEEDS: what a problem must offer
     if_quadratic: frozenset[str] = frozenset()  # conserved, too, if H is quadratic

@@ -80,14 +80,14 @@ def collocation_step(stages: int, alpha: float, s: State, h: Series, power: int)
 
 
 def collective_step(alpha: float, s: State, h: Series, power: int) -> State:
-    residual, turn = interpreted(cm.residual), interpreted(cm.turn)
+    residual, turn = interpreted(cm.residual), interpreted(lie_group.turn)
     c, u, q = (0.25 * h, alpha * h), (0.0 * h,) * 3, 1.0
     for _ in range(power + 1):
         *_, q, r1, r2, r3 = residual(s, c, *u)
         u = u[0] + r1, u[1] + r2, u[2] + r3
-    y = turn(*s[3:], *u, q)
+    y = turn(u, q, s[3:])
     kick = q * c[cm.KICK]
-    return s[0] - kick * y[1], s[1] + kick * y[0], s[2], *turn(*y, *u, q)
+    return s[0] - kick * y[1], s[1] + kick * y[0], s[2], *turn(u, q, y)
 
 
 def splitting_step(name: str, alpha: float, s: State, h: Series, power: int) -> State:

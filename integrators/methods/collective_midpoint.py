@@ -47,6 +47,7 @@ from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESI
 from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.methods.lie_group import cross as vector
 from lagrange_bench.integrators.methods.lie_group import dot as scalar
+from lagrange_bench.integrators.methods.lie_group import turn
 from lagrange_bench.integrators.problem.field import Field, cross, dot
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -89,29 +90,10 @@ def newton_correction(s, c, u1, u2, u3, b1, b2, b3, q, r1, r2, r3):
     a1, a2, a3 = (1.0 - w * x3) + f1 * u1, f2 * u1, f3 * u1 + w * x1
     c1, c2, c3 = f1 * u2, (1.0 - w * x3) + f2 * u2, f3 * u2 + w * x2
     d1, d2, d3 = f1 * u3 + w * x1, f2 * u3 + w * x2, (1.0 + w * x3) + f3 * u3
-    m1, m2, m3 = c2 * d3 - c3 * d2, c3 * d1 - c1 * d3, c1 * d2 - c2 * d1
-    k1, k2, k3 = d2 * a3 - d3 * a2, d3 * a1 - d1 * a3, d1 * a2 - d2 * a1
-    l1, l2, l3 = a2 * c3 - a3 * c2, a3 * c1 - a1 * c3, a1 * c2 - a2 * c1
-    p = 1.0 / ((a1 * m1 + a2 * m2) + a3 * m3)
-    return (
-        p * ((m1 * r1 + m2 * r2) + m3 * r3),
-        p * ((k1 * r1 + k2 * r2) + k3 * r3),
-        p * ((l1 * r1 + l2 * r2) + l3 * r3),
-    )
-
-
-@jit
-def turn(x1, x2, x3, u1, u2, u3, q):
-    """Rx = x + d + u×(x + d), where d = q (u×x + u×(u×x)) and x + d = (1 − u×)⁻¹ x."""
-    v1, v2, v3 = u2 * x3 - u3 * x2, u3 * x1 - u1 * x3, u1 * x2 - u2 * x1
-    d1 = q * (v1 + (u2 * v3 - u3 * v2))
-    d2 = q * (v2 + (u3 * v1 - u1 * v3))
-    d3 = q * (v3 + (u1 * v2 - u2 * v1))
-    return (
-        x1 + (d1 + (v1 + (u2 * d3 - u3 * d2))),
-        x2 + (d2 + (v2 + (u3 * d1 - u1 * d3))),
-        x3 + (d3 + (v3 + (u1 * d2 - u2 * d1))),
-    )
+    a, b, d, r = (a1, a2, a3), (c1, c2, c3), (d1, d2, d3), (r1, r2, r3)
+    m = vector(b, d)
+    p = 1.0 / scalar(a, m)
+    return p * scalar(m, r), p * scalar(vector(d, a), r), p * scalar(vector(a, b), r)
 
 
 @jit
@@ -138,10 +120,11 @@ def step(s, c, tally, newton):
     else:
         tally[FAILURE] = NOT_CONVERGED
         tally[RESIDUAL] = last
-    y1, y2, y3 = turn(x1, x2, x3, u1, u2, u3, q)
-    z1, z2, z3 = turn(y1, y2, y3, u1, u2, u3, q)
+    u = u1, u2, u3
+    y = turn(u, q, (x1, x2, x3))
+    z = turn(u, q, y)
     kick = q * c[KICK]
-    return J1 - kick * y2, J2 + kick * y1, J3, z1, z2, z3
+    return J1 - kick * y[1], J2 + kick * y[0], J3, z[0], z[1], z[2]
 
 
 @jit
@@ -175,7 +158,7 @@ def rule_in_field(field: Field) -> Program:
 
 
 def turned(u: Any, v: Any, q: Any) -> Any:
-    """`turn`, of symbols."""
+    """`lie_group.turn`, of symbols."""
     a = cross(u, v)
     d = tuple(q * (b + c) for b, c in zip(a, cross(u, a), strict=True))
     return tuple(b + (c + (e + f)) for b, c, e, f in zip(v, d, a, cross(u, d), strict=True))
@@ -224,10 +207,10 @@ def kernel_in_field(field: Field, level: bool) -> Any:
             tally[RESIDUAL] = last
         if det < 0.0:
             tally[FAILURE] = FOLDED
-        p = 1.0 / (1.0 + ((u1 * u1 + u2 * u2) + u3 * u3))
-        y1, y2, y3 = turn(x1, x2, x3, u1, u2, u3, p)
-        z1, z2, z3 = turn(y1, y2, y3, u1, u2, u3, p)
-        return J1 + kick[0], J2 + kick[1], J3 if level else J3 + kick[2], z1, z2, z3
+        u = u1, u2, u3
+        p = 1.0 / (1.0 + scalar(u, u))
+        z = turn(u, p, turn(u, p, (x1, x2, x3)))
+        return J1 + kick[0], J2 + kick[1], J3 if level else J3 + kick[2], z[0], z[1], z[2]
 
     return step
 

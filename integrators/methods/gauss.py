@@ -28,11 +28,13 @@ Hairer, McLachlan & Razakarivony, BIT 48 (2008) 231 (round-off). Elimination and
 from __future__ import annotations
 
 import math
+from functools import cache
+from typing import Any
 
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice, check_flag
-from lagrange_bench.integrators.compiling.compiled import inlined, jit
+from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
 from lagrange_bench.integrators.compiling.double_double import two_sum
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.compiling.numba_internals import stack
@@ -233,30 +235,16 @@ def step(n, s, c, tally):
     return J1, J2, s[2], x1, x2, x3
 
 
-TWO, THREE, FOUR, SIX = (0,) * 2, (0,) * 3, (0,) * 4, (0,) * 6
+@cache
+def kernel(stages: int) -> Any:
+    """`step` of so many stages."""
+    n = (0,) * stages
 
+    @jit_as(f"gauss {stages}")
+    def run(s, c, tally):
+        return step(n, s, c, tally)
 
-@jit
-def step4(s, c, tally):
-    return step(TWO, s, c, tally)
-
-
-@jit
-def step6(s, c, tally):
-    return step(THREE, s, c, tally)
-
-
-@jit
-def step8(s, c, tally):
-    return step(FOUR, s, c, tally)
-
-
-@jit
-def step12(s, c, tally):
-    return step(SIX, s, c, tally)
-
-
-KERNELS = {2: step4, 3: step6, 4: step8, 6: step12}
+    return run
 
 
 # ------------------------------------------------------------------------------------ the methods
@@ -286,7 +274,7 @@ def method(stages: int) -> Method:
             raise StepError(name, reason, h=h)
         newton = solver == "newton" or (solver == "auto" and RADIUS[stages] * span > WEAK[bool(compensated)])
         c = constants(stages, top, y0, h, newton, compensated, span <= 1)
-        return FixedStepper(name, h, c, KERNELS[stages], failures=FAILURES)
+        return FixedStepper(name, h, c, kernel(stages), failures=FAILURES)
 
     def prepare_in_field(
         top: PerturbedTop, y0: Array, h: float, *, solver: str = "auto", compensated: bool = False

@@ -192,8 +192,8 @@ def generator_of(system: System) -> Split:
 
 
 @cache
-def algebra(space: Space) -> tuple[Any, Any]:
-    """(r1, k1, …, r4, k4) → Σ r k, and the commutator [k, l], of generators."""
+def algebra(space: Space) -> tuple[Any, Any, Any]:
+    """Of generators: (r, k1, …, k4) → Σ r k, the commutator [k, l], and (k, r, l) → k + r l."""
     size, affine, body = 6 if space == BODY else space.size, space.affine, space == BODY
 
     @unrolled(f"mean {size}")
@@ -210,18 +210,11 @@ def algebra(space: Space) -> tuple[Any, Any]:
             return *product(k[:3], l[:3]), *(a - b for a, b in pairs)
         return tuple(v for i in range(0, size, 3) for v in product(k[i : i + 3], l[i : i + 3]))
 
-    return mean, commutator
-
-
-@cache
-def sum_of(size: int) -> Any:
-    """(k, r, l) → k + r l of generators in `size` numbers."""
-
     @unrolled(f"plus {size}")
     def plus(k, r, l):
         return tuple(a + r * b for a, b in zip(k, l, strict=True))
 
-    return plus
+    return mean, commutator, plus
 
 
 @cache
@@ -229,12 +222,12 @@ def kernel(name: str, system: System) -> Any:
     """The step of a method for any system; constants: the time at the start, h, and those of the generator."""
     split, timed, space = generator_of(system), system.timed, system.space
     program, numbers = machine_code(split.moving), take(len(split.fixed.outputs))
-    mean, commutator = algebra(space)
+    mean, commutator, plus = algebra(space)
     n = len(split.moving.outputs)
     act = turn_from_right if system.body else turn_from_left
     if space != BODY:
         act = move if space.affine else turn_all(n // 3)
-    plus, zero = sum_of(n), (0.0,) * n
+    zero = (0.0,) * n
 
     @jit_as(f"generator {system.digest}")
     def generator(s, ahead, c, tally):
