@@ -29,7 +29,7 @@ class DenseStepper(Stepper):
 
     def __init__(self, name: str, top: Problem, y0: Array, h: float, run: Run):
         self.name, self.h, self.run, self.farthest = name, h, run, farthest(top, y0)
-        self.work, self.size, self.from_start = Work(), top.system.size, top.system.timed
+        self.work, self.size, self.from_start = Work(), len(y0), "spins" in top.offers or top.system.timed
 
     def advance(self, y: Array, n: int) -> Array:
         # not by `record`: two microseconds count against a library that takes one per unit of time
@@ -87,8 +87,8 @@ def farthest(top: Problem, y0: Array) -> float:
 def too_far(t: float, limit: float) -> str:
     """Why a time is not tried: no run would ever end there."""
     return (
-        f"|t| = {abs(t):g} is over {FARTHEST:g} times the time scale of the top, 1/(|J| + √(|alpha||x|)) = "
-        f"{limit / FARTHEST:g}: more steps than can be taken"
+        f"|t| = {abs(t):g} is over {FARTHEST:g} times the time scale of the top, 1/(|J| + √(|alpha||x|)), or that of the "
+        f"quickest spin = {limit / FARTHEST:g}: more steps than can be taken"
     )
 
 

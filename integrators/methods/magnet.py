@@ -16,19 +16,19 @@ import itertools
 import math
 from collections.abc import Callable
 from functools import partial, wraps
-from threading import Lock
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange_bench.integrators.checks import Array, check_grid, check_real, check_step
+from lagrange_bench.integrators.checks import Array, check_grid, check_step
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
 from lagrange_bench.integrators.interface import Method, StepError, Stepper, Work
+from lagrange_bench.integrators.methods.dense import Run, dense
+from lagrange_bench.integrators.methods.dop853 import check_tolerances
 
 ITERATIONS = 200  # of an implicit step, at most
-FARTHEST = 1e12  # turns of the quickest spin, at most, for a method that chooses its steps: it would take months
 
 
 class SpinStepper(Stepper):
@@ -248,126 +248,34 @@ def _prepare_midpoint(name: str, spherical: bool, magnet: Any, spins: Array, h: 
 # ------------------------------------------------------------------------------------------ by tolerance
 
 
-class _GridStepper(Stepper):
-    """Advances spins by a solver that chooses its own steps: solve(spins, times) → states (times, n, 3).
-
-    `size` is the unit of the spins in `solve`, and 1/`size` that of time: tolerances of libraries are absolute below 1.
-    """
-
-    from_start = True
-
-    def __init__(
-        self,
-        name: str,
-        magnet: Any,
-        spins: Array,
-        h: float,
-        solve: Callable[[Array, Array], Array],
-        work: Work,
-        size: float,
-    ):
-        self.name, self.magnet, self.h, self.solve, self.work, self.size = (
-            name,
-            magnet,
-            check_step(h),
-            solve,
-            work,
-            size,
-        )
-        self.rate = magnet.turning_rate(magnet.check_spins(spins)) / (2 * math.pi)  # at most
-
-    def record(self, spins: Array, n: int, every: int) -> Array:
-        """Spins after the times 0, every h, … n h."""
-        check_grid(n, every)
-        out = np.empty((n // every + 1, len(self.magnet), 3))
-        out[0] = self.magnet.check_spins(spins)
-        if n:
-            if (turns := abs(self.h) * n * self.rate) > FARTHEST:
-                raise StepError(self.name, f"a spin may turn {turns:.3g} times, and at most {FARTHEST:g}", h=self.h)
-            times = self.h * every * np.arange(1.0, len(out))
-            out[1:] = self.solve(out[0] / self.size, times * self.size) * self.size
-        return out
-
-
-def _size(spins: Array) -> float:
-    """A power of two, 1 or less, in units of which the largest spin is not small."""
+def unit(spins: Array) -> float:
+    """A power of two, 1 or less, in which the largest spin is not small: tolerances of libraries are absolute below 1."""
     return math.ldexp(1.0, min(0, math.frexp(float(np.max(np.abs(spins))))[1]))
 
 
-def _check_tolerance(value: Any, name: str, least: float) -> float:
-    number = check_real(value, name)
-    if not (number > 0 and least <= number <= 1):
-        raise ValueError(f"{name} must be between {least:.3g} and 1; got {number:g}")
-    return number
-
-
-def prepare_taylor(magnet: Any, spins: Array, h: float, *, tol: float | None = None) -> _GridStepper:
-    """heyoka on its natural steps, with dense output; tol, relative to the largest spin: by default an ulp."""
-    import heyoka as hy
-
-    hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
-    n, (b, pairs, K), work, size = len(magnet), terms(magnet), Work(), _size(spins)
-    s = [hy.make_vars(*(f"s{j}_{i}" for i in "123")) for j in range(n)]
-    parts: list[list[list[Any]]] = [[[], [], []] for _ in range(n)]
-    for p, (j, k) in enumerate(pairs.tolist()):  # strengths are parameters: magnets of one size share the machine code
-        for i in range(3):
-            parts[j][i].append(hy.par[p] * s[k][i])
-            parts[k][i].append(hy.par[p] * s[j][i])
-    fields = np.flatnonzero(b).tolist()
-    for p, j in enumerate(fields, start=len(K)):
-        parts[j][2].append(hy.par[p])
-    system = []
-    for (x, y, z), sums in zip(s, parts, strict=True):
-        p, q, r = (hy.sum(addends) if addends else hy.expression(0.0) for addends in sums)
-        system += [(x, q * z - r * y), (y, r * x - p * z), (z, p * y - q * x)]
-    given = {} if tol is None else {"tol": _check_tolerance(tol, "tol", 0.0)}
-    strengths = [*K.tolist(), *(b[fields] / size).tolist()]
-    ta = hy.taylor_adaptive(system, [0.0] * (3 * n), pars=strengths, compact_mode=n > 8, **given)
-
-    some = max(1, INTERRUPTIBLE // (n + len(K)))
-    alone = Lock()  # heyoka's integrator has a state, and lets other threads run
-
-    def solve(start: Array, times: Array) -> Array:
-        with alone:
-            ta.time = 0.0
-            ta.state[:] = start.ravel()
-            if len(times) == 1:  # without dense output
-                outcome, steps = hy.taylor_outcome.step_limit, 0
-                while outcome == hy.taylor_outcome.step_limit:  # resuming changes no bit, and Ctrl-C is seen between
-                    outcome, _, _, taken, *_ = ta.propagate_until(float(times[0]), max_steps=some)
-                    steps += taken
-                rows = np.array((start.ravel(), ta.state))
-            else:  # the callback lets Ctrl-C in
-                outcome, _, _, steps, _, rows = ta.propagate_grid([0.0, *times], callback=lambda ta: True)
-        if outcome != hy.taylor_outcome.time_limit:
-            raise StepError("taylor", f"heyoka stopped: {outcome}", h=h)
-        work.steps += int(steps)
-        found: Array = rows[1:].reshape(-1, n, 3)
-        return found
-
-    return _GridStepper("taylor", magnet, spins, h, solve, work, size)
-
-
-def prepare_dop853(magnet: Any, spins: Array, h: float, *, rtol: float = 3e-14) -> _GridStepper:
+def dop853_runner(problem: Any, *, rtol: float = 3e-14) -> Run:
     """SciPy's DOP853 with its dense output; the absolute tolerance is a tenth of the relative one, times the largest spin."""
     from scipy.integrate import solve_ivp
 
-    rtol = _check_tolerance(rtol, "rtol", 100 * np.finfo(float).eps)
-    c, work, n, size = magnet.flow, Work(), len(magnet), _size(spins)
+    rtol, _ = check_tolerances(rtol, 0.0)
+    magnet, c = problem.magnet, problem.magnet.flow
 
-    def rhs(_: float, y: Array) -> Array:
-        rate: Array = magnet.rhs(size * y.reshape(n, 3), c).ravel() / size / size
-        return rate
+    def run(y: Array, grid: Array, work: Work) -> Array:
+        size = unit(y)
 
-    def solve(start: Array, times: Array) -> Array:
-        found = solve_ivp(rhs, (0, times[-1]), start.ravel(), "DOP853", times, rtol=rtol, atol=rtol / 10)
+        def rhs(_: float, y: Array) -> Array:
+            rate: Array = magnet.rhs(size * y.reshape(-1, 3), c).ravel() / size / size
+            return rate
+
+        times = grid * size
+        found = solve_ivp(rhs, (0, times[-1]), y / size, "DOP853", times, rtol=rtol, atol=rtol / 10)
         if not found.success:
-            raise StepError("scipy_dop853", found.message, h=h)
+            raise StepError("scipy_dop853", found.message)
         work.rhs_evals += found.nfev
-        rows: Array = found.y.T.reshape(-1, n, 3)
+        rows: Array = found.y.T * size
         return rows
 
-    return _GridStepper("scipy_dop853", magnet, spins, h, solve, work, size)
+    return run
 
 
 def splitting_of_spins(name: str, a: tuple[float, ...], b: tuple[float, ...]) -> Callable[..., SpinStepper]:
@@ -380,8 +288,7 @@ SPINS = {
     "strang": splitting_of_spins("strang", (0.5, 0.5), (1.0,)),
     "blanes_moan4": splitting_of_spins("blanes_moan4", *_blanes_moan4()),
     "implicit_midpoint": of_spins(partial(_prepare_midpoint, "implicit_midpoint", False)),
-    "taylor": of_spins(prepare_taylor),
-    "scipy_dop853": of_spins(prepare_dop853),
+    "scipy_dop853": dense("scipy_dop853", dop853_runner)[0],
 }
 
 SPHERICAL_MIDPOINT = Method(
