@@ -340,14 +340,8 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
 
 
 METHOD = Method(
-    name="addition_theorem",
-    label="Addition theorem",
-    family="closed-form",
-    order=None,
-    symmetric=True,
-    poisson=True,
+    name="addition_theorem", label="Addition theorem", family="closed-form", order=None, symmetric=True, poisson=True,
     conserves=frozenset({"H", "J3", "C1", "C2"}),
     source="Whittaker and Watson, A Course of Modern Analysis, 20.3 and 23.7; matrix form: this project",
-    prepare=prepare,
-    uniform_only="it is the closed form of an integrable top; backlund_splitting takes any potential",
-)
+    prepare=prepare, uniform_only="it is the closed form of an integrable top; backlund_splitting takes any potential",
+)  # fmt: skip

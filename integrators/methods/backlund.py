@@ -230,40 +230,17 @@ SOURCE = "Kuznetsov, Petrera, Ragnisco, J. Phys. A 37 (2004) 8495, arXiv nlin/04
 
 
 EXACT = Method(
-    name="backlund",
-    label="Bäcklund, exact λ(h)",
-    family="backlund",
-    order=None,
-    symmetric=True,
-    poisson=True,
-    conserves=ALL,
-    source=SOURCE + "; λ(h) by time doubling, this project",
-    prepare=prepare_exact,
+    name="backlund", label="Bäcklund, exact λ(h)", family="backlund", order=None, symmetric=True, poisson=True,
+    conserves=ALL, source=SOURCE + "; λ(h) by time doubling, this project", prepare=prepare_exact,
     uniform_only="it is a map of the torus of an integrable top; backlund_splitting takes any potential",
-    evaluate=evaluate_exact,
-    attitude=attitude_exact,
-    advance_many=advance_many,
-    evaluate_many=evaluate_many,
+    evaluate=evaluate_exact, attitude=attitude_exact, advance_many=advance_many, evaluate_many=evaluate_many,
     special={"spins": magnet.prepare_exact},
-)
+)  # fmt: skip
 UNPINNED = replace(
-    EXACT,
-    name="backlund_unpinned",
-    label="Bäcklund, exact, not pinned",
-    prepare=prepare_unpinned,
-    evaluate=None,
-    attitude=None,
-    advance_many=advance_many_unpinned,
-    evaluate_many=None,
-    special={},
-)
+    EXACT, name="backlund_unpinned", label="Bäcklund, exact, not pinned", prepare=prepare_unpinned, evaluate=None,
+    attitude=None, advance_many=advance_many_unpinned, evaluate_many=None, special={},
+)  # fmt: skip
 PAPER = replace(
-    UNPINNED,
-    name="backlund_paper",
-    label="Bäcklund, paper's λ",
-    order=2,
-    source=SOURCE,
-    prepare=prepare_paper,
-    advance_many=None,
-    special={"spins": magnet.prepare_paper},
-)
+    UNPINNED, name="backlund_paper", label="Bäcklund, paper's λ", order=2, source=SOURCE, prepare=prepare_paper,
+    advance_many=None, special={"spins": magnet.prepare_paper},
+)  # fmt: skip

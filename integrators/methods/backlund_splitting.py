@@ -73,8 +73,6 @@ from lagrange_bench.integrators.torus.plain_step import invariants, move, parame
 from lagrange_bench.integrators.torus.step_table import look_up, table_size, tables
 from lagrange_bench.integrators.torus.stepper import OFF_TORUS
 
-# ------------------------------------------------------------------------------------ kernels
-
 # places of the constants: those of the top, of the box, of the field, then of each group its own and its table
 ALPHA, C1, C2, GROUPS, STEP, CENTRE_H, SCALE_H, CENTRE_J, SCALE_J, NUMBERS = range(10)
 # of one flow and one kick: its time from that of the step; 1/(2|m|²) in the middle of the box
@@ -380,8 +378,6 @@ def pilot(field: Field, level: bool, timed: bool = False) -> Any:
     return at_first_interpreted(run)
 
 
-# ------------------------------------------------------------------------------------ steppers
-
 STRONG = 0.05  # of V's range along the pilot to the energy of the top, from which other methods are better
 CHOICES = ("aba864", "processed6", "strang")  # where the step is chosen: the others are never the cheapest by much
 TOLERANCE = 1e-9  # default of the error at the last time
@@ -626,18 +622,9 @@ def _warn_long(top: PerturbedTop, y0: Array, h: float) -> None:
 
 
 METHOD = Method(
-    name="backlund_splitting",
-    label="Bäcklund splitting",
-    family="backlund",
-    order=4,
-    symmetric=True,
-    poisson=True,
+    name="backlund_splitting", label="Bäcklund splitting", family="backlund", order=4, symmetric=True, poisson=True,
     conserves=frozenset({"J3", "C1", "C2"}),
     source="this project; Wisdom and Holman, Astron. J. 102 (1991) 1528; corrector and modified kick: see the module",
-    prepare=prepare_in_field,
-    needs="top",
-    exact_for="uniform",
-    special={"uniform": prepare},
-    evaluate=evaluate,
+    prepare=prepare_in_field, needs="top", exact_for="uniform", special={"uniform": prepare}, evaluate=evaluate,
     reduces_to="backlund",
-)
+)  # fmt: skip

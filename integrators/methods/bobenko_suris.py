@@ -72,9 +72,6 @@ def lagrange_step(s, c, tally):
     return K1, K2, J3, x1 + d1, x2 + d2, x3 + d3
 
 
-# ------------------------------------------------------------------------------------ any field
-
-
 @cache
 def kernel_in_field(field: Field, level: bool, form: str) -> Any:
     """The step in a field; constants: h, then alpha and the parameters of the potential. `level`: the field keeps J3."""
@@ -96,9 +93,6 @@ def kernel_in_field(field: Field, level: bool, form: str) -> Any:
         return J[0], J[1], J[2], x[0], x[1], x[2]
 
     return step
-
-
-# ------------------------------------------------------------------------------------ the method
 
 
 KERNELS = {"symmetric": symmetric_step, "lagrange": lagrange_step}
@@ -143,16 +137,9 @@ def energy_lagrange(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]
 
 
 METHOD = Method(
-    name="bobenko_suris",
-    label="Bobenko–Suris",
-    family="integrable",
-    order=2,
-    symmetric=True,
-    poisson=True,
+    name="bobenko_suris", label="Bobenko–Suris", family="integrable", order=2, symmetric=True, poisson=True,
     conserves=frozenset({"J3", "C1", "C2"}),
-    source="Bobenko and Suris, Commun. Math. Phys. 204 (1999) 147, in symmetric form",
-    prepare=prepare_in_field,
-    keeps={"E": energy},
-    needs="force",
+    source="Bobenko and Suris, Commun. Math. Phys. 204 (1999) 147, in symmetric form", prepare=prepare_in_field,
+    keeps={"E": energy}, needs="force",
     special={"uniform": prepare},  # the general kernel costs 1.3 times as much there
-)
+)  # fmt: skip

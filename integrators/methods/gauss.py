@@ -247,9 +247,6 @@ def kernel(stages: int) -> Any:
     return run
 
 
-# ------------------------------------------------------------------------------------ the methods
-
-
 def method(stages: int) -> Method:
     name = f"gauss{2 * stages}"
 
@@ -283,19 +280,13 @@ def method(stages: int) -> Method:
         return stepper_in_field(name, stages, top, y0, h, solver, compensated)
 
     return Method(
-        name=name,
-        label=f"Gauss {2 * stages}",
-        family="implicit",
-        order=2 * stages,
-        symmetric=True,
-        conserves=frozenset({"J3", "C1", "C2"}),
-        if_quadratic=frozenset({"H"}),
+        name=name, label=f"Gauss {2 * stages}", family="implicit", order=2 * stages, symmetric=True,
+        conserves=frozenset({"J3", "C1", "C2"}), if_quadratic=frozenset({"H"}),
         source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.3 and IV.2.1",
-        prepare=prepare_in_field,
-        needs="rhs",
+        prepare=prepare_in_field, needs="rhs",
         # with a bound for unique solutions; the general kernel costs 1.3 to 1.7 times as much
         special={"uniform": prepare},
-    )
+    )  # fmt: skip
 
 
 def constants(

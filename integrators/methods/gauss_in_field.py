@@ -97,9 +97,6 @@ def substitute(m, A, pivots, r):
         r[k] *= A[m * k + k]
 
 
-# ------------------------------------------------------------------------------------ the formulas of a kernel
-
-
 @cache
 def groups(system: System) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """The unknown components, and those whose rates depend on the unknown ones only."""

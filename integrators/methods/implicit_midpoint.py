@@ -192,17 +192,11 @@ def prepare_in_field(top: PerturbedTop, y0: Array, h: float, *, solver: str = "a
 
 
 METHOD = Method(
-    name="implicit_midpoint",
-    label="Implicit midpoint",
-    family="implicit",
-    order=2,
-    symmetric=True,
-    conserves=frozenset({"J3", "C1", "C2"}),
-    if_quadratic=frozenset({"H"}),
+    name="implicit_midpoint", label="Implicit midpoint", family="implicit", order=2, symmetric=True,
+    conserves=frozenset({"J3", "C1", "C2"}), if_quadratic=frozenset({"H"}),
     source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.1 and IV.2.1",
-    prepare=prepare_in_field,
-    needs="rhs",
+    prepare=prepare_in_field, needs="rhs",
     # one cubic equation solves the step in a uniform field, and tells whether the solution is unique; the general kernel
     # costs 4.8 times as much there
     special={"uniform": prepare, "spins": magnet.SPINS["implicit_midpoint"]},
-)
+)  # fmt: skip

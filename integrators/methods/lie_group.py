@@ -176,9 +176,6 @@ def turn_from_left(k, s, tally):
     return turn_body(k, s, tally, False)
 
 
-# ------------------------------------------------------------------------------------ any system
-
-
 @cache
 def generator_of(system: System) -> Split:
     """h times the generator of the motion: the gradient of H, with the sign of the bracket."""
@@ -260,9 +257,6 @@ def kernel(name: str, system: System) -> Any:
     return rkmk4 if name == "rkmk4" else commutator_free4
 
 
-# ------------------------------------------------------------------------------------ methods
-
-
 def prepare(name: str, problem: Any, y0: Array, h: float) -> FixedStepper:
     """Any h for which no exponential turns by more than `MOST` rad: four or five exponentials."""
     system = problem.system
@@ -274,20 +268,13 @@ def prepare(name: str, problem: Any, y0: Array, h: float) -> FixedStepper:
 
 
 RKMK4 = Method(
-    name="rkmk4",
-    label="RKMK 4",
-    family="lie-group",
-    order=4,
-    conserves=frozenset({"C1", "C2"}),
+    name="rkmk4", label="RKMK 4", family="lie-group", order=4, conserves=frozenset({"C1", "C2"}),
     source="Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115; Munthe-Kaas and Owren, Phil. Trans. R. Soc. A 357 (1999) 957",
-    prepare=partial(prepare, "rkmk4"),
-    needs="rhs",
-)
+    prepare=partial(prepare, "rkmk4"), needs="rhs",
+)  # fmt: skip
 
 COMMUTATOR_FREE4 = replace(
-    RKMK4,
-    name="commutator_free4",
-    label="Commutator-free 4",
+    RKMK4, name="commutator_free4", label="Commutator-free 4",
     source="Celledoni, Marthinsen and Owren, Future Gener. Comput. Syst. 19 (2003) 341",
     prepare=partial(prepare, "commutator_free4"),
-)
+)  # fmt: skip

@@ -72,9 +72,6 @@ def prepare_paper(magnet: Any, spins: Array, h: float, *, factors: int = 1) -> A
     return gaudin_step.prepare(magnet, spins, h, factors=factors)
 
 
-# ------------------------------------------------------------------------------------------ terms of the Hamiltonian
-
-
 def terms(magnet: Any) -> tuple[Array, NDArray[np.int64], Array]:
     """b (n,), pairs (m, 2) with K ≠ 0 and K (m,)."""
     c = magnet.flow
@@ -245,9 +242,6 @@ def _prepare_midpoint(name: str, spherical: bool, magnet: Any, spins: Array, h: 
     return _CompiledStepper(name, run_midpoint, magnet, spins, h, spherical)
 
 
-# ------------------------------------------------------------------------------------------ by tolerance
-
-
 def unit(spins: Array) -> float:
     """A power of two, 1 or less, in which the largest spin is not small: tolerances of libraries are absolute below 1."""
     return math.ldexp(1.0, min(0, math.frexp(float(np.max(np.abs(spins))))[1]))
@@ -292,14 +286,7 @@ SPINS = {
 }
 
 SPHERICAL_MIDPOINT = Method(
-    name="spherical_midpoint",
-    label="Spherical midpoint",
-    family="implicit",
-    order=2,
-    symmetric=True,
-    poisson=True,
-    conserves=frozenset({"J3", "C1", "C2"}),
-    source="McLachlan, Modin and Verdier, Phys. Rev. E 89 (2014) 061301",
-    prepare=of_spins(partial(_prepare_midpoint, "spherical_midpoint", True)),
-    needs="spins",
-)
+    name="spherical_midpoint", label="Spherical midpoint", family="implicit", order=2, symmetric=True, poisson=True,
+    conserves=frozenset({"J3", "C1", "C2"}), source="McLachlan, Modin and Verdier, Phys. Rev. E 89 (2014) 061301",
+    prepare=of_spins(partial(_prepare_midpoint, "spherical_midpoint", True)), needs="spins",
+)  # fmt: skip

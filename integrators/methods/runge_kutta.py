@@ -53,9 +53,6 @@ NOT_CONVERGED = 1
 FAILURES = {NOT_CONVERGED: f"the projection is not done after {LIMIT} Newton steps; take a smaller |h|"}
 
 
-# ------------------------------------------------------------------------------------ any tableau, written out
-
-
 def weigh(weights: tuple[float, ...], slopes: Any) -> Any:
     """Σ w_j k_j of slopes (J1, J2, x1, x2, x3)."""
     terms = [tuple(w * k for k in slope) for w, slope in zip(weights, slopes, strict=True) if w]
@@ -90,9 +87,6 @@ def increment_of(tableau: Tableau, system: System) -> Split:
         return [total[i] for i in system.moving]
 
     return system.split(increment)
-
-
-# ------------------------------------------------------------------------------------ adding the increment
 
 
 def two_sums(a: Any, b: Any) -> tuple[list[Any], list[Any]]:
@@ -133,8 +127,6 @@ def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
 
     return carrying if compensated and count else plain
 
-
-# ------------------------------------------------------------------------------------ the step of any system
 
 START, STEP, FIRST = range(3)  # places of the constants: the time at the start, h, and those of the formula
 
@@ -211,9 +203,6 @@ def projected(s, c, tally):
         tally[FAILURE] = NOT_CONVERGED
         tally[RESIDUAL] = square
     return J1, J2, J3, x1, x2, x3
-
-
-# ------------------------------------------------------------------------------------ a top in any field
 
 
 @jit
@@ -295,9 +284,6 @@ def followed_by(tableau: Tableau, system: System, finish: Callable[..., Any]) ->
     return both
 
 
-# ------------------------------------------------------------------------------------ methods
-
-
 def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
     def prepare(problem: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
         """`compensated`: carry the rounding error of the state along, at most a few per cent dearer."""
@@ -309,15 +295,9 @@ def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
         return FixedStepper(name, h, c, step, rhs_per_step=stages, lane=alike, size=size, timed=timed, memory=size)
 
     return Method(
-        name=name,
-        label=label,
-        family="runge-kutta",
-        order=tableau.order,
-        conserves=frozenset({"J3"}),
-        source=source,
-        prepare=prepare,
-        needs="rhs",
-    )
+        name=name, label=label, family="runge-kutta", order=tableau.order, conserves=frozenset({"J3"}), source=source,
+        prepare=prepare, needs="rhs",
+    )  # fmt: skip
 
 
 VERNER = "Verner, Numer. Algorithms 53 (2010) 383, most efficient 9(8)"
@@ -327,11 +307,9 @@ FIFTH = fixed(
     "rk45_fixed", "RK45, fixed step", DORMAND_PRINCE, "Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19"
 )
 EIGHTH = fixed(
-    "dop853_fixed",
-    "DOP853, fixed step",
-    DOP853,
+    "dop853_fixed", "DOP853, fixed step", DOP853,
     "Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5",
-)
+)  # fmt: skip
 NINTH = fixed("verner9_fixed", "Verner 9, fixed step", VERNER9, VERNER)
 
 
@@ -384,12 +362,8 @@ def _on_torus(
 
 
 PROJECTED = replace(
-    NINTH,
-    name=PROJECTING,
-    label="Verner 9, projected",
-    conserves=frozenset({"H", "J3", "C1", "C2"}),
+    NINTH, name=PROJECTING, label="Verner 9, projected", conserves=frozenset({"H", "J3", "C1", "C2"}),
     source=f"{VERNER}; Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), IV.4",
-    prepare=prepare_projected_in_field,
-    needs="force",
+    prepare=prepare_projected_in_field, needs="force",
     special={"uniform": prepare_projected},  # the general kernel costs 2.2 times as much there
-)
+)  # fmt: skip

@@ -196,49 +196,27 @@ def natural(
     rtol, atol = tolerances
     prepare, evaluate = dense(solver.name, partial(solver.runner, rtol=rtol, atol=atol))
     return Method(
-        name=solver.name,
-        label=label,
-        family=family,
-        order=order,
-        conserves=frozenset({"J3"}),
-        control="tolerance",
-        source=f"scipy.integrate.{solver.scipys.__name__}; {source}",
-        prepare=prepare,
-        evaluate=evaluate,
-        needs="rhs",
+        name=solver.name, label=label, family=family, order=order, conserves=frozenset({"J3"}), control="tolerance",
+        source=f"scipy.integrate.{solver.scipys.__name__}; {source}", prepare=prepare, evaluate=evaluate, needs="rhs",
         engine="scipy",
-    )
+    )  # fmt: skip
 
 
 RK45 = natural(
-    Solver("rk45", scipy.integrate.RK45),
-    "RK45 (SciPy)",
-    "runge-kutta",
-    5,
+    Solver("rk45", scipy.integrate.RK45), "RK45 (SciPy)", "runge-kutta", 5,
     "Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19",
-)
-DOP853 = replace(
-    natural(
-        Solver("scipy_dop853", scipy.integrate.DOP853),
-        "DOP853 (SciPy)",
-        "runge-kutta",
-        8,
-        "Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5",
-    ),
-    special={"spins": magnet.SPINS["scipy_dop853"]},
-)
+)  # fmt: skip
+DOP853 = natural(
+    Solver("scipy_dop853", scipy.integrate.DOP853), "DOP853 (SciPy)", "runge-kutta", 8,
+    "Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5",
+)  # fmt: skip
+DOP853 = replace(DOP853, special={"spins": magnet.SPINS["scipy_dop853"]})
 LSODA = natural(
-    Solver("lsoda", scipy.integrate.LSODA, times=1),
-    "LSODA (SciPy)",
-    "implicit",
+    Solver("lsoda", scipy.integrate.LSODA, times=1), "LSODA (SciPy)", "implicit",
     12,  # the highest of its Adams formulas; BDF up to 5
     "Petzold, SIAM J. Sci. Stat. Comput. 4 (1983) 136",
-)
+)  # fmt: skip
 RADAU = natural(
-    Solver("radau", scipy.integrate.Radau, times=3),
-    "Radau (SciPy)",
-    "implicit",
-    5,
-    "Hairer and Wanner, Solving Ordinary Differential Equations II (1996), IV.8",
-    tolerances=(1e-7, 1e-10),
-)
+    Solver("radau", scipy.integrate.Radau, times=3), "Radau (SciPy)", "implicit", 5,
+    "Hairer and Wanner, Solving Ordinary Differential Equations II (1996), IV.8", tolerances=(1e-7, 1e-10),
+)  # fmt: skip

@@ -54,8 +54,6 @@ from lagrange_bench.integrators.problem.field import Field
 from lagrange_bench.integrators.problem.parts import Part
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
-# ------------------------------------------------------------------------------------ schemes
-
 
 class Scheme(NamedTuple):
     """Coefficients of one step; `a` of the rotations and `b`, `c`, `d` of the kicks, all palindromes."""
@@ -148,8 +146,6 @@ SCHEMES = {
     ),
 }  # fmt: skip
 
-
-# ------------------------------------------------------------------------------------ kernels
 
 A, B, C, D, STRIDE = range(5)  # places in each group of constants: one rotation, one kick
 PART = 0.25  # z = (angle/2)² of a turn made at once: an angle of 1
@@ -349,9 +345,6 @@ def map_over(step: Any, processed: bool) -> Any:
 MAP = map_over(KERNELS[False][2], True)
 
 
-# ------------------------------------------------------------------------------------ steppers
-
-
 @cache
 def groups(scheme: Scheme) -> tuple[Array, Array]:
     """The step that is repeated, as groups (a, b, c, d) of a rotation and a kick, and the flow that begins the scheme.
@@ -517,9 +510,6 @@ def prepare_parts(name: str, problem: Any, h: float) -> FixedStepper:
     return FixedStepper(name, h, c, step, rhs_per_step=len(stages), size=system.size, timed=system.timed)
 
 
-# ------------------------------------------------------------------------------------ records
-
-
 def _record(name: str, label: str) -> Method:
     scheme = SCHEMES[name]
     needs = "force" if scheme.c or scheme.d else "kinetic" if scheme.nystrom else "parts"
@@ -528,18 +518,10 @@ def _record(name: str, label: str) -> Method:
     if name in magnet.SPINS:
         special["spins"] = magnet.SPINS[name]
     general = Method(
-        name=name,
-        label=label,
-        family="splitting",
-        order=scheme.order,
-        symmetric=True,
-        poisson=True,
-        conserves=frozenset({"J3", "C1", "C2"}),
-        source=scheme.source,
-        prepare=partial(prepare_in_field, name),
-        needs=needs,
-        special=special,
-    )
+        name=name, label=label, family="splitting", order=scheme.order, symmetric=True, poisson=True,
+        conserves=frozenset({"J3", "C1", "C2"}), source=scheme.source, prepare=partial(prepare_in_field, name),
+        needs=needs, special=special,
+    )  # fmt: skip
     if not scheme.processor:
         return general
     reason = "its processor is known in closed form in a uniform field only"

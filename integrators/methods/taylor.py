@@ -587,22 +587,11 @@ def prepare_fixed_in_field(top: Any, y0: Array, h: float, *, order: int = 20) ->
 
 PREPARE, EVALUATE = dense("taylor", partial(runner, "taylor", False))
 NATURAL = Method(
-    name="taylor",
-    label="Taylor (heyoka)",
-    family="taylor",
-    order=20,
-    conserves=frozenset({"J3"}),
-    control="tolerance",
-    source="heyoka.taylor_adaptive; Biscani and Izzo, MNRAS 504 (2021) 2614",
-    prepare=PREPARE,
-    evaluate=EVALUATE,
-    attitude=attitude,
-    requires="heyoka",
-    engine="heyoka",
-    advance_many=advance_many,
-    needs="smooth",
+    name="taylor", label="Taylor (heyoka)", family="taylor", order=20, conserves=frozenset({"J3"}), control="tolerance",
+    source="heyoka.taylor_adaptive; Biscani and Izzo, MNRAS 504 (2021) 2614", prepare=PREPARE, evaluate=EVALUATE,
+    attitude=attitude, requires="heyoka", engine="heyoka", advance_many=advance_many, needs="smooth",
     special={"spins": dense("taylor", spins_runner)[0]},
-)
+)  # fmt: skip
 
 
 def _variant(name: str, label: str, high_accuracy: bool, compact_mode: bool) -> Method:
@@ -615,13 +604,7 @@ ACCURATE = _variant("taylor_accurate", "Taylor (heyoka), compensated", True, Fal
 COMPACT = _variant("taylor_compact", "Taylor (heyoka), compact code", False, True)
 
 FIXED = Method(
-    name="taylor_fixed",
-    label="Taylor 20, fixed step",
-    family="taylor",
-    order=20,
-    conserves=frozenset({"J3"}),
-    source="Jorba and Zou, Exp. Math. 14 (2005) 99, section 2",
-    prepare=prepare_fixed_in_field,
-    needs="smooth",
+    name="taylor_fixed", label="Taylor 20, fixed step", family="taylor", order=20, conserves=frozenset({"J3"}),
+    source="Jorba and Zou, Exp. Math. 14 (2005) 99, section 2", prepare=prepare_fixed_in_field, needs="smooth",
     special={"uniform": prepare_fixed},  # the general kernel costs 4.5 times as much there
-)
+)  # fmt: skip

@@ -70,9 +70,6 @@ ZERO, ONE, TWO = (0.0, 0.0), (1.0, 0.0), (2.0, 0.0)
 state_of, put_state = take(6), put(6)
 
 
-# ------------------------------------------------------------------------------------ evaluation
-
-
 @jit
 def reduced(t, c):
     """Whole periods n since t0 and the time r in [−T/2, T/2] left over, n T subtracted in double-double."""
@@ -263,9 +260,6 @@ def turn_of_frame(alpha, y):
     z1, z2, z3, _, zA, _, _, dA, _ = roots(alpha, (J1, J2, m, x1, x2, x3))
     low, high = above(z1, z2, z3, zA, dA)
     return period_and_turn(z1, z2, z3, sub(zA, z3), low, high, dA, 0.0)[1]
-
-
-# ------------------------------------------------------------------------------------ constants
 
 
 @jit
@@ -542,9 +536,6 @@ def constants(alpha, y, h):
     return c
 
 
-# ------------------------------------------------------------------------------------ the method
-
-
 def found_constants(units: Units, y: Array, span: float, h: float | None = None) -> Array:
     c: Array = constants(units.alpha, tuple(units.enter(y)), span)
     if c[KIND] == TOO_UPRIGHT:
@@ -600,16 +591,9 @@ def at_instants(top: LagrangeTop, y0: Array, times: Array) -> tuple[Units, Array
 
 
 METHOD = Method(
-    name=NAME,
-    label="Theta functions",
-    family="closed-form",
-    order=None,
-    symmetric=True,
-    poisson=True,
+    name=NAME, label="Theta functions", family="closed-form", order=None, symmetric=True, poisson=True,
     conserves=frozenset({"H", "J3", "C1", "C2"}),
-    source="Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477",
-    prepare=prepare,
+    source="Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477", prepare=prepare,
     uniform_only="it is the closed form of an integrable top; backlund_splitting takes any potential",
-    evaluate=evaluate,
-    attitude=attitude,
-)
+    evaluate=evaluate, attitude=attitude,
+)  # fmt: skip

@@ -60,9 +60,6 @@ FAILURES = {**OF_EXPONENTIALS, NOT_CONVERGED: UNSOLVED}
 ZERO = (0.0, 0.0, 0.0)
 
 
-# ------------------------------------------------------------------------------------ vectors, quaternions, equations
-
-
 @inlined
 def vector(c, first):
     return c[first], c[first + 1], c[first + 2]
@@ -131,9 +128,6 @@ def newton(residual: Callable[..., Any]) -> Any:
         return x
 
     return solve
-
-
-# ------------------------------------------------------------------------------------ steps
 
 
 @jit
@@ -280,9 +274,6 @@ def generalized_alpha(s, c, tally):
 free, cayley, midpoint, damped = map(newton, (free_residual, cayley_residual, midpoint_residual, alpha_residual))
 
 
-# ------------------------------------------------------------------------------------ methods
-
-
 def constants(body: WholeBody, h: float, *options: float) -> Array:
     """What the kernels take."""
     return np.array((h, *body.inertia, *body.weight, *body.up, *options), dtype=float)
@@ -338,17 +329,9 @@ def of_bodies(
     """The record of a method for a `WholeBody` only; `kept`: names of the invariants, see `problem.whole_body`."""
     conserves = frozenset(kept.split())
     return Method(
-        name=name,
-        label=label,
-        family="whole-body",
-        order=order,
-        symmetric=symmetric,
-        poisson=poisson,
-        conserves=conserves,
-        source=source,
-        prepare=prepare,
-        needs="body",
-    )
+        name=name, label=label, family="whole-body", order=order, symmetric=symmetric, poisson=poisson,
+        conserves=conserves, source=source, prepare=prepare, needs="body",
+    )  # fmt: skip
 
 
 RATTLE = of_bodies(

@@ -41,9 +41,6 @@ FACTOR_GAUDIN = 1j  # r = factor P/(u − v) for L_G, (2.6)
 FACTOR_TOP = -1.0  # the same for L = i L_G
 
 
-# ------------------------------------------------------------------------------------------ Lax matrices
-
-
 def matrix(A: Any, B: Any, C: Any) -> Numbers:
     """((A, B), (C, −A)), shape (..., 2, 2)."""
     return np.stack((np.stack((A, B), axis=-1), np.stack((C, -A), axis=-1)), axis=-2)
@@ -109,9 +106,6 @@ def gaudin_matrix(alpha: Any, sites: ArrayLike, spins: Any, u: Any) -> Numbers:
     return pauli(gaudin_vector(alpha, sites, spins, u))
 
 
-# ----------------------------------------------------------------------------------------- spectral curve
-
-
 def spectral_polynomial(top: LagrangeTop, y: Any) -> tuple[Any, Any, Any, Any, Any]:
     """Ascending coefficients of Q(u) = C1 + 2 C2 u + 2H u² + 2 alpha J3 u³ + alpha² u⁴ = u⁴ det L(u)."""
     H, J3, C1, C2 = invariants(top, y)
@@ -175,9 +169,6 @@ def check_sheet(sheet: int) -> int:
     return sheet
 
 
-# ----------------------------------------------------------------------------------------- r-matrix algebra
-
-
 def r_matrix(w: Any, factor: complex = FACTOR_GAUDIN) -> Numbers:
     """factor · P/w, P the permutation of C² ⊗ C²; (2.6) with factor i."""
     r: Numbers = PERMUTATION * (factor / w)
@@ -209,9 +200,6 @@ def linear_algebra_defect(brackets: Numbers, Lu: Numbers, Lv: Numbers, r: Number
 def quadratic_algebra_defect(brackets: Numbers, Mu: Numbers, Mv: Numbers, r: Numbers) -> Numbers:
     """{M¹(u), M²(v)} − [r(u − v), M¹(u) M²(v)], (4, 4): (5.1.5)."""
     return brackets - commutator(r, np.kron(Mu, Mv))
-
-
-# ------------------------------------------------------------------------------------ Lax equation of the flow
 
 
 def lax_rate(top: LagrangeTop, y: Any, u: Any) -> Numbers:

@@ -137,9 +137,6 @@ def sheet_exchange(top: LagrangeTop, y: Any) -> Numbers:
     return from_pauli((E11 @ x + K @ J - x_new @ E11) @ K_inverse, x_new)
 
 
-# --------------------------------------------------------------------------------------------- iteration
-
-
 def gauge(y: Any, d: Any) -> Numbers:
     """The complex rotation about e3 with J-, x- → d J-, d x- and J+, x+ → J+/d, x+/d; a Poisson map."""
     J3, Jm, Jp, x3, xm, xp = ladder(y)

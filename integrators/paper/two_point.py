@@ -103,9 +103,6 @@ def dressing_matrix(x: Any, X: Any, lam1: Any, lam2: Any, u: Any) -> Numbers:
     return np.stack((np.stack(entries[:2], axis=-1), np.stack(entries[2:], axis=-1)), axis=-2)
 
 
-# ------------------------------------------------------------------------------------ the map, in four forms
-
-
 def explicit(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:
     """The map by components, (5.5.9) corrected."""
     return cartesian(*_ladder_image(top, y, first, second))
