@@ -67,13 +67,10 @@ class PredictedPhase:
 
     Attributes
     ----------
-    clock, turn : float or None
-        By how much the method's clock is fast, a number, and how fast it turns about e3 too far, in rad per unit of time.
-        None without a prediction.
-    clock_growth, turn_growth : float
-        How these grow, per unit of time: 0 for a method that keeps the invariants in the mean.
-    reason : str
-        Why there is no prediction; else empty.
+    clock, turn : by how much the method's clock is fast, a number, and how fast it turns about e3 too far, in rad per unit of
+        time; None without a prediction.
+    clock_growth, turn_growth : how these grow, per unit of time: 0 for a method that keeps the invariants in the mean.
+    reason : why there is no prediction; else empty.
     """
 
     clock: float | None
@@ -84,22 +81,10 @@ class PredictedPhase:
     _theory: Theory | None = field(default=None, repr=False, compare=False)
 
     def states(self, t: ArrayLike) -> Array:
-        """Where the method is at the times of its steps.
+        """States (N, 6) where the method is at times t (N,), multiples of h as in `Trajectory.t`; between them a smooth curve.
 
-        Parameters
-        ----------
-        t : (N,) array_like
-            Multiples of h, as in `Trajectory.t`. Between steps, where a method has no state, it is a smooth curve.
-
-        Returns
-        -------
-        (N, 6) ndarray
-            Predicted states: phases, what oscillates, and what the method has lost of the invariants. First order in the local
-            error; exact for the two-point map.
-
-        Raises
-        ------
-        ValueError : there is no prediction; the message is the reason.
+        With what oscillates, and what is lost of the invariants. First order in the local error; exact for the two-point map.
+        NoPrediction, a ValueError, if there is none.
         """
         theory = self._known()
         return theory.states(theory.steps(t))
@@ -122,22 +107,18 @@ def predicted_phase(
 
     Parameters
     ----------
-    top, y0, h, method
-        As of `integrate`; `top` in a uniform field.
-    lam : complex, optional
-        Parameter of the two-point map, Im λ > 0, for a method with this option; h is then the time its step is meant to take.
+    top, y0, h, method : as of `integrate`; `top` in a uniform field.
+    lam : parameter of the two-point map, Im λ > 0, for a method with this option; h is then the time its step is meant to take.
 
     Returns
     -------
-    PredictedPhase
-        Its `states(t)` are those of the method after a time t. Its rates say the same in two numbers: up to what oscillates, the
-        method is at the exact solution of the time t + clock t + ½ clock_growth t², turned about e3 by turn t + ½ turn_growth
-        t². Where there is no prediction clock and turn are None, and `reason` says why.
+    a `PredictedPhase`, whose `states(t)` are those of the method after a time t. Its rates say the same in two numbers: up to
+    what oscillates, the method is at the exact solution of the time t + clock t + ½ clock_growth t², turned about e3 by turn t +
+    ½ turn_growth t². Where there is no prediction clock and turn are None, and `reason` says why.
 
     Raises
     ------
-    ValueError
-        An argument that makes no sense; the message names it.
+    ValueError : an argument that makes no sense; the message names it.
     """
     plain: Any = getattr(top, "problem", top)
     if "uniform" not in getattr(plain, "offers", ()):
@@ -150,9 +131,6 @@ def predicted_phase(
         return theory(plain, state, h, found, None if lam is None else check_parameter(lam)).phase
     except NoPrediction as reason:
         return PredictedPhase(None, None, reason=str(reason))
-
-
-# ------------------------------------------------------------------------------------------ sums of a periodic function
 
 
 @dataclass(frozen=True)
@@ -185,9 +163,6 @@ class Sum:
         return np.outer(n, self.mean) + self.wave(n) - self.wave(np.zeros(1))
 
 
-# ------------------------------------------------------------------------------------------ the theory
-
-
 class Theory:
     """The error of a method, to first order in its local error; within, everything is in units of the top.
 
@@ -196,14 +171,7 @@ class Theory:
     """
 
     def __init__(
-        self,
-        top: LagrangeTop,
-        y0: Array,
-        h: float,
-        step: Array,
-        S: NDArray[Any],
-        angle: NDArray[Any],
-        drifts: bool = False,
+        self, top: LagrangeTop, y0: Array, h: float, step: Array, S: NDArray[Any], angle: Array, drifts: bool = False
     ):
         self.units, self.user_h = Units(top, y0, h), h
         self.top, self.y0, self.h = LagrangeTop(self.units.alpha), self.units.enter(y0), self.units.time(h)
@@ -219,13 +187,8 @@ class Theory:
         second = self.units.time(1.0)
         clock, turn = (self.along.mean - self.ramp.mean / 2) / self.h
         clock_growth, turn_growth = self.ramp.mean / self.h**2
-        return PredictedPhase(
-            float(clock),
-            float(turn * second),
-            float(clock_growth * second),
-            float(turn_growth * second * second),
-            _theory=self,
-        )
+        rates = clock, turn * second, clock_growth * second, turn_growth * second * second
+        return PredictedPhase(*map(float, rates), _theory=self)
 
     def steps(self, t: ArrayLike) -> Array:
         """How many steps make the times t (N,): whole numbers where t is a multiple of h but for its rounding."""
