@@ -8,19 +8,14 @@ what the method loses of the invariants. But for what oscillates with the nutati
 and the growths, like the distance to the torus, are 0 unless the method lets the invariants drift.
 `PredictedPhase.states` has all parts. docs/phase-theory.md has the formulas and their sources.
 
-The two-point map: T(λ) and Θ(λ) are known, so clock = T/h − 1 and turn = Θ/h, and nothing oscillates.
-
-Any other: the local error δ = Φ_h − φ_h = h^{p+1} d + … is a power series in h (`steps`), of which `TERMS` terms are
-taken. To first order in δ the error follows e ← Dφ_h e + δ. Let X = (X_H, X_J3), and let the rows of G be the gradients
-of H, J3, C1 and C2. Write e = X p + E o with E = Gᵀ(G Gᵀ)⁻¹. Then p is the error along the torus, and o = G e is the
-error of the invariants. In one step
+The two-point map: T(λ) and Θ(λ) are known, so clock = T/h − 1 and turn = Θ/h, and nothing oscillates. Any other: the local error
+is a power series in h (`steps`), of which `TERMS` terms are taken; to first order in it the error e = X p + E o follows
 
     o ← o + Gδ        p ← p + S o + X⁺δ        S = Σ(s + h) − Σ(s),   Σ' = X⁺(f' E − E'),
 
-where everything is periodic in s, the time modulo a nutation, and is summed by its Fourier series. Terms of second
-order in δ are left out. Reflect an orbit of a symmetric method in a vertical plane and run it backwards: it is again an
-orbit of the method. Every torus is its own image, so the mean of Gδ vanishes. What first order leaves of this mean is
-taken off.
+X = (X_H, X_J3), the rows of G the gradients of H, J3, C1 and C2, E = Gᵀ(G Gᵀ)⁻¹: p is the error along the torus, o that of the
+invariants. All is periodic in s, the time modulo a nutation, and is summed by its Fourier series. Of a symmetric method the mean
+of Gδ vanishes; what first order leaves of it is taken off.
 """
 
 from __future__ import annotations

@@ -53,9 +53,8 @@ from lagrange_bench.integrators.torus.stepper import OFF_TORUS, TorusStepper, Tu
 PIN = 8  # steps between two pins, by default
 SHORT = 16  # steps of an ensemble up to which λ(h) comes in plain doubles: else set-up would cost fifty times as much as they
 FEW = 4  # tops below which, in longer runs, one after the other is quicker than a block of lanes
-LONGEST_TURN = (
-    16.0  # of a step of the attitude, in units of rate 1: towards the unstable vertical |m|² falls below round-off
-)
+# of a step of the attitude, in units of rate 1: towards the unstable vertical |m|² falls below round-off
+LONGEST_TURN = 16.0
 MOST_PARTS = 10**8  # steps of an attitude: some seconds, not to be interrupted
 
 

@@ -4,38 +4,24 @@
 
 The flow of A is a Bäcklund step, exact for any length; the flow of B is a kick, x being constant. As with Kepler's motion in the
 maps of Wisdom and Holman, the step follows what perturbs the top, not the top, and errors come with a factor ε, the size of V.
-A kick leaves the torus, so λ(h) is another at every step. C1, C2, alpha and h do not change: λ is a function of (H, J3) of A,
-which move in a small box. Four polynomials in them, a table made once, give λ and m; one step of Newton's method puts m on the
-curve m² = Q(λ), on which the map keeps the invariants to round-off. Outside of the box, and where no table of degree 12 has all
-digits, λ(h) is computed in place (`torus.plain_step`), and where that does not reach, in double-double.
+A kick leaves the torus, so λ(h) is another at every step: a function of (H, J3) of A, which move in a small box. Four polynomials
+in them, a table made once, give λ and m; one step of Newton's method puts m on the curve m² = Q(λ), on which the map keeps the
+invariants to round-off. Outside of the box, and where no table of degree 12 has all digits, λ(h) is computed in place
+(`torus.plain_step`), and where that does not reach, in double-double.
 
-Schemes, A B A … B A, and the errors they leave:
+Schemes, A B A … B A, and the errors they leave, where the frequencies of V along the motion are well below 2π/h:
 
-strang    one flow a step. A `modified_kick` by V − (h²/24)|x × ∇V|² takes away the error ε²h². A `corrector`, a canonical
-          transformation at both ends of the run and at every recorded row, takes away the error εh² at all frequencies ω of
-          V along the motion with |ωh| well below 2π. What is left is ε²h⁴.
+strang      one flow a step, with a `modified_kick` and a `corrector` at both ends of the run and at every recorded row: ε²h⁴
 processed6  two kicks and a flow back between them, with both corrections too, and one more of each: ε²h⁶
-saba4     Gauss–Legendre quadrature of V along the flow: εh⁸ + ε²h²
-aba…      aba84: εh⁸ + ε²h⁴, aba104: εh¹⁰ + ε²h⁴, aba864: εh⁸ + ε²h⁶ + ε³h⁴, aba1064: εh¹⁰ + ε²h⁶ + ε³h⁴
+saba4       Gauss–Legendre quadrature of V along the flow: εh⁸ + ε²h²
+aba…        aba84: εh⁸ + ε²h⁴, aba104: εh¹⁰ + ε²h⁴, aba864: εh⁸ + ε²h⁶ + ε³h⁴, aba1064: εh¹⁰ + ε²h⁶ + ε³h⁴
 
-The corrector. At a frequency ω of V, w = ωh, the kicks of n Strang steps add up to h (e^{iωnh} − 1)/(2i sin(w/2)); the motion
-has the integral (e^{iωnh} − 1)/(iω). The difference belongs to the ends alone. Kicks b_j h at times a_j h after an end and −b_j h
-before it make it up if 2 Σ b_j sin(a_j w) = 1/(2 sin(w/2)) − 1/w. a_j = 0.4 j; b by least squares (`backlund_schemes`). Half of
-the kicks are made first, the others in the order reversed, so that no commutator of two of them is left. At w = 2π the step is
-in resonance with V, and no transformation helps.
+V may depend on t: a kick takes it at the time of the flows before. Then H is not conserved, there is no guard, and no step is
+chosen. Else H of the whole problem shows what the step does not resolve: a resonance, or a close encounter with a singularity.
+A run with a fixed h warns where H moves by much more than in its first steps; with `tol`, `backlund_choice` takes the run again.
 
-Time. V may depend on t, see `Problem`. With t and its momentum E as two more variables A + E is in the place of A. Its flow
-is the exact step and a clock, and a kick takes V at the time of that clock. Schemes and corrector consist of these flows.
-{V, {V, A + E}} is {V, {V, A}}, for {V, {V, E}} vanishes; so the modified kicks stay as they are, and all orders hold. But H is
-no longer conserved: there is no guard, and no step is chosen.
-
-The guard. H of the whole problem is conserved; what it moves by shows what the step does not resolve: a resonance, or a
-close encounter with a singularity of V. `moves` gives it at rows of the run, and at the state after the strongest kick, which
-the kernel remembers. A run with a fixed h warns where H moves by much more than in its first steps; with `tol`,
-`backlund_choice` takes the run again.
-
-Every map here is Poisson and symmetric (the corrector is made of |h|), and C1 and C2 are pinned. Only a table with all digits
-makes it so, not any smooth one: a step of time T(H, J3) and turn Θ(H, J3) is Poisson only if ∂T/∂J3 = ∂Θ/∂H.
+Every map here is Poisson and symmetric, and C1 and C2 are pinned. Only a table with all digits makes it so, not any smooth one: a
+step of time T(H, J3) and turn Θ(H, J3) is Poisson only if ∂T/∂J3 = ∂Θ/∂H. docs/perturbed.md derives all of it.
 
 Sources: Wisdom & Holman, Astron. J. 102 (1991) 1528; Wisdom, Holman & Touma, Fields Inst. Commun. 10 (1996) 217 (correctors);
 McLachlan, BIT 35 (1995) 258 (aba84, saba4); Laskar & Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39 (saba4); Blanes,

@@ -62,9 +62,8 @@ FAILURES = {
     TOO_LATE: f"n |h| is over {LATEST:g} times the time scale of the top: its phase is beyond double",
 }
 WEIGHTLESS = 2.0**-100  # alpha in units of the orbit that makes no difference to a double for any admissible time
-UPRIGHT = (
-    1e-40  # of J+ and x+, in units of the orbit: with less, the squares of their squares leave the range of doubles
-)
+# of J+ and x+, in units of the orbit: with less, the squares of their squares leave the range of doubles
+UPRIGHT = 1e-40
 TWO_PI = (6.283185307179586, 2.4492935982947064e-16)
 ZERO, ONE, TWO = (0.0, 0.0), (1.0, 0.0), (2.0, 0.0)
 state_of, put_state = take(6), put(6)

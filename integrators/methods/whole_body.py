@@ -50,9 +50,8 @@ from lagrange_bench.integrators.methods.tableaux import RK4
 from lagrange_bench.integrators.problem.whole_body import WholeBody
 
 STEP, INERTIA, WEIGHT, UP, OPTIONS = 0, 1, 4, 7, 10  # places of the constants
-LIMIT = (
-    50  # iterations: 3 to 6 at short steps; at long ones, without the derivative of the torque, each halves the error
-)
+# iterations: 3 to 6 at short steps; at long ones, without the derivative of the torque, each halves the error
+LIMIT = 50
 SMALL = 2.0**-40  # relative: a correction that has stopped falling is round-off only below this
 NOT_CONVERGED = TURNED + 1
 UNSOLVED = f"the equations of the step are not solved after {LIMIT} iterations; take a smaller |h|"
