@@ -65,6 +65,16 @@ def accumulate(S, c, place, K, X):
 
 
 @inlined
+def at_stage(i, S, count, c, place, K, low, places, s, out):
+    """Components of stage i, at their places in the state s: s + (low + M K), the matrix M (S, S) by columns at c[place]."""
+    for a in range(count):
+        total = low[places[a]]
+        for j in range(S):
+            total += c[place + S * j + i] * K[count * j + a]  # small terms first
+        out[count * i + a] = total + s[places[a]]
+
+
+@inlined
 def factor(m, A, pivots):
     """A (m, m) = LU with partial pivoting, in its place; the diagonal of U inverted."""
     for k in range(m):
@@ -166,11 +176,7 @@ def kernel(stages: int, system: System) -> Any:
         u, e = stack(K_SIZE), stack(L_SIZE)
         size = 0.0
         for i in range(S):
-            for a in range(U):
-                total = low[places_u[a]]
-                for j in range(S):
-                    total += c[MU + S * j + i] * K[U * j + a]  # small terms first
-                u[U * i + a] = total + s[places_u[a]]
+            at_stage(i, S, U, c, MU, K, low, places_u, s, u)
             for a in range(E):
                 e[E * i + a] = s[places_e[a]]
             y = place(s, get_u(u, U * i), get_e(e, E * i))
@@ -180,11 +186,7 @@ def kernel(stages: int, system: System) -> Any:
                 for a in range(E):
                     L[E * i + a] *= c[BETAS + i]
         for i in range(S):
-            for a in range(E):
-                total = low[places_e[a]]
-                for j in range(S):
-                    total += c[MU + S * j + i] * L[E * j + a]
-                e[E * i + a] = total + s[places_e[a]]
+            at_stage(i, S, E, c, MU, L, low, places_e, s, e)
             y = place(s, get_u(u, U * i), get_e(e, E * i))
             t = c[START] + c[STEP] * (tally[CLOCK] + c[NODES + i]) if timed else 0.0
             keep(Y, n * i, y)

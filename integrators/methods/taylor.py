@@ -68,10 +68,6 @@ class Form(NamedTuple):
     units: bool = False
 
 
-def form_of(top: Problem) -> Form:
-    return Form(top.system)
-
-
 def equations(form: Form | None = None) -> list[Any]:
     """The equations of motion in heyoka's symbols; parameters are its runtime parameters, the time at the start the last one.
 
@@ -146,7 +142,7 @@ def far_units(name: str, top: Any, y: Array, end: float) -> Units | None:
 def runner(name: str, compact_mode: bool, top: Problem, *, tol: float = EPS, high_accuracy: bool = False) -> Run:
     """Natural steps with the local error kept below `tol` (relative above norm 1); `high_accuracy`: compensated sums."""
     tol = check_tolerance(tol)
-    key = tol, check_flag(high_accuracy, "high_accuracy"), compact_mode, form_of(top)
+    key = tol, check_flag(high_accuracy, "high_accuracy"), compact_mode, Form(top.system)
     numbers = (*top.numbers, *((top.start,) * top.system.timed))
     integrator_here(*key)
 
@@ -324,7 +320,7 @@ def advance_many(tops: Array | Sequence[PerturbedTop], *run: Any, **options: Any
         return _advance([(Form(uniform_system()), np.arange(len(tops)), tops[:, None])], *run, **options)
     kinds: dict[Form, list[int]] = {}
     for i, problem in enumerate(tops):
-        kinds.setdefault(form_of(problem), []).append(i)
+        kinds.setdefault(Form(problem.system), []).append(i)
     groups = [(form, np.array(places), np.array([tops[i].numbers for i in places])) for form, places in kinds.items()]
     return _advance(groups, *run, **options)
 
