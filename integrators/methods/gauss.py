@@ -39,19 +39,8 @@ from lagrange_bench.integrators.compiling.double_double import two_sum
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.interface import Array, Method, StepError
+from lagrange_bench.integrators.methods import gauss_in_field as general
 from lagrange_bench.integrators.methods.gauss_coefficients import matrices
-from lagrange_bench.integrators.methods.gauss_in_field import (
-    FAILURES,
-    LIMIT,
-    LONGEST,
-    NOT_CONVERGED,
-    SOLVERS,
-    WEAK,
-    accumulate,
-    factor,
-    stepper_in_field,
-    substitute,
-)
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
@@ -78,7 +67,7 @@ def residual(n, s, c, low, K, X, L, J, R):
     for i in range(S):
         X[i], X[S + i], X[2 * S + i] = low[2], low[3], low[4]
         J[i], J[S + i] = low[0], low[1]
-    accumulate(S, c, MU, K, X)  # small terms first
+    general.accumulate(S, c, MU, K, X)  # small terms first
     for i in range(S):
         X[i] += x1
         X[S + i] += x2
@@ -114,7 +103,7 @@ def fixed_point(n, s, c, low, K, L, tally):
     """K and L of the step. Returns the number of iterations, 0 if there were too many."""
     X, J, R = stack(18), stack(12), stack(18)
     last = math.inf
-    for k in range(LIMIT):
+    for k in range(general.LIMIT):
         size = residual(n, s, c, low, K, X, L, J, R)
         for i in range(3 * len(n)):
             K[i] += R[i]
@@ -130,13 +119,13 @@ def newton(n, s, c, low, K, L, tally):
     """K and L of the step. Returns the number of iterations, 0 if there were too many."""
     X, J, R, A, T, P, pivots = stack(18), stack(12), stack(18), stack(144), stack(72), stack(12), stack(12)
     last = math.inf
-    for k in range(LIMIT):
+    for k in range(general.LIMIT):
         size = residual(n, s, c, low, K, X, L, J, R)
         done = stagnates(size, last, c)
         if not done:
             if last == math.inf or size > max(2.0**-8 * last, c[SMALL]):
                 eliminate(n, s[2], c, X, J, A, T, P)
-                factor(2 * len(n), A, pivots)
+                general.factor(2 * len(n), A, pivots)
             correct(n, c, A, T, P, pivots, R)
         for i in range(3 * len(n)):
             K[i] += R[i]  # in the end to h b J×x itself, which is orthogonal to x
@@ -190,7 +179,7 @@ def correct(n, c, A, T, P, pivots, R):
         for j in range(S):
             t[i] += c[MU + S * j + i] * R[2 * S + j]
         r[i], r[S + i] = R[i] + P[S + i] * t[i], R[S + i] - P[i] * t[i]
-    substitute(m, A, pivots, r)
+    general.substitute(m, A, pivots, r)
     for i in range(S):
         for j in range(m):
             t[i] -= T[m * i + j] * r[j]
@@ -209,12 +198,12 @@ def step(n, s, c, tally):
     K, L, low = stack(18), stack(12), stack(5)
     for i in range(3 * S):
         K[i] = 0.0
-    accumulate(S, c, AHEAD, tally[MEMORY:], K)
+    general.accumulate(S, c, AHEAD, tally[MEMORY:], K)
     for i in range(5):
         low[i] = tally[LOW + i]
     iterations = newton(n, s, c, low, K, L, tally) if c[NEWTON] != 0.0 else fixed_point(n, s, c, low, K, L, tally)
     if iterations == 0:
-        tally[FAILURE] = NOT_CONVERGED
+        tally[FAILURE] = general.NOT_CONVERGED
     tally[ITERATIONS] += iterations
     tally[RHS_EVALS] += S * iterations
     for i in range(3 * S):
@@ -261,23 +250,23 @@ def method(stages: int) -> Method:
             else Newton.
         compensated : carry what the sums of a step round off into the next one.
         """
-        check_choice(solver, "solver", SOLVERS)
+        check_choice(solver, "solver", general.SOLVERS)
         check_flag(compensated, "compensated")
         span = abs(h) * top.scales(y0)[0]
-        if not span <= LONGEST:
-            raise StepError(name, f"|h| is over {LONGEST:g} times the time scale of the top", h=h)
+        if not span <= general.LONGEST:
+            raise StepError(name, f"|h| is over {general.LONGEST:g} times the time scale of the top", h=h)
         if not h * h * abs(top.alpha) * math.hypot(*y0[3:]) <= UNIQUE[stages]:
             reason = f"h²|alpha||x| is over {UNIQUE[stages]}: the stage equations may have several solutions"
             raise StepError(name, reason, h=h)
-        newton = solver == "newton" or (solver == "auto" and RADIUS[stages] * span > WEAK[bool(compensated)])
+        newton = solver == "newton" or (solver == "auto" and RADIUS[stages] * span > general.WEAK[bool(compensated)])
         c = constants(stages, top, y0, h, newton, compensated, span <= 1)
-        return FixedStepper(name, h, c, kernel(stages), failures=FAILURES)
+        return FixedStepper(name, h, c, kernel(stages), failures=general.FAILURES)
 
     def prepare_in_field(
         top: PerturbedTop, y0: Array, h: float, *, solver: str = "auto", compensated: bool = False
     ) -> FixedStepper:
         """As `prepare`; "auto" passes to Newton in a step in which the fixed point contracts by less."""
-        return stepper_in_field(name, stages, top, y0, h, solver, compensated)
+        return general.stepper_in_field(name, stages, top, y0, h, solver, compensated)
 
     return Method(
         name=name, label=f"Gauss {2 * stages}", family="implicit", order=2 * stages, symmetric=True,
