@@ -15,7 +15,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from functools import partial, wraps
+from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
 from lagrange_bench.integrators.interface import Method, StepError, Stepper, Work
 from lagrange_bench.integrators.methods.dense import Run, dense
 from lagrange_bench.integrators.methods.dop853 import check_tolerances
+from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
 
 ITERATIONS = 200  # of an implicit step, at most
 
@@ -130,25 +131,17 @@ def sweep(s, b, pairs, K, t, forward):
                 s[j, 0], s[j, 1] = u, v
             continue
         j, k = pairs[p, 0], pairs[p, 1]
-        w1, w2, w3 = s[j, 0] + s[k, 0], s[j, 1] + s[k, 1], s[j, 2] + s[k, 2]
-        size = math.sqrt(w1 * w1 + w2 * w2 + w3 * w3)
+        v, w = (s[j, 0], s[j, 1], s[j, 2]), (s[j, 0] + s[k, 0], s[j, 1] + s[k, 1], s[j, 2] + s[k, 2])
+        size = math.sqrt(dot(w, w))
         if size == 0.0:
             continue
         half = 0.5 * t * K[p] * size
         sin = math.sin(half)
-        f = 2.0 * sin * math.cos(half) / size
-        g = 2.0 * sin * sin / (size * size)
-        x, y, z = s[j, 0], s[j, 1], s[j, 2]
-        t1, t2, t3 = w2 * z - w3 * y, w3 * x - w1 * z, w1 * y - w2 * x
-        d1 = f * t1 + g * (w2 * t3 - w3 * t2)
-        d2 = f * t2 + g * (w3 * t1 - w1 * t3)
-        d3 = f * t3 + g * (w1 * t2 - w2 * t1)
-        s[j, 0] += d1
-        s[j, 1] += d2
-        s[j, 2] += d3
-        s[k, 0] -= d1
-        s[k, 1] -= d2
-        s[k, 2] -= d3
+        u = cross(w, v)
+        d = add(times(2.0 * sin * math.cos(half) / size, u), 2.0 * sin * sin / (size * size), cross(w, u))
+        for i in range(3):
+            s[j, i] += d[i]
+            s[k, i] -= d[i]
 
 
 @jit
@@ -180,10 +173,6 @@ def _blanes_moan4() -> tuple[tuple[float, ...], tuple[float, ...]]:
     return a, b
 
 
-def _prepare_splitting(name: str, weights: Array, magnet: Any, spins: Array, h: float) -> _CompiledStepper:
-    return _CompiledStepper(name, run_splitting, magnet, spins, h, weights)
-
-
 # ------------------------------------------------------------------------------------------ midpoint rules
 
 
@@ -191,15 +180,13 @@ def _prepare_splitting(name: str, weights: Array, magnet: Any, spins: Array, h: 
 def run_midpoint(s, b, pairs, K, h, spherical, first, last, every, out):
     """s' = s + h grad × m at m = (s + s')/2; spherical: at |s| m/|m|. By fixed-point iteration until it stalls."""
     n = len(b)
-    middle, field, mean = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
-    new, size = np.empty((n, 3)), np.empty(n)
+    middle, field, mean, size = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
     iterations = 0
     for step in range(first, last):
         for j in range(n):
             size[j] = math.sqrt(s[j, 0] ** 2 + s[j, 1] ** 2 + s[j, 2] ** 2)
         mean[:] = s
         old = np.inf
-        done = False
         for _ in range(ITERATIONS):
             iterations += 1
             for j in range(n):
@@ -219,16 +206,15 @@ def run_midpoint(s, b, pairs, K, h, spherical, first, last, every, out):
             for j in range(n):
                 for i in range(3):
                     u, v = (i + 1) % 3, (i + 2) % 3
-                    new[j, i] = s[j, i] + 0.5 * h * (field[j, u] * middle[j, v] - field[j, v] * middle[j, u])
-                    change += abs(new[j, i] - mean[j, i])
-                    mean[j, i] = new[j, i]
+                    new = s[j, i] + 0.5 * h * (field[j, u] * middle[j, v] - field[j, v] * middle[j, u])
+                    change += abs(new - mean[j, i])
+                    mean[j, i] = new
             if not change < np.inf:
-                break
+                return step, iterations
             if change == 0.0 or (change <= 1e-15 * np.sum(size) and change >= 0.5 * old):
-                done = True
                 break
             old = change
-        if not done:
+        else:
             return step, iterations
         for j in range(n):
             for i in range(3):
@@ -236,10 +222,6 @@ def run_midpoint(s, b, pairs, K, h, spherical, first, last, every, out):
         if (step + 1) % every == 0:
             out[(step + 1) // every] = s
     return -1, iterations
-
-
-def _prepare_midpoint(name: str, spherical: bool, magnet: Any, spins: Array, h: float) -> _CompiledStepper:
-    return _CompiledStepper(name, run_midpoint, magnet, spins, h, spherical)
 
 
 def unit(spins: Array) -> float:
@@ -261,8 +243,7 @@ def dop853_runner(problem: Any, *, rtol: float = 3e-14) -> Run:
             rate: Array = magnet.rhs(size * y.reshape(-1, 3), c).ravel() / size / size
             return rate
 
-        times = grid * size
-        found = solve_ivp(rhs, (0, times[-1]), y / size, "DOP853", times, rtol=rtol, atol=rtol / 10)
+        found = solve_ivp(rhs, (0, grid[-1] * size), y / size, "DOP853", grid * size, rtol=rtol, atol=rtol / 10)
         if not found.success:
             raise StepError("scipy_dop853", found.message)
         work.rhs_evals += found.nfev
@@ -272,21 +253,21 @@ def dop853_runner(problem: Any, *, rtol: float = 3e-14) -> Run:
     return run
 
 
-def splitting_of_spins(name: str, a: tuple[float, ...], b: tuple[float, ...]) -> Callable[..., SpinStepper]:
-    """The builder of a splitting of two parts, a1, b1, a2, …, by pairs of spins."""
-    return of_spins(partial(_prepare_splitting, name, weights_of_two(a, b)))
+def of_loop(name: str, run: Callable, *constants: Any) -> Callable[..., SpinStepper]:
+    """The builder of a compiled loop with these constants."""
+    return of_spins(lambda magnet, spins, h: _CompiledStepper(name, run, magnet, spins, h, *constants))
 
 
 # builders by the names of the methods that have them: general kernels unroll all pairs of spins, these loop over any number
 SPINS = {
-    "strang": splitting_of_spins("strang", (0.5, 0.5), (1.0,)),
-    "blanes_moan4": splitting_of_spins("blanes_moan4", *_blanes_moan4()),
-    "implicit_midpoint": of_spins(partial(_prepare_midpoint, "implicit_midpoint", False)),
+    "strang": of_loop("strang", run_splitting, weights_of_two((0.5, 0.5), (1.0,))),
+    "blanes_moan4": of_loop("blanes_moan4", run_splitting, weights_of_two(*_blanes_moan4())),
+    "implicit_midpoint": of_loop("implicit_midpoint", run_midpoint, False),
     "scipy_dop853": dense("scipy_dop853", dop853_runner)[0],
 }
 
 SPHERICAL_MIDPOINT = Method(
     name="spherical_midpoint", label="Spherical midpoint", family="implicit", order=2, symmetric=True, poisson=True,
     conserves=frozenset({"J3", "C1", "C2"}), source="McLachlan, Modin and Verdier, Phys. Rev. E 89 (2014) 061301",
-    prepare=of_spins(partial(_prepare_midpoint, "spherical_midpoint", True)), needs="spins",
+    prepare=of_loop("spherical_midpoint", run_midpoint, True), needs="spins",
 )  # fmt: skip
