@@ -230,14 +230,13 @@ def _until(ta: Any, end: float, most: int = INTERRUPTIBLE) -> tuple[Array, int]:
 def _on_grid(ta: Any, y: Array, grid: Array, most: int = INTERRUPTIBLE) -> tuple[Array, int]:
     """The states on a grid, by dense output."""
     grid = np.concatenate(((0.0,), grid))
-    outcome, _, _, steps, _, out = ta.propagate_grid(grid, max_steps=most)
-    if _check(ta, outcome, steps):
-        # A run on a grid cannot be resumed without shortening a step. A callback lets Ctrl-C in after each step and
-        # changes no bit, but costs half as much as the step: only long runs start again with one.
-        ta.time = 0.0
-        ta.state[:] = y
-        outcome, _, _, steps, _, out = ta.propagate_grid(grid, callback=lambda ta: True)
-        _check(ta, outcome, steps)
+    # A run on a grid cannot be resumed without shortening a step. A callback lets Ctrl-C in after each step and changes no
+    # bit, but costs half as much as the step: only long runs start again with one.
+    for limit in ({"max_steps": most}, {"callback": lambda ta: True}):
+        ta.time, ta.state[:] = 0.0, y
+        outcome, _, _, steps, _, out = ta.propagate_grid(grid, **limit)
+        if not _check(ta, outcome, steps):
+            break
     return out[1:], steps
 
 

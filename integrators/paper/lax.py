@@ -41,9 +41,15 @@ FACTOR_GAUDIN = 1j  # r = factor P/(u − v) for L_G, (2.6)
 FACTOR_TOP = -1.0  # the same for L = i L_G
 
 
+def square(a: Any, b: Any, c: Any, d: Any) -> Numbers:
+    """((a, b), (c, d)), shape (..., 2, 2)."""
+    entries = np.stack(np.broadcast_arrays(a, b, c, d), axis=-1)
+    return entries.reshape(*entries.shape[:-1], 2, 2)
+
+
 def matrix(A: Any, B: Any, C: Any) -> Numbers:
     """((A, B), (C, −A)), shape (..., 2, 2)."""
-    return np.stack((np.stack((A, B), axis=-1), np.stack((C, -A), axis=-1)), axis=-2)
+    return square(A, B, C, -A)
 
 
 def determinant(M: Numbers) -> Any:
