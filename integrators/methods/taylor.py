@@ -310,38 +310,19 @@ def _batches(form: Form, numbers: Array, Y0: Array, times: Array, tol: float, wi
     return out
 
 
-def advance_many(tops: Array | Sequence[PerturbedTop], *run: Any, **options: Any) -> NDArray[np.bool_]:
+def advance_many(
+    tops: Array | Sequence[PerturbedTop], Y0: Array, h: float, steps: int, every: int, out: Array,
+    stopped: Callable[[], bool], *, tol: float = EPS, high_accuracy: bool = False,
+) -> NDArray[np.bool_]:  # fmt: skip
     """Natural steps of many tops, in heyoka's batch mode; what it refuses, and compensated sums, are taken one by one.
 
     In a potential tops that keep J3 and tops that do not are in batches of their own.
     """
-    if isinstance(tops, np.ndarray):
-        return _advance([(Form(uniform_system()), np.arange(len(tops)), tops[:, None])], *run, **options)
-    kinds: dict[Form, list[int]] = {}
-    for i, problem in enumerate(tops):
-        kinds.setdefault(Form(problem.system), []).append(i)
-    groups = [(form, np.array(places), np.array([tops[i].numbers for i in places])) for form, places in kinds.items()]
-    return _advance(groups, *run, **options)
-
-
-def _advance(
-    groups: Sequence[tuple[Form, NDArray[np.intp], Array]],
-    Y0: Array,
-    h: float,
-    steps: int,
-    every: int,
-    out: Array,
-    stopped: Callable[[], bool],
-    *,
-    tol: float = EPS,
-    high_accuracy: bool = False,
-) -> NDArray[np.bool_]:
-    """For groups (form, places in Y0, numbers): rows of `out`, and which tops were done."""
     done, tol = np.zeros(len(Y0), dtype=bool), check_tolerance(tol)
     if high_accuracy or not math.isfinite(h * steps):
         return done
     times = h * every * np.arange(1.0, steps // every + 1)
-    for form, places, numbers in groups:
+    for form, places, numbers in _groups(tops):
         size = np.linalg.norm(Y0[places, 3:], axis=1)
         rate = np.linalg.norm(Y0[places, :3], axis=1) + np.sqrt(np.abs(numbers[:, 0]) * size)
         low, high = 2.0**-FAR, 2.0**FAR  # what is beyond needs units: see `far_units`
@@ -352,6 +333,16 @@ def _advance(
                 out[:, places] = _batches(form, numbers, Y0[places], times, tol, recommended_width())
                 done[places] = True
     return done
+
+
+def _groups(tops: Array | Sequence[PerturbedTop]) -> list[tuple[Form, NDArray[np.intp], Array]]:
+    """(form, places in the list, numbers) of tops with one form of equations."""
+    if isinstance(tops, np.ndarray):
+        return [(Form(uniform_system()), np.arange(len(tops)), tops[:, None])]
+    kinds: dict[Form, list[int]] = {}
+    for i, problem in enumerate(tops):
+        kinds.setdefault(Form(problem.system), []).append(i)
+    return [(form, np.array(places), np.array([tops[i].numbers for i in places])) for form, places in kinds.items()]
 
 
 def recommended_width() -> int:
