@@ -21,8 +21,7 @@ In any field p' = ½Jp + 2gqk with g = ∇U(x), and with X = x̂/(1 + n), g = �
 No bound for a unique step is known there. Newton's matrix I − … at the solution must have a positive determinant, as it
 has for h → 0: else a fold lies between, and a StepError says so.
 
-The spherical midpoint rule (McLachlan, Modin & Verdier, Phys. Rev. E 89 (2014) 061301) lives on products of spheres, which
-the states of a top do not make up; this is its counterpart for them. Discrete gradients: see `gauss`.
+It is the counterpart of the spherical midpoint rule (`magnet`), which lives on products of spheres.
 
 Round-off. Both turns are written so that a relative error of 1 + n does not change |x| to first order (as in
 `implicit_midpoint`), and u is iterated until it stagnates. C2 stays where it is if u is parallel to J + (h alpha/2) B/(1 + n)
@@ -45,6 +44,7 @@ from lagrange_bench.integrators.compiling.compiled import jit, jit_as
 from lagrange_bench.integrators.compiling.expression import Program, Tape, machine_code, take, with_slopes
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.interface import Array, Method, StepError
+from lagrange_bench.integrators.methods.gauss_in_field import SOLVERS, check_span
 from lagrange_bench.integrators.methods.lie_group import cross as vector
 from lagrange_bench.integrators.methods.lie_group import dot as scalar
 from lagrange_bench.integrators.methods.lie_group import turn
@@ -56,8 +56,6 @@ QUARTER, KICK = range(2)  # places of the constants: h/4 and h alpha
 UNIQUE = 6.03  # h²|alpha||x| below which the step is unique: 8/max (1 − t)²(1 + 2√t), at √t = (√6 − 1)/5
 WEAK = 2.0**-8  # contraction below which the fixed point stagnates within half an ulp of the solution
 LIMIT = 500  # iterations; the fixed point takes 4 to 8, Newton 3 to 6
-LONGEST = 1e6  # of |h|, in time scales of the top
-SOLVERS = ("fixed_point", "newton", "auto")
 NOT_CONVERGED, FOLDED = 1, 2
 FAILURES = {
     NOT_CONVERGED: f"the midpoint equation is not solved after {LIMIT} iterations; take a smaller |h| or solver='newton'",
@@ -215,8 +213,7 @@ def kernel_in_field(field: Field, level: bool) -> Any:
 def prepare_in_field(top: PerturbedTop, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
     """As `prepare`; "auto" passes to Newton in a step in which the fixed point contracts by less."""
     check_choice(solver, "solver", SOLVERS)
-    if not abs(h) * top.scales(y0)[0] <= LONGEST:
-        raise StepError("collective_midpoint", f"|h| is over {LONGEST:g} times the time scale of the top", h=h)
+    check_span("collective_midpoint", abs(h) * top.scales(y0)[0], h)
     c = np.array((SOLVERS.index(solver), h, *top.numbers))
     return FixedStepper(
         "collective_midpoint", h, c, kernel_in_field(top.field, "J3" in top.conserved), failures=FAILURES
@@ -232,8 +229,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> F
     """
     check_choice(solver, "solver", SOLVERS)
     span = abs(h) * top.scales(y0)[0]
-    if not span <= LONGEST:
-        raise StepError("collective_midpoint", f"|h| is over {LONGEST:g} times the time scale of the top", h=h)
+    check_span("collective_midpoint", span, h)
     if not h * h * abs(top.alpha) * math.hypot(*y0[3:]) <= UNIQUE:
         reason = f"h²|alpha||x| is over {UNIQUE}: the midpoint equation may have several solutions"
         raise StepError("collective_midpoint", reason, h=h)

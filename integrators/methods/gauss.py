@@ -4,14 +4,12 @@ With Kᵢ = h bᵢ f(Yᵢ) the method reads Yᵢ = y + Σ μᵢⱼ Kⱼ and ỹ 
 invariants, here H, J3, C1 and C2, ask of it is μᵢⱼ + μⱼᵢ = 1. The μ used here do so without error (`gauss_coefficients`). The
 maps are symmetric, not Poisson.
 
-∇H is affine, so the discrete gradients (Gonzalez's, the averaged vector field, the energy-momentum method of Simo and
-Wong) all are the implicit midpoint rule, s = 1 of this family. The tests show it; they need no entry of their own.
+∇H is affine, so the discrete gradients (Gonzalez's, the averaged vector field, Simo and Wong's) all are the midpoint rule, s = 1.
 
 Solvers. J of the stages follows from their x, so the unknowns are the K of x1, x2, x3.
-fixed_point: K ← h b J×x, with J from the newest x; contracts like ρ(A) |h| (|J| + √(|alpha||x|)). An iteration takes 15 ns for
-s = 2, 55 for s = 6.
+fixed_point: K ← h b J×x, with J from the newest x; contracts like ρ(A) |h| (|J| + √(|alpha||x|)).
 newton: the K of x3 is eliminated too, which leaves 2s equations of 6s; a factorisation serves as long as each iteration
-divides the residual by 2⁸. A step takes 0.3 to 0.6 µs for s = 2, 1.3 to 4 µs for s = 6.
+divides the residual by 2⁸.
 Both start from the collocation polynomial of the last step, extrapolated (in the first step of a call from the state
 itself), and go on until the residual stagnates: what a tolerance leaves has a direction, and drifts. So does what the fixed
 point leaves where it contracts slowly, since a rounded iteration stops on the side it comes from; there Newton takes over.
@@ -93,36 +91,15 @@ def residual(n, s, c, low, K, X, L, J, R):
 
 
 @inlined
-def stagnates(size, last, c):
-    """Whether a residual has stopped falling where only round-off is left of it."""
-    return size == 0.0 or (size >= last and size <= c[SMALL])
-
-
-@inlined
-def fixed_point(n, s, c, low, K, L, tally):
-    """K and L of the step. Returns the number of iterations, 0 if there were too many."""
-    X, J, R = stack(18), stack(12), stack(18)
-    last = math.inf
-    for k in range(general.LIMIT):
-        size = residual(n, s, c, low, K, X, L, J, R)
-        for i in range(3 * len(n)):
-            K[i] += R[i]
-        if stagnates(size, last, c):
-            return k + 1
-        last = size
-    tally[RESIDUAL] = last
-    return 0
-
-
-@jit
-def newton(n, s, c, low, K, L, tally):
+def solve(n, s, c, low, K, L, tally, by_newton):
     """K and L of the step. Returns the number of iterations, 0 if there were too many."""
     X, J, R, A, T, P, pivots = stack(18), stack(12), stack(18), stack(144), stack(72), stack(12), stack(12)
     last = math.inf
     for k in range(general.LIMIT):
         size = residual(n, s, c, low, K, X, L, J, R)
-        done = stagnates(size, last, c)
-        if not done:
+        # a residual has stopped falling where only round-off is left of it
+        done = size == 0.0 or (size >= last and size <= c[SMALL])
+        if by_newton and not done:
             if last == math.inf or size > max(2.0**-8 * last, c[SMALL]):
                 eliminate(n, s[2], c, X, J, A, T, P)
                 general.factor(2 * len(n), A, pivots)
@@ -134,6 +111,11 @@ def newton(n, s, c, low, K, L, tally):
         last = size
     tally[RESIDUAL] = last
     return 0
+
+
+@jit
+def newton(n, s, c, low, K, L, tally):
+    return solve(n, s, c, low, K, L, tally, True)
 
 
 @inlined
@@ -201,7 +183,7 @@ def step(n, s, c, tally):
     general.accumulate(S, c, AHEAD, tally[MEMORY:], K)
     for i in range(5):
         low[i] = tally[LOW + i]
-    iterations = newton(n, s, c, low, K, L, tally) if c[NEWTON] != 0.0 else fixed_point(n, s, c, low, K, L, tally)
+    iterations = newton(n, s, c, low, K, L, tally) if c[NEWTON] != 0.0 else solve(n, s, c, low, K, L, tally, False)
     if iterations == 0:
         tally[FAILURE] = general.NOT_CONVERGED
     tally[ITERATIONS] += iterations
@@ -253,8 +235,7 @@ def method(stages: int) -> Method:
         check_choice(solver, "solver", general.SOLVERS)
         check_flag(compensated, "compensated")
         span = abs(h) * top.scales(y0)[0]
-        if not span <= general.LONGEST:
-            raise StepError(name, f"|h| is over {general.LONGEST:g} times the time scale of the top", h=h)
+        general.check_span(name, span, h)
         if not h * h * abs(top.alpha) * math.hypot(*y0[3:]) <= UNIQUE[stages]:
             reason = f"h²|alpha||x| is over {UNIQUE[stages]}: the stage equations may have several solutions"
             raise StepError(name, reason, h=h)

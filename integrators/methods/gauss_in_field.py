@@ -40,7 +40,7 @@ from lagrange_bench.integrators.problem.system import System, depends
 # contraction below which the fixed point leaves no bias to be seen in some 10⁷ steps, without and with compensated sums
 WEAK = (1 / 10, 1 / 16)
 LIMIT = 500  # iterations; the fixed point takes 5 to 40, Newton 3 to 9
-LONGEST = 1e6  # of |h|, in time scales of the top
+LONGEST = 1e6  # of |h|, in time scales of the top: beyond, differences lose as many digits as h has
 
 NOT_CONVERGED, FOLDED = 1, 2
 FAILURES = {
@@ -299,6 +299,12 @@ def kernel(stages: int, system: System) -> Any:
     return step
 
 
+def check_span(name: str, span: float, h: float) -> None:
+    """StepError if h is far longer than the time scale of the motion, `span` times as long."""
+    if not span <= LONGEST:
+        raise StepError(name, f"|h| is over {LONGEST:g} times the time scale of the top or problem", h=h)
+
+
 def stepper_in_field(
     name: str, stages: int, top: Any, y0: Array, h: float, solver: str, compensated: bool = False
 ) -> FixedStepper:
@@ -311,8 +317,7 @@ def stepper_in_field(
         span = abs(h) * (math.hypot(*y0[:3]) + math.sqrt(slope * math.hypot(*y0[3:])))
     else:
         span = abs(h) / top.scales(y0)[2]
-    if not span <= LONGEST:
-        raise StepError(name, f"|h| is over {LONGEST:g} times the time scale of the problem", h=h)
+    check_span(name, span, h)
     b, mu, nu, ahead = matrices(stages)
     nodes = np.array(tableau(stages)[0], dtype=float)
     parts = (h * b, nodes, mu.T.ravel(), nu.T.ravel(), (ahead if span <= 1 else 0 * ahead).T.ravel(), top.numbers)

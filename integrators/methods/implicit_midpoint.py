@@ -27,9 +27,9 @@ from lagrange_bench.integrators.checks import check_choice
 from lagrange_bench.integrators.compiling.compiled import inlined
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import Array, Method, StepError
+from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.methods import magnet
-from lagrange_bench.integrators.methods.gauss_in_field import stepper_in_field
+from lagrange_bench.integrators.methods.gauss_in_field import check_span, stepper_in_field
 from lagrange_bench.integrators.problem.field import cross
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -44,7 +44,6 @@ FAILURES = {
 # Below this contraction the fixed point is as quick as Newton and stagnates within half an ulp of the solution; above
 # it stops an ulp or more short of it, on the side it comes from.
 WEAK = 2.0**-8
-LONGEST = 1e6  # of |h|, in time scales of the top: x̄ ~ x/h is a difference that loses as many digits as h has
 
 
 @unrolled("cayley")
@@ -177,8 +176,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> F
         unique; "auto": the fixed point for h²|alpha||x| < 1/64, else Newton.
     """
     check_choice(solver, "solver", ("auto", "fixed_point", "newton"))
-    if not abs(h) <= LONGEST * top.scales(y0)[2]:
-        raise StepError("implicit_midpoint", f"|h| is over {LONGEST:g} times the time scale of the top", h=h)
+    check_span("implicit_midpoint", abs(h) * top.scales(y0)[0], h)
     contraction = 0.25 * h * h * abs(top.alpha) * math.hypot(*y0[3:])
     fixed = solver == "fixed_point" or (solver == "auto" and contraction < WEAK)
     c = np.array((top.alpha, h, contraction >= 0.25))

@@ -11,9 +11,7 @@ process for each tolerance and variant.
 `taylor_accurate` adds compensated summation of the series, `taylor_compact` the machine code heyoka makes for large systems
 (loops over tables instead of unrolled; slower here). `advance_many` runs many tops at once, one in each SIMD lane.
 
-`taylor_fixed` sums the same series at a fixed h. It is a recurrence compiled here and not heyoka's `write_tc` with
-`update_d_output`: that is a Python call per step, 1 µs against 0.3 µs of arithmetic, and heyoka is not to be had everywhere.
-The tests compare the two.
+`taylor_fixed` sums the same series at a fixed h, by a recurrence compiled here: heyoka's is a Python call for each step.
 
 Both keep J3, whose coefficients vanish; nothing else is built in. An evaluation of the right-hand side counts as one
 Taylor coefficient of it: `order` for each step.
