@@ -197,6 +197,10 @@ class Method:
         Colour and grouping: one of FAMILIES, or a plug-in's own.
     order : int or None
         None: exact in time.
+    source : str
+        Citation, equation numbers.
+    prepare : callable
+        (problem, y0, h, **options) → Stepper: everything slow happens here, once; see `in_one_call`.
     symmetric : bool
         step(-h) undoes step(h).
     poisson : bool
@@ -205,10 +209,6 @@ class Method:
         Of INVARIANTS: at round-off, for every h, as far as the problem conserves them.
     control : str
         "step": one internal step per h; "tolerance": h is the output grid, tol the knob.
-    source : str
-        Citation, equation numbers.
-    prepare : callable
-        (problem, y0, h, **options) → Stepper: everything slow happens here, once; see `in_one_call`.
     needs : str
         Of NEEDS: what a problem must offer.
     if_quadratic : frozenset of str
@@ -254,12 +254,12 @@ class Method:
     label: str
     family: str
     order: int | None
-    symmetric: bool
-    poisson: bool
-    conserves: frozenset[str]
-    control: str
     source: str
     prepare: Callable[..., Stepper]
+    symmetric: bool = False
+    poisson: bool = False
+    conserves: frozenset[str] = frozenset()
+    control: str = "step"
     needs: str = "uniform"
     if_quadratic: frozenset[str] = frozenset()
     exact_for: str = ""

@@ -8,19 +8,14 @@ what the method loses of the invariants. But for what oscillates with the nutati
 and the growths, like the distance to the torus, are 0 unless the method lets the invariants drift.
 `PredictedPhase.states` has all parts. docs/phase-theory.md has the formulas and their sources.
 
-The two-point map: T(λ) and Θ(λ) are known, so clock = T/h − 1 and turn = Θ/h, and nothing oscillates.
-
-Any other: the local error δ = Φ_h − φ_h = h^{p+1} d + … is a power series in h (`steps`), of which `TERMS` terms are
-taken. To first order in δ the error follows e ← Dφ_h e + δ. Let X = (X_H, X_J3), and let the rows of G be the gradients
-of H, J3, C1 and C2. Write e = X p + E o with E = Gᵀ(G Gᵀ)⁻¹. Then p is the error along the torus, and o = G e is the
-error of the invariants. In one step
+The two-point map: T(λ) and Θ(λ) are known, so clock = T/h − 1 and turn = Θ/h, and nothing oscillates. Any other: the local error
+is a power series in h (`steps`), of which `TERMS` terms are taken; to first order in it the error e = X p + E o follows
 
     o ← o + Gδ        p ← p + S o + X⁺δ        S = Σ(s + h) − Σ(s),   Σ' = X⁺(f' E − E'),
 
-where everything is periodic in s, the time modulo a nutation, and is summed by its Fourier series. Terms of second
-order in δ are left out. Reflect an orbit of a symmetric method in a vertical plane and run it backwards: it is again an
-orbit of the method. Every torus is its own image, so the mean of Gδ vanishes. What first order leaves of this mean is
-taken off.
+X = (X_H, X_J3), the rows of G the gradients of H, J3, C1 and C2, E = Gᵀ(G Gᵀ)⁻¹: p is the error along the torus, o that of the
+invariants. All is periodic in s, the time modulo a nutation, and is summed by its Fourier series. Of a symmetric method the mean
+of Gδ vanishes; what first order leaves of it is taken off.
 """
 
 from __future__ import annotations
@@ -86,22 +81,10 @@ class PredictedPhase:
     _theory: Theory | None = field(default=None, repr=False, compare=False)
 
     def states(self, t: ArrayLike) -> Array:
-        """Where the method is at the times of its steps.
+        """States (N, 6) where the method is at times t (N,), multiples of h as in `Trajectory.t`; between them a smooth curve.
 
-        Parameters
-        ----------
-        t : (N,) array_like
-            Multiples of h, as in `Trajectory.t`. Between steps, where a method has no state, it is a smooth curve.
-
-        Returns
-        -------
-        (N, 6) ndarray
-            Predicted states: phases, what oscillates, and what the method has lost of the invariants. First order in the local
-            error; exact for the two-point map.
-
-        Raises
-        ------
-        ValueError : there is no prediction; the message is the reason.
+        With what oscillates, and what is lost of the invariants. First order in the local error; exact for the two-point map.
+        NoPrediction, a ValueError, if there is none.
         """
         theory = self._known()
         return theory.states(theory.steps(t))
@@ -131,15 +114,13 @@ def predicted_phase(
 
     Returns
     -------
-    PredictedPhase
-        Its `states(t)` are those of the method after a time t. Its rates say the same in two numbers: up to what oscillates, the
-        method is at the exact solution of the time t + clock t + ½ clock_growth t², turned about e3 by turn t + ½ turn_growth
-        t². Where there is no prediction clock and turn are None, and `reason` says why.
+    a `PredictedPhase`, whose `states(t)` are those of the method after a time t. Its rates say the same in two numbers: up to
+    what oscillates, the method is at the exact solution of the time t + clock t + ½ clock_growth t², turned about e3 by turn t +
+    ½ turn_growth t². Where there is no prediction clock and turn are None, and `reason` says why.
 
     Raises
     ------
-    ValueError
-        An argument that makes no sense; the message names it.
+    ValueError : an argument that makes no sense; the message names it.
     """
     plain: Any = getattr(top, "problem", top)
     if "uniform" not in getattr(plain, "offers", ()):
@@ -152,9 +133,6 @@ def predicted_phase(
         return theory(plain, state, h, found, None if lam is None else check_parameter(lam)).phase
     except NoPrediction as reason:
         return PredictedPhase(None, None, reason=str(reason))
-
-
-# ------------------------------------------------------------------------------------------ sums of a periodic function
 
 
 @dataclass(frozen=True)
@@ -187,9 +165,6 @@ class Sum:
         return np.outer(n, self.mean) + self.wave(n) - self.wave(np.zeros(1))
 
 
-# ------------------------------------------------------------------------------------------ the theory
-
-
 class Theory:
     """The error of a method, to first order in its local error; within, everything is in units of the top.
 
@@ -198,14 +173,7 @@ class Theory:
     """
 
     def __init__(
-        self,
-        top: LagrangeTop,
-        y0: Array,
-        h: float,
-        step: Array,
-        S: NDArray[Any],
-        angle: NDArray[Any],
-        drifts: bool = False,
+        self, top: LagrangeTop, y0: Array, h: float, step: Array, S: NDArray[Any], angle: Array, drifts: bool = False
     ):
         self.units, self.user_h = Units(top, y0, h), h
         self.top, self.y0, self.h = LagrangeTop(self.units.alpha), self.units.enter(y0), self.units.time(h)
@@ -221,13 +189,8 @@ class Theory:
         second = self.units.time(1.0)
         clock, turn = (self.along.mean - self.ramp.mean / 2) / self.h
         clock_growth, turn_growth = self.ramp.mean / self.h**2
-        return PredictedPhase(
-            float(clock),
-            float(turn * second),
-            float(clock_growth * second),
-            float(turn_growth * second * second),
-            _theory=self,
-        )
+        rates = clock, turn * second, clock_growth * second, turn_growth * second * second
+        return PredictedPhase(*map(float, rates), _theory=self)
 
     def steps(self, t: ArrayLike) -> Array:
         """How many steps make the times t (N,): whole numbers where t is a multiple of h but for its rounding."""

@@ -26,8 +26,6 @@ from lagrange_bench.integrators.problem.system import uniform_system
 State = tuple[Any, ...]  # J1, J2, J3, x1, x2, x3
 Step = Callable[[float, State, Series, int], State]  # (alpha, state, h, highest power of h) → the state after a step
 
-ByMethod = dict[str, Step]  # see `imported.TABLES`
-
 TALLY = np.zeros(SIZE)  # what a kernel reports, which is nothing here
 
 
@@ -80,14 +78,14 @@ def collocation_step(stages: int, alpha: float, s: State, h: Series, power: int)
 
 
 def collective_step(alpha: float, s: State, h: Series, power: int) -> State:
-    residual, turn = interpreted(cm.residual), interpreted(cm.turn)
+    residual, turn = interpreted(cm.residual), interpreted(lie_group.turn)
     c, u, q = (0.25 * h, alpha * h), (0.0 * h,) * 3, 1.0
     for _ in range(power + 1):
         *_, q, r1, r2, r3 = residual(s, c, *u)
         u = u[0] + r1, u[1] + r2, u[2] + r3
-    y = turn(*s[3:], *u, q)
+    y = turn(u, q, s[3:])
     kick = q * c[cm.KICK]
-    return s[0] - kick * y[1], s[1] + kick * y[0], s[2], *turn(*y, *u, q)
+    return s[0] - kick * y[1], s[1] + kick * y[0], s[2], *turn(u, q, y)
 
 
 def splitting_step(name: str, alpha: float, s: State, h: Series, power: int) -> State:
@@ -143,31 +141,20 @@ def generator_step(alpha: float, h: Series) -> Any:
     return 0.0, h, *lie_group.generator_of(uniform_system()).fixed(h, alpha)
 
 
-# one entry for each method, in the order of the registry
-STEPS: ByMethod = {
+# one entry for each method, see `imported.TABLES`
+FORMULAS = {"rk4": RK4, "rk45_fixed": DORMAND_PRINCE, "dop853_fixed": DOP853, "verner9_fixed": VERNER9}
+STEPS: dict[str, Step] = {
     "taylor_fixed": partial(taylor_step, 20),
-    "rk4": partial(runge_kutta_step, RK4),
-    "rk45_fixed": partial(runge_kutta_step, DORMAND_PRINCE),
-    "dop853_fixed": partial(runge_kutta_step, DOP853),
-    "verner9_fixed": partial(runge_kutta_step, VERNER9),
+    **{name: partial(runge_kutta_step, tableau) for name, tableau in FORMULAS.items()},
     "verner9_projected": partial(projected_step, VERNER9),
-    "strang": partial(splitting_step, "strang"),
-    "takahashi_imada": partial(splitting_step, "takahashi_imada"),
-    "blanes_moan4": partial(splitting_step, "blanes_moan4"),
-    "force_gradient4": partial(splitting_step, "force_gradient4"),
-    "blanes_moan6": partial(splitting_step, "blanes_moan6"),
-    "force_gradient6": partial(splitting_step, "force_gradient6"),
-    "kahan_li6": partial(splitting_step, "kahan_li6"),
-    "kahan_li8": partial(splitting_step, "kahan_li8"),
-    "sofroniou_spaletta10": partial(splitting_step, "sofroniou_spaletta10"),
+    **{name: partial(splitting_step, name) for name in splitting.SCHEMES},
     "kahan": partial(kernel_step, kahan.step, half_step),
     "bobenko_suris": partial(kernel_step, bs.symmetric_step, half_step),
     "implicit_midpoint": partial(collocation_step, 1),
     "collective_midpoint": collective_step,
-    "gauss4": partial(collocation_step, 2),
-    "gauss6": partial(collocation_step, 3),
-    "gauss8": partial(collocation_step, 4),
-    "gauss12": partial(collocation_step, 6),
-    "rkmk4": partial(kernel_step, lie_group.kernel("rkmk4", uniform_system()), generator_step),
-    "commutator_free4": partial(kernel_step, lie_group.kernel("commutator_free4", uniform_system()), generator_step),
+    **{f"gauss{2 * stages}": partial(collocation_step, stages) for stages in (2, 3, 4, 6)},
+    **{
+        name: partial(kernel_step, lie_group.kernel(name, uniform_system()), generator_step)
+        for name in ("rkmk4", "commutator_free4")
+    },
 }

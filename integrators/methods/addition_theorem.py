@@ -52,17 +52,7 @@ from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.torus import time_step as ts
-from lagrange_bench.integrators.torus.real_map import (
-    ALPHA,
-    C1,
-    C1_LO,
-    C2,
-    C2_LO,
-    H_LO,
-    J3_2,
-    H,
-    far_flow,
-)
+from lagrange_bench.integrators.torus.real_map import ALPHA, C1, C1_LO, C2, C2_LO, H_LO, J3_2, H, far_flow
 from lagrange_bench.integrators.torus.real_map import CONSTANTS as TORUS
 from lagrange_bench.integrators.torus.real_map import pin as onto_torus
 from lagrange_bench.integrators.torus.stepper import TorusStepper
@@ -265,11 +255,7 @@ def step_dd(alpha, reals, complexes, z, Jp, xp):
     b = cadd(cadd(gx, cscale(ge_x, e)), cscale(il, new))
     k = cadd(k1, cscale(l, e))
     f = cadd(cscale(k, z), cadd(cscale(k2, d), cscale(k3, neg(v))))
-    return (
-        new,
-        cadd(Jp, cadd(cmul(a, Jp), cscale(cmul(k, xp), dd(-alpha)))),
-        cadd(xp, cadd(cmul(b, xp), cmul(f, Jp))),
-    )
+    return (new, cadd(Jp, cadd(cmul(a, Jp), cscale(cmul(k, xp), dd(-alpha)))), cadd(xp, cadd(cmul(b, xp), cmul(f, Jp))))
 
 
 @jit
@@ -354,15 +340,8 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
 
 
 METHOD = Method(
-    name="addition_theorem",
-    label="Addition theorem",
-    family="closed-form",
-    order=None,
-    symmetric=True,
-    poisson=True,
+    name="addition_theorem", label="Addition theorem", family="closed-form", order=None, symmetric=True, poisson=True,
     conserves=frozenset({"H", "J3", "C1", "C2"}),
-    control="step",
     source="Whittaker and Watson, A Course of Modern Analysis, 20.3 and 23.7; matrix form: this project",
-    prepare=prepare,
-    uniform_only="it is the closed form of an integrable top; backlund_splitting takes any potential",
-)
+    prepare=prepare, uniform_only="it is the closed form of an integrable top; backlund_splitting takes any potential",
+)  # fmt: skip

@@ -53,9 +53,8 @@ from lagrange_bench.integrators.torus.stepper import OFF_TORUS, TorusStepper, Tu
 PIN = 8  # steps between two pins, by default
 SHORT = 16  # steps of an ensemble up to which λ(h) comes in plain doubles: else set-up would cost fifty times as much as they
 FEW = 4  # tops below which, in longer runs, one after the other is quicker than a block of lanes
-LONGEST_TURN = (
-    16.0  # of a step of the attitude, in units of rate 1: towards the unstable vertical |m|² falls below round-off
-)
+# of a step of the attitude, in units of rate 1: towards the unstable vertical |m|² falls below round-off
+LONGEST_TURN = 16.0
 MOST_PARTS = 10**8  # steps of an attitude: some seconds, not to be interrupted
 
 
@@ -230,41 +229,17 @@ SOURCE = "Kuznetsov, Petrera, Ragnisco, J. Phys. A 37 (2004) 8495, arXiv nlin/04
 
 
 EXACT = Method(
-    name="backlund",
-    label="Bäcklund, exact λ(h)",
-    family="backlund",
-    order=None,
-    symmetric=True,
-    poisson=True,
-    conserves=ALL,
-    control="step",
-    source=SOURCE + "; λ(h) by time doubling, this project",
-    prepare=prepare_exact,
+    name="backlund", label="Bäcklund, exact λ(h)", family="backlund", order=None, symmetric=True, poisson=True,
+    conserves=ALL, source=SOURCE + "; λ(h) by time doubling, this project", prepare=prepare_exact,
     uniform_only="it is a map of the torus of an integrable top; backlund_splitting takes any potential",
-    evaluate=evaluate_exact,
-    attitude=attitude_exact,
-    advance_many=advance_many,
-    evaluate_many=evaluate_many,
+    evaluate=evaluate_exact, attitude=attitude_exact, advance_many=advance_many, evaluate_many=evaluate_many,
     special={"spins": magnet.prepare_exact},
-)
+)  # fmt: skip
 UNPINNED = replace(
-    EXACT,
-    name="backlund_unpinned",
-    label="Bäcklund, exact, not pinned",
-    prepare=prepare_unpinned,
-    evaluate=None,
-    attitude=None,
-    advance_many=advance_many_unpinned,
-    evaluate_many=None,
-    special={},
-)
+    EXACT, name="backlund_unpinned", label="Bäcklund, exact, not pinned", prepare=prepare_unpinned, evaluate=None,
+    attitude=None, advance_many=advance_many_unpinned, evaluate_many=None, special={},
+)  # fmt: skip
 PAPER = replace(
-    UNPINNED,
-    name="backlund_paper",
-    label="Bäcklund, paper's λ",
-    order=2,
-    source=SOURCE,
-    prepare=prepare_paper,
-    advance_many=None,
-    special={"spins": magnet.prepare_paper},
-)
+    UNPINNED, name="backlund_paper", label="Bäcklund, paper's λ", order=2, source=SOURCE, prepare=prepare_paper,
+    advance_many=None, special={"spins": magnet.prepare_paper},
+)  # fmt: skip

@@ -1,16 +1,11 @@
 """Scheme and step for a given error: what `integrate(…, t=…, tol=…)` does for a splitting with the exact step inside.
 
 A pilot run follows the start of the orbit with each scheme, with a step h and with half of it, quarter of it, …; the difference
-of two neighbours is the error of the coarser one. How the error goes on is an assumption: in proportion to t. A symmetric Poisson
-map keeps the energy within a bound, so on a torus its frequencies are wrong by a constant, and the phase by that times t. If in
-the pilot the error grows faster than t², t² is taken. A third of tol is left to it (`SHARE`) for beats slower than the pilot.
-
-The guard. A pilot does not see a close encounter that comes later, nor a slow beat of the step with the motion. H does:
-frequencies are functions of H, so a step that misses the energy by δ shifts the phase at a rate in proportion to δ. The error
-of the run is expected to be LAW times the mean move of H times t. That is corrected by what the pilot's error was in these units,
-and by how much farther H moved at the strongest kick. If it is above half of `tol`, or if the pilot's error is far above what H
-explains, as on a sensitive orbit, the run is taken again with half of the step, and the two are compared. At last a `StepError`.
-On a chaotic orbit errors grow exponentially in the end. Where that shows only long after the pilot, nothing here sees it.
+of two neighbours is the error of the coarser one, taken to grow like t, or like t² if it does so in the pilot. A third of tol is
+left to it (`SHARE`) for beats slower than the pilot. What a pilot does not see, a close encounter or a slow beat, shows in H: the
+error of the run is expected to be LAW times the mean move of H times t. If that is above half of `tol`, or the pilot's error far
+above what H explains, the run is taken again with half of the step, and the two are compared; at last a `StepError`. On a chaotic
+orbit nothing here sees errors that grow long after the pilot. Reasons and measurements: docs/perturbed.md, section 6.
 
 Of all schemes the one with the fewest kicks in a unit of time is taken. Where the round-off of the pilot hides the error, it
 is extrapolated in h with the least order there is, 4.
@@ -38,11 +33,8 @@ from lagrange_bench.integrators.torus import time_step
 
 LEAST, MOST = 1e-13, 0.1  # of tol
 SHARE = 0.3  # of tol, for the error the pilot expects
-UNITS, PERIODS, LONGEST = (
-    64.0,
-    8.0,
-    4096.0,
-)  # length of the pilot: time scales of the top, nutations; LONGEST scales at most
+# length of the pilot: time scales of the top, nutations; LONGEST scales at most
+UNITS, PERIODS, LONGEST = 64.0, 8.0, 4096.0
 ROWS = 16  # places along the pilot at which states are compared
 WIDEST = 4.0  # time scales of the top: a step is never longer, even if there is no nutation
 HALVINGS = 12
@@ -81,6 +73,10 @@ class Watched(Protocol):
     def least_move(self, n: int) -> float: ...
 
 
+# (y, h, parts) → the state after a time h, by so many small steps, and how many kicks that took
+Shorter = Callable[[Array, float, int], tuple[Array, int]]
+
+
 class Candidate(NamedTuple):
     """What may be chosen: `build(h, table)` makes the stepper; `cost` in kicks; `widest` step in nutation periods."""
 
@@ -97,11 +93,7 @@ class Moves(NamedTuple):
     least: float
 
 
-class Track(NamedTuple):
-    """States along a run, the first one included, and the stepper that took it."""
-
-    rows: Array
-    stepper: Watched
+Track = tuple[Array, Watched]  # states along a run, the first one included, and the stepper that took it
 
 
 class Choice(NamedTuple):
@@ -139,12 +131,15 @@ def check_tolerance(tol: Any) -> float:
 
 
 def evaluate(
-    name: str, top: PerturbedTop, y0: Array, times: Array, tol: float, candidates: Mapping[str, Candidate],
-    shorter: Callable[[Array, float, int], tuple[Array, int]],
-) -> tuple[Array, ChosenWork]:  # fmt: skip
+    name: str,
+    top: PerturbedTop,
+    y0: Array,
+    times: Array,
+    tol: float,
+    candidates: Mapping[str, Candidate],
+    shorter: Shorter,
+) -> tuple[Array, ChosenWork]:
     """States at any times, the error at the last of them about `tol`.
-
-    `shorter(y, h, parts)` → the state after a time h, by so many small steps, and how many kicks that took.
 
     Raises
     ------
@@ -211,8 +206,8 @@ def _guarded(
 
 
 def _rows(
-    build: Callable[[float, bool], Watched], h: float, *, y: Array, grid: Array, work: Work, tol: float,
-    shorter: Callable[[Array, float, int], tuple[Array, int]], scales: Array,
+    build: Callable[[float, bool], Watched], h: float, *, y: Array, grid: Array, work: Work, tol: float, shorter: Shorter,
+    scales: Array,
 ) -> tuple[Array, float, Moves]:  # fmt: skip
     """The states at the times of `grid`, by steps of h or a little less; the step; how far H moved."""
     last, n = float(grid[-1]), len(grid)
@@ -239,9 +234,8 @@ def _moves(stepper: Watched, track: Array, n: int, tally: Array | None = None) -
 
 
 def _at_any(
-    stepper: Watched, y: Array, grid: Array, work: Work, tol: float,
-    shorter: Callable[[Array, float, int], tuple[Array, int]], scales: Array,
-) -> tuple[Array, Moves]:  # fmt: skip
+    stepper: Watched, y: Array, grid: Array, work: Work, tol: float, shorter: Shorter, scales: Array
+) -> tuple[Array, Moves]:
     """Whole steps, then one shorter step to each time, made of as many parts as it needs."""
     parts, h = 1, stepper.h
     coarse = shorter(y, h, parts)[0]
@@ -348,7 +342,7 @@ class _Pilot:
         if track is None:
             return None
         h, rounding = abs(self.span) / (ROWS * n), self.noise(n, self.last)
-        moves = _moves(track.stepper, track.rows, ROWS * n)
+        moves = _moves(track[1], track[0], ROWS * n)
         rate = LAW * moves.mean if error is None else error * self.unit / abs(self.span)
         return Choice("", h, self.cost(n), expected + rounding, rounding, rate, moves)
 
@@ -364,7 +358,7 @@ class _Pilot:
         except StepError:
             return None
         _count(self.work, stepper.work)
-        return Track(found, stepper)
+        return found, stepper
 
     def noise(self, n: int, t: float) -> float:
         """Round-off after a time t."""
@@ -374,7 +368,7 @@ class _Pilot:
         """The largest error along the pilot, and the one expected at the end of the run."""
         if rows is None or fine is None:
             return math.inf, math.inf
-        errors = _distance(rows.rows[1:], fine.rows[1:], self.scales)
+        errors = _distance(rows[0][1:], fine[0][1:], self.scales)
         error, early = float(errors.max()), float(errors[: ROWS // 2].max())
         fast = error > 4.0 * early and error > 4.0 * self.noise(n, abs(self.span))
         return error, error * (self.last / abs(self.span)) ** (2.0 if fast else 1.0)

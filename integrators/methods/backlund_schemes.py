@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lagrange_bench.integrators.interface import Array
+from lagrange_bench.integrators.methods.splitting import palindrome
 from lagrange_bench.integrators.precision import workdps
 
 
@@ -32,15 +33,8 @@ class Scheme(NamedTuple):
 
 def scheme(flows: tuple[float, ...], kicks: tuple[float, ...], source: str) -> Scheme:
     """From the first halves of flows and kicks; the middle one, or the last of the half, makes the sum 1."""
-
-    def whole(half: tuple[float, ...], n: int) -> tuple[float, ...]:
-        middle = (1.0,) if n % 2 else (0.5,)
-        rest = math.fsum((*middle, *(-w for w in half for _ in range(1 + n % 2))))
-        full = (*half, rest)
-        return (*full, *full[: n // 2][::-1])
-
     n = 2 * len(kicks) + (2 if len(flows) > len(kicks) else 1)
-    return Scheme(whole(flows, n + 1), whole(kicks, n), source)
+    return Scheme(palindrome(flows, n + 1), palindrome(kicks, n), source)
 
 
 # processed6. At a frequency w = ωh of V, with kicks at ∓τ in this order, the part of second order in ε is right for long times if
@@ -130,16 +124,9 @@ def _corrector(chosen: Scheme) -> tuple[tuple[float, float], ...]:
     half = [(side * SPACING * j, side * 0.5 * b) for side in (-1, 1) for j, b in numbered[::side]]
     kicks = [*half, *reversed(half)]
     if chosen.second:
-        a = math.sqrt(0.5 * abs(chosen.second)) / SECOND_REACH
+        reach, a = SECOND_REACH, math.sqrt(0.5 * abs(chosen.second)) / SECOND_REACH
         for u, v in ((a, math.copysign(a, chosen.second)), (-a, -math.copysign(a, chosen.second))):
-            kicks += [
-                (0.0, u),
-                (SECOND_REACH, v),
-                (-SECOND_REACH, v),
-                (0.0, -u),
-                (-SECOND_REACH, -v),
-                (SECOND_REACH, -v),
-            ]
+            kicks += [(0.0, u), (reach, v), (-reach, v), (0.0, -u), (-reach, -v), (reach, -v)]
     parts: list[tuple[float, float]] = []
     at = 0.0
     for place, kick in (*kicks, (0.0, 0.0)):

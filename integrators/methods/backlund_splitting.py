@@ -4,38 +4,24 @@
 
 The flow of A is a Bäcklund step, exact for any length; the flow of B is a kick, x being constant. As with Kepler's motion in the
 maps of Wisdom and Holman, the step follows what perturbs the top, not the top, and errors come with a factor ε, the size of V.
-A kick leaves the torus, so λ(h) is another at every step. C1, C2, alpha and h do not change: λ is a function of (H, J3) of A,
-which move in a small box. Four polynomials in them, a table made once, give λ and m; one step of Newton's method puts m on the
-curve m² = Q(λ), on which the map keeps the invariants to round-off. Outside of the box, and where no table of degree 12 has all
-digits, λ(h) is computed in place (`torus.plain_step`), and where that does not reach, in double-double.
+A kick leaves the torus, so λ(h) is another at every step: a function of (H, J3) of A, which move in a small box. Four polynomials
+in them, a table made once, give λ and m; one step of Newton's method puts m on the curve m² = Q(λ), on which the map keeps the
+invariants to round-off. Outside of the box, and where no table of degree 12 has all digits, λ(h) is computed in place
+(`torus.plain_step`), and where that does not reach, in double-double.
 
-Schemes, A B A … B A, and the errors they leave:
+Schemes, A B A … B A, and the errors they leave, where the frequencies of V along the motion are well below 2π/h:
 
-strang    one flow a step. A `modified_kick` by V − (h²/24)|x × ∇V|² takes away the error ε²h². A `corrector`, a canonical
-          transformation at both ends of the run and at every recorded row, takes away the error εh² at all frequencies ω of
-          V along the motion with |ωh| well below 2π. What is left is ε²h⁴.
+strang      one flow a step, with a `modified_kick` and a `corrector` at both ends of the run and at every recorded row: ε²h⁴
 processed6  two kicks and a flow back between them, with both corrections too, and one more of each: ε²h⁶
-saba4     Gauss–Legendre quadrature of V along the flow: εh⁸ + ε²h²
-aba…      aba84: εh⁸ + ε²h⁴, aba104: εh¹⁰ + ε²h⁴, aba864: εh⁸ + ε²h⁶ + ε³h⁴, aba1064: εh¹⁰ + ε²h⁶ + ε³h⁴
+saba4       Gauss–Legendre quadrature of V along the flow: εh⁸ + ε²h²
+aba…        aba84: εh⁸ + ε²h⁴, aba104: εh¹⁰ + ε²h⁴, aba864: εh⁸ + ε²h⁶ + ε³h⁴, aba1064: εh¹⁰ + ε²h⁶ + ε³h⁴
 
-The corrector. At a frequency ω of V, w = ωh, the kicks of n Strang steps add up to h (e^{iωnh} − 1)/(2i sin(w/2)); the motion
-has the integral (e^{iωnh} − 1)/(iω). The difference belongs to the ends alone. Kicks b_j h at times a_j h after an end and −b_j h
-before it make it up if 2 Σ b_j sin(a_j w) = 1/(2 sin(w/2)) − 1/w. a_j = 0.4 j; b by least squares (`backlund_schemes`). Half of
-the kicks are made first, the others in the order reversed, so that no commutator of two of them is left. At w = 2π the step is
-in resonance with V, and no transformation helps.
+V may depend on t: a kick takes it at the time of the flows before. Then H is not conserved, there is no guard, and no step is
+chosen. Else H of the whole problem shows what the step does not resolve: a resonance, or a close encounter with a singularity.
+A run with a fixed h warns where H moves by much more than in its first steps; with `tol`, `backlund_choice` takes the run again.
 
-Time. V may depend on t, see `Problem`. With t and its momentum E as two more variables A + E is in the place of A. Its flow
-is the exact step and a clock, and a kick takes V at the time of that clock. Schemes and corrector consist of these flows.
-{V, {V, A + E}} is {V, {V, A}}, for {V, {V, E}} vanishes; so the modified kicks stay as they are, and all orders hold. But H is
-no longer conserved: there is no guard, and no step is chosen.
-
-The guard. H of the whole problem is conserved; what it moves by shows what the step does not resolve: a resonance, or a
-close encounter with a singularity of V. `moves` gives it at rows of the run, and at the state after the strongest kick, which
-the kernel remembers. A run with a fixed h warns where H moves by much more than in its first steps; with `tol`,
-`backlund_choice` takes the run again.
-
-Every map here is Poisson and symmetric (the corrector is made of |h|), and C1 and C2 are pinned. Only a table with all digits
-makes it so, not any smooth one: a step of time T(H, J3) and turn Θ(H, J3) is Poisson only if ∂T/∂J3 = ∂Θ/∂H.
+Every map here is Poisson and symmetric, and C1 and C2 are pinned. Only a table with all digits makes it so, not any smooth one: a
+step of time T(H, J3) and turn Θ(H, J3) is Poisson only if ∂T/∂J3 = ∂Θ/∂H. docs/perturbed.md derives all of it.
 
 Sources: Wisdom & Holman, Astron. J. 102 (1991) 1528; Wisdom, Holman & Touma, Fields Inst. Commun. 10 (1996) 217 (correctors);
 McLachlan, BIT 35 (1995) 258 (aba84, saba4); Laskar & Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39 (saba4); Blanes,
@@ -54,7 +40,7 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice, check_flag, warn_caller
 from lagrange_bench.integrators.compiling.compiled import jit, jit_as
-from lagrange_bench.integrators.compiling.expression import take
+from lagrange_bench.integrators.compiling.expression import put, take
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted, outlined
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, ITERATIONS, MEMORY, SIZE, ConjugateStepper
 from lagrange_bench.integrators.compiling.numba_internals import stack
@@ -63,6 +49,7 @@ from lagrange_bench.integrators.interface import Array, Method, StepError, Stepp
 from lagrange_bench.integrators.methods import backlund, backlund_choice
 from lagrange_bench.integrators.methods.backlund_choice import Candidate, ChosenWork
 from lagrange_bench.integrators.methods.backlund_schemes import PROCESSED, SCHEMES, Scheme, ends_of
+from lagrange_bench.integrators.methods.splitting import torques
 from lagrange_bench.integrators.problem.field import Field
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem
@@ -72,13 +59,12 @@ from lagrange_bench.integrators.torus.plain_step import invariants, move, parame
 from lagrange_bench.integrators.torus.step_table import look_up, table_size, tables
 from lagrange_bench.integrators.torus.stepper import OFF_TORUS
 
-# ------------------------------------------------------------------------------------ kernels
-
 # places of the constants: those of the top, of the box, of the field, then of each group its own and its table
 ALPHA, C1, C2, GROUPS, STEP, CENTRE_H, SCALE_H, CENTRE_J, SCALE_J, NUMBERS = range(10)
 # of one flow and one kick: its time from that of the step; 1/(2|m|²) in the middle of the box
 TIME, KICK, TWIST, SECOND, WHEN, INVERSE, GROUP = range(7)
 
+NAME = "backlund_splitting"
 LOST = 1
 FAILURES = {LOST: "no exact step over this time was found; take a smaller |h|"}
 
@@ -171,15 +157,12 @@ def tabled_flow(s, torus, alpha, R, eta, mr, mi, inverse):
 @cache
 def kick_of(field: Field, level: bool, gradients: int) -> Any:
     """(s, q, weights) → the state after kicks by V and as many of W and Z as `gradients` says."""
-    programs = (field.torque, field.twist, field.second_twist)[: gradients + 1]
+    total = torques(field, gradients)
 
-    @unrolled(f"kick {field.digest} {level} {gradients}")
+    @jit_as(f"kick {field.digest} {level} {gradients}", forceinline=True)
     def kicked(s, q, weights):
-        J1, J2, J3, x1, x2, x3 = s
-        t = tuple(weights[0] * v for v in programs[0](x1, x2, x3, *q))
-        for k in range(1, gradients + 1):
-            t = tuple(v + weights[k] * w for v, w in zip(t, programs[k](x1, x2, x3, *q), strict=True))
-        return J1 + t[0], J2 + t[1], J3 if level else J3 + t[2], x1, x2, x3
+        t = total((s[3], s[4], s[5]), q, weights)
+        return s[0] + t[0], s[1] + t[1], s[2] if level else s[2] + t[2], s[3], s[4], s[5]
 
     return kicked
 
@@ -211,7 +194,7 @@ def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool,
     """
     kicked, numbers, look = kick_of(field, level, gradients), numbers_of(field, timed), look_up(degree or 1, level)[0]
     exact = called("flow", flow()) if degree else flow()
-    first, stride = NUMBERS + field.parameters, GROUP + table_size(degree, level)
+    first, stride, keep = NUMBERS + field.parameters, GROUP + table_size(degree, level), put(6)
 
     @jit_as(f"backlund splitting {field.digest} {level} {gradients} {degree} {single} {timed}", forceinline=True)
     def step(s, c, tally):
@@ -219,18 +202,13 @@ def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool,
         strongest = 0.0
         for g in range(1 if single else int(c[GROUPS])):
             place = first + g * stride
-            if degree > 0:
-                torus = invariants(s, alpha)
-                u, v = (torus[2] - c[CENTRE_H]) * c[SCALE_H], (s[2] - c[CENTRE_J]) * c[SCALE_J]
-                if abs(u) <= 1.0 and abs(v) <= 1.0:
-                    R, eta, mr, mi = look(c, place + GROUP, u, v)
-                    s = tabled_flow(s, torus, alpha, R, eta, mr, mi, c[place + INVERSE])
-                else:
-                    tally[ITERATIONS] += 1.0
-                    s, found = exact(s, alpha, c[place + TIME])
-                    if not found:
-                        tally[FAILURE] = LOST
+            torus = invariants(s, alpha)
+            u, v = (torus[2] - c[CENTRE_H]) * c[SCALE_H], (s[2] - c[CENTRE_J]) * c[SCALE_J]
+            if degree > 0 and abs(u) <= 1.0 and abs(v) <= 1.0:
+                R, eta, mr, mi = look(c, place + GROUP, u, v)
+                s = tabled_flow(s, torus, alpha, R, eta, mr, mi, c[place + INVERSE])
             else:
+                tally[ITERATIONS] += 1.0 if degree > 0 else 0.0
                 s, found = exact(s, alpha, c[place + TIME])
                 if not found:
                     tally[FAILURE] = LOST
@@ -240,8 +218,7 @@ def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool,
             strongest = max(strongest, push(s, before))
         if strongest > tally[MEMORY]:
             tally[MEMORY] = strongest
-            for k in range(6):
-                tally[MEMORY + 1 + k] = s[k]
+            keep(tally, MEMORY + 1, s)
         return s
 
     return step
@@ -307,12 +284,13 @@ def map_over(field: Field, level: bool, timed: bool = False) -> Any:
     times : of the first row, and from each row to the next.
     """
     kicked, numbers, exact = kick_of(field, level, 0), numbers_of(field, timed), called("flow", flow())
+    get, write = take(6), put(6)
 
     @jit_as(f"map over {field.digest} {level} {timed}")
     def run(rows, given, parts, times, tally):
         alpha, count = given[0], 0.0
         for row in rows:
-            s = (row[0], row[1], row[2], row[3], row[4], row[5])
+            s = get(row, 0)
             t = times[0] + count * times[1]
             count += 1.0
             for k in range(len(parts)):
@@ -323,7 +301,7 @@ def map_over(field: Field, level: bool, timed: bool = False) -> Any:
                         tally[FAILURE] = LOST
                 if parts[k, 1] != 0.0:
                     s = kicked(s, numbers(given, 0, t), (parts[k, 1],))
-            row[0], row[1], row[2], row[3], row[4], row[5] = s
+            write(row, 0, s)
 
     return at_first_interpreted(run)
 
@@ -386,8 +364,6 @@ def pilot(field: Field, level: bool, timed: bool = False) -> Any:
     return at_first_interpreted(run)
 
 
-# ------------------------------------------------------------------------------------ steppers
-
 STRONG = 0.05  # of V's range along the pilot to the energy of the top, from which other methods are better
 CHOICES = ("aba864", "processed6", "strang")  # where the step is chosen: the others are never the cheapest by much
 TOLERANCE = 1e-9  # default of the error at the last time
@@ -406,17 +382,9 @@ class ExactSplittingStepper(ConjugateStepper):
     """
 
     def __init__(
-        self,
-        name: str,
-        problem: PerturbedTop | Problem,
-        y0: Array,
-        h: float,
-        chosen: Scheme,
-        corrected: bool,
-        twisted: bool,
-        tabled: bool,
-        watched: bool = False,
-    ):
+        self, problem: PerturbedTop | Problem, y0: Array, h: float, chosen: Scheme, corrected: bool, twisted: bool,
+        tabled: bool, watched: bool = False,
+    ):  # fmt: skip
         top, level, timed = problem.as_top, problem.level, problem.timed
         assert top is not None
         numbers, field, n = np.array(top.numbers), top.formula.perturbation, len(chosen.b)
@@ -443,7 +411,7 @@ class ExactSplittingStepper(ConjugateStepper):
                 groups[:, INVERSE] = [0.5 / (t[-2] * t[-2] + t[-1] * t[-1]) for t in made]  # of the constant term
         c = np.concatenate((head, *(part for g in range(n) for part in (groups[g], *made[g : g + 1]))))
         if not np.isfinite(c).all():
-            raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
+            raise StepError(NAME, "the coefficients of the step are beyond the range of doubles", h=h)
         self.degree = degree  # of the tables, 0 for none
         before, after = ends_of(chosen, h, corrected)
         self._energies = energies(field)
@@ -451,7 +419,7 @@ class ExactSplittingStepper(ConjugateStepper):
         laned = degree > 0 and len(c) <= LARGEST and not timed
         lane = laned and (lane_of(field, level, gradients, degree, n), len(c))
         super().__init__(
-            name, h, c, step, pin_level if level else pin, PIN_EVERY,
+            NAME, h, c, step, pin_level if level else pin, PIN_EVERY,
             map_rows=map_over(field, level, timed), way_in=(numbers, before, (problem.start, 0.0)),
             way_out=(numbers, after, (problem.start - chosen.a[0] * h, 0.0)),
             rhs_per_step=n, failures=FAILURES, lane=lane, timed=timed,
@@ -466,9 +434,7 @@ class ExactSplittingStepper(ConjugateStepper):
         with np.errstate(all="ignore"):
             near = abs(x @ x - c1) <= OFF_TORUS * c1, abs(x @ J - c2) <= OFF_TORUS * np.sqrt(c1 * (J @ J))
         if not all(near):
-            raise StepError(
-                self.name, "C1 or C2 of the state is not that of the state this step was prepared for", h=self.h
-            )
+            raise StepError(NAME, "C1 or C2 of the state is not that of the state this step was prepared for", h=self.h)
         return super().enter(y)
 
     def record(self, y: Array, n: int, every: int) -> Array:
@@ -540,8 +506,8 @@ def prepare(
     try:
         stepper = backlund.EXACT.prepare(top, y0, h)
     except StepError as error:
-        raise StepError("backlund_splitting", error.reason, h=h) from None
-    stepper.name = "backlund_splitting"  # type: ignore[attr-defined]
+        raise StepError(NAME, error.reason, h=h) from None
+    stepper.name = NAME  # type: ignore[attr-defined]
     return stepper
 
 
@@ -559,9 +525,7 @@ def prepare_in_field(
     corrected, twisted = _check(scheme, corrector, modified_kick, table)
     _warn_strong(_top_of(top), y0)
     _warn_long(_top_of(top), y0, h)
-    return ExactSplittingStepper(
-        "backlund_splitting", top, y0, h, SCHEMES[scheme], corrected, twisted, bool(table), not top.timed
-    )
+    return ExactSplittingStepper(top, y0, h, SCHEMES[scheme], corrected, twisted, bool(table), not top.timed)
 
 
 def _top_of(problem: PerturbedTop | Problem) -> PerturbedTop:
@@ -592,7 +556,7 @@ def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -
         try:
             states, work = backlund.evaluate_exact(problem, y0, times)
         except StepError as error:
-            raise StepError("backlund_splitting", error.reason) from None
+            raise StepError(NAME, error.reason) from None
         return states, ChosenWork(**vars(work), notes="one exact step to each time")
     if problem.timed:
         raise ValueError(
@@ -607,7 +571,7 @@ def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -
         chosen, processed = SCHEMES[name], name in PROCESSED
 
         def build(h: float, table: bool) -> ExactSplittingStepper:
-            return ExactSplittingStepper("backlund_splitting", top, y0, h, chosen, processed, processed, table)
+            return ExactSplittingStepper(top, y0, h, chosen, processed, processed, table)
 
         return Candidate(build, len(chosen.b) * (1.5 if processed else 1.0), widest)
 
@@ -615,11 +579,11 @@ def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -
         rows, tally = np.array(y)[None], np.zeros(SIZE)
         map_rows(rows, numbers, np.tile(one * (h / parts), (parts, 1)), (0.0, 0.0), tally)
         if tally[FAILURE]:
-            raise StepError("backlund_splitting", FAILURES[int(tally[FAILURE])], h=h)
+            raise StepError(NAME, FAILURES[int(tally[FAILURE])], h=h)
         return rows[0], parts * len(small.b)
 
     candidates = {name: candidate(name, RESONANT * (1 if name in PROCESSED else 2)) for name in CHOICES}
-    return backlund_choice.evaluate("backlund_splitting", top, y0, times, tol, candidates, shorter)
+    return backlund_choice.evaluate(NAME, top, y0, times, tol, candidates, shorter)
 
 
 def _warn_strong(top: PerturbedTop, y0: Array) -> None:
@@ -637,26 +601,16 @@ def _warn_long(top: PerturbedTop, y0: Array, h: float) -> None:
         period = backlund_choice.nutation_period(top, y0)
         if abs(h) >= 0.5 * period:
             reason = f"h is {abs(h) / period:.2g} of the nutation period, in resonance with it; take less than a half"
-            raise StepError("backlund_splitting", reason, h=h)
+            raise StepError(NAME, reason, h=h)
         if abs(h) > RESONANT * period:
             text = f"h is {abs(h) / period:.2g} of the nutation period: from 1/8 on, V's harmonics are near resonance with it"
             warn_caller(text, StepWarning)
 
 
 METHOD = Method(
-    name="backlund_splitting",
-    label="Bäcklund splitting",
-    family="backlund",
-    order=4,
-    symmetric=True,
-    poisson=True,
+    name="backlund_splitting", label="Bäcklund splitting", family="backlund", order=4, symmetric=True, poisson=True,
     conserves=frozenset({"J3", "C1", "C2"}),
-    control="step",
     source="this project; Wisdom and Holman, Astron. J. 102 (1991) 1528; corrector and modified kick: see the module",
-    prepare=prepare_in_field,
-    needs="top",
-    exact_for="uniform",
-    special={"uniform": prepare},
-    evaluate=evaluate,
+    prepare=prepare_in_field, needs="top", exact_for="uniform", special={"uniform": prepare}, evaluate=evaluate,
     reduces_to="backlund",
-)
+)  # fmt: skip

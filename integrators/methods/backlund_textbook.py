@@ -87,10 +87,6 @@ def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | No
 
 
 METHOD = replace(
-    PAPER,
-    name="backlund_textbook",
-    label="Bäcklund, paper's program",
-    source=SOURCE + " and the program of section 5.7",
-    prepare=prepare_textbook,
-    special={},
-)
+    PAPER, name="backlund_textbook", label="Bäcklund, paper's program",
+    source=SOURCE + " and the program of section 5.7", prepare=prepare_textbook, special={},
+)  # fmt: skip

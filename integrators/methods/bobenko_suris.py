@@ -35,6 +35,7 @@ from lagrange_bench.integrators.compiling.compiled import jit, jit_as
 from lagrange_bench.integrators.compiling.expression import machine_code, take
 from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.interface import Array, Method
+from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
 from lagrange_bench.integrators.methods.lie_group import turn as rotated
 from lagrange_bench.integrators.problem.field import Field
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
@@ -45,24 +46,20 @@ HALF, KICK = range(2)  # places of the constants h/2 and alpha h/2
 
 
 @jit
-def turn(K1, K2, J3, x1, x2, x3, k):
+def turn(K1, K2, J3, x, k):
     """x̃ − x where x̃ − x = k K×(x + x̃): 2k (u + k K×u)/(1 + k²|K|²) with u = K×x."""
-    u1 = K2 * x3 - J3 * x2
-    u2 = J3 * x1 - K1 * x3
-    u3 = K1 * x2 - K2 * x1
+    K = K1, K2, J3
+    u = cross(K, x)
     t, w2 = k * (K1 - J3), k * K2
     q = (2.0 * k) / ((1.0 + (t * t + w2 * w2)) + (2.0 * k) * (k * (K1 * J3)))
-    d1 = q * (u1 + k * (K2 * u3 - J3 * u2))
-    d2 = q * (u2 + k * (J3 * u1 - K1 * u3))
-    d3 = q * (u3 + k * (K1 * u2 - K2 * u1))
-    return d1, d2, d3
+    return times(q, add(u, k, cross(K, u)))
 
 
 @jit
 def symmetric_step(s, c, tally):
     J1, J2, J3, x1, x2, x3 = s
     k, kick = c[HALF], c[KICK]
-    d1, d2, d3 = turn(J1 - kick * x2, J2 + kick * x1, J3, x1, x2, x3, k)
+    d1, d2, d3 = turn(J1 - kick * x2, J2 + kick * x1, J3, (x1, x2, x3), k)
     return J1 - kick * (2.0 * x2 + d2), J2 + kick * (2.0 * x1 + d1), J3, x1 + d1, x2 + d2, x3 + d3
 
 
@@ -71,11 +68,8 @@ def lagrange_step(s, c, tally):
     J1, J2, J3, x1, x2, x3 = s
     k, kick = c[HALF], 2.0 * c[KICK]
     K1, K2 = J1 - kick * x2, J2 + kick * x1
-    d1, d2, d3 = turn(K1, K2, J3, x1, x2, x3, k)
+    d1, d2, d3 = turn(K1, K2, J3, (x1, x2, x3), k)
     return K1, K2, J3, x1 + d1, x2 + d2, x3 + d3
-
-
-# ------------------------------------------------------------------------------------ any field
 
 
 @cache
@@ -83,23 +77,22 @@ def kernel_in_field(field: Field, level: bool, form: str) -> Any:
     """The step in a field; constants: h, then alpha and the parameters of the potential. `level`: the field keeps J3."""
     torque, numbers, symmetric = machine_code(field.torque), take(field.parameters), form == "symmetric"
 
+    @jit_as(f"kicked {level}", forceinline=True)
+    def kicked(J, kick, t):
+        return J[0] + kick * t[0], J[1] + kick * t[1], J[2] if level else J[2] + kick * t[2]
+
     @jit_as(f"bobenko_suris {field.digest} {level} {form}", forceinline=True)
     def step(s, c, tally):
-        J, x, q, k = (s[0], s[1], s[2]), (s[3], s[4], s[5]), numbers(c, 1), 0.5 * c[0]
+        x, q, k = (s[3], s[4], s[5]), numbers(c, 1), 0.5 * c[0]
         kick = k if symmetric else c[0]
-        t = torque(x, q)
-        J = J[0] + kick * t[0], J[1] + kick * t[1], J[2] if level else J[2] + kick * t[2]
+        J = kicked((s[0], s[1], s[2]), kick, torque(x, q))
         v = k * J[0], k * J[1], k * J[2]
-        x = rotated(v, 1.0 / (1.0 + ((v[0] * v[0] + v[1] * v[1]) + v[2] * v[2])), x)
+        x = rotated(v, 1.0 / (1.0 + dot(v, v)), x)
         if symmetric:
-            t = torque(x, q)
-            J = J[0] + kick * t[0], J[1] + kick * t[1], J[2] if level else J[2] + kick * t[2]
+            J = kicked(J, kick, torque(x, q))
         return J[0], J[1], J[2], x[0], x[1], x[2]
 
     return step
-
-
-# ------------------------------------------------------------------------------------ the method
 
 
 KERNELS = {"symmetric": symmetric_step, "lagrange": lagrange_step}
@@ -144,17 +137,9 @@ def energy_lagrange(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]
 
 
 METHOD = Method(
-    name="bobenko_suris",
-    label="Bobenko–Suris",
-    family="integrable",
-    order=2,
-    symmetric=True,
-    poisson=True,
+    name="bobenko_suris", label="Bobenko–Suris", family="integrable", order=2, symmetric=True, poisson=True,
     conserves=frozenset({"J3", "C1", "C2"}),
-    control="step",
-    source="Bobenko and Suris, Commun. Math. Phys. 204 (1999) 147, in symmetric form",
-    prepare=prepare_in_field,
-    keeps={"E": energy},
-    needs="force",
+    source="Bobenko and Suris, Commun. Math. Phys. 204 (1999) 147, in symmetric form", prepare=prepare_in_field,
+    keeps={"E": energy}, needs="force",
     special={"uniform": prepare},  # the general kernel costs 1.3 times as much there
-)
+)  # fmt: skip

@@ -21,8 +21,7 @@ In any field p' = ½Jp + 2gqk with g = ∇U(x), and with X = x̂/(1 + n), g = �
 No bound for a unique step is known there. Newton's matrix I − … at the solution must have a positive determinant, as it
 has for h → 0: else a fold lies between, and a StepError says so.
 
-The spherical midpoint rule (McLachlan, Modin & Verdier, Phys. Rev. E 89 (2014) 061301) lives on products of spheres, which
-the states of a top do not make up; this is its counterpart for them. Discrete gradients: see `gauss`.
+It is the counterpart of the spherical midpoint rule (`magnet`), which lives on products of spheres.
 
 Round-off. Both turns are written so that a relative error of 1 + n does not change |x| to first order (as in
 `implicit_midpoint`), and u is iterated until it stagnates. C2 stays where it is if u is parallel to J + (h alpha/2) B/(1 + n)
@@ -45,8 +44,10 @@ from lagrange_bench.integrators.compiling.compiled import jit, jit_as
 from lagrange_bench.integrators.compiling.expression import Program, Tape, machine_code, take, with_slopes
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.interface import Array, Method, StepError
+from lagrange_bench.integrators.methods.gauss_in_field import SOLVERS, check_span
 from lagrange_bench.integrators.methods.lie_group import cross as vector
 from lagrange_bench.integrators.methods.lie_group import dot as scalar
+from lagrange_bench.integrators.methods.lie_group import turn
 from lagrange_bench.integrators.problem.field import Field, cross, dot
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -55,8 +56,6 @@ QUARTER, KICK = range(2)  # places of the constants: h/4 and h alpha
 UNIQUE = 6.03  # h²|alpha||x| below which the step is unique: 8/max (1 − t)²(1 + 2√t), at √t = (√6 − 1)/5
 WEAK = 2.0**-8  # contraction below which the fixed point stagnates within half an ulp of the solution
 LIMIT = 500  # iterations; the fixed point takes 4 to 8, Newton 3 to 6
-LONGEST = 1e6  # of |h|, in time scales of the top
-SOLVERS = ("fixed_point", "newton", "auto")
 NOT_CONVERGED, FOLDED = 1, 2
 FAILURES = {
     NOT_CONVERGED: f"the midpoint equation is not solved after {LIMIT} iterations; take a smaller |h| or solver='newton'",
@@ -89,29 +88,10 @@ def newton_correction(s, c, u1, u2, u3, b1, b2, b3, q, r1, r2, r3):
     a1, a2, a3 = (1.0 - w * x3) + f1 * u1, f2 * u1, f3 * u1 + w * x1
     c1, c2, c3 = f1 * u2, (1.0 - w * x3) + f2 * u2, f3 * u2 + w * x2
     d1, d2, d3 = f1 * u3 + w * x1, f2 * u3 + w * x2, (1.0 + w * x3) + f3 * u3
-    m1, m2, m3 = c2 * d3 - c3 * d2, c3 * d1 - c1 * d3, c1 * d2 - c2 * d1
-    k1, k2, k3 = d2 * a3 - d3 * a2, d3 * a1 - d1 * a3, d1 * a2 - d2 * a1
-    l1, l2, l3 = a2 * c3 - a3 * c2, a3 * c1 - a1 * c3, a1 * c2 - a2 * c1
-    p = 1.0 / ((a1 * m1 + a2 * m2) + a3 * m3)
-    return (
-        p * ((m1 * r1 + m2 * r2) + m3 * r3),
-        p * ((k1 * r1 + k2 * r2) + k3 * r3),
-        p * ((l1 * r1 + l2 * r2) + l3 * r3),
-    )
-
-
-@jit
-def turn(x1, x2, x3, u1, u2, u3, q):
-    """Rx = x + d + u×(x + d), where d = q (u×x + u×(u×x)) and x + d = (1 − u×)⁻¹ x."""
-    v1, v2, v3 = u2 * x3 - u3 * x2, u3 * x1 - u1 * x3, u1 * x2 - u2 * x1
-    d1 = q * (v1 + (u2 * v3 - u3 * v2))
-    d2 = q * (v2 + (u3 * v1 - u1 * v3))
-    d3 = q * (v3 + (u1 * v2 - u2 * v1))
-    return (
-        x1 + (d1 + (v1 + (u2 * d3 - u3 * d2))),
-        x2 + (d2 + (v2 + (u3 * d1 - u1 * d3))),
-        x3 + (d3 + (v3 + (u1 * d2 - u2 * d1))),
-    )
+    a, b, d, r = (a1, a2, a3), (c1, c2, c3), (d1, d2, d3), (r1, r2, r3)
+    m = vector(b, d)
+    p = 1.0 / scalar(a, m)
+    return p * scalar(m, r), p * scalar(vector(d, a), r), p * scalar(vector(a, b), r)
 
 
 @jit
@@ -138,10 +118,11 @@ def step(s, c, tally, newton):
     else:
         tally[FAILURE] = NOT_CONVERGED
         tally[RESIDUAL] = last
-    y1, y2, y3 = turn(x1, x2, x3, u1, u2, u3, q)
-    z1, z2, z3 = turn(y1, y2, y3, u1, u2, u3, q)
+    u = u1, u2, u3
+    y = turn(u, q, (x1, x2, x3))
+    z = turn(u, q, y)
     kick = q * c[KICK]
-    return J1 - kick * y2, J2 + kick * y1, J3, z1, z2, z3
+    return J1 - kick * y[1], J2 + kick * y[0], J3, z[0], z[1], z[2]
 
 
 @jit
@@ -152,9 +133,6 @@ def fixed_point_step(s, c, tally):
 @jit
 def newton_step(s, c, tally):
     return step(s, c, tally, True)
-
-
-# ------------------------------------------------------------------------------------ any field
 
 
 @cache
@@ -175,7 +153,7 @@ def rule_in_field(field: Field) -> Program:
 
 
 def turned(u: Any, v: Any, q: Any) -> Any:
-    """`turn`, of symbols."""
+    """`lie_group.turn`, of symbols."""
     a = cross(u, v)
     d = tuple(q * (b + c) for b, c in zip(a, cross(u, a), strict=True))
     return tuple(b + (c + (e + f)) for b, c, e, f in zip(v, d, a, cross(u, d), strict=True))
@@ -224,10 +202,10 @@ def kernel_in_field(field: Field, level: bool) -> Any:
             tally[RESIDUAL] = last
         if det < 0.0:
             tally[FAILURE] = FOLDED
-        p = 1.0 / (1.0 + ((u1 * u1 + u2 * u2) + u3 * u3))
-        y1, y2, y3 = turn(x1, x2, x3, u1, u2, u3, p)
-        z1, z2, z3 = turn(y1, y2, y3, u1, u2, u3, p)
-        return J1 + kick[0], J2 + kick[1], J3 if level else J3 + kick[2], z1, z2, z3
+        u = u1, u2, u3
+        p = 1.0 / (1.0 + scalar(u, u))
+        z = turn(u, p, turn(u, p, (x1, x2, x3)))
+        return J1 + kick[0], J2 + kick[1], J3 if level else J3 + kick[2], z[0], z[1], z[2]
 
     return step
 
@@ -235,15 +213,11 @@ def kernel_in_field(field: Field, level: bool) -> Any:
 def prepare_in_field(top: PerturbedTop, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
     """As `prepare`; "auto" passes to Newton in a step in which the fixed point contracts by less."""
     check_choice(solver, "solver", SOLVERS)
-    if not abs(h) * top.scales(y0)[0] <= LONGEST:
-        raise StepError("collective_midpoint", f"|h| is over {LONGEST:g} times the time scale of the top", h=h)
+    check_span("collective_midpoint", abs(h) * top.scales(y0)[0], h)
     c = np.array((SOLVERS.index(solver), h, *top.numbers))
     return FixedStepper(
         "collective_midpoint", h, c, kernel_in_field(top.field, "J3" in top.conserved), failures=FAILURES
     )
-
-
-# ------------------------------------------------------------------------------------ a uniform field
 
 
 def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
@@ -255,8 +229,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> F
     """
     check_choice(solver, "solver", SOLVERS)
     span = abs(h) * top.scales(y0)[0]
-    if not span <= LONGEST:
-        raise StepError("collective_midpoint", f"|h| is over {LONGEST:g} times the time scale of the top", h=h)
+    check_span("collective_midpoint", span, h)
     if not h * h * abs(top.alpha) * math.hypot(*y0[3:]) <= UNIQUE:
         reason = f"h²|alpha||x| is over {UNIQUE}: the midpoint equation may have several solutions"
         raise StepError("collective_midpoint", reason, h=h)
@@ -267,16 +240,8 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> F
 
 
 METHOD = Method(
-    name="collective_midpoint",
-    label="Collective midpoint",
-    family="implicit",
-    order=2,
-    symmetric=True,
-    poisson=True,
-    conserves=frozenset({"J3", "C1", "C2"}),
-    control="step",
-    source="McLachlan, Modin and Verdier, Nonlinearity 27 (2014) 1525",
-    prepare=prepare_in_field,
-    needs="force",
+    name="collective_midpoint", label="Collective midpoint", family="implicit", order=2, symmetric=True, poisson=True,
+    conserves=frozenset({"J3", "C1", "C2"}), source="McLachlan, Modin and Verdier, Nonlinearity 27 (2014) 1525",
+    prepare=prepare_in_field, needs="force",
     special={"uniform": prepare},  # the general kernel costs 3.6 times as much there
-)
+)  # fmt: skip

@@ -6,8 +6,10 @@ that leads away from 0, counted into `work`. It leaves `y` alone, and raises `St
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +29,7 @@ class DenseStepper(Stepper):
 
     def __init__(self, name: str, top: Problem, y0: Array, h: float, run: Run):
         self.name, self.h, self.run, self.farthest = name, h, run, farthest(top, y0)
-        self.work, self.size, self.from_start = Work(), top.system.size, top.system.timed
+        self.work, self.size, self.from_start = Work(), len(y0), "spins" in top.offers or top.system.timed
 
     def advance(self, y: Array, n: int) -> Array:
         # not by `record`: two microseconds count against a library that takes one per unit of time
@@ -58,6 +60,24 @@ class DenseStepper(Stepper):
             raise StepError(error.method, error.reason, h=self.h, step=error.step) from None
 
 
+def dense(
+    name: str, runner: Callable[..., Run]
+) -> tuple[Callable[..., DenseStepper], Callable[..., tuple[Array, Work]]]:
+    """`prepare` and `evaluate` of a method whose `runner(top, *, …)` makes the `run`, with the options of that."""
+
+    def prepare(top: Problem, y0: Array, h: float, **options: Any) -> DenseStepper:
+        return DenseStepper(name, top, y0, h, runner(top, **options))
+
+    def evaluate(top: Problem, y0: Array, times: Array, **options: Any) -> tuple[Array, Work]:
+        return at_times(name, top, runner(top, **options), y0, times)
+
+    options = [p for p in inspect.signature(runner).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    for function in (prepare, evaluate):
+        known = list(inspect.signature(function).parameters.values())[:-1]
+        function.__signature__ = inspect.Signature(known + options)  # type: ignore[attr-defined]
+    return prepare, evaluate
+
+
 def farthest(top: Problem, y0: Array) -> float:
     """The longest time from y0 on that can be reached by steps; inf for an equilibrium, where they grow without limit."""
     with np.errstate(all="ignore"):
@@ -67,8 +87,8 @@ def farthest(top: Problem, y0: Array) -> float:
 def too_far(t: float, limit: float) -> str:
     """Why a time is not tried: no run would ever end there."""
     return (
-        f"|t| = {abs(t):g} is over {FARTHEST:g} times the time scale of the top, 1/(|J| + √(|alpha||x|)) = "
-        f"{limit / FARTHEST:g}: more steps than can be taken"
+        f"|t| = {abs(t):g} is over {FARTHEST:g} times the time scale of the top, 1/(|J| + √(|alpha||x|)), or that of the "
+        f"quickest spin = {limit / FARTHEST:g}: more steps than can be taken"
     )
 
 

@@ -21,23 +21,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_real
+from lagrange_bench.integrators.compiling import natural
 from lagrange_bench.integrators.compiling.compiled import jit, jit_as
 from lagrange_bench.integrators.compiling.expression import Program, Tape, take
 from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
-from lagrange_bench.integrators.compiling.natural import (
-    INTERPOLATED,
-    REJECTED,
-    ROW,
-    STEP,
-    STUCK,
-    TAKEN,
-    TIME,
-    WALK,
-    compile_natural_loop,
-)
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
-from lagrange_bench.integrators.methods.dense import DenseStepper, Problem, Run, at_times
+from lagrange_bench.integrators.methods.dense import Problem, Run, dense
 from lagrange_bench.integrators.methods.runge_kutta import floats, stages, weigh
 from lagrange_bench.integrators.methods.tableaux import DOP853, DOP853_MORE
 from lagrange_bench.integrators.problem.system import System
@@ -207,44 +197,35 @@ def kernels(system: System) -> Kernels:
     return Kernels(trial, interpolant, value, first_step)
 
 
-def prepare(top: Problem, y0: Array, h: float, *, rtol: float = 1e-9, atol: float = 1e-12) -> DenseStepper:
+def runner(top: Problem, *, rtol: float = 1e-9, atol: float = 1e-12) -> Run:
     """Natural steps with the local error kept below atol + rtol |y_i|, root mean square over the components."""
-    return DenseStepper("dop853", top, y0, h, _runner(top, rtol, atol))
-
-
-def evaluate(top: Problem, y0: Array, times: Array, *, rtol: float = 1e-9, atol: float = 1e-12) -> tuple[Array, Work]:
-    """Dense output at any times; options as in `prepare`."""
-    return at_times("dop853", top, _runner(top, rtol, atol), y0, times)
-
-
-def _runner(top: Problem, rtol: float, atol: float) -> Run:
     rtol, atol = check_tolerances(rtol, atol)
     made, n = kernels(top.system), top.system.size
     c = np.array((rtol, atol, top.start, *top.numbers))
-    loop, first_step = compile_natural_loop(made.trial, made.interpolant, made.value, n), made.first_step
-    loop(np.zeros(n), np.zeros(1), 0, c, np.zeros(WALK), np.zeros((1, n)))  # compile
+    loop, first_step = natural.compile_natural_loop(made.trial, made.interpolant, made.value, n), made.first_step
+    loop(np.zeros(n), np.zeros(1), 0, c, np.zeros(natural.WALK), np.zeros((1, n)))  # compile
     first_step((0.0,) * n, 1.0, c)
 
     def run(y: Array, grid: Array, work: Work) -> Array:
         if not np.max(np.abs(y)) <= LARGEST:
             raise StepError("dop853", "a state this close to the largest double leaves a step no room")
-        state, out, walk = y.copy(), np.empty((len(grid), n)), np.zeros(WALK)
-        walk[STEP] = first_step(tuple(y.tolist()), float(grid[-1]), c)
+        state, out, walk = y.copy(), np.empty((len(grid), n)), np.zeros(natural.WALK)
+        walk[natural.STEP] = first_step(tuple(y.tolist()), float(grid[-1]), c)
         length = math.hypot(*y[-3:])  # a Casimir function
-        while walk[ROW] < len(grid) and not walk[STUCK]:
+        while walk[natural.ROW] < len(grid) and not walk[natural.STUCK]:
             # else it may spin ever faster, in ever smaller steps
             if not 0.5 * length <= math.hypot(*state[-3:]) <= 2.0 * length:
-                reason = (
-                    f"rtol and atol do not hold this state: a length is off by a factor over 2 at t = {walk[TIME]:g}"
-                )
-                raise StepError("dop853", reason, step=int(walk[TAKEN]))
+                reason = f"rtol and atol do not hold this state: a length is off by a factor over 2 at t = {walk[natural.TIME]:g}"
+                raise StepError("dop853", reason, step=int(walk[natural.TAKEN]))
             loop(state, grid, INTERRUPTIBLE, c, walk, out)
-        taken, rejected, interpolated = (int(walk[place]) for place in (TAKEN, REJECTED, INTERPOLATED))
+        taken, rejected, interpolated = (
+            int(walk[place]) for place in (natural.TAKEN, natural.REJECTED, natural.INTERPOLATED)
+        )
         work.steps += taken
         work.rejected += rejected
         work.rhs_evals += 2 + 12 * (taken + rejected) + 4 * interpolated
-        if walk[STUCK]:
-            reason = f"the step fell below the spacing of doubles (t = {walk[TIME]:g})"
+        if walk[natural.STUCK]:
+            reason = f"the step fell below the spacing of doubles (t = {walk[natural.TIME]:g})"
             raise StepError("dop853", reason, step=taken)
         return out
 
@@ -260,17 +241,9 @@ def check_tolerances(rtol: float, atol: float) -> tuple[float, float]:
     return rtol, atol
 
 
+PREPARE, EVALUATE = dense("dop853", runner)
 METHOD = Method(
-    name="dop853",
-    label="DOP853",
-    family="runge-kutta",
-    order=8,
-    symmetric=False,
-    poisson=False,
-    conserves=frozenset({"J3"}),
-    control="tolerance",
+    name="dop853", label="DOP853", family="runge-kutta", order=8, conserves=frozenset({"J3"}), control="tolerance",
     source="Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5 and II.6; program DOP853",
-    prepare=prepare,
-    evaluate=evaluate,
-    needs="rhs",
-)
+    prepare=PREPARE, evaluate=EVALUATE, needs="rhs",
+)  # fmt: skip

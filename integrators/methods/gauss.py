@@ -4,14 +4,12 @@ With Kᵢ = h bᵢ f(Yᵢ) the method reads Yᵢ = y + Σ μᵢⱼ Kⱼ and ỹ 
 invariants, here H, J3, C1 and C2, ask of it is μᵢⱼ + μⱼᵢ = 1. The μ used here do so without error (`gauss_coefficients`). The
 maps are symmetric, not Poisson.
 
-∇H is affine, so the discrete gradients (Gonzalez's, the averaged vector field, the energy-momentum method of Simo and
-Wong) all are the implicit midpoint rule, s = 1 of this family. The tests show it; they need no entry of their own.
+∇H is affine, so the discrete gradients (Gonzalez's, the averaged vector field, Simo and Wong's) all are the midpoint rule, s = 1.
 
 Solvers. J of the stages follows from their x, so the unknowns are the K of x1, x2, x3.
-fixed_point: K ← h b J×x, with J from the newest x; contracts like ρ(A) |h| (|J| + √(|alpha||x|)). An iteration takes 15 ns for
-s = 2, 55 for s = 6.
+fixed_point: K ← h b J×x, with J from the newest x; contracts like ρ(A) |h| (|J| + √(|alpha||x|)).
 newton: the K of x3 is eliminated too, which leaves 2s equations of 6s; a factorisation serves as long as each iteration
-divides the residual by 2⁸. A step takes 0.3 to 0.6 µs for s = 2, 1.3 to 4 µs for s = 6.
+divides the residual by 2⁸.
 Both start from the collocation polynomial of the last step, extrapolated (in the first step of a call from the state
 itself), and go on until the residual stagnates: what a tolerance leaves has a direction, and drifts. So does what the fixed
 point leaves where it contracts slowly, since a rounded iteration stops on the side it comes from; there Newton takes over.
@@ -28,28 +26,19 @@ Hairer, McLachlan & Razakarivony, BIT 48 (2008) 231 (round-off). Elimination and
 from __future__ import annotations
 
 import math
+from functools import cache
+from typing import Any
 
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice, check_flag
-from lagrange_bench.integrators.compiling.compiled import inlined, jit
+from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
 from lagrange_bench.integrators.compiling.double_double import two_sum
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.interface import Array, Method, StepError
+from lagrange_bench.integrators.methods import gauss_in_field as general
 from lagrange_bench.integrators.methods.gauss_coefficients import matrices
-from lagrange_bench.integrators.methods.gauss_in_field import (
-    FAILURES,
-    LIMIT,
-    LONGEST,
-    NOT_CONVERGED,
-    SOLVERS,
-    WEAK,
-    accumulate,
-    factor,
-    stepper_in_field,
-    substitute,
-)
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
@@ -76,7 +65,7 @@ def residual(n, s, c, low, K, X, L, J, R):
     for i in range(S):
         X[i], X[S + i], X[2 * S + i] = low[2], low[3], low[4]
         J[i], J[S + i] = low[0], low[1]
-    accumulate(S, c, MU, K, X)  # small terms first
+    general.accumulate(S, c, MU, K, X)  # small terms first
     for i in range(S):
         X[i] += x1
         X[S + i] += x2
@@ -102,39 +91,18 @@ def residual(n, s, c, low, K, X, L, J, R):
 
 
 @inlined
-def stagnates(size, last, c):
-    """Whether a residual has stopped falling where only round-off is left of it."""
-    return size == 0.0 or (size >= last and size <= c[SMALL])
-
-
-@inlined
-def fixed_point(n, s, c, low, K, L, tally):
-    """K and L of the step. Returns the number of iterations, 0 if there were too many."""
-    X, J, R = stack(18), stack(12), stack(18)
-    last = math.inf
-    for k in range(LIMIT):
-        size = residual(n, s, c, low, K, X, L, J, R)
-        for i in range(3 * len(n)):
-            K[i] += R[i]
-        if stagnates(size, last, c):
-            return k + 1
-        last = size
-    tally[RESIDUAL] = last
-    return 0
-
-
-@jit
-def newton(n, s, c, low, K, L, tally):
+def solve(n, s, c, low, K, L, tally, by_newton):
     """K and L of the step. Returns the number of iterations, 0 if there were too many."""
     X, J, R, A, T, P, pivots = stack(18), stack(12), stack(18), stack(144), stack(72), stack(12), stack(12)
     last = math.inf
-    for k in range(LIMIT):
+    for k in range(general.LIMIT):
         size = residual(n, s, c, low, K, X, L, J, R)
-        done = stagnates(size, last, c)
-        if not done:
+        # a residual has stopped falling where only round-off is left of it
+        done = size == 0.0 or (size >= last and size <= c[SMALL])
+        if by_newton and not done:
             if last == math.inf or size > max(2.0**-8 * last, c[SMALL]):
                 eliminate(n, s[2], c, X, J, A, T, P)
-                factor(2 * len(n), A, pivots)
+                general.factor(2 * len(n), A, pivots)
             correct(n, c, A, T, P, pivots, R)
         for i in range(3 * len(n)):
             K[i] += R[i]  # in the end to h b J×x itself, which is orthogonal to x
@@ -143,6 +111,11 @@ def newton(n, s, c, low, K, L, tally):
         last = size
     tally[RESIDUAL] = last
     return 0
+
+
+@jit
+def newton(n, s, c, low, K, L, tally):
+    return solve(n, s, c, low, K, L, tally, True)
 
 
 @inlined
@@ -188,7 +161,7 @@ def correct(n, c, A, T, P, pivots, R):
         for j in range(S):
             t[i] += c[MU + S * j + i] * R[2 * S + j]
         r[i], r[S + i] = R[i] + P[S + i] * t[i], R[S + i] - P[i] * t[i]
-    substitute(m, A, pivots, r)
+    general.substitute(m, A, pivots, r)
     for i in range(S):
         for j in range(m):
             t[i] -= T[m * i + j] * r[j]
@@ -207,12 +180,12 @@ def step(n, s, c, tally):
     K, L, low = stack(18), stack(12), stack(5)
     for i in range(3 * S):
         K[i] = 0.0
-    accumulate(S, c, AHEAD, tally[MEMORY:], K)
+    general.accumulate(S, c, AHEAD, tally[MEMORY:], K)
     for i in range(5):
         low[i] = tally[LOW + i]
-    iterations = newton(n, s, c, low, K, L, tally) if c[NEWTON] != 0.0 else fixed_point(n, s, c, low, K, L, tally)
+    iterations = newton(n, s, c, low, K, L, tally) if c[NEWTON] != 0.0 else solve(n, s, c, low, K, L, tally, False)
     if iterations == 0:
-        tally[FAILURE] = NOT_CONVERGED
+        tally[FAILURE] = general.NOT_CONVERGED
     tally[ITERATIONS] += iterations
     tally[RHS_EVALS] += S * iterations
     for i in range(3 * S):
@@ -233,33 +206,16 @@ def step(n, s, c, tally):
     return J1, J2, s[2], x1, x2, x3
 
 
-TWO, THREE, FOUR, SIX = (0,) * 2, (0,) * 3, (0,) * 4, (0,) * 6
+@cache
+def kernel(stages: int) -> Any:
+    """`step` of so many stages."""
+    n = (0,) * stages
 
+    @jit_as(f"gauss {stages}")
+    def run(s, c, tally):
+        return step(n, s, c, tally)
 
-@jit
-def step4(s, c, tally):
-    return step(TWO, s, c, tally)
-
-
-@jit
-def step6(s, c, tally):
-    return step(THREE, s, c, tally)
-
-
-@jit
-def step8(s, c, tally):
-    return step(FOUR, s, c, tally)
-
-
-@jit
-def step12(s, c, tally):
-    return step(SIX, s, c, tally)
-
-
-KERNELS = {2: step4, 3: step6, 4: step8, 6: step12}
-
-
-# ------------------------------------------------------------------------------------ the methods
+    return run
 
 
 def method(stages: int) -> Method:
@@ -276,40 +232,31 @@ def method(stages: int) -> Method:
             else Newton.
         compensated : carry what the sums of a step round off into the next one.
         """
-        check_choice(solver, "solver", SOLVERS)
+        check_choice(solver, "solver", general.SOLVERS)
         check_flag(compensated, "compensated")
         span = abs(h) * top.scales(y0)[0]
-        if not span <= LONGEST:
-            raise StepError(name, f"|h| is over {LONGEST:g} times the time scale of the top", h=h)
+        general.check_span(name, span, h)
         if not h * h * abs(top.alpha) * math.hypot(*y0[3:]) <= UNIQUE[stages]:
             reason = f"h²|alpha||x| is over {UNIQUE[stages]}: the stage equations may have several solutions"
             raise StepError(name, reason, h=h)
-        newton = solver == "newton" or (solver == "auto" and RADIUS[stages] * span > WEAK[bool(compensated)])
+        newton = solver == "newton" or (solver == "auto" and RADIUS[stages] * span > general.WEAK[bool(compensated)])
         c = constants(stages, top, y0, h, newton, compensated, span <= 1)
-        return FixedStepper(name, h, c, KERNELS[stages], failures=FAILURES)
+        return FixedStepper(name, h, c, kernel(stages), failures=general.FAILURES)
 
     def prepare_in_field(
         top: PerturbedTop, y0: Array, h: float, *, solver: str = "auto", compensated: bool = False
     ) -> FixedStepper:
         """As `prepare`; "auto" passes to Newton in a step in which the fixed point contracts by less."""
-        return stepper_in_field(name, stages, top, y0, h, solver, compensated)
+        return general.stepper_in_field(name, stages, top, y0, h, solver, compensated)
 
     return Method(
-        name=name,
-        label=f"Gauss {2 * stages}",
-        family="implicit",
-        order=2 * stages,
-        symmetric=True,
-        poisson=False,
-        conserves=frozenset({"J3", "C1", "C2"}),
-        if_quadratic=frozenset({"H"}),
-        control="step",
+        name=name, label=f"Gauss {2 * stages}", family="implicit", order=2 * stages, symmetric=True,
+        conserves=frozenset({"J3", "C1", "C2"}), if_quadratic=frozenset({"H"}),
         source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.3 and IV.2.1",
-        prepare=prepare_in_field,
-        needs="rhs",
+        prepare=prepare_in_field, needs="rhs",
         # with a bound for unique solutions; the general kernel costs 1.3 to 1.7 times as much
         special={"uniform": prepare},
-    )
+    )  # fmt: skip
 
 
 def constants(

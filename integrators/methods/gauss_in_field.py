@@ -34,12 +34,13 @@ from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.methods.gauss_coefficients import matrices, tableau
+from lagrange_bench.integrators.methods.runge_kutta import two_sums
 from lagrange_bench.integrators.problem.system import System, depends
 
 # contraction below which the fixed point leaves no bias to be seen in some 10⁷ steps, without and with compensated sums
 WEAK = (1 / 10, 1 / 16)
 LIMIT = 500  # iterations; the fixed point takes 5 to 40, Newton 3 to 9
-LONGEST = 1e6  # of |h|, in time scales of the top
+LONGEST = 1e6  # of |h|, in time scales of the top: beyond, differences lose as many digits as h has
 
 NOT_CONVERGED, FOLDED = 1, 2
 FAILURES = {
@@ -61,6 +62,16 @@ def accumulate(S, c, place, K, X):
             X[i] += w * K[j]
             X[S + i] += w * K[S + j]
             X[2 * S + i] += w * K[2 * S + j]
+
+
+@inlined
+def at_stage(i, S, count, c, place, K, low, places, s, out):
+    """Components of stage i, at their places in the state s: s + (low + M K), the matrix M (S, S) by columns at c[place]."""
+    for a in range(count):
+        total = low[places[a]]
+        for j in range(S):
+            total += c[place + S * j + i] * K[count * j + a]  # small terms first
+        out[count * i + a] = total + s[places[a]]
 
 
 @inlined
@@ -94,9 +105,6 @@ def substitute(m, A, pivots, r):
         for j in range(k + 1, m):
             r[k] -= A[m * k + j] * r[j]
         r[k] *= A[m * k + k]
-
-
-# ------------------------------------------------------------------------------------ the formulas of a kernel
 
 
 @cache
@@ -168,11 +176,7 @@ def kernel(stages: int, system: System) -> Any:
         u, e = stack(K_SIZE), stack(L_SIZE)
         size = 0.0
         for i in range(S):
-            for a in range(U):
-                total = low[places_u[a]]
-                for j in range(S):
-                    total += c[MU + S * j + i] * K[U * j + a]  # small terms first
-                u[U * i + a] = total + s[places_u[a]]
+            at_stage(i, S, U, c, MU, K, low, places_u, s, u)
             for a in range(E):
                 e[E * i + a] = s[places_e[a]]
             y = place(s, get_u(u, U * i), get_e(e, E * i))
@@ -182,11 +186,7 @@ def kernel(stages: int, system: System) -> Any:
                 for a in range(E):
                     L[E * i + a] *= c[BETAS + i]
         for i in range(S):
-            for a in range(E):
-                total = low[places_e[a]]
-                for j in range(S):
-                    total += c[MU + S * j + i] * L[E * j + a]
-                e[E * i + a] = total + s[places_e[a]]
+            at_stage(i, S, E, c, MU, L, low, places_e, s, e)
             y = place(s, get_u(u, U * i), get_e(e, E * i))
             t = c[START] + c[STEP] * (tally[CLOCK] + c[NODES + i]) if timed else 0.0
             keep(Y, n * i, y)
@@ -262,11 +262,7 @@ def kernel(stages: int, system: System) -> Any:
 
     @unrolled(f"sums {name}")
     def sums(s, change):
-        """s + change, and what is lost: as `two_sum`."""
-        totals = tuple(a + b for a, b in zip(s, change, strict=True))
-        shares = [total - a for a, total in zip(s, totals, strict=True)]
-        rows = zip(s, change, totals, shares, strict=True)
-        return totals, tuple((a - (total - d)) + (b - d) for a, b, total, d in rows)
+        return tuple(map(tuple, two_sums(s, change)))
 
     @jit_as(f"step {name}")
     def step(s, c, tally):
@@ -303,6 +299,12 @@ def kernel(stages: int, system: System) -> Any:
     return step
 
 
+def check_span(name: str, span: float, h: float) -> None:
+    """StepError if h is far longer than the time scale of the motion, `span` times as long."""
+    if not span <= LONGEST:
+        raise StepError(name, f"|h| is over {LONGEST:g} times the time scale of the top or problem", h=h)
+
+
 def stepper_in_field(
     name: str, stages: int, top: Any, y0: Array, h: float, solver: str, compensated: bool = False
 ) -> FixedStepper:
@@ -315,8 +317,7 @@ def stepper_in_field(
         span = abs(h) * (math.hypot(*y0[:3]) + math.sqrt(slope * math.hypot(*y0[3:])))
     else:
         span = abs(h) / top.scales(y0)[2]
-    if not span <= LONGEST:
-        raise StepError(name, f"|h| is over {LONGEST:g} times the time scale of the problem", h=h)
+    check_span(name, span, h)
     b, mu, nu, ahead = matrices(stages)
     nodes = np.array(tableau(stages)[0], dtype=float)
     parts = (h * b, nodes, mu.T.ravel(), nu.T.ravel(), (ahead if span <= 1 else 0 * ahead).T.ravel(), top.numbers)

@@ -27,9 +27,10 @@ from lagrange_bench.integrators.checks import check_choice
 from lagrange_bench.integrators.compiling.compiled import inlined
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import Array, Method, StepError
+from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.methods import magnet
-from lagrange_bench.integrators.methods.gauss_in_field import stepper_in_field
+from lagrange_bench.integrators.methods.gauss_in_field import check_span, stepper_in_field
+from lagrange_bench.integrators.problem.field import cross
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
@@ -43,20 +44,14 @@ FAILURES = {
 # Below this contraction the fixed point is as quick as Newton and stagnates within half an ulp of the solution; above
 # it stops an ulp or more short of it, on the side it comes from.
 WEAK = 2.0**-8
-LONGEST = 1e6  # of |h|, in time scales of the top: x̄ ~ x/h is a difference that loses as many digits as h has
 
 
 @unrolled("cayley")
 def cayley(x1, x2, x3, v1, v2, v3):
     """u = v×x, d = (1 − v×)⁻¹ u and q = 1/(1 + |v|²)."""
-    u1 = v2 * x3 - v3 * x2
-    u2 = v3 * x1 - v1 * x3
-    u3 = v1 * x2 - v2 * x1
-    q = 1.0 / (1.0 + ((v1 * v1 + v2 * v2) + v3 * v3))
-    d1 = q * (u1 + (v2 * u3 - v3 * u2))
-    d2 = q * (u2 + (v3 * u1 - v1 * u3))
-    d3 = q * (u3 + (v1 * u2 - v2 * u1))
-    return u1, u2, u3, d1, d2, d3, q
+    v, q = (v1, v2, v3), 1.0 / (1.0 + ((v1 * v1 + v2 * v2) + v3 * v3))
+    u = cross(v, (x1, x2, x3))
+    return *u, *(q * (a + b) for a, b in zip(u, cross(v, u), strict=True)), q
 
 
 @unrolled("newton correction")
@@ -105,19 +100,10 @@ def solve(s, c, tally, newton, v1, v2):
 
 @unrolled("image")
 def image(s, kick, u, d, v):
-    J1, J2, J3, x1, x2, x3 = s
-    (u1, u2, u3), (d1, d2, d3), (v1, v2, v3) = u, d, v
-    e1 = u1 + (v2 * d3 - v3 * d2)  # v × x̄, equal to d but for round-off
-    e2 = u2 + (v3 * d1 - v1 * d3)
-    e3 = u3 + (v1 * d2 - v2 * d1)
-    return (
-        J1 - kick * (x2 + 0.5 * (d2 + e2)),
-        J2 + kick * (x1 + 0.5 * (d1 + e1)),
-        J3,
-        (x1 + d1) + e1,
-        (x2 + d2) + e2,
-        (x3 + d3) + e3,
-    )
+    J1, J2, J3, *x = s
+    e = tuple(a + b for a, b in zip(u, cross(v, d), strict=True))  # v × x̄, equal to d but for round-off
+    m1, m2 = (x[i] + 0.5 * (d[i] + e[i]) for i in (0, 1))
+    return J1 - kick * m2, J2 + kick * m1, J3, *((a + b) + c for a, b, c in zip(x, d, e, strict=True))
 
 
 @unrolled("explicit guess")
@@ -190,8 +176,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> F
         unique; "auto": the fixed point for h²|alpha||x| < 1/64, else Newton.
     """
     check_choice(solver, "solver", ("auto", "fixed_point", "newton"))
-    if not abs(h) <= LONGEST * top.scales(y0)[2]:
-        raise StepError("implicit_midpoint", f"|h| is over {LONGEST:g} times the time scale of the top", h=h)
+    check_span("implicit_midpoint", abs(h) * top.scales(y0)[0], h)
     contraction = 0.25 * h * h * abs(top.alpha) * math.hypot(*y0[3:])
     fixed = solver == "fixed_point" or (solver == "auto" and contraction < WEAK)
     c = np.array((top.alpha, h, contraction >= 0.25))
@@ -205,19 +190,11 @@ def prepare_in_field(top: PerturbedTop, y0: Array, h: float, *, solver: str = "a
 
 
 METHOD = Method(
-    name="implicit_midpoint",
-    label="Implicit midpoint",
-    family="implicit",
-    order=2,
-    symmetric=True,
-    poisson=False,
-    conserves=frozenset({"J3", "C1", "C2"}),
-    if_quadratic=frozenset({"H"}),
-    control="step",
+    name="implicit_midpoint", label="Implicit midpoint", family="implicit", order=2, symmetric=True,
+    conserves=frozenset({"J3", "C1", "C2"}), if_quadratic=frozenset({"H"}),
     source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.1 and IV.2.1",
-    prepare=prepare_in_field,
-    needs="rhs",
+    prepare=prepare_in_field, needs="rhs",
     # one cubic equation solves the step in a uniform field, and tells whether the solution is unique; the general kernel
     # costs 4.8 times as much there
     special={"uniform": prepare, "spins": magnet.SPINS["implicit_midpoint"]},
-)
+)  # fmt: skip

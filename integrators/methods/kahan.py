@@ -81,9 +81,6 @@ def step(s, c, tally):
     return J1 - kick * (2.0 * x2 + d2), J2 + kick * (2.0 * x1 + d1), J3, x1 + d1, x2 + d2, x3 + d3
 
 
-# ------------------------------------------------------------------------------------ any quadratic potential
-
-
 @cache
 def kernel_in_field(field: Field, level: bool) -> Any:
     """The step in a field; constants: h, then alpha and the parameters of the potential. `level`: the field keeps J3."""
@@ -123,18 +120,12 @@ def prepare_in_field(top: PerturbedTop, y0: Array, h: float) -> FixedStepper:
     return FixedStepper("kahan", h, np.array((h, *top.numbers)), step, failures=FAILURES, lane=True)
 
 
-# ------------------------------------------------------------------------------------ a uniform field
-
-
 def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     """Any h up to a pole of the map."""
     units = Units(top, y0, h)
     half = units.time(h) / 2
     c = np.array((half, half * units.alpha))
     return FixedStepper("kahan", h, c, step, enter=units.enter, leave=units.leave, failures=FAILURES, lane=True)
-
-
-# ------------------------------------------------------------------------------------ what the map keeps
 
 
 def e(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
@@ -163,17 +154,10 @@ def kappa(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
 
 
 METHOD = Method(
-    name="kahan",
-    label="Kahan–Hirota–Kimura",
-    family="integrable",
-    order=2,
-    symmetric=True,
-    poisson=False,
+    name="kahan", label="Kahan–Hirota–Kimura", family="integrable", order=2, symmetric=True,
     conserves=frozenset({"J3"}),
-    control="step",
     source="Kimura and Hirota, J. Phys. Soc. Japan 69 (2000) 3193; in the rest frame: this project",
-    prepare=prepare_in_field,
-    needs="quadratic",
+    prepare=prepare_in_field, needs="quadratic",
     special={"uniform": prepare},  # the general kernel costs 1.3 times as much there
     keeps={"e": e, "r0": r0, "kappa": kappa},
-)
+)  # fmt: skip

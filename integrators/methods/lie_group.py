@@ -176,9 +176,6 @@ def turn_from_left(k, s, tally):
     return turn_body(k, s, tally, False)
 
 
-# ------------------------------------------------------------------------------------ any system
-
-
 @cache
 def generator_of(system: System) -> Split:
     """h times the generator of the motion: the gradient of H, with the sign of the bracket."""
@@ -192,8 +189,8 @@ def generator_of(system: System) -> Split:
 
 
 @cache
-def algebra(space: Space) -> tuple[Any, Any]:
-    """(r1, k1, …, r4, k4) → Σ r k, and the commutator [k, l], of generators."""
+def algebra(space: Space) -> tuple[Any, Any, Any]:
+    """Of generators: (r, k1, …, k4) → Σ r k, the commutator [k, l], and (k, r, l) → k + r l."""
     size, affine, body = 6 if space == BODY else space.size, space.affine, space == BODY
 
     @unrolled(f"mean {size}")
@@ -210,18 +207,11 @@ def algebra(space: Space) -> tuple[Any, Any]:
             return *product(k[:3], l[:3]), *(a - b for a, b in pairs)
         return tuple(v for i in range(0, size, 3) for v in product(k[i : i + 3], l[i : i + 3]))
 
-    return mean, commutator
-
-
-@cache
-def sum_of(size: int) -> Any:
-    """(k, r, l) → k + r l of generators in `size` numbers."""
-
     @unrolled(f"plus {size}")
     def plus(k, r, l):
         return tuple(a + r * b for a, b in zip(k, l, strict=True))
 
-    return plus
+    return mean, commutator, plus
 
 
 @cache
@@ -229,12 +219,12 @@ def kernel(name: str, system: System) -> Any:
     """The step of a method for any system; constants: the time at the start, h, and those of the generator."""
     split, timed, space = generator_of(system), system.timed, system.space
     program, numbers = machine_code(split.moving), take(len(split.fixed.outputs))
-    mean, commutator = algebra(space)
+    mean, commutator, plus = algebra(space)
     n = len(split.moving.outputs)
     act = turn_from_right if system.body else turn_from_left
     if space != BODY:
         act = move if space.affine else turn_all(n // 3)
-    plus, zero = sum_of(n), (0.0,) * n
+    zero = (0.0,) * n
 
     @jit_as(f"generator {system.digest}")
     def generator(s, ahead, c, tally):
@@ -267,9 +257,6 @@ def kernel(name: str, system: System) -> Any:
     return rkmk4 if name == "rkmk4" else commutator_free4
 
 
-# ------------------------------------------------------------------------------------ methods
-
-
 def prepare(name: str, problem: Any, y0: Array, h: float) -> FixedStepper:
     """Any h for which no exponential turns by more than `MOST` rad: four or five exponentials."""
     system = problem.system
@@ -281,23 +268,13 @@ def prepare(name: str, problem: Any, y0: Array, h: float) -> FixedStepper:
 
 
 RKMK4 = Method(
-    name="rkmk4",
-    label="RKMK 4",
-    family="lie-group",
-    order=4,
-    symmetric=False,
-    poisson=False,
-    conserves=frozenset({"C1", "C2"}),
-    control="step",
+    name="rkmk4", label="RKMK 4", family="lie-group", order=4, conserves=frozenset({"C1", "C2"}),
     source="Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115; Munthe-Kaas and Owren, Phil. Trans. R. Soc. A 357 (1999) 957",
-    prepare=partial(prepare, "rkmk4"),
-    needs="rhs",
-)
+    prepare=partial(prepare, "rkmk4"), needs="rhs",
+)  # fmt: skip
 
 COMMUTATOR_FREE4 = replace(
-    RKMK4,
-    name="commutator_free4",
-    label="Commutator-free 4",
+    RKMK4, name="commutator_free4", label="Commutator-free 4",
     source="Celledoni, Marthinsen and Owren, Future Gener. Comput. Syst. 19 (2003) 341",
     prepare=partial(prepare, "commutator_free4"),
-)
+)  # fmt: skip

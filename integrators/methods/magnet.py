@@ -15,20 +15,21 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from functools import partial, wraps
-from threading import Lock
+from functools import wraps
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange_bench.integrators.checks import Array, check_grid, check_real, check_step
+from lagrange_bench.integrators.checks import Array, check_grid, check_step
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
 from lagrange_bench.integrators.interface import Method, StepError, Stepper, Work
+from lagrange_bench.integrators.methods.dense import Run, dense
+from lagrange_bench.integrators.methods.dop853 import check_tolerances
+from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
 
 ITERATIONS = 200  # of an implicit step, at most
-FARTHEST = 1e12  # turns of the quickest spin, at most, for a method that chooses its steps: it would take months
 
 
 class SpinStepper(Stepper):
@@ -70,9 +71,6 @@ def prepare_paper(magnet: Any, spins: Array, h: float, *, factors: int = 1) -> A
     from lagrange_bench.integrators.paper import gaudin_step
 
     return gaudin_step.prepare(magnet, spins, h, factors=factors)
-
-
-# ------------------------------------------------------------------------------------------ terms of the Hamiltonian
 
 
 def terms(magnet: Any) -> tuple[Array, NDArray[np.int64], Array]:
@@ -133,25 +131,17 @@ def sweep(s, b, pairs, K, t, forward):
                 s[j, 0], s[j, 1] = u, v
             continue
         j, k = pairs[p, 0], pairs[p, 1]
-        w1, w2, w3 = s[j, 0] + s[k, 0], s[j, 1] + s[k, 1], s[j, 2] + s[k, 2]
-        size = math.sqrt(w1 * w1 + w2 * w2 + w3 * w3)
+        v, w = (s[j, 0], s[j, 1], s[j, 2]), (s[j, 0] + s[k, 0], s[j, 1] + s[k, 1], s[j, 2] + s[k, 2])
+        size = math.sqrt(dot(w, w))
         if size == 0.0:
             continue
         half = 0.5 * t * K[p] * size
         sin = math.sin(half)
-        f = 2.0 * sin * math.cos(half) / size
-        g = 2.0 * sin * sin / (size * size)
-        x, y, z = s[j, 0], s[j, 1], s[j, 2]
-        t1, t2, t3 = w2 * z - w3 * y, w3 * x - w1 * z, w1 * y - w2 * x
-        d1 = f * t1 + g * (w2 * t3 - w3 * t2)
-        d2 = f * t2 + g * (w3 * t1 - w1 * t3)
-        d3 = f * t3 + g * (w1 * t2 - w2 * t1)
-        s[j, 0] += d1
-        s[j, 1] += d2
-        s[j, 2] += d3
-        s[k, 0] -= d1
-        s[k, 1] -= d2
-        s[k, 2] -= d3
+        u = cross(w, v)
+        d = add(times(2.0 * sin * math.cos(half) / size, u), 2.0 * sin * sin / (size * size), cross(w, u))
+        for i in range(3):
+            s[j, i] += d[i]
+            s[k, i] -= d[i]
 
 
 @jit
@@ -165,13 +155,14 @@ def run_splitting(s, b, pairs, K, h, weights, first, last, every, out):
     return -1, 0
 
 
+def alternating(a: tuple[float, ...], b: tuple[float, ...]) -> list[float]:
+    """a1, b1, a2, b2, …"""
+    return [x for pair in itertools.zip_longest(a, b) for x in pair if x is not None]
+
+
 def weights_of_two(a: tuple[float, ...], b: tuple[float, ...]) -> Array:
     """The weights of φ*, φ, φ*, … that for a sum of two parts is the splitting a1, b1, a2, b2, … (McLachlan)."""
-    letters = [x for pair in itertools.zip_longest(a, b, fillvalue=None) for x in pair if x is not None]
-    weights: list[float] = []
-    for letter in letters[:-1]:
-        weights.append(letter - (weights[-1] if weights else 0.0))
-    return np.array(weights)
+    return np.array(list(itertools.accumulate(alternating(a, b)[:-1], lambda weight, letter: letter - weight)))
 
 
 def _blanes_moan4() -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -182,10 +173,6 @@ def _blanes_moan4() -> tuple[tuple[float, ...], tuple[float, ...]]:
     return a, b
 
 
-def _prepare_splitting(name: str, weights: Array, magnet: Any, spins: Array, h: float) -> _CompiledStepper:
-    return _CompiledStepper(name, run_splitting, magnet, spins, h, weights)
-
-
 # ------------------------------------------------------------------------------------------ midpoint rules
 
 
@@ -193,15 +180,13 @@ def _prepare_splitting(name: str, weights: Array, magnet: Any, spins: Array, h: 
 def run_midpoint(s, b, pairs, K, h, spherical, first, last, every, out):
     """s' = s + h grad × m at m = (s + s')/2; spherical: at |s| m/|m|. By fixed-point iteration until it stalls."""
     n = len(b)
-    middle, field, mean = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
-    new, size = np.empty((n, 3)), np.empty(n)
+    middle, field, mean, size = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
     iterations = 0
     for step in range(first, last):
         for j in range(n):
             size[j] = math.sqrt(s[j, 0] ** 2 + s[j, 1] ** 2 + s[j, 2] ** 2)
         mean[:] = s
         old = np.inf
-        done = False
         for _ in range(ITERATIONS):
             iterations += 1
             for j in range(n):
@@ -221,16 +206,15 @@ def run_midpoint(s, b, pairs, K, h, spherical, first, last, every, out):
             for j in range(n):
                 for i in range(3):
                     u, v = (i + 1) % 3, (i + 2) % 3
-                    new[j, i] = s[j, i] + 0.5 * h * (field[j, u] * middle[j, v] - field[j, v] * middle[j, u])
-                    change += abs(new[j, i] - mean[j, i])
-                    mean[j, i] = new[j, i]
+                    new = s[j, i] + 0.5 * h * (field[j, u] * middle[j, v] - field[j, v] * middle[j, u])
+                    change += abs(new - mean[j, i])
+                    mean[j, i] = new
             if not change < np.inf:
-                break
+                return step, iterations
             if change == 0.0 or (change <= 1e-15 * np.sum(size) and change >= 0.5 * old):
-                done = True
                 break
             old = change
-        if not done:
+        else:
             return step, iterations
         for j in range(n):
             for i in range(3):
@@ -240,159 +224,50 @@ def run_midpoint(s, b, pairs, K, h, spherical, first, last, every, out):
     return -1, iterations
 
 
-def _prepare_midpoint(name: str, spherical: bool, magnet: Any, spins: Array, h: float) -> _CompiledStepper:
-    return _CompiledStepper(name, run_midpoint, magnet, spins, h, spherical)
-
-
-# ------------------------------------------------------------------------------------------ by tolerance
-
-
-class _GridStepper(Stepper):
-    """Advances spins by a solver that chooses its own steps: solve(spins, times) → states (times, n, 3).
-
-    `size` is the unit of the spins in `solve`, and 1/`size` that of time: tolerances of libraries are absolute below 1.
-    """
-
-    from_start = True
-
-    def __init__(
-        self,
-        name: str,
-        magnet: Any,
-        spins: Array,
-        h: float,
-        solve: Callable[[Array, Array], Array],
-        work: Work,
-        size: float,
-    ):
-        self.name, self.magnet, self.h, self.solve, self.work, self.size = (
-            name,
-            magnet,
-            check_step(h),
-            solve,
-            work,
-            size,
-        )
-        self.rate = magnet.turning_rate(magnet.check_spins(spins)) / (2 * math.pi)  # at most
-
-    def record(self, spins: Array, n: int, every: int) -> Array:
-        """Spins after the times 0, every h, … n h."""
-        check_grid(n, every)
-        out = np.empty((n // every + 1, len(self.magnet), 3))
-        out[0] = self.magnet.check_spins(spins)
-        if n:
-            if (turns := abs(self.h) * n * self.rate) > FARTHEST:
-                raise StepError(self.name, f"a spin may turn {turns:.3g} times, and at most {FARTHEST:g}", h=self.h)
-            times = self.h * every * np.arange(1.0, len(out))
-            out[1:] = self.solve(out[0] / self.size, times * self.size) * self.size
-        return out
-
-
-def _size(spins: Array) -> float:
-    """A power of two, 1 or less, in units of which the largest spin is not small."""
+def unit(spins: Array) -> float:
+    """A power of two, 1 or less, in which the largest spin is not small: tolerances of libraries are absolute below 1."""
     return math.ldexp(1.0, min(0, math.frexp(float(np.max(np.abs(spins))))[1]))
 
 
-def _check_tolerance(value: Any, name: str, least: float) -> float:
-    number = check_real(value, name)
-    if not (number > 0 and least <= number <= 1):
-        raise ValueError(f"{name} must be between {least:.3g} and 1; got {number:g}")
-    return number
-
-
-def prepare_taylor(magnet: Any, spins: Array, h: float, *, tol: float | None = None) -> _GridStepper:
-    """heyoka on its natural steps, with dense output; tol, relative to the largest spin: by default an ulp."""
-    import heyoka as hy
-
-    hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
-    n, (b, pairs, K), work, size = len(magnet), terms(magnet), Work(), _size(spins)
-    s = [hy.make_vars(*(f"s{j}_{i}" for i in "123")) for j in range(n)]
-    parts: list[list[list[Any]]] = [[[], [], []] for _ in range(n)]
-    for p, (j, k) in enumerate(pairs.tolist()):  # strengths are parameters: magnets of one size share the machine code
-        for i in range(3):
-            parts[j][i].append(hy.par[p] * s[k][i])
-            parts[k][i].append(hy.par[p] * s[j][i])
-    fields = np.flatnonzero(b).tolist()
-    for p, j in enumerate(fields, start=len(K)):
-        parts[j][2].append(hy.par[p])
-    system = []
-    for (x, y, z), sums in zip(s, parts, strict=True):
-        p, q, r = (hy.sum(addends) if addends else hy.expression(0.0) for addends in sums)
-        system += [(x, q * z - r * y), (y, r * x - p * z), (z, p * y - q * x)]
-    given = {} if tol is None else {"tol": _check_tolerance(tol, "tol", 0.0)}
-    strengths = [*K.tolist(), *(b[fields] / size).tolist()]
-    ta = hy.taylor_adaptive(system, [0.0] * (3 * n), pars=strengths, compact_mode=n > 8, **given)
-
-    some = max(1, INTERRUPTIBLE // (n + len(K)))
-    alone = Lock()  # heyoka's integrator has a state, and lets other threads run
-
-    def solve(start: Array, times: Array) -> Array:
-        with alone:
-            ta.time = 0.0
-            ta.state[:] = start.ravel()
-            if len(times) == 1:  # without dense output
-                outcome, steps = hy.taylor_outcome.step_limit, 0
-                while outcome == hy.taylor_outcome.step_limit:  # resuming changes no bit, and Ctrl-C is seen between
-                    outcome, _, _, taken, *_ = ta.propagate_until(float(times[0]), max_steps=some)
-                    steps += taken
-                rows = np.array((start.ravel(), ta.state))
-            else:  # the callback lets Ctrl-C in
-                outcome, _, _, steps, _, rows = ta.propagate_grid([0.0, *times], callback=lambda ta: True)
-        if outcome != hy.taylor_outcome.time_limit:
-            raise StepError("taylor", f"heyoka stopped: {outcome}", h=h)
-        work.steps += int(steps)
-        found: Array = rows[1:].reshape(-1, n, 3)
-        return found
-
-    return _GridStepper("taylor", magnet, spins, h, solve, work, size)
-
-
-def prepare_dop853(magnet: Any, spins: Array, h: float, *, rtol: float = 3e-14) -> _GridStepper:
+def dop853_runner(problem: Any, *, rtol: float = 3e-14) -> Run:
     """SciPy's DOP853 with its dense output; the absolute tolerance is a tenth of the relative one, times the largest spin."""
     from scipy.integrate import solve_ivp
 
-    rtol = _check_tolerance(rtol, "rtol", 100 * np.finfo(float).eps)
-    c, work, n, size = magnet.flow, Work(), len(magnet), _size(spins)
+    rtol, _ = check_tolerances(rtol, 0.0)
+    magnet, c = problem.magnet, problem.magnet.flow
 
-    def rhs(_: float, y: Array) -> Array:
-        rate: Array = magnet.rhs(size * y.reshape(n, 3), c).ravel() / size / size
-        return rate
+    def run(y: Array, grid: Array, work: Work) -> Array:
+        size = unit(y)
 
-    def solve(start: Array, times: Array) -> Array:
-        found = solve_ivp(rhs, (0, times[-1]), start.ravel(), "DOP853", times, rtol=rtol, atol=rtol / 10)
+        def rhs(_: float, y: Array) -> Array:
+            rate: Array = magnet.rhs(size * y.reshape(-1, 3), c).ravel() / size / size
+            return rate
+
+        found = solve_ivp(rhs, (0, grid[-1] * size), y / size, "DOP853", grid * size, rtol=rtol, atol=rtol / 10)
         if not found.success:
-            raise StepError("scipy_dop853", found.message, h=h)
+            raise StepError("scipy_dop853", found.message)
         work.rhs_evals += found.nfev
-        rows: Array = found.y.T.reshape(-1, n, 3)
+        rows: Array = found.y.T * size
         return rows
 
-    return _GridStepper("scipy_dop853", magnet, spins, h, solve, work, size)
+    return run
 
 
-def splitting_of_spins(name: str, a: tuple[float, ...], b: tuple[float, ...]) -> Callable[..., SpinStepper]:
-    """The builder of a splitting of two parts, a1, b1, a2, …, by pairs of spins."""
-    return of_spins(partial(_prepare_splitting, name, weights_of_two(a, b)))
+def of_loop(name: str, run: Callable, *constants: Any) -> Callable[..., SpinStepper]:
+    """The builder of a compiled loop with these constants."""
+    return of_spins(lambda magnet, spins, h: _CompiledStepper(name, run, magnet, spins, h, *constants))
 
 
 # builders by the names of the methods that have them: general kernels unroll all pairs of spins, these loop over any number
 SPINS = {
-    "strang": splitting_of_spins("strang", (0.5, 0.5), (1.0,)),
-    "blanes_moan4": splitting_of_spins("blanes_moan4", *_blanes_moan4()),
-    "implicit_midpoint": of_spins(partial(_prepare_midpoint, "implicit_midpoint", False)),
-    "taylor": of_spins(prepare_taylor),
-    "scipy_dop853": of_spins(prepare_dop853),
+    "strang": of_loop("strang", run_splitting, weights_of_two((0.5, 0.5), (1.0,))),
+    "blanes_moan4": of_loop("blanes_moan4", run_splitting, weights_of_two(*_blanes_moan4())),
+    "implicit_midpoint": of_loop("implicit_midpoint", run_midpoint, False),
+    "scipy_dop853": dense("scipy_dop853", dop853_runner)[0],
 }
 
 SPHERICAL_MIDPOINT = Method(
-    name="spherical_midpoint",
-    label="Spherical midpoint",
-    family="implicit",
-    order=2,
-    symmetric=True,
-    poisson=True,
-    conserves=frozenset({"J3", "C1", "C2"}),
-    control="step",
-    source="McLachlan, Modin and Verdier, Phys. Rev. E 89 (2014) 061301",
-    prepare=of_spins(partial(_prepare_midpoint, "spherical_midpoint", True)),
-    needs="spins",
-)
+    name="spherical_midpoint", label="Spherical midpoint", family="implicit", order=2, symmetric=True, poisson=True,
+    conserves=frozenset({"J3", "C1", "C2"}), source="McLachlan, Modin and Verdier, Phys. Rev. E 89 (2014) 061301",
+    prepare=of_loop("spherical_midpoint", run_midpoint, True), needs="spins",
+)  # fmt: skip

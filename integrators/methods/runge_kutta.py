@@ -36,14 +36,7 @@ from lagrange_bench.integrators.compiling.expression import Split, Tape, machine
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, RESIDUAL, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError
-from lagrange_bench.integrators.methods.tableaux import (
-    DOP853,
-    DORMAND_PRINCE,
-    RK4,
-    VERNER9,
-    Row,
-    Tableau,
-)
+from lagrange_bench.integrators.methods.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Row, Tableau
 from lagrange_bench.integrators.problem.field import Field, dot
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.system import System
@@ -51,15 +44,13 @@ from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units, ldexp, units_in_field
 from lagrange_bench.integrators.torus.stepper import OFF_TORUS
 
+PROJECTING = "verner9_projected"
 ALPHA, ENERGY, C1, C2 = range(4)  # places of the constants of the projection
 DAMPING = 2.0**-46
 TINY = 2.0**-50  # square of a correction after which what is left is round-off
 LIMIT = 10  # Newton steps
 NOT_CONVERGED = 1
 FAILURES = {NOT_CONVERGED: f"the projection is not done after {LIMIT} Newton steps; take a smaller |h|"}
-
-
-# ------------------------------------------------------------------------------------ any tableau, written out
 
 
 def weigh(weights: tuple[float, ...], slopes: Any) -> Any:
@@ -98,7 +89,11 @@ def increment_of(tableau: Tableau, system: System) -> Split:
     return system.split(increment)
 
 
-# ------------------------------------------------------------------------------------ adding the increment
+def two_sums(a: Any, b: Any) -> tuple[list[Any], list[Any]]:
+    """a + b of several numbers, and what is lost: as `two_sum`."""
+    totals = [x + y for x, y in zip(a, b, strict=True)]
+    rows = [(x, y, total, total - x) for x, y, total in zip(a, b, totals, strict=True)]
+    return totals, [(x - (total - share)) + (y - share) for x, y, total, share in rows]
 
 
 @cache
@@ -116,11 +111,8 @@ def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
 
     @unrolled(f"sums {name}")
     def sums(s, d, lost):
-        """The new state, and what is lost: as `two_sum`."""
-        pairs = [(s[i], change + low) for i, change, low in zip(moving, d, lost, strict=True)]
-        totals = [a + b for a, b in pairs]
-        shares = [total - a for (a, _), total in zip(pairs, totals, strict=True)]
-        lows = [(a - (c - e)) + (b - e) for (a, b), c, e in zip(pairs, totals, shares, strict=True)]
+        changes = [change + low for change, low in zip(d, lost, strict=True)]
+        totals, lows = two_sums([s[i] for i in moving], changes)
         return tuple(totals[moving.index(i)] if i in moving else s[i] for i in range(size)), tuple(lows)
 
     @jit_as(f"plain {name}")
@@ -135,8 +127,6 @@ def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
 
     return carrying if compensated and count else plain
 
-
-# ------------------------------------------------------------------------------------ the step of any system
 
 START, STEP, FIRST = range(3)  # places of the constants: the time at the start, h, and those of the formula
 
@@ -215,9 +205,6 @@ def projected(s, c, tally):
     return J1, J2, J3, x1, x2, x3
 
 
-# ------------------------------------------------------------------------------------ a top in any field
-
-
 @jit
 def moved(s, d):
     return s[0] + d[0], s[1] + d[1], s[2] + d[2], s[3] + d[3], s[4] + d[4], s[5] + d[5]
@@ -232,12 +219,8 @@ def projected_in_field(field: Field, level: bool) -> tuple[Callable[..., Any], C
 
     `c`: the places above, then the numbers. The state is the user's; what is projected is the state in units of order one.
     """
-    potential, gradient, name, numbers = (
-        field.potential,
-        field.gradient,
-        f"{field.digest} {level}",
-        take(field.parameters),
-    )
+    potential, gradient, numbers = field.potential, field.gradient, take(field.parameters)
+    name = f"{field.digest} {level}"
 
     @unrolled(f"scaled {name}")
     def scaled(s, q, per_rate, per_length):
@@ -301,9 +284,6 @@ def followed_by(tableau: Tableau, system: System, finish: Callable[..., Any]) ->
     return both
 
 
-# ------------------------------------------------------------------------------------ methods
-
-
 def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
     def prepare(problem: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
         """`compensated`: carry the rounding error of the state along, at most a few per cent dearer."""
@@ -315,18 +295,9 @@ def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
         return FixedStepper(name, h, c, step, rhs_per_step=stages, lane=alike, size=size, timed=timed, memory=size)
 
     return Method(
-        name=name,
-        label=label,
-        family="runge-kutta",
-        order=tableau.order,
-        symmetric=False,
-        poisson=False,
-        conserves=frozenset({"J3"}),
-        control="step",
-        source=source,
-        prepare=prepare,
-        needs="rhs",
-    )
+        name=name, label=label, family="runge-kutta", order=tableau.order, conserves=frozenset({"J3"}), source=source,
+        prepare=prepare, needs="rhs",
+    )  # fmt: skip
 
 
 VERNER = "Verner, Numer. Algorithms 53 (2010) 383, most efficient 9(8)"
@@ -336,70 +307,63 @@ FIFTH = fixed(
     "rk45_fixed", "RK45, fixed step", DORMAND_PRINCE, "Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19"
 )
 EIGHTH = fixed(
-    "dop853_fixed",
-    "DOP853, fixed step",
-    DOP853,
+    "dop853_fixed", "DOP853, fixed step", DOP853,
     "Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5",
-)
+)  # fmt: skip
 NINTH = fixed("verner9_fixed", "Verner 9, fixed step", VERNER9, VERNER)
 
 
 def prepare_projected(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     """Back onto the H, C1 and C2 of y0 after every step."""
-    name, units = "verner9_projected", Units(top, y0, h)
-    c = np.zeros(4)
+    units, c = Units(top, y0, h), np.zeros(4)
     c[ALPHA] = units.alpha
 
-    def lacking(state: Array) -> tuple[float, float, float]:
+    def lacking(state: Array) -> Array:
         j, _, xx, xJ = products(*state)
-        g1, g2, g3 = lack(c, j, state[2], state[5], xx, xJ)
-        return g1, g2, g3
+        return np.array(lack(c, j, state[2], state[5], xx, xJ))
 
-    def enter(y: Array) -> Array:
-        state = units.enter(y)
-        if not max(map(abs, lacking(state))) <= OFF_TORUS:
-            raise StepError(name, "the state is not on the torus this step was prepared for", h=h)
-        return state
-
-    g1, g2, g3 = lacking(units.enter(y0))
-    c[ENERGY], c[C1], c[C2] = -g1, -2.0 * g2, -g3
-    constants = np.concatenate((constants_of(VERNER9, LagrangeTop(units.alpha), units.time(h)), c))
-    if not np.isfinite(constants).all():
-        raise StepError(name, "the top, its state or h is beyond the range of doubles", h=h)
-    leave, stages, step = units.leave, VERNER9.stages, followed_by(VERNER9, top.system, projected)
-    return FixedStepper(name, h, constants, step, enter=enter, leave=leave, rhs_per_step=stages, failures=FAILURES)
+    c[ENERGY:] = lacking(units.enter(y0)) * (-1.0, -2.0, -1.0)
+    first, step = (
+        constants_of(VERNER9, LagrangeTop(units.alpha), units.time(h)),
+        followed_by(VERNER9, top.system, projected),
+    )
+    return _on_torus(h, np.concatenate((first, c)), step, lacking, units.enter, leave=units.leave)
 
 
 def prepare_projected_in_field(top: PerturbedTop, y0: Array, h: float) -> FixedStepper:
     """As `prepare_projected`."""
-    name, units, level = "verner9_projected", units_in_field("verner9_projected", top, y0, h), "J3" in top.conserved
-    finish, lacking = projected_in_field(top.field, level)
-    scales = ldexp(1.0, -units.rate), ldexp(1.0, -units.length)
-    c = np.array((0.0, 0.0, 0.0, *scales, *top.numbers))
+    units = units_in_field(PROJECTING, top, y0, h)
+    finish, lacking_in = projected_in_field(top.field, "J3" in top.conserved)
+    c = np.array((0.0, 0.0, 0.0, ldexp(1.0, -units.rate), ldexp(1.0, -units.length), *top.numbers))
 
-    def lack_of(y: Array) -> Array:
-        return np.array(lacking(tuple(y.tolist()), c)[3])
+    def lacking(y: Array) -> Array:
+        return np.array(lacking_in(tuple(y.tolist()), c)[3])
 
-    c[IN_ENERGY : IN_C2 + 1] = -lack_of(y0)
-    if not (np.isfinite(c).all() and min(scales) > 0.0):
-        raise StepError(name, "the top, its state or h is beyond the range of doubles", h=h)
+    c[IN_ENERGY : IN_C2 + 1] = -lacking(y0)
+    step = followed_by(VERNER9, top.system, finish)
+    return _on_torus(h, np.concatenate((constants_of(VERNER9, top, h), c)), step, lacking, np.array)
 
-    def enter(y: Array) -> Array:
-        if not np.max(np.abs(lack_of(y))) <= OFF_TORUS:
-            raise StepError(name, "the state is not on the torus this step was prepared for", h=h)
-        return np.array(y)
 
-    step, constants = followed_by(VERNER9, top.system, finish), np.concatenate((constants_of(VERNER9, top, h), c))
-    return FixedStepper(name, h, constants, step, enter=enter, rhs_per_step=VERNER9.stages, failures=FAILURES)
+def _on_torus(
+    h: float, c: Array, step: Any, lacking: Callable[[Array], Array], enter: Callable[[Array], Array], **more: Any
+) -> FixedStepper:
+    """A stepper for states that lack nothing but round-off of the invariants."""
+    if not np.isfinite(c).all():
+        raise StepError(PROJECTING, "the top, its state or h is beyond the range of doubles", h=h)
+
+    def checked(y: Array) -> Array:
+        state = enter(y)
+        if not np.max(np.abs(lacking(state))) <= OFF_TORUS:
+            raise StepError(PROJECTING, "the state is not on the torus this step was prepared for", h=h)
+        return state
+
+    stages = VERNER9.stages
+    return FixedStepper(PROJECTING, h, c, step, enter=checked, rhs_per_step=stages, failures=FAILURES, **more)
 
 
 PROJECTED = replace(
-    NINTH,
-    name="verner9_projected",
-    label="Verner 9, projected",
-    conserves=frozenset({"H", "J3", "C1", "C2"}),
+    NINTH, name=PROJECTING, label="Verner 9, projected", conserves=frozenset({"H", "J3", "C1", "C2"}),
     source=f"{VERNER}; Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), IV.4",
-    prepare=prepare_projected_in_field,
-    needs="force",
+    prepare=prepare_projected_in_field, needs="force",
     special={"uniform": prepare_projected},  # the general kernel costs 2.2 times as much there
-)
+)  # fmt: skip

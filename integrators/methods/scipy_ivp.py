@@ -29,7 +29,7 @@ import threading
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -41,7 +41,7 @@ from lagrange_bench.integrators.compiling.expression import take
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.methods import magnet
-from lagrange_bench.integrators.methods.dense import DenseStepper, Problem, Run, at_times
+from lagrange_bench.integrators.methods.dense import Problem, Run, dense
 from lagrange_bench.integrators.methods.dop853 import check_tolerances
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -92,7 +92,8 @@ class Solver:
     def __init__(self, name: str, scipys: Any, times: int = 0):
         self.name, self.scipys, self.times = name, scipys, times
 
-    def runner(self, top: Problem, rtol: float, atol: float) -> Run:
+    def runner(self, top: Problem, *, rtol: float, atol: float) -> Run:
+        """Natural steps with the local error kept below atol + rtol |y_i|."""
         rtol, atol = check_tolerances(rtol, atol)
         follow = self.implicit if self.times else self.explicit
         f, c, matrix = functions_of(top)
@@ -192,64 +193,30 @@ def natural(
     solver: Solver, label: str, family: str, order: int, source: str, tolerances: tuple[float, float] = (1e-9, 1e-12)
 ) -> Method:
     """The record of a solver; `tolerances` are its defaults, rtol and atol."""
-    relative, absolute = tolerances
-
-    def prepare(top: Problem, y0: Array, h: float, *, rtol: float = relative, atol: float = absolute) -> DenseStepper:
-        """Natural steps with the local error kept below atol + rtol |y_i|."""
-        return DenseStepper(solver.name, top, y0, h, solver.runner(top, rtol, atol))
-
-    def evaluate(
-        top: Problem, y0: Array, times: Array, *, rtol: float = relative, atol: float = absolute
-    ) -> tuple[Array, Work]:
-        """Dense output at any times; options as in `prepare`."""
-        return at_times(solver.name, top, solver.runner(top, rtol, atol), y0, times)
-
+    rtol, atol = tolerances
+    prepare, evaluate = dense(solver.name, partial(solver.runner, rtol=rtol, atol=atol))
     return Method(
-        name=solver.name,
-        label=label,
-        family=family,
-        order=order,
-        symmetric=False,
-        poisson=False,
-        conserves=frozenset({"J3"}),
-        control="tolerance",
-        source=f"scipy.integrate.{solver.scipys.__name__}; {source}",
-        prepare=prepare,
-        evaluate=evaluate,
-        needs="rhs",
+        name=solver.name, label=label, family=family, order=order, conserves=frozenset({"J3"}), control="tolerance",
+        source=f"scipy.integrate.{solver.scipys.__name__}; {source}", prepare=prepare, evaluate=evaluate, needs="rhs",
         engine="scipy",
-    )
+    )  # fmt: skip
 
 
 RK45 = natural(
-    Solver("rk45", scipy.integrate.RK45),
-    "RK45 (SciPy)",
-    "runge-kutta",
-    5,
+    Solver("rk45", scipy.integrate.RK45), "RK45 (SciPy)", "runge-kutta", 5,
     "Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19",
-)
-DOP853 = replace(
-    natural(
-        Solver("scipy_dop853", scipy.integrate.DOP853),
-        "DOP853 (SciPy)",
-        "runge-kutta",
-        8,
-        "Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5",
-    ),
-    special={"spins": magnet.SPINS["scipy_dop853"]},
-)
+)  # fmt: skip
+DOP853 = natural(
+    Solver("scipy_dop853", scipy.integrate.DOP853), "DOP853 (SciPy)", "runge-kutta", 8,
+    "Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5",
+)  # fmt: skip
+DOP853 = replace(DOP853, special={"spins": magnet.SPINS["scipy_dop853"]})
 LSODA = natural(
-    Solver("lsoda", scipy.integrate.LSODA, times=1),
-    "LSODA (SciPy)",
-    "implicit",
+    Solver("lsoda", scipy.integrate.LSODA, times=1), "LSODA (SciPy)", "implicit",
     12,  # the highest of its Adams formulas; BDF up to 5
     "Petzold, SIAM J. Sci. Stat. Comput. 4 (1983) 136",
-)
+)  # fmt: skip
 RADAU = natural(
-    Solver("radau", scipy.integrate.Radau, times=3),
-    "Radau (SciPy)",
-    "implicit",
-    5,
-    "Hairer and Wanner, Solving Ordinary Differential Equations II (1996), IV.8",
-    tolerances=(1e-7, 1e-10),
-)
+    Solver("radau", scipy.integrate.Radau, times=3), "Radau (SciPy)", "implicit", 5,
+    "Hairer and Wanner, Solving Ordinary Differential Equations II (1996), IV.8", tolerances=(1e-7, 1e-10),
+)  # fmt: skip

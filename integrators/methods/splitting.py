@@ -35,8 +35,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache, partial
-from itertools import chain, zip_longest
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,7 +45,7 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_flag
 from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as, jit_over
 from lagrange_bench.integrators.compiling.double_double import two_sum
-from lagrange_bench.integrators.compiling.expression import machine_code, take
+from lagrange_bench.integrators.compiling.expression import machine_code, put, take
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, ConjugateStepper, FixedStepper, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError
@@ -52,8 +53,6 @@ from lagrange_bench.integrators.methods import magnet
 from lagrange_bench.integrators.problem.field import Field
 from lagrange_bench.integrators.problem.parts import Part
 from lagrange_bench.integrators.problem.top import LagrangeTop
-
-# ------------------------------------------------------------------------------------ schemes
 
 
 class Scheme(NamedTuple):
@@ -148,8 +147,6 @@ SCHEMES = {
 }  # fmt: skip
 
 
-# ------------------------------------------------------------------------------------ kernels
-
 A, B, C, D, STRIDE = range(5)  # places in each group of constants: one rotation, one kick
 PART = 0.25  # z = (angle/2)² of a turn made at once: an angle of 1
 LARGE = 1e154  # what has a square
@@ -221,135 +218,92 @@ def rotate(part, J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated, at_once):
     return True, x1, x2, x3, l1, l2, l3
 
 
-@inlined
-def compose(s, c, tally, gradients, compensated, at_once=False):
-    """One step: rotation and kick for each group of constants; `gradients` 0, 1 or 2 terms in each kick.
+@cache
+def push_of(gradients: int) -> Any:
+    """(x, c, i) → the kick of group i of the constants in a uniform field, with so many of its gradients."""
+
+    @jit_as(f"push {gradients}", forceinline=True)
+    def push(x, c, i):
+        kick = c[i + B]
+        if gradients > 0:
+            kick += c[i + C] * x[2]
+        if gradients > 1:
+            kick += c[i + D] * ((x[0] * x[0] + x[1] * x[1]) - 2.0 * (x[2] * x[2]))
+        return -(kick * x[1]), kick * x[0], 0.0
+
+    return push
+
+
+@cache
+def torques(field: Field, gradients: int) -> Any:
+    """(x, q, weights) → the sum of the torque of a field and of so many of its gradients, each times its weight."""
+    programs = (field.torque, field.twist, field.second_twist)[: gradients + 1]
+
+    @unrolled(f"torques {field.digest} {gradients}")
+    def total(x, q, weights):
+        t = tuple(weights[0] * v for v in programs[0](*x, *q))
+        for weight, program in zip(weights[1:], programs[1:], strict=False):
+            t = tuple(v + weight * w for v, w in zip(t, program(*x, *q), strict=True))
+        return t
+
+    return total
+
+
+@cache
+def push_in_field(field: Field, gradients: int) -> Any:
+    """As `push_of`; alpha and the parameters of the potential follow the four constants of each group."""
+    total, numbers = torques(field, gradients), take(field.parameters)
+
+    @jit_as(f"push {field.digest} {gradients}", forceinline=True)
+    def push(x, c, i):
+        return total(x, numbers(c, i + STRIDE), (c[i + B], c[i + C], c[i + D]))
+
+    return push
+
+
+@cache
+def kernel(push: Any, name: str, stride: int, level: bool, compensated: bool, at_once: bool = False) -> Any:
+    """One step: rotation and kick for each group of `stride` constants. `level`: the field keeps J3.
 
     `at_once`: fails where a turn is to be made in parts.
     """
-    J1, J2, J3, x1, x2, x3 = s
-    k1 = k2 = l1 = l2 = l3 = 0.0
-    if compensated:
-        k1, k2, l1, l2, l3 = tally[MEMORY], tally[MEMORY + 1], tally[MEMORY + 2], tally[MEMORY + 3], tally[MEMORY + 4]
-    for i in range(0, len(c), STRIDE):
-        done, x1, x2, x3, l1, l2, l3 = rotate(c[i + A], J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated, at_once)
-        if not done:
-            tally[FAILURE] = TOO_FAR
-            return s
-        kick = c[i + B]
-        if gradients > 0:
-            kick += c[i + C] * x3
-        if gradients > 1:
-            kick += c[i + D] * ((x1 * x1 + x2 * x2) - 2.0 * (x3 * x3))
-        J1, k1 = add(J1, k1, -(kick * x2), compensated)
-        J2, k2 = add(J2, k2, kick * x1, compensated)
-    if compensated:
-        tally[MEMORY], tally[MEMORY + 1], tally[MEMORY + 2], tally[MEMORY + 3], tally[MEMORY + 4] = k1, k2, l1, l2, l3
-    return J1, J2, J3, x1, x2, x3
+    kept, keep = take(5), put(5)
 
-
-def kernel(gradients: int, compensated: bool, at_once: bool = False) -> Any:
-    """`compose` as a kernel of the time loop."""
-
-    @jit_as(f"compose {gradients} {compensated} {at_once}", forceinline=True)
-    def step(s, c, tally):
-        return compose(s, c, tally, gradients, compensated, at_once)
-
-    return step
-
-
-# by `compensated`, then by the number of gradients; those for SIMD lanes take one group of constants after the other
-KERNELS, LANES = (
-    tuple(tuple(kernel(gradients, compensated, at_once) for gradients in range(3)) for compensated in (False, True))
-    for at_once in (False, True)
-)
-
-
-# ------------------------------------------------------------------------------------ kernels for any field
-
-
-@cache
-def pushes_in_field(field: Field, gradients: int) -> Any:
-    """(x, q) → the torque of the field, then those of as many commutators as `gradients` says."""
-    torque, twist, second = field.torque, field.twist, field.second_twist
-
-    @unrolled(f"pushes {field.digest} {gradients}")
-    def pushes(x, q):
-        return (torque(*x, *q), *((twist(*x, *q),) * (gradients > 0)), *((second(*x, *q),) * (gradients > 1)))
-
-    return pushes
-
-
-@cache
-def kernel_in_field(field: Field, level: bool, gradients: int, compensated: bool, at_once: bool = False) -> Any:
-    """`kernel` for any field: in each group of constants alpha and the parameters of the potential follow the four.
-
-    `level`: the field keeps J3.
-    """
-    pushes, numbers, stride = pushes_in_field(field, gradients), take(field.parameters), STRIDE + field.parameters
-
-    @jit_as(f"in field {field.digest} {level} {gradients} {compensated} {at_once}", forceinline=True)
+    @jit_as(f"splitting {name} {stride} {level} {compensated} {at_once}", forceinline=True)
     def step(s, c, tally):
         J1, J2, J3, x1, x2, x3 = s
         k1 = k2 = k3 = l1 = l2 = l3 = 0.0
         if compensated:
-            k1, k2, l1, l2, l3 = (
-                tally[MEMORY],
-                tally[MEMORY + 1],
-                tally[MEMORY + 2],
-                tally[MEMORY + 3],
-                tally[MEMORY + 4],
-            )
-            k3 = tally[MEMORY + 5]
+            k1, k2, l1, l2, l3 = kept(tally, MEMORY)
+            if not level:
+                k3 = tally[MEMORY + 5]
         for i in range(0, len(c), stride):
             done, x1, x2, x3, l1, l2, l3 = rotate(c[i + A], J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated, at_once)
             if not done:
                 tally[FAILURE] = TOO_FAR
                 return s
-            push = pushes((x1, x2, x3), numbers(c, i + STRIDE))
-            p1, p2, p3 = c[i + B] * push[0][0], c[i + B] * push[0][1], c[i + B] * push[0][2]
-            if gradients > 0:
-                p1, p2, p3 = p1 + c[i + C] * push[1][0], p2 + c[i + C] * push[1][1], p3 + c[i + C] * push[1][2]
-            if gradients > 1:
-                p1, p2, p3 = p1 + c[i + D] * push[2][0], p2 + c[i + D] * push[2][1], p3 + c[i + D] * push[2][2]
+            p1, p2, p3 = push((x1, x2, x3), c, i)
             J1, k1 = add(J1, k1, p1, compensated)
             J2, k2 = add(J2, k2, p2, compensated)
             if not level:
                 J3, k3 = add(J3, k3, p3, compensated)
         if compensated:
-            tally[MEMORY], tally[MEMORY + 1], tally[MEMORY + 2], tally[MEMORY + 3], tally[MEMORY + 4] = (
-                k1,
-                k2,
-                l1,
-                l2,
-                l3,
-            )
-            tally[MEMORY + 5] = k3
+            keep(tally, MEMORY, (k1, k2, l1, l2, l3))
+            if not level:
+                tally[MEMORY + 5] = k3
         return J1, J2, J3, x1, x2, x3
 
     return step
 
 
-@cache
-def map_in_field(step: Any) -> Any:
-    """One rotation and one kick of each row, in place."""
-
-    @jit_over(step)
-    def run(rows, flow, tally):
-        for row in rows:
-            row[0], row[1], row[2], row[3], row[4], row[5] = step(
-                (row[0], row[1], row[2], row[3], row[4], row[5]), flow, tally
-            )
-
-    return run
-
-
-@cache
-def kernels_in_field(field: Field, level: bool, gradients: int, compensated: bool) -> tuple[Any, Any, Any]:
-    """The kernels of the time loop and of the SIMD lanes, and the map of rows."""
-    step = kernel_in_field(field, level, gradients, compensated)
-    lanes = kernel_in_field(field, level, gradients, compensated, at_once=True)
-    return step, lanes, map_in_field(kernel_in_field(field, level, gradients, False))
+# in a uniform field, by `compensated`, then by the number of gradients; those for SIMD lanes take one group after the other
+KERNELS, LANES = (
+    tuple(
+        tuple(kernel(push_of(count), f"uniform {count}", STRIDE, True, compensated, at_once) for count in range(3))
+        for compensated in (False, True)
+    )
+    for at_once in (False, True)
+)
 
 
 @inlined
@@ -369,16 +323,26 @@ def process(s, g):
     return D * J1 - twice * J3 * w1, D * J2 - twice * J3 * w2, J3, x1 / D, x2 / D, z / D
 
 
-@jit
-def map_rows(rows, before, flow, after, tally):
-    """Of each row, in place: the flow of [A,B], one rotation and one kick, the flow of [A,B]."""
-    for row in rows:
-        s = process((row[0], row[1], row[2], row[3], row[4], row[5]), before)
-        s = process(compose(s, flow, tally, 2, False), after)
-        row[0], row[1], row[2], row[3], row[4], row[5] = s
+@cache
+def map_over(step: Any, processed: bool) -> Any:
+    """Of each row, in place: one rotation and one kick; if `processed`, with the flow of [A,B] before and after them."""
+    get, write = take(6), put(6)
+
+    @jit_over(step)
+    def run(rows, before, flow, after, tally):
+        for row in rows:
+            s = get(row, 0)
+            if processed:
+                s = process(s, before)
+            s = step(s, flow, tally)
+            if processed:
+                s = process(s, after)
+            write(row, 0, s)
+
+    return run
 
 
-# ------------------------------------------------------------------------------------ steppers
+MAP = map_over(KERNELS[False][2], True)
 
 
 @cache
@@ -424,26 +388,10 @@ def prepare(name: str, top: LagrangeTop, y0: Array, h: float, *, compensated: bo
     `compensated`: what rounding takes from a sum is kept for the next one, from step to step within a call.
     """
     scheme, carried = SCHEMES[name], check_flag(compensated, "compensated")
-    steps, first = groups(scheme)
     force = top.single() * h  # the size of a kick; its gradients come with factors alpha h²
     scales = np.array((0.5 * h, force, 2.0 * force * (force * h), -2.0 * force * square(force * h)))
-    constants, begin = scaled(steps, scales, NOTHING), scaled(first, scales, NOTHING)
-    processor = 0.5 * scheme.processor * force * h
-    if not (finite(constants) and math.isfinite(processor)):
-        raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
-    gradients = bool(scheme.c) + bool(scheme.d)
-    return ConjugateStepper(
-        name,
-        h,
-        constants,
-        KERNELS[carried][gradients],
-        map_rows=map_rows,
-        way_in=(processor, begin, 0.0),
-        way_out=(0.0, -begin, -processor),
-        rhs_per_step=len(steps),
-        failures=FAILURES,
-        lane=(LANES[carried][gradients], STRIDE),
-    )
+    kernels = (chosen[carried][bool(scheme.c) + bool(scheme.d)] for chosen in (KERNELS, LANES))
+    return _conjugate(name, h, scales, NOTHING, *kernels, MAP, 0.5 * scheme.processor * force * h)
 
 
 def prepare_in_field(name: str, top: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
@@ -452,26 +400,29 @@ def prepare_in_field(name: str, top: Any, y0: Array, h: float, *, compensated: b
         if compensated:
             raise ValueError(f"compensated: {name} carries no sums for a Problem")
         return prepare_parts(name, top, h)
-    scheme, carried = SCHEMES[name], check_flag(compensated, "compensated")
-    steps, first = groups(scheme)
-    numbers, level = np.array(top.numbers), "J3" in top.conserved
-    scales = np.array((0.5 * h, h, -h * (h * h), h * square(h * h)))
-    constants, begin = scaled(steps, scales, numbers), scaled(first, scales, numbers)
-    if not (finite(constants) and finite(begin)):
-        raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
-    step, lanes, rows = kernels_in_field(top.field, level, bool(scheme.c) + bool(scheme.d), carried)
-    return ConjugateStepper(
-        name,
-        h,
-        constants,
-        step,
-        map_rows=rows,
-        way_in=(begin,),
-        way_out=(scaled(first, -scales, numbers),),
-        rhs_per_step=len(steps),
-        failures=FAILURES,
-        lane=(lanes, STRIDE + top.field.parameters),
+    scheme, carried, field = SCHEMES[name], check_flag(compensated, "compensated"), top.field
+    gradients = bool(scheme.c) + bool(scheme.d)
+    push, about = push_in_field(field, gradients), f"{field.digest} {gradients}"
+    form = push, about, STRIDE + field.parameters, "J3" in top.conserved
+    scales, rows = np.array((0.5 * h, h, -h * (h * h), h * square(h * h))), map_over(kernel(*form, False), False)
+    return _conjugate(
+        name, h, scales, np.array(top.numbers), kernel(*form, carried), kernel(*form, carried, True), rows
     )
+
+
+def _conjugate(
+    name: str, h: float, scales: Array, numbers: Array, step: Any, lanes: Any, rows: Any, processor: float = 0.0
+) -> ConjugateStepper:
+    """The stepper of a scheme; its constants are the coefficients times `scales`, and the numbers of the field."""
+    steps, first = groups(SCHEMES[name])
+    constants, begin = scaled(steps, scales, numbers), scaled(first, scales, numbers)
+    if not (finite(constants) and finite(begin) and math.isfinite(processor)):
+        raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
+    end = scaled(first, -scales, numbers) if len(numbers) else -begin
+    return ConjugateStepper(
+        name, h, constants, step, map_rows=rows, way_in=(processor, begin, 0.0), way_out=(0.0, end, -processor),
+        rhs_per_step=len(steps), failures=FAILURES, lane=(lanes, STRIDE + len(numbers)),
+    )  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------ any parts
@@ -487,8 +438,7 @@ def stages_of(scheme: Scheme, parts: Sequence[Part]) -> list[Stage]:
     In general the scheme is made of sweeps φ*, φ, φ*, … through all parts, φ* in the opposite order (McLachlan, SIAM J. Sci.
     Comput. 16 (1995) 151), with t as one more part.
     """
-    letters = [scheme.a, scheme.b] if scheme.first == "A" else [scheme.b, scheme.a]
-    lengths = [v for pair in zip_longest(*letters) for v in pair if v is not None]
+    letters = (scheme.a, scheme.b) if scheme.first == "A" else (scheme.b, scheme.a)
     found: list[Stage] = []
     now = 0.0
 
@@ -500,14 +450,12 @@ def stages_of(scheme: Scheme, parts: Sequence[Part]) -> list[Stage]:
             found.append((part, length, now))
 
     if len(parts) == 2 and not parts[0].timed:
-        for i, length in enumerate(lengths):
+        for i, length in enumerate(magnet.alternating(*letters)):
             first = (i % 2 == 0) == (scheme.first == "A")
             flow(0 if first else 1, length)
             now += length if first else 0.0
         return found
-    weight = 0.0
-    for i, length in enumerate(lengths[:-1]):
-        weight = length - weight
+    for i, weight in enumerate(magnet.weights_of_two(*letters).tolist()):
         now += weight if i % 2 else 0.0
         for part in range(len(parts)) if i % 2 else reversed(range(len(parts))):
             flow(part, weight)
@@ -562,33 +510,22 @@ def prepare_parts(name: str, problem: Any, h: float) -> FixedStepper:
     return FixedStepper(name, h, c, step, rhs_per_step=len(stages), size=system.size, timed=system.timed)
 
 
-# ------------------------------------------------------------------------------------ records
-
-
 def _record(name: str, label: str) -> Method:
-    conserves = frozenset({"J3", "C1", "C2"})
     scheme = SCHEMES[name]
-    processed, needs = scheme.processor != 0.0, "kinetic" if scheme.nystrom else "parts"
-    needs = "force" if scheme.c or scheme.d else needs
+    needs = "force" if scheme.c or scheme.d else "kinetic" if scheme.nystrom else "parts"
     # conjugate to the step by the last flow; the general kernels cost 1.05 to 1.1 times as much in a uniform field
     special: dict[str, Any] = {"uniform": partial(prepare, name)}
     if name in magnet.SPINS:
         special["spins"] = magnet.SPINS[name]
-    return Method(
-        name=name,
-        label=label,
-        family="splitting",
-        order=SCHEMES[name].order,
-        symmetric=True,
-        poisson=True,
-        conserves=conserves,
-        control="step",
-        source=SCHEMES[name].source,
-        prepare=partial(prepare if processed else prepare_in_field, name),
-        needs="uniform" if processed else needs,
-        special={} if processed else special,
-        uniform_only="its processor is known in closed form in a uniform field only" if processed else "",
-    )
+    general = Method(
+        name=name, label=label, family="splitting", order=scheme.order, symmetric=True, poisson=True,
+        conserves=frozenset({"J3", "C1", "C2"}), source=scheme.source, prepare=partial(prepare_in_field, name),
+        needs=needs, special=special,
+    )  # fmt: skip
+    if not scheme.processor:
+        return general
+    reason = "its processor is known in closed form in a uniform field only"
+    return replace(general, prepare=special["uniform"], needs="uniform", special={}, uniform_only=reason)
 
 
 STRANG = _record("strang", "Strang")

@@ -11,9 +11,7 @@ process for each tolerance and variant.
 `taylor_accurate` adds compensated summation of the series, `taylor_compact` the machine code heyoka makes for large systems
 (loops over tables instead of unrolled; slower here). `advance_many` runs many tops at once, one in each SIMD lane.
 
-`taylor_fixed` sums the same series at a fixed h. It is a recurrence compiled here and not heyoka's `write_tc` with
-`update_d_output`: that is a Python call per step, 1 µs against 0.3 µs of arithmetic, and heyoka is not to be had everywhere.
-The tests compare the two.
+`taylor_fixed` sums the same series at a fixed h, by a recurrence compiled here: heyoka's is a Python call for each step.
 
 Both keep J3, whose coefficients vanish; nothing else is built in. An evaluation of the right-hand side counts as one
 Taylor coefficient of it: `order` for each step.
@@ -29,7 +27,7 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,7 +40,7 @@ from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
 from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.methods import magnet
-from lagrange_bench.integrators.methods.dense import DenseStepper, Problem, Run, at_times
+from lagrange_bench.integrators.methods.dense import Problem, Run, dense
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.system import System, uniform_system
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -58,30 +56,6 @@ SCRATCH = 8 * (MAX_ORDER + 1)
 # ------------------------------------------------------------------------------------ natural steps, heyoka
 
 
-def prepare(top: Problem, y0: Array, h: float, *, tol: float = EPS, high_accuracy: bool = False) -> DenseStepper:
-    """Natural steps with the local error kept below `tol` (relative above norm 1); `high_accuracy`: compensated sums."""
-    return DenseStepper("taylor", top, y0, h, _runner("taylor", top, tol, high_accuracy))
-
-
-def evaluate(
-    top: Problem, y0: Array, times: Array, *, tol: float = EPS, high_accuracy: bool = False
-) -> tuple[Array, Work]:
-    """Dense output at any times; options as in `prepare`."""
-    return at_times("taylor", top, _runner("taylor", top, tol, high_accuracy), y0, times)
-
-
-def variant(name: str, high_accuracy: bool = False, compact_mode: bool = False) -> tuple[Callable, Callable]:
-    """`prepare` and `evaluate` of a method that sets heyoka's switches for good."""
-
-    def prepare(top: Problem, y0: Array, h: float, *, tol: float = EPS) -> DenseStepper:
-        return DenseStepper(name, top, y0, h, _runner(name, top, tol, high_accuracy, compact_mode))
-
-    def evaluate(top: Problem, y0: Array, times: Array, *, tol: float = EPS) -> tuple[Array, Work]:
-        return at_times(name, top, _runner(name, top, tol, high_accuracy, compact_mode), y0, times)
-
-    return prepare, evaluate
-
-
 class Form(NamedTuple):
     """What equations depend on, besides numbers: the system, and whether rates and lengths have units.
 
@@ -90,10 +64,6 @@ class Form(NamedTuple):
 
     system: System
     units: bool = False
-
-
-def form_of(top: Problem) -> Form:
-    return Form(top.system)
 
 
 def equations(form: Form | None = None) -> list[Any]:
@@ -167,9 +137,10 @@ def far_units(name: str, top: Any, y: Array, end: float) -> Units | None:
     return units if max(abs(units.rate), abs(units.length)) > FAR else None
 
 
-def _runner(name: str, top: Problem, tol: float, high_accuracy: bool, compact_mode: bool = False) -> Run:
+def runner(name: str, compact_mode: bool, top: Problem, *, tol: float = EPS, high_accuracy: bool = False) -> Run:
+    """Natural steps with the local error kept below `tol` (relative above norm 1); `high_accuracy`: compensated sums."""
     tol = check_tolerance(tol)
-    key = tol, check_flag(high_accuracy, "high_accuracy"), compact_mode, form_of(top)
+    key = tol, check_flag(high_accuracy, "high_accuracy"), compact_mode, Form(top.system)
     numbers = (*top.numbers, *((top.start,) * top.system.timed))
     integrator_here(*key)
 
@@ -204,27 +175,66 @@ def _runner(name: str, top: Problem, tol: float, high_accuracy: bool, compact_mo
     return run
 
 
-def _until(ta: Any, end: float) -> tuple[Array, int]:
-    """The state at one time: natural steps up to it, the last one shortened."""
+def variant(name: str, high_accuracy: bool, compact_mode: bool, top: Problem, *, tol: float = EPS) -> Run:
+    """The `runner` of a method that sets heyoka's switches for good."""
+    return runner(name, compact_mode, top, tol=tol, high_accuracy=high_accuracy)
+
+
+def spins_runner(problem: Any, *, tol: float = EPS) -> Run:
+    """For a magnet; `tol` is relative to the largest spin."""
+    import heyoka as hy
+
+    tol = check_tolerance(tol)
+    hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
+    n, (b, pairs, K) = len(problem.magnet), magnet.terms(problem.magnet)
+    s = [hy.make_vars(*(f"s{j}_{i}" for i in "123")) for j in range(n)]
+    parts: list[list[list[Any]]] = [[[], [], []] for _ in range(n)]
+    for p, (j, k) in enumerate(pairs.tolist()):  # strengths are parameters: magnets of one size share the machine code
+        for i in range(3):
+            parts[j][i].append(hy.par[p] * s[k][i])
+            parts[k][i].append(hy.par[p] * s[j][i])
+    fields = np.flatnonzero(b).tolist()
+    for p, j in enumerate(fields, start=len(K)):
+        parts[j][2].append(hy.par[p])
+    system = []
+    for (x, y, z), sums in zip(s, parts, strict=True):
+        p, q, r = (hy.sum(addends) if addends else hy.expression(0.0) for addends in sums)
+        system += [(x, q * z - r * y), (y, r * x - p * z), (z, p * y - q * x)]
+    ta = hy.taylor_adaptive(system, [0.0] * (3 * n), pars=[0.0] * (len(K) + len(fields)), compact_mode=n > 8, tol=tol)
+    alone, some = threading.Lock(), max(1, INTERRUPTIBLE // (n + len(K)))  # heyoka lets other threads run
+
+    def run(y: Array, grid: Array, work: Work) -> Array:
+        size = magnet.unit(y)
+        with alone:
+            ta.time, ta.state[:], ta.pars[:] = 0.0, y / size, [*K.tolist(), *(b[fields] / size).tolist()]
+            times = grid * size
+            out, steps = _until(ta, times[0], some) if len(grid) == 1 else _on_grid(ta, ta.state.copy(), times, some)
+        work.steps += steps
+        return out * size
+
+    return run
+
+
+def _until(ta: Any, end: float, most: int = INTERRUPTIBLE) -> tuple[Array, int]:
+    """The state at one time: natural steps up to it, the last one shortened; at most `most` in one call of heyoka."""
     steps, limited = 0, True
     while limited:  # resuming at a limit of steps changes no bit
-        outcome, _, _, taken, *_ = ta.propagate_until(end, max_steps=INTERRUPTIBLE)
+        outcome, _, _, taken, *_ = ta.propagate_until(end, max_steps=most)
         steps += taken
         limited = _check(ta, outcome, steps)
     return ta.state.copy().reshape(1, -1), steps
 
 
-def _on_grid(ta: Any, y: Array, grid: Array) -> tuple[Array, int]:
+def _on_grid(ta: Any, y: Array, grid: Array, most: int = INTERRUPTIBLE) -> tuple[Array, int]:
     """The states on a grid, by dense output."""
     grid = np.concatenate(((0.0,), grid))
-    outcome, _, _, steps, _, out = ta.propagate_grid(grid, max_steps=INTERRUPTIBLE)
-    if _check(ta, outcome, steps):
-        # A run on a grid cannot be resumed without shortening a step. A callback lets Ctrl-C in after each step and
-        # changes no bit, but costs half as much as the step: only long runs start again with one.
-        ta.time = 0.0
-        ta.state[:] = y
-        outcome, _, _, steps, _, out = ta.propagate_grid(grid, callback=lambda ta: True)
-        _check(ta, outcome, steps)
+    # A run on a grid cannot be resumed without shortening a step. A callback lets Ctrl-C in after each step and changes no
+    # bit, but costs half as much as the step: only long runs start again with one.
+    for limit in ({"max_steps": most}, {"callback": lambda ta: True}):
+        ta.time, ta.state[:] = 0.0, y
+        outcome, _, _, steps, _, out = ta.propagate_grid(grid, **limit)
+        if not _check(ta, outcome, steps):
+            break
     return out[1:], steps
 
 
@@ -298,38 +308,19 @@ def _batches(form: Form, numbers: Array, Y0: Array, times: Array, tol: float, wi
     return out
 
 
-def advance_many(tops: Array | Sequence[PerturbedTop], *run: Any, **options: Any) -> NDArray[np.bool_]:
+def advance_many(
+    tops: Array | Sequence[PerturbedTop], Y0: Array, h: float, steps: int, every: int, out: Array,
+    stopped: Callable[[], bool], *, tol: float = EPS, high_accuracy: bool = False,
+) -> NDArray[np.bool_]:  # fmt: skip
     """Natural steps of many tops, in heyoka's batch mode; what it refuses, and compensated sums, are taken one by one.
 
     In a potential tops that keep J3 and tops that do not are in batches of their own.
     """
-    if isinstance(tops, np.ndarray):
-        return _advance([(Form(uniform_system()), np.arange(len(tops)), tops[:, None])], *run, **options)
-    kinds: dict[Form, list[int]] = {}
-    for i, problem in enumerate(tops):
-        kinds.setdefault(form_of(problem), []).append(i)
-    groups = [(form, np.array(places), np.array([tops[i].numbers for i in places])) for form, places in kinds.items()]
-    return _advance(groups, *run, **options)
-
-
-def _advance(
-    groups: Sequence[tuple[Form, NDArray[np.intp], Array]],
-    Y0: Array,
-    h: float,
-    steps: int,
-    every: int,
-    out: Array,
-    stopped: Callable[[], bool],
-    *,
-    tol: float = EPS,
-    high_accuracy: bool = False,
-) -> NDArray[np.bool_]:
-    """For groups (form, places in Y0, numbers): rows of `out`, and which tops were done."""
     done, tol = np.zeros(len(Y0), dtype=bool), check_tolerance(tol)
     if high_accuracy or not math.isfinite(h * steps):
         return done
     times = h * every * np.arange(1.0, steps // every + 1)
-    for form, places, numbers in groups:
+    for form, places, numbers in _groups(tops):
         size = np.linalg.norm(Y0[places, 3:], axis=1)
         rate = np.linalg.norm(Y0[places, :3], axis=1) + np.sqrt(np.abs(numbers[:, 0]) * size)
         low, high = 2.0**-FAR, 2.0**FAR  # what is beyond needs units: see `far_units`
@@ -340,6 +331,16 @@ def _advance(
                 out[:, places] = _batches(form, numbers, Y0[places], times, tol, recommended_width())
                 done[places] = True
     return done
+
+
+def _groups(tops: Array | Sequence[PerturbedTop]) -> list[tuple[Form, NDArray[np.intp], Array]]:
+    """(form, places in the list, numbers) of tops with one form of equations."""
+    if isinstance(tops, np.ndarray):
+        return [(Form(uniform_system()), np.arange(len(tops)), tops[:, None])]
+    kinds: dict[Form, list[int]] = {}
+    for i, problem in enumerate(tops):
+        kinds.setdefault(Form(problem.system), []).append(i)
+    return [(form, np.array(places), np.array([tops[i].numbers for i in places])) for form, places in kinds.items()]
 
 
 def recommended_width() -> int:
@@ -568,61 +569,26 @@ def prepare_fixed_in_field(top: Any, y0: Array, h: float, *, order: int = 20) ->
     return FixedStepper("taylor_fixed", h, c, kernel_of(system), rhs_per_step=order, size=size, timed=timed)
 
 
+PREPARE, EVALUATE = dense("taylor", partial(runner, "taylor", False))
 NATURAL = Method(
-    name="taylor",
-    label="Taylor (heyoka)",
-    family="taylor",
-    order=20,
-    symmetric=False,
-    poisson=False,
-    conserves=frozenset({"J3"}),
-    control="tolerance",
-    source="heyoka.taylor_adaptive; Biscani and Izzo, MNRAS 504 (2021) 2614",
-    prepare=prepare,
-    evaluate=evaluate,
-    attitude=attitude,
-    requires="heyoka",
-    engine="heyoka",
-    advance_many=advance_many,
-    needs="smooth",
-    special={"spins": magnet.SPINS["taylor"]},
-)
+    name="taylor", label="Taylor (heyoka)", family="taylor", order=20, conserves=frozenset({"J3"}), control="tolerance",
+    source="heyoka.taylor_adaptive; Biscani and Izzo, MNRAS 504 (2021) 2614", prepare=PREPARE, evaluate=EVALUATE,
+    attitude=attitude, requires="heyoka", engine="heyoka", advance_many=advance_many, needs="smooth",
+    special={"spins": dense("taylor", spins_runner)[0]},
+)  # fmt: skip
 
-ACCURATE_PREPARE, ACCURATE_EVALUATE = variant("taylor_accurate", high_accuracy=True)
-ACCURATE = replace(
-    NATURAL,
-    name="taylor_accurate",
-    label="Taylor (heyoka), compensated",
-    prepare=ACCURATE_PREPARE,
-    special={},
-    evaluate=ACCURATE_EVALUATE,
-    attitude=None,
-    advance_many=None,
-)
 
-COMPACT_PREPARE, COMPACT_EVALUATE = variant("taylor_compact", compact_mode=True)
-COMPACT = replace(
-    NATURAL,
-    name="taylor_compact",
-    label="Taylor (heyoka), compact code",
-    prepare=COMPACT_PREPARE,
-    special={},
-    evaluate=COMPACT_EVALUATE,
-    attitude=None,
-    advance_many=None,
-)
+def _variant(name: str, label: str, high_accuracy: bool, compact_mode: bool) -> Method:
+    prepare, evaluate = dense(name, partial(variant, name, high_accuracy, compact_mode))
+    own = {"prepare": prepare, "evaluate": evaluate, "attitude": None, "advance_many": None, "special": {}}
+    return replace(NATURAL, name=name, label=label, **own)  # type: ignore[arg-type]
+
+
+ACCURATE = _variant("taylor_accurate", "Taylor (heyoka), compensated", True, False)
+COMPACT = _variant("taylor_compact", "Taylor (heyoka), compact code", False, True)
 
 FIXED = Method(
-    name="taylor_fixed",
-    label="Taylor 20, fixed step",
-    family="taylor",
-    order=20,
-    symmetric=False,
-    poisson=False,
-    conserves=frozenset({"J3"}),
-    control="step",
-    source="Jorba and Zou, Exp. Math. 14 (2005) 99, section 2",
-    prepare=prepare_fixed_in_field,
-    needs="smooth",
+    name="taylor_fixed", label="Taylor 20, fixed step", family="taylor", order=20, conserves=frozenset({"J3"}),
+    source="Jorba and Zou, Exp. Math. 14 (2005) 99, section 2", prepare=prepare_fixed_in_field, needs="smooth",
     special={"uniform": prepare_fixed},  # the general kernel costs 4.5 times as much there
-)
+)  # fmt: skip

@@ -34,19 +34,12 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import as_state
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.double_double import (
-    add,
-    dd,
-    div,
-    mul,
-    neg,
-    scale,
-    sqrt,
-    sub,
-    two_prod,
-)
+from lagrange_bench.integrators.compiling.double_double import add, dd, div, mul, neg, scale, sqrt, sub, two_prod
+from lagrange_bench.integrators.compiling.expression import put, take
 from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, FixedStepper
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
+from lagrange_bench.integrators.methods.lie_group import add as add_vector
+from lagrange_bench.integrators.methods.lie_group import cross, times
 from lagrange_bench.integrators.problem.body import quaternion_product
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
@@ -60,6 +53,7 @@ TERMS = 4
 COS_J, SIN_J, COS_A, SIN_A, COS_B, SIN_B, THETA = range(26, 26 + 7 * TERMS, TERMS)
 RATE_A, RATE_B, SIZE = range(THETA + TERMS, THETA + TERMS + 3)
 
+NAME = "theta_functions"
 REST, FREE, DIRECT, TRANSFORMED, TOO_UPRIGHT = range(5)
 NOT_FINITE, TOO_LATE = 1, 2
 LATEST = 1e15  # times, in units of 1/(|J| + √(|alpha||x|)), whose doubles still say something about the phase
@@ -68,14 +62,11 @@ FAILURES = {
     TOO_LATE: f"n |h| is over {LATEST:g} times the time scale of the top: its phase is beyond double",
 }
 WEIGHTLESS = 2.0**-100  # alpha in units of the orbit that makes no difference to a double for any admissible time
-UPRIGHT = (
-    1e-40  # of J+ and x+, in units of the orbit: with less, the squares of their squares leave the range of doubles
-)
+# of J+ and x+, in units of the orbit: with less, the squares of their squares leave the range of doubles
+UPRIGHT = 1e-40
 TWO_PI = (6.283185307179586, 2.4492935982947064e-16)
 ZERO, ONE, TWO = (0.0, 0.0), (1.0, 0.0), (2.0, 0.0)
-
-
-# ------------------------------------------------------------------------------------ evaluation
+state_of, put_state = take(6), put(6)
 
 
 @jit
@@ -170,8 +161,7 @@ def model(n, r, c):
 @jit
 def position(t, rest, c):
     """The state at time t + `rest`, which is below an ulp of t."""
-    k = START
-    s = c[k], c[k + 1], c[k + 2], c[k + 3], c[k + 4], c[k + 5]
+    s = state_of(c, START)
     if c[KIND] == REST or t == 0.0:
         return s
     if c[KIND] == FREE:
@@ -188,21 +178,14 @@ def position(t, rest, c):
 @jit
 def about(s, t, rest, c):
     """x turned about the constant J; c[CLOCK] = |J|."""
-    J1, J2, J3_, x1, x2, x3 = s
-    n, r = reduced(t, c)
+    J, x = (s[0], s[1], s[2]), (s[3], s[4], s[5])
+    _, r = reduced(t, c)
     angle, rate = c[CLOCK] * (r + rest), c[CLOCK]
-    e1, e2, e3 = J1 / rate, J2 / rate, J3_ / rate
+    e = J[0] / rate, J[1] / rate, J[2] / rate
     half = math.sin(0.5 * angle)
-    a, b = math.sin(angle), 2.0 * half * half
-    v1, v2, v3 = e2 * x3 - e3 * x2, e3 * x1 - e1 * x3, e1 * x2 - e2 * x1
-    return (
-        J1,
-        J2,
-        J3_,
-        x1 + (a * v1 + b * (e2 * v3 - e3 * v2)),
-        x2 + (a * v2 + b * (e3 * v1 - e1 * v3)),
-        x3 + (a * v3 + b * (e1 * v2 - e2 * v1)),
-    )
+    v = cross(e, x)
+    d = add_vector(times(math.sin(angle), v), 2.0 * half * half, cross(e, v))
+    return s[0], s[1], s[2], x[0] + d[0], x[1] + d[1], x[2] + d[2]
 
 
 @jit
@@ -221,11 +204,10 @@ def step(s, c, tally):
 
 
 @jit
-def positions(times, c):
-    out = np.empty((len(times), 6))
-    for i in range(len(times)):
-        s = position(times[i], 0.0, c)
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4], out[i, 5] = s
+def positions(instants, c):
+    out = np.empty((len(instants), 6))
+    for i in range(len(instants)):
+        put_state(out[i], 0, position(instants[i], 0.0, c))
     return out
 
 
@@ -247,15 +229,15 @@ def klein(n, r, turn, c):
 
 
 @jit
-def frames(times, turn, c):
+def frames(instants, turn, c):
     """Unit quaternions (N, 4) of the frame that turns with J, from the unit matrix at t = 0."""
-    out = np.empty((len(times), 4))
+    out = np.empty((len(instants), 4))
     J1, J2, J3_ = c[START], c[START + 1], c[START + 2]
     moving = c[KIND] == DIRECT or c[KIND] == TRANSFORMED
     n, r = reduced(0.0, c)
     w0, x0, y0, z0 = klein(n, r, turn, c) if moving else (1.0, 0.0, 0.0, 0.0)
-    for i in range(len(times)):
-        n, r = reduced(times[i], c)
+    for i in range(len(instants)):
+        n, r = reduced(instants[i], c)
         if moving:
             w, x, y, z = quaternion_product(klein(n, r, turn, c), (w0, -x0, -y0, -z0))
             x, y = c[PSI_RE] * x - c[PSI_IM] * y, c[PSI_IM] * x + c[PSI_RE] * y
@@ -263,7 +245,7 @@ def frames(times, turn, c):
             s = math.sin(0.5 * c[CLOCK] * r) / c[CLOCK]
             w, x, y, z = math.cos(0.5 * c[CLOCK] * r), s * J1, s * J2, s * J3_
         else:  # J is vertical, and so is x or there is none
-            w, x, y, z = math.cos(0.5 * J3_ * times[i]), 0.0, 0.0, math.sin(0.5 * J3_ * times[i])
+            w, x, y, z = math.cos(0.5 * J3_ * instants[i]), 0.0, 0.0, math.sin(0.5 * J3_ * instants[i])
         out[i, 0], out[i, 1], out[i, 2], out[i, 3] = w, x, y, z
     return out
 
@@ -277,9 +259,6 @@ def turn_of_frame(alpha, y):
     z1, z2, z3, _, zA, _, _, dA, _ = roots(alpha, (J1, J2, m, x1, x2, x3))
     low, high = above(z1, z2, z3, zA, dA)
     return period_and_turn(z1, z2, z3, sub(zA, z3), low, high, dA, 0.0)[1]
-
-
-# ------------------------------------------------------------------------------------ constants
 
 
 @jit
@@ -556,16 +535,13 @@ def constants(alpha, y, h):
     return c
 
 
-# ------------------------------------------------------------------------------------ the method
-
-
 def found_constants(units: Units, y: Array, span: float, h: float | None = None) -> Array:
     c: Array = constants(units.alpha, tuple(units.enter(y)), span)
     if c[KIND] == TOO_UPRIGHT:
         reason = f"J and x are off the vertical, but by less than {UPRIGHT:g} of their size: the closed form underflows"
-        raise StepError("theta_functions", reason, h=h)
+        raise StepError(NAME, reason, h=h)
     if np.any(np.isnan(c)):
-        raise StepError("theta_functions", "the constants of the closed form are beyond the range of doubles", h=h)
+        raise StepError(NAME, "the constants of the closed form are beyond the range of doubles", h=h)
     return c
 
 
@@ -576,18 +552,13 @@ class ThetaStepper(FixedStepper):
 
     def __init__(self, top: LagrangeTop, y0: Array, h: float):
         self.units = Units(top, y0, h)
-        self.span = self.units.span("theta_functions", h)
-        c = self.constants_of(y0, h)
-        super().__init__(
-            "theta_functions", h, c, step, enter=self.units.enter, leave=self.units.leave, failures=FAILURES
-        )
-
-    def constants_of(self, y: Array, h: float) -> Array:
-        return found_constants(self.units, y, self.span, h)
+        self.span = self.units.span(NAME, h)
+        c, enter, leave = found_constants(self.units, y0, self.span, h), self.units.enter, self.units.leave
+        super().__init__(NAME, h, c, step, enter=enter, leave=leave, failures=FAILURES)
 
     def record(self, y: Array, n: int, every: int) -> Array:
         y = as_state(y)
-        self.constants = self.constants_of(y, self.h)
+        self.constants = found_constants(self.units, y, self.span, self.h)
         return super().record(y, n, every)
 
 
@@ -598,9 +569,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> ThetaStepper:
 
 def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
     """The states at any times, one evaluation each."""
-    units = Units(top, y0, 1.0)
-    scaled = units.spans("theta_functions", times)
-    c = found_constants(units, y0, 0.0)
+    units, scaled, c = at_instants(top, y0, times)
     states = units.leave(positions(scaled, c))
     states[times == 0.0] = y0  # also what is lost beside |x| on the way through the formulas
     return states, Work(steps=len(times))
@@ -608,27 +577,22 @@ def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
 
 def attitude(top: LagrangeTop, y0: Array, times: Array) -> Array:
     """Unit quaternions (N, 4) of the frame that turns with J, at any times: the Cayley-Klein parameters in closed form."""
-    units = Units(top, y0, 1.0)
-    scaled = units.spans("theta_functions", times)
-    c = found_constants(units, y0, 0.0)
+    units, scaled, c = at_instants(top, y0, times)
     moving = c[KIND] in (DIRECT, TRANSFORMED)
-    turn = turn_of_frame(units.alpha, tuple(units.enter(y0))) if moving else ZERO
-    g: Array = frames(scaled, turn, c)
+    g: Array = frames(scaled, turn_of_frame(units.alpha, tuple(units.enter(y0))) if moving else ZERO, c)
     return g
 
 
+def at_instants(top: LagrangeTop, y0: Array, times: Array) -> tuple[Units, Array, Array]:
+    """Units, the times in them, and the constants."""
+    units = Units(top, y0, 1.0)
+    return units, units.spans(NAME, times), found_constants(units, y0, 0.0)
+
+
 METHOD = Method(
-    name="theta_functions",
-    label="Theta functions",
-    family="closed-form",
-    order=None,
-    symmetric=True,
-    poisson=True,
+    name=NAME, label="Theta functions", family="closed-form", order=None, symmetric=True, poisson=True,
     conserves=frozenset({"H", "J3", "C1", "C2"}),
-    control="step",
-    source="Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477",
-    prepare=prepare,
+    source="Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477", prepare=prepare,
     uniform_only="it is the closed form of an integrable top; backlund_splitting takes any potential",
-    evaluate=evaluate,
-    attitude=attitude,
-)
+    evaluate=evaluate, attitude=attitude,
+)  # fmt: skip

@@ -50,17 +50,13 @@ from lagrange_bench.integrators.methods.tableaux import RK4
 from lagrange_bench.integrators.problem.whole_body import WholeBody
 
 STEP, INERTIA, WEIGHT, UP, OPTIONS = 0, 1, 4, 7, 10  # places of the constants
-LIMIT = (
-    50  # iterations: 3 to 6 at short steps; at long ones, without the derivative of the torque, each halves the error
-)
+# iterations: 3 to 6 at short steps; at long ones, without the derivative of the torque, each halves the error
+LIMIT = 50
 SMALL = 2.0**-40  # relative: a correction that has stopped falling is round-off only below this
 NOT_CONVERGED = TURNED + 1
 UNSOLVED = f"the equations of the step are not solved after {LIMIT} iterations; take a smaller |h|"
 FAILURES = {**OF_EXPONENTIALS, NOT_CONVERGED: UNSOLVED}
 ZERO = (0.0, 0.0, 0.0)
-
-
-# ------------------------------------------------------------------------------------ vectors, quaternions, equations
 
 
 @inlined
@@ -131,9 +127,6 @@ def newton(residual: Callable[..., Any]) -> Any:
         return x
 
     return solve
-
-
-# ------------------------------------------------------------------------------------ steps
 
 
 @jit
@@ -280,9 +273,6 @@ def generalized_alpha(s, c, tally):
 free, cayley, midpoint, damped = map(newton, (free_residual, cayley_residual, midpoint_residual, alpha_residual))
 
 
-# ------------------------------------------------------------------------------------ methods
-
-
 def constants(body: WholeBody, h: float, *options: float) -> Array:
     """What the kernels take."""
     return np.array((h, *body.inertia, *body.weight, *body.up, *options), dtype=float)
@@ -338,18 +328,9 @@ def of_bodies(
     """The record of a method for a `WholeBody` only; `kept`: names of the invariants, see `problem.whole_body`."""
     conserves = frozenset(kept.split())
     return Method(
-        name=name,
-        label=label,
-        family="whole-body",
-        order=order,
-        symmetric=symmetric,
-        poisson=poisson,
-        conserves=conserves,
-        control="step",
-        source=source,
-        prepare=prepare,
-        needs="body",
-    )
+        name=name, label=label, family="whole-body", order=order, symmetric=symmetric, poisson=poisson,
+        conserves=conserves, source=source, prepare=prepare, needs="body",
+    )  # fmt: skip
 
 
 RATTLE = of_bodies(

@@ -9,19 +9,11 @@ J̃ = K + (h/2) alpha e3×x̃. With
 
 M L = L̃ M, and (K₋, X) moves by the two-point map of section 5.5, w = (h/2) x, at the point
 
-    λ = i h |x|/2        m = X·x/|x| + λ K₋·x/|x| + λ² alpha x3/|x| = |x| + i h x·J/2            (`curve_point`)
+    λ = i h |x|/2        m = |x| + i h x·J/2                                                     (`curve_point`)
 
-of the deformed curve m² = Q_h(λ), Q_h the polynomial of (K₋, X). λ is the paper's time step, with |x| in place of |X|: each
-step is the flow of the top with the state (K₋, X), over a time T and with a turn Θ that are elliptic integrals (`clock`).
-Everything tends to the paper's as h → 0. (K₋, X) is no Poisson image of (J, x): |X|² is no function of the Casimirs.
-
-The map of Kahan, Hirota and Kimura, `methods.kahan`, is the same map again, at another state with another step. With its
-invariants r0 and κ, eps = alpha h²/4 and β² = 1 − κ eps²
-
-    J → (J1, J2, β (J3 + eps r0))        x → (β x1, β x2, x3 + κ eps)        h → h/β            (`of_kahan`)
-
-takes it to the map of Bobenko and Suris, so both have this Lax pair and this clock, as long as κ eps² < 1.
-The proofs are those of Propositions 8 and 9 in docs/exact-step.md.
+of the deformed curve m² = Q_h(λ). Each step is the flow of the top with the state (K₋, X), over a time T and with a turn Θ that
+are elliptic integrals (`clock`). The map of Kahan, Hirota and Kimura, `methods.kahan`, is the same map again, at another state
+with another step (`of_kahan`). Proofs: Propositions 8 and 9 in docs/exact-step.md.
 
 Sources: Bobenko & Suris, Commun. Math. Phys. 204 (1999) 147, and Suris, J. Nonlinear Math. Phys. 8 (2001) 534, whose
 abstracts say that Lax representations are found. We have read the abstracts only: the pair, and that both maps are the

@@ -46,9 +46,6 @@ __all__ = ["Motion", "angles", "from_angles", "hamiltonian", "motion", "rates", 
 DIGITS = 20  # behind the doubles
 
 
-# ---------------------------------------------------------------- the map (4.1) and back
-
-
 def from_angles(angles: Any, c1: Any = 1.0, c2: Any = 0.0) -> NDArray[Any]:
     """States (J, x), (..., 6), on the leaf |x|² = c1, x·J = c2 from (θ, φ, p_θ, p_φ), (..., 4): (4.1).
 
@@ -97,9 +94,6 @@ def rates(alpha: Any, angles: Any, c1: Any = 1.0, c2: Any = 0.0) -> NDArray[Any]
     across = p_phi - (c2 / s) * cosine, c2 / s - p_phi * cosine  # their product over sin³θ is the centrifugal term
     force = across[0] * across[1] / sine**3 - alpha * s * sine
     return np.stack((-p_theta, -across[0] / sine**2, force, 0 * p_phi), axis=-1)
-
-
-# ---------------------------------------------------------------- the solution
 
 
 @dataclass(frozen=True)

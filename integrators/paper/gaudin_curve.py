@@ -39,9 +39,6 @@ NODES = 14  # of the quadrature, per stride
 FACTORS = 16  # steps that are composed, at most
 
 
-# ------------------------------------------------------------------------------------------ points of the curve
-
-
 def eigenvalue(magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: int | None = 0) -> Any:
     """v with det(L_G(λ) − v) = 0, (2.11); for `sheet` and `site` see the module.
 

@@ -181,9 +181,6 @@ class GaudinMagnet:
             raise ValueError(f"{name} must be real at real sites and conjugate at conjugate sites")
 
 
-# ------------------------------------------------------------------------------------------ checks
-
-
 def check_numbers(values: Any, name: str) -> Numbers:
     """An array of finite numbers: real, complex or mpmath ones. ValueError naming the argument."""
     try:
@@ -213,9 +210,6 @@ def check_upper(magnet: GaudinMagnet, lam: Any, name: str = "lam") -> Any:
         raise ValueError(f"{name} must have a positive imaginary part; got {lam}")
     check_parameter(magnet, lam.conjugate(), f"the conjugate of {name}")
     return lam
-
-
-# ------------------------------------------------------------------------------------------ the problem
 
 
 class MagnetProblem(Problem):

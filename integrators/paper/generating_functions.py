@@ -29,8 +29,6 @@ from lagrange_bench.integrators.paper.phase_space import Numbers, cartesian, fun
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
-# ---------------------------------------------------------------- the top
-
 
 def root_k(top: LagrangeTop, lam: Any, c1: Any, old: Pair, new: Pair, near: Any) -> Any:
     """k, k² = c1 + λ x- x̃+ (5.2.6). ValueError for α = 0 and where the chart is singular."""

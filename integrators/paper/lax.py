@@ -41,12 +41,15 @@ FACTOR_GAUDIN = 1j  # r = factor P/(u − v) for L_G, (2.6)
 FACTOR_TOP = -1.0  # the same for L = i L_G
 
 
-# ------------------------------------------------------------------------------------------ Lax matrices
+def square(a: Any, b: Any, c: Any, d: Any) -> Numbers:
+    """((a, b), (c, d)), shape (..., 2, 2)."""
+    entries = np.stack(np.broadcast_arrays(a, b, c, d), axis=-1)
+    return entries.reshape(*entries.shape[:-1], 2, 2)
 
 
 def matrix(A: Any, B: Any, C: Any) -> Numbers:
     """((A, B), (C, −A)), shape (..., 2, 2)."""
-    return np.stack((np.stack((A, B), axis=-1), np.stack((C, -A), axis=-1)), axis=-2)
+    return square(A, B, C, -A)
 
 
 def determinant(M: Numbers) -> Any:
@@ -107,9 +110,6 @@ def gaudin_vector(alpha: Any, sites: ArrayLike, spins: Any, u: Any) -> Numbers:
 def gaudin_matrix(alpha: Any, sites: ArrayLike, spins: Any, u: Any) -> Numbers:
     """L_G(u) of the n-site sl(2) Gaudin magnet, (..., 2, 2); (2.1). `1j` times it is L of (2.15)."""
     return pauli(gaudin_vector(alpha, sites, spins, u))
-
-
-# ----------------------------------------------------------------------------------------- spectral curve
 
 
 def spectral_polynomial(top: LagrangeTop, y: Any) -> tuple[Any, Any, Any, Any, Any]:
@@ -175,9 +175,6 @@ def check_sheet(sheet: int) -> int:
     return sheet
 
 
-# ----------------------------------------------------------------------------------------- r-matrix algebra
-
-
 def r_matrix(w: Any, factor: complex = FACTOR_GAUDIN) -> Numbers:
     """factor · P/w, P the permutation of C² ⊗ C²; (2.6) with factor i."""
     r: Numbers = PERMUTATION * (factor / w)
@@ -209,9 +206,6 @@ def linear_algebra_defect(brackets: Numbers, Lu: Numbers, Lv: Numbers, r: Number
 def quadratic_algebra_defect(brackets: Numbers, Mu: Numbers, Mv: Numbers, r: Numbers) -> Numbers:
     """{M¹(u), M²(v)} − [r(u − v), M¹(u) M²(v)], (4, 4): (5.1.5)."""
     return brackets - commutator(r, np.kron(Mu, Mv))
-
-
-# ------------------------------------------------------------------------------------ Lax equation of the flow
 
 
 def lax_rate(top: LagrangeTop, y: Any, u: Any) -> Numbers:

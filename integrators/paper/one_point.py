@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.paper.errata import Erratum, draw
-from lagrange_bench.integrators.paper.lax import adjugate, check_sheet, eigenvalue, from_pauli, pauli, root
+from lagrange_bench.integrators.paper.lax import adjugate, check_sheet, eigenvalue, from_pauli, pauli, root, square
 from lagrange_bench.integrators.paper.phase_space import Numbers, cartesian, components, invariants, ladder, lift
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
@@ -108,9 +108,7 @@ def transpose(y: Any) -> Numbers:
 
 def dressing_matrix(p: Any, q: Any, lam: Any, u: Any) -> Numbers:
     """M(u; λ) = ((u − λ + pq, p), (q, 1)), shape (..., 2, 2), det M = u − λ; (5.1.4)."""
-    p, q, corner = np.broadcast_arrays(p, q, u - lam + p * q)
-    rows = (np.stack((corner, p), axis=-1), np.stack((q, 1 + 0 * q), axis=-1))
-    return np.stack(rows, axis=-2)
+    return square(u - lam + p * q, p, q, 1 + 0 * q)
 
 
 def k_value(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None) -> Any:
@@ -130,14 +128,11 @@ def sheet_exchange(top: LagrangeTop, y: Any) -> Numbers:
     if top.alpha == 0 or np.any(Jm == 0):
         raise ValueError("alpha = 0 or J- = 0: the composition of the two sheets is singular")
     a, b = J3 / top.alpha - xm / Jm, Jm / (2 * top.alpha)
-    K = np.stack((np.stack((a, b), axis=-1), np.stack((-1 / b, 0 * b), axis=-1)), axis=-2)
+    K = square(a, b, -1 / b, 0 * b)
     K_inverse, E11 = adjugate(K), np.array(((1, 0), (0, 0)))
     J, x = pauli(np.asarray(y)[..., :3]), pauli(np.asarray(y)[..., 3:])
     x_new = K @ x @ K_inverse
     return from_pauli((E11 @ x + K @ J - x_new @ E11) @ K_inverse, x_new)
-
-
-# --------------------------------------------------------------------------------------------- iteration
 
 
 def gauge(y: Any, d: Any) -> Numbers:

@@ -40,6 +40,7 @@ from lagrange_bench.integrators.paper.lax import (
     from_pauli,
     pauli,
     root,
+    square,
 )
 from lagrange_bench.integrators.paper.one_point import one_point
 from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cartesian, components, cross, ladder, lift
@@ -99,11 +100,7 @@ def expressions_X(top: LagrangeTop, y: Any, image: Any, first: Point, second: Po
 
 def dressing_matrix(x: Any, X: Any, lam1: Any, lam2: Any, u: Any) -> Numbers:
     """M(u; λ1, λ2), shape (..., 2, 2), with det M = (u − λ1)(u − λ2); (5.5.3), (5.5.4)."""
-    entries = np.broadcast_arrays(u - lam1 + x * X, X, x * (lam1 - lam2 - x * X), u - lam2 - x * X)
-    return np.stack((np.stack(entries[:2], axis=-1), np.stack(entries[2:], axis=-1)), axis=-2)
-
-
-# ------------------------------------------------------------------------------------ the map, in four forms
+    return square(u - lam1 + x * X, X, x * (lam1 - lam2 - x * X), u - lam2 - x * X)
 
 
 def explicit(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:

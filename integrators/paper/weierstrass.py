@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import Any
 
 from mpmath import mp, mpf
@@ -18,20 +17,15 @@ __all__ = ["Weierstrass"]
 I = mp.mpc(0, 1)
 
 
-@dataclass(frozen=True)
 class Weierstrass:
-    """The functions with real invariants g2, g3, g2³ > 27 g3². Made and used at the same `mp.dps`."""
+    """The functions with real invariants g2, g3, g2³ > 27 g3². Made and used at the same `mp.dps`.
 
-    g2: Any
-    g3: Any
-    roots: tuple[Any, ...] = field(init=False)  # e1 > e2 > e3
-    omega1: Any = field(init=False)
-    omega3: Any = field(init=False)
-    basis: tuple[Any, Any] = field(init=False)  # half-periods (ω, ω') with Im ω'/ω >= 1: the nome is at most e^-π
-    weights: tuple[Any, ...] = field(init=False)  # 2 (−1)^n q^{(n + 1/2)²}, q = e^{iπτ}, τ = ω'/ω
-    etas: tuple[Any, Any] = field(init=False)  # ζ(ω), ζ(ω')
+    roots : e1 > e2 > e3. omega1, omega3 : the half-periods. basis : half-periods (ω, ω') with Im ω'/ω >= 1: the nome is at most
+    e^-π. weights : 2 (−1)^n q^{(n + 1/2)²}, q = e^{iπτ}, τ = ω'/ω. etas : ζ(ω), ζ(ω').
+    """
 
-    def __post_init__(self) -> None:
+    def __init__(self, g2: Any, g3: Any) -> None:
+        self.g2, self.g3 = g2, g3
         discriminant = self.g2**3 - 27 * self.g3**2
         if not discriminant > 0:
             raise ValueError(f"g2³ − 27 g3² = {mp.nstr(discriminant, 5)}: the three roots must be real and distinct")
@@ -44,14 +38,12 @@ class Weierstrass:
         basis = (mp.mpc(omega1), omega3) if omega3.imag >= omega1 else (omega3, -mp.mpc(omega1))
         log_q = (I * mp.pi * basis[1] / basis[0]).real
         last = int(mp.sqrt(mp.dps * mp.log(10) / -log_q)) + 2
-        weights = tuple(2 * (-1) ** n * mp.exp(log_q * (mpf(2 * n + 1) / 2) ** 2) for n in range(last + 1))
-        values = {"roots": (e1, e2, e3), "omega1": omega1, "omega3": omega3, "basis": basis, "weights": weights}
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        self.weights = tuple(2 * (-1) ** n * mp.exp(log_q * (mpf(2 * n + 1) / 2) ** 2) for n in range(last + 1))
+        self.roots, self.omega1, self.omega3, self.basis = (e1, e2, e3), omega1, omega3, basis
         # DLMF 23.6.8, and Legendre's relation η ω' − η' ω = iπ/2
         _, first, _, third = self.theta1(mp.mpc(0))
         eta = -(mp.pi**2) * third / (12 * basis[0] * first)
-        object.__setattr__(self, "etas", (eta, (eta * basis[1] - I * mp.pi / 2) / basis[0]))
+        self.etas = eta, (eta * basis[1] - I * mp.pi / 2) / basis[0]
 
     @property
     def eta1(self) -> Any:

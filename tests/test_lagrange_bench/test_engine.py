@@ -200,7 +200,7 @@ def test_a_cell_that_takes_too_much_memory_fails_alone(toy, monkeypatch):
 
 
 def test_a_method_that_is_not_available_is_skipped_and_said_once(toy):
-    ghost = Method("ghost", "", "", 1, False, False, frozenset(), "step", "", lambda: None, requires="no_such_package")
+    ghost = Method("ghost", "", "", 1, "", lambda: None, requires="no_such_package")
     engine._lacks.cache_clear()
     with registry.METHODS.lent(ghost):
         summary = toy(squares(1, 2, method="ghost") + squares(3))
