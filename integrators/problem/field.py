@@ -62,6 +62,11 @@ class Potential:
     def __repr__(self) -> str:
         return f"Potential({self.name!r})"
 
+    def __getstate__(
+        self,
+    ) -> dict[str, Any]:  # functions typed at a prompt cannot be pickled, what was recorded of them can
+        return {**self.__dict__, "value": None, "given": None}
+
     def formula(self, count: int) -> Formula:
         """V and its gradient with `count` parameters, recorded. ValueError if that cannot be done."""
         if self.parameters is not None and count != len(self.parameters):
@@ -168,16 +173,6 @@ class Field:
     def torque(self) -> Program:
         """g × x, by which J changes."""
         return self._made(lambda tape, x, g: cross(g, x))
-
-    @cached_property
-    def hessian_times(self) -> Program:
-        """(x, v, q) → U''(x) v."""
-        return self._made(lambda tape, x, g, v: tape.along(g, x, v), vectors=1)
-
-    @cached_property
-    def torque_along(self) -> Program:
-        """(x, v, q) → the derivative of g × x along v."""
-        return self._made(lambda tape, x, g, v: tape.along(cross(g, x), x, v), vectors=1)
 
     @cached_property
     def twist(self) -> Program:

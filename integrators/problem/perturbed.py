@@ -14,21 +14,20 @@ import hashlib
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array, check_real, check_state
-from lagrange_bench.integrators.compiling.expression import Program
-from lagrange_bench.integrators.problem.field import Field, Formula, Potential, Vector, cross, dot
+from lagrange_bench.integrators.problem.field import Field, Formula, Potential, Vector
 from lagrange_bench.integrators.problem.nature import Nature, _nature, _wrong
 from lagrange_bench.integrators.problem.system import System, top_system
-from lagrange_bench.integrators.problem.top import LagrangeTop, hat
+from lagrange_bench.integrators.problem.top import LagrangeTop, Top
 
 
 @dataclass(frozen=True)
-class PerturbedTop:
+class PerturbedTop(Top):
     """A Lagrange top in a potential, with the numbers of its parameters. Hashable, picklable.
 
     For `integrate_ensemble` alone, `alpha` of the top and the parameters may be arrays (n,), a number for each of n tops.
@@ -41,9 +40,6 @@ class PerturbedTop:
     top: LagrangeTop
     potential: Potential
     parameters: tuple[Any, ...] = ()
-    start: ClassVar[float] = 0.0  # time at the initial state, which nothing depends on
-    timed: ClassVar[bool] = False
-    names: ClassVar[tuple[str, ...]] = LagrangeTop.names
 
     def __post_init__(self) -> None:
         if not isinstance(self.top, LagrangeTop):
@@ -71,10 +67,6 @@ class PerturbedTop:
         """Top, field and parameters; of many their bytes."""
         return self.top, self.field, *(v.tobytes() if isinstance(v, np.ndarray) else v for v in self.parameters)
 
-    def __reduce__(self) -> Any:  # functions typed at a prompt cannot be pickled, what was recorded of them can
-        formula, potential = self.formula, self.potential
-        return _rebuild, (self.top, potential.name, formula.value, formula.given, potential.parameters, self.parameters)
-
     # ------------------------------------------------------------------ what it is
 
     @property
@@ -91,6 +83,16 @@ class PerturbedTop:
     def system(self) -> System:
         """H and its bracket as formulas; their parameters are `numbers`."""
         return top_system(self.field.potential, self.field.gradient, "J3" in self.conserved)
+
+    @property
+    def formulas(self) -> System:
+        """The same, with the rate of J3 as it is computed: of many tops each may keep it or not."""
+        return top_system(self.field.potential, self.field.gradient, False)
+
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """alpha and the parameters, of many tops arrays."""
+        return self.alpha, *self.parameters
 
     @property
     def alpha(self) -> Any:
@@ -151,11 +153,6 @@ class PerturbedTop:
         return frozenset({*always, *(name for name, offered in kinds.items() if offered)})
 
     @property
-    def as_top(self) -> PerturbedTop:
-        """Itself, as of a `Problem`."""
-        return self
-
-    @property
     def level(self) -> bool:
         """Whether it keeps J3."""
         return "J3" in self.conserved
@@ -193,44 +190,6 @@ class PerturbedTop:
         """alpha x3 + V, on whatever numbers x consists of."""
         return self.field.potential(x1, x2, x3, self.alpha, *self.parameters)[0]
 
-    def hessian_times(self, x1: Any, x2: Any, x3: Any, v1: Any, v2: Any, v3: Any) -> Vector:
-        """U''(x) v, on whatever numbers x and v consist of."""
-        a, b, c = self.field.hessian_times(x1, x2, x3, v1, v2, v3, self.alpha, *self.parameters)
-        return a, b, c
-
-    def rhs(self, y: ArrayLike, t: ArrayLike = 0.0) -> Array:
-        """Time derivative of states (..., 6), at any time."""
-        J, x = _parts(y)
-        with np.errstate(all="ignore"):
-            rates = (*cross(self.gradient(*x), x), *cross(J, x))
-        return np.stack(np.broadcast_arrays(*rates), axis=-1)
-
-    def jacobian(self, y: ArrayLike) -> Array:
-        """Derivative of `rhs`, shape (6, 6), at one state (6,)."""
-        y = np.asarray(y, dtype=float)
-        D = np.zeros((6, 6))
-        columns = [self.field.torque_along(*y[3:], *e, *self.numbers) for e in np.eye(3)]
-        D[:3, 3:] = np.array(columns, dtype=float).T
-        D[3:, :3], D[3:, 3:] = -hat(y[3:]), hat(y[:3])
-        return D
-
-    def poisson(self, y: ArrayLike) -> Array:
-        """The tensor P (6, 6) with {f, g} = ∇f·P∇g at one state (6,)."""
-        return self.top.poisson(y)
-
-    def invariants(self, y: ArrayLike, t: ArrayLike = 0.0) -> Array:
-        """H, J3, C1 = |x|², C2 = x·J of states (..., 6), at any time; shape (..., 4). J3 need not be conserved."""
-        J, x = _parts(y)
-        with np.errstate(all="ignore"):
-            H = dot(J, J) / 2 + self.energy(*x)
-        return np.stack(np.broadcast_arrays(H, J[2], dot(x, x), dot(x, J)), axis=-1)
-
-    def gradients(self, y: ArrayLike) -> Array:
-        """Gradients of H, J3, C1, C2 as rows, shape (4, 6), at one state (6,)."""
-        G = self.top.gradients(y)
-        G[0, 3:] = self.gradient(*np.asarray(y, dtype=float)[3:])
-        return G
-
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
         """Scales of J, of x and of time that errors are judged by, at one state (6,).
 
@@ -245,15 +204,6 @@ class PerturbedTop:
             rate = max(rate, math.sqrt(force) * math.sqrt(size))
         return rate, size, (1.0 / rate if rate > 0 else math.inf)
 
-    @property
-    def vectors(self) -> tuple[int, ...]:
-        """How many numbers each vector of a state has: J and x."""
-        return 3, 3
-
-    def sizes(self, y: ArrayLike) -> Array:
-        """Of each component of one state (6,) the scale that its error is judged by."""
-        return np.repeat(self.scales(y)[:2], 3)
-
     def invariant_scales(self, y: ArrayLike) -> Array:
         """Sizes of the terms in H, J3, C1, C2 at one state: what relative drift and ulps refer to; shape (4,)."""
         rate, size, _ = self.scales(y)
@@ -261,28 +211,6 @@ class PerturbedTop:
         weight = self.alpha * x3
         H = math.hypot(*J) ** 2 / 2 + abs(self.alpha) * size + abs(float(self.energy(x1, x2, x3)) - weight)
         return np.array((H, rate, size * size, size * rate))
-
-
-def _rebuild(
-    top: LagrangeTop,
-    name: str,
-    value: Program,
-    given: Program | None,
-    parameters: tuple[str, ...] | None,
-    numbers: tuple[float, ...],
-) -> PerturbedTop:
-    gradient = None if given is None else lambda x1, x2, x3, p: given(x1, x2, x3, *p)
-    potential = Potential(name, lambda x1, x2, x3, p: value(x1, x2, x3, *p)[0], gradient, parameters=parameters)
-    return PerturbedTop(top, potential, numbers)
-
-
-def _parts(y: ArrayLike) -> tuple[Array, Array]:
-    """J and x of states (..., 6), components in front."""
-    states = np.asarray(y, dtype=float)
-    if states.shape[-1:] != (6,):
-        raise ValueError(f"y must be states (J1, J2, J3, x1, x2, x3), shape (..., 6); got shape {states.shape}")
-    parts = np.moveaxis(states, -1, 0)
-    return parts[:3], parts[3:]
 
 
 def _check(value: Any, name: str) -> Any:

@@ -20,12 +20,32 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array, check_state
-from lagrange_bench.integrators.problem.system import System, uniform_system
+from lagrange_bench.integrators.problem.system import Dynamics, System, uniform_system
 from lagrange_bench.integrators.words import suggestion
 
 
+class Top(Dynamics):
+    """A top in a field: H = |J|²/2 + U(x) on e3."""
+
+    timed = False
+    names = ("H", "J3", "C1", "C2")  # J3 need not be conserved
+
+    @property
+    def as_top(self) -> Any:
+        """Itself, as of a `Problem`."""
+        return self
+
+    def scales(self, y: ArrayLike) -> tuple[float, float, float]:
+        """Scales of J, of x and of time that errors are judged by, at one state (6,)."""
+        raise NotImplementedError
+
+    def sizes(self, y: ArrayLike) -> Array:
+        """Of each component of one state (6,) the scale that its error is judged by."""
+        return np.repeat(self.scales(y)[:2], 3)
+
+
 @dataclass(frozen=True, eq=False)
-class LagrangeTop:
+class LagrangeTop(Top):
     """A symmetric heavy top with weight parameter `alpha` (m g l / A for a real one). Hashable, picklable.
 
     alpha : any finite number, in units of J²/x. For `integrate_ensemble` alone an array (n,), one number for each of n tops:
@@ -37,9 +57,7 @@ class LagrangeTop:
     """
 
     alpha: float = 1.0
-    start: ClassVar[float] = 0.0  # time at the initial state, which nothing depends on
-    names: ClassVar[tuple[str, ...]] = ("H", "J3", "C1", "C2")  # of `invariants`
-    conserved: ClassVar[frozenset[str]] = frozenset(names)
+    conserved: ClassVar[frozenset[str]] = frozenset(Top.names)
     # what methods may rely on, of `interface.NEEDS`: it is every kind of top
     offers: ClassVar[frozenset[str]] = frozenset(
         {"uniform", "quadratic", "force", "top", "kinetic", "parts", "smooth", "rhs"}
@@ -100,45 +118,10 @@ class LagrangeTop:
         """The parameters of `system`: alpha. ValueError if there are many."""
         return (self.single(),)
 
-    def rhs(self, y: ArrayLike, t: ArrayLike = 0.0) -> Array:
-        """Time derivative of states (..., 6), at any time."""
-        J1, J2, J3, x1, x2, x3 = _components(y)
-        turned = (J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1)
-        return np.stack((-self.alpha * x2, self.alpha * x1, 0.0 * J3, *turned), axis=-1)
-
-    def jacobian(self, y: ArrayLike) -> Array:
-        """Derivative of `rhs`, shape (6, 6), at one state (6,)."""
-        y = np.asarray(y, dtype=float)
-        D = np.zeros((6, 6))
-        D[:3, 3:] = self.single() * hat((0.0, 0.0, 1.0))
-        D[3:, :3] = -hat(y[3:])
-        D[3:, 3:] = hat(y[:3])
-        return D
-
-    def poisson(self, y: ArrayLike) -> Array:
-        """The tensor P (6, 6) with {f, g} = ∇f·P∇g at one state (6,)."""
-        y = np.asarray(y, dtype=float)
-        P = np.zeros((6, 6))
-        P[:3, :3] = -hat(y[:3])
-        P[:3, 3:] = P[3:, :3] = -hat(y[3:])
-        return P
-
-    def invariants(self, y: ArrayLike, t: ArrayLike = 0.0) -> Array:
-        """H, J3, C1 = |x|², C2 = x·J of states (..., 6), at any time; shape (..., 4)."""
-        J1, J2, J3, x1, x2, x3 = _components(y)
-        H = (J1 * J1 + J2 * J2 + J3 * J3) / 2 + self.alpha * x3
-        return np.stack((H, J3, x1 * x1 + x2 * x2 + x3 * x3, x1 * J1 + x2 * J2 + x3 * J3), axis=-1)
-
-    def gradients(self, y: ArrayLike) -> Array:
-        """Gradients of H, J3, C1, C2 as rows, shape (4, 6), at one state (6,)."""
-        y = np.asarray(y, dtype=float)
-        J, x = y[:3], y[3:]
-        G = np.zeros((4, 6))
-        G[0, :3], G[0, 5] = J, self.single()
-        G[1, 2] = 1.0
-        G[2, 3:] = 2 * x
-        G[3, :3], G[3, 3:] = x, J
-        return G
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """The parameters of `system`, of many tops an array."""
+        return (self.alpha,)
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
         """Scales of J, of x and of time that errors are judged by, at one state (6,).
@@ -150,28 +133,11 @@ class LagrangeTop:
         rate = math.hypot(*y[:3]) + math.sqrt(abs(self.single())) * math.sqrt(size)
         return rate, size, (1.0 / rate if rate > 0 else math.inf)
 
-    @property
-    def vectors(self) -> tuple[int, ...]:
-        """How many numbers each vector of a state has: J and x."""
-        return 3, 3
-
-    def sizes(self, y: ArrayLike) -> Array:
-        """Of each component of one state (6,) the scale that its error is judged by."""
-        return np.repeat(self.scales(y)[:2], 3)
-
     def invariant_scales(self, y: ArrayLike) -> Array:
         """Sizes of the terms in H, J3, C1, C2 at one state: what relative drift and ulps refer to; shape (4,)."""
         rate, size, _ = self.scales(y)
         J = math.hypot(*np.asarray(y, dtype=float)[:3])
         return np.array((J * J / 2 + abs(self.alpha) * size, rate, size * size, size * rate))
-
-
-def _components(y: ArrayLike) -> Array:
-    """J1, J2, J3, x1, x2, x3 of states (..., 6), in front; ValueError for any other shape."""
-    states = np.asarray(y, dtype=float)
-    if states.shape[-1:] != (6,):
-        raise ValueError(f"y must be states (J1, J2, J3, x1, x2, x3), shape (..., 6); got shape {states.shape}")
-    return np.moveaxis(states, -1, 0)
 
 
 def _check_alphas(alpha: NDArray[Any]) -> Array:
@@ -182,12 +148,6 @@ def _check_alphas(alpha: NDArray[Any]) -> Array:
         raise ValueError("alpha must be finite")
     alphas.flags.writeable = False
     return alphas
-
-
-def hat(v: ArrayLike) -> Array:
-    """The matrix of v× ."""
-    a, b, c = np.asarray(v, dtype=float)
-    return np.array(((0.0, -c, b), (c, 0.0, -a), (-b, a, 0.0)))
 
 
 @dataclass(frozen=True)
