@@ -291,8 +291,8 @@ def invariants_of(system: System, names: tuple[str, ...], extra: tuple[tuple[str
     """Values of invariants: H, Casimir functions, J3 of a top, and those of `extra`."""
 
     def values(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
-        own = {name: tape.run(program, t, *y, *p)[0] for name, program in extra}
-        known = {"H": tape.run(system.energy, t, *y, *p)[0], "J3": y[2], **system.space.casimirs(y), **own}
+        known = {"H": tape.run(system.energy, t, *y, *p)[0], "J3": y[2], **system.space.casimirs(y)}
+        known |= {name: tape.run(program, t, *y, *p)[0] for name, program in extra}
         return [known[name] for name in names]
 
     return system.record(values)

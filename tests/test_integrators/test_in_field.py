@@ -89,9 +89,14 @@ def test_level_fields_keep_J3_without_any_rounding(name):
 # ---------------------------------------------------------------- the steps, from their definitions
 
 
+def hat(v):
+    """The matrix of v×."""
+    return np.cross(v, np.eye(3)).T
+
+
 def cayley(v, x):
     """(1 − v×)⁻¹ (1 + v×) x."""
-    return np.linalg.solve(np.eye(3) - np.cross(v, np.eye(3)).T, x + np.cross(v, x))
+    return np.linalg.solve(np.eye(3) - hat(v), x + np.cross(v, x))
 
 
 @pytest.mark.parametrize("field", FIELDS)
