@@ -14,7 +14,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, cached_property, partial
 from typing import Any, NamedTuple
 
@@ -206,17 +206,6 @@ class Program:
             for i in self.roots(count)
             if any(n % 4 == 2 and base in moving - positive for base, n in factors(self.lines[i][1]).items())
         ]
-
-    def branch(self, flipped: Collection[int]) -> Program:
-        """The same formula with the other sign of the roots in these lines: another branch of the same analytic function."""
-        new: dict[Any, Any] = {i: i for i in range(self.inputs)}
-        lines: list[tuple[Any, ...]] = []
-        for i, (operation, *arguments) in enumerate(self.lines):
-            lines.append((operation, *(new.get(argument, argument) for argument in arguments)))
-            if i in flipped:
-                lines.append(("neg", self.inputs + len(lines) - 1))
-            new[self.inputs + i] = self.inputs + len(lines) - 1
-        return Program(self.inputs, tuple(lines), tuple(new.get(place, place) for place in self.outputs))
 
     def __getstate__(self) -> tuple[Any, ...]:  # without the function, which cannot be pickled
         return self.inputs, self.lines, self.outputs

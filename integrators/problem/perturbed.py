@@ -147,8 +147,7 @@ class PerturbedTop(Top):
 
         A root of a square, √(w²), has a corner where w changes its sign.
         """
-        nature, smooth = self.nature, not self.field.potential.corners(3)
-        kinds = {"smooth": smooth or nature.quadratic, "quadratic": nature.quadratic}
+        kinds = {"smooth": not self.formula.value.corners(3), "quadratic": self.nature.quadratic}
         always = ("rhs", "parts", "kinetic", "top", "force")
         return frozenset({*always, *(name for name, offered in kinds.items() if offered)})
 
