@@ -10,7 +10,6 @@ A `PerturbedTop` is a top in a potential (`field`), with numbers. Its nature (`n
 
 from __future__ import annotations
 
-import hashlib
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -128,12 +127,6 @@ class PerturbedTop(Top):
     def numbers(self) -> tuple[float, ...]:
         """alpha and the parameters: what the programs of `field` take after x. ValueError if there are many tops."""
         return self.single(), *self.parameters
-
-    @cached_property
-    def digest(self) -> str:
-        """Identity of the problem: formula and numbers, hexadecimal."""
-        text = self.field.digest + repr(tuple(map(float, self.numbers)))
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @cached_property
     def nature(self) -> Nature:
