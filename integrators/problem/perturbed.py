@@ -16,16 +16,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.checks import Array, check_real, check_state
+from lagrange_bench.integrators.checks import Array, check_one_or_many
 from lagrange_bench.integrators.problem.field import Field, Formula, Potential, Vector
 from lagrange_bench.integrators.problem.nature import Nature, _nature, _wrong
 from lagrange_bench.integrators.problem.system import System, top_system
 from lagrange_bench.integrators.problem.top import LagrangeTop, Top
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PerturbedTop(Top):
     """A Lagrange top in a potential, with the numbers of its parameters. Hashable, picklable.
 
@@ -48,23 +48,17 @@ class PerturbedTop(Top):
         parameters = self.parameters
         if isinstance(parameters, (str, bytes)) or not hasattr(parameters, "__iter__"):
             raise ValueError(f"parameters must be numbers, one for each parameter; got {parameters!r}")
-        checked = tuple(_check(value, f"parameters[{i}]") for i, value in enumerate(parameters))
+        checked = tuple(check_one_or_many(value, f"parameters[{i}]") for i, value in enumerate(parameters))
         object.__setattr__(self, "parameters", checked)
         formula = self.potential.formula(len(checked))
         object.__setattr__(self, "_formula", formula)
         if formula.given and all(map(np.size, checked)) and (where := _wrong(formula, self.first())):
             raise ValueError(f"potential {self.potential.name}: gradient is not the derivative of value at {where}")
 
-    def __hash__(self) -> int:
-        return hash(self.identity)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, PerturbedTop) and self.identity == other.identity
-
     @property
     def identity(self) -> tuple[Any, ...]:
-        """Top, field and parameters; of many their bytes."""
-        return self.top, self.field, *(v.tobytes() if isinstance(v, np.ndarray) else v for v in self.parameters)
+        """The field and the parameters."""
+        return self.field, *super().identity
 
     # ------------------------------------------------------------------ what it is
 
@@ -98,11 +92,6 @@ class PerturbedTop(Top):
         """The weight parameter of the top."""
         return self.top.alpha
 
-    @cached_property
-    def many(self) -> int | None:
-        """The number of tops, if alpha or a parameter is an array."""
-        return next((len(v) for v in (self.alpha, *self.parameters) if isinstance(v, np.ndarray)), None)
-
     def first(self) -> tuple[float, ...]:
         """The parameters, of many tops those of the first."""
         return tuple(float(v[0]) if isinstance(v, np.ndarray) else v for v in self.parameters)
@@ -116,17 +105,6 @@ class PerturbedTop(Top):
         if nature is not None:
             object.__setattr__(other, "nature", nature)
         return other
-
-    def single(self) -> float:
-        """alpha; ValueError if there are many tops."""
-        if self.many is not None:
-            raise ValueError(f"top holds {self.many} values of a parameter, which only integrate_ensemble takes")
-        return self.top.single()
-
-    @cached_property
-    def numbers(self) -> tuple[float, ...]:
-        """alpha and the parameters: what the programs of `field` take after x. ValueError if there are many tops."""
-        return self.single(), *self.parameters
 
     @cached_property
     def nature(self) -> Nature:
@@ -149,11 +127,6 @@ class PerturbedTop(Top):
         """Whether it keeps J3."""
         return "J3" in self.conserved
 
-    def kept_by(self, claims: Any) -> frozenset[str]:
-        """Those of `conserved` that a method keeps at round-off, by its claims for a top in any field."""
-        quadratic = claims.if_quadratic if "quadratic" in self.offers else frozenset()
-        return (claims.conserves | quadratic) & self.conserved
-
     @cached_property
     def conserved(self) -> frozenset[str]:
         """Of H, J3, C1, C2 those that the exact motion keeps."""
@@ -161,7 +134,7 @@ class PerturbedTop(Top):
 
     def check_state(self, y: Any, name: str = "y0") -> Array:
         """A state as a fresh array (6,). ValueError: it is none, or the force is not finite there."""
-        state = check_state(y, name)
+        state = super().check_state(y, name)
         x = state[3:].tolist()
         try:
             values = [*self.gradient(*x), self.energy(*x)]
@@ -203,13 +176,3 @@ class PerturbedTop(Top):
         weight = self.alpha * x3
         H = math.hypot(*J) ** 2 / 2 + abs(self.alpha) * size + abs(float(self.energy(x1, x2, x3)) - weight)
         return np.array((H, rate, size * size, size * rate))
-
-
-def _check(value: Any, name: str) -> Any:
-    if isinstance(value, np.ndarray) and value.ndim == 1:
-        numbers: NDArray[np.float64] = np.array(value, dtype=np.float64)
-        if value.dtype.kind not in "iuf" or not np.isfinite(numbers).all():
-            raise ValueError(f"{name} must be finite real numbers")
-        numbers.flags.writeable = False
-        return numbers
-    return check_real(value, name)

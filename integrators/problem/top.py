@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange_bench.integrators.checks import Array, check_state
+from lagrange_bench.integrators.checks import Array, check_one_or_many, check_state
 from lagrange_bench.integrators.problem.system import Dynamics, System, uniform_system
 from lagrange_bench.integrators.words import suggestion
 
@@ -31,9 +31,48 @@ class Top(Dynamics):
     names = ("H", "J3", "C1", "C2")  # J3 need not be conserved
 
     @property
+    def alpha(self) -> Any:
+        """The weight parameter, of many tops an array."""
+        raise NotImplementedError
+
+    @property
+    def identity(self) -> tuple[Any, ...]:
+        """What makes two tops equal: their parameters, of many the bytes."""
+        return tuple(v.tobytes() if isinstance(v, np.ndarray) else v for v in self.arguments)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, type(self)) and self.identity == other.identity
+
+    def __hash__(self) -> int:
+        return hash(self.identity)
+
+    @property
     def as_top(self) -> Any:
         """Itself, as of a `Problem`."""
         return self
+
+    def single(self) -> float:
+        """alpha; ValueError if there are many tops."""
+        for value in self.arguments:
+            if isinstance(value, np.ndarray):
+                raise ValueError(f"top holds {len(value)} values of a parameter, which only integrate_ensemble takes")
+        return float(self.alpha)
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """The parameters of `system`: alpha and those of a potential. ValueError if there are many tops."""
+        self.single()
+        return self.arguments
+
+    def check_state(self, y: Any, name: str = "y0") -> Array:
+        """A state as a fresh array (6,). ValueError: it is none."""
+        return check_state(y, name)
+
+    def kept_by(self, claims: Any) -> frozenset[str]:
+        """Those of `conserved` that a method keeps at round-off, by its claims for a top in any field."""
+        quadratic = claims.if_quadratic if "quadratic" in self.offers else frozenset()
+        kept: frozenset[str] = (claims.conserves | quadratic) & self.conserved
+        return kept
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
         """Scales of J, of x and of time that errors are judged by, at one state (6,)."""
@@ -56,7 +95,7 @@ class LagrangeTop(Top):
     ValueError : alpha is not real or not finite.
     """
 
-    alpha: float = 1.0
+    alpha: float = 1.0  # type: ignore[assignment]
     conserved: ClassVar[frozenset[str]] = frozenset(Top.names)
     # what methods may rely on, of `interface.NEEDS`: it is every kind of top
     offers: ClassVar[frozenset[str]] = frozenset(
@@ -68,55 +107,12 @@ class LagrangeTop(Top):
         def __init__(self, alpha: float | NDArray[Any] = 1.0) -> None: ...
 
     def __post_init__(self) -> None:
-        alpha = self.alpha
-        if isinstance(alpha, np.ndarray) and alpha.ndim == 1:
-            object.__setattr__(self, "alpha", _check_alphas(alpha))
-            return
-        if isinstance(alpha, (bool, np.bool_, str, bytes, complex)):
-            raise ValueError(f"alpha must be a real number; got {alpha!r}")
-        try:
-            alpha = float(alpha)
-        except (TypeError, ValueError, OverflowError):
-            raise ValueError(f"alpha must be a real number; got {alpha!r}") from None
-        if not math.isfinite(alpha):
-            raise ValueError(f"alpha must be finite; got {alpha}")
-        object.__setattr__(self, "alpha", alpha)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, LagrangeTop) and self.identity == other.identity
-
-    def __hash__(self) -> int:
-        return hash(self.identity)
-
-    @property
-    def identity(self) -> float | bytes:
-        """alpha, or the bytes of many."""
-        return self.alpha.tobytes() if isinstance(self.alpha, np.ndarray) else self.alpha
-
-    def check_state(self, y: Any, name: str = "y0") -> Array:
-        """A state as a fresh array (6,). ValueError: it is none."""
-        return check_state(y, name)
-
-    def kept_by(self, claims: Any) -> frozenset[str]:
-        """Those of `conserved` that a method keeps at round-off, by its claims: H is quadratic."""
-        kept: frozenset[str] = claims.conserves | claims.if_quadratic
-        return kept
-
-    def single(self) -> float:
-        """alpha; ValueError if there are many."""
-        if isinstance(self.alpha, np.ndarray):
-            raise ValueError(f"top holds {len(self.alpha)} values of alpha, which only integrate_ensemble takes")
-        return self.alpha
+        object.__setattr__(self, "alpha", check_one_or_many(self.alpha, "alpha"))
 
     @property
     def system(self) -> System:
         """H and its bracket as formulas."""
         return uniform_system()
-
-    @property
-    def numbers(self) -> tuple[float, ...]:
-        """The parameters of `system`: alpha. ValueError if there are many."""
-        return (self.single(),)
 
     @property
     def arguments(self) -> tuple[Any, ...]:
@@ -138,16 +134,6 @@ class LagrangeTop(Top):
         rate, size, _ = self.scales(y)
         J = math.hypot(*np.asarray(y, dtype=float)[:3])
         return np.array((J * J / 2 + abs(self.alpha) * size, rate, size * size, size * rate))
-
-
-def _check_alphas(alpha: NDArray[Any]) -> Array:
-    if alpha.dtype.kind not in "iuf":
-        raise ValueError(f"alpha must be real numbers; got dtype {alpha.dtype}")
-    alphas = np.array(alpha, dtype=np.float64)
-    if not np.isfinite(alphas).all():
-        raise ValueError("alpha must be finite")
-    alphas.flags.writeable = False
-    return alphas
 
 
 @dataclass(frozen=True)
