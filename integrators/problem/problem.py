@@ -155,9 +155,6 @@ class Problem(Dynamics):
         assert self.as_top is not None
         return 2 in self.system.kept if self.timed else self.as_top.level
 
-    def single(self) -> None:
-        """A problem has one set of parameters."""
-
     def check_state(self, y: Any, name: str = "y0") -> Array:
         """A state as a fresh array (n,), of any shape with so many numbers. ValueError: it is none, or H is not finite."""
         state = check_numbers(y, name, self.space.size)

@@ -247,12 +247,16 @@ class Dynamics:
         """Invariants with a formula of their own."""
         return ()
 
+    def single(self) -> Any:
+        """ValueError if a parameter is an array with a number for each of many motions."""
+
     def rhs(self, y: ArrayLike, t: Any = 0.0) -> Array:
         """Time derivative of states (..., n)."""
         return self._values(self.formulas.rhs, y, t)
 
     def jacobian(self, y: ArrayLike, t: float = 0.0) -> Array:
         """Derivative of `rhs`, shape (n, n), at one state (n,)."""
+        self.single()
         n = self.formulas.size
         return self._values(self.formulas.jacobian, y, t).reshape(n, n).T
 
@@ -267,6 +271,7 @@ class Dynamics:
 
     def gradients(self, y: ArrayLike, t: float = 0.0) -> Array:
         """Gradients of `names` as rows, at one state (n,)."""
+        self.single()
         slopes = slopes_of(self.formulas, self.names, self.extra)
         return self._values(slopes, y, t).reshape(len(self.names), self.formulas.size)
 
