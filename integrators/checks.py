@@ -121,6 +121,17 @@ def check_real(value: Any, name: str) -> float:
     return number
 
 
+def check_one_or_many(value: Any, name: str) -> Any:
+    """`value` as a finite float; or an array (n,) of them, which is copied and read-only."""
+    if not isinstance(value, np.ndarray) or value.ndim != 1:
+        return check_real(value, name)
+    numbers = np.array(value, dtype=np.float64) if value.dtype.kind in "iuf" else np.full(1, np.nan)
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{name} must be finite real numbers; got dtype {value.dtype}")
+    numbers.flags.writeable = False
+    return numbers
+
+
 def check_flag(value: Any, name: str) -> bool:
     """`value` as True or False."""
     if not isinstance(value, (bool, np.bool_)):

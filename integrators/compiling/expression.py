@@ -14,14 +14,13 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, cached_property, partial
 from typing import Any, NamedTuple
 
 from lagrange_bench.integrators.compiling.compiled import inlined, jit_as
-from lagrange_bench.integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.compiling.unroll import FUNCTIONS, Number, unrolled
 
-FUNCTIONS = ("sqrt", "sin", "cos", "exp", "log")
 PYTHON = {"add": "{} + {}", "sub": "{} - {}", "mul": "{} * {}", "div": "{} / {}", "neg": "-{}"}
 PYTHON |= {name: name + "({})" for name in FUNCTIONS}
 UFUNCS = {"add": "add", "subtract": "sub", "multiply": "mul", "divide": "div", "negative": "neg"}
@@ -91,7 +90,7 @@ def apply(name: str, a: Any) -> Any:
     raise TypeError(f"no {name} of a {type(a).__name__}")
 
 
-class Term:
+class Term(Number):
     """A number of a formula that is being recorded."""
 
     __slots__ = ("place", "tape")
@@ -100,50 +99,12 @@ class Term:
     def __init__(self, tape: Tape, place: int):
         self.tape, self.place = tape, place
 
-    def __add__(self, other: Any) -> Term:
-        return self.tape.make("add", self, other)
-
-    def __radd__(self, other: Any) -> Term:
-        return self.tape.make("add", other, self)
-
-    def __sub__(self, other: Any) -> Term:
-        return self.tape.make("sub", self, other)
-
-    def __rsub__(self, other: Any) -> Term:
-        return self.tape.make("sub", other, self)
-
-    def __mul__(self, other: Any) -> Term:
-        return self.tape.make("mul", self, other)
-
-    def __rmul__(self, other: Any) -> Term:
-        return self.tape.make("mul", other, self)
-
-    def __truediv__(self, other: Any) -> Term:
-        return self.tape.make("div", self, other)
-
-    def __rtruediv__(self, other: Any) -> Term:
-        return self.tape.make("div", other, self)
-
-    def __neg__(self) -> Term:
-        return self.tape.make("neg", self)
+    def make(self, operation: str, *operands: Any) -> Term:
+        """A line of the tape."""
+        return self.tape.make(operation, *operands)
 
     def __pos__(self) -> Term:
         return self
-
-    def sqrt(self) -> Term:
-        return self.tape.make("sqrt", self)
-
-    def sin(self) -> Term:
-        return self.tape.make("sin", self)
-
-    def cos(self) -> Term:
-        return self.tape.make("cos", self)
-
-    def exp(self) -> Term:
-        return self.tape.make("exp", self)
-
-    def log(self) -> Term:
-        return self.tape.make("log", self)
 
     def __pow__(self, power: Any) -> Term:
         twice = 2 * power if isinstance(power, (int, float)) else 0.5
@@ -258,17 +219,6 @@ class Program:
             for i in self.roots(count)
             if any(n % 4 == 2 and base in moving - positive for base, n in factors(self.lines[i][1]).items())
         ]
-
-    def branch(self, flipped: Collection[int]) -> Program:
-        """The same formula with the other sign of the roots in these lines: another branch of the same analytic function."""
-        new: dict[Any, Any] = {i: i for i in range(self.inputs)}
-        lines: list[tuple[Any, ...]] = []
-        for i, (operation, *arguments) in enumerate(self.lines):
-            lines.append((operation, *(new.get(argument, argument) for argument in arguments)))
-            if i in flipped:
-                lines.append(("neg", self.inputs + len(lines) - 1))
-            new[self.inputs + i] = self.inputs + len(lines) - 1
-        return Program(self.inputs, tuple(lines), tuple(new.get(place, place) for place in self.outputs))
 
     def __getstate__(self) -> tuple[Any, ...]:  # without the function, which cannot be pickled
         return self.inputs, self.lines, self.outputs

@@ -1,7 +1,7 @@
 """All that rests on Numba's insides: its cache and its names for functions, and loads and stores without checks.
 
 Numba may change these in any minor version and does not announce it. So pyproject.toml admits none above the newest that was
-tested, and a Numba that lacks one of them is refused with its name; nothing falls back on slower or stale code.
+tested. Sizes and strides of what is here must be literals.
 """
 
 from __future__ import annotations
@@ -13,39 +13,17 @@ import re
 import secrets
 import uuid
 from collections.abc import Callable, Iterator
-from types import ModuleType
 from typing import Any
 
 import numba
 from numba import TypingError, types
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
-SUPPORTED = ">=0.61.2,<0.69"  # the same as in pyproject.toml
-
-
-def inside(owner: Any, path: str) -> Any:
-    """owner.path, an attribute of Numba that it does not document. ImportError naming it if there is none."""
-    for attribute in path.split("."):
-        try:
-            owner = getattr(owner, attribute)
-        except AttributeError:
-            where = (owner if isinstance(owner, (type, ModuleType)) else type(owner)).__name__
-            raise ImportError(
-                f"numba {numba.__version__} has no {where}.{attribute}, which compiled kernels need: install numba{SUPPORTED}"
-            ) from None
-    return owner
-
-
 config: Any = numba.config  # its attributes are made at run time
-alloca_once = inside(numba, "core.cgutils.alloca_once")
-add_symbol = inside(numba, "core.codegen.ll.add_symbol")
-FunctionType: Any = inside(numba, "core.cgutils.ir.FunctionType")
-get_or_insert_function = inside(numba, "core.cgutils.get_or_insert_function")
-infer_global = inside(numba, "core.typing.templates.infer_global")
-NumbaError: Any = inside(numba, "core.errors.NumbaError")
-AbstractTemplate: Any = inside(numba, "core.typing.templates.AbstractTemplate")
-for method in ("get_constant", "get_dummy_value", "get_value_type", "make_array", "make_tuple"):
-    inside(numba, f"core.base.BaseContext.{method}")  # called while compiling, where Numba would hide what goes wrong
+core: Any = numba.core
+cgutils, templates = core.cgutils, core.typing.templates
+AbstractTemplate: Any = templates.AbstractTemplate
+NumbaError: Any = core.errors.NumbaError
 
 
 def useful_lines(error: Any) -> str:
@@ -70,24 +48,22 @@ def random_numbers() -> Iterator[int]:
 
 # A function's number is part of the names of its machine code. Numba counts from 1 in every process: of two functions with one
 # source and one number, cached by two processes, a third that loads both would run the first in place of the second.
-inside(numba, "core.bytecode.FunctionIdentity._unique_ids")
-inside(numba, "core.bytecode.FunctionIdentity")._unique_ids = random_numbers()
+core.bytecode.FunctionIdentity._unique_ids = random_numbers()
 
 
 def keep_code(decorator: Callable[..., Any], function: Callable[..., Any], folder: str) -> Any:
     """`decorator(function)`, a decorator of Numba with a cache, which is in `folder`."""
-    before = inside(config, "CACHE_DIR")
+    before = config.CACHE_DIR
     config.CACHE_DIR = folder  # read while decorating, so other packages keep their own place
     try:
         dispatcher = decorator(function)
     finally:
         config.CACHE_DIR = before
-    kept = inside(dispatcher, "_cache")
-    files = inside(kept, "_cache_file")
+    kept = dispatcher._cache
+    files = kept._cache_file
     # Numba counts its files: two processes that save at once would take one file for two variants
-    inside(files, "_data_name")
-    files._data_name = lambda number: f"{inside(kept, '_impl').filename_base}.{uuid.uuid4().hex}.nbc"
-    save = inside(kept, "save_overload")
+    files._data_name = lambda number: f"{kept._impl.filename_base}.{uuid.uuid4().hex}.nbc"
+    save = kept.save_overload
 
     def save_if_possible(signature: Any, data: Any) -> None:
         # what cannot be kept for the next process is compiled there again: no reason for this one to fail
@@ -100,24 +76,22 @@ def keep_code(decorator: Callable[..., Any], function: Callable[..., Any], folde
 
 def set_name(thing: Any, text: str) -> Any:
     """A dispatcher or intrinsic with a name made of `text`, the same in all processes: Numba's own is random."""
-    inside(thing, "_set_uuid")(str(uuid.uuid5(uuid.NAMESPACE_OID, text)))
+    thing._set_uuid(str(uuid.uuid5(uuid.NAMESPACE_OID, text)))
     return thing
 
 
 def name_of(dispatcher: Any) -> str:
-    return str(inside(dispatcher, "_uuid"))
+    return str(dispatcher._uuid)
 
 
 def is_kept(dispatcher: Any) -> bool:
     """Whether the cache has machine code of a function, of whatever types."""
-    kept = inside(dispatcher, "_cache")
+    kept = dispatcher._cache
     files = getattr(kept, "_cache_file", None)
-    if files is None or not os.path.exists(inside(files, "_index_path")):
+    if files is None or not os.path.exists(files._index_path):
         return False
-    own = inside(kept, "_index_key")(None, inside(dispatcher, "targetctx.codegen")())[
-        -1
-    ]  # functions of a factory share a file
-    return any(key[-1] == own for key in inside(files, "_load_index")())
+    own = kept._index_key(None, dispatcher.targetctx.codegen())[-1]  # functions of a factory share a file
+    return any(key[-1] == own for key in files._load_index())
 
 
 def named_intrinsic(function: Callable[..., Any]) -> Any:
@@ -128,18 +102,18 @@ def named_intrinsic(function: Callable[..., Any]) -> Any:
 def address_of(dispatcher: Any) -> int:
     """Where the machine code is of a function of a pointer to doubles that gives an int; compiles it."""
     dispatcher.compile((types.CPointer(types.float64),))
-    (made,) = inside(dispatcher, "overloads").values()
-    return int(inside(made, "library.get_pointer_to_function")(inside(made, "fndesc.llvm_cfunc_wrapper_name")))
+    (made,) = dispatcher.overloads.values()
+    return int(made.library.get_pointer_to_function(made.fndesc.llvm_cfunc_wrapper_name))
 
 
 def call_by_name(address: int, name: str) -> Any:
     """A function of a pointer to doubles that gives an int, as LLVM finds it by that name from now on."""
-    add_symbol(name, address)
+    core.codegen.ll.add_symbol(name, address)
 
     def call(typingctx, numbers):  # closes over no type of Numba: these have other numbers in each process
         def generate(context, builder, signature, args):
-            kind = FunctionType(context.get_value_type(signature.return_type), [args[0].type])
-            return builder.call(get_or_insert_function(builder.module, kind, name), args)
+            kind = cgutils.ir.FunctionType(context.get_value_type(signature.return_type), [args[0].type])
+            return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), args)
 
         return types.int64(numbers), generate
 
@@ -175,18 +149,22 @@ if config.DISABLE_JIT:
 
 else:
 
+    def literals(*numbers):
+        """Their values; Numba tries any integers first, and after this error constants."""
+        if not all(isinstance(number, types.IntegerLiteral) for number in numbers):
+            raise TypingError("sizes and strides must be constants")
+        return [number.literal_value for number in numbers]
+
     @named_intrinsic
     def stack(typingctx, size):
         """An uninitialised array of float64 on the stack, for a kernel's scratch: `size` is a literal, indices unchecked.
 
         Not in the constants of a kernel: two threads may share those.
         """
-        if not isinstance(size, types.IntegerLiteral):
-            raise TypingError("the size of a stack array must be a constant")
-        count = size.literal_value
+        (count,) = literals(size)
 
         def generate(context, builder, signature, args):
-            return alloca_once(builder, context.get_value_type(types.float64), size=count)
+            return cgutils.alloca_once(builder, context.get_value_type(types.float64), size=count)
 
         return types.CPointer(types.float64)(size), generate
 
@@ -199,9 +177,7 @@ else:
         Between these loads and the stores below LLVM sees constant distances only: a loop over neighbouring places
         becomes SIMD code without any test for overlaps.
         """
-        if not (isinstance(count, types.IntegerLiteral) and isinstance(stride, types.IntegerLiteral)):
-            raise TypingError("count and stride must be constants")
-        number, distance = count.literal_value, stride.literal_value
+        number, distance = literals(count, stride)
 
         def generate(context, builder, signature, args):
             data = context.make_array(signature.args[0])(context, builder, args[0]).data
@@ -214,9 +190,7 @@ else:
     @named_intrinsic
     def put_column(typingctx, array, place, values, stride):
         """array[place], array[place + stride], … = values, a tuple; see `column`."""
-        if not isinstance(stride, types.IntegerLiteral):
-            raise TypingError("stride must be a constant")
-        distance = stride.literal_value
+        (distance,) = literals(stride)
 
         def generate(context, builder, signature, args):
             data = context.make_array(signature.args[0])(context, builder, args[0]).data
@@ -242,22 +216,20 @@ else:
     @named_intrinsic
     def strided(typingctx, array, place, stride):
         """The numbers of `column` as something that a kernel may write into; `stride` is a literal."""
-        if not isinstance(stride, types.IntegerLiteral):
-            raise TypingError("stride must be a constant")
 
         def generate(context, builder, signature, args):
             return builder.gep(context.make_array(signature.args[0])(context, builder, args[0]).data, [args[1]])
 
-        return Strided(array.dtype, stride.literal_value)(array, types.int64, stride), generate
+        return Strided(array.dtype, *literals(stride))(array, types.int64, stride), generate
 
-    @infer_global(operator.getitem)
+    @templates.infer_global(operator.getitem)
     class ReadStrided(AbstractTemplate):
         def generic(self, args, kws):
             if isinstance(args[0], Strided) and isinstance(args[1], types.Integer):
                 return args[0].dtype(args[0], types.intp)
             return None
 
-    @infer_global(operator.setitem)
+    @templates.infer_global(operator.setitem)
     class WriteStrided(AbstractTemplate):
         def generic(self, args, kws):
             if isinstance(args[0], Strided) and isinstance(args[1], types.Integer):

@@ -19,66 +19,59 @@ from numba.extending import intrinsic
 from lagrange_bench.integrators.compiling.numba_internals import config, set_name
 
 TUPLE: Any = types.BaseTuple
+FUNCTIONS = ("sqrt", "sin", "cos", "exp", "log")
 
 
-class Symbol:
+def _operators(name: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """a ∘ b and b ∘ a, as methods of a."""
+    return lambda a, b: a.make(name, a, b), lambda a, b: a.make(name, b, a)
+
+
+def _function(name: str) -> Callable[..., Any]:
+    return lambda a: a.make(name, a)
+
+
+class Number:
+    """What formulas reckon with: operators and functions of all kinds of unknown numbers, each of which says what it makes."""
+
+    __slots__ = ()
+
+    def make(self, operation: str, *operands: Any) -> Any:
+        """The number that an operation gives."""
+        raise NotImplementedError
+
+    __add__, __radd__ = _operators("add")
+    __sub__, __rsub__ = _operators("sub")
+    __mul__, __rmul__ = _operators("mul")
+    __truediv__, __rtruediv__ = _operators("div")
+    __neg__ = _function("neg")
+    sqrt, sin, cos, exp, log = map(_function, FUNCTIONS)
+
+    def __bool__(self) -> bool:
+        raise TypeError("an unrolled function cannot branch on a number that is not known yet")
+
+
+class Symbol(Number):
     """A double that compiled code will know."""
 
     def __init__(self, emit: Any, value: Any):
         self.emit, self.value = emit, value
 
-    def __add__(self, other: Any) -> Symbol:
-        return self._of("fadd", self, other)
+    def make(self, operation: str, *operands: Any) -> Symbol:
+        """The instruction, emitted."""
+        values = [x.value if isinstance(x, Symbol) else self.value.type(float(x)) for x in operands]
+        if operation in FUNCTIONS:
+            function = self.emit.module.declare_intrinsic(f"llvm.{operation}", [self.value.type])
+            return Symbol(self.emit, self.emit.call(function, values))
+        return Symbol(self.emit, getattr(self.emit, f"f{operation}")(*values))
 
-    def __sub__(self, other: Any) -> Symbol:
-        return self._of("fsub", self, other)
 
-    def __mul__(self, other: Any) -> Symbol:
-        return self._of("fmul", self, other)
+class Unknown(Number):
+    """Any double: whatever is done with it gives one again."""
 
-    def __truediv__(self, other: Any) -> Symbol:
-        return self._of("fdiv", self, other)
-
-    def __radd__(self, other: Any) -> Symbol:
-        return self._of("fadd", other, self)
-
-    def __rsub__(self, other: Any) -> Symbol:
-        return self._of("fsub", other, self)
-
-    def __rmul__(self, other: Any) -> Symbol:
-        return self._of("fmul", other, self)
-
-    def __neg__(self) -> Symbol:
-        return Symbol(self.emit, self.emit.fneg(self.value))
-
-    def sqrt(self) -> Symbol:
-        return self._call("llvm.sqrt")
-
-    def sin(self) -> Symbol:
-        return self._call("llvm.sin")
-
-    def cos(self) -> Symbol:
-        return self._call("llvm.cos")
-
-    def exp(self) -> Symbol:
-        return self._call("llvm.exp")
-
-    def log(self) -> Symbol:
-        return self._call("llvm.log")
-
-    def __rtruediv__(self, other: Any) -> Symbol:
-        return self._of("fdiv", other, self)
-
-    def __bool__(self) -> bool:
-        raise TypeError("an unrolled function cannot branch on a number that is not known yet")
-
-    def _call(self, name: str) -> Symbol:
-        function = self.emit.module.declare_intrinsic(name, [self.value.type])
-        return Symbol(self.emit, self.emit.call(function, [self.value]))
-
-    def _of(self, operation: str, a: Any, b: Any) -> Symbol:
-        a, b = (x.value if isinstance(x, Symbol) else self.value.type(float(x)) for x in (a, b))
-        return Symbol(self.emit, getattr(self.emit, operation)(a, b))
+    def make(self, operation: str, *operands: Any) -> Unknown:
+        """Itself."""
+        return self
 
 
 def unrolled(name: str) -> Callable[[Callable[..., Any]], Any]:
@@ -105,17 +98,6 @@ def unrolled(name: str) -> Callable[[Callable[..., Any]], Any]:
         return made
 
     return decorate
-
-
-class Unknown:
-    """Any double: whatever is done with it gives one again."""
-
-    def __add__(self, other: Any = None) -> Unknown:
-        return self
-
-    __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __neg__ = __add__
-    sqrt = sin = cos = exp = log = __add__
-    __bool__ = Symbol.__bool__
 
 
 def example(kind: Any) -> Any:

@@ -11,14 +11,12 @@ import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import chain, combinations
 from typing import Any
 
 from lagrange_bench.integrators.compiling.compiled import jit_as
-from lagrange_bench.integrators.compiling.expression import Program, Tape, Term, record, take
+from lagrange_bench.integrators.compiling.expression import Program, Tape, Term, record, take, with_slopes
 from lagrange_bench.integrators.compiling.unroll import unrolled
 
-ROOTS = 6  # at most: each combination of their signs is tried
 Vector = tuple[Any, Any, Any]
 
 
@@ -69,6 +67,11 @@ class Potential:
     def __repr__(self) -> str:
         return f"Potential({self.name!r})"
 
+    def __getstate__(
+        self,
+    ) -> dict[str, Any]:  # functions typed at a prompt cannot be pickled, what was recorded of them can
+        return {**self.__dict__, "value": None, "given": None}
+
     def formula(self, count: int) -> Formula:
         """V and its gradient with `count` parameters, recorded. ValueError if that cannot be done."""
         if self.parameters is not None and count != len(self.parameters):
@@ -107,41 +110,28 @@ class Formula:
     value: Program
     given: Program | None = None
 
+    def slopes(self, tape: Tape, x: Sequence[Term], p: Sequence[Term]) -> tuple[Term, ...]:
+        """∇V on a tape: as it was given, or derived."""
+        return tape.run(self.given or self.derived, *x, *p)
+
     @cached_property
     def field(self) -> Field:
         """The field of alpha x3 + V."""
-        tape, x, q = _inputs(self.value.inputs - 2)
-        (V,) = tape.run(self.value, *x, *q[1:])
-        gradient = tape.run(self.given, *x, *q[1:]) if self.given else tape.gradient(V, x)
-        return Field(
-            tape.program((q[0] * x[2] + V,)),
-            tape.program((gradient[0], gradient[1], gradient[2] + q[0])),
-        )
+        tape, x, (alpha, *p) = _inputs(self.value.inputs - 2)
+        (V,) = tape.run(self.value, *x, *p)
+        g1, g2, g3 = self.slopes(tape, x, p)
+        return Field(tape.program((alpha * x[2] + V,)), tape.program((g1, g2, g3 + alpha)))
 
     @cached_property
     def perturbation(self) -> Field:
         """The field of V alone, with the same inputs."""
-        tape, x, q = _inputs(self.value.inputs - 2)
-        (V,) = tape.run(self.value, *x, *q[1:])
-        gradient = tape.run(self.given, *x, *q[1:]) if self.given else tape.gradient(V, x)
-        return Field(tape.program((V,)), tape.program(gradient))
+        tape, x, (_, *p) = _inputs(self.value.inputs - 2)
+        return Field(tape.program(tape.run(self.value, *x, *p)), tape.program(self.slopes(tape, x, p)))
 
     @cached_property
     def bends(self) -> Program:
         """(x, p) → ∇V and the nine entries of V''."""
-        tape, x, p = _inputs(self.value.inputs - 3)
-        g = tape.run(self.derived if self.given is None else self.given, *x, *p)
-        columns = [tape.along(g, x, e) for e in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
-        return tape.program((*g, *(entry for column in columns for entry in column)))
-
-    @cached_property
-    def branches(self) -> list[Program] | None:
-        """`bends` with other signs of its roots; of those that have a corner if there are many; None if of these, too."""
-        for roots in (self.bends.roots(3), self.bends.corners(3)):
-            if len(roots) <= ROOTS:
-                flips = chain.from_iterable(combinations(roots, n) for n in range(1, len(roots) + 1))
-                return [self.bends.branch(flipped) for flipped in flips]
-        return None
+        return with_slopes(self.given or self.derived, 3)
 
     @cached_property
     def derived(self) -> Program:
@@ -175,16 +165,6 @@ class Field:
     def torque(self) -> Program:
         """g × x, by which J changes."""
         return self._made(lambda tape, x, g: cross(g, x))
-
-    @cached_property
-    def hessian_times(self) -> Program:
-        """(x, v, q) → U''(x) v."""
-        return self._made(lambda tape, x, g, v: tape.along(g, x, v), vectors=1)
-
-    @cached_property
-    def torque_along(self) -> Program:
-        """(x, v, q) → the derivative of g × x along v."""
-        return self._made(lambda tape, x, g, v: tape.along(cross(g, x), x, v), vectors=1)
 
     @cached_property
     def twist(self) -> Program:

@@ -1,6 +1,6 @@
 """What kind of field a potential is with its numbers, and whether a given gradient is its derivative.
 
-Both are found from values at random points, in 50 digits. Formulas that are the same everywhere are so there.
+Both are found from values at random points, in 50 digits. Formulas that are the same everywhere agree there.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import numpy as np
 from lagrange_bench.integrators.checks import Array
 from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.precision import workdps
-from lagrange_bench.integrators.problem.field import Formula, dot
+from lagrange_bench.integrators.problem.field import Formula
 
 POINTS = 6  # random points at which two formulas that are not the same are told apart
 DIGITS = 50
-FAR = (1 / 16, -1 / 4, 4, -4, 16, -16)  # where gradients are compared too: a wall may stand there
+FAR = (1.0, 1 / 16, -1 / 4, 4.0, -4.0, 16.0, -16.0)  # sizes of points where there may be a wall
 SAME = 1e-8  # relative difference between a gradient that is given and the one that is derived
 Point = tuple[float, float, float]
 
@@ -37,9 +37,10 @@ PLAIN = Nature(False, False)
 
 
 @cache
-def _points() -> list[Point]:
+def _points(sizes: tuple[float, ...] = (1.0,)) -> list[Point]:
     draw = random.Random("points of comparison")
-    return [(draw.uniform(-1, 1), draw.uniform(-1, 1), draw.uniform(-1, 1)) for _ in range(POINTS)]
+    points = [(draw.uniform(-1, 1), draw.uniform(-1, 1), draw.uniform(-1, 1)) for _ in range(POINTS)]
+    return [(r * x1, r * x2, r * x3) for r in sizes for x1, x2, x3 in points]
 
 
 @lru_cache(maxsize=4096)
@@ -77,24 +78,20 @@ def _generic(formula: Formula, count: int) -> Nature | None:
 def _looks(formula: Formula, parameters: tuple[float, ...]) -> Nature | None:
     """What the field is at random points, in 50 digits; None if it is finite at less than two of them.
 
-    Formulas that are the same everywhere are so there, and others differ there. But a root of a square is a formula on one
-    side of a plane and another one on the other. So a field is only what it is with either sign of its roots, too.
+    A root of a square is one formula on one side of a plane and another one on the other: then the points are near and far,
+    and the field is not quadratic.
     """
-
+    corners = formula.value.corners(3)
     with workdps(DIGITS):
-        found = [
-            values for values in _values(formula.bends, parameters, _points()) if not any(map(_imaginary, values[1]))
-        ]
+        points = _points(FAR) if corners else _points()
+        found = [(x, v) for x, v in _values(formula.bends, parameters, points) if not any(map(_imaginary, v))]
         if len(found) < 2:
             return None
-        kind = _kind(found)
-        if kind != PLAIN:
-            if formula.branches is None:
-                return PLAIN
-            for branch in formula.branches:
-                found += _values(branch, parameters, _points()[:2])
-            kind = _kind(found)
-        return kind
+        least = 10.0 ** (10 - DIGITS) * max(abs(v) for _, values in found for v in values)
+        first = found[0][1][3:]
+        same = all(abs(a - b) <= least for _, values in found for a, b in zip(values[3:], first, strict=True))
+        level = all(abs(values[0] * x[1] - values[1] * x[0]) <= least for x, values in found)
+        return Nature(quadratic=same and not corners, axisymmetric=level)
 
 
 def _imaginary(number: Any) -> bool:
@@ -116,26 +113,6 @@ def _values(bends: Program, parameters: tuple[float, ...], points: Sequence[Poin
     return found
 
 
-def _kind(found: Sequence[tuple[Point, list[Any]]]) -> Nature:
-    """The field with these values at random points."""
-    least = 10.0 ** (10 - DIGITS) * max(abs(v) for _, values in found for v in values)
-    first = found[0][1]
-
-    def same(part: slice) -> bool:
-        return all(abs(v - w) <= least for _, values in found for v, w in zip(values[part], first[part], strict=True))
-
-    def offset(x: Point, values: list[Any]) -> list[Any]:
-        """∇V − V'' x, the same everywhere only if ∇V does not jump."""
-        return [values[i] - dot(values[3 + i :: 3], x) for i in range(3)]
-
-    ends = [offset(*one) for one in found]
-    return Nature(
-        quadratic=same(slice(3, None))
-        and all(abs(v - w) <= least for end in ends for v, w in zip(end, ends[0], strict=True)),
-        axisymmetric=all(abs(values[0] * x[1] - values[1] * x[0]) <= least for x, values in found),
-    )
-
-
 @lru_cache(maxsize=4096)
 def _wrong(formula: Formula, parameters: tuple[float, ...]) -> str:
     """Where a given gradient is not the derivative of the value, "" if it is, at random points near and far.
@@ -146,10 +123,9 @@ def _wrong(formula: Formula, parameters: tuple[float, ...]) -> str:
 
     assert formula.given is not None
     draw = random.Random("generic parameters")
-    points = [*_points(), *((r * x1, r * x2, r * x3) for r in FAR for x1, x2, x3 in _points())]
     with workdps(DIGITS):
         for numbers in (parameters, tuple(draw.uniform(0.1, 1) for _ in parameters)):
-            for point in points:
+            for point in _points(FAR):
                 found = []
                 for program in (formula.given, formula.derived):
                     found += [values[:3] for _, values in _values(program, numbers, [point])]

@@ -10,25 +10,23 @@ A `PerturbedTop` is a top in a potential (`field`), with numbers. Its nature (`n
 
 from __future__ import annotations
 
-import hashlib
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.checks import Array, check_real, check_state
-from lagrange_bench.integrators.compiling.expression import Program
-from lagrange_bench.integrators.problem.field import Field, Formula, Potential, Vector, cross, dot
+from lagrange_bench.integrators.checks import Array, check_one_or_many
+from lagrange_bench.integrators.problem.field import Field, Formula, Potential, Vector
 from lagrange_bench.integrators.problem.nature import Nature, _nature, _wrong
 from lagrange_bench.integrators.problem.system import System, top_system
-from lagrange_bench.integrators.problem.top import LagrangeTop, hat
+from lagrange_bench.integrators.problem.top import LagrangeTop, Top
 
 
-@dataclass(frozen=True)
-class PerturbedTop:
+@dataclass(frozen=True, eq=False)
+class PerturbedTop(Top):
     """A Lagrange top in a potential, with the numbers of its parameters. Hashable, picklable.
 
     For `integrate_ensemble` alone, `alpha` of the top and the parameters may be arrays (n,), a number for each of n tops.
@@ -51,9 +49,6 @@ class PerturbedTop:
     top: LagrangeTop
     potential: Potential
     parameters: tuple[Any, ...] = ()
-    start: ClassVar[float] = 0.0  # time at the initial state, which nothing depends on
-    timed: ClassVar[bool] = False
-    names: ClassVar[tuple[str, ...]] = LagrangeTop.names
 
     def __post_init__(self) -> None:
         if not isinstance(self.top, LagrangeTop):
@@ -63,27 +58,17 @@ class PerturbedTop:
         parameters = self.parameters
         if isinstance(parameters, (str, bytes)) or not hasattr(parameters, "__iter__"):
             raise ValueError(f"parameters must be numbers, one for each parameter; got {parameters!r}")
-        checked = tuple(_check(value, f"parameters[{i}]") for i, value in enumerate(parameters))
+        checked = tuple(check_one_or_many(value, f"parameters[{i}]") for i, value in enumerate(parameters))
         object.__setattr__(self, "parameters", checked)
         formula = self.potential.formula(len(checked))
         object.__setattr__(self, "_formula", formula)
         if formula.given and all(map(np.size, checked)) and (where := _wrong(formula, self.first())):
             raise ValueError(f"potential {self.potential.name}: gradient is not the derivative of value at {where}")
 
-    def __hash__(self) -> int:
-        return hash(self.identity)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, PerturbedTop) and self.identity == other.identity
-
     @property
     def identity(self) -> tuple[Any, ...]:
-        """Top, field and parameters; of many their bytes."""
-        return self.top, self.field, *(v.tobytes() if isinstance(v, np.ndarray) else v for v in self.parameters)
-
-    def __reduce__(self) -> Any:  # functions typed at a prompt cannot be pickled, what was recorded of them can
-        formula, potential = self.formula, self.potential
-        return _rebuild, (self.top, potential.name, formula.value, formula.given, potential.parameters, self.parameters)
+        """The field and the parameters."""
+        return self.field, *super().identity
 
     # ------------------------------------------------------------------ what it is
 
@@ -103,14 +88,19 @@ class PerturbedTop:
         return top_system(self.field.potential, self.field.gradient, "J3" in self.conserved)
 
     @property
+    def formulas(self) -> System:
+        """The same, with the rate of J3 as it is computed: of many tops each may keep it or not."""
+        return top_system(self.field.potential, self.field.gradient, False)
+
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """alpha and the parameters, of many tops arrays."""
+        return self.alpha, *self.parameters
+
+    @property
     def alpha(self) -> Any:
         """The weight parameter of the top."""
         return self.top.alpha
-
-    @cached_property
-    def many(self) -> int | None:
-        """The number of tops, if alpha or a parameter is an array."""
-        return next((len(v) for v in (self.alpha, *self.parameters) if isinstance(v, np.ndarray)), None)
 
     def first(self) -> tuple[float, ...]:
         """The parameters, of many tops those of the first."""
@@ -126,23 +116,6 @@ class PerturbedTop:
             object.__setattr__(other, "nature", nature)
         return other
 
-    def single(self) -> float:
-        """alpha; ValueError if there are many tops."""
-        if self.many is not None:
-            raise ValueError(f"top holds {self.many} values of a parameter, which only integrate_ensemble takes")
-        return self.top.single()
-
-    @cached_property
-    def numbers(self) -> tuple[float, ...]:
-        """alpha and the parameters: what the programs of `field` take after x. ValueError if there are many tops."""
-        return self.single(), *self.parameters
-
-    @cached_property
-    def digest(self) -> str:
-        """Identity of the problem: formula and numbers, hexadecimal."""
-        text = self.field.digest + repr(tuple(map(float, self.numbers)))
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
-
     @cached_property
     def nature(self) -> Nature:
         """What kind of field it is, found from its values at random points."""
@@ -155,25 +128,14 @@ class PerturbedTop:
 
         A root of a square, √(w²), has a corner where w changes its sign.
         """
-        nature, smooth = self.nature, not self.field.potential.corners(3)
-        kinds = {"smooth": smooth or nature.quadratic, "quadratic": nature.quadratic}
+        kinds = {"smooth": not self.formula.value.corners(3), "quadratic": self.nature.quadratic}
         always = ("rhs", "parts", "kinetic", "top", "force")
         return frozenset({*always, *(name for name, offered in kinds.items() if offered)})
-
-    @property
-    def as_top(self) -> PerturbedTop:
-        """Itself, as of a `Problem`."""
-        return self
 
     @property
     def level(self) -> bool:
         """Whether it keeps J3."""
         return "J3" in self.conserved
-
-    def kept_by(self, claims: Any) -> frozenset[str]:
-        """Those of `conserved` that a method keeps at round-off, by its claims for a top in any field."""
-        quadratic = claims.if_quadratic if "quadratic" in self.offers else frozenset()
-        return (claims.conserves | quadratic) & self.conserved
 
     @cached_property
     def conserved(self) -> frozenset[str]:
@@ -182,7 +144,7 @@ class PerturbedTop:
 
     def check_state(self, y: Any, name: str = "y0") -> Array:
         """A state as a fresh array (6,). ValueError: it is none, or the force is not finite there."""
-        state = check_state(y, name)
+        state = super().check_state(y, name)
         x = state[3:].tolist()
         try:
             values = [*self.gradient(*x), self.energy(*x)]
@@ -203,44 +165,6 @@ class PerturbedTop:
         """alpha x3 + V, on whatever numbers x consists of."""
         return self.field.potential(x1, x2, x3, self.alpha, *self.parameters)[0]
 
-    def hessian_times(self, x1: Any, x2: Any, x3: Any, v1: Any, v2: Any, v3: Any) -> Vector:
-        """U''(x) v, on whatever numbers x and v consist of."""
-        a, b, c = self.field.hessian_times(x1, x2, x3, v1, v2, v3, self.alpha, *self.parameters)
-        return a, b, c
-
-    def rhs(self, y: ArrayLike, t: ArrayLike = 0.0) -> Array:
-        """Time derivative of states (..., 6), at any time."""
-        J, x = _parts(y)
-        with np.errstate(all="ignore"):
-            rates = (*cross(self.gradient(*x), x), *cross(J, x))
-        return np.stack(np.broadcast_arrays(*rates), axis=-1)
-
-    def jacobian(self, y: ArrayLike) -> Array:
-        """Derivative of `rhs`, shape (6, 6), at one state (6,)."""
-        y = np.asarray(y, dtype=float)
-        D = np.zeros((6, 6))
-        columns = [self.field.torque_along(*y[3:], *e, *self.numbers) for e in np.eye(3)]
-        D[:3, 3:] = np.array(columns, dtype=float).T
-        D[3:, :3], D[3:, 3:] = -hat(y[3:]), hat(y[:3])
-        return D
-
-    def poisson(self, y: ArrayLike) -> Array:
-        """The tensor P (6, 6) with {f, g} = ∇f·P∇g at one state (6,)."""
-        return self.top.poisson(y)
-
-    def invariants(self, y: ArrayLike, t: ArrayLike = 0.0) -> Array:
-        """H, J3, C1 = |x|², C2 = x·J of states (..., 6), at any time; shape (..., 4). J3 need not be conserved."""
-        J, x = _parts(y)
-        with np.errstate(all="ignore"):
-            H = dot(J, J) / 2 + self.energy(*x)
-        return np.stack(np.broadcast_arrays(H, J[2], dot(x, x), dot(x, J)), axis=-1)
-
-    def gradients(self, y: ArrayLike) -> Array:
-        """Gradients of H, J3, C1, C2 as rows, shape (4, 6), at one state (6,)."""
-        G = self.top.gradients(y)
-        G[0, 3:] = self.gradient(*np.asarray(y, dtype=float)[3:])
-        return G
-
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
         """Scales of J, of x and of time that errors are judged by, at one state (6,).
 
@@ -255,15 +179,6 @@ class PerturbedTop:
             rate = max(rate, math.sqrt(force) * math.sqrt(size))
         return rate, size, (1.0 / rate if rate > 0 else math.inf)
 
-    @property
-    def vectors(self) -> tuple[int, ...]:
-        """How many numbers each vector of a state has: J and x."""
-        return 3, 3
-
-    def sizes(self, y: ArrayLike) -> Array:
-        """Of each component of one state (6,) the scale that its error is judged by."""
-        return np.repeat(self.scales(y)[:2], 3)
-
     def invariant_scales(self, y: ArrayLike) -> Array:
         """Sizes of the terms in H, J3, C1, C2 at one state: what relative drift and ulps refer to; shape (4,)."""
         rate, size, _ = self.scales(y)
@@ -271,35 +186,3 @@ class PerturbedTop:
         weight = self.alpha * x3
         H = math.hypot(*J) ** 2 / 2 + abs(self.alpha) * size + abs(float(self.energy(x1, x2, x3)) - weight)
         return np.array((H, rate, size * size, size * rate))
-
-
-def _rebuild(
-    top: LagrangeTop,
-    name: str,
-    value: Program,
-    given: Program | None,
-    parameters: tuple[str, ...] | None,
-    numbers: tuple[float, ...],
-) -> PerturbedTop:
-    gradient = None if given is None else lambda x1, x2, x3, p: given(x1, x2, x3, *p)
-    potential = Potential(name, lambda x1, x2, x3, p: value(x1, x2, x3, *p)[0], gradient, parameters=parameters)
-    return PerturbedTop(top, potential, numbers)
-
-
-def _parts(y: ArrayLike) -> tuple[Array, Array]:
-    """J and x of states (..., 6), components in front."""
-    states = np.asarray(y, dtype=float)
-    if states.shape[-1:] != (6,):
-        raise ValueError(f"y must be states (J1, J2, J3, x1, x2, x3), shape (..., 6); got shape {states.shape}")
-    parts = np.moveaxis(states, -1, 0)
-    return parts[:3], parts[3:]
-
-
-def _check(value: Any, name: str) -> Any:
-    if isinstance(value, np.ndarray) and value.ndim == 1:
-        numbers: NDArray[np.float64] = np.array(value, dtype=np.float64)
-        if value.dtype.kind not in "iuf" or not np.isfinite(numbers).all():
-            raise ValueError(f"{name} must be finite real numbers")
-        numbers.flags.writeable = False
-        return numbers
-    return check_real(value, name)

@@ -22,17 +22,16 @@ from numpy.typing import ArrayLike
 from lagrange_bench.integrators.checks import Array, check_numbers, check_real
 from lagrange_bench.integrators.compiling.expression import Program, Tape, record
 from lagrange_bench.integrators.problem.as_top import as_top, is_top
-from lagrange_bench.integrators.problem.field import cross_in
 from lagrange_bench.integrators.problem.parts import Part, closed_flows, no_closed_flow
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
-from lagrange_bench.integrators.problem.system import System, find_space, make_system
+from lagrange_bench.integrators.problem.system import Dynamics, System, find_space, make_system, slopes_of
 
 POINTS = 5  # random points at which claims about formulas are tried
 SAME = 1e-9  # of the size of the terms: what counts as nothing at such a point
 Formula = Callable[..., Any]
 
 
-class Problem:
+class Problem(Dynamics):
     """A Hamiltonian system on "e3", "so3", n spins, or of a whole "body". Picklable, hashable.
 
     Parameters
@@ -80,7 +79,6 @@ class Problem:
             raise ValueError(f"problem {name}: parameters must be numbers; got {parameters!r}")
         self.name, self.space = name, find_space(space)
         self.numbers = tuple(check_real(v, f"problem {name}: parameters[{i}]") for i, v in enumerate(parameters))
-        self.start = 0.0
         energy = self._record("hamiltonian", hamiltonian)
         self.given = {
             word: self._record(f"invariants[{word!r}]", formula) for word, formula in (invariants or {}).items()
@@ -119,21 +117,7 @@ class Problem:
 
     @property
     def _identity(self) -> tuple[Any, ...]:
-        return self.system, self.numbers, self.start, tuple(self.given.items()), self.posed
-
-    def __reduce__(self) -> Any:  # functions typed at a prompt cannot be pickled, what was recorded of them can
-        frame = "body" if self.system.body else "space"
-        words = (
-            self.name,
-            self.space.name,
-            self.system.energy,
-            self.numbers,
-            self.posed,
-            self.given,
-            frame,
-            self.start,
-        )
-        return _rebuild, words
+        return self.system, self.numbers, self.start, self.extra, self.posed
 
     def starting(self, t: float) -> Problem:
         """The same problem with another time at the initial state; times of a trajectory are counted from there."""
@@ -179,9 +163,6 @@ class Problem:
         assert self.as_top is not None
         return 2 in self.system.kept if self.timed else self.as_top.level
 
-    def single(self) -> None:
-        """A problem has one set of parameters."""
-
     def check_state(self, y: Any, name: str = "y0") -> Array:
         """A state as a fresh array (n,), of any shape with so many numbers. ValueError: it is none, or H is not finite."""
         state = check_numbers(y, name, self.space.size)
@@ -195,20 +176,15 @@ class Problem:
         """H of states (..., n), at the time t from the start."""
         return self._values(self.system.energy, y, t)[..., 0]
 
-    def rhs(self, y: ArrayLike, t: Any = 0.0) -> Array:
-        """Time derivative of states (..., n), at the time t from the start."""
-        return self._values(self.system.rhs, y, t)
+    @property
+    def arguments(self) -> tuple[float, ...]:
+        """The parameters."""
+        return self.numbers
 
-    def jacobian(self, y: ArrayLike, t: float = 0.0) -> Array:
-        """Derivative of `rhs`, shape (n, n), at one state (n,)."""
-        n = self.space.size
-        return self._values(self.system.jacobian, y, t).reshape(n, n).T
-
-    def poisson(self, y: ArrayLike) -> Array:
-        """The tensor P (n, n) with y' = P(y) ∇H at one state (n,)."""
-        product, numbers = cross_in(self.system.body), np.asarray(y).tolist()
-        columns = [self.space.flow(e, numbers, product) for e in np.eye(self.space.size).tolist()]
-        return np.array(columns, dtype=float).T
+    @property
+    def extra(self) -> tuple[tuple[str, Program], ...]:
+        """The invariants that were given."""
+        return tuple(self.given.items())
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -219,39 +195,6 @@ class Problem:
     def conserved(self) -> frozenset[str]:
         """`names`, as a set."""
         return frozenset(self.names)
-
-    @cached_property
-    def _invariants(self) -> Program:
-        def values(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
-            energy = [] if self.timed else tape.run(self.system.energy, t, *y, *p)
-            given = [tape.run(program, t, *y, *p)[0] for program in self.given.values()]
-            return [*energy, *self.space.casimirs(y).values(), *given]
-
-        return self.system.record(values)
-
-    @cached_property
-    def _slopes(self) -> Program:
-        """The gradients of the invariants, one after the other."""
-
-        def gradients(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
-            values = tape.run(self._invariants, t, *y, *p)
-            return [slope for value in values for slope in tape.gradient(value, y)]
-
-        return self.system.record(gradients)
-
-    def invariants(self, y: ArrayLike, t: Any = 0.0) -> Array:
-        """Values of `names` at states (..., n) and times (...) from the start; shape (..., len(names))."""
-        return self._values(self._invariants, y, t)
-
-    def gradients(self, y: ArrayLike, t: float = 0.0) -> Array:
-        """Gradients of `names` as rows, at one state (n,)."""
-        return self._values(self._slopes, y, t).reshape(len(self.names), self.space.size)
-
-    @property
-    def vectors(self) -> tuple[int, ...]:
-        """How many numbers each vector of a state has."""
-        size = self.space.size
-        return tuple(len(vector) for _, vector in self.space.turning([0.0] * size, [0.0] * size))
 
     def sizes(self, y: ArrayLike) -> Array:
         """Of each component of one state (n,) the scale that its error is judged by: the length of its vector.
@@ -324,20 +267,11 @@ class Problem:
     @cached_property
     def _bends(self) -> Program:
         def bends(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
-            slopes = tape.run(self._slopes, t, *y, *p)
+            slopes = tape.run(slopes_of(self.system, self.names, self.extra), t, *y, *p)
             units = np.eye(1 + len(y)).tolist()
             return [bend for unit in units for bend in tape.along(slopes, (t, *y), unit)]
 
         return self.system.record(bends)
-
-    def _values(self, program: Program, y: ArrayLike, t: Any) -> Array:
-        states = np.asarray(y, dtype=float)
-        if states.shape[-1:] != (self.space.size,):
-            raise ValueError(f"y must be states of {self.space.size} numbers; got shape {states.shape}")
-        with np.errstate(all="ignore"):
-            values = program(np.float64(self.start) + t, *np.moveaxis(states, -1, 0), *map(np.float64, self.numbers))
-        shape = states.shape[:-1]
-        return np.stack([np.broadcast_to(value, shape) for value in values], axis=-1).astype(float)
 
     # ------------------------------------------------------------------ whether it is what it is said to be
 
@@ -377,20 +311,3 @@ class Problem:
             whole, *parts = self._values(program, point[1:], point[0]).reshape(1 + len(self.posed), -1)
             if np.any(np.abs(whole - np.sum(parts, axis=0)) > SAME * (np.abs(whole) + np.sum(np.abs(parts), axis=0))):
                 raise ValueError(f"problem {self.name}: parts do not add up to the hamiltonian")
-
-
-def _rebuild(
-    name: str,
-    space: str,
-    energy: Program,
-    numbers: tuple[float, ...],
-    posed: tuple[Program, ...],
-    given: dict[str, Program],
-    frame: str,
-    start: float,
-) -> Problem:
-    def formula(program: Program) -> Formula:
-        return lambda t, y, p: program(t, *y, *p)[0]
-
-    parts, invariants = map(formula, posed), {word: formula(program) for word, program in given.items()}
-    return Problem(name, space, formula(energy), numbers, tuple(parts), invariants, frame).starting(start)

@@ -21,9 +21,13 @@ import hashlib
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lagrange_bench.integrators.checks import Array
 from lagrange_bench.integrators.compiling.expression import Program, Split, Tape, Term
 from lagrange_bench.integrators.problem.field import cross, cross_in, dot
 
@@ -217,6 +221,99 @@ class System:
         return not self.energy.corners(1 + self.size)
 
 
+class Dynamics:
+    """What every kind of problem says of itself by its formulas; states are arrays (..., n), times count from the start.
+
+    A kind has a `system`, its parameters as `arguments`, and `names` of its invariants, of which `extra` are formulas.
+    """
+
+    start = 0.0  # time at the initial state
+    timed: bool
+    names: tuple[str, ...]
+    system: System
+
+    @property
+    def formulas(self) -> System:
+        """What is evaluated."""
+        return self.system
+
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """The parameters of the formulas."""
+        raise NotImplementedError
+
+    @property
+    def extra(self) -> tuple[tuple[str, Program], ...]:
+        """Invariants with a formula of their own."""
+        return ()
+
+    def single(self) -> Any:
+        """ValueError if a parameter is an array with a number for each of many motions."""
+
+    def rhs(self, y: ArrayLike, t: Any = 0.0) -> Array:
+        """Time derivative of states (..., n)."""
+        return self._values(self.formulas.rhs, y, t)
+
+    def jacobian(self, y: ArrayLike, t: float = 0.0) -> Array:
+        """Derivative of `rhs`, shape (n, n), at one state (n,)."""
+        self.single()
+        n = self.formulas.size
+        return self._values(self.formulas.jacobian, y, t).reshape(n, n).T
+
+    def poisson(self, y: ArrayLike) -> Array:
+        """The tensor P (n, n) with {f, g} = ∇f·P∇g and y' = P(y) ∇H at one state (n,)."""
+        product, space, numbers = cross_in(self.formulas.body), self.formulas.space, np.asarray(y).tolist()
+        return np.array([space.flow(e, numbers, product) for e in np.eye(space.size).tolist()], dtype=float).T
+
+    def invariants(self, y: ArrayLike, t: Any = 0.0) -> Array:
+        """Values of `names` at states (..., n) and times (...), whether they are conserved or not; shape (..., len(names))."""
+        return self._values(invariants_of(self.formulas, self.names, self.extra), y, t)
+
+    def gradients(self, y: ArrayLike, t: float = 0.0) -> Array:
+        """Gradients of `names` as rows, at one state (n,)."""
+        self.single()
+        slopes = slopes_of(self.formulas, self.names, self.extra)
+        return self._values(slopes, y, t).reshape(len(self.names), self.formulas.size)
+
+    @property
+    def vectors(self) -> tuple[int, ...]:
+        """How many numbers each vector of a state has."""
+        zeros = [0.0] * self.formulas.size
+        return tuple(len(vector) for _, vector in self.formulas.space.turning(zeros, zeros))
+
+    def _values(self, program: Program, y: ArrayLike, t: Any) -> Array:
+        states, n = np.asarray(y, dtype=float), self.formulas.size
+        if states.shape[-1:] != (n,):
+            raise ValueError(f"y must be states of {n} numbers, shape (..., {n}); got shape {states.shape}")
+        with np.errstate(all="ignore"):
+            values = program(np.float64(self.start) + t, *np.moveaxis(states, -1, 0), *map(np.float64, self.arguments))
+        shape = states.shape[:-1]
+        return np.stack([np.broadcast_to(value, shape) for value in values], axis=-1).astype(float, copy=False)
+
+
+@lru_cache(maxsize=256)
+def invariants_of(system: System, names: tuple[str, ...], extra: tuple[tuple[str, Program], ...]) -> Program:
+    """Values of invariants: H, Casimir functions, J3 of a top, and those of `extra`."""
+
+    def values(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
+        known = {"H": tape.run(system.energy, t, *y, *p)[0], "J3": y[2], **system.space.casimirs(y)}
+        known |= {name: tape.run(program, t, *y, *p)[0] for name, program in extra}
+        return [known[name] for name in names]
+
+    return system.record(values)
+
+
+@lru_cache(maxsize=256)
+def slopes_of(system: System, names: tuple[str, ...], extra: tuple[tuple[str, Program], ...]) -> Program:
+    """Their gradients, one after the other."""
+
+    def gradients(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
+        values = tape.run(invariants_of(system, names, extra), t, *y, *p)
+        return [slope for value in values for slope in tape.gradient(value, y)]
+
+    return system.record(gradients)
+
+
 def depends(program: Program, inputs: Iterable[int]) -> bool:
     """Whether an output depends on one of the inputs."""
     reached = set(inputs)
@@ -234,6 +331,7 @@ def make_system(space: Space, energy: Program, *, body: bool = False, kept: Iter
     return System(space, energy, tape.program(gradient), body, frozenset(kept))
 
 
+@lru_cache(maxsize=256)
 def top_system(potential: Program, gradient: Program, level: bool) -> System:
     """|J|²/2 + U(x) on e3, of programs U and ∇U of (x, p); `level`: the motion keeps J3."""
     tape = Tape()

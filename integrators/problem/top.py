@@ -19,13 +19,72 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange_bench.integrators.checks import Array, check_state
-from lagrange_bench.integrators.problem.system import System, uniform_system
+from lagrange_bench.integrators.checks import Array, check_one_or_many, check_state
+from lagrange_bench.integrators.problem.system import Dynamics, System, uniform_system
 from lagrange_bench.integrators.words import suggestion
 
 
+class Top(Dynamics):
+    """A top in a field: H = |J|²/2 + U(x) on e3."""
+
+    timed = False
+    names = ("H", "J3", "C1", "C2")  # J3 need not be conserved
+
+    @property
+    def alpha(self) -> Any:
+        """The weight parameter, of many tops an array."""
+        raise NotImplementedError
+
+    @property
+    def identity(self) -> tuple[Any, ...]:
+        """What makes two tops equal: their parameters, of many the bytes."""
+        return tuple(v.tobytes() if isinstance(v, np.ndarray) else v for v in self.arguments)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, type(self)) and self.identity == other.identity
+
+    def __hash__(self) -> int:
+        return hash(self.identity)
+
+    @property
+    def as_top(self) -> Any:
+        """Itself, as of a `Problem`."""
+        return self
+
+    def single(self) -> float:
+        """alpha; ValueError if there are many tops."""
+        for value in self.arguments:
+            if isinstance(value, np.ndarray):
+                raise ValueError(f"top holds {len(value)} values of a parameter, which only integrate_ensemble takes")
+        return float(self.alpha)
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """The parameters of `system`: alpha and those of a potential. ValueError if there are many tops."""
+        self.single()
+        return self.arguments
+
+    def check_state(self, y: Any, name: str = "y0") -> Array:
+        """A state as a fresh array (6,). ValueError: it is none."""
+        return check_state(y, name)
+
+    def kept_by(self, claims: Any) -> frozenset[str]:
+        """Those of `conserved` that a method keeps at round-off, by its claims for a top in any field."""
+        quadratic = claims.if_quadratic if "quadratic" in self.offers else frozenset()
+        kept: frozenset[str] = (claims.conserves | quadratic) & self.conserved
+        return kept
+
+    def scales(self, y: ArrayLike) -> tuple[float, float, float]:
+        """Scales of J, of x and of time that errors are judged by, at one state (6,)."""
+        raise NotImplementedError
+
+    def sizes(self, y: ArrayLike) -> Array:
+        """Of each component of one state (6,) the scale that its error is judged by."""
+        return np.repeat(self.scales(y)[:2], 3)
+
+
 @dataclass(frozen=True, eq=False)
-class LagrangeTop:
+class LagrangeTop(Top):
     """A symmetric heavy top with weight parameter `alpha` (m g l / A for a real one). Hashable, picklable.
 
     Source: paper, (1.1).
@@ -42,10 +101,8 @@ class LagrangeTop:
         alpha is not real or not finite.
     """
 
-    alpha: float = 1.0
-    start: ClassVar[float] = 0.0  # time at the initial state, which nothing depends on
-    names: ClassVar[tuple[str, ...]] = ("H", "J3", "C1", "C2")  # of `invariants`
-    conserved: ClassVar[frozenset[str]] = frozenset(names)
+    alpha: float = 1.0  # type: ignore[assignment]
+    conserved: ClassVar[frozenset[str]] = frozenset(Top.names)
     # what methods may rely on, of `interface.NEEDS`: it is every kind of top
     offers: ClassVar[frozenset[str]] = frozenset(
         {"uniform", "quadratic", "force", "top", "kinetic", "parts", "smooth", "rhs"}
@@ -56,45 +113,7 @@ class LagrangeTop:
         def __init__(self, alpha: float | NDArray[Any] = 1.0) -> None: ...
 
     def __post_init__(self) -> None:
-        alpha = self.alpha
-        if isinstance(alpha, np.ndarray) and alpha.ndim == 1:
-            object.__setattr__(self, "alpha", _check_alphas(alpha))
-            return
-        if isinstance(alpha, (bool, np.bool_, str, bytes, complex)):
-            raise ValueError(f"alpha must be a real number; got {alpha!r}")
-        try:
-            alpha = float(alpha)
-        except (TypeError, ValueError, OverflowError):
-            raise ValueError(f"alpha must be a real number; got {alpha!r}") from None
-        if not math.isfinite(alpha):
-            raise ValueError(f"alpha must be finite; got {alpha}")
-        object.__setattr__(self, "alpha", alpha)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, LagrangeTop) and self.identity == other.identity
-
-    def __hash__(self) -> int:
-        return hash(self.identity)
-
-    @property
-    def identity(self) -> float | bytes:
-        """alpha, or the bytes of many."""
-        return self.alpha.tobytes() if isinstance(self.alpha, np.ndarray) else self.alpha
-
-    def check_state(self, y: Any, name: str = "y0") -> Array:
-        """A state as a fresh array (6,). ValueError: it is none."""
-        return check_state(y, name)
-
-    def kept_by(self, claims: Any) -> frozenset[str]:
-        """Those of `conserved` that a method keeps at round-off, by its claims: H is quadratic."""
-        kept: frozenset[str] = claims.conserves | claims.if_quadratic
-        return kept
-
-    def single(self) -> float:
-        """alpha; ValueError if there are many."""
-        if isinstance(self.alpha, np.ndarray):
-            raise ValueError(f"top holds {len(self.alpha)} values of alpha, which only integrate_ensemble takes")
-        return self.alpha
+        object.__setattr__(self, "alpha", check_one_or_many(self.alpha, "alpha"))
 
     @property
     def system(self) -> System:
@@ -102,49 +121,9 @@ class LagrangeTop:
         return uniform_system()
 
     @property
-    def numbers(self) -> tuple[float, ...]:
-        """The parameters of `system`: alpha. ValueError if there are many."""
-        return (self.single(),)
-
-    def rhs(self, y: ArrayLike, t: ArrayLike = 0.0) -> Array:
-        """Time derivative of states (..., 6), at any time."""
-        J1, J2, J3, x1, x2, x3 = _components(y)
-        turned = (J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1)
-        return np.stack((-self.alpha * x2, self.alpha * x1, 0.0 * J3, *turned), axis=-1)
-
-    def jacobian(self, y: ArrayLike) -> Array:
-        """Derivative of `rhs`, shape (6, 6), at one state (6,)."""
-        y = np.asarray(y, dtype=float)
-        D = np.zeros((6, 6))
-        D[:3, 3:] = self.single() * hat((0.0, 0.0, 1.0))
-        D[3:, :3] = -hat(y[3:])
-        D[3:, 3:] = hat(y[:3])
-        return D
-
-    def poisson(self, y: ArrayLike) -> Array:
-        """The tensor P (6, 6) with {f, g} = ∇f·P∇g at one state (6,)."""
-        y = np.asarray(y, dtype=float)
-        P = np.zeros((6, 6))
-        P[:3, :3] = -hat(y[:3])
-        P[:3, 3:] = P[3:, :3] = -hat(y[3:])
-        return P
-
-    def invariants(self, y: ArrayLike, t: ArrayLike = 0.0) -> Array:
-        """H, J3, C1 = |x|², C2 = x·J of states (..., 6), at any time; shape (..., 4)."""
-        J1, J2, J3, x1, x2, x3 = _components(y)
-        H = (J1 * J1 + J2 * J2 + J3 * J3) / 2 + self.alpha * x3
-        return np.stack((H, J3, x1 * x1 + x2 * x2 + x3 * x3, x1 * J1 + x2 * J2 + x3 * J3), axis=-1)
-
-    def gradients(self, y: ArrayLike) -> Array:
-        """Gradients of H, J3, C1, C2 as rows, shape (4, 6), at one state (6,)."""
-        y = np.asarray(y, dtype=float)
-        J, x = y[:3], y[3:]
-        G = np.zeros((4, 6))
-        G[0, :3], G[0, 5] = J, self.single()
-        G[1, 2] = 1.0
-        G[2, 3:] = 2 * x
-        G[3, :3], G[3, 3:] = x, J
-        return G
+    def arguments(self) -> tuple[Any, ...]:
+        """The parameters of `system`, of many tops an array."""
+        return (self.alpha,)
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
         """Scales of J, of x and of time that errors are judged by, at one state (6,).
@@ -156,44 +135,11 @@ class LagrangeTop:
         rate = math.hypot(*y[:3]) + math.sqrt(abs(self.single())) * math.sqrt(size)
         return rate, size, (1.0 / rate if rate > 0 else math.inf)
 
-    @property
-    def vectors(self) -> tuple[int, ...]:
-        """How many numbers each vector of a state has: J and x."""
-        return 3, 3
-
-    def sizes(self, y: ArrayLike) -> Array:
-        """Of each component of one state (6,) the scale that its error is judged by."""
-        return np.repeat(self.scales(y)[:2], 3)
-
     def invariant_scales(self, y: ArrayLike) -> Array:
         """Sizes of the terms in H, J3, C1, C2 at one state: what relative drift and ulps refer to; shape (4,)."""
         rate, size, _ = self.scales(y)
         J = math.hypot(*np.asarray(y, dtype=float)[:3])
         return np.array((J * J / 2 + abs(self.alpha) * size, rate, size * size, size * rate))
-
-
-def _components(y: ArrayLike) -> Array:
-    """J1, J2, J3, x1, x2, x3 of states (..., 6), in front; ValueError for any other shape."""
-    states = np.asarray(y, dtype=float)
-    if states.shape[-1:] != (6,):
-        raise ValueError(f"y must be states (J1, J2, J3, x1, x2, x3), shape (..., 6); got shape {states.shape}")
-    return np.moveaxis(states, -1, 0)
-
-
-def _check_alphas(alpha: NDArray[Any]) -> Array:
-    if alpha.dtype.kind not in "iuf":
-        raise ValueError(f"alpha must be real numbers; got dtype {alpha.dtype}")
-    alphas = np.array(alpha, dtype=np.float64)
-    if not np.isfinite(alphas).all():
-        raise ValueError("alpha must be finite")
-    alphas.flags.writeable = False
-    return alphas
-
-
-def hat(v: ArrayLike) -> Array:
-    """The matrix of v× ."""
-    a, b, c = np.asarray(v, dtype=float)
-    return np.array(((0.0, -c, b), (c, 0.0, -a), (-b, a, 0.0)))
 
 
 @dataclass(frozen=True)

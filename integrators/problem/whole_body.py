@@ -86,9 +86,6 @@ class WholeBody(Problem):
         """The body of a symmetric top."""
         return cls(top.mass, top.com, top.inertia_com, top.gravity)
 
-    def __reduce__(self) -> Any:
-        return WholeBody, self.facts
-
     def _vertical_axis(self, y: Any, p: Any) -> list[Any]:
         """|q|² Rᵀ(up), components of `up` that are 0 or 1 as constants."""
         up = [float(v) if v in (0.0, 1.0) else p[UP + i] for i, v in enumerate(self.up.tolist())]

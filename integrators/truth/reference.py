@@ -14,7 +14,7 @@ Results are kept, in memory and in the folder `reference` of the user's cache di
 empty switches it off). Calls from several threads wait for each other.
 
 Source: Jorba & Zou, Exp. Math. 14 (2005) 99 (order and step); Biscani & Izzo, MNRAS 504 (2021) 2614 (heyoka); Benettin,
-Galgani, Giorgilli & Strelcyn, Meccanica 15 (1980) 9 and 21 (the Lyapunov exponent).
+Galgani, Giorgilli & Strelcyn, Meccanica 15 (1980) 9 and 21 (tangent vectors).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange_bench.integrators.checks import Array, check_choice, check_real, check_state, check_times
+from lagrange_bench.integrators.checks import Array, check_choice, check_real, check_times
 from lagrange_bench.integrators.compiling.expression import Program, Tape
 from lagrange_bench.integrators.files import cache_folder, write_file
 from lagrange_bench.integrators.interface import StepError
@@ -41,12 +41,11 @@ from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.units import ldexp, scaled_size
-from lagrange_bench.integrators.truth.exact import rounded_off
 
-__all__ = ["Reference", "after_steps", "engines", "horizon", "lyapunov", "solution"]
+__all__ = ["Reference", "engines", "horizon", "solution"]
 
 TOLERANCE, CHECK = 1e-33, 1e-29  # of the two runs
-TANGENT = 1e-20  # of a run for the Lyapunov exponent: its growth is wanted to a few digits
+TANGENT = 1e-20  # of a run with a tangent vector: its growth is wanted to a few digits
 DIGITS = 40  # of mpmath
 PAIR = 2.0**-105  # what a number loses as a pair of doubles
 SHORTEST = 1e-12  # step, in units of the motion: only a singularity asks for less
@@ -70,7 +69,13 @@ class Reference:
         return max(0, math.floor(-math.log10(worst)))
 
 
-def solution(problem: PerturbedTop | Problem, y0: ArrayLike, t: ArrayLike, engine: str | None = None) -> Reference:
+def solution(
+    problem: PerturbedTop | Problem,
+    y0: ArrayLike,
+    t: ArrayLike,
+    engine: str | None = None,
+    rest: ArrayLike = 0.0,
+) -> Reference:
     """States at times t of the motion that is at y0 at t = 0.
 
     Parameters
@@ -78,6 +83,7 @@ def solution(problem: PerturbedTop | Problem, y0: ArrayLike, t: ArrayLike, engin
     problem, y0 : the problem and a state (6,), of a Problem (n,). Their doubles are taken as exact.
     t : times (N,) of any sign, in any order.
     engine : one of `engines()`; None for the first.
+    rest : (N,), what the doubles t leave out of the times, such as `exact.rounded_off(h, n)` of n steps of h.
 
     Returns
     -------
@@ -89,45 +95,11 @@ def solution(problem: PerturbedTop | Problem, y0: ArrayLike, t: ArrayLike, engin
     StepError : the motion runs into a singularity; the potential has corners; t is too far to be reached.
     """
     times = check_times(t)
-    return _solution(problem, y0, times, np.zeros_like(times), engine)
-
-
-def after_steps(
-    problem: PerturbedTop | Problem, y0: ArrayLike, h: float, counts: ArrayLike, engine: str | None = None
-) -> Reference:
-    """States after n steps of h for n in `counts`: at the times n·h themselves, not at the doubles next to them.
-
-    `counts` are whole numbers up to 2^53, of any sign, in any order; the rest is as in `solution`.
-    """
-    h, n = check_real(h, "h"), np.asarray(counts)
-    if n.ndim != 1 or n.dtype.kind not in "iu" or np.any(np.abs(n) > 2**53):
-        raise ValueError("counts must be a sequence of whole numbers up to 2^53")
-    n = n.astype(float)
-    with np.errstate(over="ignore"):
-        times = h * n
-    if not np.all(np.isfinite(times)):
-        raise ValueError("h times counts must be finite")
-    return _solution(problem, y0, times, rounded_off(h, n), engine)
-
-
-def lyapunov(problem: PerturbedTop, y0: ArrayLike, t: float, engine: str | None = None) -> float:
-    """The largest Lyapunov exponent up to time t: log(|v(t)|/|v(0)|)/|t| of a tangent vector v, per unit of time.
-
-    v obeys the variational equations along the orbit and starts in one direction that is special in no way; |v| is taken
-    in the scales of J and x. Of an orbit that is not chaotic v grows like t: the number is about log(t)/t, and not 0.
-
-    Source: Benettin, Galgani, Giorgilli & Strelcyn, Meccanica 15 (1980) 21.
-    """
-    t = check_real(t, "t")
-    if t == 0.0:
-        raise ValueError("t must not be 0")
-    orbit = Orbit(problem, y0, engine, tangent=True)
-
-    def compute() -> Array:
-        *_, (_, growth) = orbit.growth(t)
-        return np.array([growth / abs(t)])
-
-    return float(_kept(orbit.key("lyapunov", t.hex()), (1,), compute)[0])
+    more = np.broadcast_to(np.asarray(rest, dtype=float), times.shape)
+    orbit = Orbit(problem, y0, engine)
+    key, n = orbit.key("solution", times.tobytes().hex(), more.tobytes().hex()), len(orbit.y0)
+    table = _kept(key, (len(times), 2 * n + 1), lambda: orbit.compute(times, more))
+    return Reference(table[:, :n], table[:, n : 2 * n], table[:, 2 * n], orbit.engine)
 
 
 def horizon(
@@ -136,7 +108,8 @@ def horizon(
     """The time up to which an error of one ulp in y0 stays below `tolerance`, both relative to the scales of J and x.
 
     An integrator in doubles can be judged by its errors up to here, by what it conserves beyond. The ulp grows as the
-    tangent vector of `lyapunov`; the answer is exact to about two units of the motion. inf if it is beyond `longest`.
+    tangent vector v of the variational equations; the answer is exact to about two units of the motion. inf if it is beyond
+    `longest`.
     """
     tolerance, longest = check_real(tolerance, "tolerance"), check_real(longest, "longest")
     ulp = 2.0**-52
@@ -157,48 +130,43 @@ def horizon(
     return float(_kept(orbit.key("horizon", tolerance.hex(), longest.hex()), (1,), compute)[0])
 
 
-def _solution(problem: Any, y0: ArrayLike, times: Array, more: Array, engine: str | None) -> Reference:
-    orbit = Orbit(problem, y0, engine) if "force" in problem.offers else ProblemOrbit(problem, y0, engine)
-    key, n = orbit.key("solution", times.tobytes().hex(), more.tobytes().hex()), len(orbit.y0)
-    table = _kept(key, (len(times), 2 * n + 1), lambda: orbit.compute(times, more))
-    return Reference(table[:, :n], table[:, n : 2 * n], table[:, 2 * n], orbit.engine)
-
-
 class Orbit:
-    """A motion in units where |x| and the rate are between 1/2 and 2: powers of two, so that changing units is exact."""
+    """A motion of a top in units where |x| and the rate are between 1/2 and 2: powers of two, so that changing units is exact.
 
-    def __init__(self, problem: Any, y0: ArrayLike, engine: str | None, tangent: bool = False):
-        y = check_state(y0)
-        problem.check_state(y)
-        self.take(problem, y, engine, f"the potential {problem.potential.name}")
-        self.tangent = tangent
-        self.rate, self.size, _ = problem.scales(y)
-        powers = [round(math.log2(v)) if 0.0 < v < math.inf else 0 for v in (self.rate, self.size)]
-        self.exponents, self.clock = np.repeat(powers, 3), powers[0]
+    Of any other problem in its own units; the time follows the state there.
+    """
 
-    def take(self, problem: Any, y: Array, engine: str | None, name: str) -> None:
-        """The problem, its state and who takes the steps. StepError: it has no Taylor series everywhere."""
+    def __init__(self, problem: Any, y0: ArrayLike, engine: str | None = None, tangent: bool = False):
         known = engines()
         self.engine = known[0] if engine is None else check_choice(engine, "engine", known)
+        self.problem, self.y0, self.tangent = problem, problem.check_state(y0), tangent
+        self.in_field = "force" in problem.offers
         if "smooth" not in problem.offers:
-            what = f"{name} has corners, roots of squares, and no series goes on there"
-            raise StepError("reference", f"there is no reference solution: {what}")
-        self.problem, self.y0 = problem, y
+            what = f"the potential {problem.potential.name}" if self.in_field else f"H of the problem {problem.name}"
+            reason = f"{what} has corners, roots of squares, and no series goes on there"
+            raise StepError("reference", f"there is no reference solution: {reason}")
+        self.clock, self.exponents = 0, np.zeros(len(self.y0), dtype=int)
+        if self.in_field:
+            powers = [round(math.log2(v)) if 0.0 < v < math.inf else 0 for v in problem.scales(self.y0)[:2]]
+            self.clock, self.exponents = powers[0], np.repeat(powers, 3)
 
     def key(self, kind: str, *more: str) -> bytes:
-        state = self.y0.tobytes().hex()
-        words = (_version(), kind, self.engine, self.problem.digest, state, *more)
+        problem = self.problem
+        numbers = map(float.hex, (problem.start, *problem.numbers, *self.y0.tolist()))
+        words = (_version(), kind, self.engine, problem.formulas.digest, *numbers, *more)
         return hashlib.sha256("\n".join(words).encode()).digest()
 
     def runner(self, tolerance: float) -> Any:
-        rate, size = self.clock, int(self.exponents[3])
-        units = ldexp(1.0, size), ldexp(1.0, size - 2 * rate)
-        if not all(0.0 < unit < math.inf for unit in units):
-            raise ValueError(
-                "y0 and the potential are too large or too small: choose less extreme units of time and length"
-            )
-        program = equations(self.problem.field.gradient, self.tangent)
-        return {"heyoka": Heyoka, "mpmath": Mpmath}[self.engine](program, (*units, *self.problem.numbers), tolerance)
+        program, parameters = clocked(self.problem.formulas), self.problem.numbers
+        if self.in_field:
+            size = int(self.exponents[3])
+            units = ldexp(1.0, size), ldexp(1.0, size - 2 * self.clock)
+            if not all(0.0 < unit < math.inf for unit in units):
+                raise ValueError(
+                    "y0 and the potential are too large or too small: choose less extreme units of time and length"
+                )
+            program, parameters = equations(self.problem.field.gradient, self.tangent), (*units, *parameters)
+        return {"heyoka": Heyoka, "mpmath": Mpmath}[self.engine](program, parameters, tolerance)
 
     def compute(self, times: Array, more: Array) -> Array:
         """Rows of states, tails and errors."""
@@ -206,18 +174,14 @@ class Orbit:
         if not np.all(np.isfinite(rows)):
             raise StepError("reference", "the motion leaves the range of doubles")
         difference = np.sum(rows[0] - rows[1], axis=1)  # of the heads, and of the tails
-        return np.column_stack((rows[0, :, 0], rows[0, :, 1], self.scaled(difference) + PAIR))
-
-    def scaled(self, difference: Array) -> Array:
-        """Sizes of differences of states (N, n), relative to the scales of the motion."""
-        J, x = (np.linalg.norm(part, axis=1) for part in (difference[:, :3], difference[:, 3:]))
-        size: Array = np.maximum(J / (self.rate or 1.0), x / self.size)
-        return size
+        return np.column_stack((rows[0, :, 0], rows[0, :, 1], scaled_size(self.problem, self.y0, difference) + PAIR))
 
     def run(self, tolerance: float, times: Array, more: Array) -> Array:
         """States (N, 2, n), heads and tails."""
         self.check_span(float(np.max(np.abs(times), initial=0.0)))
         start = np.array((np.ldexp(self.y0, -self.exponents), np.zeros(len(self.y0))))
+        if not self.in_field:
+            start = np.column_stack((start, (self.problem.start, 0.0)))
         out = np.empty((len(times), *start.shape))
         runner = self.runner(tolerance)
         for sign in (1, -1):
@@ -228,7 +192,7 @@ class Orbit:
                 out[later] = self.advance(runner, start, sign * grid)[places.ravel()]
         out[times == 0] = start
         with np.errstate(over="ignore"):
-            states: Array = np.ldexp(out, self.exponents)
+            states: Array = np.ldexp(out[:, :, : len(self.y0)], self.exponents)
         return states
 
     def check_span(self, t: float) -> None:
@@ -263,30 +227,6 @@ class Orbit:
             yield math.ldexp(min(n * SEGMENT, end), -self.clock), total + math.log(size)
             y[:, 6:] = np.ldexp(y[:, 6:], -exponent)
             total += exponent * math.log(2)
-
-
-class ProblemOrbit(Orbit):
-    """A motion of a `Problem`, in its own units; its time follows the state."""
-
-    def __init__(self, problem: Problem, y0: ArrayLike, engine: str | None):
-        self.take(problem, problem.check_state(y0), engine, f"H of the problem {problem.name}")
-        self.clock, self.exponents, self.tangent = 0, np.zeros(len(self.y0), dtype=int), False
-
-    def key(self, kind: str, *more: str) -> bytes:
-        system, numbers = self.problem.system, map(float.hex, (self.problem.start, *self.problem.numbers))
-        words = (_version(), kind, self.engine, system.digest, *numbers, self.y0.tobytes().hex(), *more)
-        return hashlib.sha256("\n".join(words).encode()).digest()
-
-    def runner(self, tolerance: float) -> Any:
-        program = clocked(self.problem.system)
-        return {"heyoka": Heyoka, "mpmath": Mpmath}[self.engine](program, self.problem.numbers, tolerance)
-
-    def advance(self, runner: Any, start: Array, times: Array, since: float = 0.0) -> Array:
-        begin = np.column_stack((start, (self.problem.start, 0.0)))
-        return super().advance(runner, begin, times, since)[:, :, :-1]
-
-    def scaled(self, difference: Array) -> Array:
-        return scaled_size(self.problem, self.y0, difference)
 
 
 @lru_cache(maxsize=64)
@@ -437,6 +377,8 @@ def coefficients(program: Program, y: Sequence[mpf], parameters: Sequence[float]
     constant = [i >= len(states) for i in range(len(values))]
     for operation, *arguments in program.lines:
         a, b, new = series(arguments[0]), series(arguments[-1]), list[mpf]()
+        if operation in ("sin", "cos"):
+            b = []  # for exp(i a)
         constant.append(all(isinstance(place, tuple) or constant[place] for place in arguments))
         if constant[-1]:
             _append(operation, a, b, new, 0)
@@ -462,6 +404,15 @@ def _append(operation: str, a: list[mpf], b: list[mpf], c: list[mpf], k: int) ->
     elif operation == "div":
         known = mp.fdot(b[1 : k + 1], c[k - 1 :: -1]) if k else mpf(0)
         c.append(((a[k] if k < len(a) else mpf(0)) - known) / b[0])
+    elif operation in ("exp", "sin", "cos"):
+        power, i = (c, 1) if operation == "exp" else (b, mp.j)
+        slope = mp.fsum(j * a[j] * power[k - j] for j in range(1, min(k + 1, len(a))))
+        power.append(slope * i / k if k else mp.exp(i * a[0]))
+        if operation != "exp":
+            c.append(power[k].imag if operation == "sin" else power[k].real)
+    elif operation == "log":
+        known = mp.fsum(j * c[j] * a[k - j] for j in range(max(1, k - len(a) + 1), k))
+        c.append(((a[k] if k < len(a) else mpf(0)) - known / k) / a[0] if k else mp.log(a[0]))
     elif k == 0:
         c.append(mp.sqrt(a[0]))
     else:

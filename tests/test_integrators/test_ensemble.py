@@ -357,7 +357,7 @@ def test_a_top_with_many_alphas_is_for_ensembles_only():
         lambda: many.gradients(y),
     )
     for call in calls:
-        with pytest.raises(ValueError, match="2 values of alpha"):
+        with pytest.raises(ValueError, match="2 values of a parameter"):
             call()
     rows = np.array([[y, y], [y, y]])
     assert np.array_equal(many.invariants(rows)[1, 1], LagrangeTop(2.0).invariants(y))

@@ -7,7 +7,6 @@ from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.integrators import METHODS, TOPS, LagrangeTop, PerturbedTop, Potential, StepError, prepare
 from lagrange_bench.integrators.interface import INVARIANTS
 from lagrange_bench.integrators.problem.potentials import CHARGE, QUADRATIC, TIDE
-from lagrange_bench.integrators.problem.top import hat
 
 EPS = np.finfo(float).eps
 TOP, Y0 = LagrangeTop(1.0), TOPS["generic"].state
@@ -88,6 +87,11 @@ def test_level_fields_keep_J3_without_any_rounding(name):
 
 
 # ---------------------------------------------------------------- the steps, from their definitions
+
+
+def hat(v):
+    """The matrix of v×."""
+    return np.cross(v, np.eye(3)).T
 
 
 def cayley(v, x):

@@ -44,9 +44,6 @@ def test_derivatives_are_those_of_the_value(name):
     # f' = {f, H}, and every Casimir stays
     assert np.allclose(top.poisson(Y) @ top.gradients(Y)[0], top.rhs(Y), atol=1e-14)
     assert np.allclose(top.gradients(Y)[2:] @ top.rhs(Y), 0.0, atol=1e-14)
-    v = np.array((0.2, -0.5, 0.7))
-    bend = (np.array(top.gradient(*(Y[3:] + 1e-6 * v))) - np.array(top.gradient(*(Y[3:] - 1e-6 * v)))) / 2e-6
-    assert np.allclose(top.hessian_times(*Y[3:], *v), bend, atol=1e-8)
 
 
 @pytest.mark.parametrize("name", FIELDS)
@@ -178,9 +175,9 @@ def test_a_tilted_uniform_field_is_a_lagrange_top_about_another_vertical():
 def test_a_top_in_a_potential_is_a_value():
     for top in FIELDS.values():
         again = pickle.loads(pickle.dumps(top))
-        assert (again, hash(again), again.digest) == (top, hash(top), top.digest)
+        assert (again, hash(again)) == (top, hash(top))
         assert np.array_equal(again.rhs(Y), top.rhs(Y))
-    assert FIELDS["weak_tide"].digest != FIELDS["moderate_tide"].digest
+    assert FIELDS["weak_tide"] != FIELDS["moderate_tide"]
     retyped = Potential("tide", lambda x1, x2, x3, p: p[0] * x1 * x1 / 2)
     renamed = Potential("other", lambda a, b, c, k: k[0] * a * a / 2)
     assert PerturbedTop(TOP, retyped, (0.1,)) == PerturbedTop(TOP, renamed, (0.1,))
