@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import numbers
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
@@ -65,11 +66,18 @@ def flat(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.set_axis([name.strip() for name in names], axis="columns")
 
 
-def captioned(made: dict[str, pd.DataFrame], captions: dict[str, str]) -> dict[str, pd.DataFrame]:
-    """The tables that have rows, each with its caption."""
-    for name, table in made.items():
-        table.attrs["caption"] = captions[name]
-    return {name: table for name, table in made.items() if len(table)}
+def tabulated(rows: pd.DataFrame, *functions: Callable[..., Any]) -> dict[str, pd.DataFrame]:
+    """The tables that these functions make of rows, by their names; those that have lines."""
+    made = {function.__name__: function(rows) for function in functions}
+    return {name: table for name, table in made.items() if table is not None and len(table)}
+
+
+def drawn(rows: pd.DataFrame, **draw: Callable[..., Any]) -> dict[str, Any]:
+    """The figures that these functions draw of rows, given the style of all figures; None where there is nothing to draw."""
+    from lagrange_bench.experiments.drawing import style
+
+    figures = {name: function(rows, style) for name, function in draw.items()}
+    return {name: figure for name, figure in figures.items() if figure is not None}
 
 
 def heading(column: Any) -> str:
