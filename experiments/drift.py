@@ -24,6 +24,7 @@ from lagrange_bench.experiments.measuring.states import (
     RANDOM,
     WIDE,
     affordable,
+    as_rows,
     find,
     log_counts,
     methods_on,
@@ -93,7 +94,7 @@ def against_steps(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) 
     times, states = sample(top, y0, cell["method"], h, counts, **options_of(cell))
     drift = errors(cell["method"], top, h, np.vstack((y0, states)), times)
     columns = {"t": times * top.scales(y0)[0], **drift}
-    return [{name: rounded(value[i]) for name, value in columns.items()} for i in range(len(times))]
+    return as_rows(columns)
 
 
 def _largest(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> dict[str, float]:

@@ -42,6 +42,7 @@ from lagrange_bench.experiments.measuring.states import (
     interpreted,
     log_counts,
     methods_on,
+    places,
     rounded,
     sample,
     truth,
@@ -186,7 +187,7 @@ def any_problem(cell: dict) -> dict:
     problem, y0 = find(cell["state"])
     method, n = METHODS[cell["method"]], round(SPAN / cell["h"])
     h = SPAN * problem.scales(y0)[2] / n
-    counts = sorted({max(n * k // 16, 1) for k in range(1, 17)})
+    counts = places(n)
     times, states = sample(problem, y0, cell["method"], h, counts)
     moved = drift.errors(cell["method"], problem, h, np.vstack((y0, states)), times)
     keeps = method.kept(problem)

@@ -23,10 +23,12 @@ from lagrange_bench.experiments.measuring.states import (
     CLOSE,
     WIDE,
     affordable,
+    as_rows,
     find,
     log_counts,
     methods_on,
     options_of,
+    places,
     rounded,
     sample,
     truth,
@@ -97,7 +99,7 @@ def measure(cell: dict) -> list[dict]:
     if cell["part"] == "h":
         h = cell["h"]
         n = max(round(SPAN / h), 1)
-        counts = sorted({max(n * k // 16, 1) for k in range(1, 17)})  # sixteen places: not by chance at a good one
+        counts = places(n)
     else:
         h, counts = cell["h"], log_counts(cell["steps"], per_octave=4)
     times, states = sample(top, y0, cell["method"], h * unit, counts, **options)
@@ -105,7 +107,7 @@ def measure(cell: dict) -> list[dict]:
     if cell["part"] == "h":
         return [{name: rounded(np.max(np.abs(e))) for name, e in errors.items()}]
     columns = {"t": times * rate, **errors}
-    return [{name: rounded(value[i]) for name, value in columns.items()} for i in range(len(times))]
+    return as_rows(columns)
 
 
 def _one_step(name: str) -> list[dict]:
@@ -149,7 +151,7 @@ def _against_theory(top, y0, name, h) -> list[dict]:
         "turn_growth": predicted.turn_growth * unit * unit,
     }
     rates = {name: rounded(value) for name, value in rates.items()}
-    return [{name: rounded(value[i]) for name, value in columns.items()} | rates for i in range(len(times))]
+    return [row | rates for row in as_rows(columns)]
 
 
 def _errors(top, states, truth, y0, rate) -> dict[str, np.ndarray]:
@@ -184,7 +186,7 @@ def _promise(top, y0, method, h) -> dict:
     unit = top.scales(y0)[2]
     unstable = np.isinf(exact.nutation_period(top, y0))
     steps = max(int(UNSTABLE_SPAN / unit / h), 1) if unstable else PROMISE_STEPS
-    counts = sorted({max(steps * k // 20, 1) for k in range(1, 21)})
+    counts = places(steps, 20)
     times, states = sample(top, y0, method, h * unit, counts)
     error = metrics.scaled_error(top, y0, states, exact.after_steps(top, y0, h * unit, counts))
     ulps = error / (metrics.condition(top, y0, times) * np.finfo(float).eps)

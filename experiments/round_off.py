@@ -22,13 +22,7 @@ from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.tables import drawn, numbers_in, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.reductions import largest, mean_square, of_part, worst
-from lagrange_bench.experiments.measuring.states import (
-    RANDOM,
-    find,
-    follow,
-    log_counts,
-    rounded,
-)
+from lagrange_bench.experiments.measuring.states import RANDOM, as_rows, find, follow, log_counts, rounded
 from lagrange_bench.integrators import prepare
 from lagrange_bench.integrators.compiling.compiled import compiled
 from lagrange_bench.integrators.compiling.loops import MEMORY, NEVER, FixedStepper
@@ -300,7 +294,7 @@ def judged(top, y0, times, states, truth) -> list[dict]:
     columns = {"t": times * rate, "H": drift[:, 0], "C1": drift[:, 2], "C2": drift[:, 3]}
     columns |= {"time": split["time"] * rate, "angle": split["angle"]}
     columns["error"] = metrics.scaled_error(top, y0, states, truth)
-    return [{name: rounded(values[i]) for name, values in columns.items()} for i in range(len(times))]
+    return as_rows(columns)
 
 
 def _drift(cell: dict) -> list[dict]:

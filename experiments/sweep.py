@@ -20,7 +20,7 @@ import numpy as np
 
 from lagrange_bench.experiments import SWEEP
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.experiments.measuring.states import find, follow, rounded
+from lagrange_bench.experiments.measuring.states import as_rows, find, follow
 from lagrange_bench.integrators import INVARIANTS, PerturbedTop, StepError, memory, prepare
 from lagrange_bench.integrators.api import integrate
 from lagrange_bench.integrators.checks import MOST, check_count, check_real, check_state, check_step
@@ -307,7 +307,7 @@ def measure(cell: Cell) -> list[dict[str, Any]]:
     except ValueError as error:  # beyond what doubles resolve: the method has an answer, the truth has none
         warnings.warn(f"no {truths.name(top)} to compare with: {error}", RuntimeWarning, stacklevel=1)
     columns["seconds"] = seconds
-    return [{name: rounded(value[i]) for name, value in columns.items()} for i in range(len(times))]
+    return as_rows(columns)
 
 
 def _run(

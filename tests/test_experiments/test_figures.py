@@ -169,6 +169,7 @@ def results(tmp_path_factory):
     module.draw, module.tables = draw, lambda rows: {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, "toy.figures", module)
+        patch.setattr(figures, "DPI", dict.fromkeys(figures.DPI, 100))  # a sixth of it: PNG takes most of the time
         yield folder
 
 

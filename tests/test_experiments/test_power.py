@@ -333,8 +333,8 @@ SPINS_START = (1.0, 0.0, 0.2, 0.3, -0.5, 0.6)
 
 @pytest.mark.parametrize(
     ("method", "problem", "y0"),
-    [("strang", BODY, START), ("rkmk4", SPINS, SPINS_START), ("backlund_splitting", PIVOT, TOP_START)],
-    ids=["strang-body", "rkmk4-spins", "backlund-pivot"],
+    [("strang", BODY, START), ("rkmk4", SPINS, SPINS_START), ("rk4", PIVOT, TOP_START)],
+    ids=["strang-body", "rkmk4-spins", "rk4-pivot"],
 )
 def test_claims_hold_on_a_problem(method, problem, y0):
     verdicts = check.check(method, quick=True, problem=problem, y0=y0)

@@ -37,9 +37,9 @@ TOY_METHODS, STEPS = ("backlund", "rk45", "somebody_elses"), (0.01, 0.1, 1.0)
 DRIFT = [1e-12 * h**i for i in range(3) for h in STEPS]
 
 
-def toy(name, draw):
+def toy(name):
     module = ModuleType(name, f"Toy {name}: does it show?\n\nAbout {name}.")
-    module.VERSION, module.draw, module.tables = 1, draw, make_tables
+    module.VERSION, module.draw, module.tables = 1, draw_good if name == "toy.good" else draw_broken, make_tables
     module.cells = lambda profile: [{"method": m, "h": h} for m in TOY_METHODS for h in (*STEPS, 2.0, 3.0, 4.0)]
     module.measure = lambda *_: pytest.fail("the report must not measure")
     return module
@@ -91,7 +91,7 @@ def results(tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
     with pytest.MonkeyPatch.context() as patch:
         for name in TOYS:
-            patch.setitem(sys.modules, name, toy(name, draw_good if name == "toy.good" else draw_broken))
+            patch.setitem(sys.modules, name, toy(name))
         patch.setattr(page, "EXPERIMENTS", TOYS)
         patch.setattr(promises, "CLAIMS", CLAIMS)
         patch.setattr(sources, "of_cell", lambda *cell: "1" * 24)  # toys have no file
@@ -155,7 +155,6 @@ def test_page_is_one_offline_file_with_every_figure_and_table(text, output):
     found = Elements(text)
     assert found.tags.count("svg") == 2
     assert {p.name for p in (output / "figures").iterdir()} == {"toy.good_first.svg", "toy.good_second.svg"}
-    assert {p.suffix for p in (output / "tables").iterdir()} == {".md", ".tex", ".csv"}
     for name, value in found.attributes:
         if name in ("src", "href", "xlink:href", "action", "poster", "srcset"):
             beside = re.fullmatch(r"(figures|tables)/[\w.-]+", value) and (output / value).is_file()
@@ -163,11 +162,7 @@ def test_page_is_one_offline_file_with_every_figure_and_table(text, output):
     assert not {"link", "iframe", "object", "embed", "img"} & set(found.tags)
     assert not re.search(r"@import|url\((?!#)", markup(text))
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
-    assert "default-src 'none'" in policy, "what a script might ask for, a browser would not let it have"
-    assert "connect-src" not in policy
-    assert set(re.findall(r"https?://[^\s\"'<]*", markup(text))) <= {
-        "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink",
-    }  # fmt: skip
+    assert ("default-src 'none'" in policy, "connect-src" in policy) == (True, False), "a browser asks for nothing"
 
 
 def test_ids_are_unique_and_text_from_results_is_escaped(text):
@@ -321,14 +316,12 @@ def fewer(report):
 
 def test_files_of_the_page_before_go_and_all_others_stay(report, fewer, tmp_path):
     page.write(report, tmp_path)
-    mine = [tmp_path / name for name in ("figures/toy.good_mine.svg", "tables/toy.good_mine.csv")]
-    for path in mine:
-        path.write_text("mine")
+    mine = tmp_path / "figures" / "toy.good_mine.svg"
+    mine.write_text("mine")
     page.write(fewer, tmp_path)
     tables = {f"toy.good_all.{kind}" for kind in ("md", "tex", "csv")}
-    made = {"index.html", "toy.good_first.svg", *tables}
-    assert {path.name for path in tmp_path.rglob("*.*")} == made | {path.name for path in mine}
-    assert all(path.read_text() == "mine" for path in mine)
+    assert {path.name for path in tmp_path.rglob("*.*")} == {"index.html", "toy.good_first.svg", *tables, mine.name}
+    assert mine.read_text() == "mine"
 
 
 def test_a_page_of_somebody_elses_stays(results, tmp_path, run):
@@ -362,22 +355,19 @@ def test_a_write_is_on_disk_before_it_replaces_the_old_file_under_a_name_of_this
     assert done == ["on disk", True]
 
 
-def test_write_experiment_draws_one_and_raises_what_drawing_raises(results, tmp_path):
-    written = sections.write_experiment("toy.good", results, tmp_path)
-    assert len(written) == 2 + 2 * 3
-    assert all(path.is_file() for path in written)
+def test_write_experiment_raises_what_drawing_raises(results, tmp_path):
     with pytest.raises(ZeroDivisionError):
         sections.write_experiment("toy.broken", results, tmp_path)
 
 
 def test_command_line(results, tmp_path, run, undrawn, monkeypatch):
-    code, out, _ = run("report", "--results", results, "--output", tmp_path / "out")
+    words = ("report", "--results", results, "--output")
+    code, out, _ = run(*words, tmp_path / "out")
     assert (code, out) == (0, f"{(tmp_path / 'out' / 'index.html').resolve()}\n")
     monkeypatch.setattr(sections, "draw_figures", lambda *_: draw_broken(None))
-    code, _, err = run("report", "--results", results, "--output", tmp_path / "out")
+    code, _, err = run(*words, tmp_path / "out")
     assert (code, "not drawn: toy.broken" in err) == (1, True)
-    for folder, place in ((tmp_path / "nowhere", tmp_path / "out"), (results, tmp_path / "out" / "index.html")):
-        assert run("report", "--results", folder, "--output", place)[0] == 2
+    assert run(*words, tmp_path / "out" / "index.html")[0] == 2
 
 
 # ---------------------------------------------------------------- claims, summary, fairness
@@ -414,19 +404,13 @@ def test_the_summary_has_the_numbers_of_the_rows_and_leaves_out_what_is_missing(
     assert report.summary == {}
 
 
-@pytest.mark.parametrize(
-    ("seconds", "losses"),
-    [
-        ({10.0: 3.5, 100.0: 2.0, 1e4: 0.1}, [("3.5", "10"), ("2", "100")]),
-        ({10.0: 1.002, 100.0: 0.5}, []),  # as long to three digits: no loss
-        ({10.0: 0.1, 100.0: 3.5}, [("3.5", "100")]),  # not only the shortest run is looked at
-    ],
-)
-def test_a_loss_is_a_difference_beyond_the_noise_of_timing(seconds, losses):
+def test_a_loss_is_a_difference_beyond_the_noise_of_timing():
+    """1.002 times as long is none."""
+    seconds = {10.0: 1.002, 100.0: 2.0, 1e4: 0.1}
     runs = [(span, name, time) for span, ours in seconds.items() for name, time in (("backlund", ours), ("rk4", 1.0))]
     rows = pd.DataFrame(runs, columns=["span", "method", "seconds"])
     rows = rows.assign(setup_seconds=0.0, state="generic", status="done", error=1e-13)
-    assert summary.losses(rows) == losses
+    assert summary.losses(rows) == [("2", "100")]
     assert summary.losses(rows[rows.method == "rk4"]) is None, "nothing to compare"
 
 
