@@ -21,15 +21,7 @@ from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.tables import drawn, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.reductions import of_part
-from lagrange_bench.experiments.measuring.states import (
-    KNOBS,
-    find,
-    interpreted,
-    knobs,
-    methods_on,
-    options_of,
-    rounded,
-)
+from lagrange_bench.experiments.measuring.states import KNOBS, find, interpreted, knobs, methods_on, options_of, rounded
 from lagrange_bench.integrators import METHODS, Method, prepare
 from lagrange_bench.integrators.api import integrate
 from lagrange_bench.integrators.truth import exact

@@ -372,17 +372,15 @@ def _draw_h(rows: pd.DataFrame, style):
 @of_part("work")
 def _draw_work(rows: pd.DataFrame, style):
     spans = sorted(set(rows.span))
-    fig, grid = style.figure("page", 3.4, ncols=len(spans), sharey=True, squeeze=False)
-    for ax, span in zip(grid.flat, spans, strict=True):
+    titles, labels = [f"t = {span:g}" for span in spans], ("time of one run, s", "largest error at the end")
+    fig, axes = style.panels(titles, len(spans), (0.0, 3.4), *labels, sharey=True)
+    for ax, span in zip(axes, spans, strict=True):
         here = rows[rows.span == span]
         for variant, chosen in here.groupby("variant", sort=False):
             chosen = chosen.sort_values("seconds")
             ax.loglog(chosen.seconds, chosen.error.clip(lower=1e-15), **_look(style, variant))
         for own in here[here.variant == "exact"].head(1).itertuples():
             ax.plot(own.seconds + own.setup_seconds, max(own.error, 1e-15), "o", mfc="none", color=style.INK)
-        ax.set_title(f"t = {span:g}")
-        ax.set_xlabel("time of one run, s")
-    grid[0, 0].set_ylabel("largest error at the end")
     style.legend_below(fig)
     program = rows[rows.variant == "dop853"].span.max()
     fig.caption = (

@@ -115,17 +115,15 @@ def _draw_orbits(rows: pd.DataFrame, style):
 
 @of_part()
 def _draw_drift(rows: pd.DataFrame, style):
-    fig, axes = style.figure("page", 2.9, ncols=2, sharey=True)
+    labels = "number of steps", "largest relative error so far"
+    fig, axes = style.panels(list(TITLES.values()), 2, (0.0, 2.9), *labels, sharey=True)
     for ax, figure in zip(axes, FIGURES, strict=True):
         for form, (method, options) in FORMS.items():
             chosen = rows[(rows.figure == figure) & (rows.form == form) & (rows.n > 0)]
             look = style.of("backlund_paper" if options.get("pin") else method)
             most = worst(chosen, INVARIANTS).cummax()
             ax.loglog(chosen.n, most.clip(lower=1e-17), **{**look, "marker": "none", "label": form})
-        ax.set_title(TITLES[figure])
-        ax.set_xlabel("number of steps")
         style.ulp_line(ax)
-    axes[0].set_ylabel("largest relative error so far")
     style.legend_below(fig)
     fig.caption = (
         "Largest relative error so far of H, J3, |x|² and x·J, for the same map in two forms, from the data of the paper's "

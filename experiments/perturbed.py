@@ -337,8 +337,9 @@ def _draw_winner(rows: pd.DataFrame, style):
         return None
     spans, states = sorted(set(table.span)), [state for state in EPSILON if state in set(table.state)]
     targets = sorted(set(table["error at most"]), reverse=True)
-    fig, grid = style.figure("page", 2.6, ncols=len(spans), squeeze=False)
-    for ax, span in zip(grid[0], spans, strict=True):
+    titles, labels = [f"t = {show(span)}" for span in spans], ("size of the tide, ε", "error at most")
+    fig, axes = style.panels(titles, len(spans), (0.0, 2.6), *labels)
+    for ax, span in zip(axes, spans, strict=True):
         here = table[table.span == span]
         wide = here.pivot(index="error at most", columns="state", values="times as long as the exact step inside")
         ratios = wide.reindex(index=targets, columns=states).to_numpy(dtype=float)
@@ -351,10 +352,7 @@ def _draw_winner(rows: pd.DataFrame, style):
             ax.text(j + 0.5, i + 0.5, word, ha="center", va="center", fontsize=7, color="white" if dark else "black")
         ax.set_xticks(np.arange(len(states)) + 0.5, [show(EPSILON[state]) for state in states])
         ax.set_yticks(np.arange(len(targets)) + 0.5, [show(target) for target in targets])
-        ax.set_xlabel("size of the tide, ε")
-        ax.set_title(f"t = {show(span)}")
         ax.grid(visible=False)
-    grid[0, 0].set_ylabel("error at most")
     fig.caption = (
         "Who wins on the generic top in a tide of size ε: the wall time of the best other method, set-up included, in units "
         "of that of the splitting with the exact step. Above 1, blue: the exact step inside is quicker. Below, red: another "

@@ -29,16 +29,7 @@ from lagrange_bench.integrators.compiling.loops import MEMORY, NEVER, FixedStepp
 from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.torus import real_map
-from lagrange_bench.integrators.torus.real_map import (
-    ALPHA,
-    ALPHA_2,
-    ETA,
-    ETA2,
-    MI_ETA,
-    MR,
-    P3,
-    R,
-)
+from lagrange_bench.integrators.torus.real_map import ALPHA, ALPHA_2, ETA, ETA2, MI_ETA, MR, P3, R
 from lagrange_bench.integrators.torus.stepper import TorusStepper
 from lagrange_bench.integrators.truth import exact
 

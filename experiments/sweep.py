@@ -27,12 +27,7 @@ from lagrange_bench.integrators.checks import MOST, check_count, check_real, che
 from lagrange_bench.integrators.files import read_toml
 from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.integrators.registry import (
-    NAMED_TOPS,
-    NotInstalled,
-    find_method,
-    find_potential,
-)
+from lagrange_bench.integrators.registry import NAMED_TOPS, NotInstalled, find_method, find_potential
 from lagrange_bench.integrators.truth import truths
 from lagrange_bench.integrators.words import numbers, option, suggestion
 

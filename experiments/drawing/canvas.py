@@ -105,10 +105,7 @@ class Figure(matplotlib.figure.Figure):
 
 def _choose_ticks(ax: Axes) -> None:
     """On logarithmic axes: none between the powers of ten of many decades; labels of x that do not touch on few."""
-    for axis, scale, limits in (
-        (ax.xaxis, ax.get_xscale(), ax.get_xlim()),
-        (ax.yaxis, ax.get_yscale(), ax.get_ylim()),
-    ):
+    for axis, scale, limits in ((ax.xaxis, ax.get_xscale(), ax.get_xlim()), (ax.yaxis, ax.get_yscale(), ax.get_ylim())):
         if scale != "log":
             continue
         low, high = sorted(np.log10(limits))

@@ -58,6 +58,13 @@ def lacking(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> pd.Ser
     return pd.Series(found, index=rows.index)
 
 
+def done(rows: pd.DataFrame, part: str = "") -> pd.DataFrame:
+    """The rows of one part ("": all) that are done; none where no part has this name."""
+    if "status" not in rows or (part and "part" not in rows):
+        return rows[:0]
+    return rows[rows["status"].eq("done") & (rows["part"].eq(part) if part else True)]
+
+
 def of_part(name: str = "", caption: str = "", failed: bool = False) -> Callable[..., Callable[..., Any]]:
     """Decorator of a function that makes a table or a figure: it gets the rows of one part ("": all) that are done.
 
