@@ -31,7 +31,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench.experiments import heavy_top, script
-from lagrange_bench.experiments.drawing.tables import drawn, tabulated
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.reductions import of_part
 from lagrange_bench.experiments.measuring.states import rounded

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.tables import drawn, tabulated
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.reductions import largest, of_part, worst
 from lagrange_bench.experiments.measuring.states import find, options_of, rounded

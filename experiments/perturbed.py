@@ -32,7 +32,8 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import drift, script, work_precision
-from lagrange_bench.experiments.drawing.tables import drawn, numbers_in, show, tabulated
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
+from lagrange_bench.experiments.drawing.tables import numbers_in, show
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.reductions import largest, of_part
 from lagrange_bench.experiments.measuring.states import (

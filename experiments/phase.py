@@ -16,7 +16,7 @@ import pandas as pd
 import scipy
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.tables import drawn, tabulated
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import check, metrics
 from lagrange_bench.experiments.measuring.reductions import largest, of_part
 from lagrange_bench.experiments.measuring.states import (

@@ -19,7 +19,8 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.tables import drawn, numbers_in, tabulated
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
+from lagrange_bench.experiments.drawing.tables import numbers_in
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.reductions import largest, mean_square, of_part, worst
 from lagrange_bench.experiments.measuring.states import RANDOM, as_rows, find, follow, log_counts, rounded

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import numbers
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
@@ -64,20 +63,6 @@ def flat(frame: pd.DataFrame) -> pd.DataFrame:
     frame = frame.reset_index(drop=counts)
     names = [" ".join(map(str, name)) if isinstance(name, tuple) else str(name) for name in frame.columns]
     return frame.set_axis([name.strip() for name in names], axis="columns")
-
-
-def tabulated(rows: pd.DataFrame, *functions: Callable[..., Any]) -> dict[str, pd.DataFrame]:
-    """The tables that these functions make of rows, by their names; those that have lines."""
-    made = {function.__name__: function(rows) for function in functions}
-    return {name: table for name, table in made.items() if table is not None and len(table)}
-
-
-def drawn(rows: pd.DataFrame, **draw: Callable[..., Any]) -> dict[str, Any]:
-    """The figures that these functions draw of rows, given the style of all figures; None where there is nothing to draw."""
-    from lagrange_bench.experiments.drawing import style
-
-    figures = {name: function(rows, style) for name, function in draw.items()}
-    return {name: figure for name, figure in figures.items() if figure is not None}
 
 
 def heading(column: Any) -> str:
