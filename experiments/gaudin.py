@@ -25,7 +25,7 @@ from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.reductions import largest, of_part
-from lagrange_bench.experiments.measuring.states import log_counts, rounded
+from lagrange_bench.experiments.measuring.states import follow, log_counts, rounded
 from lagrange_bench.integrators.api import prepare
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.paper.gaudin_magnets import central_spin, random_magnet, unit_of_time
@@ -66,32 +66,29 @@ LONGEST = 2.0**10  # span up to which DOP853, interpreted, is measured
 
 
 def cells(profile: str) -> list[dict]:
-    listed: list[dict] = []
-    sizes = {variant: EXACT_SIZES[profile] if variant == "exact" else SIZES for variant in STEP}
-    for n in SIZES:
-        for variant, h in STEP.items():
-            if n in sizes[variant]:
-                steps = round(SPAN_LONG[profile] / h)
-                listed.append({"part": "time", "n": n, "variant": variant, "h": h, "steps": steps})
-    for variant in RIVALS:
-        h = STEP["order 2"]
-        listed.append({"part": "time", "n": SWEPT, "variant": variant, "h": h, "steps": round(SPAN_LONG[profile] / h)})
+    kinds = [(n, variant) for n in SIZES for variant in STEP if variant != "exact" or n in EXACT_SIZES[profile]]
+    runs = [
+        *((n, variant, STEP[variant]) for n, variant in kinds),
+        *((SWEPT, rival, STEP["order 2"]) for rival in RIVALS),
+    ]
+    listed: list[dict] = [
+        {"part": "time", "n": n, "variant": variant, "h": h, "steps": round(SPAN_LONG[profile] / h)}
+        for n, variant, h in runs
+    ]
     for variant in (*(f"order {p}" for p in ORDERS), "exact", *RIVALS):
         steps_tried = (SWEEP_RIVALS if variant in RIVALS else SWEEP)[profile]
         listed += [{"part": "h", "n": SWEPT, "variant": variant, "h": h} for h in steps_tried]
     for n, magnets in RANDOM[profile].items():
         given = {"magnets": magnets, "steps": DRIFT_STEPS[profile]}
         listed += [{"part": "random", "n": n, "variant": "exact", "h": h, **given} for h in RANDOM_STEPS]
-    for round_ in range(ROUNDS[profile]):
-        for n in SIZES:
-            for variant in STEP:
-                if n in sizes[variant]:
-                    listed.append({"part": "cost", "n": n, "variant": variant, "round": round_, "timing": True})
-    for span in SPANS[profile]:
-        for variant in (*WORK, *WORK_TOLERANCES):
-            if variant == "dop853" and span > LONGEST:
-                continue
-            listed.append({"part": "work", "n": SWEPT, "variant": variant, "span": span, "timing": True})
+    rounds = range(ROUNDS[profile])
+    listed += [{"part": "cost", "n": n, "variant": v, "round": r, "timing": True} for r in rounds for n, v in kinds]
+    listed += [
+        {"part": "work", "n": SWEPT, "variant": variant, "span": span, "timing": True}
+        for span in SPANS[profile]
+        for variant in (*WORK, *WORK_TOLERANCES)
+        if variant != "dop853" or span <= LONGEST
+    ]
     # so it is known what has to be installed, and a cell can be chosen by the method's name
     return [{"method": _method(cell["variant"]), **cell} for cell in listed]
 
@@ -127,10 +124,7 @@ def _time(cell: dict) -> list[dict]:
     if stepper.from_start:
         states = stepper.solve(spins, cell["h"] * np.array(counts, dtype=float))
     else:
-        states, s, done = np.empty((len(counts), *spins.shape)), spins, 0
-        for i, count in enumerate(counts):
-            s = states[i] = stepper.advance(s, count - done)
-            done = count
+        states = [s for s, _ in follow(stepper, spins, counts)]
     return [
         {"t": rounded(cell["h"] * count), **_drift(magnet, spins, state)}
         for count, state in zip(counts, states, strict=True)
@@ -176,20 +170,16 @@ def _random(cell: dict) -> list[dict]:
 
 def _cost(cell: dict) -> list[dict]:
     magnet, spins = central_spin(cell["n"])
-    n, variant = cell["n"], cell["variant"]
-    if variant == "taylor":
-        span = 200.0
-        stepper = _stepper(magnet, spins, variant, span)
+    n, variant, span = cell["n"], cell["variant"], 200.0
+    stepper = _stepper(magnet, spins, variant, span if variant == "taylor" else STEP[variant])
+    if variant == "taylor":  # one call: many steps of its own
         stepper.advance(spins, 1)
-        steps, maps = stepper.work.steps, 0
-        timed = timing.time_call(lambda: stepper.advance(spins, 1), repeats=5)
+        calls, steps, maps = 1, stepper.work.steps, 0
         h = span / steps
     else:
-        h = STEP[variant]
-        stepper = _stepper(magnet, spins, variant, h)
-        maps = len(stepper.lams)
-        steps = 4 * 10**6 // (n * maps)
-        timed = timing.time_call(lambda: stepper.advance(spins, steps), repeats=5)
+        h, maps = STEP[variant], len(stepper.lams)
+        calls = steps = 4 * 10**6 // (n * maps)
+    timed = timing.time_call(lambda: stepper.advance(spins, calls), repeats=5)
     ns = timed.min / steps * 1e9
     row = {"h": rounded(h), "maps": maps, "ns_per_step": rounded(ns), "ns_per_time": rounded(ns / h)}
     if maps:

@@ -11,6 +11,8 @@ Times are in units of 1/(|J| + √(|alpha||x|)).
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pandas as pd
 import scipy
@@ -65,25 +67,20 @@ THEORY_SPAN = 512.0  # length of the runs that are held against theory
 
 
 def cells(profile: str) -> list[dict]:
-    listed = []
-    stepping = [name for name, method in methods_on().items() if method.control == "step"]
-    for state in STATES[profile]:
-        for name in stepping:
-            listed += [{"part": "h", "method": name, "state": state, "h": h} for h in STEPS[profile]]
-    listed += [{"part": "order", "method": name} for name in stepping if METHODS[name].order is not None]
+    methods = methods_on()
+    stepping = {name: method.order for name, method in methods.items() if method.control == "step"}
+    on = [{"method": name, "state": state} for state in STATES[profile] for name in stepping]
+    listed: list[dict] = [{"part": "h", **each, "h": h} for each in on for h in STEPS[profile]]
+    listed += [{"part": "order", "method": name} for name, order in stepping.items() if order is not None]
     h, steps = LONG[profile]
-    for state in LONG_STATES[profile]:
-        for name, method in methods_on().items():
-            n = affordable(method, steps, profile == "full")
-            listed.append({"part": "time", "method": name, "state": state, "h": h, "steps": n})
-    for state in THEORY_STATES[profile]:
-        for name in stepping:
-            sizes = theory_steps(METHODS[name].order)
-            listed += [{"part": "theory", "method": name, "state": state, "h": h} for h in sizes]
+    for state, (name, method) in product(LONG_STATES[profile], methods.items()):
+        n = affordable(method, steps, profile == "full")
+        listed.append({"part": "time", "method": name, "state": state, "h": h, "steps": n})
+    for state, (name, order) in product(THEORY_STATES[profile], stepping.items()):
+        listed += [{"part": "theory", "method": name, "state": state, "h": h} for h in theory_steps(order)]
     some = PROMISE_RANDOM[profile]
-    for state in (*TOPS, *(f"random{i:03d}" for i in range(some)), *CLOSE[: some // 2], *WIDE[:some]):
-        listed.append({"part": "promise", "method": "backlund", "state": state})
-    return listed
+    states = (*TOPS, *(f"random{i:03d}" for i in range(some)), *CLOSE[: some // 2], *WIDE[:some])
+    return listed + [{"part": "promise", "method": "backlund", "state": state} for state in states]
 
 
 def measure(cell: dict) -> list[dict]:
