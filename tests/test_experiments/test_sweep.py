@@ -75,28 +75,19 @@ def computed(path, folder):
 A_TOP, J, X, H, TIME = "alpha = 1.5", "[0.3, -0.4, 2.0]", "[0.48, 0.6, 0.64]", "h = [0.5, 0.25]", "time = 50"
 BAD = [  # what to replace in GOOD, by what, where the message says it is, and what it must say
     ("[tops.heavy]", "[top.heavy]", "", "unknown key 'top'; did you mean 'tops'?"),
-    (A_TOP, "alfa = 1.5", "[tops.heavy]", "unknown key 'alfa'; did you mean 'alpha'?"),
-    (J, "[0.3, -0.4]", "[tops.heavy]", "J"),
     (X, "[0, 0, 0]", "[tops.heavy]", "x = 0"),
     (f"{A_TOP}\nJ = {J}", "alpha = 0\nJ = [0, 0, 0]", "[tops.heavy]", "at rest for ever"),
     ("tops.heavy", "tops.generic", "[tops.generic]", "the bench has a top of this name"),
-    ("[[sweep]]", "[sweep]", "", "[[sweep]], with two brackets"),
     ("[tops", 'name = "a b"\n[tops', "", "name must"),
     ('"backlund"', '"backlnd"', "[[sweep]], methods", "did you mean 'backlund'?"),
-    ('"backlund"', "3", "[[sweep]]", "methods must be names; got 3"),
     ('"backlund"', '"dop853"', "[[sweep]], h", "dop853 chooses its own steps: give it rtol"),
     (H, "rtol = [1e-6]", "[[sweep]], rtol", "strang steps by h: give it h"),
     (H, "h = [0.5, 0]", "[[sweep]]", "h[1] must not be 0"),
     (H, "h = [0.5]\ntol = [1e-3]", "[[sweep]]", "one of h, tol, rtol; got h and tol"),
     (H, "h = [1e-99]", "[[sweep]]", "time / h must be at most"),
-    (H, "h = [1e300]", "[[sweep]]", "h[0] must be between"),
     (TIME, "time = -1", "[[sweep]]", "time must be positive"),
-    (TIME, "time = 50\nsteps = 3", "[[sweep]]", "got time and steps"),
-    (TIME, 'time = 50\ntops = ["havy"]', "[[sweep]], tops", "did you mean 'heavy'?"),
-    (TIME, "time = 50\n[[sweep]]\nh = [1]", "[[sweep]] 2", "one of time, steps"),
     (TIME, "time = 50\noptions = { pin = 0 }", "[[sweep]], options", "unknown option 'pin' of strang"),
     (TIME, "time = 50\noptions = { compensated = 7 }", "[[sweep]], options of strang", "compensated must be"),
-    (A_TOP, 'alpha = 1.5\npotential = "tid"', "[tops.heavy], potential", "did you mean 'tide'?"),
     (A_TOP, 'alpha = 1.5\npotential = "tide"', "[tops.heavy], potential", "4 numbers (k, n1, n2, n3); got 0"),
     (A_TOP, "alpha = 1.5\nparameters = [1]", "[tops.heavy]", "parameters: of which potential?"),
     (A_TOP, FIELD.replace("[0.1, 0, 0, 2]", "[1, 0.48, 0.6, 0.64]"), "[tops.heavy]", "charge is not finite"),
@@ -116,9 +107,8 @@ def test_what_is_wrong_is_told_with_its_place(write, old, new, place, words):
 
 def test_a_wrong_file_computes_nothing(run, write, tmp_path):
     code, out, err = run("run", write(GOOD.replace("alpha", "alfa")), "--results", tmp_path / "results")
-    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert (code, out, "did you mean 'alpha'?" in err) == (2, "", True)
     assert not (tmp_path / "results").exists()
-    assert "No such file" in run("run", tmp_path / "none.toml")[2]
     with pytest.raises(ValueError, match=r"lagrange-bench run FILE\.toml"):
         load("sweep_none").cells("quick")
 
@@ -148,9 +138,8 @@ def test_what_a_file_asks_for(write):
 def test_cells_carry_the_potential_and_name_its_module(write):
     found = cells(write(IN_A_FIELD + 'tops = ["heavy", "weak_tide", "generic"]\n'))
     kinds = {cell["top"]: (cell.get("potential"), cell.get("parameters")) for cell in found}
-    assert kinds["heavy"] == ("charge", "0.1,0.0,0.0,2.0")
-    assert kinds["weak_tide"] == ("tide", "0.0001,1.0,0.0,0.0")
-    assert "potential" not in next(cell for cell in found if cell["top"] == "generic")  # its key is what it was
+    own, tide, none = ("charge", "0.1,0.0,0.0,2.0"), ("tide", "0.0001,1.0,0.0,0.0"), (None, None)
+    assert kinds == {"heavy": own, "weak_tide": tide, "generic": none}
     assert _own_modules(["sweep_my"]) == []
     own = IN_A_FIELD.replace('"charge"', '"lagrange_bench.integrators.problem.potentials:CHARGE"')
     assert _own_modules([sweep.read(write(own, "own.toml"))]) == ["lagrange_bench.integrators.problem.potentials"]
