@@ -15,15 +15,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from lagrange_bench.experiments.drawing.tables import TEX_MATH
+
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "exact-step.md"
 NEEDED = {"pandoc": "pandoc", "xelatex": "texlive-xetex texlive-latex-recommended texlive-fonts-recommended lmodern"}
 FIGURE = re.compile(r"^\*\*Figure\*\* \(`lagrange-bench figure (\w+)`\): (.*)$", re.MULTILINE)
-LETTERS = {  # outside of formulas, where the text font lacks them
-    "λ": r"\lambda", "χ": r"\chi", "φ": r"\varphi", "Θ": r"\Theta", "Ω": r"\Omega", "μ": r"\mu", "η": r"\eta",
-    "α": r"\alpha", "β": r"\beta", "ε": r"\varepsilon", "κ": r"\kappa", "π": r"\pi",
-    "Σ": r"\Sigma", "σ": r"\sigma", "∎": r"\blacksquare", "½": r"\tfrac12", "²": "^2",
-}  # fmt: skip
+LETTERS = {**TEX_MATH, "Σ": r"\Sigma", "∎": r"\blacksquare"}  # outside of formulas, where the text font lacks them
 HEADER = r"""\usepackage{amssymb}
 \emergencystretch=3em
 \pretolerance=400

@@ -18,17 +18,10 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.tables import captioned
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.states import (
-    KNOBS,
-    find,
-    interpreted,
-    knobs,
-    methods_on,
-    options_of,
-    rounded,
-)
+from lagrange_bench.experiments.measuring.reductions import of_part
+from lagrange_bench.experiments.measuring.states import KNOBS, find, interpreted, knobs, methods_on, options_of, rounded
 from lagrange_bench.integrators import METHODS, Method, prepare
 from lagrange_bench.integrators.api import integrate
 from lagrange_bench.integrators.truth import exact
@@ -221,56 +214,61 @@ def quickest(steps: pd.DataFrame) -> pd.DataFrame:
     return steps.groupby(["method", *knobs], sort=False, dropna=False).min(numeric_only=True).reset_index()
 
 
-def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    good = rows[rows.status == "done"]
-    found = {}
-    steps = good[good.part == "step"]
-    if not steps.empty:
-        columns = [name for name in KNOBS if name in steps]
-        measured = ["ns_per_step", "ns_per_time", "steps_per_time", "evals_per_step", "iterations_per_step", "setup_us"]
-        found["steps"] = quickest(steps)[["method", *columns, *measured]].dropna(axis=1, how="all")
-    periods = good[good.part == "periods"]
-    if not periods.empty:
-        found["periods"] = periods[["method", "periods", "ns_per_step", "setup_us"]]
-    start = good[good.part == "start"]
-    if not start.empty:
-        wide = start.pivot(index="method", columns="cached", values=["import_s", "first_s", "second_s"])
-        table = pd.DataFrame(
-            {
-                "import, s": wide[("import_s", True)],
-                "first use, nothing cached, s": wide[("first_s", False)],
-                "first use, cached, s": wide[("first_s", True)],
-                "second use, s": wide[("second_s", True)],
-            }
-        )
-        found["start"] = table.loc[list(dict.fromkeys(start.method))].reset_index()
-    headline = good[good.part == "headline"]
-    if not headline.empty:
-        columns = ["h", "steps", "backlund_s", "heyoka_s", "ratio", "adapter_ratio", "backlund_error", "heyoka_error"]
-        found["headline"] = headline[["fraction", *columns]].rename(columns={"fraction": "h / nutation period"})
-    captions = {
-        "steps": "What a step costs, by step size or tolerance: nanoseconds per step and per unit of time, counts of work, "
-        "and the set-up of a stepper in µs; compilation is not included. h and time are in units of the top's time scale",
-        "periods": "What a long exact step costs, its length in nutation periods: nanoseconds per step, and the set-up of a "
-        "stepper in µs",
-        "start": "What the first use costs, in seconds: import, first use with and without cached machine code, second use",
-        "headline": "The exact step and heyoka's Taylor series at machine precision over the same time: seconds, their ratio, "
-        "that of heyoka through this bench to heyoka called directly (adapter), and the errors at the end. h is in units of the "
-        "top's time scale",
+@of_part(
+    "step",
+    "What a step costs, by step size or tolerance: nanoseconds per step and per unit of time, counts of work, and the set-up of "
+    "a stepper in µs; compilation is not included. h and time are in units of the top's time scale",
+)
+def steps(rows: pd.DataFrame) -> pd.DataFrame:
+    columns = [name for name in KNOBS if name in rows]
+    measured = ["ns_per_step", "ns_per_time", "steps_per_time", "evals_per_step", "iterations_per_step", "setup_us"]
+    return quickest(rows)[["method", *columns, *measured]].dropna(axis=1, how="all")
+
+
+@of_part(
+    "periods",
+    "What a long exact step costs, its length in nutation periods: nanoseconds per step, and the set-up of a stepper in µs",
+)
+def periods(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows[["method", "periods", "ns_per_step", "setup_us"]]
+
+
+@of_part(
+    "start", "What the first use costs, in seconds: import, first use with and without cached machine code, second use"
+)
+def start(rows: pd.DataFrame) -> pd.DataFrame:
+    fresh, cached = (rows[rows.cached.eq(known)].set_index("method") for known in (False, True))
+    first, second = "first use, nothing cached, s", "first use, cached, s"
+    columns = {
+        "import, s": cached.import_s,
+        first: fresh.first_s,
+        second: cached.first_s,
+        "second use, s": cached.second_s,
     }
-    return captioned(found, captions)
+    return pd.DataFrame(columns).reindex(rows.method.unique()).reset_index()
+
+
+@of_part(
+    "headline",
+    "The exact step and heyoka's Taylor series at machine precision over the same time: seconds, their ratio, that of heyoka "
+    "through this bench to heyoka called directly (adapter), and the errors at the end. h is in units of the top's time scale",
+)
+def headline(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows[["fraction", *MEASURED["headline"]]].rename(columns={"fraction": "h / nutation period"})
+
+
+def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    return tabulated(rows, steps, periods, start, headline)
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from lagrange_bench.experiments.drawing import style
-
-    steps = rows[(rows.part == "step") & (rows.status == "done")]
-    return {} if steps.empty else {"steps": _draw_steps(steps, style)}
+    return drawn(rows, steps=_draw_steps)
 
 
 PRICES = {"ns_per_step": "ns per step", "setup_us": "set-up of a stepper, µs"}
 
 
+@of_part("step")
 def _draw_steps(steps: pd.DataFrame, style):
     """A line for each method, by family, and within it from cheap to dear: no legend, no two labels in one place."""
     level = steps.groupby("method").ns_per_step.min()

@@ -10,16 +10,21 @@ Bäcklund steps of about half a nutation period and more, on tops of every kind.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
+
 import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.experiments.measuring.reductions import largest, mean_square, worst
+from lagrange_bench.experiments.measuring.reductions import largest, mean_square, of_part, worst
 from lagrange_bench.experiments.measuring.states import (
     RANDOM,
     WIDE,
     affordable,
+    as_rows,
     find,
     log_counts,
     methods_on,
@@ -89,7 +94,7 @@ def against_steps(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) 
     times, states = sample(top, y0, cell["method"], h, counts, **options_of(cell))
     drift = errors(cell["method"], top, h, np.vstack((y0, states)), times)
     columns = {"t": times * top.scales(y0)[0], **drift}
-    return [{name: rounded(value[i]) for name, value in columns.items()} for i in range(len(times))]
+    return as_rows(columns)
 
 
 def _largest(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> dict[str, float]:
@@ -116,11 +121,16 @@ def errors(name: str, top, h: float, states: np.ndarray, times: np.ndarray) -> d
 # ------------------------------------------------------------------------------------------ what the rows say
 
 
-def against_time(rows: pd.DataFrame) -> pd.DataFrame:
+@of_part(
+    "time",
+    "How each invariant's error grows: sixteen random tops. Other quantities (e.g. a modified energy) are those a method itself "
+    "claims to conserve",
+)
+def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
     """Per method and quantity: claimed or not, exponent with interval, largest error, verdict; the sixteen states."""
     from lagrange_bench.integrators import METHODS
 
-    rows = rows[(rows.part == "time") & (rows.status == "done") & rows.state.isin(RANDOM)]
+    rows = indexed(rows[rows.state.isin(RANDOM)])
     own = [name for name in rows.columns if name.startswith(KEPT)]
     table = []
     for method, group in rows.groupby("method", sort=False):
@@ -152,59 +162,41 @@ def against_time(rows: pd.DataFrame) -> pd.DataFrame:
 
 def indexed(rows: pd.DataFrame) -> pd.DataFrame:
     """Adds the position of each sample in its run, the same for all states of a method."""
-    rows = rows.copy()
-    rows["t_index"] = rows.groupby("key", sort=False).cumcount()
-    return rows
+    return rows.assign(t_index=rows.groupby("key", sort=False).cumcount())
 
 
+@of_part("time", "Largest relative error of H, J3, C1 and C2 on the named tops")
+def named_tops(rows: pd.DataFrame) -> pd.DataFrame:
+    """The largest error of any invariant, by method and top."""
+    named = rows[rows.state.isin(TOPS)]
+    named = named.assign(worst=worst(named, INVARIANTS))
+    wide = named.pivot_table(index="method", columns="state", values="worst", aggfunc=largest, sort=False)
+    wide.insert(0, "steps", named.groupby("method").steps.max())
+    return wide.reset_index()
+
+
+@of_part("long", "Largest relative error of each invariant where steps are long: tops of every kind")
 def long_steps(rows: pd.DataFrame) -> pd.DataFrame:
     """The largest relative error of each invariant for each method and each length of the long steps."""
-    rows = rows[(rows.part == "long") & (rows.status == "done")]
     grouped = rows.groupby(["method", "fraction"], sort=False)
     table = grouped[list(INVARIANTS)].agg(largest)
     table.insert(0, "tops", grouped.state.nunique())
     table.insert(1, "steps", grouped.steps.max())
-    table = table.reset_index().rename(columns={"fraction": "step / nutation period"})
-    table.attrs["caption"] = "Largest relative error of each invariant where steps are long: tops of every kind"
-    return table
+    return table.reset_index().rename(columns={"fraction": "step / nutation period"})
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    rows = indexed(rows)
-    long = {"long_steps": long_steps(rows)} if (rows.part == "long").any() else {}
-    timed = rows[(rows.part == "time") & (rows.status == "done")]
-    if timed.empty:
-        return long
-    named = timed[timed.state.isin(TOPS)]
-    named = named.assign(worst=worst(named, INVARIANTS))
-    wide = named.pivot_table(index="method", columns="state", values="worst", aggfunc=largest, sort=False)
-    wide.insert(0, "steps", named.groupby("method").steps.max())
-    verdicts = against_time(rows)
-    verdicts.attrs["caption"] = (
-        "How each invariant's error grows: sixteen random tops. Other quantities (e.g. a modified energy) are those a "
-        "method itself claims to conserve"
-    )
-    wide = wide.reset_index()
-    wide.attrs["caption"] = "Largest relative error of H, J3, C1 and C2 on the named tops"
-    return {"verdicts": verdicts, "named_tops": wide, **long}
+    return tabulated(rows, verdicts, named_tops, long_steps)
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from lagrange_bench.experiments.drawing import style
-
-    rows = indexed(rows)
-    figures = {}
-    timed = rows[(rows.part == "time") & rows.state.isin(RANDOM)]
-    if (timed.status == "done").any():
-        figures["time"] = _draw_time(timed, style, ["H"], "energy H")
-        figures["casimirs"] = _draw_time(timed, style, ["C1", "C2"], "the larger of C1 and C2")
-    swept = rows[rows.part == "h"]
-    if not swept.empty:
-        figures["h"] = _draw_h(swept, style)
-    return figures
+    casimirs = partial(_draw_time, names=["C1", "C2"], what="the larger of C1 and C2")
+    return drawn(rows, time=_draw_time, casimirs=casimirs, h=_draw_h)
 
 
-def _draw_time(rows: pd.DataFrame, style, names: list[str], what: str):
+@of_part("time", failed=True)
+def _draw_time(rows: pd.DataFrame, style, names: Sequence[str] = ("H",), what: str = "energy H"):
+    rows = indexed(rows[rows.state.isin(RANDOM)])
     done = rows[rows.status == "done"]
     runs = [done.method, done.t_index]
     squares = pd.concat([mean_square(done[name], runs) for name in names], axis=1).max(axis=1, skipna=False)
@@ -220,11 +212,12 @@ def _draw_time(rows: pd.DataFrame, style, names: list[str], what: str):
         f"Relative error of {what} against time, root mean square over sixteen random tops, step 1/8 or the default "
         "tolerance, one panel for each family of methods; in grey the exact Bäcklund step. The thin line is one ulp; "
         "dotted, in the first panel: growth like √t and t. A cross before a name: the method declined the step or failed."
-        + (" J3, which is constant in every stage of nearly all, is in the table." if names == ["H"] else "")
+        + (" J3, which is constant in every stage of nearly all, is in the table." if "H" in names else "")
     )
     return fig
 
 
+@of_part("h", failed=True)
 def _draw_h(rows: pd.DataFrame, style):
     state = "generic"
     here = rows[rows.state == state].assign(worst=worst(rows, INVARIANTS))

@@ -21,8 +21,9 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script, work_precision
-from lagrange_bench.experiments.drawing.tables import captioned
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
+from lagrange_bench.experiments.measuring.reductions import of_part
 from lagrange_bench.experiments.measuring.states import interpreted, knobs, options_of, rounded
 from lagrange_bench.integrators import METHODS, orbiting_tide, prepare, vibrating_pivot
 from lagrange_bench.integrators.interface import Array, Method, StepWarning
@@ -100,6 +101,7 @@ def measure(cell: dict) -> list[dict]:
 # ------------------------------------------------------------------------------------------ what the rows say
 
 
+@of_part("", "Driven tops: orders claimed and measured. Empty where fewer than three steps tell")
 def orders(rows: pd.DataFrame) -> pd.DataFrame:
     """Orders claimed and measured of the methods with a fixed step."""
     table = []
@@ -113,56 +115,37 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
+@of_part(
+    "",
+    "Driven tops: the cheapest method, set-up counted, and the best of the others beside the splitting with the exact step",
+)
 def winners(rows: pd.DataFrame) -> pd.DataFrame:
-    """For each problem and error the cheapest method, set-up counted, and beside it ours or, if that is ours, the next."""
-    table = []
-    for (problem, span), group in work_precision.useful(rows).groupby(["problem", "span"], sort=False):
-        for target in work_precision.TARGETS:
-            found = work_precision.best(group, target, "total").set_index("method").total
-            if len(found):
-                line = {
-                    "problem": problem,
-                    "span": span,
-                    "error at most": target,
-                    "cheapest": found.index[0],
-                    "seconds": found.iloc[0],
-                }
-                others = found.drop(OURS, errors="ignore")
-                ratio = others.min() / found.get(OURS, np.nan)
-                best = others.index[0] if len(others) else ""
-                table.append({**line, "best of the others": best, "times as long as the exact step inside": ratio})
-    return pd.DataFrame(table)
+    """For each problem and error the cheapest method, and how many times as long as ours the best of the others takes."""
+    good = work_precision.useful(rows)
+    return work_precision.against_ours(good, ["problem", "span"], work_precision.TARGETS, OURS)
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    good = rows[rows.status == "done"]
-    captions = {
-        "winners": "Driven tops: the cheapest method, set-up counted, and the best of the others beside the splitting with the "
-        "exact step",
-        "orders": "Driven tops: orders claimed and measured. Empty where fewer than three steps tell",
-    }
-    return captioned({"winners": winners(good), "orders": orders(good)}, captions) if len(good) else {}
+    return tabulated(rows, winners, orders)
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from lagrange_bench.experiments.drawing import style
+    return drawn(rows, work=_draw_work)
 
+
+@of_part()
+def _draw_work(rows: pd.DataFrame, style):
     good = work_precision.useful(rows)
     if good.empty:
-        return {}
-    runs = list(good.groupby(["problem", "span"], sort=False))
-    titles = [f"{name.replace('_', ' ')}, t = {span:g}" for (name, span), _ in runs]
-    fig, axes = style.panels(
-        titles, 2, (0.5, 2.0), "wall time of the run with set-up, s", "error at the end", sharey=True
-    )
-    for ax, (_, here) in zip(axes, runs, strict=True):
-        work_precision.draw_runs(ax, here.assign(seconds=here.total), NAMED, style, ours=OURS)
-    style.label_ends(axes)
+        return None
+    apart = ["problem", "span"]
+    titles = {run: f"{run[0].replace('_', ' ')}, t = {run[1]:g}" for run, _ in good.groupby(apart, sort=False)}
+    fig = work_precision.draw_panels(good, titles, apart, (2, 2.0), style, lambda here: NAMED, sharey=True)
     fig.caption = (
         "Error at the end against wall time, set-up included, of tops with a Hamiltonian that depends on time; down and left is "
         f"better. {style.naming(good.method, 'some are named')}. Each curve joins a method's Pareto-optimal runs."
     )
-    return {"work": fig}
+    return fig
 
 
 if __name__ == "__main__":

@@ -31,8 +31,9 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench.experiments import heavy_top, script
-from lagrange_bench.experiments.drawing.tables import captioned
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.experiments.measuring.reductions import of_part
 from lagrange_bench.experiments.measuring.states import rounded
 from lagrange_bench.integrators import CASES, integrate, prepare
 from lagrange_bench.integrators.cases import Case
@@ -396,6 +397,12 @@ def runs(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.assign(integrator=named, setting=rows.setting.astype(object).fillna(""), seconds=seconds)
 
 
+@of_part(
+    "",
+    "The heavy top in multibody codes and engines: measured orders of position and rotation; errors (m, rad) with steps of "
+    "1/1024 s and with the smallest; the time of a step, and what a step of a mass on a rail takes. No order: too few errors "
+    "below 0.1, or all at round-off",
+)
 def orders(rows: pd.DataFrame) -> pd.DataFrame:
     """Of each integrator the measured orders, errors, and what a step costs; where all its errors are large, no order."""
     table = []
@@ -415,25 +422,15 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    good = rows[rows.status == "done"]
-    if good.empty:
-        return {}
-    caption = (
-        "The heavy top in multibody codes and engines: measured orders of position and rotation; errors (m, rad) with steps of "
-        "1/1024 s and with the smallest; the time of a step, and what a step of a mass on a rail takes. No order: too few "
-        "errors below 0.1, or all at round-off"
-    )
-    return captioned({"orders": orders(good)}, {"orders": caption})
+    return tabulated(rows, orders)
 
 
 COLOURS = ("#1A1A1A", "#0072B2", "#56B4E9", "#D55E00", "#009E73", "#CC79A7", "#C78900", "#7A5400")
 MARKERS = ("o", "s", "D", "^", "v")
 
 
-def looks(rows: pd.DataFrame) -> dict[tuple[str, str], dict]:
+def looks(rows: pd.DataFrame, style) -> dict[tuple[str, str], dict]:
     """Of each engine and integrator: the bench's methods and the best integrators bold and named, defaults dashed."""
-    from lagrange_bench.experiments.drawing import style
-
     found = {}
     for (name, kind), group in rows.groupby(["engine", "integrator"], sort=False):
         place = list(ENGINES).index(name) if name in ENGINES else 0
@@ -449,17 +446,18 @@ def looks(rows: pd.DataFrame) -> dict[tuple[str, str], dict]:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from lagrange_bench.experiments.drawing import style
+    return drawn(rows, steps=_draw_steps)
 
-    if (rows.status != "done").all():
-        return {}
+
+@of_part(failed=True)
+def _draw_steps(rows: pd.DataFrame, style):
     rows = runs(rows)
     cases = [case for case in POWERS if case in set(rows.case)]
     fig, grid = style.figure("page", 0.9 + 2.3 * len(cases), nrows=len(cases), ncols=2, sharey="row", squeeze=False)
     columns = {"h": "step, s", "seconds": "wall time of the run, s"}
     for line, case in zip(grid, cases, strict=True):
         for ax, (column, text) in zip(line, columns.items(), strict=True):
-            for (name, kind), look in looks(rows).items():
+            for (name, kind), look in looks(rows, style).items():
                 run = rows[(rows.case == case) & (rows.engine == name) & (rows.integrator == kind)]
                 good = run[run.status == "done"].sort_values("h")
                 if not good.empty:
@@ -473,7 +471,7 @@ def draw(rows: pd.DataFrame) -> dict:
         "Dashed: default settings; solid: the best; thin: other integrators. With marks: methods of this bench. Crosses: steps "
         "at which an engine gave up."
     )
-    return {"steps": fig}
+    return fig
 
 
 if __name__ == "__main__":

@@ -22,8 +22,10 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.tables import captioned, show
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
+from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring import metrics, timing
+from lagrange_bench.experiments.measuring.reductions import of_part
 from lagrange_bench.experiments.measuring.states import options_of, rounded, truth
 from lagrange_bench.integrators import METHODS, POTENTIALS, LagrangeTop, PerturbedTop, integrate_ensemble, prepare
 from lagrange_bench.integrators.compiling.compiled import compiled
@@ -345,69 +347,64 @@ MEASURES = {
 # ------------------------------------------------------------------------------------------ what the rows say
 
 
-def rivals(rows: pd.DataFrame) -> pd.DataFrame:
+@of_part(
+    "rival",
+    f"Ensembles of {RIVALS['numba']} tops on one core ({RIVALS['heyoka']} for heyoka): for each method and step or tolerance the "
+    f"median and the largest error of {JUDGED} tops at the end, µs per top, and times the cost of the cheapest exact step that "
+    "is no less accurate",
+)
+def rivals(runs: pd.DataFrame) -> pd.DataFrame:
     """Every run of the rivals; how many times the cost of the cheapest exact step that is no less accurate."""
-    runs = rows[rows.part == "rival"].copy()
-    if runs.empty:
-        return runs
     exact_steps = runs[runs.method == "backlund"]
 
     def times(run: pd.Series) -> float:
         as_good = exact_steps[exact_steps.error <= run.error]
         return rounded(run.ns_per_time / as_good.ns_per_time.min(), 3) if len(as_good) else float("nan")
 
-    runs["times the exact step"] = [times(run) for _, run in runs.iterrows()]
+    runs = runs.assign(**{"times the exact step": [times(run) for _, run in runs.iterrows()]})
     columns = ["method", *(name for name in ("h", "tol") if name in runs), "error", "largest_error", "us_per_top"]
     return runs[[*columns, "ns_per_time", "times the exact step"]].dropna(axis=1, how="all")
 
 
+SHOWN = {  # part → its columns in a table, and the caption
+    "bound": (MEASURED["bound"], "One top: nanoseconds per step, pinned or not (free), and those of a loop of only the "
+              "operations that must wait for each other; no code can be faster"),
+    "tops": (("tops", "threads", *MEASURED["tops"]),
+             "Many tops in one call: nanoseconds per step and top, on all cores and for one; set-up in µs per top"),
+    "lanes": (("lanes", "pinned_ns_per_step", "free_ns_per_step"),
+              "How many tops a core takes at once, and nanoseconds per step and top"),
+    "setup": (("h", "setup_us", "first_step_us"),
+              "Set-up of each top, λ(h) and the constants of its step, in µs, by step size"),
+    "many": (("tops", *MEASURED["many"]),
+             "A large ensemble: seconds in all, µs per top, memory in units of one array of states"),
+    "jump": (("span", "error", "largest_error", "us_per_top"),
+             f"One jump to a far time for each of {RIVALS['numba']} tops: µs per top, and the median and the largest error of "
+             f"{JUDGED} of them"),
+    "perturbed": (("method", "h", "error", "largest_error", "setup_us", "us_per_top", "ns_per_time", "ns_per_kick"),
+                  f"{FIELD_TOPS} tops in a weak tide, in SIMD lanes on one core: the median and the largest error of "
+                  f"{FIELD_JUDGED} of them at t = {FIELD_SPAN:g}; set-up, and all, in µs per top; nanoseconds per top and unit "
+                  "of time, and per kick with the flow before it, without set-up"),
+}  # fmt: skip
+
+
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    good = rows[rows.status == "done"]
-    wanted = {
-        "bound": ["pinned_ns", "pinned_bound_ns", "pinned_ratio", "free_ns", "free_bound_ns", "free_ratio"],
-        "tops": ["tops", "threads", "steps", "ns_per_step", "ns_per_step_and_core", "setup_us"],
-        "lanes": ["lanes", "pinned_ns_per_step", "free_ns_per_step"],
-        "setup": ["h", "setup_us", "first_step_us"],
-        "many": ["tops", "steps", "threads", "seconds", "us_per_top", "memory"],
-        "jump": ["span", "error", "largest_error", "us_per_top"],
-        "perturbed": ["method", "h", "error", "largest_error", "setup_us", "us_per_top", "ns_per_time", "ns_per_kick"],
-    }
-    found = {
-        name: good.loc[good.part == name, columns] for name, columns in wanted.items() if (good.part == name).any()
-    }
-    compared = rivals(good)
-    captions = {
-        "bound": "One top: nanoseconds per step, pinned or not (free), and those of a loop of only the operations that "
-        "must wait for each other; no code can be faster",
-        "tops": "Many tops in one call: nanoseconds per step and top, on all cores and for one; set-up in µs per top",
-        "lanes": "How many tops a core takes at once, and nanoseconds per step and top",
-        "setup": "Set-up of each top, λ(h) and the constants of its step, in µs, by step size",
-        "many": "A large ensemble: seconds in all, µs per top, memory in units of one array of states",
-        "jump": f"One jump to a far time for each of {RIVALS['numba']} tops: µs per top, and the median and the largest error of "
-        f"{JUDGED} of them",
-        "perturbed": f"{FIELD_TOPS} tops in a weak tide, in SIMD lanes on one core: the median and the largest error of "
-        f"{FIELD_JUDGED} of them at t = {FIELD_SPAN:g}; set-up, and all, in µs per top; nanoseconds per top and unit of time, "
-        "and per kick with the flow before it, without set-up",
-        "rivals": f"Ensembles of {RIVALS['numba']} tops on one core ({RIVALS['heyoka']} for heyoka): for each method and step or "
-        f"tolerance the median and the largest error of {JUDGED} tops at the end, µs per top, and times the cost of the cheapest "
-        "exact step that is no less accurate",
-    }
-    return captioned({**found, "rivals": compared}, captions)
+    made = {}
+    for part, (columns, caption) in SHOWN.items():
+        here = rows[(rows.part == part) & (rows.status == "done")]
+        if len(here):
+            made[part] = here[list(columns)]
+            made[part].attrs["caption"] = caption
+    return made | tabulated(rows, rivals)
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from lagrange_bench.experiments.drawing import style
-
-    good = rows[rows.status == "done"]
-    figures = {}
-    if (good.part == "tops").any():
-        figures["throughput"] = _draw_throughput(good, style)
-    if (good.part == "rival").any():
-        figures["rivals"] = _draw_rivals(good, style)
-    return figures
+    return drawn(rows, throughput=_draw_throughput, rivals=_draw_rivals)
 
 
+@of_part()
 def _draw_throughput(good: pd.DataFrame, style):
+    if not (good.part == "tops").any():
+        return None
     fig, (steps, setups, growth) = style.figure("page", 2.6, ncols=3)
     look = {**style.of("backlund"), "label": "_one"}
     runs = good[good.part == "tops"].sort_values("tops")
@@ -445,9 +442,12 @@ def _draw_throughput(good: pd.DataFrame, style):
     return fig
 
 
+@of_part()
 def _draw_rivals(good: pd.DataFrame, style):
-    fig, ax = style.figure("page", 3.4)
     runs = good[good.part == "rival"]
+    if runs.empty:
+        return None
+    fig, ax = style.figure("page", 3.4)
     for method in style.ordered(runs.method):
         chosen = runs[runs.method == method].sort_values([name for name in ("h", "tol") if name in runs])
         ax.loglog(chosen.ns_per_time, chosen.error.clip(lower=1e-17), **style.of(method))

@@ -13,6 +13,7 @@ by heyoka, and the drift after many.
 
 from __future__ import annotations
 
+import itertools
 import math
 from time import perf_counter
 from typing import Any
@@ -21,10 +22,10 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.tables import captioned
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.reductions import largest
-from lagrange_bench.experiments.measuring.states import log_counts, rounded
+from lagrange_bench.experiments.measuring.reductions import largest, of_part
+from lagrange_bench.experiments.measuring.states import follow, log_counts, rounded
 from lagrange_bench.integrators.api import prepare
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.paper.gaudin_magnets import central_spin, random_magnet, unit_of_time
@@ -65,32 +66,29 @@ LONGEST = 2.0**10  # span up to which DOP853, interpreted, is measured
 
 
 def cells(profile: str) -> list[dict]:
-    listed: list[dict] = []
-    sizes = {variant: EXACT_SIZES[profile] if variant == "exact" else SIZES for variant in STEP}
-    for n in SIZES:
-        for variant, h in STEP.items():
-            if n in sizes[variant]:
-                steps = round(SPAN_LONG[profile] / h)
-                listed.append({"part": "time", "n": n, "variant": variant, "h": h, "steps": steps})
-    for variant in RIVALS:
-        h = STEP["order 2"]
-        listed.append({"part": "time", "n": SWEPT, "variant": variant, "h": h, "steps": round(SPAN_LONG[profile] / h)})
+    kinds = [(n, variant) for n in SIZES for variant in STEP if variant != "exact" or n in EXACT_SIZES[profile]]
+    runs = [
+        *((n, variant, STEP[variant]) for n, variant in kinds),
+        *((SWEPT, rival, STEP["order 2"]) for rival in RIVALS),
+    ]
+    listed: list[dict] = [
+        {"part": "time", "n": n, "variant": variant, "h": h, "steps": round(SPAN_LONG[profile] / h)}
+        for n, variant, h in runs
+    ]
     for variant in (*(f"order {p}" for p in ORDERS), "exact", *RIVALS):
         steps_tried = (SWEEP_RIVALS if variant in RIVALS else SWEEP)[profile]
         listed += [{"part": "h", "n": SWEPT, "variant": variant, "h": h} for h in steps_tried]
     for n, magnets in RANDOM[profile].items():
         given = {"magnets": magnets, "steps": DRIFT_STEPS[profile]}
         listed += [{"part": "random", "n": n, "variant": "exact", "h": h, **given} for h in RANDOM_STEPS]
-    for round_ in range(ROUNDS[profile]):
-        for n in SIZES:
-            for variant in STEP:
-                if n in sizes[variant]:
-                    listed.append({"part": "cost", "n": n, "variant": variant, "round": round_, "timing": True})
-    for span in SPANS[profile]:
-        for variant in (*WORK, *WORK_TOLERANCES):
-            if variant == "dop853" and span > LONGEST:
-                continue
-            listed.append({"part": "work", "n": SWEPT, "variant": variant, "span": span, "timing": True})
+    rounds = range(ROUNDS[profile])
+    listed += [{"part": "cost", "n": n, "variant": v, "round": r, "timing": True} for r in rounds for n, v in kinds]
+    listed += [
+        {"part": "work", "n": SWEPT, "variant": variant, "span": span, "timing": True}
+        for span in SPANS[profile]
+        for variant in (*WORK, *WORK_TOLERANCES)
+        if variant != "dop853" or span <= LONGEST
+    ]
     # so it is known what has to be installed, and a cell can be chosen by the method's name
     return [{"method": _method(cell["variant"]), **cell} for cell in listed]
 
@@ -126,10 +124,7 @@ def _time(cell: dict) -> list[dict]:
     if stepper.from_start:
         states = stepper.solve(spins, cell["h"] * np.array(counts, dtype=float))
     else:
-        states, s, done = np.empty((len(counts), *spins.shape)), spins, 0
-        for i, count in enumerate(counts):
-            s = states[i] = stepper.advance(s, count - done)
-            done = count
+        states = [s for s, _ in follow(stepper, spins, counts)]
     return [
         {"t": rounded(cell["h"] * count), **_drift(magnet, spins, state)}
         for count, state in zip(counts, states, strict=True)
@@ -175,20 +170,16 @@ def _random(cell: dict) -> list[dict]:
 
 def _cost(cell: dict) -> list[dict]:
     magnet, spins = central_spin(cell["n"])
-    n, variant = cell["n"], cell["variant"]
-    if variant == "taylor":
-        span = 200.0
-        stepper = _stepper(magnet, spins, variant, span)
+    n, variant, span = cell["n"], cell["variant"], 200.0
+    stepper = _stepper(magnet, spins, variant, span if variant == "taylor" else STEP[variant])
+    if variant == "taylor":  # one call: many steps of its own
         stepper.advance(spins, 1)
-        steps, maps = stepper.work.steps, 0
-        timed = timing.time_call(lambda: stepper.advance(spins, 1), repeats=5)
+        calls, steps, maps = 1, stepper.work.steps, 0
         h = span / steps
     else:
-        h = STEP[variant]
-        stepper = _stepper(magnet, spins, variant, h)
-        maps = len(stepper.lams)
-        steps = 4 * 10**6 // (n * maps)
-        timed = timing.time_call(lambda: stepper.advance(spins, steps), repeats=5)
+        h, maps = STEP[variant], len(stepper.lams)
+        calls = steps = 4 * 10**6 // (n * maps)
+    timed = timing.time_call(lambda: stepper.advance(spins, calls), repeats=5)
     ns = timed.min / steps * 1e9
     row = {"h": rounded(h), "maps": maps, "ns_per_step": rounded(ns), "ns_per_time": rounded(ns / h)}
     if maps:
@@ -234,70 +225,65 @@ def _work(cell: dict) -> list[dict]:
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    good = rows[rows.status == "done"]
-    found = {}
-    timed = good[good.part == "time"]
-    if not timed.empty:
-        worst = timed.groupby(["n", "variant"], sort=False)[["spins", "hamiltonians"]].agg(largest).reset_index()
-        worst.insert(2, "length of run", timed.groupby(["n", "variant"], sort=False).t.max().to_numpy())
-        found["drift"] = worst
-    swept = good[good.part == "h"]
-    if not swept.empty:
-        found["orders"] = orders(swept)
-    cost = good[good.part == "cost"]
-    if not cost.empty:
-        columns = ["h", "maps", "ns_per_step", "ns_per_spin_and_map", "ns_per_time", "setup_ms"]
-        columns = [name for name in columns if name in cost]
-        found["cost"] = cost.groupby(["n", "variant"], sort=False)[columns].min().reset_index()
-    judged = good[good.part == "random"]
-    if not judged.empty:
-        columns = ["n", "h", "magnets", "failed", "error", "steps", "drift"]
-        found["random"] = judged[columns].reset_index(drop=True)
-    work = good[good.part == "work"]
-    if not work.empty:
-        found["work"] = winners(work)
-    captions = {
-        "drift": "Gaudin magnets of n spins: the largest relative error of the lengths of the spins and of the Hamiltonians",
-        "orders": "Order of each variant, as the slope of the error against the step, with its standard error (±)",
-        "cost": "Gaudin magnets of n spins: nanoseconds per step, per spin and map, and per unit of time; set-up in ms",
-        "random": "Random magnets at steps of h units: one exact step against heyoka, and the drift of the invariants over a run",
-        "work": "Gaudin magnets: the quickest other method than Bäcklund maps, and its time over that of the exact step; then "
-        "the same with set-up counted for both",
-    }
-    return captioned(found, captions)
+    return tabulated(rows, drift, orders, cost, random, work)
+
+
+@of_part(
+    "time", "Gaudin magnets of n spins: the largest relative error of the lengths of the spins and of the Hamiltonians"
+)
+def drift(rows: pd.DataFrame) -> pd.DataFrame:
+    groups = rows.groupby(["n", "variant"], sort=False)
+    table = groups[["spins", "hamiltonians"]].agg(largest)
+    table.insert(0, "length of run", groups.t.max())
+    return table.reset_index()
+
+
+@of_part(
+    "cost", "Gaudin magnets of n spins: nanoseconds per step, per spin and map, and per unit of time; set-up in ms"
+)
+def cost(rows: pd.DataFrame) -> pd.DataFrame:
+    columns = ["h", "maps", "ns_per_step", "ns_per_spin_and_map", "ns_per_time", "setup_ms"]
+    columns = [name for name in columns if name in rows]
+    return rows.groupby(["n", "variant"], sort=False)[columns].min().reset_index()
+
+
+@of_part(
+    "random",
+    "Random magnets at steps of h units: one exact step against heyoka, and the drift of the invariants over a run",
+)
+def random(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows[["n", "h", "magnets", "failed", "error", "steps", "drift"]].reset_index(drop=True)
 
 
 TARGETS = (1e-4, 1e-7, 1e-10)
 RUN, WHOLE = "times as long as the exact step", "with set-up"
 
 
-def winners(rows: pd.DataFrame) -> pd.DataFrame:
+@of_part(
+    "work",
+    "Gaudin magnets: the quickest other method than Bäcklund maps, and its time over that of the exact step; then the same with "
+    "set-up counted for both",
+)
+def work(rows: pd.DataFrame) -> pd.DataFrame:
     """For each span and error the quickest method but the Bäcklund maps, and how much longer it takes than the exact one."""
     table = []
-    for span, group in rows.groupby("span"):
-        for target in TARGETS:
-            reached = group[group.error <= target]
-            ours, others = (
-                reached[reached.variant == "exact"],
-                reached[~reached.method.isin(("backlund", "backlund_paper"))],
-            )
-            if ours.empty or others.empty:
-                continue
-            own, best = ours.iloc[0], others.loc[others.seconds.idxmin()]
-            whole = others.seconds + others.setup_seconds
-            row = {
-                "span": span,
-                "error at most": target,
-                "quickest other": best.variant,
-                RUN: best.seconds / own.seconds,
-            }
-            quickest = others.loc[whole.idxmin()].variant
-            table.append(
-                {**row, "quickest with set-up": quickest, WHOLE: whole.min() / (own.seconds + own.setup_seconds)}
-            )
+    rows = rows.assign(total=rows.seconds + rows.setup_seconds)
+    for (span, group), target in itertools.product(rows.groupby("span"), TARGETS):
+        reached = group[group.error <= target]
+        ours, others = (
+            reached[reached.variant == "exact"],
+            reached[~reached.method.isin(("backlund", "backlund_paper"))],
+        )
+        if len(ours) and len(others):
+            line = {"span": span, "error at most": target}
+            for price, name, ratio in (("seconds", "quickest other", RUN), ("total", "quickest with set-up", WHOLE)):
+                best = others.loc[others[price].idxmin()]
+                line |= {name: best.variant, ratio: best[price] / ours[price].iloc[0]}
+            table.append(line)
     return pd.DataFrame(table)
 
 
+@of_part("h", "Order of each variant, as the slope of the error against the step, with its standard error (±)")
 def orders(rows: pd.DataFrame) -> pd.DataFrame:
     """Measured order of each variant from the whole error against the step."""
     table = []
@@ -311,21 +297,10 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from lagrange_bench.experiments.drawing import style
-
-    figures = {}
-    if (rows.part == "time").any():
-        figures["time"] = _draw_time(rows[rows.part == "time"], style)
-    if (rows.part == "h").any():
-        figures["h"] = _draw_h(rows[rows.part == "h"], style)
-    if (rows.part == "work").any():
-        figures["work"] = _draw_work(rows[(rows.part == "work") & (rows.status == "done")], style)
-    return figures
+    return drawn(rows, time=_draw_time, h=_draw_h, work=_draw_work)
 
 
 LABELS = {f"order {p}": f"Bäcklund, order {p}" for p in ORDERS} | {"exact": "Bäcklund, exact"}
-
-
 SHADES = {"order 4": ("#7D9BD1", "s", 1), "order 6": ("#3F93CF", "h", 3), "order 8": ("#0F5C80", "^", 0)}
 
 
@@ -338,6 +313,7 @@ def _look(style, variant: str) -> dict:
     return look
 
 
+@of_part("time")
 def _draw_time(rows: pd.DataFrame, style):
     quantities = {"hamiltonians": "$H_j$", "spins": "$|s_j|$"}
     panels = [(name, n) for name in quantities for n in sorted(set(rows.n))]
@@ -346,11 +322,9 @@ def _draw_time(rows: pd.DataFrame, style):
     size = {"nrows": len(panels) // columns, "ncols": columns, "sharex": True, "sharey": True, "squeeze": False}
     fig, grid = style.figure(style.width(), height, **size)
     for ax, (name, n) in zip(grid.flat, panels, strict=True):
-        for variant in dict.fromkeys(rows.variant):
-            chosen = rows[(rows.n == n) & (rows.variant == variant) & (rows.status == "done")]
-            if not chosen.empty:
-                t, error = metrics.block_maxima(chosen.t, chosen[name])
-                ax.loglog(t, np.maximum(error, 2.0**-54), **{**_look(style, variant), "marker": "none"})
+        for variant, chosen in rows[rows.n == n].groupby("variant", sort=False):
+            t, error = metrics.block_maxima(chosen.t, chosen[name])
+            ax.loglog(t, np.maximum(error, 2.0**-54), **{**_look(style, variant), "marker": "none"})
         ax.set_title(f"{quantities[name]}, n = {n}")
         style.ulp_line(ax)
     for ax in grid[-1]:
@@ -366,12 +340,12 @@ def _draw_time(rows: pd.DataFrame, style):
     return fig
 
 
+@of_part("h")
 def _draw_h(rows: pd.DataFrame, style):
     fig, ax = style.figure("column", 3.0)
-    for variant in dict.fromkeys(rows.variant):
-        chosen = rows[(rows.variant == variant) & (rows.status == "done")].sort_values("h")
-        if not chosen.empty:
-            ax.loglog(SPAN / np.round(SPAN / chosen.h), chosen.error.clip(lower=1e-16), **_look(style, variant))
+    for variant, chosen in rows.groupby("variant", sort=False):
+        chosen = chosen.sort_values("h")
+        ax.loglog(SPAN / np.round(SPAN / chosen.h), chosen.error.clip(lower=1e-16), **_look(style, variant))
     ticks = sorted({2.0 ** round(math.log2(h)) for h in rows.h})[:: 2 if len(set(rows.h)) > 6 else 1]
     ax.set_xticks(ticks, [f"{h:g}" if h >= 1 else f"1/{1 / h:g}" for h in ticks])
     ax.minorticks_off()
@@ -385,19 +359,18 @@ def _draw_h(rows: pd.DataFrame, style):
     return fig
 
 
+@of_part("work")
 def _draw_work(rows: pd.DataFrame, style):
     spans = sorted(set(rows.span))
-    fig, grid = style.figure("page", 3.4, ncols=len(spans), sharey=True, squeeze=False)
-    for ax, span in zip(grid.flat, spans, strict=True):
-        for variant in dict.fromkeys(rows.variant):
-            chosen = rows[(rows.span == span) & (rows.variant == variant)].sort_values("seconds")
-            if not chosen.empty:
-                ax.loglog(chosen.seconds, chosen.error.clip(lower=1e-15), **_look(style, variant))
-        for own in rows[(rows.span == span) & (rows.variant == "exact")].head(1).itertuples():
+    titles, labels = [f"t = {span:g}" for span in spans], ("time of one run, s", "largest error at the end")
+    fig, axes = style.panels(titles, len(spans), (0.0, 3.4), *labels, sharey=True)
+    for ax, span in zip(axes, spans, strict=True):
+        here = rows[rows.span == span]
+        for variant, chosen in here.groupby("variant", sort=False):
+            chosen = chosen.sort_values("seconds")
+            ax.loglog(chosen.seconds, chosen.error.clip(lower=1e-15), **_look(style, variant))
+        for own in here[here.variant == "exact"].head(1).itertuples():
             ax.plot(own.seconds + own.setup_seconds, max(own.error, 1e-15), "o", mfc="none", color=style.INK)
-        ax.set_title(f"t = {span:g}")
-        ax.set_xlabel("time of one run, s")
-    grid[0, 0].set_ylabel("largest error at the end")
     style.legend_below(fig)
     program = rows[rows.variant == "dop853"].span.max()
     fig.caption = (

@@ -21,8 +21,9 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.tables import captioned
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
+from lagrange_bench.experiments.measuring.reductions import of_part
 from lagrange_bench.experiments.measuring.states import rounded
 from lagrange_bench.integrators import CASES, METHODS, WholeBody, available, integrate, prepare
 from lagrange_bench.integrators.interface import Array, Method
@@ -116,6 +117,11 @@ def measure(cell: dict) -> list[dict]:
     return [row]
 
 
+@of_part(
+    "",
+    "Whole bodies: the order that a method claims and those of its errors of position and rotation. Then errors with the "
+    "smallest step: position (m), rotation (rad), energy, momentum about the vertical, Kovalevskaya's K",
+)
 def orders(rows: pd.DataFrame) -> pd.DataFrame:
     """Measured orders of position and rotation, and the errors with the smallest step."""
     table = []
@@ -131,34 +137,33 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    good = rows[rows.status == "done"]
-    if good.empty:
-        return {}
-    captions = {
-        "orders": "Whole bodies: the order that a method claims and those of its errors of position and rotation. Then "
-        "errors with the smallest step: position (m), rotation (rad), energy, momentum about the vertical, Kovalevskaya's K"
-    }
-    return captioned({"orders": orders(good)}, captions)
+    return tabulated(rows, orders)
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from lagrange_bench.experiments.drawing import style
+    return drawn(rows, steps=_draw_steps, work=_draw_work)
 
-    if (rows.status != "done").all():
-        return {}
-    seconds = rows.ns_per_step * 1e-9 * rows.case.map(UNTIL) / rows.h if "ns_per_step" in rows else float("nan")
+
+@of_part(failed=True)
+def _draw_steps(rows: pd.DataFrame, style):
     steps = _draw_errors(rows, "h", "step, s", style)
     steps.caption = (
         "Errors of the centre of mass and of the rotation at the end against the step. Many methods lose the spin long "
         "before the axis: compare the columns. Crosses: a method declined the step. "
         f"{style.naming(rows.method, 'some are named')}."
     )
+    return steps
+
+
+@of_part(failed=True)
+def _draw_work(rows: pd.DataFrame, style):
+    seconds = rows.ns_per_step * 1e-9 * rows.case.map(UNTIL) / rows.h
     work = _draw_errors(rows.assign(seconds=seconds), "seconds", "wall time of the run, s", style)
     work.caption = (
         "The same errors against the wall time of the run: its steps times the least time of a step; down and left is better. "
         f"{style.naming(rows.method, 'some are named')}."
     )
-    return {"steps": steps, "work": work}
+    return work
 
 
 def _draw_errors(rows: pd.DataFrame, column: str, text: str, style: Any) -> Any:

@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.tables import captioned
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.experiments.measuring.reductions import largest, worst
+from lagrange_bench.experiments.measuring.reductions import largest, of_part, worst
 from lagrange_bench.experiments.measuring.states import find, options_of, rounded
 from lagrange_bench.integrators import prepare
 from lagrange_bench.integrators.interface import INVARIANTS
@@ -63,23 +63,24 @@ def measure(cell: dict) -> list[dict]:
     ]
 
 
+@of_part(
+    "",
+    "The two runs of the paper's figures: the largest relative error of each invariant, by the way the map is written",
+)
+def invariants(rows: pd.DataFrame) -> pd.DataFrame:
+    runs = rows.groupby(["figure", "form"], sort=False)
+    return runs[list(INVARIANTS)].agg(largest).assign(steps=runs.steps.first()).reset_index()
+
+
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    good = rows[rows.status == "done"]
-    most = good.groupby(["figure", "form"], sort=False)[list(INVARIANTS)].agg(largest)
-    last = good.groupby(["figure", "form"], sort=False).steps.first()
-    caption = "The two runs of the paper's figures: the largest relative error of each invariant, by the way the map is written"
-    return captioned({"invariants": most.assign(steps=last).reset_index()}, {"invariants": caption})
+    return tabulated(rows, invariants)
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from lagrange_bench.experiments.drawing import style
-
-    return {
-        "figures": _draw_orbits(rows[rows.status == "done"], style),
-        "invariants": _draw_drift(rows[rows.status == "done"], style),
-    }
+    return drawn(rows, figures=_draw_orbits, invariants=_draw_drift)
 
 
+@of_part()
 def _draw_orbits(rows: pd.DataFrame, style):
     fig, axes = style.figure("page", 3.3, ncols=2, subplot_kw={"projection": "3d"})
     for ax, (figure, (state, *_)) in zip(axes, FIGURES.items(), strict=True):
@@ -112,18 +113,17 @@ def _draw_orbits(rows: pd.DataFrame, style):
     return fig
 
 
+@of_part()
 def _draw_drift(rows: pd.DataFrame, style):
-    fig, axes = style.figure("page", 2.9, ncols=2, sharey=True)
+    labels = "number of steps", "largest relative error so far"
+    fig, axes = style.panels(list(TITLES.values()), 2, (0.0, 2.9), *labels, sharey=True)
     for ax, figure in zip(axes, FIGURES, strict=True):
         for form, (method, options) in FORMS.items():
             chosen = rows[(rows.figure == figure) & (rows.form == form) & (rows.n > 0)]
             look = style.of("backlund_paper" if options.get("pin") else method)
             most = worst(chosen, INVARIANTS).cummax()
             ax.loglog(chosen.n, most.clip(lower=1e-17), **{**look, "marker": "none", "label": form})
-        ax.set_title(TITLES[figure])
-        ax.set_xlabel("number of steps")
         style.ulp_line(ax)
-    axes[0].set_ylabel("largest relative error so far")
     style.legend_below(fig)
     fig.caption = (
         "Largest relative error so far of H, J3, |x|² and x·J, for the same map in two forms, from the data of the paper's "

@@ -26,14 +26,16 @@ from __future__ import annotations
 
 import random
 import warnings
+from functools import partial
 
 import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import drift, script, work_precision
-from lagrange_bench.experiments.drawing.tables import captioned, numbers_in, show
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
+from lagrange_bench.experiments.drawing.tables import numbers_in, show
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.experiments.measuring.reductions import largest
+from lagrange_bench.experiments.measuring.reductions import largest, of_part
 from lagrange_bench.experiments.measuring.states import (
     PROBLEMS,
     affordable,
@@ -41,6 +43,7 @@ from lagrange_bench.experiments.measuring.states import (
     interpreted,
     log_counts,
     methods_on,
+    places,
     rounded,
     sample,
     truth,
@@ -114,7 +117,7 @@ def cells(profile: str) -> list[dict]:
     ]
 
 
-def drawn(field: str, number: int) -> tuple[PerturbedTop, np.ndarray]:
+def random_top(field: str, number: int) -> tuple[PerturbedTop, np.ndarray]:
     """A random top, and its state: k log-uniform from 1e-6 to 1e-2; a charge 0.03, 0.1 or 0.3 beyond the sphere of the axis."""
     draw = random.Random(f"{field} {number}")
 
@@ -135,7 +138,7 @@ def to_tolerance(cell: dict) -> list[dict]:
     """
     rows: list[dict] = []
     for number in range(cell["tops"]):
-        top, y0 = drawn(cell["field"], number)
+        top, y0 = random_top(cell["field"], number)
         time = cell["span"] * top.scales(y0)[2]
         right, near = (integrate(top, y, t=[time], method="taylor").y for y in (y0, y0 * (1.0 + NEAR)))
         if ULP / NEAR * metrics.scaled_error(top.top, y0, near, right).max() > SENSITIVE * cell["tol"]:
@@ -185,7 +188,7 @@ def any_problem(cell: dict) -> dict:
     problem, y0 = find(cell["state"])
     method, n = METHODS[cell["method"]], round(SPAN / cell["h"])
     h = SPAN * problem.scales(y0)[2] / n
-    counts = sorted({max(n * k // 16, 1) for k in range(1, 17)})
+    counts = places(n)
     times, states = sample(problem, y0, cell["method"], h, counts)
     moved = drift.errors(cell["method"], problem, h, np.vstack((y0, states)), times)
     keeps = method.kept(problem)
@@ -202,21 +205,16 @@ def any_problem(cell: dict) -> dict:
 # ------------------------------------------------------------------------------------------ what the rows say
 
 
-def part(rows: pd.DataFrame, name: str) -> pd.DataFrame:
-    """The rows of one part that were computed."""
-    found = rows[(rows.part == name) & (rows.status == "done")] if "part" in rows else rows[:0]
-    return found if "state" in found else found.assign(state=None)  # of the tolerance part alone
-
-
 def claimed(method: str, state: str) -> frozenset[str]:
     """What a method says it keeps on a state."""
     return METHODS[method].kept(PERTURBED_TOPS[state].top) if method in METHODS else frozenset()
 
 
+@of_part("drift", "Tops in a potential: the largest relative error of each invariant that the top has")
 def kept(rows: pd.DataFrame) -> pd.DataFrame:
     """The largest error of each invariant by method and top; an invariant that the top has not got is left out."""
     table = []
-    for (state, method), run in part(rows, "drift").groupby(["state", "method"], sort=False):
+    for (state, method), run in rows.groupby(["state", "method"], sort=False):
         top = PERTURBED_TOPS[state].top
         found = {name: largest(run[name]) if name in top.conserved else np.nan for name in INVARIANTS}
         says = ", ".join(name for name in INVARIANTS if name in claimed(method, state))
@@ -224,27 +222,37 @@ def kept(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
+@of_part(
+    "problem",
+    "Problems that are no top in a fixed field: orders claimed and measured, and the largest relative error of the invariants "
+    "that a method says it keeps, and of the others, over all steps",
+)
 def problems(rows: pd.DataFrame) -> pd.DataFrame:
     """Of each method and problem that is no top in a fixed field: the order, and the largest error of its invariants."""
-    table = orders(rows, "problem", (1e-10, 0.1))
-    found = part(rows, "problem")
-    if table.empty:
-        return table
-    moved = found.groupby(["state", "method"], sort=False)[["kept", "others"]].agg(largest)
+    table = _orders(rows, (1e-10, 0.1))
+    moved = rows.groupby(["state", "method"], sort=False)[["kept", "others"]].agg(largest)
     names = {"kept": "invariants it claims", "others": "its other invariants"}
     return table.join(moved.rename(columns=names), on=["state", "method"])
 
 
-def orders(rows: pd.DataFrame, of: str = "order", between: tuple[float, float] = (1e-12, 1e-3)) -> pd.DataFrame:
-    """The order of each method on each top, from the steps whose errors are `between` round-off and saturation."""
+@of_part(
+    "order",
+    f"Tops in a potential: orders claimed, and measured as the slope of the error at t = {SPAN:g} against the step. At these "
+    "steps some slopes are still below the order. Empty where fewer than three steps tell",
+)
+def orders(rows: pd.DataFrame) -> pd.DataFrame:
+    """The order of each method on each top."""
+    return _orders(rows, (1e-12, 1e-3))
+
+
+def _orders(good: pd.DataFrame, between: tuple[float, float]) -> pd.DataFrame:
+    """The order of each method on each problem, from the steps whose errors are `between` round-off and saturation."""
     table = []
-    good = part(rows, of)
     if "stopped" in good:
         good = good[good.stopped.isna()]
     for (state, method), run in good.groupby(["state", "method"], sort=False):
-        floor = max(
-            100 * run.error.min(skipna=False), between[0]
-        )  # near the separatrix round-off is a hundred times larger
+        # near the separatrix round-off is a hundred times larger
+        floor = max(100 * run.error.min(skipna=False), between[0])
         run = run[(run.error > floor) & (run.error < between[1])].sort_values("h")[:4]
         slope = float(np.polyfit(np.log(run.h), np.log(run.error), 1)[0]) if len(run) > 2 else np.nan
         says = METHODS[method].order_for(find(state)[0]) if method in METHODS else None
@@ -252,41 +260,24 @@ def orders(rows: pd.DataFrame, of: str = "order", between: tuple[float, float] =
     return pd.DataFrame(table)
 
 
+@of_part("work", "Tops in a potential: the cheapest method, set-up counted, and the best of the others")
 def winners(rows: pd.DataFrame) -> pd.DataFrame:
     """For each run and error the cheapest method, set-up counted, and how many times as long the best of the others takes."""
-    work = part(rows, "work")
-    good = work_precision.useful(work) if "error" in rows and "seconds" in rows else work[:0]
-    table = []
-    for (span, state), group in good.groupby(["span", "state"], sort=False):
-        for target in work_precision.TARGETS[:-1]:
-            found = work_precision.best(group, target, "total")
-            if found.empty:
-                continue
-            ours, others = found[found.method == OURS].total, found[found.method != OURS]
-            ratio = others.total.min() / ours.min() if len(ours) and len(others) else np.nan
-            rival = others.method.iloc[0] if len(others) else ""
-            table.append(
-                {
-                    "span": span,
-                    "state": state,
-                    "error at most": target,
-                    "cheapest": found.method.iloc[0],
-                    "seconds": found.total.iloc[0],
-                    "best of the others": rival,
-                    "times as long as the exact step inside": ratio,
-                }
-            )
-    return pd.DataFrame(table)
+    targets = work_precision.TARGETS[:-1]
+    return work_precision.against_ours(work_precision.useful(rows), work_precision.APART, targets, OURS)
 
 
+@of_part(
+    "tolerance",
+    "The splitting with the exact step, given an error tol in place of a step, on random tops: how many runs it answers and "
+    "refuses, the largest error, and for how many the error expected is within a factor of ten of the true one. "
+    f"Chaotic: an ulp grows to {SENSITIVE:g} tol; these are left out",
+)
 def tolerances(rows: pd.DataFrame) -> pd.DataFrame:
     """For each field, length and error asked for: how many tops were answered, refused and given up, and how well."""
     table: list[dict] = []
-    found = part(rows, "tolerance")
-    if found.empty:
-        return pd.DataFrame(table)
     columns = ["field", "span", "tol", "answer", "error", "expected"]  # without the last two if nothing was answered
-    for (field, span, tol), group in found.reindex(columns=columns).groupby(["field", "span", "tol"], sort=False):
+    for (field, span, tol), group in rows.reindex(columns=columns).groupby(columns[:3], sort=False):
         given = group[group.answer == "given"]
         near = given.expected.between(0.1 * given.error, 10.0 * given.error)
         table.append(
@@ -305,51 +296,30 @@ def tolerances(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    made = {"kept": kept(rows), "orders": orders(rows), "winners": winners(rows), "tolerances": tolerances(rows)}
-    made["problems"] = problems(rows)
-    captions = {
-        "problems": "Problems that are no top in a fixed field: orders claimed and measured, and the largest relative error of "
-        "the invariants that a method says it keeps, and of the others, over all steps",
-        "kept": "Tops in a potential: the largest relative error of each invariant that the top has",
-        "orders": f"Tops in a potential: orders claimed, and measured as the slope of the error at t = {SPAN:g} against the "
-        "step. At these steps some slopes are still below the order. Empty where fewer than three steps tell",
-        "winners": "Tops in a potential: the cheapest method, set-up counted, and the best of the others",
-        "tolerances": "The splitting with the exact step, given an error tol in place of a step, on random tops: how many runs "
-        "it answers and refuses, the largest error, and for how many the error expected is within a factor of ten of the true "
-        f"one. Chaotic: an ulp grows to {SENSITIVE:g} tol; these are left out",
-    }
-    return captioned(made, captions)
+    return tabulated(rows, kept, orders, winners, tolerances, problems)
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from lagrange_bench.experiments.drawing import style
-
-    figures = {}
-    work = part(rows, "work")
-    good = work_precision.useful(work) if "error" in work and "seconds" in work else work[:0]
-    for span in sorted(set(good.span)):
-        figures[f"work_t{span:.0f}"] = _draw_work(good[good.span == span], style, span)
-    ratios = winners(rows)
-    if len(ratios) and ratios.state.isin(EPSILON).any():
-        figures["winner"] = _draw_winner(ratios[ratios.state.isin(EPSILON)], style)
-    order = part(rows, "order")
-    if "error" in order and order.error.notna().any():
-        figures["order"] = _draw_order(order, style)
-    return figures
+    work = {
+        f"work_t{span:.0f}": partial(_draw_work, span=span)
+        for span in sorted(set(rows.get("span", ())) & WORK["full"].keys())
+    }
+    return drawn(rows, **work, winner=_draw_winner, order=_draw_order)
 
 
-def _draw_work(good: pd.DataFrame, style, span: float):
-    states = list(dict.fromkeys(good.state))
-    titles = [numbers_in(PERTURBED_TOPS[state].label) for state in states]
-    xlabel = "wall time of the run with set-up, s"
-    columns, shared = min(len(states), 3), {"sharex": True, "sharey": True}
-    fig, axes = style.panels(titles, columns, (0.5, 2.1), xlabel, "error at the end", **shared)
-    for ax, state in zip(axes, states, strict=True):
-        here = good[good.state == state]
+@of_part("work")
+def _draw_work(rows: pd.DataFrame, style, span: float):
+    good = work_precision.useful(rows[rows.span == span])
+    if good.empty:
+        return None
+
+    def named(here: pd.DataFrame) -> set[str]:
         best = work_precision.best(here, 1e-8, "total").method
-        named = {OURS, *best[best != OURS][:2]}
-        work_precision.draw_runs(ax, here.assign(seconds=here.total), named, style, ours=OURS)
-    style.label_ends(axes)
+        return {OURS, *best[best != OURS][:2]}
+
+    titles = {state: numbers_in(PERTURBED_TOPS[state].label) for state in dict.fromkeys(good.state)}
+    size, shared = (min(len(titles), 3), 2.1), {"sharex": True, "sharey": True}
+    fig = work_precision.draw_panels(good, titles, "state", size, style, named, **shared)
     fig.caption = (
         f"Error at t = {show(span)} against wall time, set-up included, for tops in a potential; down and left is better. "
         f"{style.naming(good.method, 'bold: the splitting with the exact step, and the two others quickest to 1e-8')}. "
@@ -358,14 +328,19 @@ def _draw_work(good: pd.DataFrame, style, span: float):
     return fig
 
 
-def _draw_winner(table: pd.DataFrame, style):
+@of_part("work")
+def _draw_winner(rows: pd.DataFrame, style):
     """A map over (ε, error): how many times as long the best of the others takes."""
     from matplotlib import colors
 
+    table = winners(rows[rows.state.isin(EPSILON)])
+    if table is None or table.empty:
+        return None
     spans, states = sorted(set(table.span)), [state for state in EPSILON if state in set(table.state)]
     targets = sorted(set(table["error at most"]), reverse=True)
-    fig, grid = style.figure("page", 2.6, ncols=len(spans), squeeze=False)
-    for ax, span in zip(grid[0], spans, strict=True):
+    titles, labels = [f"t = {show(span)}" for span in spans], ("size of the tide, ε", "error at most")
+    fig, axes = style.panels(titles, len(spans), (0.0, 2.6), *labels)
+    for ax, span in zip(axes, spans, strict=True):
         here = table[table.span == span]
         wide = here.pivot(index="error at most", columns="state", values="times as long as the exact step inside")
         ratios = wide.reindex(index=targets, columns=states).to_numpy(dtype=float)
@@ -378,10 +353,7 @@ def _draw_winner(table: pd.DataFrame, style):
             ax.text(j + 0.5, i + 0.5, word, ha="center", va="center", fontsize=7, color="white" if dark else "black")
         ax.set_xticks(np.arange(len(states)) + 0.5, [show(EPSILON[state]) for state in states])
         ax.set_yticks(np.arange(len(targets)) + 0.5, [show(target) for target in targets])
-        ax.set_xlabel("size of the tide, ε")
-        ax.set_title(f"t = {show(span)}")
         ax.grid(visible=False)
-    grid[0, 0].set_ylabel("error at most")
     fig.caption = (
         "Who wins on the generic top in a tide of size ε: the wall time of the best other method, set-up included, in units "
         "of that of the splitting with the exact step. Above 1, blue: the exact step inside is quicker. Below, red: another "
@@ -390,7 +362,10 @@ def _draw_winner(table: pd.DataFrame, style):
     return fig
 
 
+@of_part("order")
 def _draw_order(rows: pd.DataFrame, style):
+    if "error" not in rows or rows.error.isna().all():
+        return None
     state = next(name for name in (*QUICK, *PERTURBED_TOPS) if (rows.state == name).any())
     here = rows[rows.state == state]
     fig, _ = style.by_family(here, "h", "error", style.STEP, f"error at t = {SPAN:g}", (1e-16, 10))

@@ -11,22 +11,26 @@ Times are in units of 1/(|J| + √(|alpha||x|)).
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pandas as pd
 import scipy
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.tables import captioned
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import check, metrics
-from lagrange_bench.experiments.measuring.reductions import largest
+from lagrange_bench.experiments.measuring.reductions import largest, of_part
 from lagrange_bench.experiments.measuring.states import (
     CLOSE,
     WIDE,
     affordable,
+    as_rows,
     find,
     log_counts,
     methods_on,
     options_of,
+    places,
     rounded,
     sample,
     truth,
@@ -63,25 +67,20 @@ THEORY_SPAN = 512.0  # length of the runs that are held against theory
 
 
 def cells(profile: str) -> list[dict]:
-    listed = []
-    stepping = [name for name, method in methods_on().items() if method.control == "step"]
-    for state in STATES[profile]:
-        for name in stepping:
-            listed += [{"part": "h", "method": name, "state": state, "h": h} for h in STEPS[profile]]
-    listed += [{"part": "order", "method": name} for name in stepping if METHODS[name].order is not None]
+    methods = methods_on()
+    stepping = {name: method.order for name, method in methods.items() if method.control == "step"}
+    on = [{"method": name, "state": state} for state in STATES[profile] for name in stepping]
+    listed: list[dict] = [{"part": "h", **each, "h": h} for each in on for h in STEPS[profile]]
+    listed += [{"part": "order", "method": name} for name, order in stepping.items() if order is not None]
     h, steps = LONG[profile]
-    for state in LONG_STATES[profile]:
-        for name, method in methods_on().items():
-            n = affordable(method, steps, profile == "full")
-            listed.append({"part": "time", "method": name, "state": state, "h": h, "steps": n})
-    for state in THEORY_STATES[profile]:
-        for name in stepping:
-            sizes = theory_steps(METHODS[name].order)
-            listed += [{"part": "theory", "method": name, "state": state, "h": h} for h in sizes]
+    for state, (name, method) in product(LONG_STATES[profile], methods.items()):
+        n = affordable(method, steps, profile == "full")
+        listed.append({"part": "time", "method": name, "state": state, "h": h, "steps": n})
+    for state, (name, order) in product(THEORY_STATES[profile], stepping.items()):
+        listed += [{"part": "theory", "method": name, "state": state, "h": h} for h in theory_steps(order)]
     some = PROMISE_RANDOM[profile]
-    for state in (*TOPS, *(f"random{i:03d}" for i in range(some)), *CLOSE[: some // 2], *WIDE[:some]):
-        listed.append({"part": "promise", "method": "backlund", "state": state})
-    return listed
+    states = (*TOPS, *(f"random{i:03d}" for i in range(some)), *CLOSE[: some // 2], *WIDE[:some])
+    return listed + [{"part": "promise", "method": "backlund", "state": state} for state in states]
 
 
 def measure(cell: dict) -> list[dict]:
@@ -97,7 +96,7 @@ def measure(cell: dict) -> list[dict]:
     if cell["part"] == "h":
         h = cell["h"]
         n = max(round(SPAN / h), 1)
-        counts = sorted({max(n * k // 16, 1) for k in range(1, 17)})  # sixteen places: not by chance at a good one
+        counts = places(n)
     else:
         h, counts = cell["h"], log_counts(cell["steps"], per_octave=4)
     times, states = sample(top, y0, cell["method"], h * unit, counts, **options)
@@ -105,7 +104,7 @@ def measure(cell: dict) -> list[dict]:
     if cell["part"] == "h":
         return [{name: rounded(np.max(np.abs(e))) for name, e in errors.items()}]
     columns = {"t": times * rate, **errors}
-    return [{name: rounded(value[i]) for name, value in columns.items()} for i in range(len(times))]
+    return as_rows(columns)
 
 
 def _one_step(name: str) -> list[dict]:
@@ -149,7 +148,7 @@ def _against_theory(top, y0, name, h) -> list[dict]:
         "turn_growth": predicted.turn_growth * unit * unit,
     }
     rates = {name: rounded(value) for name, value in rates.items()}
-    return [{name: rounded(value[i]) for name, value in columns.items()} | rates for i in range(len(times))]
+    return [row | rates for row in as_rows(columns)]
 
 
 def _errors(top, states, truth, y0, rate) -> dict[str, np.ndarray]:
@@ -184,7 +183,7 @@ def _promise(top, y0, method, h) -> dict:
     unit = top.scales(y0)[2]
     unstable = np.isinf(exact.nutation_period(top, y0))
     steps = max(int(UNSTABLE_SPAN / unit / h), 1) if unstable else PROMISE_STEPS
-    counts = sorted({max(steps * k // 20, 1) for k in range(1, 21)})
+    counts = places(steps, 20)
     times, states = sample(top, y0, method, h * unit, counts)
     error = metrics.scaled_error(top, y0, states, exact.after_steps(top, y0, h * unit, counts))
     ulps = error / (metrics.condition(top, y0, times) * np.finfo(float).eps)
@@ -196,9 +195,13 @@ def _promise(top, y0, method, h) -> dict:
 SMALL = 0.1  # errors up to here are split to first order in earnest
 
 
-def orders(rows: pd.DataFrame) -> pd.DataFrame:
+@of_part(
+    "",
+    "Orders: claimed, and measured as the slope of the error of single steps against the step. Errors are relative to the "
+    "scales of J and x; hidden: the leading term is too small to show",
+)
+def orders(good: pd.DataFrame) -> pd.DataFrame:
     """Measured order of each method with a step: off single steps; without them off the runs, top by top."""
-    good = rows[rows.status == "done"]
     table = []
 
     def enter(name: str, where: str, points: pd.DataFrame, order: float, stderr: float, used: int) -> None:
@@ -226,9 +229,13 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-def shifts(rows: pd.DataFrame) -> pd.DataFrame:
+@of_part(
+    "time",
+    "Phase errors of the runs against time, fitted as a constant shift of each frequency (relative for the nutation, radians per "
+    "unit of time for the precession) and a residual, while the error is below 0.1",
+)
+def frequency_shifts(rows: pd.DataFrame) -> pd.DataFrame:
     """Frequency shift and residual of the runs against time, fitted while the error is small."""
-    rows = rows[(rows.part == "time") & (rows.status == "done")]
     table = []
     for (method, state), run in rows.groupby(["method", "state"], sort=False):
         last = run.error.iloc[-1]
@@ -250,12 +257,16 @@ def shifts(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
+@of_part(
+    "promise",
+    "The exact step on every named top and many others: for each step size the largest error, and how many ulps in the initial "
+    "state would make the same error",
+)
 def promise(rows: pd.DataFrame) -> pd.DataFrame:
     """The worst of the exact step over all tops, for each h."""
-    rows = rows[(rows.part == "promise") & (rows.status == "done")]
     rows = rows.assign(step=rows.h.where(rows.h.isin(PROMISE_H)).map("{:g}".format, na_action="ignore"))
     rows["step"] = rows.step.fillna("fractions of the nutation period")
-    worst = rows.loc[rows.groupby("step", sort=False).ulps.idxmax()] if len(rows) else rows
+    worst = rows.loc[rows.groupby("step", sort=False).ulps.idxmax()]
     table = worst[["step", "state", "error", "ulps"]].reset_index(drop=True)
     return table.rename(columns={"state": "worst top", "ulps": "ulps of the initial state"})
 
@@ -263,9 +274,14 @@ def promise(rows: pd.DataFrame) -> pd.DataFrame:
 RANGE = (1e-9, 1e-2)  # errors of runs that say how good the theory is: no round-off, and of first order
 
 
-def against_theory(rows: pd.DataFrame) -> pd.DataFrame:
+@of_part(
+    "theory",
+    "Predicted phases: by how much the clock (nutation) is fast, and by how many radians the turn (precession) is too wide, per "
+    "unit of time; how these two grow per unit of time; the largest error of the run, what the prediction leaves of it, and "
+    "that share",
+)
+def theory(rows: pd.DataFrame) -> pd.DataFrame:
     """What theory takes away of the largest error of each run, and the rates it predicts."""
-    rows = rows[(rows.part == "theory") & (rows.status == "done")]
     table = []
     for (method, state, h), run in rows.groupby(["method", "state", "h"], sort=False):
         first, error = run.iloc[0], largest(run.error)
@@ -281,44 +297,17 @@ def against_theory(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    made = {"orders": orders(rows)}
-    if (rows.part == "time").any():
-        made["frequency_shifts"] = shifts(rows)
-    if "ulps" in rows:
-        made["promise"] = promise(rows)
-    if (rows.part == "theory").any():
-        made["theory"] = against_theory(rows)
-    captions = {
-        "orders": "Orders: claimed, and measured as the slope of the error of single steps against the step. Errors are "
-        "relative to the scales of J and x; hidden: the leading term is too small to show",
-        "frequency_shifts": "Phase errors of the runs against time, fitted as a constant shift of each frequency (relative for "
-        "the nutation, radians per unit of time for the precession) and a residual, while the error is below 0.1",
-        "promise": "The exact step on every named top and many others: for each step size the largest error, and how many "
-        "ulps in the initial state would make the same error",
-        "theory": "Predicted phases: by how much the clock (nutation) is fast, and by how many radians the turn (precession) is "
-        "too wide, per unit of time; how these two grow per unit of time; the largest error of the run, what the prediction "
-        "leaves of it, and that share",
-    }
-    return captioned(made, captions)
+    return tabulated(rows, orders, frequency_shifts, promise, theory)
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from lagrange_bench.experiments.drawing import style
-
-    figures = {}
-    if (rows.part == "h").any():
-        figures["h"] = _draw_h(rows[rows.part == "h"], style)
-        figures["families"] = _draw_families(rows[rows.part == "h"], style)
-    if (rows.part == "time").any():
-        figures["time"] = _draw_time(rows[rows.part == "time"], style)
-    if (rows.part == "theory").any() and "left" in rows:
-        figures["theory"] = _draw_theory(rows[rows.part == "theory"], style)
-    return figures
+    return drawn(rows, h=_draw_h, families=_draw_families, time=_draw_time, theory=_draw_theory)
 
 
+@of_part("h", failed=True)
 def _draw_h(rows: pd.DataFrame, style):
     """The page's first figure: every method thin, one of each family bold and named."""
-    states = [state for state in ("generic", "through_pole") if (rows.state == state).any()]
+    states = [state for state in STATES["quick"] if (rows.state == state).any()]
     fig, axes = style.figure("page", 3.6, ncols=len(states), sharex=True, sharey=True, squeeze=False)
     best = best_of_families(rows[rows.state == states[0]])
     for ax, state in zip(axes[0], states, strict=True):
@@ -360,6 +349,7 @@ def best_of_families(rows: pd.DataFrame) -> set[str]:
     return set(there.loc[there.groupby("family").error.idxmin()].method)
 
 
+@of_part("h", failed=True)
 def _draw_families(rows: pd.DataFrame, style):
     here = rows[(rows.state == "generic") & rows.h.notna()]
     ylabel = f"largest error up to t = {SPAN:g}"
@@ -372,6 +362,7 @@ def _draw_families(rows: pd.DataFrame, style):
     return fig
 
 
+@of_part("time", failed=True)
 def _draw_time(rows: pd.DataFrame, style):
     here = rows[rows.state == "generic"]
     lines = [here[here.status != "done"][["method", "status"]]]
@@ -390,21 +381,26 @@ def _draw_time(rows: pd.DataFrame, style):
     return fig
 
 
+@of_part("theory")
 def _draw_theory(rows: pd.DataFrame, style):
-    here = rows[(rows.state == "generic") & (rows.status == "done") & (rows.error > 0)]
+    if "left" not in rows:
+        return None
+    here = rows[(rows.state == "generic") & (rows.error > 0)]
 
     def line(ax, method, look):
         run = here[here.method == method]
         run = run[run.h == run.h.max()]
         if run.empty:
             return
-        both = np.hypot(run.predicted_time, run.predicted_angle)
-        ax.loglog(run.t, both, **{**look, "linestyle": "-", "marker": "none"})
-        measured = {**look, "linestyle": "none", "marker": "o", "markersize": 2.6, "label": "_measured"}
-        ax.loglog(run.t, np.hypot(run.time, run.angle), **measured)
-        ax.loglog(
-            run.t, run.left.cummax(), **{**look, "linewidth": 0.5, "linestyle": ":", "marker": "none", "label": "_left"}
-        )
+        for error, own in (
+            (np.hypot(run.predicted_time, run.predicted_angle), {"linestyle": "-", "marker": "none"}),
+            (
+                np.hypot(run.time, run.angle),
+                {"linestyle": "none", "marker": "o", "markersize": 2.6, "label": "_measured"},
+            ),
+            (run.left.cummax(), {"linewidth": 0.5, "linestyle": ":", "marker": "none", "label": "_left"}),
+        ):
+            ax.loglog(run.t, error, **{**look, **own})
 
     fig, axes = style.multiples(here.method, line, style.TIME, "phase error", (1e-17, 1e0))
     style.label_ends(axes)

@@ -19,32 +19,18 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.tables import captioned, numbers_in
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
+from lagrange_bench.experiments.drawing.tables import numbers_in
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.reductions import largest, mean_square, worst
-from lagrange_bench.experiments.measuring.states import (
-    RANDOM,
-    find,
-    follow,
-    log_counts,
-    rounded,
-)
+from lagrange_bench.experiments.measuring.reductions import largest, mean_square, of_part, worst
+from lagrange_bench.experiments.measuring.states import RANDOM, as_rows, find, follow, log_counts, rounded
 from lagrange_bench.integrators import prepare
 from lagrange_bench.integrators.compiling.compiled import compiled
 from lagrange_bench.integrators.compiling.loops import MEMORY, NEVER, FixedStepper
 from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.torus import real_map
-from lagrange_bench.integrators.torus.real_map import (
-    ALPHA,
-    ALPHA_2,
-    ETA,
-    ETA2,
-    MI_ETA,
-    MR,
-    P3,
-    R,
-)
+from lagrange_bench.integrators.torus.real_map import ALPHA, ALPHA_2, ETA, ETA2, MI_ETA, MR, P3, R
 from lagrange_bench.integrators.torus.stepper import TorusStepper
 from lagrange_bench.integrators.truth import exact
 
@@ -300,7 +286,7 @@ def judged(top, y0, times, states, truth) -> list[dict]:
     columns = {"t": times * rate, "H": drift[:, 0], "C1": drift[:, 2], "C2": drift[:, 3]}
     columns |= {"time": split["time"] * rate, "angle": split["angle"]}
     columns["error"] = metrics.scaled_error(top, y0, states, truth)
-    return [{name: rounded(values[i]) for name, values in columns.items()} for i in range(len(times))]
+    return as_rows(columns)
 
 
 def _drift(cell: dict) -> list[dict]:
@@ -370,11 +356,17 @@ def _heyoka(top, y0) -> Callable[[float], Any]:
 # ------------------------------------------------------------------------------------------ what the rows say
 
 
+@of_part(
+    "",
+    "Ways to write a step: largest relative error of each invariant, exponent of its growth with its interval (low, high), phase "
+    "error, nanoseconds a step. Exponent 0: bounded, ½: a random walk, 1: drift",
+)
 def forms(rows: pd.DataFrame) -> pd.DataFrame:
     """For each form and step: largest error and exponent of every invariant, the phase error, nanoseconds a step."""
-    drift = rows[(rows.part == "drift") & (rows.status == "done")].copy()
-    drift["place"] = drift.groupby("key", sort=False).cumcount()
-    cost = rows[(rows.part == "cost") & (rows.status == "done")]
+    drift, cost = rows[rows.part == "drift"], rows[rows.part == "cost"]
+    if drift.empty:
+        return drift
+    drift = drift.assign(place=drift.groupby("key", sort=False).cumcount())
     table = []
     drift = drift.reindex(columns=[*drift, *{"fraction"}.difference(drift)])
     for (h, fraction, form), group in drift.groupby(["h", "fraction", "form"], sort=False, dropna=False):
@@ -394,44 +386,31 @@ def forms(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-def long_runs(rows: pd.DataFrame) -> pd.DataFrame:
+@of_part(
+    "long",
+    "The longest runs, which take the same wall time: where they end, and the errors there, relative to the scales of J and x "
+    "and of each invariant",
+)
+def long_run(rows: pd.DataFrame) -> pd.DataFrame:
     """Where the long runs end: time reached in the same wall time, error, invariants."""
-    rows = rows[(rows.part == "long") & (rows.status == "done")]
-    last = rows.groupby("method", sort=False).tail(1) if len(rows) else rows  # without rows there are no columns
-    return last.reindex(columns=["method", "t", "error", "time", "angle", *INVARIANTS]).reset_index(drop=True)
+    last = rows.groupby("method", sort=False).tail(1)
+    return last[["method", "t", "error", "time", "angle", *INVARIANTS]].reset_index(drop=True)
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    found = {}
-    if (rows.part == "drift").any():
-        found["forms"] = forms(rows)
-    if (rows.part == "long").any():
-        found["long_run"] = long_runs(rows)
-    captions = {
-        "forms": "Ways to write a step: largest relative error of each invariant, exponent of its growth with its interval "
-        "(low, high), phase error, nanoseconds a step. Exponent 0: bounded, ½: a random walk, 1: drift",
-        "long_run": "The longest runs, which take the same wall time: where they end, and the errors there, relative to "
-        "the scales of J and x and of each invariant",
-    }
-    return captioned(found, captions)
+    return tabulated(rows, forms, long_run)
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from lagrange_bench.experiments.drawing import style
-
-    figures = {}
-    if (rows.part == "drift").any():
-        figures["forms"] = _draw_forms(rows, style)
-    if (rows.part == "long").any():
-        figures["long_run"] = _draw_long(rows[rows.part == "long"], style)
-    return figures
+    return drawn(rows, forms=_draw_forms, long_run=_draw_long)
 
 
+@of_part("drift")
 def _draw_forms(rows: pd.DataFrame, style):
     from matplotlib import colormaps
 
-    drift = rows[(rows.part == "drift") & (rows.status == "done") & (rows.h == SIZES[0])].copy()
-    drift["place"] = drift.groupby("key", sort=False).cumcount()
+    drift = rows[rows.h == SIZES[0]]
+    drift = drift.assign(place=drift.groupby("key", sort=False).cumcount())
     drift["worst"], drift["casimirs"] = worst(drift, INVARIANTS), worst(drift, ("C1", "C2"))
     panels = {  # of which method, what, its name, title
         "upper left": ("backlund", "worst", "largest error of H, C1, C2", "Bäcklund, exact λ(h)"),
@@ -473,10 +452,10 @@ def _draw_forms(rows: pd.DataFrame, style):
     return fig
 
 
+@of_part("long")
 def _draw_long(rows: pd.DataFrame, style):
     fig, (left, right) = style.figure("page", 2.9, ncols=2)
-    rows = rows[rows.status == "done"]
-    for name in style.ordered(rows.method) if len(rows) else ():  # one cell measures them all: it failed as a whole
+    for name in style.ordered(rows.method):
         run = rows[rows.method == name].sort_values("t")
         most = worst(run, INVARIANTS)
         left.loglog(run.t, run.error, **style.of(name))

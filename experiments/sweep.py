@@ -20,19 +20,14 @@ import numpy as np
 
 from lagrange_bench.experiments import SWEEP
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.experiments.measuring.states import find, follow, rounded
+from lagrange_bench.experiments.measuring.states import as_rows, find, follow
 from lagrange_bench.integrators import INVARIANTS, PerturbedTop, StepError, memory, prepare
 from lagrange_bench.integrators.api import integrate
 from lagrange_bench.integrators.checks import MOST, check_count, check_real, check_state, check_step
 from lagrange_bench.integrators.files import read_toml
 from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.integrators.registry import (
-    NAMED_TOPS,
-    NotInstalled,
-    find_method,
-    find_potential,
-)
+from lagrange_bench.integrators.registry import NAMED_TOPS, NotInstalled, find_method, find_potential
 from lagrange_bench.integrators.truth import truths
 from lagrange_bench.integrators.words import numbers, option, suggestion
 
@@ -307,7 +302,7 @@ def measure(cell: Cell) -> list[dict[str, Any]]:
     except ValueError as error:  # beyond what doubles resolve: the method has an answer, the truth has none
         warnings.warn(f"no {truths.name(top)} to compare with: {error}", RuntimeWarning, stacklevel=1)
     columns["seconds"] = seconds
-    return [{name: rounded(value[i]) for name, value in columns.items()} for i in range(len(times))]
+    return as_rows(columns)
 
 
 def _run(

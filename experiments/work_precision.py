@@ -11,15 +11,18 @@ have any. Times are in units of 1/(|J| + √(|alpha||x|)).
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Sequence
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.tables import captioned, show
+from lagrange_bench.experiments.drawing.shown import drawn, tabulated
+from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring import metrics, timing
+from lagrange_bench.experiments.measuring.reductions import of_part
 from lagrange_bench.experiments.measuring.states import (
     KNOBS,
     find,
@@ -154,12 +157,14 @@ def _seconds(stepper, y0, n) -> float:
 
 # ------------------------------------------------------------------------------------------ what the rows say
 
+APART = ["span", "state"]  # runs that are compared have these in common
 WALL = "wall time of the run, s"
 TARGETS = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 
 
 def useful(rows: pd.DataFrame) -> pd.DataFrame:
     """The runs that were timed, with the time that counts set-up."""
+    rows = rows.assign(**{name: np.nan for name in ("error", "seconds", "setup_seconds") if name not in rows})
     good = rows[(rows.status == "done") & rows.error.notna() & rows.seconds.notna()]
     return good.assign(total=good.seconds + good.setup_seconds, family=good.method.map(family_of))
 
@@ -175,45 +180,55 @@ def best(good: pd.DataFrame, target: float, price: str = "seconds") -> pd.DataFr
     return reached.loc[reached.groupby("method")[price].idxmin()].sort_values(price)
 
 
-def cheapest(rows: pd.DataFrame) -> pd.DataFrame:
-    """For each run and target error the cheapest method, the next, and the next of another family; set-up or not."""
+def races(
+    rows: pd.DataFrame, apart: Sequence[str], targets: Sequence[float], price: str
+) -> Iterator[tuple[dict, pd.DataFrame]]:
+    """Of each group of useful runs, apart by these columns, and each error that any reaches: its fields, and `best` of it."""
+    for values, group in rows.groupby(list(apart), sort=False):
+        for target in targets:
+            found = best(group, target, price)
+            if len(found):
+                yield {**dict(zip(apart, values, strict=True)), "error at most": target}, found
+
+
+def against_ours(rows: pd.DataFrame, apart: Sequence[str], targets: Sequence[float], ours: str) -> pd.DataFrame:
+    """Of each race, set-up counted, the cheapest method, and how many times as long as `ours` the best of the others takes."""
     table = []
-    for (span, state), group in useful(rows).groupby(["span", "state"], sort=False):
-        for target in TARGETS:
-            for counted, price in (("no", "seconds"), ("yes", "total")):
-                found = best(group, target, price)
-                if found.empty:
-                    continue
-                first = found.iloc[0]
-                second = found.iloc[1:2]
-                other = found[found.family != first.family].iloc[:1]
-                table.append(
-                    {
-                        "span": span,
-                        "state": state,
-                        "error at most": target,
-                        "set-up counted": counted,
-                        "cheapest": first.method,
-                        "seconds": first[price],
-                        **_beside(second, first[price], price, "next", "times as long"),
-                        **_beside(other, first[price], price, "next family's best", "times as long as that"),
-                        "reached by": f"{len(found)} of {rows.method.nunique()}",
-                    }
-                )
+    for fields, found in races(rows, apart, targets, "total"):
+        own, others = found[found.method == ours].total, found[found.method != ours]
+        line = {**fields, "cheapest": found.method.iloc[0], "seconds": found.total.iloc[0]}
+        line["best of the others"] = others.method.iloc[0] if len(others) else ""
+        ratio = others.total.min() / own.min() if len(own) and len(others) else np.nan
+        table.append({**line, "times as long as the exact step inside": ratio})
     return pd.DataFrame(table)
 
 
-def _beside(row: pd.DataFrame, seconds: float, price: str, name: str, ratio: str) -> dict:
-    if row.empty:
-        return {name: "", ratio: np.nan}
-    return {name: row.method.iloc[0], ratio: row[price].iloc[0] / seconds}
+@of_part(
+    "", "The cheapest method for each length of run and error, and the next, with set-up counted and not", failed=True
+)
+def cheapest(rows: pd.DataFrame) -> pd.DataFrame:
+    """For each run and target error the cheapest method, the next, and the next of another family; set-up or not."""
+    both = (races(useful(rows), APART, TARGETS, price) for price in ("seconds", "total"))
+    table = []
+    for pair in zip(*both, strict=True):
+        for (fields, found), counted, price in zip(pair, ("no", "yes"), ("seconds", "total"), strict=True):
+            first = found.iloc[0]
+            line = {**fields, "set-up counted": counted, "cheapest": first.method, "seconds": first[price]}
+            for name, ratio, others in (
+                ("next", "times as long", found.iloc[1:]),
+                ("next family's best", "times as long as that", found[found.family != first.family]),
+            ):
+                line[name] = others.method.iloc[0] if len(others) else ""
+                line[ratio] = others[price].iloc[0] / first[price] if len(others) else np.nan
+            table.append({**line, "reached by": f"{len(found)} of {rows.method.nunique()}"})
+    return pd.DataFrame(table)
 
 
+@of_part("", "Each method at its best step: times as long as the cheapest, set-up not counted")
 def ratios(rows: pd.DataFrame) -> pd.DataFrame:
     """Each method at its best step: how many times as long as the cheapest it takes, for each length and error."""
-    good = useful(rows)
     table = []
-    for (span, state), group in good.groupby(["span", "state"], sort=False):
+    for (span, state), group in useful(rows).groupby(APART, sort=False):
         found = {target: best(group, target).set_index("method").seconds for target in TARGETS}
         for method in dict.fromkeys(group.method):
             times = {f"{t:g}": found[t].get(method, np.nan) / found[t].min() for t in TARGETS if len(found[t])}
@@ -222,39 +237,31 @@ def ratios(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
+@of_part("", "Each method at its best step or tolerance")
 def best_steps(rows: pd.DataFrame) -> pd.DataFrame:
     """Each method at its best step, in seconds: the knob, what it costs, and what it counts."""
     table = []
-    for (span, state), group in useful(rows).groupby(["span", "state"], sort=False):
-        for target in TARGETS:
-            found = best(group, target)
-            front = set(found.iloc[metrics.pareto_front(found.seconds, found.error)].method)
-            for run in found.itertuples():
-                set_to = {name: getattr(run, name, np.nan) for name in KNOBS}
-                knob = ", ".join(f"{name} = {value:.3g}" for name, value in set_to.items() if np.isfinite(value))
-                table.append(
-                    {
-                        "span": span,
-                        "state": state,
-                        "error at most": target,
-                        "method": run.method,
-                        "with": knob,
-                        "error": run.error,
-                        "seconds": run.seconds,
-                        "set-up, s": run.setup_seconds,
-                        "evaluations": run.evals,
-                        "on the frontier": run.method in front,
-                    }
-                )
-    return pd.DataFrame(table)
+    for fields, found in races(useful(rows), APART, TARGETS, "seconds"):
+        front = metrics.pareto_front(found.seconds, found.error)
+        set_to = found.reindex(columns=KNOBS).to_dict("records")
+        knobs = [", ".join(f"{name} = {value:.3g}" for name, value in run.items() if value == value) for run in set_to]
+        line = found.assign(**{"with": knobs, "on the frontier": np.isin(np.arange(len(found)), front)}, **fields)
+        columns = [*fields, "method", "with", "error", "seconds", "setup_seconds", "evals", "on the frontier"]
+        table.append(line[columns].rename(columns={"setup_seconds": "set-up, s", "evals": "evaluations"}))
+    return pd.concat(table, ignore_index=True) if table else pd.DataFrame()
 
 
+@of_part(
+    "",
+    "Where each curve ends, and why: at the limit of time, the same for all, at round-off, or at the tightest tolerance",
+    failed=True,
+)
 def ends(rows: pd.DataFrame) -> pd.DataFrame:
     """Where each curve ends, and why."""
     if "stopped" not in rows:
         return pd.DataFrame()
     table = []
-    for (span, state, method), run in rows.groupby(["span", "state", "method"], sort=False):
+    for (span, state, method), run in rows.groupby([*APART, "method"], sort=False):
         last = run.iloc[-1]
         why = {"round-off": "the error falls no more", "too long": f"over {last.longest:g} s"}.get(last.stopped)
         table.append(
@@ -271,27 +278,11 @@ def ends(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    made = {"cheapest": cheapest(rows), "ratios": ratios(rows), "best_steps": best_steps(rows), "ends": ends(rows)}
-    captions = {
-        "cheapest": "The cheapest method for each length of run and error, and the next, with set-up counted and not",
-        "ratios": "Each method at its best step: times as long as the cheapest, set-up not counted",
-        "best_steps": "Each method at its best step or tolerance",
-        "ends": "Where each curve ends, and why: at the limit of time, the same for all, at round-off, or at the tightest "
-        "tolerance",
-    }
-    return captioned(made, captions)
+    return tabulated(rows, cheapest, ratios, best_steps, ends)
 
 
 def draw(rows: pd.DataFrame) -> dict:
-    from lagrange_bench.experiments.drawing import style
-
-    good = useful(rows)
-    if good.empty:
-        return {}
-    figures = {"time": draw_frontier(rows[rows.state == rows.state.iloc[0]], style)}
-    if (good.error <= TARGETS[0]).any():
-        figures["profile"] = _draw_profile(good, style)
-    return figures
+    return drawn(rows, time=draw_frontier, profile=_draw_profile)
 
 
 def champions(good: pd.DataFrame) -> list[str]:
@@ -314,9 +305,13 @@ def _curve(good: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
     return good.seconds, good.error.clip(lower=1e-17)
 
 
+@of_part(failed=True)
 def draw_frontier(rows: pd.DataFrame, style):
-    """Error against time of runs on one top, a panel for each length in which any is useful."""
+    """Error against time of runs on the first top, a panel for each length in which any is useful."""
+    rows = rows[rows.state == rows.state.iloc[0]]
     good, named = useful(rows), [name for name, look in style.looks(rows.method, ()).items() if look["label"][0] != "_"]
+    if good.empty:
+        return None
     spans = sorted(set(good.span))
     titles = [f"t = {show(span)}" for span in spans]
     fig, axes = style.panels(
@@ -341,6 +336,29 @@ def draw_frontier(rows: pd.DataFrame, style):
         "Python, which every run pays. A cross before a name: no run is within the limits of time and of error. "
         "Set-up and compilation are not included here; the tables count set-up too."
     )
+    return fig
+
+
+def draw_panels(
+    good: pd.DataFrame,
+    titles: dict[Any, str],
+    by: str | list[str],
+    rows: tuple[int, float],
+    style,
+    named,
+    **shared: Any,
+) -> Any:
+    """The figure of `draw_runs`, set-up counted: a panel for each key of `titles`, found among the values of the columns `by`.
+
+    rows : panels to a row, and its height in inches. named : those of a panel's runs.
+    """
+    xlabel = "wall time of the run with set-up, s"
+    fig, axes = style.panels(list(titles.values()), rows[0], (0.5, rows[1]), xlabel, "error at the end", **shared)
+    groups = dict(list(good.groupby(by, sort=False)))
+    for ax, key in zip(axes, titles, strict=True):
+        here = groups[key]
+        draw_runs(ax, here.assign(seconds=here.total), named(here), style, ours="backlund_splitting")
+    style.label_ends(axes)
     return fig
 
 
@@ -380,18 +398,15 @@ def profiles(good: pd.DataFrame) -> tuple[dict[str, np.ndarray], int]:
 
     Each run and target error is a race. And the number of races. Source: Dolan and Moré, Math. Program. 91 (2002) 201.
     """
-    factors: dict[str, list[float]] = {}
-    races = 0
-    for _, group in good.groupby(["span", "state"], sort=False):
-        for target in TARGETS:
-            found = best(group, target, "total")
-            races += len(found) > 0
-            for run in found.itertuples():
-                factors.setdefault(run.method, []).append(run.total / found.total.iloc[0])
-    return {method: np.sort(taken) for method, taken in factors.items()}, races
+    run = [found.set_index("method").total / found.total.min() for _, found in races(good, APART, TARGETS, "total")]
+    return {str(name): np.sort(taken) for name, taken in pd.concat(run).groupby(level=0, sort=False)}, len(run)
 
 
-def _draw_profile(good: pd.DataFrame, style):
+@of_part()
+def _draw_profile(rows: pd.DataFrame, style):
+    good = useful(rows)
+    if not (good.error <= TARGETS[0]).any():
+        return None
     fig, ax = style.figure("page", 3.4)
     found, races = profiles(good)
     longest = max(1.5 * max(taken[-1] for taken in found.values()), 10.0)

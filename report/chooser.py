@@ -14,18 +14,8 @@ from lagrange_bench.experiments.measuring.states import find
 from lagrange_bench.integrators import METHODS
 
 TARGETS = work_precision.TARGETS[:-1]
-COLUMNS = (
-    "problem",
-    "length of the run",
-    "error at most",
-    "must conserve",
-    "method",
-    "name",
-    "with",
-    "cost",
-    "next best",
-    "figure",
-)
+ASKED = ("problem", "length of the run", "error at most", "must conserve")
+COLUMNS = (*ASKED, "method", "name", "with", "cost", "next best", "figure")
 NOTHING, LENGTHS, ENERGY = "nothing in particular", "lengths (Casimirs)", "energy and lengths"
 KNOBS = ("h", "tol", "rtol", "scheme")
 TIE = 1.05  # two times whose ratio is below are the same
@@ -39,18 +29,18 @@ class Place(NamedTuple):
     figure: str
 
 
+FIELDS = {
+    "top in a weak field, ε = 1e-6": "tide_1e-6",
+    "top in a weak field, ε = 1e-4": "weak_tide",
+    "top in a strong field, ε = 0.1": "strong_tide",
+    "top near a magnet": "magnet",
+}
 PLACES = {
     "top in a uniform field": Place("work_precision", {"state": "generic"}, "work_precision_time"),
-    "top in a weak field, ε = 1e-6": Place(
-        "perturbed", {"part": "work", "state": "tide_1e-6"}, "perturbed_work_t{:.0f}"
-    ),
-    "top in a weak field, ε = 1e-4": Place(
-        "perturbed", {"part": "work", "state": "weak_tide"}, "perturbed_work_t{:.0f}"
-    ),
-    "top in a strong field, ε = 0.1": Place(
-        "perturbed", {"part": "work", "state": "strong_tide"}, "perturbed_work_t{:.0f}"
-    ),
-    "top near a magnet": Place("perturbed", {"part": "work", "state": "magnet"}, "perturbed_work_t{:.0f}"),
+    **{
+        problem: Place("perturbed", {"part": "work", "state": state}, "perturbed_work_t{:.0f}")
+        for problem, state in FIELDS.items()
+    },
     "whole body, not symmetric": Place("heavy_top", {"case": "kovalevskaya"}, "heavy_top_work"),
     "magnet of 8 spins": Place("gaudin", {"part": "work"}, "gaudin_work"),
 }
@@ -61,10 +51,8 @@ def answers(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
 
     rows : of all experiments, by name. The exact step of a body, with its attitude, is among the rows of `engines`.
     """
-    bodies = [
-        rows[name] for name in ("heavy_top", "engines") if len(rows.get(name, ())) and "ns_per_step" in rows[name]
-    ]
-    if bodies:
+    names = ("heavy_top", "engines")
+    if bodies := [rows[name] for name in names if "ns_per_step" in rows.get(name, ())]:
         rows = {**rows, "heavy_top": pd.concat([bodies[0], *(each[each.method == "backlund"] for each in bodies[1:])])}
     lines = [line for name, place in PLACES.items() for line in _of_problem(name, place, rows.get(place.experiment))]
     return pd.DataFrame(lines, columns=list(COLUMNS))

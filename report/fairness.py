@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from lagrange_bench.experiments.cost import quickest
+from lagrange_bench.experiments.measuring.reductions import done
 from lagrange_bench.experiments.measuring.states import methods_on
 from lagrange_bench.integrators.compiling.compiled import OPTIONS
 from lagrange_bench.integrators.interface import Method
@@ -33,7 +34,7 @@ def assemble(rows: Mapping[str, pd.DataFrame]) -> Fairness:
     """From the rows of all experiments, by name. A number whose rows are not stored is left out."""
     cost, work, ensemble = (rows.get(name, pd.DataFrame()) for name in ("cost", "work_precision", "ensemble"))
     records = methods_on()
-    step, start, parameters = _part(cost, "step"), _part(cost, "start"), _part(ensemble, "setup")
+    step, start, parameters = done(cost, "step"), done(cost, "start"), done(ensemble, "setup")
     step = quickest(step) if len(step) else step
     first = start[start.cached.eq(False)].set_index("method").first_s if len(start) else pd.Series(dtype=float)
     numbers = {**_of_records(records), **_of_steps(step), **_of_runs(work)}
@@ -42,10 +43,6 @@ def assemble(rows: Mapping[str, pd.DataFrame]) -> Fairness:
     if len(parameters):
         numbers["parameters"] = (parameters.setup_us.min(), parameters.setup_us.max())
     return Fairness(numbers, pd.DataFrame([_method(name, record, step, first) for name, record in records.items()]))
-
-
-def _part(rows: pd.DataFrame, part: str) -> pd.DataFrame:
-    return rows[(rows.part == part) & (rows.status == "done")] if "part" in rows else pd.DataFrame()
 
 
 def _of_records(records: Mapping[str, Method]) -> Numbers:
@@ -89,13 +86,11 @@ def _of_runs(work: pd.DataFrame) -> Numbers:
 
 def _method(name: str, record: Method, step: pd.DataFrame, first: pd.Series) -> Numbers:
     """How a method runs; None where nothing is stored of it."""
-    mine = (
-        step[step.method == name] if len(step) else pd.DataFrame(columns=["evals_per_step", "ns_per_step", "setup_us"])
-    )
-    least, most = mine.min(), mine.max()  # over all steps and tolerances
-    evaluations, price, setup = (
-        least[column] if len(mine) else None for column in mine[["evals_per_step", "ns_per_step", "setup_us"]]
-    )
+    mine = step[step.method == name] if len(step) else step
+    least, most = (
+        of.to_dict() if len(mine) else {} for of in (mine.min(), mine.max())
+    )  # over all steps and tolerances
+    evaluations = least.get("evals_per_step")
     return {
         "method": name,
         "family": record.family,
@@ -104,10 +99,10 @@ def _method(name: str, record: Method, step: pd.DataFrame, first: pd.Series) -> 
         "knob": record.knob,
         "options": _options(record),
         "evaluations per step": "none" if evaluations == 0.0 else evaluations,
-        "evaluations per step, at most": (most["evals_per_step"] or None) if len(mine) else None,
-        "ns per step": price,
-        "ns per step, at most": most["ns_per_step"] if len(mine) else None,
-        "set-up, µs": setup,
+        "evaluations per step, at most": most.get("evals_per_step") or None,
+        "ns per step": least.get("ns_per_step"),
+        "ns per step, at most": most.get("ns_per_step"),
+        "set-up, µs": least.get("setup_us"),
         "first use, nothing cached, s": first.get(name),
     }
 

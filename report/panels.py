@@ -14,7 +14,7 @@ import pandas as pd
 
 from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.drawing.tables import numbers_in, show
-from lagrange_bench.experiments.measuring.reductions import worst
+from lagrange_bench.experiments.measuring.reductions import done, worst
 from lagrange_bench.integrators.interface import INVARIANTS
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from lagrange_bench.report.claims import NoData
@@ -70,10 +70,7 @@ def _top(state: str, rows: dict[str, pd.DataFrame]) -> dict[str, Any]:
 
 def _part(rows: dict[str, pd.DataFrame], experiment: str, part: str) -> pd.DataFrame:
     """What was computed of a part of an experiment, or nothing."""
-    frame = rows.get(experiment, pd.DataFrame())
-    if frame.empty or (part and "part" not in frame):
-        return pd.DataFrame()
-    return frame[(frame.status == "done") & ((frame.part == part) if part else True)]
+    return done(rows.get(experiment, pd.DataFrame()), part)
 
 
 def _largest_so_far(rows: pd.DataFrame, state: str) -> pd.DataFrame:

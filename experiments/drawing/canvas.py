@@ -105,10 +105,7 @@ class Figure(matplotlib.figure.Figure):
 
 def _choose_ticks(ax: Axes) -> None:
     """On logarithmic axes: none between the powers of ten of many decades; labels of x that do not touch on few."""
-    for axis, scale, limits in (
-        (ax.xaxis, ax.get_xscale(), ax.get_xlim()),
-        (ax.yaxis, ax.get_yscale(), ax.get_ylim()),
-    ):
+    for axis, scale, limits in ((ax.xaxis, ax.get_xscale(), ax.get_xlim()), (ax.yaxis, ax.get_yscale(), ax.get_ylim())):
         if scale != "log":
             continue
         low, high = sorted(np.log10(limits))
@@ -169,18 +166,14 @@ def figure(width: str | float = "page", height: float | None = None, **subplots:
     rows, columns = subplots.get("nrows", 1), subplots.get("ncols", 1)
     if height is None:
         height = 0.4 + rows * min(0.68 * inches / columns, 3.2)
-    forced = _FORCED.get()
-    if forced is None or WIDTHS[forced] == inches:
-        fig = Figure(figsize=(inches, height), layout="constrained")
+    forced, stacked, panels_high = _FORCED.get(), False, height * columns
+    if forced is not None and WIDTHS[forced] != inches:
+        # a list of many rows gets narrower, but not shorter
+        stacked = forced == "column" and columns > 1 and panels_high <= 1.6 * TALLEST
+        inches, height = WIDTHS[forced], min(panels_high if stacked else height, TALLEST)
+    fig = Figure(figsize=(inches, height), layout="constrained")
+    if not stacked:
         return fig, fig.subplots(**subplots)
-    panels, each = rows * columns, height / rows
-    if forced == "page":
-        fig = Figure(figsize=(WIDTHS[forced], min(height, TALLEST)), layout="constrained")
-        return fig, fig.subplots(**subplots)
-    if columns == 1 or each * panels > 1.6 * TALLEST:  # a list of many rows: narrower, but not shorter
-        fig = Figure(figsize=(WIDTHS[forced], min(height, TALLEST)), layout="constrained")
-        return fig, fig.subplots(**subplots)
-    fig = Figure(figsize=(WIDTHS[forced], min(each * panels, TALLEST)), layout="constrained")
     fig.stacked = _stack(fig, **subplots)
     squeezed = fig.stacked if not subplots.get("squeeze", True) else np.squeeze(fig.stacked)
     return fig, squeezed if squeezed.ndim else squeezed.item()

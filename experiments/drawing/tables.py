@@ -65,13 +65,6 @@ def flat(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.set_axis([name.strip() for name in names], axis="columns")
 
 
-def captioned(made: dict[str, pd.DataFrame], captions: dict[str, str]) -> dict[str, pd.DataFrame]:
-    """The tables that have rows, each with its caption."""
-    for name, table in made.items():
-        table.attrs["caption"] = captions[name]
-    return {name: table for name, table in made.items() if len(table)}
-
-
 def heading(column: Any) -> str:
     """A column's name for a reader: setup_us is "setup µs", 1e-06 is 10⁻⁶, 32.0 is 32."""
     name = str(column)

@@ -7,7 +7,8 @@ part has (`MEASURED` of the experiment) is another matter: its cell failed. A ro
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,36 @@ def lacking(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> pd.Ser
             if name in rows:
                 found[here & rows[name].isna().to_numpy() & ~(poor & (name in TIMED)) & (found == "")] = name
     return pd.Series(found, index=rows.index)
+
+
+def done(rows: pd.DataFrame, part: str = "") -> pd.DataFrame:
+    """The rows of one part ("": all) that are done; none where no part has this name."""
+    if "status" not in rows or (part and "part" not in rows):
+        return rows[:0]
+    return rows[rows["status"].eq("done") & (rows["part"].eq(part) if part else True)]
+
+
+def of_part(name: str = "", caption: str = "", failed: bool = False) -> Callable[..., Callable[..., Any]]:
+    """Decorator of a function that makes a table or a figure: it gets the rows of one part ("": all) that are done.
+
+    It gives None if there are none. caption : of the table. failed : with the failed rows, for their crosses.
+    """
+
+    def decorator(function: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(function)
+        def of_rows(rows: pd.DataFrame, *others: Any, **options: Any) -> Any:
+            here = rows["part"].eq(name) if name and "part" in rows else pd.Series(not name, index=rows.index)
+            done = here & rows["status"].eq("done")
+            if not done.any():
+                return None
+            made = function(rows[here if failed else done], *others, **options)
+            if caption:
+                made.attrs["caption"] = caption
+            return made
+
+        return of_rows
+
+    return decorator
 
 
 def largest(values: ArrayLike) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from time import perf_counter
 from typing import Any
@@ -173,6 +173,16 @@ def options_of(cell: dict[str, Any]) -> dict[str, Any]:
     if "rtol" in options and "atol" in METHODS[cell["method"]].options:
         options["atol"] = options["rtol"] * 1e-3
     return options
+
+
+def places(steps: int, parts: int = 16) -> list[int]:
+    """The steps at the ends of so many equal parts of a run: an error is not small there by chance."""
+    return sorted({max(steps * k // parts, 1) for k in range(1, parts + 1)})
+
+
+def as_rows(columns: Mapping[str, Array]) -> list[dict[str, float]]:
+    """Rows of measured columns of one length, rounded."""
+    return [dict(zip(columns, map(rounded, values), strict=True)) for values in zip(*columns.values(), strict=True)]
 
 
 def rounded(value: float, digits: int = 5) -> float:

@@ -7,7 +7,9 @@ import pandas as pd
 import pytest
 
 from lagrange_bench.experiments.measuring import metrics, reductions
+from lagrange_bench.integrators import prepare
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
+from lagrange_bench.integrators.truth import exact
 
 T = np.arange(1, 40_001) * 0.05  # 40 000 samples
 STATES = 16
@@ -21,26 +23,18 @@ def signal(kind, seed=0, states=STATES, t=T):
     oscillation = np.cos(omega * t + phase) - np.cos(phase)  # starts at 0, as errors do
     walk = np.cumsum(rng.standard_normal((states, len(t))), axis=1)
     ulp = 2.0**-52
-    match kind:
-        case "oscillation":
-            return 1e-6 * size * oscillation
-        case "noise":
-            return ulp * size * rng.standard_normal((states, len(t)))
-        case "walk":
-            return ulp * size * walk
-        case "rounded walk":
-            return ulp * np.round(size * walk)
-        case "linear":
-            return 1e-12 * size * t * rng.choice((-1, 1), (states, 1))
-        case "quadratic":
-            return 1e-12 * size * t**2
-        case "linear in noise":  # the drift overtakes the noise only in the last two decades
-            return ulp * (20 * rng.standard_normal((states, len(t))) + size * t)
-        case "linear in oscillation":
-            return 1e-6 * oscillation + 1e-7 * size * t
-        case "walk with an oscillation":
-            return ulp * (walk + 5 * oscillation)
-    raise AssertionError(kind)
+    noise = rng.standard_normal((states, len(t)))
+    return {
+        "oscillation": 1e-6 * size * oscillation,
+        "noise": ulp * size * noise,
+        "walk": ulp * size * walk,
+        "rounded walk": ulp * np.round(size * walk),
+        "linear": 1e-12 * size * t * rng.choice((-1, 1), (states, 1)),
+        "quadratic": 1e-12 * size * t**2,
+        "linear in noise": ulp * (20 * noise + size * t),  # the drift overtakes the noise only in the last two decades
+        "linear in oscillation": 1e-6 * oscillation + 1e-7 * size * t,
+        "walk with an oscillation": ulp * (walk + 5 * oscillation),
+    }[kind]
 
 
 @pytest.mark.parametrize(
@@ -59,7 +53,7 @@ def signal(kind, seed=0, states=STATES, t=T):
     ],
 )
 def test_growth_of_known_signals(kind, p, tolerance, verdict):
-    for seed in range(4):
+    for seed in range(2):
         E = signal(kind, seed)
         growth = metrics.growth_exponent(T, E)
         assert growth.p == pytest.approx(p, abs=tolerance)
@@ -68,11 +62,10 @@ def test_growth_of_known_signals(kind, p, tolerance, verdict):
         assert metrics.growth_exponent(T, 2.0**20 * np.abs(E)) == pytest.approx(growth)
 
 
-@pytest.mark.parametrize("kind", ["oscillation", "walk", "linear"])
-def test_growth_from_log_spaced_samples_is_the_same(kind):
+def test_growth_from_log_spaced_samples_is_the_same():
     """Experiments store some hundred log-spaced samples, not every step."""
     keep = np.unique(np.geomspace(1, len(T), 400).astype(int)) - 1
-    E = signal(kind)
+    E = signal("oscillation")
     sparse = metrics.growth_exponent(T[keep], E[:, keep])
     # a block of a dozen samples of an oscillation gives its RMS to some per cent; over ln(100) that is ±0.02
     assert sparse.p == pytest.approx(metrics.growth_exponent(T, E).p, abs=0.06)
@@ -82,11 +75,11 @@ def test_growth_interval_covers():
     """Nominal 95 %; the bootstrap of 16 states may fall a little short of it, but not of 88 %."""
     t = np.unique(np.geomspace(1, 10_000, 200).astype(int)).astype(float)
     hits = 0
-    for seed in range(200):
+    for seed in range(100):
         steps = np.random.default_rng(seed).standard_normal((STATES, len(t))) * np.sqrt(np.diff(t, prepend=0))
         growth = metrics.growth_exponent(t, np.cumsum(steps, axis=1), resamples=400)
         hits += growth.low <= 0.5 <= growth.high
-    assert 0.88 * 200 <= hits < 200  # an interval that never misses is too long
+    assert 88 <= hits < 100  # an interval that never misses is too long
 
 
 def test_growth_of_nothing():
@@ -182,27 +175,13 @@ def rotated(y, angle):
     return np.concatenate((R @ y[:3], R @ y[3:]))
 
 
-def flowed(top, y, t):
-    """The exact flow over a short time, by Runge-Kutta steps (error t^5/1e4 or so)."""
-    for _ in range(4):
-        h = t / 4
-        k1 = top.rhs(y)
-        k2 = top.rhs(y + h / 2 * k1)
-        k3 = top.rhs(y + h / 2 * k2)
-        y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + top.rhs(y + h * k3))
-    return y
-
-
-TORUS = ["figure1", "figure2", "generic", "fast", "slow", "near_regular", "near_separatrix", "inverted"]
-
-
-@pytest.mark.parametrize("name", TORUS)
+@pytest.mark.parametrize("name", ["figure1", "slow", "near_regular", "near_separatrix", "inverted"])
 def test_phase_split_recovers_shifts(name):
     top, y = TOPS[name].top, TOPS[name].state
     unit = top.scales(y)[2]
     size = 1e-6 if name == "near_regular" else 1e-4  # well below the amplitude of the nutation, there 1e-3
     dt, angle = size * unit, -2 * size
-    split = metrics.phase_split(top, y, rotated(flowed(top, y, dt), angle) - y)
+    split = metrics.phase_split(top, y, rotated(exact.solution(top, y, dt), angle) - y)
     assert split["rank"] == 6
     # what is left out is cubic, and magnified by the condition number of the basis; that of second order would be 1e-4
     assert split["time"][0] == pytest.approx(dt, rel=1e-6)
@@ -253,7 +232,7 @@ def test_frequency_shift(t):
 # ---------------------------------------------------------------- order
 
 
-@pytest.mark.parametrize("p", [1, 2, 4, 5, 8])
+@pytest.mark.parametrize("p", [1, 4, 8])
 def test_order_between_round_off_and_saturation(p):
     h = 2.0 ** -np.arange(16)
     rng = np.random.default_rng(p)
@@ -284,30 +263,20 @@ def test_order_of_no_power_law():
 # ---------------------------------------------------------------- structure
 
 
-def splitting_step(top, h):
-    """Rotation by J, then the kick by the weight: two exact Poisson flows."""
-
-    def step(y):
-        J, x = y[:3], y[3:]
-        angle = h * np.linalg.norm(J)
-        axis = J / np.linalg.norm(J)
-        x = np.cos(angle) * x + np.sin(angle) * np.cross(axis, x) + (1 - np.cos(angle)) * axis * (axis @ x)
-        return np.concatenate((J + h * top.alpha * np.array((-x[1], x[0], 0)), x))
-
-    return step
-
-
-@pytest.mark.parametrize("name", ["figure1", "generic", "fast", "slow"])
+@pytest.mark.parametrize("name", ["figure1", "slow"])
 def test_poisson_defect_tells_maps_apart(name):
     top, y = TOPS[name].top, TOPS[name].state
     h = 0.1 * top.scales(y)[2]
-    split = metrics.poisson_defect(splitting_step(top, h), top, y)
-    assert split.defect < 1e-11
+
+    def step(y):
+        return prepare(top, y, h, "strang").advance(y, 1)
+
+    assert metrics.poisson_defect(step, top, y).defect < 1e-11
     euler = metrics.poisson_defect(lambda y: y + h * top.rhs(y), top, y)
     assert euler.error < 1e-11
     assert euler.defect > 1e-4
     # a defect of 1e-8 in one component is seen: the test would notice a slightly wrong map
-    bent = metrics.poisson_defect(lambda y: splitting_step(top, h)(y) * (1, 1, 1 + 1e-8, 1, 1, 1), top, y)
+    bent = metrics.poisson_defect(lambda y: step(y) * (1, 1, 1 + 1e-8, 1, 1, 1), top, y)
     assert 1e-10 < bent.defect < 1e-7
 
 

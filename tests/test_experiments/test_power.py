@@ -1,17 +1,14 @@
 """The judge can fail a method: maps that are slightly wrong and records that claim too much are caught, each by its claim."""
 
-import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from toys import multistep
 
-from lagrange_bench.experiments import phase
-from lagrange_bench.experiments.measuring import check, metrics
+from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import (
     METHODS,
     PERTURBED_TOPS,
@@ -20,7 +17,6 @@ from lagrange_bench.integrators import (
     PerturbedTop,
     Problem,
     StepError,
-    registry,
 )
 from lagrange_bench.integrators.interface import Stepper, Work
 from lagrange_bench.integrators.problem import free_body
@@ -78,16 +74,11 @@ class Bent(Wrapped):
 # ---------------------------------------------------------------- maps that are slightly wrong
 
 
-def turned(y, h):
-    """x about e3, and J not: of the invariants only C2 changes."""
-    return y + 1e-8 * np.array((0, 0, 0, -y[4], y[3], 0))
-
-
 BENDS = {
     "kick across": (lambda y, h: y + 1e-8 * np.array((-y[4], y[3], 0, 0, 0, 0)), {"H"}),
     "spin": (lambda y, h: y + 1e-8 * np.eye(6)[2], {"H", "J3", "C2"}),
     "length": (lambda y, h: y * (1, 1, 1, 1 + 1e-8, 1 + 1e-8, 1 + 1e-8), {"H", "C1", "C2"}),
-    "turn": (turned, {"C2"}),
+    "turn of x alone": (lambda y, h: y + 1e-8 * np.array((0, 0, 0, -y[4], y[3], 0)), {"C2"}),
 }
 
 
@@ -130,15 +121,9 @@ def test_a_rounding_that_always_goes_the_same_way_is_caught(ulps, quick, kept):
     assert by_claim(check.conserves(excused, quick))["conserves C1"].passed
 
 
-def test_a_drift_of_the_formula_is_not_taken_for_round_off():
-    verdict = by_claim(check.conserves(replace(HONEST, conserves=frozenset({"C1"})), True))["conserves C1"]
-    assert verdict.passed is False
-    assert "always the same way" not in verdict.how
-
-
 @pytest.mark.parametrize(("limit", "passed"), [(0.3, None), (0.05, False)])
 def test_a_run_that_stops_leaves_the_verdicts_on_the_others(limit, passed):
-    """Stopped at h = 0.5 time scales: said, with what was measured below; at the smallest step: a fault."""
+    """Stopped at h = 0.5 time scales: reported; at the smallest step: a fault."""
 
     def prepare(top, y0, h):
         if abs(h) > limit * top.scales(y0)[2]:
@@ -148,10 +133,8 @@ def test_a_run_that_stops_leaves_the_verdicts_on_the_others(limit, passed):
     verdicts = by_claim(check.conserves(in_uniform_fields(METHODS["strang"], prepare=prepare), quick=True))
     stopped = verdicts.pop("takes 10000 steps")
     assert (stopped.passed, stopped.measured) == (passed, None), "no number to read as a bound"
-    assert "fails at h = 0.5: too long (generic, figure1, random000, random001)" in stopped.how
     assert list(verdicts) == [f"conserves {name}" for name in ("H", "J3", "C1", "C2")]
     assert verdicts["conserves C1"].passed is (True if passed is None else None)
-    assert (verdicts["conserves H"].measured is None) == (passed is False)
 
 
 # ---------------------------------------------------------------- records that claim too much
@@ -182,25 +165,8 @@ def test_the_starter_of_a_multistep_method_does_not_hide_its_order():
     (honest,), (liar,) = (list(check.order(adams(order), quick=True)) for order in (2, 4))
     assert (honest.passed, liar.passed) == (True, False)
     assert liar.measured == pytest.approx(2, abs=0.1)
-    errors = np.log(check.one_step_errors(adams(4), check.ORDER_STATES, 2.0 ** np.arange(-4.0, -7, -1)))
-    assert np.diff(np.mean(errors, axis=0)) / -math.log(2) == pytest.approx(5, abs=0.1)
-    for name in ("rk4", "strang", "gauss6"):
-        carried = in_uniform_fields(METHODS[name])
-        carried = replace(carried, prepare=partial(carried.prepare, compensated=True))
-        assert not check.remembers(carried), name
-
-
-def test_phase_reads_the_order_of_a_multistep_method_off_runs(monkeypatch):
-    entries = {**METHODS._entries, "adams": registry.EntryPoint("adams", "toys.multistep:METHOD", METHODS.group)}
-    monkeypatch.setitem(vars(METHODS), "_entries", entries)
-    monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    rows = [
-        {"method": name, **row} for name in ("adams", "rk4") for row in phase.measure({"part": "order", "method": name})
-    ]
-    table = phase.orders(pd.DataFrame(rows).assign(part="order", state=None, status="done")).set_index("method")
-    assert table.measured["adams"] == pytest.approx(2, abs=0.1)
-    assert table.measured["rk4"] == pytest.approx(4, abs=0.1)
-    assert table.state.to_dict() == {"adams": "short runs, 8 tops", "rk4": "single steps, 8 tops"}
+    carried = in_uniform_fields(METHODS["rk4"])
+    assert not check.remembers(replace(carried, prepare=partial(carried.prepare, compensated=True)))
 
 
 # ---------------------------------------------------------------- steppers that behave badly
@@ -217,20 +183,18 @@ class Shares(Wrapped):
         return Shares.latest.advance(y, n)
 
 
-def at_a_failure(do):
-    """`record` that does something else where a good one raises StepError."""
+def at_a_failure(instead):
+    """`record` that gives, or raises, something else where a good one raises StepError."""
 
     def record(self, y, n, every):
         try:
             return self.inner.record(y, n, every)
-        except StepError as error:
-            return do(error, n // every + 1)
+        except StepError:
+            if isinstance(instead, Exception):
+                raise instead from None
+            return np.full((n // every + 1, 6), instead)
 
     return {"record": record}
-
-
-def raising(error):
-    raise error
 
 
 def modifying(self, y, n):
@@ -278,9 +242,9 @@ BEHAVIOUR = [  # claim that fails, what is overridden
     ("record ends where advance does", {"record": restarting}),
     ("work counts steps", {"record": forgetting}),
     ("from_start is True or False", {"from_start": None}),
-    ("finite, or a StepError", at_a_failure(lambda error, rows: np.full((rows, 6), np.nan))),
-    ("finite, or a StepError", at_a_failure(lambda error, rows: raising(ZeroDivisionError()))),
-    ("StepErrors name the method", at_a_failure(lambda error, rows: raising(StepError("somebody", error.reason)))),
+    ("finite, or a StepError", at_a_failure(np.nan)),
+    ("finite, or a StepError", at_a_failure(ZeroDivisionError())),
+    ("StepErrors name the method", at_a_failure(StepError("somebody", "no reason"))),
 ]
 
 
@@ -319,25 +283,19 @@ def in_fields(bend=lambda y, h: y, **claims):
     return replace(record, prepare=partial(Bent, "strang", bend), **claims)
 
 
-@pytest.mark.parametrize(
-    ("record", "caught"),
-    [
-        (in_fields(), set()),
-        (
-            in_fields(lambda y, h: y + 0.1 * h * h * y[[1, 2, 0, 4, 5, 3]]),
-            {"order 2", "symmetric", "Poisson map", *(f"conserves {name}" for name in CLAIMED)},
-        ),
-        (
-            in_fields(lambda y, h: y * (1, 1, 1, *(3 * [1 + 1e-9]))),
-            {"order 2", "symmetric", "conserves C1", "conserves C2"},
-        ),
-        (in_fields(order=4), {"order 4"}),
-        (in_fields(conserves=CLAIMED | {"H"}), {"conserves H"}),
-        (in_fields(if_quadratic=frozenset({"H"})), {"conserves H"}),
-    ],
-    ids=["honest", "first order", "drift", "order", "H", "H if quadratic"],
-)
-def test_claims_in_a_potential_are_judged(short, record, caught):
+FIRST_ORDER = in_fields(lambda y, h: y + 0.1 * h * h * y[[1, 2, 0, 4, 5, 3]])
+IN_FIELDS = {
+    "honest": (in_fields(), ()),
+    "first order": (FIRST_ORDER, ("order 2", "symmetric", "Poisson map", *(f"conserves {name}" for name in CLAIMED))),
+    "order": (in_fields(order=4), ("order 4",)),
+    "H": (in_fields(conserves=CLAIMED | {"H"}), ("conserves H",)),
+    "H if quadratic": (in_fields(if_quadratic=frozenset({"H"})), ("conserves H",)),
+}
+
+
+@pytest.mark.parametrize("name", IN_FIELDS)
+def test_claims_in_a_potential_are_judged(short, name):
+    record, caught = IN_FIELDS[name]
     verdicts = list(check.in_field(record, quick=True))
     assert wrong(verdicts) == {f"in a field: {claim}" for claim in caught}
     if not caught:
@@ -348,14 +306,12 @@ def test_claims_in_a_potential_are_judged(short, record, caught):
 def test_methods_are_judged_where_they_go(short):
     (verdict,) = check.in_field(METHODS["theta_functions"], quick=True)
     assert (verdict.claim, verdict.passed) == ("in a field", None)
-    assert "closed form of an integrable top" in verdict.how
     verdicts = by_claim(check.in_field(in_fields(needs="quadratic"), quick=True))
     assert verdicts["in a field: conserves C1"].how.partition(";")[0].endswith("2 states")
 
 
 def test_what_is_lost_is_not_known(monkeypatch):
     named = PERTURBED_TOPS["magnet"]
-    assert np.isfinite(truths.solution(named.top, named.state, [0.0, 3.0])).all()
     with pytest.raises(ValueError, match="longer than 2000 time scales"):
         truths.solution(named.top, named.state, [1e5])
     fall = PerturbedTop(LagrangeTop(1.0), POTENTIALS["charge"], (1.0, 0.0, 0.0, 1.0))
@@ -377,14 +333,8 @@ SPINS_START = (1.0, 0.0, 0.2, 0.3, -0.5, 0.6)
 
 @pytest.mark.parametrize(
     ("method", "problem", "y0"),
-    [
-        ("strang", BODY, START),
-        ("rkmk4", SPINS, SPINS_START),
-        ("strang", SPINS, SPINS_START),
-        ("rk4", PIVOT, TOP_START),
-        ("backlund_splitting", PIVOT, TOP_START),
-    ],
-    ids=["strang-body", "rkmk4-spins", "strang-spins", "rk4-pivot", "backlund-pivot"],
+    [("strang", BODY, START), ("rkmk4", SPINS, SPINS_START), ("rk4", PIVOT, TOP_START)],
+    ids=["strang-body", "rkmk4-spins", "rk4-pivot"],
 )
 def test_claims_hold_on_a_problem(method, problem, y0):
     verdicts = check.check(method, quick=True, problem=problem, y0=y0)
@@ -400,23 +350,11 @@ def test_false_claims_fail_on_a_problem():
     assert wrong(check.check(liar, quick=True, problem=BODY, y0=START)) == caught
 
 
-def test_the_reference_of_a_problem_is_the_closed_form():
-    times = np.array((-3.0, 0.5, 20.0))
-    exact = free_body.solution(BODY, START, times)
-    np.testing.assert_allclose(truths.solution(BODY, np.array(START), times), exact, atol=1e-14)
-    later = truths.after_steps(BODY, np.array(START), 0.1, [200])
-    assert metrics.scaled_error(BODY, np.array(START), later, exact[2:])[0] < 1e-14
-
-
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [
-        ({"method": "backlund_splitting", "problem": BODY, "y0": START}, "problem: backlund_splitting needs"),
-        ({"method": "rk4", "problem": BODY}, "y0: give a state"),
-        ({"method": "rk4", "problem": BODY, "y0": (1.0, 2.0)}, "y0"),
-    ],
-    ids=["method", "no state", "short state"],
-)
-def test_bad_calls_are_refused(words, reason):
-    with pytest.raises(ValueError, match=reason):
-        check.check(**words)
+def test_bad_calls_are_refused():
+    for method, y0, reason in (
+        ("backlund_splitting", START, "problem"),
+        ("rk4", None, "y0"),
+        ("rk4", (1.0, 2.0), "y0"),
+    ):
+        with pytest.raises(ValueError, match=reason):
+            check.check(method, problem=BODY, y0=y0)

@@ -13,19 +13,17 @@ from lagrange_bench.experiments.measuring.states import find
 from lagrange_bench.integrators import StepError, prepare
 from lagrange_bench.integrators.truth import exact
 
-U, N = 2.0**-53, 10**6
+U, N = 2.0**-53, 10**5
 ULPS = "pinned: what eight steps round, for ever"
 WALK = "random walk of roundings of u or less: 3 σ of √n u, over four states; larger steps round more"
 LINEAR = "constants rounded once push the same way in every step"
 TABLE = [  # method, options, h, bound of H, C1 and C2, why
-    ("backlund", {}, 0.1, 16 * U, ULPS),
     ("backlund", {}, 2.0, 16 * U, ULPS),
     ("backlund_paper", {}, 2.0, 16 * U, ULPS),
     ("backlund", {"pin": 0}, 0.1, U / 64 * N, LINEAR),
     ("backlund_textbook", {}, 0.1, U / 16 * N, LINEAR + ", and its divisions lose digits"),
-    ("implicit_midpoint", {}, 0.5, 6 * U * 1e3, WALK),
-    ("implicit_midpoint", {"solver": "newton"}, 0.1, 3 * U * 1e3, WALK),
-    ("implicit_midpoint", {"solver": "fixed_point"}, 0.1, 3 * U * 1e3, WALK),
+    ("implicit_midpoint", {}, 0.5, 6 * U * N**0.5, WALK),
+    ("implicit_midpoint", {"solver": "newton"}, 0.1, 3 * U * N**0.5, WALK),
 ]
 
 
@@ -53,7 +51,6 @@ def test_midpoint_errors_walk_at_random_and_those_of_a_tolerance_drift(form, wal
 # ---------------------------------------------------------------- the forms of the experiment
 
 STEPS = 200
-BACKLUND = [form for form, (of, _) in round_off.FORMS.items() if of == "backlund"]
 
 
 def run(form, state, span):
@@ -62,18 +59,11 @@ def run(form, state, span):
 
 
 @pytest.mark.parametrize(
-    ("forms", "span"),
-    [
-        *((BACKLUND, span) for span in round_off.SIZES),
-        *(
-            ([form for form, (of, _) in round_off.FORMS.items() if of == rival], 0.125)
-            for rival in ("implicit_midpoint", "strang")
-        ),
-    ],
-    ids=[*round_off.SIZES, "midpoint", "strang"],
+    ("method", "span"), [("backlund", 0.125), ("backlund", 1.0), ("implicit_midpoint", 0.125), ("strang", 0.125)]
 )
-def test_forms_are_one_map_but_for_round_off(forms, span):
-    for state in ("generic", "figure1", "random003"):
+def test_forms_are_one_map_but_for_round_off(method, span):
+    forms = [form for form, (of, _) in round_off.FORMS.items() if of == method]
+    for state in ("generic", "random003"):
         top, y0, expected = run(forms[-1], state, span)
         for form in forms[:-1]:
             found = run(form, state, span)[2]
@@ -84,12 +74,11 @@ def test_forms_are_one_map_but_for_round_off(forms, span):
 @pytest.mark.parametrize("fraction", round_off.FRACTIONS)
 def test_forms_of_long_steps_are_one_map(fraction):
     forms = {c["form"] for c in round_off.cells("quick") if c.get("fraction") == fraction}
-    for state in ("generic", "random003"):
-        top, y0 = find(state)
-        h = fraction * exact.nutation_period(top, y0)
-        ends = {form: round_off.FORMS[form][1](top, y0, h).advance(y0, STEPS) for form in forms}
-        truth = exact.after_steps(top, y0, h, [STEPS])[0]
-        assert max(metrics.scaled_error(top, y0, y, truth) for y in ends.values()) < 1e-10
+    top, y0 = find("random003")
+    h = fraction * exact.nutation_period(top, y0)
+    truth = exact.after_steps(top, y0, h, [STEPS])[0]
+    ends = [round_off.FORMS[form][1](top, y0, h).advance(y0, STEPS) for form in forms]
+    assert max(metrics.scaled_error(top, y0, y, truth) for y in ends) < 1e-10
 
 
 def test_a_form_that_leaves_its_torus_is_followed():

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-import shutil
-import subprocess
 
 import numpy as np
 import pandas as pd
@@ -13,7 +11,6 @@ import pytest
 
 from lagrange_bench.experiments.drawing import tables
 
-TEX = next(filter(None, map(shutil.which, ("pdflatex", "lualatex", "xelatex"))), None)
 VALUES = [  # a value, as text, in LaTeX
     (-0.0, "0", r"\num{0}"),
     (1234567, "1\u202f234\u202f567", r"\num{1234567}"),
@@ -75,16 +72,3 @@ def test_latex_tables_are_whole_and_long_ones_break_over_pages(n, kind):
     assert all(line.count(" & ") == 2 and line.count(r"\num{") == 2 for line in lines)
     assert text.count("{") == text.count("}")
     assert ("longtable" in text.splitlines()[0]) == (kind == "longtable")
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(TEX is None, reason="needs a TeX engine: pdflatex, lualatex or xelatex, and siunitx")
-def test_latex_tables_compile(tmp_path):
-    text = ["50 % of a_b & [λ²] * ~ ^ \\ <a|b>", "…–—, 2x̄ − λ̄ µs"]
-    frame = pd.DataFrame({"text": text, "x": [1.5e-9, -np.inf], "n": [20_000, 1], "y": [np.nan, 2.0]})
-    body = "\n\n".join(tables.latex(f, "a caption, 100 %") for f in (frame, pd.concat([frame] * 50)))
-    head = "\\documentclass{article}\\usepackage{booktabs,siunitx,longtable}\\begin{document}"
-    (tmp_path / "all.tex").write_text(f"{head}\n{body}\n\\end{{document}}\n")
-    command = [TEX, "-interaction=nonstopmode", "-halt-on-error", "all.tex"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 0, done.stdout[-2000:]

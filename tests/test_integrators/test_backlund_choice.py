@@ -117,7 +117,7 @@ def test_tops_drawn_at_random():
     near = refused = 0
     for field, count in (("random charges", 16), ("random tides", 8)):
         for number in range(100, 100 + count):
-            top, y0 = perturbed.drawn(field, number)
+            top, y0 = perturbed.random_top(field, number)
             t = [UNITS * top.scales(y0)[2]]
             try:
                 run = chosen(top, y0, t=t, tol=1e-8)

@@ -2,24 +2,9 @@
 
 from types import ModuleType
 
-import pandas as pd
-import pytest
-
 from lagrange_bench.report import origin
 from lagrange_bench.report.origin import Origin
 from lagrange_bench.results import store
-
-
-def test_machines_and_commits_are_named_if_they_are_few():
-    cells = pd.DataFrame(
-        {"utc": "2026-11-21T00:00:00", "cpu": "EPYC", "commit": list("abc"), "dirty": [False, True, None]}
-    )
-    for source, count, line in (
-        (Origin("r"), 3, "r; 2026-11-21; EPYC; 3 commits"),
-        (origin.PUBLISHED, 2, "results/reference; full profile; 2026-11-21; EPYC; commit a, b with changes"),
-        (Origin("r"), 0, "r"),
-    ):
-        assert origin.described(source, [cells[:count]]) == line
 
 
 def test_the_profile_is_known_by_the_cells():
@@ -31,21 +16,18 @@ def test_the_profile_is_known_by_the_cells():
     assert origin.profiles_of(module, []) is None
 
 
-@pytest.mark.parametrize(
-    ("folder", "profiles", "profile"),
-    [
-        ("out", [("quick", "full"), ("full",), None], "full"),
-        ("out", [("quick", "full")], "quick"),  # the same cells
-        ("full", [("quick", "full")], "full"),
-        ("full", [("quick",)], "quick"),
-        ("quick", [None], "quick"),
-        ("out", [None], None),
-        ("out", [("quick",), ("full",)], None),
-    ],
-)
-def test_the_profile_of_a_folder(tmp_path, monkeypatch, folder, profiles, profile):
+def test_the_profile_of_a_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert origin.find(tmp_path / folder, profiles) == Origin(folder, profile)
+    both, full, quick = ("quick", "full"), ("full",), ("quick",)
+    for folder, profiles, profile in (
+        ("out", [both, full, None], "full"),
+        ("out", [both], "quick"),  # the same cells
+        ("full", [both], "full"),
+        ("full", [quick], "quick"),
+        ("quick", [None], "quick"),
+        ("out", [quick, full], None),
+    ):
+        assert origin.find(tmp_path / folder, profiles) == Origin(folder, profile)
 
 
 def test_commands_of_the_usual_folders_are_short():

@@ -52,12 +52,8 @@ def test_curves_of_a_plug_in_in_any_field(rows):
     assert kept == [["order 2", "1.99 (generic)"], ["H not claimed", "biased, largest error 0.012 (random tops)"]]
 
 
-def test_without_rows_there_are_no_panels(rows):
-    assert panels.script({}) == panels.script({"phase": pd.DataFrame()}) == ""
-    assert panels.script({"drift": rows["drift"]}) == ""
-
-
-def test_a_table_without_rows_costs_nothing(rows, monkeypatch):
+def test_without_rows_there_are_no_panels_and_without_a_table_no_facts(rows, monkeypatch):
+    assert panels.script({}) == panels.script({"drift": rows["drift"]}) == ""
     monkeypatch.setattr(panels, "table", promises.table)
     for experiment in rows:
         promises.keep(experiment, rows[experiment], {})

@@ -37,9 +37,9 @@ TOY_METHODS, STEPS = ("backlund", "rk45", "somebody_elses"), (0.01, 0.1, 1.0)
 DRIFT = [1e-12 * h**i for i in range(3) for h in STEPS]
 
 
-def toy(name, draw):
+def toy(name):
     module = ModuleType(name, f"Toy {name}: does it show?\n\nAbout {name}.")
-    module.VERSION, module.draw, module.tables = 1, draw, make_tables
+    module.VERSION, module.draw, module.tables = 1, draw_good if name == "toy.good" else draw_broken, make_tables
     module.cells = lambda profile: [{"method": m, "h": h} for m in TOY_METHODS for h in (*STEPS, 2.0, 3.0, 4.0)]
     module.measure = lambda *_: pytest.fail("the report must not measure")
     return module
@@ -67,10 +67,8 @@ def make_tables(rows):
 def put(folder, experiment, index, method, h, *drift, **fields):
     """Stores a cell with these rows, or one that was declined if there are none."""
     error = None if drift else {"type": "StepError", "message": "Newton gave up <here>", "traceback": "…"}
-    record = store.make_record(
-        experiment, 1, index, {"method": method, "h": h}, status="done" if drift else "failed",
-        rows=[{"drift": x} for x in drift], error=error, warnings=[], seconds=0.5,
-    )  # fmt: skip
+    outcome = {"status": "done" if drift else "failed", "rows": [{"drift": x} for x in drift], "error": error}
+    record = store.make_record(experiment, 1, index, {"method": method, "h": h}, **outcome, warnings=[], seconds=0.5)
     store.Store(folder).append({**record, **fields})
 
 
@@ -93,7 +91,7 @@ def results(tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
     with pytest.MonkeyPatch.context() as patch:
         for name in TOYS:
-            patch.setitem(sys.modules, name, toy(name, draw_good if name == "toy.good" else draw_broken))
+            patch.setitem(sys.modules, name, toy(name))
         patch.setattr(page, "EXPERIMENTS", TOYS)
         patch.setattr(promises, "CLAIMS", CLAIMS)
         patch.setattr(sources, "of_cell", lambda *cell: "1" * 24)  # toys have no file
@@ -157,7 +155,6 @@ def test_page_is_one_offline_file_with_every_figure_and_table(text, output):
     found = Elements(text)
     assert found.tags.count("svg") == 2
     assert {p.name for p in (output / "figures").iterdir()} == {"toy.good_first.svg", "toy.good_second.svg"}
-    assert {p.suffix for p in (output / "tables").iterdir()} == {".md", ".tex", ".csv"}
     for name, value in found.attributes:
         if name in ("src", "href", "xlink:href", "action", "poster", "srcset"):
             beside = re.fullmatch(r"(figures|tables)/[\w.-]+", value) and (output / value).is_file()
@@ -165,28 +162,20 @@ def test_page_is_one_offline_file_with_every_figure_and_table(text, output):
     assert not {"link", "iframe", "object", "embed", "img"} & set(found.tags)
     assert not re.search(r"@import|url\((?!#)", markup(text))
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
-    assert "default-src 'none'" in policy, "what a script might ask for, a browser would not let it have"
-    assert "connect-src" not in policy
-    assert set(re.findall(r"https?://[^\s\"'<]*", markup(text))) <= {
-        "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink",
-    }  # fmt: skip
+    assert ("default-src 'none'" in policy, "connect-src" in policy) == (True, False), "a browser asks for nothing"
 
 
-def test_ids_are_unique_and_every_reference_has_its_target(text):
+def test_ids_are_unique_and_text_from_results_is_escaped(text):
     ids = [value for name, value in Elements(text).attributes if name == "id"]
     assert len(ids) == len(set(ids))
     targets = set(re.findall(r'(?:href="#|url\(#)([^")]+)', markup(text)))
     assert targets <= set(ids)
     assert any(target.startswith("toy.good_second-") for target in targets), "the figures use no ids: a vacuous test"
-
-
-def test_text_from_results_is_escaped(text):
-    assert "<script>alert" not in text
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in text
     assert Elements(text).tags.count("script") == text.count("<script") == 1 + 2, "the page's own, rows of two"
 
 
-def test_the_rows_are_in_the_page(report, text):
+def test_rows_are_in_the_page_and_tables_beside_it(report, text, output):
     for section in report.sections:
         found = re.search(rf'id="rows-{section.experiment}">([^<]*)<', text)
         assert bool(found) == bool(len(section.rows))
@@ -194,19 +183,11 @@ def test_the_rows_are_in_the_page(report, text):
             rows = pd.read_csv(io.BytesIO(gzip.decompress(base64.b64decode(found[1]))))
             assert rows.drift.dropna().tolist() == section.rows.drift.dropna().tolist()
             assert rows.status.tolist() == section.rows.status.tolist()
-
-
-def test_three_formats_of_a_table(output):
-    path = output / "tables"
-    whole = pd.read_csv(path / "toy.good_all.csv")
-    assert list(whole.columns) == ["method", "h", "max_drift & more"]
+    whole = pd.read_csv(output / "tables" / "toy.good_all.csv")
     assert whole["max_drift & more"].tolist() == [*DRIFT[:5], *DRIFT[6:]]
-    assert pd.read_csv(path / "toy.good_median.csv").note[0] == NASTY
-    lines = (path / "toy.good_median.md").read_text(encoding="utf-8").splitlines()
+    assert pd.read_csv(output / "tables" / "toy.good_median.csv").note[0] == NASTY
+    lines = (output / "tables" / "toy.good_median.md").read_text(encoding="utf-8").splitlines()
     assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {4}
-    tex = (path / "toy.good_median.tex").read_text(encoding="utf-8")
-    assert all(rule in tex for rule in (r"\toprule", r"\midrule", r"\bottomrule", r"\begin{tabular}"))
-    assert r"50 \% of a\_b \& \textless{}script\textgreater{}alert(1)" in tex
 
 
 def test_same_rows_same_bytes(results, output, tmp_path, monkeypatch):
@@ -232,13 +213,11 @@ def test_drawn_in_two_processes_it_is_the_same(tmp_path, monkeypatch):
 
     monkeypatch.setattr(page, "EXPERIMENTS", ("ensemble", "paper", "no_such_experiment"))
     monkeypatch.setattr(sections, "ProcessPoolExecutor", pool)
-    alone = page.assemble(tmp_path, processes=2)
-    assert started == [], "two journals are drawn sooner than two processes start"
+    alone = page.assemble(tmp_path)
     monkeypatch.setattr(sections, "WORTH", 1)
     shared = page.assemble(tmp_path, processes=2)
     assert started == [2]
     assert page.html(shared) == page.html(alone)
-    assert [len(section.figures) > 0 for section in shared.sections] == [True, True, False]
     assert any("no_such_experiment" in error for error in shared.errors)
 
 
@@ -250,12 +229,7 @@ def test_the_page_says_what_it_was_drawn_from_and_how_to_draw_that_again(results
     shutil.copytree(results, tmp_path / "mine" / "quick")
     mine = page.assemble(tmp_path / "mine" / "quick")
     run = "lagrange-bench run toy.good --profile quick --results mine/quick"
-    for part in (
-        "Drawn from mine/quick; quick profile; 20",
-        "redraw: lagrange-bench figure toy.good_first --results mine/quick ",
-        f"recompute: {run}",
-        f"check: {run} && lagrange-bench report",
-    ):
+    for part in ("figure toy.good_first --results mine/quick ", run, f"{run} && lagrange-bench report"):
         assert part in words(mine)
     assert str(tmp_path) not in markup(page.html(mine))
     assert report.origin.startswith(f"{results.name}; "), "not where it is on this machine"
@@ -268,12 +242,11 @@ def test_the_page_says_which_rows_are_old(results, report, tmp_path, monkeypatch
     for i, digest in enumerate(("0" * 24, "0" * 24, None)):
         put(folder, "toy.good", 9 + i, "backlund", 2.0 + i, 1e-9, sources=digest)
     late = page.assemble(folder)
-    old = "2 stored cells were computed with other source code than this; "
-    old += "1 stored cell was computed with source code that was not recorded"
-    assert [section.old for section in late.sections] == [old, "", ""]
-    assert late.origin.endswith(f"; {old} (lagrange-bench verify mine/quick computes a sample again and compares)")
+    assert late.sections[0].ages == {sources.SAME: 9, sources.OTHER: 2, sources.UNKNOWN: 1}
+    assert [bool(section.old) for section in late.sections] == [True, False, False]
+    assert f"{late.sections[0].old} (lagrange-bench verify mine/quick " in late.origin
     again = "lagrange-bench run toy.good --profile quick --results mine/quick --again"
-    assert f"{old}. Compute them again: {again}" in words(late)
+    assert f"{late.sections[0].old}. Compute them again: {again}" in words(late)
 
 
 # ---------------------------------------------------------------- what is missing
@@ -287,10 +260,8 @@ def test_what_is_missing_is_said_in_its_place(report, text):
     assert "run</span> <span>toy.empty</span>" in parts["missing"]
     found, away = parts["claims"].split("About experiments that are not stored here")
     assert ("claim-holds" in found, "claim-unstored" in found, "claim-unstored" in away) == (True, False, True)
-    assert "toy.good.jsonl, line 10: cut off while it was written" in parts["toy.good"]
-    declined, _ = parts["failures"].split("No stored cell failed.")
-    assert "Declined: toy.good <small>(1 cells)" in declined
-    assert "Newton gave up &lt;here&gt;" in declined
+    assert "toy.good.jsonl, line 10" in parts["toy.good"]
+    assert "Newton gave up &lt;here&gt;" in parts["failures"]
     assert np.__version__ in parts["environment"]
     assert report.errors == ["toy.broken: figures cannot be drawn: ZeroDivisionError: <b>no luck</b>"]
 
@@ -322,7 +293,6 @@ def test_a_page_of_some_methods(results, undrawn):
     assert {method for section in some.sections for method in section.rows.method} == {"rk45"}
     assert [section.experiment for section in some.sections] == ["toy.good", "toy.broken"]
     assert some.claims == [], "they are about all methods"
-    assert "only the methods rk45" in some.origin
     assert " --methods rk45 --highlight rk45" in some.sections[0].redraw("first")
 
 
@@ -346,25 +316,18 @@ def fewer(report):
 
 def test_files_of_the_page_before_go_and_all_others_stay(report, fewer, tmp_path):
     page.write(report, tmp_path)
-    mine = [tmp_path / name for name in ("figures/toy.good_mine.svg", "tables/toy.good_mine.csv")]
-    for path in mine:
-        path.write_text("mine")
+    mine = tmp_path / "figures" / "toy.good_mine.svg"
+    mine.write_text("mine")
     page.write(fewer, tmp_path)
-    left = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.*")}
-    made = {
-        "index.html",
-        "figures/toy.good_first.svg",
-        *(f"tables/toy.good_all.{kind}" for kind in ("md", "tex", "csv")),
-    }
-    assert left == {"figures/toy.good_mine.svg", "tables/toy.good_mine.csv"} | made
-    assert all(path.read_text() == "mine" for path in mine)
+    tables = {f"toy.good_all.{kind}" for kind in ("md", "tex", "csv")}
+    assert {path.name for path in tmp_path.rglob("*.*")} == {"index.html", "toy.good_first.svg", *tables, mine.name}
+    assert mine.read_text() == "mine"
 
 
 def test_a_page_of_somebody_elses_stays(results, tmp_path, run):
     (tmp_path / "index.html").write_text("<!doctype html><title>My home page</title>")
     code, out, err = run("report", "--results", results, "--output", tmp_path)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert "is not a page of lagrange-bench" in err
+    assert (code, out, "is not a page of lagrange-bench" in err) == (2, "", True)
     assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
     assert "My home page" in (tmp_path / "index.html").read_text()
 
@@ -392,25 +355,19 @@ def test_a_write_is_on_disk_before_it_replaces_the_old_file_under_a_name_of_this
     assert done == ["on disk", True]
 
 
-def test_write_experiment_draws_one_and_raises_what_drawing_raises(results, tmp_path):
-    written = sections.write_experiment("toy.good", results, tmp_path)
-    assert len(written) == 2 + 2 * 3
-    assert all(path.is_file() for path in written)
+def test_write_experiment_raises_what_drawing_raises(results, tmp_path):
     with pytest.raises(ZeroDivisionError):
         sections.write_experiment("toy.broken", results, tmp_path)
 
 
 def test_command_line(results, tmp_path, run, undrawn, monkeypatch):
-    code, out, err = run("report", "--results", results, "--output", tmp_path / "out")
+    words = ("report", "--results", results, "--output")
+    code, out, _ = run(*words, tmp_path / "out")
     assert (code, out) == (0, f"{(tmp_path / 'out' / 'index.html').resolve()}\n")
-    assert err.startswith(f"drawn from {results}\n")
     monkeypatch.setattr(sections, "draw_figures", lambda *_: draw_broken(None))
-    code, _, err = run("report", "--results", results, "--output", tmp_path / "out")
+    code, _, err = run(*words, tmp_path / "out")
     assert (code, "not drawn: toy.broken" in err) == (1, True)
-    (tmp_path / "file").write_text("")
-    for folder, place in ((tmp_path / "nowhere", tmp_path / "out"), (results, tmp_path / "file")):
-        code, _, err = run("report", "--results", folder, "--output", place)
-        assert (code, err.count("\n")) == (2, 1)
+    assert run(*words, tmp_path / "out" / "index.html")[0] == 2
 
 
 # ---------------------------------------------------------------- claims, summary, fairness
@@ -419,10 +376,7 @@ def test_command_line(results, tmp_path, run, undrawn, monkeypatch):
 def test_verdicts(report, text):
     verdicts = {judged.claim.id: judged.verdict for judged in report.claims}
     assert [verdict.word for verdict in verdicts.values()] == ["confirmed", *["refuted"] * 2, *["not tested"] * 2]
-    assert "1 of 3 failed: StepError" in verdicts["failed"].note
-    assert "colour" in verdicts["absent"].note
-    for part in ("1 confirmed", "2 refuted", "2 not tested", "run</span> <span>toy.good</span>"):
-        assert part in text
+    assert all(part in text for part in ("1 confirmed", "2 refuted", "2 not tested"))
 
 
 def test_other_results_stand_beside(results, tmp_path, undrawn):
@@ -434,48 +388,29 @@ def test_other_results_stand_beside(results, tmp_path, undrawn):
     held = page.assemble(results, beside=folder)
     assert [judged.verdict.word for judged in held.claims][:3] == ["confirmed", "refuted", "refuted"]
     assert [judged.beside.word for judged in held.claims][:3] == ["refuted", "refuted", "confirmed"]
-    counts = "published: 1 confirmed, 2 refuted, 2 not tested; 2 stored cells were computed with source code that was"
-    assert counts in words(held)
-    assert "beside: refuted, 1 · check" in words(held)
+    assert "published: 1 confirmed, 2 refuted, 2 not tested; 2 stored cells" in words(held)
 
 
 def test_the_summary_has_the_numbers_of_the_rows_and_leaves_out_what_is_missing(report):
-    phase = [("backlund", 1.0, 3.91e-15), ("backlund", 8.0, 2e-15), ("taylor_fixed", 1.0, 5.5e-11), ("rk4", 1.0, 0.1),
-             ("strang", 1.0, 0.2)]  # fmt: skip
+    errors = {"taylor_fixed": 5.5e-11, "rk4": 0.1, "strang": 0.2}
+    phase = [("backlund", 1.0, 3.91e-15), ("backlund", 8.0, 2e-15), *((name, 1.0, e) for name, e in errors.items())]
     rows = pd.DataFrame(phase, columns=["method", "h", "error"]).assign(part="h", state="generic", status="done")
     numbers = summary.numbers({"phase": rows, "cost": pd.DataFrame({"part": ["step"]})})
     assert list(numbers) == ["phase"]
-    wanted = {
-        "shortest": "1",
-        "longest": "8",
-        "best": "Taylor 20, fixed step",
-        "least": "5.5×10⁻¹¹",
-        "others": 3,
-        "poor": 2,
-    }
-    assert numbers["phase"].items() >= {**wanted, "worst": "4×10⁻¹⁵"}.items()  # rounded up
-    shown = words(replace(report, summary=numbers))
-    assert "within 4×10⁻¹⁵ of the true state" in shown
-    assert (
-        "“Taylor 20, fixed step”, has an error of 5.5×10⁻¹¹. There 2 of the 3 have errors above 0.001 or fail." in shown
-    )
+    wanted = {"shortest": "1", "longest": "8", "best": "Taylor 20, fixed step", "least": "5.5×10⁻¹¹", "others": 3}
+    assert numbers["phase"].items() >= {**wanted, "poor": 2, "worst": "4×10⁻¹⁵"}.items()  # rounded up
+    assert "within 4×10⁻¹⁵ of the true state" in words(replace(report, summary=numbers))
     assert summary.numbers({"phase": rows.assign(status="failed", failure="StepError: no", error=np.nan)}) == {}
     assert report.summary == {}
 
 
-@pytest.mark.parametrize(
-    ("seconds", "losses"),
-    [
-        ({10.0: 3.5, 100.0: 2.0, 1e4: 0.1}, [("3.5", "10"), ("2", "100")]),
-        ({10.0: 1.002, 100.0: 0.5}, []),  # as long to three digits: no loss
-        ({10.0: 0.1, 100.0: 3.5}, [("3.5", "100")]),  # not only the shortest run is looked at
-    ],
-)
-def test_a_loss_is_a_difference_beyond_the_noise_of_timing(seconds, losses):
+def test_a_loss_is_a_difference_beyond_the_noise_of_timing():
+    """1.002 times as long is none."""
+    seconds = {10.0: 1.002, 100.0: 2.0, 1e4: 0.1}
     runs = [(span, name, time) for span, ours in seconds.items() for name, time in (("backlund", ours), ("rk4", 1.0))]
     rows = pd.DataFrame(runs, columns=["span", "method", "seconds"])
     rows = rows.assign(setup_seconds=0.0, state="generic", status="done", error=1e-13)
-    assert summary.losses(rows) == losses
+    assert summary.losses(rows) == [("2", "100")]
     assert summary.losses(rows[rows.method == "rk4"]) is None, "nothing to compare"
 
 
@@ -483,28 +418,20 @@ def test_fairness_says_what_the_rows_say_and_needs_none(report):
     bare = report.fairness
     assert list(bare.methods.method) == list(methods_on())
     assert "factor of" not in words(report)
-    cost = pd.DataFrame(
-        {"part": "step", "status": "done", "method": ["backlund", "rk45", "rk45_fixed"], "ns_per_step": [20.0, 36e3, 40.0],
-         "evals_per_step": [0.0, 6.1, 6.0], "setup_us": [60.0, 4.0, 3.0]}
-    )  # fmt: skip
-    work = pd.DataFrame(
-        {"method": ["a", "a", "b", "b"], "span": 100.0, "state": "generic", "longest": 1.0,
-         "seconds": [1e-5, np.nan, 2e-5, 4e-5], "stopped": [None, "too long", "refused", None]}
-    )  # fmt: skip
-    ensemble = pd.DataFrame({"part": "setup", "status": "done", "setup_us": [2.0, 7.0]})
-    found = fairness.assemble({"cost": cost, "work_precision": work, "ensemble": ensemble})
-    shown = words(replace(report, fairness=found))
-    for part in (
-        "takes 36 µs in SciPy and 40 ns compiled: a factor of 900,",
-        "3 to 60 µs, 60 µs for the exact Bäcklund step. Of short steps",
-        "take 2 µs for a top. They take more for longer steps, up to 7 µs",
-        "Of 2 curves 0 end where the error falls no more, 1 where one run would take too long, and 1 at the tightest",
-        "1 s at t = 100. A run is one call from Python, and that call alone takes at least 10 µs.",
-    ):
-        assert part in shown
+    prices = {"ns_per_step": [20.0, 36e3, 40.0], "evals_per_step": [0.0, 6.1, 6.0], "setup_us": [60.0, 4.0, 3.0]}
+    cost = pd.DataFrame({"part": "step", "status": "done", "method": ["backlund", "rk45", "rk45_fixed"], **prices})
+    work = {"method": ["a", "a", "b", "b"], "span": 100.0, "state": "generic", "longest": 1.0}
+    ends = {"seconds": [1e-5, np.nan, 2e-5, 4e-5], "stopped": [None, "too long", "refused", None]}
+    setup = pd.DataFrame({"part": "setup", "status": "done", "setup_us": [2.0, 7.0]})
+    found = fairness.assemble({"cost": cost, "work_precision": pd.DataFrame(work | ends), "ensemble": setup})
+    assert found.numbers["interpreted"] == {"us": 36.0, "ns": 40.0}
+    assert found.numbers["setup"] == {"least": 3.0, "most": 60.0, "ours": 60.0}
+    assert found.numbers["curves"] == {"all": 2, "floor": 0, "long": 1, "tight": 1}
+    assert (found.numbers["limits"], found.numbers["call"]) == ([(100.0, 1.0)], pytest.approx(10.0))
+    assert found.numbers["parameters"] == (2.0, 7.0)
+    assert "a factor of 900," in words(replace(report, fairness=found))
     table = found.methods.set_index("method")
     assert list(table["evaluations per step"][["backlund", "rk45_fixed"]]) == ["none", 6.0]
-    assert table.engine["rk45"] == "SciPy, interpreted"
 
 
 def test_methods_of_magnets_and_bodies_do_not_count_among_those_of_tops():
