@@ -154,7 +154,7 @@ def run(
 
         def finish(outcomes: Sequence[tuple[Task, Outcome]]) -> None:
             with interrupts.interrupt_held_back():  # stored and counted, or neither
-                same = [(task, o) for task, o in outcomes if o.get("sources", task.sources) == task.sources]
+                same = [(task, o) for task, o in outcomes if not workers.failed_by(o, workers.OTHER_SOURCES)]
                 store.append(*(_record(task, outcome) for task, outcome in same))
                 for task, outcome in same:
                     _count(summary, task, outcome)
@@ -219,7 +219,7 @@ class _Plan:
 
     def digest(self, cell: dict[str, Any]) -> str | None:
         """Of the source code that computes a cell, as it was when the run began."""
-        return sources.of_cell(self.experiment, cell, self.files)
+        return sources.of_cell(self.experiment, cell, self.files).digest
 
 
 def _fill(plan: _Plan, store: Store, summary: Summary, timings: bool, again: bool) -> None:

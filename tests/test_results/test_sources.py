@@ -11,10 +11,11 @@ from pathlib import Path
 import pytest
 
 from lagrange_bench.experiments import EXPERIMENTS
-from lagrange_bench.integrators import METHODS, imported
-from lagrange_bench.integrators.imported import Sources
+from lagrange_bench.integrators import METHODS
+from lagrange_bench.integrators.imported import Code, Sources
 from lagrange_bench.results import sources
 from lagrange_bench.results.store import cell_key
+from lagrange_bench.runner import workers
 
 ROOT = Path(__file__).resolve().parents[2]
 CELLS = {(e, m) for e in ("drift", "phase") for m in ("rk4", "kahan", "bobenko_suris", "backlund", "taylor")}
@@ -40,7 +41,7 @@ for method in (name for name in METHODS if available(METHODS[name]) and METHODS[
     found = imported.IMPORTED.files({"lagrange_bench.experiments.drift", METHODS.module(method)})
     assert ours <= set(found), (method, ours - set(found))
     assert METHODS.module(method) in ours or METHODS[method].requires, "negative control"
-    assert sources.of_cell("drift", cell)
+    assert sources.of_cell("drift", cell).digest
     tried += 1
 print(tried)
 """
@@ -78,7 +79,7 @@ def of(*words):
 
 def test_an_edit_marks_the_cells_that_depend_on_the_file():
     def digests(files):
-        return {(e, m): sources.of_cell(e, {"method": m}, files) for e, m in CELLS}
+        return {(e, m): sources.of_cell(e, {"method": m}, files).digest for e, m in CELLS}
 
     before = digests(Sources())
     assert None not in before.values()
@@ -100,7 +101,7 @@ def test_an_edit_marks_the_cells_that_depend_on_the_file():
 def test_methods_that_an_experiment_names_count_for_its_cells():
     """`cost` races the exact step against Taylor series, in a cell of the latter."""
     files = Sources(), Edited("integrators/methods/backlund.py")
-    before, now = (sources.of_cell("cost", {"method": "taylor"}, some) for some in files)
+    before, now = (sources.of_cell("cost", {"method": "taylor"}, some).digest for some in files)
     assert before != now
 
 
@@ -108,19 +109,19 @@ PRINT = """
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.results import sources
-print(*(sources.of_cell(e, {"method": m}) for e in EXPERIMENTS for m in [*METHODS][::6]))
+print(*(sources.of_cell(e, {"method": m}).digest for e in EXPERIMENTS for m in [*METHODS][::6]))
 """
 
 
 def test_it_is_the_same_in_every_process_and_folder(tree):
     here = Sources()
-    found = [sources.of_cell(e, {"method": m}, here) for e in EXPERIMENTS for m in [*METHODS][::6]]
+    found = [sources.of_cell(e, {"method": m}, here).digest for e in EXPERIMENTS for m in [*METHODS][::6]]
     assert python(tree, "-c", PRINT).split() == found
 
 
 def test_a_digest_of_the_kind_before_is_unknown():
     """Not the same, and not known to be another: it is of other things."""
-    now = sources.of_cell("drift", {"method": "rk4"})
+    now = sources.of_cell("drift", {"method": "rk4"}).digest
     assert sources.compared(now, "0" * 16) == sources.compared(None, now) == sources.UNKNOWN
     assert (sources.compared(now, now), sources.compared(now, "0" * 24)) == (sources.SAME, sources.OTHER)
 
@@ -132,24 +133,15 @@ def test_a_digest_of_the_kind_before_is_unknown():
 def folder(tmp_path, monkeypatch):
     """A folder of the user's: write(name, text) → the digest of the cells of mine:METHOD."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.setattr(sys, "dont_write_bytecode", False)
-    imported.install()
-    for name in ("mine", "helper", "middle", "deep", "beside"):  # of another test, in another folder
-        sys.modules.pop(name, None)
-    imported.IMPORTED.forget()
 
     def write(name, text, method="mine:METHOD"):
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
         importlib.invalidate_caches()
-        return sources.of_cell("drift", {"method": method}, Sources())
+        return sources.of_cell("drift", {"method": method}, Sources()).digest
 
-    yield write
-    for name, module in list(sys.modules.items()):
-        if str(getattr(module, "__file__", "")).startswith(str(tmp_path)):
-            del sys.modules[name]
+    return write
 
 
 IMPORTS = (
@@ -187,8 +179,8 @@ def test_an_installed_package_counts_if_it_is_asked_for(folder):
 
 
 def test_what_cannot_be_known_is_not(folder):
-    assert sources.of_cell("drift", {"method": "no_such_module:METHOD"}) is None
-    assert sources.of_cell("no.such", {}) is None
+    assert sources.of_cell("drift", {"method": "no_such_module:METHOD"}).digest is None
+    assert sources.of_cell("no.such", {}).digest is None
     assert folder("mine.py", "x = '\\udc80'\n") is not None
 
 
@@ -198,43 +190,34 @@ def test_an_edit_of_ones_own_file_is_another_key_and_of_the_benchs_is_none():
         assert len({cell_key("drift", 1, cell, digest) for digest in ("1" * 24, "2" * 24)}) == count
 
 
-# ---------------------------------------------------------------- as it was imported
+# ---------------------------------------------------------------- files that are edited meanwhile
 
 
-def test_what_was_imported_counts_and_not_what_the_file_has_now(folder):
-    """Also after an edit that keeps size and time of the file, which Python's cache of byte code misses."""
+@pytest.mark.parametrize("back", [False, True])
+def test_an_edit_is_noticed_by_the_process_that_read_the_file_before(folder, back):
+    """Also one that was taken back, as by git: what was imported in between is not known."""
     folder("mine.py", "VALUE = 1\n")
-    imported.follow("mine")
-    sys.path.insert(0, os.getcwd())
-    cell = {"method": "mine:METHOD"}
-    module = importlib.import_module("mine")
-    first, time = sources.of_cell("drift", cell), Path("mine.py").stat().st_mtime_ns
-    now = folder("mine.py", "VALUE = 2\n")
-    os.utime("mine.py", ns=(time, time))
-    assert sources.of_cell("drift", cell) == first != now
-    assert importlib.reload(module).VALUE == 2
-    assert sources.of_cell("drift", cell) == now
+    files = Sources()
+    code = sources.of_cell("drift", {"method": "mine:METHOD"}, files)
+    folder("other.py", "")
+    assert not files.edited(code), "negative control"
+    assert folder("mine.py", "VALUE = 2\n") != code.digest
+    if back:
+        assert folder("mine.py", "VALUE = 1\n") == code.digest
+    assert files.edited(code)
 
 
-def test_what_a_digest_was_made_of_is_what_is_imported_later(folder):
-    """An import within a function, after an edit: the process goes on with one state of the files."""
-    folder("helper.py", "VALUE = 1\n")
-    folder("mine.py", "def f():\n    import helper\n    return helper.VALUE\n")
-    sys.path.insert(0, os.getcwd())
-    cell = {"method": "mine:METHOD"}
-    first = sources.of_cell("drift", cell)
-    assert folder("helper.py", "VALUE = 2\n") != first
-    assert importlib.import_module("mine").f() == 1
-    assert sources.of_cell("drift", cell) == first
+def test_a_row_of_a_process_whose_files_were_edited_is_refused(folder, monkeypatch):
+    monkeypatch.setattr(workers, "IMPORTED", files := Sources())
+    code = Code("1" * 24, frozenset({"mine.py"}))
+    monkeypatch.setattr(workers.sources, "of_cell", lambda *cell: code)
+    monkeypatch.setattr(workers, "_measure", lambda *cell: {"status": "done", "rows": [], "error": None})
 
+    def refused(expected):
+        return workers.failed_by(workers.compute("toy", {}, expected=expected), workers.OTHER_SOURCES)
 
-def test_byte_code_is_used_again_and_never_for_another_source(folder, monkeypatch):
-    compiled, compile_ = [], imported.Loader.source_to_code
-    monkeypatch.setattr(imported.Loader, "source_to_code", lambda *a: compiled.append(1) or compile_(*a))
-    sys.path.insert(0, os.getcwd())
-    for value, count in ((1, 1), (1, 1), (2, 2)):
-        folder("mine.py", f"number = {value}\n")
-        sys.modules.pop("mine", None)
-        module = importlib.import_module("mine")
-        assert module.number == value
-        assert len(compiled) == count
+    assert (refused("1" * 24), refused(None), refused("2" * 24)) == (False, False, True)
+    folder("mine.py", "VALUE = 1\n")
+    files.read("mine.py")
+    folder("mine.py", "VALUE = 22\n")
+    assert refused("1" * 24)
