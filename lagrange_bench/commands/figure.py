@@ -73,7 +73,7 @@ def run(options: argparse.Namespace) -> Answer:
     if (options.x is None) != (options.y is None) or (options.x and options.name is None):
         raise ValueError("--x and --y go together, with the name of a figure or of an experiment")
     import_modules(options.module)
-    results, _ = find_results(options.results)
+    results = find_results(options.results)
     choice = choice_of(options)
     if not options.x:
         check_choice(results, choice)

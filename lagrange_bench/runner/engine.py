@@ -237,7 +237,7 @@ def _fill(plan: _Plan, store: Store, summary: Summary, timings: bool, again: boo
     for _, cell in plan.cells():
         tally.cells += 1
         digest = plan.digest(cell)
-        key = bytes.fromhex(cell_key(experiment, version, cell, digest))
+        key = cell_key(experiment, version, cell, digest)
         if key in seen:
             raise ValueError(f"experiment {experiment!r} lists the cell {cell} twice")
         if taken := set(ADDED) & set(cell):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 
 import pytest
@@ -140,20 +139,3 @@ def test_a_link_in_place_of_a_figure_is_not_followed(foreign, tmp_path):
     with pytest.raises(ValueError, match=r"drift_time\.svg is a symbolic link"):
         sections.write(section, foreign)
     assert (tmp_path / "mine").read_text() == "mine"
-
-
-def test_a_journal_that_is_no_file_is_not_waited_for(foreign):
-    os.mkfifo(foreign / "phase.jsonl")
-    assert Store(foreign).experiments() == ["drift"]
-    with pytest.raises(store.StoreError, match=r"cannot read .*phase\.jsonl: it is not a file"):
-        Store(foreign).read("phase")
-
-
-def test_messages_are_read_as_text_of_bounded_length(foreign):
-    failed = {"status": "failed", "rows": [], "warnings": [], "seconds": 0.1}
-    failed["error"] = {"type": "E", "message": "\ud800" + "x" * 10_000_000}
-    Store(foreign).append(store.make_record("drift", load("drift").VERSION, 1, {"method": "rk4"}, **failed))
-    (found,) = Store(foreign).open("drift").failures()["error_message"]
-    assert len(found.encode()) < 2100
-    stored(foreign, "drift", {"state": "generic", "method": "rk4"}, [{"note": "\ud800 λ"}], load("drift").VERSION)
-    assert Store(foreign).rows("drift").note.dropna().tolist() == ["? λ"]
