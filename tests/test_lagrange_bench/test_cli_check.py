@@ -9,7 +9,6 @@ import pytest
 from test_cli import HERE
 
 from lagrange_bench.experiments.measuring import bits, check
-from lagrange_bench.integrators import METHODS, registry
 
 
 def test_check_a_method_that_keeps_its_word(run):
@@ -44,17 +43,6 @@ def test_check_says_why_a_claim_fails_and_with_verbose_how_every_one_was_measure
     assert re.search(r"^fail: symmetric: a step and its inverse, .*; largest on \w+, h = 3$", out, re.MULTILINE)
     assert "central differences" not in out
     assert "central differences" in run("check", "toys.lies:METHOD", "--quick", "--verbose")[1]
-
-
-def test_check_finds_plug_ins(run, monkeypatch):
-    monkeypatch.syspath_prepend(str(HERE))
-    entries = {**METHODS._entries, "lies": registry.EntryPoint("lies", "toys.lies:METHOD", METHODS.group)}
-    monkeypatch.setitem(vars(METHODS), "_entries", entries)
-    monkeypatch.setattr(check, "CHECKS", (check.order,))
-    code, out, _ = run("check", "lies")
-    assert code == 1
-    file = HERE / "toys" / "lies.py"
-    assert out.splitlines()[-1] == f"lies (kick and rotation, {file}): 0 claims hold, 1 fail: order 2"
 
 
 # ---------------------------------------------------------------- bits

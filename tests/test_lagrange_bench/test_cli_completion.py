@@ -8,6 +8,7 @@ import subprocess
 import pytest
 
 from lagrange_bench import __main__ as cli
+from tests.test_docs import commands
 
 COMPLETED = [  # what is typed, some of what is offered, and what is not
     ("", {"run", "integrate", "completion"}, {"backlund", "--json"}),
@@ -38,17 +39,12 @@ def test_completion_in_bash(run, monkeypatch):
         assert not others & set(line.split()), typed
 
 
-NEEDED = {"compare": ("a", "b"), "check": ("rk4",), "completion": ("bash",), "judge": ("a.csv", "--case", "bruels")}
-
-
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_knows_every_option(run, shell):
+def test_completion_knows_every_command_and_option(run, shell):
     code, out, err = run("completion", shell)
     assert (code, err) == (0, "")
-    for module in cli.COMMANDS:
-        name = module.__name__.rpartition(".")[2]
+    for name, command in commands().items():
         assert name in out
-        for flag in cli.parser().parse_args([name, *NEEDED.get(name, ())]).flags:
-            assert flag.lstrip("-") in out or len(flag) == 2
+        assert not [flag for flag in command if flag.startswith("--") and flag.lstrip("-") not in out]
     if syntax := shutil.which(shell):
         assert subprocess.run([syntax, "-n"], input=out, capture_output=True, text=True, check=False).stderr == ""

@@ -35,8 +35,7 @@ def test_methods(run, answer):
 
 
 @pytest.mark.parametrize(
-    ("module", "why"),
-    [("no_such_module", "ModuleNotFoundError: "), ("leaves", "ImportError: it calls sys.exit('no')")],
+    ("module", "why"), [("no_such_module", "ModuleNotFoundError: "), ("leaves", "ImportError: it calls sys.exit('no')")]
 )
 @pytest.mark.parametrize("known", [METHODS, POTENTIALS, NAMED_TOPS], ids=lambda known: known.word)
 def test_a_plug_in_that_cannot_be_loaded_is_listed(run, answer, tmp_path, monkeypatch, known, module, why):
@@ -63,14 +62,9 @@ def test_tops(run, answer):
     data = {top["name"]: top for top in answer("tops")}
     assert data["generic"]["nutation_period"] == pytest.approx(4.22213, abs=1e-5)
     assert data["homoclinic"]["nutation_period"] is None
-    for name, top in TOPS.items():
-        assert (data[name]["alpha"], data[name]["state"]) == (top.alpha, list(top.y0))
-
-    for name, top in PERTURBED_TOPS.items():
-        assert (data[name]["potential"], data[name]["parameters"]) == (top.potential.name, list(top.parameters))
-        assert data[name]["state"] == list(top.y0)
-    assert data["axisymmetric"]["conserves"] == ["H", "J3", "C1", "C2"]
-    assert data["magnet"]["conserves"] == ["H", "C1", "C2"]
+    top = PERTURBED_TOPS["magnet"]
+    facts = {"alpha": top.alpha, "state": list(top.y0), "potential": "charge", "parameters": list(top.parameters)}
+    assert data["magnet"].items() >= {**facts, "conserves": ["H", "C1", "C2"]}.items()
 
 
 UNITS = {  # so that V has those of J²

@@ -312,7 +312,7 @@ def test_wrong_names_of_folders_and_experiments(folder, tmp_path):
         assert len(load(folder)["phase"]) == 3
 
 
-def test_the_command_draws_columns_and_limits(folder, tmp_path, capsys):
+def test_the_command_draws_columns_and_limits(folder, tmp_path):
     words = ["figure", "phase_h", "--results", str(folder), "--quiet", "--output"]
     for name, more in {
         "columns": ["--x", "h", "--y", "off", "--methods", "rk4", "--xlim", "0.01,2"],
@@ -323,12 +323,3 @@ def test_the_command_draws_columns_and_limits(folder, tmp_path, capsys):
     assert "error off the torus" in columns
     assert "generic unit top" in columns
     assert columns != wide
-    capsys.readouterr()
-    for more, message in (
-        (["--x", "h"], "--x and --y go together"),
-        (["--x", "h", "--y", "of"], "did you mean 'off'"),
-        (["--xlim", "1"], "must be two numbers"),
-    ):
-        assert main([*words, str(tmp_path / "no.svg"), *more]) == 2
-        assert message in capsys.readouterr().err
-    assert not (tmp_path / "no.svg").exists()

@@ -118,7 +118,7 @@ def foreign(tmp_path):
     return tmp_path / "results"
 
 
-@pytest.mark.parametrize("name", ["page", "page/index.html", "page/figures"])
+@pytest.mark.parametrize("name", ["page", "page/index.html"])
 def test_a_link_in_a_foreign_folder_is_not_followed(run, foreign, name):
     """What it points to is the reader's."""
     target = foreign.parent / "mine"

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import tracemalloc
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench import columns, judge
+from lagrange_bench import judge
 from lagrange_bench.integrators import CASES, RigidTop
-from lagrange_bench.judging import Convention, judge_file
 
 BRUELS = CASES["bruels"]
 T = np.linspace(0, 2, 401)
@@ -213,16 +211,3 @@ def test_orders_are_those_of_the_method(nodes, order, tmp_path, answer):
     assert [*found["position"], *found["rotation"]] == pytest.approx([order] * 4, abs=0.15)
     equal = answer("judge", *files, "--case", "slow", "--steps", "1,1,1")["orders"]
     assert equal["position"] == [None, None]
-
-
-def test_memory_does_not_grow_with_the_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(columns, "ROWS", 2000)
-    peaks = []
-    for n in (20_000, 100_000):
-        t = np.arange(n) * 1e-5
-        file = write(tmp_path / f"{n}.csv", "t x y z", t, BRUELS.solution(t).position)
-        tracemalloc.start()
-        assert judge_file(file, BRUELS, Convention(), {}).rows == n
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert peaks[1] < 1.3 * peaks[0]

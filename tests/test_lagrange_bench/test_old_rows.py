@@ -110,33 +110,9 @@ def test_old_rows_and_damaged_lines_are_named(run, study):
     assert "cannot be drawn from out: toy.study.jsonl, line 1: damaged" in err
 
 
-def test_text_in_a_column_of_numbers_is_one_line(run, study):
-    """Which columns hold numbers the experiment alone knows, when it draws."""
-    study.measure = lambda cell: [{"square": 1.0}] if cell["i"] else [{"square": "one"}]
-    study.draw = lambda rows: draw(rows.assign(square=rows.square * 1.5))
-    append(study, *range(6))
-    code, out, err = run(*FIGURE, "--quiet")
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert "no figure can be drawn from toy.study.jsonl: TypeError: " in err
-    code, out, err = run("report", "--results", "out", "--output", "page")
-    assert code == 1
-    assert "not drawn: toy.study: figures cannot be drawn: TypeError: " in err
-
-
 def test_a_version_that_is_no_number_is_refused(run, study):
     """Its records would be stored, and skipped by every reader."""
     study.VERSION = "1.0"
     code, out, err = run("run", NAME, "--results", "new", "--quiet")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert "VERSION must be a number; got '1.0'" in err
-
-
-def test_a_journal_named_after_a_module_that_is_no_experiment_stops_nothing(run, study):
-    journal = Store("out").path(NAME)
-    journal.with_name("os.path.jsonl").write_bytes(journal.read_bytes())
-    code, out, err = run("figure", "--all", "--format", "svg", "--width", "page", "--results", "out")
-    assert (code, NAME in out, "experiment 'os.path'" in err) == (
-        1,
-        True,
-        True,
-    )

@@ -45,11 +45,6 @@ def install(site: Path, name: str, groups: dict[str, dict[str, str]]) -> None:
     (info / "entry_points.txt").write_text("\n".join(lines))
 
 
-def test_not_there_unless_installed():
-    """The control: without its package the name is unknown."""
-    assert not {"suzuki4", "well", "mine"} & {*METHODS, *POTENTIALS, *NAMED_TOPS}
-
-
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory):
     """The example of the documents, and a package with names that are taken: it is left out with one warning."""

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-import pandas as pd
 import pytest
 
 from lagrange_bench.experiments import drift, phase
-from lagrange_bench.experiments import work_precision as experiment
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.integrators import METHODS
+from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.results.store import Journal, Store, make_record
 from lagrange_bench.runner import engine
@@ -43,9 +41,11 @@ def test_what_is_chosen_is_shown(tmp_path, names, taken, leaves_out):
     choice.check(CELLS)
 
 
-def test_a_run_computes_what_is_chosen():
+def test_a_run_computes_what_is_chosen(tmp_path):
     def cells(choice):
-        return dict(engine._Plan("phase", "quick", choice).cells())
+        summary = engine.Summary(tmp_path, "quick")
+        tasks = engine._missing("phase", choice, Sources(), Store(tmp_path), summary, timings=True, again=False)
+        return {task.position: task.cell for task in tasks}
 
     chosen = Choice(("rk4", "strang"), ("generic",))
     every, some = cells(ALL), cells(chosen)
@@ -74,30 +74,6 @@ def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypa
     code, out, err = run("figure", "phase_h", "--methods", "strang", "--results", tmp_path)
     assert (code, out) == (2, "")
     assert err.endswith("phase has no rows of strang: lagrange-bench run phase --methods strang\n")
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        (
-            "run drift --methods rk44 --results {0}",
-            "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
-        ),
-        ("run drift --tops x --results {0}", "--tops: no cell here has the top 'x'. Known: "),
-        ("run drift --methods mine.py --results {0}", "method mine.py: write mine:METHOD"),
-        ("run drift --highlight far/mine.py --results {0}", "method far/mine.py: write mine:METHOD in the folder far"),
-        ("run drfit --results {0}", "did you mean 'drift'?"),
-        ("run drift --tops , --results {0}", "--tops: must be names separated by commas"),
-        ("figure phase_h --methods bakclund", "did you mean 'backlund'?"),
-        ("report --tops generik --output {0}", "did you mean 'generic'?"),
-        ("run phase --methods rk4 --tops figure1 --results {0}", "--methods rk4 --tops figure1: no cell here has such"),
-    ],
-)
-def test_wrong_names_are_refused_with_the_reason(run, tmp_path, words, named):
-    code, out, err = run(*words.format(tmp_path / "out").split())
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert named in err
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_method_that_takes_none_of_the_tops_is_refused_with_its_reason():
@@ -143,14 +119,3 @@ def test_a_plug_in_stands_out_and_a_few_are_all_named():
     assert not [look for look in few.values() if look["label"].startswith("_")]
     both = style.looks(["gauss4", "gauss6"], named=[])
     assert both["gauss4"]["color"] != both["gauss6"]["color"], "of one family, and still told apart"
-
-
-# ---------------------------------------------------------------- from Python
-
-
-def test_a_method_without_a_useful_run_is_named_too():
-    rows = pd.DataFrame({"method": ["rk4", "rk4", "strang"], "error": [1e-3, 1e-6, 2.0], "seconds": [1.0, 2.0, np.nan]})
-    rows = rows.assign(setup_seconds=0.0, state="generic", span=100.0, status="done")
-    with style.apply():
-        (ax,) = experiment.draw_frontier(rows, style).axes
-    assert [text.get_text() for text in ax.texts if text.get_gid() == "failed"] == ["× Strang"]
