@@ -79,10 +79,8 @@ def load(results: str | Path = "reference") -> Results:
 
     Raises
     ------
-    FileNotFoundError
-        There is no such folder, or nothing is stored there.
-    KeyError
-        When an experiment is asked for that has no rows there; the message names those that have.
+    FileNotFoundError : there is no such folder, or nothing is stored there. KeyError : when an experiment is asked for that has
+    no rows there; the message names those that have.
     """
     return Results(published() if str(results) == "reference" else find_results(Path(results)))
 

@@ -103,7 +103,7 @@ def compared(one: str | None, other: str | None) -> str:
     return SAME if one == other else OTHER
 
 
-def told(ages: Mapping[str, int]) -> str:
+def summary(ages: Mapping[str, int]) -> str:
     """How many stored cells are not known to come from the sources that are here; empty if none. ages : see `judge`."""
     return "; ".join(f"{_cells(ages[age])} computed {words}" for age, words in WORDS.items() if ages.get(age))
 

@@ -178,6 +178,11 @@ def text_of(thing: Any) -> str:
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}… ({len(text)} characters)"
 
 
+def failure_text(error: Mapping[str, str]) -> str:
+    """What went wrong, in a line."""
+    return f"{error['type']}: {error['message']}"
+
+
 def _unicode(text: str) -> str:
     """A str, and of no class of a plug-in's; lone surrogates, as in names of files that are not UTF-8, are spelt out."""
     return str.encode(text, "utf-8", "backslashreplace").decode()
@@ -258,7 +263,7 @@ class Journal:
         """
         table = []
         for record in self.latest:
-            failure = record["error"] and f"{record['error']['type']}: {record['error']['message']}"
+            failure = record["error"] and failure_text(record["error"])
             added = {"key": record["key"], "status": record["status"], "failure": failure}
             for row in record["rows"] if record["status"] == "done" else [{}]:
                 table.append(restore({**record["cell"], **row, **added}))

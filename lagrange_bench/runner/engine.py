@@ -21,7 +21,7 @@ from lagrange_bench.integrators import interrupts, machine, memory
 from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
-from lagrange_bench.results.store import ADDED, Record, Store, cell_key, clean, make_record
+from lagrange_bench.results.store import ADDED, Record, Store, cell_key, clean, failure_text, make_record
 from lagrange_bench.runner import progress, workers
 from lagrange_bench.runner.workers import Outcome, Task
 
@@ -83,7 +83,7 @@ class Summary:
                 "note: the h in {…} is in units of 1/(|J| + √(|α||x|)), the h of a StepError in those of the top"
             )
         for name, t in self.tallies.items():
-            old = sources.told({sources.OTHER: t.other_sources, sources.UNKNOWN: t.unknown_sources})
+            old = sources.summary({sources.OTHER: t.other_sources, sources.UNKNOWN: t.unknown_sources})
             lines += [f"old: {name}: {old}"] if old else []
             lines += [f"set aside: {name}: {t.set_aside} of the cells are not stored: {ASIDE}"] if t.set_aside else []
         return "\n".join([*lines, *self.notes, f"results: {self.results}"])
@@ -263,6 +263,6 @@ def _count(summary: Summary, task: Task, outcome: Outcome) -> None:
     if outcome["status"] == "done":
         tally.computed += 1
     else:
-        error = f"{outcome['error']['type']}: {outcome['error']['message']}"
+        error = failure_text(outcome["error"])
         setattr(tally, _word(error), getattr(tally, _word(error)) + 1)
         summary.failures.append((task.experiment, task.cell, error))

@@ -71,7 +71,7 @@ def verify(
         reasons = result.notes[:SHOWN] or ["it has no cells with anything but times"]
         more = [f"{len(result.notes) - SHOWN} more"] if len(result.notes) > SHOWN else []
         raise StoreError(f"no cell of {folder} was computed again: {'; '.join([*reasons, *more])}")
-    ages = sources.told(result.stored)
+    ages = sources.summary(result.stored)
     result.notes += [ages] if ages else []
     current: dict[tuple[str, str], Record] = {}
     with progress.follow({"verify": len(records)}, show) as bar:

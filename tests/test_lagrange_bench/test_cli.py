@@ -14,7 +14,9 @@ import pytest
 
 from lagrange_bench import __main__ as cli
 from lagrange_bench import integrators
+from lagrange_bench.experiments import phase
 from lagrange_bench.integrators import METHODS, registry
+from lagrange_bench.results.store import Store, make_record
 
 COMMANDS = tuple(module.__name__.rpartition(".")[2] for module in cli.COMMANDS)
 SLOW = ["numpy", "numba", "scipy", "matplotlib", "pandas", "heyoka", "mpmath", "rich", "jinja2", "multiprocessing"]
@@ -144,14 +146,14 @@ BAD = {  # words → what the line must name
     "run drift --tops x": "--tops: no cell here has the top 'x'. Known: ",
     "run drift --methods mine.py": "method mine.py: write mine:METHOD",
     "run drift --highlight far/mine.py": "method far/mine.py: write mine:METHOD in the folder far",
-    "figure phase_h --methods bakclund": "did you mean 'backlund'?",
-    "report --tops generik --output out": "did you mean 'generic'?",
+    "figure phase_h --methods bakclund --results small": "did you mean 'backlund'?",
+    "report --tops generik --output out --results small": "did you mean 'generic'?",
     "run phase --methods rk4 --tops figure1": "--methods rk4 --tops figure1: no cell here has such",
     "figure phase_h --x h": "--x and --y go together",
     "figure phase_h --xlim 1": "must be two numbers",
-    "figure phase_h --x h --y of": "y must be a column of numbers; got 'of'",
-    "figure ensemble_throughput --output x.eps": "--output x.eps: the name must end in",
-    "figure ensemble_throughput --format pdf --output x.svg": "--format pdf and --output x.svg",
+    "figure phase_h --x h --y of --results small": "y must be a column of numbers; got 'of'; did you mean 'off'?",
+    "figure phase_h --output x.eps --results small": "--output x.eps: the name must end in",
+    "figure phase_h --format pdf --output x.svg --results small": "--format pdf and --output x.svg",
     # a file of the user's that ends the process
     "check leaves:METHOD --quick": f"method leaves:METHOD {LEAVES}",
     f"{I} --method leaves:METHOD": f"method leaves:METHOD {LEAVES}",
@@ -166,8 +168,11 @@ def test_bad_input(run, words, folder, monkeypatch):
     """Known before anything is computed, drawn or written."""
     sweep = f'[[sweep]]\nmethods = ["strang"]\nh = [0.5]\ntime = 50\nsamples = {10**9}\n'
     (folder / "mine.toml").write_text(sweep)
-    for name in ("folder.csv", "mine"):
+    for name in ("folder.csv", "mine", "small"):
         (folder / name).mkdir()
+    done = {"status": "done", "rows": [{"off": 1.0}], "error": None, "warnings": [], "seconds": 0.1, "sources": None}
+    cell = {"part": "h", "state": "generic", "method": "backlund", "h": 0.5}
+    Store(folder / "small").append(make_record("phase", phase.VERSION, 0, cell, **done))
     for name in ("leaves.py", "mine/leaves.py"):
         (folder / name).write_text("import sys\n\nsys.exit(0)\n")
     before = sorted(folder.iterdir())

@@ -54,7 +54,7 @@ def test_a_run_computes_what_is_chosen(tmp_path):
     assert len(some) < len(every)
 
 
-@pytest.mark.parametrize("words", [("phase_h",), ("--all",)])
+@pytest.mark.parametrize("words", [("phase_h",), ("--all", "--format", "svg", "--width", "column")])
 def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypatch, words):
     """In one reading of each journal."""
     cell = {"part": "h", "state": "generic", "span": 64, "h": 0.25}

@@ -155,10 +155,6 @@ def test_another_schema_is_an_error_that_says_so(filled):
 # ---------------------------------------------------------------- which record counts
 
 
-def other_packages(monkeypatch):
-    monkeypatch.setattr(store, "_packages", lambda: {"numpy": "99"})
-
-
 def test_the_last_success_counts(tmp_path):
     results = Store(tmp_path)
     results.append(record(1, "failed"), record(1), record(2), record(3, i=1, position=1), record(9, "failed", i=1))
@@ -175,13 +171,13 @@ def test_another_environment_replaces_even_by_failure_and_its_cells_are_computed
     results = Store(tmp_path)
     results.append(first := record(1))
     with monkeypatch.context() as changed:
-        other_packages(changed)
+        changed.setattr(store, "_packages", lambda: {"numpy": "99"})
         results.append(later := record(2, status, position=1, i=1))
     assert results.rows("toy")["status"].tolist() == [status]
-    assert set(results.done("toy")[0]) == ({later["key"]} if status == "done" else set())
+    assert list(results.done("toy")[0]) == ([later["key"]] if status == "done" else [])
     results.append(first)
     assert results.rows("toy")["square"].tolist() == [1]
-    assert set(results.done("toy")[0]) == {first["key"]}
+    assert list(results.done("toy")[0]) == [first["key"]]
 
 
 def test_other_sources_replace_even_by_failure(tmp_path):
