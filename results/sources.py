@@ -30,8 +30,13 @@ WORDS = {
 }
 
 
-def of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED) -> Code:
-    """The source code that computes a cell; its digest is None if it is not known.
+def of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED) -> str | None:
+    """Digest of the source code that computes a cell; None if it is not known. sources : see `code_of_cell`."""
+    return code_of_cell(experiment, cell, sources).digest
+
+
+def code_of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED) -> Code:
+    """The source code that computes a cell.
 
     sources : as this process read them; `Sources()` for the files as they are now.
     """
@@ -93,7 +98,7 @@ def judge(record: Mapping[str, Any], sources: Sources) -> str:
         return UNKNOWN
     if outdated(record):
         return OUTDATED
-    return compared(record.get("sources"), of_cell(record["experiment"], record["cell"], sources).digest)
+    return compared(record.get("sources"), of_cell(record["experiment"], record["cell"], sources))
 
 
 def compared(one: str | None, other: str | None) -> str:

@@ -121,7 +121,7 @@ def make_record(experiment: str, version: int, position: int, cell: Mapping[str,
     in this process: the digest of the source code (None: not known); and provenance, if not on this machine.
     """
     if "sources" not in outcome:
-        outcome["sources"] = sources.of_cell(experiment, cell).digest
+        outcome["sources"] = sources.of_cell(experiment, cell)
     key = cell_key(experiment, version, cell, outcome["sources"])
     head = {"schema": SCHEMA, "key": key, "experiment": experiment, "version": version, "position": position}
     return {"provenance": provenance.provenance(), **head, "cell": clean(cell), **outcome}

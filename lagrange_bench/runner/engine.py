@@ -205,7 +205,7 @@ def _missing(
         if not choice.takes(cell):
             continue
         tally.cells += 1
-        digest = sources.of_cell(experiment, cell, files).digest
+        digest = sources.of_cell(experiment, cell, files)
         key = cell_key(experiment, module.VERSION, cell, digest)
         if key in seen:
             raise ValueError(f"experiment {experiment!r} lists the cell {cell} twice")

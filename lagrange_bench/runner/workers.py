@@ -256,7 +256,7 @@ def compute(experiment: str, cell: dict[str, Any], limit: float | None = None, e
     the source code; a cell that other code computes here, or whose code was edited meanwhile, has no rows.
     """
     start = perf_counter()
-    code = sources.of_cell(experiment, cell)  # the files are read before they are imported
+    code = sources.code_of_cell(experiment, cell)  # the files are read before they are imported
     if expected in (None, code.digest) and not IMPORTED.edited(code):
         outcome = {**_measure(experiment, cell, limit), "seconds": round(perf_counter() - start, 3)}
         if not IMPORTED.edited(code):

@@ -12,7 +12,6 @@ from types import ModuleType
 import pytest
 
 from lagrange_bench.experiments.drawing import style
-from lagrange_bench.integrators.imported import Code
 from lagrange_bench.report import page
 from lagrange_bench.results import sources
 from lagrange_bench.results.store import Store, clean, make_record
@@ -36,7 +35,7 @@ def study(one_core, monkeypatch, tmp_path):
     module.measure = lambda cell: [{"square": float(cell["i"] ** 2)}]
     monkeypatch.setitem(sys.modules, NAME, module)
     monkeypatch.setattr(page, "EXPERIMENTS", (NAME,))
-    monkeypatch.setattr(sources, "of_cell", lambda *cell: Code("1" * 24))  # it has no file
+    monkeypatch.setattr(sources, "of_cell", lambda *cell: "1" * 24)  # it has no file
     monkeypatch.chdir(tmp_path)
     (tmp_path / "out").mkdir()
     append(module, *range(6))

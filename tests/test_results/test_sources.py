@@ -41,7 +41,7 @@ for method in (name for name in METHODS if available(METHODS[name]) and METHODS[
     found = imported.IMPORTED.files({"lagrange_bench.experiments.drift", METHODS.module(method)})
     assert ours <= set(found), (method, ours - set(found))
     assert METHODS.module(method) in ours or METHODS[method].requires, "negative control"
-    assert sources.of_cell("drift", cell).digest
+    assert sources.of_cell("drift", cell)
     tried += 1
 print(tried)
 """
@@ -79,7 +79,7 @@ def of(*words):
 
 def test_an_edit_marks_the_cells_that_depend_on_the_file():
     def digests(files):
-        return {(e, m): sources.of_cell(e, {"method": m}, files).digest for e, m in CELLS}
+        return {(e, m): sources.of_cell(e, {"method": m}, files) for e, m in CELLS}
 
     before = digests(Sources())
     assert None not in before.values()
@@ -101,7 +101,7 @@ def test_an_edit_marks_the_cells_that_depend_on_the_file():
 def test_methods_that_an_experiment_names_count_for_its_cells():
     """`cost` races the exact step against Taylor series, in a cell of the latter."""
     files = Sources(), Edited("integrators/methods/backlund.py")
-    before, now = (sources.of_cell("cost", {"method": "taylor"}, some).digest for some in files)
+    before, now = (sources.of_cell("cost", {"method": "taylor"}, some) for some in files)
     assert before != now
 
 
@@ -109,19 +109,19 @@ PRINT = """
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.results import sources
-print(*(sources.of_cell(e, {"method": m}).digest for e in EXPERIMENTS for m in [*METHODS][::6]))
+print(*(sources.of_cell(e, {"method": m}) for e in EXPERIMENTS for m in [*METHODS][::6]))
 """
 
 
 def test_it_is_the_same_in_every_process_and_folder(tree):
     here = Sources()
-    found = [sources.of_cell(e, {"method": m}, here).digest for e in EXPERIMENTS for m in [*METHODS][::6]]
+    found = [sources.of_cell(e, {"method": m}, here) for e in EXPERIMENTS for m in [*METHODS][::6]]
     assert python(tree, "-c", PRINT).split() == found
 
 
 def test_a_digest_of_the_kind_before_is_unknown():
     """Not the same, and not known to be another: it is of other things."""
-    now = sources.of_cell("drift", {"method": "rk4"}).digest
+    now = sources.of_cell("drift", {"method": "rk4"})
     assert sources.compared(now, "0" * 16) == sources.compared(None, now) == sources.UNKNOWN
     assert (sources.compared(now, now), sources.compared(now, "0" * 24)) == (sources.SAME, sources.OTHER)
 
@@ -139,7 +139,7 @@ def folder(tmp_path, monkeypatch):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
         importlib.invalidate_caches()
-        return sources.of_cell("drift", {"method": method}, Sources()).digest
+        return sources.of_cell("drift", {"method": method}, Sources())
 
     return write
 
@@ -179,8 +179,8 @@ def test_an_installed_package_counts_if_it_is_asked_for(folder):
 
 
 def test_what_cannot_be_known_is_not(folder):
-    assert sources.of_cell("drift", {"method": "no_such_module:METHOD"}).digest is None
-    assert sources.of_cell("no.such", {}).digest is None
+    assert sources.of_cell("drift", {"method": "no_such_module:METHOD"}) is None
+    assert sources.of_cell("no.such", {}) is None
     assert folder("mine.py", "x = '\\udc80'\n") is not None
 
 
@@ -198,7 +198,7 @@ def test_an_edit_is_noticed_by_the_process_that_read_the_file_before(folder, bac
     """Also one that was taken back, as by git: what was imported in between is not known."""
     folder("mine.py", "VALUE = 1\n")
     files = Sources()
-    code = sources.of_cell("drift", {"method": "mine:METHOD"}, files)
+    code = sources.code_of_cell("drift", {"method": "mine:METHOD"}, files)
     folder("other.py", "")
     assert not files.edited(code), "negative control"
     assert folder("mine.py", "VALUE = 2\n") != code.digest
@@ -210,7 +210,7 @@ def test_an_edit_is_noticed_by_the_process_that_read_the_file_before(folder, bac
 def test_a_row_of_a_process_whose_files_were_edited_is_refused(folder, monkeypatch):
     monkeypatch.setattr(workers, "IMPORTED", files := Sources())
     code = Code("1" * 24, frozenset({"mine.py"}))
-    monkeypatch.setattr(workers.sources, "of_cell", lambda *cell: code)
+    monkeypatch.setattr(workers.sources, "code_of_cell", lambda *cell: code)
     monkeypatch.setattr(workers, "_measure", lambda *cell: {"status": "done", "rows": [], "error": None})
 
     def refused(expected):
