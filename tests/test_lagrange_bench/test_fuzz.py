@@ -298,6 +298,7 @@ def test_any_top(name):
     assert results[True] > results[False] / 3, "hardly anything was judged"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, record in FOR_TOPS.items() if record.attitude is not None])
 def test_any_attitude(name):
     record = installed(name)
