@@ -122,3 +122,33 @@ def short_races(monkeypatch):
 def one_core(monkeypatch):
     """Pages are drawn in this process: starting others takes longer than a few figures."""
     monkeypatch.setattr("lagrange_bench.integrators.machine.usable_cores", lambda: 1)
+
+
+@pytest.fixture
+def in_process(monkeypatch):
+    """Cells are computed in this process: starting others takes longer than most cells."""
+    from lagrange_bench.runner import workers
+
+    class Here:
+        def __init__(self, jobs, limit=None):
+            self.task = None
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        @property
+        def room(self):
+            return self.task is None
+
+        def submit(self, task):
+            self.task = task
+
+        def finished(self):
+            task, self.task = self.task, None
+            return [(task, workers.compute(task.experiment, task.cell, None, task.sources))]
+
+    monkeypatch.setattr(workers, "Local", Here)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")

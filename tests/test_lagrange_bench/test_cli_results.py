@@ -25,8 +25,7 @@ def toy(monkeypatch):
     return "toys.behaviour"
 
 
-@pytest.mark.processes
-def test_run(run, toy, tmp_path, monkeypatch):
+def test_run(run, toy, in_process, tmp_path, monkeypatch):
     """It draws if asked, and never a figure without rows."""
     drawn, results = [], tmp_path / "my results"
     figure = results / "page" / "figure.svg"
@@ -63,7 +62,6 @@ def test_run_takes_all_experiments_by_default(run, monkeypatch):
     )
 
 
-@pytest.mark.processes
 def test_report(run, one_core, tmp_path, monkeypatch):
     opened = []
     monkeypatch.setattr("webbrowser.open", opened.append)
@@ -96,8 +94,7 @@ def draw(rows):
 """
 
 
-@pytest.mark.processes
-def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, one_core, folder):
+def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, one_core, folder):
     """Each command prints the next one."""
     (folder / "my_study").mkdir()
     (folder / "my_study" / "energy.py").write_text(STUDY)

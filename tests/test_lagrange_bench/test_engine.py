@@ -42,7 +42,7 @@ def tally(summary):
 # ---------------------------------------------------------------- what is computed
 
 
-def test_only_what_is_missing(toy, monkeypatch):
+def test_only_what_is_missing(toy, in_process, monkeypatch):
     first = toy(squares(1, 2, 3))
     assert (tally(first), first.exit_code) == ((3, 0, 0), 0)
     assert tally(toy(squares(3, 4, 1))) == (1, 2, 0)
@@ -103,7 +103,7 @@ ERRORS = {
 }
 
 
-def test_a_failing_cell_is_a_result(toy, run, one_core, tmp_path):
+def test_a_failing_cell_is_a_result(toy, in_process, run, one_core, tmp_path):
     """Whatever a plug-in raises is a text of bounded length that can be printed, stored and put on a page."""
     file = tmp_path / "there"
     cells = [{"do": what, "i": i, "file": str(file)} for i, what in enumerate(ERRORS)] + squares(7, 8)
@@ -176,7 +176,7 @@ def test_a_cell_that_takes_too_much_memory_fails_alone(toy, monkeypatch):
     assert toy([{"do": "memory", "GB": 0.6, "i": 2}]).failures == []
 
 
-def test_a_method_that_is_not_available_is_skipped_and_said_once(toy):
+def test_a_method_that_is_not_available_is_skipped_and_said_once(toy, in_process):
     ghost = Method("ghost", "", "", 1, False, False, frozenset(), "step", "", lambda: None, requires="no_such_package")
     engine._lacks.cache_clear()
     with registry.METHODS.lent(ghost):

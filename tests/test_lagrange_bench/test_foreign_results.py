@@ -94,7 +94,7 @@ def test_nothing_is_imported_that_no_command_names(evil, run):
     assert (code, "not computed" in out + err) == (1, False)  # the stored rows are made up
 
 
-def test_an_installed_experiment_needs_no_permission(evil, run):
+def test_an_installed_experiment_needs_no_permission(evil, in_process, run):
     info = evil / "evil-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: evil\nVersion: 1.0\n")

@@ -86,7 +86,7 @@ def test_a_method_that_takes_none_of_the_tops_is_refused_with_its_reason():
         Choice(("backlund",)).check([*in_potentials, {"method": "rk4", "state": "generic"}])
 
 
-def test_a_choice_may_leave_nothing_of_one_of_several_experiments(run, tmp_path):
+def test_a_choice_may_leave_nothing_of_one_of_several_experiments(run, in_process, tmp_path):
     words = ("--methods", "backlund", "--tops", "figure2", "--quiet", "--results", tmp_path)
     code, out, err = run("run", "ensemble", "paper", *words)
     assert (code, err) == (0, "")

@@ -168,7 +168,7 @@ OWN = ("--quiet", "--module", TOY)
 
 
 @pytest.fixture
-def toy(monkeypatch, tmp_path):
+def toy(in_process, monkeypatch, tmp_path):
     """A store of toy cells that are computed again; `toy(row)` has the stored rows say so instead."""
     monkeypatch.syspath_prepend(str(HERE))
 
