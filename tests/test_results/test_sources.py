@@ -207,17 +207,25 @@ def test_an_edit_is_noticed_by_the_process_that_read_the_file_before(folder, bac
     assert files.edited(code)
 
 
-def test_a_row_of_a_process_whose_files_were_edited_is_refused(folder, monkeypatch):
+def test_a_row_whose_files_were_edited_while_it_was_computed_is_refused(folder, monkeypatch):
+    """And those after it in this process; so is one whose files are not those of the run."""
     monkeypatch.setattr(workers, "IMPORTED", files := Sources())
     code = Code("1" * 24, frozenset({"mine.py"}))
     monkeypatch.setattr(workers.sources, "code_of_cell", lambda *cell: code)
-    monkeypatch.setattr(workers, "_measure", lambda *cell: {"status": "done", "rows": [], "error": None})
-
-    def refused(expected):
-        return workers.failed_by(workers.compute("toy", {}, expected=expected), workers.OTHER_SOURCES)
-
-    assert (refused("1" * 24), refused(None), refused("2" * 24)) == (False, False, True)
     folder("mine.py", "VALUE = 1\n")
     files.read("mine.py")
-    folder("mine.py", "VALUE = 22\n")
+
+    def measure(experiment, cell, limit):
+        if cell["edit"]:
+            folder("mine.py", "VALUE = 22\n")
+        return {"status": "done", "rows": [], "error": None}
+
+    monkeypatch.setattr(workers, "_measure", measure)
+
+    def refused(expected, edit=False):
+        outcome = workers.compute("toy", {"edit": edit}, expected=expected)
+        return workers.failed_by(outcome, workers.OTHER_SOURCES)
+
+    assert (refused("1" * 24), refused(None), refused("2" * 24)) == (False, False, True)
+    assert refused("1" * 24, edit=True)
     assert refused("1" * 24)
