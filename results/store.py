@@ -42,6 +42,7 @@ SCHEMA = 1  # of the records; the envelope (one JSON object a line, "schema", "s
 ADDED = ("key", "status", "failure")  # columns `rows` adds to those of a cell
 SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of the row fields that may be lists of numbers: raw timings
 LONGEST = 2000  # characters of a message
+COMPUTED: Record = {"rows": [], "error": None, "warnings": [], "seconds": 0.0}  # what became of a cell
 
 
 class StoreError(RuntimeError):
@@ -117,9 +118,10 @@ def _built_in() -> dict[str, tuple[str | None, ...]]:
 def make_record(experiment: str, version: int, position: int, cell: Mapping[str, Any], **outcome: Any) -> Record:
     """A record without its SHA-256. `position` of the cell among the experiment's cells: the order of `rows`.
 
-    outcome : status ("done" or "failed"), rows, error (None or a dict), warnings, seconds; sources, if it was not computed
-    in this process: the digest of the source code (None: not known); and provenance, if not on this machine.
+    outcome : of `COMPUTED`, what differs; error (None or a dict: then the cell failed); sources, if it was not computed in this
+    process: the digest of the source code (None: not known); and provenance, if not on this machine.
     """
+    outcome = {**COMPUTED, "status": "failed" if outcome.get("error") else "done", **outcome}
     if "sources" not in outcome:
         outcome["sources"] = sources.of_cell(experiment, cell)
     key = cell_key(experiment, version, cell, outcome["sources"])

@@ -172,9 +172,7 @@ def test_a_page_in_the_making_is_given_up_at_once(tmp_path):
     words = ["report", "--results", str(tmp_path), "--output", "page"]
     for name in ("one", "two", "three", "four"):
         (tmp_path / "slow" / f"{name}.py").write_text(SLOW)
-        outcome = {"status": "done", "rows": [{"x": 1.0}], "error": None, "warnings": [], "seconds": 0.1}
-        record = make_record("drift", 1, 0, {"i": 0}, **outcome)
-        Store(tmp_path).append({**record, "experiment": f"slow.{name}"})
+        Store(tmp_path).append(make_record(f"slow.{name}", 1, 0, {"i": 0}, rows=[{"x": 1.0}]))
         words += ["--module", f"slow.{name}"]
     command = [sys.executable, "-m", "lagrange_bench", *words]
     run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True)

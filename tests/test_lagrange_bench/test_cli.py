@@ -170,9 +170,8 @@ def test_bad_input(run, words, folder, monkeypatch):
     (folder / "mine.toml").write_text(sweep)
     for name in ("folder.csv", "mine", "small"):
         (folder / name).mkdir()
-    done = {"status": "done", "rows": [{"off": 1.0}], "error": None, "warnings": [], "seconds": 0.1, "sources": None}
     cell = {"part": "h", "state": "generic", "method": "backlund", "h": 0.5}
-    Store(folder / "small").append(make_record("phase", phase.VERSION, 0, cell, **done))
+    Store(folder / "small").append(make_record("phase", phase.VERSION, 0, cell, rows=[{"off": 1.0}], sources=None))
     for name in ("leaves.py", "mine/leaves.py"):
         (folder / name).write_text("import sys\n\nsys.exit(0)\n")
     before = sorted(folder.iterdir())

@@ -121,8 +121,7 @@ def test_figures_are_listed_in_the_order_of_the_page_and_completed(run, tmp_path
         "samples": 2,
     }
     row = {"t": 1.0, "H": 1e-9, "J3": 0.0, "C1": 0.0, "C2": 0.0, "error": 1e-9, "seconds": 0.1}
-    done = {"status": "done", "rows": [row], "error": None, "warnings": [], "seconds": 0.1}
-    Store(tmp_path).append(make_record("sweep_mine", VERSION, 0, {"method": "strang", **start, "h": 0.1}, **done))
+    Store(tmp_path).append(make_record("sweep_mine", VERSION, 0, {"method": "strang", **start, "h": 0.1}, rows=[row]))
     code, out, err = run("figure", "--list", "--results", tmp_path)
     assert code == 0, err
     assert [name.partition("_")[0] for name in out.split()] == ["sweep", "cost", "ensemble", "ensemble"]

@@ -261,13 +261,12 @@ def test_what_cannot_be_drawn():
 @pytest.fixture
 def folder(tmp_path):
     cell = {"part": "h", "method": "rk4", "state": "generic", "h": 0.5}
-    done = {"status": "done", "rows": [{"error": 1e-3, "off": 1e-4}], "error": None, "warnings": [], "seconds": 0.1}
-    Store(tmp_path).append(*(make_record("phase", 3, i, {**cell, "h": h}, **done) for i, h in enumerate((0.5, 0.25))))
-    order = {"part": "order", "method": "rk4"}
+    rows = [{"error": 1e-3, "off": 1e-4}]
     Store(tmp_path).append(
-        make_record("phase", 3, 2, order, **{**done, "rows": [{"h": 0.1, "error": 1e-6, "off": 1.0}]})
+        *(make_record("phase", 3, i, {**cell, "h": h}, rows=rows) for i, h in enumerate((0.5, 0.25))),
+        make_record("phase", 3, 2, {"part": "order", "method": "rk4"}, rows=[{"h": 0.1, "error": 1e-6, "off": 1.0}]),
+        make_record("heavy_top", 1, 0, {"case": "bruels", "method": "rk4", "h": 0.1}, rows=rows),
     )
-    Store(tmp_path).append(make_record("heavy_top", 1, 0, {"case": "bruels", "method": "rk4", "h": 0.1}, **done))
     return tmp_path
 
 

@@ -35,9 +35,7 @@ def draw(rows):
 
 
 def stored(folder, experiment, cell, rows=({"h": 0.1},), version=1):
-    done = {"status": "done", "rows": list(rows), "error": None, "warnings": [], "seconds": 0.1}
-    record = store.make_record("drift", version, 0, {}, **done)  # to make one of `experiment` would import it
-    Store(folder).append({**record, "experiment": experiment, "cell": cell})
+    Store(folder).append(store.make_record(experiment, version, 0, cell, rows=list(rows)))
 
 
 SWEPT = [{"t": t, "H": 1e-9, "J3": 0.0, "C1": 0.0, "C2": 0.0, "error": 1e-9, "seconds": 0.1} for t in (1.0, 2.0)]

@@ -14,7 +14,7 @@ import pytest
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.report import page
 from lagrange_bench.results import sources
-from lagrange_bench.results.store import Store, clean, make_record
+from lagrange_bench.results.store import Store, make_record
 
 NAME = "toy.study"
 
@@ -44,8 +44,7 @@ def study(one_core, monkeypatch, tmp_path):
 
 def append(module, *numbers, folder="out"):
     for i in numbers:
-        done = {"status": "done", "rows": module.measure({"i": i}), "error": None, "warnings": [], "seconds": 0.1}
-        Store(folder).append(make_record(NAME, module.VERSION, i, clean({"i": i}), **done))
+        Store(folder).append(make_record(NAME, module.VERSION, i, {"i": i}, rows=module.measure({"i": i})))
 
 
 AGAIN = "Compute them again: lagrange-bench run toy.study --profile quick --results out --again"
@@ -93,8 +92,7 @@ def test_a_version_that_is_taken_back_shows_its_rows_and_cells_that_are_gone_are
 
 def test_old_rows_and_damaged_lines_are_named(run, study):
     for i in (1, 2):
-        done = {"status": "done", "rows": study.measure({"i": i}), "error": None, "warnings": [], "seconds": 0.1}
-        Store("out").append({**make_record(NAME, 1, i, {"i": i}, **done), "sources": "0" * 24})
+        Store("out").append(make_record(NAME, 1, i, {"i": i}, rows=study.measure({"i": i}), sources="0" * 24))
     path = Store("out").path(NAME)
     path.write_bytes(path.read_bytes().replace(b'"square":25.0', b'"square":26.0'))
     damaged = "toy.study.jsonl, line 6: damaged; skipped, its cell counts as not computed"

@@ -21,8 +21,7 @@ def store(folder, *cells, experiment="toy.none", error="StepError: no"):
     made.folder.mkdir(exist_ok=True)
     failed = {"traceback": "", **dict(zip(("type", "message"), error.split(": "), strict=True))}
     for position, (cell, rows) in enumerate(cells):
-        outcome = {"status": "failed" if rows is None else "done", "error": failed if rows is None else None}
-        outcome |= {"rows": clean_rows(cell, rows or []), "warnings": [], "seconds": 0.1}
+        outcome = {"error": failed} if rows is None else {"rows": clean_rows(cell, rows)}
         made.append(make_record(experiment, 1, position, cell, **outcome))
     return made.folder
 

@@ -20,12 +20,10 @@ from lagrange_bench.results.store import Store, StoreError
 
 
 def record(attempt, status="done", version=1, position=None, **cell):
-    failed = {"type": "ArithmeticError", "message": f"attempt {attempt}", "traceback": "…"}
-    outcome = {"done": ([{"square": float(attempt**2)}], None), "failed": ([], failed)}[status]
-    outcome = dict(zip(("rows", "error"), outcome, strict=True), status=status, warnings=[], seconds=0.1)
-    return store.make_record(
-        "toy", version, attempt if position is None else position, cell or {"i": attempt}, **outcome
-    )
+    failed = {"error": {"type": "ArithmeticError", "message": f"attempt {attempt}", "traceback": "…"}}
+    outcome = {"done": {"rows": [{"square": float(attempt**2)}]}, "failed": failed}[status]
+    position = attempt if position is None else position
+    return store.make_record("toy", version, position, cell or {"i": attempt}, **outcome)
 
 
 @pytest.fixture
@@ -307,7 +305,7 @@ print("ready", flush=True)
 sys.stdin.read()
 for i in range(60):
     cell = {"writer": sys.argv[2], "i": i}
-    results.append(store.make_record("toy", 1, i, cell, status="done", rows=[], error=None, warnings=[], seconds=0))
+    results.append(store.make_record("toy", 1, i, cell))
 """
 
 
