@@ -129,25 +129,15 @@ def in_process(monkeypatch):
     """Cells are computed in this process: starting others takes longer than most cells."""
     from lagrange_bench.runner import workers
 
-    class Here:
-        def __init__(self, jobs, limit=None):
-            self.task = None
-
-        def __enter__(self):
-            return self
-
+    class Here(workers.Local):
         def __exit__(self, *_):
             pass
 
-        @property
-        def room(self):
-            return self.task is None
-
         def submit(self, task):
-            self.task = task
+            self._busy[task.position] = task
 
         def finished(self):
-            task, self.task = self.task, None
+            _, task = self._busy.popitem()
             return [(task, workers.compute(task.experiment, task.cell, None, task.sources))]
 
     monkeypatch.setattr(workers, "Local", Here)
