@@ -53,20 +53,14 @@ Finish = Callable[[Sequence[tuple[Task, Outcome]]], None]
 
 
 class Executor(Protocol):
-    """Something that computes tasks, several at a time."""
+    """Something that computes tasks, several at a time: `submit` does not wait, `finished` waits for some outcomes."""
 
     @property
-    def room(self) -> bool:
-        """Whether to hand over another task now."""
-        ...
+    def room(self) -> bool: ...  # whether to hand over another task now
 
-    def submit(self, task: Task) -> None:
-        """Hands over a task, without waiting."""
-        ...
+    def submit(self, task: Task) -> None: ...
 
-    def finished(self) -> list[tuple[Task, Outcome]]:
-        """Waits for some of the tasks handed over, and returns their outcomes."""
-        ...
+    def finished(self) -> list[tuple[Task, Outcome]]: ...
 
 
 def compute_all(tasks: Iterable[Task], executor: Executor, begin: Callable[[Task], None], finish: Finish) -> None:
