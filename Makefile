@@ -9,7 +9,7 @@ help:
 	@echo "make bench   set up, run the quick profile (about 5 minutes), draw the report and print where it is"
 	@echo "make test    set up, run the tests (about 8 minutes)"
 	@echo "make test-all  the slow tests, too: clusters, pages in a browser, oldest packages, mutations, stress (about two hours)"
-	@echo "make stress  repeat the tests that start processes beside busy loops (hours); ROUNDS=30 MINUTES=240"
+	@echo "make stress  repeat the tests that start processes beside busy loops (hours); ROUNDS=30"
 	@echo "make test-oldest   the tests with the oldest versions of all packages (tests/oldest.txt), in .venv-oldest"
 	@echo "make test-bounds   the tests of methods and experiments, with every index of a kernel checked"
 	@echo "make mutants   make one mistake after the other in a copy, and see that a test fails (an hour)"
@@ -45,9 +45,10 @@ test-all: .venv/ready
 	$(MAKE) stress ROUNDS=1
 
 ROUNDS ?= 30
-MINUTES ?= 240
 stress: .venv/ready
-	$(BIN)/python tests/stress.py --rounds $(ROUNDS) --minutes $(MINUTES) -- -n auto --dist loadgroup
+	@for i in $$(seq $$((2 * $$(nproc)))); do $(BIN)/python -c "while True: pass" & loops="$$loops $$!"; done; \
+	trap "kill $$loops" EXIT; for round in $$(seq $(ROUNDS)); do \
+		$(BIN)/python -m pytest -m processes -q -p no:cacheprovider -n auto --dist loadgroup || exit 1; done
 
 test-oldest: .venv-oldest/ready
 	.venv-oldest/bin/python -m pytest -n auto --dist loadgroup -q

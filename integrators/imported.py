@@ -1,9 +1,7 @@
-"""Which source code runs in this process: each file as it was imported, and the files that a module depends on.
+"""Which source code runs: the files that a module imports, and a digest of them.
 
-A file may be edited after its import, so it says nothing about what runs. Where rows are computed, `install` therefore puts
-an import hook in place. The hook reads each file of the bench and of the user once, compiles what it read, and remembers it. A
-digest is made of what was read: rows of an experiment and machine code are stored under it. Byte code is used only if it names
-the hash of the same source (PEP 552); Python's own check, the time of the last edit in seconds, misses a second edit within one.
+Rows of an experiment and machine code are stored under such a digest. A file may be edited while a process runs. So each process
+reads a file once, before what it decides about is computed, and asks afterwards whether any was written since: `Sources.edited`.
 """
 
 from __future__ import annotations
@@ -11,15 +9,14 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import importlib.util
-import marshal
 import re
 import sys
 import sysconfig
 from collections.abc import Collection
 from functools import cache
-from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 BENCH = "lagrange_bench"
 FACES = (BENCH, f"{BENCH}.integrators")  # `from FACE import name` means the module that has the name
@@ -33,30 +30,43 @@ TABLES = (
 IMPORT = re.compile(
     r"(?:^|[:;])[ \t]*(?:from[ \t]+(\.*[\w.]*)[ \t]+)?import\b[ \t]*(\([^)]*\)|(?:\\\n|[^\n;])*)", re.MULTILINE
 )
-BYTE_CODE = b"\3\0\0\0"  # flags of a .pyc that is valid for one hash of its source, and is to be checked
+
+
+class Code(NamedTuple):
+    """Source code that computes something."""
+
+    digest: str | None  # 24 hexadecimal digits, of the names of modules and the content of their files; None: not known
+    paths: frozenset[str] = frozenset()
 
 
 class Sources:
-    """The content of source files by their path. Each is read once, when it is imported or first asked for."""
+    """Source files by their path, each as it was when it was first asked for."""
 
     def __init__(self) -> None:
         self.content: dict[str, bytes] = {}
-        self.digests: dict[Any, str | None] = {}  # for those who compute them
+        self.known: dict[Any, Code] = {}  # for those who ask for the same code again
+        self._stamps: dict[str, tuple[int, int] | None] = {}
         self._places: dict[str, tuple[str, bool] | None] = {}  # see `_place`
         self._targets: dict[str, set[str]] = {}  # of the imports of a module
 
-    def forget(self) -> None:
-        """After an import: where modules are may be known better now."""
-        self.digests.clear()
-        self._places.clear()
-        self._targets.clear()
-
     def read(self, path: str) -> bytes:
         if path not in self.content:
+            self._stamps[path] = _stamp(path)
             self.content[path] = Path(path).read_bytes()
         return self.content[path]
 
-    def files(self, modules: Collection[str]) -> dict[str, bytes]:
+    def edited(self, code: Code) -> bool:
+        """Whether one of the files was written since it was read: which state of it this process imported is then not known."""
+        return any(_stamp(path) != self._stamps[path] for path in code.paths if path in self._stamps)
+
+    def code(self, modules: Collection[str], *more: str) -> Code:
+        """Those modules and all that they import; its digest is of names and content, and of `more`."""
+        files = self.files(modules)
+        lines = [f"{name} {hashlib.sha256(self.content[path]).hexdigest()}" for name, path in sorted(files.items())]
+        digest = hashlib.sha256("\n".join([*lines, *more]).encode()).hexdigest()[:24]
+        return Code(digest, frozenset(files.values()))
+
+    def files(self, modules: Collection[str]) -> dict[str, str]:
         """Modules that these import, directly or not, and their files; without Python itself and installed packages.
 
         Of an installed package the modules count if it is one of those asked for.
@@ -66,7 +76,7 @@ class Sources:
         ImportError, OSError : one of `modules` is not there, or has no file.
         """
         packages = {name.partition(".")[0] for name in modules}
-        found: dict[str, bytes] = {}
+        found: dict[str, str] = {}
         waiting = {part: part in modules for name in modules for part in _parents(name)}
         while waiting:
             name, needed = waiting.popitem()
@@ -75,7 +85,8 @@ class Sources:
                 raise ImportError(f"no source file of {name}")
             if path is None or name in found or NO_ROW.fullmatch(name):
                 continue
-            found[name] = self.read(path)
+            self.read(path)
+            found[name] = path
             if name not in TABLES:
                 waiting |= dict.fromkeys(self._imported(name, path) - set(found), False)
         return found
@@ -111,13 +122,15 @@ class Sources:
         return face
 
 
-IMPORTED = Sources()  # as this process has imported them
+IMPORTED = Sources()  # of this process
 
 
-def digest(files: dict[str, bytes], *more: str) -> str:
-    """24 hexadecimal digits; of the names of modules and the content of their files, not of their places."""
-    lines = [f"{name} {hashlib.sha256(source).hexdigest()}" for name, source in sorted(files.items())]
-    return hashlib.sha256("\n".join([*lines, *more]).encode()).hexdigest()[:24]
+def _stamp(path: str) -> tuple[int, int] | None:
+    try:
+        status = Path(path).stat()
+    except OSError:
+        return None
+    return status.st_mtime_ns, status.st_size
 
 
 @cache
@@ -155,7 +168,8 @@ def _place(name: str) -> tuple[str, bool] | None:
     spec = None if top in sys.stdlib_module_names else _spec(name)
     if spec is None or not spec.origin or not Path(spec.origin).is_file():
         return None
-    return spec.origin, _installed(name, spec.origin)
+    origin = Path(spec.origin)
+    return spec.origin, _holds_packages(origin.parents[name.count(".") + (origin.stem == "__init__")])
 
 
 @cache
@@ -177,86 +191,11 @@ def _spec(name: str) -> ModuleSpec | None:
         with contextlib.suppress(OSError):  # as `registry.import_own` does
             if (own := PathFinder.find_spec(name, [str(Path.cwd())])) is not None:
                 return own
-    return next(filter(None, (_asked(finder, name, path) for finder in sys.meta_path)), None)
-
-
-def _asked(finder: Any, name: str, path: Any, target: Any = None) -> ModuleSpec | None:
-    if isinstance(finder, Hook) or not hasattr(finder, "find_spec"):
-        return None
-    spec: ModuleSpec | None = finder.find_spec(name, path, target)
-    return spec
-
-
-def _installed(name: str, origin: str) -> bool:
-    """Whether a file lies where packages are installed, or is Python's own."""
-    return _holds_packages(Path(origin).parents[name.count(".") + (Path(origin).stem == "__init__")])
+    finders = (finder.find_spec for finder in sys.meta_path if hasattr(finder, "find_spec"))
+    return next(filter(None, (find(name, path, None) for find in finders)), None)
 
 
 @cache
 def _holds_packages(folder: Path) -> bool:
+    """Whether packages are installed in a folder, or it is Python's own."""
     return str(folder).startswith(sysconfig.get_path("stdlib")) or any(folder.glob("*.dist-info"))
-
-
-# ---------------------------------------------------------------- the hook
-
-
-class Hook:
-    """A finder that has every module of the bench and of the user loaded by `Loader`."""
-
-    def __init__(self) -> None:
-        self.packages, self.installed = {BENCH}, set[str]()
-
-    def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
-        top, _, inner = name.partition(".")
-        if top in sys.stdlib_module_names:
-            return None
-        found = next(filter(None, (_asked(finder, name, path, target) for finder in sys.meta_path)), None)
-        if found is None or type(found.loader) is not SourceFileLoader:
-            return found
-        if top not in self.packages and ((inner and top in self.installed) or _installed(name, found.loader.path)):
-            self.installed.add(top)
-            return found
-        found.loader = Loader(found.loader.name, found.loader.path)
-        return found
-
-
-class Loader(SourceFileLoader):
-    """Runs exactly what IMPORTED has of a file."""
-
-    imported: set[str] = set()  # noqa: RUF012 - of all loaders
-
-    def get_code(self, fullname: str) -> Any:
-        path = str(self.path)
-        if path in self.imported:  # the user reloads it
-            IMPORTED.content.pop(path, None)
-        if path in self.imported or fullname.partition(".")[0] != BENCH:
-            IMPORTED.forget()
-        self.imported.add(path)
-        source = IMPORTED.read(path)
-        head = importlib.util.MAGIC_NUMBER + BYTE_CODE + importlib.util.source_hash(source)
-        kept = importlib.util.cache_from_source(path)
-        with contextlib.suppress(OSError, ValueError, EOFError, TypeError):
-            data = self.get_data(kept)
-            code = marshal.loads(data[len(head) :]) if data.startswith(head) else None
-            if code is not None and code.co_filename == path:
-                return code
-        code = self.source_to_code(source, path)
-        if not sys.dont_write_bytecode:
-            self.set_data(kept, head + marshal.dumps(code))
-        return code
-
-
-def follow(module: str) -> None:
-    """Have a module that the user names, and its package, loaded by the hook, also if they are installed."""
-    for finder in sys.meta_path:
-        if isinstance(finder, Hook):
-            finder.packages.add(module.partition(".")[0])
-
-
-def install() -> None:
-    """Put the hook in place; before any module that decides about rows is imported."""
-    if not any(isinstance(finder, Hook) for finder in sys.meta_path):
-        sys.meta_path.insert(0, Hook())
-        for name in [name for name in sys.modules if name.partition(".")[0] == BENCH]:
-            if place := _place(name):
-                IMPORTED.read(place[0])

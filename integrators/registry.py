@@ -23,7 +23,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from lagrange_bench.integrators.imported import follow
 from lagrange_bench.integrators.interface import Method, StepError
 from lagrange_bench.integrators.words import suggestion
 
@@ -130,7 +129,6 @@ class Registry(Mapping[str, Any]):
         loaded = self._loaded.get(name)
         if loaded is not None and loaded[0] is entry:
             return loaded[1]
-        follow(entry.module)
         with no_exit():
             found = entry.load()
         if not isinstance(found, self.kind):
@@ -353,7 +351,6 @@ def import_own(module: str) -> ModuleType:
     if "" not in sys.path and here not in sys.path:
         sys.path.append(here)
     sys.path.insert(0, here)
-    follow(module)
     try:
         with no_exit():
             return importlib.import_module(module)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib
 import json
 import os
 import re
@@ -15,24 +16,6 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from lagrange_bench.commands import (
-    bits,
-    case,
-    check,
-    compare,
-    completion,
-    errata,
-    figure,
-    integrate,
-    judge,
-    methods,
-    paper,
-    potentials,
-    report,
-    run,
-    tops,
-    verify,
-)
 from lagrange_bench.integrators.words import suggestion
 
 INTRODUCTION = """\
@@ -136,10 +119,10 @@ def _print(text: str) -> None:
         raise OSError(error.errno, error.strerror, "standard output") from error
 
 
-COMMANDS = (
-    *(methods, tops, potentials, case, judge, run, report, figure, compare),
-    *(verify, integrate, check, errata, paper, completion, bits),
+NAMES = (
+    "methods tops potentials case judge run report figure compare verify integrate check errata paper completion bits"
 )
+COMMANDS = tuple(importlib.import_module(f"lagrange_bench.commands.{name}") for name in NAMES.split())
 
 
 def parser() -> Parser:

@@ -1,10 +1,10 @@
-"""The columns of a trajectory that any program wrote as text: which is what, and their numbers in chunks."""
+"""The columns of a trajectory that any program wrote as text: which is what, and their numbers."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from decimal import Decimal
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,7 +26,6 @@ NAMES = {  # what stands in a group of columns → the names that it may have
 }
 UNITS = {"", "s", "sec", "m", "rad", "rad/s", "-"}  # that may stand in brackets behind a name; indices may, too
 HEAD = 1 << 18  # bytes in which the header and some lines of numbers must stand
-ROWS = 50_000  # of a chunk
 SAMPLE = 200  # lines whose printed digits are counted
 
 
@@ -160,8 +159,8 @@ def _floor(words: list[str]) -> float:
     return float(10.0 ** max(int(number.exponent) for number in numbers if len(number.digits) == most) / 2)
 
 
-def read(layout: Layout) -> Iterator[dict[str, np.ndarray]]:
-    """The rows in chunks: group → numbers (n, columns); what is missing is NaN.
+def read(layout: Layout) -> dict[str, np.ndarray]:
+    """The rows: group → numbers (n, columns); what is missing is NaN.
 
     Raises
     ------
@@ -172,15 +171,12 @@ def read(layout: Layout) -> Iterator[dict[str, np.ndarray]]:
     wanted = sorted({i for places in layout.groups.values() for i in places})
     usecols = wanted if len(wanted) < layout.width else None  # a line with too many columns is an error without it
     settings: dict[str, Any] = {"sep": layout.separator or r"\s+", "comment": layout.comment, "skiprows": layout.skip}
-    settings |= {"header": None, "usecols": usecols, "dtype": float, "chunksize": ROWS, "skipinitialspace": True}
-    settings |= {"compression": None}
+    settings |= {"header": None, "usecols": usecols, "dtype": float, "skipinitialspace": True, "compression": None}
     try:
-        with pd.read_csv(layout.path, **settings) as reader:
-            for frame in reader:
-                columns = {i: frame[i].to_numpy() for i in wanted}
-                yield {name: np.stack([columns[i] for i in places], 1) for name, places in layout.groups.items()}
+        frame = pd.read_csv(layout.path, **settings)
     except (ValueError, OverflowError) as error:
         raise ValueError(f"{layout.path}{_fault(layout, wanted) or f': {error}'}") from None
+    return {name: frame[places].to_numpy() for name, places in layout.groups.items()}
 
 
 def _fault(layout: Layout, wanted: list[int]) -> str:

@@ -80,14 +80,10 @@ def load(results: str | Path = "reference") -> Results:
 
     Raises
     ------
-    FileNotFoundError
-        There is no such folder, or nothing is stored there.
-    KeyError
-        When an experiment is asked for that has no rows there; the message names those that have.
+    FileNotFoundError : there is no such folder, or nothing is stored there. KeyError : when an experiment is asked for that has
+    no rows there; the message names those that have.
     """
-    if str(results) != "reference":
-        return Results(find_results(Path(results))[0])
-    return Results(published())
+    return Results(published() if str(results) == "reference" else find_results(Path(results)))
 
 
 def in_both_units(rows: pd.DataFrame, known: Mapping[str, float] | None = None) -> pd.DataFrame:

@@ -30,7 +30,7 @@ GRID, NEAR = 9, 1e-10  # decimals of a second; times that all are that near to m
 SOME, FEW = 5e-13, 100  # the same where there are fewer times than `FEW`
 HEAD, SHIFTS = 2000, (1, -1, 2, -2, 3, -3)  # rows that hints are taken from; rows that they may be late
 BETTER = 10  # times less is the error with another convention, for a hint
-POINTS = 100  # of a curve, for each chunk
+POINTS = 2000  # of a curve
 START = 1e-9  # relative to the size of a quantity: more than that is another start
 
 
@@ -158,23 +158,19 @@ def judge(
             given[kind] = values.reshape(n, -1)
     if n == 0 or (len(given) == 1 and turns is None):
         raise ValueError("give times and at least one of position, rotation and omega")
-    tally = _Tally(find(case), Convention(**convention))
-    for chunk in (slice(first, first + written.ROWS) for first in range(0, n, written.ROWS)):
-        matrices = {} if turns is None else {"matrix": turns[chunk].as_matrix().reshape(-1, 9)}
-        tally.add({name: array[chunk] for name, array in given.items()} | matrices)
-    return tally.result({})
+    if turns is not None:
+        given["matrix"] = turns.as_matrix().reshape(-1, 9)
+    return _judged(find(case), Convention(**convention), given, {})
 
 
 def judge_file(path: Path, case: Case, convention: Convention, names: Mapping[str, str]) -> Judgement:
-    """As `judge`, what a file holds, in chunks; `names` as `columns.survey` takes them."""
+    """As `judge`, what a file holds; `names` as `columns.survey` takes them."""
     layout = written.survey(path, names)
-    tally = _Tally(case, replace(convention, quat="wxyz") if layout.named else convention)
-    for chunk in written.read(layout):
-        try:
-            tally.add(chunk)
-        except (ValueError, StepError) as error:
-            raise ValueError(f"{path}: {error}") from None
-    found = tally.result(layout.floor)
+    given = written.read(layout)
+    try:
+        found = _judged(case, replace(convention, quat="wxyz") if layout.named else convention, given, layout.floor)
+    except (ValueError, StepError) as error:
+        raise ValueError(f"{path}: {error}") from None
     return replace(found, file=str(path), notes=[*layout.notes, *found.notes])
 
 
@@ -204,7 +200,47 @@ def find(case: str | Case) -> Case:
         raise ValueError(error.args[0]) from None
 
 
-# ---------------------------------------------------------------- one chunk of rows
+def _judged(case: Case, convention: Convention, given: Mapping[str, Array], floor: Mapping[str, float]) -> Judgement:
+    """All that is found in rows; `floor` of each group of columns."""
+    frames, t = _Frames(case, convention), _times(given["time"][:, 0])
+    with np.errstate(all="ignore"):
+        found = frames.errors(given, frames.exact(t))
+        hints = list(_hints(frames, {name: array[:HEAD] for name, array in given.items()}, t[:HEAD]))
+    groups = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omega": ("omega",)}
+    floors = {name: 2 * max(floor.get(each, 0.0) for each in those) for name, those in groups.items() if name in found}
+    floors = {name: value for name, value in floors.items() if value > 0}
+    sizes = {"position": frames.top.distance, "rotation": 1.0, "omega": frames.speed}
+    first = {name: float(found[name][0]) for name in sizes if name in found}
+    right = all(error <= START * sizes[name] + 2 * floors.get(name, 0.0) for name, error in first.items())
+    start = {"t": float(t[0]), **first, "right": right if t[0] == 0 else None}
+    marks = np.linspace(0, len(t), min(len(t), POINTS) + 1).astype(int)[:-1]
+    curves = {name: np.stack([t[marks], np.maximum.reduceat(error, marks)]) for name, error in found.items()}
+    errors = {name: Error(float(error.max()), float(error[-1])) for name, error in found.items()}
+    span = (float(t[0]), float(t[-1]))
+    return Judgement(case.name, len(t), span, errors, start, floors, hints, list(_notes(t, found)), curves)
+
+
+def _times(t: Array) -> Array:
+    """The times, without the rounding of a sum of steps; ValueError where they do not increase."""
+    with np.errstate(all="ignore"):
+        wrong = np.flatnonzero(~(np.diff(t, prepend=-math.inf) > 0) | ~np.isfinite(t))
+        rounded = np.round(t, GRID)
+    if len(wrong):
+        i = wrong[0]
+        before = f" after {t[i - 1]:.12g}" if i else ""
+        raise ValueError(f"row {i + 1}: the time is {t[i]:.12g}{before}; times must be numbers that increase")
+    return rounded if np.all(np.abs(rounded - t) < (NEAR if len(t) >= FEW else SOME)) else t
+
+
+def _notes(t: Array, found: Mapping[str, Array]) -> Iterator[str]:
+    bad = ~np.isfinite(np.stack(list(found.values()))).all(0)
+    if bad.any():
+        yield f"{bad.sum()} of {len(t)} rows hold no finite numbers, the first at t = {t[bad][0]:.9g}."
+    if "orthogonality" in found and (off := found["orthogonality"].max()) > 1e-3:
+        yield f"Matrices are not orthogonal or quaternions not of length 1, by {off:.2g}; quaternions are scaled to 1."
+
+
+# ---------------------------------------------------------------- frames and conventions
 
 
 class _Frames:
@@ -323,83 +359,6 @@ def _hints(frames: _Frames, given: Mapping[str, Array], t: Array) -> Iterator[st
         if late[judged].max() < now[judged] / BETTER:
             way = "later" if k > 0 else "earlier"
             yield f"the times are shifted: each row holds the state {abs(k)} row{'s'[: abs(k) - 1]} {way}."
-
-
-# ---------------------------------------------------------------- chunk after chunk
-
-
-class _Tally:
-    """Maxima over chunks of rows; memory does not grow with their number, but for the points of the curves."""
-
-    def __init__(self, case: Case, convention: Convention):
-        self.frames = _Frames(case, convention)
-        self.rows, self.bad, self.bad_from, self.last, self.on_grid = 0, 0, math.nan, -math.inf, False
-        self.errors: dict[str, Error] = {}
-        self.curves: dict[str, list[Array]] = {}
-        self.hints: list[str] = []
-        self.first: dict[str, float] = {}
-
-    def add(self, given: Mapping[str, Array]) -> None:
-        """Judge some more rows."""
-        t = self._times(given["time"][:, 0])
-        with np.errstate(all="ignore"):
-            found = self.frames.errors(given, self.frames.exact(t))
-            if not self.rows:
-                self.first = {"t": float(t[0]), **{name: float(error[0]) for name, error in found.items()}}
-                self.hints = list(_hints(self.frames, {name: array[:HEAD] for name, array in given.items()}, t[:HEAD]))
-        bad = ~np.isfinite(np.stack(list(found.values()))).all(0)
-        if bad.any() and not self.bad:
-            self.bad_from = float(t[bad][0])
-        self.bad += int(bad.sum())
-        marks = np.linspace(0, len(t), min(len(t), POINTS) + 1).astype(int)[:-1]
-        for name, error in found.items():
-            before = self.errors.get(name, Error(0.0, 0.0)).max
-            self.errors[name] = Error(float(np.maximum(before, error.max())), float(error[-1]))
-            self.curves.setdefault(name, []).append(np.stack([t[marks], np.maximum.reduceat(error, marks)]))
-        self.rows += len(t)
-
-    def _times(self, t: Array) -> Array:
-        """The times, without the rounding of a sum of steps; ValueError where they do not increase."""
-        with np.errstate(all="ignore"):
-            wrong = np.flatnonzero(~(np.diff(t, prepend=self.last) > 0) | ~np.isfinite(t))
-            rounded = np.round(t, GRID)
-        if len(wrong):
-            i = wrong[0]
-            before = f" after {t[i - 1] if i else self.last:.12g}" if i or self.rows else ""
-            raise ValueError(
-                f"row {self.rows + i + 1}: the time is {t[i]:.12g}{before}; times must be numbers that increase"
-            )
-        self.last = float(t[-1])
-        many = len(t) >= FEW or self.on_grid
-        near = bool(np.all(np.abs(rounded - t) < (NEAR if many else SOME)))
-        self.on_grid = near and many
-        return rounded if near else t
-
-    def result(self, floor: Mapping[str, float]) -> Judgement:
-        """All that was found; `floor` of each group of columns."""
-        notes, off = [], self.errors.get("orthogonality", Error(0.0, 0.0)).max
-        groups = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omega": ("omega",)}
-        floors = {
-            name: 2 * max(floor.get(each, 0.0) for each in those)
-            for name, those in groups.items()
-            if name in self.errors
-        }
-        floors = {name: value for name, value in floors.items() if value > 0}
-        if self.bad:
-            notes.append(
-                f"{self.bad} of {self.rows} rows hold no finite numbers, the first at t = {self.bad_from:.9g}."
-            )
-        if off > 1e-3:
-            notes.append(
-                f"Matrices are not orthogonal or quaternions not of length 1, by {off:.2g}; quaternions are scaled to 1."
-            )
-        sizes = {"position": self.frames.top.distance, "rotation": 1.0, "omega": self.frames.speed}
-        first = {name: self.first[name] for name in sizes if name in self.first}
-        right = all(error <= START * sizes[name] + 2 * floors.get(name, 0.0) for name, error in first.items())
-        start = {"t": self.first["t"], **first, "right": right if self.first["t"] == 0 else None}
-        curves = {name: np.concatenate(parts, axis=1) for name, parts in self.curves.items()}
-        span = (self.first["t"], self.last)
-        return Judgement(self.frames.case.name, self.rows, span, self.errors, start, floors, self.hints, notes, curves)
 
 
 # ---------------------------------------------------------------- a picture

@@ -21,14 +21,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.experiments.measuring import check, metrics, states
-from lagrange_bench.experiments.measuring.drifts import (
-    TOPS,
-    Refused,
-    Run,
-    Top,
-    drifts,
-    find_all,
-)
+from lagrange_bench.experiments.measuring.drifts import TOPS, Refused, Run, Top, drifts, find_all
 from lagrange_bench.integrators import Method
 from lagrange_bench.integrators.checks import check_real
 from lagrange_bench.integrators.registry import find_method

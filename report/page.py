@@ -152,7 +152,7 @@ def _judge(report: Report, source: Origin, beside: Path | None) -> None:
 
 def _old(sections: Sequence[Section]) -> str:
     """How many cells of all sections are old, and what to do about it."""
-    old = sources.told(sum((section.ages for section in sections), Counter[str]()))
+    old = sources.summary(sum((section.ages for section in sections), Counter[str]()))
     again = [f"{s.command} --again" for s in sections if s.ages[sources.OUTDATED] or s.ages[sources.LEFT_OUT]]
     if again:
         return f"{old} ({' && '.join(again)} computes them again)"
@@ -178,7 +178,7 @@ def _held_against(beside: Path, judged: list[Judged]) -> str:
     published, _ = judge({name: journal.rows() for name, journal in journals.items()})
     for one, other in zip(judged, published, strict=True):
         one.beside = other.verdict
-    old = sources.told(sum((journal.ages() for journal in journals.values()), Counter[str]()))
+    old = sources.summary(sum((journal.ages() for journal in journals.values()), Counter[str]()))
     return f"{origin.named(beside)}: {'; '.join(filter(None, (_fare(published), old)))}"
 
 

@@ -113,7 +113,7 @@ class Section:
     @property
     def old(self) -> str:
         """How many cells are not known to come from the source code that is here."""
-        return sources.told(self.ages)
+        return sources.summary(self.ages)
 
     @property
     def declined(self) -> pd.DataFrame:

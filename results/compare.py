@@ -18,7 +18,7 @@ from typing import Any
 
 from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
 from lagrange_bench.results import sources
-from lagrange_bench.results.store import SAMPLES, Record, Store, StoreError, _canonical, restore
+from lagrange_bench.results.store import SAMPLES, Record, Store, StoreError, _canonical, failure_text, restore
 
 # a column of a timing cell is a time if its name has one of these words; others by the experiment's own TIMES
 WORDS = frozenset(("ns", "us", "ms", "s", "seconds", "ratio", "speedup", "samples", "unstable", "predicted", "memory"))
@@ -94,8 +94,8 @@ def compare(
         for folder, journal in zip((old, new), journals, strict=True):
             result.notes += journal.problems
             count = sum(map(sources.outdated, journal.latest))
-            if told := sources.told({sources.OUTDATED: count, sources.LEFT_OUT: journal.left_out}):
-                result.outdated.append((folder, experiment, journal.latest, told))
+            if words := sources.summary({sources.OUTDATED: count, sources.LEFT_OUT: journal.left_out}):
+                result.outdated.append((folder, experiment, journal.latest, words))
         before, after = ({_canonical(record["cell"]): record for record in journal.latest} for journal in journals)
         both = [(before[key], after[key]) for key in before if key in after]
         cells = result.experiments[experiment] = _cells(experiment, both, (rtol, atol))
@@ -158,7 +158,9 @@ def is_time(column: str, cell: dict[str, Any], own: Iterable[str] = ()) -> bool:
 def differences(old: Record, new: Record, own: Iterable[str], tolerance: Any) -> dict[str, Difference]:
     """Column → what differs by more than `tolerance(column)` = (rtol, atol); times, `own` or by name, are left out."""
     if old["status"] != new["status"] or old["status"] == "failed":
-        words = [record["status"] if record["error"] is None else _told(record) for record in (old, new)]
+        words = [
+            record["status"] if record["error"] is None else failure_text(record["error"]) for record in (old, new)
+        ]
         return {} if words[0] == words[1] else {"status": Difference(0, math.inf, math.inf, *words)}
     timed = bool(old["cell"].get("timing"))  # the clock decides how far it goes: what both have is compared
     if len(old["rows"]) != len(new["rows"]) and not timed:
@@ -179,10 +181,6 @@ def differences(old: Record, new: Record, own: Iterable[str], tolerance: Any) ->
                 if relative > entry.relative:
                     entry.relative, entry.old, entry.new = relative, a, b
     return found
-
-
-def _told(record: Record) -> str:
-    return f"{record['error']['type']}: {record['error']['message']}"
 
 
 def _distance(a: Any, b: Any) -> tuple[float, float]:

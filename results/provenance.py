@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import platform
+import re
 import subprocess
-import tomllib
 from datetime import UTC, datetime
 from functools import cache
 from importlib import metadata
@@ -36,11 +37,9 @@ def version(package: str) -> str | None:
 def checkout() -> Path | None:
     """Root of the source tree this package was imported from; None for an installed wheel."""
     root = Path(__file__).resolve().parent.parent
-    try:
-        project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]["name"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-    return root if project == "lagrange-bench" else None
+    project = root / "pyproject.toml"
+    ours = project.is_file() and 'name = "lagrange-bench"' in project.read_text(encoding="utf-8")
+    return root if ours else None
 
 
 @cache
@@ -68,12 +67,10 @@ def _git_state() -> tuple[str | None, bool | None]:
 
 
 def _cpu_model() -> str | None:
-    try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass
+    with contextlib.suppress(OSError):
+        facts = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+        if found := re.search(r"^model name\s*:(.*)$", facts, re.MULTILINE):
+            return found[1].strip()
     if platform.system() == "Darwin":
         return _output("sysctl", "-n", "machdep.cpu.brand_string")
     return platform.processor() or None

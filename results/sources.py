@@ -1,9 +1,9 @@
 """Which source code computed a cell: a digest of the files its rows come from, stored with them.
 
 These are the file of the experiment, that of the cell's method and that of its potential, and what these import, as
-`imported` finds it. Of the methods that an experiment names in quotes the files count for all of its cells.
-The process that computes a cell takes the digest of the files as it imported them. What a figure looks like, how cells are
-run, and which methods there are, decide about no row and do not count.
+`imported` finds it. Of the methods that an experiment names in quotes the files count for all of its cells. The process that
+computes a cell takes the digest before it begins, and looks afterwards whether a file was edited. What a figure looks like,
+how cells are run, and which methods there are, decide about no row and do not count.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 
 from lagrange_bench.experiments import EXPERIMENTS, SWEEP
 from lagrange_bench.experiments.catalogue import installed, load_stored
-from lagrange_bench.integrators.imported import BENCH, IMPORTED, Sources, digest
+from lagrange_bench.integrators.imported import BENCH, IMPORTED, Code, Sources
 
 DEFAULT = "backlund"  # the method of a cell that names none, as of `lagrange_bench.prepare`
 QUOTED = re.compile(rb"""["'](\w+)["']""")
@@ -31,34 +31,38 @@ WORDS = {
 
 
 def of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED) -> str | None:
-    """Digest of the source code that computes a cell; None if it is not known.
+    """Digest of the source code that computes a cell; None if it is not known. sources : see `code_of_cell`."""
+    return code_of_cell(experiment, cell, sources).digest
 
-    sources : as this process imported them; `Sources()` for the files as they are now.
+
+def code_of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED) -> Code:
+    """The source code that computes a cell.
+
+    sources : as this process read them; `Sources()` for the files as they are now.
     """
     method, potential = (name if isinstance(name, str) else None for name in map(cell.get, ("method", "potential")))
     asked = experiment, method, potential
-    if asked not in sources.digests:
+    if asked not in sources.known:
         try:
-            sources.digests[asked] = _digest(sources, *asked)
+            sources.known[asked] = _code(sources, *asked)
         except Exception:  # somebody else's, and not here, or not fit to be read
-            sources.digests[asked] = None
-    return sources.digests[asked]
+            sources.known[asked] = Code(None)
+    return sources.known[asked]
 
 
-def _digest(sources: Sources, experiment: str, method: str | None, potential: str | None) -> str:
+def _code(sources: Sources, experiment: str, method: str | None, potential: str | None) -> Code:
     from lagrange_bench.integrators.registry import METHODS, POTENTIALS
 
     modules = {_module(experiment)}
     for name, registry in ((method or DEFAULT, METHODS), (potential, POTENTIALS)):
         if name is not None and (":" in name or name in set(registry)):  # the names only: nothing is loaded
             modules.add(registry.module(name))
-    methods = set(METHODS)
     while True:
         files = sources.files(modules)
-        texts = [source for name, source in files.items() if not name.startswith(f"{BENCH}.integrators.")]
-        named = {METHODS.module(word) for word in methods.intersection(frozenset().union(*map(_quoted, texts)))}
+        texts = (sources.read(path) for name, path in files.items() if not name.startswith(f"{BENCH}.integrators."))
+        named = {METHODS.module(word) for word in frozenset().union(*map(_quoted, texts)) & set(METHODS)}
         if named <= modules:
-            return digest(files)
+            return sources.code(modules)
         modules |= named
 
 
@@ -104,7 +108,7 @@ def compared(one: str | None, other: str | None) -> str:
     return SAME if one == other else OTHER
 
 
-def told(ages: Mapping[str, int]) -> str:
+def summary(ages: Mapping[str, int]) -> str:
     """How many stored cells are not known to come from the sources that are here; empty if none. ages : see `judge`."""
     return "; ".join(f"{_cells(ages[age])} computed {words}" for age, words in WORDS.items() if ages.get(age))
 

@@ -8,7 +8,6 @@ reported and skipped; it is never repaired in place. Of several records of a cel
 from __future__ import annotations
 
 import contextlib
-import errno
 import hashlib
 import json
 import math
@@ -21,7 +20,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 from lagrange_bench.experiments import PROFILES
@@ -42,16 +40,9 @@ Record = dict[str, Any]
 
 SCHEMA = 1  # of the records; the envelope (one JSON object a line, "schema", "sha256") is the same in all
 ADDED = ("key", "status", "failure")  # columns `rows` adds to those of a cell
-FIELDS: dict[str, tuple[type, ...]] = {
-    **dict.fromkeys(("key", "experiment", "status"), (str,)),
-    **dict.fromkeys(("version", "position", "seconds"), (int, float)),
-    **dict.fromkeys(("cell", "provenance"), (dict,)),
-    "rows": (list,),
-    "error": (dict, NoneType),
-}
 SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of the row fields that may be lists of numbers: raw timings
-
 LONGEST = 2000  # characters of a message
+COMPUTED: Record = {"rows": [], "error": None, "warnings": [], "seconds": 0.0}  # what became of a cell
 
 
 class StoreError(RuntimeError):
@@ -78,36 +69,23 @@ def default_results(profile: str | None = None) -> Path:
     return next((results / name for name in ("full", "quick") if (results / name).is_dir()), published())
 
 
-def find_results(chosen: Path | None) -> tuple[Path, list[str]]:
-    """The folder asked for, here or in the checkout; else the reference results; else the local ones computed last.
-
-    And what to tell the user about it.
+def find_results(chosen: Path | None) -> Path:
+    """The folder asked for, or the one that is shown if nobody says.
 
     Raises
     ------
     FileNotFoundError : there is no such folder, or nothing is stored there.
     """
-    if chosen is not None:
-        root = provenance.checkout()
-        if root is not None and not chosen.is_dir() and (root / chosen).is_dir():
-            return find_results(root / chosen)[0], [f"no folder {chosen} here: showing {root / chosen}"]
-        if not chosen.is_dir():
-            raise FileNotFoundError(f"no such folder of results: {chosen}")
-        if not any(path.is_file() and path.stat().st_size for path in chosen.glob("*.jsonl")):
-            raise FileNotFoundError(f"nothing is stored in {chosen}: give a folder that lagrange-bench run wrote to")
-        return chosen, []
-    reference, local = default_results(), default_results("full")
-    if any(reference.glob("*.jsonl")):
-        return reference, []
-    journals = [] if local == reference else sorted(local.parent.glob("*/*.jsonl"))
-    if not journals:
-        raise FileNotFoundError(f"nothing is stored in {reference}: compute it with lagrange-bench run")
-    newest = max(journals, key=lambda path: path.stat().st_mtime).parent
-    return newest, [f"nothing is stored in {reference}: showing {newest}"]
+    folder = default_results() if chosen is None else chosen
+    if not folder.is_dir():
+        raise FileNotFoundError(f"no such folder of results: {folder}")
+    if not any(path.stat().st_size for path in folder.glob("*.jsonl")):
+        raise FileNotFoundError(f"nothing is stored in {folder}: give a folder that lagrange-bench run wrote to")
+    return folder
 
 
 def _frame(table: list[dict[str, Any]], columns: list[str] | None = None) -> pd.DataFrame:
-    """Text as Python has it, whether or not pyarrow is there, which does not take a path that is no Unicode."""
+    """Text as Python has it, whether or not pyarrow is there."""
     import pandas as pd
 
     with pd.option_context("mode.string_storage", "python"):
@@ -140,9 +118,10 @@ def _built_in() -> dict[str, tuple[str | None, ...]]:
 def make_record(experiment: str, version: int, position: int, cell: Mapping[str, Any], **outcome: Any) -> Record:
     """A record without its SHA-256. `position` of the cell among the experiment's cells: the order of `rows`.
 
-    outcome : status ("done" or "failed"), rows, error (None or a dict), warnings, seconds; sources, if it was not computed
-    in this process: the digest of the source code (None: not known); and provenance, if not on this machine.
+    outcome : of `COMPUTED`, what differs; error (None or a dict: then the cell failed); sources, if it was not computed in this
+    process: the digest of the source code (None: not known); and provenance, if not on this machine.
     """
+    outcome = {**COMPUTED, "status": "failed" if outcome.get("error") else "done", **outcome}
     if "sources" not in outcome:
         outcome["sources"] = sources.of_cell(experiment, cell)
     key = cell_key(experiment, version, cell, outcome["sources"])
@@ -196,13 +175,14 @@ def clean(value: Any) -> Any:
 
 
 def text_of(thing: Any) -> str:
-    """str(thing) as it can be stored and printed, whatever it is: Unicode, and no longer than LONGEST characters."""
-    try:
-        text = str(thing)
-    except BaseException as error:  # the plug-in's
-        text = f"(no text: its __str__ raises {type(error).__name__})"
-    text = _unicode(text)
+    """str(thing) as it can be stored and printed: Unicode, and no longer than LONGEST characters."""
+    text = _unicode(str(thing))
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}… ({len(text)} characters)"
+
+
+def failure_text(error: Mapping[str, str]) -> str:
+    """What went wrong, in a line."""
+    return f"{error['type']}: {error['message']}"
 
 
 def _unicode(text: str) -> str:
@@ -285,7 +265,7 @@ class Journal:
         """
         table = []
         for record in self.latest:
-            failure = record["error"] and f"{record['error']['type']}: {record['error']['message']}"
+            failure = record["error"] and failure_text(record["error"])
             added = {"key": record["key"], "status": record["status"], "failure": failure}
             for row in record["rows"] if record["status"] == "done" else [{}]:
                 table.append(restore({**record["cell"], **row, **added}))
@@ -338,80 +318,52 @@ class Store:
             line = _canonical({**record, "sha256": _digest(record)}).encode("ascii") + b"\n"
             journals.setdefault(record["experiment"], []).append(line)
         for experiment, lines in journals.items():
-            self._append(experiment, b"".join(lines))
-
-    def _append(self, experiment: str, lines: bytes) -> None:
-        flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0)
-        path = self.path(experiment)
-        with self._explained():
-            new = not path.exists()
-            file = os.open(path, flags, 0o644)
-            try:
-                with _locked(file, exclusive=True):
-                    _append(file, lines)
-            finally:
-                os.close(file)
-        if new:
-            _sync_folder(self.folder)
+            with self._explained():
+                _append(self.path(experiment), b"".join(lines))
 
     def experiments(self) -> list[str]:
         """Names of the experiments that have a journal here."""
-        try:
-            return sorted(path.stem for path in self.folder.glob("*.jsonl") if path.is_file())
-        except OSError as error:
-            raise StoreError(f"cannot read {self.folder}: {error.strerror}") from error
+        return sorted(path.stem for path in self.folder.glob("*.jsonl") if path.is_file())
 
-    def records(self, experiment: str, problems: list[str]) -> Iterator[Record]:
-        """Every record of an experiment, oldest first; enters in `problems` what is wrong with the lines that are none.
-
-        One line is in memory at a time. What is appended after the first was asked for is not seen.
+    def read(self, experiment: str) -> tuple[list[Record], list[str]]:
+        """Every record of an experiment, oldest first, and what is wrong with the lines that are none.
 
         Raises
         ------
         StoreError : the journal cannot be read, or has records of another schema.
         """
-        path = self.path(experiment)
-        if path.exists() and not path.is_file():  # a FIFO would be waited for
-            raise StoreError(f"cannot read {path}: it is not a file")
+        path, records, problems = self.path(experiment), [], []
         try:
             with path.open("rb") as file:
-                with _locked(file.fileno(), exclusive=False):  # nobody is in the middle of a line
-                    size = os.fstat(file.fileno()).st_size
-                for number, line in enumerate(iter(lambda: file.readline(max(size - file.tell(), 0)), b""), 1):
-                    record = _parse(line, experiment)
-                    if record is not None and record["schema"] != SCHEMA:
-                        raise StoreError(
-                            f"{path}, line {number}: written with schema {record['schema']}, this version reads "
-                            f"{SCHEMA}: update lagrange-bench, or choose another folder with --results"
-                        )
-                    if record is not None:
-                        yield record
-                    elif line != b"\n":
-                        what = "damaged" if line.endswith(b"\n") else "cut off while it was written"
-                        problems.append(f"{path}, line {number}: {what}; skipped, its cell counts as not computed")
+                _lock(file.fileno(), exclusive=False)  # nobody is in the middle of a line
+                *lines, last = file.read().split(b"\n")
         except FileNotFoundError:
-            return
+            return [], []
         except OSError as error:
             raise StoreError(f"cannot read {path}: {error.strerror}") from error
+        for number, line in enumerate([*lines, last], 1):
+            record = _parse(line)
+            if record is not None and record["schema"] != SCHEMA:
+                raise StoreError(
+                    f"{path}, line {number}: written with schema {record['schema']}, this version reads "
+                    f"{SCHEMA}: update lagrange-bench, or choose another folder with --results"
+                )
+            if record is not None and record["experiment"] == experiment:
+                records.append(record)
+            elif line:
+                what = "damaged" if number <= len(lines) else "cut off while it was written"
+                problems.append(f"{path}, line {number}: {what}; skipped, its cell counts as not computed")
+        return records, problems
 
-    def read(self, experiment: str) -> tuple[list[Record], list[str]]:
-        """Every record of an experiment, and what is wrong with the lines that are none; see `records`."""
-        problems: list[str] = []
-        return list(self.records(experiment, problems)), problems
-
-    def done(self, experiment: str) -> tuple[dict[bytes, str | None], list[str]]:
+    def done(self, experiment: str) -> tuple[dict[str, str | None], list[str]]:
         """Keys of the cells that were computed, with the digests of the sources that did; and what is wrong with the lines.
 
         They are of the records that `latest` takes: what was computed otherwise since is computed again.
         """
-        shown: dict[bytes, Record] = {}  # of each cell and version the head of the record that counts
-        problems: list[str] = []
-        for record in self.records(experiment, problems):
-            cell = hashlib.sha256(_canonical([record["version"], record["cell"]]).encode("ascii")).digest()
-            if _counts(record, shown.get(cell)):
-                shown[cell] = {name: record.get(name) for name in ("key", "sources", "status")}
-        done = (head for head in shown.values() if head["status"] == "done")
-        return {bytes.fromhex(head["key"]): head["sources"] for head in done}, problems
+        records, problems = self.read(experiment)
+        versions = {record["version"] for record in records}
+        shown = (record for version in versions for record in latest(records, version))
+        return {r["key"]: r.get("sources") for r in shown if r["status"] == "done"}, problems
 
     def open(self, experiment: str) -> Journal:
         """What is stored of an experiment now, read once."""
@@ -441,77 +393,47 @@ class Store:
     @contextlib.contextmanager
     def _explained(self) -> Iterator[None]:
         """Turns an OSError into a StoreError that says what to do."""
-        advice = {
-            errno.ENOSPC: "free some space",
-            errno.EDQUOT: "free some of your quota",
-            errno.EFBIG: "raise the limit on file sizes (ulimit -f)",
-            errno.EROFS: "make the file system writable",
-            errno.EACCES: "make the folder writable",
-        }
         try:
             yield
         except OSError as error:
-            reason = error.strerror or str(error)
-            hint = f"{advice[error.errno]}, or " if error.errno in advice else ""
             raise StoreError(
-                f"cannot write results to {self.folder}: {reason}. To go on: {hint}choose another folder with "
-                "--results DIR, and run the same command again. What was stored before is kept."
+                f"cannot write results to {self.folder}: {error.strerror or error}. What was stored before is kept. To go on: "
+                "help this folder, or choose another with --results DIR, and run the same command again."
             ) from error
 
 
-def _parse(line: bytes, experiment: str) -> Record | None:
-    """The record in a line; None if it does not match its SHA-256, or is no record of this experiment.
-
-    What is in a record of another schema is not known.
-    """
+def _parse(line: bytes) -> Record | None:
+    """The record in a line; None if it does not match its SHA-256."""
     try:
         record = json.loads(line)
         digest = record.pop("sha256")
-        text = _canonical(record)
-        if digest != _sha256(text) or (record["schema"] == SCHEMA and not _sound(record, text, experiment)):
-            return None
+        return record if digest == _digest(record) else None
     except (ValueError, AttributeError, KeyError, TypeError, RecursionError):
         return None
-    if "\\ud" in text:  # perhaps half of a pair, which no page can hold
-        record = json.loads(json.dumps(record, ensure_ascii=False).encode("utf-8", "replace"))
-    if record["schema"] == SCHEMA and record["error"]:
-        record["error"] = {name: text_of(content) for name, content in record["error"].items()}
-    return record  # type: ignore[no-any-return]
 
 
-def _sound(record: Record, text: str, experiment: str) -> bool:
-    """Whether a record has the fields that its readers rely on; an error if one is missing. text : the record as JSON."""
-    if '"float":' in text:
-        restore([record["cell"], record["rows"]])
-    bytes.fromhex(record["key"])
-    failed, error = record["status"] == "failed", record["error"]
-    return (
-        record["experiment"] == experiment
-        and record["status"] in ("done", "failed")
-        and isinstance(record.get("sources"), (str, NoneType))
-        and all(isinstance(record[name], kinds) for name, kinds in FIELDS.items())
-        and all(isinstance(row, dict) for row in record["rows"])
-        and {"utc", "commit", "dirty", "cpu"} <= set(record["provenance"])
-        and (isinstance(error["type"], str) and isinstance(error["message"], str) if failed else error is None)
-    )
-
-
-def _append(file: int, line: bytes) -> None:
-    """Writes lines at the end of an open journal, on a fresh line; takes back what it wrote if that fails."""
-    size = os.fstat(file).st_size
-    if size:
-        os.lseek(file, size - 1, os.SEEK_SET)
-        if os.read(file, 1) != b"\n":
-            line = b"\n" + line  # the last writer was cut off
+def _append(path: Path, lines: bytes) -> None:
+    """Writes lines at the end of a journal, on a fresh line, and syncs them; takes back what it wrote if that fails."""
+    new = not path.exists()
+    file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
     try:
-        written = os.write(file, line)
-        while written < len(line):  # a full disk takes a part first, and says why only when asked again
-            written += os.write(file, line[written:])
-        os.fsync(file)
-    except OSError:
-        with contextlib.suppress(OSError):  # where this fails too, the torn line is skipped by every reader
-            os.ftruncate(file, size)
-        raise
+        _lock(file, exclusive=True)
+        size = os.fstat(file).st_size
+        if size and os.pread(file, 1, size - 1) != b"\n":
+            lines = b"\n" + lines  # the last writer was cut off
+        try:
+            written = 0
+            while written < len(lines):  # a full disk takes a part first, and says why only when asked again
+                written += os.write(file, lines[written:])
+            os.fsync(file)
+        except OSError:
+            with contextlib.suppress(OSError):  # where this fails too, the torn line is skipped by every reader
+                os.ftruncate(file, size)
+            raise
+    finally:
+        os.close(file)
+    if new:
+        _sync_folder(path.parent)
 
 
 def _sync_folder(folder: Path) -> None:
@@ -524,16 +446,8 @@ def _sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
-@contextlib.contextmanager
-def _locked(file: int, exclusive: bool) -> Iterator[None]:
-    """Holds a lock on an open file where the platform and the file system know locks."""
-    if fcntl is None:
-        yield
-        return
-    with contextlib.suppress(OSError):  # some network file systems have none
-        fcntl.flock(file, fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH)
-    try:
-        yield
-    finally:
-        with contextlib.suppress(OSError):
-            fcntl.flock(file, fcntl.LOCK_UN)
+def _lock(file: int, exclusive: bool) -> None:
+    """Until the file is closed; where the platform and the file system know locks."""
+    if fcntl is not None:
+        with contextlib.suppress(OSError):  # some network file systems have none
+            fcntl.flock(file, fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH)

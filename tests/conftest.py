@@ -122,3 +122,23 @@ def short_races(monkeypatch):
 def one_core(monkeypatch):
     """Pages are drawn in this process: starting others takes longer than a few figures."""
     monkeypatch.setattr("lagrange_bench.integrators.machine.usable_cores", lambda: 1)
+
+
+@pytest.fixture
+def in_process(monkeypatch):
+    """Cells are computed in this process: starting others takes longer than most cells."""
+    from lagrange_bench.runner import workers
+
+    class Here(workers.Local):
+        def __exit__(self, *_):
+            pass
+
+        def submit(self, task):
+            self._busy[task.position] = task
+
+        def finished(self):
+            _, task = self._busy.popitem()
+            return [(task, workers.compute(task.experiment, task.cell, None, task.sources))]
+
+    monkeypatch.setattr(workers, "Local", Here)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -39,7 +40,7 @@ def copy(folder: Path) -> Path:
     return home
 
 
-def tested(home: Path, tests: list[str]) -> int:
+def tested(home: Path, tests: Iterable[str]) -> int:
     """The exit code of pytest; FAILED if the tests do not end."""
     settings = {**os.environ, "PYTHONPATH": str(home), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", "not slow", *tests]
@@ -51,31 +52,23 @@ def tested(home: Path, tests: list[str]) -> int:
         return FAILED
 
 
-class Mutated:
-    """The copy, and which tests pass there without a mutation."""
-
-    def __init__(self, home: Path) -> None:
-        self.home = home
-        self.passing: dict[tuple[str, ...], bool] = {}
-
-    def outcome(self, mutant: dict[str, Any]) -> str:
-        """What became of one mutation: "killed", "SURVIVED", or why it was not tested."""
-        path, tests = self.home / mutant["file"], mutant["tests"]
-        source = path.read_text(encoding="utf-8")
-        if source.count(mutant["old"]) != 1:
-            return "NOT TESTED, its line is not in the file once"
-        if tuple(tests) not in self.passing:
-            self.passing[tuple(tests)] = tested(self.home, tests) == PASSED
-        if not self.passing[tuple(tests)]:
-            return "NOT TESTED, its tests fail without it"
-        path.write_text(source.replace(mutant["old"], mutant["new"]), encoding="utf-8")
-        try:
-            code = tested(self.home, tests)
-        finally:
-            path.write_text(source, encoding="utf-8")
-        return {FAILED: "killed", NOT_COLLECTED: "killed", PASSED: "SURVIVED"}.get(
-            code, f"NOT TESTED, pytest ended with {code}"
-        )
+def outcome(home: Path, mutant: dict[str, Any], passing: dict[tuple[str, ...], bool]) -> str:
+    """What became of one mutation: "killed", "SURVIVED", or why it was not tested. passing : tests that pass without one."""
+    path, tests = home / mutant["file"], tuple(mutant["tests"])
+    source = path.read_text(encoding="utf-8")
+    if source.count(mutant["old"]) != 1:
+        return "NOT TESTED, its line is not in the file once"
+    if tests not in passing:
+        passing[tests] = tested(home, tests) == PASSED
+    if not passing[tests]:
+        return "NOT TESTED, its tests fail without it"
+    path.write_text(source.replace(mutant["old"], mutant["new"]), encoding="utf-8")
+    try:
+        code = tested(home, tests)
+    finally:
+        path.write_text(source, encoding="utf-8")
+    words = {FAILED: "killed", NOT_COLLECTED: "killed", PASSED: "SURVIVED"}
+    return words.get(code, f"NOT TESTED, pytest ended with {code}")
 
 
 def main(names: list[str]) -> int:
@@ -84,10 +77,10 @@ def main(names: list[str]) -> int:
         sys.exit(f"no mutation is called {' or '.join(names)}: see tests/mutants.toml")
     words = []
     with tempfile.TemporaryDirectory() as folder:
-        mutated = Mutated(copy(Path(folder)))
+        home, passing = copy(Path(folder)), dict[tuple[str, ...], bool]()
         for number, mutant in enumerate(table, 1):
             start = perf_counter()
-            words.append(mutated.outcome(mutant))
+            words.append(outcome(home, mutant, passing))
             print(f"{number}/{len(table)} {words[-1]}: {mutant['name']} ({perf_counter() - start:.0f} s)", flush=True)
     killed, survived = words.count("killed"), words.count("SURVIVED")
     print(f"{killed} of {len(table)} killed, {survived} survived, {len(table) - killed - survived} not tested")

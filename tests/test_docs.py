@@ -74,14 +74,6 @@ def test_a_page_that_lies_is_found_out(folder):
         outputs.execute(page)
 
 
-def test_what_a_page_shows_is_written_anew(folder):
-    page = folder / "page.md"
-    shown = "```python\nprint({0})\n```\n\n```text{1}\n{2}\n```\n\nWords.\n\n"
-    text = shown.format("'long, longer'", "", "old") + shown.format("2", " varies", "1") + "```python\nx = 1\n```\n"
-    page.write_text(text, encoding="utf-8")
-    assert outputs.refreshed(page) == text.replace("\nold\n", "\nlong, longer\n").replace("varies\n1\n", "varies\n2\n")
-
-
 def test_the_table_of_published_references_is_computed():
     """If this fails: python docs/published.py, and read what changed."""
     published = script(DOCS / "published.py")
@@ -162,12 +154,7 @@ def test_an_unknown_command_is_found_out():
     assert unknown("`lagrange-bench run drift --profile full` and `lagrange-bench --version`") == []
     assert unknown(
         "    lagrange-bench dance\n`lagrange-bench run drift --fast`, `lagrange-bench run drfit`, `--no-such`"
-    ) == [
-        "dance",
-        "run --fast",
-        "run drfit",
-        "--no-such",
-    ]
+    ) == ["dance", "run --fast", "run drfit", "--no-such"]
 
 
 # ---------------------------------------------------------------- reference
@@ -231,20 +218,6 @@ def test_the_paper_names_figures_that_exist_and_programs_that_are_missing(monkey
         paper.main()
     assert caught.value.code == 2
     assert re.search("not installed: apt-get install pandoc texlive-xetex", capsys.readouterr().err)
-
-
-def test_the_paper_in_latex():
-    """Formulas stay formulas, links into the repository become text, and no letter is left that the font lacks."""
-    paper = script(DOCS / "paper.py")
-    if paper.missing():
-        pytest.skip("needs pandoc and xelatex")
-    text = paper.latex("# Title\n\n(5) [λ(h)](a.md) and `test_a.b` with $\\lambda$ ∎\n")
-    body = text.partition(r"\begin{document}")[2]
-    assert (
-        r"(5) {\ensuremath{\lambda}(h)} and \texttt{test\_\allowbreak{}a.\allowbreak{}b} with \(\lambda\)"
-        in " ".join(body.split())
-    )
-    assert not set(body) & set(paper.LETTERS)
 
 
 # ---------------------------------------------------------------- the notebook

@@ -18,7 +18,7 @@ import numba
 
 from lagrange_bench.integrators.compiling.numba_internals import config, keep_code, name_of, set_name
 from lagrange_bench.integrators.files import cache_folder
-from lagrange_bench.integrators.imported import IMPORTED, digest
+from lagrange_bench.integrators.imported import IMPORTED, Code
 
 njit: Any = numba.njit  # its types know fewer options than it has
 OPTIONS = {"error_model": "numpy", "nogil": True, "fastmath": False, "no_cfunc_wrapper": True}
@@ -33,16 +33,17 @@ def _folder(module: str) -> str | None:
     home = cache_folder()
     if home is None:
         return None
-    kept = ("machine code", module)
-    if kept not in IMPORTED.digests:
+    if module not in IMPORTED.known:
         settings = [f"{name}={getattr(config, name)}" for name in SETTINGS]
         try:
-            IMPORTED.digests[kept] = digest(IMPORTED.files({module, *_below()}), numba.__version__, *settings)
+            code = IMPORTED.code({module, *_below()}, numba.__version__, *settings)
+            IMPORTED.known[module] = Code(None) if IMPORTED.edited(code) else code
         except (ImportError, OSError):  # a module without a file
-            IMPORTED.digests[kept] = None
-    if IMPORTED.digests[kept] is None:
+            IMPORTED.known[module] = Code(None)
+    digest = IMPORTED.known[module].digest
+    if digest is None:
         return None
-    folder = os.path.join(home, str(IMPORTED.digests[kept]))
+    folder = os.path.join(home, digest)
     try:
         os.makedirs(folder, exist_ok=True)
     except OSError:

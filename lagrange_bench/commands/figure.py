@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from lagrange_bench.arguments import add_choice, add_module, check_choice, choice_of, limits, location
+from lagrange_bench.targets import PICTURES
 from lagrange_bench.text import Answer
 
 SUMMARY = "one figure, for a paper"
 
-FORMATS = ("svg", "pdf", "png")
+FORMATS = tuple(suffix.removeprefix(".") for suffix in PICTURES)
 
 DESCRIPTION = """\
 Draw a stored figure again, for a paper: as SVG, PDF (fonts embedded) or PNG, as wide as a column or a page. The same
@@ -73,7 +74,7 @@ def run(options: argparse.Namespace) -> Answer:
     if (options.x is None) != (options.y is None) or (options.x and options.name is None):
         raise ValueError("--x and --y go together, with the name of a figure or of an experiment")
     import_modules(options.module)
-    results, _ = find_results(options.results)
+    results = find_results(options.results)
     choice = choice_of(options)
     if not options.x:
         check_choice(results, choice)
@@ -83,6 +84,7 @@ def run(options: argparse.Namespace) -> Answer:
     done: list[str] = []
     unknown: list[str] = []
     notes: list[str] = []
+    kind = _format(options)
 
     def write(path: Path, content: bytes) -> None:
         done.append(replace_file(path, content))
@@ -90,7 +92,6 @@ def run(options: argparse.Namespace) -> Answer:
     shown = progress.drawing(results, show=not (options.quiet or options.json))
     with style.limits(xlim=options.xlim, ylim=options.ylim), shown as drawn:
         if options.x:
-            kind = _format(options)
             written = [options.output or Path(f"{options.name}.{kind}")]
             write(written[0], _columns(options, results, choice, kind))
         elif options.all:
@@ -101,8 +102,9 @@ def run(options: argparse.Namespace) -> Answer:
                 results, folder, **some, drawn=drawn, choice=choice, write=write
             )
         else:
-            kind, width = _format(options), options.width
-            path, unknown, notes = export.export(options.name, results, options.output, kind, width, choice, write)
+            path, unknown, notes = export.export(
+                options.name, results, options.output, kind, options.width, choice, write
+            )
             written = [path]
     replaced = [line for line in done if line.startswith("replaced")]  # stdout names all that are written
     for line in [*replaced, *(f"not drawn: {reason}" for reason in unknown), *notes] if not options.quiet else ():
@@ -136,9 +138,9 @@ def _columns(options: argparse.Namespace, results: Path, choice: Any, kind: str)
 
 def _format(options: argparse.Namespace) -> str:
     """As asked for, or as the name of the file ends, or SVG. ValueError if the two contradict each other."""
-    suffix = "" if options.output is None else Path(options.output).suffix.removeprefix(".").lower()
+    suffix = "" if options.output is None or options.all else options.output.suffix.removeprefix(".").lower()
     if suffix and suffix not in FORMATS:
-        raise ValueError(f"--output {options.output}: the name must end in .{', .'.join(FORMATS)}")
+        raise ValueError(f"--output {options.output}: the name must end in {' or '.join(PICTURES)}")
     if options.format and suffix and suffix != options.format:
         raise ValueError(
             f"--format {options.format} and --output {options.output} contradict each other: give one format"

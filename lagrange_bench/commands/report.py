@@ -54,8 +54,8 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.results.store import find_results, published
     from lagrange_bench.runner import progress
 
-    results, notes = find_results(options.results)
-    beside = options.beside and find_results(options.beside)[0]
+    results, notes = find_results(options.results), list[str]()
+    beside = options.beside and find_results(options.beside)
     installed = results == published() and provenance.checkout() is None  # nothing is written into a package
     output = options.output or (Path("page") if installed else place(results, "page"))
     import_modules(options.module)

@@ -7,10 +7,11 @@ a record with its error; a run that is stopped, in whatever way, is continued by
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from itertools import compress
+from operator import not_
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +21,7 @@ from lagrange_bench.integrators import interrupts, machine, memory
 from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
-from lagrange_bench.results.store import (
-    ADDED,
-    Record,
-    Store,
-    cell_key,
-    clean,
-    make_record,
-)
+from lagrange_bench.results.store import ADDED, Record, Store, cell_key, clean, failure_text, make_record
 from lagrange_bench.runner import progress, workers
 from lagrange_bench.runner.workers import Outcome, Task
 
@@ -89,7 +83,7 @@ class Summary:
                 "note: the h in {…} is in units of 1/(|J| + √(|α||x|)), the h of a StepError in those of the top"
             )
         for name, t in self.tallies.items():
-            old = sources.told({sources.OTHER: t.other_sources, sources.UNKNOWN: t.unknown_sources})
+            old = sources.summary({sources.OTHER: t.other_sources, sources.UNKNOWN: t.unknown_sources})
             lines += [f"old: {name}: {old}"] if old else []
             lines += [f"set aside: {name}: {t.set_aside} of the cells are not stored: {ASIDE}"] if t.set_aside else []
         return "\n".join([*lines, *self.notes, f"results: {self.results}"])
@@ -143,35 +137,36 @@ def run(
     modules = [load(name) for name in experiments]
     choice.check(cell for module in modules for cell in module.cells(profile))
     store.check_writable()  # before anything is computed, and after what is wrong with the words is known
-    names, files = dict.fromkeys(experiments), Sources()  # as they are when the run begins
-    plans = [_Plan(name, profile, choice, files) for name in names]
-    for plan in plans:
-        _fill(plan, store, summary, timings, again)
-    with progress.follow({plan.experiment: plan.missing for plan in plans if plan.missing}, show) as bar:
+    files = Sources()  # as they are when the run begins
+    plan = {name: _missing(name, choice, files, store, summary, timings, again) for name in dict.fromkeys(experiments)}
+    tasks = [task for missing in plan.values() for task in missing]
+    timed = [bool(task.cell.get("timing")) for task in tasks]
+    with progress.follow({name: len(missing) for name, missing in plan.items() if missing}, show) as bar:
 
         def begin(task: Task) -> None:
             bar.begin(task.experiment)
 
         def finish(outcomes: Sequence[tuple[Task, Outcome]]) -> None:
             with interrupts.interrupt_held_back():  # stored and counted, or neither
-                same = [(task, o) for task, o in outcomes if o.get("sources", task.sources) == task.sources]
+                aside = [task for task, outcome in outcomes if workers.failed_by(outcome, workers.OTHER_SOURCES)]
+                same = [(task, outcome) for task, outcome in outcomes if task not in aside]
                 store.append(*(_record(task, outcome) for task, outcome in same))
                 for task, outcome in same:
                     _count(summary, task, outcome)
-                for task, outcome in outcomes:
-                    summary.tallies[task.experiment].set_aside += (task, outcome) not in same
+                for task in aside:
+                    summary.tallies[task.experiment].set_aside += 1
             for task, outcome in outcomes:
                 bar.advance(task.experiment, outcome["status"] == "failed" and outcome["error"]["type"] != "StepError")
 
         try:
-            if any(any(plan.accuracy) for plan in plans):
+            if not all(timed):
                 with _executor(scheduler, jobs or machine.usable_cores(), limit, experiments) as executor:
-                    workers.compute_all((t for p in plans for t in p.tasks(p.accuracy)), executor, begin, finish)
-            if any(any(plan.timing) for plan in plans):
+                    workers.compute_all(compress(tasks, map(not_, timed)), executor, begin, finish)
+            if any(timed):
                 if scheduler:
                     summary.notes.append("timing cells ran one at a time on this machine, not on the scheduler's")
                 with workers.Local(1, limit) as executor:
-                    workers.compute_all((t for p in plans for t in p.tasks(p.timing)), executor, begin, finish)
+                    workers.compute_all(compress(tasks, timed), executor, begin, finish)
         except KeyboardInterrupt:
             tallies = summary.tallies.values()
             stored, asked = sum(t.stored + t.computed for t in tallies), sum(t.cells - t.unavailable for t in tallies)
@@ -192,52 +187,26 @@ def _executor(scheduler: str | None, jobs: int, limit: float, experiments: Seque
 # ---------------------------------------------------------------- which cells
 
 
-@dataclass
-class _Plan:
-    """What is missing of one experiment. The cells are listed again to be computed: they are never all in memory."""
-
-    experiment: str
-    profile: str
-    choice: Choice = ALL
-    files: Sources = field(default_factory=Sources)
-    accuracy: bytearray = field(default_factory=bytearray)  # of each cell: to be computed?
-    timing: bytearray = field(default_factory=bytearray)
-
-    @property
-    def missing(self) -> int:
-        return sum(self.accuracy) + sum(self.timing)
-
-    def cells(self) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Position and content of every cell that is asked for, in the experiment's order."""
-        numbered = enumerate(load(self.experiment).cells(self.profile))
-        return ((position, clean(cell)) for position, cell in numbered if self.choice.takes(cell))
-
-    def tasks(self, chosen: bytearray) -> Iterator[Task]:
-        version = load(self.experiment).VERSION
-        for position, cell in compress(self.cells(), chosen):
-            yield Task(self.experiment, version, position, cell, self.digest(cell))
-
-    def digest(self, cell: dict[str, Any]) -> str | None:
-        """Of the source code that computes a cell, as it was when the run began."""
-        return sources.of_cell(self.experiment, cell, self.files)
-
-
-def _fill(plan: _Plan, store: Store, summary: Summary, timings: bool, again: bool) -> None:
-    """Finds the cells to compute now, and enters the others in the summary.
+def _missing(
+    experiment: str, choice: Choice, files: Sources, store: Store, summary: Summary, timings: bool, again: bool
+) -> list[Task]:
+    """The cells to compute now; enters the others in the summary.
 
     Raises
     ------
     ValueError : two cells are equal, or a field has a name the store adds.
     """
-    experiment, version = plan.experiment, load(plan.experiment).VERSION
+    module = load(experiment)
     tally = summary.tallies[experiment] = Tally()
     done, problems = store.done(experiment)
     summary.notes += problems
-    seen = set()
-    for _, cell in plan.cells():
+    seen, tasks = set(), []
+    for position, cell in enumerate(map(clean, module.cells(summary.profile))):
+        if not choice.takes(cell):
+            continue
         tally.cells += 1
-        digest = plan.digest(cell)
-        key = bytes.fromhex(cell_key(experiment, version, cell, digest))
+        digest = sources.of_cell(experiment, cell, files)
+        key = cell_key(experiment, module.VERSION, cell, digest)
         if key in seen:
             raise ValueError(f"experiment {experiment!r} lists the cell {cell} twice")
         if taken := set(ADDED) & set(cell):
@@ -245,34 +214,28 @@ def _fill(plan: _Plan, store: Store, summary: Summary, timings: bool, again: boo
                 f"experiment {experiment!r}: cell field {taken.pop()!r}: this name is reserved by the store"
             )
         seen.add(key)
-        timed, stored = bool(cell.get("timing")), key in done
         age = sources.compared(done.get(key), digest)
-        missing = not stored or (again and age != sources.SAME)
-        if missing and (package := _lacks(cell.get("method")) or lacks(experiment, cell)):
-            missing = False
-            who = cell.get("method", f"a part of {experiment}")
-            _note(summary, f"skipped: {who} needs {package}, which is not installed here")
-        elif missing and timed and not timings:
-            missing = False
-            _note(summary, f"skipped: the timing cells of {experiment}, as asked")
-        if stored and not missing:
-            tally.stored += 1
-            tally.other_sources += age == sources.OTHER
-            tally.unknown_sources += age == sources.UNKNOWN
-        elif not missing:
-            tally.unavailable += 1
-        plan.accuracy.append(missing and not timed)
-        plan.timing.append(missing and timed)
+        if key in done and (age == sources.SAME or not again):
+            skipped = None
+        elif package := _lacks(cell.get("method")) or lacks(experiment, cell):
+            skipped = f"{cell.get('method', f'a part of {experiment}')} needs {package}, which is not installed here"
+        elif cell.get("timing") and not timings:
+            skipped = f"the timing cells of {experiment}, as asked"
+        else:
+            tasks.append(Task(experiment, module.VERSION, position, cell, digest))
+            continue
+        if skipped and (note := f"skipped: {skipped}") not in summary.notes:
+            summary.notes.append(note)
+        tally.stored += key in done
+        tally.unavailable += key not in done
+        tally.other_sources += key in done and age == sources.OTHER
+        tally.unknown_sources += key in done and age == sources.UNKNOWN
+    return tasks
 
 
 def _record(task: Task, outcome: Outcome) -> Record:
     """What is stored: under the digest that the process gave which computed it; of a process that died it is not known."""
     return make_record(task.experiment, task.version, task.position, task.cell, **{"sources": None, **outcome})
-
-
-def _note(summary: Summary, note: str) -> None:
-    if note not in summary.notes:
-        summary.notes.append(note)
 
 
 @cache
@@ -300,6 +263,6 @@ def _count(summary: Summary, task: Task, outcome: Outcome) -> None:
     if outcome["status"] == "done":
         tally.computed += 1
     else:
-        error = f"{outcome['error']['type']}: {outcome['error']['message']}"
+        error = failure_text(outcome["error"])
         setattr(tally, _word(error), getattr(tally, _word(error)) + 1)
         summary.failures.append((task.experiment, task.cell, error))

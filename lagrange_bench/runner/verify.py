@@ -6,8 +6,9 @@ import random
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lagrange_bench.experiments.catalogue import UnknownExperiment, lacks, load_stored
 from lagrange_bench.integrators import machine
@@ -19,9 +20,6 @@ from lagrange_bench.results.compare import Difference, _store, differences, is_t
 from lagrange_bench.results.store import Record, Store, StoreError, _canonical
 from lagrange_bench.runner import progress, workers
 from lagrange_bench.runner.workers import Task
-
-if TYPE_CHECKING:
-    from lagrange_bench.integrators import Method
 
 # `verify`, where a library takes the steps or the truth is not from + − × ÷ √ alone
 RTOL, ATOL = 1e-3, 1e-12
@@ -73,7 +71,7 @@ def verify(
         reasons = result.notes[:SHOWN] or ["it has no cells with anything but times"]
         more = [f"{len(result.notes) - SHOWN} more"] if len(result.notes) > SHOWN else []
         raise StoreError(f"no cell of {folder} was computed again: {'; '.join([*reasons, *more])}")
-    ages = sources.told(result.stored)
+    ages = sources.summary(result.stored)
     result.notes += [ages] if ages else []
     current: dict[tuple[str, str], Record] = {}
     with progress.follow({"verify": len(records)}, show) as bar:
@@ -103,8 +101,7 @@ def _judge(result: Verification, old: Record, new: Record, here: Sources) -> Non
 
 
 def _tolerance(method: str | None) -> Any:
-    result = None if method is None else _method(method)
-    compiled = result is not None and result.engine == "numba"
+    compiled = method is not None and _available(find_stored_method, method, "engine") == "numba"
     return lambda column: (0.0, 0.0) if compiled and column in EXACT else (RTOL, ATOLS.get(column, ATOL))
 
 
@@ -124,8 +121,7 @@ def _sample(
         result.notes += journal.problems
         result.stored.update([sources.LEFT_OUT] * journal.left_out)
         for record in journal.latest:
-            cell, method = record["cell"], record["cell"].get("method")
-            age = sources.judge(record, here)
+            cell, age = record["cell"], sources.judge(record, here)
             result.stored[age] += 1
             if old and age == sources.SAME:
                 continue
@@ -136,7 +132,7 @@ def _sample(
             elif record["seconds"] > longest:
                 long += 1
             elif _comparable(record, times_of(experiment)):
-                group = (experiment, str(cell.get("part", "")), str(method or cell.get("variant", "")))
+                group = (experiment, str(cell.get("part", "")), str(cell.get("method") or cell.get("variant", "")))
                 groups.setdefault(group, []).append(record)
     if outdated:
         again = " && ".join(origin.again(store.folder, name, store.latest(name)) for name in sorted(outdated))
@@ -145,13 +141,10 @@ def _sample(
         )
     result.notes += [f"not computed: {', '.join(sorted(absent))}: not available here"] if absent else []
     result.notes += [f"not computed: {long} cells that took longer than {longest:g} s"] if long else []
-    listed = list(groups.values())
-    for records in listed:
+    for records in groups.values():
         draw.shuffle(records)
-    chosen: list[Record] = []
-    while len(chosen) < sample and any(listed):
-        chosen += [records.pop() for records in listed if records]
-    return chosen[:sample]
+    turns = zip_longest(*groups.values())
+    return [record for turn in turns for record in turn if record is not None][:sample]
 
 
 def _comparable(record: Record, own: Iterable[str]) -> bool:
@@ -162,21 +155,16 @@ def _comparable(record: Record, own: Iterable[str]) -> bool:
 
 
 def _absent(cell: dict[str, Any]) -> str | None:
-    """The method or potential of a stored cell that is not available here."""
-    method, potential = cell.get("method"), cell.get("potential")
-    if method is not None and _method(method) is None:
-        return str(method)
-    if isinstance(potential, str):
-        try:
-            find_stored_potential(potential)
-        except ValueError:
-            return potential
+    """The method or potential of a stored cell that is not available here, or somebody's own that nobody imported."""
+    for word, find in (("method", find_stored_method), ("potential", find_stored_potential)):
+        if isinstance(name := cell.get(word), str) and _available(find, name, "name") is None:
+            return name
     return None
 
 
-def _method(name: str) -> Method | None:
-    """The method of a stored cell; None if it is not available here, or somebody's own that nobody imported."""
+def _available(find: Any, name: str, what: str) -> Any:
+    """A field of a stored method or potential; None if it is not here."""
     try:
-        return find_stored_method(name)
+        return getattr(find(name), what)
     except ValueError:
         return None

@@ -25,6 +25,7 @@ from typing import Any, Protocol
 
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.integrators import interrupts, memory
+from lagrange_bench.integrators.imported import IMPORTED
 from lagrange_bench.results import sources
 from lagrange_bench.results.store import clean_rows, restore, text_of
 
@@ -52,20 +53,14 @@ Finish = Callable[[Sequence[tuple[Task, Outcome]]], None]
 
 
 class Executor(Protocol):
-    """Something that computes tasks, several at a time."""
+    """Something that computes tasks, several at a time: `submit` does not wait, `finished` waits for some outcomes."""
 
     @property
-    def room(self) -> bool:
-        """Whether to hand over another task now."""
-        ...
+    def room(self) -> bool: ...  # whether to hand over another task now
 
-    def submit(self, task: Task) -> None:
-        """Hands over a task, without waiting."""
-        ...
+    def submit(self, task: Task) -> None: ...
 
-    def finished(self) -> list[tuple[Task, Outcome]]:
-        """Waits for some of the tasks handed over, and returns their outcomes."""
-        ...
+    def finished(self) -> list[tuple[Task, Outcome]]: ...
 
 
 def compute_all(tasks: Iterable[Task], executor: Executor, begin: Callable[[Task], None], finish: Finish) -> None:
@@ -76,8 +71,8 @@ def compute_all(tasks: Iterable[Task], executor: Executor, begin: Callable[[Task
     """
     suspects: list[Task] = []
     for outcomes in _stream(iter(tasks), executor, begin):
-        suspects += [task for task, outcome in outcomes if died(outcome)]
-        if good := [(task, outcome) for task, outcome in outcomes if not died(outcome)]:
+        suspects += [task for task, outcome in outcomes if failed_by(outcome, DIED)]
+        if good := [(task, outcome) for task, outcome in outcomes if not failed_by(outcome, DIED)]:
             finish(good)
     for suspect in suspects:
         for outcomes in _stream(iter([suspect]), executor, begin):
@@ -102,9 +97,9 @@ def _stream(
         out -= len(outcomes)
 
 
-def died(outcome: Outcome) -> bool:
-    """Whether the process of the cell ended before the cell did."""
-    return outcome["status"] == "failed" and outcome["error"]["type"] == DIED
+def failed_by(outcome: Outcome, reason: str) -> bool:
+    """Whether the cell failed for this reason: DIED, its process ended before it, or OTHER_SOURCES."""
+    return outcome["status"] == "failed" and outcome["error"]["type"] == reason
 
 
 # ---------------------------------------------------------------- on this machine
@@ -252,15 +247,15 @@ def compute(experiment: str, cell: dict[str, Any], limit: float | None = None, e
     """Measures one cell. Whatever is raised becomes part of the outcome; warnings are collected.
 
     limit : kept by the parent; here it only ends a process that lost its parent within a compiled call. expected : digest of
-    the source code; a cell that other code would compute here is not begun.
+    the source code; a cell that other code computes here, or whose code was edited meanwhile, has no rows.
     """
     start = perf_counter()
-    found = sources.of_cell(experiment, cell)
-    if expected not in (None, found):
-        return {**failure(OTHER_SOURCES, "the source code here is not that of this run", "", 0.0), "sources": found}
-    outcome = _measure(experiment, cell, limit)
-    seconds = round(perf_counter() - start, 3)
-    return {**outcome, "seconds": seconds, "sources": sources.of_cell(experiment, cell)}  # as it was imported meanwhile
+    code = sources.code_of_cell(experiment, cell)  # the files are read before they are imported
+    if expected in (None, code.digest) and not IMPORTED.edited(code):
+        outcome = {**_measure(experiment, cell, limit), "seconds": round(perf_counter() - start, 3)}
+        if not IMPORTED.edited(code):
+            return {**outcome, "sources": code.digest}
+    return failure(OTHER_SOURCES, "the source code here is not that of this run", "", 0.0)
 
 
 def _measure(experiment: str, cell: dict[str, Any], limit: float | None) -> Outcome:

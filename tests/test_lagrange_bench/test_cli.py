@@ -14,7 +14,9 @@ import pytest
 
 from lagrange_bench import __main__ as cli
 from lagrange_bench import integrators
+from lagrange_bench.experiments import phase
 from lagrange_bench.integrators import METHODS, registry
+from lagrange_bench.results.store import Store, make_record
 
 COMMANDS = tuple(module.__name__.rpartition(".")[2] for module in cli.COMMANDS)
 SLOW = ["numpy", "numba", "scipy", "matplotlib", "pandas", "heyoka", "mpmath", "rich", "jinja2", "multiprocessing"]
@@ -79,78 +81,46 @@ BAD = {  # words → what the line must name
     "run drift --profil quick": "unknown argument '--profil'; did you mean '--profile'? (see lagrange-bench run --help)",
     "run --profile fulll": "did you mean 'full'?",
     "run drfit": "did you mean 'drift'?",
-    "run no.such_module": "no.such_module",
-    "run ../x": "unknown experiment '../x'",
-    "run --scheduler local:0": "--scheduler",
-    "run --scheduler local:\u0661": "--scheduler",
     "run --jobs 0": "--jobs",
-    "run --jobs 1_0": "--jobs",
     "run --time-limit 0": "--time-limit",
-    "run --time-limit inf": "--time-limit",
     "run --methods a,,b": "--methods",
     "run mine.toml --results out": "[[sweep]], samples: 1000000000 rows take about 3e+03 GB of memory",
     "figure": "the name of a figure",
-    "figure phase_h --list": "the name of a figure",
     "figure --list --output x.svg": "--list draws none",
     "compare results/reference": "NEW",
     "compare /no/such/folder x": "/no/such/folder",
     "compare a b --rtol -1": "--rtol",
-    "verify /no/such/folder": "/no/such/folder",
     "verify one --results two": "give either DIR or --results DIR",
-    "verify --seed \u0661": "--seed",
-    "verify --module no.such_module": "--module no.such_module",
-    "report --results /no/such/folder": "/no/such/folder",
     "report --output mine.toml": "mine.toml",
-    "report --output mine.toml/page": "mine.toml",
     "run --results ''": "argument --results: must name a file or folder; got an empty word",  # $RESULTS, where it is not set
-    "compare x ''": "argument NEW: must name a file or folder",
     "integrate": "--h",
-    "integrate --h 0.1": "--steps",
     "integrate --h 0 --steps 3": "--h",
-    "integrate --h inf --steps 3": "--h",
     "integrate --h 1_0 --steps 3": "--h",
     "integrate --h 0.1 --steps 2.5": "--steps",
-    "integrate --h 0.1 --steps -3": "--steps",
-    "integrate --h 0.1 --steps 1e300": "--steps",
     "integrate --h 0.1 --steps 1e12 --every 1": "--steps: 1000000000001 rows take about 1e+06 GB",
-    "integrate --h 0.1 --steps 1e12 --output x.csv": "record fewer states",
     f"{I} --every 2": "--every",
     f"{I} --times 0,1": "--times",
-    "integrate --times 0:1": "--times",
-    "integrate --times 0:1:1": "--times",
     "integrate --times 0:1:1e10": "--times: 0:1:1e10: 10000000000 rows take about 1e+04 GB",
     f"{T} --method backlund_paper": "--times",
     f"{T} --top generi": "did you mean 'generic'?",
     f"{T} --top generic --state 1,2,3,4,5,6": "--state",
-    f"{T} --alpha 1": "--alpha",
-    f"{T} --state 1,2,3,0,0,0": "--state",
     f"{T} --state 1,2,3,4,5,x": "--state",
     f"{T} --physical mass=1": "distance",
-    f"{T} --physical masss=1": "did you mean 'mass'?",
     f"{T} --physical mass=1,mass=2": "mass is given twice",
-    f"{T} --physical mass=x": "mass",
     f"{T} --physical mass=-1,distance=1,A=1,C=1,theta=1,dpsi=3": "--physical: mass",
     f"{T} --method backlnd": "did you mean 'backlund'?",
     f"{T} --method json:loads": "json:loads",
-    f"{T} --method no.such_module:METHOD": "no.such_module",
     f"{I} --option pim=3": "'pim'",
-    f"{I} --option pin": "--option",
-    f"{I} --option pin=0.5": "pin",
     f"{I} --option pin=1 --option pin=2": "pin",
-    f"{I} --option lam=word": "lam",
     f"{I} --option h=2": "unknown option 'h' of backlund",
     f"{I} --output run.txt": "--output",
-    f"{I} --output no/such/folder/run.csv": "--output",
-    f"{I} --draw axis.gif": "--draw",
     f"{I} --output folder.csv": "folder.csv: this is not a file",
     f"{T} --parameters 1,2": "--parameters",
     f"{T} --potential json:loads": "json:loads is a function, not a lagrange_bench.Potential",
-    f"{T} --potential no.such_module:POTENTIAL": "no.such_module",
     f"{T} --potential tide": "4 numbers (k, n1, n2, n3); got 0",
     f"{T} --top magnet --potential dipole --parameters 1,0,0": "magnet is in the potential charge already",
     f"{I} --top magnet": "(those that do: lagrange-bench methods --top magnet)",
     f"{T} --top magnet --method strang": "--times: strang",
-    f"{I} --method rk4 --potential charge --parameters 1,0.48,0.6,0.64": "the potential charge is not finite",
     "methods --top generi": "did you mean 'generic'?",
     "check nothing": "'nothing'",
     "check rk4 --state 1,2": "--state",
@@ -158,15 +128,25 @@ BAD = {  # words → what the line must name
     "bits dop853 --quick": "dop853 has no kernel of its own",
     "case bruls": "unknown case 'bruls'; did you mean 'bruels'?",
     "case bruels --every x": "--every must be a number",
-    "case bruels --until -1": "--until must be a positive",
     "case bruels --every 1e-9": "more than 10000000 rows",
     "case bruels --digits 41": "digits must be at most 40",
+    # names of methods, tops and figures
+    "run drift --methods rk44": "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
+    "run drift --tops x": "--tops: no cell here has the top 'x'. Known: ",
+    "run drift --methods mine.py": "method mine.py: write mine:METHOD",
+    "run drift --highlight far/mine.py": "method far/mine.py: write mine:METHOD in the folder far",
+    "figure phase_h --methods bakclund --results small": "did you mean 'backlund'?",
+    "report --tops generik --output out --results small": "did you mean 'generic'?",
+    "run phase --methods rk4 --tops figure1": "--methods rk4 --tops figure1: no cell here has such",
+    "figure phase_h --x h": "--x and --y go together",
+    "figure phase_h --xlim 1": "must be two numbers",
+    "figure phase_h --x h --y of --results small": "y must be a column of numbers; got 'of'; did you mean 'off'?",
+    "figure phase_h --output x.eps --results small": "--output x.eps: the name must end in",
+    "figure phase_h --format pdf --output x.svg --results small": "--format pdf and --output x.svg",
     # a file of the user's that ends the process
     "check leaves:METHOD --quick": f"method leaves:METHOD {LEAVES}",
     f"{I} --method leaves:METHOD": f"method leaves:METHOD {LEAVES}",
-    f"{I} --potential leaves:WELL": f"--potential: potential leaves:WELL {LEAVES}",
     f"{I} --top leaves:TOP": f"--top: top leaves:TOP {LEAVES}",
-    "run phase --methods leaves:METHOD": f"method leaves:METHOD {LEAVES}",
     "run mine.leaves": f"experiment 'mine.leaves' {LEAVES}",
     "report --module leaves": "--module leaves cannot be imported: ImportError: it calls sys.exit(0)",
 }
@@ -177,8 +157,10 @@ def test_bad_input(run, words, folder, monkeypatch):
     """Known before anything is computed, drawn or written."""
     sweep = f'[[sweep]]\nmethods = ["strang"]\nh = [0.5]\ntime = 50\nsamples = {10**9}\n'
     (folder / "mine.toml").write_text(sweep)
-    for name in ("folder.csv", "mine"):
+    for name in ("folder.csv", "mine", "small"):
         (folder / name).mkdir()
+    cell = {"part": "h", "state": "generic", "method": "backlund", "h": 0.5}
+    Store(folder / "small").append(make_record("phase", phase.VERSION, 0, cell, rows=[{"off": 1.0}], sources=None))
     for name in ("leaves.py", "mine/leaves.py"):
         (folder / name).write_text("import sys\n\nsys.exit(0)\n")
     before = sorted(folder.iterdir())

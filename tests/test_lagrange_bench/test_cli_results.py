@@ -25,52 +25,43 @@ def toy(monkeypatch):
     return "toys.behaviour"
 
 
-@pytest.mark.processes
-def test_run(run, toy, tmp_path, monkeypatch):
-    words = ("run", toy, "--results", tmp_path / "my results", "--jobs", "1")
+def test_run(run, toy, in_process, tmp_path, monkeypatch):
+    """It draws if asked, and never a figure without rows."""
+    drawn, results = [], tmp_path / "my results"
+    figure = results / "page" / "figure.svg"
+    monkeypatch.setattr(
+        "lagrange_bench.report.sections.write_experiment", lambda *asked: drawn.append(asked) or [figure]
+    )
+    words = ("run", toy, "--results", results, "--jobs", "1")
     code, out, err = run(*words, "--quiet")
-    assert (code, err) == (1, "")
+    assert (code, err, drawn) == (1, "", [])
     assert "cell 4 was told to" in out
-    assert f"next: lagrange-bench report --results '{tmp_path / 'my results'}'" in out
+    assert f"next: lagrange-bench report --results '{results}'" in out
     monkeypatch.setenv("TOY_CELLS", json.dumps([{"do": "square", "i": 3}]))
-    code, out, _ = run(*words, "--json")
+    code, out, _ = run(*words, "--json")  # and nothing else on stdout
     assert (code, json.loads(out)["experiments"][toy]["stored"]) == (0, 1)
+    assert f"drawn: {figure}" in run(*words, "--draw")[1]
+    assert drawn[0][:3] == (toy, results, results / "page")
 
 
 def test_run_takes_all_experiments_by_default(run, monkeypatch):
     asked = {}
 
     def instead(names, profile, results, jobs, show, **more):
-        asked.update(names=names, profile=profile, results=results, jobs=jobs, show=show, **more)
+        asked.update(names=names, profile=profile, results=results.name, jobs=jobs, show=show, **more)
         return engine.Summary(results, profile)
 
     monkeypatch.setattr(engine, "run", instead)
+    usual = {"names": EXPERIMENTS, "profile": "full", "results": "full", "jobs": None, "show": True}
+    usual |= {"time_limit": None, "scheduler": None, "timings": True, "again": False}
     assert run("run", "--profile", "full")[0] == 0
-    assert asked["names"] == EXPERIMENTS
-    assert (asked["profile"], asked["jobs"], asked["show"]) == ("full", None, True)
-    assert asked["results"].name == "full"
-    asked_nothing = {"time_limit": None, "scheduler": None, "timings": True}
-    assert {name: asked[name] for name in asked_nothing} == asked_nothing
-    assert run("run", "--time-limit", "9", "--scheduler", "local:2", "--no-timings")[0] == 0
-    asked_this = {"time_limit": 9.0, "scheduler": "local:2", "timings": False}
-    assert {name: asked[name] for name in asked_this} == asked_this
+    assert asked.items() >= usual.items()
+    assert run("run", "--time-limit", "9", "--scheduler", "local:2", "--no-timings", "--again", "--jobs", "3")[0] == 0
+    assert (
+        asked.items() >= {"time_limit": 9.0, "scheduler": "local:2", "timings": False, "again": True, "jobs": 3}.items()
+    )
 
 
-def test_run_stopped_or_without_a_place(run, monkeypatch, tmp_path):
-    (tmp_path / "file").write_text("in the way")
-    code, out, err = run("run", "paper", "--results", tmp_path / "file" / "results")
-    assert (code, out) == (2, "")
-    assert re.fullmatch(r"lagrange-bench: error: cannot write results to .*\n", err)
-
-    def stopped(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(engine, "run", stopped)
-    code, out, err = run("run", "paper", "--results", tmp_path)
-    assert (code, out, err) == (130, "", "lagrange-bench: interrupted\n")
-
-
-@pytest.mark.processes
 def test_report(run, one_core, tmp_path, monkeypatch):
     opened = []
     monkeypatch.setattr("webbrowser.open", opened.append)
@@ -103,8 +94,7 @@ def draw(rows):
 """
 
 
-@pytest.mark.processes
-def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, one_core, folder):
+def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, one_core, folder):
     """Each command prints the next one."""
     (folder / "my_study").mkdir()
     (folder / "my_study" / "energy.py").write_text(STUDY)
@@ -118,10 +108,10 @@ def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, one_core, fold
     assert run(*shlex.split(again)[1:])[1] == "my_study.energy_squares.svg\n"
 
 
-def test_figures_are_listed_in_the_order_of_the_page(run, tmp_path):
+def test_figures_are_listed_in_the_order_of_the_page_and_completed(run, tmp_path, monkeypatch):
     """The user's own experiments come first."""
-    shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
-    shutil.copy(default_results() / "cost.jsonl", tmp_path)
+    for name in ("ensemble", "cost"):
+        shutil.copy(default_results() / f"{name}.jsonl", tmp_path)
     start = {
         "top": "generic",
         "alpha": 1.0,
@@ -131,38 +121,22 @@ def test_figures_are_listed_in_the_order_of_the_page(run, tmp_path):
         "samples": 2,
     }
     row = {"t": 1.0, "H": 1e-9, "J3": 0.0, "C1": 0.0, "C2": 0.0, "error": 1e-9, "seconds": 0.1}
-    done = {"status": "done", "rows": [row], "error": None, "warnings": [], "seconds": 0.1}
-    Store(tmp_path).append(make_record("sweep_mine", VERSION, 0, {"method": "strang", **start, "h": 0.1}, **done))
+    Store(tmp_path).append(make_record("sweep_mine", VERSION, 0, {"method": "strang", **start, "h": 0.1}, rows=[row]))
     code, out, err = run("figure", "--list", "--results", tmp_path)
     assert code == 0, err
     assert [name.partition("_")[0] for name in out.split()] == ["sweep", "cost", "ensemble", "ensemble"]
-
-
-def test_figures_are_listed_and_completed(run, answer, tmp_path, monkeypatch):
-    shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
-    listed = ["ensemble_throughput", "ensemble_rivals"]
-    assert run("figure", "--list", "--results", tmp_path)[:2] == (0, "\n".join(listed) + "\n")
     (tmp_path / "page" / "figures").mkdir(parents=True)
-    for name in listed:
+    for name in out.split():
         (tmp_path / "page" / "figures" / f"{name}.svg").touch()
     monkeypatch.setattr("lagrange_bench.results.store.default_results", lambda profile=None: tmp_path)
-    assert set(listed) <= set(completion.names()["name"])
+    assert set(out.split()) <= set(completion.names()["name"])
 
 
 def test_a_figure_that_cannot_be_written_is_named(run, tmp_path):
     (tmp_path / "file").write_text("in the way")
     shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
-    target = tmp_path / "file" / "z.svg"
-    code, _, err = run("figure", "ensemble_throughput", "--results", tmp_path, "--output", target)
-    assert code == 2
-    assert str(tmp_path / "file") in err
-    assert ".z.svg" not in err
-    for name, more in (("x.eps", ()), ("x.jpg", ()), ("x.eps", ("--format", "svg")), ("x.svg", ("--format", "pdf"))):
-        code, _, err = run("figure", "ensemble_throughput", "--results", tmp_path, "--output", tmp_path / name, *more)
-        assert (code, len(err.splitlines())) == (2, 1)
-        assert "--output" in err
-        assert not (tmp_path / name).exists()
-    assert "--list draws none" in run("figure", "--list", "--results", tmp_path, "--output", "x.svg")[2]
+    code, _, err = run("figure", "ensemble_throughput", "--results", tmp_path, "--output", tmp_path / "file" / "z.svg")
+    assert (code, str(tmp_path / "file") in err, ".z.svg" in err) == (2, True, False)
 
 
 def test_a_picture_is_not_replaced_in_silence(run, tmp_path, monkeypatch):

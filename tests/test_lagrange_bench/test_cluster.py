@@ -27,11 +27,11 @@ def scheduler(tmp_path):
     class Scheduler:
         file, processes = tmp_path / "scheduler.json", []
 
-        def dask(self, *words, cwd=HERE.parent, **variables):
+        def dask(self, *words, **variables):
             environment = {**os.environ, "PYTHONPATH": str(HERE), **variables}
             quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
             command = [sys.executable, "-m", "dask", *map(str, words), "--scheduler-file", str(self.file)]
-            self.processes.append(subprocess.Popen(command, env=environment, cwd=cwd, **quiet))
+            self.processes.append(subprocess.Popen(command, env=environment, cwd=HERE.parent, **quiet))
             return self.processes[-1]
 
         def worker(self, **variables):
@@ -120,94 +120,29 @@ def test_interrupt(tmp_path):
     assert nobody_left(run.pid)
 
 
-def joins_late(scheduler, monkeypatch, **variables):
-    """A run asks the workers at its start; this one is not there yet."""
-    enter = cluster.Cluster.__enter__
-
-    def join(self):
-        entered = enter(self)
-        scheduler.worker(**variables)
-        return entered
-
-    monkeypatch.setattr(cluster.Cluster, "__enter__", join)
-
-
-def here_only(folder):
-    return {"PYTHONPATH": ""}
-
-
-def another_mpmath(folder):
-    """A worker with another version would store its rows under this machine's."""
-    info = folder / "mpmath-0.1.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: mpmath\nVersion: 0.1\n")
-    return {"PYTHONPATH": f"{folder}{os.pathsep}{HERE}"}
-
-
-LACKING = r"a Dask worker lacks something: No module named .toys.; install the same"
-OLDER = r"mpmath is 0\.1, here .*; install the same versions there and restart the workers"
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("other", "message", "late"),
-    [(here_only, LACKING, True), (another_mpmath, OLDER, False)],
-)
-def test_workers_that_differ_are_refused(tmp_path, scheduler, monkeypatch, other, message, late):
-    """Whether they are there before the run or not. What they lack is no result: nothing is stored."""
+def test_a_worker_that_joins_late_and_lacks_the_experiment_is_refused(tmp_path, scheduler, monkeypatch):
+    """A run asks the workers at its start; this one is not there yet. What it lacks is no result: nothing is stored."""
     monkeypatch.syspath_prepend(str(HERE))
     monkeypatch.setenv("TOY_CELLS", json.dumps(squares(1, 2)))
-    variables = other(tmp_path)
-    if late:
-        joins_late(scheduler, monkeypatch, **variables)
-    else:
-        scheduler.worker(**variables)
+    enter = cluster.Cluster.__enter__
+    monkeypatch.setattr(cluster.Cluster, "__enter__", lambda self: (enter(self), scheduler.worker(PYTHONPATH=""))[0])
+    message = r"a Dask worker lacks something: No module named .toys.; install the same"
     with pytest.raises(cluster.ClusterError, match=message):
         engine.run([TOY], "quick", tmp_path, scheduler=scheduler.address, show=False)
     assert keys(tmp_path) == []
 
 
-def test_rows_of_workers_that_differ_are_refused():
-    """Quickly: what a worker sends with its rows is compared, whenever it joined."""
+def test_workers_with_other_versions_are_refused():
+    """What a worker sends with its rows is compared, whenever it joined."""
 
     class Future:
         def result(self):
             return {**cluster.look(), "mpmath": "0.1"}, {"status": "done"}
 
-    with pytest.raises(cluster.ClusterError, match=OLDER):
+    message = r"mpmath is 0\.1, here .*; install the same versions there and restart the workers"
+    with pytest.raises(cluster.ClusterError, match=message):
         cluster.Cluster("local:1", None)._outcome(Future())
-
-
-STUDY = """
-from own import helper
-VERSION = 1
-def cells(profile): return [{"i": i} for i in range(3)]
-def measure(cell): return [{"value": helper.VALUE}]
-def draw(rows): return {}
-def tables(rows): return {}
-"""
-
-
-@pytest.mark.slow
-def test_rows_of_another_file_of_the_users_are_not_stored(tmp_path, scheduler, monkeypatch):
-    """A worker imports what is in its own folder: the rows are set aside, and those of a worker with the same file stored."""
-    for name in ("here", "there"):
-        (tmp_path / name / "own").mkdir(parents=True)
-        (tmp_path / name / "own" / "study_of_values.py").write_text(STUDY)
-        (tmp_path / name / "own" / "helper.py").write_text(f"VALUE = '{name}'\n")
-    monkeypatch.chdir(tmp_path / "here")
-    other = {"cwd": tmp_path / "there", "PYTHONPATH": str(HERE.parent)}
-    with monkeypatch.context() as patch:
-        joins_late(scheduler, patch, **other)
-        summary = engine.run(["own.study_of_values"], "quick", tmp_path, scheduler=scheduler.address, show=False)
-    tally = summary.tallies["own.study_of_values"]
-    assert (tally.computed, tally.set_aside, summary.exit_code) == (0, 3, 1)
-    assert "set aside: own.study_of_values: 3 of the cells are not stored: a worker had other source code" in str(
-        summary
-    )
-    summary = engine.run(["own.study_of_values"], "quick", tmp_path, scheduler="local:1", show=False)
-    assert (summary.tallies["own.study_of_values"].computed, summary.exit_code) == (3, 0)
-    assert set(Store(tmp_path).rows("own.study_of_values").value) == {"here"}
 
 
 def test_a_cluster_that_is_not_there(monkeypatch):

@@ -19,12 +19,10 @@ def python(*words, **settings):
     return subprocess.run([sys.executable, *map(str, words)], capture_output=True, text=True, check=False, **settings)
 
 
-@pytest.mark.parametrize("words", [["--help"], ["--profile", "none"]])
-def test_a_script_does_what_the_command_line_does(words):
-    ours = python("-m", "lagrange_bench.experiments.paper", *words, cwd=ROOT)
-    theirs = python("-m", "lagrange_bench", "run", "paper", *words, cwd=ROOT)
-    assert (ours.returncode, ours.stdout, ours.stderr) == (theirs.returncode, theirs.stdout, theirs.stderr)
-    assert ours.returncode == (0 if words == ["--help"] else 2)
+def test_a_script_does_what_the_command_line_does():
+    ours = python("-m", "lagrange_bench.experiments.paper", "--help", cwd=ROOT)
+    theirs = python("-m", "lagrange_bench", "run", "paper", "--help", cwd=ROOT)
+    assert (ours.returncode, ours.stdout, ours.stderr) == (0, theirs.stdout, "")
 
 
 def test_every_experiment_is_a_script(monkeypatch):

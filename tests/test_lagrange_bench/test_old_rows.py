@@ -14,7 +14,7 @@ import pytest
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.report import page
 from lagrange_bench.results import sources
-from lagrange_bench.results.store import Store, clean, make_record
+from lagrange_bench.results.store import Store, make_record
 
 NAME = "toy.study"
 
@@ -44,8 +44,7 @@ def study(one_core, monkeypatch, tmp_path):
 
 def append(module, *numbers, folder="out"):
     for i in numbers:
-        done = {"status": "done", "rows": module.measure({"i": i}), "error": None, "warnings": [], "seconds": 0.1}
-        Store(folder).append(make_record(NAME, module.VERSION, i, clean({"i": i}), **done))
+        Store(folder).append(make_record(NAME, module.VERSION, i, {"i": i}, rows=module.measure({"i": i})))
 
 
 AGAIN = "Compute them again: lagrange-bench run toy.study --profile quick --results out --again"
@@ -93,8 +92,7 @@ def test_a_version_that_is_taken_back_shows_its_rows_and_cells_that_are_gone_are
 
 def test_old_rows_and_damaged_lines_are_named(run, study):
     for i in (1, 2):
-        done = {"status": "done", "rows": study.measure({"i": i}), "error": None, "warnings": [], "seconds": 0.1}
-        Store("out").append({**make_record(NAME, 1, i, {"i": i}, **done), "sources": "0" * 24})
+        Store("out").append(make_record(NAME, 1, i, {"i": i}, rows=study.measure({"i": i}), sources="0" * 24))
     path = Store("out").path(NAME)
     path.write_bytes(path.read_bytes().replace(b'"square":25.0', b'"square":26.0'))
     damaged = "toy.study.jsonl, line 6: damaged; skipped, its cell counts as not computed"
@@ -109,33 +107,9 @@ def test_old_rows_and_damaged_lines_are_named(run, study):
     assert "cannot be drawn from out: toy.study.jsonl, line 1: damaged" in err
 
 
-def test_text_in_a_column_of_numbers_is_one_line(run, study):
-    """Which columns hold numbers the experiment alone knows, when it draws."""
-    study.measure = lambda cell: [{"square": 1.0}] if cell["i"] else [{"square": "one"}]
-    study.draw = lambda rows: draw(rows.assign(square=rows.square * 1.5))
-    append(study, *range(6))
-    code, out, err = run(*FIGURE, "--quiet")
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert "no figure can be drawn from toy.study.jsonl: TypeError: " in err
-    code, out, err = run("report", "--results", "out", "--output", "page")
-    assert code == 1
-    assert "not drawn: toy.study: figures cannot be drawn: TypeError: " in err
-
-
 def test_a_version_that_is_no_number_is_refused(run, study):
     """Its records would be stored, and skipped by every reader."""
     study.VERSION = "1.0"
     code, out, err = run("run", NAME, "--results", "new", "--quiet")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert "VERSION must be a number; got '1.0'" in err
-
-
-def test_a_journal_named_after_a_module_that_is_no_experiment_stops_nothing(run, study):
-    journal = Store("out").path(NAME)
-    journal.with_name("os.path.jsonl").write_bytes(journal.read_bytes())
-    code, out, err = run("figure", "--all", "--format", "svg", "--width", "page", "--results", "out")
-    assert (code, NAME in out, "experiment 'os.path'" in err) == (
-        1,
-        True,
-        True,
-    )

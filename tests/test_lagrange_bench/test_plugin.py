@@ -45,11 +45,6 @@ def install(site: Path, name: str, groups: dict[str, dict[str, str]]) -> None:
     (info / "entry_points.txt").write_text("\n".join(lines))
 
 
-def test_not_there_unless_installed():
-    """The control: without its package the name is unknown."""
-    assert not {"suzuki4", "well", "mine"} & {*METHODS, *POTENTIALS, *NAMED_TOPS}
-
-
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory):
     """The example of the documents, and a package with names that are taken: it is left out with one warning."""
@@ -94,8 +89,7 @@ def test_measured_and_drawn(tmp_path):
     module, rows = load("phase"), store.Store(tmp_path)
     cells = [cell for cell in module.cells("quick") if cell.get("method") == "suzuki4" and cell.get("span", 100) == 100]
     for position, cell in enumerate(cells):
-        done = {"status": "done", "rows": module.measure(cell), "error": None, "warnings": [], "seconds": 0.0}
-        rows.append(store.make_record("phase", module.VERSION, position, cell, **done))
+        rows.append(store.make_record("phase", module.VERSION, position, cell, rows=module.measure(cell)))
     with style.apply():
         figures = module.draw(rows.rows("phase"))
     assert "Suzuki 4" in {text.get_text() for figure in figures.values() for text in figure.findobj(Text)}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 
 from lagrange_bench.experiments.measuring import check
 from lagrange_bench.experiments.measuring import drifts as drift
-from lagrange_bench.integrators import METHODS, LagrangeTop, StepError, Stepper
+from lagrange_bench.integrators import METHODS, LagrangeTop
 from lagrange_bench.integrators.paper.gaudin_magnets import central_spin
 from lagrange_bench.testing import assert_drift, assert_order
 
@@ -47,16 +46,10 @@ def test_drift_is_in_ulps_of_the_scale():
 
 
 def test_pytest_shows_the_test_and_not_the_bench():
-    for fails in (lambda: assert_drift(MINE, steps=10, H=0), lambda: assert_drift("rk4", h=30, steps=9, H=0)):
-        with pytest.raises(AssertionError) as caught:
-            fails()
-        assert type(caught.value) is AssertionError
-        shown = caught.traceback.filter(caught)
-        assert (
-            {entry.path.name for entry in shown}
-            == {"test_testing.py"}
-            < {entry.path.name for entry in caught.traceback}
-        )
+    with pytest.raises(AssertionError) as caught:
+        assert_drift(MINE, steps=10, H=0)
+    assert {entry.path.name for entry in caught.traceback.filter(caught)} == {"test_testing.py"}
+    assert len({entry.path.name for entry in caught.traceback}) > 1
 
 
 def test_growth():
@@ -81,16 +74,14 @@ def test_a_run_that_ends_early_or_is_not_finite():
 NO_TEST = [
     ({}, "give a bound"),
     ({"C3": 16}, "unknown invariant 'C3'"),
-    *(({"H": bound}, "^H must be ") for bound in (-1, float("nan"), float("inf"), "1", None, True)),
-    *(({"growth": "H", "below": p}, "^below must be ") for p in (float("nan"), float("inf"), "1", True)),
-    *(({"H": 16, "tops": tops}, "^tops") for tops in (5, "generic", (5,), ((1, 2),), (LagrangeTop(1.0),))),
+    *(({"H": bound}, "^H must be ") for bound in (-1, float("nan"), "1", None, True)),
+    ({"growth": "H", "below": float("nan")}, "^below must be "),
+    *(({"H": 16, "tops": tops}, "^tops") for tops in (5, "generic", ((1, 2),), (LagrangeTop(1.0),), [])),
     ({"H": 16, "tops": ((LagrangeTop(1.0), (1.0, 2.0)),)}, "^y0 must have shape"),
     ({"H": 16, "h": None}, "^h must be a real number"),
     ({"H": 16, "options": 5}, "^options must be a dict"),
     ({"growth": "H"}, "go together"),
-    ({"growth": "E", "below": 0.5}, "unknown invariant 'E'"),
     ({"H": 16, "tops": ["generi"]}, "unknown state 'generi'"),
-    ({"H": 16, "tops": []}, "tops and h"),
     ({"H": 16, "h": 0.0}, "h must not be 0"),
     ({"H": 16, "steps": 0}, "steps must be at least 1"),
     ({"J3": 0, "tops": ["magnet"], "steps": 1}, "magnet does not conserve it"),
@@ -103,24 +94,18 @@ def test_what_would_test_nothing(more, message):
         assert_drift(MINE, **more)
 
 
-def test_a_top_the_method_does_not_take():
-    with pytest.raises(ValueError, match="does not take the potential charge"):
-        assert_drift("backlund", tops=["magnet"], H=16)
-    with pytest.raises(ValueError, match="does not take the potential charge"):
-        assert_order("backlund_paper", 2, tops=["magnet"])
-
-
 def test_order():
     assert_order(MINE)
     with pytest.raises(AssertionError, match=r"mine, order 4: \d\.\d+, bound 4 ± 0\.15; .*random000"):
         assert_order(MINE, 4)
-    with pytest.raises(ValueError, match="exact in time"):
-        assert_order("backlund")
-    with pytest.raises(ValueError, match="chooses its own steps"):
-        assert_order("rk45")
-    for tops in (("generic", "weak_tide"), 5, "generic", ()):
-        with pytest.raises(ValueError, match=r"^tops"):
-            assert_order(MINE, tops=tops)
+    for method, tops, message in (
+        ("backlund", ["generic"], "exact in time"),
+        ("rk45", ["generic"], "chooses its own steps"),
+        ("backlund_paper", ["magnet"], "does not take the potential charge"),
+        *((MINE, tops, r"^tops") for tops in (("generic", "weak_tide"), 5, "generic", ())),
+    ):
+        with pytest.raises(ValueError, match=message):
+            assert_order(method, tops=tops)
 
 
 def test_bounds_and_orders_on_a_magnet():
@@ -150,29 +135,3 @@ def test_check_names_the_top_and_the_step():
 def test_an_error_that_is_no_number_is_the_largest():
     worst = check.Worst().or_(1.0, "a", 0.1).or_(np.nan, "b", 0.2).or_(2.0, "c", 0.3)
     assert (worst.size, worst.at) == (np.inf, "b, h = 0.2")
-
-
-def test_an_overflow_of_the_bench_is_not_the_methods():
-    """What the method asks of the top overflows; its answer is a StepError, as it should be."""
-
-    class Careful(Stepper):
-        from_start, work = False, None
-
-        def __init__(self, top):
-            self.top = top
-
-        def record(self, y, n, every):
-            if not np.all(np.isfinite(self.top.invariants(y))):
-                raise StepError("mine", "out of range")
-            return np.tile(y, (n // every + 1, 1))
-
-    def verdicts(prepare):
-        return {v.claim: v for v in check.check(replace(MINE, prepare=prepare, needs="uniform", special={}))}
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(check, "CHECKS", (check.extremes,))
-        assert verdicts(lambda top, y0, h: Careful(top))["finite, or a StepError"].passed
-        late = verdicts(lambda top, y0, h: Careful(top) if abs(h) < 1 else 1 / 0)["finite, or a StepError"]
-    assert late.passed is False
-    assert late.how.count("ZeroDivisionError") == 1, "one fault of many runs is told once"
-    assert re.match(r"\d+ of 51 runs \(", late.how)

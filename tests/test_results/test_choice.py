@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-import pandas as pd
 import pytest
 
 from lagrange_bench.experiments import drift, phase
-from lagrange_bench.experiments import work_precision as experiment
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.integrators import METHODS
+from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.results.store import Journal, Store, make_record
 from lagrange_bench.runner import engine
@@ -22,7 +20,7 @@ CELLS = [
     {"method": "strang", "top": "mine"},
     {"part": "cost"},
 ]
-DONE = {"status": "done", "rows": [{"error": 1.0}], "error": None, "warnings": [], "seconds": 0.1}
+ROWS = [{"error": 1.0}]
 
 
 @pytest.mark.parametrize(
@@ -37,15 +35,17 @@ DONE = {"status": "done", "rows": [{"error": 1.0}], "error": None, "warnings": [
 )
 def test_what_is_chosen_is_shown(tmp_path, names, taken, leaves_out):
     choice = Choice(**names)
-    Store(tmp_path).append(*(make_record("toy", 1, i, cell, **DONE) for i, cell in enumerate(CELLS)))
+    Store(tmp_path).append(*(make_record("toy", 1, i, cell, rows=ROWS) for i, cell in enumerate(CELLS)))
     assert [record["position"] for record in Store(tmp_path, choice).latest("toy")] == taken
     assert bool(choice) is leaves_out
     choice.check(CELLS)
 
 
-def test_a_run_computes_what_is_chosen():
+def test_a_run_computes_what_is_chosen(tmp_path):
     def cells(choice):
-        return dict(engine._Plan("phase", "quick", choice).cells())
+        summary = engine.Summary(tmp_path, "quick")
+        tasks = engine._missing("phase", choice, Sources(), Store(tmp_path), summary, timings=True, again=False)
+        return {task.position: task.cell for task in tasks}
 
     chosen = Choice(("rk4", "strang"), ("generic",))
     every, some = cells(ALL), cells(chosen)
@@ -54,13 +54,13 @@ def test_a_run_computes_what_is_chosen():
     assert len(some) < len(every)
 
 
-@pytest.mark.parametrize("words", [("phase_h",), ("--all",)])
+@pytest.mark.parametrize("words", [("phase_h",), ("--all", "--format", "svg", "--width", "column")])
 def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypatch, words):
     """In one reading of each journal."""
     cell = {"part": "h", "state": "generic", "span": 64, "h": 0.25}
     for module, method in ((phase, "rk4"), (drift, "strang")):
         name = module.__name__.split(".")[-1]
-        Store(tmp_path).append(make_record(name, module.VERSION, 0, {**cell, "method": method}, **DONE))
+        Store(tmp_path).append(make_record(name, module.VERSION, 0, {**cell, "method": method}, rows=ROWS))
         monkeypatch.setattr(module, "draw", lambda rows: {"h": style.figure("column")[0]})
     read, rows = [], Journal.rows
     monkeypatch.setattr(
@@ -76,30 +76,6 @@ def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypa
     assert err.endswith("phase has no rows of strang: lagrange-bench run phase --methods strang\n")
 
 
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        (
-            "run drift --methods rk44 --results {0}",
-            "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
-        ),
-        ("run drift --tops x --results {0}", "--tops: no cell here has the top 'x'. Known: "),
-        ("run drift --methods mine.py --results {0}", "method mine.py: write mine:METHOD"),
-        ("run drift --highlight far/mine.py --results {0}", "method far/mine.py: write mine:METHOD in the folder far"),
-        ("run drfit --results {0}", "did you mean 'drift'?"),
-        ("run drift --tops , --results {0}", "--tops: must be names separated by commas"),
-        ("figure phase_h --methods bakclund", "did you mean 'backlund'?"),
-        ("report --tops generik --output {0}", "did you mean 'generic'?"),
-        ("run phase --methods rk4 --tops figure1 --results {0}", "--methods rk4 --tops figure1: no cell here has such"),
-    ],
-)
-def test_wrong_names_are_refused_with_the_reason(run, tmp_path, words, named):
-    code, out, err = run(*words.format(tmp_path / "out").split())
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert named in err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_method_that_takes_none_of_the_tops_is_refused_with_its_reason():
     in_potentials = [{"method": "rk4", "state": "weak_tide"}]
     with pytest.raises(
@@ -110,7 +86,7 @@ def test_a_method_that_takes_none_of_the_tops_is_refused_with_its_reason():
         Choice(("backlund",)).check([*in_potentials, {"method": "rk4", "state": "generic"}])
 
 
-def test_a_choice_may_leave_nothing_of_one_of_several_experiments(run, tmp_path):
+def test_a_choice_may_leave_nothing_of_one_of_several_experiments(run, in_process, tmp_path):
     words = ("--methods", "backlund", "--tops", "figure2", "--quiet", "--results", tmp_path)
     code, out, err = run("run", "ensemble", "paper", *words)
     assert (code, err) == (0, "")
@@ -143,14 +119,3 @@ def test_a_plug_in_stands_out_and_a_few_are_all_named():
     assert not [look for look in few.values() if look["label"].startswith("_")]
     both = style.looks(["gauss4", "gauss6"], named=[])
     assert both["gauss4"]["color"] != both["gauss6"]["color"], "of one family, and still told apart"
-
-
-# ---------------------------------------------------------------- from Python
-
-
-def test_a_method_without_a_useful_run_is_named_too():
-    rows = pd.DataFrame({"method": ["rk4", "rk4", "strang"], "error": [1e-3, 1e-6, 2.0], "seconds": [1.0, 2.0, np.nan]})
-    rows = rows.assign(setup_seconds=0.0, state="generic", span=100.0, status="done")
-    with style.apply():
-        (ax,) = experiment.draw_frontier(rows, style).axes
-    assert [text.get_text() for text in ax.texts if text.get_gid() == "failed"] == ["× Strang"]

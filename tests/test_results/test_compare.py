@@ -21,8 +21,7 @@ def store(folder, *cells, experiment="toy.none", error="StepError: no"):
     made.folder.mkdir(exist_ok=True)
     failed = {"traceback": "", **dict(zip(("type", "message"), error.split(": "), strict=True))}
     for position, (cell, rows) in enumerate(cells):
-        outcome = {"status": "failed" if rows is None else "done", "error": failed if rows is None else None}
-        outcome |= {"rows": clean_rows(cell, rows or []), "warnings": [], "seconds": 0.1}
+        outcome = {"error": failed} if rows is None else {"rows": clean_rows(cell, rows)}
         made.append(make_record(experiment, 1, position, cell, **outcome))
     return made.folder
 
@@ -38,14 +37,10 @@ def old(tmp_path):
 
 def test_the_same(run, old, tmp_path):
     new = store(tmp_path / "new", *reversed(CELLS))  # the order is no difference, nor are provenance and seconds
-    code, out, err = run("compare", old, new)
+    code, out, err = run("compare", old, new, "--times")
     assert (code, err) == (0, "")
     assert out.splitlines()[1].split() == ["toy.none", "4", "4", "4", "0", "0", "0"]
-    assert out.splitlines()[-1] == "the same"
-    out = run("compare", old, new, "--times")[1]
     assert out.splitlines()[-2:] == ["no timing cells to compare", "the same"]
-    code, out, err = run("compare", old, tmp_path / "nothing")
-    assert (code, out, "no results in" in err) == (2, "", True)
 
 
 def test_what_was_added_removed_and_changed(run, old, tmp_path):
@@ -60,18 +55,12 @@ def test_what_was_added_removed_and_changed(run, old, tmp_path):
     assert (error.rows, error.relative, error.absolute) == (1, pytest.approx(1e-3, rel=1e-2), pytest.approx(1e-12))
     assert (steps.old, steps.new) == (8, 9)
     code, out, _ = run("compare", old, new)
-    assert code == 1
+    assert (code, out.endswith("not the same\n")) == (1, True)
     assert "removed: 1 cell of toy.none; --verbose lists them" in out
     assert "added: 5 cells of toy.none (4 of a, 1 of b); " in out
-    assert "changed in toy.none:" in out
-    assert out.endswith("not the same\n")
-    assert (
-        'removed: toy.none {"i": 3}\nadded: toy.none {"i": 9, "part": "a"}\n'
-        in run("compare", old, new, "--verbose")[1]
-    )
-    code, out, _ = run("compare", old, new, "--json")
-    data = json.loads(out)
-    assert (code, data["same"]) == (1, False)
+    listed = 'removed: toy.none {"i": 3}\nadded: toy.none {"i": 9, "part": "a"}\n'
+    assert listed in run("compare", old, new, "--verbose")[1]
+    data = json.loads(run("compare", old, new, "--json")[1])
     assert data["experiments"]["toy.none"]["changed"][0]["columns"]["steps"]["new"] == 9
 
 
@@ -82,7 +71,6 @@ def test_what_was_added_removed_and_changed(run, old, tmp_path):
         (1e-9 * 1.001, {"rtol": 2e-3}, True),
         (1e-9 * 1.01, {"rtol": 2e-3}, False),
         (1e-9 * 1.01, {"rtol": 2e-3, "atol": 1e-10}, True),
-        (-1e-9, {"rtol": 1.0}, False),
         (math.nan, {"rtol": 1.0, "atol": 1e9}, False),
         (None, {"rtol": 1.0, "atol": 1e9}, False),
     ],
@@ -95,14 +83,12 @@ def test_tolerances(old, tmp_path, error, options, same):
 @pytest.mark.parametrize(
     ("rows", "column", "words"), [(None, "status", ("done", "StepError: no")), (FIRST[:1], "rows", (2, 1))]
 )
-def test_failures_and_other_numbers_of_rows_are_changes(run, old, tmp_path, rows, column, words):
+def test_failures_and_other_numbers_of_rows_are_changes(old, tmp_path, rows, column, words):
     new = store(tmp_path / "new", (CELLS[0][0], rows), *CELLS[1:])
     ((_, differing),) = compare.compare(old, new).experiments["toy.none"].changed
     assert (differing[column].old, differing[column].new) == words
     assert not compare.compare(new, old).same
     assert compare.compare(new, new).same
-    code, out, _ = run("compare", old, new)
-    assert (code, str(words[1]) in out) == (1, True)
 
 
 def test_how_far_a_timing_cell_goes_is_the_clocks_business(tmp_path):
@@ -181,7 +167,7 @@ OWN = ("--quiet", "--module", TOY)
 
 
 @pytest.fixture
-def toy(monkeypatch, tmp_path):
+def toy(in_process, monkeypatch, tmp_path):
     """A store of toy cells that are computed again; `toy(row)` has the stored rows say so instead."""
     monkeypatch.syspath_prepend(str(HERE))
 

@@ -11,10 +11,11 @@ from pathlib import Path
 import pytest
 
 from lagrange_bench.experiments import EXPERIMENTS
-from lagrange_bench.integrators import METHODS, imported
-from lagrange_bench.integrators.imported import Sources
+from lagrange_bench.integrators import METHODS
+from lagrange_bench.integrators.imported import Code, Sources
 from lagrange_bench.results import sources
 from lagrange_bench.results.store import cell_key
+from lagrange_bench.runner import workers
 
 ROOT = Path(__file__).resolve().parents[2]
 CELLS = {(e, m) for e in ("drift", "phase") for m in ("rk4", "kahan", "bobenko_suris", "backlund", "taylor")}
@@ -132,12 +133,6 @@ def test_a_digest_of_the_kind_before_is_unknown():
 def folder(tmp_path, monkeypatch):
     """A folder of the user's: write(name, text) → the digest of the cells of mine:METHOD."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.setattr(sys, "dont_write_bytecode", False)
-    imported.install()
-    for name in ("mine", "helper", "middle", "deep", "beside"):  # of another test, in another folder
-        sys.modules.pop(name, None)
-    imported.IMPORTED.forget()
 
     def write(name, text, method="mine:METHOD"):
         path = tmp_path / name
@@ -146,10 +141,7 @@ def folder(tmp_path, monkeypatch):
         importlib.invalidate_caches()
         return sources.of_cell("drift", {"method": method}, Sources())
 
-    yield write
-    for name, module in list(sys.modules.items()):
-        if str(getattr(module, "__file__", "")).startswith(str(tmp_path)):
-            del sys.modules[name]
+    return write
 
 
 IMPORTS = (
@@ -198,43 +190,42 @@ def test_an_edit_of_ones_own_file_is_another_key_and_of_the_benchs_is_none():
         assert len({cell_key("drift", 1, cell, digest) for digest in ("1" * 24, "2" * 24)}) == count
 
 
-# ---------------------------------------------------------------- as it was imported
+# ---------------------------------------------------------------- files that are edited meanwhile
 
 
-def test_what_was_imported_counts_and_not_what_the_file_has_now(folder):
-    """Also after an edit that keeps size and time of the file, which Python's cache of byte code misses."""
+@pytest.mark.parametrize("back", [False, True])
+def test_an_edit_is_noticed_by_the_process_that_read_the_file_before(folder, back):
+    """Also one that was taken back, as by git: what was imported in between is not known."""
     folder("mine.py", "VALUE = 1\n")
-    imported.follow("mine")
-    sys.path.insert(0, os.getcwd())
-    cell = {"method": "mine:METHOD"}
-    module = importlib.import_module("mine")
-    first, time = sources.of_cell("drift", cell), Path("mine.py").stat().st_mtime_ns
-    now = folder("mine.py", "VALUE = 2\n")
-    os.utime("mine.py", ns=(time, time))
-    assert sources.of_cell("drift", cell) == first != now
-    assert importlib.reload(module).VALUE == 2
-    assert sources.of_cell("drift", cell) == now
+    files = Sources()
+    code = sources.code_of_cell("drift", {"method": "mine:METHOD"}, files)
+    folder("other.py", "")
+    assert not files.edited(code), "negative control"
+    assert folder("mine.py", "VALUE = 2\n") != code.digest
+    if back:
+        assert folder("mine.py", "VALUE = 1\n") == code.digest
+    assert files.edited(code)
 
 
-def test_what_a_digest_was_made_of_is_what_is_imported_later(folder):
-    """An import within a function, after an edit: the process goes on with one state of the files."""
-    folder("helper.py", "VALUE = 1\n")
-    folder("mine.py", "def f():\n    import helper\n    return helper.VALUE\n")
-    sys.path.insert(0, os.getcwd())
-    cell = {"method": "mine:METHOD"}
-    first = sources.of_cell("drift", cell)
-    assert folder("helper.py", "VALUE = 2\n") != first
-    assert importlib.import_module("mine").f() == 1
-    assert sources.of_cell("drift", cell) == first
+def test_a_row_whose_files_were_edited_while_it_was_computed_is_refused(folder, monkeypatch):
+    """And those after it in this process; so is one whose files are not those of the run."""
+    monkeypatch.setattr(workers, "IMPORTED", files := Sources())
+    code = Code("1" * 24, frozenset({"mine.py"}))
+    monkeypatch.setattr(workers.sources, "code_of_cell", lambda *cell: code)
+    folder("mine.py", "VALUE = 1\n")
+    files.read("mine.py")
 
+    def measure(experiment, cell, limit):
+        if cell["edit"]:
+            folder("mine.py", "VALUE = 22\n")
+        return {"status": "done", "rows": [], "error": None}
 
-def test_byte_code_is_used_again_and_never_for_another_source(folder, monkeypatch):
-    compiled, compile_ = [], imported.Loader.source_to_code
-    monkeypatch.setattr(imported.Loader, "source_to_code", lambda *a: compiled.append(1) or compile_(*a))
-    sys.path.insert(0, os.getcwd())
-    for value, count in ((1, 1), (1, 1), (2, 2)):
-        folder("mine.py", f"number = {value}\n")
-        sys.modules.pop("mine", None)
-        module = importlib.import_module("mine")
-        assert module.number == value
-        assert len(compiled) == count
+    monkeypatch.setattr(workers, "_measure", measure)
+
+    def refused(expected, edit=False):
+        outcome = workers.compute("toy", {"edit": edit}, expected=expected)
+        return workers.failed_by(outcome, workers.OTHER_SOURCES)
+
+    assert (refused("1" * 24), refused(None), refused("2" * 24)) == (False, False, True)
+    assert refused("1" * 24, edit=True)
+    assert refused("1" * 24)
