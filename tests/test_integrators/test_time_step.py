@@ -79,58 +79,6 @@ def test_doubling_is_two_steps_at_50_digits():
             assert abs(m2**2 - horner(Q, lam2)) < 1e-48 * (1 + abs(m2) ** 2)
 
 
-def parameter_mp(alpha, y, h, halvings=48):
-    """(λ, m) at 60 digits: h/2^48 by the first terms of the series, then the doubling formula of the module's docstring."""
-    alpha, J, x = mpf(alpha), [mpf(v) for v in y[:3]], [mpf(v) for v in y[3:]]
-    Q = [mp.fdot(x, x), 2 * mp.fdot(x, J), mp.fdot(J, J) + 2 * alpha * x[2], 2 * alpha * J[2], alpha**2]
-    root, small = mp.sqrt(Q[0]), mpf(h) / 2**halvings
-    eta = small * root / 2
-    g1, g2 = -Q[1] / (2 * Q[0]), 3 * Q[1] ** 2 / (8 * Q[0] ** 2) - Q[2] / (2 * Q[0])  # of √C1/√Q
-    lam = mpc(0, eta)
-    for _ in range(8):
-        F = lam + g1 * lam**2 / 2 + g2 * lam**3 / 3
-        G = lam**2 / 2 + g1 * lam**3 / 3 + g2 * lam**4 / 4
-        b = eta - F.imag
-        lam += mpc((-G.imag - lam.real * b) / lam.imag, b)
-    m = mp.sqrt(horner(Q, lam))
-    for _ in range(halvings):
-        eta, g = lam.imag, sum(k * Q[k] * lam ** (k - 1) for k in range(1, 5)) / (2 * m)
-        a1, b0 = m.real / eta, g.real / (2 * eta)
-        b1 = (a1 + g.imag) / (2 * eta**2)
-        new = mpc(lam.real - b0 / b1, mp.sqrt(2 * a1 * b1 + Q[4]) / b1)
-        v = new - lam.real
-        lam, m = new, mpc(0, 1) * (a1 * v - m.imag) - b1 * new.imag * (v * v + eta**2)
-    return lam, m
-
-
-def test_lambda_to_28_digits():
-    """Up to 97 % of half a period, in the units of the kernel or not; measured 5e-31."""
-    draw = random.Random(3)
-    tops = [(n.alpha, n.y0) for n in TOPS.values() if n.name != "homoclinic"]
-    tops += [(draw.gauss(0, 2), tuple(draw.gauss(0, 2) for _ in range(6))) for _ in range(8)]
-    with mp.workdps(60):
-        for alpha, y in tops:
-            rate = LagrangeTop(alpha).scales(y)[0]
-            for fraction in (1e-6, 0.01, 0.3, 0.97):
-                h = fraction * min(ts.nutation_period(alpha, y)[0] / 2, 20 / rate)
-                lam, m = ts.parameter(ts.spectral_polynomial(alpha, y), (h, 0.0))
-                lam_mp, m_mp = parameter_mp(alpha, y, h)
-                size = mp.sqrt(mp.fdot(y[3:], y[3:]))
-                assert abs(mpc(real(lam[0]), real(lam[1])) - lam_mp) < 1e-28 * abs(lam_mp)
-                assert abs(mpc(real(m[0]), real(m[1])) - m_mp) < 1e-28 * max(abs(m_mp), size)
-
-
-def test_the_rate_is_never_too_small():
-    """It decides where the series is used; hanging at rest |J|² is the difference of two equal numbers."""
-    draw = random.Random(4)
-    for _ in range(300):
-        alpha, y = draw.gauss(0, 2), (0.0, 0.0, 0.0, 0.0, 0.0, draw.gauss(0, 2))
-        if draw.random() < 0.5:
-            y = tuple(draw.gauss(0, 2) for _ in range(6))
-        rate = LagrangeTop(alpha).scales(y)[0]
-        assert (1 - 1e-15) * rate <= ts.rate(ts.spectral_polynomial(alpha, y)) <= 3 * (1 + 1e-15) * rate
-
-
 def random_torus(draw):
     """alpha and state over many regimes: generic, near vertical, planar, weak and strong weight."""
     kind = draw.randrange(6)
@@ -148,7 +96,7 @@ def random_torus(draw):
     return alpha, np.array(J + x)
 
 
-@pytest.mark.parametrize("count", [2000, pytest.param(10_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [500, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_never_a_failure_on_any_torus(count):
     """Every step size in (−3, 3) nutation periods finds its λ, λ stays moderate, and one step equals one jump.
 
@@ -177,44 +125,26 @@ def test_never_a_failure_on_any_torus(count):
             assert np.max(np.abs(exact.solution(top, y, h) - jump) / units) < 12
 
 
-@pytest.mark.parametrize("turns", [-3, 1, 1000])
-@pytest.mark.parametrize("offset", [0.0, 1e-16, 1e-9, -1e-3])
+@pytest.mark.parametrize(("turns", "offset"), [(-3, 0.0), (1, 1e-16), (1, -1e-3), (1000, 1e-9)])
 def test_whole_nutations(turns, offset):
     """At and near a multiple of the nutation period, where λ goes through 0, the step is the rotation about e3."""
     named = TOPS["generic"]
-    period = ts.torus(named.alpha, named.y0, 1e9)[1][0]
-    h = turns * period * (1 + offset)
+    h = turns * ts.torus(named.alpha, named.y0, 1e9)[1][0] * (1 + offset)
     y = prepare(named.top, named.state, h).advance(named.state, 1)
-    if abs(turns) < 10:
-        expected = np.array([float(v) for v in flow(named.alpha, named.y0, h, digits=24)])
-    else:
-        expected = ts.flow(named.alpha, named.y0, np.array([h]))[0]
-    assert np.max(np.abs(y - expected)) < 4e-15
+    assert np.max(np.abs(y - exact.solution(named.top, named.state, h))) < 4e-15
 
 
-def test_nutation_period_against_quadrature():
-    """T = 2 ∫ dx3/√f between the turning points, by substitution x3 = middle + half·sin(s)."""
+def test_the_nutation_period_is_that_of_the_truth():
     for name in ("generic", "figure1", "figure2", "near_separatrix", "inverted", "through_pole"):
         named = TOPS[name]
-        with mp.workdps(30):
-            alpha, (J1, J2, J3, x1, x2, x3) = mpf(named.alpha), [mpf(v) for v in named.y0]
-            c1, c2 = x1**2 + x2**2 + x3**2, x1 * J1 + x2 * J2 + x3 * J3
-            H = (J1**2 + J2**2 + J3**2) / 2 + alpha * x3
-            f = [2 * alpha, -2 * H, 2 * (c2 * J3 - alpha * c1), c1 * (2 * H - J3**2) - c2**2]
-            close = sorted(np.roots([float(v) for v in f]).real)
-            e = [mp.findroot(lambda z: horner(f[::-1], z), mpf(z)) for z in close]  # noqa: B023
-            low, high, other = (e[0], e[1], e[2]) if alpha > 0 else (e[1], e[2], e[0])
-            middle, half = (low + high) / 2, (high - low) / 2
-            period = 2 * mp.quad(
-                lambda s: 1 / mp.sqrt(2 * alpha * (middle + half * mp.sin(s) - other) * -1),  # noqa: B023
-                mp.linspace(-mp.pi / 2, mp.pi / 2, 9),
-            )
-            got = ts.nutation_period(named.alpha, named.y0)
-            assert abs(real(got) - period) < 1e-20 * period, name
+        found = exact.find(named.alpha, named.y0, 40)
+        with mp.workdps(40):
+            period = mp.ldexp(found.nutation_period, -found.rate)
+            assert abs(real(ts.nutation_period(named.alpha, named.y0)) - period) < 1e-20 * period, name
 
 
 @pytest.mark.parametrize("name", EQUILIBRIA)
-@pytest.mark.parametrize("h", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("h", [1.0, 1e3])
 def test_equilibria_stay_bit_for_bit(name, h):
     named = TOPS[name]
     assert np.array_equal(prepare(named.top, named.state, h).advance(named.state, 1000), named.state)
