@@ -1,4 +1,4 @@
-"""Every erratum on record: visibly wrong as printed, right to round-off as corrected, at four random points each."""
+"""Every erratum on record: visibly wrong as printed, right to round-off as corrected, at two random points each."""
 
 import importlib
 import pkgutil
@@ -14,7 +14,7 @@ RECORDS = errata()
 
 @pytest.mark.parametrize("record", RECORDS, ids=[f"{e.section}: {e.equation}" for e in RECORDS])
 def test_printed_is_wrong_and_corrected_is_right(record):
-    for seed in range(4):
+    for seed in range(2):
         assert record.printed(Random(seed)) > 1e-6
         assert record.corrected(Random(seed)) <= 1e-12
 
