@@ -208,12 +208,6 @@ def test_degrees_of_the_tables():
     assert [int(word) for word in shown.split(" | ")] == found
 
 
-def test_kicks_of_the_schemes():
-    shown = re.findall(r"^\| (\w+) \| (\d+) \|.*ε", PERTURBED.read_text("utf-8"), re.MULTILINE)
-    kicks = {name: len(scheme.b) for name, scheme in backlund_schemes.SCHEMES.items()}
-    assert {name: int(number) for name, number in shown} == kicks
-
-
 def test_a_smooth_lambda_is_not_enough_for_a_poisson_map():
     top, y0 = TOPS["generic"].top, TOPS["generic"].state
 
