@@ -15,7 +15,6 @@ from lagrange_bench.integrators import (
     orbiting_tide,
     reference,
 )
-from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 
 Y0 = np.array((0.3, -0.2, 1.1, 0.4, 0.1, 0.9))
 END = 12.0
@@ -64,13 +63,6 @@ def test_rows_on_the_way_do_not_change_the_run():
     np.testing.assert_array_equal(rows[1:], ends)
 
 
-def test_a_vibrating_pivot_keeps_J3_and_the_Casimirs():
-    pivot = vibrating_pivot(1.0, 0.02, 3.0)
-    run = integrate(pivot, Y0, h=0.1, steps=1000, every=100, method="backlund_splitting")
-    assert METHODS["backlund_splitting"].kept(pivot) == {"C1", "C2", "J3"}
-    assert np.ptp(run.invariants(), axis=0) == pytest.approx(0.0, abs=1e-14)
-
-
 FIELD = Problem("mine", "e3", lambda t, y, p: kinetic(y) + 1.3 * y[5] + p[0] * (y[3] * y[3] - y[4] * y[5]), (0.01,))
 SAME = PerturbedTop(LagrangeTop(1.3), Potential("mine", lambda a, b, c, p: p[0] * (a * a - b * c)), (0.01,))
 
@@ -82,27 +74,6 @@ def test_a_problem_posed_by_hand_is_followed_as_a_top_in_a_potential(name):
     assert method.kept(FIELD) == method.kept(SAME)
     rows = [integrate(top, Y0, h=0.1, steps=20, every=5, method=name).y for top in (FIELD, SAME)]
     np.testing.assert_array_equal(*rows)
-
-
-@pytest.mark.parametrize(
-    "hamiltonian",
-    [
-        lambda t, y, p: 2.0 * kinetic(y) + y[5],  # another mass
-        lambda t, y, p: kinetic(y) * (1.0 + t) + y[5],
-        lambda t, y, p: kinetic(y) + y[2] * y[5],
-    ],
-    ids=["twice |J|²", "mass depends on time", "not apart"],
-)
-def test_what_is_no_top_in_a_potential_is_declined(hamiltonian):
-    problem = Problem("other", "e3", hamiltonian)
-    assert "needs a Hamiltonian |J|²/2 + U(t, x)" in str(METHODS["backlund_splitting"].takes(problem))
-
-
-def test_a_driven_top_needs_h():
-    with pytest.raises(ValueError, match=r"depends on time.*give h and steps"):
-        integrate(DRIVEN, Y0, t=[1.0], method="backlund_splitting")
-    with pytest.raises(ValueError, match="kahan needs"):
-        integrate(DRIVEN, Y0, h=0.1, steps=1, method="kahan")
 
 
 def on_an_orbit(eccentricity, M, x):

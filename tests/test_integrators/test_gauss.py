@@ -9,12 +9,11 @@ from lagrange_bench.experiments.measuring import metrics, states
 from lagrange_bench.integrators import TOPS, LagrangeTop, PerturbedTop, StepError, in_any_field, prepare
 from lagrange_bench.integrators.methods import collective_midpoint, gauss, gauss_coefficients, implicit_midpoint
 from lagrange_bench.integrators.problem.body import quaternion_product
-from lagrange_bench.integrators.problem.potentials import CHARGE, TIDE
+from lagrange_bench.integrators.problem.potentials import CHARGE
 
 TOP, Y0 = TOPS["generic"].top, TOPS["generic"].state
 EPS = np.finfo(float).eps
 FIELDS = {  # formulas that other tests use too: they are compiled once for all
-    "quadratic": PerturbedTop(TOP, TIDE, (0.8, 0.6, -0.4, 0.7)),
     "charge": PerturbedTop(TOP, CHARGE, (0.4, 1.1, -0.7, 0.9)),
 }
 STAGES = {"implicit_midpoint": 1, "gauss4": 2, "gauss6": 3, "gauss8": 4, "gauss12": 6}

@@ -7,9 +7,8 @@ import pytest
 
 from lagrange_bench.integrators import TOPS, StepError, prepare
 from lagrange_bench.integrators.compiling import loops
-from lagrange_bench.integrators.compiling.compiled import compiled, jit
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.loops import FAILURE, RESIDUAL, FixedStepper
-from lagrange_bench.integrators.compiling.numba_internals import NumbaError
 from tests.faults import interrupted
 
 GENERIC = TOPS["generic"]
@@ -46,7 +45,7 @@ def test_pins_fall_before_multiples_of_block():
     assert counter(block=8, pins=False).advance(START, 20)[3:].tolist() == [20, 0, 1]
 
 
-@pytest.mark.parametrize("every", [1, 2, 5, 10, 20])
+@pytest.mark.parametrize("every", [1, 5, 20])
 def test_a_recorded_run_has_the_same_pins(every):
     rows = counter(block=8).record(START, 20, every)
     assert rows[:, 3].tolist() == list(range(0, 21, every))
@@ -54,7 +53,7 @@ def test_a_recorded_run_has_the_same_pins(every):
     assert rows[-1, 3:].tolist() == [20, 3, 1 + 0 + 8 + 16]
 
 
-@pytest.mark.parametrize("stride", [1, 3, 8, 16, 1000])
+@pytest.mark.parametrize("stride", [1, 8, 1000])
 def test_dividing_a_run_changes_nothing(stride, monkeypatch):
     stepper = prepare(GENERIC.top, Y0, 0.1)  # pinned every 8 steps
     end, rows = stepper.advance(Y0, 1003), stepper.record(Y0, 1000, 25)
@@ -79,33 +78,10 @@ def test_not_finite_is_never_returned():
         counter().advance(np.full(6, np.nan), 3)
 
 
-def test_constants_and_kernels_that_cannot_be_compiled_are_refused():
-    def plain(s, c, tally):
-        return s[:5]
-
-    for constants in ((1.0, 2.0), 0.5, np.array((1, 2)), None):
-        with pytest.raises(ValueError, match=r"^constants must be an array of floats"):
-            FixedStepper("count", 0.5, constants, count)
-    with pytest.raises(ValueError, match=r"^the kernel plain is not compiled: put @compiled above it$"):
-        FixedStepper("count", 0.5, np.array([1.0]), plain)
-    with pytest.raises(loops.KernelError, match=r"^the kernel plain cannot be compiled: ") as caught:
-        FixedStepper("count", 0.5, np.array([1.0]), compiled(plain))
-    assert isinstance(caught.value.__cause__, NumbaError)
-    assert "\n" not in str(caught.value)
-
-
-def test_whole_numbers_are_no_steps():
-    stepper = counter()
-    for n, every, name in ((-1, 1, "n"), (True, 1, "n"), (2.0, 1, "n"), (4, 0, "every"), (4, 3, "every")):
-        with pytest.raises(ValueError, match=f"^{name} "):
-            stepper.record(START, n, every)
-
-
 @pytest.mark.parametrize(
-    ("name", "options"), [("backlund", {}), ("implicit_midpoint", {}), ("taylor", {}), ("rk45", {})]
+    ("name", "record"), [("backlund", False), ("implicit_midpoint", True), ("taylor", False), ("rk45", True)]
 )
-@pytest.mark.parametrize("record", [False, True])
-def test_control_c_ends_a_long_run(name, options, record):
+def test_control_c_ends_a_long_run(name, record):
     if name == "taylor":
         pytest.importorskip("heyoka")
     stepper = prepare(GENERIC.top, Y0, 0.1, name)
