@@ -42,7 +42,8 @@ def python(code, *words, cache, cwd=None, limit=None, **settings):
         [sys.executable, "-c", code, *words],
         env=environment, cwd=cwd, capture_output=True, text=True, preexec_fn=restrict, check=False, timeout=300,
     )  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0, done.stderr
+    assert not limit or done.stderr == ""
     return done.stdout
 
 

@@ -29,7 +29,7 @@ from tests.test_integrators.paper.tools import jacobian
 
 EPS = np.finfo(float).eps
 END = 6.0
-STEPS = (3, 6, 12, 24, 48, 96)
+STEPS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96)
 
 
 def square(v):

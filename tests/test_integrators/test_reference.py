@@ -184,15 +184,6 @@ def test_the_estimate_bounds_the_error(quadruple):
 # ---------------------------------------------------------------- chaos
 
 
-def test_exponent_of_the_sleeping_top(quadruple):
-    """At the unstable equilibrium the tangent grows by the eigenvalue of the Jacobian."""
-    named = TOPS["sleeping_unstable"]
-    rate = max(np.linalg.eigvals(named.top.jacobian(named.state)).real)
-    assert rate > 0.5
-    growth = [reference.lyapunov(FREE, named.state, t) * t for t in (20.0, 30.0)]
-    assert (growth[1] - growth[0]) / 10 == pytest.approx(rate, rel=1e-9)
-
-
 def test_exponent_is_that_of_two_orbits(quadruple):
     problem, t = top("charge", 1.0, (0.5, 1.0, 0.25, 0.0)), 6.0
     rate, size, _ = problem.scales(Y0)

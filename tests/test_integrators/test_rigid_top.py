@@ -85,16 +85,6 @@ def test_the_cases_against_their_reference_files(name, method):
     assert np.max(np.abs(case.doubles(t) - file)) < 1e-13 * max(1, np.max(np.abs(omega)))
 
 
-def test_steady_precession_in_closed_form():
-    """R(t) = exp(10 t e3) R(0) exp(135.6 t e3): `metis`, at a thousand times."""
-    case, t = CASES["metis"], np.linspace(-1, 1, 1000)
-    about = [Rotation.from_rotvec(np.outer(rate * t, (0, 0, 1))) for rate in (10.0, 135.6)]
-    want = about[0] * Rotation.from_rotvec((math.pi / 3, 0, 0)) * about[1]
-    found = case.solution(t)
-    assert np.max((want.inv() * found.rotation).magnitude()) < 1e-13
-    assert np.max(np.abs(found.position - want.apply((0, 0, 0.075)))) < 1e-15
-
-
 def test_energy_and_momenta_of_a_run_are_those_of_the_body():
     case = CASES["bruels"]
     run = case.solution(np.linspace(0, case.until, 50))
