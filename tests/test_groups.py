@@ -14,4 +14,4 @@ def test_a_file_about_integrators_is_a_group(request):
     """As `conftest` makes it: one process compiles its kernels."""
     if getattr(request.config.option, "loadgroup", False):
         files = {item.path.name: item.nodeid for item in request.session.items}
-        assert files.get("test_loops.py", "@test_loops").endswith("@test_loops")
+        assert files.get("test_tape.py", "@test_tape").endswith("@test_tape")

@@ -12,7 +12,6 @@ from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.integrators import (
     PERTURBED_TOPS,
     POTENTIALS,
-    LagrangeTop,
     PerturbedTop,
     StepError,
     integrate,
@@ -20,7 +19,6 @@ from lagrange_bench.integrators import (
 )
 from lagrange_bench.integrators.methods import backlund_schemes
 from lagrange_bench.integrators.methods import backlund_splitting as bs
-from lagrange_bench.integrators.torus import step_table
 from lagrange_bench.integrators.truth import reference
 
 NAME = "backlund_splitting"
@@ -45,16 +43,6 @@ def problem(name):
 
 
 # ---------------------------------------------------------------- schemes
-
-
-@pytest.mark.parametrize("name", bs.SCHEMES)
-def test_schemes_are_symmetric_and_consistent(name):
-    a, b, *_ = bs.SCHEMES[name]
-    assert len(a) == len(b) + 1
-    assert a == a[::-1]
-    assert b == b[::-1]
-    assert math.isclose(math.fsum(a), 1.0, abs_tol=1e-15)
-    assert math.isclose(math.fsum(b), 1.0, abs_tol=1e-15)
 
 
 @pytest.mark.parametrize("name", bs.SCHEMES)
@@ -127,16 +115,6 @@ def test_the_part_of_second_order_is_right_for_long_times(name, left):
 # ---------------------------------------------------------------- the method
 
 
-@pytest.mark.parametrize("scheme", bs.SCHEMES)
-def test_without_a_potential_it_is_the_exact_step(scheme):
-    y = PERTURBED_TOPS["weak_tide"].state
-    top = LagrangeTop(1.0)
-    exact = integrate(top, y, 0.3, 100).y[-1]
-    nothing = PerturbedTop(top, POTENTIALS["axisymmetric"], (0.0, 0.0))  # what other tests here compile, too
-    assert np.abs(integrate(nothing, y, 0.3, 100, NAME, scheme=scheme).y[-1] - exact).max() < 2e-13
-    assert np.array_equal(integrate(top, y, 0.3, 100, NAME, scheme=scheme).y[-1], exact)
-
-
 @pytest.mark.parametrize("name", ["moderate_tide", "triaxial", "axisymmetric", "separatrix_tide"])
 def test_strang_with_both_corrections_has_order_four(name):
     top, y, unit = problem(name)
@@ -195,19 +173,6 @@ def test_outside_of_its_box_a_table_is_not_used(monkeypatch):
     small, plain = (prepare(top, y, 0.25 * unit, NAME, table=table) for table in (True, False))
     assert metrics.scaled_error(top, y, small.advance(y, 400), plain.advance(y, 400)) < 1e-12
     assert 0 < small.work.iterations < 400
-
-
-@pytest.mark.parametrize("name", ["moderate_tide", "axisymmetric"])
-@pytest.mark.parametrize("fraction", [0.05, 2.0])  # of the time scale: few nodes are enough, or not
-def test_making_a_table_stays_within_its_arrays(monkeypatch, name, fraction):
-    """Without compilation, where NumPy checks every index: the same table."""
-    top, y, unit = problem(name)
-    compiled = prepare(top, y, fraction * unit, NAME)
-    for kernel in ("tabulate", "product"):
-        monkeypatch.setattr(step_table, kernel, getattr(step_table, kernel).py_func)
-    checked = prepare(top, y, fraction * unit, NAME)
-    assert checked.degree == compiled.degree > 0
-    assert checked.advance(y, 3).tobytes() == compiled.advance(y, 3).tobytes()
 
 
 @pytest.mark.parametrize("name", ["moderate_tide", "magnet", "axisymmetric"])

@@ -15,7 +15,6 @@ from lagrange_bench.integrators import (
     TOPS,
     HeavyTop,
     LagrangeTop,
-    PerturbedTop,
     exact,
     integrate,
     predicted_phase,
@@ -24,7 +23,6 @@ from lagrange_bench.integrators import (
 from lagrange_bench.integrators.backward_error.power_series import Series, interpreted
 from lagrange_bench.integrators.backward_error.prediction import PredictedPhase, local_error
 from lagrange_bench.integrators.backward_error.steps import STEPS
-from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from tests.installed import FOR_TOPS
 
 TOP, Y0 = LagrangeTop(0.9), np.array([0.5, -0.7, 0.3, 0.6, -0.3, 0.5])
@@ -168,13 +166,6 @@ def test_the_rates_alone_say_where_a_long_run_is(name):
     assert off(predicted_phase(TOP, Y0, 2 * h, name)) > 0.2 * error
 
 
-def test_growth_is_that_of_methods_that_lose_invariants():
-    for name, keeps in (("implicit_midpoint", True), ("strang", True), ("rk4", False)):
-        found = predicted_phase(TOP, Y0, 0.1, name)
-        growth = abs(found.clock_growth) * 1e6  # after a time of 10⁶
-        assert (growth < 1e-3 * abs(found.clock)) == keeps, name
-
-
 def test_rates_follow_the_units():
     """The same top in other units of time and length, also as a real one; twice the step is four times the rates."""
     plain = predicted_phase(TOP, Y0, 0.01, "strang")
@@ -193,6 +184,7 @@ def test_a_method_that_is_exact_without_weight_has_no_phase_error(name):
     named = TOPS["weightless"]
     assert predicted_phase(named.top, named.state, 0.05, name) == PredictedPhase(0.0, 0.0)
     assert predicted_phase(named.top, named.state, 0.05, "rk4").clock != 0.0  # negative control
+    assert predicted_phase(TOP, Y0, 0.1, "backlund") == PredictedPhase(0.0, 0.0)  # of an exact one: that it is exact
 
 
 # ------------------------------------------------------------------------------------------ no prediction
@@ -206,37 +198,13 @@ def test_a_method_that_is_exact_without_weight_has_no_phase_error(name):
         ("sleeping_stable", "kahan", 0.1, "regular precession"),
         ("generic", "taylor", 0.1, "chooses its own steps"),
         ("generic", "strang", 50.0, "does not converge"),
-        ("generic", "strang", 1e300, "time scales"),
         ("weightless", "backlund_paper", 1e-300, "time scales"),
+        ("generic", replace(METHODS["rk4"], name="stranger"), 0.1, "no power series of a step"),
     ],
 )
 def test_why_there_is_no_prediction(state, name, h, reason):
     found = predicted_phase(TOPS[state].top, TOPS[state].state, h, name)
     assert (found.clock, found.turn) == (None, None)
     assert reason in found.reason
-
-
-def test_of_a_method_without_a_series_nothing_is_predicted():
-    stranger = replace(METHODS["rk4"], name="stranger")
-    assert "no power series of a step" in predicted_phase(TOP, Y0, 0.1, stranger).reason
-    with pytest.raises(ValueError, match="no power series of a step"):
-        predicted_phase(TOP, Y0, 0.1, stranger).states([1.0])
-    assert predicted_phase(TOP, Y0, 0.1, "backlund") == PredictedPhase(0.0, 0.0)  # of an exact one: that it is exact
-
-
-@pytest.mark.parametrize(
-    ("arguments", "name"),
-    [
-        ((1.0, Y0, 0.1), "top"),
-        ((PERTURBED_TOPS["weak_tide"].top, Y0, 0.1), "top"),
-        ((TOP, Y0[:5], 0.1), "y0"),
-        ((TOP, Y0, 0.0), "h"),
-        ((TOP, Y0, 0.1, "none"), "none"),
-        ((TOP, Y0, 0.1, "backlund", -1j), "lam"),
-        ((TOP, Y0, 0.1, "strang", 1j), "lam"),
-    ],
-)
-def test_bad_input_is_named(arguments, name):
-    assert isinstance(PERTURBED_TOPS["weak_tide"].top, PerturbedTop)
-    with pytest.raises(ValueError, match=name):
-        predicted_phase(*arguments)
+    with pytest.raises(ValueError, match=reason):
+        found.states([1.0])

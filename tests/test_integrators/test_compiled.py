@@ -1,21 +1,40 @@
-"""Compilation and its cache: it is never stale, and it may fail to be written."""
+"""Compilation and its cache: it is never stale, it may fail to be written, and Numba is asked for what it rests on."""
 
 import os
 import resource
 import subprocess
 import sys
-from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 
-from lagrange_bench import integrators
-from lagrange_bench.integrators.compiling import numba_internals
+from lagrange_bench.integrators.compiling import interpreted, numba_internals
+from lagrange_bench.integrators.compiling.compiled import compiled
+from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 
-PACKAGE = Path(integrators.__file__).parent
+pytestmark = [
+    pytest.mark.processes,
+    pytest.mark.skipif("NUMBA_DISABLE_JIT" in os.environ, reason="nothing is compiled"),
+]
 
 
-pytestmark = pytest.mark.processes
+def python(code, *words, cache, cwd=None, limit=None, **settings):
+    """What a process of its own prints; `limit` on the size of files."""
+
+    def restrict():
+        if limit:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    environment = {**os.environ, "LAGRANGE_BENCH_CACHE": str(cache), **settings}
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words],
+        env=environment, cwd=cwd, capture_output=True, text=True, preexec_fn=restrict, check=False, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert not limit or done.stderr == ""
+    return done.stdout
+
 
 STEP = """
 from lagrange_bench.integrators import TOPS, integrate
@@ -24,26 +43,12 @@ print(integrate(named.top, named.state, 0.1, 10, "rk45_fixed").y[-1])
 """
 
 
-def run(folder, **limits):
-    def restrict():
-        for name, value in limits.items():
-            resource.setrlimit(getattr(resource, name), (value, value))
-
-    environment = {**os.environ, "LAGRANGE_BENCH_CACHE": str(folder)}
-    command = [sys.executable, "-c", STEP]
-    return subprocess.run(
-        command, env=environment, capture_output=True, text=True, preexec_fn=restrict, check=False, timeout=120
-    )
-
-
 def test_a_full_disk_or_no_folder_changes_nothing(tmp_path):
     """File size limited to 4 kB, a file in place of the folder, no cache at all: the same states."""
     (tmp_path / "file").touch()
-    limited = run(tmp_path / "limited", RLIMIT_FSIZE=4096)
-    assert limited.returncode == 0, limited.stderr
-    assert limited.stderr == ""
+    limited = python(STEP, cache=tmp_path / "limited", limit=4096)
     for folder in (tmp_path / "file", ""):
-        assert run(folder).stdout == limited.stdout
+        assert python(STEP, cache=folder) == limited
 
 
 # the end of the run of each method; with the numbers of functions as Numba counts them, if it is asked to
@@ -68,11 +73,7 @@ def test_code_that_two_processes_kept_is_told_apart_by_a_third(tmp_path, numbers
     """
 
     def run(*names):
-        environment = {**os.environ, "LAGRANGE_BENCH_CACHE": str(tmp_path)}
-        command = [sys.executable, "-c", METHODS_ONE_BY_ONE, numbers, *names]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
-        assert done.returncode == 0, done.stderr
-        return done.stdout
+        return python(METHODS_ONE_BY_ONE, numbers, *names, cache=tmp_path)
 
     def kept():
         return {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.nbc")}
@@ -139,15 +140,10 @@ def report():
 
 def test_an_outlined_function_is_called_by_kernels_out_of_the_cache(tmp_path):
     (tmp_path / "outlining.py").write_text(OUTLINED, encoding="utf-8")
-    environment = {**os.environ, "LAGRANGE_BENCH_CACHE": str(tmp_path / "cache")}
 
     def run(before="", **settings):
-        command = [sys.executable, "-c", f"{before}import outlining; outlining.report()"]
-        done = subprocess.run(
-            command, env={**environment, **settings}, cwd=tmp_path, capture_output=True, text=True, timeout=120
-        )
-        assert done.returncode == 0, done.stderr
-        return done.stdout.split()
+        code = f"{before}import outlining; outlining.report()"
+        return python(code, cache=tmp_path / "cache", cwd=tmp_path, **settings).split()
 
     assert run() == ["7.2", "False", "0"]
     other_types_first = "from numba import types; types.UniTuple(types.float64, 77); "  # Numba numbers its types
@@ -178,15 +174,11 @@ source.write_text(edited)
 def test_an_edited_callee_in_another_room_is_compiled_again(tree):
     """And no other is: a run after an edit elsewhere takes its code from the cache.
 
-    The process that edits has imported the callee, and not yet the caller: it keeps nothing.
+    The process that edits has imported the callee, and not yet the caller: what it keeps is of the callee as it was.
     """
-    environment = {**os.environ, "PYTHONPATH": str(tree), "LAGRANGE_BENCH_CACHE": str(tree / "cache")}
 
     def run(before=""):
-        command = [sys.executable, "-c", before + CALLER]
-        done = subprocess.run(command, env=environment, cwd=tree, capture_output=True, text=True, timeout=120)
-        assert done.returncode == 0, done.stderr
-        return done.stdout.splitlines()
+        return python(before + CALLER, cache=tree / "cache", cwd=tree, PYTHONPATH=str(tree)).splitlines()
 
     root, hits = run()
     assert hits == "0"
@@ -197,3 +189,63 @@ def test_an_edited_callee_in_another_room_is_compiled_again(tree):
     doubled, hits = run()
     assert float.fromhex(doubled) == 2 * float.fromhex(root)
     assert hits == "0"
+
+
+# ---------------------------------------------------------------- the first calls are interpreted: the same bits
+OFTEN = 10
+
+# last states of runs that begin one after the other, and which of them found the set-up compiled
+RUNS = """
+from lagrange_bench.integrators import PERTURBED_TOPS, TOPS, integrate
+from lagrange_bench.integrators.compiling.interpreted import OFTEN
+from lagrange_bench.integrators.methods import backlund
+for named, method in ((TOPS["generic"], "backlund"), (PERTURBED_TOPS["weak_tide"], "backlund_splitting")):
+    h = 20.0 if method == "backlund" else 0.1
+    ends = [integrate(named.top, named.y0, h, 20, method).y[-1].tobytes().hex()]
+    print(method, bool(backlund.run.overloads), bool(backlund.exact_constants.overloads))
+    ends += [integrate(named.top, named.y0, h, 20, method).y[-1].tobytes().hex() for _ in range(OFTEN)]
+    print(ends[0], len(set(ends)), bool(backlund.run.overloads))
+"""
+
+
+def test_the_first_run_waits_for_no_set_up_to_compile_and_has_the_same_bits(tmp_path):
+    first, second = ([line.split() for line in python(RUNS, cache=tmp_path).splitlines()] for _ in range(2))
+    assert first[0][1:] == ["False", "False"]
+    assert first[1][1:] == first[3][1:] == ["1", "True"]
+    assert second[0][1] == "True"  # out of the cache, from the first call on
+    assert [first[1], first[3]] == [second[1], second[3]]
+
+
+@pytest.fixture
+def as_in_a_new_process(monkeypatch):
+    """Whatever the tests before have imported: what measures times has everything compiled at once."""
+    monkeypatch.setattr(interpreted, "OFTEN", OFTEN)
+
+
+@pytest.mark.usefixtures("as_in_a_new_process")
+def test_a_kernel_is_compiled_from_the_call_on_that_its_docstring_says():
+    kernel = compiled(lambda a: a[0] + 1.0)
+    call = at_first_interpreted(kernel)
+    for k in range(interpreted.OFTEN + 1):
+        assert not kernel.overloads
+        assert call(np.full(3, k)) == k + 1.0
+    assert kernel.overloads
+
+    large = compiled(lambda a: a[0] + 1.0)
+    at_first_interpreted(large)(np.zeros(interpreted.MANY + 1))
+    assert large.overloads
+
+
+@pytest.mark.usefixtures("as_in_a_new_process")
+def test_where_python_raises_compiled_code_begins_anew():
+    """And finds its arrays as they were."""
+
+    @compiled
+    def divided(a, x):
+        a[0] += 1.0
+        a[0] += 1.0 / x
+        return 2.0 * a[0]
+
+    call, a = at_first_interpreted(divided), np.zeros(1)
+    assert (call(a, 0.5), a[0], len(divided.overloads)) == (6.0, 3.0, 0)
+    assert (call(a, 0.0), a[0], len(divided.overloads)) == (np.inf, np.inf, 1)

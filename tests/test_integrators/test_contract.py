@@ -6,20 +6,15 @@ from pathlib import Path
 import pytest
 
 from lagrange_bench.experiments.measuring import check
-from lagrange_bench.integrators import (
-    METHODS,
-    TOPS,
-    methods,
-)
+from lagrange_bench.integrators import METHODS, methods
 from lagrange_bench.integrators.registry import BUILT_IN
 from tests.installed import installed
 
-GENERIC = TOPS["generic"]
 
-
+@pytest.mark.parametrize("quick", [True, pytest.param(False, marks=pytest.mark.slow)], ids=["quick", "full"])
 @pytest.mark.parametrize("name", METHODS)
-def test_claims(name):
-    verdicts = check.check(installed(name))
+def test_claims(name, quick):
+    verdicts = check.check(installed(name), quick)
     failed = [f"{v.claim}: {v.measured} {v.bound} ({v.how})" for v in verdicts if v.passed is False]
     assert not failed
     assert sum(v.passed is True for v in verdicts) >= 8

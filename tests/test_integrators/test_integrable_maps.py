@@ -1,105 +1,73 @@
 """The two integrable discretisations: what they keep is proved in rational arithmetic, on maps written down a second time."""
 
 import random
-from dataclasses import replace
 from fractions import Fraction
-from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from lagrange_bench.experiments.measuring import check, metrics, states
-from lagrange_bench.integrators import LagrangeTop, StepError
+from lagrange_bench.experiments.measuring import metrics, states
+from lagrange_bench.integrators import LagrangeTop, PerturbedTop, StepError, prepare
 from lagrange_bench.integrators.methods import bobenko_suris, kahan
-from lagrange_bench.integrators.problem.top import TOPS
+from lagrange_bench.integrators.paper.phase_space import invariants, poisson_tensor, vector_field
+from lagrange_bench.integrators.problem.potentials import CHARGE, TIDE
 from tests.test_integrators.paper.tools import jacobian
 
 EPS = float(np.finfo(float).eps)
-GENERIC = TOPS["generic"]
-METHODS = (kahan.METHOD, bobenko_suris.METHOD)
-LAGRANGE = replace(
-    bobenko_suris.METHOD,
-    order=1,
-    symmetric=False,
-    prepare=partial(bobenko_suris.prepare, form="lagrange"),
-    keeps={"E": bobenko_suris.energy_lagrange},
-    needs="uniform",
-    special={},
-)
+E3 = np.array((0, 0, 1))
 
 
-def rationals(n, seed):
-    draw = random.Random(seed)
-    return [Fraction(draw.randint(-99, 99) or 1, draw.randint(10, 99)) for _ in range(n)]
+def hat(v):
+    """The matrix of v×."""
+    return np.cross(v, np.eye(3)).T
 
 
 def rational_cases(count=4):
     """alpha, h and a state. An identity of rational functions that holds at a few random points holds: Schwartz and Zippel."""
     for seed in range(count):
-        alpha, h, *y = rationals(8, seed)
-        yield alpha, h, y
+        draw = random.Random(seed)
+        alpha, h, *y = [Fraction(draw.randint(-99, 99) or 1, draw.randint(10, 99)) for _ in range(8)]
+        yield alpha, h, np.array(y)
 
 
 # ---------------------------------------------------------------- the maps, in any kind of number
 
 
-def cross(a, b):
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-
-
-def dot(a, b):
-    return sum(u * v for u, v in zip(a, b, strict=True))
-
-
-def plus(a, b, r=1):
-    return [u + r * v for u, v in zip(a, b, strict=True)]
-
-
-def rhs(alpha, y):
-    return [-alpha * y[4], alpha * y[3], 0 * alpha, *cross(y[:3], y[3:])]
-
-
-def hat(v):
-    return [[0 * v[0], -v[2], v[1]], [v[2], 0 * v[0], -v[0]], [-v[1], v[0], 0 * v[0]]]
-
-
-def derivative(alpha, y):
-    """f'(y)."""
-    zero = 0 * alpha
-    top = [[zero] * 3 + row for row in ([zero, -alpha, zero], [alpha, zero, zero], [zero] * 3)]
-    return top + [[-u for u in a] + b for a, b in zip(hat(y[3:]), hat(y[:3]), strict=True)]
-
-
 def eliminate(A, b):
     """The solution of A x = b, and det A."""
-    rows = [[*row, v] for row, v in zip(A, b, strict=True)]
-    n, det = len(rows), 1
+    rows, n, det = np.column_stack((A, b)), len(A), 1
     for i in range(n):
-        pivot = next(r for r in range(i, n) if rows[r][i] != 0)
+        pivot = next(r for r in range(i, n) if rows[r, i] != 0)
         if pivot != i:
-            rows[i], rows[pivot], det = rows[pivot], rows[i], -det
-        det = det * rows[i][i]
-        for r in range(n):
-            if r != i:
-                rows[r] = plus(rows[r], rows[i], -(rows[r][i] / rows[i][i]))
-    return [rows[i][n] / rows[i][i] for i in range(n)], det
+            rows[[i, pivot]], det = rows[[pivot, i]], -det
+        det = det * rows[i, i]
+        for r in set(range(n)) - {i}:
+            rows[r] = rows[r] - rows[i] * (rows[r, i] / rows[i, i])
+    return np.array([rows[i, n] / rows[i, i] for i in range(n)]), det
+
+
+def cross_matrix(v):
+    zero = 0 * v[0]
+    return np.array(((zero, -v[2], v[1]), (v[2], zero, -v[0]), (-v[1], v[0], zero)))
 
 
 def kahan_map(alpha, h, y):
     """(1 − (h/2) f'(y)) (ỹ − y) = h f(y): Kahan's method for any quadratic f."""
-    identity = [[int(i == j) for j in range(6)] for i in range(6)]
-    A = [plus(one, row, -h / 2) for one, row in zip(identity, derivative(alpha, y), strict=True)]
-    return plus(y, eliminate(A, [h * v for v in rhs(alpha, y)])[0])
+    zero = np.zeros((3, 3), dtype=int)
+    slope = np.block([[zero, alpha * cross_matrix(E3)], [-cross_matrix(y[3:]), cross_matrix(y[:3])]])
+    rate = vector_field(SimpleNamespace(alpha=alpha), y)
+    return y + eliminate(np.eye(6, dtype=int) - h / 2 * slope, h * rate)[0]
 
 
 def kick(alpha, t, y):
-    return [y[0] - t * alpha * y[4], y[1] + t * alpha * y[3], *y[2:]]
+    return np.array((y[0] - t * alpha * y[4], y[1] + t * alpha * y[3], *y[2:]))
 
 
 def cayley(h, y):
-    w, x = [h / 2 * v for v in y[:3]], y[3:]
-    u = cross(w, x)
-    return [*y[:3], *plus(x, plus(u, cross(w, u)), 2 / (1 + dot(w, w)))]
+    w, x = h / 2 * y[:3], y[3:]
+    u = np.cross(w, x)
+    return np.concatenate((y[:3], x + (u + np.cross(w, u)) * (2 / (1 + w @ w))))
 
 
 def lagrange_map(alpha, h, y):
@@ -113,28 +81,26 @@ def symmetric_map(alpha, h, y):
 MAPS = {"kahan": kahan_map, "bobenko_suris": symmetric_map, "lagrange": lagrange_map}
 
 
-def invariants(alpha, y):
-    J, x = y[:3], y[3:]
-    return {"H": dot(J, J) / 2 + alpha * x[2], "J3": J[2], "C1": dot(x, x), "C2": dot(x, J)}
+def of_the_top(alpha, y):
+    return dict(zip(("H", "J3", "C1", "C2"), invariants(SimpleNamespace(alpha=alpha), y), strict=True))
 
 
 def kept_by_kahan(alpha, h, y):
     J, x = y[:3], y[3:]
     eps = alpha * h * h / 4
     e = J[0] ** 2 + J[1] ** 2 + 2 * alpha * x[2] - eps * alpha * (x[0] ** 2 + x[1] ** 2)
-    r0 = dot(x, J) / (1 - eps * x[2])
-    rho = h * r0 / 2
-    v = [h * J[0] / 2, h * J[1] / 2, h * J[2] / 2 + eps * rho]
-    return {"J3": J[2], "e": e, "r0": r0, "kappa": (dot(x, x) + rho**2) / (1 + dot(v, v))}
+    r0 = (x @ J) / (1 - eps * x[2])
+    v = h * J / 2 + eps * h * r0 / 2 * E3
+    return {"J3": J[2], "e": e, "r0": r0, "kappa": (x @ x + (h * r0 / 2) ** 2) / (1 + v @ v)}
 
 
 def kept_by_symmetric(alpha, h, y):
-    I = invariants(alpha, y)
+    I = of_the_top(alpha, y)
     return I | {"H": I["H"] - h * h / 8 * alpha**2 * (y[3] ** 2 + y[4] ** 2)}
 
 
 def kept_by_lagrange(alpha, h, y):
-    I = invariants(alpha, y)
+    I = of_the_top(alpha, y)
     return I | {"H": I["H"] + h / 2 * alpha * (y[3] * y[1] - y[4] * y[0])}
 
 
@@ -145,110 +111,122 @@ KEPT = {"kahan": kept_by_kahan, "bobenko_suris": kept_by_symmetric, "lagrange": 
 
 
 @pytest.mark.parametrize("name", MAPS)
-def test_integrals_are_exact(name):
+def test_what_is_kept_symmetric_and_poisson(name):
+    """The integrals, the inverse as the map of −h, and D P(y) Dᵀ = P(ỹ), D exact: or their failure."""
+    step, kept = MAPS[name], KEPT[name]
     for alpha, h, y in rational_cases():
-        image = MAPS[name](alpha, h, y)
-        assert KEPT[name](alpha, h, image) == KEPT[name](alpha, h, y)
-        assert invariants(alpha, image)["H"] != invariants(alpha, y)["H"]
+        image = step(alpha, h, y)
+        assert kept(alpha, h, image) == kept(alpha, h, y)
+        assert of_the_top(alpha, image)["H"] != of_the_top(alpha, y)["H"]
+        assert np.array_equal(step(alpha, -h, image), y) == (name != "lagrange")
+        D = jacobian(lambda z, alpha=alpha, h=h: step(alpha, h, z), y)
+        assert np.array_equal(D @ poisson_tensor(y) @ D.T, poisson_tensor(image)) == (name != "kahan")
 
 
-@pytest.mark.parametrize("name", ["kahan", "bobenko_suris"])
-def test_the_inverse_is_the_map_of_minus_h(name):
+def test_kahan_is_bilinear_and_keeps_a_volume():
+    """det DΦ = density(ỹ)/density(y), not 1; and its energy is that of Bobenko and Suris."""
     for alpha, h, y in rational_cases():
-        assert MAPS[name](alpha, -h, MAPS[name](alpha, h, y)) == y
-
-
-def test_kahan_is_bilinear_and_has_the_energy_of_bobenko_and_suris():
-    for alpha, h, y in rational_cases():
-        z = kahan_map(alpha, h, y)
-        J, x, K, X = y[:3], y[3:], z[:3], z[3:]
-        assert plus(K, J, -1) == [h * alpha / 2 * v for v in cross([0, 0, 1], plus(x, X))]
-        assert plus(X, x, -1) == [h / 2 * v for v in plus(cross(K, x), cross(J, X))]
-        kept = kept_by_kahan(alpha, h, y)
-        assert kept["e"] == 2 * kept_by_symmetric(alpha, h, y)["H"] - y[2] ** 2
-
-
-def test_kahan_keeps_a_volume():
-    """det DΦ = density(ỹ)/density(y), DΦ from dual numbers; the flow's own volume is not kept."""
-    for alpha, h, y in rational_cases(2):
 
         def density(y, alpha=alpha, h=h):
             eps = alpha * h * h / 4
-            rho = h / 2 * dot(y[:3], y[3:]) / (1 - eps * y[5])
-            return (1 - eps * y[5]) * (dot(y[3:], y[3:]) + rho**2)
+            rho = h / 2 * (y[:3] @ y[3:]) / (1 - eps * y[5])
+            return (1 - eps * y[5]) * (y[3:] @ y[3:] + rho**2)
 
-        D = jacobian(lambda z, alpha=alpha, h=h: kahan_map(alpha, h, list(z)), y)
-        det = eliminate(D.tolist(), y)[1]
-        assert det == density(kahan_map(alpha, h, y)) / density(y) != 1
-
-
-@pytest.mark.parametrize(("name", "poisson"), [("kahan", False), ("bobenko_suris", True), ("lagrange", True)])
-def test_poisson_or_not(name, poisson):
-    """D P(y) Dᵀ = P(ỹ), with D exact."""
-
-    def tensor(y):
-        J, x, zero = -np.array(hat(y[:3])), -np.array(hat(y[3:])), np.zeros((3, 3), dtype=int)
-        return np.block([[J, x], [x, zero]])
-
-    for alpha, h, y in rational_cases(2):
-
-        def image(z, name=name, alpha=alpha, h=h):
-            return MAPS[name](alpha, h, list(z))
-
-        D = jacobian(image, y)
-        assert np.array_equal(D @ tensor(y) @ D.T, tensor(image(y))) == poisson
+        z = kahan_map(alpha, h, y)
+        J, x, K, X = y[:3], y[3:], z[:3], z[3:]
+        assert np.array_equal(K - J, h * alpha / 2 * np.cross(E3, x + X))
+        assert np.array_equal(X - x, h / 2 * (np.cross(K, x) + np.cross(J, X)))
+        assert kept_by_kahan(alpha, h, y)["e"] == 2 * kept_by_symmetric(alpha, h, y)["H"] - y[2] ** 2
+        D = jacobian(lambda v, alpha=alpha, h=h: kahan_map(alpha, h, v), y)
+        assert eliminate(D, y)[1] == density(z) / density(y) != 1
 
 
 def test_the_two_forms_are_conjugate():
     for alpha, h, y in rational_cases():
-        z = kick(alpha, h / 2, y)
-        assert symmetric_map(alpha, h, z) == kick(alpha, h / 2, lagrange_map(alpha, h, y))
+        z, image = kick(alpha, h / 2, y), lagrange_map(alpha, h, y)
+        assert np.array_equal(symmetric_map(alpha, h, z), kick(alpha, h / 2, image))
         assert kept_by_symmetric(alpha, h, z) == kept_by_lagrange(alpha, h, y)
-        K, image = kick(alpha, h, y)[:3], lagrange_map(alpha, h, y)
-        assert plus(image[3:], y[3:], -1) == [h / 2 * v for v in cross(K, plus(y[3:], image[3:]))]
+        assert np.array_equal(image[3:] - y[3:], h / 2 * np.cross(kick(alpha, h, y)[:3], y[3:] + image[3:]))
 
 
 # ---------------------------------------------------------------- the kernels
 
 
-def one_step(method, top, y0, h):
-    """The state after it, or the StepError."""
-    try:
-        return method.prepare_for(top)(top, y0, h).advance(y0, 1)
-    except StepError as error:
-        return error
-
-
-@pytest.mark.parametrize(("name", "method"), list(zip(MAPS, (*METHODS, LAGRANGE), strict=True)))
-def test_a_step_is_the_map(name, method):
+@pytest.mark.parametrize("name", MAPS)
+def test_a_step_is_the_map(name):
     """Within a few ulp, and so are the quantities the record keeps; doubles taken as the rationals they are."""
-    compared = 0
-    for state in ("generic", "figure1", "fast", "slow", "weightless", "inverted", "hanging", *states.RANDOM):
+    method, options = (kahan.METHOD, {}) if name == "kahan" else (bobenko_suris.METHOD, {"form": "symmetric"})
+    keeps = method.keeps
+    if name == "lagrange":
+        options, keeps = {"form": "lagrange"}, {"E": bobenko_suris.energy_lagrange}
+    for state in ("generic", "figure1", "fast", "slow", "weightless", "inverted", "hanging", *states.RANDOM[:5]):
         top, y0 = states.find(state)
         for span in (0.1, -0.5, 3.0):
             h = span * top.scales(y0)[2]
-            y = one_step(method, top, y0, h)
-            if isinstance(y, StepError):
+            try:
+                y = prepare(top, y0, h, method.name, **options).advance(y0, 1)
+            except StepError:
                 assert (name, span) == ("kahan", 3.0)
                 continue
-            alpha, exact_h, exact_y = Fraction(top.alpha), Fraction(h), list(map(Fraction, y0))
-            z = np.array(MAPS[name](alpha, exact_h, exact_y), dtype=float)
+            exactly = Fraction(top.alpha), Fraction(h), np.array(list(map(Fraction, y0)))
+            z = MAPS[name](*exactly).astype(float)
             assert metrics.scaled_error(top, y0, y, z) < 16 * EPS, (state, span)
-            kept = KEPT[name](alpha, exact_h, exact_y)
-            for quantity, function in method.keeps.items():
+            kept = KEPT[name](*exactly)
+            for quantity, function in keeps.items():
                 values, size = function(top, h, y0[None])
                 value = float(kept.get(quantity, kept.get("H")))
                 assert abs(values[0] - value) < 8 * EPS * size
                 assert abs(value) <= size * (1 + 8 * EPS)
-            compared += 1
-    assert compared > 60
 
 
-@pytest.mark.parametrize("method", [*METHODS, LAGRANGE], ids=["kahan", "symmetric", "lagrange"])
-def test_what_is_kept_is_judged(method):
-    verdicts = list(check.conserves(method, True)) if method is not LAGRANGE else check.check(method, quick=True)
-    assert not [v for v in verdicts if v.passed is False]
-    assert {f"conserves {name}" for name in method.keeps} <= {v.claim for v in verdicts if v.passed}
+FIELDS = {  # formulas that other tests use too: they are compiled once for all
+    "quadratic": PerturbedTop(LagrangeTop(1.0), TIDE, (0.8, 0.6, -0.4, 0.7)),
+    "charge": PerturbedTop(LagrangeTop(1.0), CHARGE, (0.4, 1.1, -0.7, 0.9)),
+}
+
+
+def starts(count):
+    draw = np.random.default_rng(11)
+    for _ in range(count):
+        J, x = draw.normal(size=(2, 3))
+        yield np.concatenate((1.5 * J, x / np.sqrt(x @ x)))
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_in_a_field_bobenko_suris_is_kick_rotation_kick(field):
+    top, h = FIELDS[field], 0.3
+    for y in starts(3):
+        for form, before, after in (("symmetric", h / 2, h / 2), ("lagrange", h, 0.0)):
+            expected = y + before * top.rhs(y) * (1, 1, 1, 0, 0, 0)
+            expected = cayley(h, expected)
+            expected = expected + after * top.rhs(expected) * (1, 1, 1, 0, 0, 0)
+            z = prepare(top, y, h, "bobenko_suris", form=form).advance(y, 1)
+            assert metrics.scaled_error(top, y, z, expected) < 16 * EPS
+
+
+def test_in_a_field_kahan_is_the_polarised_step_and_refuses_its_poles():
+    """ỹ = y + h (1 − (h/2) f')⁻¹ f. A pole passed between 0 and h leaves det ≤ 0, or a real eigenvalue of D ≤ 0."""
+    top, refused, taken = FIELDS["quadratic"], 0, 0
+    for y in starts(80):
+        for h in (0.3, -1.0, 2.5):
+            D = np.eye(6) - h / 2 * top.jacobian(y)
+            small = np.eye(3) - h / 2 * hat(y[:3]) + h * h / 4 * hat(y[3:]) @ top.jacobian(y)[:3, 3:]
+            eigenvalues = np.linalg.eigvals(small)
+            try:
+                z = prepare(top, y, h, "kahan").advance(y, 1)
+            except StepError:
+                e1, e2 = np.trace(small), (np.trace(small) ** 2 - np.trace(small @ small)) / 2
+                assert min(np.linalg.det(D), e1, e2) < 1e-12
+                refused += 1
+                continue
+            assert np.all(eigenvalues.real[np.abs(eigenvalues.imag) < 1e-12] > 0)
+            taken += 1
+            expected = y + h * np.linalg.solve(D, top.rhs(y))
+            assert metrics.scaled_error(top, y, z, expected) < 64 * EPS * np.linalg.cond(D)
+    assert refused > 5
+    assert taken > 150
+    with pytest.raises(ValueError, match="kahan needs a quadratic potential, which charge is not"):
+        prepare(FIELDS["charge"], y, 0.1, "kahan")
 
 
 def test_kahan_refuses_what_lies_beyond_its_poles():
@@ -262,8 +240,11 @@ def test_kahan_refuses_what_lies_beyond_its_poles():
         det = np.linalg.det(np.eye(6) - h / 2 * top.jacobian(y))
         if min(abs(near), abs(det)) < 1e-10:
             continue
-        refused = isinstance(one_step(kahan.METHOD, top, y, h), StepError)
-        assert refused == bool(near <= 0 or det <= 0)
+        if near <= 0 or det <= 0:
+            with pytest.raises(StepError):
+                prepare(top, y, h, "kahan").advance(y, 1)
+        else:
+            prepare(top, y, h, "kahan").advance(y, 1)
         verdicts.add((bool(near > 0), bool(det > 0)))
     assert len(verdicts) == 4
     y = np.array((0.0, 0, 0, 0, 0, 1))
@@ -271,30 +252,16 @@ def test_kahan_refuses_what_lies_beyond_its_poles():
         kahan.prepare(LagrangeTop(1.0), y, 2.0).advance(y, 1)
 
 
-# ---------------------------------------------------------------- true invariants: bounded, and by how much
-
-
 @pytest.mark.parametrize("state", ["generic", "planar_rotation", "inverted"])
 def test_energy_of_bobenko_suris_is_bounded_a_priori(state):
     """0 ≤ H − E ≤ h² alpha² C1/8; a planar pendulum that goes over the top uses all of it."""
     top, y0 = states.find(state)
     h = 0.5 * top.scales(y0)[2]
-    y = bobenko_suris.prepare(top, y0, h).record(y0, 100_000, 1)
+    y = bobenko_suris.prepare(top, y0, h).record(y0, 20_000, 1)
     bound = h**2 * top.alpha**2 * np.sum(y0[3:] ** 2) / 8
     excess = top.invariants(y)[:, 0] - bobenko_suris.energy(top, h, y0[None])[0][0]
-    room = 1e-12 * top.invariant_scales(y0)[0]  # round-off of 100000 steps
+    room = 1e-12 * top.invariant_scales(y0)[0]  # round-off of all steps
     assert -room <= np.min(excess)
     assert np.max(excess) <= bound + room
     if state == "planar_rotation":
         assert np.ptp(excess) > 0.999 * bound
-
-
-def test_kahan_does_not_drift():
-    """H, C1 and C2 oscillate by a few h², in the last tenth of a million steps no more than in the first."""
-    top, y0, h = GENERIC.top, GENERIC.state, 0.05
-    rows = kahan.prepare(top, y0, h).record(y0, 10**6, 20)
-    drift = np.abs(metrics.relative_drift(top.invariants(rows), top.invariant_scales(y0)))[:, [0, 2, 3]]
-    first, last = np.max(drift[:5000], axis=0), np.max(drift[-5000:], axis=0)
-    assert np.all(first < h**2)
-    assert np.all(first > 1e-5)
-    assert np.all(last < 1.001 * first)

@@ -3,7 +3,21 @@
 import numpy as np
 import pytest
 
-from lagrange_bench.integrators import LagrangeTop, free_body, integrate, kirchhoff_body, vibrating_pivot
+from lagrange_bench.experiments import driven as driven_tops
+from lagrange_bench.integrators import (
+    METHODS,
+    LagrangeTop,
+    PerturbedTop,
+    Potential,
+    Problem,
+    cos,
+    free_body,
+    integrate,
+    kirchhoff_body,
+    orbiting_tide,
+    reference,
+    vibrating_pivot,
+)
 from lagrange_bench.integrators.problem import free_body as euler
 
 
@@ -67,3 +81,104 @@ def test_a_round_body_in_a_fluid_keeps_its_spin():
     assert np.max(np.abs(other.y[:, 2] - y0[2])) > 1e-3
     with pytest.raises(ValueError, match="three numbers each"):
         kirchhoff_body((1.0, 2.0), b, c)
+
+
+# ---------------------------------------------------------------- driven problems
+
+
+Y0 = np.array((0.3, -0.2, 1.1, 0.4, 0.1, 0.9))
+END = 12.0
+
+
+def kinetic(y):
+    return (y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) / 2.0
+
+
+def driven(t, y, p):
+    weight = 1.0 + p[0] * cos(1.1 * t)  # a part of it is constant
+    return kinetic(y) + weight * y[5] + p[0] * cos(0.7 * t) * (y[3] * y[3] - 0.5 * y[4] * y[5])
+
+
+DRIVEN = Problem("driven", "e3", driven, (0.01,)).starting(1.3)
+
+
+@pytest.fixture(scope="module")
+def end():
+    return integrate(DRIVEN, Y0, h=END / 2000, steps=2000, method="dop853_fixed").y[-1]
+
+
+@pytest.mark.parametrize(
+    ("scheme", "order", "options"),
+    [
+        ("strang", 4, {}),
+        ("strang", 2, {"corrector": False, "modified_kick": False}),
+        ("processed6", 6, {}),
+        ("aba864", 6, {}),
+    ],
+)
+def test_every_scheme_keeps_its_order_in_a_driven_field(scheme, order, options, end):
+    def error(steps):
+        run = integrate(DRIVEN, Y0, h=END / steps, steps=steps, method="backlund_splitting", scheme=scheme, **options)
+        return np.max(np.abs(run.y[-1] - end))
+
+    coarse, fine = error(48), error(96)
+    assert np.log2(coarse / fine) == pytest.approx(order, abs=0.25)
+    assert fine < 2e-4
+
+
+def test_rows_on_the_way_do_not_change_the_run():
+    """Each row leaves the run at its own time."""
+    rows = integrate(DRIVEN, Y0, h=0.25, steps=48, every=12, method="backlund_splitting").y
+    ends = [integrate(DRIVEN, Y0, h=0.25, steps=n, method="backlund_splitting").y[-1] for n in (12, 24, 36, 48)]
+    np.testing.assert_array_equal(rows[1:], ends)
+
+
+FIELD = Problem("mine", "e3", lambda t, y, p: kinetic(y) + 1.3 * y[5] + p[0] * (y[3] * y[3] - y[4] * y[5]), (0.01,))
+SAME = PerturbedTop(LagrangeTop(1.3), Potential("mine", lambda a, b, c, p: p[0] * (a * a - b * c)), (0.01,))
+
+
+@pytest.mark.parametrize("name", ["backlund_splitting", "force_gradient4", "kahan", "verner9_projected"])
+def test_a_problem_posed_by_hand_is_followed_as_a_top_in_a_potential(name):
+    method = METHODS[name]
+    assert method.takes(FIELD) is None
+    assert method.kept(FIELD) == method.kept(SAME)
+    rows = [integrate(top, Y0, h=0.1, steps=20, every=5, method=name).y for top in (FIELD, SAME)]
+    np.testing.assert_array_equal(*rows)
+
+
+def on_an_orbit(eccentricity, M, x):
+    """(a/r)³ (n·x)², by Newton's method for Kepler's equation."""
+    E = M
+    for _ in range(50):
+        E -= (E - eccentricity * np.sin(E) - M) / (1.0 - eccentricity * np.cos(E))
+    r = 1.0 - eccentricity * np.cos(E)
+    toward = np.array((np.cos(E) - eccentricity, np.sqrt(1.0 - eccentricity**2) * np.sin(E), 0.0)) / r
+    return (toward @ x) ** 2 / r**3
+
+
+def test_the_tide_of_an_orbit_misses_a_part_of_the_cube_of_its_eccentricity():
+    x = np.array((0.3, -0.5, 0.6))
+
+    def missed(eccentricity):
+        tide = orbiting_tide(2.0, eccentricity, 1.5)
+        times = np.linspace(0.0, 4.0, 33)
+        energies = [tide.starting(t).energy(np.r_[0.0, 0.0, 0.0, x]) for t in times]
+        return max(abs(H - 2.0 * on_an_orbit(eccentricity, 1.5 * t, x)) for t, H in zip(times, energies, strict=True))
+
+    assert missed(0.0) < 1e-14
+    assert np.log2(missed(0.02) / missed(0.01)) == pytest.approx(3.0, abs=0.1)
+
+
+@pytest.mark.parametrize("name", driven_tops.PROBLEMS)
+@pytest.mark.parametrize(("scheme", "order"), [("strang", 4), ("processed6", 6)])
+@pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
+def test_the_exact_step_inside_keeps_its_order_on_the_driven_tops(name, scheme, order):
+    problem, y0, span = driven_tops.PROBLEMS[name], driven_tops.start(name), driven_tops.SPANS[name] / 4
+    right = reference.solution(problem, y0, [span]).states[0]
+
+    def error(n):
+        run = integrate(problem, y0, h=span / n, steps=n, method="backlund_splitting", scheme=scheme)
+        return np.max(np.abs(run.y[-1] - right))
+
+    steps = 256 if name == "kapitza" else 64
+    assert np.log2(error(steps) / error(2 * steps)) == pytest.approx(order, abs=0.25)

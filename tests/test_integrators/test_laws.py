@@ -43,15 +43,6 @@ pytestmark = pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.inte
 few = settings(max_examples=4, deadline=None, derandomize=True)
 
 
-@pytest.mark.parametrize(("name", "field"), [(n, f) for n, f in TAKEN if METHODS[n].symmetric])
-@few
-@given(y=STATES, h=STEPS)
-def test_a_step_back_undoes_a_step(name, field, y, h):
-    top = FIELDS[field]
-    there = prepare(top, y, h, name).advance(y, 1)
-    assert metrics.scaled_error(top, y, prepare(top, there, -h, name).advance(there, 1), y) < 32 * EPS
-
-
 @pytest.mark.parametrize(("name", "field"), TAKEN)
 @few
 @given(y=STATES, h=STEPS, every=st.sampled_from((1, 2, 3, 6)))

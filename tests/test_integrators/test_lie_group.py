@@ -9,13 +9,17 @@ from lagrange_bench.experiments.measuring import metrics, states
 from lagrange_bench.integrators import StepError, prepare
 from lagrange_bench.integrators.compiling.loops import FAILURE, SIZE
 from lagrange_bench.integrators.methods import lie_group
-from lagrange_bench.integrators.problem.top import TOPS, hat
-from lagrange_bench.integrators.truth import exact
+from lagrange_bench.integrators.problem.top import TOPS
 
 EPS = float(np.finfo(float).eps)
 GENERIC = TOPS["generic"]
 METHODS = (lie_group.RKMK4, lie_group.COMMUTATOR_FREE4)
 by_name = pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
+
+
+def hat(v):
+    """The matrix of v×."""
+    return np.cross(v, np.eye(3)).T
 
 
 def matrix(a, b):
@@ -93,11 +97,3 @@ def test_a_step_is_the_textbook_s(name):
             h = span * top.scales(y0)[2]
             y = prepare(top, y0, h, name).advance(y0, 1)
             assert metrics.scaled_error(top, y0, y, textbook(top, h, y0)) < 64 * EPS, (state, span)
-
-
-@by_name
-def test_exact_without_weight(method):
-    """x turns about the constant J: the generator is constant, and one exponential is the flow, whatever h."""
-    top, y0 = states.find("weightless")
-    y = prepare(top, y0, 5.0, method.name).advance(y0, 20)
-    assert metrics.scaled_error(top, y0, y, exact.solution(top, y0, [100.0])[0]) < 1e-13

@@ -12,13 +12,14 @@ from scipy.integrate import solve_ivp
 
 from lagrange_bench.experiments.measuring import states
 from lagrange_bench.experiments.measuring.metrics import phase_split, poisson_defect, scaled_error
-from lagrange_bench.integrators import PERTURBED_TOPS, TOPS, LagrangeTop, integrate, prepare, two_point
+from lagrange_bench.integrators import TOPS, LagrangeTop, integrate, prepare, two_point
 from lagrange_bench.integrators.methods import backlund_schemes
 from lagrange_bench.integrators.paper import interpolating_flow, lax
 from lagrange_bench.integrators.paper import two_point as paper_two_point
 from lagrange_bench.integrators.torus import time_step
 from lagrange_bench.integrators.truth import exact, reference
 from tests.reference import largest
+from tests.test_integrators.test_backlund_splitting import problem
 
 PERTURBED = Path(__file__).parents[2] / "docs" / "perturbed.md"
 
@@ -193,25 +194,14 @@ def test_where_lambda_goes_after_a_whole_nutation(name, back):
 # ---------------------------------------------------------------- what docs/perturbed.md says and no other test shows
 
 
-def tide(name):
-    named = PERTURBED_TOPS[name]
-    return named.top, named.state, named.top.scales(named.state)[2]
-
-
 def test_degrees_of_the_tables():
     text = PERTURBED.read_text("utf-8")
     (shown,) = re.findall(r"^\| degree \| (.*) \|$", text, re.MULTILINE)
     found = []
     for name in ("tide_1e-6", "weak_tide", "moderate_tide", "strong_tide"):
-        top, y0, unit = tide(name)
+        top, y0, unit = problem(name)
         found.append(prepare(top, y0, 0.5 * unit, "backlund_splitting").degree)
     assert [int(word) for word in shown.split(" | ")] == found
-
-
-def test_kicks_of_the_schemes():
-    shown = re.findall(r"^\| (\w+) \| (\d+) \|.*ε", PERTURBED.read_text("utf-8"), re.MULTILINE)
-    kicks = {name: len(scheme.b) for name, scheme in backlund_schemes.SCHEMES.items()}
-    assert {name: int(number) for name, number in shown} == kicks
 
 
 def test_a_smooth_lambda_is_not_enough_for_a_poisson_map():
@@ -241,7 +231,7 @@ def in_one_sweep(scheme):
 @pytest.mark.parametrize("name", ["moderate_tide", "axisymmetric"])
 @pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
 def test_a_corrector_in_one_sweep_leaves_a_commutator(name, monkeypatch):
-    top, y0, unit = tide(name)
+    top, y0, unit = problem(name)
     right = reference.solution(top, y0, [16 * unit]).states[0]
 
     def errors():
@@ -261,6 +251,6 @@ def test_a_corrector_in_one_sweep_leaves_a_commutator(name, monkeypatch):
 
 @pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
 def test_an_instability_that_comes_late():
-    top, y0, unit = tide("triaxial")
+    top, y0, unit = problem("triaxial")
     run = integrate(top, y0, t=[3000 * unit], method="backlund_splitting", tol=1e-6)
     assert scaled_error(top, y0, run.y[0], reference.solution(top, y0, run.t).states[0]) > 1e-5

@@ -85,7 +85,7 @@ def drawn(n, seed):
         yield alpha, y, h, period
 
 
-@pytest.mark.parametrize("count", [3000, pytest.param(10_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [1000, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_the_clock_on_thousands_of_tori(count):
     """2e-15 wherever ok; and ok wherever |h| < T_nut/2 and |m|² > C1/4, which all but few tori with |h| ≤ 0.4 T_nut are."""
     clocks, refused, near = [], 0, 0
@@ -109,7 +109,7 @@ def test_the_clock_on_thousands_of_tori(count):
 
 def test_half_a_period_is_the_limit():
     """ok is False from there on, whatever |m|; here the branch is large."""
-    for alpha, y, _, period in drawn(500, 3):
+    for alpha, y, _, period in drawn(100, 3):
         if period * LagrangeTop(alpha).scales(y)[0] < 100:
             for part in (0.501, 0.75, 0.99, 1.01, 1.3, 2.2, 7.7):
                 assert not ps.plain_step(y, alpha, part * period)[4]
@@ -126,7 +126,7 @@ def test_too_long_and_no_step_at_all():
 
 
 def test_powers_of_two_and_signs_change_no_bit():
-    for alpha, y, h, _ in drawn(100, 5):
+    for alpha, y, h, _ in drawn(30, 5):
         R, eta, mr, mi, ok = ps.plain_step(y, alpha, h)
         assert ps.plain_step(y, alpha, -h) == (R, eta, -mr, -mi, ok)
         s = (*(v * 2.0**40 for v in y[:3]), *(v * 2.0**-70 for v in y[3:]))
@@ -175,7 +175,7 @@ def one_step(alpha, y, h):
 
 def test_the_step_is_that_of_backlund_and_keeps_the_invariants():
     worst = np.zeros(2)
-    for alpha, y, h, _ in drawn(1000, 13):
+    for alpha, y, h, _ in drawn(300, 13):
         top, state = LagrangeTop(alpha), np.array(y)
         rate, size, _ = top.scales(state)
         got, ok = one_step(alpha, y, h)
@@ -190,7 +190,7 @@ def test_the_step_is_that_of_backlund_and_keeps_the_invariants():
 
 
 @pytest.mark.parametrize("name", [n for n in TOPS if n not in ("homoclinic",)])
-@pytest.mark.parametrize("span", [1e-6, 0.3, -1.0])
+@pytest.mark.parametrize("span", [1e-6, -1.0])
 def test_named_tops(name, span):
     """Degenerate tori too: regular precession, sleeping, hanging, planar, next to the separatrix."""
     named = TOPS[name]

@@ -41,11 +41,13 @@ def exponent(errors):
 @pytest.mark.parametrize(
     ("name", "n", "span", "options"),
     [
-        *((name, 500_000, span, {}) for name in ("kahan", "bobenko_suris") for span in (0.125, 1.0)),
-        *((name, 300_000, 0.125, {}) for name in ("rkmk4", "commutator_free4")),
-        *((name, n, 0.25, {}) for name, n in (("strang", 300_000), ("kahan_li8", 60_000), ("force_gradient6", 60_000))),
-        *(("gauss4", 100_000, span, {"compensated": c}) for span, c in ((0.1, False), (0.5, True))),
-        *((name, 100_000, 0.25, {"compensated": c}) for name, c in (("gauss8", False), ("gauss12", True))),
+        ("kahan", 500_000, 1.0, {}),
+        ("bobenko_suris", 500_000, 0.125, {}),
+        ("commutator_free4", 300_000, 0.125, {}),
+        ("strang", 300_000, 0.25, {}),
+        ("force_gradient6", 60_000, 0.25, {}),
+        ("gauss4", 100_000, 0.5, {"compensated": True}),
+        ("gauss8", 100_000, 0.25, {}),
         *(("collective_midpoint", 100_000, 0.25, {"solver": solver}) for solver in ("auto", "fixed_point")),
     ],
 )

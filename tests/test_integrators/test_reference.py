@@ -36,20 +36,31 @@ def charge(x1, x2, x3, p):
     return p[0] / sqrt((x1 - p[1]) ** 2 + (x2 - p[2]) ** 2 + (x3 - p[3]) ** 2)
 
 
-POTENTIALS = {
-    "none": Potential("none", lambda x1, x2, x3, p: 0.0),
-    "dipole": Potential("dipole", lambda x1, x2, x3, p: p[0] * x1 + p[1] * x2 + p[2] * x3),
-    "quadratic": Potential("quadratic", lambda x1, x2, x3, p: p[0] * x1 * x1 / 2),
-    "charge": Potential("charge", charge),
+def everything(x1, x2, x3, p):
+    """Division by a double, whose reciprocal is not rounded to one, and by what varies; with constants only."""
+    return x1 * x1 / 0.6 + sqrt(p[0]) * x2 / (2 - x3) - sqrt(2 + x1) * x2 - (-x3) / x2**3 - p[0] / 3 * x1
+
+
+def its_gradient(x1, x2, x3, p):
+    return (
+        x1 / 0.3 - x2 / (2 * sqrt(2 + x1)) - p[0] / 3,
+        sqrt(p[0]) / (2 - x3) - sqrt(2 + x1) - 3 * x3 / x2**4,
+        sqrt(p[0]) * x2 / (2 - x3) ** 2 + x2**-3,
+    )
+
+
+FORMULAS = {
+    "none": lambda x1, x2, x3, p: 0.0,
+    "dipole": lambda x1, x2, x3, p: p[0] * x1 + p[1] * x2 + p[2] * x3,
+    "quadratic": lambda x1, x2, x3, p: p[0] * x1 * x1 / 2,
+    "charge": charge,
 }
+POTENTIALS = {name: Potential(name, formula) for name, formula in FORMULAS.items()}
+POTENTIALS["everything"] = Potential("everything", everything, its_gradient)
 
 
 def top(kind, alpha=1.0, parameters=()):
     return PerturbedTop(LagrangeTop(alpha), POTENTIALS[kind], parameters)
-
-
-def name(problem):
-    return problem.potential.name
 
 
 FREE, QUADRATIC, CHARGED = top("none"), top("quadratic", 1.0, (0.3,)), top("charge", 1.0, CHARGE)
@@ -95,9 +106,9 @@ def digits(found):
         ]
 
 
-def distance(problem, found, wanted):
+def distance(problem, found, wanted, y0=Y0):
     """Largest error of each state in the scales of J and x."""
-    rate, size, _ = problem.scales(Y0)
+    rate, size, _ = problem.scales(y0)
     with mp.workdps(40):
         return [
             float(largest([(a - mpf(b)) / scale for a, b, scale in zip(y, z, [rate] * 3 + [size] * 3, strict=True)]))
@@ -109,27 +120,16 @@ def distance(problem, found, wanted):
 
 
 @pytest.mark.parametrize("name", ["generic", "slow", "near_separatrix", "hanging", "weightless"])
-def test_the_closed_form_of_the_top(quadruple, name):
-    named = TOPS[name]
-    problem, t = (
-        top("none", named.alpha),
-        np.array((20.0, -3.5, 0.0, 0.1, 20.0)) * min(named.top.scales(named.state)[2], 9),
-    )
-    found = reference.solution(problem, named.state, t)
-    wanted = exact.solution(named.top, named.state, t, digits=36)
-    rate, size, _ = named.top.scales(named.state)
-    for y, z, error in zip(digits(found), wanted, found.error, strict=True):
-        assert largest([(a - b) / s for a, b, s in zip(y, z, [rate] * 3 + [size] * 3, strict=True)]) <= error < 1e-25
-    assert found.engine == "heyoka"
+def test_the_closed_form_of_the_top(engine, name):
+    """And the estimate bounds the error."""
+    named, times = TOPS[name], (20.0, -3.5, 0.0, 0.1, 20.0) if engine == "heyoka" else (3.0, -1.0, 0.0)
+    problem, t = top("none", named.alpha), np.array(times) * min(named.top.scales(named.state)[2], 9)
+    found = reference.solution(problem, named.state, t, engine)
+    errors = distance(problem, found, exact.solution(named.top, named.state, t, digits=36), named.state)
+    assert all(a <= b < 1e-25 for a, b in zip(errors, found.error, strict=True))
+    assert found.engine == engine
     assert found.digits >= 25
     assert found.states[2].tolist() == named.state.tolist()
-
-
-def test_the_closed_form_of_the_top_without_heyoka():
-    t = (3.0, -1.0)
-    found = reference.solution(FREE, Y0, t, engine="mpmath")
-    errors = distance(FREE, found, exact.solution(LagrangeTop(1.0), Y0, t, digits=36))
-    assert all(a <= b < 1e-28 for a, b in zip(errors, found.error, strict=True))
 
 
 def test_a_dipole_is_another_vertical(engine):
@@ -154,27 +154,22 @@ def invariants(problem, found):
     return values
 
 
-@pytest.mark.parametrize("problem", [QUADRATIC, CHARGED], ids=name)
-def test_energy_and_casimirs(quadruple, problem):
-    first, *rest = invariants(problem, reference.solution(problem, Y0, [0.0, 1.0, 15.0, -15.0]))
-    assert largest([a - b for later in rest for a, b in zip(later, first, strict=True)]) < 1e-28
+EVERYTHING = top("everything", 1.0, (0.7,))
 
 
-@pytest.mark.parametrize("problem", [QUADRATIC, CHARGED, DRIVEN], ids=["quadratic", "charge", "driven"])
-def test_the_engines_agree(quadruple, problem):
-    t = (2.0, 0.3, -1.0)
-    one, two = (reference.solution(problem, Y0, t, engine) for engine in ("heyoka", "mpmath"))
+@pytest.mark.parametrize(
+    "problem", [QUADRATIC, CHARGED, EVERYTHING, DRIVEN], ids=["quadratic", "charge", "everything", "driven"]
+)
+def test_the_engines_agree_and_keep_energy_and_casimirs(quadruple, problem):
+    one, two = (reference.solution(problem, Y0, [0.0, 0.25, -0.2], engine) for engine in ("heyoka", "mpmath"))
     assert largest(distance(problem, one, digits(two))) < 1e-30
     assert (one.engine, two.engine) == ("heyoka", "mpmath")
-
-
-def test_a_run_there_and_back(quadruple):
-    """x is the same, J the opposite where time runs backward; the doubles of the end are the start of the second run."""
-    there = reference.solution(QUADRATIC, Y0, [25.0])
-    back = reference.solution(QUADRATIC, there.states[0], [-25.0])
-    mirrored = reference.solution(QUADRATIC, there.states[0] * (-1, -1, -1, 1, 1, 1), [25.0])
-    np.testing.assert_allclose(back.states[0], Y0, rtol=0, atol=1e-13)
-    np.testing.assert_array_equal(mirrored.states[0] * (-1, -1, -1, 1, 1, 1), back.states[0])
+    if problem is DRIVEN:  # its energy changes
+        return
+    later = invariants(problem, one)
+    if problem is not EVERYTHING:  # that one ends in a pole
+        later += invariants(problem, reference.solution(problem, Y0, [15.0, -15.0]))
+    assert largest([a - b for row in later for a, b in zip(row, later[0], strict=True)]) < 1e-28
 
 
 def test_units_do_not_matter(quadruple):
@@ -199,32 +194,13 @@ def test_times_are_whole_numbers_of_steps(quadruple):
         times = [mpf(h) * int(n) for n in counts]
     assert largest(distance(FREE, one, exact.solution(LagrangeTop(1.0), Y0, times, digits=36))) < 1e-29
     np.testing.assert_array_equal(one.states[0], one.states[4])
-
-
-def test_every_operation_in_both_engines(quadruple):
-    """With division by a double, whose reciprocal is not rounded to one, and by what varies; with constants only."""
-
-    def value(x1, x2, x3, p):
-        return x1 * x1 / 0.6 + sqrt(p[0]) * x2 / (2 - x3) - sqrt(2 + x1) * x2 - (-x3) / x2**3 - p[0] / 3 * x1
-
-    def gradient(x1, x2, x3, p):
-        return (
-            x1 / 0.3 - x2 / (2 * sqrt(2 + x1)) - p[0] / 3,
-            sqrt(p[0]) / (2 - x3) - sqrt(2 + x1) - 3 * x3 / x2**4,
-            sqrt(p[0]) * x2 / (2 - x3) ** 2 + x2**-3,
-        )
-
-    problem = PerturbedTop(LagrangeTop(1.0), Potential("all", value, gradient), (0.7,))
-    one, two = (reference.solution(problem, Y0, [0.25], engine) for engine in ("heyoka", "mpmath"))
-    assert largest(distance(problem, one, digits(two))) < 1e-30
-    first, last = invariants(problem, reference.solution(problem, Y0, [0.0, 0.25]))
-    assert largest([a - b for a, b in zip(first, last, strict=True)]) < 1e-28
+    assert asked(t=()).states.shape == (0, 6)
 
 
 def test_the_estimate_bounds_the_error(quadruple):
     """On orbits next to the separatrix, which lose half their digits."""
-    for kick in (2.0**-20, 2.0**-24, 2.0**-28):
-        y0, t = TOPS["homoclinic"].state + kick * np.eye(6)[0], np.array((30.0, 40.0, 50.0))
+    for kick in (2.0**-20, 2.0**-28):
+        y0, t = TOPS["homoclinic"].state + kick * np.eye(6)[0], np.array((30.0, 50.0))
         found = reference.solution(FREE, y0, t)
         wanted = exact.solution(LagrangeTop(1.0), y0, t, digits=36)
         actual = distance(FREE, found, wanted)
@@ -308,7 +284,7 @@ def test_what_is_kept_has_the_same_bits(folder, counted, monkeypatch):
     assert len(counted) == 6
 
 
-@pytest.mark.parametrize("damage", ["bit", "short", "empty", "foreign", "folder"])
+@pytest.mark.parametrize("damage", ["bit", "short", "foreign", "folder"])
 def test_a_damaged_file_is_written_anew(folder, counted, monkeypatch, damage):
     first = asked()
     (file,) = folder.iterdir()
@@ -322,7 +298,7 @@ def test_a_damaged_file_is_written_anew(folder, counted, monkeypatch, damage):
         file.write_bytes(other.read_bytes())
     else:
         flipped = good[:-1] + bytes([good[-1] ^ 1])
-        file.write_bytes({"bit": flipped, "short": good[:-8], "empty": b""}[damage])
+        file.write_bytes({"bit": flipped, "short": good[:-8]}[damage])
     monkeypatch.setattr(reference, "_memory", {})
     before = len(counted)
     assert same(asked(), first)
@@ -333,27 +309,26 @@ def test_a_damaged_file_is_written_anew(folder, counted, monkeypatch, damage):
 # ---------------------------------------------------------------- what is refused
 
 
-def test_bad_input():
-    with pytest.raises(ValueError, match="finite real times"):
-        asked(t=(1.0, math.inf))
-    with pytest.raises(ValueError, match="y0 has x = 0"):
-        reference.solution(QUADRATIC, np.zeros(6), [1.0])
-    with pytest.raises(ValueError, match="engine must be one of"):
-        asked(engine="scipy")
-    with pytest.raises(ValueError, match="tolerance must be larger than an ulp"):
-        reference.horizon(QUADRATIC, Y0, 1e-17)
-    with pytest.raises(ValueError, match="longest must be positive"):
-        reference.horizon(QUADRATIC, Y0, 1e-6, longest=0.0)
-    with pytest.raises(ValueError, match="less extreme units"):
-        reference.solution(QUADRATIC, Y0 * ([1e200] * 3 + [1] * 3), [1e-200])
-    with pytest.raises(StepError, match=r"\|t\| = 1e\+12 is over 1e\+09 time scales"):
-        asked(t=(1e12,))
-    with pytest.raises(StepError, match="more steps than can be taken"):
-        reference.horizon(QUADRATIC, Y0, 1e-6, longest=1e18)
-    corner = Potential("corner", lambda x1, x2, x3, p: sqrt(x1 * x1))
-    with pytest.raises(StepError, match="no reference solution: the potential corner has corners"):
-        reference.solution(PerturbedTop(QUADRATIC.top, corner), Y0, [1.0])
-    assert asked(t=()).states.shape == (0, 6)
+CORNER = PerturbedTop(LagrangeTop(1.0), Potential("corner", lambda x1, x2, x3, p: sqrt(x1 * x1)))
+
+
+@pytest.mark.parametrize(
+    ("words", "call"),
+    [
+        ("finite real times", lambda: asked(t=(1.0, math.inf))),
+        ("y0 has x = 0", lambda: reference.solution(QUADRATIC, np.zeros(6), [1.0])),
+        ("engine must be one of", lambda: asked(engine="scipy")),
+        ("tolerance must be larger", lambda: reference.horizon(QUADRATIC, Y0, 1e-17)),
+        ("longest must be positive", lambda: reference.horizon(QUADRATIC, Y0, 1e-6, longest=0.0)),
+        ("less extreme units", lambda: reference.solution(QUADRATIC, Y0 * np.repeat((1e200, 1), 3), [1e-200])),
+        (r"\|t\| = 1e\+12 is over 1e\+09 time scales", lambda: asked(t=(1e12,))),
+        ("more steps than can be taken", lambda: reference.horizon(QUADRATIC, Y0, 1e-6, longest=1e18)),
+        ("the potential corner has corners", lambda: reference.solution(CORNER, Y0, [1.0])),
+    ],
+)
+def test_bad_input(words, call):
+    with pytest.raises((ValueError, StepError), match=words):
+        call()
 
 
 def test_threads_leave_mpmath_as_it_was():

@@ -102,8 +102,7 @@ def test_pictures_have_labels_and_name_the_top(runs):
     plt.close(figure)
 
 
-def test_a_trajectory_is_one_line_and_a_table_in_a_notebook(runs):
-    assert repr(runs["top"]) == "<Trajectory of LagrangeTop(alpha=1.0) by rk4: 5 states, t = 0 … 0.2>"
+def test_a_trajectory_is_a_table_in_a_notebook(runs):
     assert "<table" in runs["tide"]._repr_html_()
     assert "<Potential" not in runs["tide"]._repr_html_()
 
@@ -139,9 +138,6 @@ def test_an_ensemble_is_an_array_of_what_was_recorded():
     assert np.array_equal(np.asarray(end), rows[-1])
     assert not np.any(end - rows[2])
     assert [y.tolist() for y in end] == rows.y[-1].tolist()
-    assert repr(rows) == (
-        "<EnsembleTrajectory of LagrangeTop(alpha=array([1., 2.])) by backlund: 2 motions, 3 states each, t = 0 … 0.4>"
-    )
     assert np.array_equal(rows.invariants()[:, 1], LagrangeTop(2.0).invariants(rows.y[:, 1]))
     assert np.array_equal(end.motion(1).sol([0.4]), integrate(LagrangeTop(2.0), NAMED.state, t=[0.4]).y)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench.integrators import CASES, LagrangeTop, StepError, WholeBody, integrate
+from lagrange_bench.integrators import CASES, StepError, WholeBody, integrate
 from lagrange_bench.integrators.cases import matrix
 from lagrange_bench.integrators.truth.rigid_body import rigid_motion
 
@@ -73,18 +73,9 @@ def test_rho_damps():
     y0 = SKEW.state(**START)
     ends = [integrate(SKEW, y0, h=0.1, steps=200, method="generalized_alpha", rho=rho) for rho in (0.5, 1.0)]
     assert ends[0].energy[-1] < ends[1].energy[-1]
-    with pytest.raises(ValueError, match="rho must be from 0 to 1"):
-        integrate(SKEW, y0, h=0.1, steps=1, method="generalized_alpha", rho=2.0)
 
 
-def test_bad_calls_are_refused_in_a_line():
-    y0 = SKEW.state(**START)
-    with pytest.raises(ValueError, match="rattle needs a rigid body in a uniform field, a WholeBody"):
-        integrate(LagrangeTop(1.0), (0, 0, 1, 0, 0, 1), h=0.1, steps=1, method="rattle")
-    with pytest.raises(ValueError, match="the quaternion must be a unit one"):
-        integrate(SKEW, y0 * 1.1, h=0.1, steps=1, method="rattle")
-    with pytest.raises(ValueError, match="must be positive"):
-        WholeBody(1.0, (0, 0, 0), (1.0, -1.0, 1.0))
+def test_a_step_that_is_not_solved_is_refused():
     with pytest.raises(StepError, match="not solved after 50 iterations"):
-        integrate(SKEW, y0, h=50.0, steps=1, method="rattle")
+        integrate(SKEW, SKEW.state(**START), h=50.0, steps=1, method="rattle")
     assert pickle.loads(pickle.dumps(SKEW)) == SKEW

@@ -5,7 +5,7 @@ import pytest
 from tests.test_integrators.paper.tools import at_point
 
 
-@pytest.fixture(params=[(15, 0), (15, 1), (15, 2), (50, 4), (50, 5)], ids="{0[0]}-{0[1]}".format)
+@pytest.fixture(params=[(15, 0), (15, 1), (50, 4), (50, 5)], ids="{0[0]}-{0[1]}".format)
 def p(request):
     """A point in double or in 50 digits; even seeds are on sheet 1, odd ones on sheet −1."""
     yield from at_point(*request.param)

@@ -1,7 +1,11 @@
-"""Every erratum on record: visibly wrong as printed, right to round-off as corrected, at four random points each."""
+"""Every erratum on record: visibly wrong as printed, right as corrected; and docs/equations.md names what exists."""
 
+import ast
 import importlib
 import pkgutil
+import re
+from functools import cache, reduce
+from pathlib import Path
 from random import Random
 
 import pytest
@@ -14,7 +18,7 @@ RECORDS = errata()
 
 @pytest.mark.parametrize("record", RECORDS, ids=[f"{e.section}: {e.equation}" for e in RECORDS])
 def test_printed_is_wrong_and_corrected_is_right(record):
-    for seed in range(4):
+    for seed in range(2):
         assert record.printed(Random(seed)) > 1e-6
         assert record.corrected(Random(seed)) <= 1e-12
 
@@ -25,3 +29,67 @@ def test_every_record_is_gathered_once():
     for module in pkgutil.iter_modules(paper.__path__):
         for record in getattr(importlib.import_module(f"lagrange_bench.integrators.paper.{module.name}"), "ERRATA", []):
             assert record in RECORDS
+
+
+# ---------------------------------------------------------------- docs/equations.md
+
+
+ROOT = Path(__file__).resolve().parents[3]
+EQUATIONS = {  # how many equations each section of the paper has
+    "1": 8, "2": 22, "3": 14, "4": 5, "5.1": 11, "5.2": 14, "5.3": 2, "5.4": 16, "5.5": 11, "5.6": 11,
+}  # fmt: skip
+NUMBER = re.compile(r"\((\d(?:\.\d)?\.\d+)\)")
+
+
+def rows():
+    """[place, what, functions, tests] of every row."""
+    lines = (ROOT / "docs" / "equations.md").read_text(encoding="utf-8").splitlines()
+    cells = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines if line.startswith("| ")]
+    return [row for row in cells if row[0] not in ("equation", "place")]
+
+
+ROWS = rows()
+
+
+@cache
+def functions_of(path):
+    """Names of the functions at module level."""
+    return {node.name for node in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(node, ast.FunctionDef)}
+
+
+def test_every_equation_is_there_once_and_in_order():
+    found = [NUMBER.match(row[0])[1] for row in ROWS if row[0].startswith("(")]
+    assert found == [f"{section}.{n}" for section, count in EQUATIONS.items() for n in range(1, count + 1)]
+
+
+@pytest.mark.parametrize("row", ROWS, ids=[row[0] for row in ROWS])
+def test_functions_and_tests_exist(row):
+    named, tests = ([word.strip("`") for word in cell.split(", ")] for cell in row[2:])
+    for name in named:
+        module, *path = name.split(".")
+        assert callable(reduce(getattr, path, importlib.import_module(f"lagrange_bench.integrators.paper.{module}")))
+    for name in tests:
+        module, function = name.split(".")
+        assert function in functions_of(Path(__file__).parent / f"{module}.py"), name
+
+
+def test_errata_are_marked_and_nothing_else_is():
+    formulas, sentences = numbers_of(False), numbers_of(True)
+    for mark, wrong in (("✗", formulas), ("¶", sentences - formulas)):
+        marked = {row[0] for row in ROWS if row[0].endswith(mark)}
+        numbers = {NUMBER.match(place)[1] for place in marked if place.startswith("(")}
+        assert len(marked) - len(numbers) == 1  # without a number: "below (5.6.10)" and "before (5.5.2)"
+        assert numbers == wrong
+
+
+def numbers_of(prose):
+    """Numbers of the equations with a wrong formula, or with a wrong sentence beside them."""
+    wrong = set()
+    for erratum in errata():
+        if erratum.equation.startswith("(") and erratum.prose == prose:
+            named = NUMBER.findall(erratum.equation.split(" with ")[0])
+            if "–" in erratum.equation:
+                section, first, last = *named[0].rsplit(".", 1), named[-1].rsplit(".", 1)[1]
+                named = [f"{section}.{n}" for n in range(int(first), int(last) + 1)]
+            wrong |= set(named)
+    return wrong

@@ -41,14 +41,6 @@ def test_leaf(p):
     p.same(invariants(p.top, from_angles(q, c1, c2)), (hamiltonian(p.top.alpha, q, c1, c2), q[3], c1, c2))
 
 
-def test_real_ranges():
-    """θ in [0, π] and φ in [0, 2π) are the angles of the axis."""
-    y = np.random.default_rng(0).normal(size=(50, 6))
-    theta, phi = to_angles(y).T[:2]
-    assert phi == pytest.approx(np.arctan2(y[:, 3], y[:, 4]) % (2 * np.pi), rel=1e-14)
-    assert theta == pytest.approx(np.arccos(y[:, 5] / np.linalg.norm(y[:, 3:], axis=1)), rel=1e-12)
-
-
 def test_canonical(fine):
     """(4.2): {p_θ, θ} = {p_φ, φ} = 1 is the bracket of e(3) on the leaf; θ' = −p_θ … is (1.1)."""
     q, leaf = fine.numbers(4), (fine.number() ** 2, fine.number())
@@ -93,13 +85,6 @@ def test_phi_is_continuous(case):
     assert angles(top, y, 0.0)[1] == pytest.approx(to_angles(y)[1], abs=1e-13)
 
 
-def test_long_times():
-    """σ grows like exp(t²): the digits of its exponent are provided for."""
-    top, y = case_of("generic")
-    with mp.workdps(40):
-        assert largest(states(top, y, 1e6, digits=30) - exact.solution(top, y, 1e6, digits=35)) < mpf(10) ** -28
-
-
 def test_starts_where_J_plus_vanishes():
     """J+(0) = 0 and ℘'(b) = 0: ζ(z + b) has a pole, σ' does not."""
     top, y = LagrangeTop(1.0), np.array((0.0, 0.0, 0.5, 0.75, 0.0, 1.0))
@@ -112,24 +97,3 @@ def test_next_to_the_poles():
     error = angles(top, y, times) - to_angles(exact.solution(top, y, times))
     error[:, 1] = np.sin(error[:, 1])
     assert np.max(np.abs(error[:, :3]) / (1, 1, 1e100)) < 1e-12
-
-
-DEGENERATE = sorted(set(TOPS) - set(ELLIPTIC))  # alpha = 0, separatrix, regular precession, vertical tops
-
-
-@pytest.mark.parametrize(
-    ("words", "call"),
-    [
-        *((r"exact\.solution", lambda name=name: states(*case_of(name), 1.0)) for name in DEGENERATE),
-        ("pole", lambda: angles(*case_of("planar"), 0.5)),
-        ("poles", lambda: to_angles((0.1, 0.2, 0.3, 0.0, 0.0, 1.0))),
-        ("poles", lambda: to_angles(np.array([mpf(1), mpf(2), mpf(3), mpf(0), mpf(0), mpf(-1)]))),
-        ("poles", lambda: from_angles((0.0, 0.2, 0.3, 0.1))),
-        ("digits", lambda: states(*case_of("generic"), 1.0, digits=0)),
-        ("t must be", lambda: angles(*case_of("generic"), "now")),
-        ("y0", lambda: states(LagrangeTop(1.0), (1.0, 2.0, 3.0, 4.0, 5.0), 1.0)),
-    ],
-)
-def test_bad_input(words, call):
-    with pytest.raises(ValueError, match=words):
-        call()

@@ -1,24 +1,21 @@
 """The Gaudin magnet: brackets, integrals, spectral curve, one- and two-point maps; in double and in 50 digits."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
-from mpmath import mpc
 
 from lagrange_bench.integrators.compiling.double_double import dd
 from lagrange_bench.integrators.paper import generating_functions as gf
 from lagrange_bench.integrators.paper import lax
-from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue, spectral_polynomial, times
+from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue, spectral_polynomial
 from lagrange_bench.integrators.paper.gaudin_maps import one_point, one_point_inverse, two_point, two_point_textbook
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
-from lagrange_bench.integrators.paper.gaudin_step import MagnetStepper, prepare, prepare_exact
 from lagrange_bench.integrators.paper.one_point import dressing_matrix
 from lagrange_bench.integrators.torus import time_step
 from tests.test_integrators.paper.tools import Point, jacobian, largest
 
-SIZES = pytest.mark.parametrize("n", [1, 2, 8])
+SIZES = pytest.mark.parametrize("n", [1, 5])
 LAM = 0.4 + 0.7j
 
 
@@ -95,27 +92,6 @@ def test_sheets():
     assert np.max(np.abs(np.diff(v)) / np.abs(v[1:])) < 0.5
 
 
-@pytest.mark.parametrize(("size", "height"), [(1e-4, 1e-1), (1e-3, 1e-3), (1e-2, 1e-4)])
-def test_sheets_beside_a_small_spin(size, height):
-    """The path passes a pole and two branch points that lie close together; v and the times by very many short strides."""
-    magnet = GaudinMagnet((0.0, 1.0), 0.7, site=0)
-    spins = np.array(((0.6, 0.0, 0.8), (0.0, 0.6 * size, 0.8 * size)))
-    lam = 1.93 + 1j * height
-    edges = np.concatenate(
-        ([0.0], np.sort(1 / 1.93 + np.outer((-1, 1), np.geomspace(1e-7, 0.48, 4000)).ravel()), [1.0])
-    )
-    x, weights = np.polynomial.legendre.leggauss(6)
-    t = (edges[:-1, None] + np.diff(edges)[:, None] * (x + 1) / 2).ravel()
-    f = (np.diff(edges)[:, None] * weights / 2).ravel()
-    ell = np.sum(spins / (t[:, None] * lam - np.array(magnet.sites))[:, :, None], axis=1) + 0.7 * np.eye(3)[2]
-    w = t * lam * np.sqrt(np.sum(ell * ell, axis=1))
-    sign = np.cumprod([np.sign(w[0].real), *np.where((w[1:] * w[:-1].conj()).real < 0, -1.0, 1.0)])
-    v = w * sign / (t * lam)
-    c = [np.sum(f * lam / (v * (t * lam - a))).imag for a in magnet.sites]
-    assert (eigenvalue(magnet, spins, lam) * v[-1].conjugate()).real > 0
-    assert np.allclose(times(magnet, spins, lam), c, rtol=1e-7, atol=1e-9)
-
-
 # ---------------------------------------------------------------------------------------------- the maps
 
 
@@ -140,7 +116,7 @@ def test_one_point_map(p, n):
     p.same((*old3, *new3, mu), (*spins[:, 2], *image[:, 2], 1j * v))
 
 
-@pytest.mark.parametrize("n", [1, 2, 8, "pairs"])
+@pytest.mark.parametrize("n", [1, 5, "pairs"])
 def test_two_forms_of_the_two_point_map(p, n):
     """(5.5.2)–(5.5.6) with n sites = the real form; B_(λ̄,v̄)⁻¹ ∘ B_(λ,v); sheet −1 is the inverse; all integrals kept."""
     magnet, spins = magnet_of(p, n, real=True)
@@ -208,7 +184,7 @@ def test_the_image_moves_with_lambda():
     assert largest(claimed) > 0.01
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_two_sites_double_as_the_top_does(seed):
     """Two steps with (λ, m) are one with the (λ', m') of `time_step.double_time`, Q = Π(u − a_j)² v², m = Π(u − a_j) v."""
     p = Point(15, seed)
@@ -222,53 +198,3 @@ def test_two_sites_double_as_the_top_does(seed):
     assert lam2.imag > 0
     once = two_point(magnet, spins, lam2, v=m2 / ((lam2 - a) * (lam2 - b)))
     p.same(once, two_point(magnet, two_point(magnet, spins, lam), lam), 1000)
-
-
-# ---------------------------------------------------------------------------------------------- bad input
-
-MAGNET = GaudinMagnet((0.0, 1.0), 1.0)
-SPINS = np.array(((0.0, 0.6, 0.8), (1.0, 0.0, 0.5)))
-PAIR = GaudinMagnet((0.5 + 1j, 0.5 - 1j), 1.0)
-
-
-@pytest.mark.parametrize(
-    ("named", "call"),
-    [
-        *(
-            ("sites", lambda sites=sites: GaudinMagnet(sites))
-            for sites in ((1.0, 2.0, 1.0), (), (1.0, np.nan), ("a", 1.0), ((1.0, 2.0), (3.0, 4.0)))
-        ),
-        *(("alpha", lambda alpha=alpha: GaudinMagnet((1.0,), alpha)) for alpha in (np.inf, 1j, mpc(1, 1))),
-        ("spins", lambda: MAGNET.check_spins(np.zeros(6))),
-        *(
-            ("spins", lambda spins=spins: two_point(MAGNET, spins, 1j + 1))
-            for spins in (SPINS[:1], SPINS * np.nan, SPINS * (1 + 1j), SPINS * np.array(((0,), (1,))))
-        ),
-        ("sites", lambda: two_point(GaudinMagnet((0.0, 1j)), SPINS, 1j + 1)),
-        ("spins", lambda: two_point(PAIR, SPINS, 1j + 1, site=None)),
-        *(("lam", lambda lam=lam: two_point(MAGNET, SPINS, lam)) for lam in (1.5, 1.5 - 1j, np.nan, [1j, 2j])),
-        ("site", lambda: two_point(MAGNET, SPINS, 1 + 1j, site=None)),
-        ("lam", lambda: two_point(PAIR, SPINS + 1j, 0.5 + 1j)),
-        ("site", lambda: two_point(MAGNET, SPINS, 1j, site=2)),
-        ("sheet", lambda: two_point(MAGNET, SPINS, 1j, sheet=0)),
-        ("lam", lambda: one_point(MAGNET, SPINS, 1.0)),
-        ("alpha", lambda: one_point(GaudinMagnet((0.0, 1.0), 0.0), SPINS, 2j)),
-        ("lam1", lambda: two_point_textbook(MAGNET, SPINS, 1.0, 1.0, 2j, 1.0)),
-        ("lam2", lambda: two_point_textbook(MAGNET, SPINS, 1j, 1.0, 0.0, 1.0)),
-        ("lam", lambda: MAGNET.vector(SPINS, 1.0)),
-        ("h must", lambda: prepare(MAGNET, SPINS, 0.0)),
-        ("h must", lambda: prepare_exact(MAGNET, SPINS, np.inf)),
-        *(("factors", lambda k=k: prepare(MAGNET, SPINS, 0.1, factors=k)) for k in (0, 99)),
-        ("site", lambda: replace(MAGNET, site=4)),
-        ("site", lambda: prepare(MAGNET, SPINS * np.array(((0,), (1,))), 0.1)),
-        ("hamiltonian", lambda: prepare(replace(MAGNET, hamiltonian=(1, 2)), SPINS, 0.1)),
-        ("hamiltonian", lambda: replace(MAGNET, hamiltonian=(1, 2, 3))),
-        ("either", lambda: replace(MAGNET, site=1, hamiltonian=(1, 2))),
-        *(("lams", lambda lam=lam: MagnetStepper(MAGNET, SPINS, lam)) for lam in (-1j, np.nan)),
-        ("spins", lambda: MagnetStepper(MAGNET, SPINS[:1], 1j)),
-        ("lams", lambda: times(MAGNET, SPINS, 0.3)),
-    ],
-)
-def test_bad_input(named, call):
-    with pytest.raises(ValueError, match=named):
-        call()

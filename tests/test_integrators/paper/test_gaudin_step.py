@@ -45,7 +45,7 @@ def drift(m, spins, image):
     return np.max(np.abs(lengths)), np.max(np.abs(energies))
 
 
-@pytest.mark.parametrize(("n", "sheet"), [(1, 1), (3, -1), (8, 1), ("pairs", 1)])
+@pytest.mark.parametrize(("n", "sheet"), [(1, 1), (8, -1), ("pairs", 1)])
 def test_the_kernel_is_the_map(n, sheet):
     m, spins = magnet(3, pairs=True) if n == "pairs" else magnet(n)
     lams = (0.2 + 0.3j, -1.1 + 0.6j)
@@ -65,16 +65,6 @@ def test_off_the_torus():
         prepare(m, spins, 0.3).advance(spins * (1 + 1e-6), 1)
 
 
-@pytest.mark.parametrize("n", [1, 5])
-def test_no_spin_turns_faster_than_the_turning_rate(n):
-    """It is reached where all spins are along e3: the couplings of the central spin have one sign."""
-    m, spins = magnet(n)
-    aligned = np.linalg.norm(spins, axis=1)[:, None] * np.eye(3)[2]
-    fastest, most = (np.max(np.linalg.norm(m.gradient(s, m.flow), axis=1)) for s in (spins, aligned))
-    assert most == pytest.approx(m.turning_rate(spins), rel=1e-14)
-    assert fastest <= most * (1 + 1e-14)
-
-
 # ---------------------------------------------------------------------------------------------- round-off
 
 
@@ -82,11 +72,10 @@ def test_no_spin_turns_faster_than_the_turning_rate(n):
     ("prepare_step", "n", "steps"),
     [
         (partial(prepare, h=0.3, factors=4), 8, 100_000),
-        (partial(prepare, h=0.3), 2, 100_000),
         (partial(prepare, h=0.3), 32, 20_000),
         (partial(prepare_exact, h=10.0), 5, 100_000),
     ],
-    ids=["order 8", "two spins", "32 spins", "exact"],
+    ids=["order 8", "32 spins", "exact"],
 )
 def test_promise_of_long_runs(prepare_step, n, steps):
     """Lengths are pinned. With v off by 1e-9, no longer on the curve, the promise is broken."""
@@ -99,20 +88,10 @@ def test_promise_of_long_runs(prepare_step, n, steps):
     assert drift(m, spins, stepper.advance(spins, 1000))[1] > PROMISE
 
 
-@pytest.mark.parametrize("sheet", [1, -1])
-def test_frozen_v_draws_the_state_back(sheet):
-    """Two spins, H_j pushed off by 1e-10: the step with v of the torus returns to it, forwards and backwards."""
-    m, spins = magnet(2)
-    stepper = MagnetStepper(m, spins, 0.1 + 0.3j, sheet)
-    pushed = spins + 1e-10 * np.cross(spins, [[1.0, 2.0, 3.0], [-1.0, 0.5, 2.0]])  # lengths stay
-    assert drift(m, spins, pushed)[1] > 1e-11
-    assert drift(m, spins, stepper.advance(pushed, 20_000))[1] < 1e-13
-
-
 # ---------------------------------------------------------------------------------------------- which flow a step is
 
 
-@pytest.mark.parametrize(("n", "site"), [(1, 0), (2, None), (5, None), ("pairs", 0), ("pairs", None)])
+@pytest.mark.parametrize(("n", "site"), [(1, 0), (5, None), ("pairs", 0), ("pairs", None)])
 def test_one_step_is_the_interpolating_flow(n, site):
     """Section 5.6: a step is the flow of ∫ μ du (no factor i) over time 1, that is of Σ c_j H_j with c of `times`."""
     m, spins = magnet(3, pairs=True) if n == "pairs" else magnet(n)
@@ -123,7 +102,7 @@ def test_one_step_is_the_interpolating_flow(n, site):
         assert np.max(np.abs(times(m, image, lam, 1, site) - c)) < 1e-13  # constants of motion
 
 
-@pytest.mark.parametrize("factors", [1, 2, 3])
+@pytest.mark.parametrize("factors", [1, 3])
 def test_pade_steps_have_order_twice_their_number(factors):
     m, spins = magnet(6)
     truth = flow(m, spins, np.eye(6)[0])
@@ -136,18 +115,18 @@ def test_pade_steps_have_order_twice_their_number(factors):
 
 
 def exact_cases():
-    """Magnets, spins and times: 1 to 8 spins, other sites, any Σ c_j H_j, no field, a spin that is zero, conjugate sites."""
-    for n, h in ((1, 0.7), (2, 12.0), (3, 0.5), (4, 8.0), (5, -7.0), (8, 5.0)):
+    """Magnets, spins and times: 1 to 8 spins, any Σ c_j H_j, no field, a spin that is zero, conjugate sites."""
+    for n, h in ((1, 0.7), (5, -7.0), (8, 5.0)):
         m, spins = magnet(n)
-        yield replace(m, site=0 if h < 1 else n - 1), spins, h
-    for alpha, c in ((0.7, (0.5, -1.5, 0.25, 0.0)), (0.0, (0.5, -1.5, 0.25, 0.0)), (0.7, (1.0, 1.0, 1.0, 1.0))):
-        m, spins = magnet(4)
-        yield replace(m, alpha=alpha, hamiltonian=c), spins, 3.0
-    yield m, spins * np.array([[1], [1], [0], [1]]), 3.0
+        yield replace(m, site=n - 1), spins, h
+    m, spins = magnet(4)
+    for alpha in (0.7, 0.0):
+        yield replace(m, alpha=alpha, hamiltonian=(0.5, -1.5, 0.25, 0.0)), spins, 3.0
+    yield replace(m, hamiltonian=(1.0, 1.0, 1.0, 1.0)), spins * np.array([[1], [1], [0], [1]]), 3.0
     yield *magnet(3, pairs=True), 4.0
 
 
-@pytest.mark.parametrize("case", range(11))
+@pytest.mark.parametrize("case", range(7))
 def test_exact_steps(case):
     """At most ⌊n/2⌋ maps, and a turn, are the flow of Σ c_j H_j over any h; with another turn they are not."""
     m, spins, h = list(exact_cases())[case]

@@ -93,38 +93,6 @@ def test_map_obeys_the_generating_function(p):
             p.same(gf.eigenvalue(top, lam, *leaf, old, new, near), mu, scale)
 
 
-def test_the_second_function_from_the_first(p):
-    """Modulo whole and half turns 2πℓ/r, the F of 5.4 is (5.2.7) plus i x3 J-/x- + i (ℓ/r) ln tan(θ/2) on each side."""
-    y_new = one_point(p.top, p.y, p.lam)
-    c1, c2 = invariants(p.top, p.y)[2:]
-    old, new, k = gf.arguments(p.top, p.y, y_new)
-    angles = eulerian.arguments(p.top, p.y, y_new)
-    log, tan, pi = (mp.log, mp.tan, mp.pi) if p.digits > 15 else (np.log, np.tan, np.pi)
-    l = c2 / sqrt(c1)
-    first = gf.generating_function(p.top, p.lam, c1, c2, old, new, k)
-    first += 1j * (p.y[5] * old[1] / old[0] + y_new[5] * new[1] / new[0])
-    first += 1j * l * sum(log(tan(theta / 2) + 0j) for theta in (angles[0][0], angles[1][0]))
-    turns = (eulerian.generating_function(p.top, p.lam, c1, c2, *angles) - first) / (2 * l * pi)
-    p.same(turns, round(float(turns.real)), terms=largest(y_new) ** 2 / abs(l))
-
-
-@pytest.mark.parametrize(
-    ("side", "values"),
-    [  # alpha, λ, c1, the first of old and of new
-        *((gf, v) for v in ((1, 0, 1, 1, 1), (1, 1, 1, 0, 1), (1, 1, 1, 1, 0), (0, 1, 1, 1, 1), (1, 1, -1, 1, 1))),
-        *(
-            (eulerian, v)
-            for v in ((1, 0, 1, 1, 1), (1, 0.5, 1, 0, 1), (1, 0.5, 1, 1, 0), (1, -1 / np.sin(1) ** 2, 1, 1, 1))
-        ),
-    ],
-)
-def test_singular_charts(side, values):
-    alpha, lam, c1, first, second = map(float, values)
-    shift = 1.0 if side is gf else 0.0
-    with pytest.raises(ValueError, match=r"singular|branch point|no one-point map"):
-        side.momenta(LagrangeTop(alpha), lam, c1, 0.5, (first, shift), (second, shift), 1.0)
-
-
 # ---------------------------------------------------------------------------------------------- Euler angles only
 
 

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from mpmath import mp, mpc, mpf
 
-from lagrange_bench.integrators import TOPS, LagrangeTop
+from lagrange_bench.integrators import TOPS
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper import one_point as op
 from lagrange_bench.integrators.paper import two_point as tp
-from lagrange_bench.integrators.paper.contraction import to_magnet
 from lagrange_bench.integrators.paper.phase_space import invariants
 from tests.test_integrators.paper.tools import Dual, chart_size, jacobian, largest, poisson_defect, size
 
@@ -95,16 +94,6 @@ def test_inverse(p):
     p.same(tp.pole_free(p.top, p.y, lam1, lam1, p.sheet), p.y)
 
 
-def test_arrays_of_states(p):
-    """Many states at once give what one at a time does."""
-    Y = np.stack((p.y, p.numbers(6), p.numbers(6)))
-    for name in MAPS:
-        if name != "gauge":  # its factor is one number
-            single = np.stack([image(name, p, y) for y in Y])
-            p.same(image(name, p, Y), single)
-    p.same(op.k_value(p.top, Y, p.lam), [op.k_value(p.top, y, p.lam) for y in Y])
-
-
 @pytest.mark.parametrize("name", [*ONE, *TWO, "pole_free"])
 def test_python_numbers_as_parameters_do_not_cost_digits(name):
     """alpha = 3.345 and λ = 0.3 + 0.2i are doubles taken as exact: nothing is rounded to double on the way."""
@@ -125,37 +114,3 @@ def test_derivatives_by_duals_are_derivatives():
     assert largest(D - differences) <= 1e-8 * (1 + largest(D))
     x = Dual(2.0, np.ones(1))
     assert (3 / x - (1 - x) ** 2).d[0] == pytest.approx(-0.75 - 2)
-
-
-STATE, SLEEPING = TOPS["generic"].state, np.array([0.0, 0.0, 2.0, 0.0, 0.0, 1.0])
-FLAT = (1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
-HEAVY, FREE = LagrangeTop(1.0), LagrangeTop(0.0)
-ON_CURVE = tp.point(HEAVY, STATE, 0.5)
-
-
-@pytest.mark.parametrize(
-    ("words", "call"),
-    [
-        *(("alpha = 0: the one-point map", lambda f=f: f(FREE, STATE, 0.3)) for f in (*ONE.values(), op.k_value)),
-        *(("C1 = 0", lambda f=f: f(HEAVY, FLAT, 0.3j)) for f in (op.one_point, op.parameters, tp.real_form)),
-        *(("sheet must be 1 or -1", lambda s=s: tp.real_form(HEAVY, STATE, 0.3j, s)) for s in (0, 2, "1")),
-        ("sheet must be 1 or -1", lambda: op.one_point(HEAVY, STATE, 0.3, 0)),
-        ("alpha = 0", lambda: op.sheet_exchange(FREE, STATE)),
-        ("to infinity", lambda: op.one_point(HEAVY, (0.0, 0.0, 3.0, 0.0, 0.0, 1.0), 0.7, -1)),
-        *(
-            ("lam must be finite with a positive imaginary part", lambda lam=lam: tp.real_form(HEAVY, STATE, lam))
-            for lam in (1.0, -1j, 0, complex("nan"), complex(0, np.inf))
-        ),
-        ("lam must be a complex number", lambda: tp.real_form(HEAVY, STATE, "x")),
-        ("λ = 0 is the pole of μ", lambda: tp.point(HEAVY, STATE, 0)),
-        ("X = ∞", lambda: tp.explicit(HEAVY, STATE, ON_CURVE, (ON_CURVE[0], -ON_CURVE[1]))),
-        # a(λ) = (1 + 2λ + 2λ²) e3 vanishes at a root
-        ("denominator", lambda: tp.real_form(LagrangeTop(2.0), SLEEPING, -0.5 + 0.5j)),
-        ("eps must not be 0", lambda: to_magnet(HEAVY, STATE, 0.0)),
-        ("pole at u = 0", lambda: lax.lax_matrix(HEAVY, STATE, 0.0)),
-        ("on a site", lambda: lax.gaudin_matrix(1.0, (0.0, 0.5), np.ones((2, 3)), 0.5)),
-    ],
-)
-def test_bad_input(words, call):
-    with pytest.raises(ValueError, match=words):
-        call()
