@@ -152,7 +152,7 @@ def check_count(n: Any, name: str, least: int = 0) -> int:
     if type(n) is int and least <= n <= MOST:
         return n
     if isinstance(n, (bool, np.bool_)) or not isinstance(n, (int, np.integer)):
-        raise ValueError(f"{name} must be a whole number; got {n!r}")
+        raise ValueError(f"{name} must be a whole number, an int; got {n!r}")
     if n < least:
         raise ValueError(f"{name} must be at least {least}; got {n}")
     if n > MOST:

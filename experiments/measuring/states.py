@@ -18,6 +18,7 @@ from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS, Array, LagrangeTop
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from lagrange_bench.integrators.truth import truths
+from lagrange_bench.integrators.words import suggestion
 
 RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
 CLOSE = tuple(f"close{i:03d}" for i in range(32))  # to the separatrix; likewise
@@ -61,7 +62,7 @@ def find(name: str) -> tuple[Any, Array]:
         return problem(name)
     if not re.fullmatch(r"(random|wide|close)\d{3}", name):
         known = f"{', '.join((*NAMED_TOPS, *PROBLEMS))}, random000 … random999, wide000 … wide999, close000 … close999"
-        raise ValueError(f"unknown state {name!r}; known: {known}")
+        raise ValueError(f"unknown top or problem {name!r}{suggestion(name, (*NAMED_TOPS, *PROBLEMS))} Known: {known}")
     draw = random.Random(name)  # seeded by the text itself, through SHA-512
     J = [draw.uniform(-2, 2) for _ in range(3)]
     x = np.array([draw.uniform(-1, 1) for _ in range(3)])

@@ -25,7 +25,7 @@ PYTHON = {"add": "{} + {}", "sub": "{} - {}", "mul": "{} * {}", "div": "{} / {}"
 PYTHON |= {name: name + "({})" for name in FUNCTIONS}
 UFUNCS = {"add": "add", "subtract": "sub", "multiply": "mul", "divide": "div", "negative": "neg"}
 UFUNCS |= {name: name for name in FUNCTIONS}
-REFUSAL = "a formula may use + − × ÷, whole and half powers, and sqrt, sin, cos, exp, log of integrators only"
+REFUSAL = "a formula may use + − × ÷, whole and half powers, and sqrt, sin, cos, exp, log of lagrange_bench only"
 
 
 def sqrt(a: Any) -> Any:

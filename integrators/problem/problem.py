@@ -27,7 +27,7 @@ from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.system import Dynamics, System, find_space, make_system, slopes_of
 
 POINTS = 5  # random points at which claims about formulas are tried
-SAME = 1e-9  # of the size of the terms: what counts as nothing at such a point
+SAME = 1e-12  # of the size of the terms: what counts as nothing at such a point
 Formula = Callable[..., Any]
 
 

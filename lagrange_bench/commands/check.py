@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import sys
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -81,10 +82,17 @@ def _problem(options: argparse.Namespace) -> Any:
         if options.state is not None:
             raise ValueError("--state: give --problem, too")
         return None
+    if options.state is None:
+        raise ValueError("--problem needs --state, the numbers of a state")
     try:
-        return getattr(import_own(module), name)
+        problem = getattr(import_own(module), name)
     except Exception as error:  # somebody's own module may raise anything
         raise ValueError(f"--problem {options.problem} cannot be loaded: {type(error).__name__}: {error}") from error
+    if not hasattr(problem, "offers"):
+        raise ValueError(f"--problem {options.problem} must be a Problem or a top; it is a {type(problem).__name__}")
+    if not math.isfinite(problem.scales(problem.check_state(options.state))[2]):
+        raise ValueError(f"--state: {options.problem} has no time scale there, so nothing can be measured")
+    return problem
 
 
 def _file(name: str) -> str:

@@ -53,7 +53,7 @@ reading what --output wrote, without losing a bit:
 GIVEN = ("mass", "distance", "A", "C", "theta", "dpsi")
 PHYSICAL = {  # name → default, None: must be given
     **dict.fromkeys(GIVEN),
-    "gravity": 9.80665,
+    "gravity": 9.81,
     **dict.fromkeys(("phi", "psi", "dtheta", "dphi"), 0.0),
 }
 PER_ROW = 1000  # bytes of memory that a recorded state takes until it is printed or written, measured
@@ -69,7 +69,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "weight parameter of --state, in units of J²/x (default: 1)"
     start.add_argument("--alpha", type=number, metavar="A", help=text)
     text = "a real top in SI units and rad: mass (kg), distance of its centre of mass from the tip (m), gravity (m/s², "
-    text += "default 9.80665), moments of inertia about the tip, A across and C along the axis (kg m²), Euler angles "
+    text += "default 9.81), moments of inertia about the tip, A across and C along the axis (kg m²), Euler angles "
     text += (
         "theta (from the upward vertical), phi, psi and their rates dtheta, dphi, dpsi (rad/s); phi, psi, dtheta and "
     )

@@ -1,11 +1,14 @@
 """Every experiment measures any problem that a method accepts: magnets, bodies and driven tops have no code of their own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lagrange_bench.experiments import cost, drift, perturbed, phase, work_precision
+from lagrange_bench.experiments.measuring import check
 from lagrange_bench.experiments.measuring.states import PROBLEMS, find, methods_on
-from lagrange_bench.integrators import METHODS, integrate
+from lagrange_bench.integrators import METHODS, Problem, cos, free_body, integrate, sin
 
 MAGNET = {"method": "rk4", "state": "central_spin"}
 
@@ -50,3 +53,33 @@ def test_phase_work_and_cost_of_a_magnet():
 def test_the_full_profile_has_every_method_on_every_problem():
     cells = [cell for cell in perturbed.cells("full") if cell["part"] == "problem"]
     assert {(cell["state"], cell["method"]) for cell in cells} == {(s, m) for s in PROBLEMS for m in methods_on(s)}
+
+
+def swinging(t, y, p):
+    return (y[0] ** 2 + y[1] ** 2 + y[2] ** 2) / 2 + (1 + 0.3 * cos(2 * t)) * y[5] + 0.2 * y[3] * y[4] * sin(t)
+
+
+def test_the_way_back_is_judged_on_the_same_motion():
+    """In a field that depends on time the errors at −t and t have nothing to do with each other."""
+    start = Problem("swinging", "e3", swinging), np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
+    (verdict,) = check.solution(METHODS["blanes_moan6"], True, (start,))
+    assert verdict.passed is True
+    # where the way there is lost nothing is said of the way back
+    (lost,) = check.solution(replace(METHODS["rk4"], prepare=lost_way), True, (start,))
+    assert lost.word == "not judged"
+
+
+def lost_way(problem, y0, h, **options):
+    stepper = METHODS["rk4"].prepare(problem, y0, h, **options)
+    advance = stepper.advance
+    stepper.advance = lambda y, n: advance(y, n) + 3.0
+    return stepper
+
+
+def test_an_equilibrium_tells_no_order():
+    top = free_body(1.0, 2.0, 3.0)
+    still, moving = (top, np.array((1.0, 0.0, 0.0))), (top, np.array((1.0, 0.3, 0.1)))
+    (verdict,) = check.order(METHODS["rk4"], True, (still, moving))
+    assert verdict.passed is True
+    (verdict,) = check.order(METHODS["rk4"], True, (still, still))
+    assert verdict.word == "not judged"

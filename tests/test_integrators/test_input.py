@@ -231,6 +231,7 @@ OTHERS = [  # a call, words in the message
     (lambda: posed(lambda t, y: y[0]), "hamiltonian.* takes 2 positional arguments"),
     (lambda: posed(invariants={"I": lambda t, y, p: y[1]}), r"invariants\['I'\] is not conserved, as at y = "),
     (lambda: posed(parts=[turning]), "parts do not add up to the hamiltonian"),
+    (lambda: posed(parts=[turning, lambda t, y, p: (1 + 1e-11) * y[5]]), "parts do not add up to the hamiltonian"),
     (lambda: posed(parts=[lambda t, y, p: turning(t, y, p) + y[5]]), r"parts\[0\] has no closed flow"),
     (lambda: posed(space="e4"), "space must be 'e3', 'so3', 'so3\\*\\*n', 'body' or a number of spins; got 'e4'"),
     (lambda: posed(frame="mine"), "frame must be 'space' or 'body'"),

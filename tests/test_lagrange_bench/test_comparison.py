@@ -121,7 +121,7 @@ BAD = {
     "methods: give at least one": lambda: drift([]),
     "each name once": lambda: drift(["rk4", "rk4"]),
     "did you mean 'rk4'": lambda: drift(["rk44"]),
-    "unknown state 'nowhere'": lambda: drift(["rk4"], "nowhere"),
+    "unknown top or problem 'nowhere'": lambda: drift(["rk4"], "nowhere"),
     "^tops must be names": lambda: drift(["rk4"], None),
     "tops: a top is a name, or a pair": lambda: drift(["rk4"], [3]),
     "the bench has a top named slow": lambda: drift(["rk4"], [("slow", *BODY)]),

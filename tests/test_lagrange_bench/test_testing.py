@@ -81,7 +81,7 @@ NO_TEST = [
     ({"H": 16, "h": None}, "^h must be a real number"),
     ({"H": 16, "options": 5}, "^options must be a dict"),
     ({"growth": "H"}, "go together"),
-    ({"H": 16, "tops": ["generi"]}, "unknown state 'generi'"),
+    ({"H": 16, "tops": ["generi"]}, "unknown top or problem 'generi'; did you mean 'generic'"),
     ({"H": 16, "h": 0.0}, "h must not be 0"),
     ({"H": 16, "steps": 0}, "steps must be at least 1"),
     ({"J3": 0, "tops": ["magnet"], "steps": 1}, "magnet does not conserve it"),
