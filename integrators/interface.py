@@ -294,7 +294,7 @@ class Method:
         named = f"the problem {problem.name}" if hasattr(problem, "name") else f"a {type(problem).__name__}"
         if self.needs == "uniform":
             what = f"the potential {potential.name}" if potential else named
-            reason = self.uniform_only or "its record names no needs (“Tops in any field” in docs/adding-a-method.md)"
+            reason = self.uniform_only or "its record names no needs (“Any problem” in docs/adding-a-method.md)"
             return f"{self.name} does not take {what}: {reason}"
         if potential and self.needs in ("smooth", "quadratic"):
             return f"{self.name} needs a {self.needs} potential, which {potential.name} is not"

@@ -6,7 +6,8 @@
     from lagrange_bench import drift, phase, work_precision         # questions: a few methods, as a frame and as figures
     from lagrange_bench import load                                 # stored rows, the published ones among them, as frames
     from lagrange_bench import judge                                # the trajectory of any program, by the exact heavy top
-    from lagrange_bench import FixedStepper, compiled               # for a method of your own
+    from lagrange_bench import explicit_stepper                     # for a method of your own, on any problem
+    from lagrange_bench import FixedStepper, compiled               # and with a kernel of your own
 
 Beside it, this package holds the command line (`commands`) and what runs cells (`runner`).
 """
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from lagrange_bench.integrators import *  # noqa: F403
     from lagrange_bench.integrators.compiling.compiled import compiled
     from lagrange_bench.integrators.compiling.loops import MEMORY, FixedStepper
+    from lagrange_bench.integrators.methods.explicit import explicit_stepper
     from lagrange_bench.judging import judge
     from lagrange_bench.questions import drift, heavy_top, order, perturbed, phase, work_precision
     from lagrange_bench.results.store import Store
@@ -37,6 +39,7 @@ __getattr__, __dir__ = face(
         "lagrange_bench.integrators": tuple(_INTEGRATORS),
         "lagrange_bench.integrators.compiling.compiled": ("compiled",),
         "lagrange_bench.integrators.compiling.loops": ("MEMORY", "FixedStepper"),
+        "lagrange_bench.integrators.methods.explicit": ("explicit_stepper",),
         "lagrange_bench.experiments.drawing.style": (),
         "lagrange_bench.experiments.measuring.check": ("check",),
         "lagrange_bench.experiments.measuring.metrics": (),
@@ -58,6 +61,7 @@ __all__ = [
     "check",
     "compiled",
     "drift",
+    "explicit_stepper",
     "heavy_top",
     "judge",
     "load",

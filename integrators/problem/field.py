@@ -10,12 +10,10 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any
 
-from lagrange_bench.integrators.compiling.compiled import jit_as
-from lagrange_bench.integrators.compiling.expression import Program, Tape, Term, record, take, with_slopes
-from lagrange_bench.integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.compiling.expression import Program, Tape, Term, record, with_slopes
 
 Vector = tuple[Any, Any, Any]
 
@@ -181,13 +179,6 @@ class Field:
 
         return self._made(outputs)
 
-    def compiled_rhs(self, first: int = 1) -> Callable[..., Any]:
-        """(s, c) → the time derivative of the state s, six numbers, for compiled kernels.
-
-        The constants c are an array or a tuple of doubles; from c[first] on they are `PerturbedTop.numbers`.
-        """
-        return _compiled_rhs(self, first)
-
     @cached_property
     def digest(self) -> str:
         """Identity of the formula, hexadecimal."""
@@ -195,21 +186,6 @@ class Field:
 
     def __hash__(self) -> int:
         return hash(self.digest)
-
-
-@cache
-def _compiled_rhs(field: Field, first: int) -> Callable[..., Any]:
-    torque, numbers = field.torque, take(field.parameters)
-
-    @unrolled(f"rates {field.digest}")
-    def rates(J, x, q):
-        return (*torque(*x, *q), *cross(J, x))
-
-    @jit_as(f"rhs {field.digest} {first}")
-    def rhs(s, c):
-        return rates((s[0], s[1], s[2]), (s[3], s[4], s[5]), numbers(c, first))
-
-    return rhs
 
 
 def _inputs(parameters: int) -> tuple[Tape, tuple[Term, ...], tuple[Term, ...]]:

@@ -17,13 +17,17 @@ from scipy.integrate import solve_ivp
 
 from lagrange_bench.integrators import (
     METHODS,
+    TOPS,
     Problem,
     StepError,
     WholeBody,
     cos,
+    free_body,
     integrate,
     sin,
+    vibrating_pivot,
 )
+from lagrange_bench.integrators.methods.explicit import explicit_stepper
 from lagrange_bench.integrators.problem.body import quaternion_product as product
 from tests.test_integrators.paper.tools import jacobian
 
@@ -203,3 +207,27 @@ def test_the_clock_starts_where_it_is_set():
 
 if __name__ == "__main__":
     print(json.dumps({f"{name} {problem}": measured(name, problem) for name, problem in PAIRS}))
+
+
+def kutta(rates, t, y, h):
+    k1 = rates(t, y)
+    k2 = rates(t + h / 2, [a + b / 2 for a, b in zip(y, k1, strict=True)])
+    k3 = rates(t + h / 2, [a + b / 2 for a, b in zip(y, k2, strict=True)])
+    k4 = rates(t + h, [a + b for a, b in zip(y, k3, strict=True)])
+    return [(a + 2 * b + 2 * c + d) / 6 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)]
+
+
+def test_an_explicit_method_of_ones_own_follows_any_problem():
+    """Kutta's formula, written once: a pivot that vibrates, a free body, a top."""
+    top = TOPS["generic"]
+    for problem, y0 in (
+        (vibrating_pivot(1.0, 0.5, 3.0), top.state),
+        (free_body(1.0, 2.0, 3.0), top.state[:3]),
+        (top.top, top.state),
+    ):
+        stepper = explicit_stepper("kutta", problem, 0.05, kutta)
+        expected = integrate(problem, y0, h=0.05, steps=40, method="rk4").y[-1]
+        assert np.allclose(stepper.advance(y0, 40), expected, rtol=0, atol=1e-13)
+        assert stepper.work.rhs_evals == 160
+    with pytest.raises(ValueError, match="increment gives 3 numbers; a state has 6"):
+        explicit_stepper("short", top.top, 0.1, lambda rates, t, y, h: rates(t, y)[:3])

@@ -1,0 +1,79 @@
+"""Explicit methods of one's own for any problem: what a step adds is written once, as a formula of the right-hand side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from lagrange_bench.integrators.compiling.compiled import jit_as
+from lagrange_bench.integrators.compiling.expression import Split, Tape, machine_code, take
+from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
+from lagrange_bench.integrators.methods.runge_kutta import FIRST, START, STEP, adding
+from lagrange_bench.integrators.problem.system import System
+
+Rates = Callable[[Any, Sequence[Any]], tuple[Any, ...]]
+Increment = Callable[[Rates, Any, Sequence[Any], Any], Sequence[Any]]
+
+
+def explicit_stepper(name: str, problem: Any, h: float, increment: Increment) -> FixedStepper:
+    """A stepper of an explicit one-step method of your own, for any problem: compiled, with nothing written for its equations.
+
+    Parameters
+    ----------
+    name : str
+        The method, in messages.
+    problem : LagrangeTop, PerturbedTop, Problem, …
+        What `prepare` of the method gets; it needs "rhs".
+    h : float
+        The step.
+    increment : callable
+        (rates, t, y, h) → what a step of h adds to the numbers y of a state. rates(t, y) is h y', as many numbers. It is called
+        once, with symbols: + − × ÷ and the functions of formulas, no branches.
+
+    Returns
+    -------
+    FixedStepper
+        One step per h; the right-hand sides that it counts are calls of `rates`.
+    """
+    system = problem.system
+    split, calls = _recorded(increment, system)
+    constants = np.array((problem.start, h, *split.constants(h, *problem.numbers)))
+    return FixedStepper(
+        name, h, constants, _kernel(split, system), rhs_per_step=calls, lane=system.size == 6 and not system.timed,
+        size=system.size, timed=system.timed, memory=system.size,
+    )  # fmt: skip
+
+
+@cache
+def _recorded(increment: Increment, system: System) -> tuple[Split, int]:
+    """The formula, for the components that move, and how often it asks for the right-hand side."""
+    calls = 0
+
+    def formula(tape: Tape, t: Any, y: Any, h: Any, p: Any) -> list[Any]:
+        def rates(time: Any, state: Sequence[Any]) -> tuple[Any, ...]:
+            nonlocal calls
+            calls += 1
+            return system.rates(tape, time if system.timed else t, tuple(state), p, h)
+
+        total = tuple(increment(rates, t, y, h))
+        if len(total) != system.size:
+            raise ValueError(f"increment gives {len(total)} numbers; a state has {system.size}")
+        return [total[i] for i in system.moving]
+
+    return system.split(formula), calls
+
+
+@cache
+def _kernel(split: Split, system: System) -> Callable[..., Any]:
+    added, constants, timed = machine_code(split.moving), take(len(split.fixed.outputs)), system.timed
+    finish = adding(system.size, system.moving, False)
+
+    @jit_as(f"explicit {split.moving.digest} {system.digest}")
+    def step(s, c, tally):
+        t = c[START] + c[STEP] * tally[CLOCK] if timed else 0.0
+        return finish(s, added((t,) + s, constants(c, FIRST)), tally)  # noqa: RUF005 - compiled code does not unpack
+
+    return step
