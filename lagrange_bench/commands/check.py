@@ -118,13 +118,11 @@ def _name_taken(word: str, method: Method) -> list[str]:
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "method", metavar="METHOD", help="a name (see lagrange-bench methods) or package.module:METHOD"
-    )
+    text = "a name (see lagrange-bench methods) or package.module:METHOD"
+    command.add_argument("method", metavar="METHOD", help=text)
     text = "test the claims on this problem of your own, with --state"
     command.add_argument("--problem", metavar="package.module:PROBLEM", help=text)
     command.add_argument("--state", type=numbers, metavar="y1,y2,…", help="a state of the problem, for --problem")
     command.add_argument("--quick", action="store_true", help="fewer and shorter runs, for while you are developing")
-    command.add_argument(
-        "--verbose", action="store_true", help="say how each claim was measured, not only those that fail"
-    )
+    text = "say how each claim was measured, not only those that fail"
+    command.add_argument("--verbose", action="store_true", help=text)

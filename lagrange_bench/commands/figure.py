@@ -32,15 +32,10 @@ examples:
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "name",
-        nargs="?",
-        metavar="NAME",
-        help="the name printed below a figure of the page, e.g. phase_h; or an experiment",
-    )
-    command.add_argument(
-        "--all", action="store_true", help="every figure, in every format and width unless one is given"
-    )
+    text = "the name printed below a figure of the page, e.g. phase_h; or an experiment"
+    command.add_argument("name", nargs="?", metavar="NAME", help=text)
+    text = "every figure, in every format and width unless one is given"
+    command.add_argument("--all", action="store_true", help=text)
     command.add_argument("--list", action="store_true", help="print the names of the figures that can be drawn")
     command.add_argument("--format", choices=FORMATS, help="of the file (default: as its name ends, else svg)")
     command.add_argument("--width", choices=("column", "page"), help="3.4 or 7 inches (default: as on the page)")

@@ -70,10 +70,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     start.add_argument("--alpha", type=number, metavar="A", help=text)
     text = "a real top in SI units and rad: mass (kg), distance of its centre of mass from the tip (m), gravity (m/s², "
     text += "default 9.81), moments of inertia about the tip, A across and C along the axis (kg m²), Euler angles "
-    text += (
-        "theta (from the upward vertical), phi, psi and their rates dtheta, dphi, dpsi (rad/s); phi, psi, dtheta and "
-    )
-    text += "dphi are 0 by default. Time is then in s, J in 1/s, |x| = 1"
+    text += "theta (from the upward vertical), phi, psi and their rates dtheta, dphi, dpsi (rad/s); phi, psi, dtheta "
+    text += "and dphi are 0 by default. Time is then in s, J in 1/s, |x| = 1"
     start.add_argument("--physical", type=physical, metavar="mass=…,A=…,…", help=text)
     add_potential(start)
 
@@ -93,10 +91,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     method.add_argument("--option", type=option, action="append", default=[], metavar="KEY=VALUE", help=text)
 
     results = command.add_argument_group("the results")
-    text = (
-        "keep times, states and metadata in FILE.csv, FILE.npz or FILE.parquet (needs pyarrow); a file of this name is "
-    )
-    text += "replaced"
+    text = "keep times, states and metadata in FILE.csv, FILE.npz or FILE.parquet (needs pyarrow); a file of this "
+    text += "name is replaced"
     results.add_argument("--output", type=location, metavar="FILE", help=text)
     text = "draw the axis on its sphere: FILE.svg, FILE.png or FILE.pdf; a file of this name is replaced"
     results.add_argument("--draw", type=location, metavar="FILE", help=text)

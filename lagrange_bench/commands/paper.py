@@ -32,9 +32,8 @@ exit codes: 0 done · 1 a formula misses by more than is allowed · 2 bad input:
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "section", nargs="?", metavar="SECTION", help="one of those listed without an argument, e.g. flow"
-    )
+    text = "one of those listed without an argument, e.g. flow"
+    command.add_argument("section", nargs="?", metavar="SECTION", help=text)
     command.add_argument("--top", default="generic", metavar="NAME", help="a named top (default: generic)")
     text = "of the picture, which ends in .svg, .pdf or .png (default: paper-SECTION.svg)"
     command.add_argument("--output", type=location, metavar="FILE", help=text)

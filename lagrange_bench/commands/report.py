@@ -34,9 +34,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--results", type=location, metavar="DIR", help=text)
     text = "where the page goes; it is created (default: the folder page in that of the results)"
     command.add_argument("--output", type=location, metavar="DIR", help=text)
-    command.add_argument(
-        "--quiet", action="store_true", help="no remarks on stderr; the page and the exit code have them"
-    )
+    text = "no remarks on stderr; the page and the exit code have them"
+    command.add_argument("--quiet", action="store_true", help=text)
     command.add_argument("--open", action="store_true", help="open the page in the browser")
     add_choice(command)
     text = "other results, whose verdict on each claim stands beside yours: results/reference, the published ones"

@@ -56,9 +56,8 @@ def scheduler(text: str) -> str:
 
 def add_options(command: argparse.ArgumentParser) -> None:
     known = ", ".join(EXPERIMENTS)
-    command.add_argument(
-        "experiments", nargs="*", metavar="EXPERIMENT", help=f"{known}, or FILE.toml (default: all of them)"
-    )
+    text = f"{known}, or FILE.toml (default: all of them)"
+    command.add_argument("experiments", nargs="*", metavar="EXPERIMENT", help=text)
     profiles = ("quick", "full")
     text = "quick: everything, coarsely; full: the published numbers (default: quick)"
     command.add_argument("--profile", choices=profiles, default="quick", help=text)

@@ -63,10 +63,8 @@ def run(options: argparse.Namespace) -> Answer:
     for name, cell, differing, _ in result.changed:
         by_experiment.setdefault(name, []).append((cell, differing))
     lines = [line for name, changed in by_experiment.items() for line in changed_columns(name, changed)]
-    sum_up = (
-        f"{result.cells} cells computed again: {result.identical} identical, {result.close} within the tolerance of "
-    )
-    sum_up += f"libraries, {len(result.changed)} changed"
+    sum_up = f"{result.cells} cells computed again: {result.identical} identical, {result.close} within the tolerance "
+    sum_up += f"of libraries, {len(result.changed)} changed"
     ages = Counter(age for *_, age in result.changed)
     labels = {sources.OTHER: "other source code", sources.UNKNOWN: "source code that was not recorded"}
     words = [f"{ages[age]} of them stored with {text}" for age, text in labels.items() if ages[age]]

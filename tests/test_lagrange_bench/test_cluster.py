@@ -70,7 +70,7 @@ def test_the_same_rows_from_a_local_cluster_of_as_many_workers_as_asked(tmp_path
     odd = [{"do": what, "i": 100 + i} for i, what in enumerate(("raise", "die", "segfault", "bad row"))]
     cells = [*who, *squares(*range(20)), *odd, *squares(50, 51, timing=True)]
     hung = {"do": "compiled loop", "i": 104}  # only there, for it takes as long as it may
-    run = start([*cells, hung], tmp_path / "there", "--scheduler", "local:3", "--time-limit", "5", "--json")
+    run = start([*cells, hung], tmp_path / "there", "--scheduler", "local:3", "--time-limit", "20", "--json")
     out, err = run.communicate(timeout=120)
     assert (run.returncode, out[:1], "Traceback" in err) == (1, "{", False), err
     summary = json.loads(out)

@@ -131,7 +131,7 @@ def test_a_file_in_the_current_folder_joins_an_experiment(run, folder, monkeypat
     assert summary.startswith(f"rk4 (Suzuki 4, {folder / 'mine.py'}): ")
     assert after.startswith("next: lagrange-bench run work_precision phase --methods mine:METHOD,")
     chosen = ("--methods", "mine:METHOD,strang", "--tops", "generic", "--results", "rows", "--no-timings")
-    code, out, err = run("run", "phase", *chosen, "--quiet", "--json")
+    code, out, err = run("run", "phase", *chosen, "--jobs", "1", "--quiet", "--json")
     assert code == 0, err + out
     cells = [json.loads(line)["cell"] for line in (folder / "rows" / "phase.jsonl").read_text().splitlines()]
     assert {cell["method"] for cell in cells} == {"mine:METHOD", "strang"}
