@@ -72,10 +72,17 @@ class Comparison:
 
     Parameters
     ----------
-    frame : a row for each sample or run, with columns `method`, `top` and `status` ("done", or "failed" for the reason in
-        `failure`). Frames of `load` have these, too.
-    x, y : the columns that `plot` draws unless it is told others. methods : records that need not be registered.
-    labels : what titles call tops. invariants : the columns that are errors of invariants.
+    frame : DataFrame
+        A row for each sample or run, with columns `method`, `top` and `status` ("done", or "failed" for the reason in `failure`).
+        Frames of `load` have these, too.
+    x, y : str
+        The columns that `plot` draws unless it is told others.
+    methods : tuple of Method
+        Records of methods that need not be registered.
+    labels : dict
+        What titles call tops.
+    invariants : tuple of str
+        The columns that are errors of invariants.
     """
 
     frame: pd.DataFrame
@@ -117,16 +124,24 @@ class Comparison:
 
         Parameters
         ----------
-        x, y : names of columns of numbers. methods, tops : draw these only. xlim, ylim : limits, as for `set_xlim`.
-        ax : your own Axes, as many as tops, or one for all; by default those of a new figure of pyplot.
+        x, y : str, optional
+            Names of columns of numbers.
+        methods, tops : list of str, optional
+            Draw these only.
+        ax : Axes, or a list of them, optional
+            Your own: as many as tops, or one for all. By default those of a new figure of pyplot.
+        xlim, ylim : (float, float), optional
+            Limits, as for `set_xlim`.
 
         Returns
         -------
-        Axes, or an array of them, one for each top.
+        Axes, or an array of them
+            One for each top.
 
         Raises
         ------
-        ValueError : no such column, method or top, or nothing to draw; the message says what there is.
+        ValueError
+            No such column, method or top, or nothing to draw; the message says what there is.
         """
         x, y = x or self.x, y or self.y
         rows, names = self._rows(x, y, methods, tops), self.tops(x, y, methods, tops)

@@ -57,17 +57,31 @@ def drift(
     h_scaled: float | None = None,
     steps: int = 10_000,
 ) -> Comparison:
-    """How far the invariants of the problem drift along a run. methods, tops : see the head of this module.
+    """How far the invariants of the problem drift along a run.
 
     Parameters
     ----------
-    h, h_scaled : the step, in one of the two units; h_scaled = 0.125 if neither is given.
-    steps : how many. Samples are taken after 1, 2, 3, … of them, evenly on a logarithmic scale.
+    methods : list of str or Method
+        See the head of this module.
+    tops : str, NamedTop, pair, or a list of these
+        Tops by name, or problems with a state.
+    h : float, optional
+        The step in the top's own unit of time.
+    h_scaled : float, optional
+        The same in its time scale; 0.125 if neither is given.
+    steps : int
+        How many. Samples are taken after 1, 2, 3, … of them, evenly on a logarithmic scale.
 
     Returns
     -------
-    A column for each invariant, such as H, J3, C1, C2: its change over the size of its terms. `worst` is the largest of those
-    that are conserved; "kept: …" are quantities that a method conserves of its own.
+    Comparison
+        A column for each invariant, such as H, J3, C1, C2: its change over the size of its terms. `worst` is the largest of those
+        that are conserved; "kept: …" are quantities that a method conserves of its own.
+
+    Raises
+    ------
+    ValueError
+        Bad input, or a method that does not take a top.
     """
     steps = check_count(steps, "steps", least=1)
     step = _step(h, h_scaled, 0.125)
@@ -91,13 +105,25 @@ def phase(
 
     Parameters
     ----------
-    h, h_scaled : the step, as for `drift`; h_scaled = 0.25 if neither is given. methods, tops : see the head of this module.
-    steps : how many. Without a closed form of the motion runs of at most 2000 time scales have a reference solution.
+    methods : list of str or Method
+        See the head of this module.
+    tops : str, NamedTop, pair, or a list of these
+        Tops by name, or problems with a state.
+    h, h_scaled : float, optional
+        The step, as for `drift`; h_scaled = 0.25 if neither is given.
+    steps : int
+        How many. Without a closed form of the motion runs of at most 2000 time scales have a reference solution.
 
     Returns
     -------
-    `error` is the distance to the exact or reference solution. Of tops in a uniform field `time` and `angle` say by how much
-    nutation and precession are off, and `off` is the distance to the torus.
+    Comparison
+        `error` is the distance to the exact or reference solution. Of tops in a uniform field `time` and `angle` say by how much
+        nutation and precession are off, and `off` is the distance to the torus.
+
+    Raises
+    ------
+    ValueError
+        Bad input, a method that does not take a top, or a run that is too long.
     """
     steps = check_count(steps, "steps", least=1)
     step = _step(h, h_scaled, 0.25)
@@ -112,16 +138,25 @@ def phase(
 
 
 def order(methods: Iterable[str | Method], tops: Top | Iterable[Top] = "generic") -> Comparison:
-    """The error of one step against the step: the slope is the order plus one. methods, tops : see the head of this module.
+    """The error of one step against the step: the slope is the order plus one.
+
+    Parameters
+    ----------
+    methods : list of str or Method
+        See the head of this module.
+    tops : str, NamedTop, pair, or a list of these
+        Tops by name, or problems with a state.
 
     Returns
     -------
-    `error` is the mean of a step of h and one of −h, where it is no round-off; `order` the measured one. Of a method whose
-    steps depend on those before, errors are those of short runs, for each step.
+    Comparison
+        `error` is the mean of a step of h and one of −h, where it is no round-off; `order` the measured one. Of a method whose
+        steps depend on those before, errors are those of short runs, for each step.
 
     Raises
     ------
-    ValueError : also for a method that has no order: it chooses its own steps, or is exact in time.
+    ValueError
+        Bad input, or a method that has no order: it chooses its own steps, or is exact in time.
     """
     asked = _Asked(methods, tops)
     for method in asked.methods:
@@ -151,18 +186,28 @@ def work_precision(
 
     Parameters
     ----------
-    t, t_scaled : length of the runs, in one of the two units; t_scaled = 100 if neither is given.
-    longest : s; no single run takes longer. methods, tops : see the head of this module.
+    methods : list of str or Method
+        See the head of this module.
+    tops : str, NamedTop, pair, or a list of these
+        Tops by name, or problems with a state.
+    t : float, optional
+        Length of the runs in the top's own unit of time.
+    t_scaled : float, optional
+        The same in its time scale; 100 if neither is given.
+    longest : float
+        Seconds; no single run takes longer.
 
     Returns
     -------
-    A row for each step or tolerance. `error` is the largest in the last fifth of the run, without a closed form that at its
-    end; `seconds` (missing where the error is above 0.1), `setup_seconds`, `total` of both, `steps` and `evals` are what it
-    costs. In the last row of a method `stopped` says why there are no more.
+    Comparison
+        A row for each step or tolerance. `error` is the largest in the last fifth of the run, without a closed form that at its
+        end; `seconds` (missing where the error is above 0.1), `setup_seconds`, `total` of both, `steps` and `evals` are what it
+        costs. In the last row of a method `stopped` says why there are no more.
 
     Raises
     ------
-    ValueError : also where no run has an error below 0.1 within `longest`.
+    ValueError
+        Bad input, a method that does not take a top, or no run with an error below 0.1 within `longest`.
     """
     return _race(_Asked(methods, tops), work_experiment.measure, {}, _step(t, t_scaled, 100.0, "t"), longest, "seconds")
 
@@ -177,11 +222,26 @@ def perturbed(
 ) -> Comparison:
     """As `work_precision`, where there is no closed form: tops in a potential, or problems of your own. Set-up is counted.
 
-    t_scaled is 1000 if no time is given. Chaotic motions that doubles lose before the end have no errors: `stopped` says so.
+    Parameters
+    ----------
+    methods : list of str or Method
+        See the head of this module.
+    tops : str, NamedTop, pair, or a list of these
+        Tops by name, or problems with a state.
+    t, t_scaled : float, optional
+        Length of the runs, as for `work_precision`; t_scaled = 1000 if neither is given.
+    longest : float
+        Seconds; no single run takes longer.
+
+    Returns
+    -------
+    Comparison
+        As of `work_precision`. Chaotic motions that doubles lose before the end have no errors: `stopped` says so.
 
     Raises
     ------
-    ValueError : also for a top in a uniform field.
+    ValueError
+        As `work_precision`; and a top in a uniform field.
     """
     asked = _Asked(methods, tops)
     for top in asked.tops:
@@ -195,12 +255,20 @@ def heavy_top(methods: Iterable[str | Method], tops: str | Iterable[str] = "brue
 
     Parameters
     ----------
-    methods : those that take a `WholeBody`.
-    tops : "bruels", "slow", "simo_wong" or "kovalevskaya", one or a list. For a body of your own ask `work_precision` or `drift`.
+    methods : list of str or Method
+        Those that take a `WholeBody`.
+    tops : str or list of str
+        "bruels", "slow", "simo_wong" or "kovalevskaya". For a body of your own ask `work_precision` or `drift`.
 
     Returns
     -------
-    `h` in s; `position` in m, `rotation` and `spin` in rad, `energy` and `momentum` relative to their terms.
+    Comparison
+        `h` in s; `position` in m, `rotation` and `spin` in rad, `energy` and `momentum` relative to their terms.
+
+    Raises
+    ------
+    ValueError
+        Bad input, or a method that does not take a whole body.
     """
     cases = [tops] if isinstance(tops, str) else list(tops)
     if unknown := [case for case in cases if case not in body_experiment.POWERS]:

@@ -114,13 +114,15 @@ def predicted_phase(
 
     Returns
     -------
-    a `PredictedPhase`, whose `states(t)` are those of the method after a time t. Its rates say the same in two numbers: up to
-    what oscillates, the method is at the exact solution of the time t + clock t + ½ clock_growth t², turned about e3 by turn t +
-    ½ turn_growth t². Where there is no prediction clock and turn are None, and `reason` says why.
+    PredictedPhase
+        Its `states(t)` are those of the method after a time t. Its rates say the same in two numbers: up to what oscillates, the
+        method is at the exact solution of the time t + clock t + ½ clock_growth t², turned about e3 by turn t + ½ turn_growth
+        t². Where there is no prediction clock and turn are None, and `reason` says why.
 
     Raises
     ------
-    ValueError : an argument that makes no sense; the message names it.
+    ValueError
+        An argument that makes no sense; the message names it.
     """
     plain: Any = getattr(top, "problem", top)
     if "uniform" not in getattr(plain, "offers", ()):
