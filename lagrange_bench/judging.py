@@ -27,6 +27,16 @@ AXES = {
 }
 ATTITUDES = ("quaternion", "matrix", "rotation vector", "angles")
 GRID, NEAR = 9, 1e-10  # decimals of a second; times that all are that near to multiples of 10⁻⁹ s are these
+SCALES = {  # columns in other units: what makes them SI, and the unit
+    "position": [
+        (group, 10.0**-k, unit) for group in ("position", "displacement") for k, unit in ((3, "mm"), (2, "cm"))
+    ],
+    "omega": [
+        ("omega", math.pi / 180, "degrees per second"),
+        ("omega", math.pi / 30, "revolutions per minute"),
+        ("omega", 2 * math.pi, "revolutions per second"),
+    ],
+}
 SOME, FEW = 5e-13, 100  # the same where there are fewer times than `FEW`
 HEAD, SHIFTS = 2000, (1, -1, 2, -2, 3, -3)  # rows that hints are taken from; rows that they may be late
 BETTER = 10  # times less is the error with another convention, for a hint
@@ -43,7 +53,7 @@ class Error(NamedTuple):
 
 @dataclass(frozen=True)
 class Convention:
-    """How rotations, angular velocities and frames are written: see `judge`. The last three are for hints."""
+    """How rotations, angular velocities and frames are written: see `judge`. The last four are for hints."""
 
     quat: str = "wxyz"
     omega_frame: str = "body"
@@ -51,6 +61,7 @@ class Convention:
     axis: str | None = None
     transposed: bool = False
     degrees: bool = False
+    intrinsic: bool = False
     displaced: bool = False
 
     def __post_init__(self) -> None:
@@ -127,8 +138,7 @@ def judge(
     **convention : dict
         quat : "xyzw" or "wxyz", the order of the quaternions; default "wxyz". omega_frame : "body" or "world"; default "body".
         up : the axis that points up in the world of these numbers, such as "y" or "-z". axis : the axis of symmetry in the body
-        of
-        these numbers. The smallest turn leads from both to those of the case, which are the default.
+        of these numbers. The smallest turn leads from both to those of the case, which are the default.
 
     Returns
     -------
@@ -300,7 +310,7 @@ class _Frames:
             elif group == "rotation vector":
                 turns = Rotation.from_rotvec(values)
             else:
-                turns = Rotation.from_euler("xyz", values)
+                turns = Rotation.from_euler("XYZ" if how.intrinsic else "xyz", values)
             R = turns.as_matrix()
             R[bad] = np.nan
         return self.world @ (R.transpose(0, 2, 1) if how.transposed else R) @ self.body, defect
@@ -343,6 +353,12 @@ def _hints(frames: _Frames, given: Mapping[str, Array], t: Array) -> Iterator[st
         ),
         ("rotation", "quaternion", {"quat": quat, "transposed": True}, f"the order is {quat}, and they are conjugate."),
         ("rotation", "angles", {"degrees": True}, "the angles are in degrees."),
+        (
+            "rotation",
+            "angles",
+            {"intrinsic": True},
+            "the angles are about axes that move with the body, not about fixed ones.",
+        ),
         ("rotation", "rotation vector", {"degrees": True}, "the rotation vectors are in degrees."),
         ("omega", "", {"omega_frame": frame}, f"ω is in the {frame} frame: --omega {frame}."),
         ("position", "", {"displaced": True}, "the position is a displacement from the start: name it ux, uy, uz."),
@@ -352,7 +368,19 @@ def _hints(frames: _Frames, given: Mapping[str, Array], t: Array) -> Iterator[st
             other = _Frames(frames.case, replace(how, **changes)).errors(given, exact)[judged]
             if other.max() < now[judged] / BETTER:
                 yield words
+    for judged in ("position", "omega"):
+        if now.get(judged, 0.0) > START:
+            off = {
+                f"{group} is in {unit}": frames.errors({**given, group: factor * given[group]}, exact)[judged].max()
+                for group, factor, unit in SCALES[judged]
+                if group in given
+            }
+            best = min(off, key=lambda words: off[words])
+            if off[best] < now[judged] / BETTER:
+                yield f"{best}: SI units are judged."
     judged = next((name for name in ("rotation", "position") if name in now), "omega")
+    if now[judged] > START and frames.errors(given, frames.exact(1e-3 * t))[judged].max() < now[judged] / BETTER:
+        yield "the times are in milliseconds: SI units are judged."
     for k in SHIFTS if len(t) > BETTER and now[judged] > START else ():
         rows, there = slice(max(0, -k), len(t) - max(0, k)), slice(max(0, k), len(t) + min(0, k))
         late = frames.errors({name: array[rows] for name, array in given.items()}, (x[there], R[there], omega[there]))

@@ -100,6 +100,9 @@ def test_the_error_that_was_put_in_is_found():
         ({"rotation": M * [1, 1, -1]}, "determinant is negative"),
         ({"position": X - X[0]}, "name it ux, uy, uz"),
         ({"position": X @ INTO}, "--up y"),
+        ({"position": 1e3 * X}, "position is in mm"),
+        ({"omega": np.rad2deg(OMEGA)}, "omega is in degrees per second"),
+        ({"omega": OMEGA * 30 / np.pi}, "omega is in revolutions per minute"),
         ({"rotation": np.roll(M, 2, 0)}, "2 rows earlier"),
         ({"position": np.roll(X, -1, 0)}, "1 row later"),
         ({"rotation": R * Rotation.from_rotvec([1e-3, 1e-3, 0])}, ""),
@@ -110,6 +113,11 @@ def test_a_wrong_convention_is_named(what, hint):
     (found,) = judge(T[2:-2], **what, case="bruels").hints or [""]
     assert hint in found
     assert bool(hint) == bool(found)
+
+
+def test_times_in_milliseconds_are_named():
+    (found,) = judge(1e3 * T, X, case="bruels").hints
+    assert "milliseconds" in found
 
 
 FILES = {  # what is in it → exit code, what is said
