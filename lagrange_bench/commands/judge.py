@@ -47,7 +47,7 @@ exit codes: 0 done · 1 a bound is violated · 2 a file that cannot be judged"""
 
 def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("files", nargs="+", type=location, metavar="FILE", help="a text file with a row for each time")
-    text = "the top and its start: a name, see lagrange-bench case"
+    text = "the top and its start: a name, see lagrange-bench case; or module:CASE, a Case of your own in ./module.py"
     command.add_argument("--case", required=True, metavar="NAME", help=text)
     how = command.add_argument_group("how the files are written")
     text = "the columns of these names: words of the header, or indices from 0"

@@ -212,3 +212,13 @@ def test_orders_are_those_of_the_method(nodes, order, tmp_path, answer):
     assert [*found["position"], *found["rotation"]] == pytest.approx([order] * 4, abs=0.15)
     equal = answer("judge", *files, "--case", "slow", "--steps", "1,1,1")["orders"]
     assert equal["position"] == [None, None]
+
+
+def test_a_case_of_ones_own_is_named_by_its_module(tmp_path, monkeypatch):
+    words = "from lagrange_bench import CASES\nCASE = CASES['bruels']\nOTHER = 5\n"
+    (tmp_path / "my_own_case.py").write_text(words, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert judge(T, X, case="my_own_case:CASE").position.max < 1e-12
+    for name, message in (("my_own_case:NONE", "cannot be loaded"), ("my_own_case:OTHER", "must be a name or a Case")):
+        with pytest.raises(ValueError, match=message):
+            judge(T, X, case=name)
