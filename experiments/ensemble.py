@@ -420,20 +420,15 @@ def _draw_throughput(good: pd.DataFrame, style):
         steps.annotate("one top alone", (0.98, alone), (0, -2), textcoords="offset points", fontsize=7, ha="right",
                        va="top", xycoords=("axes fraction", "data"))  # fmt: skip
     style.few_decades(steps.yaxis)
-    for ax, title in ((steps, "a step of many tops"), (setups, "the set-up of one"), (growth, "a short run of many")):
-        ax.set_title(title)
-    steps.set_xlabel("tops")
-    steps.set_ylabel("ns per step of a top, one core")
+    steps.set(title="a step of many tops", xlabel="tops", ylabel="ns per step of a top, one core")
+    setups.set(title="the set-up of one", xlabel="step h", ylabel="µs per set-up, one core")
+    growth.set(title="a short run of many", xlabel="tops", ylabel=f"µs per top, {FEW} steps, all cores")
     steps.legend(loc="upper right", bbox_to_anchor=(1.0, 0.88))
     for ax, part, across, up in ((setups, "setup", "h", "setup_us"), (growth, "many", "tops", "us_per_top")):
         chosen = good[good.part == part].sort_values(across)
         if not chosen.empty:
             ax.semilogx(chosen[across], chosen[up], **look)
             ax.set_ylim(0, 1.1 * chosen[up].max())
-    setups.set_xlabel("step h")
-    setups.set_ylabel("µs per set-up, one core")
-    growth.set_xlabel("tops")
-    growth.set_ylabel(f"µs per top, {FEW} steps, all cores")
     fig.caption = (
         f"A step of the exact map against the number of tops, {LANES} of them to a SIMD block; few tops leave lanes empty. "
         "Set-up of a top, λ(h) and constants, against the step in the tops' units of time; from half a nutation period on "
@@ -455,8 +450,8 @@ def _draw_rivals(good: pd.DataFrame, style):
     if not jump.empty:
         look = {"linestyle": "none", "marker": "*", "markersize": 7, "color": style.FAMILIES["backlund"][0][2]}
         ax.loglog(jump.ns_per_time, jump.error, **look, label="Bäcklund, one jump")
-    ax.set_xlabel("ns for a top and a unit of time, one core, set-up included")
-    ax.set_ylabel(f"error at the end, median of {JUDGED} tops")
+    ax.set(xlabel="ns for a top and a unit of time, one core, set-up included")
+    ax.set(ylabel=f"error at the end, median of {JUDGED} tops")
     style.legend_below(fig)
     fig.caption = (
         "Many tops over the same time on one core, all in SIMD form: the exact step and the fixed steps of others, in the same "

@@ -318,9 +318,8 @@ def _draw_time(rows: pd.DataFrame, style):
     quantities = {"hamiltonians": "$H_j$", "spins": "$|s_j|$"}
     panels = [(name, n) for name in quantities for n in sorted(set(rows.n))]
     columns = len(panels) // 2 if style.width() == "page" else 2
-    height = 0.4 + 1.75 * len(panels) / columns
     size = {"nrows": len(panels) // columns, "ncols": columns, "sharex": True, "sharey": True, "squeeze": False}
-    fig, grid = style.figure(style.width(), height, **size)
+    fig, grid = style.figure(style.width(), 0.4 + 1.75 * len(panels) / columns, **size)
     for ax, (name, n) in zip(grid.flat, panels, strict=True):
         for variant, chosen in rows[rows.n == n].groupby("variant", sort=False):
             t, error = metrics.block_maxima(chosen.t, chosen[name])
@@ -349,8 +348,7 @@ def _draw_h(rows: pd.DataFrame, style):
     ticks = sorted({2.0 ** round(math.log2(h)) for h in rows.h})[:: 2 if len(set(rows.h)) > 6 else 1]
     ax.set_xticks(ticks, [f"{h:g}" if h >= 1 else f"1/{1 / h:g}" for h in ticks])
     ax.minorticks_off()
-    ax.set_xlabel("step")
-    ax.set_ylabel(f"largest error at t = {SPAN:g}")
+    ax.set(xlabel="step", ylabel=f"largest error at t = {SPAN:g}")
     style.legend_below(fig)
     fig.caption = (
         f"Largest error of a spin component at t = {SPAN:g} against the step, n = {SWEPT}: k maps to a step have order "

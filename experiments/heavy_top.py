@@ -180,9 +180,7 @@ def _draw_errors(rows: pd.DataFrame, column: str, text: str, style: Any) -> Any:
                 if not good.empty:
                     ax.loglog(good[column], good[name].clip(lower=1e-16), **{**look, "markersize": 3.0})
                 style.failure_marks(ax, run[run.status == "failed"][column].dropna(), method)
-            ax.set_title(f"{case}, t = {UNTIL[case]:g} s")
-            ax.set_xlabel(text)
-            ax.set_ylabel(f"error of {name}, {unit}")
+            ax.set(title=f"{case}, t = {UNTIL[case]:g} s", xlabel=text, ylabel=f"error of {name}, {unit}")
     style.legend_below(fig)
     return fig
 

@@ -412,15 +412,15 @@ def _draw_forms(rows: pd.DataFrame, style):
     drift = rows[rows.h == SIZES[0]]
     drift = drift.assign(place=drift.groupby("key", sort=False).cumcount())
     drift["worst"], drift["casimirs"] = worst(drift, INVARIANTS), worst(drift, ("C1", "C2"))
-    panels = {  # of which method, what, its name, title
-        "upper left": ("backlund", "worst", "largest error of H, C1, C2", "Bäcklund, exact λ(h)"),
-        "upper right": ("backlund", "time", "phase (time) error", "Bäcklund, exact λ(h): phase"),
-        "lower left": ("implicit_midpoint", "worst", "largest error of H, C1, C2", "Implicit midpoint"),
-        "lower right": ("strang", "casimirs", "largest error of C1, C2", "Strang splitting"),
-    }
+    panels = (  # of which method, what, its name, title
+        ("backlund", "worst", "largest error of H, C1, C2", "Bäcklund, exact λ(h)"),
+        ("backlund", "time", "phase (time) error", "Bäcklund, exact λ(h): phase"),
+        ("implicit_midpoint", "worst", "largest error of H, C1, C2", "Implicit midpoint"),
+        ("strang", "casimirs", "largest error of C1, C2", "Strang splitting"),
+    )
     shades = {False: colormaps["viridis"], True: colormaps["Oranges"]}
     fig, axes = style.figure("page", 4.9, nrows=2, ncols=2, sharex=True)
-    for ax, (of, what, text, title) in zip(axes.flat, panels.values(), strict=True):
+    for ax, (of, what, text, title) in zip(axes.flat, panels, strict=True):
         if what != "time" and ax is not axes[0, 0]:
             ax.sharey(axes[0, 0])
         names = [form for form in FORMS if FORMS[form][0] == of and (drift.form == form).any()]
@@ -428,14 +428,10 @@ def _draw_forms(rows: pd.DataFrame, style):
             run = drift[drift.form == form]
             rms = np.sqrt(mean_square(run[what], run.place))
             pinned = form.startswith("pinned")
-            look = {
-                "color": shades[pinned](0.5 + 0.05 * i if pinned else 0.7 * i / len(names)),
-                "linestyle": style.DASHES[i % len(style.DASHES)],
-                "linewidth": 1.0,
-            }
+            colour = shades[pinned](0.5 + 0.05 * i if pinned else 0.7 * i / len(names))
+            look = {"color": colour, "linestyle": style.DASHES[i % len(style.DASHES)], "linewidth": 1.0}
             ax.loglog(run.groupby("place").t.median(), rms.where(rms > 0), **look, label=numbers_in(form))
-        ax.set_title(title)
-        ax.set_ylabel(text)
+        ax.set(title=title, ylabel=text)
         if what != "time":
             style.ulp_line(ax)
     for ax in axes[-1]:
@@ -460,10 +456,8 @@ def _draw_long(rows: pd.DataFrame, style):
         most = worst(run, INVARIANTS)
         left.loglog(run.t, run.error, **style.of(name))
         right.loglog(run.t, most.where(most > 0), **style.of(name))
-    left.set_ylabel("error against the exact solution")
-    right.set_ylabel("worst error of H, C1, C2")
-    for ax in (left, right):
-        ax.set_xlabel(style.TIME)
+    for ax, text in ((left, "error against the exact solution"), (right, "worst error of H, C1, C2")):
+        ax.set(xlabel=style.TIME, ylabel=text)
         style.ulp_line(ax)
     style.slope_guide(left, 1.0, (1e3, 1e-15), 100, "$t$")
     style.slope_guide(left, 1.5, (1e0, 1e-12), 100, "$t^{3/2}$")

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -339,21 +338,13 @@ def draw_frontier(rows: pd.DataFrame, style):
     return fig
 
 
-def draw_panels(
-    good: pd.DataFrame,
-    titles: dict[Any, str],
-    by: str | list[str],
-    rows: tuple[int, float],
-    style,
-    named,
-    **shared: Any,
-) -> Any:
+def draw_panels(good: pd.DataFrame, titles: dict, by: str | list[str], size: tuple[int, float], style, named, **shared):
     """The figure of `draw_runs`, set-up counted: a panel for each key of `titles`, found among the values of the columns `by`.
 
-    rows : panels to a row, and its height in inches. named : those of a panel's runs.
+    size : panels to a row, and its height in inches. named : gives those of a panel's runs.
     """
     xlabel = "wall time of the run with set-up, s"
-    fig, axes = style.panels(list(titles.values()), rows[0], (0.5, rows[1]), xlabel, "error at the end", **shared)
+    fig, axes = style.panels(list(titles.values()), size[0], (0.5, size[1]), xlabel, "error at the end", **shared)
     groups = dict(list(good.groupby(by, sort=False)))
     for ax, key in zip(axes, titles, strict=True):
         here = groups[key]

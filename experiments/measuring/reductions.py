@@ -75,10 +75,10 @@ def of_part(name: str = "", caption: str = "", failed: bool = False) -> Callable
         @wraps(function)
         def of_rows(rows: pd.DataFrame, *others: Any, **options: Any) -> Any:
             here = rows["part"].eq(name) if name and "part" in rows else pd.Series(not name, index=rows.index)
-            done = here & rows["status"].eq("done")
-            if not done.any():
+            sound = here & rows["status"].eq("done")
+            if not sound.any():
                 return None
-            made = function(rows[here if failed else done], *others, **options)
+            made = function(rows[here if failed else sound], *others, **options)
             if caption:
                 made.attrs["caption"] = caption
             return made

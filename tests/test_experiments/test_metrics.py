@@ -166,6 +166,19 @@ def test_reductions_keep_nan():
     assert reductions.mean_square(rows.a, [0, 0]).tolist() == [5.0]
 
 
+def test_tables_and_figures_are_made_of_the_rows_of_their_part():
+    rows = pd.DataFrame({"part": ["a", "a", "b"], "status": ["done", "failed", "done"], "x": [1, 2, 3]})
+    made = {
+        how: reductions.of_part(*how, failed=how[0] == "a" and how[1] == "crosses")(lambda rows: rows)(rows)
+        for how in (("a", "table"), ("a", "crosses"), ("", "all"), ("c", "none"))
+    }
+    assert {how: None if table is None else table.x.tolist() for how, table in made.items()} == {
+        ("a", "table"): [1], ("a", "crosses"): [1, 2], ("", "all"): [1, 3], ("c", "none"): None,
+    }  # fmt: skip
+    assert made["a", "table"].attrs["caption"] == "table"
+    assert [reductions.done(rows, part).x.tolist() for part in ("", "b", "c")] == [[1, 3], [3], []]
+
+
 # ---------------------------------------------------------------- phase
 
 
