@@ -175,8 +175,9 @@ class Theory:
     """
 
     def __init__(
-        self, top: LagrangeTop, y0: Array, h: float, step: Array, S: NDArray[Any], angle: Array, drifts: bool = False
-    ):
+        self, top: LagrangeTop, y0: Array, h: float, step: Array, S: NDArray[Any], angle: NDArray[Any],
+        drifts: bool = False,
+    ):  # fmt: skip
         self.units, self.user_h = Units(top, y0, h), h
         self.top, self.y0, self.h = LagrangeTop(self.units.alpha), self.units.enter(y0), self.units.time(h)
         off = Sum.of(step[:, 2:], angle)
@@ -191,8 +192,8 @@ class Theory:
         second = self.units.time(1.0)
         clock, turn = (self.along.mean - self.ramp.mean / 2) / self.h
         clock_growth, turn_growth = self.ramp.mean / self.h**2
-        rates = clock, turn * second, clock_growth * second, turn_growth * second * second
-        return PredictedPhase(*map(float, rates), _theory=self)
+        turn, clock_growth, turn_growth = turn * second, clock_growth * second, turn_growth * second * second
+        return PredictedPhase(float(clock), float(turn), float(clock_growth), float(turn_growth), _theory=self)
 
     def steps(self, t: ArrayLike) -> Array:
         """How many steps make the times t (N,): whole numbers where t is a multiple of h but for its rounding."""

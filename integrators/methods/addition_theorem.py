@@ -9,8 +9,7 @@ J+' = i alpha x+ and, freed of a rotation, Lamé's equation: u = J+ e^{−i J3 t
 where Y(h) and the constants c1 = −φ(h)/3, c0 = φ'(h)/3 belong to the torus: Y(h) is the solution with the pole at h = 0,
 φ that of Lamé's equation with φ ~ h² there. (M12 is an elliptic function of t with simple poles where Y(t) or Y(t + h) has
 its own, hence linear in μ; the rest follows from M' = A(t + h) M − M A(t), A = (0, 1; 2Y − J3²/4, 0).) On real orbits
-Y(h) > Y(t): the one denominator does not vanish. The familiar form, x+(t + h)/x+(t) as a quotient of elliptic functions,
-divides by x+, which vanishes where the axis passes a pole; and ℘ in place of Y loses the digits of H/6 in a fast top.
+Y(h) > Y(t): the one denominator does not vanish, as x+ does in the familiar quotient of elliptic functions.
 
 Written for x3, x+ = x1 + ix2 and J+ nothing divides by alpha. With p = 1/Y(h), n = −p', χ = φ/p,
 e = (n x3 − p x3')/(2 − alpha p x3), all updates are increments of size h, and h = 0, p = 0 is a regular point.

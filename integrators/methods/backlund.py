@@ -151,17 +151,9 @@ def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Wo
 
 
 def advance_many(
-    alphas: Array,
-    Y0: Array,
-    h: float,
-    steps: int,
-    every: int,
-    out: Array,
-    stopped: Callable[[], bool],
-    *,
-    pin: int = PIN,
-    lam: complex | None = None,
-) -> NDArray[np.bool_]:
+    alphas: Array, Y0: Array, h: float, steps: int, every: int, out: Array, stopped: Callable[[], bool],
+    *, pin: int = PIN, lam: complex | None = None,
+) -> NDArray[np.bool_]:  # fmt: skip
     """The exact steps of many tops, each with λ(h) and constants of its own; options as in `prepare_exact`.
 
     More than `SHORT` steps have the bits of `prepare_exact`.

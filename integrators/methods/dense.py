@@ -72,9 +72,10 @@ def dense(
         return at_times(name, top, runner(top, **options), y0, times)
 
     options = [p for p in inspect.signature(runner).parameters.values() if p.kind is p.KEYWORD_ONLY]
-    for function in (prepare, evaluate):
+    both: tuple[Any, ...] = prepare, evaluate
+    for function in both:
         known = list(inspect.signature(function).parameters.values())[:-1]
-        function.__signature__ = inspect.Signature(known + options)  # type: ignore[attr-defined]
+        function.__signature__ = inspect.Signature(known + options)
     return prepare, evaluate
 
 

@@ -390,8 +390,8 @@ def prepare(name: str, top: LagrangeTop, y0: Array, h: float, *, compensated: bo
     scheme, carried = SCHEMES[name], check_flag(compensated, "compensated")
     force = top.single() * h  # the size of a kick; its gradients come with factors alpha h²
     scales = np.array((0.5 * h, force, 2.0 * force * (force * h), -2.0 * force * square(force * h)))
-    kernels = (chosen[carried][bool(scheme.c) + bool(scheme.d)] for chosen in (KERNELS, LANES))
-    return _conjugate(name, h, scales, NOTHING, *kernels, MAP, 0.5 * scheme.processor * force * h)
+    step, lanes = (chosen[carried][bool(scheme.c) + bool(scheme.d)] for chosen in (KERNELS, LANES))
+    return _conjugate(name, h, scales, NOTHING, step, lanes, MAP, 0.5 * scheme.processor * force * h)
 
 
 def prepare_in_field(name: str, top: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:

@@ -580,8 +580,14 @@ NATURAL = Method(
 
 def _variant(name: str, label: str, high_accuracy: bool, compact_mode: bool) -> Method:
     prepare, evaluate = dense(name, partial(variant, name, high_accuracy, compact_mode))
-    own = {"prepare": prepare, "evaluate": evaluate, "attitude": None, "advance_many": None, "special": {}}
-    return replace(NATURAL, name=name, label=label, **own)  # type: ignore[arg-type]
+    own: dict[str, Any] = {
+        "prepare": prepare,
+        "evaluate": evaluate,
+        "attitude": None,
+        "advance_many": None,
+        "special": {},
+    }
+    return replace(NATURAL, name=name, label=label, **own)
 
 
 ACCURATE = _variant("taylor_accurate", "Taylor (heyoka), compensated", True, False)

@@ -19,18 +19,9 @@ import numpy as np
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 MODULES = (
-    "phase_space",
-    "contraction",
-    "lax",
-    "separation",
-    "euler_angles",
-    "one_point",
-    "generating_functions",
-    "eulerian",
-    "two_point",
-    "interpolating_flow",
-    "gaudin_model",
-)
+    "phase_space", "contraction", "lax", "separation", "euler_angles", "one_point", "generating_functions", "eulerian",
+    "two_point", "interpolating_flow", "gaudin_model",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -139,18 +139,9 @@ class MagnetStepper(Stepper):
     """
 
     def __init__(
-        self,
-        magnet: GaudinMagnet,
-        spins: Any,
-        lams: Any,
-        sheet: int = 1,
-        site: int | None = 0,
-        h: float | None = None,
-        *,
-        near: Sequence[int] | None = None,
-        v: Any = None,
-        turn: Fraction = Fraction(0),
-    ):
+        self, magnet: GaudinMagnet, spins: Any, lams: Any, sheet: int = 1, site: int | None = 0, h: float | None = None,
+        *, near: Sequence[int] | None = None, v: Any = None, turn: Fraction = Fraction(0),
+    ):  # fmt: skip
         self.magnet, self.h, self.work = magnet, h, Work()
         spins = magnet.check_spins(spins)
         magnet.check_real(spins)
@@ -199,17 +190,8 @@ class MagnetStepper(Stepper):
         out = np.empty((n // every + 1, *s.shape), dtype=self.dtype)
         out[0] = s
         rho, edge = np.ones(len(self.lams)), self.lams.imag.copy()
-        constants = (
-            float(self.magnet.alpha),
-            self.gaps,
-            edge.copy(),
-            self.v,
-            self.follow,
-            rho,
-            edge,
-            self.square,
-            self.low,
-        )
+        curve = float(self.magnet.alpha), self.gaps, edge.copy(), self.v, self.follow
+        constants = (*curve, rho, edge, self.square, self.low)
         some = max(1, INTERRUPTIBLE // max(1, self.gaps.size))  # Ctrl-C is seen between two calls
         for first in range(0, n, some):
             run(s, *constants, first, min(first + some, n), n, every, out)
