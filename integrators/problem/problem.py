@@ -53,6 +53,8 @@ class Problem(Dynamics):
     closed flow; the message names the argument.
     """
 
+    system: System
+
     def __init__(
         self,
         name: str,

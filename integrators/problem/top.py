@@ -96,7 +96,7 @@ class LagrangeTop(Top):
     ValueError : alpha is not real or not finite.
     """
 
-    alpha: float = 1.0  # type: ignore[assignment]
+    alpha: float = 1.0
     conserved: ClassVar[frozenset[str]] = frozenset(Top.names)
     # what methods may rely on, of `interface.NEEDS`: it is every kind of top
     offers: ClassVar[frozenset[str]] = frozenset(
