@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.checks import check_grid, check_options, check_state, check_step, check_times
+from lagrange_bench.integrators.checks import check_grid, check_options, check_state, check_step, check_times_or_grid
 from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, Work
 from lagrange_bench.integrators.problem import body
@@ -135,13 +135,9 @@ def integrate(
     turn = getattr(y0, "rotation", None)
     if wanted and (turn is None or attitude is not True):
         turn = body.check_attitude(attitude, state)
-    if t is not None:
-        for name, value in (("h", h), ("steps", steps), ("every", every)):
-            if value is not None:
-                raise ValueError(f"give either t or h and steps; got t and {name}")
-        run = _evaluate(found, problem, state, t, options)
-    elif h is None or steps is None:
-        raise ValueError("give h and steps, or output times t")
+    times = check_times_or_grid(t, h, steps, every)
+    if times is not None:
+        run = _evaluate(found, problem, state, times, options)
     else:
         run = _advance(found, problem, state, check_step(h), *check_grid(steps, every, "steps"), options)
     if "body" in problem.offers:
@@ -259,11 +255,10 @@ def _check_top(top: Any) -> None:
     top.single()
 
 
-def _evaluate(method: Method, top: Any, y0: Array, t: ArrayLike, options: dict[str, Any]) -> Trajectory:
+def _evaluate(method: Method, top: Any, y0: Array, times: Array, options: dict[str, Any]) -> Trajectory:
     evaluate = method.evaluate_for(top)
     if evaluate is None:
         raise ValueError(f"t: {method.name} steps on a grid only; give h and steps")
-    times = check_times(t)
     check_options(method.name, evaluate, options)
     y, work = evaluate(top, y0, times, **options)
     check_rows(method.name, "evaluate", y, (len(times), len(y0)))

@@ -90,6 +90,18 @@ def check_times(t: Any) -> Array:
     return times.astype(np.float64)
 
 
+def check_times_or_grid(t: Any, h: Any, steps: Any, every: Any) -> Array | None:
+    """The times t, or None for a grid of steps of h; ValueError for both or neither."""
+    if t is None:
+        if h is None or steps is None:
+            raise ValueError("give h and steps, or output times t")
+        return None
+    for name, value in (("h", h), ("steps", steps), ("every", every)):
+        if value is not None:
+            raise ValueError(f"give either t or h and steps; got t and {name}")
+    return check_times(t)
+
+
 def check_options(name: str, function: Callable[..., Any], options: Mapping[str, Any]) -> None:
     """ValueError for an option that `function`, of the method `name`, does not have."""
     known = keyword_options(function) if options else ()

@@ -17,14 +17,23 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators import machine
-from lagrange_bench.integrators.checks import check_count, check_grid, check_options, check_step, check_times
+from lagrange_bench.integrators.checks import (
+    check_choice,
+    check_count,
+    check_grid,
+    check_options,
+    check_step,
+    check_times_or_grid,
+)
 from lagrange_bench.integrators.compiling.lanes import LANES, run_lanes
 from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper
@@ -104,27 +113,21 @@ def integrate_ensemble(
     def collected(h: float | None, times: Array, out: Array, end_only: bool) -> EnsembleTrajectory:
         def begin(place: int) -> tuple[Any, Start]:
             step = h if found.control == "step" else None
-            whole = top if isinstance(tops, _Same) else tops.one(place)
+            whole = top if tops.same else tops.one(place)
             return whole, Start(states[place], found, step, options)
 
         y = out.reshape(len(out), *np.shape(Y0))
         return EnsembleTrajectory(top, found.name, times, y, end_only, begin)
 
-    if on_failure not in ("raise", "nan"):
-        raise ValueError(f"on_failure must be 'raise' or 'nan'; got {on_failure!r}")
-    if t is not None:
-        for name, given in (("h", h), ("steps", steps), ("every", every)):
-            if given is not None:
-                raise ValueError(f"give either t or h and steps; got t and {name}")
+    check_choice(on_failure, "on_failure", ("raise", "nan"))
+    times = check_times_or_grid(t, h, steps, every)
+    if times is not None:
         if evaluate is None:
             raise ValueError(f"t: {found.name} steps on a grid only; give h and steps")
-        times = check_times(t)
         check_options(found.name, evaluate, options)
         out = np.empty((len(times), *states.shape))
-        failures = _run(_Jumps(found, tops, states, times, out, options), threads)
+        failures = _run(_Jumps(found, tops, states, out, options, times), threads)
         return collected(None, times, _judge(found, None, out, failures, on_failure), end_only=False)
-    if h is None or steps is None:
-        raise ValueError("give h and steps, or output times t")
     h = check_step(h)
     check_options(found.name, build, options)
     steps, stride = check_grid(steps, every, "steps")
@@ -136,7 +139,7 @@ def integrate_ensemble(
         rows = out[1:]
     if every is not None or steps == 0:
         out[0] = states
-    failures = _run(_Steps(found, tops, states, h, steps, stride, rows, options), threads)
+    failures = _run(_Steps(found, tops, states, rows, options, h, steps, stride), threads)
     counts = np.array([steps]) if every is None else stride * np.arange(len(out))
     with np.errstate(over="ignore"):  # of an h with which nothing but turns can be made
         times = h * counts.astype(np.float64)
@@ -149,57 +152,40 @@ Failures = list[tuple[int, StepError]]
 Mask = NDArray[np.bool_]
 
 
-class _Tops:
-    """Tops in a uniform field, one for each alpha."""
+class _Tops(NamedTuple):
+    """What is followed: the problem of one place, and those of a chunk as a method's own way to take many gets them.
 
-    def __init__(self, alphas: Array):
-        self.alphas = alphas
+    In a uniform field these are alphas, in a potential a list of problems; None if they cannot be taken so.
+    """
 
-    def one(self, place: int) -> Any:
-        """The top of one place."""
-        return LagrangeTop(float(self.alphas[place]))
-
-    def those(self, chunk: slice) -> Any:
-        """The tops of a chunk, as a method's own way to take many gets them: their alphas; None if it cannot take them."""
-        return self.alphas[chunk]
+    one: Callable[[int], Any]
+    those: Callable[[slice], Any]
+    same: bool = False  # one problem for all
 
 
-class _TopsInField(_Tops):
+def _in_field(problem: PerturbedTop, alphas: Array, parameters: Array) -> _Tops:
     """Tops in a potential, one for each row of its parameters."""
+    parts = (parameters[first : first + CHUNK] for first in range(0, len(parameters), CHUNK))
+    kinds = [nature for part in parts for nature in natures(problem.formula, part)]
 
-    def __init__(self, problem: PerturbedTop, alphas: Array, parameters: Array):
-        super().__init__(alphas)
-        self.problem, self.parameters = problem, parameters
-        parts = (parameters[first : first + CHUNK] for first in range(0, len(parameters), CHUNK))
-        self.natures = [nature for part in parts for nature in natures(problem.formula, part)]
+    def one(place: int) -> PerturbedTop:
+        return problem.like(float(alphas[place]), tuple(parameters[place].tolist()), kinds[place])
 
-    def one(self, place: int) -> PerturbedTop:
-        return self.problem.like(float(self.alphas[place]), tuple(self.parameters[place].tolist()), self.natures[place])
-
-    def those(self, chunk: slice) -> list[PerturbedTop]:
-        return [self.one(i) for i in range(*chunk.indices(len(self.alphas)))]
+    return _Tops(one, lambda chunk: [one(i) for i in range(*chunk.indices(len(alphas)))])
 
 
-class _Same(_Tops):
-    """One problem for all."""
-
-    def __init__(self, problem: Problem):
-        self.problem = problem
-
-    def one(self, place: int) -> Any:
-        return self.problem
-
-    def those(self, chunk: slice) -> None:
-        return None
-
-
+@dataclass
 class _Work:
     """What is to be done with each top; `out` (rows, n, 6) is filled."""
 
-    def __init__(self, method: Method, tops: _Tops, states: Array, out: Array, options: dict[str, Any]):
-        self.method, self.tops, self.states, self.out, self.options = method, tops, states, out, options
-        self.stop = threading.Event()
-        self.preparing = threading.Lock()  # what makes a step holds the interpreter: in turns is as quick
+    method: Method
+    tops: _Tops
+    states: Array
+    out: Array
+    options: dict[str, Any]
+    stop: threading.Event = field(default_factory=threading.Event, kw_only=True)
+    # what makes a step holds the interpreter: in turns is as quick
+    preparing: Any = field(default_factory=threading.Lock, kw_only=True)
 
     def many(self, chunk: slice) -> Mask:
         """The tops of a chunk that were done in one call, a mask."""
@@ -229,14 +215,12 @@ class _Work:
         return failures
 
 
+@dataclass
 class _Steps(_Work):
-    def __init__(
-        self, method: Method, tops: _Tops, states: Array, h: float, steps: int, every: int, out: Array, options: Any
-    ):
-        super().__init__(method, tops, states, out, options)
-        self.h, self.steps, self.every = h, steps, every
-
-        self.prepared: dict[int, Stepper] = {}  # by place, for tops that are taken alone after all
+    h: float
+    steps: int
+    every: int
+    prepared: dict[int, Stepper] = field(default_factory=dict)  # by place, for tops that are taken alone after all
 
     def many(self, chunk: slice) -> Mask:
         call = self.method.advance_many
@@ -305,10 +289,9 @@ class _Steps(_Work):
         return stepper.record(self.states[place], self.steps, self.every)[1:]
 
 
+@dataclass
 class _Jumps(_Work):
-    def __init__(self, method: Method, tops: _Tops, states: Array, times: Array, out: Array, options: Any):
-        super().__init__(method, tops, states, out, options)
-        self.times = times
+    times: Array
 
     def many(self, chunk: slice) -> Mask:
         call, states = self.method.evaluate_many, self.states[chunk]
@@ -370,7 +353,9 @@ def _check_tops(top: Any, Y0: ArrayLike) -> tuple[_Tops, Array]:
         try:
             rows: list[Any] = list(Y0)  # type: ignore[arg-type]
             checked = [top.check_state(y, f"Y0[{i}]") for i, y in enumerate(rows)]
-            return _Same(top), np.reshape(checked, (len(rows), -1)) if rows else np.empty((0, top.space.size))
+            return _Tops(lambda _: top, lambda _: None, same=True), np.reshape(
+                checked, (len(rows), -1)
+            ) if rows else np.empty((0, top.space.size))
         except TypeError:
             raise ValueError(f"Y0 must be states, one for each motion; got {type(Y0).__name__}") from None
     if not isinstance(top, (LagrangeTop, PerturbedTop)):
@@ -393,14 +378,14 @@ def _check_tops(top: Any, Y0: ArrayLike) -> tuple[_Tops, Array]:
         _refuse(~has_unit_axis(states), "has |x| not 1: the axis of a RigidTop is the direction x", states)
     alphas = _one_for_each(top.alpha, "alpha", len(states))
     if isinstance(top, LagrangeTop):
-        return _Tops(alphas), states
+        return _Tops(lambda i: LagrangeTop(float(alphas[i])), lambda chunk: alphas[chunk]), states
     columns = [_one_for_each(value, f"parameters[{i}]", len(states)) for i, value in enumerate(top.parameters)]
     arguments, bad = (*states[:, 3:].T, alphas, *columns), np.zeros(len(states), dtype=bool)
     with np.errstate(all="ignore"):
         for value in (*top.field.potential(*arguments), *top.field.gradient(*arguments)):
             bad |= ~np.isfinite(value)
     _refuse(bad, f"is where the potential {top.potential.name} is not finite", states)
-    return _TopsInField(top, alphas, np.reshape(columns, (len(columns), len(states))).T), states
+    return _in_field(top, alphas, np.reshape(columns, (len(columns), len(states))).T), states
 
 
 def _one_for_each(value: Any, name: str, n: int) -> Array:

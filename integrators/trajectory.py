@@ -51,8 +51,107 @@ class Start:
     options: Mapping[str, Any]
 
 
+class Table:
+    """What runs and ensembles have in common: a problem, named columns, a table, a file."""
+
+    top: Any
+    method: str
+    t: Array
+    y: Array
+
+    @cached_property
+    def problem(self) -> Any:
+        """What was integrated: of a body its top, of a magnet its flow as a `Problem`."""
+        return getattr(self.top, "problem", self.top)
+
+    def columns(self) -> tuple[str, ...]:
+        """The names of the n numbers of a state.
+
+        Returns
+        -------
+        tuple of str
+            Of a top J1, J2, J3, x1, x2, x3.
+        """
+        space = self.problem.space
+        if space.name in ("e3", "body"):
+            return E3_COLUMNS if space.name == "e3" else BODY_COLUMNS
+        if space.vectors == 1:
+            return "J1", "J2", "J3"
+        return tuple(f"s{j}_{i}" for j in range(1, space.vectors + 1) for i in (1, 2, 3))
+
+    def _places(self) -> dict[str, Array]:
+        """The first columns of the table."""
+        return {"t": self.t}
+
+    def invariants(self) -> Array:
+        """The invariants of the problem at all times.
+
+        Returns
+        -------
+        (..., m)
+            Of a top H, J3, C1, C2; else see `problem.names`.
+        """
+        raise NotImplementedError
+
+    def to_frame(self, invariants: bool = False) -> pd.DataFrame:
+        """A pandas frame with a row for each time (and motion).
+
+        Parameters
+        ----------
+        invariants : bool
+            Whether it has columns for the invariants, too.
+
+        Returns
+        -------
+        DataFrame
+            t, the place of the motion in an ensemble, the numbers of the state, and the invariants if asked for.
+        """
+        import pandas as pd
+
+        parts = {self.columns(): self.y, **({self.problem.names: self.invariants()} if invariants else {})}
+        columns = self._places()
+        for names, values in parts.items():
+            columns |= dict(zip(names, values.reshape(-1, len(names)).T, strict=True))
+        return pd.DataFrame(columns)
+
+    def save(self, path: str | Path, metadata: Mapping[str, Any] | None = None) -> Path:
+        """Write times and states, every double exactly.
+
+        A table has a row for each time and motion; .npz the arrays t and y.
+
+        Parameters
+        ----------
+        path : str or Path
+            A file that ends in .csv, .npz or .parquet.
+        metadata : dict, optional
+            What JSON can hold; it is written, too.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        ValueError
+            Another ending, or .parquet without pyarrow.
+        OSError
+            It cannot be written; nothing is lost.
+        """
+        path, facts = Path(path), {"method": self.method, **(metadata or {})}
+        kind = check_choice(path.suffix.lower(), "the ending of the file's name", FORMATS)
+        if kind == ".npz":
+            buffer = io.BytesIO()
+            np.savez(buffer, t=self.t, y=self.y, metadata=np.array(json.dumps(facts)))
+            return write_file(path, buffer.getvalue())
+        if kind == ".parquet":
+            return write_file(path, _parquet(self.to_frame(), facts))
+        head = [f"# {key}: {json.dumps(value, ensure_ascii=False)}\n" for key, value in facts.items()]
+        return write_file(path, "".join(head) + self.to_frame().to_csv(index=False, na_rep="nan", lineterminator="\n"))
+
+
 @dataclass(frozen=True, repr=False)
-class Trajectory:
+class Trajectory(Table):
     """Times and states of one motion: what `integrate` returns.
 
     Parameters
@@ -93,11 +192,6 @@ class Trajectory:
 
     # ------------------------------------------------------------------ numbers
 
-    @cached_property
-    def problem(self) -> Any:
-        """What was integrated: of a body its top, of a magnet its flow as a `Problem`."""
-        return getattr(self.top, "problem", self.top)
-
     @property
     def states(self) -> Array:
         """(N, n): `y` with one row of numbers for each time."""
@@ -113,37 +207,6 @@ class Trajectory:
         """
         values: Array = self.problem.invariants(self.states, self.t)
         return values
-
-    def columns(self) -> tuple[str, ...]:
-        """The names of the n numbers of a state.
-
-        Returns
-        -------
-        tuple of str
-            Of a top J1, J2, J3, x1, x2, x3.
-        """
-        return state_columns(self.problem)
-
-    def to_frame(self, invariants: bool = False) -> pd.DataFrame:
-        """A pandas frame with a row for each time.
-
-        Parameters
-        ----------
-        invariants : bool
-            Whether it has columns for the invariants, too.
-
-        Returns
-        -------
-        DataFrame
-            t, the numbers of the state, and the invariants if asked for.
-        """
-        import pandas as pd
-
-        frame = pd.DataFrame(self.states, columns=list(self.columns()))
-        frame.insert(0, "t", self.t)
-        if invariants:
-            frame[list(self.problem.names)] = self.invariants()
-        return frame
 
     def error(self) -> Array:
         """Distances to the exact or the reference solution, relative to the scales of the motion.
@@ -261,32 +324,6 @@ class Trajectory:
         ax.legend()
         return ax  # type: ignore[no-any-return]
 
-    def save(self, path: str | Path, metadata: Mapping[str, Any] | None = None) -> Path:
-        """Write times and states, every double exactly.
-
-        Parameters
-        ----------
-        path : str or Path
-            A file that ends in .csv, .npz or .parquet.
-        metadata : dict, optional
-            What JSON can hold; it is written, too.
-
-        Returns
-        -------
-        Path
-            The file.
-
-        Raises
-        ------
-        ValueError
-            Another ending, or .parquet without pyarrow.
-        OSError
-            It cannot be written; nothing is lost.
-        """
-        return write_states(
-            path, self.to_frame(), {"t": self.t, "y": self.y}, {"method": self.method, **(metadata or {})}
-        )
-
     # ------------------------------------------------------------------ the body
 
     @cached_property
@@ -390,7 +427,7 @@ class BodyTrajectory(Trajectory):
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class EnsembleTrajectory(np.lib.mixins.NDArrayOperatorsMixin):
+class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
     """Times and states of many motions: what `integrate_ensemble` returns.
 
     As an array (`np.asarray`, indexing, arithmetic) it is `y`; or, where only the end is recorded, that one row, of shape (n, 6).
@@ -468,75 +505,13 @@ class EnsembleTrajectory(np.lib.mixins.NDArrayOperatorsMixin):
         (rows, n, m)
             Of a top H, J3, C1, C2.
         """
-        problem, (rows, n) = getattr(self.top, "problem", self.top), self.y.shape[:2]
-        values: Array = problem.invariants(self.y.reshape(rows, n, -1), self.t[:, None])
+        values: Array = self.problem.invariants(self.y.reshape(*self.y.shape[:2], -1), self.t[:, None])
         return values
 
-    def to_frame(self, invariants: bool = False) -> pd.DataFrame:
-        """A pandas frame with a row for each time and motion.
-
-        Parameters
-        ----------
-        invariants : bool
-            Whether it has columns for the invariants, too.
-
-        Returns
-        -------
-        DataFrame
-            t, the place of the motion, the state, and the invariants if asked for.
-        """
-        import pandas as pd
-
-        problem, (rows, n) = getattr(self.top, "problem", self.top), self.y.shape[:2]
-        frame = pd.DataFrame(self.y.reshape(rows * n, -1), columns=list(state_columns(problem)))
-        frame.insert(0, "t", np.repeat(self.t, n))
-        frame.insert(1, "motion", np.tile(np.arange(n), rows))
-        if invariants:
-            frame[list(problem.names)] = self.invariants().reshape(rows * n, -1)
-        return frame
-
-    def save(self, path: str | Path, metadata: Mapping[str, Any] | None = None) -> Path:
-        """As `Trajectory.save`: a row for each time and motion; in .npz the arrays t and y.
-
-        Parameters
-        ----------
-        path : str or Path
-            A file that ends in .csv, .npz or .parquet.
-        metadata : dict, optional
-            What JSON can hold; it is written, too.
-
-        Returns
-        -------
-        Path
-            The file.
-        """
-        return write_states(
-            path, self.to_frame(), {"t": self.t, "y": self.y}, {"method": self.method, **(metadata or {})}
-        )
-
-
-def state_columns(problem: Any) -> tuple[str, ...]:
-    """Names of the numbers of a state."""
-    space = problem.system.space if "spins" not in problem.offers else problem.space
-    if space.name in ("e3", "body"):
-        return E3_COLUMNS if space.name == "e3" else BODY_COLUMNS
-    if space.vectors == 1:
-        return "J1", "J2", "J3"
-    return tuple(f"s{j}_{i}" for j in range(1, space.vectors + 1) for i in (1, 2, 3))
-
-
-def write_states(path: str | Path, frame: pd.DataFrame, arrays: Mapping[str, Array], facts: Mapping[str, Any]) -> Path:
-    """A table in a file; of .npz the arrays. See `Trajectory.save`."""
-    path = Path(path)
-    kind = check_choice(path.suffix.lower(), "the ending of the file's name", FORMATS)
-    if kind == ".npz":
-        buffer = io.BytesIO()
-        np.savez(buffer, **arrays, metadata=np.array(json.dumps(facts)))  # type: ignore[arg-type]
-        return write_file(path, buffer.getvalue())
-    if kind == ".parquet":
-        return write_file(path, _parquet(frame, facts))
-    head = [f"# {key}: {json.dumps(value, ensure_ascii=False)}\n" for key, value in facts.items()]
-    return write_file(path, "".join(head) + frame.to_csv(index=False, na_rep="nan", lineterminator="\n"))
+    def _places(self) -> dict[str, Array]:
+        """Times and numbers of the motions."""
+        rows, n = self.y.shape[:2]
+        return {"t": np.repeat(self.t, n), "motion": np.tile(np.arange(n), rows)}
 
 
 def _parquet(frame: pd.DataFrame, facts: Mapping[str, Any]) -> bytes:

@@ -16,8 +16,8 @@ def functions():
         if callable(item) and name not in BRIEF:
             yield f"{item.__module__}.{item.__qualname__}"
         if name in RESULTS:
-            methods = (word for word, method in vars(item).items() if inspect.isfunction(method) and word[0] != "_")
-            yield from (f"{item.__module__}.{name}.{word}" for word in methods)
+            words = (word for word, _ in inspect.getmembers(item, inspect.isfunction) if word[0] != "_")
+            yield from (f"{item.__module__}.{name}.{word}" for word in words)
 
 
 def test_docstrings_say_parameters_and_results():

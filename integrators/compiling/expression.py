@@ -478,6 +478,21 @@ def record(function: Callable[..., Any], inputs: int) -> Program:
     return tape.program(function(*(tape.input() for _ in range(inputs))))
 
 
+def record_own(function: Callable[..., Any], inputs: int, name: str, signature: str, known: str) -> Program:
+    """`record` of somebody else's function, which may raise anything. ValueError with its name and the reason.
+
+    name, signature : as in "problem mine: hamiltonian" and "(t, y, p)". known : what the function gets.
+    """
+    try:
+        return record(function, inputs)
+    except IndexError as error:
+        raise ValueError(f"{name} asks for more than {known} ({error})") from None
+    except (Exception, SystemExit) as error:
+        reason = " ".join(str(error).split())  # in one line
+        reason = f"it calls sys.exit({reason})" if isinstance(error, SystemExit) else reason
+        raise ValueError(f"{name}{signature} fails: {reason}") from None
+
+
 @cache
 def with_slopes(program: Program, count: int) -> Program:
     """The outputs, then their derivatives by each of the first `count` inputs."""

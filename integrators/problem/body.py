@@ -140,13 +140,7 @@ class RigidTop:
         rotation : a SciPy Rotation, or a matrix (3, 3), that takes vectors of the body to the world. omega_body or
         omega_world : (3,) rad/s, the angular velocity in the body's or in the world's frame.
         """
-        turn = as_rotation(rotation)
-        if (omega_body is None) == (omega_world is None):
-            raise ValueError("give either omega_body or omega_world")
-        if omega_body is None:
-            omega = turn.inv().apply(real_array(omega_world, "omega_world", (3,)))
-        else:
-            omega = real_array(omega_body, "omega_body", (3,))
+        turn, omega = as_motion(rotation, omega_body, omega_world)
         w, d, length = _fractions(omega), self.direction, self.length
         along = _dot(w, d) / length**2
         J = [float(a - (1 - self.ratio) * along * b) for a, b in zip(w, d, strict=True)]
@@ -251,7 +245,8 @@ class HeavyTop(RigidTop):
         """
         if motion:
             return super().state(**motion)
-        (theta, phi, psi), (theta_rate, phi_rate, psi_rate) = _three(angles, "angles"), _three(rates, "rates")
+        theta, phi, psi = real_array(angles, "angles", (3,)).tolist()
+        theta_rate, phi_rate, psi_rate = real_array(rates, "rates", (3,)).tolist()
         st, ct, sp, cp = math.sin(theta), math.cos(theta), math.sin(phi), math.cos(phi)
         axis = np.array((st * cp, st * sp, ct))
         node = np.array((-sp, cp, 0.0))  # theta grows by turning about this
@@ -285,13 +280,6 @@ def real_array(values: Any, name: str, *shapes: tuple[int, ...]) -> Array:
     return v.astype(np.float64)
 
 
-def _three(values: Any, name: str) -> tuple[float, float, float]:
-    v = np.asarray(values)
-    if v.shape != (3,) or v.dtype.kind not in "iuf" or not np.all(np.isfinite(v)):
-        raise ValueError(f"{name} must be three finite numbers (theta, phi, psi); got {values!r}")
-    return float(v[0]), float(v[1]), float(v[2])
-
-
 def as_rotation(rotation: Any) -> Rotation:
     """A single SciPy Rotation, from one or from a matrix (3, 3); ValueError for anything else."""
     from scipy.spatial.transform import Rotation  # not at the start: it takes 0.2 s
@@ -304,6 +292,16 @@ def as_rotation(rotation: Any) -> Rotation:
     if np.max(np.abs(R.T @ R - np.eye(3))) > 1e-9 or np.linalg.det(R) < 0:
         raise ValueError(f"rotation must be an orthogonal matrix with determinant 1; got {R.tolist()}")
     return Rotation.from_matrix(R)
+
+
+def as_motion(rotation: Any, omega_body: Any, omega_world: Any) -> tuple[Rotation, Array]:
+    """A Rotation and the angular velocity in the body's frame, which is given in one of two."""
+    turn = as_rotation(rotation)
+    if (omega_body is None) == (omega_world is None):
+        raise ValueError("give either omega_body or omega_world")
+    if omega_world is None:
+        return turn, real_array(omega_body, "omega_body", (3,))
+    return turn, turn.inv().apply(real_array(omega_world, "omega_world", (3,)))
 
 
 def _matrices(rotation: Any) -> Array:
@@ -389,7 +387,7 @@ def from_euler(angles: ArrayLike) -> Rotation:
     """The rotation of Euler angles (theta, phi, psi): R3(phi) R2(theta) R3(psi)."""
     from scipy.spatial.transform import Rotation
 
-    theta, phi, psi = _three(angles, "angles")
+    theta, phi, psi = real_array(angles, "angles", (3,)).tolist()
     return Rotation.from_euler("ZYZ", (phi, theta, psi))
 
 
@@ -405,11 +403,8 @@ def check_attitude(g0: Any, y0: Array) -> Rotation:
 
     if g0 is True:
         return axis_rotation(y0[3:])
-    try:
-        g = np.asarray(g0)
-    except ValueError:
-        g = np.empty(0)
-    if g.shape != (4,) or g.dtype.kind not in "iuf" or not np.max(np.abs(g)) <= 2 or abs(g @ g - 1) > 1e-12:
+    g = real_array(g0, "attitude", (4,))
+    if not np.max(np.abs(g)) <= 2 or abs(g @ g - 1) > 1e-12:
         raise ValueError(f"attitude must be True or a unit quaternion (4,), scalar first; got {g0!r}")
     rotation = Rotation.from_quat(g, scalar_first=True)
     if np.linalg.norm(rotation.apply((0.0, 0.0, 1.0)) - direction(y0[3:])) > 1e-9:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from lagrange_bench.integrators.compiling.expression import Program, Tape, Term, record, with_slopes
+from lagrange_bench.integrators.compiling.expression import Program, Tape, Term, record_own, with_slopes
 
 Vector = tuple[Any, Any, Any]
 
@@ -88,14 +88,8 @@ class Potential:
             result = function(*numbers[:3], numbers[3:])
             return tuple(result) if outputs > 1 else (result,)
 
-        try:
-            program = record(plain, 3 + count)
-        except IndexError as error:
-            raise ValueError(f"potential {self.name}: {word} asks for more than {count} parameters ({error})") from None
-        except (Exception, SystemExit) as error:  # somebody else's function may raise anything
-            reason = " ".join(str(error).split())  # in one line
-            reason = f"it calls sys.exit({reason})" if isinstance(error, SystemExit) else reason
-            raise ValueError(f"potential {self.name}: {word}(x1, x2, x3, p) fails: {reason}") from None
+        where = f"potential {self.name}: {word}"
+        program = record_own(plain, 3 + count, where, "(x1, x2, x3, p)", f"{count} parameters")
         if len(program.outputs) != outputs:
             raise ValueError(f"potential {self.name}: {word} must return {outputs} numbers; got {len(program.outputs)}")
         return program

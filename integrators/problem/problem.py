@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import Array, check_numbers, check_real
-from lagrange_bench.integrators.compiling.expression import Program, Tape, record
+from lagrange_bench.integrators.compiling.expression import Program, Tape, record_own
 from lagrange_bench.integrators.problem.as_top import as_top, is_top
 from lagrange_bench.integrators.problem.parts import Part, closed_flows, no_closed_flow
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
@@ -61,6 +61,8 @@ class Problem(Dynamics):
         the message names the argument.
     """
 
+    system: System
+
     def __init__(
         self,
         name: str,
@@ -97,14 +99,13 @@ class Problem(Dynamics):
         size = self.space.size
         if not callable(formula):
             raise ValueError(f"problem {self.name}: {word} must be a function of (t, y, p); got {formula!r}")
-        try:
-            return record(lambda t, *n: (formula(t, n[:size], n[size:]),), 1 + size + len(self.numbers))
-        except IndexError as error:
-            count = f"{size} numbers of y and {len(self.numbers)} parameters"
-            raise ValueError(f"problem {self.name}: {word} asks for more than {count} ({error})") from None
-        except Exception as error:  # somebody else's function may raise anything
-            reason = " ".join(str(error).split())  # in one line
-            raise ValueError(f"problem {self.name}: {word}(t, y, p) fails: {reason}") from None
+        count, where = len(self.numbers), f"problem {self.name}: {word}"
+        known = f"{size} numbers of y and {count} parameters"
+
+        def plain(t: Any, *n: Any) -> tuple[Any]:
+            return (formula(t, n[:size], n[size:]),)
+
+        return record_own(plain, 1 + size + count, where, "(t, y, p)", known)
 
     def __repr__(self) -> str:
         return f"Problem({self.name!r})"

@@ -22,7 +22,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -228,9 +228,19 @@ class Dynamics:
     """
 
     start = 0.0  # time at the initial state
-    timed: bool
-    names: tuple[str, ...]
-    system: System
+
+    if TYPE_CHECKING:  # attributes or properties of each kind
+
+        @property
+        def timed(self) -> bool: ...
+        @property
+        def names(self) -> tuple[str, ...]: ...
+        @property
+        def system(self) -> System: ...
+        @property
+        def offers(self) -> frozenset[str]: ...
+        @property
+        def conserved(self) -> frozenset[str]: ...
 
     @property
     def formulas(self) -> System:

@@ -20,13 +20,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array, check_one_or_many, check_state
-from lagrange_bench.integrators.problem.system import Dynamics, System, uniform_system
+from lagrange_bench.integrators.problem.system import E3, Dynamics, System, uniform_system
 from lagrange_bench.integrators.words import suggestion
 
 
 class Top(Dynamics):
     """A top in a field: H = |J|²/2 + U(x) on e3."""
 
+    space = E3
     timed = False
     names = ("H", "J3", "C1", "C2")  # J3 need not be conserved
 
@@ -101,7 +102,7 @@ class LagrangeTop(Top):
         alpha is not real or not finite.
     """
 
-    alpha: float = 1.0  # type: ignore[assignment]
+    alpha: float = 1.0
     conserved: ClassVar[frozenset[str]] = frozenset(Top.names)
     # what methods may rely on, of `interface.NEEDS`: it is every kind of top
     offers: ClassVar[frozenset[str]] = frozenset(

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import Array, check_real
-from lagrange_bench.integrators.problem.body import SYMMETRIC, UNIT, RigidTop, as_rotation, real_array
+from lagrange_bench.integrators.problem.body import SYMMETRIC, UNIT, RigidTop, as_motion, real_array
 from lagrange_bench.integrators.problem.problem import Problem
 
 if TYPE_CHECKING:
@@ -119,14 +119,7 @@ class WholeBody(Problem):
         """
         from scipy.spatial.transform import Rotation
 
-        turn = as_rotation(rotation)
-        if (omega_body is None) == (omega_world is None):
-            raise ValueError("give either omega_body or omega_world")
-        omega = (
-            real_array(omega_body, "omega_body", (3,))
-            if omega_world is None
-            else turn.inv().apply(real_array(omega_world, "omega_world", (3,)))
-        )
+        turn, omega = as_motion(rotation, omega_body, omega_world)
         q = (turn * Rotation.from_matrix(self.axes.T)).as_quat(scalar_first=True)
         return np.concatenate((q, self.inertia * (self.axes @ omega)))
 
