@@ -61,7 +61,7 @@ document.addEventListener("click", (event) => {
 });
 
 // On paper nothing can be unfolded: what is of moderate length is printed; what is longer, only if the reader has opened it.
-const PRINTED = 40; // rows
+const PRINTED = 20; // rows
 addEventListener("beforeprint", () => {
   for (const folded of document.querySelectorAll("details:not([open])")) {
     const rows = folded.querySelector(":scope > .scroll table")?.tBodies[0].rows.length ?? 0;

@@ -249,7 +249,7 @@ def test_it_prints(browser):
         grounds = [browser.execute_script(ground, where) for where in ("body", ".badge.confirmed")]
         browser.execute_script("dispatchEvent(new Event('afterprint'))")
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})
-    assert [(rows, opened) for rows, opened in shown if rows > 14 and opened != (rows <= 40)] == []
+    assert [(rows, opened) for rows, opened in shown if rows > 14 and opened != (rows <= 20)] == []
     assert {opened for _, opened in shown} == {False, True}
     assert all(min(map(int, re.findall(r"\d+", ground)[:3])) > 200 for ground in grounds), "dark ink on paper"
     printed = browser.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})
