@@ -19,7 +19,7 @@ FIELDS = {  # formulas that other tests use too: they are compiled once for all
 STAGES = {"implicit_midpoint": 1, "gauss4": 2, "gauss6": 3, "gauss8": 4, "gauss12": 6}
 GAUSS = [name for name, s in STAGES.items() if s > 1]
 SOLVED = (*STAGES, "collective_midpoint")
-CASES = ("generic", "figure1", "fast")
+CASES = ("generic", "figure1", "fast", "random000")
 
 
 def starts(count, speed=1.5):
