@@ -132,6 +132,16 @@ def test_tops_drawn_at_random():
     assert near >= 0.85 * (24 - refused)
 
 
+def test_the_error_is_extrapolated_to_the_end():
+    """Ten times the pilot's length at least; a step chosen for a short time is too long here."""
+    top, y0, unit = problem("moderate_tide")
+    long = chosen(top, y0, t=[3000 * unit], tol=1e-8)
+    short = chosen(top, y0, t=[30 * unit], tol=1e-8)
+    assert error(top, y0, long) <= 1e-7
+    strides = [h / len(bs.SCHEMES[scheme].b) for scheme, h in map(step, (long, short))]
+    assert strides[0] < strides[1]
+
+
 # ---------------------------------------------------------------- output times
 
 

@@ -114,6 +114,19 @@ def test_step_is_what_the_tableau_says(name):
             assert metrics.scaled_error(top, y, z, expected) < 64 * EPS, (top, h, solver)
 
 
+@pytest.mark.parametrize("name", STAGES)
+def test_starting_values_change_no_more_than_rounding(name):
+    """A new call starts from the state, not from the last step: other iterates, the same step."""
+    for top, bound in ((TOP, 1e-14), (FIELDS["charge"], 1e-13)):
+        stepper, first = prepare(top, Y0, 0.2, name), prepare(top, Y0, 0.2, name)
+        once, twice = stepper.advance(Y0, 50), stepper.advance(stepper.advance(Y0, 25), 25)
+        assert metrics.scaled_error(top, Y0, once, twice) < bound
+        first.advance(Y0, 1)
+        if name in GAUSS and top is TOP:
+            assert stepper.work.iterations / stepper.work.steps < first.work.iterations  # and they pay
+        assert stepper.work.rhs_evals == STAGES[name] * stepper.work.iterations
+
+
 # ---------------------------------------------------------------- where there is no step
 
 
