@@ -132,7 +132,45 @@ def test_tops_drawn_at_random():
     assert near >= 0.85 * (24 - refused)
 
 
+def test_the_error_is_extrapolated_to_the_end():
+    """Ten times the pilot's length at least; a step chosen for a short time is too long here."""
+    top, y0, unit = problem("moderate_tide")
+    long = chosen(top, y0, t=[3000 * unit], tol=1e-8)
+    short = chosen(top, y0, t=[30 * unit], tol=1e-8)
+    assert error(top, y0, long) <= 1e-7
+    assert stride(long) < stride(short)
+
+
+def stride(run):
+    """Time for each kick."""
+    scheme, h = step(run)
+    return h / len(bs.SCHEMES[scheme].b)
+
+
+def test_a_weaker_potential_and_a_larger_error_take_longer_steps():
+    found = {}
+    for name in ("weak_tide", "moderate_tide", "strong_tide"):
+        top, y0, unit = problem(name)
+        for tol in (1e-5, 1e-9):
+            run = chosen(top, y0, t=[UNITS * unit], tol=tol)
+            found[name, tol] = stride(run)
+    for tol in (1e-5, 1e-9):
+        assert found["weak_tide", tol] > found["moderate_tide", tol] > found["strong_tide", tol]
+    assert all(found[name, 1e-5] > found[name, 1e-9] for name, _ in found)
+    assert step(chosen(*problem("weak_tide")[:2], t=[100.0], tol=1e-8))[0] == "strang"
+
+
 # ---------------------------------------------------------------- output times
+
+
+@pytest.mark.parametrize("name", ["moderate_tide", "magnet"])
+def test_on_a_uniform_grid_the_step_divides_the_spacing(name):
+    top, y0, unit = problem(name)
+    run = chosen(top, y0, t=np.linspace(0.0, 100 * unit, 11), tol=1e-8)
+    ratio = 10 * unit / step(run)[1]
+    assert ratio == pytest.approx(round(ratio), abs=1e-4)  # h is printed with six digits
+    assert np.array_equal(run.y[0], y0)
+    assert error(top, y0, run) <= 1e-7
 
 
 @pytest.mark.parametrize("name", ["strong_tide", "magnet", "axisymmetric"])

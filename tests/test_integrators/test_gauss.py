@@ -19,7 +19,7 @@ FIELDS = {  # formulas that other tests use too: they are compiled once for all
 STAGES = {"implicit_midpoint": 1, "gauss4": 2, "gauss6": 3, "gauss8": 4, "gauss12": 6}
 GAUSS = [name for name, s in STAGES.items() if s > 1]
 SOLVED = (*STAGES, "collective_midpoint")
-CASES = ("generic", "figure1", "fast")
+CASES = ("generic", "figure1", "fast", "random000")
 
 
 def starts(count, speed=1.5):
@@ -112,6 +112,19 @@ def test_step_is_what_the_tableau_says(name):
         for solver in ("auto", "newton", "fixed_point") if short else ("auto", "newton"):
             z = prepare(top, y, h, name, solver=solver).advance(y, 2)
             assert metrics.scaled_error(top, y, z, expected) < 64 * EPS, (top, h, solver)
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_starting_values_change_no_more_than_rounding(name):
+    """A new call starts from the state, not from the last step: other iterates, the same step."""
+    for top, bound in ((TOP, 1e-14), (FIELDS["charge"], 1e-13)):
+        stepper, first = prepare(top, Y0, 0.2, name), prepare(top, Y0, 0.2, name)
+        once, twice = stepper.advance(Y0, 50), stepper.advance(stepper.advance(Y0, 25), 25)
+        assert metrics.scaled_error(top, Y0, once, twice) < bound
+        first.advance(Y0, 1)
+        if name in GAUSS and top is TOP:
+            assert stepper.work.iterations / stepper.work.steps < first.work.iterations  # and they pay
+        assert stepper.work.rhs_evals == STAGES[name] * stepper.work.iterations
 
 
 # ---------------------------------------------------------------- where there is no step
