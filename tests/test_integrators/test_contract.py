@@ -27,6 +27,7 @@ def test_every_file_of_methods_is_registered():
         "backlund_choice",
         "backlund_schemes",
         "dense",
+        "explicit",
         "gauss_coefficients",
         "gauss_in_field",
         "tableaux",

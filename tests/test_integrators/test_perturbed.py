@@ -99,8 +99,8 @@ KINDS = [  # a potential, its numbers, what it offers beside PLAIN, whether it k
     (lambda x1, x2, x3, p: sqrt(x1**6), (), set(), False),
     (lambda x1, x2, x3, p: sqrt(p[0] * x1 * x1 / (x2 * x2 + 4)), (0.3,), set(), False),
     (lambda x1, x2, x3, p: sqrt((x1 * x1 - 2 * x2 * x2) ** 2), (), set(), False),
-    (lambda x1, x2, x3, p: sqrt(x1**4), (), SMOOTH, False),
-    (lambda x1, x2, x3, p: sqrt((x1 * x1 + 2 * x2 * x2) ** 2), (), SMOOTH, False),
+    (lambda x1, x2, x3, p: sqrt(x1**4), (), QUADRATIC, False),
+    (lambda x1, x2, x3, p: sqrt((x1 * x1 + 2 * x2 * x2) ** 2), (), QUADRATIC, False),
     (lambda x1, x2, x3, p: sqrt(p[0] * p[0] * (x1 * x1 + 2)), (0.3,), SMOOTH, False),
     (lambda x1, x2, x3, p: 1 / ((x1 - 2) ** 2 + x2**2 + x3**2) ** 1.5, (), SMOOTH, False),
 ]
@@ -132,7 +132,7 @@ def test_a_top_in_a_potential_is_a_value():
 @pytest.mark.parametrize(
     ("value", "reason"),
     [
-        (lambda x1, x2, x3, p: math.sqrt(x1), "log of integrators"),
+        (lambda x1, x2, x3, p: math.sqrt(x1), "log of lagrange_bench"),
         (lambda x1, x2, x3, p: x1 if x1 > 0 else x2, "cannot branch"),
         (lambda x1, x2, x3: 0.0, "takes 3 positional arguments"),
         (lambda x1, x2, x3, p: p[1] * x1, "asks for more than 1 parameters"),
