@@ -47,6 +47,8 @@ class Results(Mapping[str, pd.DataFrame]):
             rows = journal.rows()
             own = experiment in OWN_UNITS or "case" in rows
             rows = rows.rename(columns={"state": "top", "case": "top"})
+            if {"seconds", "setup_seconds"} <= set(rows):
+                rows["total"] = rows["seconds"] + rows["setup_seconds"]
             self._frames[experiment] = rows if own else in_both_units(rows)
         return self._frames[experiment].copy()
 
@@ -74,8 +76,8 @@ def load(results: str | Path = "reference") -> Results:
     Returns
     -------
     Results
-        A mapping from the names of experiments to frames. results/README.md explains the columns, with two changes. `state` and
-        `case` are called `top`. `h`, `t` and `span` are in the top's own unit of time, as for `integrate`; `h_scaled`, `t_scaled`
+        A mapping from the names of experiments to frames. results/README.md explains the columns, with three changes. `state` and
+        `case` are called `top`. `total` is `seconds` and `setup_seconds` together. `h`, `t` and `span` are in the top's own unit of time, as for `integrate`; `h_scaled`, `t_scaled`
         and `span_scaled` in its time scale, as they are stored.
 
     Raises

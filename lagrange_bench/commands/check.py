@@ -65,7 +65,11 @@ def run(options: argparse.Namespace) -> Answer:
     notes = _name_taken(options.method, method)
     rivals = [name for name in RIVALS if name != method.name]
     what = "work_precision phase perturbed" if method.needs != "uniform" else "work_precision phase"
-    after = [] if failed else [f"lagrange-bench run {what} --methods {','.join([options.method, *rivals])}"]
+    after = (
+        []
+        if failed or options.problem
+        else [f"lagrange-bench run {what} --methods {','.join([options.method, *rivals])}"]
+    )
     listed = [{**asdict(verdict), "verdict": verdict.word} for verdict in verdicts]
     data = {"method": method.name, "file": file, "passed": not failed, "verdicts": plain(listed)}
     data |= {"notes": notes, "next": after}

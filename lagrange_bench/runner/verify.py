@@ -139,7 +139,9 @@ def _sample(
         raise StoreError(
             f"{store.folder}: {', '.join(sorted(outdated))} changed (VERSION) since this was stored: {again}"
         )
-    result.notes += [f"not computed: {', '.join(sorted(absent))}: not available here"] if absent else []
+    if absent:
+        how = "not available here (of a file of your own: --module NAME)"
+        result.notes.append(f"not computed: {', '.join(sorted(absent))}: {how}")
     result.notes += [f"not computed: {long} cells that took longer than {longest:g} s"] if long else []
     for records in groups.values():
         draw.shuffle(records)
