@@ -76,9 +76,9 @@ def load(results: str | Path = "reference") -> Results:
     Returns
     -------
     Results
-        A mapping from the names of experiments to frames. results/README.md explains the columns, with three changes. `state` and
-        `case` are called `top`. `total` is `seconds` and `setup_seconds` together. `h`, `t` and `span` are in the top's own unit of time, as for `integrate`; `h_scaled`, `t_scaled`
-        and `span_scaled` in its time scale, as they are stored.
+        A mapping from the names of experiments to frames. results/README.md explains the columns, with three changes. `state`
+        and `case` are called `top`. `total` is `seconds` and `setup_seconds` together. `h`, `t` and `span` are in the top's own
+        unit of time, as for `integrate`; `h_scaled`, `t_scaled` and `span_scaled` in its time scale, as they are stored.
 
     Raises
     ------
