@@ -26,7 +26,7 @@ from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.reductions import largest, of_part
 from lagrange_bench.experiments.measuring.states import follow, log_counts, rounded
-from lagrange_bench.integrators.api import integrate, prepare
+from lagrange_bench.integrators.api import prepare
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.paper.gaudin_magnets import central_spin, random_magnet, unit_of_time
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
@@ -122,6 +122,11 @@ class OfSpins:
         state: Array = self.stepper.advance(spins.ravel(), n)
         return state.reshape(-1, 3)
 
+    def solve(self, spins: Array, times: Array) -> Array:
+        """Spins at times (m,) that grow, in one run; of a library."""
+        states: Array = self.stepper.run(spins.ravel(), times, self.work)
+        return states.reshape(len(times), -1, 3)
+
 
 def _drift(magnet: GaudinMagnet, spins: Array, state: Array) -> dict[str, float]:
     lengths = np.sqrt(magnet.casimirs(state) / magnet.casimirs(spins)) - 1
@@ -134,8 +139,7 @@ def _time(cell: dict) -> list[dict]:
     counts = log_counts(cell["steps"], per_octave=4)
     stepper = _stepper(magnet, spins, cell["variant"], cell["h"])
     if stepper.from_start:
-        times = cell["h"] * np.array(counts, dtype=float)
-        states = list(integrate(magnet, spins, t=times, method=_method(cell["variant"])).y)
+        states = stepper.solve(spins, cell["h"] * np.array(counts, dtype=float))
     else:
         states = [s for s, _ in follow(stepper, spins, counts)]
     return [

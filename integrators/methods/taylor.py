@@ -118,10 +118,10 @@ def integrator_here(*key: Any) -> Any:
 _here = threading.local()
 
 
-def check_tolerance(tol: Any) -> float:
+def check_tolerance(tol: Any, least: float = EPS) -> float:
     tol = check_real(tol, "tol")
-    if not EPS <= tol <= 1:
-        raise ValueError(f"tol must be between {EPS:.3g} (machine epsilon) and 1; got {tol:g}")
+    if not least <= tol <= 1:
+        raise ValueError(f"tol must be between {least:.3g} and 1; got {tol:g}")
     return tol
 
 
@@ -181,10 +181,10 @@ def variant(name: str, high_accuracy: bool, compact_mode: bool, top: Problem, *,
 
 
 def spins_runner(problem: Any, *, tol: float = EPS) -> Run:
-    """For a magnet; `tol` is relative to the largest spin."""
+    """For a magnet; `tol` is relative to the largest spin. Below machine epsilon it raises the order of the series."""
     import heyoka as hy
 
-    tol = check_tolerance(tol)
+    tol = check_tolerance(tol, 0.1 * EPS)
     hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
     n, (b, pairs, K) = len(problem.magnet), magnet.terms(problem.magnet)
     s = [hy.make_vars(*(f"s{j}_{i}" for i in "123")) for j in range(n)]
