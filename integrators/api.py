@@ -114,9 +114,8 @@ def integrate(
     -------
     Trajectory
         t (N,), y (N, 6), of a Problem (N, size), of a magnet (N, n, 3), and work; `rotation` where the start has one. Of a
-        RigidTop
-        and a WholeBody also `position`, `omega_body`, `omega_world` and `energy`, in SI units. The rotation of a top is followed
-        when it is first asked for, by backlund, theta_functions and taylor; that of a WholeBody is in y.
+        RigidTop and a WholeBody also `position`, `omega_body`, `omega_world` and `energy`, in SI units. The rotation of a top
+        is followed when it is first asked for, by backlund, theta_functions and taylor; the rotation of a WholeBody is in y.
 
     Raises
     ------

@@ -84,8 +84,7 @@ def integrate_ensemble(
         Default: one per usable core.
     on_failure : str
         "raise" a StepError that names the first top for which the method fails, and says how many there are; or "nan": all rows
-        of
-        such tops are NaN.
+        of such tops are NaN.
     **options : dict
         The method's own.
 
@@ -353,9 +352,8 @@ def _check_tops(top: Any, Y0: ArrayLike) -> tuple[_Tops, Array]:
         try:
             rows: list[Any] = list(Y0)  # type: ignore[arg-type]
             checked = [top.check_state(y, f"Y0[{i}]") for i, y in enumerate(rows)]
-            return _Tops(lambda _: top, lambda _: None, same=True), np.reshape(
-                checked, (len(rows), -1)
-            ) if rows else np.empty((0, top.space.size))
+            states = np.reshape(checked, (len(rows), -1)) if rows else np.empty((0, top.space.size))
+            return _Tops(lambda _: top, lambda _: None, same=True), states
         except TypeError:
             raise ValueError(f"Y0 must be states, one for each motion; got {type(Y0).__name__}") from None
     if not isinstance(top, (LagrangeTop, PerturbedTop)):

@@ -269,8 +269,7 @@ class Trajectory(Table):
         ----------
         what : str
             "components" of the state against time; "invariants", how far each one is from its start, relative to its terms;
-            "error",
-            see `error`; or "axis", the path of x on its sphere, of a top.
+            "error", see `error`; or "axis", the path of x on its sphere, of a top.
         ax : Axes, optional
             Axes to draw on, of a 3D projection for "axis"; by default those of a new figure.
         **look : dict

@@ -88,8 +88,8 @@ def farthest(top: Problem, y0: Array) -> float:
 def too_far(t: float, limit: float) -> str:
     """Why a time is not tried: no run would ever end there."""
     return (
-        f"|t| = {abs(t):g} is over {FARTHEST:g} times the time scale of the top, 1/(|J| + √(|alpha||x|)), or that of the "
-        f"quickest spin = {limit / FARTHEST:g}: more steps than can be taken"
+        f"|t| = {abs(t):g} is over {FARTHEST:g} times the shortest time scale of the motion, {limit / FARTHEST:g}: "
+        f"more steps than can be taken"
     )
 
 

@@ -6,12 +6,9 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
-import numpy as np
-
-from lagrange_bench.integrators.compiling.compiled import jit_as
-from lagrange_bench.integrators.compiling.expression import Split, Tape, machine_code, take
-from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
-from lagrange_bench.integrators.methods.runge_kutta import FIRST, START, STEP, adding
+from lagrange_bench.integrators.compiling.expression import Split, Tape
+from lagrange_bench.integrators.compiling.loops import FixedStepper
+from lagrange_bench.integrators.methods.runge_kutta import stepper, stepping
 from lagrange_bench.integrators.problem.system import System
 
 Rates = Callable[[Any, Sequence[Any]], tuple[Any, ...]]
@@ -40,11 +37,8 @@ def explicit_stepper(name: str, problem: Any, h: float, increment: Increment) ->
     """
     system = problem.system
     split, calls = _recorded(increment, system)
-    constants = np.array((problem.start, h, *split.constants(h, *problem.numbers)))
-    return FixedStepper(
-        name, h, constants, _kernel(split, system), rhs_per_step=calls, lane=system.size == 6 and not system.timed,
-        size=system.size, timed=system.timed, memory=system.size,
-    )  # fmt: skip
+    step = stepping(f"explicit {split.moving.digest}", split, system)
+    return stepper(name, problem, h, split, step, calls)
 
 
 @cache
@@ -64,16 +58,3 @@ def _recorded(increment: Increment, system: System) -> tuple[Split, int]:
         return [total[i] for i in system.moving]
 
     return system.split(formula), calls
-
-
-@cache
-def _kernel(split: Split, system: System) -> Callable[..., Any]:
-    added, constants, timed = machine_code(split.moving), take(len(split.fixed.outputs)), system.timed
-    finish = adding(system.size, system.moving, False)
-
-    @jit_as(f"explicit {split.moving.digest} {system.digest}")
-    def step(s, c, tally):
-        t = c[START] + c[STEP] * tally[CLOCK] if timed else 0.0
-        return finish(s, added((t,) + s, constants(c, FIRST)), tally)  # noqa: RUF005 - compiled code does not unpack
-
-    return step

@@ -131,14 +131,18 @@ def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
 START, STEP, FIRST = range(3)  # places of the constants: the time at the start, h, and those of the formula
 
 
-@cache
 def kernel(tableau: Tableau, system: System, compensated: bool = False) -> Callable[..., Any]:
     """The step of a formula for any system."""
-    split, timed = increment_of(tableau, system), system.timed
-    increment, constants = machine_code(split.moving), take(len(split.fixed.outputs))
+    return stepping(tableau.name, increment_of(tableau, system), system, compensated)
+
+
+@cache
+def stepping(name: str, split: Split, system: System, compensated: bool = False) -> Callable[..., Any]:
+    """The step of an explicit method for any system, from what it adds to the state. name : different for each `split`."""
+    increment, constants, timed = machine_code(split.moving), take(len(split.fixed.outputs)), system.timed
     finish = adding(system.size, system.moving, compensated)
 
-    @jit_as(f"{tableau.name} {system.digest} {compensated}")
+    @jit_as(f"{name} {system.digest} {compensated}")
     def step(s, c, tally):
         t = c[START] + c[STEP] * tally[CLOCK] if timed else 0.0
         return finish(s, increment((t,) + s, constants(c, FIRST)), tally)  # noqa: RUF005 - compiled code does not unpack
@@ -148,7 +152,22 @@ def kernel(tableau: Tableau, system: System, compensated: bool = False) -> Calla
 
 def constants_of(tableau: Tableau, problem: Any, h: float) -> Array:
     """The `c` of `kernel`."""
-    return np.array((problem.start, h, *increment_of(tableau, problem.system).constants(h, *problem.numbers)))
+    return constants_for(increment_of(tableau, problem.system), problem, h)
+
+
+def constants_for(split: Split, problem: Any, h: float) -> Array:
+    """The `c` of `stepping`."""
+    return np.array((problem.start, h, *split.constants(h, *problem.numbers)))
+
+
+def stepper(name: str, problem: Any, h: float, split: Split, step: Callable[..., Any], calls: int) -> FixedStepper:
+    """A stepper of a `step` made by `stepping`. calls : right-hand sides a step."""
+    system = problem.system
+    size, timed = system.size, system.timed
+    return FixedStepper(
+        name, h, constants_for(split, problem, h), step, rhs_per_step=calls, size=size, timed=timed, memory=size,
+        lane=size == 6 and not timed,  # in SIMD lanes there is no clock
+    )  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------ projection
@@ -287,12 +306,8 @@ def followed_by(tableau: Tableau, system: System, finish: Callable[..., Any]) ->
 def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
     def prepare(problem: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
         """`compensated`: carry the rounding error of the state along, at most a few per cent dearer."""
-        system = problem.system
-        step = kernel(tableau, system, check_flag(compensated, "compensated"))
-        c, timed, size = constants_of(tableau, problem, h), system.timed, system.size
-        alike = size == 6 and not timed  # in SIMD lanes there is no clock
-        stages = tableau.stages
-        return FixedStepper(name, h, c, step, rhs_per_step=stages, lane=alike, size=size, timed=timed, memory=size)
+        step = kernel(tableau, problem.system, check_flag(compensated, "compensated"))
+        return stepper(name, problem, h, increment_of(tableau, problem.system), step, tableau.stages)
 
     return Method(
         name=name, label=label, family="runge-kutta", order=tableau.order, conserves=frozenset({"J3"}), source=source,

@@ -580,14 +580,16 @@ NATURAL = Method(
 
 def _variant(name: str, label: str, high_accuracy: bool, compact_mode: bool) -> Method:
     prepare, evaluate = dense(name, partial(variant, name, high_accuracy, compact_mode))
-    own: dict[str, Any] = {
-        "prepare": prepare,
-        "evaluate": evaluate,
-        "attitude": None,
-        "advance_many": None,
-        "special": {},
-    }
-    return replace(NATURAL, name=name, label=label, **own)
+    return replace(
+        NATURAL,
+        name=name,
+        label=label,
+        prepare=prepare,
+        evaluate=evaluate,
+        attitude=None,
+        advance_many=None,
+        special={},
+    )
 
 
 ACCURATE = _variant("taylor_accurate", "Taylor (heyoka), compensated", True, False)
