@@ -36,7 +36,8 @@ report: .venv/bench
 	$(BIN)/lagrange-bench report
 
 test: .venv/ready
-	$(BIN)/python -m pytest -n auto --dist loadgroup -q -m "not slow"
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n auto -q -m "interpreted and not slow" tests/test_integrators
+	$(BIN)/python -m pytest -n auto --dist loadgroup -q -m "not interpreted and not slow"
 
 # before a release, and after a change to the runner, the page or the packages: about two hours
 test-all: .venv/ready

@@ -12,6 +12,7 @@ import pytest
 from lagrange_bench.integrators.compiling import interpreted, numba_internals
 from lagrange_bench.integrators.compiling.compiled import compiled
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
+from lagrange_bench.integrators.compiling.loops import FixedStepper, KernelError
 
 pytestmark = [
     pytest.mark.processes,
@@ -254,3 +255,13 @@ def test_where_python_raises_compiled_code_begins_anew():
     call, a = at_first_interpreted(divided), np.zeros(1)
     assert (call(a, 0.5), a[0], len(divided.overloads)) == (6.0, 3.0, 0)
     assert (call(a, 0.0), a[0], len(divided.overloads)) == (np.inf, np.inf, 1)
+
+
+def test_kernels_that_cannot_be_compiled_are_refused():
+    def plain(s, c, tally):
+        return s[:5]
+
+    with pytest.raises(ValueError, match=r"^the kernel plain is not compiled: put @compiled above it$"):
+        FixedStepper("mine", 0.5, np.ones(1), plain)
+    with pytest.raises(KernelError, match=r"^the kernel plain cannot be compiled: "):
+        FixedStepper("mine", 0.5, np.ones(1), compiled(plain))

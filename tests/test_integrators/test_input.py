@@ -26,11 +26,11 @@ from lagrange_bench.integrators import (
     prepare,
     two_point,
 )
-from lagrange_bench.integrators.compiling.compiled import compiled
-from lagrange_bench.integrators.compiling.loops import FixedStepper, KernelError
+from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.paper.gaudin_magnets import central_spin
 from tests.installed import FOR_TOPS, installed
 
+pytestmark = pytest.mark.interpreted
 TOP = LagrangeTop(1.0)
 Y0 = TOPS["generic"].state
 NAN, INF = float("nan"), float("inf")
@@ -285,15 +285,6 @@ def constants(value):
 @pytest.mark.parametrize("value", [(1.0, 2.0), 0.5, np.array((1, 2)), None])
 def test_constants_of_a_kernel_are_an_array_of_floats(value):
     refused("^constants must be an array of floats", constants, value)
-
-
-def test_kernels_that_cannot_be_compiled_are_refused():
-    def plain(s, c, tally):
-        return s[:5]
-
-    refused("^the kernel plain is not compiled: put @compiled above it$", FixedStepper, "mine", 0.5, np.ones(1), plain)
-    with pytest.raises(KernelError, match=r"^the kernel plain cannot be compiled: "):
-        FixedStepper("mine", 0.5, np.ones(1), compiled(plain))
 
 
 def test_0_is_divided_by_every():

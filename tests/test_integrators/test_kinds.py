@@ -20,6 +20,8 @@ from lagrange_bench.integrators import (
 )
 from lagrange_bench.integrators.problem import free_body as euler
 
+pytestmark = pytest.mark.interpreted
+
 
 @pytest.mark.parametrize(
     "moments", [(1.0, 2.0, 3.0), (3.0, 1.0, 2.0), (2.0, 3.0, 1.0), (3.0, 2.0, 1.0), (1.3, 1.1, 1.2)]
