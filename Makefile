@@ -35,13 +35,18 @@ full: .venv/bench
 report: .venv/bench
 	$(BIN)/lagrange-bench report
 
+# short runs need no compiler; their kernels would take longer to compile than to run
+INTERPRETED = NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n auto -q tests/test_integrators -m
+COMPILED = $(BIN)/python -m pytest -n auto --dist loadgroup -q -m
+
 test: .venv/ready
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n auto -q -m "interpreted and not slow" tests/test_integrators
-	$(BIN)/python -m pytest -n auto --dist loadgroup -q -m "not interpreted and not slow"
+	$(INTERPRETED) "interpreted and not slow"
+	$(COMPILED) "not interpreted and not slow"
 
 # before a release, and after a change to the runner, the page or the packages: about two hours
 test-all: .venv/ready
-	$(BIN)/python -m pytest -n auto --dist loadgroup -q
+	$(INTERPRETED) interpreted
+	$(COMPILED) "not interpreted"
 	$(MAKE) test-oldest test-bounds mutants
 	$(MAKE) stress ROUNDS=1
 
@@ -51,11 +56,13 @@ stress: .venv/ready
 	trap "kill $$loops" EXIT; for round in $$(seq $(ROUNDS)); do \
 		$(BIN)/python -m pytest -m processes -q -p no:cacheprovider -n auto --dist loadgroup || exit 1; done
 
+test-oldest: BIN = .venv-oldest/bin
 test-oldest: .venv-oldest/ready
-	.venv-oldest/bin/python -m pytest -n auto --dist loadgroup -q
+	$(INTERPRETED) interpreted
+	$(COMPILED) "not interpreted"
 
 test-bounds: .venv/ready
-	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n auto --dist loadgroup -q tests/test_integrators tests/test_experiments
+	NUMBA_BOUNDSCHECK=1 $(COMPILED) "not interpreted" tests/test_integrators tests/test_experiments
 
 mutants: .venv/ready
 	$(BIN)/python tests/mutants.py

@@ -1,7 +1,7 @@
 """Which mistakes the tests see: `make mutants`, or python tests/mutants.py [NAME …].
 
-Each mutation of `mutants.toml` is one wrong line. The tests that it names are run on a copy of the repository, those that
-`make test` runs, first without the mutation, where all must pass, and then with it, where at least one must fail, must not end,
+Each mutation of `mutants.toml` is one wrong line. The tests that it names are run on a copy of the repository, as `make test`
+runs them, first without the mutation, where all must pass, and then with it, where at least one must fail, must not end,
 or cannot be collected. Exit status 1 if fewer than 95 % of the mutations are killed, or if one could not be tested.
 """
 
@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ("integrators", "experiments", "results", "report")
 LIMIT = 900  # s for the tests of one mutation: without it they take less, so a kernel that never ends is seen
 ENOUGH = 0.95
-PASSED, FAILED, NOT_COLLECTED = 0, 1, 2  # exit codes of pytest
+PASSED, FAILED, NOT_COLLECTED, NO_TESTS = 0, 1, 2, 5  # exit codes of pytest
 
 
 def mutants() -> list[dict[str, Any]]:
@@ -43,13 +43,20 @@ def copy(folder: Path) -> Path:
 def tested(home: Path, tests: Iterable[str]) -> int:
     """The exit code of pytest; FAILED if the tests do not end."""
     settings = {**os.environ, "PYTHONPATH": str(home), "PYTHONDONTWRITEBYTECODE": "1"}
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", "not slow", *tests]
-    try:
-        return subprocess.run(
-            command, cwd=home, env=settings, capture_output=True, timeout=LIMIT, check=False
-        ).returncode
-    except subprocess.TimeoutExpired:
-        return FAILED
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests, "-m"]
+    codes = []
+    for marks, more in (("interpreted", {"NUMBA_DISABLE_JIT": "1"}), ("not interpreted", {})):
+        try:
+            done = subprocess.run(
+                [*command, f"{marks} and not slow"],
+                cwd=home, env={**settings, **more}, capture_output=True, timeout=LIMIT, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            return FAILED
+        codes.append(done.returncode)
+        if codes[-1] not in (PASSED, NO_TESTS):
+            return codes[-1]
+    return PASSED if PASSED in codes else NO_TESTS
 
 
 def outcome(home: Path, mutant: dict[str, Any], passing: dict[tuple[str, ...], bool]) -> str:

@@ -80,7 +80,9 @@ def in_resonance():
     return PerturbedTop(LagrangeTop(-1.0), third, (1e-5,)), np.array([*J, *x]), 2154.47
 
 
-@pytest.mark.parametrize(("case", "tol"), [(close_to_a_charge, 1e-8), (in_resonance, 1e-6)])
+@pytest.mark.parametrize(
+    ("case", "tol"), [(close_to_a_charge, 1e-8), pytest.param(in_resonance, 1e-6, marks=pytest.mark.slow)]
+)
 def test_a_step_that_h_contradicts_is_not_taken(case, tol, monkeypatch):
     top, y0, t = case()
     run = chosen(top, y0, t=[t], tol=tol)

@@ -211,7 +211,8 @@ print(bool(backlund.run.overloads))
 """
 
 
-@pytest.mark.parametrize("method", ["backlund", pytest.param("backlund_splitting", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["backlund", "backlund_splitting"])
 def test_the_first_run_waits_for_no_set_up_to_compile_and_has_the_same_bits(tmp_path, method):
     first, second = (python(RUNS, method, cache=tmp_path).splitlines() for _ in range(2))
     assert first[0] == "False False"
