@@ -39,7 +39,10 @@ TAKEN = [(name, field) for name in STEPPING for field, top in FIELDS.items() if 
 COORDINATE = st.floats(-1, 1)
 STATES = st.tuples(*[COORDINATE] * 6).map(np.array).filter(lambda y: np.linalg.norm(y[3:]) > 0.1)
 STEPS = st.floats(0.05, 0.4)
-pytestmark = pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning"),
+    pytest.mark.xdist_group("test_contract"),  # which compiles the same kernels
+]
 interpreted = pytest.mark.interpreted
 few = settings(max_examples=4, deadline=None, derandomize=True)
 
@@ -174,5 +177,5 @@ def test_without_compilation_each_method_has_the_same_bits(everything):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     interpreted = json.loads(done.stdout)
-    assert len(interpreted) > (90 if everything else 50)
+    assert len(interpreted) > (90 if everything else 40)
     assert interpreted == ends(everything)
