@@ -10,7 +10,6 @@ from lagrange_bench.integrators import METHODS, methods
 from lagrange_bench.integrators.registry import BUILT_IN
 from tests.installed import installed
 
-
 LONG = ("gauss8", "gauss12", "radau")  # `test_problem` has their orders; 40 s
 
 CASES = [
