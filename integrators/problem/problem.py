@@ -117,6 +117,11 @@ class Problem(Dynamics):
         return isinstance(other, Problem) and self._identity == other._identity
 
     @property
+    def parameters(self) -> tuple[float, ...]:
+        """The numbers p."""
+        return self.numbers
+
+    @property
     def _identity(self) -> tuple[Any, ...]:
         return self.system, self.numbers, self.start, self.extra, self.posed
 

@@ -143,6 +143,8 @@ def test_the_right_hand_side_and_its_derivative_are_those_of_the_formula(problem
     values = posed.gradients(y, 0.3) @ posed.rhs(y, 0.3)
     assert np.max(np.abs(values) / posed.invariant_scales(y)) < 1e-13
     assert pickle.loads(pickle.dumps(posed)) == posed
+    if problem in HAMILTONIANS:
+        assert posed.parameters == HAMILTONIANS[problem][2]
 
 
 def measured(name, problem):
