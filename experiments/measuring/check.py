@@ -114,7 +114,7 @@ def check(method: str | Method, quick: bool = False, problem: Any = None, y0: Ar
     method : str or Method
         A record, its name, or package.module:METHOD.
     quick : bool
-        Take a tenth of the steps, and one potential in place of two.
+        Take a tenth of the steps.
     problem, y0 : Problem and its state, optional
         Test the claims on this problem, at this state and near it, instead.
 
@@ -538,11 +538,9 @@ def extreme_cases() -> Iterator[Extreme]:
 
 
 def in_field(method: Method, quick: bool) -> Iterator[Verdict]:
-    """The same claims on tops in a potential, of a method that takes them; `quick`: in one potential, the charge if possible."""
+    """The same claims on tops in a potential, of a method that takes them."""
     refused = {name: method.takes(find(name)[0]) for name in (*FIELD_ORDER_STATES, *FIELD_STATES)}
     ordered, names = (tuple(n for n in listed if not refused[n]) for listed in (FIELD_ORDER_STATES, FIELD_STATES))
-    if quick and any(name.endswith(CHARGE) for name in names):
-        ordered, names = (tuple(n for n in listed if n.endswith(CHARGE)) for listed in (ordered, names))
     if not names:
         yield Verdict("in a field", None, None, "", str(refused[FIELD_STATES[0]]))
         return
