@@ -36,6 +36,7 @@ def series(name, top, y, h):
 # ------------------------------------------------------------------------------------------ the local error
 
 
+@pytest.mark.interpreted
 @pytest.mark.parametrize("name", STEPS)
 def test_the_series_of_a_step_is_the_step(name):
     h = theory_steps(METHODS[name].order)[1] * (1.1 if name == "verner9_projected" else 1.4)

@@ -101,6 +101,7 @@ def steps_to_take():
                 yield top, y, h, h < 0.5
 
 
+@pytest.mark.interpreted
 @pytest.mark.parametrize("name", STAGES)
 def test_step_is_what_the_tableau_says(name):
     """All solvers, against Newton's iteration on the unreduced equations; the second step starts from the first."""

@@ -53,6 +53,7 @@ def random_top(seed):
     return top, start, omega, min(2.0, 60 / spin)
 
 
+@pytest.mark.interpreted
 @pytest.mark.parametrize("seed", range(3))
 def test_random_tops_by_every_method(seed):
     top, start, omega, end = random_top(seed)
