@@ -131,6 +131,7 @@ def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
 START, STEP, FIRST = range(3)  # places of the constants: the time at the start, h, and those of the formula
 
 
+@cache
 def kernel(tableau: Tableau, system: System, compensated: bool = False) -> Callable[..., Any]:
     """The step of a formula for any system."""
     return stepping(tableau.name, increment_of(tableau, system), system, compensated)
