@@ -26,6 +26,6 @@ def tiny(name):
         fields = ("part", "method", "state", "span", "figure", "eps", "variant")
         key = tuple(cell.get(field) for field in fields)
         seen[key] = seen.get(key, 0) + 1
-        if seen[key] <= 2:
+        if seen[key] <= 3:
             chosen.append({**cell, **{k: v for k, v in SMALL.items() if k in cell}})
     return [dict(pairs) for pairs in dict.fromkeys(tuple(cell.items()) for cell in chosen)]

@@ -10,18 +10,12 @@ from lagrange_bench.integrators import METHODS, methods
 from lagrange_bench.integrators.registry import BUILT_IN
 from tests.installed import installed
 
-LONG = ("gauss8", "gauss12", "radau")  # `test_problem` has their orders; 40 s
-
-CASES = [
-    pytest.param(
-        name, quick, id=f"{name}-{'quick' if quick else 'full'}", marks=[pytest.mark.slow] * (not quick or name in LONG)
-    )
-    for name in METHODS
-    for quick in (True, False)
-]
+LONG = ("gauss8", "gauss12", "radau")  # 40 s; `test_problem` measures their orders, too
+NAMES = [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in METHODS]
 
 
-@pytest.mark.parametrize(("name", "quick"), CASES)
+@pytest.mark.parametrize("quick", [True, pytest.param(False, marks=pytest.mark.slow)], ids=["quick", "full"])
+@pytest.mark.parametrize("name", NAMES)
 def test_claims(name, quick):
     verdicts = check.check(installed(name), quick)
     failed = [f"{v.claim}: {v.measured} {v.bound} ({v.how})" for v in verdicts if v.passed is False]

@@ -177,5 +177,5 @@ def test_without_compilation_each_method_has_the_same_bits(everything):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     interpreted = json.loads(done.stdout)
-    assert len(interpreted) > (90 if everything else 40)
+    assert len(interpreted) > (90 if everything else 44)
     assert interpreted == ends(everything)

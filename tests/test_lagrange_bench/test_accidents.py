@@ -305,7 +305,7 @@ def test_an_edit_in_the_middle_of_a_run_makes_no_false_row(tree, file, hang):
 
     def run(**environment):
         settings = {**os.environ, "PYTHONPATH": str(tree), **environment}
-        words = ("run", "own.study", "--results", "out", "--jobs", "1", "--time-limit", "5", "--quiet", "--json")
+        words = ("run", "own.study", "--results", "out", "--jobs", "1", "--time-limit", "10", "--quiet", "--json")
         command = [sys.executable, "-m", "lagrange_bench", *words]
         done = subprocess.run(command, cwd=tree, env=settings, capture_output=True, text=True, check=False)
         assert done.stdout, done.stderr
