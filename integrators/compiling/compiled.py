@@ -16,13 +16,21 @@ from typing import Any
 
 import numba
 
-from lagrange_bench.integrators.compiling.numba_internals import config, keep_code, name_of, set_name
+from lagrange_bench.integrators.compiling.numba_internals import (
+    CompilerToLink,
+    config,
+    keep_code,
+    link,
+    name_of,
+    set_name,
+    unlink,
+)
 from lagrange_bench.integrators.files import cache_folder
 from lagrange_bench.integrators.imported import IMPORTED, Code
 
 njit: Any = numba.njit  # its types know fewer options than it has
 OPTIONS = {"error_model": "numpy", "nogil": True, "fastmath": False, "no_cfunc_wrapper": True}
-
+TO_LINK = {"no_cpython_wrapper": True, "pipeline_class": CompilerToLink}
 
 BELOW = ("compiling", "problem")  # rooms whose kernels reach others as arguments: part of every digest
 SETTINGS = ("BOUNDSCHECK", "LOOP_VECTORIZE", "OPT", "SLP_VECTORIZE")  # of Numba: they change the machine code
@@ -87,11 +95,15 @@ def jit(function: Callable[..., Any], **more: Any) -> Any:
 
     With NUMBA_DISABLE_JIT=1 in the environment it stays a Python function, and computes the same bits.
     """
+    if config.DISABLE_JIT:
+        return function
     known = function.__module__ in sys.modules  # else Numba keeps code that it cannot load again
-    folder = _folder(function.__module__) if known and not config.DISABLE_JIT else None
+    folder = _folder(function.__module__) if known else None
     if folder is None:
-        return compiled(function, **more)
-    dispatcher = keep_code(njit(**{**OPTIONS, **more}, cache=True), function, folder)
+        return link(compiled(function, **more), compiled(function, **more, **TO_LINK))
+    options = {**OPTIONS, **more, "cache": True}
+    callee = keep_code(njit(**options, **TO_LINK), function, os.path.join(folder, "linked"))
+    dispatcher = link(keep_code(njit(**options), function, folder), callee)
     if function.__closure__ is None:
         # Numba's random name for a function is part of the key of every closure over it: one name for all processes
         set_name(dispatcher, f"{folder} {function.__module__}.{function.__qualname__}")
@@ -115,14 +127,16 @@ def jit_as(name: str, **more: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 def jit_over(*kernels: Any) -> Callable[[Callable[..., Any]], Any]:
-    """The decorator for a function that closes over `kernels`: cached if they all are this package's own.
+    """The decorator for a loop that closes over `kernels`: cached if they all are this package's own.
 
-    Of another package's functions the digest knows nothing: what closes over them is compiled in every process.
+    Of another package's functions the digest knows nothing: what closes over them is compiled in every process. The loop and
+    its kernels are optimised one by one: together they take up to 1.3 times as long a step.
     """
     if config.DISABLE_JIT:
         return compiled
-    ours = all(k is None or k.py_func.__module__.startswith("lagrange_bench.integrators.") for k in kernels)
-    return jit if ours else compiled
+    kernels = tuple(unlink(kernel) for kernel in kernels if kernel is not None)
+    ours = all(kernel.py_func.__module__.startswith("lagrange_bench.integrators.") for kernel in kernels)
+    return (lambda function: unlink(jit(function))) if ours else compiled
 
 
 def inlined_copy(kernel: Any) -> Any:

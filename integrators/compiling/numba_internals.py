@@ -13,6 +13,7 @@ import re
 import secrets
 import uuid
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numba
@@ -49,6 +50,82 @@ def random_numbers() -> Iterator[int]:
 # A function's number is part of the names of its machine code. Numba counts from 1 in every process: of two functions with one
 # source and one number, cached by two processes, a third that loads both would run the first in place of the second.
 core.bytecode.FunctionIdentity._unique_ids = random_numbers()
+
+
+class _LibraryToLink(core.codegen.JITCodeLibrary):
+    """The code of a function that is only ever called by compiled code: LLVM optimises and emits it with its caller.
+
+    Numba would optimise and emit every callee by itself as well, which takes half of the time of a compilation.
+    """
+
+    codegen = SimpleNamespace(
+        set_env=lambda name, environment: None
+    )  # for errors with texts made at run time: we raise none
+
+    def _optimize_final_module(self):
+        pass
+
+    def _finalize_final_module(self):
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+    def get_pointer_to_function(self, name):
+        self._ensure_finalized()
+        return 0
+
+    def serialize_using_object_code(self):
+        return self.name, "to link", self._get_module_for_linking().as_bitcode()
+
+
+def _load_library(
+    kind: Any, codegen: Any, state: Any, others: Any = core.codegen.JITCodeLibrary._unserialize.__func__
+) -> Any:
+    """What Numba does to read a library from its cache, for ours as well."""
+    name, form, code = state
+    if form != "to link":
+        return others(kind, codegen, state)
+    library = _LibraryToLink(codegen, name)
+    library._final_module = core.codegen.ll.parse_bitcode(code)
+    library._finalize_final_module()
+    return library
+
+
+core.codegen.JITCodeLibrary._unserialize = classmethod(_load_library)
+
+
+@core.compiler_machinery.register_pass(mutates_CFG=True, analysis_only=False)
+class _LoweringToLink(core.typed_passes.NativeLowering):
+    _name = "lowering_to_link"
+
+    def run_pass(self, state):
+        state.library = _LibraryToLink(state.targetctx.codegen(), state.func_id.func_qualname)
+        return super().run_pass(state)
+
+
+class CompilerToLink(core.compiler.CompilerBase):
+    """Numba's compiler, for functions that only compiled code calls."""
+
+    def define_pipelines(self):
+        passes = core.compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
+        plain = core.typed_passes.NativeLowering
+        passes.passes = [(_LoweringToLink if kind is plain else kind, text) for kind, text in passes.passes]
+        passes._finalized = False
+        passes.finalize()
+        return [passes]
+
+
+def link(dispatcher: Any, callee: Any) -> Any:
+    """`dispatcher` for callers in Python, and `callee`, of the same function and `CompilerToLink`, for compiled ones."""
+    dispatcher.get_call_template, dispatcher.get_overload = callee.get_call_template, callee.get_overload
+    return dispatcher
+
+
+def unlink(dispatcher: Any) -> Any:
+    """Undo `link`: compiled callers get the function as LLVM optimised it by itself."""
+    for name in ("get_call_template", "get_overload"):
+        vars(dispatcher).pop(name, None)
+    return dispatcher
 
 
 def keep_code(decorator: Callable[..., Any], function: Callable[..., Any], folder: str) -> Any:
