@@ -12,6 +12,7 @@ import unicodedata
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -229,6 +230,7 @@ def keep_to_the_letter(artist: Artist) -> None:
             text.set_parse_math(False)
 
 
+@cache
 def _formula(text: str) -> bool:
     """Whether matplotlib can read the formulas in a text."""
     try:

@@ -66,7 +66,7 @@ for name in sys.argv[2:]:
 """
 
 
-@pytest.mark.parametrize("numbers", ["random", "counted"])
+@pytest.mark.parametrize("numbers", ["random", pytest.param("counted", marks=pytest.mark.slow)])
 def test_code_that_two_processes_kept_is_told_apart_by_a_third(tmp_path, numbers):
     """Two loops of one source: with Numba's own numbers for functions, the first that is loaded runs for both.
 
