@@ -368,9 +368,10 @@ def _draw_order(rows: pd.DataFrame, style):
         return None
     state = next(name for name in (*QUICK, *PERTURBED_TOPS) if (rows.state == name).any())
     here = rows[rows.state == state]
-    fig, _ = style.by_family(here, "h", "error", style.STEP, f"error at t = {SPAN:g}", (1e-16, 10))
+    label = PERTURBED_TOPS[state].label
+    fig, _ = style.by_family(here, "h", "error", style.STEP, f"error at t = {SPAN:g}\n{label}", (1e-16, 10))
     fig.caption = (
-        f"Error against the step on “{PERTURBED_TOPS[state].label}”, one panel for each family of methods. The slopes are the "
+        f"Error against the step on “{label}”, one panel for each family of methods. The slopes are the "
         "orders; their numbers for all tops are in the table. A cross before a name: the method has no result."
     )
     return fig
