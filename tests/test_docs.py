@@ -233,6 +233,7 @@ def test_the_notebook_shows_what_its_source_does():
     assert (stored["nbformat"], stored["nbformat_minor"]) == (4, 5)
     assert len({cell["id"] for cell in stored["cells"]}) == len(stored["cells"])
     assert [(cell["cell_type"], "".join(cell["source"])) for cell in stored["cells"]] == build.cells()
+    plt.close("all")  # of tests before this one
     try:
         fresh = build.notebook()
     finally:

@@ -58,9 +58,7 @@ class _LibraryToLink(core.codegen.JITCodeLibrary):
     Numba would optimise and emit every callee by itself as well, which takes half of the time of a compilation.
     """
 
-    codegen = SimpleNamespace(
-        set_env=lambda name, environment: None
-    )  # for errors with texts made at run time: we raise none
+    codegen = SimpleNamespace(set_env=lambda name, environment: None)  # nothing is emitted; see `_set_environments`
 
     def _optimize_final_module(self):
         pass
@@ -91,7 +89,17 @@ def _load_library(
     return library
 
 
+def _set_environments(library: Any, finish: Any = core.codegen.JITCodeLibrary._finalize_specific) -> None:
+    """What Numba does when it has emitted a function, for the callees linked into it as well: `print` in one needs it."""
+    finish(library)
+    for variable in library._final_module.global_variables:
+        environment = core.environment.lookup_environment(variable.name)
+        if environment is not None and not variable.is_declaration:
+            library._codegen.set_env(variable.name, environment)
+
+
 core.codegen.JITCodeLibrary._unserialize = classmethod(_load_library)
+core.codegen.JITCodeLibrary._finalize_specific = _set_environments
 
 
 @core.compiler_machinery.register_pass(mutates_CFG=True, analysis_only=False)

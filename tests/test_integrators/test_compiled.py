@@ -87,6 +87,37 @@ def test_code_that_two_processes_kept_is_told_apart_by_a_third(tmp_path, numbers
     assert numbers != "random" or kept() == before
 
 
+# a callee that needs its environment in Python: Numba has it in each function, we in what callees are linked into
+CALLEE = """
+from lagrange_bench.integrators.compiling.compiled import jit
+
+@jit
+def callee(x):
+    if x > 1.0:
+        raise ValueError("too large")
+    print("callee", x)
+    return 2.0 * x
+
+@jit
+def caller(x):
+    return callee(x) + 1.0
+
+def report():
+    print(caller(0.5), callee(0.25))
+    try:
+        caller(3.0)
+    except ValueError as error:
+        print(error)
+"""
+
+
+def test_a_callee_prints_and_raises_in_compiled_callers_and_from_python(tmp_path):
+    (tmp_path / "called.py").write_text(CALLEE, encoding="utf-8")
+    for _ in range(2):  # compiled, then out of the cache
+        printed = python("import called; called.report()", cache=tmp_path / "cache", cwd=tmp_path)
+        assert printed.split("\n") == ["callee 0.5", "callee 0.25", "2.0 0.5", "too large", ""]
+
+
 def test_two_that_keep_their_code_at_once_do_not_take_each_others(tmp_path):
     """Of one source and two closures. Numba numbers the files of a cache: both would write number 1."""
 
