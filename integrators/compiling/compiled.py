@@ -100,10 +100,10 @@ def jit(function: Callable[..., Any], **more: Any) -> Any:
     known = function.__module__ in sys.modules  # else Numba keeps code that it cannot load again
     folder = _folder(function.__module__) if known else None
     if folder is None:
-        return link(compiled(function, **more), compiled(function, **more, **TO_LINK))
-    options = {**OPTIONS, **more, "cache": True}
-    callee = keep_code(njit(**options, **TO_LINK), function, os.path.join(folder, "linked"))
-    dispatcher = link(keep_code(njit(**options), function, folder), callee)
+        return link(compiled(function, **more), lambda: compiled(function, **more, **TO_LINK))
+    options, linked = {**OPTIONS, **more, "cache": True}, os.path.join(folder, "linked")
+    dispatcher = keep_code(njit(**options), function, folder)
+    link(dispatcher, lambda: keep_code(njit(**options, **TO_LINK), function, linked))
     if function.__closure__ is None:
         # Numba's random name for a function is part of the key of every closure over it: one name for all processes
         set_name(dispatcher, f"{folder} {function.__module__}.{function.__qualname__}")

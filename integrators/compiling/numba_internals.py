@@ -1,4 +1,4 @@
-"""All that rests on Numba's insides: its cache and its names for functions, and loads and stores without checks.
+"""All that rests on Numba's insides: how callees are linked, its cache, its names for functions, loads and stores without checks.
 
 Numba may change these in any minor version and does not announce it. So pyproject.toml admits none above the newest that was
 tested. Sizes and strides of what is here must be literals.
@@ -13,6 +13,7 @@ import re
 import secrets
 import uuid
 from collections.abc import Callable, Iterator
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -123,15 +124,20 @@ class CompilerToLink(core.compiler.CompilerBase):
         return [passes]
 
 
-def link(dispatcher: Any, callee: Any) -> Any:
-    """`dispatcher` for callers in Python, and `callee`, of the same function and `CompilerToLink`, for compiled ones."""
-    dispatcher.get_call_template, dispatcher.get_overload = callee.get_call_template, callee.get_overload
+LINKED = ("get_call_template", "get_overload")  # what Numba asks a function for when a caller of it is compiled
+
+
+def link(dispatcher: Any, make: Callable[[], Any]) -> Any:
+    """`dispatcher` for callers in Python; for compiled ones what `make` makes of the same function with `CompilerToLink`."""
+    callee = cache(make)
+    for name in LINKED:
+        setattr(dispatcher, name, lambda *given, name=name: getattr(callee(), name)(*given))
     return dispatcher
 
 
 def unlink(dispatcher: Any) -> Any:
     """Undo `link`: compiled callers get the function as LLVM optimised it by itself."""
-    for name in ("get_call_template", "get_overload"):
+    for name in LINKED:
         vars(dispatcher).pop(name, None)
     return dispatcher
 
