@@ -55,7 +55,7 @@ OURS = "backlund"  # the exact step
 USEFUL = 0.1  # an error above this is no solution: its time is not measured
 COARSE, FLOOR_RUNS = 1e-4, 3  # below this error, runs in a row that do not lower the least one so far end a curve
 TRIALS = 4  # short runs, at most, that tell how long a run would take
-SAMPLE = 0.005  # s, the least length of a timing sample; longer runs are timed a second time only
+SAMPLE = 0.005  # s, the least length of a timing sample: shorter runs are repeated in one
 
 
 def cells(profile: str) -> list[dict]:
@@ -115,10 +115,11 @@ def _run(cell: dict) -> dict:
     before = (stepper.work.steps, stepper.work.rhs_evals, stepper.work.iterations)
     seconds = [_seconds(stepper, y0, n)]
     after = (stepper.work.steps, stepper.work.rhs_evals, stepper.work.iterations)
-    if seconds[0] < 20 * SAMPLE:
+    if seconds[0] < SAMPLE:
         seconds += timing.time_call(lambda: stepper.advance(y0, n), min_time=SAMPLE, repeats=3).samples
-    elif seconds[0] < 0.5:
-        seconds.append(_seconds(stepper, y0, n))
+    else:
+        more = 3 if seconds[0] < 20 * SAMPLE else 1 if seconds[0] < 0.5 else 0
+        seconds += [_seconds(stepper, y0, n) for _ in range(more)]
     setups += [prepare(top, y0, h, method, **options).work.setup_seconds for _ in range(3)]
     counted = zip(("steps", "evals", "iterations"), before, after, strict=True)
     return {

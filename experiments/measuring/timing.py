@@ -107,10 +107,12 @@ def clock_tick() -> float:
 def _calibrate(function: Callable[[], object], min_time: float) -> int:
     """Number of calls in a row that takes at least `min_time`, with a fifth to spare.
 
-    It has to do so twice: a sample the machine interrupted is long for no reason of the function's.
+    It has to do so twice, unless it takes far longer: a sample the machine interrupted is long for no reason of the function's.
     """
     loops = 1
-    while (seconds := _sample(function, loops)) < min_time or (seconds := _sample(function, loops)) < min_time:
+    while (seconds := _sample(function, loops)) < min_time or (
+        seconds < 10 * min_time and (seconds := _sample(function, loops)) < min_time
+    ):
         # at most tenfold: the first, shortest samples are the least reliable
         loops = max(loops + 1, int(loops * min(10.0, 1.2 * min_time / max(seconds, 1e-9))))
     return loops
