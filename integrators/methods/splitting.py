@@ -479,7 +479,7 @@ def kernel_of_parts(parts: tuple[Part, ...], size: int) -> Any:
         skipped = sum(len(part.flow.fixed.outputs) for part in parts[:number])
         others = flow_of(number + 1) if number + 1 < len(parts) else None
 
-        @jit_as(f"flow {number} of {name}")
+        @jit_as(f"flow {number} of {name}", forceinline=True)
         def flow(part, s, t, span, c, first):
             if others is None or part == number:
                 return program((t,) + s + (span,), numbers(c, first + skipped))  # noqa: RUF005 - as elsewhere
@@ -489,7 +489,7 @@ def kernel_of_parts(parts: tuple[Part, ...], size: int) -> Any:
 
     flow = flow_of(0)
 
-    @jit_as(f"step of {name}")
+    @jit_as(f"step of {name}", forceinline=True)
     def step(s, c, tally):
         first = STAGES + 1 + 3 * int(c[STAGES])
         for i in range(STAGES + 1, first, 3):

@@ -84,13 +84,13 @@ class Part:
         else:
             g = g[4:]
         if self.kind in ("axis", "free"):
-            k = self.key[1]
-            i, j, angle = (k + 1) % 3, (k + 2) % 3, span * g[k]
+            k, half = self.key[1], 0.5 * (span * g[self.key[1]])
+            i, j, c, s = (k + 1) % 3, (k + 2) % 3, cos(half), sin(half)
             sign = -1.0 if self.body else 1.0
-            L[i], L[j] = turned(L[i], L[j], sign * angle)
-            q[0], q[1 + k] = turned(q[0], q[1 + k], 0.5 * angle)
-            q[1 + i], q[1 + j] = turned(q[1 + i], q[1 + j], sign * (0.5 * angle))
-        return [*q, *L]
+            L[i], L[j] = of_length(rotated(L[i], L[j], 1.0 - 2.0 * s * s, sign * (2.0 * s * c)), (L[i], L[j]))
+            q[0], q[1 + k] = rotated(q[0], q[1 + k], c, s)
+            q[1 + i], q[1 + j] = rotated(q[1 + i], q[1 + j], c, sign * s)
+        return [*of_length(q, y[:4]), *L]
 
     def _kick(self, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
         torque = cross(g[3:], y[3:])
@@ -124,13 +124,23 @@ class Part:
 
 
 def turned(u: Any, v: Any, angle: Any) -> tuple[Any, Any]:
-    """(u, v) turned by an angle, and back to its length: sin² + cos² − 1 may be the same at every step."""
+    """(u, v) turned by an angle."""
     if isinstance(angle, Term) and angle.tape.known(angle) == 0.0:
         return u, v
-    c, s = cos(angle), sin(angle)
-    a, b, square = c * u - s * v, s * u + c * v, u * u + v * v
-    lack = 0.5 * ((a * a - square) + b * b) / (square + TINY)
-    return a - lack * a, b - lack * b
+    a, b = of_length(rotated(u, v, cos(angle), sin(angle)), (u, v))
+    return a, b
+
+
+def rotated(u: Any, v: Any, c: Any, s: Any) -> tuple[Any, Any]:
+    """(u, v) turned by the angle with this cosine and sine."""
+    return c * u - s * v, s * u + c * v
+
+
+def of_length(new: Sequence[Any], old: Sequence[Any]) -> list[Any]:
+    """`new`, as long as `old` but for round-off, as long as it: sin² + cos² − 1 may be the same at every step."""
+    square = sum((v * v for v in old[1:]), old[0] * old[0])
+    lack = 0.5 * (sum((v * v for v in new[1:]), new[0] * new[0] - square)) / (square + TINY)
+    return [v - lack * v for v in new]
 
 
 def swing(axis: Sequence[Any], v: Sequence[Any], rate: Any) -> list[Any]:
@@ -145,16 +155,13 @@ def swing(axis: Sequence[Any], v: Sequence[Any], rate: Any) -> list[Any]:
 
 
 def turned_about(q: Sequence[Any], omega: Sequence[Any], span: Any, body: bool) -> list[Any]:
-    """The quaternion of a body that turns with a constant angular velocity, in its frame or in that of the world."""
+    """The quaternion of a body that turns with a constant angular velocity, in its frame or the world's; see `of_length`."""
     speed = sqrt(dot(omega, omega))
     half = 0.5 * span * speed
-    c, s = cos(half), sin(half) / (speed + TINY)
+    c, s = cos(half), sin(half) * (1.0 / (speed + TINY))
     across = cross(q[1:], omega) if body else cross(omega, q[1:])
     own = (-dot(omega, q[1:]), *(q[0] * w + v for w, v in zip(omega, across, strict=True)))
-    new = [c * a + s * b for a, b in zip(q, own, strict=True)]
-    square = dot(q[1:], q[1:]) + q[0] * q[0]
-    lack = 0.5 * ((new[0] * new[0] - square) + dot(new[1:], new[1:])) / (square + TINY)
-    return [v - lack * v for v in new]
+    return [c * a + s * b for a, b in zip(q, own, strict=True)]
 
 
 # ------------------------------------------------------------------------------------ taking H apart
