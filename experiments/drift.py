@@ -197,13 +197,16 @@ def draw(rows: pd.DataFrame) -> dict:
 @of_part("time", failed=True)
 def _draw_time(rows: pd.DataFrame, style, names: Sequence[str] = ("H",), what: str = "energy H"):
     rows = indexed(rows[rows.state.isin(RANDOM)])
+    if rows.empty:
+        return None
     done = rows[rows.status == "done"]
     runs = [done.method, done.t_index]
     squares = pd.concat([mean_square(done[name], runs) for name in names], axis=1).max(axis=1, skipna=False)
     lines = pd.DataFrame({"t": done.groupby(runs).t.median(), "error": np.sqrt(squares.where(squares > 0))})
     lines = lines.reset_index().assign(status="done")
     lines = pd.concat([lines, rows[~rows.method.isin(done.method)][["method", "status"]]])
-    fig, axes = style.by_family(lines, "t", "error", style.TIME, "RMS error of 16 tops", (1e-17, 1.0), marker="none")
+    label = f"RMS error of {rows.state.nunique()} tops"
+    fig, axes = style.by_family(lines, "t", "error", style.TIME, label, (1e-17, 1.0), marker="none")
     for ax in axes:
         style.ulp_line(ax)
     style.slope_guide(axes[0], 0.5, (1e0, 1e-9), 1e4, "√t")  # once: the panels have one scale

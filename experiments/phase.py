@@ -352,6 +352,8 @@ def best_of_families(rows: pd.DataFrame) -> set[str]:
 @of_part("h", failed=True)
 def _draw_families(rows: pd.DataFrame, style):
     here = rows[(rows.state == "generic") & rows.h.notna()]
+    if here.empty:
+        return None
     ylabel = f"largest error up to t = {SPAN:g}"
     fig, _ = style.by_family(here, "h", "error", style.STEP, ylabel, (1e-16, 1e5))
     fig.caption = (

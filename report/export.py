@@ -61,7 +61,9 @@ def export(
         if name in drawn:
             path = output or Path(f"{name}.{kind}")
             write(path, figures.FORMATS[kind](drawn[name]))
-            return path, _lacking(section), _remarks(section)
+            return path, _lacking(section), [*_remarks(section), *_without(name, section)]
+        if choice and name in dict(_drawn(_section(experiment, Store(results)))):
+            raise UnknownFigure(f"{name}: no rows of {_words(choice)}")
         known += drawn
     if known := known or names(results, choice):
         raise UnknownFigure(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
@@ -140,6 +142,18 @@ def _lacking(section: sections.Section) -> list[str]:
     return [_no_rows(section.experiment, chosen)] if section.lacking else []
 
 
+def _without(name: str, section: sections.Section) -> list[str]:
+    """The chosen tops that a figure does not show, because the part of the experiment that it is of has no rows of them."""
+    rows, part = section.rows, name.removeprefix(f"{section.experiment}_")
+    rows = rows[rows["part"] == part] if part in set(rows.get("part", ())) else rows
+    there = {*rows.get("state", ()), *rows.get("top", ())}
+    missing = [top for top in section.origin.choice.tops if top not in there]
+    return [f"{name}: no rows of {', '.join(missing)}"] if missing else []
+
+
 def _no_rows(experiment: str, choice: Choice) -> str:
-    chosen = ", ".join((*choice.methods, *choice.tops))
-    return f"{experiment} has no rows of {chosen}: lagrange-bench run {experiment}{choice.words}"
+    return f"{experiment} has no rows of {_words(choice)}: lagrange-bench run {experiment}{choice.words}"
+
+
+def _words(choice: Choice) -> str:
+    return ", ".join((*choice.methods, *choice.tops))
