@@ -129,6 +129,7 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench import trajectory as output
     from lagrange_bench.integrators.checks import check_options
     from lagrange_bench.integrators.registry import find_method
+    from lagrange_bench.runner import progress
 
     name, top, y0 = _start(options)
     grid, method, settings = _grid(options), find_method(options.method), _settings(options)
@@ -144,8 +145,10 @@ def run(options: argparse.Namespace) -> Answer:
         if path is not None:  # nobody wants to learn after an hour that there is no such folder
             check_target(flag, path, suffixes)
 
+    text = f"{method.name}: the first run on a machine compiles, for some seconds"
     begin = perf_counter()
-    trajectory = _follow(options.method, method, top, y0, {**grid, **settings})
+    with progress.waiting(text, show=not (options.quiet or options.json)):
+        trajectory = _follow(options.method, method, top, y0, {**grid, **settings})
     seconds = perf_counter() - begin
     potential = getattr(top, "potential", None)
     facts = {"top": name, "alpha": top.alpha, "y0": y0, "method": method.name, "options": settings}

@@ -71,6 +71,14 @@ def drawing(results: Path, show: bool = True) -> Iterator[Callable[[int, int], N
 
 
 @contextlib.contextmanager
+def waiting(text: str, show: bool = True) -> Iterator[None]:
+    """A text and the signs of life of a terminal, while something runs that does not say how far it is."""
+    console = _terminal() if show else None
+    with console.status(text) if console else contextlib.nullcontext():
+        yield
+
+
+@contextlib.contextmanager
 def _bars(*more: str, show: bool) -> Iterator[Progress | None]:
     """Bars on stderr, if it is a terminal that can move its cursor."""
     console = _terminal() if show else None
