@@ -1,6 +1,8 @@
 # Two commands do everything, each by itself, in a fresh clone: `make bench` and `make test`.
 PYTHON ?= python3
 BIN := .venv/bin
+# byte code is kept: without it every process compiles the bench anew, and pytest all assertions, for ten seconds
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help setup bench test test-all test-oldest test-bounds mutants stress lint full report dist docs paper clean
 
