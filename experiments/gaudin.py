@@ -25,7 +25,7 @@ import pandas as pd
 from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.reductions import largest, of_part
+from lagrange_bench.experiments.measuring.reductions import by_group, largest, of_part
 from lagrange_bench.experiments.measuring.states import follow, log_counts, rounded
 from lagrange_bench.integrators.api import prepare
 from lagrange_bench.integrators.interface import Array, StepError
@@ -304,17 +304,15 @@ def work(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-@of_part("h", "Order of each variant, as the slope of the error against the step, with its standard error (±)")
-def orders(rows: pd.DataFrame) -> pd.DataFrame:
+ORDER = "Order of each variant, as the slope of the error against the step, with its standard error (±)"
+
+
+@by_group(("variant",), "h", ORDER)
+def orders(variant: str, group: pd.DataFrame) -> dict:
     """Measured order of each variant from the whole error against the step."""
-    table = []
-    for variant, group in rows.groupby("variant", sort=False):
-        steps = SPAN / np.round(SPAN / group.h)  # a whole number of them was taken
-        fit = metrics.order(steps, group.error, floor=1e-13)
-        maps = group.maps.iloc[0] if "maps" in group else np.nan
-        smallest = float(group.error.min())
-        table.append({"variant": variant, "maps": maps, "order": fit.p, "±": fit.stderr, "smallest error": smallest})
-    return pd.DataFrame(table)
+    steps = SPAN / np.round(SPAN / group.h)  # a whole number of them was taken
+    fit, maps = metrics.order(steps, group.error, floor=1e-13), group.maps.iloc[0] if "maps" in group else np.nan
+    return {"maps": maps, "order": fit.p, "±": fit.stderr, "smallest error": float(group.error.min())}
 
 
 def draw(rows: pd.DataFrame) -> dict:

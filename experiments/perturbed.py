@@ -35,7 +35,7 @@ from lagrange_bench.experiments import drift, script, work_precision
 from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.drawing.tables import numbers_in, show
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.experiments.measuring.reductions import largest, of_part
+from lagrange_bench.experiments.measuring.reductions import by_group, largest, of_part
 from lagrange_bench.experiments.measuring.states import (
     PROBLEMS,
     affordable,
@@ -205,21 +205,16 @@ def any_problem(cell: dict) -> dict:
 # ------------------------------------------------------------------------------------------ what the rows say
 
 
-def claimed(method: str, state: str) -> frozenset[str]:
-    """What a method says it keeps on a state."""
-    return METHODS[method].kept(PERTURBED_TOPS[state].top) if method in METHODS else frozenset()
+KEPT = "Tops in a potential: the largest relative error of each invariant that the top has"
 
 
-@of_part("drift", "Tops in a potential: the largest relative error of each invariant that the top has")
-def kept(rows: pd.DataFrame) -> pd.DataFrame:
+@by_group(("state", "method"), "drift", KEPT)
+def kept(state: str, method: str, run: pd.DataFrame) -> dict:
     """The largest error of each invariant by method and top; an invariant that the top has not got is left out."""
-    table = []
-    for (state, method), run in rows.groupby(["state", "method"], sort=False):
-        top = PERTURBED_TOPS[state].top
-        found = {name: largest(run[name]) if name in top.conserved else np.nan for name in INVARIANTS}
-        says = ", ".join(name for name in INVARIANTS if name in claimed(method, state))
-        table.append({"state": state, "method": method, "steps": int(run.steps.max()), **found, "claimed": says})
-    return pd.DataFrame(table)
+    top = PERTURBED_TOPS[state].top
+    found = {name: largest(run[name]) if name in top.conserved else np.nan for name in INVARIANTS}
+    says = METHODS[method].kept(top) if method in METHODS else ()
+    return {"steps": int(run.steps.max()), **found, "claimed": ", ".join(name for name in INVARIANTS if name in says)}
 
 
 @of_part(
@@ -267,32 +262,24 @@ def winners(rows: pd.DataFrame) -> pd.DataFrame:
     return work_precision.against_ours(work_precision.useful(rows), work_precision.APART, targets, OURS)
 
 
-@of_part(
+@by_group(
+    ("field", "span", "tol"),
     "tolerance",
     "The splitting with the exact step, given an error tol in place of a step, on random tops: how many runs it answers and "
     "refuses, the largest error, and for how many the error expected is within a factor of ten of the true one. "
     f"Chaotic: an ulp grows to {SENSITIVE:g} tol; these are left out",
 )
-def tolerances(rows: pd.DataFrame) -> pd.DataFrame:
+def tolerances(field: str, span: float, tol: float, group: pd.DataFrame) -> dict:
     """For each field, length and error asked for: how many tops were answered, refused and given up, and how well."""
-    table: list[dict] = []
-    columns = ["field", "span", "tol", "answer", "error", "expected"]  # without the last two if nothing was answered
-    for (field, span, tol), group in rows.reindex(columns=columns).groupby(columns[:3], sort=False):
-        given = group[group.answer == "given"]
-        near = given.expected.between(0.1 * given.error, 10.0 * given.error)
-        table.append(
-            {
-                "tops in": field,
-                "span": span,
-                "tol": tol,
-                "answered": len(given),
-                "refused": int((group.answer == "refused").sum()),
-                "chaotic": int((group.answer == "chaotic").sum()),
-                "largest error / tol": float(np.max(given.error.to_numpy() / tol, initial=0.0)),
-                "expected within a factor of ten": float(near.mean()) if len(given) else np.nan,
-            }
-        )
-    return pd.DataFrame(table)
+    given = group.reindex(columns=["answer", "error", "expected"])[group.answer == "given"]
+    near = given.expected.between(0.1 * given.error, 10.0 * given.error)
+    return {
+        "answered": len(given),
+        "refused": int((group.answer == "refused").sum()),
+        "chaotic": int((group.answer == "chaotic").sum()),
+        "largest error / tol": float(np.max(given.error.to_numpy() / tol, initial=0.0)),
+        "expected within a factor of ten": float(near.mean()) if len(given) else np.nan,
+    }
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
