@@ -1,25 +1,20 @@
 """Perturbed tops and other problems: which method is best where an integrator is needed?
 
-A top in a uniform field has a closed form and needs no integrator. In any other field it has none: a tide, a magnet,
-an uneven field. The full profile has ten such tops, the quick profile one, in a weak tide. Most of the ten are nearly
-integrable: a weak field of size ε bends the tori a little. Two are not: one is close to a separatrix, one is chaotic,
-and there two neighbouring orbits part by a factor e in each Lyapunov time. For the chaotic top that is 25 units: an
-ulp grows to 1e-6 in about 550.
+A top in a uniform field has a closed form and needs no integrator. In any other field (a tide, a magnet, an uneven field) it
+has none. The full profile has ten such tops, the quick profile one, in a weak tide. Most are nearly integrable: a weak field
+of size ε bends the tori a little. One is close to a separatrix; one is chaotic, and an ulp grows to 1e-6 in about 550 units.
 
-Who wins depends on ε, on the length of the run and on the error asked for. A splitting with the exact step inside
-makes an error in proportion to ε, so it can take long steps in weak fields; each of its steps costs more than one of
-rotations. The map of winners shows where the border is.
+Who wins depends on ε, on the length of the run and on the error asked for. A splitting with the exact step inside makes an
+error in proportion to ε, so it can take long steps in weak fields; each of its steps costs more than one of rotations. The
+map of winners shows where the border is.
 
-Every method that takes a potential follows these tops. Part “drift” asks what each keeps of H, J3, C1 and C2. Part
-“order” asks how its error falls with the step. Part “work” asks of the compiled ones what an error costs on runs of
-10³ and 10⁴ units of time. On one top it also has runs of 10⁵, by the methods that are near the first place there. The
-splitting with the exact step races with two of its schemes. Part “tolerance” gives that splitting an error in place
-of a step, on random tops in tides and near charges, and compares the error asked for, the one it expects, and the
-true one. Errors are those against the reference in quadruple precision. Part “problem” follows what is no top in a
-fixed field (a free body, a vibrating pivot, Kirchhoff's body, a magnet) by every method that accepts it: its error
-against the step, and what it conserves. On a chaotic orbit no method follows the exact solution for long: errors are
-reported up to the time at which an ulp has grown to 1e-6, drift of the invariants beyond. Times and steps are in
-units of 1/(|J| + √(|alpha||x|)).
+Part “drift” asks what each method that takes a potential keeps of H, J3, C1 and C2, part “order” how its error falls with the
+step. Part “work” asks of the compiled ones what an error costs on runs of 10³ and 10⁴ units of time, on one top also of 10⁵ by
+the methods that are near the first place. Part “tolerance” gives the splitting with the exact step an error in place of a
+step, on random tops in tides and near charges, and compares the error asked for, the one it expects, and the true one. Part
+“problem” follows what is no top in a fixed field (a free body, a vibrating pivot, Kirchhoff's body, a magnet). Errors are
+those against the reference in quadruple precision; on a chaotic orbit up to the time at which an ulp has grown to 1e-6. Times
+and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations

@@ -56,7 +56,6 @@ SPAN = 64.0  # length of the runs against h
 STEPS = {"quick": tuple(2.0**-k for k in range(7)), "full": tuple(2.0 ** (-k / 2) for k in range(-6, 19))}
 LONG = {"quick": (0.25, 10**4), "full": (0.25, 4 * 10**6)}  # step and number of steps of the runs against time
 LONG_STATES = {"quick": ("generic",), "full": ("generic", "figure1", "near_separatrix")}
-ORDER_SPANS = 2.0 ** np.arange(2, -18, -0.125)  # steps an order is looked for among
 PROMISE_STEPS = 2000  # real steps, of each of these sizes
 PROMISE_H = (0.03, 0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 7.0, 11.0)
 PROMISE_TURNS = (0.25, 0.49, 0.5, 1.0, 1.5)  # and of these fractions of the nutation period
@@ -113,7 +112,7 @@ def _one_step(name: str) -> list[dict]:
     An order is read off these and not off runs, in which a method of high order may show the next one, or round-off. Only
     where a step depends on those before it they are errors of short runs, for each of their steps: rows with `run`.
     """
-    points = check.order_points(METHODS[name], ORDER_SPANS)
+    points = check.order_points(METHODS[name], check.ORDER_SPANS)
     length = {"run": check.RUN} if points.runs else {}
     pairs = zip(points.spans, points.errors, strict=True)
     return [{"h": rounded(h), "error": rounded(error), **length} for h, error in pairs]

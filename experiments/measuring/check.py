@@ -53,6 +53,7 @@ FLOOR, CEILING = 1e-14, 1e-2  # of one-step errors an order is read from: above 
 POINTS = 8  # the smallest steps above the floor
 RUN, MOST_STEPS = 4.0, 512  # length, in time scales, of the runs that tell the order of a method with memory
 RUN_FLOOR = 1e-12  # of their errors
+ORDER_SPANS = 2.0 ** np.arange(2, -18, -0.125)  # steps an order is looked for among
 LOST = 0.1  # of the scales: a run so far off says nothing about accuracy
 TOGETHER = 32  # steps that tell whether it has one: the starter of a method of high order takes several
 NEAR, STEEPER = 0.25, 1.25  # steps longer than this, in time scales, may show a slope up to that much above the order
@@ -161,15 +162,12 @@ def order(method: Method, quick: bool, names: tuple[Start, ...] = ORDER_STATES) 
     if method.control == "tolerance":
         yield Verdict(f"order {claimed}", None, None, "", "h is only the output grid")
         return
-    try:
-        points = order_points(method, 2.0 ** np.arange(2, -18, -0.125), names)
-    except EverywhereExact:
-        yield Verdict(
-            f"order {claimed}", None, None, "", "every step here is exact up to round-off, as at an equilibrium"
-        )
-        return
+    points = order_points(method, ORDER_SPANS, names)
     tolerance = TOLERANCE if names == ORDER_STATES else FIELD_TOLERANCE
     claim, bound = f"order {claimed}", f"{claimed} ± {tolerance}"
+    if points.exact:
+        yield Verdict(claim, None, None, "", "every step here is exact up to round-off, as at an equilibrium")
+        return
     if len(points.spans) < 4:
         note = f"fewer than 4 steps have an error between {FLOOR:g} and {CEILING:g}"
         yield Verdict(claim, False, None, bound, note)
@@ -182,26 +180,19 @@ def order(method: Method, quick: bool, names: tuple[Start, ...] = ORDER_STATES) 
     yield Verdict(claim, None if hidden else abs(p - claimed) <= tolerance, p, bound, how)
 
 
-class EverywhereExact(Exception):
-    """No state tells an order: the errors of all steps are round-off."""
-
-
 class OrderPoints(NamedTuple):
     """Falling steps, in time scales, and errors of one step that an order p is read from, error ~ h^(p+1)."""
 
     spans: Array
     errors: Array
     runs: bool  # whether they are those of runs of length RUN, divided by the number of steps
+    exact: bool = False  # whether all steps are exact up to round-off: then there are no points
 
 
 def order_points(method: Method, spans: Array, names: tuple[Start, ...] = ORDER_STATES) -> OrderPoints:
     """The smallest steps among `spans` (falling) whose errors, geometric means over states and signs, are no round-off.
 
     A state on which no step has more than round-off, such as an equilibrium, does not count.
-
-    Raises
-    ------
-    EverywhereExact : there is no other state.
     """
     runs, counts = remembers(method, names[:2]), np.ones(1)
     if runs:
@@ -213,7 +204,7 @@ def order_points(method: Method, spans: Array, names: tuple[Start, ...] = ORDER_
     known = ~np.all(np.isnan(errors), axis=1)  # a method that fails at every step is another matter
     still = known & ~np.any(errors > least, axis=1)
     if np.all(still):
-        raise EverywhereExact
+        return OrderPoints(spans[:0], spans[:0], runs, exact=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = np.exp(np.mean(np.log(errors[~still]), axis=0))
     usable = np.flatnonzero((mean > least) & (mean < CEILING))[-POINTS:]  # NaN: not usable
@@ -406,19 +397,20 @@ def conserves(
     biased = method.biased if "uniform" in find(names[0])[0].offers else {}
     for quantity in dict.fromkeys((*quantities, *claimed)):
         on, claim = claimed.get(quantity, ()), f"conserves {quantity}"
-        found_worst = worst.get(quantity if on else f"({quantity})")
-        drifted = None if found_worst is None else found_worst.size
-        how = at.format(len(on or names)) + ("" if found_worst is None else found_worst.where)
-        if on and drifted is not None:
-            bound = EPS * (BIAS * n if quantity in biased else min(BIAS * n, WALK * n**0.5))
-            if bound < drifted <= ROUND_OFF * n * EPS:
-                how += f"; that is {drifted / (n * EPS):.1g} ulp a step, which may be no fault of the formula: see “A rounding "
-                how += "that always goes the same way” in docs/adding-a-method.md"
-            yield Verdict(claim, drifted <= bound, drifted, f"≤ {bound:.1e}", how)
-        elif drifted is not None:
-            yield Verdict(claim, None, drifted, "", f"{NOT_CLAIMED}; {how}")
-        elif on or any(quantity in find(name)[0].conserved for name in names):
-            yield Verdict(claim, None, None, "", f"no run gets through {n} steps")
+        largest = worst.get(quantity if on else f"({quantity})")
+        if largest is None:
+            if on or any(quantity in find(name)[0].conserved for name in names):
+                yield Verdict(claim, None, None, "", f"no run gets through {n} steps")
+            continue
+        how = at.format(len(on or names)) + largest.where
+        if not on:
+            yield Verdict(claim, None, largest.size, "", f"{NOT_CLAIMED}; {how}")
+            continue
+        bound = EPS * (BIAS * n if quantity in biased else min(BIAS * n, WALK * n**0.5))
+        if bound < largest.size <= ROUND_OFF * n * EPS:
+            how += f"; that is {largest.size / (n * EPS):.1g} ulp a step, which may be no fault of the formula: see “A rounding "
+            how += "that always goes the same way” in docs/adding-a-method.md"
+        yield Verdict(claim, largest.size <= bound, largest.size, f"≤ {bound:.1e}", how)
     if stopped:  # unless at the smallest step no fault: an explicit method may be unstable
         harmless = min(stopped)[0] > SPANS[0]
         how = "; ".join(f"fails at h = {span:g}: {why} ({', '.join(on)})" for (span, why), on in stopped.items())

@@ -11,7 +11,6 @@ from types import ModuleType
 
 import matplotlib
 import matplotlib.image
-import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.text import Text
@@ -214,15 +213,6 @@ def test_paths_are_shortened_and_rounding_does_not_add_up():
     long = figures.compact(f'<path d="M 0 0 {" ".join(f"L {0.0333 * k:.6f} 1" for k in range(1, 1001))}"/>')
     ends = [float(x) for x, _ in re.findall(r"[Ml](-?[\d.]+) ?(-?[\d.]+)", long)]
     assert sum(ends) == pytest.approx(33.3, abs=0.006)
-
-
-def test_dense_figures_are_stored_as_pixels():
-    with style.apply():
-        fig, ax = style.figure("column")
-        ax.plot(*np.random.default_rng(0).normal(size=(2, 30_000)), ".")
-        document = figures.svg(fig)
-    assert "data:image/png" in document
-    assert len(document) < 300_000
 
 
 def test_the_command_writes_what_is_asked_for_or_nothing(run, tmp_path, monkeypatch):
