@@ -23,7 +23,7 @@ import pandas as pd
 from lagrange_bench.experiments import script, work_precision
 from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.reductions import of_part
+from lagrange_bench.experiments.measuring.reductions import by_group, of_part
 from lagrange_bench.experiments.measuring.states import interpreted, knobs, options_of, rounded
 from lagrange_bench.integrators import METHODS, orbiting_tide, prepare, vibrating_pivot
 from lagrange_bench.integrators.interface import Array, Method, StepWarning
@@ -101,18 +101,17 @@ def measure(cell: dict) -> list[dict]:
 # ------------------------------------------------------------------------------------------ what the rows say
 
 
-@of_part("", "Driven tops: orders claimed and measured. Empty where fewer than three steps tell")
-def orders(rows: pd.DataFrame) -> pd.DataFrame:
+ORDERS = "Driven tops: orders claimed and measured. Empty where fewer than three steps tell"
+
+
+@by_group(("problem", "method", "scheme"), "", ORDERS)
+def orders(problem: str, method: str, scheme: str, run: pd.DataFrame) -> dict:
     """Orders claimed and measured of the methods with a fixed step."""
-    table = []
-    rows = rows[rows.span <= rows.problem.map(SPANS)]
-    rows = rows.assign(scheme=rows.scheme.astype(object).fillna("") if "scheme" in rows else "")
-    for (problem, method, scheme), run in rows.groupby(["problem", "method", "scheme"], sort=False):
-        if method in METHODS and METHODS[method].knob == "h":
-            claims = 6 if scheme == "processed6" else METHODS[method].order
-            found = metrics.order(run.h, run.error, floor=1e-13, saturation=1e-2).p
-            table.append({"problem": problem, "method": method, "scheme": scheme, "claimed": claims, "measured": found})
-    return pd.DataFrame(table)
+    if method not in METHODS or METHODS[method].knob != "h":
+        return {}
+    run = run[run.span <= SPANS[problem]]
+    measured = metrics.order(run.h, run.error, floor=1e-13, saturation=1e-2).p
+    return {"claimed": 6 if scheme == "processed6" else METHODS[method].order, "measured": measured}
 
 
 @of_part(
@@ -126,7 +125,8 @@ def winners(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return tabulated(rows, winners, orders)
+    named = rows.assign(scheme=rows.scheme.astype(object).fillna("") if "scheme" in rows else "")
+    return tabulated(rows, winners) | tabulated(named, orders)
 
 
 def draw(rows: pd.DataFrame) -> dict:

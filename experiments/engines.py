@@ -32,8 +32,7 @@ from scipy.spatial.transform import Rotation
 
 from lagrange_bench.experiments import heavy_top, script
 from lagrange_bench.experiments.drawing.shown import drawn, tabulated
-from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.experiments.measuring.reductions import of_part
+from lagrange_bench.experiments.measuring.reductions import by_group, of_part
 from lagrange_bench.experiments.measuring.states import rounded
 from lagrange_bench.integrators import CASES, integrate, prepare
 from lagrange_bench.integrators.cases import Case
@@ -397,32 +396,25 @@ def runs(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.assign(integrator=named, setting=rows.setting.astype(object).fillna(""), seconds=seconds)
 
 
-@of_part(
-    "",
+CAPTION = (
     "The heavy top in multibody codes and engines: measured orders of position and rotation; errors (m, rad) with steps of "
     "1/1024 s and with the smallest; the time of a step, and what a step of a mass on a rail takes. No order: too few errors "
-    "below 0.1, or all at round-off",
+    "below 0.1, or all at round-off"
 )
-def orders(rows: pd.DataFrame) -> pd.DataFrame:
+
+
+@by_group(("case", "engine", "integrator"), "", CAPTION)
+def orders(case: str, engine: str, kind: str, group: pd.DataFrame) -> dict:
     """Of each integrator the measured orders, errors, and what a step costs; where all its errors are large, no order."""
-    table = []
-    for (case, engine, kind), group in runs(rows).groupby(["case", "engine", "integrator"], sort=False):
-        group = group.sort_values("h")
-        last, at = group.iloc[0], group[group.h == SHOWN]
-        line = {"case": case, "engine": engine, "integrator": kind, "setting": last.setting}
-        line |= {"version": last.version, "measured": last.date}
-        quantities = ("position", "rotation")
-        floor = heavy_top.FLOOR
-        line |= {f"order of {name}": metrics.order(group.h, group[name], floor=floor).p for name in quantities}
-        line |= {f"{name}, h = 1/1024": at[name].iloc[0] if len(at) else np.nan for name in quantities}
-        line |= {"smallest h": last.h} | {f"{name} there": last[name] for name in quantities}
-        line["ns per step"], line["of these overhead"] = group.ns_per_step.min(), group.overhead_ns_per_step.min()
-        table.append(line)
-    return pd.DataFrame(table)
+    last, at, quantities = group.loc[group.h.idxmin()], group[group.h == SHOWN], ("position", "rotation")
+    line = {"setting": last.setting, "version": last.version, "measured": last.date, **heavy_top.measured_orders(group)}
+    line |= {f"{name}, h = 1/1024": at[name].iloc[0] if len(at) else np.nan for name in quantities}
+    line |= {"smallest h": last.h} | {f"{name} there": last[name] for name in quantities}
+    return line | {"ns per step": group.ns_per_step.min(), "of these overhead": group.overhead_ns_per_step.min()}
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return tabulated(rows, orders)
+    return tabulated(runs(rows), orders)
 
 
 COLOURS = ("#1A1A1A", "#0072B2", "#56B4E9", "#D55E00", "#009E73", "#CC79A7", "#C78900", "#7A5400")

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from functools import cache
 from time import perf_counter
 from typing import Any
 
@@ -24,7 +25,7 @@ import pandas as pd
 from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.reductions import largest, of_part
+from lagrange_bench.experiments.measuring.reductions import by_group, largest, of_part
 from lagrange_bench.experiments.measuring.states import follow, log_counts, rounded
 from lagrange_bench.integrators.api import prepare
 from lagrange_bench.integrators.interface import Array, StepError
@@ -62,6 +63,7 @@ WORK = {
     "implicit_midpoint": (-7, -5, -3), "spherical_midpoint": (-7, -5, -3),
 }  # fmt: skip
 WORK_TOLERANCES = {"taylor": (1e-16, 1e-12, 1e-8, 1e-5), "dop853": (1e-13, 1e-9, 1e-5)}
+CALL = 4 * 10**6  # maps of spins in a call that is timed
 LONGEST = 2.0**10  # span up to which DOP853, interpreted, is measured
 
 
@@ -152,7 +154,7 @@ def _h(cell: dict) -> list[dict]:
     magnet, spins = central_spin(cell["n"])
     steps = round(SPAN / cell["h"])
     stepper = _stepper(magnet, spins, cell["variant"], SPAN / steps)
-    error = np.max(np.abs(stepper.advance(spins, steps) - reference(magnet, spins, SPAN)))
+    error = np.max(np.abs(stepper.advance(spins, steps) - reference(cell["n"])))
     return [{"error": rounded(error), **_maps(stepper)}]
 
 
@@ -160,9 +162,11 @@ def _maps(stepper: Any) -> dict[str, int]:
     return {"maps": len(stepper.lams)} if hasattr(stepper, "lams") else {}
 
 
-def reference(magnet: GaudinMagnet, spins: Array, t: float) -> Array:
-    """The flow by SciPy's DOP853 at its tightest, good to about 1e-13 over SPAN."""
-    end: Array = _stepper(magnet, spins, "dop853", t).advance(spins, 1)
+@cache
+def reference(n: int) -> Array:
+    """The spins at SPAN by SciPy's DOP853 at its tightest, good to about 1e-13."""
+    magnet, spins = central_spin(n)
+    end: Array = _stepper(magnet, spins, "dop853", SPAN).advance(spins, 1)
     return end
 
 
@@ -195,7 +199,7 @@ def _cost(cell: dict) -> list[dict]:
         h = span / steps
     else:
         h, maps = STEP[variant], len(stepper.lams)
-        calls = steps = 4 * 10**6 // (n * maps)
+        calls = steps = CALL // (n * maps)
     timed = timing.time_call(lambda: stepper.advance(spins, calls), repeats=5)
     ns = timed.min / steps * 1e9
     row = {"h": rounded(h), "maps": maps, "ns_per_step": rounded(ns), "ns_per_time": rounded(ns / h)}
@@ -300,17 +304,15 @@ def work(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-@of_part("h", "Order of each variant, as the slope of the error against the step, with its standard error (±)")
-def orders(rows: pd.DataFrame) -> pd.DataFrame:
+ORDER = "Order of each variant, as the slope of the error against the step, with its standard error (±)"
+
+
+@by_group(("variant",), "h", ORDER)
+def orders(variant: str, group: pd.DataFrame) -> dict:
     """Measured order of each variant from the whole error against the step."""
-    table = []
-    for variant, group in rows.groupby("variant", sort=False):
-        steps = SPAN / np.round(SPAN / group.h)  # a whole number of them was taken
-        fit = metrics.order(steps, group.error, floor=1e-13)
-        maps = group.maps.iloc[0] if "maps" in group else np.nan
-        smallest = float(group.error.min())
-        table.append({"variant": variant, "maps": maps, "order": fit.p, "±": fit.stderr, "smallest error": smallest})
-    return pd.DataFrame(table)
+    steps = SPAN / np.round(SPAN / group.h)  # a whole number of them was taken
+    fit, maps = metrics.order(steps, group.error, floor=1e-13), group.maps.iloc[0] if "maps" in group else np.nan
+    return {"maps": maps, "order": fit.p, "±": fit.stderr, "smallest error": float(group.error.min())}
 
 
 def draw(rows: pd.DataFrame) -> dict:

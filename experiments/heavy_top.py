@@ -23,7 +23,7 @@ import pandas as pd
 from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.reductions import of_part
+from lagrange_bench.experiments.measuring.reductions import by_group, of_part
 from lagrange_bench.experiments.measuring.states import rounded
 from lagrange_bench.integrators import CASES, METHODS, WholeBody, available, integrate, prepare
 from lagrange_bench.integrators.interface import Array, Method
@@ -117,23 +117,23 @@ def measure(cell: dict) -> list[dict]:
     return [row]
 
 
-@of_part(
+@by_group(
+    ("case", "method"),
     "",
     "Whole bodies: the order that a method claims and those of its errors of position and rotation. Then errors with the "
     "smallest step: position (m), rotation (rad), energy, momentum about the vertical, Kovalevskaya's K",
 )
-def orders(rows: pd.DataFrame) -> pd.DataFrame:
+def orders(case: str, method: str, group: pd.DataFrame) -> dict:
     """Measured orders of position and rotation, and the errors with the smallest step."""
-    table = []
-    for (case, method), group in rows.groupby(["case", "method"], sort=False):
-        group = group.sort_values("h")
-        found = {name: metrics.order(group.h, group[name], floor=FLOOR).p for name in ("position", "rotation")}
-        record = METHODS.get(method)
-        line = {"case": case, "method": method, "order": record.order if record else None}
-        line |= {f"order of {name}": p for name, p in found.items()}
-        columns = [name for name in ("h", "position", "rotation", "energy", "momentum", "K") if name in group]
-        table.append({**line, **group.iloc[0][columns]})
-    return pd.DataFrame(table)
+    record, columns = METHODS.get(method), ("h", "position", "rotation", "energy", "momentum", "K")
+    line = {"order": record.order if record else None, **measured_orders(group)}
+    return {**line, **group.loc[group.h.idxmin(), [name for name in columns if name in group]]}
+
+
+def measured_orders(group: pd.DataFrame) -> dict[str, float]:
+    """Of position and rotation."""
+    found = {name: metrics.order(group.h, group[name], floor=FLOOR).p for name in ("position", "rotation")}
+    return {f"order of {name}": p for name, p in found.items()}
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:

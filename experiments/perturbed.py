@@ -1,25 +1,20 @@
 """Perturbed tops and other problems: which method is best where an integrator is needed?
 
-A top in a uniform field has a closed form and needs no integrator. In any other field it has none: a tide, a magnet,
-an uneven field. The full profile has ten such tops, the quick profile one, in a weak tide. Most of the ten are nearly
-integrable: a weak field of size ε bends the tori a little. Two are not: one is close to a separatrix, one is chaotic,
-and there two neighbouring orbits part by a factor e in each Lyapunov time. For the chaotic top that is 25 units: an
-ulp grows to 1e-6 in about 550.
+A top in a uniform field has a closed form and needs no integrator. In any other field (a tide, a magnet, an uneven field) it
+has none. The full profile has ten such tops, the quick profile one, in a weak tide. Most are nearly integrable: a weak field
+of size ε bends the tori a little. One is close to a separatrix; one is chaotic, and an ulp grows to 1e-6 in about 550 units.
 
-Who wins depends on ε, on the length of the run and on the error asked for. A splitting with the exact step inside
-makes an error in proportion to ε, so it can take long steps in weak fields; each of its steps costs more than one of
-rotations. The map of winners shows where the border is.
+Who wins depends on ε, on the length of the run and on the error asked for. A splitting with the exact step inside makes an
+error in proportion to ε, so it can take long steps in weak fields; each of its steps costs more than one of rotations. The
+map of winners shows where the border is.
 
-Every method that takes a potential follows these tops. Part “drift” asks what each keeps of H, J3, C1 and C2. Part
-“order” asks how its error falls with the step. Part “work” asks of the compiled ones what an error costs on runs of
-10³ and 10⁴ units of time. On one top it also has runs of 10⁵, by the methods that are near the first place there. The
-splitting with the exact step races with two of its schemes. Part “tolerance” gives that splitting an error in place
-of a step, on random tops in tides and near charges, and compares the error asked for, the one it expects, and the
-true one. Errors are those against the reference in quadruple precision. Part “problem” follows what is no top in a
-fixed field (a free body, a vibrating pivot, Kirchhoff's body, a magnet) by every method that accepts it: its error
-against the step, and what it conserves. On a chaotic orbit no method follows the exact solution for long: errors are
-reported up to the time at which an ulp has grown to 1e-6, drift of the invariants beyond. Times and steps are in
-units of 1/(|J| + √(|alpha||x|)).
+Part “drift” asks what each method that takes a potential keeps of H, J3, C1 and C2, part “order” how its error falls with the
+step. Part “work” asks of the compiled ones what an error costs on runs of 10³ and 10⁴ units of time, on one top also of 10⁵ by
+the methods that are near the first place. Part “tolerance” gives the splitting with the exact step an error in place of a
+step, on random tops in tides and near charges, and compares the error asked for, the one it expects, and the true one. Part
+“problem” follows what is no top in a fixed field (a free body, a vibrating pivot, Kirchhoff's body, a magnet). Errors are
+those against the reference in quadruple precision; on a chaotic orbit up to the time at which an ulp has grown to 1e-6. Times
+and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations
@@ -35,7 +30,7 @@ from lagrange_bench.experiments import drift, script, work_precision
 from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.drawing.tables import numbers_in, show
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.experiments.measuring.reductions import largest, of_part
+from lagrange_bench.experiments.measuring.reductions import by_group, largest, of_part
 from lagrange_bench.experiments.measuring.states import (
     PROBLEMS,
     affordable,
@@ -205,21 +200,16 @@ def any_problem(cell: dict) -> dict:
 # ------------------------------------------------------------------------------------------ what the rows say
 
 
-def claimed(method: str, state: str) -> frozenset[str]:
-    """What a method says it keeps on a state."""
-    return METHODS[method].kept(PERTURBED_TOPS[state].top) if method in METHODS else frozenset()
+KEPT = "Tops in a potential: the largest relative error of each invariant that the top has"
 
 
-@of_part("drift", "Tops in a potential: the largest relative error of each invariant that the top has")
-def kept(rows: pd.DataFrame) -> pd.DataFrame:
+@by_group(("state", "method"), "drift", KEPT)
+def kept(state: str, method: str, run: pd.DataFrame) -> dict:
     """The largest error of each invariant by method and top; an invariant that the top has not got is left out."""
-    table = []
-    for (state, method), run in rows.groupby(["state", "method"], sort=False):
-        top = PERTURBED_TOPS[state].top
-        found = {name: largest(run[name]) if name in top.conserved else np.nan for name in INVARIANTS}
-        says = ", ".join(name for name in INVARIANTS if name in claimed(method, state))
-        table.append({"state": state, "method": method, "steps": int(run.steps.max()), **found, "claimed": says})
-    return pd.DataFrame(table)
+    top = PERTURBED_TOPS[state].top
+    found = {name: largest(run[name]) if name in top.conserved else np.nan for name in INVARIANTS}
+    says = METHODS[method].kept(top) if method in METHODS else ()
+    return {"steps": int(run.steps.max()), **found, "claimed": ", ".join(name for name in INVARIANTS if name in says)}
 
 
 @of_part(
@@ -267,32 +257,24 @@ def winners(rows: pd.DataFrame) -> pd.DataFrame:
     return work_precision.against_ours(work_precision.useful(rows), work_precision.APART, targets, OURS)
 
 
-@of_part(
+@by_group(
+    ("field", "span", "tol"),
     "tolerance",
     "The splitting with the exact step, given an error tol in place of a step, on random tops: how many runs it answers and "
     "refuses, the largest error, and for how many the error expected is within a factor of ten of the true one. "
     f"Chaotic: an ulp grows to {SENSITIVE:g} tol; these are left out",
 )
-def tolerances(rows: pd.DataFrame) -> pd.DataFrame:
+def tolerances(field: str, span: float, tol: float, group: pd.DataFrame) -> dict:
     """For each field, length and error asked for: how many tops were answered, refused and given up, and how well."""
-    table: list[dict] = []
-    columns = ["field", "span", "tol", "answer", "error", "expected"]  # without the last two if nothing was answered
-    for (field, span, tol), group in rows.reindex(columns=columns).groupby(columns[:3], sort=False):
-        given = group[group.answer == "given"]
-        near = given.expected.between(0.1 * given.error, 10.0 * given.error)
-        table.append(
-            {
-                "tops in": field,
-                "span": span,
-                "tol": tol,
-                "answered": len(given),
-                "refused": int((group.answer == "refused").sum()),
-                "chaotic": int((group.answer == "chaotic").sum()),
-                "largest error / tol": float(np.max(given.error.to_numpy() / tol, initial=0.0)),
-                "expected within a factor of ten": float(near.mean()) if len(given) else np.nan,
-            }
-        )
-    return pd.DataFrame(table)
+    given = group.reindex(columns=["answer", "error", "expected"])[group.answer == "given"]
+    near = given.expected.between(0.1 * given.error, 10.0 * given.error)
+    return {
+        "answered": len(given),
+        "refused": int((group.answer == "refused").sum()),
+        "chaotic": int((group.answer == "chaotic").sum()),
+        "largest error / tol": float(np.max(given.error.to_numpy() / tol, initial=0.0)),
+        "expected within a factor of ten": float(near.mean()) if len(given) else np.nan,
+    }
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:

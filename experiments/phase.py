@@ -20,7 +20,7 @@ import scipy
 from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.shown import drawn, tabulated
 from lagrange_bench.experiments.measuring import check, metrics
-from lagrange_bench.experiments.measuring.reductions import largest, of_part
+from lagrange_bench.experiments.measuring.reductions import by_group, largest, of_part
 from lagrange_bench.experiments.measuring.states import (
     CLOSE,
     WIDE,
@@ -56,7 +56,6 @@ SPAN = 64.0  # length of the runs against h
 STEPS = {"quick": tuple(2.0**-k for k in range(7)), "full": tuple(2.0 ** (-k / 2) for k in range(-6, 19))}
 LONG = {"quick": (0.25, 10**4), "full": (0.25, 4 * 10**6)}  # step and number of steps of the runs against time
 LONG_STATES = {"quick": ("generic",), "full": ("generic", "figure1", "near_separatrix")}
-ORDER_SPANS = 2.0 ** np.arange(2, -18, -0.125)  # steps an order is looked for among
 PROMISE_STEPS = 2000  # real steps, of each of these sizes
 PROMISE_H = (0.03, 0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 7.0, 11.0)
 PROMISE_TURNS = (0.25, 0.49, 0.5, 1.0, 1.5)  # and of these fractions of the nutation period
@@ -113,7 +112,7 @@ def _one_step(name: str) -> list[dict]:
     An order is read off these and not off runs, in which a method of high order may show the next one, or round-off. Only
     where a step depends on those before it they are errors of short runs, for each of their steps: rows with `run`.
     """
-    points = check.order_points(METHODS[name], ORDER_SPANS)
+    points = check.order_points(METHODS[name], check.ORDER_SPANS)
     length = {"run": check.RUN} if points.runs else {}
     pairs = zip(points.spans, points.errors, strict=True)
     return [{"h": rounded(h), "error": rounded(error), **length} for h, error in pairs]
@@ -229,32 +228,25 @@ def orders(good: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-@of_part(
+@by_group(
+    ("method", "state"),
     "time",
     "Phase errors of the runs against time, fitted as a constant shift of each frequency (relative for the nutation, radians per "
     "unit of time for the precession) and a residual, while the error is below 0.1",
 )
-def frequency_shifts(rows: pd.DataFrame) -> pd.DataFrame:
+def frequency_shifts(method: str, state: str, run: pd.DataFrame) -> dict:
     """Frequency shift and residual of the runs against time, fitted while the error is small."""
-    table = []
-    for (method, state), run in rows.groupby(["method", "state"], sort=False):
-        last = run.error.iloc[-1]
-        run = run[(run.error > SMALL).cumsum() == 0]
-        t = run.t.to_numpy()
-        nutation, precession = (metrics.frequency_shift(t, run[name].to_numpy()) for name in ("time", "angle"))
-        table.append(
-            {
-                "method": method,
-                "state": state,
-                "fitted up to t": float(t[-1]) if len(t) else np.nan,
-                "relative time shift": nutation.slope,
-                "time residual": nutation.residual_size,
-                "precession shift": precession.slope,
-                "angle residual": precession.residual_size,
-                "error at the end of the run": last,
-            }
-        )
-    return pd.DataFrame(table)
+    small = run[(run.error > SMALL).cumsum() == 0]
+    t = small.t.to_numpy()
+    nutation, precession = (metrics.frequency_shift(t, small[name].to_numpy()) for name in ("time", "angle"))
+    return {
+        "fitted up to t": float(t[-1]) if len(t) else np.nan,
+        "relative time shift": nutation.slope,
+        "time residual": nutation.residual_size,
+        "precession shift": precession.slope,
+        "angle residual": precession.residual_size,
+        "error at the end of the run": run.error.iloc[-1],
+    }
 
 
 @of_part(
@@ -274,26 +266,22 @@ def promise(rows: pd.DataFrame) -> pd.DataFrame:
 RANGE = (1e-9, 1e-2)  # errors of runs that say how good the theory is: no round-off, and of first order
 
 
-@of_part(
+@by_group(
+    ("method", "state", "h"),
     "theory",
     "Predicted phases: by how much the clock (nutation) is fast, and by how many radians the turn (precession) is too wide, per "
     "unit of time; how these two grow per unit of time; the largest error of the run, what the prediction leaves of it, and "
     "that share",
 )
-def theory(rows: pd.DataFrame) -> pd.DataFrame:
+def theory(method: str, state: str, h: float, run: pd.DataFrame) -> dict:
     """What theory takes away of the largest error of each run, and the rates it predicts."""
-    table = []
-    for (method, state, h), run in rows.groupby(["method", "state", "h"], sort=False):
-        first, error = run.iloc[0], largest(run.error)
-        if pd.notna(first.get("reason")):
-            table.append({"method": method, "state": state, "h": h, "reason": first.reason})
-            continue
-        rates = {name.replace("_", " "): first[name] for name in ("clock", "turn", "clock_growth", "turn_growth")}
-        left = largest(run.left)
-        taken = {"error": error, "left": left, "share left": left / error}
-        judged = not (error < RANGE[0] or error > RANGE[1])  # NaN says that the run failed, not that it says nothing
-        table.append({"method": method, "state": state, "h": h, **rates, **taken, "in range": judged})
-    return pd.DataFrame(table)
+    first = run.iloc[0]
+    if pd.notna(first.get("reason")):
+        return {"reason": first.reason}
+    rates = {name.replace("_", " "): first[name] for name in ("clock", "turn", "clock_growth", "turn_growth")}
+    error, left = largest(run.error), largest(run.left)
+    judged = not (error < RANGE[0] or error > RANGE[1])  # NaN says that the run failed, not that it says nothing
+    return {**rates, "error": error, "left": left, "share left": left / error, "in range": judged}
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:

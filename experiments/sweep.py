@@ -9,8 +9,10 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
+from itertools import product
 from pathlib import Path
 from time import perf_counter
 from types import ModuleType
@@ -39,14 +41,8 @@ MEASURED = {"": ("t", "H", "C1", "C2")}  # J3 and the error only where the top a
 TIMES = ("seconds",)  # columns that no two runs have in common
 
 KNOBS = ("h", "tol", "rtol")
-KEYS = {
-    "file": ("name", "tops", "sweep"),
-    "top": ("alpha", "J", "x", "potential", "parameters"),
-    "sweep": ("methods", "tops", *KNOBS, "time", "steps", "samples", "options"),
-}
 SAMPLES = 32
 PER_SAMPLE = 3000  # bytes of memory that a cell takes for each, a generous guess
-LARGEST = 1e100  # step: beyond, there is nothing to draw
 EARLIEST = 1e-3  # first recorded time of a method that chooses its own steps, as a part of the last
 
 Cell = dict[str, Any]
@@ -57,6 +53,51 @@ _cells: dict[str, list[Cell]] = {}  # of the files read in this process, by expe
 # ---------------------------------------------------------------- the file
 
 
+def _table(value: Any, name: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"{name} must be a table; got {value!r}")
+    return value
+
+
+def _list(value: Any, name: str) -> list[Any]:
+    if not isinstance(value, list) or not value:
+        raise ValueError(f"{name} must be a list with something in it, as […]; got {value!r}")
+    return value
+
+
+def _word(value: Any, name: str) -> str:
+    if not isinstance(value, str):
+        raise ValueError(f"{name} must be a name; got {value!r}")
+    return value
+
+
+def _words(value: Any, name: str) -> list[str]:
+    return [_word(word, name) for word in _list(value, name)]
+
+
+def _numbers(value: Any, name: str) -> list[float]:
+    return [check_real(number, f"{name}[{i}]") for i, number in enumerate(_list(value, name))]
+
+
+KEYS: dict[str, dict[str, Callable[[Any, str], Any]]] = {  # of each table, with what checks their values
+    "file": {"name": _word, "tops": _table, "sweep": _list},
+    "top": {"alpha": check_real, "J": _numbers, "x": _numbers, "potential": _word, "parameters": _numbers},
+    "sweep": {
+        **{"methods": _words, "tops": _words, **dict.fromkeys(KNOBS, _numbers), "time": check_real, "options": _table},
+        **{"steps": partial(check_count, least=1), "samples": partial(check_count, least=2)},
+    },
+}
+
+
+def _checked(table: Any, kind: str) -> dict[str, Any]:
+    """The values of a table; ValueError names the key that is unknown or has a wrong value."""
+    known = KEYS[kind]
+    for key in _table(table, "it"):
+        if key not in known:
+            raise ValueError(f"unknown key {key!r}{suggestion(key, known)} Known: {', '.join(known)}")
+    return {key: known[key](value, key) for key, value in table.items()}
+
+
 def read(path: str | Path) -> str:
     """Reads a file and returns the name of its experiment, which `experiments.load` knows from now on.
 
@@ -65,20 +106,18 @@ def read(path: str | Path) -> str:
     ValueError : what is wrong, where in the file, and what may have been meant. OSError : there is no such file.
     """
     path = Path(path)
-    content = read_toml(path)
     with _at(f"{path}, "):
-        _only(content, "file")
-        name = content.get("name", path.stem)
-        if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        content = {"name": path.stem, "tops": {}} | _checked(read_toml(path), "file")
+        name, sweeps = content["name"], content.get("sweep", ())
+        if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
             raise ValueError(f'name must consist of letters, digits, _ and -; got {name!r}: set name = "…"')
-        tops = {own: _own_top(own, table) for own, table in _table(content.get("tops", {}), "tops").items()}
-        sweeps = content.get("sweep")
-        if not isinstance(sweeps, list) or not sweeps:
+        if not sweeps:
             raise ValueError("nothing to compute: add a table [[sweep]], with two brackets")
+        tops = {own: _own_top(own, table) for own, table in content["tops"].items()}
         listed: dict[str, Cell] = {}
         for number, table in enumerate(sweeps, 1):
             with _at("[[sweep]]" + (f" {number}, " if len(sweeps) > 1 else ", ")):
-                listed |= {repr(cell): cell for cell in _sweep(_table(table, "it"), tops)}  # each cell once
+                listed |= {repr(cell): cell for cell in _sweep(table, tops)}  # each cell once
         experiment, cells = f"{SWEEP}{name}", list(listed.values())
         if _cells.setdefault(experiment, cells) != cells:
             raise ValueError(f"name: another file of this run is called {name!r}, too")
@@ -99,21 +138,15 @@ def _own_top(name: str, table: Any) -> Start:
     with _at(f"[tops.{name}], "):
         if _known_top(name):
             raise ValueError("the bench has a top of this name; choose another")
-        _only(_table(table, "it"), "top")
-        if missing := [key for key in KEYS["top"][:3] if key not in table]:
+        given = _checked(table, "top")
+        if missing := [key for key in ("alpha", "J", "x") if key not in given]:
             raise ValueError(f"{', '.join(missing)} must be given")
-        J, x = (_numbers(table, key) for key in ("J", "x"))
-        if (len(J), len(x)) != (3, 3):
-            raise ValueError(f"J and x must be three numbers each; got {len(J)} and {len(x)}")
-        if not isinstance(table.get("potential", ""), str):
-            raise ValueError(f"potential must be a name; got {table['potential']!r}")
-        if "parameters" in table and "potential" not in table:
+        if "parameters" in given and "potential" not in given:
             raise ValueError("parameters: of which potential? Give potential = NAME, too")
-        alpha, y0 = check_real(table["alpha"], "alpha"), check_state([*J, *x])
-        start = {"top": name, "alpha": alpha, "y0": _words(y0)}
-        if "potential" in table:
-            parameters = table.get("parameters") and _numbers(table, "parameters")
-            start |= {"potential": table["potential"], "parameters": _words(parameters or ())}
+        y0 = check_state([*given["J"], *given["x"]], "J and x")
+        start = {"top": name, "alpha": given["alpha"], "y0": _text(y0)}
+        if "potential" in given:
+            start |= {"potential": given["potential"], "parameters": _text(given.get("parameters", ()))}
         top = _top(start)
         if "uniform" not in top.offers:
             top.check_state(y0)
@@ -122,7 +155,7 @@ def _own_top(name: str, table: Any) -> Start:
     return start
 
 
-def _words(values: Iterable[float]) -> str:
+def _text(values: Iterable[float]) -> str:
     return ",".join(repr(float(value)) for value in values)  # as the options of `integrate` take them
 
 
@@ -141,59 +174,54 @@ def _known_top(name: str) -> bool:
     return name in NAMED_TOPS or re.fullmatch(r"random\d{3}", name) is not None
 
 
-def _sweep(table: dict[str, Any], tops: dict[str, Start]) -> Iterator[Cell]:
+def _one_of(table: dict[str, Any], keys: tuple[str, ...]) -> str:
+    given = [key for key in keys if key in table]
+    if len(given) != 1:
+        raise ValueError(f"give one of {', '.join(keys)}" + (f"; got {' and '.join(given)}" if given else ""))
+    return given[0]
+
+
+def _sweep(table: Any, tops: dict[str, Start]) -> Iterator[Cell]:
     """The cells of one table."""
-    _only(table, "sweep")
-    knob = _one_of(table, KNOBS)
-    values = _numbers(table, knob)
-    for i, value in enumerate(values):
-        check_step(value, f"{knob}[{i}]")
-        if not 1 / LARGEST <= (abs(value) if knob == "h" else value) <= LARGEST:
-            raise ValueError(f"{knob}[{i}] must be between {1 / LARGEST:g} and {LARGEST:g}; got {value:g}")
-    length = _one_of(table, ("time", "steps") if knob == "h" else ("time",))
-    time = check_real(table.get("time", 1.0), "time")
-    if not time > 0:
-        raise ValueError(f"time must be positive; got {time:g} (a negative h runs backwards)")
-    steps = check_count(table.get("steps", 1), "steps", least=1)
-    if knob != "h" and "steps" in table:
+    given = {"samples": SAMPLES, "options": {}, "tops": list(tops) or ["generic"]} | _checked(table, "sweep")
+    knob, length = _one_of(given, KNOBS), _one_of(given, ("time", "steps"))
+    if knob != "h" and length == "steps":
         raise ValueError(f"steps goes with h; with {knob} give time only")
-    samples = check_count(table.get("samples", SAMPLES), "samples", least=2)
-    memory.check(samples, PER_SAMPLE, memory.limit(), "samples", f"take fewer, or set {memory.VARIABLE}")
-    options = _options(_table(table.get("options", {}), "options"))
-    methods = _list(table, "methods")
-    starts = [_start(name, tops) for name in _list({"tops": list(tops) or ["generic"], **table}, "tops")]
-    for name in methods:
-        _check_method(name, {knob: values[0]}, starts, options)
+    if length == "time" and not given["time"] > 0:
+        raise ValueError(f"time must be positive; got {given['time']:g} (a negative h runs backwards)")
+    for i, value in enumerate(given[knob]):
+        check_step(value, f"{knob}[{i}]")
+    memory.check(given["samples"], PER_SAMPLE, memory.limit(), "samples", f"take fewer, or set {memory.VARIABLE}")
+    options = _options(given["options"])
+    starts = [_start(name, tops) for name in given["tops"]]
+    for name in given["methods"]:
+        _check_method(name, {knob: given[knob][0]}, starts, options)
     text = ", ".join(f"{key}={value}" for key, value in options.items())
-    for start in starts:
-        for name in methods:
-            for value in values:
-                extent: Cell = {"span": time}
-                if knob == "h":
-                    n = time / abs(value) if length == "time" else steps
-                    extent = {"steps": check_count(round(min(n, 2.0 * MOST)), "time / h", least=1)}
-                yield {"method": name, **start, "options": text, knob: value, **extent, "samples": samples}
+    for start, name, value in product(starts, given["methods"], given[knob]):
+        extent: Cell = {"span": given.get("time")}
+        if knob == "h":
+            n = given["steps"] if length == "steps" else round(min(given["time"] / abs(value), 2.0 * MOST))
+            extent = {"steps": check_count(n, "time / h", least=1)}
+        yield {"method": name, **start, "options": text, knob: value, **extent, "samples": given["samples"]}
 
 
-def _start(name: Any, tops: dict[str, Start]) -> Start:
+def _start(name: str, tops: dict[str, Start]) -> Start:
     """The fields of a cell that say where it starts."""
-    if not isinstance(name, str) or not (name in tops or _known_top(name)):
-        names = [*tops, *NAMED_TOPS, "random000"]
-        known = f"Known: {', '.join(names)} … random999"
-        raise ValueError(f"tops: unknown top {name!r}{suggestion(str(name), names)} {known}")
     if name in tops:
         return tops[name]
+    if not _known_top(name):
+        names = [*tops, *NAMED_TOPS, "random000"]
+        known = f"Known: {', '.join(names)} … random999"
+        raise ValueError(f"tops: unknown top {name!r}{suggestion(name, names)} {known}")
     top, y0 = find(name)
-    start = {"top": name, "alpha": top.single(), "y0": _words(y0)}
+    start = {"top": name, "alpha": top.single(), "y0": _text(y0)}
     if "uniform" not in top.offers:
-        start |= {"potential": top.potential.name, "parameters": _words(top.parameters)}
+        start |= {"potential": top.potential.name, "parameters": _text(top.parameters)}
     return start
 
 
-def _check_method(name: Any, knob: dict[str, float], starts: list[Start], words: dict[str, str]) -> None:
+def _check_method(name: str, knob: dict[str, float], starts: list[Start], words: dict[str, str]) -> None:
     """Whether there is the method, and takes this knob, these tops, and these options."""
-    if not isinstance(name, str):
-        raise ValueError(f"methods must be names; got {name!r}")
     with _at("methods: "):
         method = find_method(name)
     (key,) = knob
@@ -220,41 +248,7 @@ def _check_method(name: Any, knob: dict[str, float], starts: list[Start], words:
 
 def _options(table: dict[str, Any]) -> dict[str, str]:
     """The options as the words that --option of `integrate` takes."""
-    for key, value in table.items():
-        if not isinstance(value, (bool, int, float, str)) or (isinstance(value, str) and ("," in value or not value)):
-            raise ValueError(f"options.{key} must be a number, true, false or a word; got {value!r}")
     return {key: str(value).lower() if isinstance(value, bool) else str(value) for key, value in table.items()}
-
-
-def _only(table: dict[str, Any], kind: str) -> None:
-    known = KEYS[kind]
-    for key in table:
-        if key not in known:
-            raise ValueError(f"unknown key {key!r}{suggestion(key, known)} Known: {', '.join(known)}")
-
-
-def _table(value: Any, name: str) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise ValueError(f"{name} must be a table; got {value!r}")
-    return value
-
-
-def _list(table: dict[str, Any], key: str) -> list[Any]:
-    value = table.get(key)
-    if not isinstance(value, list) or not value:
-        raise ValueError(f"{key} must be a list with something in it, as […]; got {value!r}")
-    return value
-
-
-def _numbers(table: dict[str, Any], key: str) -> list[float]:
-    return [check_real(number, f"{key}[{i}]") for i, number in enumerate(_list(table, key))]
-
-
-def _one_of(table: dict[str, Any], keys: tuple[str, ...]) -> str:
-    given = [key for key in keys if key in table]
-    if len(given) != 1:
-        raise ValueError(f"give one of {', '.join(keys)}" + (f"; got {' and '.join(given)}" if given else ""))
-    return given[0]
 
 
 # ---------------------------------------------------------------- the experiment

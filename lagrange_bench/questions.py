@@ -166,7 +166,7 @@ def order(methods: Iterable[str | Method], tops: Top | Iterable[Top] = "generic"
 
     def measure(cell: dict[str, Any]) -> list[dict[str, Any]]:
         start = next((top.top, top.state) for top in asked.tops if top.name == cell["state"])
-        points = check.order_points(METHODS[cell["method"]], phase_experiment.ORDER_SPANS, (start,))
+        points = check.order_points(METHODS[cell["method"]], check.ORDER_SPANS, (start,))
         few = len(points.spans) < 3
         found = np.nan if few else np.polyfit(np.log(points.spans), np.log(points.errors), 1)[0] - 1
         return [{"h": h, "error": e, "order": found} for h, e in zip(points.spans, points.errors, strict=True)]

@@ -12,7 +12,6 @@ import unicodedata
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -20,10 +19,7 @@ import matplotlib
 import matplotlib.figure
 import numpy as np
 from cycler import cycler
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.mathtext import MathTextParser
-from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 WIDTHS = {"column": 3.4, "page": 7.0}  # inches: one and two columns of a journal page
@@ -222,30 +218,11 @@ def printable(text: str) -> str:
     return "".join(c for c in text if c == "\n" or not unicodedata.category(c).startswith("C"))
 
 
-def keep_to_the_letter(artist: Artist) -> None:
-    """What looks like a formula and is none, as words of somebody's rows may, is drawn as it stands."""
-    for text in artist.findobj(Text):
-        text.set_text(printable(text.get_text()))
-        if "$" in text.get_text() and not _formula(text.get_text()):
-            text.set_parse_math(False)
-
-
-@cache
-def _formula(text: str) -> bool:
-    """Whether matplotlib can read the formulas in a text."""
-    try:
-        MathTextParser("path").parse(text)
-    except ValueError:
-        return False
-    return True
-
-
 def finish(fig: matplotlib.figure.Figure) -> None:
     """Makes a figure ready to be saved; panels on top of each other get the labels they had from their neighbours."""
     for ax in fig.axes:
         ax.set(**_LIMITS.get())
         _choose_ticks(ax)  # or thousands of them are made, to be looked at and thrown away
-    keep_to_the_letter(fig)
     if fig.get_figwidth() == WIDTHS["column"]:
         for ax in fig.axes:
             place = ax.get_subplotspec()

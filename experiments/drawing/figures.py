@@ -8,19 +8,14 @@ from collections.abc import Callable
 from html import escape
 from typing import Any
 
-import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from lagrange_bench.experiments.drawing import style
 
 WIDE = 360  # points: a figure wider than a column gets a row of the page to itself
-DENSE = 20_000  # points of one line or scatter beyond which it is stored as pixels
 DPI = {"column": 600, "page": 400}  # of a PNG: what journals ask for line art
 
 FONTS = "'DejaVu Sans',Verdana,sans-serif"
@@ -73,15 +68,6 @@ def _prepare(figure: Figure) -> None:
         for line in ax.lines:
             if line.get_gid() is None and not str(line.get_label()).startswith("_"):
                 line.set_gid(style.title(str(line.get_label())))
-        for artist in (*ax.lines, *ax.collections):
-            if _points(artist) > DENSE:
-                artist.set_rasterized(True)
-
-
-def _points(artist: Artist) -> int:
-    if isinstance(artist, Line2D):
-        return int(np.size(artist.get_xdata()))
-    return int(np.shape(artist.get_offsets())[0]) if isinstance(artist, PathCollection) else 0
 
 
 # ---------------------------------------------------------------- fewer bytes of SVG

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.colors import to_rgb
@@ -23,33 +23,30 @@ from lagrange_bench.integrators.registry import BUILT_IN, METHODS, find_stored_m
 
 CONTRAST = 4.5  # of coloured text on white, as WCAG asks for
 
-# family → (colours, markers), used in registry order within the family
-FAMILIES: dict[str, tuple[Sequence[str], Sequence[str]]] = {
-    "backlund": (("#0072B2", "#3F93CF", "#003B5C", "#7D9BD1", "#0B4F9E"), ("o", "s", "D", "h", "^")),
-    "closed-form": (("#1A1A1A", "#6E6E6E", "#454545"), ("o", "s", "D")),
-    "taylor": (("#009E73", "#00503A", "#45B894", "#2E7D5B", "#4FA98A"), ("^", "v", "<", ">", "o", "s")),
-    "runge-kutta": (("#D55E00", "#8A3A00", "#E8742E", "#B04C00", "#5C2700"), ("X", "P", "p", "8", "o", "s", "D")),
-    "splitting": (("#C78900", "#7A5400", "#DB9400", "#4D3500", "#A8770F"), (">", "o", "s", "D", "^", "v", "<")),
-    "integrable": (("#1E95CC", "#0F5C80", "#3AA0DA"), ("p", "o", "s", "D")),
-    "implicit": (("#C0649A", "#7B2E5E", "#D07AAE", "#A0437C", "#54183E"), ("d", "o", "s", "H", "^", "v")),
-    "lie-group": (("#8C8000", "#544D00", "#A39700"), ("h", "o", "s", "D")),
-    "whole-body": (("#8A5A44", "#5C3A2B", "#B07A60", "#3E2519", "#A0664B"), ("v", "o", "s", "D", "^")),
-}
-TITLES = {
-    "backlund": "Bäcklund maps",
-    "closed-form": "closed form",
-    "taylor": "Taylor series",
-    "runge-kutta": "explicit Runge–Kutta",
-    "splitting": "splitting",
-    "integrable": "integrable discretisations",
-    "implicit": "implicit, multistep",
-    "lie-group": "Lie group",
-    "whole-body": "multibody dynamics",
+
+class Family(NamedTuple):
+    """The title of its panel; colours and markers, used in registry order within the family."""
+
+    title: str
+    colours: Sequence[str]
+    markers: str
+
+
+FAMILIES: dict[str, Family] = {
+    "backlund": Family("Bäcklund maps", ("#0072B2", "#3F93CF", "#003B5C", "#7D9BD1", "#0B4F9E"), "osDh^"),
+    "closed-form": Family("closed form", ("#1A1A1A", "#6E6E6E", "#454545"), "osD"),
+    "taylor": Family("Taylor series", ("#009E73", "#00503A", "#45B894", "#2E7D5B", "#4FA98A"), "^v<>os"),
+    "runge-kutta": Family("explicit Runge–Kutta", ("#D55E00", "#8A3A00", "#E8742E", "#B04C00", "#5C2700"), "XPp8osD"),
+    "splitting": Family("splitting", ("#C78900", "#7A5400", "#DB9400", "#4D3500", "#A8770F"), ">osD^v<"),
+    "integrable": Family("integrable discretisations", ("#1E95CC", "#0F5C80", "#3AA0DA"), "posD"),
+    "implicit": Family("implicit, multistep", ("#C0649A", "#7B2E5E", "#D07AAE", "#A0437C", "#54183E"), "dosH^v"),
+    "lie-group": Family("Lie group", ("#8C8000", "#544D00", "#A39700"), "hosD"),
+    "whole-body": Family("multibody dynamics", ("#8A5A44", "#5C3A2B", "#B07A60", "#3E2519", "#A0664B"), "vosD^"),
 }
 OTHERS = "others"  # methods no longer registered, and families of plug-ins
-STRANGERS = (("#5A5A5A", "#8F8F8F", "#333333", "#B0B0B0"), ("+", "x", "1", "2"))
+STRANGERS = (("#5A5A5A", "#8F8F8F", "#333333", "#B0B0B0"), "+x12")
 OWN = "#000000"  # of what stands out, with these markers and dashes
-OWN_MARKERS = ("*", "P", "X", "d")
+OWN_MARKERS = "*PXd"
 OWN_DASHES: tuple[Any, ...] = ((0, (3, 1)), (0, (6, 1, 1, 1)), (0, (1, 0.8)), (0, (9, 2)))
 FEW = 8  # methods: all of so many can be named
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
@@ -136,7 +133,7 @@ def bold(method: str) -> dict[str, Any]:
 
 def _main_colour(method: str) -> str:
     name = family(method)
-    return FAMILIES[name][0][0] if name in FAMILIES else str(of(method)["color"])
+    return FAMILIES[name].colours[0] if name in FAMILIES else str(of(method)["color"])
 
 
 @lru_cache(maxsize=1)
@@ -152,7 +149,7 @@ def _known(changes: int) -> tuple[dict[str, str], dict[str, dict[str, Any]]]:
         styles[name] = _stranger(name)
         if method and method.family in FAMILIES:
             families[name] = method.family
-            styles[name] = _style(method.label, *FAMILIES[method.family], places[method.family])
+            styles[name] = _style(method.label, *FAMILIES[method.family][1:], places[method.family])
             places[method.family] += 1
         elif method:
             styles[name]["label"] = method.label
@@ -167,7 +164,7 @@ def _digest(name: str) -> int:
     return hashlib.sha256(name.encode(errors="surrogatepass")).digest()[0]
 
 
-def _style(text: str, colours: Sequence[str], markers: Sequence[str], place: int) -> dict[str, Any]:
+def _style(text: str, colours: Sequence[str], markers: str, place: int) -> dict[str, Any]:
     def pick(options: Sequence[Any]) -> Any:
         return options[place % len(options)]
 

@@ -25,7 +25,6 @@ from lagrange_bench.experiments.drawing.canvas import (
     INK,
     TALLEST,
     Figure,
-    keep_to_the_letter,
     panels,
     plain,
     width,
@@ -35,7 +34,6 @@ from lagrange_bench.experiments.drawing.looks import (
     FAMILIES,
     OTHERS,
     OWN_DASHES,
-    TITLES,
     family,
     label,
     of,
@@ -136,7 +134,7 @@ def multiples(
     narrow = width() == "column"
     columns = 1 if narrow else min(len(groups), 2)
     small = {"markersize": 2.2 if narrow else 3.0, "markeredgewidth": 0.4}
-    titles = [TITLES.get(group, group) for group in groups]
+    titles = [FAMILIES[group].title if group in FAMILIES else group for group in groups]
     fig, axes = panels(titles, columns, (0.45, 1.75), xlabel, ylabel, sharex=True, sharey=True)
     for ax, group in zip(axes, groups, strict=True):
         if group != family(REFERENCE) and REFERENCE in names:
@@ -264,7 +262,6 @@ def legend_below(fig: matplotlib.figure.Figure) -> None:
     handles = [entries[text] for text in texts]
     for columns in range(len(texts), 0, -1):
         legend = fig.legend(handles, texts, loc="outside lower center", ncols=columns, columnspacing=1.4)
-        keep_to_the_letter(legend)
         size = legend.get_window_extent()
         if columns == 1 or size.width <= 0.92 * fig.bbox.width:
             height = fig.get_figheight()

@@ -16,7 +16,7 @@ import pickle
 import random
 import warnings
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -53,6 +53,7 @@ FLOOR, CEILING = 1e-14, 1e-2  # of one-step errors an order is read from: above 
 POINTS = 8  # the smallest steps above the floor
 RUN, MOST_STEPS = 4.0, 512  # length, in time scales, of the runs that tell the order of a method with memory
 RUN_FLOOR = 1e-12  # of their errors
+ORDER_SPANS = 2.0 ** np.arange(2, -18, -0.125)  # steps an order is looked for among
 LOST = 0.1  # of the scales: a run so far off says nothing about accuracy
 TOGETHER = 32  # steps that tell whether it has one: the starter of a method of high order takes several
 NEAR, STEEPER = 0.25, 1.25  # steps longer than this, in time scales, may show a slope up to that much above the order
@@ -88,11 +89,10 @@ class Worst(NamedTuple):
 
     size: float = 0.0
     at: str = ""
-    steady: bool = False  # whether it grew like the number of steps
 
-    def or_(self, size: float, name: Start, span: float, steady: bool = False) -> Worst:
+    def or_(self, size: float, name: Start, span: float) -> Worst:
         size = float("inf") if np.isnan(size) else float(size)
-        return self if self.at and size <= self.size else Worst(size, f"{label(name)}, h = {span:g}", steady)
+        return self if self.at and size <= self.size else Worst(size, f"{label(name)}, h = {span:g}")
 
     @property
     def where(self) -> str:
@@ -162,15 +162,12 @@ def order(method: Method, quick: bool, names: tuple[Start, ...] = ORDER_STATES) 
     if method.control == "tolerance":
         yield Verdict(f"order {claimed}", None, None, "", "h is only the output grid")
         return
-    try:
-        points = order_points(method, 2.0 ** np.arange(2, -18, -0.125), names)
-    except EverywhereExact:
-        yield Verdict(
-            f"order {claimed}", None, None, "", "every step here is exact up to round-off, as at an equilibrium"
-        )
-        return
+    points = order_points(method, ORDER_SPANS, names)
     tolerance = TOLERANCE if names == ORDER_STATES else FIELD_TOLERANCE
     claim, bound = f"order {claimed}", f"{claimed} ± {tolerance}"
+    if points.exact:
+        yield Verdict(claim, None, None, "", "every step here is exact up to round-off, as at an equilibrium")
+        return
     if len(points.spans) < 4:
         note = f"fewer than 4 steps have an error between {FLOOR:g} and {CEILING:g}"
         yield Verdict(claim, False, None, bound, note)
@@ -183,26 +180,19 @@ def order(method: Method, quick: bool, names: tuple[Start, ...] = ORDER_STATES) 
     yield Verdict(claim, None if hidden else abs(p - claimed) <= tolerance, p, bound, how)
 
 
-class EverywhereExact(Exception):
-    """No state tells an order: the errors of all steps are round-off."""
-
-
 class OrderPoints(NamedTuple):
     """Falling steps, in time scales, and errors of one step that an order p is read from, error ~ h^(p+1)."""
 
     spans: Array
     errors: Array
     runs: bool  # whether they are those of runs of length RUN, divided by the number of steps
+    exact: bool = False  # whether all steps are exact up to round-off: then there are no points
 
 
 def order_points(method: Method, spans: Array, names: tuple[Start, ...] = ORDER_STATES) -> OrderPoints:
     """The smallest steps among `spans` (falling) whose errors, geometric means over states and signs, are no round-off.
 
     A state on which no step has more than round-off, such as an equilibrium, does not count.
-
-    Raises
-    ------
-    EverywhereExact : there is no other state.
     """
     runs, counts = remembers(method, names[:2]), np.ones(1)
     if runs:
@@ -214,7 +204,7 @@ def order_points(method: Method, spans: Array, names: tuple[Start, ...] = ORDER_
     known = ~np.all(np.isnan(errors), axis=1)  # a method that fails at every step is another matter
     still = known & ~np.any(errors > least, axis=1)
     if np.all(still):
-        raise EverywhereExact
+        return OrderPoints(spans[:0], spans[:0], runs, exact=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = np.exp(np.mean(np.log(errors[~still]), axis=0))
     usable = np.flatnonzero((mean > least) & (mean < CEILING))[-POINTS:]  # NaN: not usable
@@ -300,12 +290,34 @@ def return_error(method: Method, name: Start, span: float, n: int) -> float:
     top, y0 = find(name)
     h = span * top.scales(y0)[2]
     end = truths.after_steps(top, y0, h, [n])[0]
-    later = top.starting(top.start + n * h) if getattr(top, "timed", False) else top
-    y = prepared(method, later, end, -h).advance(end, n)
+    y = prepared(method, later(top, n * h), end, -h).advance(end, n)
     return float(metrics.scaled_error(top, y0, y, y0))
 
 
+def later(problem: Any, t: float) -> Any:
+    """The problem as it is after a time t, for a motion that goes on from there."""
+    return problem.starting(problem.start + t) if getattr(problem, "timed", False) else problem
+
+
 # ---------------------------------------------------------------- structure
+
+
+def steps_on(names: tuple[Start, ...]) -> Iterator[tuple[Start, float, Any, Array, float]]:
+    """Each start with each of SPANS: its name, the step in time scales, the problem, the state and the step."""
+    for name in names:
+        top, y0 = find(name)
+        for span in SPANS:
+            yield name, span, top, y0, span * top.scales(y0)[2]
+
+
+@contextlib.contextmanager
+def declines_long_steps(span: float) -> Iterator[None]:
+    """A StepError inside is a fault only where the step is short."""
+    try:
+        yield
+    except StepError:
+        if span < 1:
+            raise
 
 
 def symmetric(method: Method, quick: bool, names: tuple[Start, ...] = STATES) -> Iterator[Verdict]:
@@ -314,18 +326,10 @@ def symmetric(method: Method, quick: bool, names: tuple[Start, ...] = STATES) ->
         yield Verdict("symmetric", None, None, "", NOT_CLAIMED)
         return
     worst = Worst()
-    for name in names:
-        top, y0 = find(name)
-        for span in SPANS:
-            h = span * top.scales(y0)[2]
-            try:
-                there = prepared(method, top, y0, h).advance(y0, 1)
-                later = top.starting(top.start + h) if getattr(top, "timed", False) else top
-                back = prepared(method, later, there, -h).advance(there, 1)
-            except StepError:
-                if span < 1:
-                    raise
-                continue
+    for name, span, top, y0, h in steps_on(names):
+        with declines_long_steps(span):
+            there = prepared(method, top, y0, h).advance(y0, 1)
+            back = prepared(method, later(top, h), there, -h).advance(there, 1)
             worst = worst.or_(float(metrics.scaled_error(top, y0, back, y0)), name, span)
     # two steps of some hundred roundings; a method of order 8 that is not symmetric misses it by far. At a state of the user's
     # own a rounding may weigh more
@@ -341,20 +345,9 @@ def poisson(method: Method, quick: bool, names: tuple[Start, ...] = STATES) -> I
         return
     worst, bound = Worst(), 1e-8
     names = names[:2] if quick else names
-    for name in names:
-        top, y0 = find(name)
-        for span in SPANS:
-            h = span * top.scales(y0)[2]
-
-            def step(y: Array, top: Any = top, h: float = h) -> Array:
-                return prepared(method, top, y, h).advance(y, 1)
-
-            try:
-                found = metrics.poisson_defect(step, top, y0)
-            except StepError:
-                if span < 1:
-                    raise
-                continue
+    for name, span, top, y0, h in steps_on(names):
+        with declines_long_steps(span):
+            found = metrics.poisson_defect(lambda y: prepared(method, top, y, h).advance(y, 1), top, y0)  # noqa: B023
             if span < 1 or found.error <= bound:  # else the map bends too much for differences
                 worst = worst.or_(found.defect, name, span)
     how = f"‖D P(y) Dᵀ − P(ỹ)‖, D by central differences of order 6, {AT.format(len(names))}{worst.where}"
@@ -378,64 +371,51 @@ def conserves(
     stopped: dict[tuple[float, str], list[str]] = {}
     claimed: dict[str, list[str]] = {}
     quantities: dict[str, None] = {}
-    for name in names:
-        top, y0 = find(name)
-        conserved, kept = top.conserved, method.kept(top)
-        keeps = method.keeps if "uniform" in top.offers else {}
-        for quantity in (*kept, *keeps):
-            claimed.setdefault(quantity, []).append(label(name))
-        quantities |= dict.fromkeys(top.names)
-        for span in SPANS:
-            h = span * top.scales(y0)[2]
-            try:
-                y = prepared(method, top, y0, h).record(y0, n, n // 10)
-            except StepError as error:
-                if span < 1:
-                    stopped.setdefault((span, error.reason), []).append(label(name))
-                continue
-            times = h * (n // 10) * np.arange(len(y))
-            with np.errstate(over="ignore", invalid="ignore"):  # the bench's own, of a run that has gone astray
-                drift = np.abs(metrics.relative_drift(top.invariants(y, times), top.invariant_scales(y0)))
-            columns = zip(top.names, drift.T, strict=True)
-            found = {word if word in kept else f"({word})": column for word, column in columns if word in conserved}
-            for quantity, value in keeps.items():
-                values, unit = value(top, h, y)
-                found[quantity] = np.abs(values - values[0]) / unit
-            for quantity, column in found.items():
-                worst[quantity] = worst[quantity].or_(np.max(column), name, span, _steady(column))
+    for name, span, top, y0, h in steps_on(names):
+        kept, keeps = method.kept(top), method.keeps if "uniform" in top.offers else {}
+        if span == SPANS[0]:
+            for quantity in (*kept, *keeps):
+                claimed.setdefault(quantity, []).append(label(name))
+            quantities |= dict.fromkeys(top.names)
+        try:
+            y = prepared(method, top, y0, h).record(y0, n, n // 10)
+        except StepError as error:
+            if span < 1:
+                stopped.setdefault((span, error.reason), []).append(label(name))
+            continue
+        times = h * (n // 10) * np.arange(len(y))
+        with np.errstate(over="ignore", invalid="ignore"):  # the bench's own, of a run that has gone astray
+            drift = np.abs(metrics.relative_drift(top.invariants(y, times), top.invariant_scales(y0)))
+        sizes = dict(zip(top.names, np.max(drift, axis=0), strict=True))
+        found = {word if word in kept else f"({word})": sizes[word] for word in top.names if word in top.conserved}
+        for quantity, value in keeps.items():
+            values, unit = value(top, h, y)
+            found[quantity] = np.max(np.abs(values - values[0]) / unit)
+        for quantity, size in found.items():
+            worst[quantity] = worst[quantity].or_(size, name, span)
     at = f"largest error over {n} steps, {AT}" + (", where it gets through" if stopped else "")
-    biased = _biased(method, names)
+    biased = method.biased if "uniform" in find(names[0])[0].offers else {}
     for quantity in dict.fromkeys((*quantities, *claimed)):
         on, claim = claimed.get(quantity, ()), f"conserves {quantity}"
-        found_worst = worst.get(quantity if on else f"({quantity})")
-        drifted = None if found_worst is None else found_worst.size
-        how = at.format(len(on or names)) + ("" if found_worst is None else found_worst.where)
-        if on and drifted is not None:
-            bound = EPS * (BIAS * n if quantity in biased else min(BIAS * n, WALK * n**0.5))
-            ulps = drifted / (n * EPS)
-            if bound < drifted and ulps <= ROUND_OFF and found_worst is not None and found_worst.steady:
-                how += f"; that is {ulps:.1g} ulp a step, always the same way, which looks like round-off and no fault of the "
-                how += "formula (see “A rounding that always goes the same way” in docs/adding-a-method.md)"
-            yield Verdict(claim, drifted <= bound, drifted, f"≤ {bound:.1e}", how)
-        elif drifted is not None:
-            yield Verdict(claim, None, drifted, "", f"{NOT_CLAIMED}; {how}")
-        elif on or any(quantity in find(name)[0].conserved for name in names):
-            yield Verdict(claim, None, None, "", f"no run gets through {n} steps")
+        largest = worst.get(quantity if on else f"({quantity})")
+        if largest is None:
+            if on or any(quantity in find(name)[0].conserved for name in names):
+                yield Verdict(claim, None, None, "", f"no run gets through {n} steps")
+            continue
+        how = at.format(len(on or names)) + largest.where
+        if not on:
+            yield Verdict(claim, None, largest.size, "", f"{NOT_CLAIMED}; {how}")
+            continue
+        bound = EPS * (BIAS * n if quantity in biased else min(BIAS * n, WALK * n**0.5))
+        if bound < largest.size <= ROUND_OFF * n * EPS:
+            how += f"; that is {largest.size / (n * EPS):.1g} ulp a step, which may be no fault of the formula: see “A rounding "
+            how += "that always goes the same way” in docs/adding-a-method.md"
+        yield Verdict(claim, largest.size <= bound, largest.size, f"≤ {bound:.1e}", how)
     if stopped:  # unless at the smallest step no fault: an explicit method may be unstable
         harmless = min(stopped)[0] > SPANS[0]
         how = "; ".join(f"fails at h = {span:g}: {why} ({', '.join(on)})" for (span, why), on in stopped.items())
         how += f"; only a failure at h = {SPANS[0]:g} or below counts against a method" if harmless else ""
         yield Verdict(f"takes {n} steps", None if harmless else False, None, "", how)
-
-
-def _steady(drift: Array) -> bool:
-    """Whether a drift at equal times, from 0 on, is that of a constant rate: no walk, and no oscillation."""
-    expected = drift[-1] * np.linspace(0, 1, len(drift))
-    return bool(np.all(np.abs(drift - expected) <= 0.25 * drift[-1]))
-
-
-def _biased(method: Method, names: tuple[Start, ...]) -> Mapping[str, str]:
-    return method.biased if "uniform" in find(names[0])[0].offers else {}
 
 
 # ---------------------------------------------------------------- behaviour
@@ -544,15 +524,28 @@ def in_field(method: Method, quick: bool) -> Iterator[Verdict]:
     if not names:
         yield Verdict("in a field", None, None, "", str(refused[FIELD_STATES[0]]))
         return
+    yield from _claims(method, quick, "in a field", ordered, names, names)
+
+
+def _claims(
+    method: Method,
+    quick: bool,
+    where: str,
+    ordered: tuple[Start, ...],
+    solved: tuple[Start, ...],
+    names: tuple[Start, ...],
+) -> Iterator[Verdict]:
+    """The claims on problems other than a top in a uniform field: of order, of accuracy, and the others."""
     for verdict in (
         *order(method, quick, ordered),
-        *solution(method, quick, names),
+        *solution(method, quick, solved),
         *symmetric(method, quick, names),
         *conserves(method, quick, names, FIELD_STEPS if quick else 10 * FIELD_STEPS),
         *poisson(method, quick, names[:2]),
+        *(purity(method, quick, names[:2]) if where != "in a field" else ()),
         *extremes(method, quick, extreme_fields(names)),
     ):
-        yield replace(verdict, claim=f"in a field: {verdict.claim}")
+        yield replace(verdict, claim=f"{where}: {verdict.claim}")
 
 
 # ---------------------------------------------------------------- on other problems
@@ -581,16 +574,7 @@ def _on(problem: Any, y0: ArrayLike | None, method: Method) -> Check:
     starts: tuple[Start, ...] = tuple((problem, y) for y in near(problem, y0))
 
     def claims(method: Method, quick: bool) -> Iterator[Verdict]:
-        for verdict in (
-            *order(method, quick, starts),
-            *solution(method, quick, starts[:2]),
-            *symmetric(method, quick, starts[:4]),
-            *conserves(method, quick, starts[:4], FIELD_STEPS if quick else 10 * FIELD_STEPS),
-            *poisson(method, quick, starts[:2]),
-            *purity(method, quick, starts[:2]),
-            *extremes(method, quick, extreme_fields(starts)),
-        ):
-            yield replace(verdict, claim=f"{problem.name}: {verdict.claim}")
+        yield from _claims(method, quick, problem.name, starts, starts[:2], starts[:4])
 
     return claims
 
@@ -639,11 +623,9 @@ CHECKS: tuple[Check, ...] = (order, solution, symmetric, conserves, poisson, pur
 
 def label(start: Start) -> str:
     """What messages call a start."""
-    return (
-        start
-        if isinstance(start, str)
-        else f"{getattr(start[0], 'name', start[0])} from {np.round(start[1], 3).tolist()}"
-    )
+    if isinstance(start, str):
+        return start
+    return f"{getattr(start[0], 'name', start[0])} from {np.round(start[1], 3).tolist()}"
 
 
 def find(name: Start) -> tuple[Any, Array]:

@@ -93,7 +93,6 @@ def growth_exponent(
     decades: float = 2.0,
     blocks: int = 12,
     resamples: int = 2000,
-    seed: int = 0,
 ) -> Growth:
     """Exponent of the growth of an error, from many initial states.
 
@@ -123,7 +122,7 @@ def growth_exponent(
     n = len(V)
     if n < 4:
         return Growth(p, np.nan, np.nan)
-    weights = np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=resamples) / n
+    weights = np.random.default_rng(0).multinomial(n, np.full(n, 1 / n), size=resamples) / n
     # resamples that drew only states without any error have no logarithm: the floor stands in for it
     slopes = _slope(x, np.log(np.maximum(weights @ V, floor**2 + np.finfo(float).tiny)) / 2)
     # percentiles moved out as far as Student's t with n − 1 degrees of freedom reaches beyond the bootstrap's normal
@@ -240,9 +239,7 @@ class FrequencyShift(NamedTuple):
     """δφ(t) = slope·t + residual(t)."""
 
     slope: float  # δω
-    residual: Array  # (N,), with its mean: an offset is no frequency
-    linear_size: float  # |δω| times the length of the run
-    residual_size: float  # max |residual|
+    residual_size: float  # max |residual|; with its mean, for an offset is no frequency
 
 
 def frequency_shift(t: ArrayLike, dphi: ArrayLike) -> FrequencyShift:
@@ -254,10 +251,9 @@ def frequency_shift(t: ArrayLike, dphi: ArrayLike) -> FrequencyShift:
     t, dphi = _floats(t), _floats(dphi)
     good = np.isfinite(dphi)
     if np.count_nonzero(good) < 3:
-        return FrequencyShift(np.nan, np.full(t.shape, np.nan), np.nan, np.nan)
+        return FrequencyShift(np.nan, np.nan)
     slope = float(_slope(t[good], dphi[good]))
-    residual = dphi - slope * t
-    return FrequencyShift(slope, residual, abs(slope) * float(np.ptp(t)), float(np.max(np.abs(residual[good]))))
+    return FrequencyShift(slope, float(np.max(np.abs((dphi - slope * t)[good]))))
 
 
 # ---------------------------------------------------------------- order

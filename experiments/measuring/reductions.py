@@ -88,6 +88,25 @@ def of_part(name: str = "", caption: str = "", failed: bool = False) -> Callable
     return decorator
 
 
+def by_group(columns: Sequence[str], part: str = "", caption: str = "") -> Callable[..., Callable[..., Any]]:
+    """As `of_part`, of a function that makes a line of the table: it gets the values of `columns`, and the rows that have them.
+
+    Lines begin with these columns; an empty one is left out.
+    """
+
+    def decorator(function: Callable[..., dict[str, Any]]) -> Callable[..., Any]:
+        @of_part(part, caption)
+        @wraps(function)
+        def of_rows(rows: pd.DataFrame) -> pd.DataFrame:
+            groups = rows.groupby(list(columns), sort=False)
+            made = [(dict(zip(columns, values, strict=True)), function(*values, group)) for values, group in groups]
+            return pd.DataFrame([key | line for key, line in made if line])
+
+        return of_rows
+
+    return decorator
+
+
 def largest(values: ArrayLike) -> float:
     """The largest absolute value; NaN if there is a NaN."""
     return float(np.max(np.abs(np.asarray(values, dtype=float))))

@@ -18,7 +18,7 @@ each: same, differs at a place, or not written down. Adaptive methods and librar
 EXAMPLES = """\
 examples:
   lagrange-bench bits                           every kernel, a million steps on three tops: a minute
-  lagrange-bench bits backlund gauss4 --python  two, and their first thousand steps in the interpreter
+  lagrange-bench bits backlund gauss4           two of them
   lagrange-bench bits my_method --write         once, for a new method of the bench; then commit golden.json
   lagrange-bench bits --quick --json | jq '.verdicts[] | select(.passed == false) | .kernel'
 
@@ -29,7 +29,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "a method, with or without “ compensated” (default: all that are compiled)"
     command.add_argument("kernels", nargs="*", metavar="KERNEL", help=text)
     command.add_argument("--quick", action="store_true", help="ten thousand steps instead of a million")
-    command.add_argument("--python", action="store_true", help="the first thousand steps in the interpreter, too")
     text = "write the bits of these kernels into the golden file: for a method that is new, or was changed on purpose"
     command.add_argument("--write", action="store_true", help=text)
     command.add_argument("--quiet", action="store_true", help="print only what differs or is not written down")
@@ -46,24 +45,20 @@ def run(options: argparse.Namespace) -> Answer:
     golden, only = machine.golden(), options.kernels or None
     if options.write and (only is None or options.quick):
         raise ValueError("--write goes with the names of kernels, and without --quick")
-    found = {"compiled": machine.measured(machine.COUNTS[1 if options.quick else -1], only)}
-    if strange := set(only or ()) - {
-        word for kernel in found["compiled"] for word in (kernel, kernel.partition(" ")[0])
-    }:
+    found = machine.measured(machine.COUNTS[1 if options.quick else -1], only)
+    if strange := set(only or ()) - {word for kernel in found for word in (kernel, kernel.partition(" ")[0])}:
         raise ValueError(f"{sorted(strange)[0]} has no kernel of its own whose bits could be compared")
     if options.write:
-        machine.write(found["compiled"])
+        machine.write(found)
         golden = machine.golden()
-    if options.python:
-        found["interpreted"] = machine.in_python(only)
-    verdicts = [(how, verdict) for how, hashes in found.items() for verdict in machine.compare(golden, hashes)]
-    rows, counts = [("kernel", "run", "hashes", "verdict")], dict.fromkeys((True, False, None), 0)
-    for how, verdict in verdicts:
+    verdicts = machine.compare(golden, found)
+    rows, counts = [("kernel", "hashes", "verdict")], dict.fromkeys((True, False, None), 0)
+    for verdict in verdicts:
         counts[verdict.passed] += 1
         word = {True: "same", False: f"differs at {verdict.first}", None: "not written down"}[verdict.passed]
         if not (options.quiet and verdict.passed):
-            rows.append((verdict.kernel, how, str(verdict.compared), word))
+            rows.append((verdict.kernel, str(verdict.compared), word))
     sum_up = f"{counts[True]} the same, {counts[False]} differ, {counts[None]} not written down"
-    data = {"same": not counts[False], "verdicts": [{"run": how, **asdict(verdict)} for how, verdict in verdicts]}
+    data = {"same": not counts[False], "verdicts": [asdict(verdict) for verdict in verdicts]}
     lines = [*table(rows), "", sum_up] if len(rows) > 1 else [sum_up]
     return Answer("\n".join(lines), data, 1 if counts[False] else 0)

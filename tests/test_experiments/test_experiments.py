@@ -5,19 +5,47 @@ from tempfile import TemporaryDirectory
 
 import pandas as pd
 import pytest
-from tiny import tiny
 
-from lagrange_bench.experiments import EXPERIMENTS, cost, perturbed
+from lagrange_bench.experiments import EXPERIMENTS, cost, gaudin, perturbed
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.measuring import reductions, timing
+from lagrange_bench.integrators import available
 from lagrange_bench.results.store import Store, clean_rows, make_record
+from tests.installed import FOR_TOPS
 
 pytestmark = [
     pytest.mark.usefixtures("short_races"),
     pytest.mark.xdist_group("measured"),  # with test_sources.py: the same cells, whose kernels are compiled once
 ]
 each = pytest.mark.parametrize("name", EXPERIMENTS)
+
+
+SMALL = {"steps": 64, "span": 16.0, "longest": 0.01, "repeats": 1, "magnets": 1, "budget": 1e5}
+STATES = ("generic", "random000", "random001", "random002", "random003", "wide000", "weak_tide")
+
+
+def kinds():
+    """A method of every kind the experiments tell apart: family, engine, control. The contract tests see the others."""
+    there = {name: method for name, method in FOR_TOPS.items() if available(method)}
+    return set({(m.family, m.engine, m.control, bool(m.keeps)): name for name, m in reversed(there.items())}.values())
+
+
+def tiny(name):
+    """A few cells of the quick profile, made small: every part, every kind of method, one or two states."""
+    chosen, seen, some = [], {}, kinds()
+    for cell in load(name).cells("quick"):
+        if cell.get("state", "generic") not in STATES and name != "paper":
+            continue
+        method = cell.get("method")
+        if (method and method not in some) or cell.get("part") == "start":
+            continue
+        fields = ("part", "method", "state", "span", "figure", "eps", "variant")
+        key = tuple(cell.get(field) for field in fields)
+        seen[key] = seen.get(key, 0) + 1
+        if seen[key] <= 2:
+            chosen.append({**cell, **{k: v for k, v in SMALL.items() if k in cell}})
+    return [dict(pairs) for pairs in dict.fromkeys(tuple(cell.items()) for cell in chosen)]
 
 
 @cache
@@ -27,6 +55,7 @@ def rows_of(name):
     error = {"type": "StepError", "message": "no", "traceback": ""}
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setattr(timing, "interleave", lambda functions, *_, **__: interleave(functions, 1e-4, repeats=1))
+        patch.setattr(gaudin, "CALL", 10**4)
         store = Store(folder)
         for position, cell in enumerate(tiny(name)):
             failed = position % 8 == 7 and cell.get("part") != "headline"
@@ -101,6 +130,37 @@ def test_what_a_fresh_process_needs():
     for row in rows:
         assert 0 < row["second_s"] <= row["first_s"]
     assert rows[1]["first_s"] < rows[0]["first_s"], "nothing was kept for the second process"
+
+
+def test_maps_of_magnets_keep_spins_and_hamiltonians_and_have_their_order():
+    cells = [cell for cell in gaudin.cells("quick") if cell["variant"] in ("order 2", "order 6") and cell["n"] == 8]
+    cells = [{**cell, "steps": 40} if "steps" in cell else cell for cell in cells if cell["part"] in ("time", "h")]
+    rows = pd.DataFrame([{**cell, **row, "status": "done"} for cell in cells for row in gaudin.measure(cell)])
+    orders = gaudin.tables(rows)["orders"].set_index("variant").order
+    assert [round(orders[f"order {order}"]) for order in (2, 6)] == [2, 6]
+    exact = rows_of("gaudin")[lambda rows: (rows.variant == "exact") & (rows.status == "done")]
+    assert exact[exact.part == "h"].error.max() < 1e-12
+    assert pd.concat((rows, exact))[["spins", "hamiltonians"]].max().max() < 1e-14
+
+
+def test_a_step_that_is_off_shows_in_the_rows_of_random_magnets(monkeypatch):
+    pytest.importorskip("heyoka")
+    cell = {"part": "random", "n": 2, "variant": "exact", "h": 5, "magnets": 2, "steps": 100}
+    (row,) = gaudin.measure(cell)
+    assert (row["failed"], row["error"] < 1e-13, row["drift"] < 1e-14) == (0, True, True)
+    real = gaudin._stepper
+    monkeypatch.setattr(gaudin, "_stepper", lambda m, s, v, h: real(m, s, v, h * (1 + 1e-9 * (v == "exact"))))
+    assert gaudin.measure(cell)[0]["error"] > 1e-10
+
+
+def test_the_quickest_other_magnet_method_is_no_map_of_ours():
+    runs = [
+        ("exact", "backlund", 1e-14, 1.0, 9.0), ("order 8", "backlund_paper", 1e-12, 0.5, 0.0),
+        ("taylor", "taylor", 1e-8, 3.0, 0.0), ("strang", "strang", 1e-5, 2.0, 2.0),
+    ]  # fmt: skip
+    rows = pd.DataFrame(runs, columns=["variant", "method", "error", "seconds", "setup_seconds"])
+    table = gaudin.work(rows.assign(span=64.0, part="work", status="done")).drop(columns="span")
+    assert table.to_numpy().tolist() == [[1e-4, "strang", 2.0, "taylor", 0.3], [1e-7, "taylor", 3.0, "taylor", 0.3]]
 
 
 def test_perturbed_tops_say_who_wins_and_who_loses():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import sys
 from dataclasses import replace
@@ -10,26 +11,21 @@ from types import ModuleType
 
 import matplotlib
 import matplotlib.image
-import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.text import Text
 
-from lagrange_bench.__main__ import main
 from lagrange_bench.experiments.drawing import figures, style
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.integrators.interface import FAMILIES
-from lagrange_bench.report import export
 from lagrange_bench.results import store
-
-pytestmark = pytest.mark.xdist_group("figures")  # they are drawn once
-
 
 # ---------------------------------------------------------------- what methods look like
 
 
 def test_families_have_colours_and_their_methods_differ():
     """Two methods of a panel never look the same; one that nobody registered has a look of its own, always the same."""
-    assert set(style.FAMILIES) == set(FAMILIES) == set(style.TITLES)
+    assert set(style.FAMILIES) == set(FAMILIES)
     assert style.family("not_registered") == style.OTHERS
     assert style.of("not_registered")["label"] == "not_registered"
     assert style.ordered(["zeta", "rk45", "backlund", "alpha", "rk45"]) == ["backlund", "rk45", "alpha", "zeta"]
@@ -53,16 +49,17 @@ def test_a_method_lent_for_a_while_is_drawn_as_itself_whatever_was_drawn_before(
 # ---------------------------------------------------------------- names and marks in panels
 
 
-@pytest.mark.parametrize("width", [None, "column"])
-def test_small_multiples_name_every_method_once_and_apart_from_the_others(width):
+def test_small_multiples_name_every_method_once_and_apart_from_the_others():
+    """In a column, where all lines end in one place."""
+
     def line(ax, method, look):
         if method == "rk45":
             style.failed_label(ax, method)
         else:
-            ax.loglog([1, 10], [1e-9, 1e-9 * (1 + (width is None) * len(method))], **look)
+            ax.loglog([1, 10], [1e-9, 1e-9], **look)
 
     names = [*METHODS, "not_registered"]
-    with style.apply(width):
+    with style.apply("column"):
         fig, axes = style.multiples(reversed(names), line, "x", "y", (1e-16, 1))
         style.label_ends(axes)
         fig.draw_without_rendering()
@@ -108,105 +105,80 @@ def test_legend_fits_below_and_names_each_once():
     assert len(legend.get_texts()) == 7
 
 
-@pytest.mark.parametrize("ends", [(2.5e-3, 8e-2), (1.1, 2.3)])
-def test_numbers_below_a_short_logarithmic_axis_do_not_overlap(ends):
+def test_numbers_below_a_short_logarithmic_axis_do_not_overlap():
     with style.apply():
-        fig, (ax, many, _) = style.figure("page", 1.8, ncols=3)
-        ax.loglog(ends, [1, 2])
-        many.loglog([1, 1e6], [1, 2])
+        fig, axes = style.figure("page", 1.8, ncols=3)
+        for ax, ends in zip(axes, ((2.5e-3, 8e-2), (1.1, 2.3), (1, 1e6)), strict=True):
+            ax.loglog(ends, [1, 2])
         fig.draw_without_rendering()
-        assert len(many.get_xticks(minor=True)) == 0
-        ticks = ax.get_xticklabels() + ax.get_xticklabels(minor=True)
-        shown = [text.get_window_extent() for text in ticks if text.get_text()]
-    inside = sorted((box for box in shown if ax.bbox.x0 <= (box.x0 + box.x1) / 2 <= ax.bbox.x1), key=lambda box: box.x0)
-    assert len(inside) >= 2
-    assert all(left.x1 < right.x0 for left, right in pairwise(inside))
+        assert len(axes[2].get_xticks(minor=True)) == 0
+        for ax in axes[:2]:
+            ticks = ax.get_xticklabels() + ax.get_xticklabels(minor=True)
+            shown = sorted((text.get_window_extent() for text in ticks if text.get_text()), key=lambda box: box.x0)
+            inside = [box for box in shown if ax.bbox.x0 <= (box.x0 + box.x1) / 2 <= ax.bbox.x1]
+            assert len(inside) >= 2
+            assert all(left.x1 < right.x0 for left, right in pairwise(inside))
 
 
-@pytest.mark.parametrize("name", [r"$\frac{$", "bell \a, escape \x1b[31m, null \0, \ud800"])
-def test_names_are_no_formulas(name):
-    """Of methods, as a legend, an axis or a corner of a panel has them, and of whatever else is in a row."""
+def test_names_are_no_formulas():
+    """Of methods, as a legend, an axis or a corner of a panel has them."""
+    name = "$\\frac{$ bell \a, null \0, \ud800"
     fig, ax = style.figure("column")
     ax.plot([1, 2], [1, 2], **style.of(name))
     ax.set_yticks([1, 2], [style.plain(name), "b"])
     style.failed_label(ax, name)
-    ax.set_title(name)  # of a row, by somebody who does not know of `plain`
     style.legend_below(fig)
     assert all(draw(fig) for draw in figures.FORMATS.values())
     readable = "".join(c for c in name if c.isprintable())
     assert style.label(name) == readable
     parsed = [text._preprocess_math(text.get_text()) for text in fig.findobj(Text)]
-    assert sum(readable in text for text, formula in parsed if not formula) >= 4
+    assert sum(readable in text for text, formula in parsed if not formula) >= 3
 
 
 # ---------------------------------------------------------------- files
 
 
+ROWS = pd.DataFrame({"h": [0.01, 0.1, 1.0], "error": [1e-12, 3e-12, 9e-12]})
+
+
 def draw(rows):
-    """Panels side by side, one taken out; one panel as wide as a column."""
-    fig, axes = style.figure("page", 4.0, nrows=2, ncols=2, sharex=True, sharey=True, squeeze=False)
-    for i, ax in enumerate(list(axes.flat)[:3]):
-        ax.loglog(rows.h, rows.error * 10**i, **style.of("backlund"))
-        ax.set_title(f"panel {i}")
+    fig, ax = style.figure("page")
+    ax.loglog(rows.h, rows.error, **style.of("backlund"))
+    ax.set_xlabel("step")
+    return {"curve": fig}
+
+
+def printed(width):
+    with style.apply(width):
+        return {kind: figure(draw(ROWS)["curve"]) for kind, figure in figures.FORMATS.items()}
+
+
+@pytest.mark.parametrize("width", style.WIDTHS)
+def test_files_have_the_width_asked_for_embedded_fonts_and_no_date(width, monkeypatch):
+    """And the same bytes, whatever the reader's own taste is."""
+    monkeypatch.setattr(figures, "DPI", dict.fromkeys(figures.DPI, 100))  # a sixth of it: PNG takes most of the time
+    files = printed(width)
+    monkeypatch.setitem(matplotlib.rcParams, "lines.linewidth", 7.0)
+    assert [kind for kind, content in printed(width).items() if content != files[kind]] == []
+    pixels = matplotlib.image.imread(io.BytesIO(files["png"]))
+    widths = [
+        float(re.search(rb'viewBox="0 0 ([\d.]+)', files["svg"])[1]) / 72,
+        float(re.search(rb"/MediaBox \[ *0 0 ([\d.]+)", files["pdf"])[1]) / 72,
+        pixels.shape[1] / 100,
+    ]
+    assert widths == pytest.approx([style.WIDTHS[width]] * 3, abs=0.01)
+    assert pixels[..., :3].std() > 0.02, "it shows something"
+    assert b"/FontFile2" in files["pdf"], "TrueType, embedded"
+    assert not any(word in files["pdf"] for word in (b"/Type3", b"CreationDate"))
+
+
+def test_in_a_column_panels_are_on_top_of_each_other_and_keep_their_labels():
+    with style.apply("column"):
+        fig, axes = style.figure("page", 4.0, nrows=2, ncols=2, sharex=True, sharey=True, squeeze=False)
     axes[1, 1].remove()
     for ax in axes[:, 0]:
         ax.set_ylabel("error")
     axes[1, 0].set_xlabel("step")
-    single, ax = style.figure("column")
-    ax.scatter(rows.h, rows.error)
-    style.failure_marks(ax, [0.1])
-    return {"panels": fig, "single": single}
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("results")
-    for i, h in enumerate((0.01, 0.1, 1.0)):
-        done = {"status": "done", "rows": [{"error": 1e-12 * 3.0**i}], "error": None, "warnings": [], "seconds": 0.1}
-        store.Store(folder).append(store.make_record("toy.figures", 1, i, {"h": h}, **done))
-    module = ModuleType("toy.figures", "Toy.")
-    module.VERSION, module.cells, module.measure = 1, None, None
-    module.draw, module.tables = draw, lambda rows: {}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(sys.modules, "toy.figures", module)
-        patch.setattr(figures, "DPI", dict.fromkeys(figures.DPI, 100))  # a sixth of it: PNG takes most of the time
-        yield folder
-
-
-@pytest.fixture(scope="module")
-def written(results, tmp_path_factory):
-    return export.export_all(results, tmp_path_factory.mktemp("a"))[0]
-
-
-def test_the_same_rows_are_the_same_bytes_whatever_matplotlibrc_says(results, written, tmp_path, monkeypatch):
-    assert len(written) == 2 * 3 * 2
-    monkeypatch.setitem(matplotlib.rcParams, "lines.linewidth", 7.0)  # the reader's own taste
-    again = export.export_all(results, tmp_path, widths=("column",))[0]
-    before = {path.name: path.read_bytes() for path in written}
-    assert len(again) == 2 * 3
-    assert [path.name for path in again if path.read_bytes() != before[path.name]] == []
-
-
-def test_files_have_the_width_asked_for_embedded_fonts_and_no_date(written):
-    for path in written:
-        width, content = "column" if "-column" in path.name else "page", path.read_bytes()
-        if path.suffix == ".svg":
-            found = float(re.search(rb'viewBox="0 0 ([\d.]+)', content)[1]) / 72
-        elif path.suffix == ".pdf":
-            found = float(re.search(rb"/MediaBox \[ *0 0 ([\d.]+)", content)[1]) / 72
-            assert b"/FontFile2" in content, "TrueType, embedded"
-            assert b"/Type3" not in content
-            assert b"CreationDate" not in content
-        else:
-            pixels = matplotlib.image.imread(path)
-            assert pixels[..., :3].std() > 0.02, "it shows something"
-            found = pixels.shape[1] / figures.DPI[width]
-        assert abs(found - style.WIDTHS[width]) < 0.01, path.name
-
-
-def test_in_a_column_panels_are_on_top_of_each_other_and_keep_their_labels(results):
-    with style.apply("column"):
-        fig = draw(store.Store(results).rows("toy.figures"))["panels"]
     style.finish(fig)
     fig.draw_without_rendering()
     boxes = [ax.get_position() for ax in fig.axes]
@@ -243,38 +215,29 @@ def test_paths_are_shortened_and_rounding_does_not_add_up():
     assert sum(ends) == pytest.approx(33.3, abs=0.006)
 
 
-def test_dense_figures_are_stored_as_pixels():
-    with style.apply():
-        fig, ax = style.figure("column")
-        ax.plot(*np.random.default_rng(0).normal(size=(2, 30_000)), ".")
-        document = figures.svg(fig)
-    assert "data:image/png" in document
-    assert len(document) < 300_000
-
-
-def test_wrong_names_formats_and_widths_write_nothing(results, tmp_path):
-    given = {"name": "toy.figures_single", "results": results, "to": tmp_path / "x", "format": "svg", "width": "page"}
-    for change, words in (
-        ({"name": "toy.figures_singel"}, "did you mean 'toy.figures_single'"),
-        ({"format": "gif"}, "format"),
-        ({"width": "wall"}, "width"),
-        ({"results": tmp_path}, "nothing is stored"),
-    ):
-        with pytest.raises(ValueError, match=re.escape(words)):
-            export.export(*(given | change).values())
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_command_line(results, tmp_path, capsys):
-    here, stored = tmp_path / "f.pdf", ["--results", str(results)]
-    words = ["toy.figures_single", *stored, "--output", str(here)]
-    assert main(["figure", *words, "--format", "pdf"]) == 0
-    assert capsys.readouterr().out == f"{here}\n"
-    assert main(["figure", "--all", "--format", "svg", "--width", "page", *stored, "--output", str(tmp_path)]) == 0
-    assert len(list(tmp_path.glob("*-page.svg"))) == 2
-    capsys.readouterr()
+def test_the_command_writes_what_is_asked_for_or_nothing(run, tmp_path, monkeypatch):
+    module = ModuleType("toy.figures", "Toy.")
+    vars(module).update(VERSION=1, cells=None, measure=None, draw=draw, tables=lambda rows: {})
+    monkeypatch.setitem(sys.modules, "toy.figures", module)
+    done = {"status": "done", "rows": ROWS[["error"]].to_dict("records"), "error": None, "warnings": [], "seconds": 0.1}
+    store.Store(tmp_path).append(store.make_record("toy.figures", 1, 0, {"h": 0.1}, **done))
+    here, stored = tmp_path / "f.pdf", ["--results", tmp_path]
+    words = ["figure", "toy.figures_curve", *stored, "--output", here]
+    assert run(*words, "--format", "pdf")[:2] == (0, f"{here}\n")
     before = here.read_bytes()
-    for wrong in ([], [words[0], "--all"], ["toy.figures_nothing", *stored], [*words, "--format", "svg"]):
-        assert main(["figure", *wrong]) == 2
-        assert capsys.readouterr().err.count("\n") == 1
+    assert run("figure", "--all", "--format", "svg", *stored, "--output", tmp_path / "all")[0] == 0
+    assert {path.name for path in (tmp_path / "all").iterdir()} == {
+        f"toy.figures_curve-{width}.svg" for width in style.WIDTHS
+    }
+    for wrong, says in (
+        (["figure"], "figure"),
+        ([*words[:2], "--all"], "--all"),
+        (["figure", "toy.figures_curv", *stored], "did you mean 'toy.figures_curve'"),
+        (["figure", "toy.figures_curve", "--results", tmp_path / "all"], "nothing is stored"),
+        ([*words, "--format", "svg"], "svg"),
+        ([*words[:-2], "--format", "gif"], "gif"),
+        ([*words, "--width", "wall"], "wall"),
+    ):
+        code, _, err = run(*wrong)
+        assert (code, says in err) == (2, True), err
     assert here.read_bytes() == before

@@ -32,7 +32,6 @@ def signal(kind, seed=0, states=STATES, t=T):
         "linear": 1e-12 * size * t * rng.choice((-1, 1), (states, 1)),
         "quadratic": 1e-12 * size * t**2,
         "linear in noise": ulp * (20 * noise + size * t),  # the drift overtakes the noise only in the last two decades
-        "linear in oscillation": 1e-6 * oscillation + 1e-7 * size * t,
         "walk with an oscillation": ulp * (walk + 5 * oscillation),
     }[kind]
 
@@ -48,27 +47,20 @@ def signal(kind, seed=0, states=STATES, t=T):
         ("linear", 1.0, 0.01, "biased"),
         ("quadratic", 2.0, 0.02, "biased"),
         ("linear in noise", 1.0, 0.25, "biased"),
-        ("linear in oscillation", 1.0, 0.1, "biased"),
         ("walk with an oscillation", 0.5, 0.15, "random walk"),
     ],
 )
 def test_growth_of_known_signals(kind, p, tolerance, verdict):
-    for seed in range(2):
-        E = signal(kind, seed)
-        growth = metrics.growth_exponent(T, E)
-        assert growth.p == pytest.approx(p, abs=tolerance)
-        assert growth.low <= growth.p <= growth.high
-        assert metrics.verdict(*growth, np.max(np.abs(E))) == verdict
-        assert metrics.growth_exponent(T, 2.0**20 * np.abs(E)) == pytest.approx(growth)
-
-
-def test_growth_from_log_spaced_samples_is_the_same():
-    """Experiments store some hundred log-spaced samples, not every step."""
+    E = signal(kind)
+    growth = metrics.growth_exponent(T, E)
+    assert growth.p == pytest.approx(p, abs=tolerance)
+    assert growth.low <= growth.p <= growth.high
+    assert metrics.verdict(*growth, np.max(np.abs(E))) == verdict
+    assert metrics.growth_exponent(T, 2.0**20 * np.abs(E)) == pytest.approx(growth)
+    # experiments store some hundred log-spaced samples, not every step. A block of a dozen samples of an oscillation gives its
+    # RMS to some per cent; over ln(100) that is ±0.02
     keep = np.unique(np.geomspace(1, len(T), 400).astype(int)) - 1
-    E = signal("oscillation")
-    sparse = metrics.growth_exponent(T[keep], E[:, keep])
-    # a block of a dozen samples of an oscillation gives its RMS to some per cent; over ln(100) that is ±0.02
-    assert sparse.p == pytest.approx(metrics.growth_exponent(T, E).p, abs=0.06)
+    assert metrics.growth_exponent(T[keep], E[:, keep]).p == pytest.approx(growth.p, abs=0.06)
 
 
 def test_growth_interval_covers():
@@ -188,7 +180,7 @@ def rotated(y, angle):
     return np.concatenate((R @ y[:3], R @ y[3:]))
 
 
-@pytest.mark.parametrize("name", ["figure1", "slow", "near_regular", "near_separatrix", "inverted"])
+@pytest.mark.parametrize("name", ["figure1", "near_regular", "near_separatrix", "inverted"])
 def test_phase_split_recovers_shifts(name):
     top, y = TOPS[name].top, TOPS[name].state
     unit = top.scales(y)[2]
@@ -233,13 +225,11 @@ def test_phase_split_says_when_it_is_ambiguous(name, rank):
 def test_frequency_shift(t):
     shift = metrics.frequency_shift(t, 3e-6 * t + 1e-4 * (1 - np.cos(t)))
     assert shift.slope == pytest.approx(3e-6, abs=1e-4 / 1000)  # one amplitude over the run
-    assert shift.residual == pytest.approx(1e-4 * (1 - np.cos(t)), abs=1e-4)
-    assert shift.linear_size == pytest.approx(3e-3, rel=0.05)
     assert 1.8e-4 < shift.residual_size < 3.1e-4
     assert metrics.frequency_shift(t, np.where(t == t[7], np.nan, 2 * t)).slope == pytest.approx(2)
     assert np.isnan(metrics.frequency_shift(t, np.full(len(t), np.nan)).slope)
     quadratic = metrics.frequency_shift(t, 1e-9 * t**2)  # no constant shift: much is left
-    assert quadratic.residual_size > 0.1 * quadratic.linear_size
+    assert quadratic.residual_size > 0.1 * quadratic.slope * np.ptp(t)
 
 
 # ---------------------------------------------------------------- order

@@ -9,16 +9,8 @@ import pytest
 from toys import multistep
 
 from lagrange_bench.experiments.measuring import check
-from lagrange_bench.integrators import (
-    METHODS,
-    PERTURBED_TOPS,
-    POTENTIALS,
-    LagrangeTop,
-    PerturbedTop,
-    Problem,
-    StepError,
-)
-from lagrange_bench.integrators.interface import Stepper, Work
+from lagrange_bench.integrators import METHODS, PERTURBED_TOPS, LagrangeTop, Problem, StepError
+from lagrange_bench.integrators.interface import Stepper
 from lagrange_bench.integrators.problem import free_body
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 from lagrange_bench.integrators.truth import truths
@@ -41,8 +33,7 @@ class Wrapped(Stepper):
     """A good stepper, to be spoiled by overriding one method."""
 
     def __init__(self, top, y0, h, name="rk45_fixed"):
-        method = METHODS[name]
-        self.inner = method.prepare_for(top)(top, y0, h)
+        self.inner = METHODS[name].prepare_for(top)(top, y0, h)
         self.h, self.work = h, self.inner.work
 
     def advance(self, y, n):
@@ -87,7 +78,7 @@ def test_a_map_wrong_by_1e_8_loses_its_invariants(bend):
     """No plot shows it."""
     bend, lost = BENDS[bend]
     record = in_uniform_fields(METHODS["implicit_midpoint"], prepare=partial(Bent, "implicit_midpoint", bend))
-    assert wrong(check.conserves(record, quick=True)) == {f"conserves {name}" for name in lost}
+    assert wrong(check.conserves(record, True, check.STATES[:1], 1000)) == {f"conserves {name}" for name in lost}
 
 
 def test_a_wrong_top_is_caught():
@@ -97,11 +88,12 @@ def test_a_wrong_top_is_caught():
     assert not next(check.solution(liar, True)).passed
 
 
-class Biased:
+class Biased(Wrapped):
     """A good stepper whose every step makes x longer by so many ulps of its own."""
 
-    def __init__(self, ulps, top, y0, h):
-        self.inner, self.ulps, self.work = METHODS["strang"].prepare_for(top)(top, y0, h), ulps, Work()
+    def __init__(self, ulps, *where):
+        super().__init__(*where, "strang")
+        self.ulps = ulps
 
     def record(self, y, n, every):
         rows = self.inner.record(y, n, every)
@@ -109,14 +101,12 @@ class Biased:
         return rows
 
 
-@pytest.mark.parametrize(
-    ("ulps", "quick", "kept"), [(0, True, True), (0.1, False, True), (2, True, False), (1, False, False)]
-)
+@pytest.mark.parametrize(("ulps", "quick", "kept"), [(0.1, False, True), (2, True, False), (1, False, False)])
 def test_a_rounding_that_always_goes_the_same_way_is_caught(ulps, quick, kept):
     biased = in_uniform_fields(METHODS["strang"], prepare=partial(Biased, ulps))
     verdict = by_claim(check.conserves(biased, quick))["conserves C1"]
     assert verdict.passed is kept, verdict
-    assert ("always the same way" in verdict.how) is (ulps == 1)
+    assert ("A rounding that always" in verdict.how) is (ulps == 1)
     excused = replace(biased, biased={"C1": "told"})
     assert by_claim(check.conserves(excused, quick))["conserves C1"].passed
 
@@ -142,12 +132,10 @@ def test_a_run_that_stops_leaves_the_verdicts_on_the_others(limit, passed):
 LIES = [
     ("implicit_midpoint", {"poisson": True}, {"Poisson map"}),
     ("implicit_midpoint", {"order": 3}, {"order 3"}),
-    ("implicit_midpoint", {"order": 1}, {"order 1"}),
     ("implicit_midpoint", {"order": None}, {"exact in time"}),
     ("rk45_fixed", {"symmetric": True}, {"symmetric"}),
     ("rk45_fixed", {"conserves": ALL}, {"conserves H", "conserves C1", "conserves C2"}),
     ("taylor_fixed", {"order": 21}, {"order 21"}),
-    ("backlund_paper", {"order": None}, {"exact in time"}),
 ]
 
 
@@ -287,9 +275,7 @@ FIRST_ORDER = in_fields(lambda y, h: y + 0.1 * h * h * y[[1, 2, 0, 4, 5, 3]])
 IN_FIELDS = {
     "honest": (in_fields(), ()),
     "first order": (FIRST_ORDER, ("order 2", "symmetric", "Poisson map", *(f"conserves {name}" for name in CLAIMED))),
-    "order": (in_fields(order=4), ("order 4",)),
-    "H": (in_fields(conserves=CLAIMED | {"H"}), ("conserves H",)),
-    "H if quadratic": (in_fields(if_quadratic=frozenset({"H"})), ("conserves H",)),
+    "order, H": (in_fields(order=4, if_quadratic=frozenset({"H"})), ("order 4", "conserves H")),
 }
 
 
@@ -312,11 +298,6 @@ def test_methods_are_judged_where_they_go(short):
 
 def test_what_is_lost_is_not_known(monkeypatch):
     named = PERTURBED_TOPS["magnet"]
-    with pytest.raises(ValueError, match="longer than 2000 time scales"):
-        truths.solution(named.top, named.state, [1e5])
-    fall = PerturbedTop(LagrangeTop(1.0), POTENTIALS["charge"], (1.0, 0.0, 0.0, 1.0))
-    with pytest.raises(ValueError, match="singularity"):
-        truths.solution(fall, np.array((0.0, 0.0, 0.0, 0.6, 0.0, 0.8)), [10.0])
     monkeypatch.setattr(truths, "LOST", 0.0)
     assert np.isnan(truths.after_steps(named.top, named.state, 0.1, [30])).all()
 

@@ -14,38 +14,37 @@ from lagrange_bench.integrators import StepError, prepare
 from lagrange_bench.integrators.truth import exact
 
 U, N = 2.0**-53, 10**5
-ULPS = "pinned: what eight steps round, for ever"
-WALK = "random walk of roundings of u or less: 3 σ of √n u, over four states; larger steps round more"
-LINEAR = "constants rounded once push the same way in every step"
-TABLE = [  # method, options, h, bound of H, C1 and C2, why
-    ("backlund", {}, 2.0, 16 * U, ULPS),
-    ("backlund_paper", {}, 2.0, 16 * U, ULPS),
-    ("backlund", {"pin": 0}, 0.1, U / 64 * N, LINEAR),
-    ("backlund_textbook", {}, 0.1, U / 16 * N, LINEAR + ", and its divisions lose digits"),
-    ("implicit_midpoint", {}, 0.5, 6 * U * N**0.5, WALK),
-    ("implicit_midpoint", {"solver": "newton"}, 0.1, 3 * U * N**0.5, WALK),
+TABLE = [  # method, options, h, bound of H, C1 and C2
+    # pinned: what eight steps round, for ever
+    ("backlund", {}, 2.0, 16 * U),
+    ("backlund_paper", {}, 2.0, 16 * U),
+    # constants rounded once push the same way in every step; divisions lose digits
+    ("backlund", {"pin": 0}, 0.1, U / 64 * N),
+    ("backlund_textbook", {}, 0.1, U / 16 * N),
+    # a random walk of roundings of u or less: 3 σ of √n u, over four states; larger steps round more
+    ("implicit_midpoint", {}, 0.5, 6 * U * N**0.5),
+    ("implicit_midpoint", {"solver": "newton"}, 0.1, 3 * U * N**0.5),
 ]
 
 
-@pytest.mark.parametrize(("method", "options", "h", "bound", "why"), TABLE)
-def test_invariants_wander_no_further_than_this(method, options, h, bound, why):
+@pytest.mark.parametrize(("method", "options", "h", "bound"), TABLE)
+def test_invariants_wander_no_further_than_this(method, options, h, bound):
     for name in ("generic", "figure1", "fast", "slow"):
         top, y0 = find(name)
         rows = prepare(top, y0, h * top.scales(y0)[2], method, **options).record(y0, N, N // 20)
         drift = np.abs(metrics.relative_drift(top.invariants(rows), top.invariant_scales(y0)))
-        assert np.max(drift[:, [0, 2, 3]]) <= bound, (name, np.max(drift, axis=0) / U, why)
+        assert np.max(drift[:, [0, 2, 3]]) <= bound, (name, np.max(drift, axis=0) / U)
 
 
-@pytest.mark.parametrize(("form", "walks"), [("midpoint, as registered", True), ("midpoint, tolerance 1e-12", False)])
-def test_midpoint_errors_walk_at_random_and_those_of_a_tolerance_drift(form, walks):
-    """Brouwer's law: ½, not 1. What an iteration to a tolerance leaves has a direction."""
-    n, errors = 200_000, []
+def test_errors_of_a_midpoint_rule_that_is_solved_to_a_tolerance_drift():
+    """What its iteration leaves has a direction; solved to round-off, its errors walk at random (test_random_walks.py)."""
+    n, errors = 100_000, []
     for name in states.RANDOM:
         top, y0 = find(name)
-        rows = round_off.FORMS[form][1](top, y0, 0.25 * top.scales(y0)[2]).record(y0, n, n // 1000)
+        stepper = round_off.FORMS["midpoint, tolerance 1e-12"][1](top, y0, 0.25 * top.scales(y0)[2])
+        rows = stepper.record(y0, n, n // 1000)
         errors.append(metrics.relative_drift(top.invariants(rows), top.invariant_scales(y0)))
-    p = [metrics.growth_exponent(np.arange(1001.0), np.array(errors)[:, :, k]).p for k in (0, 2, 3)]
-    assert max(p) < 0.75 if walks else max(p) > 0.9
+    assert max(metrics.growth_exponent(np.arange(1001.0), np.array(errors)[:, :, k]).p for k in (0, 2, 3)) > 0.9
 
 
 # ---------------------------------------------------------------- the forms of the experiment
@@ -58,12 +57,10 @@ def run(form, state, span):
     return top, y0, round_off.FORMS[form][1](top, y0, span * top.scales(y0)[2]).advance(y0, STEPS)
 
 
-@pytest.mark.parametrize(
-    ("method", "span"), [("backlund", 0.125), ("backlund", 1.0), ("implicit_midpoint", 0.125), ("strang", 0.125)]
-)
-def test_forms_are_one_map_but_for_round_off(method, span):
+@pytest.mark.parametrize("method", ["backlund", "implicit_midpoint", "strang"])
+def test_forms_are_one_map_but_for_round_off(method):
     forms = [form for form, (of, _) in round_off.FORMS.items() if of == method]
-    for state in ("generic", "random003"):
+    for state, span in (("generic", 0.125), ("random003", 0.125), ("random003", 1.0 if method == "backlund" else 0.1)):
         top, y0, expected = run(forms[-1], state, span)
         for form in forms[:-1]:
             found = run(form, state, span)[2]
@@ -88,10 +85,3 @@ def test_a_form_that_leaves_its_torus_is_followed():
     assert np.isfinite(round_off.FORMS["x assigned"][1](top, y0, h).advance(away, STEPS)).all()
     with pytest.raises(StepError, match="not on the torus"):
         prepare(top, y0, h, "backlund_unpinned").advance(away, STEPS)
-
-
-def test_the_long_run_meets_heyoka():
-    pytest.importorskip("heyoka")
-    rows = round_off.measure({"part": "long", "state": "generic", "h": 0.125, "steps": 4096})
-    assert {row["method"] for row in rows} == {"backlund", "taylor"}
-    assert max(row["error"] for row in rows) < 1e-10

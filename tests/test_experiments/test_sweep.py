@@ -262,18 +262,11 @@ def test_the_finest_run_that_did_not_fail_is_drawn():
 
 
 @pytest.mark.slow
-@pytest.mark.processes
-def test_run_draws_and_resumes_and_the_report_needs_no_file(run, answer, write, tmp_path):
-    path = write(GOOD + '[[sweep]]\nmethods = ["dop853"]\nrtol = [1e-6]\ntime = 5\n')
-    results = tmp_path / "results"
-    data = answer("run", path, "--results", results, "--jobs", "2")
-    assert data["experiments"]["sweep_my"]["computed"] == 5
+def test_run_draws_and_the_report_needs_no_file(run, answer, write, tmp_path, in_process, one_core):
+    data = answer("run", write(GOOD.replace(TIME, "time = 5")), "--results", tmp_path / "results")
+    assert data["experiments"]["sweep_my"]["computed"] == 4
     assert {Path(name).name for name in data["drawn"]} >= {"sweep_my_time.svg", "sweep_my_h.svg", "sweep_my_runs.csv"}
-    assert run("run", path, "--results", tmp_path / "again", "--jobs", "1", "--quiet")[0] == 0
-    assert run("compare", results, tmp_path / "again")[0] == 0  # every bit but the seconds
     sweep._cells.clear()
-    code, out, err = run("report", "--results", results)
+    code, out, err = run("report", "--results", tmp_path / "results")
     assert code == 0, out + err
-    assert "Sweep my" in (results / "page" / "index.html").read_text("utf-8")
-    methods = Store(results).rows("sweep_my").groupby("key", sort=False).method.first().tolist()
-    assert methods == ["strang", "strang", "backlund", "backlund", "dop853"]
+    assert "Sweep my" in (tmp_path / "results" / "page" / "index.html").read_text("utf-8")

@@ -47,6 +47,7 @@ def exponent(errors):
         ("force_gradient6", 60_000, 0.25, {}),
         ("gauss4", 100_000, 0.5, {"compensated": True}),
         ("gauss8", 100_000, 0.25, {}),
+        ("implicit_midpoint", 200_000, 0.25, {}),
         *(("collective_midpoint", 100_000, 0.25, {"solver": solver}) for solver in ("auto", "fixed_point")),
     ],
 )
