@@ -184,6 +184,8 @@ def _one_of(table: dict[str, Any], keys: tuple[str, ...]) -> str:
 def _sweep(table: Any, tops: dict[str, Start]) -> Iterator[Cell]:
     """The cells of one table."""
     given = {"samples": SAMPLES, "options": {}, "tops": list(tops) or ["generic"]} | _checked(table, "sweep")
+    if "methods" not in given:
+        raise ValueError("methods must be given, a list of names")
     knob, length = _one_of(given, KNOBS), _one_of(given, ("time", "steps"))
     if knob != "h" and length == "steps":
         raise ValueError(f"steps goes with h; with {knob} give time only")

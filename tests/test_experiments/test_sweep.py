@@ -81,6 +81,8 @@ BAD = [  # what to replace in GOOD, by what, where the message says it is, and w
     ("[tops", 'name = "a b"\n[tops', "", "name must"),
     ('"backlund"', '"backlnd"', "[[sweep]], methods", "did you mean 'backlund'?"),
     ('"backlund"', '"dop853"', "[[sweep]], h", "dop853 chooses its own steps: give it rtol"),
+    ('methods = ["strang", "backlund"]\n', "", "[[sweep]]", "methods must be given"),
+    (TIME, 'time = "long"', "[[sweep]]", "time must be"),
     (H, "rtol = [1e-6]", "[[sweep]], rtol", "strang steps by h: give it h"),
     (H, "h = [0.5, 0]", "[[sweep]]", "h[1] must not be 0"),
     (H, "h = [0.5]\ntol = [1e-3]", "[[sweep]]", "one of h, tol, rtol; got h and tol"),
