@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_rgb
@@ -23,25 +23,28 @@ from lagrange_bench.integrators.registry import BUILT_IN, METHODS, find_stored_m
 
 CONTRAST = 4.5  # of coloured text on white, as WCAG asks for
 
-
-class Family(NamedTuple):
-    """The title of its panel; colours and markers, used in registry order within the family."""
-
-    title: str
-    colours: Sequence[str]
-    markers: str
-
-
-FAMILIES: dict[str, Family] = {
-    "backlund": Family("Bäcklund maps", ("#0072B2", "#3F93CF", "#003B5C", "#7D9BD1", "#0B4F9E"), "osDh^"),
-    "closed-form": Family("closed form", ("#1A1A1A", "#6E6E6E", "#454545"), "osD"),
-    "taylor": Family("Taylor series", ("#009E73", "#00503A", "#45B894", "#2E7D5B", "#4FA98A"), "^v<>os"),
-    "runge-kutta": Family("explicit Runge–Kutta", ("#D55E00", "#8A3A00", "#E8742E", "#B04C00", "#5C2700"), "XPp8osD"),
-    "splitting": Family("splitting", ("#C78900", "#7A5400", "#DB9400", "#4D3500", "#A8770F"), ">osD^v<"),
-    "integrable": Family("integrable discretisations", ("#1E95CC", "#0F5C80", "#3AA0DA"), "posD"),
-    "implicit": Family("implicit, multistep", ("#C0649A", "#7B2E5E", "#D07AAE", "#A0437C", "#54183E"), "dosH^v"),
-    "lie-group": Family("Lie group", ("#8C8000", "#544D00", "#A39700"), "hosD"),
-    "whole-body": Family("multibody dynamics", ("#8A5A44", "#5C3A2B", "#B07A60", "#3E2519", "#A0664B"), "vosD^"),
+# family → (colours, markers), used in registry order within the family
+FAMILIES: dict[str, tuple[Sequence[str], str]] = {
+    "backlund": (("#0072B2", "#3F93CF", "#003B5C", "#7D9BD1", "#0B4F9E"), "osDh^"),
+    "closed-form": (("#1A1A1A", "#6E6E6E", "#454545"), "osD"),
+    "taylor": (("#009E73", "#00503A", "#45B894", "#2E7D5B", "#4FA98A"), "^v<>os"),
+    "runge-kutta": (("#D55E00", "#8A3A00", "#E8742E", "#B04C00", "#5C2700"), "XPp8osD"),
+    "splitting": (("#C78900", "#7A5400", "#DB9400", "#4D3500", "#A8770F"), ">osD^v<"),
+    "integrable": (("#1E95CC", "#0F5C80", "#3AA0DA"), "posD"),
+    "implicit": (("#C0649A", "#7B2E5E", "#D07AAE", "#A0437C", "#54183E"), "dosH^v"),
+    "lie-group": (("#8C8000", "#544D00", "#A39700"), "hosD"),
+    "whole-body": (("#8A5A44", "#5C3A2B", "#B07A60", "#3E2519", "#A0664B"), "vosD^"),
+}
+TITLES = {
+    "backlund": "Bäcklund maps",
+    "closed-form": "closed form",
+    "taylor": "Taylor series",
+    "runge-kutta": "explicit Runge–Kutta",
+    "splitting": "splitting",
+    "integrable": "integrable discretisations",
+    "implicit": "implicit, multistep",
+    "lie-group": "Lie group",
+    "whole-body": "multibody dynamics",
 }
 OTHERS = "others"  # methods no longer registered, and families of plug-ins
 STRANGERS = (("#5A5A5A", "#8F8F8F", "#333333", "#B0B0B0"), "+x12")
@@ -133,7 +136,7 @@ def bold(method: str) -> dict[str, Any]:
 
 def _main_colour(method: str) -> str:
     name = family(method)
-    return FAMILIES[name].colours[0] if name in FAMILIES else str(of(method)["color"])
+    return FAMILIES[name][0][0] if name in FAMILIES else str(of(method)["color"])
 
 
 @lru_cache(maxsize=1)
@@ -149,7 +152,7 @@ def _known(changes: int) -> tuple[dict[str, str], dict[str, dict[str, Any]]]:
         styles[name] = _stranger(name)
         if method and method.family in FAMILIES:
             families[name] = method.family
-            styles[name] = _style(method.label, *FAMILIES[method.family][1:], places[method.family])
+            styles[name] = _style(method.label, *FAMILIES[method.family], places[method.family])
             places[method.family] += 1
         elif method:
             styles[name]["label"] = method.label

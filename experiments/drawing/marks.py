@@ -34,6 +34,7 @@ from lagrange_bench.experiments.drawing.looks import (
     FAMILIES,
     OTHERS,
     OWN_DASHES,
+    TITLES,
     family,
     label,
     of,
@@ -134,7 +135,7 @@ def multiples(
     narrow = width() == "column"
     columns = 1 if narrow else min(len(groups), 2)
     small = {"markersize": 2.2 if narrow else 3.0, "markeredgewidth": 0.4}
-    titles = [FAMILIES[group].title if group in FAMILIES else group for group in groups]
+    titles = [TITLES.get(group, group) for group in groups]
     fig, axes = panels(titles, columns, (0.45, 1.75), xlabel, ylabel, sharex=True, sharey=True)
     for ax, group in zip(axes, groups, strict=True):
         if group != family(REFERENCE) and REFERENCE in names:

@@ -1,6 +1,10 @@
 """Every experiment at a tiny size: measured, stored, and drawn from what was stored."""
 
+import subprocess
+import sys
+from contextlib import redirect_stdout
 from functools import cache
+from io import StringIO
 from tempfile import TemporaryDirectory
 
 import pandas as pd
@@ -14,14 +18,11 @@ from lagrange_bench.integrators import available
 from lagrange_bench.results.store import Store, clean_rows, make_record
 from tests.installed import FOR_TOPS
 
-pytestmark = [
-    pytest.mark.usefixtures("short_races"),
-    pytest.mark.xdist_group("measured"),  # with test_sources.py: the same cells, whose kernels are compiled once
-]
+pytestmark = [pytest.mark.usefixtures("short_races"), pytest.mark.xdist_group("measured")]
 each = pytest.mark.parametrize("name", EXPERIMENTS)
 
 
-SMALL = {"steps": 64, "span": 16.0, "longest": 0.01, "repeats": 1, "magnets": 1, "budget": 1e5}
+SMALL = {"steps": 64, "span": 16.0, "time": 100.0, "longest": 0.01, "repeats": 1, "magnets": 1, "budget": 1e5}
 STATES = ("generic", "random000", "random001", "random002", "random003", "wide000", "weak_tide")
 
 
@@ -123,8 +124,26 @@ def test_the_quick_profile_is_a_part_of_the_full_one(name):
     assert shared or name == "work_precision", "what was computed for one profile serves the other"
 
 
+def test_what_a_first_use_needs_is_asked_twice_of_one_cache(monkeypatch):
+    """The probe of the cost experiment, run in this process."""
+    caches = []
+
+    def here(command, env, **_):
+        caches.append(env["LAGRANGE_BENCH_CACHE"])
+        monkeypatch.setattr(sys, "argv", ["-c", *command[3:]])
+        with redirect_stdout(StringIO()) as out:
+            exec(command[2], {})
+        return subprocess.CompletedProcess(command, 0, out.getvalue(), "")
+
+    monkeypatch.setattr(cost.subprocess, "run", here)
+    rows = cost.measure({"part": "start", "method": "rk45_fixed"})
+    assert [row["cached"] for row in rows] == [False, True]
+    assert all(row["first_s"] > 0 and row["second_s"] > 0 for row in rows)
+    assert len(set(caches)) == 1
+
+
+@pytest.mark.slow
 def test_what_a_fresh_process_needs():
-    """The probe of the cost experiment, once: a fresh process imports, compiles and steps."""
     rows = cost.measure({"part": "start", "method": "rk45_fixed"})
     assert [row["cached"] for row in rows] == [False, True]
     for row in rows:

@@ -16,7 +16,12 @@ def missed(name, top):
     return {what for what, (found, allowed) in shown.residuals.items() if not found <= allowed}
 
 
-@pytest.mark.parametrize("name", paper_sections.SECTIONS)
+SLOW = ("euler", "discrete")  # seconds each; test_integrators/paper has their formulas, too
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SLOW)) for n in paper_sections.SECTIONS]
+)
 def test_sections_hold(name):
     """At one sign of alpha each, in turn: two of them take a second."""
     top = ("generic", "inverted")[list(paper_sections.SECTIONS).index(name) % 2]

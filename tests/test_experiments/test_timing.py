@@ -10,7 +10,9 @@ import pandas as pd
 import pytest
 
 from lagrange_bench.experiments import cost, ensemble, gaudin, round_off, work_precision
+from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.measuring import timing
+from lagrange_bench.integrators import prepare
 
 
 @pytest.fixture
@@ -60,12 +62,52 @@ def test_unstable_timings_are_marked_and_bad_calls_refused():
 
 # ---------------------------------------------------------------- the unit of each time that is stored
 
-CALL = 0.75  # s that each timed call takes below
+CALL = 0.75  # s that each timed call takes below, and 3 ms each set-up
+STEP, FORM = CALL / cost.CALL["step"] * 1e9, CALL / 20_000 * 1e9
+LANES, SET_UPS, TOPS, FEW = 1000 * 1024, 4096, 32, 17  # tops and steps in one call
+A_STEP = CALL / (3125 - FEW) / TOPS
+MAP = CALL / gaudin.CALL * 1e9
+RACE = {
+    "method": "strang",
+    "state": "generic",
+    "span": 16.0,
+    "per_octave": 1,
+    "decades": 1,
+    "longest": 100.0,
+    "h": 1 / 8,
+}
+TIDE = {"method": "strang", "potential": "tide", "tops": 3, "span": 1.0, "h": 0.1}
+UNITS = {  # experiment and part, other fields of a cell → what its row has
+    "cost step": (
+        {"method": "strang", "h": 0.5, "repeats": 2},
+        {"ns_per_step": STEP, "ns_per_step_median": STEP, "ns_per_time": 2 * STEP, "setup_us": 3e3},
+    ),
+    "cost headline": ({"method": "taylor", "fraction": 0.5, "time": 100.0}, {"backlund_s": CALL, "heyoka_s": CALL}),
+    "round_off cost": ({"h": 0.125}, {"form": "increments", "ns_per_step": FORM, "ns_per_step_median": FORM}),
+    "work_precision ": (RACE, {"seconds": CALL, "setup_seconds": 3e-3}),
+    "gaudin cost": (
+        {"n": 3, "variant": "exact"},
+        {"ns_per_spin_and_map": MAP, "ns_per_time": 1.5 * MAP, "setup_ms": 3.0},
+    ),
+    "ensemble bound": ({}, {"pinned_ns": CALL / 80_000 * 1e9, "free_bound_ns": CALL / 80_000 * 1e9, "free_ratio": 1.0}),
+    "ensemble lanes": ({"lanes": 8}, {"free_ns_per_step": CALL / LANES * 1e9}),
+    "ensemble setup": ({"h": 0.1}, {"setup_us": CALL / SET_UPS * 1e6, "first_step_us": CALL / SET_UPS * 1e6}),
+    "ensemble tops": (
+        {"tops": TOPS, "threads": 1, "budget": 1e5},
+        {"ns_per_step": A_STEP * 1e9, "setup_us": (CALL / TOPS - FEW * A_STEP) * 1e6},
+    ),
+    "ensemble many": ({"tops": 64}, {"seconds": CALL, "us_per_top": CALL / 64 * 1e6}),
+    "ensemble jump": ({"tops": 4, "span": 50.0}, {"us_per_top": CALL / 4 * 1e6, "ns_per_time": CALL / 4 / 50 * 1e9}),
+    "ensemble perturbed": (TIDE, {"setup_us": CALL / 3 * 1e6, "ns_per_kick": CALL / 3 / 9 * 1e9}),
+}
 
 
-@pytest.fixture
-def measure(monkeypatch):
-    """measure(module, cell) -> its rows, where each call that is timed takes CALL seconds, and each set-up 3 ms."""
+@pytest.mark.parametrize("place", UNITS)
+def test_times_are_stored_in_their_units(place, monkeypatch):
+    """Nanoseconds a step, microseconds a set-up, seconds a race, and all per top where there are many."""
+    (name, _, part), (cell, expected) = place.partition(" "), UNITS[place]
+    if part == "headline":
+        pytest.importorskip("heyoka")
 
     def interleave(functions, *_, **__):
         for function in functions.values():
@@ -73,72 +115,25 @@ def measure(monkeypatch):
         seconds = {name: CALL * (2 if name == "long" else 1) for name in functions}
         return timing.Interleaved({name: timing.Timing(1, (s, s)) for name, s in seconds.items()})
 
-    prepare = cost.prepare
-
     def prepared(*args, **options):
         stepper = prepare(*args, **options)
         stepper.work.setup_seconds = 3e-3
         return stepper
 
     monkeypatch.setattr(timing, "interleave", interleave)
-    monkeypatch.setattr(cost, "prepare", prepared)
-    monkeypatch.setattr(work_precision, "prepare", prepared)
+    for module in (cost, work_precision, gaudin):
+        monkeypatch.setattr(module, "prepare", prepared)
     monkeypatch.setattr(ensemble, "perf_counter", itertools.count(0.0, CALL).__next__)
-    return lambda module, cell: module.measure(cell)
-
-
-def test_cost_of_a_step_is_in_ns_and_of_a_set_up_in_us(measure):
-    (row,) = measure(cost, {"part": "step", "method": "strang", "h": 0.5, "repeats": 2})
-    steps = cost.CALL["step"]
-    assert row["ns_per_step"] == row["ns_per_step_median"] == row["samples_ns"][0] == pytest.approx(CALL / steps * 1e9)
-    assert row["ns_per_time"] == pytest.approx(CALL / (steps * 0.5) * 1e9)
-    assert row["setup_us"] == pytest.approx(3e3)
-    assert cost.PRICES == {"ns_per_step": "ns per step", "setup_us": "set-up of a stepper, µs"}
-
-
-def test_the_race_with_heyoka_is_in_seconds(measure):
-    pytest.importorskip("heyoka")
-    (row,) = measure(cost, {"part": "headline", "method": "taylor", "fraction": 0.5, "time": 100.0})
-    assert (row["backlund_s"], row["heyoka_s"], row["ratio"]) == (CALL, CALL, 1.0)
-
-
-def test_forms_are_timed_in_ns_per_step(measure, monkeypatch):
-    monkeypatch.setattr(round_off, "FORMS", {"increments": round_off.FORMS["increments"]})
-    (row,) = measure(round_off, {"part": "cost", "h": 0.125})
-    assert row["ns_per_step"] == row["samples_ns"][0] == pytest.approx(CALL / 20_000 * 1e9)
-
-
-def test_a_race_is_in_seconds(measure, monkeypatch):
     monkeypatch.setattr(work_precision, "_seconds", lambda *_: CALL)
-    cell = {"method": "strang", "state": "generic", "span": 16.0, "per_octave": 1, "decades": 1, "longest": 100.0}
-    row = work_precision._run({**cell, "h": 1 / 8})
-    assert (row["seconds"], row["setup_seconds"], row["seconds_samples"][0]) == (CALL, 3e-3, CALL)
-
-
-LANES, SET_UPS, TOPS, FEW = 1000 * 1024, 4096, 32, 17  # tops and steps in one call
-A_STEP = CALL / (3125 - FEW) / TOPS
-UNITS = {  # part of the ensembles, other fields of a cell → what its row has
-    "bound": ({}, {"pinned_ns": CALL / 80_000 * 1e9, "free_bound_ns": CALL / 80_000 * 1e9, "free_ratio": 1.0}),
-    "lanes": ({"lanes": 8}, {"free_ns_per_step": CALL / LANES * 1e9}),
-    "setup": ({"h": 0.1}, {"setup_us": CALL / SET_UPS * 1e6, "first_step_us": CALL / SET_UPS * 1e6}),
-    "tops": (
-        {"tops": TOPS, "threads": 1, "budget": 1e5},
-        {"ns_per_step": A_STEP * 1e9, "setup_us": (CALL / TOPS - FEW * A_STEP) * 1e6},
-    ),
-    "many": ({"tops": 64}, {"seconds": CALL, "us_per_top": CALL / 64 * 1e6}),
-    "jump": ({"tops": 4, "span": 50.0}, {"us_per_top": CALL / 4 * 1e6, "ns_per_time": CALL / 4 / 50 * 1e9}),
-    "perturbed": (
-        {"method": "strang", "potential": "tide", "tops": 3, "span": 1.0, "h": 0.1},
-        {"setup_us": CALL / 3 * 1e6, "ns_per_kick": CALL / 3 / 9 * 1e9},
-    ),
-}
-
-
-@pytest.mark.parametrize("part", UNITS)
-def test_ensembles_are_timed_per_top(measure, part):
-    cell, expected = UNITS[part]
-    (row,) = measure(ensemble, {"part": part, **cell})
+    monkeypatch.setattr(round_off, "FORMS", {"increments": round_off.FORMS["increments"]})
+    module = load(name)
+    row = module._run(cell) if module is work_precision else module.measure({"part": part, **cell})[0]
     assert {name: row[name] for name in expected} == pytest.approx(expected, rel=1e-3)
+    assert row.get("samples_ns", [expected.get("ns_per_step")])[0] == pytest.approx(expected.get("ns_per_step"))
+
+
+def test_labels_name_the_units_of_cost():
+    assert cost.PRICES == {"ns_per_step": "ns per step", "setup_us": "set-up of a stepper, µs"}
 
 
 def test_labels_name_the_units_of_ensembles():
@@ -153,12 +148,3 @@ def test_labels_name_the_units_of_ensembles():
     assert shown == {"ns per step o": 5.0, "µs per set-up": 3.0, "µs per top, 8": 2.0}
     (ax,) = figures["rivals"].axes
     assert (ax.get_xlabel()[:12], ax.lines[0].get_xdata()[0]) == ("ns for a top", 9.0)
-
-
-def test_magnets_are_timed_per_step_and_spin(measure, monkeypatch):
-    monkeypatch.setattr(gaudin, "prepare", cost.prepare)  # whose set-up takes 3 ms, see `measure`
-    (row,) = measure(gaudin, {"part": "cost", "n": 3, "variant": "exact"})
-    ns = CALL / (gaudin.CALL // (3 * row["maps"])) * 1e9
-    expected = {"ns_per_step": ns, "ns_per_spin_and_map": ns / (3 * row["maps"]), "ns_per_time": ns / row["h"]}
-    assert {name: row[name] for name in expected} == pytest.approx(expected, rel=1e-3)
-    assert row["setup_ms"] == pytest.approx(3.0)
