@@ -153,9 +153,6 @@ def _judge(report: Report, source: Origin, beside: Path | None) -> None:
 def _old(sections: Sequence[Section]) -> str:
     """How many cells of all sections are old, and what to do about it."""
     old = sources.summary(sum((section.ages for section in sections), Counter[str]()))
-    again = [f"{s.command} --again" for s in sections if s.ages[sources.OUTDATED] or s.ages[sources.LEFT_OUT]]
-    if again:
-        return f"{old} ({' && '.join(again)} computes them again)"
     folder = shlex.quote(sections[0].origin.folder) if old else ""
     return old and f"{old} (lagrange-bench verify {folder} computes a sample again and compares)"
 

@@ -1,4 +1,15 @@
-"""`lagrange-bench compare`: what two stores differ in."""
+"""What two results differ in.
+
+Compare two stores cell by cell: which were added, removed or changed, and by how much in each column. Everything but
+times must be equal; --times tests those too, each method's over all its cells, by Wilcoxon's signed-rank test.
+
+examples:
+  lagrange-bench compare results/reference results/local/full
+  lagrange-bench compare before after --times               is the new code slower?
+  lagrange-bench compare here there --rtol 1e-3 --atol 1e-12     of two kinds of machine
+
+exit codes: 0 the same · 1 not the same · 2 no such results
+"""
 
 from __future__ import annotations
 
@@ -11,21 +22,6 @@ from typing import Any
 from lagrange_bench.arguments import add_module, location, tolerance
 from lagrange_bench.differences import as_data, changed_columns, listed
 from lagrange_bench.text import Answer, plain, table
-
-SUMMARY = "what two results differ in"
-
-DESCRIPTION = """\
-Compare two stores cell by cell: which were added, removed or changed, and by how much in each column. Everything but
-times must be equal; --times tests those too, each method's over all its cells, by Wilcoxon's signed-rank test."""
-
-
-EXAMPLES = """\
-examples:
-  lagrange-bench compare results/reference results/local/full
-  lagrange-bench compare before after --times               is the new code slower?
-  lagrange-bench compare here there --rtol 1e-3 --atol 1e-12     of two kinds of machine
-
-exit codes: 0 the same · 1 not the same · 2 no such results"""
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -44,7 +40,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Answer:
     """What two stores differ in; exit code 1 if in anything."""
     from lagrange_bench.integrators.registry import import_modules
-    from lagrange_bench.report import origin
     from lagrange_bench.results import compare as stores
 
     import_modules(options.module)
@@ -61,8 +56,6 @@ def run(options: argparse.Namespace) -> Answer:
         lines += changed_columns(name, c.changed)
     if options.times:
         lines += ["", *_times(result.times, options.threshold)]
-    for folder, name, records, old in result.outdated:
-        result.notes.append(f"{folder}: {name}: {old}. Compute them again: {origin.again(folder, name, records)}")
     lines += [*result.notes, "the same" if result.same else "not the same"]
     cells = {
         name: {**vars(c), "changed": [as_data(cell, differing) for cell, differing in c.changed]}

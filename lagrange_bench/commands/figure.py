@@ -1,4 +1,17 @@
-"""`lagrange-bench figure`: one figure, for a paper."""
+"""One figure, for a paper.
+
+Draw a stored figure again, for a paper: as SVG, PDF (fonts embedded) or PNG, as wide as a column or a page. The same
+rows give the same bytes. Or draw any column of the stored rows against any other: --x and --y.
+
+examples:
+  lagrange-bench figure --list
+  lagrange-bench figure phase_h --format pdf --width column
+  lagrange-bench figure work_precision_time --methods mine,rk4,backlund --results results/local/quick
+  lagrange-bench figure drift_time --results results/local/quick --output drift.svg
+  lagrange-bench figure phase_h --xlim 1e-2,1 --ylim 1e-12,1
+  lagrange-bench figure drift_time --x t_scaled --y C2 --tops random000 --methods rk4,backlund
+  lagrange-bench figure --all --format pdf --output paper/figures
+"""
 
 from __future__ import annotations
 
@@ -11,24 +24,7 @@ from lagrange_bench.arguments import add_choice, add_module, check_choice, choic
 from lagrange_bench.targets import PICTURES
 from lagrange_bench.text import Answer
 
-SUMMARY = "one figure, for a paper"
-
 FORMATS = tuple(suffix.removeprefix(".") for suffix in PICTURES)
-
-DESCRIPTION = """\
-Draw a stored figure again, for a paper: as SVG, PDF (fonts embedded) or PNG, as wide as a column or a page. The same
-rows give the same bytes. Or draw any column of the stored rows against any other: --x and --y."""
-
-
-EXAMPLES = """\
-examples:
-  lagrange-bench figure --list
-  lagrange-bench figure phase_h --format pdf --width column
-  lagrange-bench figure work_precision_time --methods mine,rk4,backlund --results results/local/quick
-  lagrange-bench figure drift_time --results results/local/quick --output drift.svg
-  lagrange-bench figure phase_h --xlim 1e-2,1 --ylim 1e-12,1
-  lagrange-bench figure drift_time --x t_scaled --y C2 --tops random000 --methods rk4,backlund
-  lagrange-bench figure --all --format pdf --output paper/figures"""
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

@@ -1,4 +1,21 @@
-"""`lagrange-bench integrate`: one top, one method, one trajectory."""
+"""Follow one top with one method.
+
+Follow one top with one method. Prints the final state, the invariants and their drift, the error against the exact
+solution (in a potential: a reference solution in quadruple precision), and the work done; --output keeps the trajectory,
+--draw shows the axis on its sphere.
+
+examples:
+  lagrange-bench integrate --top generic --h 0.1 --steps 10000
+  lagrange-bench integrate --state 0.3,-0.4,1.2,0.48,0.6,0.64 --alpha 2 --times 0:1000:11 --output run.csv
+  lagrange-bench integrate --top figure1 --method rk45 --option rtol=1e-6 --h 0.05 --steps 400 --draw axis.svg
+  lagrange-bench integrate --top generic --potential tide --parameters 0.01,1,0,0 --method strang --h 0.1 --steps 100
+  lagrange-bench integrate --physical mass=0.5,distance=0.04,A=1.2e-3,C=4e-4,theta=0.5,dpsi=200 --h 1e-3 --steps 2000
+
+reading what --output wrote, without losing a bit:
+  pandas.read_csv("run.csv", comment="#")     # before pandas 3.1 also float_precision="round_trip"
+  file = numpy.load("run.npz"); file["t"], file["y"], json.loads(file["metadata"].item())
+  pyarrow.parquet.read_table("run.parquet")   # metadata in its schema, each a JSON text
+"""
 
 from __future__ import annotations
 
@@ -27,28 +44,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from lagrange_bench.integrators import Method, Trajectory
-
-SUMMARY = "follow one top with one method"
-
-DESCRIPTION = """\
-Follow one top with one method. Prints the final state, the invariants and their drift, the error against the exact
-solution (in a potential: a reference solution in quadruple precision), and the work done; --output keeps the trajectory,
---draw shows the axis on its sphere."""
-
-
-EXAMPLES = """\
-examples:
-  lagrange-bench integrate --top generic --h 0.1 --steps 10000
-  lagrange-bench integrate --state 0.3,-0.4,1.2,0.48,0.6,0.64 --alpha 2 --times 0:1000:11 --output run.csv
-  lagrange-bench integrate --top figure1 --method rk45 --option rtol=1e-6 --h 0.05 --steps 400 --draw axis.svg
-  lagrange-bench integrate --top generic --potential tide --parameters 0.01,1,0,0 --method strang --h 0.1 --steps 100
-  lagrange-bench integrate --physical mass=0.5,distance=0.04,A=1.2e-3,C=4e-4,theta=0.5,dpsi=200 --h 1e-3 --steps 2000
-
-reading what --output wrote, without losing a bit:
-  pandas.read_csv("run.csv", comment="#")     # before pandas 3.1 also float_precision="round_trip"
-  file = numpy.load("run.npz"); file["t"], file["y"], json.loads(file["metadata"].item())
-  pyarrow.parquet.read_table("run.parquet")   # metadata in its schema, each a JSON text"""
-
 
 GIVEN = ("mass", "distance", "A", "C", "theta", "dpsi")
 PHYSICAL = {  # name → default, None: must be given

@@ -1,27 +1,9 @@
-"""`lagrange-bench judge`: how far a trajectory that any program wrote is from the exact motion of a heavy top."""
+"""Judge the trajectory of any program by the exact heavy top.
 
-from __future__ import annotations
-
-import argparse
-import math
-import sys
-from typing import TYPE_CHECKING, Any
-
-from lagrange_bench.arguments import location, number_pairs, numbers, pairs
-from lagrange_bench.targets import PICTURES, check_target
-from lagrange_bench.text import Answer, plain, table
-
-if TYPE_CHECKING:
-    from lagrange_bench.judging import Judgement
-
-SUMMARY = "judge the trajectory of any program by the exact heavy top"
-
-DESCRIPTION = """\
 Read the trajectory of a heavy top that any program wrote as text, and print its errors: position, direction of the axis,
 rotation, spin about the axis, length, orthogonality, angular velocity, energy and vertical angular momentum, as far as the
-file has them. Also says whether the start is right, and which convention is perhaps another one."""
+file has them. Also says whether the start is right, and which convention is perhaps another one.
 
-EXAMPLES = """\
 Columns are found by the names in the header; capitals and units in brackets do not matter:
   t | time                       s
   x y z | px py pz | pos_x …     m, position of the centre of mass; ux uy uz | u0 u1 u2: its displacement
@@ -42,7 +24,22 @@ examples:
   lagrange-bench judge run.txt --case bruels --columns t=0,x=1,y=2,z=3   without a header
   lagrange-bench judge run.csv --case bruels --bounds position=1e-6,rotation=1e-5
 
-exit codes: 0 done · 1 a bound is violated · 2 a file that cannot be judged"""
+exit codes: 0 done · 1 a bound is violated · 2 a file that cannot be judged
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from typing import TYPE_CHECKING, Any
+
+from lagrange_bench.arguments import location, number_pairs, numbers, pairs
+from lagrange_bench.targets import PICTURES, check_target
+from lagrange_bench.text import Answer, plain, table
+
+if TYPE_CHECKING:
+    from lagrange_bench.judging import Judgement
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

@@ -124,8 +124,6 @@ BAD = {  # words → what the line must name
     "methods --top generi": "did you mean 'generic'?",
     "check nothing": "'nothing'",
     "check rk4 --state 1,2": "--state",
-    "bits backlnd": "did you mean 'backlund'?",
-    "bits dop853 --quick": "dop853 has no kernel of its own",
     "case bruls": "unknown case 'bruls'; did you mean 'bruels'?",
     "case bruels --every x": "--every must be a number",
     "case bruels --every 1e-9": "more than 10000000 rows",

@@ -14,7 +14,7 @@ import pytest
 from test_cli import examples
 
 from lagrange_bench import trajectory as output
-from lagrange_bench.commands.integrate import EXAMPLES
+from lagrange_bench.commands import integrate as command
 from lagrange_bench.integrators import (
     METHODS,
     PERTURBED_TOPS,
@@ -32,7 +32,7 @@ IN_A_FIELD = ("integrate", "--method", "strang", "--h", "0.1")
 GENERIC = TOPS["generic"]
 
 
-@pytest.mark.parametrize("words", examples(EXAMPLES), ids=" ".join)
+@pytest.mark.parametrize("words", examples(command.__doc__), ids=" ".join)
 def test_the_examples_of_integrate_run(run, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, err = run(*words)

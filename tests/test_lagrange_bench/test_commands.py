@@ -16,7 +16,7 @@ from test_cli import HERE
 
 from lagrange_bench import __main__ as cli
 from lagrange_bench import text
-from lagrange_bench.experiments.measuring import bits, check
+from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import CASES, METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, LagrangeTop, registry
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from tests.test_docs import commands
@@ -187,39 +187,6 @@ def test_check_says_why_a_claim_fails_and_with_verbose_how_every_one_was_measure
     assert re.search(r"^fail: symmetric: a step and its inverse, .*; largest on \w+, h = 3$", out, re.MULTILINE)
     assert "central differences" not in out
     assert "central differences" in run("check", "toys.lies:METHOD", "--quick", "--verbose")[1]
-
-
-# ---------------------------------------------------------------- bits
-
-
-@pytest.fixture
-def written(monkeypatch):
-    """What is written down of two kernels, as this machine computes it."""
-    hashes = bits.measured(1000, ["rk4", "strang"])
-    monkeypatch.setattr(bits, "golden", lambda: hashes)
-    return hashes
-
-
-def test_bits_that_are_the_same(run, answer, written):
-    code, out, err = run("bits", "rk4", "--quick", "--python")
-    assert (code, err) == (0, "")
-    words = [line.split() for line in out.splitlines()]
-    assert ["rk4", "interpreted", "6", "same"] in words
-    assert ["rk4", "compensated", "compiled", "6", "same"] in words
-    assert words[-1][:3] == ["4", "the", "same,"]
-    assert run("bits", "rk4", "--quick", "--quiet")[1] == "2 the same, 0 differ, 0 not written down\n"
-    data = answer("bits", "strang compensated", "--quick")
-    assert [verdict["kernel"] for verdict in data["verdicts"]] == ["strang compensated"]
-
-
-def test_bits_that_differ_or_are_not_written_down(run, written):
-    written["rk4"]["figure1 1000"] = "0"
-    del written["strang"]
-    code, out, err = run("bits", "rk4", "strang", "--quick")
-    assert (code, err) == (1, "")
-    assert re.search(r"^rk4 +compiled +6 +differs at figure1 1000$", out, re.MULTILINE)
-    assert re.search(r"^strang +compiled +0 +not written down$", out, re.MULTILINE)
-    assert out.splitlines()[-1] == "2 the same, 1 differ, 1 not written down"
 
 
 # ---------------------------------------------------------------- completion
