@@ -361,9 +361,18 @@ def test_write_experiment_raises_what_drawing_raises(results, tmp_path):
 
 
 def test_command_line(results, tmp_path, run, undrawn, monkeypatch):
-    words = ("report", "--results", results, "--output")
-    code, out, _ = run(*words, tmp_path / "out")
-    assert (code, out) == (0, f"{(tmp_path / 'out' / 'index.html').resolve()}\n")
+    (tmp_path / "none").mkdir()
+    code, _, err = run("report", "--results", tmp_path / "none", "--output", tmp_path / "page")
+    assert (code, "nothing is stored in" in err, (tmp_path / "page").exists()) == (2, True, False)
+    words, page_of, opened = (
+        ("report", "--results", results, "--output"),
+        (tmp_path / "out" / "index.html").resolve(),
+        [],
+    )
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    code, out, err = run(*words, tmp_path / "out", "--open")
+    assert (code, out, err.splitlines()[0]) == (0, f"{page_of}\n", f"drawn from {results}")
+    assert opened == [page_of.as_uri()]
     monkeypatch.setattr(sections, "draw_figures", lambda *_: draw_broken(None))
     code, _, err = run(*words, tmp_path / "out")
     assert (code, "not drawn: toy.broken" in err) == (1, True)
