@@ -52,6 +52,7 @@ def _count(text: str) -> int:
 
 LONGEST = 1e7  # s, of a --time-limit: four months
 count = in_range(_count, 0, 2**53, "a whole number from 0 to 2^53")
+several = in_range(_count, 2, 10**7, "t0:t1:n, with n from 2 to 10^7")
 whole = in_range(int, -math.inf, math.inf, "a whole number")
 positive = in_range(int, 1, math.inf, "a whole number, at least 1")
 seconds = in_range(float, 1e-9, LONGEST, f"positive and at most {LONGEST:g}")

@@ -102,7 +102,7 @@ BAD = {  # words → what the line must name
     "integrate --h 0.1 --steps 1e12 --every 1": "--steps: 1000000000001 rows take about 1e+06 GB",
     f"{I} --every 2": "--every",
     f"{I} --times 0,1": "--times",
-    "integrate --times 0:1:1e10": "--times: 0:1:1e10: 10000000000 rows take about 1e+04 GB",
+    "integrate --times 0:1:1e10": "--times: must be t0:t1:n, with n from 2 to 10^7",
     f"{T} --method backlund_paper": "--times",
     f"{T} --top generi": "did you mean 'generic'?",
     f"{T} --top generic --state 1,2,3,4,5,6": "--state",
