@@ -41,7 +41,6 @@ LONG = 14  # rows beyond which a table is folded
 FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table of the environment; then the packages
 POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
 OURS = "<title>Lagrange top benchmark</title>"  # in every page that was ever made
-LINK = re.compile(r'<a href="((?:figures|tables)/[\w.-]+\.(?:svg|md|tex|csv))"')
 NO_FAIRNESS = fairness.Fairness({}, pd.DataFrame())
 MEASURED_WHEN = ("key", "seconds", "utc", "dirty")
 
@@ -200,35 +199,23 @@ def _counts(judged: list[Judged]) -> dict[str, int]:
 
 
 def write(report: Report, output: Path) -> Path:
-    """Writes a report, each file whole or not at all; files of the page before it that it has not are removed.
+    """Writes a report, each file whole or not at all.
 
     Raises
     ------
     ValueError : another's index.html is there. OSError : a file cannot be written.
     """
-    output = Path(output)
-    before = _linked(output)
-    written = {path for section in report.sections for path in write_section(section, output)}
-    index = write_file(place(output, "index.html"), html(report))
-    for old in before - written:
-        old.unlink(missing_ok=True)
-    return index
+    _check_ours(output)
+    for section in report.sections:
+        write_section(section, output)
+    return write_file(place(output, "index.html"), html(report))
 
 
-def _linked(output: Path) -> set[Path]:
-    """The files of the page in a folder: a page links to each. No other file there is ours to remove.
-
-    Raises
-    ------
-    ValueError : its index.html is not a page of the bench.
-    """
+def _check_ours(output: Path) -> None:
+    """ValueError if there is an index.html that is not a page of the bench."""
     index = output / "index.html"
-    if not index.is_file():
-        return set()
-    text = index.read_text(encoding="utf-8", errors="replace")
-    if OURS not in text:
+    if index.is_file() and OURS not in index.read_text(encoding="utf-8", errors="replace"):
         raise ValueError(f"{index} is not a page of lagrange-bench and stays: give another folder with --output")
-    return {output / link for link in LINK.findall(text)}
 
 
 def _errata() -> pd.DataFrame:
@@ -251,8 +238,7 @@ def check_writable(output: Path) -> None:
     Nobody wants to learn that after a minute of drawing.
     """
     place(output, "index.html")
-    for path in _linked(output):
-        place(output, str(path.relative_to(output)))
+    _check_ours(output)
     for folder in ("", "figures/", "tables/"):
         write_file(place(output, f"{folder}.probe-{os.getpid()}"), b"").unlink()
     if (output / "index.html").is_dir():
