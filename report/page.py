@@ -84,14 +84,6 @@ class Report:
 # ---------------------------------------------------------------- what others call
 
 
-def build(results: Path, output: Path) -> Path:
-    """Writes `output/index.html`, `figures/*.svg` and `tables/*`; the path of the page.
-
-    What cannot be drawn is said on the page; `assemble` and `write` apart also tell the caller.
-    """
-    return write(assemble(results), output)
-
-
 def assemble(
     results: Path,
     processes: int = 1,

@@ -73,8 +73,6 @@ def run(options: argparse.Namespace) -> Answer:
         found = export.names(results, choice)
         return Answer("\n".join(found), {"figures": found, "results": str(results)})
     done: list[str] = []
-    unknown: list[str] = []
-    notes: list[str] = []
     kind = _format(options)
 
     def write(path: Path, content: bytes) -> None:
@@ -83,26 +81,23 @@ def run(options: argparse.Namespace) -> Answer:
     shown = progress.drawing(results, show=not (options.quiet or options.json))
     with style.limits(xlim=options.xlim, ylim=options.ylim), shown as drawn:
         if options.x:
-            written = [options.output or Path(f"{options.name}.{kind}")]
-            write(written[0], _columns(options, results, choice, kind))
+            path = options.output or Path(f"{options.name}.{kind}")
+            write(path, _columns(options, results, choice, kind))
+            written: export.Written = [path], [], []
         elif options.all:
-            chosen = {"kinds": options.format, "widths": options.width}
-            some = {name: (value,) for name, value in chosen.items() if value}
+            some = {"kinds": options.format, "widths": options.width}
+            some = {name: (value,) for name, value in some.items() if value}
             folder = options.output or Path("figures")
-            written, unknown, notes = export.export_all(
-                results, folder, **some, drawn=drawn, choice=choice, write=write
-            )
+            written = export.export_all(results, folder, **some, drawn=drawn, choice=choice, write=write)
         else:
-            path, unknown, notes = export.export(
-                options.name, results, options.output, kind, options.width, choice, write
-            )
-            written = [path]
+            written = export.export(options.name, results, options.output, kind, options.width, choice, write)
+    paths, unknown, notes = written
     replaced = [line for line in done if line.startswith("replaced")]  # stdout names all that are written
     for line in [*replaced, *(f"not drawn: {reason}" for reason in unknown), *notes] if not options.quiet else ():
         print(line, file=sys.stderr)
-    paths = [str(path) for path in written]
-    data = {"written": paths, "not_drawn": unknown, "notes": notes, "results": str(results)}
-    return Answer("\n".join(map(str, written)), data, 1 if unknown else 0)
+    files = list(map(str, paths))
+    data = {"written": files, "not_drawn": unknown, "notes": notes, "results": str(results)}
+    return Answer("\n".join(files), data, 1 if unknown else 0)
 
 
 def _columns(options: argparse.Namespace, results: Path, choice: Any, kind: str) -> bytes:

@@ -124,14 +124,6 @@ def test_bounds_and_orders_on_a_magnet():
 # ---------------------------------------------------------------- what `check` says
 
 
-def test_check_names_the_top_and_the_step():
-    liar = replace(MINE, conserves=frozenset({"H"}))
-    (verdict,) = (v for v in check.conserves(liar, True) if v.claim == "conserves H")
-    assert verdict.passed is False
-    assert verdict.how.endswith(", h = 3")
-    assert "; largest on " in verdict.how
-
-
 def test_an_error_that_is_no_number_is_the_largest():
     worst = check.Worst().or_(1.0, "a", 0.1).or_(np.nan, "b", 0.2).or_(2.0, "c", 0.3)
     assert (worst.size, worst.at) == (np.inf, "b, h = 0.2")
