@@ -16,7 +16,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import jinja2
 import pandas as pd
@@ -26,7 +25,7 @@ from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.drawing import figures, tables
 from lagrange_bench.experiments.measuring import errata
 from lagrange_bench.integrators.files import write_file
-from lagrange_bench.report import chooser, claims, fairness, lists, live, origin, panels, promises, summary
+from lagrange_bench.report import chooser, claims, fairness, lists, live, origin, panels, promises
 from lagrange_bench.report.origin import PUBLISHED, Origin
 from lagrange_bench.report.sections import OPENED, Drawn, Section, described, draw_all, place, stored_rows
 from lagrange_bench.report.sections import write as write_section
@@ -59,14 +58,13 @@ class Report:
 
     sections: list[Section]
     origin: str  # what it was drawn from
-    whole: bool  # the bench's own page: with claims, summary, fairness and errata
+    whole: bool  # the bench's own page: with claims, fairness and errata
     errors: list[str]  # what could not be drawn or checked; the page shows each in its place
     old: str = ""  # how many cells are, and what to do about it
     claims: list[Judged] = field(default_factory=list)
     beside: str = ""  # what its claims are held against
     fairness: fairness.Fairness = NO_FAIRNESS
     errata: pd.DataFrame = field(default_factory=pd.DataFrame)  # of the paper
-    summary: dict[str, dict[str, Any]] = field(default_factory=dict)
     panels: str = ""  # the data of the panels of the methods
     answers: pd.DataFrame = field(default_factory=pd.DataFrame)  # which method to take, see `chooser`
 
@@ -130,7 +128,6 @@ def _judge(report: Report, source: Origin, beside: Path | None) -> None:
     parts: dict[str, Callable[[], object]] = {
         "fairness": lambda: fairness.assemble(rows),
         "errata": lambda: _errata() if len(rows.get("paper", ())) else pd.DataFrame(),
-        "summary": lambda: summary.numbers(rows),
         "panels": lambda: panels.script(rows),
         "answers": lambda: chooser.answers(rows),
     }

@@ -26,7 +26,7 @@ from lagrange_bench.experiments.drawing import style
 from lagrange_bench.experiments.measuring.states import methods_on
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.integrators.files import write_file
-from lagrange_bench.report import fairness, lists, page, promises, sections, summary
+from lagrange_bench.report import fairness, lists, page, promises, sections
 from lagrange_bench.report.claims import Bound, Claim
 from lagrange_bench.results import sources, store
 from lagrange_bench.results.choice import Choice
@@ -73,7 +73,7 @@ def put(folder, experiment, index, method, h, *drift, **fields):
 
 
 def claim(name, text, limit, column="drift", experiment="toy.good", **where):
-    return Claim(name, "cost", text, experiment, (Bound((column,), "≤", limit, where=where),))
+    return Claim(name, "cost", text, experiment, (Bound((column,), "≤", limit, where=where),), f"{text} In short.")
 
 
 CLAIMS = [
@@ -369,13 +369,15 @@ def test_command_line(results, tmp_path, run, undrawn, monkeypatch):
     assert run(*words, tmp_path / "out" / "index.html")[0] == 2
 
 
-# ---------------------------------------------------------------- claims, summary, fairness
+# ---------------------------------------------------------------- claims, fairness
 
 
 def test_verdicts(report, text):
     verdicts = {judged.claim.id: judged.verdict for judged in report.claims}
     assert [verdict.word for verdict in verdicts.values()] == ["confirmed", *["refuted"] * 2, *["not tested"] * 2]
     assert all(part in text for part in ("1 confirmed", "2 refuted", "2 not tested"))
+    found = re.findall("<b>(.*) In short.</b> (.*?) ", text)
+    assert found == [(each.text, "10⁻¹²") for each in CLAIMS[:2]], "what was measured, in short"
 
 
 def test_other_results_stand_beside(results, tmp_path, undrawn):
@@ -388,29 +390,6 @@ def test_other_results_stand_beside(results, tmp_path, undrawn):
     assert [judged.verdict.word for judged in held.claims][:3] == ["confirmed", "refuted", "refuted"]
     assert [judged.beside.word for judged in held.claims][:3] == ["refuted", "refuted", "confirmed"]
     assert "published: 1 confirmed, 2 refuted, 2 not tested; 2 stored cells" in words(held)
-
-
-def test_the_summary_has_the_numbers_of_the_rows_and_leaves_out_what_is_missing(report):
-    errors = {"taylor_fixed": 5.5e-11, "rk4": 0.1, "strang": 0.2}
-    phase = [("backlund", 1.0, 3.91e-15), ("backlund", 8.0, 2e-15), *((name, 1.0, e) for name, e in errors.items())]
-    rows = pd.DataFrame(phase, columns=["method", "h", "error"]).assign(part="h", state="generic", status="done")
-    numbers = summary.numbers({"phase": rows, "cost": pd.DataFrame({"part": ["step"]})})
-    assert list(numbers) == ["phase"]
-    wanted = {"shortest": "1", "longest": "8", "best": "Taylor 20, fixed step", "least": "5.5×10⁻¹¹", "others": 3}
-    assert numbers["phase"].items() >= {**wanted, "poor": 2, "worst": "4×10⁻¹⁵"}.items()  # rounded up
-    assert "within 4×10⁻¹⁵ of the true state" in words(replace(report, summary=numbers))
-    assert summary.numbers({"phase": rows.assign(status="failed", failure="StepError: no", error=np.nan)}) == {}
-    assert report.summary == {}
-
-
-def test_a_loss_is_a_difference_beyond_the_noise_of_timing():
-    """1.002 times as long is none."""
-    seconds = {10.0: 1.002, 100.0: 2.0, 1e4: 0.1}
-    runs = [(span, name, time) for span, ours in seconds.items() for name, time in (("backlund", ours), ("rk4", 1.0))]
-    rows = pd.DataFrame(runs, columns=["span", "method", "seconds"])
-    rows = rows.assign(setup_seconds=0.0, state="generic", status="done", error=1e-13)
-    assert summary.losses(rows) == [("2", "100")]
-    assert summary.losses(rows[rows.method == "rk4"]) is None, "nothing to compare"
 
 
 def test_fairness_says_what_the_rows_say_and_needs_none(report):
