@@ -40,7 +40,6 @@ LONG = 14  # rows beyond which a table is folded
 FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table of the environment; then the packages
 POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
 OURS = "<title>Lagrange top benchmark</title>"  # in every page that was ever made
-NO_FAIRNESS = fairness.Fairness({}, pd.DataFrame())
 MEASURED_WHEN = ("key", "seconds", "utc", "dirty")
 
 
@@ -63,7 +62,7 @@ class Report:
     old: str = ""  # how many cells are, and what to do about it
     claims: list[Judged] = field(default_factory=list)
     beside: str = ""  # what its claims are held against
-    fairness: fairness.Fairness = NO_FAIRNESS
+    fairness: fairness.Numbers = field(default_factory=dict)  # of its rules
     errata: pd.DataFrame = field(default_factory=pd.DataFrame)  # of the paper
     panels: str = ""  # the data of the panels of the methods
     answers: pd.DataFrame = field(default_factory=pd.DataFrame)  # which method to take, see `chooser`
