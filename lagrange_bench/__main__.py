@@ -49,6 +49,12 @@ class Parser(argparse.ArgumentParser):
             message = f"unknown {value!r}{suggestion(str(value), known)} Known: {', '.join(known)}"
             raise argparse.ArgumentError(action, message)
 
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        try:
+            return arg_string if action.type is None else action.type(arg_string)  # type: ignore[operator]
+        except ValueError as error:
+            raise argparse.ArgumentError(action, str(error)) from None
+
     def error(self, message: str) -> NoReturn:
         raise ValueError(f"{message} (see {self.prog} --help)")
 

@@ -96,7 +96,7 @@ def times(text: str) -> list[float]:
         return numbers(text)
     parts = text.split(":")
     if len(parts) != 3:
-        raise argparse.ArgumentTypeError(f"must be t0:t1:n or a list t,t,…; got {text!r}")
+        raise ValueError(f"must be t0:t1:n or a list t,t,…; got {text!r}")
     first, last, n = number(parts[0]), number(parts[1]), several(parts[2])
     return [first + (last - first) * (k / (n - 1)) for k in range(n - 1)] + [last]
 
@@ -105,7 +105,7 @@ def physical(text: str) -> dict[str, float]:
     """name=number,…: the arguments of a real top, completed by the defaults."""
     given = number_pairs(text, (*GIVEN, *PHYSICAL))
     if missing := [name for name in GIVEN if name not in given]:
-        raise argparse.ArgumentTypeError(f"lacks {', '.join(missing)}")
+        raise ValueError(f"lacks {', '.join(missing)}")
     return PHYSICAL | given
 
 

@@ -59,7 +59,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     how.add_argument("--steps", type=numbers, metavar="h,h,…", help=text)
     results = command.add_argument_group("results")
     text = "exit with 1 if the largest error of a quantity is above this"
-    results.add_argument("--bounds", metavar="position=1e-6,…", help=text)
+    results.add_argument("--bounds", type=_bounds, metavar="position=1e-6,…", default={}, help=text)
     text = f"draw the errors over time: a name that ends in {', '.join(PICTURES)}"
     results.add_argument("--draw", type=location, metavar="FILE", help=text)
 
@@ -68,10 +68,7 @@ def run(options: argparse.Namespace) -> Answer:
     """The errors of each file, the orders, and the bounds that are violated."""
     from lagrange_bench import judging
 
-    try:
-        bounds = number_pairs(options.bounds, judging.UNITS) if options.bounds else {}
-    except argparse.ArgumentTypeError as error:
-        raise ValueError(f"--bounds: {error}") from None
+    bounds = options.bounds
     if options.steps and len(options.steps) != len(options.files):
         raise ValueError(f"--steps: {len(options.steps)} steps for {len(options.files)} files")
     if options.draw is not None:
@@ -92,6 +89,12 @@ def run(options: argparse.Namespace) -> Answer:
     data = {"case": options.case, "files": [{"file": each.file, **each.as_dict()} for each in judged], "orders": orders}
     data |= {"violated": violated} if bounds else {}
     return Answer("\n".join(lines).rstrip(), plain(data), 1 if violated else 0)
+
+
+def _bounds(text: str) -> dict[str, float]:
+    from lagrange_bench.judging import UNITS
+
+    return number_pairs(text, UNITS)
 
 
 def _violated(judged: Judgement, bounds: dict[str, float]) -> list[str]:

@@ -35,7 +35,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lagrange_bench.arguments import add_choice, argument, choice_of, location, positive, seconds
+from lagrange_bench.arguments import add_choice, choice_of, location, positive, seconds
 from lagrange_bench.experiments import EXPERIMENTS, SWEEP
 from lagrange_bench.text import Answer
 
@@ -47,7 +47,7 @@ def scheduler(text: str) -> str:
     """The address of a Dask scheduler, or local:N."""
     from lagrange_bench.runner.cluster import check_address
 
-    return str(argument(check_address)(text))
+    return check_address(text)
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
