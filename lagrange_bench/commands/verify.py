@@ -21,7 +21,7 @@ from collections import Counter
 from typing import Any
 
 from lagrange_bench.arguments import add_module, location, positive, seconds, whole
-from lagrange_bench.differences import as_data, changed_columns
+from lagrange_bench.commands.compare import as_data, changed_columns
 from lagrange_bench.text import Answer, plain
 
 
