@@ -39,7 +39,7 @@ def figures(text: str, results: Path, folder: Path) -> str:
 
     def shown(match: re.Match[str]) -> str:
         name, caption = match.groups()
-        path, *_ = export.export(name, results, folder / f"{name}.pdf", "pdf", "page")
+        (path,), *_ = export.export(name, results, folder / f"{name}.pdf", "pdf", "page")
         return f"![{caption}]({path.relative_to(folder.parent).as_posix()}){{width=100%}}"
 
     return FIGURE.sub(shown, text)

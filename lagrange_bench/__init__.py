@@ -12,6 +12,8 @@
 Beside it, this package holds the command line (`commands`) and what runs cells (`runner`).
 """
 
+# ruff: noqa: F401, names that `__all__` below is made of
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
@@ -30,47 +32,21 @@ if TYPE_CHECKING:
     from lagrange_bench.integrators.compiling.loops import MEMORY, FixedStepper
     from lagrange_bench.integrators.methods.explicit import explicit_stepper
     from lagrange_bench.judging import judge
-    from lagrange_bench.questions import drift, heavy_top, order, perturbed, phase, work_precision
+    from lagrange_bench.questions import drift, order, phase, work_precision
     from lagrange_bench.results.store import Store
 
-__getattr__, __dir__ = face(
-    __name__,
-    {
-        "lagrange_bench.integrators": tuple(_INTEGRATORS),
-        "lagrange_bench.integrators.compiling.compiled": ("compiled",),
-        "lagrange_bench.integrators.compiling.loops": ("MEMORY", "FixedStepper"),
-        "lagrange_bench.integrators.methods.explicit": ("explicit_stepper",),
-        "lagrange_bench.experiments.drawing.style": (),
-        "lagrange_bench.experiments.measuring.check": ("check",),
-        "lagrange_bench.experiments.measuring.metrics": (),
-        "lagrange_bench.experiments.measuring.states": (),
-        "lagrange_bench.experiments.measuring.timing": (),
-        "lagrange_bench.comparison": ("Comparison",),
-        "lagrange_bench.questions": ("drift", "heavy_top", "order", "perturbed", "phase", "work_precision"),
-        "lagrange_bench.data": ("load",),
-        "lagrange_bench.judging": ("judge",),
-        "lagrange_bench.results.store": ("Store",),
-    },
-)
-__all__ = [
-    *_INTEGRATORS,
-    "MEMORY",
-    "Comparison",
-    "FixedStepper",
-    "Store",
-    "check",
-    "compiled",
-    "drift",
-    "explicit_stepper",
-    "heavy_top",
-    "judge",
-    "load",
-    "metrics",
-    "order",
-    "perturbed",
-    "phase",
-    "states",
-    "style",
-    "timing",
-    "work_precision",
-]
+_OTHERS = {
+    "lagrange_bench.integrators.compiling.compiled": ("compiled",),
+    "lagrange_bench.integrators.compiling.loops": ("MEMORY", "FixedStepper"),
+    "lagrange_bench.integrators.methods.explicit": ("explicit_stepper",),
+    "lagrange_bench.experiments.measuring.check": ("check",),
+    "lagrange_bench.comparison": ("Comparison",),
+    "lagrange_bench.questions": ("drift", "order", "phase", "work_precision"),
+    "lagrange_bench.data": ("load",),
+    "lagrange_bench.judging": ("judge",),
+    "lagrange_bench.results.store": ("Store",),
+}
+_MODULES = {f"lagrange_bench.experiments.measuring.{name}": () for name in ("metrics", "states", "timing")}
+_MODULES["lagrange_bench.experiments.drawing.style"] = ()
+__getattr__, __dir__ = face(__name__, {"lagrange_bench.integrators": tuple(_INTEGRATORS), **_OTHERS, **_MODULES})
+__all__ = [*_INTEGRATORS, *sum(_OTHERS.values(), ()), "metrics", "states", "style", "timing"]

@@ -1,7 +1,14 @@
-"""The command line, `lagrange-bench` or `python -m lagrange_bench`. Imports nothing slow before it knows what is asked.
+"""Benchmarks of geometric integrators for the symmetric Lagrange top, judged by its exact solution.
 
-Exit codes: 0 done; 1 something failed, each command's help says what; 2 bad input, or a file that cannot be read or
-written; 130 interrupted (Ctrl-C); 141 the reader of stdout went away.
+examples:
+  lagrange-bench run --profile quick            measure everything, in about five minutes
+  lagrange-bench report                         figures, tables and the page of the published results
+  lagrange-bench integrate --top figure1 --h 0.1 --steps 10000
+
+Each command explains itself: lagrange-bench COMMAND --help. Data and JSON go to stdout, everything else to stderr.
+
+exit codes: 0 done · 1 something failed or differs, COMMAND --help says what · 2 bad input, or a file that cannot be read or
+written · 130 interrupted (Ctrl-C) · 141 the reader of stdout went away
 """
 
 from __future__ import annotations
@@ -18,21 +25,6 @@ from typing import Any, NoReturn
 
 from lagrange_bench.integrators.words import suggestion
 
-INTRODUCTION = """\
-Benchmarks of geometric integrators for the symmetric Lagrange top, judged by its exact solution."""
-
-
-EPILOGUE = """\
-examples:
-  lagrange-bench run --profile quick            measure everything, in about five minutes
-  lagrange-bench report                         figures, tables and the page of the published results
-  lagrange-bench integrate --top figure1 --h 0.1 --steps 10000
-
-Each command explains itself: lagrange-bench COMMAND --help. Data and JSON go to stdout, everything else to stderr.
-
-exit codes: 0 done · 1 something failed or differs, COMMAND --help says what · 2 bad input or a file problem · 130
-interrupted"""
-
 
 class Help(argparse.HelpFormatter):
     """Fills paragraphs to the width of the terminal, but leaves indented lines as they are."""
@@ -43,9 +35,11 @@ class Help(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Says in one line what is wrong, and where to read on."""
+    """Says in one line what is wrong, and where to read on. text : what its --help says; the docstring of a module."""
 
-    def __init__(self, **settings: Any):
+    def __init__(self, text: str, **settings: Any):
+        about, mark, examples = text.strip().partition("\n\nexamples:")
+        settings |= {"description": about, "epilog": f"{mark}{examples}".strip()}
         super().__init__(**settings, formatter_class=Help, allow_abbrev=False)
         self._negative_number_matcher = re.compile(r"-\.?\d")  # `--state -1,2,…` and `--h -1e-3` are values, too
 
@@ -54,6 +48,12 @@ class Parser(argparse.ArgumentParser):
             known = list(map(str, action.choices))
             message = f"unknown {value!r}{suggestion(str(value), known)} Known: {', '.join(known)}"
             raise argparse.ArgumentError(action, message)
+
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        try:
+            return arg_string if action.type is None else action.type(arg_string)  # type: ignore[operator]
+        except ValueError as error:
+            raise argparse.ArgumentError(action, str(error)) from None
 
     def error(self, message: str) -> NoReturn:
         raise ValueError(f"{message} (see {self.prog} --help)")
@@ -119,21 +119,19 @@ def _print(text: str) -> None:
         raise OSError(error.errno, error.strerror, "standard output") from error
 
 
-NAMES = (
-    "methods tops potentials case judge run report figure compare verify integrate check errata paper completion bits"
-)
+NAMES = "methods tops potentials case judge run report figure compare verify integrate check errata paper completion"
 COMMANDS = tuple(importlib.import_module(f"lagrange_bench.commands.{name}") for name in NAMES.split())
 
 
 def parser() -> Parser:
     """The command line; every command has a module of its own."""
-    top = Parser(prog="lagrange-bench", description=INTRODUCTION, epilog=EPILOGUE)
+    top = Parser(__doc__, prog="lagrange-bench")
     top.add_argument("--version", action="store_true", help="print the version and stop")
     top.set_defaults(command="", flags=top._option_string_actions)
     commands = top.add_subparsers(metavar="COMMAND", title="commands")
     for module in COMMANDS:
         name = module.__name__.rpartition(".")[2]
-        command = commands.add_parser(name, help=module.SUMMARY, description=module.DESCRIPTION, epilog=module.EXAMPLES)
+        command = commands.add_parser(name, text=module.__doc__, help=str(module.__doc__).partition("\n")[0])
         command.set_defaults(run=module.run, command=name, flags=command._option_string_actions)
         command.add_argument("--json", action="store_true", help="print JSON, and nothing else, on stdout")
         module.add_options(command)

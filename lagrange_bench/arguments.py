@@ -1,4 +1,4 @@
-"""The words on a command line, and what they mean."""
+"""The words on a command line, and what they mean. A ValueError of a type of options is what the command line says."""
 
 from __future__ import annotations
 
@@ -10,23 +10,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.integrators import words
-from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.integrators.words import number, numbers, option, read, suggestion
 
-
-def argument(parse: Callable[[str], Any]) -> Callable[[str], Any]:
-    """`parse` as the type of an option: what it says about a word becomes the message."""
-
-    def kind(text: str) -> Any:
-        try:
-            return parse(text)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
-
-    return kind
-
-
-number, numbers, option = argument(words.number), argument(words.numbers), argument(words.option)
+__all__ = ["number", "numbers", "option"]  # types of options, too
 
 
 def in_range(parse: Callable[[str], Any], least: float, most: float, what: str) -> Callable[[str], Any]:
@@ -34,10 +20,10 @@ def in_range(parse: Callable[[str], Any], least: float, most: float, what: str) 
 
     def kind(text: str) -> Any:
         with suppress(ValueError):
-            value = words.read(parse, text)
+            value = read(parse, text)
             if least <= value <= most:
                 return value
-        raise argparse.ArgumentTypeError(f"must be {what}; got {text!r}")
+        raise ValueError(f"must be {what}; got {text!r}")
 
     return kind
 
@@ -45,13 +31,14 @@ def in_range(parse: Callable[[str], Any], least: float, most: float, what: str) 
 def _count(text: str) -> int:
     """Also as 1e6."""
     value = float(text)
-    if value != int(value):
+    if not value.is_integer():
         raise ValueError(text)
     return int(value)
 
 
 LONGEST = 1e7  # s, of a --time-limit: four months
 count = in_range(_count, 0, 2**53, "a whole number from 0 to 2^53")
+several = in_range(_count, 2, 10**7, "t0:t1:n, with n from 2 to 10^7")
 whole = in_range(int, -math.inf, math.inf, "a whole number")
 positive = in_range(int, 1, math.inf, "a whole number, at least 1")
 seconds = in_range(float, 1e-9, LONGEST, f"positive and at most {LONGEST:g}")
@@ -64,9 +51,9 @@ def pairs(text: str) -> dict[str, str]:
     for part in text.split(","):
         name, _, value = (word.strip() for word in part.partition("="))
         if not name or not value:
-            raise argparse.ArgumentTypeError(f"must be name=value,…; got {part!r}")
+            raise ValueError(f"must be name=value,…; got {part!r}")
         if name in found:
-            raise argparse.ArgumentTypeError(f"{name} is given twice")
+            raise ValueError(f"{name} is given twice")
         found[name] = value
     return found
 
@@ -77,11 +64,11 @@ def number_pairs(text: str, known: Iterable[str]) -> dict[str, float]:
     for name, value in pairs(text).items():
         if name not in known:
             hint = suggestion(name, known)
-            raise argparse.ArgumentTypeError(f"unknown {name!r}{hint} Known: {', '.join(known)}")
+            raise ValueError(f"unknown {name!r}{hint} Known: {', '.join(known)}")
         try:
             found[name] = number(value)
-        except argparse.ArgumentTypeError as error:
-            raise argparse.ArgumentTypeError(f"{name} {error}") from None
+        except ValueError as error:
+            raise ValueError(f"{name} {error}") from None
     return found
 
 
@@ -89,14 +76,14 @@ def names(text: str) -> tuple[str, ...]:
     """Names separated by commas."""
     found = tuple(word.strip() for word in text.split(","))
     if not all(found):
-        raise argparse.ArgumentTypeError(f"must be names separated by commas; got {text!r}")
+        raise ValueError(f"must be names separated by commas; got {text!r}")
     return found
 
 
 def location(text: str) -> Path:
     """A file or folder. An empty word, as of a shell variable that is not set, would be the current folder."""
     if not text:
-        raise argparse.ArgumentTypeError("must name a file or folder; got an empty word")
+        raise ValueError("must name a file or folder; got an empty word")
     return Path(text)
 
 
@@ -104,7 +91,7 @@ def limits(text: str) -> tuple[float, float]:
     """Two numbers, the ends of an axis."""
     ends = numbers(text)
     if len(ends) != 2 or ends[0] == ends[1]:
-        raise argparse.ArgumentTypeError(f"must be two numbers, as 1e-3,10; got {text!r}")
+        raise ValueError(f"must be two numbers, as 1e-3,10; got {text!r}")
     return float(ends[0]), float(ends[1])
 
 

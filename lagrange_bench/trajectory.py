@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,13 +17,7 @@ from lagrange_bench.integrators.truth import exact, truths
 from lagrange_bench.results import provenance
 from lagrange_bench.text import table
 
-if TYPE_CHECKING:
-    from lagrange_bench.integrators import Method
-
-CHORD = 0.3  # rad between two recorded directions of the axis; beyond, a line between them would say too much
-
-
-# ---------------------------------------------------------------- words
+FEW = 20  # states are drawn as dots: a line between them would say too much
 
 
 LAM = "lam given: one step is the flow over another time than h, and a turn"
@@ -49,24 +43,12 @@ def judge(trajectory: Trajectory, y0: Array, lam: bool = False) -> dict[str, Any
         judged = {"final": None, "largest": None, "note": str(error)}
     judged["against"] = truths.name(top)
     conserved = getattr(top, "conserved", INVARIANTS)
-    return {
-        "t_final": trajectory.t[-1],
-        "y_final": trajectory.y[-1],
-        "recorded": len(trajectory.t),
-        "invariants": {
-            name: {
-                "start": first,
-                "final": last,
-                "drift": final,
-                "largest_drift": largest,
-                "conserved": name in conserved,
-            }
-            for name, first, last, final, largest in zip(
-                INVARIANTS, invariants[0], invariants[-1], drift[-1], np.abs(drift).max(axis=0), strict=True
-            )
-        },
-        "error": judged,
-    }
+    facts = ("start", "final", "drift", "largest_drift", "conserved")
+    kept = [name in conserved for name in INVARIANTS]
+    columns = zip(invariants[0], invariants[-1], drift[-1], np.abs(drift).max(axis=0), kept, strict=True)
+    changes = {name: dict(zip(facts, column, strict=True)) for name, column in zip(INVARIANTS, columns, strict=True)}
+    head = {"t_final": trajectory.t[-1], "y_final": trajectory.y[-1], "recorded": len(trajectory.t)}
+    return {**head, "invariants": changes, "error": judged}
 
 
 def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str) -> str:
@@ -124,17 +106,11 @@ def _short(value: float | None, sign: str = "-") -> str:
     return "–" if value is None else f"{value:{sign}.1e}"
 
 
-# ---------------------------------------------------------------- files
-
-
 def save(path: Path, trajectory: Trajectory, facts: dict[str, Any]) -> str:
     """Write times, states and metadata as `Trajectory.save` does, and say what was done."""
     version, existed = f"lagrange-bench {provenance.version('lagrange-bench')}", path.exists()
     trajectory.save(path, {"program": version, **facts, **provenance.provenance()})
     return f"{'replaced' if existed else 'written'}: {path}"
-
-
-# ---------------------------------------------------------------- a drawing
 
 
 def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -> str:
@@ -143,8 +119,7 @@ def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -
 
     with style.apply():
         figure, ax = style.figure(4.2, 4.2, subplot_kw={"projection": "3d", "proj_type": "ortho"})
-        dots = {"linestyle": "none", "marker": ".", "ms": 3}
-        look = {"linewidth": 0.9} if _dense(trajectory.y[:, 3:]) else dots
+        look = {"linewidth": 0.9} if len(trajectory.t) > FEW else {"linestyle": "none", "marker": ".", "ms": 3}
         trajectory.plot("axis", ax=ax, color=style.of(method.name)["color"], label="axis x", **look)
         times = f"t = {trajectory.t[0]:g} … {trajectory.t[-1]:g}, {len(trajectory.t)} states"
         title = f"Axis of the top{f' “{name}”' if name else ''}, |x| = {math.hypot(*trajectory.y[0, 3:]):.4g}"
@@ -154,10 +129,3 @@ def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -
         ax.get_legend().remove()
         figure.legend(loc="outside lower center", ncols=2)
     return targets.write_picture(path, figure)
-
-
-def _dense(x: Array) -> bool:
-    """Whether recorded directions are so close that lines between them stay near the sphere."""
-    unit = x / np.hypot.reduce(x, axis=1, keepdims=True)
-    chords = np.linalg.norm(np.diff(unit, axis=0), axis=1)
-    return bool(chords.max(initial=0.0) < CHORD)

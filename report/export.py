@@ -37,8 +37,8 @@ def export(
     width: str | None = None,
     choice: Choice = ALL,
     write: Write = write_file,
-) -> tuple[Path, list[str], list[str]]:
-    """Writes one figure; gives its path, what it does not show and why, and remarks on its rows.
+) -> Written:
+    """Writes one figure.
 
     name : as in the page, `phase_h` for instance. kind : svg, pdf or png. width : "column", "page" or None, as drawn.
     output : a file; default: the figure's name in the current folder.
@@ -50,26 +50,23 @@ def export(
     if kind not in figures.FORMATS:
         raise ValueError(f"format must be one of {', '.join(figures.FORMATS)}, got {kind!r}")
     stored, problems = _stored(results)
-    mine = [experiment for experiment in stored if name.startswith(f"{experiment}_")]
-    known: list[str] = []
-    for experiment in sorted(mine, key=len, reverse=True):
+    for experiment in sorted(stored, key=len, reverse=True):
+        if not name.startswith(f"{experiment}_"):
+            continue
         section = _section(experiment, Store(results, choice))
         if choice and section.rows.empty:
             raise UnknownFigure(_no_rows(experiment, choice))
         problems += section.notes[:1]
-        drawn = dict(_drawn(section, width))
-        if name in drawn:
+        if (figure := dict(_drawn(section, width)).get(name)) is not None:
             path = output or Path(f"{name}.{kind}")
-            write(path, figures.FORMATS[kind](drawn[name]))
-            return path, _lacking(section), [*_remarks(section), *_without(name, section)]
+            write(path, figures.FORMATS[kind](figure))
+            return [path], _lacking(section), [*_remarks(section), *_without(name, section)]
         if choice and name in dict(_drawn(_section(experiment, Store(results)))):
             raise UnknownFigure(f"{name}: no rows of {_words(choice)}")
-        known += drawn
-    if known := known or names(results, choice):
+    if known := names(results, choice):
         raise UnknownFigure(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
-    if problems:
-        raise UnknownFigure(f"{name!r} cannot be drawn from {results}: {'; '.join(problems)}")
-    raise UnknownFigure(f"nothing is stored in {results}: compute it with lagrange-bench run")
+    why = "; ".join(problems) or "nothing is stored"
+    raise UnknownFigure(f"{name!r} cannot be drawn from {results}: {why}")
 
 
 def export_all(
@@ -82,9 +79,7 @@ def export_all(
     write: Write = write_file,
 ) -> Written:
     """Writes every figure as `NAME-WIDTH.KIND` into a folder."""
-    files: list[Path] = []
-    remarks: list[str] = []
-    stored, problems = _stored(results)
+    (stored, problems), files, remarks = _stored(results), list[Path](), list[str]()
     for i, experiment in enumerate(stored):
         section = _section(experiment, Store(results, choice))
         problems += _lacking(section)
@@ -93,7 +88,7 @@ def export_all(
             drawn(i * len(widths) + k, len(stored) * len(widths))
             for name, figure in _drawn(section, width):
                 for kind in kinds:
-                    files.append(Path(folder) / f"{name}-{width}.{kind}")
+                    files.append(folder / f"{name}-{width}.{kind}")
                     write(files[-1], figures.FORMATS[kind](figure))
     return files, problems, remarks
 

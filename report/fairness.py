@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import pandas as pd
 
@@ -23,26 +22,17 @@ ENGINES = {
 Numbers = dict[str, Any]
 
 
-class Fairness(NamedTuple):
-    """Numbers for the rules on the page, and a table with a row for each method."""
-
-    numbers: Numbers
-    methods: pd.DataFrame
-
-
-def assemble(rows: Mapping[str, pd.DataFrame]) -> Fairness:
+def assemble(rows: Mapping[str, pd.DataFrame]) -> Numbers:
     """From the rows of all experiments, by name. A number whose rows are not stored is left out."""
     cost, work, ensemble = (rows.get(name, pd.DataFrame()) for name in ("cost", "work_precision", "ensemble"))
-    records = methods_on()
     step, start, parameters = done(cost, "step"), done(cost, "start"), done(ensemble, "setup")
-    step = quickest(step) if len(step) else step
-    first = start[start.cached.eq(False)].set_index("method").first_s if len(start) else pd.Series(dtype=float)
-    numbers = {**_of_records(records), **_of_steps(step), **_of_runs(work)}
-    if len(first):
+    numbers = {**_of_records(methods_on()), **_of_steps(quickest(step) if len(step) else step), **_of_runs(work)}
+    if len(start):
+        first = start[start.cached.eq(False)].set_index("method").first_s
         numbers["first"] = {"median": first.median(), "most": first.max(), "method": first.idxmax()}
     if len(parameters):
         numbers["parameters"] = (parameters.setup_us.min(), parameters.setup_us.max())
-    return Fairness(numbers, pd.DataFrame([_method(name, record, step, first) for name, record in records.items()]))
+    return numbers
 
 
 def _of_records(records: Mapping[str, Method]) -> Numbers:
@@ -82,34 +72,3 @@ def _of_runs(work: pd.DataFrame) -> Numbers:
         "limits": sorted(work.groupby("span").longest.max().items()),
         "call": 1e6 * work.seconds.min(),
     }
-
-
-def _method(name: str, record: Method, step: pd.DataFrame, first: pd.Series) -> Numbers:
-    """How a method runs; None where nothing is stored of it."""
-    mine = step[step.method == name] if len(step) else step
-    least, most = (
-        of.to_dict() if len(mine) else {} for of in (mine.min(), mine.max())
-    )  # over all steps and tolerances
-    evaluations = least.get("evals_per_step")
-    return {
-        "method": name,
-        "family": record.family,
-        "engine": ENGINES[record.engine],
-        "order": record.order or "exact",
-        "knob": record.knob,
-        "options": _options(record),
-        "evaluations per step": "none" if evaluations == 0.0 else evaluations,
-        "evaluations per step, at most": most.get("evals_per_step") or None,
-        "ns per step": least.get("ns_per_step"),
-        "ns per step, at most": most.get("ns_per_step"),
-        "set-up, µs": least.get("setup_us"),
-        "first use, nothing cached, s": first.get(name),
-    }
-
-
-def _options(record: Method) -> str:
-    """The options and their values in every run of the report, the knob excepted; see `states.options_of`."""
-    values = {name: parameter.default for name, parameter in inspect.signature(record.prepare).parameters.items()}
-    if record.knob == "rtol":
-        values["atol"] = "rtol/1000"
-    return ", ".join(f"{name} = {values[name]}" for name in record.options if name != record.knob)

@@ -42,6 +42,7 @@ def _method(name: str, record: Method) -> dict[str, str | int]:
         "in figures": record.label,
         "in tables": name,
         "family": record.family,
+        "engine": record.engine,
         "order": record.order or "exact",
         "keeps to round-off": ", ".join([*kept, *record.keeps]) or "nothing",
         "symmetric": "yes" if record.symmetric else "no",

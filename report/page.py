@@ -16,7 +16,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import jinja2
 import pandas as pd
@@ -26,7 +25,7 @@ from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.drawing import figures, tables
 from lagrange_bench.experiments.measuring import errata
 from lagrange_bench.integrators.files import write_file
-from lagrange_bench.report import chooser, claims, fairness, lists, live, origin, panels, promises, summary
+from lagrange_bench.report import chooser, claims, fairness, lists, live, origin, panels, promises
 from lagrange_bench.report.origin import PUBLISHED, Origin
 from lagrange_bench.report.sections import OPENED, Drawn, Section, described, draw_all, place, stored_rows
 from lagrange_bench.report.sections import write as write_section
@@ -41,8 +40,6 @@ LONG = 14  # rows beyond which a table is folded
 FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table of the environment; then the packages
 POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
 OURS = "<title>Lagrange top benchmark</title>"  # in every page that was ever made
-LINK = re.compile(r'<a href="((?:figures|tables)/[\w.-]+\.(?:svg|md|tex|csv))"')
-NO_FAIRNESS = fairness.Fairness({}, pd.DataFrame())
 MEASURED_WHEN = ("key", "seconds", "utc", "dirty")
 
 
@@ -60,14 +57,13 @@ class Report:
 
     sections: list[Section]
     origin: str  # what it was drawn from
-    whole: bool  # the bench's own page: with claims, summary, fairness and errata
+    whole: bool  # the bench's own page: with claims, fairness and errata
     errors: list[str]  # what could not be drawn or checked; the page shows each in its place
     old: str = ""  # how many cells are, and what to do about it
     claims: list[Judged] = field(default_factory=list)
     beside: str = ""  # what its claims are held against
-    fairness: fairness.Fairness = NO_FAIRNESS
+    fairness: fairness.Numbers = field(default_factory=dict)  # of its rules
     errata: pd.DataFrame = field(default_factory=pd.DataFrame)  # of the paper
-    summary: dict[str, dict[str, Any]] = field(default_factory=dict)
     panels: str = ""  # the data of the panels of the methods
     answers: pd.DataFrame = field(default_factory=pd.DataFrame)  # which method to take, see `chooser`
 
@@ -83,14 +79,6 @@ class Report:
 
 
 # ---------------------------------------------------------------- what others call
-
-
-def build(results: Path, output: Path) -> Path:
-    """Writes `output/index.html`, `figures/*.svg` and `tables/*`; the path of the page.
-
-    What cannot be drawn is said on the page; `assemble` and `write` apart also tell the caller.
-    """
-    return write(assemble(results), output)
 
 
 def assemble(
@@ -139,7 +127,6 @@ def _judge(report: Report, source: Origin, beside: Path | None) -> None:
     parts: dict[str, Callable[[], object]] = {
         "fairness": lambda: fairness.assemble(rows),
         "errata": lambda: _errata() if len(rows.get("paper", ())) else pd.DataFrame(),
-        "summary": lambda: summary.numbers(rows),
         "panels": lambda: panels.script(rows),
         "answers": lambda: chooser.answers(rows),
     }
@@ -153,9 +140,6 @@ def _judge(report: Report, source: Origin, beside: Path | None) -> None:
 def _old(sections: Sequence[Section]) -> str:
     """How many cells of all sections are old, and what to do about it."""
     old = sources.summary(sum((section.ages for section in sections), Counter[str]()))
-    again = [f"{s.command} --again" for s in sections if s.ages[sources.OUTDATED] or s.ages[sources.LEFT_OUT]]
-    if again:
-        return f"{old} ({' && '.join(again)} computes them again)"
     folder = shlex.quote(sections[0].origin.folder) if old else ""
     return old and f"{old} (lagrange-bench verify {folder} computes a sample again and compares)"
 
@@ -203,35 +187,23 @@ def _counts(judged: list[Judged]) -> dict[str, int]:
 
 
 def write(report: Report, output: Path) -> Path:
-    """Writes a report, each file whole or not at all; files of the page before it that it has not are removed.
+    """Writes a report, each file whole or not at all.
 
     Raises
     ------
     ValueError : another's index.html is there. OSError : a file cannot be written.
     """
-    output = Path(output)
-    before = _linked(output)
-    written = {path for section in report.sections for path in write_section(section, output)}
-    index = write_file(place(output, "index.html"), html(report))
-    for old in before - written:
-        old.unlink(missing_ok=True)
-    return index
+    _check_ours(output)
+    for section in report.sections:
+        write_section(section, output)
+    return write_file(place(output, "index.html"), html(report))
 
 
-def _linked(output: Path) -> set[Path]:
-    """The files of the page in a folder: a page links to each. No other file there is ours to remove.
-
-    Raises
-    ------
-    ValueError : its index.html is not a page of the bench.
-    """
+def _check_ours(output: Path) -> None:
+    """ValueError if there is an index.html that is not a page of the bench."""
     index = output / "index.html"
-    if not index.is_file():
-        return set()
-    text = index.read_text(encoding="utf-8", errors="replace")
-    if OURS not in text:
+    if index.is_file() and OURS not in index.read_text(encoding="utf-8", errors="replace"):
         raise ValueError(f"{index} is not a page of lagrange-bench and stays: give another folder with --output")
-    return {output / link for link in LINK.findall(text)}
 
 
 def _errata() -> pd.DataFrame:
@@ -254,8 +226,7 @@ def check_writable(output: Path) -> None:
     Nobody wants to learn that after a minute of drawing.
     """
     place(output, "index.html")
-    for path in _linked(output):
-        place(output, str(path.relative_to(output)))
+    _check_ours(output)
     for folder in ("", "figures/", "tables/"):
         write_file(place(output, f"{folder}.probe-{os.getpid()}"), b"").unlink()
     if (output / "index.html").is_dir():

@@ -73,8 +73,6 @@ class Comparison:
     experiments: dict[str, Cells]
     times: list[Times]
     notes: list[str]
-    # folder, experiment, its records, and how many of its cells another VERSION computed
-    outdated: list[tuple[Path, str, list[Record], str]] = field(default_factory=list)
 
     @property
     def same(self) -> bool:
@@ -91,11 +89,7 @@ def compare(
     pairs: list[tuple[Record, Record]] = []
     for experiment in sorted({*stores[0].experiments(), *stores[1].experiments()}):
         journals = [store.open(experiment) for store in stores]
-        for folder, journal in zip((old, new), journals, strict=True):
-            result.notes += journal.problems
-            count = sum(map(sources.outdated, journal.latest))
-            if words := sources.summary({sources.OUTDATED: count, sources.LEFT_OUT: journal.left_out}):
-                result.outdated.append((folder, experiment, journal.latest, words))
+        result.notes += [problem for journal in journals for problem in journal.problems]
         before, after = ({_canonical(record["cell"]): record for record in journal.latest} for journal in journals)
         both = [(before[key], after[key]) for key in before if key in after]
         cells = result.experiments[experiment] = _cells(experiment, both, (rtol, atol))

@@ -21,13 +21,7 @@ DEFAULT = "backlund"  # the method of a cell that names none, as of `lagrange_be
 QUOTED = re.compile(rb"""["'](\w+)["']""")
 
 SAME, OTHER, UNKNOWN = "same", "other", "unknown"
-OUTDATED, LEFT_OUT = "outdated", "left out"  # of another VERSION: shown because there is nothing newer; not shown
-WORDS = {
-    OUTDATED: "with another VERSION of the experiment than this",
-    LEFT_OUT: "with another VERSION of the experiment than this, and left out",
-    OTHER: "with other source code than this",
-    UNKNOWN: "with source code that was not recorded",
-}
+WORDS = {OTHER: "with other source code than this", UNKNOWN: "with source code that was not recorded"}
 
 
 def of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED) -> str | None:
@@ -87,17 +81,13 @@ def version(experiment: str) -> float | None:
         return None
 
 
-def outdated(record: Mapping[str, Any]) -> bool:
-    """Whether a stored cell was computed with another VERSION of the experiment than the one that is here."""
-    return version(record["experiment"]) not in (None, record["version"])
-
-
 def judge(record: Mapping[str, Any], sources: Sources) -> str:
-    """Whether a stored cell was computed by the sources that are here: SAME, OTHER, OUTDATED or UNKNOWN."""
-    if version(record["experiment"]) is None:
+    """Whether a stored cell was computed by the sources that are here: SAME, OTHER or UNKNOWN."""
+    here = version(record["experiment"])
+    if here is None:
         return UNKNOWN
-    if outdated(record):
-        return OUTDATED
+    if here != record["version"]:
+        return OTHER
     return compared(record.get("sources"), of_cell(record["experiment"], record["cell"], sources))
 
 

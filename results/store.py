@@ -22,8 +22,6 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lagrange_bench.experiments import PROFILES
-from lagrange_bench.experiments.catalogue import load_stored
 from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.results import provenance, sources
 from lagrange_bench.results.choice import ALL, Choice
@@ -249,13 +247,11 @@ class Journal:
 
     latest: list[Record]
     problems: list[str]
-    left_out: int = 0  # cells that only another VERSION of the experiment computed
 
     def ages(self) -> Counter[str]:
-        """How many cells are of which sources: by `sources.judge`, or left out."""
+        """How many cells are of which sources, by `sources.judge`."""
         here = Sources()
-        found = (sources.judge(record, here) for record in self.latest)
-        return Counter([*found, *[sources.LEFT_OUT] * self.left_out])
+        return Counter(sources.judge(record, here) for record in self.latest)
 
     def rows(self) -> pd.DataFrame:
         """What was measured: each row with the fields of its cell, and `key`, `status`, `failure`.
@@ -369,18 +365,7 @@ class Store:
         """What is stored of an experiment now, read once."""
         records, problems = self.read(experiment)
         shown = [r for r in latest(records, sources.version(experiment)) if self.choice.takes(r["cell"])]
-        return Journal(shown, problems, self._left_out(experiment, records, shown))
-
-    def _left_out(self, experiment: str, records: Sequence[Record], shown: Sequence[Record]) -> int:
-        """How many cells of the experiment have rows of another VERSION only, than the one shown."""
-        if sources.version(experiment) is None or len({record["version"] for record in records}) < 2:
-            return 0
-        cells = {_canonical(record["cell"]) for record in records if self.choice.takes(record["cell"])}
-        cells -= {_canonical(record["cell"]) for record in shown}
-        with contextlib.suppress(Exception):  # the cells of a sweep are in a file
-            listed = (cell for profile in PROFILES for cell in load_stored(experiment).cells(profile))
-            cells &= {_canonical(clean(cell)) for cell in listed}
-        return len(cells)
+        return Journal(shown, problems)
 
     def latest(self, experiment: str) -> list[Record]:
         """One record per cell of the experiment's VERSION, in the order of its cells; see the function `latest`."""
@@ -403,13 +388,12 @@ class Store:
 
 
 def _parse(line: bytes) -> Record | None:
-    """The record in a line; None if it does not match its SHA-256."""
-    try:
-        record = json.loads(line)
-        digest = record.pop("sha256")
-        return record if digest == _digest(record) else None
-    except (ValueError, AttributeError, KeyError, TypeError, RecursionError):
+    """The record in a line; None if the rest of the line does not match its SHA-256."""
+    head, _, tail = line.rpartition(b'"sha256":"')
+    digest, mark, rest = tail[:64], tail[64:66], head + tail[66:]
+    if mark != b'",' or hashlib.sha256(rest).hexdigest().encode() != digest:
         return None
+    return json.loads(rest)  # type: ignore[no-any-return]
 
 
 def _append(path: Path, lines: bytes) -> None:

@@ -24,9 +24,9 @@ def squares(*numbers, **fields):
     return [{"do": "square", "i": i, **fields} for i in numbers]
 
 
-def start(cells, results, *words, jobs=2):
+def start(cells, results, *words, jobs=2, **variables):
     """`lagrange-bench run` of these cells, in a process and a process group of its own; warnings are errors in it."""
-    environment = {**os.environ, "TOY_CELLS": json.dumps(cells), "PYTHONPATH": str(HERE)}
+    environment = {**os.environ, "TOY_CELLS": json.dumps(cells), "PYTHONPATH": str(HERE), **variables}
     command = [sys.executable, "-W", "error", "-m", "lagrange_bench", "run", TOY, "--results", str(results)]
     command += ["--jobs", str(jobs), *words]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import inspect
 import json
 import re
 import subprocess
@@ -17,7 +16,6 @@ from packaging.requirements import Requirement
 from packaging.version import Version
 
 from lagrange_bench import __main__ as cli
-from lagrange_bench import integrators
 from lagrange_bench.experiments import EXPERIMENTS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -40,7 +38,8 @@ def script(path: Path):
 outputs = script(DOCS / "outputs.py")
 
 
-LONG = ("pose-your-own-problem", "a-top-in-a-field", "a-long-run")  # they compile much
+LONG = ("pose-your-own-problem", "a-top-in-a-field", "a-long-run", "an-ensemble")  # they compile or draw much
+LONG += ("reading-figures", "read-the-paper-with-the-code", "your-own-figures")
 MARKED = [pytest.param(page, marks=[pytest.mark.slow] * (page.stem in LONG)) for page in outputs.PAGES]
 
 
@@ -88,20 +87,6 @@ def slug(heading: str) -> str:
     return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_links_resolve(page):
-    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
-    for target in re.findall(r"\]\(([^)\s]+)\)", text):
-        if re.match(r"https?:|mailto:", target):
-            continue
-        path, _, anchor = target.partition("#")
-        there = (page.parent / path).resolve() if path else page
-        assert there.exists(), target
-        if anchor:
-            headings = re.findall(r"^#+ (.*)$", there.read_text(encoding="utf-8"), re.MULTILINE)
-            assert anchor in map(slug, headings), target
-
-
 @cache
 def commands() -> dict[str, set[str]]:
     """Every command with its options, as argparse knows them; "" for the program itself."""
@@ -133,8 +118,14 @@ def unknown(text: str) -> list[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_commands_exist(page):
+def test_links_resolve_and_commands_exist(page):
     text = page.read_text(encoding="utf-8")
+    prose = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    for path, anchor in re.findall(r"\]\((?!https?:|mailto:)([^)#\s]*)#?([^)\s]*)\)", prose):
+        there = (page.parent / path).resolve() if path else page
+        assert there.exists(), path
+        headings = re.findall(r"^#+ (.*)$", there.read_text(encoding="utf-8"), re.MULTILINE) if anchor else ()
+        assert not anchor or anchor in map(slug, headings), (path, anchor)
     assert unknown(text) == []
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     for target in re.findall(r"(?:`|^ +|^)make (\w+)(?:`| {2,}|$)", text, re.MULTILINE):
@@ -158,33 +149,6 @@ def test_an_unknown_command_is_found_out():
 
 
 # ---------------------------------------------------------------- reference
-
-
-def public():
-    """(name, thing) of every function, class and module a user imports, and of what is in them."""
-    for name in integrators.__all__:
-        thing = getattr(integrators, name)
-        if not (inspect.isroutine(thing) or inspect.isclass(thing) or inspect.ismodule(thing)):
-            continue  # a table
-        yield name, thing
-        inner = () if inspect.isroutine(thing) else getattr(thing, "__all__", vars(thing))
-        for key in (key for key in inner if not key.startswith("_")):
-            member = vars(thing)[key]
-            member = member.fget if isinstance(member, property) else member
-            if inspect.isroutine(member) or inspect.isclass(member):
-                yield f"{name}.{key}", member
-
-
-def test_everything_public_has_a_docstring():
-    found = dict(public())
-    assert len(found) > 30
-    assert [name for name, thing in found.items() if not written(thing)] == []
-
-
-def written(thing) -> bool:
-    """Whether it has a docstring of its own, not the signature that dataclasses make up."""
-    text = thing.__doc__ or ""
-    return bool(text.strip()) and not text.startswith(f"{getattr(thing, '__name__', '')}(")
 
 
 @pytest.mark.processes

@@ -1,4 +1,18 @@
-"""`lagrange-bench case`: motions of real tops with their exact solution, as a table for any other program."""
+"""Named motions of real tops, with their exact solution as a CSV file.
+
+List the named cases, or write the exact motion of one: centre of mass, quaternion, rotation matrix and angular velocity at
+equal times. It is a reference for programs that follow rigid bodies, in any language: no tiny steps, no convergence against
+oneself.
+
+Up to 17 digits come from the closed form in doubles, whose last digit or two are round-off; more, up to 40, from a Taylor series
+in integers, some seconds for a hundred turns. SI units. Lines that begin with # say what the columns are:
+pandas.read_csv("ref.csv", comment="#") reads the file.
+
+examples:
+  lagrange-bench case --verbose
+  lagrange-bench case bruels --until 2 --every 0.1 --output ref.csv
+  lagrange-bench case metis --digits 25
+"""
 
 from __future__ import annotations
 
@@ -13,20 +27,6 @@ from lagrange_bench.text import Answer, table
 if TYPE_CHECKING:
     from lagrange_bench.integrators import Case
 
-SUMMARY = "named motions of real tops, with their exact solution as a CSV file"
-DESCRIPTION = """\
-List the named cases, or write the exact motion of one: centre of mass, quaternion, rotation matrix and angular velocity at
-equal times. It is a reference for programs that follow rigid bodies, in any language: no tiny steps, no convergence against
-oneself."""
-EXAMPLES = """\
-Up to 17 digits come from the closed form in doubles, whose last digit or two are round-off; more, up to 40, from a Taylor series
-in integers, some seconds for a hundred turns. SI units. Lines that begin with # say what the columns are:
-pandas.read_csv("ref.csv", comment="#") reads the file.
-
-examples:
-  lagrange-bench case --verbose
-  lagrange-bench case bruels --until 2 --every 0.1 --output ref.csv
-  lagrange-bench case metis --digits 25"""
 MOST_ROWS = 10**7  # 4 GB of text
 DOUBLE = 17  # digits that make a double again
 

@@ -1,4 +1,24 @@
-"""`lagrange-bench check`: test what a method claims."""
+"""Test what a method claims.
+
+Test what a method claims: its order, its symmetry, whether a step is a Poisson map, its invariants; and the rules
+that every stepper must follow. Prints a verdict per claim. Pass and fail are about what the method claims. "Not
+claimed" has no bound: it is measured for your information. "Not judged" could not be measured, and the reason follows
+the table. Drifts of invariants are relative: 1 is as large as the invariant's terms. A method that takes tops in a
+potential is tested there, too ("in a field: …"). A method that cannot take its first step gets one verdict, with the
+line of its code that fails, or what Numba says of its kernel.
+
+With --problem the claims are tested on that problem at a state and at states near it, and nowhere else.
+
+Also for your own method, before you publish it. For bounds on its drift in your own tests see docs/ci.md.
+
+examples:
+  lagrange-bench check backlund
+  lagrange-bench check implicit_midpoint --quick
+  lagrange-bench check mine:METHOD              METHOD in ./mine.py, else in an installed module of this name
+  lagrange-bench check gauss6 --problem mine:PROBLEM --state 0.3,-0.4,1.2
+
+exit codes: 0 nothing fails · 1 a claim fails · 2 no such method or file
+"""
 
 from __future__ import annotations
 
@@ -15,31 +35,7 @@ from lagrange_bench.text import Answer, plain, table
 if TYPE_CHECKING:
     from lagrange_bench.integrators import Method
 
-SUMMARY = "test what a method claims"
-
 RIVALS = ("rk4", "strang", "backlund")  # whom to draw a method beside, as a beginning
-
-DESCRIPTION = """\
-Test what a method claims: its order, its symmetry, whether a step is a Poisson map, its invariants; and the rules
-that every stepper must follow. Prints a verdict per claim. Pass and fail are about what the method claims. "Not
-claimed" has no bound: it is measured for your information. "Not judged" could not be measured, and the reason follows
-the table. Drifts of invariants are relative: 1 is as large as the invariant's terms. A method that takes tops in a
-potential is tested there, too ("in a field: …"). A method that cannot take its first step gets one verdict, with the
-line of its code that fails, or what Numba says of its kernel.
-
-With --problem the claims are tested on that problem at a state and at states near it, and nowhere else.
-
-Also for your own method, before you publish it. For bounds on its drift in your own tests see docs/ci.md."""
-
-
-EXAMPLES = """\
-examples:
-  lagrange-bench check backlund
-  lagrange-bench check implicit_midpoint --quick
-  lagrange-bench check mine:METHOD              METHOD in ./mine.py, else in an installed module of this name
-  lagrange-bench check gauss6 --problem mine:PROBLEM --state 0.3,-0.4,1.2
-
-exit codes: 0 nothing fails · 1 a claim fails · 2 no such method or file"""
 
 
 def run(options: argparse.Namespace) -> Answer:

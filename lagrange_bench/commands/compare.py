@@ -1,31 +1,29 @@
-"""`lagrange-bench compare`: what two stores differ in."""
+"""What two results differ in.
+
+Compare two stores cell by cell: which were added, removed or changed, and by how much in each column. Everything but
+times must be equal; --times tests those too, each method's over all its cells, by Wilcoxon's signed-rank test.
+
+examples:
+  lagrange-bench compare results/reference results/local/full
+  lagrange-bench compare before after --times               is the new code slower?
+  lagrange-bench compare here there --rtol 1e-3 --atol 1e-12     of two kinds of machine
+
+exit codes: 0 the same · 1 not the same · 2 no such results
+"""
 
 from __future__ import annotations
 
 import argparse
+import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
 from lagrange_bench.arguments import add_module, location, tolerance
-from lagrange_bench.differences import as_data, changed_columns, listed
 from lagrange_bench.text import Answer, plain, table
 
-SUMMARY = "what two results differ in"
-
-DESCRIPTION = """\
-Compare two stores cell by cell: which were added, removed or changed, and by how much in each column. Everything but
-times must be equal; --times tests those too, each method's over all its cells, by Wilcoxon's signed-rank test."""
-
-
-EXAMPLES = """\
-examples:
-  lagrange-bench compare results/reference results/local/full
-  lagrange-bench compare before after --times               is the new code slower?
-  lagrange-bench compare here there --rtol 1e-3 --atol 1e-12     of two kinds of machine
-
-exit codes: 0 the same · 1 not the same · 2 no such results"""
+MOST = 10  # cells listed of a kind
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -44,7 +42,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Answer:
     """What two stores differ in; exit code 1 if in anything."""
     from lagrange_bench.integrators.registry import import_modules
-    from lagrange_bench.report import origin
     from lagrange_bench.results import compare as stores
 
     import_modules(options.module)
@@ -61,8 +58,6 @@ def run(options: argparse.Namespace) -> Answer:
         lines += changed_columns(name, c.changed)
     if options.times:
         lines += ["", *_times(result.times, options.threshold)]
-    for folder, name, records, old in result.outdated:
-        result.notes.append(f"{folder}: {name}: {old}. Compute them again: {origin.again(folder, name, records)}")
     lines += [*result.notes, "the same" if result.same else "not the same"]
     cells = {
         name: {**vars(c), "changed": [as_data(cell, differing) for cell, differing in c.changed]}
@@ -96,3 +91,39 @@ def _times(tested: Sequence[Any], threshold: float) -> list[str]:
         rows.append((g.experiment, g.method, g.column, *counts, g.verdict))
     sum_up = f"{len(tested)} groups of times, {len(different)} differ by more than {threshold:.0%} and significantly"
     return [*(table(rows) if different else []), sum_up]
+
+
+# ---------------------------------------------------------------- of `verify`, too
+
+
+def listed(experiment: str, what: str, cells: Sequence[dict[str, Any]], most: int | None = MOST) -> list[str]:
+    lines = [f"{what}: {experiment} {json.dumps(cell, ensure_ascii=False)}" for cell in cells[:most]]
+    return lines + ([f"… and {len(cells) - len(lines)} more {what} in {experiment}"] if len(cells) > len(lines) else [])
+
+
+def changed_columns(experiment: str, changed: Sequence[tuple[dict[str, Any], dict[str, Any]]]) -> list[str]:
+    """By how much, column by column; then the first few cells."""
+    if not changed:
+        return []
+    rows: list[tuple[str, ...]] = [("column", "cells", "rows", "largest difference", "relative", "old", "new")]
+    for column in dict.fromkeys(name for _, differing in changed for name in differing):
+        found = [differing[column] for _, differing in changed if column in differing]
+        worst = max(found, key=lambda difference: difference.relative)
+        sizes = (f"{max(difference.absolute for difference in found):.1e}", f"{worst.relative:.1e}")
+        counts = (str(len(found)), str(sum(difference.rows for difference in found)))
+        rows.append((column, *counts, *sizes, _short(worst.old), _short(worst.new)))
+    return [
+        "",
+        f"changed in {experiment}:",
+        *table(rows),
+        *listed(experiment, "changed", [cell for cell, _ in changed]),
+    ]
+
+
+def as_data(cell: dict[str, Any], differing: dict[str, Any]) -> dict[str, Any]:
+    return {"cell": cell, "columns": {column: asdict(difference) for column, difference in differing.items()}}
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= 60 else f"{text[:57]}…"

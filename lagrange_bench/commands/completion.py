@@ -1,4 +1,15 @@
-"""Shell completion: scripts that shtab makes from the parser, so that they know every command, option and name."""
+"""Completion for bash, zsh or fish.
+
+Print a script that lets the shell complete commands, options, experiments, figures, methods, tops and potentials.
+
+examples:
+  eval "$(lagrange-bench completion bash)"      for this shell; into ~/.bashrc for every one
+  lagrange-bench completion zsh > ~/.zsh/_lagrange-bench     in a folder of $fpath, before compinit
+  lagrange-bench completion fish > ~/.config/fish/completions/lagrange-bench.fish
+
+The names are those of today, and the figures those of the pages that were drawn: print the script again after you
+installed a plug-in.
+"""
 
 from __future__ import annotations
 
@@ -9,22 +20,7 @@ from lagrange_bench.arguments import location
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.text import Answer
 
-SUMMARY = "completion for bash, zsh or fish"
-
 SHELLS = ("bash", "zsh", "fish")
-
-DESCRIPTION = """\
-Print a script that lets the shell complete commands, options, experiments, figures, methods, tops and potentials."""
-
-
-EXAMPLES = """\
-examples:
-  eval "$(lagrange-bench completion bash)"      for this shell; into ~/.bashrc for every one
-  lagrange-bench completion zsh > ~/.zsh/_lagrange-bench     in a folder of $fpath, before compinit
-  lagrange-bench completion fish > ~/.config/fish/completions/lagrange-bench.fish
-
-The names are those of today, and the figures those of the pages that were drawn: print the script again after you
-installed a plug-in."""
 
 
 def run(options: argparse.Namespace) -> Answer:
@@ -51,7 +47,7 @@ def names() -> dict[str, list[str]]:
     results = default_results(), *default_results("quick").parent.glob("*")
     figures = sorted({path.stem for folder in results for path in folder.glob("page/figures/*.svg")})
     tops, methods = list(NAMED_TOPS), list(METHODS)
-    found: dict[str, Any] = {"method": methods, "kernels": methods, "methods": methods, "highlight": methods}
+    found: dict[str, Any] = {"method": methods, "methods": methods, "highlight": methods}
     return found | {
         "top": tops,
         "tops": tops,

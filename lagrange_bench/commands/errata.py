@@ -1,4 +1,16 @@
-"""`lagrange-bench errata`: the errata of the paper, measured."""
+"""Errata of the paper, printed and corrected.
+
+List the errata of the paper the Bäcklund methods come from: wrong formulas, and wrong sentences beside right formulas.
+Each is evaluated as printed and as corrected, at random points; what it misses by is printed beside it.
+
+examples:
+  lagrange-bench errata
+  lagrange-bench errata --points 100 --seed 7
+  lagrange-bench errata --json | jq -r '.[] | select(.section == "5.5") | .corrected_text'
+
+alpha, J1 … x3, λ, μ, x, X as in the paper, J̃ for the image; ℓ = x·J, C1 = |x|². The list is the DESCRIPTION of each module
+of lagrange_bench.integrators.paper, where the corrected formulas are.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +19,6 @@ from dataclasses import asdict
 
 from lagrange_bench.arguments import positive, whole
 from lagrange_bench.text import Answer, plain, table
-
-SUMMARY = "errata of the paper, printed and corrected"
-
-DESCRIPTION = """\
-List the errata of the paper the Bäcklund methods come from: wrong formulas, and wrong sentences beside right formulas.
-Each is evaluated as printed and as corrected, at random points; what it misses by is printed beside it."""
-
-
-EXAMPLES = """\
-examples:
-  lagrange-bench errata
-  lagrange-bench errata --points 100 --seed 7
-  lagrange-bench errata --json | jq -r '.[] | select(.section == "5.5") | .corrected_text'
-
-alpha, J1 … x3, λ, μ, x, X as in the paper, J̃ for the image; ℓ = x·J, C1 = |x|². The list is the DESCRIPTION of each module
-of lagrange_bench.integrators.paper, where the corrected formulas are."""
 
 
 def run(options: argparse.Namespace) -> Answer:

@@ -1,4 +1,17 @@
-"""`lagrange-bench figure`: one figure, for a paper."""
+"""One figure, for a paper.
+
+Draw a stored figure again, for a paper: as SVG, PDF (fonts embedded) or PNG, as wide as a column or a page. The same
+rows give the same bytes. Or draw any column of the stored rows against any other: --x and --y.
+
+examples:
+  lagrange-bench figure --list
+  lagrange-bench figure phase_h --format pdf --width column
+  lagrange-bench figure work_precision_time --methods mine,rk4,backlund --results results/local/quick
+  lagrange-bench figure drift_time --results results/local/quick --output drift.svg
+  lagrange-bench figure phase_h --xlim 1e-2,1 --ylim 1e-12,1
+  lagrange-bench figure drift_time --x t_scaled --y C2 --tops random000 --methods rk4,backlund
+  lagrange-bench figure --all --format pdf --output paper/figures
+"""
 
 from __future__ import annotations
 
@@ -11,24 +24,7 @@ from lagrange_bench.arguments import add_choice, add_module, check_choice, choic
 from lagrange_bench.targets import PICTURES
 from lagrange_bench.text import Answer
 
-SUMMARY = "one figure, for a paper"
-
 FORMATS = tuple(suffix.removeprefix(".") for suffix in PICTURES)
-
-DESCRIPTION = """\
-Draw a stored figure again, for a paper: as SVG, PDF (fonts embedded) or PNG, as wide as a column or a page. The same
-rows give the same bytes. Or draw any column of the stored rows against any other: --x and --y."""
-
-
-EXAMPLES = """\
-examples:
-  lagrange-bench figure --list
-  lagrange-bench figure phase_h --format pdf --width column
-  lagrange-bench figure work_precision_time --methods mine,rk4,backlund --results results/local/quick
-  lagrange-bench figure drift_time --results results/local/quick --output drift.svg
-  lagrange-bench figure phase_h --xlim 1e-2,1 --ylim 1e-12,1
-  lagrange-bench figure drift_time --x t_scaled --y C2 --tops random000 --methods rk4,backlund
-  lagrange-bench figure --all --format pdf --output paper/figures"""
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -77,8 +73,6 @@ def run(options: argparse.Namespace) -> Answer:
         found = export.names(results, choice)
         return Answer("\n".join(found), {"figures": found, "results": str(results)})
     done: list[str] = []
-    unknown: list[str] = []
-    notes: list[str] = []
     kind = _format(options)
 
     def write(path: Path, content: bytes) -> None:
@@ -87,26 +81,23 @@ def run(options: argparse.Namespace) -> Answer:
     shown = progress.drawing(results, show=not (options.quiet or options.json))
     with style.limits(xlim=options.xlim, ylim=options.ylim), shown as drawn:
         if options.x:
-            written = [options.output or Path(f"{options.name}.{kind}")]
-            write(written[0], _columns(options, results, choice, kind))
+            path = options.output or Path(f"{options.name}.{kind}")
+            write(path, _columns(options, results, choice, kind))
+            written: export.Written = [path], [], []
         elif options.all:
-            chosen = {"kinds": options.format, "widths": options.width}
-            some = {name: (value,) for name, value in chosen.items() if value}
+            some = {"kinds": options.format, "widths": options.width}
+            some = {name: (value,) for name, value in some.items() if value}
             folder = options.output or Path("figures")
-            written, unknown, notes = export.export_all(
-                results, folder, **some, drawn=drawn, choice=choice, write=write
-            )
+            written = export.export_all(results, folder, **some, drawn=drawn, choice=choice, write=write)
         else:
-            path, unknown, notes = export.export(
-                options.name, results, options.output, kind, options.width, choice, write
-            )
-            written = [path]
+            written = export.export(options.name, results, options.output, kind, options.width, choice, write)
+    paths, unknown, notes = written
     replaced = [line for line in done if line.startswith("replaced")]  # stdout names all that are written
     for line in [*replaced, *(f"not drawn: {reason}" for reason in unknown), *notes] if not options.quiet else ():
         print(line, file=sys.stderr)
-    paths = [str(path) for path in written]
-    data = {"written": paths, "not_drawn": unknown, "notes": notes, "results": str(results)}
-    return Answer("\n".join(map(str, written)), data, 1 if unknown else 0)
+    files = list(map(str, paths))
+    data = {"written": files, "not_drawn": unknown, "notes": notes, "results": str(results)}
+    return Answer("\n".join(files), data, 1 if unknown else 0)
 
 
 def _columns(options: argparse.Namespace, results: Path, choice: Any, kind: str) -> bytes:
@@ -123,7 +114,8 @@ def _columns(options: argparse.Namespace, results: Path, choice: Any, kind: str)
         frame = frame[frame["part"] == part]
     drawn = Comparison(frame)
     with style.apply(options.width, choice.highlight):
-        tops = drawn.tops(options.x, options.y, choice.methods or None, choice.tops or None)
+        rows = drawn._rows(options.x, options.y, choice.methods or None, choice.tops or None)
+        tops = list(dict.fromkeys(rows["top"]))
         if len(tops) > MOST:
             raise ValueError(f"--tops: there are {len(tops)}; choose at most {MOST}, as --tops {','.join(tops[:2])}")
         figure, axes = style.panels(tops, min(len(tops), 2), (0.4, 2.7), "", "")

@@ -1,4 +1,21 @@
-"""`lagrange-bench integrate`: one top, one method, one trajectory."""
+"""Follow one top with one method.
+
+Follow one top with one method. Prints the final state, the invariants and their drift, the error against the exact
+solution (in a potential: a reference solution in quadruple precision), and the work done; --output keeps the trajectory,
+--draw shows the axis on its sphere.
+
+examples:
+  lagrange-bench integrate --top generic --h 0.1 --steps 10000
+  lagrange-bench integrate --state 0.3,-0.4,1.2,0.48,0.6,0.64 --alpha 2 --times 0:1000:11 --output run.csv
+  lagrange-bench integrate --top figure1 --method rk45 --option rtol=1e-6 --h 0.05 --steps 400 --draw axis.svg
+  lagrange-bench integrate --top generic --potential tide --parameters 0.01,1,0,0 --method strang --h 0.1 --steps 100
+  lagrange-bench integrate --physical mass=0.5,distance=0.04,A=1.2e-3,C=4e-4,theta=0.5,dpsi=200 --h 1e-3 --steps 2000
+
+reading what --output wrote, without losing a bit:
+  pandas.read_csv("run.csv", comment="#")     # before pandas 3.1 also float_precision="round_trip"
+  file = numpy.load("run.npz"); file["t"], file["y"], json.loads(file["metadata"].item())
+  pyarrow.parquet.read_table("run.parquet")   # metadata in its schema, each a JSON text
+"""
 
 from __future__ import annotations
 
@@ -18,6 +35,7 @@ from lagrange_bench.arguments import (
     number_pairs,
     numbers,
     option,
+    several,
 )
 from lagrange_bench.integrators import memory
 from lagrange_bench.targets import PICTURES, TABLES, check_target
@@ -26,36 +44,9 @@ from lagrange_bench.text import Answer, plain
 if TYPE_CHECKING:
     import numpy as np
 
-    from lagrange_bench.integrators import Method, Trajectory
-
-SUMMARY = "follow one top with one method"
-
-DESCRIPTION = """\
-Follow one top with one method. Prints the final state, the invariants and their drift, the error against the exact
-solution (in a potential: a reference solution in quadruple precision), and the work done; --output keeps the trajectory,
---draw shows the axis on its sphere."""
-
-
-EXAMPLES = """\
-examples:
-  lagrange-bench integrate --top generic --h 0.1 --steps 10000
-  lagrange-bench integrate --state 0.3,-0.4,1.2,0.48,0.6,0.64 --alpha 2 --times 0:1000:11 --output run.csv
-  lagrange-bench integrate --top figure1 --method rk45 --option rtol=1e-6 --h 0.05 --steps 400 --draw axis.svg
-  lagrange-bench integrate --top generic --potential tide --parameters 0.01,1,0,0 --method strang --h 0.1 --steps 100
-  lagrange-bench integrate --physical mass=0.5,distance=0.04,A=1.2e-3,C=4e-4,theta=0.5,dpsi=200 --h 1e-3 --steps 2000
-
-reading what --output wrote, without losing a bit:
-  pandas.read_csv("run.csv", comment="#")     # before pandas 3.1 also float_precision="round_trip"
-  file = numpy.load("run.npz"); file["t"], file["y"], json.loads(file["metadata"].item())
-  pyarrow.parquet.read_table("run.parquet")   # metadata in its schema, each a JSON text"""
-
 
 GIVEN = ("mass", "distance", "A", "C", "theta", "dpsi")
-PHYSICAL = {  # name → default, None: must be given
-    **dict.fromkeys(GIVEN),
-    "gravity": 9.81,
-    **dict.fromkeys(("phi", "psi", "dtheta", "dphi"), 0.0),
-}
+PHYSICAL = {"gravity": 9.81, "phi": 0.0, "psi": 0.0, "dtheta": 0.0, "dphi": 0.0}  # and their defaults
 PER_ROW = 1000  # bytes of memory that a recorded state takes until it is printed or written, measured
 
 
@@ -105,27 +96,22 @@ def times(text: str) -> list[float]:
         return numbers(text)
     parts = text.split(":")
     if len(parts) != 3:
-        raise argparse.ArgumentTypeError(f"must be t0:t1:n or a list t,t,…; got {text!r}")
-    first, last, n = number(parts[0]), number(parts[1]), count(parts[2])
-    if n < 2:
-        raise argparse.ArgumentTypeError(f"t0:t1:n takes at least 2 times; got {n}")
-    try:
-        memory.check(n, PER_ROW, memory.available(), text, "take fewer times")
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+        raise ValueError(f"must be t0:t1:n or a list t,t,…; got {text!r}")
+    first, last, n = number(parts[0]), number(parts[1]), several(parts[2])
     return [first + (last - first) * (k / (n - 1)) for k in range(n - 1)] + [last]
 
 
 def physical(text: str) -> dict[str, float]:
     """name=number,…: the arguments of a real top, completed by the defaults."""
-    given = number_pairs(text, PHYSICAL)
-    if missing := [name for name, default in PHYSICAL.items() if default is None and name not in given]:
-        raise argparse.ArgumentTypeError(f"lacks {', '.join(missing)}")
-    return {name: given.get(name, default) for name, default in PHYSICAL.items()}  # type: ignore[misc]
+    given = number_pairs(text, (*GIVEN, *PHYSICAL))
+    if missing := [name for name in GIVEN if name not in given]:
+        raise ValueError(f"lacks {', '.join(missing)}")
+    return PHYSICAL | given
 
 
 def run(options: argparse.Namespace) -> Answer:
     """Follow the top, write what is wanted, and sum up."""
+    from lagrange_bench import integrators
     from lagrange_bench import trajectory as output
     from lagrange_bench.integrators.checks import check_options
     from lagrange_bench.integrators.registry import find_method
@@ -148,7 +134,7 @@ def run(options: argparse.Namespace) -> Answer:
     text = f"{method.name}: the first run on a machine compiles, for some seconds"
     begin = perf_counter()
     with progress.waiting(text, show=not (options.quiet or options.json)):
-        trajectory = _follow(options.method, method, top, y0, {**grid, **settings})
+        trajectory = integrators.integrate(top, y0, method=method, **grid, **settings)
     seconds = perf_counter() - begin
     potential = getattr(top, "potential", None)
     facts = {"top": name, "alpha": top.alpha, "y0": y0, "method": method.name, "options": settings}
@@ -170,23 +156,6 @@ def run(options: argparse.Namespace) -> Answer:
         data |= {"t": plain(trajectory.t), "y": plain(trajectory.y)}
     data["files"] = [str(path) for path in files.values() if path is not None]
     return Answer(output.describe(trajectory, y0, data, method.label), data)
-
-
-def _follow(word: str, method: Method, top: Any, y0: np.ndarray, arguments: dict[str, Any]) -> Trajectory:
-    """The trajectory. What a method of the user's own raises is a StepError with the line of its file, as in `check`."""
-    from lagrange_bench import integrators
-    from lagrange_bench.integrators.registry import BUILT_IN
-
-    try:
-        return integrators.integrate(top, y0, method=method, **arguments)
-    except (ValueError, OSError, MemoryError, integrators.StepError):
-        raise
-    except (Exception, SystemExit) as error:  # a plug-in may raise anything
-        if word in BUILT_IN:
-            raise
-        from lagrange_bench.experiments.measuring import first_step
-
-        raise integrators.StepError(method.name, first_step.describe(error, method, word)) from error
 
 
 def _start(options: argparse.Namespace) -> tuple[str | None, Any, np.ndarray]:

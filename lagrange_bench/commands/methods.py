@@ -1,4 +1,17 @@
-"""`lagrange-bench methods`: the integrators and what they claim."""
+"""The integrators and what they claim.
+
+List the integration methods and what they claim: order, symmetry, Poisson map, invariants kept at round-off. With --top or
+--potential, which of them take this top, and why the others do not.
+
+examples:
+  lagrange-bench methods
+  lagrange-bench methods --verbose              with sources, options (for integrate --option) and families
+  lagrange-bench methods --top weak_tide        those that take this top, and the invariants they keep of it
+  lagrange-bench methods --json | jq -r '.[] | select(.poisson) | .name'
+
+A method of your own package joins through the entry-point group lagrange_bench.methods (name = package.module:METHOD);
+lagrange-bench check tests what it claims.
+"""
 
 from __future__ import annotations
 
@@ -7,23 +20,6 @@ from typing import Any
 
 from lagrange_bench.arguments import add_potential, in_potential, named_top
 from lagrange_bench.text import Answer, table
-
-SUMMARY = "the integrators and what they claim"
-
-DESCRIPTION = """\
-List the integration methods and what they claim: order, symmetry, Poisson map, invariants kept at round-off. With --top or
---potential, which of them take this top, and why the others do not."""
-
-
-EXAMPLES = """\
-examples:
-  lagrange-bench methods
-  lagrange-bench methods --verbose              with sources, options (for integrate --option) and families
-  lagrange-bench methods --top weak_tide        those that take this top, and the invariants they keep of it
-  lagrange-bench methods --json | jq -r '.[] | select(.poisson) | .name'
-
-A method of your own package joins through the entry-point group lagrange_bench.methods (name = package.module:METHOD);
-lagrange-bench check tests what it claims."""
 
 
 def run(options: argparse.Namespace) -> Answer:

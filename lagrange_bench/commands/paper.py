@@ -1,4 +1,19 @@
-"""`lagrange-bench paper`: the sections of the paper, run."""
+"""Run a section of the paper: a picture and the residuals.
+
+Evaluate what a section of the paper says, in its corrected form, along an orbit of a named top. Draws a picture and lists
+what each formula misses by. Without a section: the sections there are.
+
+examples:
+  lagrange-bench paper                          the sections
+  lagrange-bench paper two-point                two parameters that are independent; writes paper-two-point.svg
+  lagrange-bench paper flow --top figure1 --output flow.pdf
+  lagrange-bench paper separation --json | jq .residuals
+
+The functions are those of lagrange_bench.integrators.paper; docs/equations.md has them equation by equation, and
+lagrange-bench errata says what is misprinted.
+
+exit codes: 0 done · 1 a formula misses by more than is allowed · 2 bad input: a section that does not apply to this top
+"""
 
 from __future__ import annotations
 
@@ -10,25 +25,6 @@ from typing import Any
 from lagrange_bench.arguments import location
 from lagrange_bench.targets import PICTURES, check_target, write_picture
 from lagrange_bench.text import Answer, plain, table
-
-SUMMARY = "run a section of the paper: a picture and the residuals"
-
-DESCRIPTION = """\
-Evaluate what a section of the paper says, in its corrected form, along an orbit of a named top. Draws a picture and lists
-what each formula misses by. Without a section: the sections there are."""
-
-
-EXAMPLES = """\
-examples:
-  lagrange-bench paper                          the sections
-  lagrange-bench paper two-point                two parameters that are independent; writes paper-two-point.svg
-  lagrange-bench paper flow --top figure1 --output flow.pdf
-  lagrange-bench paper separation --json | jq .residuals
-
-The functions are those of lagrange_bench.integrators.paper; docs/equations.md has them equation by equation, and
-lagrange-bench errata says what is misprinted.
-
-exit codes: 0 done · 1 a formula misses by more than is allowed · 2 bad input: a section that does not apply to this top"""
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

@@ -1,20 +1,8 @@
-"""`lagrange-bench potentials`: the potentials a top can be in."""
+"""The potentials a top can be in.
 
-from __future__ import annotations
-
-import argparse
-from typing import Any
-
-from lagrange_bench.text import Answer, table
-
-SUMMARY = "the potentials a top can be in"
-
-DESCRIPTION = """\
 List the potentials V(x) that can be added to the weight of a top: their parameters, in the order in which --parameters takes
-them, and the formula with its units."""
+them, and the formula with its units.
 
-
-EXAMPLES = """\
 The top moves by J' = ∇U × x, x' = J × x with U = alpha x3 + V(x): V has the units of J², x is the axis, of any length.
 
 examples:
@@ -24,7 +12,15 @@ examples:
 
 A potential of your own: a file my_field.py with POTENTIAL = Potential("name", value), value a function (x1, x2, x3, p) of
 + - * /, whole and half powers, sqrt, sin, cos, exp, log from lagrange_bench, is --potential my_field:POTENTIAL. One of your
-package joins this list through the entry-point group lagrange_bench.potentials (name = package.module:POTENTIAL)."""
+package joins this list through the entry-point group lagrange_bench.potentials (name = package.module:POTENTIAL).
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from lagrange_bench.text import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:

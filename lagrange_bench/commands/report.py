@@ -1,4 +1,16 @@
-"""`lagrange-bench report`: the page, figures and tables of results."""
+"""Page, figures and tables of results.
+
+Turn stored results into one offline page (index.html), figures (SVG) and tables (Markdown, LaTeX, CSV).
+
+examples:
+  lagrange-bench report                                        the published results
+  lagrange-bench report --results results/local/quick --open   your own run, in the browser
+  lagrange-bench report --results results/local/quick --beside results/reference
+  lagrange-bench report --results results/local/quick --methods mine:METHOD,rk4,backlund --output my_page
+
+exit codes: 0 the page is complete; a claim that is refuted is a finding, reported on stderr and on the page · 1 a part could
+not be drawn, which the page says in its place · 2 no such results, or files cannot be written
+"""
 
 from __future__ import annotations
 
@@ -11,22 +23,6 @@ from lagrange_bench.arguments import add_choice, add_module, check_choice, choic
 from lagrange_bench.text import Answer
 
 LARGE = 8_000_000  # bytes of a page that is slow on a phone
-
-SUMMARY = "page, figures and tables of results"
-
-DESCRIPTION = """\
-Turn stored results into one offline page (index.html), figures (SVG) and tables (Markdown, LaTeX, CSV)."""
-
-
-EXAMPLES = """\
-examples:
-  lagrange-bench report                                        the published results
-  lagrange-bench report --results results/local/quick --open   your own run, in the browser
-  lagrange-bench report --results results/local/quick --beside results/reference
-  lagrange-bench report --results results/local/quick --methods mine:METHOD,rk4,backlund --output my_page
-
-exit codes: 0 the page is complete; a claim that is refuted is a finding, reported on stderr and on the page · 1 a part could
-not be drawn, which the page says in its place · 2 no such results, or files cannot be written"""
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

@@ -1,29 +1,9 @@
-"""`lagrange-bench run`: measure what is missing."""
+"""Measure what is missing.
 
-from __future__ import annotations
-
-import argparse
-import shlex
-from collections.abc import Iterable
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-from lagrange_bench.arguments import add_choice, argument, choice_of, location, positive, seconds
-from lagrange_bench.experiments import EXPERIMENTS, SWEEP
-from lagrange_bench.text import Answer
-
-if TYPE_CHECKING:
-    from lagrange_bench.results.choice import Choice
-
-SUMMARY = "measure what is missing"
-
-DESCRIPTION = """\
 Measure the cells of experiments that are not stored yet, each kept as soon as it is done. A run that was stopped is
 continued, and failed cells are tried again, by the same command. A cell that hangs or crashes fails alone. Cells whose
-source code changed since are counted, and computed afresh with --again."""
+source code changed since are counted, and computed afresh with --again.
 
-
-EXAMPLES = """\
 examples:
   lagrange-bench run                            everything, quick: about five minutes on two cores
   lagrange-bench run cost --profile full        one experiment as published; leave the machine alone meanwhile
@@ -44,14 +24,30 @@ An experiment of your own is named by its module: lagrange-bench run my_package.
 `python experiments/drift.py` does what `lagrange-bench run drift` does, with the same options.
 
 exit codes: 0 done; a method that refuses a step (StepError) is a result, reported and drawn · 1 a cell failed otherwise or
-was set aside · 2 bad input, or results cannot be written · 130 interrupted; what was finished is stored"""
+was set aside · 2 bad input, or results cannot be written · 130 interrupted; what was finished is stored
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lagrange_bench.arguments import add_choice, choice_of, location, positive, seconds
+from lagrange_bench.experiments import EXPERIMENTS, SWEEP
+from lagrange_bench.text import Answer
+
+if TYPE_CHECKING:
+    from lagrange_bench.results.choice import Choice
 
 
 def scheduler(text: str) -> str:
     """The address of a Dask scheduler, or local:N."""
     from lagrange_bench.runner.cluster import check_address
 
-    return str(argument(check_address)(text))
+    return check_address(text)
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

@@ -1,23 +1,8 @@
-"""`lagrange-bench tops`: the named tops."""
+"""The named tops.
 
-from __future__ import annotations
-
-import argparse
-from typing import TYPE_CHECKING, Any
-
-from lagrange_bench.text import Answer, plain, table
-
-if TYPE_CHECKING:
-    from lagrange_bench.integrators import NamedTop
-
-SUMMARY = "the named tops"
-
-DESCRIPTION = """\
 List the named tops: weight parameter alpha, initial state (J1, J2, J3, x1, x2, x3), kind of motion, nutation period; and
-those in a potential, with its parameters and what the motion conserves."""
+those in a potential, with its parameters and what the motion conserves.
 
-
-EXAMPLES = """\
 The equations are J' = alpha e3 × x, x' = J × x; units are yours, alpha has those of J²/x. A period is inf where x3 is
 constant and unstable, or on the separatrix (null in JSON). In a potential V(x), J' is that of alpha x3 + V: see
 lagrange-bench potentials.
@@ -29,7 +14,18 @@ examples:
   lagrange-bench tops --verbose
   lagrange-bench tops --json | jq '.[] | select(.regime == "elliptic") | .name'
   lagrange-bench integrate --top near_separatrix --h 0.1 --steps 1000
-  lagrange-bench integrate --top magnet --method blanes_moan4 --h 0.1 --steps 1000"""
+  lagrange-bench integrate --top magnet --method blanes_moan4 --h 0.1 --steps 1000
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from lagrange_bench.text import Answer, plain, table
+
+if TYPE_CHECKING:
+    from lagrange_bench.integrators import NamedTop
 
 
 def run(options: argparse.Namespace) -> Answer:

@@ -1,4 +1,18 @@
-"""`lagrange-bench verify`: compute stored cells again."""
+"""Compute stored cells again.
+
+Compute some of the cells of a store again, here and now, and compare. Counts, and what compiled methods did to the
+invariants, must be the same to the bit. Results that a library or the exact solution has a part in must agree within
+round-off. Times are not compared.
+
+examples:
+  lagrange-bench verify                              sixty cells of the published results
+  lagrange-bench verify --sample 10000 --longest 60 --seed 1      all of them: a quarter of an hour
+  lagrange-bench verify results/local/quick --sample 20 --json
+  lagrange-bench verify results/local/full --old --sample 10000   did your edit change any row?
+
+The sample is drawn in turn from every part and method of every experiment. exit codes: 0 the same · 1 changed · 2 no
+such results, none that can be computed again, or an experiment's VERSION is newer than they are
+"""
 
 from __future__ import annotations
 
@@ -7,26 +21,8 @@ from collections import Counter
 from typing import Any
 
 from lagrange_bench.arguments import add_module, location, positive, seconds, whole
-from lagrange_bench.differences import as_data, changed_columns
+from lagrange_bench.commands.compare import as_data, changed_columns
 from lagrange_bench.text import Answer, plain
-
-SUMMARY = "compute stored cells again"
-
-DESCRIPTION = """\
-Compute some of the cells of a store again, here and now, and compare. Counts, and what compiled methods did to the
-invariants, must be the same to the bit. Results that a library or the exact solution has a part in must agree within
-round-off. Times are not compared."""
-
-
-EXAMPLES = """\
-examples:
-  lagrange-bench verify                              sixty cells of the published results
-  lagrange-bench verify --sample 10000 --longest 60 --seed 1      all of them: a quarter of an hour
-  lagrange-bench verify results/local/quick --sample 20 --json
-  lagrange-bench verify results/local/full --old --sample 10000   did your edit change any row?
-
-The sample is drawn in turn from every part and method of every experiment. exit codes: 0 the same · 1 changed · 2 no
-such results, none that can be computed again, or an experiment's VERSION is newer than they are"""
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

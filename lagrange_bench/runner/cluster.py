@@ -108,10 +108,9 @@ class Cluster:
         except distributed.scheduler.KilledWorker as error:
             lost = f"{error.allowed_failures + 1} Dask workers died one after another while they had this cell"
             return failure(DIED, lost, "", 0.0)
-        except CancelledError as error:
-            raise ClusterError(
-                f"the scheduler at {self._address} went away; what was finished is stored: run the same command again"
-            ) from error
+        except (CancelledError, OSError) as error:  # OSError: in the middle of an answer
+            gone = f"the scheduler at {self._address} went away"
+            raise ClusterError(f"{gone}; what was finished is stored: run the same command again") from error
         except Exception as error:  # whatever is wrong with the workers: cells do not raise
             raise ClusterError(self._explanation(error)) from error
         _compare(facts)

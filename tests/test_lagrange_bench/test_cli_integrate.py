@@ -14,7 +14,7 @@ import pytest
 from test_cli import examples
 
 from lagrange_bench import trajectory as output
-from lagrange_bench.commands.integrate import EXAMPLES
+from lagrange_bench.commands import integrate as command
 from lagrange_bench.integrators import (
     METHODS,
     PERTURBED_TOPS,
@@ -32,7 +32,7 @@ IN_A_FIELD = ("integrate", "--method", "strang", "--h", "0.1")
 GENERIC = TOPS["generic"]
 
 
-@pytest.mark.parametrize("words", examples(EXAMPLES), ids=" ".join)
+@pytest.mark.parametrize("words", examples(command.__doc__), ids=" ".join)
 def test_the_examples_of_integrate_run(run, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, err = run(*words)
@@ -54,11 +54,6 @@ def test_summary(run, answer):
         data["error"]["final"] < 2e-14
     )  # 4e-15 is the exact solution's own accuracy, the map makes about 1e-16 a step
     assert all(v["largest_drift"] < 1e-15 for v in data["invariants"].values())
-    # the paper's λ is of second order: 4 times the error at twice the step
-    errors = [
-        answer(*SHORT[:2], h, *SHORT[3:], "--method", "backlund_paper")["error"]["final"] for h in ("0.05", "0.1")
-    ]
-    assert errors[1] > 3 * errors[0] > 1e-6
 
 
 def test_where_and_when_a_trajectory_is(answer):
@@ -159,16 +154,15 @@ def test_a_file_is_replaced_whole_and_not_in_silence(run, tmp_path, monkeypatch)
     assert sorted(tmp_path.iterdir()) == [link, path]  # no pieces are left
 
 
-@pytest.mark.parametrize(("suffix", "magic"), [(".svg", b"<?xml"), (".png", b"\x89PNG"), (".pdf", b"%PDF")])
-def test_the_same_trajectory_is_the_same_picture(tmp_path, suffix, magic):
+def test_the_same_trajectory_is_the_same_picture(tmp_path):
     """Also with a name that looks like a formula, and with so few states that they are drawn as points."""
-    path, pictures = tmp_path / f"axis{suffix}", []
-    for steps in (3, 3, 30):
-        trajectory = integrate(GENERIC.top, GENERIC.state, h=1.0 / steps, steps=steps, every=1)
-        output.draw(path, trajectory, METHODS["backlund"], "a $_$ b")
-        pictures.append(path.read_bytes())
-    assert pictures[0].startswith(magic)
-    assert pictures[0] == pictures[1] != pictures[2]
+    few, many = (integrate(GENERIC.top, GENERIC.state, h=1.0 / n, steps=n, every=1) for n in (3, 30))
+    files = []
+    for name, trajectory in (("1.svg", few), ("2.svg", few), ("3.svg", many), ("4.png", few), ("5.pdf", few)):
+        output.draw(tmp_path / name, trajectory, METHODS["backlund"], "a $_$ b")
+        files.append((tmp_path / name).read_bytes())
+    assert files[0] == files[1] != files[2]
+    assert [file[:4] for file in files[2:]] == [b"<?xm", b"\x89PNG", b"%PDF"]
 
 
 def test_what_can_be_known_before_is_said_before(run, tmp_path, monkeypatch):

@@ -8,7 +8,6 @@ import shlex
 import shutil
 from pathlib import Path
 
-import pytest
 from test_cli import HERE
 
 from lagrange_bench.commands import completion
@@ -18,15 +17,11 @@ from lagrange_bench.results.store import Store, default_results, make_record
 from lagrange_bench.runner import engine
 
 
-@pytest.fixture
-def toy(monkeypatch):
+def test_run(run, in_process, tmp_path, monkeypatch):
+    """It draws if asked, and never a figure without rows."""
+    toy = "toys.behaviour"
     monkeypatch.syspath_prepend(str(HERE))
     monkeypatch.setenv("TOY_CELLS", json.dumps([{"do": "square", "i": 3}, {"do": "raise", "i": 4}]))
-    return "toys.behaviour"
-
-
-def test_run(run, toy, in_process, tmp_path, monkeypatch):
-    """It draws if asked, and never a figure without rows."""
     drawn, results = [], tmp_path / "my results"
     figure = results / "page" / "figure.svg"
     monkeypatch.setattr(
@@ -62,25 +57,6 @@ def test_run_takes_all_experiments_by_default(run, monkeypatch):
     )
 
 
-def test_report(run, one_core, tmp_path, monkeypatch):
-    opened = []
-    monkeypatch.setattr("webbrowser.open", opened.append)
-    (tmp_path / "results").mkdir()
-    words = ("report", "--results", tmp_path / "results", "--output", tmp_path / "page")
-    code, out, err = run(*words)
-    assert (code, out) == (2, "")
-    assert re.fullmatch(r"lagrange-bench: error: nothing is stored in .*\n", err)
-    assert not (tmp_path / "page").exists(), "a page that is there is worth more"
-    shutil.copy(default_results() / "ensemble.jsonl", tmp_path / "results")
-    code, out, err = run(*words, "--open")
-    assert code == 0, err
-    assert err.splitlines()[0] == f"drawn from {tmp_path / 'results'}"
-    page = Path(out.strip())
-    assert page == (tmp_path / "page" / "index.html").resolve()
-    assert page.stat().st_size > 1000
-    assert opened == [page.as_uri()]
-
-
 STUDY = """
 VERSION = 1
 def cells(profile): return [{"i": i} for i in range(3)]
@@ -105,7 +81,14 @@ def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, on
     assert "cannot be loaded" not in page
     again = re.sub("<[^>]*>", "", re.search(r"redraw: <code[^>]*>(.*?)</code>", page)[1])
     assert again == "lagrange-bench figure my_study.energy_squares --results out --module my_study.energy"
-    assert run(*shlex.split(again)[1:])[1] == "my_study.energy_squares.svg\n"
+    words, replaced = shlex.split(again)[1:], "replaced: my_study.energy_squares.svg"
+    code, out, err = run(*words)
+    assert (code, out, replaced in err) == (0, "my_study.energy_squares.svg\n", False)
+    assert replaced in run(*words)[2].splitlines()
+    assert run(*words, "--quiet")[2] == ""
+    (folder / "file").write_text("in the way")
+    code, _, err = run(*words, "--output", "file/z.svg")
+    assert (code, "file" in err, ".z.svg" in err) == (2, True, False)
 
 
 def test_figures_are_listed_in_the_order_of_the_page_and_completed(run, tmp_path, monkeypatch):
@@ -130,21 +113,3 @@ def test_figures_are_listed_in_the_order_of_the_page_and_completed(run, tmp_path
         (tmp_path / "page" / "figures" / f"{name}.svg").touch()
     monkeypatch.setattr("lagrange_bench.results.store.default_results", lambda profile=None: tmp_path)
     assert set(out.split()) <= set(completion.names()["name"])
-
-
-def test_a_figure_that_cannot_be_written_is_named(run, tmp_path):
-    (tmp_path / "file").write_text("in the way")
-    shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
-    code, _, err = run("figure", "ensemble_throughput", "--results", tmp_path, "--output", tmp_path / "file" / "z.svg")
-    assert (code, str(tmp_path / "file") in err, ".z.svg" in err) == (2, True, False)
-
-
-def test_a_picture_is_not_replaced_in_silence(run, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    shutil.copy(default_results() / "ensemble.jsonl", tmp_path)
-    drawn = ("figure", "ensemble_throughput", "--results", tmp_path)
-    for words, file in ((drawn, "ensemble_throughput.svg"), (("paper", "separation"), "paper-separation.svg")):
-        assert "replaced" not in run(*words)[2]
-        code, _, err = run(*words)
-        assert (code, err.splitlines().count(f"replaced: {file}")) == (0, 1)
-    assert run(*drawn, "--quiet")[::2] == (0, "")

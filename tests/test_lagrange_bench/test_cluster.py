@@ -13,7 +13,7 @@ import pytest
 from faults import HERE, TOY, comparable, end, nobody_left, squares, start, wait_for_lines
 
 from lagrange_bench.results.store import Store
-from lagrange_bench.runner import cluster, engine
+from lagrange_bench.runner import cluster
 
 pytest.importorskip("distributed")
 linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for left-over processes in /proc")
@@ -51,21 +51,12 @@ def scheduler(tmp_path):
     assert all(nobody_left(process.pid) for process in made.processes)
 
 
-def here(cells, folder, monkeypatch):
-    """What this machine makes of the cells, without their pauses."""
-    monkeypatch.syspath_prepend(str(HERE))
-    monkeypatch.setenv("TOY_PACE", "0")
-    monkeypatch.setenv("TOY_CELLS", json.dumps(cells))
-    engine.run([TOY], "quick", folder, 2, show=False)
-    return comparable(folder)
-
-
 def keys(folder):
     return [r["key"] for r in Store(folder).read(TOY)[0]]
 
 
 @pytest.mark.slow
-def test_the_same_rows_from_a_local_cluster_of_as_many_workers_as_asked(tmp_path, monkeypatch):
+def test_the_same_rows_from_a_local_cluster_of_as_many_workers_as_asked(toy, tmp_path):
     who = squares(*range(200, 209), facts=True, seconds=0.3)
     odd = [{"do": what, "i": 100 + i} for i, what in enumerate(("raise", "die", "segfault", "bad row"))]
     cells = [*who, *squares(*range(20)), *odd, *squares(50, 51, timing=True)]
@@ -79,14 +70,15 @@ def test_the_same_rows_from_a_local_cluster_of_as_many_workers_as_asked(tmp_path
     assert any("timing cells ran one at a time on this machine" in note for note in summary["notes"])
     assert nobody_left(run.pid)
     *there, last = comparable(tmp_path / "there")
-    assert there[len(who) :] == here(cells, tmp_path / "here", monkeypatch)[len(who) :]
+    toy(cells)
+    assert there[len(who) :] == comparable(toy.store.folder)[len(who) :]
     assert len({record["rows"][0]["process"] for record in there[: len(who)]}) == 3
     assert (last["cell"], last["status"], last["error"]["type"]) == (hung, "failed", "TimeLimit")
     assert len(set(keys(tmp_path / "there"))) == len(keys(tmp_path / "there")) == 36
 
 
 @pytest.mark.slow
-def test_workers_and_a_scheduler_that_are_killed(scheduler, tmp_path, monkeypatch):
+def test_workers_and_a_scheduler_that_are_killed(scheduler, toy, tmp_path):
     """The other worker and a new one take over; without a scheduler the run stops, and goes on here. No cell is stored twice."""
     doomed = scheduler.worker()
     scheduler.worker()
@@ -103,7 +95,8 @@ def test_workers_and_a_scheduler_that_are_killed(scheduler, tmp_path, monkeypatc
     assert "went away; what was finished is stored: run the same command again" in err
     assert start(cells, tmp_path / "there").communicate(timeout=60)
     assert len(set(keys(tmp_path / "there"))) == len(keys(tmp_path / "there")) == 60
-    assert comparable(tmp_path / "there") == here(cells, tmp_path / "here", monkeypatch)
+    toy(cells)
+    assert comparable(tmp_path / "there") == comparable(toy.store.folder)
 
 
 @pytest.mark.slow
@@ -121,16 +114,14 @@ def test_interrupt(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_worker_that_joins_late_and_lacks_the_experiment_is_refused(tmp_path, scheduler, monkeypatch):
+def test_a_worker_that_joins_late_and_lacks_the_experiment_is_refused(toy, scheduler, monkeypatch):
     """A run asks the workers at its start; this one is not there yet. What it lacks is no result: nothing is stored."""
-    monkeypatch.syspath_prepend(str(HERE))
-    monkeypatch.setenv("TOY_CELLS", json.dumps(squares(1, 2)))
     enter = cluster.Cluster.__enter__
     monkeypatch.setattr(cluster.Cluster, "__enter__", lambda self: (enter(self), scheduler.worker(PYTHONPATH=""))[0])
     message = r"a Dask worker lacks something: No module named .toys.; install the same"
     with pytest.raises(cluster.ClusterError, match=message):
-        engine.run([TOY], "quick", tmp_path, scheduler=scheduler.address, show=False)
-    assert keys(tmp_path) == []
+        toy(squares(1, 2), scheduler=scheduler.address)
+    assert keys(toy.store.folder) == []
 
 
 def test_workers_with_other_versions_are_refused():

@@ -16,26 +16,26 @@ from test_cli import HERE
 
 from lagrange_bench import __main__ as cli
 from lagrange_bench import text
-from lagrange_bench.experiments.measuring import bits, check
-from lagrange_bench.integrators import CASES, METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, LagrangeTop, registry
+from lagrange_bench.experiments.measuring import check
+from lagrange_bench.integrators import CASES, METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from tests.test_docs import commands
 
 # ---------------------------------------------------------------- lists
 
 
-@pytest.mark.parametrize("command", [("methods",), ("tops", "--verbose"), ("potentials",)])
-def test_tables_fit_a_terminal(run, command, monkeypatch):
-    wide = run(*command)[1]
+def test_tables_fit_a_terminal(run, monkeypatch):
+    wide = run("tops", "--verbose")[1]
     assert max(map(len, wide.splitlines())) > 80
     monkeypatch.setattr(text, "terminal_width", lambda: 80)
-    narrow = run(*command)[1]
+    narrow = run("tops", "--verbose")[1]
     assert max(map(len, narrow.splitlines())) <= 80
     assert sorted("".join(narrow.split())) == sorted("".join(wide.split())), "wrapped, and nothing is lost"
 
 
 @pytest.mark.parametrize(
-    ("command", "known"), [("methods", METHODS), ("tops", TOPS), ("tops", PERTURBED_TOPS), ("potentials", POTENTIALS)]
+    ("command", "known"),
+    [("methods", METHODS), ("tops", TOPS), ("tops", PERTURBED_TOPS), ("potentials", POTENTIALS), ("case", CASES)],
 )
 def test_all_there_is_is_listed(run, answer, command, known):
     code, out, err = run(command)
@@ -43,16 +43,6 @@ def test_all_there_is_is_listed(run, answer, command, known):
     tables = [[line.split()[0] for line in table.splitlines()[1:]] for table in out.split("\n\nin a potential:\n")]
     assert any(table[: len(known)] == list(known) for table in tables)
     assert [listed["name"] for listed in answer(command) if listed["name"] in known] == list(known)
-
-
-def test_methods(run, answer):
-    assert METHODS["backlund"].source in run("methods", "--verbose")[1]
-    data = {method["name"]: method for method in answer("methods")}
-    for name, method in METHODS.items():
-        accepted = method.takes(LagrangeTop()) is None
-        assert data[name]["order"] == (method.order_for(LagrangeTop()) if accepted else method.order)
-        assert set(data[name]["conserves"]) == (method.kept(LagrangeTop()) if accepted else method.conserves)
-        assert data[name]["options"] == list(method.options)
 
 
 @pytest.mark.parametrize("known", [METHODS, POTENTIALS, NAMED_TOPS], ids=lambda known: known.word)
@@ -117,15 +107,6 @@ def test_methods_of_a_top(run, answer):
 REFERENCE = Path(__file__).parents[2] / "docs" / "cases"
 
 
-def test_the_list(run, answer):
-    code, out, _ = run("case", "--verbose")
-    assert code == 0
-    for name, case in CASES.items():
-        assert name in out
-        assert case.source in out
-    assert {row["name"] for row in answer("case")} == set(CASES)
-
-
 def test_a_file_of_doubles(run, tmp_path):
     """17 digits make the doubles again; pandas reads it; the times are the decimals that were asked for."""
     path = tmp_path / "ref.csv"
@@ -187,38 +168,6 @@ def test_check_says_why_a_claim_fails_and_with_verbose_how_every_one_was_measure
     assert re.search(r"^fail: symmetric: a step and its inverse, .*; largest on \w+, h = 3$", out, re.MULTILINE)
     assert "central differences" not in out
     assert "central differences" in run("check", "toys.lies:METHOD", "--quick", "--verbose")[1]
-
-
-# ---------------------------------------------------------------- bits
-
-
-@pytest.fixture
-def written(monkeypatch):
-    """What is written down of two kernels, as this machine computes it."""
-    hashes = bits.measured(1000, ["rk4", "strang"])
-    monkeypatch.setattr(bits, "golden", lambda: hashes)
-    return hashes
-
-
-def test_bits_that_are_the_same(run, answer, written):
-    code, out, err = run("bits", "rk4", "--quick")
-    assert (code, err) == (0, "")
-    words = [line.split() for line in out.splitlines()]
-    assert ["rk4", "compensated", "6", "same"] in words
-    assert words[-1][:3] == ["2", "the", "same,"]
-    assert run("bits", "rk4", "--quick", "--quiet")[1] == "2 the same, 0 differ, 0 not written down\n"
-    data = answer("bits", "strang compensated", "--quick")
-    assert [verdict["kernel"] for verdict in data["verdicts"]] == ["strang compensated"]
-
-
-def test_bits_that_differ_or_are_not_written_down(run, written):
-    written["rk4"]["figure1 1000"] = "0"
-    del written["strang"]
-    code, out, err = run("bits", "rk4", "strang", "--quick")
-    assert (code, err) == (1, "")
-    assert re.search(r"^rk4 +6 +differs at figure1 1000$", out, re.MULTILINE)
-    assert re.search(r"^strang +0 +not written down$", out, re.MULTILINE)
-    assert out.splitlines()[-1] == "2 the same, 1 differ, 1 not written down"
 
 
 # ---------------------------------------------------------------- completion

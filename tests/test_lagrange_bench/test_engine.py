@@ -3,34 +3,20 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 import re
 import sys
 import time
 
 import pytest
-from faults import HERE, TOY, squares
+from faults import TOY, nobody_left, squares, start
 
 from lagrange_bench.integrators import memory, registry
 from lagrange_bench.integrators.interface import Method
 from lagrange_bench.results.store import Store, StoreError
 from lagrange_bench.runner import engine, progress, workers
 
-pytestmark = pytest.mark.processes
-
-
-@pytest.fixture
-def toy(monkeypatch, tmp_path):
-    """run(cells, …) -> Summary, with a store in `run.store`."""
-    monkeypatch.syspath_prepend(str(HERE))
-
-    def run(cells, jobs=2, **options):
-        monkeypatch.setenv("TOY_CELLS", json.dumps(cells))
-        return engine.run([TOY], "quick", tmp_path, jobs, **{"show": False, **options})
-
-    run.store = Store(tmp_path)
-    return run
+pytestmark = [pytest.mark.processes, pytest.mark.xdist_group("engine")]
 
 
 def tally(summary):
@@ -49,49 +35,76 @@ def test_only_what_is_missing(toy, in_process, monkeypatch):
     table = toy.store.rows(TOY)
     assert table["square"].tolist() == [i * i for i in table["i"]]
     assert sorted(table["i"]) == [1, 2, 3, 4]
+    summary = toy(squares(5, 6, timing=True), timings=False)
+    assert (tally(summary), summary.tallies[TOY].unavailable, summary.exit_code) == ((0, 0, 0), 2, 0)
+    assert summary.notes == ["skipped: the timing cells of toys.behaviour, as asked"]
     monkeypatch.setattr(engine.load(TOY), "VERSION", 2)
     assert tally(toy(squares(1))) == (1, 0, 0)
     assert toy.store.rows(TOY)["i"].tolist() == [1]
 
 
-def test_rows_come_in_the_order_of_the_cells(toy):
-    first = {"do": "wait for lines", "i": 5, "file": str(toy.store.path(TOY)), "lines": 4}  # and finishes last
-    toy([first, *squares(4, 3, 2, 1)])
-    assert toy.store.rows(TOY)["i"].tolist() == [5, 4, 3, 2, 1]
-    assert toy.store.read(TOY)[0][-1]["cell"]["i"] == 5
+@pytest.fixture(scope="module")
+def hard(tmp_path_factory):
+    """A run of two workers: cells that wait, die, hang, ask for memory, warn, chatter. (summary, stderr, store)"""
+    folder, facts = tmp_path_factory.mktemp("hard"), {"facts": True, "seconds": 0.05}
+    waiting = {"do": "wait for lines", "i": 5, "file": str(folder / f"{TOY}.jsonl"), "lines": 4}  # finishes late
+    odd = [{"do": what, "i": 100 + i} for i, what in enumerate(("segfault", "compiled loop", "wrong clock", "warn"))]
+    odd += [{"do": "memory", "GB": size, "i": i} for size, i in ((0.1, 110), (0.6, 111))]
+    timing = [{"do": "die", "i": 120, "timing": True}, *squares(9, 8, timing=True, **facts)]
+    variables = {"OMP_NUM_THREADS": "7", memory.VARIABLE: "0.5"}
+    run = start(
+        [waiting, *squares(4, 3, 2, 1, **facts), *odd, *timing], folder, "--json", "--time-limit", "3", **variables
+    )
+    before = time.monotonic()
+    out, err = run.communicate(timeout=120)
+    assert time.monotonic() - before < 40  # the loop would have taken a minute
+    assert nobody_left(run.pid)
+    return json.loads(out), err, Store(folder)
 
 
-def test_timing_cells_come_last_alone_in_order_and_with_one_thread(toy, monkeypatch):
-    monkeypatch.setenv("OMP_NUM_THREADS", "7")
-    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
-    timing = squares(9, 8, timing=True, facts=True, seconds=0.05)
-    others = squares(1, 2, 3, facts=True, seconds=0.1)
-    summary = toy([*timing, *others], timings=False)
-    assert (tally(summary), summary.tallies[TOY].unavailable, summary.exit_code) == ((3, 0, 0), 2, 0)
-    assert summary.notes == ["skipped: the timing cells of toys.behaviour, as asked"]
-    toy.store.path(TOY).unlink()
-    assert tally(toy([*timing, *others])) == (5, 0, 0)
-    table = toy.store.rows(TOY)
-    timing, accuracy = table[table["timing"] == True], table[table["timing"].isna()]  # noqa: E712
+def test_rows_come_in_the_order_of_the_cells(hard):
+    table = hard[2].rows(TOY)
+    assert table["i"].tolist() == [5, 4, 3, 2, 1, *range(100, 104), 110, 111, 120, 9, 8]
+    assert len(hard[2].read(TOY)[0]) == len(table), "none is computed twice and stored twice"
+
+
+def test_timing_cells_come_last_alone_in_order_and_with_one_thread(hard):
+    table = hard[2].rows(TOY)
+    table = table[table["facts"].eq(True)]
+    timing, accuracy = table[table["timing"].eq(True)], table[table["timing"].isna()]
     assert timing["started"].min() >= accuracy["started"].max()  # "started" is read when the work is done
     assert timing["started"].is_monotonic_increasing
-    assert timing["i"].tolist() == [9, 8]
-    assert (timing["process"].nunique(), accuracy["process"].nunique()) == (1, 2)
+    assert timing["process"].nunique() == 1
     assert not set(timing["process"]) & set(accuracy["process"])  # fresh
     assert set(table["threads"]) == {"1"}
-    assert (os.environ["OMP_NUM_THREADS"], os.environ.get("MKL_NUM_THREADS")) == ("7", None)
 
 
-def test_warnings_and_chatter_are_kept_out_of_the_way(toy, capfd):
-    assert toy([{"do": "warn", "i": 1}]).exit_code == 0
-    streams = capfd.readouterr()
-    assert streams.out == ""  # stdout is for data
-    assert "chatter" in streams.err
-    assert "toy warning" not in streams.err
-    assert toy.store.read(TOY)[0][0]["warnings"] == ["RuntimeWarning: toy warning"]
+def test_warnings_and_chatter_are_kept_out_of_the_way(hard):
+    """stdout is for data: it was read as JSON."""
+    _, err, store = hard
+    assert "chatter" in err
+    assert "toy warning" not in err
+    (warned,) = (record for record in store.latest(TOY) if record["cell"]["do"] == "warn")
+    assert warned["warnings"] == ["RuntimeWarning: toy warning"]
 
 
 # ---------------------------------------------------------------- cells that fail
+
+
+def test_cells_that_die_hang_or_ask_for_too_much_memory_fail_alone(hard):
+    """Also a timing cell; and a cell that changes its clock decides about nothing."""
+    summary, err, store = hard
+    assert (summary["exit_code"], "Traceback" in err) == (1, False)
+    assert {failure["cell"]["do"]: failure["error"] for failure in summary["failures"]} == {
+        "segfault": "WorkerDied: the worker process was killed by SIGSEGV",
+        "die": "WorkerDied: the worker process ended itself with exit code 3",
+        "compiled loop": "TimeLimit: not done after 3 s, so its process was ended; --time-limit SECONDS allows more",
+        "memory": "MemoryError: more than 0.5 GB; LAGRANGE_BENCH_MEMORY in the environment, in GB, allows more",
+    }
+    assert summary["experiments"][TOY]["computed"] == 10
+    assert all(0 <= record["seconds"] < 30 for record in store.latest(TOY))
+    assert engine.TIME_LIMITS.keys() == set(engine.PROFILES)
+
 
 ERRORS = {
     "raise": "ArithmeticError: cell 0 was told to",
@@ -119,40 +132,8 @@ def test_a_failing_cell_is_a_result(toy, in_process, run, one_core, tmp_path):
     file.write_text("")
     second = toy(cells)  # failures are tried again, successes are not
     assert tally(second) == (1, 2, 6)
-    code, out, err = run("report", "--results", tmp_path, "--module", TOY, "--quiet")
-    assert (code, out) == (0, f"{tmp_path / 'page' / 'index.html'}\n"), err
-
-
-def test_a_cell_that_kills_its_process_fails_alone(toy):
-    """Also a timing cell. The neighbours are not computed again: their process goes on."""
-    deadly = [{"do": "die", "i": 100}, {"do": "segfault", "i": 101}]
-    timing = [{"do": "die", "i": 102, "timing": True}, *squares(6, timing=True)]
-    summary = toy([deadly[0], *squares(*range(1, 6), seconds=0.05), deadly[1], *timing])
-    assert (tally(summary), summary.exit_code) == ((6, 0, 3), 1)
-    ended = "WorkerDied: the worker process ended itself with exit code 3"
-    assert {(cell["i"], error) for _, cell, error in summary.failures} == {
-        (100, ended),
-        (101, "WorkerDied: the worker process was killed by SIGSEGV"),
-        (102, ended),
-    }
-    assert len(toy.store.read(TOY)[0]) == 9
-    assert multiprocessing.active_children() == []
-
-
-def test_a_cell_that_hangs_is_ended_and_the_rest_goes_on(toy):
-    """Also a cell that changes its clock, which decides about nothing."""
-    cells = [{"do": "compiled loop", "i": 100}, *squares(1, 2), {"do": "compiled loop", "i": 101, "timing": True}]
-    before = time.monotonic()
-    summary = toy([*cells, {"do": "wrong clock", "i": 3}, *squares(4, timing=True)], time_limit=3.0)
-    assert time.monotonic() - before < 30  # each would have taken a minute
-    assert (tally(summary), summary.exit_code) == ((4, 0, 2), 1)
-    assert {error for _, _, error in summary.failures} == {
-        "TimeLimit: not done after 3 s, so its process was ended; --time-limit SECONDS allows more"
-    }
-    assert multiprocessing.active_children() == []
-    for record in toy.store.latest(TOY):
-        assert (3 <= record["seconds"] < 30) if record["status"] == "failed" else (0 <= record["seconds"] < 3)
-    assert engine.TIME_LIMITS.keys() == set(engine.PROFILES)
+    code, out, err = run("report", "--results", toy.store.folder, "--module", TOY, "--quiet")
+    assert (code, out) == (0, f"{toy.store.folder / 'page' / 'index.html'}\n"), err
 
 
 def test_a_process_that_lost_its_parent_in_a_compiled_call_ends_itself(toy, monkeypatch):
@@ -163,17 +144,6 @@ def test_a_process_that_lost_its_parent_in_a_compiled_call_ends_itself(toy, monk
     workers.compute(TOY, {"do": "raise", "i": 1}, limit=5.0)
     assert calls[0] == ("dump_traceback_later", (5.0 + workers.GRACE,), {"exit": True})
     assert [name for name, _, _ in calls[1:]] == ["cancel_dump_traceback_later"]
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere the limit does not hold")
-def test_a_cell_that_takes_too_much_memory_fails_alone(toy, monkeypatch):
-    monkeypatch.setenv(memory.VARIABLE, "0.5")
-    summary = toy([{"do": "memory", "GB": 0.1, "i": 1}, {"do": "memory", "GB": 0.6, "i": 2}, *squares(3)])
-    assert [(cell["i"], error) for _, cell, error in summary.failures] == [
-        (2, "MemoryError: more than 0.5 GB; LAGRANGE_BENCH_MEMORY in the environment, in GB, allows more")
-    ]
-    monkeypatch.setenv(memory.VARIABLE, "0.9")
-    assert toy([{"do": "memory", "GB": 0.6, "i": 2}]).failures == []
 
 
 def test_a_method_that_is_not_available_is_skipped_and_said_once(toy, in_process):
@@ -189,7 +159,7 @@ def test_a_method_that_is_not_available_is_skipped_and_said_once(toy, in_process
 # ---------------------------------------------------------------- runs that stop
 
 
-def test_an_interrupt_while_cells_are_stored_waits_until_they_are_counted(toy, monkeypatch):
+def test_an_interrupt_while_cells_are_stored_waits_until_they_are_counted(toy, in_process, monkeypatch):
     real = Store.append
 
     def append(self, *records):
@@ -203,7 +173,6 @@ def test_an_interrupt_while_cells_are_stored_waits_until_they_are_counted(toy, m
     stored = len(toy.store.latest(TOY))
     assert str(caught.value).startswith(f"interrupted: {stored} of 3 cells are stored in ")
     assert stored > 0
-    assert multiprocessing.active_children() == []
 
 
 NO_NAMES = {

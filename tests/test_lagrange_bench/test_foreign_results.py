@@ -10,7 +10,6 @@ import pytest
 from lagrange_bench.experiments import catalogue
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.integrators import METHODS
-from lagrange_bench.report import sections
 from lagrange_bench.results import store
 from lagrange_bench.results.store import Store
 
@@ -66,7 +65,6 @@ def evil(folder, one_core, monkeypatch):
 
 COMMANDS = {  # → exit code, what they say
     "report --results results --output plain": (1, "not drawn: evilpkg.exp: unknown experiment 'evilpkg.exp'"),
-    "figure --all --format svg --width page --results results": (1, "unknown experiment 'evilpkg.exp'"),
     "figure evilpkg.exp_figure --results results": (2, "unknown"),
     "compare results other --times": (1, "unknown experiment 'evilpkg.exp'"),
     "verify results --quiet --longest 10": (2, "unknown experiment 'unittest.__main__'"),
@@ -116,7 +114,7 @@ def foreign(tmp_path):
     return tmp_path / "results"
 
 
-@pytest.mark.parametrize("name", ["page", "page/index.html"])
+@pytest.mark.parametrize("name", ["page", "page/index.html", "page/figures"])
 def test_a_link_in_a_foreign_folder_is_not_followed(run, foreign, name):
     """What it points to is the reader's."""
     target = foreign.parent / "mine"
@@ -127,13 +125,3 @@ def test_a_link_in_a_foreign_folder_is_not_followed(run, foreign, name):
     assert (code, out) == (2, "")
     assert f"{foreign / name} is a symbolic link: remove it, or give another folder with --output" in err
     assert target.read_text() == "mine" if target.is_file() else not list(target.iterdir())
-
-
-def test_a_link_in_place_of_a_figure_is_not_followed(foreign, tmp_path):
-    (foreign / "figures").mkdir()
-    (tmp_path / "mine").write_text("mine")
-    (foreign / "figures" / "drift_time.svg").symlink_to(tmp_path / "mine")
-    section = sections.Section("drift", figures=[sections.DrawnFigure("time", "<svg/>", "")])
-    with pytest.raises(ValueError, match=r"drift_time\.svg is a symbolic link"):
-        sections.write(section, foreign)
-    assert (tmp_path / "mine").read_text() == "mine"

@@ -77,30 +77,6 @@ def screen(browser, width, height):
     frame(browser)
 
 
-def swipe(browser, *ways):
-    """Moves fingers, each from (x, y) to (x, y), all at once."""
-
-    def send(kind, part=None):
-        at = [] if part is None else [(a + (b - a) * part, c + (d - c) * part) for (a, c), (b, d) in ways]
-        points = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(at)]
-        browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-
-    send("touchStart", 0)
-    for k in range(1, 11):
-        send("touchMove", k / 10)
-    send("touchEnd")
-    frame(browser)
-
-
-def box(browser, selector):
-    """Middle, width and height of an element in the window, after scrolling it there."""
-    script = (
-        "const e = document.querySelector(arguments[0]); e.scrollIntoView({block: 'center'});"
-        "const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2, r.width, r.height]"
-    )
-    return browser.execute_script(script, selector)
-
-
 def console(browser):
     return [entry["message"] for entry in browser.get_log("browser")]
 

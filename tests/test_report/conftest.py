@@ -3,7 +3,7 @@
 import pytest
 
 from lagrange_bench.experiments import EXPERIMENTS
-from lagrange_bench.report import page, readme
+from lagrange_bench.report import page
 from lagrange_bench.results.store import Store, default_results
 
 SWITCHES = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-background-networking")
@@ -27,7 +27,7 @@ def judged(stored):
 
 @pytest.fixture(scope="session")
 def built(tmp_path_factory):
-    return page.build(readme.ROOT / "results" / "reference", tmp_path_factory.mktemp("page"))
+    return page.write(page.assemble(default_results()), tmp_path_factory.mktemp("page"))
 
 
 @pytest.fixture(scope="session")

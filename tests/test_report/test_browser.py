@@ -1,13 +1,11 @@
 """The page in a real browser: no error, no request; tables sort, figures are enlarged, panels open, and axe finds nothing."""
 
-import base64
 import json
-import re
 from pathlib import Path
 
 import pandas as pd
 import pytest
-from browsing import IN_A_BROWSER, By, afresh, box, console, css, frame, live, screen, swipe, until
+from browsing import IN_A_BROWSER, By, afresh, console, css, live, screen, until
 from selenium.webdriver.common.keys import Keys
 
 from lagrange_bench.integrators import METHODS
@@ -122,24 +120,6 @@ def test_rows_are_a_link_away(browser, stored, tmp_path):
     assert pd.read_csv(file).error.dropna().tolist() == stored["gaudin"].error.dropna().tolist()
 
 
-def test_the_navigation_fits_and_shows_where_one_is(browser):
-    marked = "return [...document.querySelectorAll('nav [aria-current]')].map(a => a.hash)"
-    places = (
-        "const r = document.querySelector('nav [aria-current]').getBoundingClientRect();"
-        "const below = document.querySelector(`#${arguments[0]} h2`).getBoundingClientRect().top"
-        " - document.querySelector('nav').getBoundingClientRect().bottom; return [r.left, r.right, innerWidth, below]"
-    )
-    for width in (1280, 390):
-        with screen(browser, width, 900):
-            for name in ("perturbed", "environment", "claims"):
-                browser.execute_script("document.getElementById(arguments[0]).scrollIntoView()", name)
-                until(browser, lambda b, name=name: b.execute_script(marked) == [f"#{name}"])
-                left, right, inner, below = browser.execute_script(places, name)
-                assert 0 <= left < right <= inner
-                assert below >= 0, "the navigation covers a heading"
-            assert width == 1280 or browser.execute_script("return document.documentElement.scrollWidth") <= width
-
-
 AXE = """
 const done = arguments[0];
 axe.run({runOnly: ["wcag2a", "wcag2aa", "best-practice"], resultTypes: ["violations"]})
@@ -182,31 +162,8 @@ def test_axe_finds_nothing_wrong(browser):
     assert {"label", "image-alt", "color-contrast", "button-name", "heading-order"} <= found
 
 
-# ---------------------------------------------------------------- phones and paper
-
-
-def test_fingers_enlarge_and_move_a_figure(browser):
-    state = (
-        "const p = document.querySelector('#zoom .pane'), r = p.querySelector('svg').getBoundingClientRect();"
-        "return [r.width, p.scrollLeft, visualViewport.scale]"
-    )
-    with screen(browser, 390, 844):
-        x, y, width, height = box(browser, "main > figure button.enlarge")
-        assert min(width, height) >= 40  # a finger's width
-        swipe(browser, ((x, y), (x, y)))
-        fitted = browser.execute_script(state)
-        swipe(browser, ((155, 400), (75, 400)), ((235, 400), (315, 400)))
-        pinched = browser.execute_script(state)
-        assert pinched[0] == pytest.approx(3 * fitted[0], rel=0.02)
-        assert pinched[2] == 1, "the figure is enlarged, not the page"
-        swipe(browser, ((250, 400), (150, 400)))
-        moved = browser.execute_script(state)
-        assert moved[:2] == [pinched[0], pytest.approx(pinched[1] + 100, abs=2)]
-        css(browser, "#zoom [name=close]").click()
-
-
 def test_on_a_phone_every_figure_is_seen_whole(browser):
-    """Those that are not folded have drawings of their own, in letters one can read; the others are a tap from full size."""
+    """Those that are not folded have drawings of their own, in letters one can read."""
     afresh(browser)
     sizes = (
         "return [...document.querySelectorAll('figure')].filter(f => !f.closest('details:not([open])'))"
@@ -222,38 +179,8 @@ def test_on_a_phone_every_figure_is_seen_whole(browser):
         for name, count, scale, beyond in seen:
             assert (count, beyond) == (1, 0), name
             assert scale > 1.3, name  # pixels a point: the smallest letters have 6.5 points
-        browser.execute_script("document.querySelector('#drift details.more').open = true")
-        frame(browser)
-        assert all(beyond <= 0 for _, _, _, beyond in browser.execute_script(sizes))
-        x, y, width, _ = box(browser, "#drift .figures figure .card svg")
-        swipe(browser, ((x, y), (x, y)))
-        assert css(browser, "#zoom .pane svg").rect["width"] > 1.4 * width
-        css(browser, "#zoom [name=close]").click()
     assert all(count == 1 for _, count, _, _ in browser.execute_script(sizes))
     afresh(browser)
-
-
-def test_it_prints(browser):
-    """In the light, on A4; of the folded tables those are opened that are not too long."""
-    afresh(browser)
-    media = {"media": "print", "features": [{"name": "prefers-color-scheme", "value": "dark"}]}
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
-    with screen(browser, 703, 1000):  # A4 less its margins
-        browser.execute_script("dispatchEvent(new Event('beforeprint'))")
-        assert browser.execute_script("return document.documentElement.scrollWidth") <= 703  # else all is shrunk
-        shown = browser.execute_script(
-            "return [...document.querySelectorAll('details')].map(d => [d, d.querySelector(':scope > .scroll tbody')])"
-            ".filter(([d, body]) => body).map(([d, body]) => [body.rows.length, d.open])"
-        )
-        ground = "return getComputedStyle(document.querySelector(arguments[0])).backgroundColor"
-        grounds = [browser.execute_script(ground, where) for where in ("body", ".badge.confirmed")]
-        browser.execute_script("dispatchEvent(new Event('afterprint'))")
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})
-    assert [(rows, opened) for rows, opened in shown if rows > 14 and opened != (rows <= 20)] == []
-    assert {opened for _, opened in shown} == {False, True}
-    assert all(min(map(int, re.findall(r"\d+", ground)[:3])) > 200 for ground in grounds), "dark ink on paper"
-    printed = browser.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})
-    assert 20 < len(re.findall(rb"/Type\s*/Page\b", base64.b64decode(printed["data"]))) < 60
 
 
 def test_the_chooser_answers_and_leads_to_the_figure(browser):

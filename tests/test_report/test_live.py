@@ -4,9 +4,8 @@ import re
 
 import numpy as np
 import pytest
-from browsing import IN_A_BROWSER, afresh, box, console, css, drawn, live, move, numbers, screen, swipe
+from browsing import IN_A_BROWSER, afresh, console, css, drawn, live, move, numbers
 from scipy.spatial.transform import Rotation
-from selenium.webdriver.common.keys import Keys
 
 from lagrange_bench.integrators import TOPS, StepError, integrate
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
@@ -100,38 +99,7 @@ def test_the_body_spins_in_the_browser_as_in_python(browser):
                 assert min(np.abs(tide[6:] - expected).max(), np.abs(tide[6:] + expected).max()) > 1e-3
 
 
-def test_the_midpoint_rule_stops_where_python_s_does(browser):
-    """Where its equation has three solutions."""
-    top = TOPS["through_pole"]
-    h = 30 * float(top.top.scales(top.state)[2])
-    states = iterate(browser, "implicit_midpoint", top.alpha, top.y0, h, 5)
-    done = next(n for n, state in enumerate(states) if None in state) - 1
-    assert np.all(np.isfinite(integrate(top.top, top.state, h, done, "implicit_midpoint").y))
-    with pytest.raises(StepError, match="three solutions"):
-        integrate(top.top, top.state, h, done + 1, "implicit_midpoint")
-
-
 # ---------------------------------------------------------------- what is drawn and told
-
-
-def test_fingers_and_keys_turn_and_enlarge_the_sphere(browser):
-    with screen(browser, 390, 844):
-        live(browser)
-        x, y, _, _ = box(browser, "#live .sphere")
-        before = drawn(browser)
-        swipe(browser, ((x, y), (x + 100, y)))
-        turned = drawn(browser)
-        assert turned[0] != before[0]
-        assert turned[1:] == before[1:]
-        swipe(browser, ((x - 30, y), (x - 90, y)), ((x + 30, y), (x + 90, y)))
-        assert drawn(browser)[0] != turned[0]
-        assert browser.execute_script("return visualViewport.scale") == 1
-    pictures = []
-    for key in ("0", Keys.ARROW_LEFT, Keys.ARROW_UP, "+", "0"):
-        css(browser, "#live .sphere").send_keys(key)
-        pictures.append(drawn(browser)[0])
-    assert len(set(pictures)) == 4
-    assert pictures[-1] == pictures[0]
 
 
 def test_controls_move_the_picture(browser):

@@ -23,10 +23,9 @@ import pytest
 
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style
-from lagrange_bench.experiments.measuring.states import methods_on
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.integrators.files import write_file
-from lagrange_bench.report import fairness, lists, page, promises, sections, summary
+from lagrange_bench.report import fairness, lists, page, promises, sections
 from lagrange_bench.report.claims import Bound, Claim
 from lagrange_bench.results import sources, store
 from lagrange_bench.results.choice import Choice
@@ -73,7 +72,7 @@ def put(folder, experiment, index, method, h, *drift, **fields):
 
 
 def claim(name, text, limit, column="drift", experiment="toy.good", **where):
-    return Claim(name, "cost", text, experiment, (Bound((column,), "≤", limit, where=where),))
+    return Claim(name, "cost", text, experiment, (Bound((column,), "≤", limit, where=where),), f"{text} In short.")
 
 
 CLAIMS = [
@@ -193,7 +192,7 @@ def test_rows_are_in_the_page_and_tables_beside_it(report, text, output):
 def test_same_rows_same_bytes(results, output, tmp_path, monkeypatch):
     moved = shutil.copytree(results, tmp_path / "elsewhere" / results.name)
     monkeypatch.setitem(matplotlib.rcParams, "lines.linewidth", 7.0)  # the reader's own taste
-    again = page.build(moved, tmp_path / "page").parent
+    again = page.write(page.assemble(moved), tmp_path / "page").parent
     first, second = (
         {p.relative_to(at): p.read_bytes() for p in at.rglob("*") if p.is_file()} for at in (output, again)
     )
@@ -314,16 +313,6 @@ def fewer(report):
     return replace(report, sections=[replace(good, figures=good.figures[:1], tables=good.tables[:1])])
 
 
-def test_files_of_the_page_before_go_and_all_others_stay(report, fewer, tmp_path):
-    page.write(report, tmp_path)
-    mine = tmp_path / "figures" / "toy.good_mine.svg"
-    mine.write_text("mine")
-    page.write(fewer, tmp_path)
-    tables = {f"toy.good_all.{kind}" for kind in ("md", "tex", "csv")}
-    assert {path.name for path in tmp_path.rglob("*.*")} == {"index.html", "toy.good_first.svg", *tables, mine.name}
-    assert mine.read_text() == "mine"
-
-
 def test_a_page_of_somebody_elses_stays(results, tmp_path, run):
     (tmp_path / "index.html").write_text("<!doctype html><title>My home page</title>")
     code, out, err = run("report", "--results", results, "--output", tmp_path)
@@ -361,22 +350,33 @@ def test_write_experiment_raises_what_drawing_raises(results, tmp_path):
 
 
 def test_command_line(results, tmp_path, run, undrawn, monkeypatch):
-    words = ("report", "--results", results, "--output")
-    code, out, _ = run(*words, tmp_path / "out")
-    assert (code, out) == (0, f"{(tmp_path / 'out' / 'index.html').resolve()}\n")
+    (tmp_path / "none").mkdir()
+    code, _, err = run("report", "--results", tmp_path / "none", "--output", tmp_path / "page")
+    assert (code, "nothing is stored in" in err, (tmp_path / "page").exists()) == (2, True, False)
+    words, page_of, opened = (
+        ("report", "--results", results, "--output"),
+        (tmp_path / "out" / "index.html").resolve(),
+        [],
+    )
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    code, out, err = run(*words, tmp_path / "out", "--open")
+    assert (code, out, err.splitlines()[0]) == (0, f"{page_of}\n", f"drawn from {results}")
+    assert opened == [page_of.as_uri()]
     monkeypatch.setattr(sections, "draw_figures", lambda *_: draw_broken(None))
     code, _, err = run(*words, tmp_path / "out")
     assert (code, "not drawn: toy.broken" in err) == (1, True)
     assert run(*words, tmp_path / "out" / "index.html")[0] == 2
 
 
-# ---------------------------------------------------------------- claims, summary, fairness
+# ---------------------------------------------------------------- claims, fairness
 
 
 def test_verdicts(report, text):
     verdicts = {judged.claim.id: judged.verdict for judged in report.claims}
     assert [verdict.word for verdict in verdicts.values()] == ["confirmed", *["refuted"] * 2, *["not tested"] * 2]
     assert all(part in text for part in ("1 confirmed", "2 refuted", "2 not tested"))
+    found = re.findall("<b>(.*) In short.</b> (.*?) ", text)
+    assert found == [(each.text, "10⁻¹²") for each in CLAIMS[:2]], "what was measured, in short"
 
 
 def test_other_results_stand_beside(results, tmp_path, undrawn):
@@ -391,32 +391,7 @@ def test_other_results_stand_beside(results, tmp_path, undrawn):
     assert "published: 1 confirmed, 2 refuted, 2 not tested; 2 stored cells" in words(held)
 
 
-def test_the_summary_has_the_numbers_of_the_rows_and_leaves_out_what_is_missing(report):
-    errors = {"taylor_fixed": 5.5e-11, "rk4": 0.1, "strang": 0.2}
-    phase = [("backlund", 1.0, 3.91e-15), ("backlund", 8.0, 2e-15), *((name, 1.0, e) for name, e in errors.items())]
-    rows = pd.DataFrame(phase, columns=["method", "h", "error"]).assign(part="h", state="generic", status="done")
-    numbers = summary.numbers({"phase": rows, "cost": pd.DataFrame({"part": ["step"]})})
-    assert list(numbers) == ["phase"]
-    wanted = {"shortest": "1", "longest": "8", "best": "Taylor 20, fixed step", "least": "5.5×10⁻¹¹", "others": 3}
-    assert numbers["phase"].items() >= {**wanted, "poor": 2, "worst": "4×10⁻¹⁵"}.items()  # rounded up
-    assert "within 4×10⁻¹⁵ of the true state" in words(replace(report, summary=numbers))
-    assert summary.numbers({"phase": rows.assign(status="failed", failure="StepError: no", error=np.nan)}) == {}
-    assert report.summary == {}
-
-
-def test_a_loss_is_a_difference_beyond_the_noise_of_timing():
-    """1.002 times as long is none."""
-    seconds = {10.0: 1.002, 100.0: 2.0, 1e4: 0.1}
-    runs = [(span, name, time) for span, ours in seconds.items() for name, time in (("backlund", ours), ("rk4", 1.0))]
-    rows = pd.DataFrame(runs, columns=["span", "method", "seconds"])
-    rows = rows.assign(setup_seconds=0.0, state="generic", status="done", error=1e-13)
-    assert summary.losses(rows) == [("2", "100")]
-    assert summary.losses(rows[rows.method == "rk4"]) is None, "nothing to compare"
-
-
 def test_fairness_says_what_the_rows_say_and_needs_none(report):
-    bare = report.fairness
-    assert list(bare.methods.method) == list(methods_on())
     assert "factor of" not in words(report)
     prices = {"ns_per_step": [20.0, 36e3, 40.0], "evals_per_step": [0.0, 6.1, 6.0], "setup_us": [60.0, 4.0, 3.0]}
     cost = pd.DataFrame({"part": "step", "status": "done", "method": ["backlund", "rk45", "rk45_fixed"], **prices})
@@ -424,14 +399,12 @@ def test_fairness_says_what_the_rows_say_and_needs_none(report):
     ends = {"seconds": [1e-5, np.nan, 2e-5, 4e-5], "stopped": [None, "too long", "refused", None]}
     setup = pd.DataFrame({"part": "setup", "status": "done", "setup_us": [2.0, 7.0]})
     found = fairness.assemble({"cost": cost, "work_precision": pd.DataFrame(work | ends), "ensemble": setup})
-    assert found.numbers["interpreted"] == {"us": 36.0, "ns": 40.0}
-    assert found.numbers["setup"] == {"least": 3.0, "most": 60.0, "ours": 60.0}
-    assert found.numbers["curves"] == {"all": 2, "floor": 0, "long": 1, "tight": 1}
-    assert (found.numbers["limits"], found.numbers["call"]) == ([(100.0, 1.0)], pytest.approx(10.0))
-    assert found.numbers["parameters"] == (2.0, 7.0)
+    assert found["interpreted"] == {"us": 36.0, "ns": 40.0}
+    assert found["setup"] == {"least": 3.0, "most": 60.0, "ours": 60.0}
+    assert found["curves"] == {"all": 2, "floor": 0, "long": 1, "tight": 1}
+    assert (found["limits"], found["call"]) == ([(100.0, 1.0)], pytest.approx(10.0))
+    assert found["parameters"] == (2.0, 7.0)
     assert "a factor of 900," in words(replace(report, fairness=found))
-    table = found.methods.set_index("method")
-    assert list(table["evaluations per step"][["backlund", "rk45_fixed"]]) == ["none", 6.0]
 
 
 def test_methods_of_magnets_and_bodies_do_not_count_among_those_of_tops():

@@ -16,14 +16,12 @@ import re
 import time
 import warnings
 from collections import Counter
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from lagrange_bench.experiments.measuring.metrics import scaled_error
 from lagrange_bench.integrators import (
     METHODS,
     TOPS,
@@ -33,16 +31,12 @@ from lagrange_bench.integrators import (
     StepError,
     available,
     integrate,
-    prepare,
     sqrt,
-    two_point,
 )
 from lagrange_bench.integrators.checks import keyword_options
 from lagrange_bench.integrators.interface import INVARIANTS
-from lagrange_bench.integrators.methods import runge_kutta
-from lagrange_bench.integrators.truth import exact
 from lagrange_bench.integrators.truth.orbit import units
-from tests.installed import FOR_TOPS, in_uniform_fields, installed
+from tests.installed import FOR_TOPS, installed
 
 EPS, TINY, HUGE = float(np.finfo(float).eps), 5e-324, 1.7976931348623157e308
 EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "0"))
@@ -50,6 +44,7 @@ LIMITS = {"compiled": 1.0, "scipy": 5.0, "python": 5.0}  # s of processor time t
 # a method with steps of its own takes time in proportion to |h| n: a long run is long, and not endless
 LONGEST = {"step": 70, "tolerance": 3}  # |h| is at most 2 to this power, in time scales of the top
 GENERIC = TOPS["generic"]
+interpreted = pytest.mark.interpreted  # beyond the sizes of ordinary doubles NumPy warns, and kernels do not
 
 
 def examples(few):
@@ -63,20 +58,8 @@ def examples(few):
 # ---------------------------------------------------------------- what is drawn
 
 NUMBER = st.floats(allow_nan=False, allow_infinity=False)
-SIGN = st.sampled_from((1.0, -1.0))
-MANTISSA = st.one_of(st.sampled_from((0.5, 0.75, 1 - 2.0**-53)), st.floats(0.5, 1.0, exclude_max=True))
-UNIT = st.floats(-1.0, 1.0)
-VECTORS = (
-    *((0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.6, 0.0, -0.8), (0.48, 0.6, 0.64), (0.0, TINY, 1.0)),
-    *((2.0**-30, 0.0, 1.0), (2.0**-60, -(2.0**-30), -1.0), (1.0, 2.0**-30, 2.0**-52)),
-)
-VECTOR = st.one_of(st.sampled_from(VECTORS), st.tuples(UNIT, UNIT, UNIT))
 PLACES = st.sampled_from([(n, every) for n in (*range(13), 40) for every in range(1, n + 2) if n % every == 0])
-
-
-def power(*widths):
-    """Exponents of two: none, or up to one of these widths to either side."""
-    return st.one_of(st.just(0), *(st.integers(-width, width) for width in widths))
+POWER = st.one_of(st.just(0), *(st.integers(-width, width) for width in (20, 300, 1070)))
 
 
 def ldexp(number, exponent):
@@ -88,38 +71,27 @@ def ldexp(number, exponent):
 
 
 @st.composite
-def tops(draw, *widths):
-    """(alpha, y0), its sizes 2 to the power of some number within the widths; often a special orbit."""
+def cases(draw, longest, absolute):
+    """(alpha, y0, h): a named top, most of them special orbits, or any; of any size, turned round, kicked, or without weight.
+
+    |h| is up to 2^longest time scales, or any number.
+    """
+    named = draw(st.sampled_from(list(TOPS.values())))
+    J, x = np.array(named.y0[:3]), np.array(named.y0[3:])
     if draw(st.booleans()):
-        named = draw(st.sampled_from(list(TOPS.values())))
-        alpha, J, x = named.alpha, named.y0[:3], named.y0[3:]
-        kind = draw(st.sampled_from(("as it is", "reversed", "kicked")))
-        if kind == "reversed":
-            alpha, x = -alpha, tuple(-v for v in x)
-        elif kind == "kicked":
-            J = (J[0] + ldexp(1.0, -draw(st.integers(1, 60))), *J[1:])
-    else:
-        J, x, alpha = draw(VECTOR), draw(VECTOR.filter(any)), draw(SIGN) * draw(MANTISSA)
-        kind = draw(st.sampled_from(("any", "parallel", "antiparallel", "no spin", "no weight")))
-        if kind in ("parallel", "antiparallel"):
-            J = tuple(v if kind == "parallel" else -v for v in x)
-        J = (0.0, 0.0, 0.0) if kind == "no spin" else J
-        alpha = 0.0 if kind == "no weight" else alpha
-    rate, length = draw(power(*widths)), draw(power(*widths))
-    weight = 2 * rate - length + draw(power(3, 40))
-    alpha = ldexp(alpha, weight) if draw(st.integers(0, 9)) or len(widths) < 2 else draw(NUMBER)
-    x = tuple(ldexp(v, length) for v in x)
-    return alpha, (*(ldexp(v, rate) for v in J), *(x if any(x) else (0.0, 0.0, TINY)))
-
-
-@st.composite
-def cases(draw, longest=70, widths=(20, 300, 1070), absolute=True):
-    """(alpha, y0, h) with |h| up to 2^longest time scales, or any number."""
-    alpha, y0 = draw(tops(*widths))
+        J, x = (np.array(draw(st.tuples(*[st.floats(-1.0, 1.0)] * 3))) for _ in "Jx")
+    J[0] += draw(st.sampled_from((0.0, 1.0, 2.0**-20, 2.0**-60)))
+    J = draw(st.sampled_from((J, 0 * J, x, -x)))
+    rate, length = draw(POWER), draw(POWER)
+    weight = draw(st.sampled_from((1.0, -1.0, 0.0))) * named.alpha
+    alpha = ldexp(weight, 2 * rate - length + draw(st.integers(-40, 40)))
+    x = x if np.any(x) else np.array((0.0, 0.0, 1.0))
+    y0 = (*(ldexp(v, rate) for v in J), *(ldexp(v, length) for v in x[:2]), ldexp(x[2], length) or TINY)
     if absolute and draw(st.integers(0, 9)) == 0:
-        return alpha, y0, draw(NUMBER.filter(bool))
+        return draw(NUMBER), y0, draw(NUMBER.filter(bool))
     span = draw(st.one_of(st.integers(-7, min(3, longest)), st.integers(-longest, longest)))
-    return alpha, y0, draw(SIGN) * ldexp(draw(MANTISSA), span - units(alpha, y0)[0]) or TINY
+    sign = draw(st.sampled_from((0.75, -0.75, 1 - 2.0**-53)))
+    return alpha, y0, ldexp(sign, span - units(alpha, y0)[0]) or TINY
 
 
 GOOD = {
@@ -184,18 +156,7 @@ def allowed(name, function, args, kwargs, h, arguments):
 # An absolute tolerance has the units of the state. Far below the round-off of a component that stays at zero, as some do where
 # x is parallel to J, no step is short enough: SciPy's solvers then crawl, as they are asked to.
 LEAST_ATOL = 2.0**-48
-# `verner9_projected` answers a round-off u of an invariant by a move of up to u/(2√DAMPING) along the torus.
-AMPLIFIED = {"verner9_projected": 1 / (2 * math.sqrt(runge_kutta.DAMPING))}
-MODERATE = 4.0  # |h| and the length of a run, in time scales of the top, up to which claims are judged
-SHORT = 0.25  # |h| up to which an error is judged by its order
-ULPS = 256 * EPS
-
-
-def claims_nothing(record, chosen):
-    """The first divides by what nearly vanishes close to the vertical; the second runs away off its torus, as it says."""
-    return record.name == "backlund_textbook" or (
-        record.name == "addition_theorem" and chosen.get("pin") not in (None, 1)
-    )
+MODERATE = 4.0  # |h| in time scales of the top, up to which claims are judged
 
 
 def sensible(record, y0, chosen):
@@ -207,52 +168,26 @@ def sensible(record, y0, chosen):
 
 def judge(record, alpha, y0, h, rows, every, chosen):
     """Finite states, the first of them y0, that keep what the method claims; a row after every `every` steps of h."""
-    assert rows.dtype == np.float64
     assert np.all(np.isfinite(rows))
     assert rows[0].tobytes() == np.array(y0).tobytes()
     # the same run in units of order one: powers of two, exact but for what underflows, far below round-off
     rate, length = units(alpha, y0)
     top = LagrangeTop(ldexp(alpha, length - 2 * rate))
     y = np.ldexp(rows, [-rate] * 3 + [-length] * 3)
-    h = ldexp(h, rate)
-    span = abs(h) * top.scales(y[0])[0]
-    if span > MODERATE or claims_nothing(record, chosen):
+    span = abs(ldexp(h, rate)) * top.scales(y[0])[0]
+    # the first divides by what nearly vanishes close to the vertical; the second leaves its torus, as it says
+    unstable = (
+        record.name == "backlund_textbook",
+        record.name == "addition_theorem" and chosen.get("pin") not in (None, 1),
+    )
+    if span > MODERATE or any(unstable):
         return
-    steps = every * np.arange(len(y), dtype=float)
     coarse = ldexp(TINY, -min(rate, length))  # what denormal numbers are rounded to
-    bound = (steps + 1) * ((1 + span * span) * ULPS + 64 * coarse)
+    bound = (every * np.arange(len(y)) + 1.0) * ((1 + span * span) * 256 * EPS + 64 * coarse)
     with np.errstate(all="ignore"):  # a loose tolerance may lead where invariants overflow that nobody claims to keep
         drift = np.abs(top.invariants(y) - top.invariants(y[0]))
     for invariant, values, size in zip(INVARIANTS, drift.T, top.invariant_scales(y[0]), strict=True):
-        if invariant in record.kept(top):
-            within(invariant, values, bound * size)
-    order = order_of(record, chosen)
-    if span <= SHORT and "form" not in chosen:  # beyond, a modified energy may have a pole on the way
-        for quantity, value in record.keeps.items():
-            values, size = value(top, h, y)
-            within(quantity, np.abs(values - values[0]), bound * size)
-    if span * steps[-1] <= MODERATE and (order is None or (order > 0 and span <= SHORT)):
-        error = scaled_error(top, y[0], y, exact.solution(top, y[0], h * steps))
-        truncation = 0.0 if order is None else 1e2 * span ** (order + 1) * steps
-        round_off = bound * AMPLIFIED.get(record.name, 1.0)
-        within("solution", error, (round_off + truncation) * np.exp(span * steps))
-
-
-def order_of(record, chosen):
-    """None for an exact step, 0 for what is not judged by its order."""
-    if record.control == "tolerance" or chosen.get("lam") is not None:
-        return 0
-    return 1 if chosen.get("form") == "lagrange" else chosen.get("order", record.order_for(LagrangeTop()))
-
-
-def within(what, values, bound):
-    with np.errstate(divide="ignore"):  # what has no size must not change at all
-        ratio = np.divide(values, bound, out=np.zeros_like(values), where=values != 0)
-    assert np.max(ratio) <= 1, f"{what}: {np.max(ratio):.2g} times the bound"
-
-
-def run(name, alpha, y0, h, n, every, chosen):
-    return integrate(LagrangeTop(alpha), y0, h, n, name, every, **chosen)
+        assert invariant not in record.kept(top) or np.all(values <= bound * size), invariant
 
 
 # ---------------------------------------------------------------- tops, steps and options
@@ -266,56 +201,26 @@ def test_every_option_is_tried():
 @pytest.mark.slow  # `check` and `test_laws` try extremes, too
 @pytest.mark.parametrize("name", FOR_TOPS)
 def test_any_top(name):
-    """Also with the attitude; and the stepper of one top, given another: it says why not, or goes on, and changes neither."""
     record = installed(name)
     results = Counter()
 
     @examples(16)
-    @given(
-        cases(LONGEST[record.control], absolute=record.control == "step"),
-        tops(20, 1070),
-        PLACES,
-        options(record.options),
-    )
-    def one(case, other, places, chosen):
-        alpha, y0, h = case
-        n, every = places
+    @given(cases(LONGEST[record.control], record.control == "step"), PLACES, options(record.options))
+    def one(case, places, chosen):
+        (alpha, y0, h), (n, every) = case, places
         chosen = sensible(record, y0, chosen)
-        found = attempt(name, run, name, alpha, y0, h, n, every, chosen, h=h, arguments=chosen)
+        found = attempt(name, integrate, LagrangeTop(alpha), y0, h, n, name, every, h=h, arguments=chosen, **chosen)
         results[found is not None] += 1
-        if found is None:
-            return
-        assert found.y.shape == (n // every + 1, 6)
-        assert min(found.work.steps, found.work.rhs_evals, found.work.iterations, found.work.rejected) >= 0
-        judge(record, alpha, y0, h, found.y, every, chosen)
-        if record.control == "step":  # with steps of its own, a run of a quicker top may be long
-            stepper, z = prepare(LagrangeTop(alpha), y0, h, name, **chosen), np.array(other[1])
-            strange = attempt(name, stepper.record, z, n, every, h=h)
-            assert z.tobytes() == np.array(other[1]).tobytes()
-            assert strange is None or np.all(np.isfinite(strange))
+        if found is not None:
+            assert found.y.shape == (n // every + 1, 6)
+            assert min(found.work.steps, found.work.rhs_evals, found.work.iterations, found.work.rejected) >= 0
+            judge(record, alpha, y0, h, found.y, every, chosen)
 
     one()
     assert results[True] > results[False] / 3, "hardly anything was judged"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name, record in FOR_TOPS.items() if record.attitude is not None])
-def test_any_attitude(name):
-    record = installed(name)
-
-    @examples(6)
-    @given(cases(6, absolute=False), PLACES, options(record.options))
-    def one(case, places, chosen):
-        (alpha, y0, h), (n, every) = case, places
-        settings = {"attitude": True, "h": h, "arguments": chosen, **chosen}
-        made = attempt(name, integrate, LagrangeTop(alpha), y0, h, n, name, every, **settings)
-        if made is not None:
-            assert made.attitude.shape == (n // every + 1, 4)
-            assert np.all(np.abs(np.linalg.norm(made.attitude, axis=1) - 1) <= ULPS * (n + 1))
-
-    one()
-
-
+@interpreted
 @pytest.mark.parametrize("name", FOR_TOPS)
 def test_any_option(name):
     """Whatever an option is set to: a result, or a ValueError that begins with its name."""
@@ -328,16 +233,6 @@ def test_any_option(name):
             if record.evaluate is not None and option in keyword_options(record.evaluate):
                 settings["h"] = [None, 0.1]
                 attempt(name, integrate, GENERIC.top, GENERIC.state, t=[0.1], method=name, **settings)
-
-
-@examples(100)
-@given(tops(20, 300, 1070), GOOD["lam"], st.sampled_from((1, -1)))
-def test_any_parameter(case, lam, sheet):
-    alpha, y0 = case
-    lam = 1j if lam is None else lam
-    y = attempt("two_point", two_point, LagrangeTop(alpha), y0, lam, sheet)
-    if y is not None:
-        judge(METHODS["backlund"], alpha, y0, TINY, np.array((y0, y)), 1, {"lam": lam})
 
 
 # ---------------------------------------------------------------- what was found this way
@@ -357,6 +252,7 @@ def test_the_axis_of_the_body_whatever_its_length(size):
     np.testing.assert_allclose(g, integrate(GENERIC.top, GENERIC.state, 0.1, 10, attitude=True).attitude, atol=1e-13)
 
 
+@interpreted
 def test_what_is_no_attitude_is_refused():
     for bad in ((1.0, 0.0, 0.0), "up", (1j, 0, 0, 0), (1e300, 0, 0, 0), (math.nan,) * 4):
         with pytest.raises(ValueError, match=r"^attitude "):
@@ -405,6 +301,7 @@ def evaluated(tree, names):
     return BINARY[word](evaluated(one, names), evaluated(other[0], names))
 
 
+@interpreted
 @examples(60)
 @given(TREE, NUMBER)
 def test_any_formula(tree, number):
@@ -412,43 +309,12 @@ def test_any_formula(tree, number):
     force(Potential("of mine", value), (number,))
 
 
-# ---------------------------------------------------------------- whether faults would be found
-
-
-def refuse(error):
-    raise error
-
-
-FAULTS = {
-    "NaN": lambda rows: rows.__setitem__((1, 0), np.nan),
-    "drift": lambda rows: rows[1:, 3:].__imul__(1 + 2048 * EPS),
-    "a warning": lambda rows: np.float64(1.0) / np.float64(0.0),
-    "the error of another method": lambda rows: refuse(StepError("another", "it does not work", h=0.1)),
-}
-
-
-@pytest.mark.parametrize("what", FAULTS)
-def test_faults_are_found(what):
-    record = in_uniform_fields(METHODS["implicit_midpoint"])
-    arguments = (GENERIC.alpha, GENERIC.y0, 0.1, 3, 1, {})
-
-    def prepare_faulty(*args, **kwargs):
-        stepper = record.prepare(*args, **kwargs)
-        faithful = stepper.record
-        stepper.record = lambda *args: (rows := faithful(*args), FAULTS[what](rows))[0]
-        return stepper
-
-    def look(prepare):
-        rows = attempt(record.name, run, replace(record, prepare=prepare), *arguments, h=0.1).y
-        judge(record, *arguments[:3], rows, 1, {})
-
-    look(record.prepare)
-    with pytest.raises((AssertionError, RuntimeWarning)):
-        look(prepare_faulty)
-
-
-def test_the_wrong_order_is_found():
-    rows = run("strang", GENERIC.alpha, GENERIC.y0, 1e-3, 3, 1, {}).y
-    judge(METHODS["strang"], GENERIC.alpha, GENERIC.y0, 1e-3, rows, 1, {})
-    with pytest.raises(AssertionError, match="solution"):
-        judge(replace(METHODS["strang"], order=4), GENERIC.alpha, GENERIC.y0, 1e-3, rows, 1, {})
+@interpreted
+@pytest.mark.parametrize("fault", [np.nan, 1 + 2048 * EPS])
+def test_faults_are_found(fault):
+    arguments = (GENERIC.alpha, GENERIC.y0, 0.1)
+    rows = integrate(GENERIC.top, GENERIC.y0, 0.1, 3, "implicit_midpoint", every=1).y
+    judge(METHODS["implicit_midpoint"], *arguments, rows, 1, {})
+    rows[1:, 3:] *= fault
+    with pytest.raises(AssertionError):
+        judge(METHODS["implicit_midpoint"], *arguments, rows, 1, {})
