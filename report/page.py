@@ -40,6 +40,7 @@ LONG = 14  # rows beyond which a table is folded
 FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table of the environment; then the packages
 POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
 OURS = "<title>Lagrange top benchmark</title>"  # in every page that was ever made
+LINK = re.compile(r'<a href="((?:figures|tables)/[\w.-]+\.(?:svg|md|tex|csv))"')
 MEASURED_WHEN = ("key", "seconds", "utc", "dirty")
 
 
@@ -187,23 +188,35 @@ def _counts(judged: list[Judged]) -> dict[str, int]:
 
 
 def write(report: Report, output: Path) -> Path:
-    """Writes a report, each file whole or not at all.
+    """Writes a report, each file whole or not at all; files of the page before it that it has not are removed.
 
     Raises
     ------
     ValueError : another's index.html is there. OSError : a file cannot be written.
     """
-    _check_ours(output)
-    for section in report.sections:
-        write_section(section, output)
-    return write_file(place(output, "index.html"), html(report))
+    output = Path(output)
+    before = _linked(output)
+    written = {path for section in report.sections for path in write_section(section, output)}
+    index = write_file(place(output, "index.html"), html(report))
+    for old in before - written:
+        old.unlink(missing_ok=True)
+    return index
 
 
-def _check_ours(output: Path) -> None:
-    """ValueError if there is an index.html that is not a page of the bench."""
+def _linked(output: Path) -> set[Path]:
+    """The files of the page in a folder: a page links to each. No other file there is ours to remove.
+
+    Raises
+    ------
+    ValueError : its index.html is not a page of the bench.
+    """
     index = output / "index.html"
-    if index.is_file() and OURS not in index.read_text(encoding="utf-8", errors="replace"):
+    if not index.is_file():
+        return set()
+    text = index.read_text(encoding="utf-8", errors="replace")
+    if OURS not in text:
         raise ValueError(f"{index} is not a page of lagrange-bench and stays: give another folder with --output")
+    return {output / link for link in LINK.findall(text)}
 
 
 def _errata() -> pd.DataFrame:
@@ -226,7 +239,8 @@ def check_writable(output: Path) -> None:
     Nobody wants to learn that after a minute of drawing.
     """
     place(output, "index.html")
-    _check_ours(output)
+    for path in _linked(output):
+        place(output, str(path.relative_to(output)))
     for folder in ("", "figures/", "tables/"):
         write_file(place(output, f"{folder}.probe-{os.getpid()}"), b"").unlink()
     if (output / "index.html").is_dir():

@@ -313,6 +313,16 @@ def fewer(report):
     return replace(report, sections=[replace(good, figures=good.figures[:1], tables=good.tables[:1])])
 
 
+def test_files_of_the_page_before_go_and_all_others_stay(report, fewer, tmp_path):
+    page.write(report, tmp_path)
+    mine = tmp_path / "figures" / "toy.good_mine.svg"
+    mine.write_text("mine")
+    page.write(fewer, tmp_path)
+    tables = {f"toy.good_all.{kind}" for kind in ("md", "tex", "csv")}
+    assert {path.name for path in tmp_path.rglob("*.*")} == {"index.html", "toy.good_first.svg", *tables, mine.name}
+    assert mine.read_text() == "mine"
+
+
 def test_a_page_of_somebody_elses_stays(results, tmp_path, run):
     (tmp_path / "index.html").write_text("<!doctype html><title>My home page</title>")
     code, out, err = run("report", "--results", results, "--output", tmp_path)
