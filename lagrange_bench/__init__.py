@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from lagrange_bench.integrators.compiling.loops import MEMORY, FixedStepper
     from lagrange_bench.integrators.methods.explicit import explicit_stepper
     from lagrange_bench.judging import judge
-    from lagrange_bench.questions import drift, order, phase, work_precision
+    from lagrange_bench.questions import drift, heavy_top, order, perturbed, phase, work_precision
     from lagrange_bench.results.store import Store
 
 _OTHERS = {
@@ -41,7 +41,7 @@ _OTHERS = {
     "lagrange_bench.integrators.methods.explicit": ("explicit_stepper",),
     "lagrange_bench.experiments.measuring.check": ("check",),
     "lagrange_bench.comparison": ("Comparison",),
-    "lagrange_bench.questions": ("drift", "order", "phase", "work_precision"),
+    "lagrange_bench.questions": ("drift", "heavy_top", "order", "perturbed", "phase", "work_precision"),
     "lagrange_bench.data": ("load",),
     "lagrange_bench.judging": ("judge",),
     "lagrange_bench.results.store": ("Store",),

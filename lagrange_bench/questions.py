@@ -32,6 +32,8 @@ import pandas as pd
 from lagrange_bench.comparison import Comparison
 from lagrange_bench.data import in_both_units
 from lagrange_bench.experiments import drift as drift_experiment
+from lagrange_bench.experiments import heavy_top as body_experiment
+from lagrange_bench.experiments import perturbed as field_experiment
 from lagrange_bench.experiments import phase as phase_experiment
 from lagrange_bench.experiments import work_precision as work_experiment
 from lagrange_bench.experiments.measuring import check, states
@@ -200,31 +202,92 @@ def work_precision(
     Comparison
         A row for each step or tolerance. `error` is the largest in the last fifth of the run, without a closed form that at its
         end; `seconds` (missing where the error is above 0.1), `setup_seconds`, `total` of both, `steps` and `evals` are what it
-        costs. In the last row of a method `stopped` says why there are no more. Chaotic motions that doubles lose before the end
-        have no errors.
+        costs. In the last row of a method `stopped` says why there are no more.
 
     Raises
     ------
     ValueError
         Bad input, a method that does not take a top, or no run with an error below 0.1 within `longest`.
     """
-    asked, span = _Asked(methods, tops), _step(t, t_scaled, 100.0, "t")
-    if not check_real(longest, "longest") > 0:
-        raise ValueError(f"longest must be positive; got {longest!r}")
+    return _race(_Asked(methods, tops), work_experiment.measure, {}, _step(t, t_scaled, 100.0, "t"), longest, "seconds")
+
+
+def perturbed(
+    methods: Iterable[str | Method],
+    tops: Top | Iterable[Top] = "weak_tide",
+    *,
+    t: float | None = None,
+    t_scaled: float | None = None,
+    longest: float = 0.1,
+) -> Comparison:
+    """As `work_precision`, where there is no closed form: tops in a potential, or problems of your own. Set-up is counted.
+
+    Parameters
+    ----------
+    methods : list of str or Method
+        See the head of this module.
+    tops : str, NamedTop, pair, or a list of these
+        Tops by name, or problems with a state.
+    t, t_scaled : float, optional
+        Length of the runs, as for `work_precision`; t_scaled = 1000 if neither is given.
+    longest : float
+        Seconds; no single run takes longer.
+
+    Returns
+    -------
+    Comparison
+        As of `work_precision`. Chaotic motions that doubles lose before the end have no errors: `stopped` says so.
+
+    Raises
+    ------
+    ValueError
+        As `work_precision`; and a top in a uniform field.
+    """
+    asked = _Asked(methods, tops)
     for top in asked.tops:
-        if not SPANS[0] <= span(top.unit) <= SPANS[1]:
-            least, most = (f"{end:g}" for end in SPANS)
-            raise ValueError(f"t must be from {least} to {most} time scales of {top.name}; got {span(top.unit):g}")
-    fields = {"per_octave": 1, "decades": 1, "longest": longest}
-    frame = asked.measure(work_experiment.measure, lambda unit: {"span": float(span(unit)), **fields})
-    if "seconds" not in frame or not frame["seconds"].notna().any():
-        limit = work_experiment.USEFUL
-        why = "; ".join(dict.fromkeys(str(reason) for reason in frame.get("reason", ()) if isinstance(reason, str)))
+        if "uniform" in top.top.offers:
+            raise ValueError(f"tops: {top.name} is in a uniform field; take work_precision")
+    return _race(asked, field_experiment.measure, {"part": "work"}, _step(t, t_scaled, 1000.0, "t"), longest, "total")
+
+
+def heavy_top(methods: Iterable[str | Method], tops: str | Iterable[str] = "bruels") -> Comparison:
+    """Position and rotation of a whole body at the end of a run against the step.
+
+    Parameters
+    ----------
+    methods : list of str or Method
+        Those that take a `WholeBody`.
+    tops : str or list of str
+        "bruels", "slow", "simo_wong" or "kovalevskaya". For a body of your own ask `work_precision` or `drift`.
+
+    Returns
+    -------
+    Comparison
+        `h` in s; `position` in m, `rotation` and `spin` in rad, `energy` and `momentum` relative to their terms.
+
+    Raises
+    ------
+    ValueError
+        Bad input, or a method that does not take a whole body.
+    """
+    cases = [tops] if isinstance(tops, str) else list(tops)
+    if unknown := [case for case in cases if case not in body_experiment.POWERS]:
+        known = tuple(body_experiment.POWERS)
         raise ValueError(
-            f"methods: no run has an error below {limit:g} within longest = {longest:g} s: {why or 'too slow'}"
+            f"tops: {unknown[0]!r} must be one of {', '.join(known)}; of a body of your own ask work_precision"
         )
-    frame["total"] = frame["seconds"] + frame["setup_seconds"]
-    return asked.comparison(frame, "seconds", "error")
+    asked = _Asked(methods, [_Placed(case, case, *body_experiment.motion(case)) for case in cases])
+    units = {top.name: top.unit for top in asked.tops}
+
+    def measure(cell: dict[str, Any]) -> list[dict[str, Any]]:
+        case, rows = cell["state"], []
+        for k in body_experiment.POWERS[case]:
+            h = body_experiment.UNTIL[case] / 2**k
+            found = _tried(body_experiment.measure, {**cell, "case": case, "h": h})
+            rows += [{**row, "h": h / units[case]} for row in found]
+        return rows
+
+    return asked.comparison(asked.measure(measure, lambda unit: {}), "h", "rotation")
 
 
 # ---------------------------------------------------------------- how they are asked
@@ -308,6 +371,8 @@ def _tried(measure: Callable[[dict[str, Any]], list[dict[str, Any]]], cell: dict
 
 def _placed(top: Any) -> _Placed:
     """A top of a name, of the bench or of the user's own; or a problem and a state of it."""
+    if isinstance(top, _Placed):
+        return top
     if isinstance(top, str):
         if ":" in top:
             named = find_top(top)
@@ -340,3 +405,34 @@ def _step(own: float | None, scaled: float | None, usual: float, word: str = "h"
     if not number > 0:
         raise ValueError(f"{word if scaled is None else f'{word}_scaled'} must be positive; got {number:g}")
     return lambda unit: number if own is None else number / unit
+
+
+def _race(
+    asked: _Asked,
+    measure: Callable[..., Any],
+    fields: dict[str, Any],
+    span: Callable[[float], float],
+    longest: float,
+    x: str,
+) -> Comparison:
+    """Work against precision of each method on each top."""
+    if not check_real(longest, "longest") > 0:
+        raise ValueError(f"longest must be positive; got {longest!r}")
+    for top in asked.tops:
+        if not SPANS[0] <= span(top.unit) <= SPANS[1]:
+            raise ValueError(
+                f"t must be from {SPANS[0]:g} to {SPANS[1]:g} time scales of {top.name}; got {span(top.unit):g}"
+            )
+
+    def cell(unit: float) -> dict[str, Any]:
+        return {**fields, "span": float(span(unit)), "per_octave": 1, "decades": 1, "longest": longest}
+
+    frame = asked.measure(measure, cell)
+    if "seconds" not in frame or not frame["seconds"].notna().any():
+        limit = work_experiment.USEFUL
+        why = next((str(reason) for reason in frame.get("reason", ()) if isinstance(reason, str)), "")
+        raise ValueError(
+            f"methods: no run has an error below {limit:g} within longest = {longest:g} s{f': {why}' if why else ''}"
+        )
+    frame["total"] = frame["seconds"] + frame["setup_seconds"]
+    return asked.comparison(frame, x, "error")

@@ -17,9 +17,11 @@ from lagrange_bench import (
     Problem,
     drift,
     free_body,
+    heavy_top,
     integrate,
     load,
     order,
+    perturbed,
     phase,
     work_precision,
 )
@@ -95,7 +97,8 @@ def test_order_of_a_method_on_a_top_and_on_a_problem():
 
 @pytest.mark.parametrize("tops", ["moderate_tide", BODY])
 def test_races_count_what_an_error_costs(short_races, tops):
-    answer = work_precision(["rk4"], tops, t_scaled=10, longest=0.005)
+    ask = perturbed if tops == "moderate_tide" else work_precision
+    answer = ask(["rk4"], tops, t_scaled=10, longest=0.005)
     frame = answer.to_frame()
     assert frame.groupby("method").error.min().between(1e-15, 1e-3).all()
     done = frame[frame.seconds.notna()]
@@ -103,6 +106,14 @@ def test_races_count_what_an_error_costs(short_races, tops):
     assert np.allclose(frame.span_scaled, 10)
     ax = answer.plot()
     assert [line.get_label() for line in ax.get_lines() if line.get_linewidth() == 9] == ["_frontier"]
+
+
+def test_a_whole_body():
+    frame = heavy_top(["rk4"], "slow").to_frame()
+    assert len(frame) == 8
+    assert frame.rotation.min() < 1e-9
+    assert frame.h.max() == pytest.approx(2 / 2**5)
+    assert (frame.h_scaled > frame.h).all()
 
 
 BAD = {
@@ -121,9 +132,11 @@ BAD = {
     "no reference solution beyond": lambda: phase(["rk4"], "weak_tide", steps=10**6),
     "is exact in time: it has no order": lambda: order(["backlund"]),
     "chooses its own steps": lambda: order(["dop853"]),
+    "is in a uniform field; take work_precision": lambda: perturbed(["rk4"], "generic"),
     "^t must be from 0.001": lambda: work_precision(["rk4"], t_scaled=1e300),
     "^longest must be positive": lambda: work_precision(["rk4"], longest=0),
     "no run has an error below": lambda: work_precision(["rk4"], longest=1e-9),
+    "of a body of your own ask": lambda: heavy_top(["rk4"], "nobody"),
 }
 
 
