@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,63 +25,71 @@ NAMES = {  # what stands in a group of columns → the names that it may have
     "omega": ("wx wy wz", "omega_x omega_y omega_z"),
 }
 UNITS = {"", "s", "sec", "m", "rad", "rad/s", "-"}  # that may stand in brackets behind a name; indices may, too
-HEAD = 1 << 18  # bytes in which the header and the first line of numbers must stand
+HEAD = 1 << 18  # bytes in which the header and some lines of numbers must stand
+SAMPLE = 200  # lines whose printed digits are counted
 
 
-class Columns(NamedTuple):
-    """The numbers of a file: group → (n, columns); whether names say which part of a quaternion is the scalar; remarks."""
+class Layout(NamedTuple):
+    """How a file is written.
 
-    groups: dict[str, np.ndarray]
+    groups : the indices of its columns. named : whether the names of the columns say which part of a quaternion is the scalar.
+    floor : half a unit of the last printed digit.
+    """
+
+    path: Path
+    separator: str | None
+    comment: str
+    skip: int
+    width: int
+    groups: dict[str, list[int]]
     named: bool
+    floor: dict[str, float]
     notes: list[str]
 
 
-def read(path: Path, given: Mapping[str, str] | None = None) -> Columns:
-    """The columns of a file whose names are known; what is missing in a line is NaN.
+def survey(path: Path, given: Mapping[str, str] | None = None) -> Layout:
+    """How the file is written, from its beginning.
 
     given : name → word of the header, or index of the column from 0; for files whose header has other names or none.
 
     Raises
     ------
-    ValueError : an empty or binary file, no column of time, nothing to judge, a line with other than numbers or with too many.
+    ValueError : an empty or binary file, no column of time, nothing to judge.
     """
-    import pandas as pd
-
     lines = _head(path)
     shown = [i for i, line in enumerate(lines) if line.strip()]
     comments = [i for i in shown if lines[i].lstrip()[0] in "#%"]
-    body = [i for i in shown if i not in set(comments)]
-    if not body:
-        raise ValueError(f"{path}: there is no line of numbers in it")
     comment = lines[comments[0]].lstrip()[0] if comments else "#"
-    separator = next((mark for mark in ";\t," if mark in lines[body[0]]), None)
-    first = _words(lines[body[0]].partition(comment)[0], separator)
-    above = [_words(lines[i].lstrip(" #%"), separator) for i in comments if i < body[0]]
-    in_body = not all(map(_is_number, first))
-    header = first if in_body else above[-1] if above and len(above[-1]) == len(first) else []
-    index = _index(path, header, len(first), given or {})
-    places, notes = _groups(index)
-    if "time" not in places:
+    body = [i for i in shown if i not in set(comments)]
+    separator = next((mark for mark in ";\t," if body and mark in lines[body[0]]), None)
+    rows = [_words(lines[i].partition(comment)[0], separator) for i in body[: SAMPLE + 1]]
+    above = [_words(lines[i].lstrip(" #%"), separator) for i in comments if i < body[0]] if body else []
+    header = above[-1] if above and len(above[-1]) == len(rows[0]) else []
+    if rows and not all(map(_is_number, rows[0])):
+        header, rows, body = rows[0], rows[1:], body[1:]
+    if not rows:
+        raise ValueError(f"{path}: there is no line of numbers in it")
+    width = len(header or rows[0])
+    for i, row in zip(body, rows, strict=False):
+        if len(row) != width:
+            raise ValueError(f"{path}, line {i + 1}: {len(row)} columns instead of {width}")
+    index = _index(path, header, width, given or {})
+    groups, notes = _groups(index)
+    if "time" not in groups:
         there = f"its columns are {' '.join(header)[:200]}" if header else "it has no header"
         raise ValueError(f"{path}: no column is named t or time; {there}. Name them: --columns t=0,x=1,y=2,z=3")
-    if len(places) == 1:
-        why = " ".join(notes)
-        raise ValueError(f"{path}: nothing to judge but times: no position, rotation or angular velocity. {why}")
-    used = [header[i] for of in places.values() for i in of] if header else []
-    units = set(re.findall(r"[\[(](.*?)[\])]", " ".join(used)))
+    if len(groups) == 1:
+        raise ValueError(
+            f"{path}: nothing to judge but times: no position, rotation or angular velocity. {' '.join(notes)}"
+        )
+    used = {i for places in groups.values() for i in places}
+    units = {unit for i in used for unit in re.findall(r"[\[(](.*?)[\])]", header[i] if header else "")}
     if strange := sorted(unit for unit in units if unit.strip().lower() not in UNITS and not unit.isdecimal()):
-        expected = "s, m, rad and rad/s are expected."
-        notes.append(f"Units are not converted, but the header has {', '.join(strange)}: {expected}")
-    settings: dict[str, Any] = {"sep": separator or r"\s+", "comment": comment, "skiprows": body[0] + in_body}
-    settings |= {"header": None, "dtype": float, "skipinitialspace": True, "compression": None}
-    try:
-        frame = pd.read_csv(path, **settings)
-    except (ValueError, OverflowError) as error:
-        raise ValueError(f"{path}: {error}") from None
-    if len(frame.columns) < len(first):
-        raise ValueError(f"{path}: {len(frame.columns)} columns of numbers under {len(first)} names")
-    numbers = frame.to_numpy()
-    return Columns({name: numbers[:, of] for name, of in places.items()}, set(NAMED) <= set(index), notes)
+        notes.append(
+            f"Units are not converted, but the header has {', '.join(strange)}: s, m, rad and rad/s are expected."
+        )
+    floor = {name: _floor([row[i] for row in rows for i in places]) for name, places in groups.items()}
+    return Layout(path, separator, comment, body[0], width, groups, set(NAMED) <= set(index), floor, notes)
 
 
 def _head(path: Path) -> list[str]:
@@ -136,3 +146,50 @@ def _groups(index: Mapping[str, int]) -> tuple[dict[str, list[int]], list[str]]:
         elif len(missing) < len(best):
             notes.append(f"No {what}: there is no column {', '.join(missing)}.")
     return groups, notes
+
+
+def _floor(words: list[str]) -> float:
+    """Half a unit of the last digit of the numbers with most digits; 0 where these are 15, or where numbers are too few."""
+    numbers = [
+        Decimal(word).as_tuple() for word in set(words) if word and _is_number(word) and math.isfinite(float(word))
+    ]
+    most = max((len(number.digits) for number in numbers), default=15)
+    if most >= 15 or len(numbers) < 10:
+        return 0.0
+    return float(10.0 ** max(int(number.exponent) for number in numbers if len(number.digits) == most) / 2)
+
+
+def read(layout: Layout) -> dict[str, np.ndarray]:
+    """The rows: group → numbers (n, columns); what is missing is NaN.
+
+    Raises
+    ------
+    ValueError : a line with other than numbers, or with too many.
+    """
+    import pandas as pd
+
+    wanted = sorted({i for places in layout.groups.values() for i in places})
+    usecols = wanted if len(wanted) < layout.width else None  # a line with too many columns is an error without it
+    settings: dict[str, Any] = {"sep": layout.separator or r"\s+", "comment": layout.comment, "skiprows": layout.skip}
+    settings |= {"header": None, "usecols": usecols, "dtype": float, "skipinitialspace": True, "compression": None}
+    try:
+        frame = pd.read_csv(layout.path, **settings)
+    except (ValueError, OverflowError) as error:
+        raise ValueError(f"{layout.path}{_fault(layout, wanted) or f': {error}'}") from None
+    return {name: frame[places].to_numpy() for name, places in layout.groups.items()}
+
+
+def _fault(layout: Layout, wanted: list[int]) -> str:
+    """The first line that cannot be read, and why."""
+    with layout.path.open(encoding="utf-8-sig", errors="replace") as file:
+        for number, line in enumerate(file, 1):
+            if number <= layout.skip or not line.strip() or line.lstrip().startswith(layout.comment):
+                continue
+            words = _words(line.partition(layout.comment)[0], layout.separator)
+            if len(words) > layout.width:
+                return f", line {number}: {len(words)} columns instead of {layout.width}"
+            for word in (words[i] for i in wanted if i < len(words)):
+                if not _is_number(word):
+                    point = " (decimals need a point)" if re.fullmatch(r"[-+\d]+,\d+", word) else ""
+                    return f", line {number}: {word[:40]!r} is no number{point}"
+    return ""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench.columns import read
+from lagrange_bench import columns as written
 from lagrange_bench.integrators import CASES, Case, StepError
 from lagrange_bench.integrators.registry import import_own
 
@@ -27,19 +27,22 @@ AXES = {
     sign + name: row * (1.0 - 2 * len(sign)) for name, row in zip("xyz", np.eye(3), strict=True) for sign in ("", "-")
 }
 ATTITUDES = ("quaternion", "matrix", "rotation vector", "angles")
-SCALES = (  # columns in other units, and what makes them SI
-    ("position", "mm", 1e-3),
-    ("displacement", "mm", 1e-3),
-    ("omega", "degrees per second", math.pi / 180),
-    ("omega", "revolutions per minute", math.pi / 30),
-    ("omega", "revolutions per second", 2 * math.pi),
-)
-HEAD = 2000  # rows that hints are taken from
-BETTER = 100  # times less is the error with another convention, for a hint
+GRID, NEAR = 9, 1e-10  # decimals of a second; times that all are that near to multiples of 10⁻⁹ s are these
+SCALES = {  # columns in other units: what makes them SI, and the unit
+    "position": [
+        (group, 10.0**-k, unit) for group in ("position", "displacement") for k, unit in ((3, "mm"), (2, "cm"))
+    ],
+    "omega": [
+        ("omega", math.pi / 180, "degrees per second"),
+        ("omega", math.pi / 30, "revolutions per minute"),
+        ("omega", 2 * math.pi, "revolutions per second"),
+    ],
+}
+SOME, FEW = 5e-13, 100  # the same where there are fewer times than `FEW`
+HEAD, SHIFTS = 2000, (1, -1, 2, -2, 3, -3)  # rows that hints are taken from; rows that they may be late
+BETTER = 10  # times less is the error with another convention, for a hint
 POINTS = 2000  # of a curve
-START = (
-    1e-5  # relative to the size of a quantity: more than that is another start, and may come from another convention
-)
+START = 1e-9  # relative to the size of a quantity: more than that is another start
 
 
 class Error(NamedTuple):
@@ -74,7 +77,7 @@ class Judgement:
     """What `judge` finds: `errors` of those `UNITS` that the trajectory has columns for, each also an attribute.
 
     span : s, first and last time. start : time and errors of the first row, and whether it is the start of the case; None where
-    that time is not 0. curves : times and errors, (2, M), to be drawn.
+    that time is not 0. floor : errors below it are lost in the printed digits. curves : times and errors, (2, M), to be drawn.
     """
 
     case: str
@@ -82,6 +85,7 @@ class Judgement:
     span: tuple[float, float]
     errors: dict[str, Error]
     start: dict[str, Any]
+    floor: dict[str, float] = field(default_factory=dict)
     hints: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     curves: dict[str, Array] = field(default_factory=dict, repr=False)
@@ -104,7 +108,7 @@ class Judgement:
     def as_dict(self) -> dict[str, Any]:
         """The numbers of --json for a file."""
         facts = {"rows": self.rows, "step": self.step, **{name: error._asdict() for name, error in self.errors.items()}}
-        return {**facts, "start": self.start, "hints": self.hints, "notes": self.notes}
+        return {**facts, "start": self.start, "floor": self.floor, "hints": self.hints, "notes": self.notes}
 
 
 def judge(
@@ -167,17 +171,18 @@ def judge(
         raise ValueError("give times and at least one of position, rotation and omega")
     if turns is not None:
         given["matrix"] = turns.as_matrix().reshape(-1, 9)
-    return _judged(find(case), Convention(**convention), given)
+    return _judged(find(case), Convention(**convention), given, {})
 
 
 def judge_file(path: Path, case: Case, convention: Convention, names: Mapping[str, str]) -> Judgement:
-    """As `judge`, what a file holds; `names` as `columns.read` takes them."""
-    columns = read(path, names)
+    """As `judge`, what a file holds; `names` as `columns.survey` takes them."""
+    layout = written.survey(path, names)
+    given = written.read(layout)
     try:
-        found = _judged(case, replace(convention, quat="wxyz") if columns.named else convention, columns.groups)
+        found = _judged(case, replace(convention, quat="wxyz") if layout.named else convention, given, layout.floor)
     except (ValueError, StepError) as error:
         raise ValueError(f"{path}: {error}") from None
-    return replace(found, file=str(path), notes=[*columns.notes, *found.notes])
+    return replace(found, file=str(path), notes=[*layout.notes, *found.notes])
 
 
 def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> dict[str, list[float]]:
@@ -191,7 +196,7 @@ def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> dict[str, lis
         known = all(name in each.errors for each in judged)
         for (h, coarse), (k, fine) in itertools.pairwise(pairs) if known else ():
             large, small = coarse.errors[name].max, fine.errors[name].max
-            says = h > k and large > 0 and small > 0
+            says = h > k and large > 0 and small > fine.floor.get(name, 0.0)
             found.append(math.log(large / small) / math.log(h / k) if says else math.nan)
     return made
 
@@ -212,32 +217,36 @@ def find(case: str | Case) -> Case:
         raise ValueError(error.args[0]) from None
 
 
-def _judged(case: Case, convention: Convention, given: Mapping[str, Array]) -> Judgement:
-    """All that is found in rows."""
-    frames, t = _Frames(case, convention), _increasing(given["time"][:, 0])
+def _judged(case: Case, convention: Convention, given: Mapping[str, Array], floor: Mapping[str, float]) -> Judgement:
+    """All that is found in rows; `floor` of each group of columns."""
+    frames, t = _Frames(case, convention), _times(given["time"][:, 0])
     with np.errstate(all="ignore"):
         found = frames.errors(given, frames.exact(t))
         hints = list(_hints(frames, {name: array[:HEAD] for name, array in given.items()}, t[:HEAD]))
+    groups = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omega": ("omega",)}
+    floors = {name: 2 * max(floor.get(each, 0.0) for each in those) for name, those in groups.items() if name in found}
+    floors = {name: value for name, value in floors.items() if value > 0}
     sizes = {"position": frames.top.distance, "rotation": 1.0, "omega": frames.speed}
     first = {name: float(found[name][0]) for name in sizes if name in found}
-    right = all(error <= START * sizes[name] for name, error in first.items())
+    right = all(error <= START * sizes[name] + 2 * floors.get(name, 0.0) for name, error in first.items())
     start = {"t": float(t[0]), **first, "right": right if t[0] == 0 else None}
     marks = np.linspace(0, len(t), min(len(t), POINTS) + 1).astype(int)[:-1]
     curves = {name: np.stack([t[marks], np.maximum.reduceat(error, marks)]) for name, error in found.items()}
     errors = {name: Error(float(error.max()), float(error[-1])) for name, error in found.items()}
     span = (float(t[0]), float(t[-1]))
-    return Judgement(case.name, len(t), span, errors, start, hints, list(_notes(t, found)), curves)
+    return Judgement(case.name, len(t), span, errors, start, floors, hints, list(_notes(t, found)), curves)
 
 
-def _increasing(t: Array) -> Array:
-    """The times; ValueError where they do not increase."""
+def _times(t: Array) -> Array:
+    """The times, without the rounding of a sum of steps; ValueError where they do not increase."""
     with np.errstate(all="ignore"):
         wrong = np.flatnonzero(~(np.diff(t, prepend=-math.inf) > 0) | ~np.isfinite(t))
+        rounded = np.round(t, GRID)
     if len(wrong):
         i = wrong[0]
         before = f" after {t[i - 1]:.12g}" if i else ""
         raise ValueError(f"row {i + 1}: the time is {t[i]:.12g}{before}; times must be numbers that increase")
-    return t
+    return rounded if np.all(np.abs(rounded - t) < (NEAR if len(t) >= FEW else SOME)) else t
 
 
 def _notes(t: Array, found: Mapping[str, Array]) -> Iterator[str]:
@@ -335,35 +344,56 @@ def _angle(a: Array, b: Array) -> Array:
 def _hints(frames: _Frames, given: Mapping[str, Array], t: Array) -> Iterator[str]:
     """Conventions under which these rows are much nearer to the exact motion."""
     how, exact = frames.convention, frames.exact(t)
+    x, R, omega = exact
     if "matrix" in given and np.any(np.linalg.det(given["matrix"].reshape(-1, 3, 3)) < 0):
         yield "a row or column of the matrices has the wrong sign: their determinant is negative."
     now = {name: error.max() for name, error in frames.errors(given, exact).items()}
-    off = {name: error for name, error in now.items() if error > START}
     quat = "xyzw" if how.quat == "wxyz" else "wxyz"
     frame = "world" if how.omega_frame == "body" else "body"
     for judged, group, changes, words in (
         ("rotation", "", {"transposed": True}, "the rotations are transposed: they take the world to the body."),
-        ("rotation", "quaternion", {"quat": quat}, f"the order is {quat}: --quat {quat}, or other names."),
+        (
+            "rotation",
+            "quaternion",
+            {"quat": quat},
+            f"the quaternions are in the order {quat}: --quat {quat}, or other names.",
+        ),
         ("rotation", "quaternion", {"quat": quat, "transposed": True}, f"the order is {quat}, and they are conjugate."),
         ("rotation", "angles", {"degrees": True}, "the angles are in degrees."),
-        ("rotation", "angles", {"intrinsic": True}, "the angles are about axes that move with the body."),
+        (
+            "rotation",
+            "angles",
+            {"intrinsic": True},
+            "the angles are about axes that move with the body, not about fixed ones.",
+        ),
         ("rotation", "rotation vector", {"degrees": True}, "the rotation vectors are in degrees."),
         ("omega", "", {"omega_frame": frame}, f"ω is in the {frame} frame: --omega {frame}."),
         ("position", "", {"displaced": True}, "the position is a displacement from the start: name it ux, uy, uz."),
         ("position", "", {"up": "y"}, "the axis y points up: --up y."),
     ):
-        if judged in off and (not group or group in given):
+        if now.get(judged, 0.0) > START and (not group or group in given):
             other = _Frames(frames.case, replace(how, **changes)).errors(given, exact)[judged]
-            if other.max() < off[judged] / BETTER:
+            if other.max() < now[judged] / BETTER:
                 yield words
-    for group, unit, factor in SCALES:
-        judged = "omega" if group == "omega" else "position"
-        scaled = {**given, group: factor * given[group]} if group in given and judged in off else None
-        if scaled and frames.errors(scaled, exact)[judged].max() < off[judged] / BETTER:
-            yield f"{group} is in {unit}: SI units are judged."
+    for judged in ("position", "omega"):
+        if now.get(judged, 0.0) > START:
+            off = {
+                f"{group} is in {unit}": frames.errors({**given, group: factor * given[group]}, exact)[judged].max()
+                for group, factor, unit in SCALES[judged]
+                if group in given
+            }
+            best = min(off, key=lambda words: off[words])
+            if off[best] < now[judged] / BETTER:
+                yield f"{best}: SI units are judged."
     judged = next((name for name in ("rotation", "position") if name in now), "omega")
-    if judged in off and frames.errors(given, frames.exact(1e-3 * t))[judged].max() < off[judged] / BETTER:
+    if now[judged] > START and frames.errors(given, frames.exact(1e-3 * t))[judged].max() < now[judged] / BETTER:
         yield "the times are in milliseconds: SI units are judged."
+    for k in SHIFTS if len(t) > BETTER and now[judged] > START else ():
+        rows, there = slice(max(0, -k), len(t) - max(0, k)), slice(max(0, k), len(t) + min(0, k))
+        late = frames.errors({name: array[rows] for name, array in given.items()}, (x[there], R[there], omega[there]))
+        if late[judged].max() < now[judged] / BETTER:
+            way = "later" if k > 0 else "earlier"
+            yield f"the times are shifted: each row holds the state {abs(k)} row{'s'[: abs(k) - 1]} {way}."
 
 
 # ---------------------------------------------------------------- a picture

@@ -15,7 +15,8 @@ Columns are found by the names in the header; capitals and units in brackets do 
 Commas, semicolons, tabs or blanks separate them, # and % start comments, decimals need a point. A program that has the axis
 of symmetry elsewhere, or another axis upwards: --axis z, --up y, or --up=-y.
 
-q and -q are the same rotation. A NaN in a row makes the error NaN, and violates every bound.
+Times that all are less than 1e-10 s (of fewer than 100 rows: 5e-13 s) from multiples of 1e-9 s are taken as these, for sums
+of steps round. q and -q are the same rotation. A NaN in a row makes the error NaN, and violates every bound.
 
 examples:
   lagrange-bench judge run.csv --case bruels
@@ -111,6 +112,8 @@ def _described(judged: Judgement, units: dict[str, str]) -> list[str]:
     first, last = judged.span
     lines = [f"{judged.file}: {judged.rows} rows, t = {first:.9g} to {last:.9g}", *table(rows)]
     lines.append(_start(judged.start, units))
+    for name, floor in judged.floor.items():
+        lines.append(f"The digits printed for {name} say nothing of errors below {floor:.1e} {units[name]}.")
     return [*lines, *judged.notes, *(f"Perhaps {hint}" for hint in judged.hints)]
 
 

@@ -77,8 +77,14 @@ def test_the_error_that_was_put_in_is_found():
     assert (far.length.max, far.length.end, far.start["position"]) == pytest.approx((np.nan, np.nan, 0.25), nan_ok=True)
     scaled = judge(T, rotation=-0.7 * Q, case="bruels")
     assert (scaled.rotation.max < 1e-12, scaled.orthogonality.max) == (True, pytest.approx(0.3))
+    sums = np.cumsum(np.full(2_000_000, 1e-6))[999::1000]  # 7e-11 s from where they should be
+    late = judge(sums, rotation=BRUELS.solution(np.arange(1, 2001) / 1000).rotation, case="bruels")
+    assert (late.rotation.max < 1e-12, late.start["right"]) == (True, None)
     once = judge(T, X + (T == 1)[:, None] * [1e-3, 0, 0], case="bruels")
     assert (once.position.max, once.position.end < 1e-14) == (pytest.approx(1e-3), True)
+    assert judge([1e-17], X[:1], case="bruels").start["right"]
+    odd = np.random.default_rng(0).uniform(0, 2, 3)
+    assert judge(np.sort(odd), BRUELS.solution(np.sort(odd)).position, case="bruels").position.max < 1e-15
     mine = type(BRUELS)("mine", RigidTop(2, (0, 0, 0.1), (0.03, 0.03, 0.01)), np.eye(3), (1, 0, 40))
     assert judge(T, mine.solution(T).position, case=mine).position.max < 1e-12
     assert "mine, 401 rows to t = 2: position" in repr(judge(T, mine.solution(T).position, case=mine))
@@ -97,14 +103,21 @@ def test_the_error_that_was_put_in_is_found():
         ({"position": 1e3 * X}, "position is in mm"),
         ({"omega": np.rad2deg(OMEGA)}, "omega is in degrees per second"),
         ({"omega": OMEGA * 30 / np.pi}, "omega is in revolutions per minute"),
+        ({"rotation": np.roll(M, 2, 0)}, "2 rows earlier"),
+        ({"position": np.roll(X, -1, 0)}, "1 row later"),
         ({"rotation": R * Rotation.from_rotvec([1e-3, 1e-3, 0])}, ""),
-        ({"t": 1e3 * T, "position": X}, "milliseconds"),
     ],
 )
 def test_a_wrong_convention_is_named(what, hint):
-    (found,) = judge(**{"t": T, **what}, case="bruels").hints or [""]
+    what = {name: value[2:-2] for name, value in what.items()}
+    (found,) = judge(T[2:-2], **what, case="bruels").hints or [""]
     assert hint in found
     assert bool(hint) == bool(found)
+
+
+def test_times_in_milliseconds_are_named():
+    (found,) = judge(1e3 * T, X, case="bruels").hints
+    assert "milliseconds" in found
 
 
 FILES = {  # what is in it → exit code, what is said
@@ -114,11 +127,10 @@ FILES = {  # what is in it → exit code, what is said
     "s,x,y,z\n0,0,1,0": (2, "its columns are s x y z"),
     "t,a,b\n0,1,2": (2, "nothing to judge but times"),
     "t,qx,qy,qz\n0,1,2,3": (2, "No quaternion: there is no column qw."),
-    "t,x,y,z\n0,0,1,0\n1,0,1": (0, "1 of 2 rows hold no finite numbers"),
-    "t,x,y,z\n0,0,1,0\n1,0,1,0,5": (2, "line 3"),
-    "t,x,y,z\n0,0,1\n": (2, "3 columns of numbers under 4 names"),
-    "t,x,y,z\n0,0,foo,0": (2, "could not convert string to float: 'foo'"),
-    "t;x;y;z\n0,5;0;1;0": (2, "could not convert string to float: '0,5'"),
+    "t,x,y,z\n0,0,1,0\n1,0,1": (2, "line 3: 3 columns instead of 4"),
+    "t,x,y,z\n" + "".join(f"{i},0,1,0\n" for i in range(201)) + "1,0,1,0,5": (2, "line 203: 5 columns instead of 4"),
+    "t,x,y,z\n0,0,foo,0": (2, "line 2: 'foo' is no number"),
+    "t;x;y;z\n0,5;0;1;0": (2, "line 2: '0,5' is no number (decimals need a point)"),
     "t,x,y,z\n0,0,1,0\n1,0,1,0\n.5,0,1,0": (2, "row 3: the time is 0.5 after 1; times must be numbers that increase"),
     "t,x,y,z\n1e300,0,1,0": (2, "run.csv: theta_functions at h = 1e+300"),
     "t\tx\ty\tz\n\n0\t0\t1\t0 # start\r\n0.1\t\t1\t0\r\n": (0, "1 of 2 rows hold no finite numbers"),
@@ -140,16 +152,21 @@ def test_whatever_a_file_holds_gets_a_clear_line(text, tmp_path, run):
     assert err.count("\n") == (1 if code else 0)
 
 
-def test_bounds_json_and_a_picture(tmp_path, run, answer):
+def test_bounds_json_digits_and_a_picture(tmp_path, run, answer):
     six = write(tmp_path / "six.csv", "t x y z", T, X, digits=6)
     code, out, err = run("judge", six, "--case", "bruels", "--bounds", "position=1e-5", "--draw", tmp_path / "a.svg")
-    assert (code, "The start is right." in out) == (0, True)
+    assert (code, "nothing of errors below 1.0e-06 m" in out) == (0, True)
     assert (tmp_path / "a.svg").stat().st_size > 1000
     code, out, _ = run("judge", six, "--case", "bruels", "--bounds", "position=1e-9", "--json")
     data = json.loads(out)
     assert (code, len(data["violated"]), data["case"]) == (1, 1, "bruels")
     assert data["orders"] == {"position": [], "rotation": []}
     assert data["files"][0]["position"]["max"] == pytest.approx(7e-7, rel=0.3)
+    half = write(tmp_path / "half.csv", "t x y z", T[::2], X[::2], digits=6)
+    assert answer("judge", six, half, "--case", "bruels")["orders"] == {"position": [None], "rotation": []}
+    cone = CASES["metis"].solution(T[:20])
+    short = write(tmp_path / "cone.csv", f"t {NINE}", cone.t, cone.rotation.as_matrix().reshape(-1, 9), digits=6)
+    assert answer("judge", short, "--case", "metis")["files"][0]["start"]["right"]
     gap = write(tmp_path / "gap.csv", "t x y z", T[:2], [X[0], X[1] * np.nan])
     assert run("judge", gap, "--case", "bruels", "--bounds", "position=9")[0] == 1
     assert answer("judge", gap, "--case", "bruels")["files"][0]["position"] == {"max": None, "end": None}
