@@ -42,7 +42,7 @@ def read_off(top, y, image):
 def test_two_states_of_a_torus_are_one_step_apart():
     """Any translation (T, Θ) of any torus is one step, and the linear equations find it; on the other sheet it is not."""
     draw, sheets = random.Random(3), {1: 0, -1: 0}
-    for _ in range(300):
+    for _ in range(60):
         top, y = LagrangeTop(draw.uniform(-2, 2)), np.array([draw.gauss(0, 1) for _ in range(6)])
         T = draw.uniform(-1, 1) * exact.nutation_period(top, y)
         image = turned(exact.solution(top, y, T), draw.uniform(0, 2 * math.pi))
@@ -52,7 +52,7 @@ def test_two_states_of_a_torus_are_one_step_apart():
         assert errors[found] < 1e-10
         assert errors[-found] > 1e-4
         sheets[found] += 1
-    assert min(sheets.values()) > 100
+    assert min(sheets.values()) > 20
 
 
 @pytest.mark.parametrize("sheet", [1, -1])
@@ -228,10 +228,9 @@ def in_one_sweep(scheme):
     return (*ahead, *behind, (n * out, 0.0))
 
 
-@pytest.mark.parametrize("name", ["moderate_tide", "axisymmetric"])
 @pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
-def test_a_corrector_in_one_sweep_leaves_a_commutator(name, monkeypatch):
-    top, y0, unit = problem(name)
+def test_a_corrector_in_one_sweep_leaves_a_commutator(monkeypatch):
+    top, y0, unit = problem("moderate_tide")
     right = reference.solution(top, y0, [16 * unit]).states[0]
 
     def errors():
@@ -249,6 +248,7 @@ def test_a_corrector_in_one_sweep_leaves_a_commutator(name, monkeypatch):
     assert sweep[1] > 3 * palindrome[1]
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
 def test_an_instability_that_comes_late():
     top, y0, unit = problem("triaxial")
