@@ -362,6 +362,8 @@ def test_scipy_is_given_the_derivatives_of_the_problem():
     assert np.max(np.abs(jacobian(c, 0.0, y) - FIELD.jacobian(y))) <= 1e-15
 
 
+@pytest.mark.filterwarnings("ignore:.*encountered:RuntimeWarning")
+@pytest.mark.interpreted
 @pytest.mark.parametrize("name", ["dop853", "rk45", "scipy_dop853", "lsoda", "radau", "verner9_projected"])
 def test_into_a_singularity(name):
     """A charge that attracts, and stands where the axis goes: an end with a StepError, not a number."""
