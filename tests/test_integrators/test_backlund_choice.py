@@ -219,3 +219,11 @@ def test_what_is_below_round_off_is_refused():
     with pytest.raises(StepError, match=r"tol = 1e-12 is not reached at t = .* round-off alone .* or another method"):
         chosen(top, y0, t=[3000 * unit], tol=1e-12)
     assert error(top, y0, chosen(top, y0, t=[3 * unit], tol=1e-12)) < 1e-11
+
+
+@pytest.mark.slow
+def test_an_instability_that_comes_late():
+    """What docs/perturbed.md says that the pilot does not see."""
+    top, y0, unit = problem("triaxial")
+    run = chosen(top, y0, t=[3000 * unit], tol=1e-6)
+    assert error(top, y0, run) > 1e-5

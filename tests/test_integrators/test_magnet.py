@@ -50,7 +50,6 @@ def test_methods_follow_one_flow_and_keep_what_they_claim(name, magnet):
         assert drift[0] > 1e-10
 
 
-@pytest.mark.interpreted
 @pytest.mark.parametrize("name", ["strang", "implicit_midpoint"])
 def test_claims_hold_on_a_magnet(name, monkeypatch):
     monkeypatch.setattr(check, "FIELD_STEPS", 100)
