@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from lagrange_bench.experiments.measuring import states
 from lagrange_bench.experiments.measuring.metrics import phase_split, poisson_defect, scaled_error
-from lagrange_bench.integrators import TOPS, LagrangeTop, integrate, prepare, two_point
+from lagrange_bench.integrators import TOPS, LagrangeTop, prepare, two_point
 from lagrange_bench.integrators.methods import backlund_schemes
 from lagrange_bench.integrators.paper import interpolating_flow, lax
 from lagrange_bench.integrators.paper import two_point as paper_two_point
