@@ -176,7 +176,7 @@ def test_tops_whose_spin_passes_the_vertical():
 # ---------------------------------------------------------------- every other method
 
 
-KERNELS_OF_LANES = ("rk4", "verner9_fixed", "strang", "force_gradient6", "kahan", "bobenko_suris", "addition_theorem")
+KERNELS_OF_LANES = ("rk4", "strang", "force_gradient6", "kahan", "bobenko_suris", "addition_theorem")
 ALONE = (
     "theta_functions",
     "taylor_fixed",
