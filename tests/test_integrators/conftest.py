@@ -4,6 +4,7 @@ import pytest
 
 from lagrange_bench.integrators import ensemble
 from lagrange_bench.integrators.compiling import lanes
+from lagrange_bench.integrators.torus import step_table
 
 
 @pytest.fixture
@@ -18,3 +19,9 @@ def in_lanes(monkeypatch):
 
     monkeypatch.setattr(ensemble, "run_lanes", run)
     return met
+
+
+@pytest.fixture
+def one_degree(monkeypatch):
+    """Tables of one degree, in which higher coefficients are 0: there is a kernel for each degree."""
+    monkeypatch.setattr(step_table, "DEGREES", step_table.DEGREES[-1:])

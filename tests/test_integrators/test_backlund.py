@@ -13,6 +13,7 @@ from lagrange_bench.experiments.measuring.states import WIDE, find
 from lagrange_bench.integrators import (
     METHODS,
     TOPS,
+    LagrangeTop,
     integrate,
     prepare,
     two_point,
@@ -24,6 +25,7 @@ from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus import time_step as ts
 from lagrange_bench.integrators.torus.any_parameter import branch_guess
 from lagrange_bench.integrators.truth import exact
+from tests.reference import turned
 
 GENERIC = TOPS["generic"]
 STEPS = 2000
@@ -189,3 +191,15 @@ def test_extreme_steps(h):
     y = prepare(named.top, named.state, h).advance(named.state, 3)
     jump = integrate(named.top, named.state, t=[3 * h]).y[0]
     assert np.max(np.abs(y - jump)) < 1e-14 + 1e-15 * min(abs(h), 1e3) + 1e-16 * abs(h)
+
+
+def test_lambda_meets_a_real_double_root_only_where_the_flow_is_the_identity():
+    """A regular precession that goes round in 2π, well before half a nutation period: λ(2π) is the double root 1."""
+    top, s = LagrangeTop(1.0), math.sqrt(1 - 0.95**2)
+    y = np.array([-s, 0.0, -1.95, s, 0.0, 0.95])
+    assert exact.nutation_period(top, y) > 4 * math.pi
+    for h in (6.0, 2 * math.pi, 6.5):
+        (re, im), _, _ = ts.time_step(*ts.torus(top.alpha, tuple(y), h), h)
+        assert (abs(complex(re[0], im[0]) - 1) < 1e-12) == (h == 2 * math.pi)
+        turned_back = turned(math.cos(h), -math.sin(h), y)
+        assert np.max(np.abs(prepare(top, y, h).advance(y, 1) - turned_back)) < 1e-14

@@ -24,10 +24,10 @@ from lagrange_bench.integrators.truth import exact, reference
 from tests.test_integrators.test_backlund_splitting import problem
 
 NAME = "backlund_splitting"
-NAMES = ("weak_tide", "moderate_tide", "strong_tide", "magnet", "axisymmetric")
 UNITS = 300.0  # of time; the pilot of these tops has 78
 pytestmark = [
     pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning"),
+    pytest.mark.usefixtures("one_degree"),
     pytest.mark.xdist_group("splitting"),  # kernels are compiled once for the two files about it
 ]
 chosen = partial(integrate, method=NAME)
@@ -45,9 +45,7 @@ def step(run):
 # ---------------------------------------------------------------- the error asked for
 
 
-@pytest.mark.parametrize(
-    ("name", "tol"), [*((name, 1e-9) for name in NAMES), ("strong_tide", 1e-6), ("axisymmetric", 1e-6)]
-)
+@pytest.mark.parametrize(("name", "tol"), [("weak_tide", 1e-9), ("strong_tide", 1e-6)])
 def test_the_error_is_that_asked_for(name, tol):
     top, y0, unit = problem(name)
     run = chosen(top, y0, t=[UNITS * unit], tol=tol)
@@ -165,9 +163,8 @@ def test_a_weaker_potential_and_a_larger_error_take_longer_steps():
 # ---------------------------------------------------------------- output times
 
 
-@pytest.mark.parametrize("name", ["moderate_tide", "magnet"])
-def test_on_a_uniform_grid_the_step_divides_the_spacing(name):
-    top, y0, unit = problem(name)
+def test_on_a_uniform_grid_the_step_divides_the_spacing():
+    top, y0, unit = problem("moderate_tide")
     run = chosen(top, y0, t=np.linspace(0.0, 100 * unit, 11), tol=1e-8)
     ratio = 10 * unit / step(run)[1]
     assert ratio == pytest.approx(round(ratio), abs=1e-4)  # h is printed with six digits
@@ -175,7 +172,7 @@ def test_on_a_uniform_grid_the_step_divides_the_spacing(name):
     assert error(top, y0, run) <= 1e-7
 
 
-@pytest.mark.parametrize("name", ["strong_tide", "magnet", "axisymmetric"])
+@pytest.mark.parametrize("name", ["strong_tide", "axisymmetric"])
 def test_at_any_times(name):
     """In any order, on both sides of 0, closer together than the step."""
     top, y0, unit = problem(name)
@@ -222,3 +219,11 @@ def test_what_is_below_round_off_is_refused():
     with pytest.raises(StepError, match=r"tol = 1e-12 is not reached at t = .* round-off alone .* or another method"):
         chosen(top, y0, t=[3000 * unit], tol=1e-12)
     assert error(top, y0, chosen(top, y0, t=[3 * unit], tol=1e-12)) < 1e-11
+
+
+@pytest.mark.slow
+def test_an_instability_that_comes_late():
+    """What docs/perturbed.md says that the pilot does not see."""
+    top, y0, unit = problem("triaxial")
+    run = chosen(top, y0, t=[3000 * unit], tol=1e-6)
+    assert error(top, y0, run) > 1e-5

@@ -20,7 +20,7 @@ from lagrange_bench.integrators.compiling.double_double import add, div, mul, su
 from lagrange_bench.integrators.methods import addition_theorem as at
 from lagrange_bench.integrators.methods import theta_functions as th
 from lagrange_bench.integrators.truth import exact
-from tests.reference import largest, turned
+from tests.reference import largest
 
 GENERIC = TOPS["generic"]
 UNSTABLE = ("sleeping_unstable", "near_separatrix", "homoclinic")
@@ -213,12 +213,6 @@ def test_a_time_beyond_the_phase_of_a_double_is_refused():
 
 
 # ---------------------------------------------------------------- both
-
-
-def test_a_step_of_one_period_is_a_rotation_by_the_precession():
-    period, angle = (f(GENERIC.top, GENERIC.state) for f in (exact.nutation_period, exact.precession_per_nutation))
-    y = prepare(GENERIC.top, GENERIC.state, period, "addition_theorem").advance(GENERIC.state, 1)
-    assert np.max(np.abs(y - turned(math.cos(angle), math.sin(angle), GENERIC.state))) < 2e-15
 
 
 @pytest.mark.parametrize("name", ["generic", "weightless"])

@@ -3,25 +3,55 @@
 import inspect
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import METHODS, methods
 from lagrange_bench.integrators.registry import BUILT_IN
-from tests.installed import installed
+from tests.installed import FOR_TOPS, installed
 
 LONG = ("gauss8", "gauss12", "radau")  # 40 s; `test_problem` measures their orders, too
 NAMES = [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in METHODS]
+ELSEWHERE = {  # judged in fields with test-all; in `make test` by other tests
+    *("backlund_splitting", *LONG),  # `test_backlund_splitting`, `test_problem`
+    *("gauss6", "blanes_moan6", "kahan_li6", "kahan_li8"),  # the code of gauss4 and of strang; `test_problem`
+    *("sofroniou_spaletta10", "taylor_accurate", "taylor_compact"),  # of strang and of taylor; `test_problem`
+}
+IN_FIELDS = [
+    name
+    for name in FOR_TOPS
+    if METHODS[name].takes(check.find("generic in a tide")[0]) is None and name not in ELSEWHERE
+]
+pytestmark = pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
 
 
-@pytest.mark.parametrize("quick", [True, pytest.param(False, marks=pytest.mark.slow)], ids=["quick", "full"])
+def require(verdicts, least):
+    assert [str(v) for v in verdicts if v.passed is False] == []
+    assert sum(v.passed is True for v in verdicts) >= least
+    assert not any("takes" in v.claim for v in verdicts), "a moderate step was not taken"
+
+
 @pytest.mark.parametrize("name", NAMES)
-def test_claims(name, quick):
-    verdicts = check.check(installed(name), quick)
-    failed = [f"{v.claim}: {v.measured} {v.bound} ({v.how})" for v in verdicts if v.passed is False]
-    assert not failed
-    assert sum(v.passed is True for v in verdicts) >= 8
-    assert not any(v.claim.startswith("takes") for v in verdicts), "a moderate step was not taken"
+def test_claims(name):
+    """On tops in a uniform field; of methods for a body or a magnet, on these."""
+    record = installed(name)
+    checks = check.CHECKS[:-1] if name in FOR_TOPS else (check.of_its_kind,)
+    require([verdict for function in checks for verdict in function(record, True)], 8)
+
+
+@pytest.mark.interpreted
+@pytest.mark.parametrize("name", IN_FIELDS)
+def test_claims_in_a_field(name, monkeypatch):
+    monkeypatch.setattr(check, "FIELD_STEPS", 100)
+    with np.errstate(all="ignore"):  # where nothing is compiled, NumPy warns of an overflow
+        require(list(check.in_field(installed(name), True)), 4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", METHODS)
+def test_all_claims(name):
+    require(check.check(installed(name)), 8)
 
 
 def test_every_file_of_methods_is_registered():

@@ -29,7 +29,6 @@ TOPS_IN = {
     "all numbers": PerturbedTop(LagrangeTop(ALPHAS), TIDE, (NUMBERS, *ALONG)),
     "some numbers": PerturbedTop(LagrangeTop(0.7), CHARGE, (NUMBERS, *PLACE)),
     "alpha only": PerturbedTop(LagrangeTop(ALPHAS), CHARGE, (0.4, *ABOVE)),
-    "the same for all": PerturbedTop(LagrangeTop(1.0), CHARGE, (0.4, *ABOVE)),
 }
 HEYOKA = pytest.mark.skipif(not available(METHODS["taylor"]), reason="heyoka is not installed")
 
@@ -51,8 +50,9 @@ def one_by_one(problem, states, h, steps, every, name, **options):
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
-        *(("rk4", kind) for kind in TOPS_IN),
-        *((name, "some numbers") for name in ("strang", "dop853")),
+        *(("rk4", kind) for kind in ("all numbers", "alpha only")),
+        ("strang", "some numbers"),
+        pytest.param("dop853", "some numbers", marks=pytest.mark.interpreted),
     ],
 )
 def test_the_bits_of_one_top_alone(name, kind, in_lanes):
@@ -88,6 +88,7 @@ def test_where_lanes_do_not_reach_tops_are_taken_alone(in_lanes, monkeypatch):
     assert 0 < sum(in_lanes) < 32
 
 
+@pytest.mark.interpreted
 def test_compensated_and_threads(in_lanes):
     problem = TOPS_IN["some numbers"]
     got = integrate_ensemble(problem, STATES, 0.05, 20, "strang", every=10, threads=3, compensated=True)
@@ -97,6 +98,7 @@ def test_compensated_and_threads(in_lanes):
 BOTH = Potential("both", lambda x1, x2, x3, p: x3 * x3 + p[0] * x1 * x2)
 
 
+@pytest.mark.interpreted
 def test_tops_that_keep_j3_and_tops_that_do_not(in_lanes):
     """For some of the numbers the potential does not depend on the direction: other kernels, side by side."""
     problem = PerturbedTop(LagrangeTop(ALPHAS), BOTH, (np.where(np.arange(SIZE) % 2 == 1, 0.0, NUMBERS),))
@@ -127,6 +129,7 @@ def test_heyoka_in_batches(monkeypatch):
     assert np.max(np.abs(runs[2] - alone[0])) > 1e-3
 
 
+@pytest.mark.interpreted
 @pytest.mark.parametrize("name", ["dop853", "scipy_dop853", pytest.param("taylor", marks=HEYOKA)])
 def test_at_times(name):
     problem, t = TOPS_IN["some numbers"], [1.0, 0.0, -0.5]
@@ -137,6 +140,7 @@ def test_at_times(name):
     assert not np.array_equal(got[0], got[2])
 
 
+@pytest.mark.interpreted
 def test_failures():
     """The charge is met by the axis of top 1."""
     pole = Potential("pole", lambda x1, x2, x3, p: -p[0] / (1 - x3) ** 2)
@@ -149,6 +153,7 @@ def test_failures():
     assert np.isfinite(got[0]).all()
 
 
+@pytest.mark.interpreted
 def test_none():
     nobody = PerturbedTop(LagrangeTop(1.0), TIDE, (np.empty(0), *ALONG))
     assert integrate_ensemble(nobody, np.empty((0, 6)), 0.1, 10, "strang").shape == (0, 6)

@@ -14,6 +14,7 @@ from lagrange_bench.integrators.paper.phase_space import invariants, poisson_ten
 from lagrange_bench.integrators.problem.potentials import CHARGE, TIDE
 from tests.test_integrators.paper.tools import jacobian
 
+pytestmark = pytest.mark.interpreted
 EPS = float(np.finfo(float).eps)
 E3 = np.array((0, 0, 1))
 

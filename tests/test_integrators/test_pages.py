@@ -12,15 +12,15 @@ from scipy.integrate import solve_ivp
 
 from lagrange_bench.experiments.measuring import states
 from lagrange_bench.experiments.measuring.metrics import phase_split, poisson_defect, scaled_error
-from lagrange_bench.integrators import TOPS, LagrangeTop, integrate, prepare, two_point
+from lagrange_bench.integrators import TOPS, LagrangeTop, prepare, two_point
 from lagrange_bench.integrators.methods import backlund_schemes
 from lagrange_bench.integrators.paper import interpolating_flow, lax
 from lagrange_bench.integrators.paper import two_point as paper_two_point
-from lagrange_bench.integrators.torus import time_step
 from lagrange_bench.integrators.truth import exact, reference
 from tests.reference import largest
 from tests.test_integrators.test_backlund_splitting import problem
 
+pytestmark = pytest.mark.interpreted
 PERTURBED = Path(__file__).parents[2] / "docs" / "perturbed.md"
 
 
@@ -42,7 +42,7 @@ def read_off(top, y, image):
 def test_two_states_of_a_torus_are_one_step_apart():
     """Any translation (T, Θ) of any torus is one step, and the linear equations find it; on the other sheet it is not."""
     draw, sheets = random.Random(3), {1: 0, -1: 0}
-    for _ in range(300):
+    for _ in range(60):
         top, y = LagrangeTop(draw.uniform(-2, 2)), np.array([draw.gauss(0, 1) for _ in range(6)])
         T = draw.uniform(-1, 1) * exact.nutation_period(top, y)
         image = turned(exact.solution(top, y, T), draw.uniform(0, 2 * math.pi))
@@ -52,7 +52,7 @@ def test_two_states_of_a_torus_are_one_step_apart():
         assert errors[found] < 1e-10
         assert errors[-found] > 1e-4
         sheets[found] += 1
-    assert min(sheets.values()) > 100
+    assert min(sheets.values()) > 20
 
 
 @pytest.mark.parametrize("sheet", [1, -1])
@@ -99,17 +99,6 @@ def test_invariants_alone_do_not_make_a_clock():
     assert abs(paper[0] - 1) > 1e-3
 
 
-def test_lambda_meets_a_real_double_root_only_where_the_flow_is_the_identity():
-    """A regular precession that goes round in 2π, well before half a nutation period: λ(2π) is the double root 1."""
-    top, s = LagrangeTop(1.0), math.sqrt(1 - 0.95**2)
-    y = np.array([-s, 0.0, -1.95, s, 0.0, 0.95])
-    assert exact.nutation_period(top, y) > 4 * math.pi
-    for h in (6.0, 2 * math.pi, 6.5):
-        (re, im), _, _ = time_step.time_step(*time_step.torus(top.alpha, tuple(y), h), h)
-        assert (abs(complex(re[0], im[0]) - 1) < 1e-12) == (h == 2 * math.pi)
-        assert np.max(np.abs(prepare(top, y, h).advance(y, 1) - turned(y, -h))) < 1e-14
-
-
 def test_a_double_root_leads_to_the_sleeping_top():
     """λ at the complex double root of a homoclinic orbit: m = 0, every state of it has one image, and T is infinite."""
     with mp.workdps(60):
@@ -123,6 +112,7 @@ def test_a_double_root_leads_to_the_sleeping_top():
         for state in (y, y * (1, -1, 1, 1, 1, 1)):
             assert largest(image(state) - asleep) < 1e-28  # √Q(λ) halves the digits
             assert largest(image(state, mp.mpf("0.999")) - asleep) > 1e-4, "negative control"
+    with mp.workdps(25):
         times = [interpolating_flow.time_and_turn(top, y, lam * (1 - mp.mpf(10) ** -k))[0] for k in (3, 4)]
     assert float(times[1] - times[0]) == pytest.approx(math.log(10) / 0.8, rel=1e-3)  # −ln δ/(alpha η) + …
     assert float(times[1] - 4 * math.log(10) / 0.8) == pytest.approx(0.5875, abs=1e-3)
@@ -228,10 +218,9 @@ def in_one_sweep(scheme):
     return (*ahead, *behind, (n * out, 0.0))
 
 
-@pytest.mark.parametrize("name", ["moderate_tide", "axisymmetric"])
 @pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
-def test_a_corrector_in_one_sweep_leaves_a_commutator(name, monkeypatch):
-    top, y0, unit = problem(name)
+def test_a_corrector_in_one_sweep_leaves_a_commutator(monkeypatch):
+    top, y0, unit = problem("moderate_tide")
     right = reference.solution(top, y0, [16 * unit]).states[0]
 
     def errors():
@@ -247,10 +236,3 @@ def test_a_corrector_in_one_sweep_leaves_a_commutator(name, monkeypatch):
     assert math.log2(palindrome[0] / palindrome[1]) == pytest.approx(4.0, abs=0.05)
     assert math.log2(sweep[0] / sweep[1]) < 3.6
     assert sweep[1] > 3 * palindrome[1]
-
-
-@pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
-def test_an_instability_that_comes_late():
-    top, y0, unit = problem("triaxial")
-    run = integrate(top, y0, t=[3000 * unit], method="backlund_splitting", tol=1e-6)
-    assert scaled_error(top, y0, run.y[0], reference.solution(top, y0, run.t).states[0]) > 1e-5

@@ -350,6 +350,7 @@ def test_threads_leave_mpmath_as_it_was():
     assert np.array_equal(alone, together)
 
 
+@pytest.mark.parametrize("engine", ["heyoka", pytest.param("mpmath", marks=pytest.mark.slow)], indirect=True)
 def test_singularities(engine, monkeypatch):
     """From (0.6, 0, 0.8) at rest the axis falls straight into the charge; its distance is about (t1 - t)^(2/3)."""
     monkeypatch.setattr(reference, "SHORTEST", 1e-6)

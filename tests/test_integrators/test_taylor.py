@@ -50,6 +50,7 @@ def test_taylor_step_is_the_step_of_heyoka():
     assert metrics.scaled_error(TOP, Y0, y, ta.update_d_output(h)) < 4 * EPS
 
 
+@pytest.mark.interpreted
 def test_recurrences_are_read_off_the_formula():
     """One step is as good in a field as in none, to round-off; of a low order it is not."""
     truth = reference.solution(in_tide(0.7), Y0, [0.0625]).states[0]

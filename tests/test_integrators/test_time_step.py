@@ -9,7 +9,6 @@ from mpmath import mp, mpc, mpf
 
 from lagrange_bench.integrators import TOPS, LagrangeTop, StepError, prepare
 from lagrange_bench.integrators.paper import lax
-from lagrange_bench.integrators.paper.interpolating_flow import time_and_turn
 from lagrange_bench.integrators.paper.two_point import pole_free
 from lagrange_bench.integrators.torus import time_step as ts
 from lagrange_bench.integrators.truth import exact
@@ -65,19 +64,6 @@ def test_doubling_is_two_steps_at_50_digits():
             once = image(top, y, lam2, m2)
             assert largest([a - b for a, b in zip(twice, once, strict=True)]) < 1e-50
             assert abs(m2**2 - horner(Q, lam2)) < 1e-48 * (1 + abs(m2) ** 2)
-
-
-@pytest.mark.parametrize("name", ["generic", "figure2", "inverted", "weightless"])
-@pytest.mark.parametrize("fraction", [1e-6, 0.01, 0.3, 0.9])
-def test_lambda_to_28_digits(name, fraction):
-    """T(λ) = h and Θ(λ) = 0, by quadrature, up to most of half a period; measured 5e-31."""
-    named = TOPS[name]
-    h = fraction * min(ts.nutation_period(named.alpha, named.y0)[0] / 2, 20 * named.top.scales(named.state)[2])
-    lam, _ = ts.parameter(ts.spectral_polynomial(named.alpha, named.y0), (h, 0.0))
-    with mp.workdps(36):
-        T, turn = time_and_turn(named.top, named.y0, mpc(real(lam[0]), real(lam[1])))
-        assert abs(T / h - 1) < 1e-28
-        assert abs(turn) < 1e-28 * (1 + abs(named.alpha) * h)
 
 
 def random_torus(draw):

@@ -21,6 +21,7 @@ from lagrange_bench.integrators import (
     integrate_ensemble,
 )
 
+pytestmark = pytest.mark.interpreted
 NAMED, TIDE = TOPS["generic"], PERTURBED_TOPS["weak_tide"]
 MAGNET, SPINS = GaudinMagnet((0.0, -0.7, 1.1), 0.6), np.array(((0.3, -0.4, 0.8), (0.9, 0.1, -0.2), (-0.3, 0.7, 0.5)))
 BODY = WholeBody.of(CASES["slow"].top)
@@ -58,8 +59,8 @@ def test_the_error_is_the_distance_to_the_truth(runs, name):
 
 
 def test_the_error_of_steps_is_that_at_n_h():
-    run = integrate(NAMED.top, NAMED.state, 0.1, 10**6, every=10**6)
-    assert run.error()[-1] < 1e-11
+    run = integrate(NAMED.top, NAMED.state, 0.1, 10**4, every=10**4)
+    assert run.error()[-1] < 1e-12
     odd = integrate(NAMED.top, NAMED.state, 0.01, 29, every=29)  # in doubles 0.29 / 0.01 is less than 29
     assert odd.error()[-1] < 1e-13
     jumps = integrate(NAMED.top, NAMED.state, t=run.t)

@@ -35,6 +35,7 @@ def follow(body, start, times):
     return tuple(np.array([np.array(row[k], dtype=float) for row in found]) for k in (0, 1))
 
 
+@pytest.mark.interpreted
 @pytest.mark.parametrize("body", [SKEW, ROUND], ids=["skew", "round"])
 def test_any_body_in_any_gravity_against_integers(body):
     times = [0.5, 2.0]
@@ -69,12 +70,14 @@ def test_bruels_as_published_by_the_prototype(name):
     assert (errors["position"][0], errors["rotation"][0]) == pytest.approx(BRUELS[name], rel=0.1)
 
 
+@pytest.mark.interpreted
 def test_rho_damps():
     y0 = SKEW.state(**START)
     ends = [integrate(SKEW, y0, h=0.1, steps=200, method="generalized_alpha", rho=rho) for rho in (0.5, 1.0)]
     assert ends[0].energy[-1] < ends[1].energy[-1]
 
 
+@pytest.mark.interpreted
 def test_a_step_that_is_not_solved_is_refused():
     with pytest.raises(StepError, match="not solved after 50 iterations"):
         integrate(SKEW, SKEW.state(**START), h=50.0, steps=1, method="rattle")
