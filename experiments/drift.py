@@ -93,8 +93,7 @@ def against_steps(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) 
     """A row of errors after each of `counts` steps."""
     times, states = sample(top, y0, cell["method"], h, counts, **options_of(cell))
     drift = errors(cell["method"], top, h, np.vstack((y0, states)), times)
-    columns = {"t": times * top.scales(y0)[0], **drift}
-    return as_rows(columns)
+    return as_rows({"t": times * top.scales(y0)[0], **drift})
 
 
 def _largest(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> dict[str, float]:

@@ -42,12 +42,8 @@ PROBLEMS: dict[str, Problem] = {
 STARTS = {"kapitza": (0.05, -0.02, 0.3, 0.08, 0.06, 0.995), "weak_pivot": (0.3, -0.2, 1.1, 0.48, 0.6, 0.64)}
 SPINNING = (0.3, -0.2, 1.4, 0.36, 0.48, 0.8)  # of the tides
 SPANS = {"kapitza": 32.0, "weak_pivot": 64.0, "tide": 128.0, "strong_tide": 128.0}
-POWERS = {
-    "kapitza": range(9, 16),
-    "weak_pivot": range(5, 13),
-    "tide": range(5, 13),
-    "strong_tide": range(7, 15),
-}  # of 2, steps
+# of 2, steps
+POWERS = {"kapitza": range(9, 16), "weak_pivot": range(5, 13), "tide": range(5, 13), "strong_tide": range(7, 15)}
 TOLERANCES = (1e-5, 1e-8, 1e-11, 1e-14)
 QUICK = (OURS, "rk4", "strang", "blanes_moan4", "taylor")
 LONGER, CHAOTIC = 8, "strong_tide"  # times as long, but there: no method follows it so far

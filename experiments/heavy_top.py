@@ -34,17 +34,11 @@ MEASURED = {"": ("position", "rotation", "energy", "momentum", "ns_per_step")}
 
 # mass, centre of mass, moments of inertia about it, gravity: about the fixed point A = B = 2, C = 1
 KOVALEVSKAYA = (1, (0.5, 0, 0), (2, 1.75, 0.75), (0, 0, -9.81))
-START = (
-    ((1, 0, 0), (0, 0.8, -0.6), (0, 0.6, 0.8)),
-    (1.5, -1.0, 2.0),
-)  # rotation, body to world; angular velocity in the body
+# rotation, body to world; angular velocity in the body
+START = (((1, 0, 0), (0, 0.8, -0.6), (0, 0.6, 0.8)), (1.5, -1.0, 2.0))
 UNTIL = {"bruels": 2.0, "slow": 2.0, "simo_wong": 10.0, "kovalevskaya": 10.0}
-POWERS = {
-    "bruels": range(9, 17),
-    "slow": range(5, 13),
-    "simo_wong": range(8, 16),
-    "kovalevskaya": range(6, 14),
-}  # of 2, steps
+# of 2, steps
+POWERS = {"bruels": range(9, 17), "slow": range(5, 13), "simo_wong": range(8, 16), "kovalevskaya": range(6, 14)}
 QUICK = ("bruels", "kovalevskaya")  # in the quick profile
 CHOSEN = ("strang", "rk4", "rkmk4", "rattle", "simo_wong", "lie_midpoint", "generalized_alpha")  # likewise
 NAMED = (*CHOSEN, "gauss8", "blanes_moan6", "verner9_fixed")  # by name in the figure

@@ -21,7 +21,10 @@ from lagrange_bench.integrators.interface import INVARIANTS
 VERSION = 1
 MEASURED = {"": ("n", *INVARIANTS)}
 
-FIGURES = {1: ("figure1", 0.0, 0.02, 1000), 2: ("figure2", 500.0, 5000.0, 4000)}
+FIGURES: dict[int, dict] = {
+    1: {"state": "figure1", "re": 0.0, "im": 0.02, "steps": 1000},
+    2: {"state": "figure2", "re": 500.0, "im": 5000.0, "steps": 4000},
+}
 TITLES = {1: "steps close together, λ = 0.02i", 2: "steps far apart, λ = 500 + 5000i"}
 FORMS = {  # name in tables: method, its options
     "real form": ("backlund", {"pin": 0}),
@@ -32,17 +35,8 @@ FORMS = {  # name in tables: method, its options
 
 def cells(profile: str) -> list[dict]:
     return [
-        {
-            "figure": figure,
-            "form": form,
-            "method": method,
-            "state": state,
-            "re": re,
-            "im": im,
-            "steps": steps,
-            **options,
-        }
-        for figure, (state, re, im, steps) in FIGURES.items()
+        {"figure": figure, "form": form, "method": method, **run, **options}
+        for figure, run in FIGURES.items()
         for form, (method, options) in FORMS.items()
     ]
 
@@ -53,14 +47,9 @@ def measure(cell: dict) -> list[dict]:
     y = stepper.record(y0, cell["steps"], 1)
     drift = metrics.relative_drift(top.invariants(y), top.invariant_scales(y0))
     axis = range(3 if cell["form"] == "real form" else 0)  # the orbit is drawn once
-    return [
-        {
-            "n": n,
-            **{f"x{i + 1}": rounded(y[n, 3 + i], 6) for i in axis},
-            **{name: rounded(drift[n, i]) for i, name in enumerate(INVARIANTS)},
-        }
-        for n in range(len(y))
-    ]
+    columns = {"n": range(len(y)), **{f"x{i + 1}": [rounded(x, 6) for x in y[:, 3 + i]] for i in axis}}
+    columns |= {name: [rounded(error) for error in drift[:, i]] for i, name in enumerate(INVARIANTS)}
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 @of_part(
@@ -83,10 +72,10 @@ def draw(rows: pd.DataFrame) -> dict:
 @of_part()
 def _draw_orbits(rows: pd.DataFrame, style):
     fig, axes = style.figure("page", 3.3, ncols=2, subplot_kw={"projection": "3d"})
-    for ax, (figure, (state, *_)) in zip(axes, FIGURES.items(), strict=True):
+    for ax, (figure, run) in zip(axes, FIGURES.items(), strict=True):
         points = rows[(rows.figure == figure) & (rows.form == "real form")]
         x = points[["x1", "x2", "x3"]].to_numpy()
-        size = float(np.linalg.norm(find(state)[1][3:]))
+        size = float(np.linalg.norm(find(run["state"])[1][3:]))
         theta, phi = np.linspace(0, np.pi, 25), np.linspace(0, 2 * np.pi, 49)
         grid = [np.outer(np.sin(theta), f(phi)) * size for f in (np.cos, np.sin)]
         grid.append(np.outer(np.cos(theta), np.ones_like(phi)) * size)

@@ -91,19 +91,13 @@ def measure(cell: dict) -> list[dict]:
         return [_promise(top, y0, cell["method"], h) for h in _promise_steps(top, y0)]
     if cell["part"] == "theory":
         return _against_theory(top, y0, cell["method"], cell["h"])
-    options = options_of(cell)
-    if cell["part"] == "h":
-        h = cell["h"]
-        n = max(round(SPAN / h), 1)
-        counts = places(n)
-    else:
-        h, counts = cell["h"], log_counts(cell["steps"], per_octave=4)
-    times, states = sample(top, y0, cell["method"], h * unit, counts, **options)
+    h = cell["h"]
+    counts = places(max(round(SPAN / h), 1)) if cell["part"] == "h" else log_counts(cell["steps"], per_octave=4)
+    times, states = sample(top, y0, cell["method"], h * unit, counts, **options_of(cell))
     errors = _errors(top, states, truth(top, y0, METHODS[cell["method"]], h * unit, counts), y0, rate)
     if cell["part"] == "h":
         return [{name: rounded(np.max(np.abs(e))) for name, e in errors.items()}]
-    columns = {"t": times * rate, **errors}
-    return as_rows(columns)
+    return as_rows({"t": times * rate, **errors})
 
 
 def _one_step(name: str) -> list[dict]:
@@ -133,19 +127,10 @@ def _against_theory(top, y0, name, h) -> list[dict]:
     times, states = sample(top, y0, name, h * unit, counts)
     errors = _errors(top, states, truth(top, y0, METHODS[name], h * unit, counts), y0, rate)
     time, angle = predicted.shifts(times)
-    columns = {
-        "t": times * rate,
-        **errors,
-        "predicted_time": time * rate,
-        "predicted_angle": angle,
-        "left": metrics.scaled_error(top, y0, states, predicted.states(times)),
-    }
-    rates = {
-        "clock": predicted.clock,
-        "turn": predicted.turn * unit,
-        "clock_growth": predicted.clock_growth * unit,
-        "turn_growth": predicted.turn_growth * unit * unit,
-    }
+    columns = {"t": times * rate, **errors, "predicted_time": time * rate, "predicted_angle": angle}
+    columns["left"] = metrics.scaled_error(top, y0, states, predicted.states(times))
+    rates = {"clock": predicted.clock, "turn": predicted.turn * unit}
+    rates |= {"clock_growth": predicted.clock_growth * unit, "turn_growth": predicted.turn_growth * unit * unit}
     rates = {name: rounded(value) for name, value in rates.items()}
     return [row | rates for row in as_rows(columns)]
 

@@ -107,7 +107,7 @@ def read(path: str | Path) -> str:
     """
     path = Path(path)
     with _at(f"{path}, "):
-        content = {"name": path.stem, "tops": {}} | _checked(read_toml(path), "file")
+        content: dict[str, Any] = {"name": path.stem, "tops": {}} | _checked(read_toml(path), "file")
         name, sweeps = content["name"], content.get("sweep", ())
         if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
             raise ValueError(f'name must consist of letters, digits, _ and -; got {name!r}: set name = "…"')
@@ -183,7 +183,8 @@ def _one_of(table: dict[str, Any], keys: tuple[str, ...]) -> str:
 
 def _sweep(table: Any, tops: dict[str, Start]) -> Iterator[Cell]:
     """The cells of one table."""
-    given = {"samples": SAMPLES, "options": {}, "tops": list(tops) or ["generic"]} | _checked(table, "sweep")
+    given: dict[str, Any] = {"samples": SAMPLES, "options": {}, "tops": list(tops) or ["generic"]}
+    given |= _checked(table, "sweep")
     if "methods" not in given:
         raise ValueError("methods must be given, a list of names")
     knob, length = _one_of(given, KNOBS), _one_of(given, ("time", "steps"))

@@ -22,12 +22,6 @@ def problem(method: Method, word: str | None) -> str | None:
 
     word : its name or module:METHOD; None: it has none.
     """
-    error = first_error(method)
-    return None if error is None else describe(error, method, word)
-
-
-def first_error(method: Method) -> BaseException | None:
-    """The exception that a first step raises, a StepError apart; None if there is none."""
     for named in (TOPS["generic"], PERTURBED_TOPS["moderate_tide"]):
         if method.takes(named.top) is not None:
             continue
@@ -42,7 +36,7 @@ def first_error(method: Method) -> BaseException | None:
         except StepError:
             continue
         except (Exception, SystemExit) as error:  # a plug-in may raise anything
-            return error
+            return describe(error, method, word)
     return None
 
 

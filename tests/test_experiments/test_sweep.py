@@ -88,7 +88,6 @@ BAD = [  # what to replace in GOOD, by what, where the message says it is, and w
     (H, "h = [0.5]\ntol = [1e-3]", "[[sweep]]", "one of h, tol, rtol; got h and tol"),
     (H, "h = [1e-99]", "[[sweep]]", "time / h must be at most"),
     (TIME, "time = -1", "[[sweep]]", "time must be positive"),
-    (TIME, "time = 50\noptions = { pin = 0 }", "[[sweep]], options", "unknown option 'pin' of strang"),
     (TIME, "time = 50\noptions = { compensated = 7 }", "[[sweep]], options of strang", "compensated must be"),
     (A_TOP, 'alpha = 1.5\npotential = "tide"', "[tops.heavy], potential", "4 numbers (k, n1, n2, n3); got 0"),
     (A_TOP, "alpha = 1.5\nparameters = [1]", "[tops.heavy]", "parameters: of which potential?"),
