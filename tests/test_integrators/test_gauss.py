@@ -131,6 +131,15 @@ def test_starting_values_change_no_more_than_rounding(name):
         assert stepper.work.rhs_evals == STAGES[name] * stepper.work.iterations
 
 
+def test_a_residual_that_rises_once_is_not_yet_round_off():
+    """Far from convergence a slow fixed point is no step: it goes on to what Newton finds."""
+    y = np.array((-1.43, -0.64, 1.32, -0.99, -1.38, -1.31))
+    slow, newton = (
+        prepare(LagrangeTop(1.0), y, 1.89, "gauss6", solver=s).advance(y, 1) for s in ("fixed_point", "newton")
+    )
+    assert metrics.scaled_error(LagrangeTop(1.0), y, slow, newton) < 64 * EPS
+
+
 # ---------------------------------------------------------------- where there is no step
 
 
