@@ -154,11 +154,6 @@ class Registry(Mapping[str, Any]):
         """The module with the record of a registered name, or of `module:NAME`."""
         return name.partition(":")[0] if ":" in name else self._entries[name].module
 
-    def owner(self, name: str) -> str:
-        """Whose a registered name is: of the bench, or of a package with its entry point."""
-        entry = self._entries[name]
-        return f"the package {_package(entry)} ({entry.value})" if name not in self.built_in else "the bench"
-
     @contextmanager
     def lent(self, found: Any) -> Iterator[str]:
         """Inside, what need not be registered is known by its own name, in this process; gives the name."""

@@ -23,7 +23,6 @@ exit codes: 0 nothing fails · 1 a claim fails · 2 no such method or file
 from __future__ import annotations
 
 import argparse
-import contextlib
 import math
 import sys
 from dataclasses import asdict
@@ -33,7 +32,7 @@ from lagrange_bench.arguments import numbers
 from lagrange_bench.text import Answer, plain, table
 
 if TYPE_CHECKING:
-    from lagrange_bench.integrators import Method
+    pass
 
 RIVALS = ("rk4", "strang", "backlund")  # whom to draw a method beside, as a beginning
 
@@ -58,7 +57,6 @@ def run(options: argparse.Namespace) -> Answer:
     file = _file(options.method)
     sum_up = f"{method.name} ({method.label}, {file}): {held} claims hold, {len(failed)} fail"
     sum_up += f": {', '.join(failed)}" if failed else ""
-    notes = _name_taken(options.method, method)
     rivals = [name for name in RIVALS if name != method.name]
     what = "work_precision phase perturbed" if method.needs != "uniform" else "work_precision phase"
     after = (
@@ -68,8 +66,8 @@ def run(options: argparse.Namespace) -> Answer:
     )
     listed = [{**asdict(verdict), "verdict": verdict.word} for verdict in verdicts]
     data = {"method": method.name, "file": file, "passed": not failed, "verdicts": plain(listed)}
-    data |= {"notes": notes, "next": after}
-    lines = [*table(rows), "", *reasons, *notes, sum_up, *(f"next: {command}" for command in after)]
+    data |= {"next": after}
+    lines = [*table(rows), "", *reasons, sum_up, *(f"next: {command}" for command in after)]
     return Answer("\n".join(lines), data, 1 if failed else 0)
 
 
@@ -101,20 +99,6 @@ def _file(name: str) -> str:
 
     module = sys.modules[METHODS.module(name)]
     return module.__file__ or module.__name__
-
-
-def _name_taken(word: str, method: Method) -> list[str]:
-    """What to tell who checks a method of their own that is called like one of the registry."""
-    from lagrange_bench.integrators import METHODS
-
-    if ":" not in word or method.name not in METHODS:
-        return []
-    with contextlib.suppress(Exception):  # a plug-in that cannot be loaded has its name all the same
-        if METHODS[method.name] == method:
-            return []
-    owner = METHODS.owner(method.name)
-    yours = "" if method.name in METHODS.built_in else "; if that is your own, it is another copy of it"
-    return [f"the name {method.name} is taken, by {owner}: choose another for an entry point{yours}"]
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

@@ -44,6 +44,8 @@ from lagrange_bench.text import Answer, plain
 if TYPE_CHECKING:
     import numpy as np
 
+    from lagrange_bench.integrators import Method, Trajectory
+
 
 GIVEN = ("mass", "distance", "A", "C", "theta", "dpsi")
 PHYSICAL = {"gravity": 9.81, "phi": 0.0, "psi": 0.0, "dtheta": 0.0, "dphi": 0.0}  # and their defaults
@@ -111,7 +113,6 @@ def physical(text: str) -> dict[str, float]:
 
 def run(options: argparse.Namespace) -> Answer:
     """Follow the top, write what is wanted, and sum up."""
-    from lagrange_bench import integrators
     from lagrange_bench import trajectory as output
     from lagrange_bench.integrators.checks import check_options
     from lagrange_bench.integrators.registry import find_method
@@ -134,7 +135,7 @@ def run(options: argparse.Namespace) -> Answer:
     text = f"{method.name}: the first run on a machine compiles, for some seconds"
     begin = perf_counter()
     with progress.waiting(text, show=not (options.quiet or options.json)):
-        trajectory = integrators.integrate(top, y0, method=method, **grid, **settings)
+        trajectory = _follow(options.method, method, top, y0, {**grid, **settings})
     seconds = perf_counter() - begin
     potential = getattr(top, "potential", None)
     facts = {"top": name, "alpha": top.alpha, "y0": y0, "method": method.name, "options": settings}
@@ -156,6 +157,23 @@ def run(options: argparse.Namespace) -> Answer:
         data |= {"t": plain(trajectory.t), "y": plain(trajectory.y)}
     data["files"] = [str(path) for path in files.values() if path is not None]
     return Answer(output.describe(trajectory, y0, data, method.label), data)
+
+
+def _follow(word: str, method: Method, top: Any, y0: np.ndarray, arguments: dict[str, Any]) -> Trajectory:
+    """The trajectory. What a method of the user's own raises is a StepError with the line of its file, as in `check`."""
+    from lagrange_bench import integrators
+    from lagrange_bench.integrators.registry import BUILT_IN
+
+    try:
+        return integrators.integrate(top, y0, method=method, **arguments)
+    except (ValueError, OSError, MemoryError, integrators.StepError):
+        raise
+    except (Exception, SystemExit) as error:  # a plug-in may raise anything
+        if word in BUILT_IN:
+            raise
+        from lagrange_bench.experiments.measuring import first_step
+
+        raise integrators.StepError(method.name, first_step.describe(error, method, word)) from error
 
 
 def _start(options: argparse.Namespace) -> tuple[str | None, Any, np.ndarray]:
