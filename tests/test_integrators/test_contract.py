@@ -29,7 +29,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.inte
 def require(verdicts, least):
     assert [str(v) for v in verdicts if v.passed is False] == []
     assert sum(v.passed is True for v in verdicts) >= least
-    assert not any("takes" in v.claim for v in verdicts), "a moderate step was not taken"
+    assert not any(v.claim.startswith("takes") for v in verdicts), "a moderate step was not taken"
 
 
 @pytest.mark.parametrize("name", NAMES)

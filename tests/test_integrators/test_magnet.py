@@ -50,7 +50,7 @@ def test_methods_follow_one_flow_and_keep_what_they_claim(name, magnet):
         assert drift[0] > 1e-10
 
 
-@pytest.mark.parametrize("name", ["strang", "implicit_midpoint"])
+@pytest.mark.parametrize("name", [pytest.param("strang", marks=pytest.mark.interpreted), "implicit_midpoint"])
 def test_claims_hold_on_a_magnet(name, monkeypatch):
     monkeypatch.setattr(check, "FIELD_STEPS", 100)
     liar = replace(METHODS[name], poisson=True, if_quadratic=frozenset({"H"}), order=3)
