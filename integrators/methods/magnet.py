@@ -145,13 +145,21 @@ def sweep(s, b, pairs, K, t, forward):
 
 
 @jit
+def assign(to, values):
+    """to[:] = values, of rows of three numbers; Numba compiles that for two seconds."""
+    for j in range(len(values)):
+        for i in range(3):
+            to[j, i] = values[j, i]
+
+
+@jit
 def run_splitting(s, b, pairs, K, h, weights, first, last, every, out):
     """Steps of φ*, φ, φ*, φ, … with weights (an even number)."""
     for step in range(first, last):
         for i in range(len(weights)):
             sweep(s, b, pairs, K, h * weights[i], i % 2 == 1)
         if (step + 1) % every == 0:
-            out[(step + 1) // every] = s
+            assign(out[(step + 1) // every], s)
     return -1, 0
 
 
@@ -185,7 +193,7 @@ def run_midpoint(s, b, pairs, K, h, spherical, first, last, every, out):
     for step in range(first, last):
         for j in range(n):
             size[j] = math.sqrt(s[j, 0] ** 2 + s[j, 1] ** 2 + s[j, 2] ** 2)
-        mean[:] = s
+        assign(mean, s)
         old = np.inf
         for _ in range(ITERATIONS):
             iterations += 1
@@ -220,7 +228,7 @@ def run_midpoint(s, b, pairs, K, h, spherical, first, last, every, out):
             for i in range(3):
                 s[j, i] += 2.0 * (mean[j, i] - s[j, i])
         if (step + 1) % every == 0:
-            out[(step + 1) // every] = s
+            assign(out[(step + 1) // every], s)
     return -1, iterations
 
 

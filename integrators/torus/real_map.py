@@ -381,7 +381,7 @@ def attitudes(alpha, y, times, longest, block):
             begin, number, gap = before, 1, times[i] - before
             parts = math.ceil(abs(gap) / longest)
             if gap != 0.0:
-                c[:] = exact_constants(alpha, y, gap / parts)[0]
+                c = exact_constants(alpha, y, gap / parts)[0]
                 spin = at.step_spin(alpha, y, gap / parts)
         for _ in range(parts if gap != 0.0 else 0):
             if done % block == 0:
