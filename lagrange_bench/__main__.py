@@ -131,7 +131,8 @@ def parser() -> Parser:
     commands = top.add_subparsers(metavar="COMMAND", title="commands")
     for module in COMMANDS:
         name = module.__name__.rpartition(".")[2]
-        command = commands.add_parser(name, text=module.__doc__, help=str(module.__doc__).partition("\n")[0])
+        summary, _, text = str(module.__doc__).partition("\n\n")
+        command = commands.add_parser(name, text=text, help=summary.rstrip("."))
         command.set_defaults(run=module.run, command=name, flags=command._option_string_actions)
         command.add_argument("--json", action="store_true", help="print JSON, and nothing else, on stdout")
         module.add_options(command)
