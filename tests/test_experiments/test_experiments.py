@@ -85,6 +85,15 @@ def test_measured_stored_and_drawn(name):
         assert not {letter for letter in text if letter > "ÿ"}, "LaTeX does not know these letters"
 
 
+@pytest.mark.parametrize(("name", "part", "figure"), [("drift", "time", "time"), ("phase", "h", "families")])
+def test_a_figure_of_other_tops_is_left_out(name, part, figure):
+    rows = rows_of(name)
+    rows = rows[rows.part == part].dropna(subset="method")
+    with style.apply():
+        assert figure in load(name).draw(rows)
+        assert figure not in load(name).draw(rows.assign(state="through_pole"))
+
+
 @each
 def test_no_number_is_made_up_where_one_is_missing(name):
     """A table of rows in which every measured number is NaN has no finite error."""
