@@ -50,6 +50,7 @@ def export(
     if kind not in figures.FORMATS:
         raise ValueError(f"format must be one of {', '.join(figures.FORMATS)}, got {kind!r}")
     stored, problems = _stored(results)
+    known: list[str] = []
     for experiment in sorted(stored, key=len, reverse=True):
         if not name.startswith(f"{experiment}_"):
             continue
@@ -57,13 +58,15 @@ def export(
         if choice and section.rows.empty:
             raise UnknownFigure(_no_rows(experiment, choice))
         problems += section.notes[:1]
-        if (figure := dict(_drawn(section, width)).get(name)) is not None:
+        drawn = dict(_drawn(section, width))
+        if name in drawn:
             path = output or Path(f"{name}.{kind}")
-            write(path, figures.FORMATS[kind](figure))
+            write(path, figures.FORMATS[kind](drawn[name]))
             return [path], _lacking(section), [*_remarks(section), *_without(name, section)]
         if choice and name in dict(_drawn(_section(experiment, Store(results)))):
             raise UnknownFigure(f"{name}: no rows of {_words(choice)}")
-    if known := names(results, choice):
+        known += drawn
+    if known := known or names(results, choice):  # to draw all takes long
         raise UnknownFigure(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
     why = "; ".join(problems) or "nothing is stored"
     raise UnknownFigure(f"{name!r} cannot be drawn from {results}: {why}")
