@@ -144,8 +144,7 @@ class Comparison:
             No such column, method or top, or nothing to draw; the message says what there is.
         """
         x, y = x or self.x, y or self.y
-        rows = self._rows(x, y, methods, tops)
-        names = list(dict.fromkeys(rows["top"]))
+        rows, names = self._rows(x, y, methods, tops), self.tops(x, y, methods, tops)
         axes = _axes(ax, names)
         limits = {name: ends for name, ends in (("xlim", xlim), ("ylim", ylim)) if ends is not None}
         with ExitStack() as stack:
@@ -157,6 +156,25 @@ class Comparison:
                 title = self._title(list(dict.fromkeys(here["top"])))
                 one.set(title=title, xlabel=self._label(x), ylabel=self._label(y), **limits)
         return axes[0] if len(axes) == 1 else np.array(axes)
+
+    def tops(
+        self, x: str, y: str, methods: Iterable[str] | None = None, tops: Iterable[str] | None = None
+    ) -> list[str]:
+        """The tops that `plot` has panels for.
+
+        Parameters
+        ----------
+        x, y : str
+            Names of columns of numbers.
+        methods, tops : list of str, optional
+            These only.
+
+        Returns
+        -------
+        list of str
+            Their names.
+        """
+        return list(dict.fromkeys(self._rows(x, y, methods, tops)["top"]))
 
     # ------------------------------------------------------------------ what is drawn
 

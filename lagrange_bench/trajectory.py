@@ -17,7 +17,7 @@ from lagrange_bench.integrators.truth import exact, truths
 from lagrange_bench.results import provenance
 from lagrange_bench.text import table
 
-FEW = 20  # states are drawn as dots: a line between them would say too much
+CHORD = 0.3  # rad between two recorded directions of the axis; beyond, a line between them would say too much
 
 
 LAM = "lam given: one step is the flow over another time than h, and a turn"
@@ -119,7 +119,8 @@ def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -
 
     with style.apply():
         figure, ax = style.figure(4.2, 4.2, subplot_kw={"projection": "3d", "proj_type": "ortho"})
-        look = {"linewidth": 0.9} if len(trajectory.t) > FEW else {"linestyle": "none", "marker": ".", "ms": 3}
+        dots = {"linestyle": "none", "marker": ".", "ms": 3}
+        look = {"linewidth": 0.9} if _dense(trajectory.y[:, 3:]) else dots
         trajectory.plot("axis", ax=ax, color=style.of(method.name)["color"], label="axis x", **look)
         times = f"t = {trajectory.t[0]:g} … {trajectory.t[-1]:g}, {len(trajectory.t)} states"
         title = f"Axis of the top{f' “{name}”' if name else ''}, |x| = {math.hypot(*trajectory.y[0, 3:]):.4g}"
@@ -129,3 +130,10 @@ def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -
         ax.get_legend().remove()
         figure.legend(loc="outside lower center", ncols=2)
     return targets.write_picture(path, figure)
+
+
+def _dense(x: Array) -> bool:
+    """Whether recorded directions are so close that lines between them stay near the sphere."""
+    unit = x / np.hypot.reduce(x, axis=1, keepdims=True)
+    chords = np.linalg.norm(np.diff(unit, axis=0), axis=1)
+    return bool(chords.max(initial=0.0) < CHORD)

@@ -26,13 +26,10 @@ import argparse
 import math
 import sys
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lagrange_bench.arguments import numbers
 from lagrange_bench.text import Answer, plain, table
-
-if TYPE_CHECKING:
-    pass
 
 RIVALS = ("rk4", "strang", "backlund")  # whom to draw a method beside, as a beginning
 

@@ -114,8 +114,7 @@ def _columns(options: argparse.Namespace, results: Path, choice: Any, kind: str)
         frame = frame[frame["part"] == part]
     drawn = Comparison(frame)
     with style.apply(options.width, choice.highlight):
-        rows = drawn._rows(options.x, options.y, choice.methods or None, choice.tops or None)
-        tops = list(dict.fromkeys(rows["top"]))
+        tops = drawn.tops(options.x, options.y, choice.methods or None, choice.tops or None)
         if len(tops) > MOST:
             raise ValueError(f"--tops: there are {len(tops)}; choose at most {MOST}, as --tops {','.join(tops[:2])}")
         figure, axes = style.panels(tops, min(len(tops), 2), (0.4, 2.7), "", "")
