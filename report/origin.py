@@ -12,6 +12,7 @@ from types import ModuleType
 import pandas as pd
 
 from lagrange_bench.experiments import PROFILES, SWEEP
+from lagrange_bench.experiments.catalogue import load_stored
 from lagrange_bench.results import provenance
 from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.results.store import Record, _canonical, clean, default_results
@@ -87,6 +88,11 @@ def profiles_of(module: ModuleType, records: Sequence[Record]) -> tuple[str, ...
         return tuple(p for p in PROFILES if stored <= {_canonical(clean(cell)) for cell in module.cells(p)})
     except Exception:  # somebody's own, perhaps of another version: no reason to lose the page
         return None
+
+
+def again(folder: Path, experiment: str, records: Sequence[Record]) -> str:
+    """The command that computes what is stored of an experiment in a folder again."""
+    return f"{find(folder, [profiles_of(load_stored(experiment), records)]).run(experiment)} --again"
 
 
 def described(origin: Origin, sources: Sequence[pd.DataFrame]) -> str:

@@ -14,6 +14,7 @@ from lagrange_bench.experiments.catalogue import UnknownExperiment, lacks, load_
 from lagrange_bench.integrators import machine
 from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.integrators.registry import find_stored_method, find_stored_potential
+from lagrange_bench.report import origin
 from lagrange_bench.results import sources
 from lagrange_bench.results.compare import Difference, _store, differences, is_time, times_of
 from lagrange_bench.results.store import Record, Store, StoreError, _canonical
@@ -133,9 +134,10 @@ def _sample(
                 group = (experiment, str(cell.get("part", "")), str(cell.get("method") or cell.get("variant", "")))
                 groups.setdefault(group, []).append(record)
     if outdated:
-        names = sorted(outdated)
-        how = f"lagrange-bench run {' '.join(names)} --results {store.folder}"
-        raise StoreError(f"{store.folder}: {', '.join(names)} changed (VERSION) since this was stored: {how}")
+        again = " && ".join(origin.again(store.folder, name, store.latest(name)) for name in sorted(outdated))
+        raise StoreError(
+            f"{store.folder}: {', '.join(sorted(outdated))} changed (VERSION) since this was stored: {again}"
+        )
     if absent:
         how = "not available here (of a file of your own: --module NAME)"
         result.notes.append(f"not computed: {', '.join(sorted(absent))}: {how}")
