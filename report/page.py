@@ -15,6 +15,7 @@ import shlex
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import jinja2
@@ -27,7 +28,7 @@ from lagrange_bench.experiments.measuring import errata
 from lagrange_bench.integrators.files import write_file
 from lagrange_bench.report import chooser, claims, fairness, lists, live, origin, panels, promises
 from lagrange_bench.report.origin import PUBLISHED, Origin
-from lagrange_bench.report.sections import OPENED, Drawn, Section, described, draw_all, place, stored_rows
+from lagrange_bench.report.sections import OPENED, Drawn, Section, compute_all, described, draw, place, stored_rows
 from lagrange_bench.report.sections import write as write_section
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
@@ -99,7 +100,10 @@ def assemble(
     """
     stored = Store(results, choice)
     own = [name for name in stored.experiments() if name not in EXPERIMENTS]
-    sections = draw_all([*own, *EXPERIMENTS], stored, processes, drawn, modules)
+    names = [*own, *EXPERIMENTS]
+    asked = not choice and stored.path("paper").exists()
+    jobs = [partial(_published, beside), partial(_errata, asked), *(partial(draw, name, stored) for name in names)]
+    (published, beside_words), (paper, faults), *sections = compute_all(jobs, stored, processes, drawn, modules)
     whole = not choice and (any(len(s.rows) for s in sections if s.experiment in EXPERIMENTS) or not own)
     if not whole:
         sections = [s for s in sections if len(s.rows) or s.experiment in own or s.errors]
@@ -112,22 +116,23 @@ def assemble(
     errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
     report = Report(sections, drawn_from, whole, errors, old)
     if whole:
-        _judge(report, source, beside)
+        _judge(report, source)
+        report.beside, report.errata = beside_words, paper
+        report.errors += faults
+        for judged, verdict in zip(report.claims, published, strict=False):
+            judged.beside = verdict
     return report
 
 
-def _judge(report: Report, source: Origin, beside: Path | None) -> None:
+def _judge(report: Report, source: Origin) -> None:
     """Adds what only the bench's own page has. Rows of another version cost a part of it, not the page."""
     rows = {section.experiment: section.rows for section in report.sections}
     for section in report.sections:
         promises.keep(section.experiment, section.rows, {table.name: table.frame for table in section.tables})
     report.claims, errors = judge(rows, source)
     report.errors += errors
-    if beside:
-        report.beside = _held_against(beside, report.claims)
     parts: dict[str, Callable[[], object]] = {
         "fairness": lambda: fairness.assemble(rows),
-        "errata": lambda: _errata() if len(rows.get("paper", ())) else pd.DataFrame(),
         "panels": lambda: panels.script(rows),
         "answers": lambda: chooser.answers(rows),
     }
@@ -156,15 +161,16 @@ def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> tuple[li
     return judged, errors
 
 
-def _held_against(beside: Path, judged: list[Judged]) -> str:
-    """Puts the verdict of other results beside each; what those are, and how the claims fare by them."""
-    store = Store(beside)
-    journals = {name: store.open(name) for name in dict.fromkeys(j.claim.experiment for j in judged)}
-    published, _ = judge({name: journal.rows() for name, journal in journals.items()})
-    for one, other in zip(judged, published, strict=True):
-        one.beside = other.verdict
+def _published(folder: Path | None) -> tuple[list[claims.Verdict], str]:
+    """The verdict of other results on each claim; what those are, and how the claims fare by them."""
+    if folder is None:
+        return [], ""
+    store = Store(folder)
+    journals = {name: store.open(name) for name in dict.fromkeys(claim.experiment for claim in promises.CLAIMS)}
+    judged, _ = judge({name: journal.rows() for name, journal in journals.items()})
     old = sources.summary(sum((journal.ages() for journal in journals.values()), Counter[str]()))
-    return f"{origin.named(beside)}: {'; '.join(filter(None, (_fare(published), old)))}"
+    words = f"{origin.named(folder)}: {'; '.join(filter(None, (_fare(judged), old)))}"
+    return [each.verdict for each in judged], words
 
 
 def counted(report: Report) -> str:
@@ -219,15 +225,18 @@ def _linked(output: Path) -> set[Path]:
     return {output / link for link in LINK.findall(text)}
 
 
-def _errata() -> pd.DataFrame:
-    """The errata of the paper with the magnitudes of their residuals."""
+def _errata(asked: bool) -> tuple[pd.DataFrame, list[str]]:
+    """The errata of the paper with the magnitudes of their residuals, none unless asked for; why they cannot be made."""
     names = ("section", "equation", "wrong", "as printed", "misses by", "corrected", "then misses by")
     rows = []
-    for e in errata.measure():
-        printed, corrected = errata.magnitude(e.printed), errata.magnitude(e.corrected)
-        wrong = "sentence" if e.prose else "formula"
-        rows.append((e.section, e.equation, wrong, e.printed_text, printed, e.corrected_text, corrected))
-    return pd.DataFrame(rows, columns=names)
+    try:
+        for e in errata.measure() if asked else ():
+            printed, corrected = errata.magnitude(e.printed), errata.magnitude(e.corrected)
+            wrong = "sentence" if e.prose else "formula"
+            rows.append((e.section, e.equation, wrong, e.printed_text, printed, e.corrected_text, corrected))
+    except Exception as error:
+        return pd.DataFrame(columns=names), [f"errata: cannot be made: {described(error)}"]
+    return pd.DataFrame(rows, columns=names), []
 
 
 # ---------------------------------------------------------------- to files

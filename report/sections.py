@@ -8,13 +8,14 @@ import shlex
 import signal
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing import active_children, get_context
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pandas as pd
 
@@ -34,7 +35,7 @@ from lagrange_bench.results.store import Store, StoreError
 DECLINED = "StepError"  # what a method raises that declines a step
 WORTH = 2  # journals to draw for which a process of its own is started: the imports of one take as long
 OPENED = ("profile", "winner")  # figures that are not folded, besides the first of an experiment
-Drawn = Callable[[int, int], None]  # gets how many sections are drawn, of how many
+Drawn = Callable[[int, int], None]  # gets how many parts of the page are made, of how many
 
 
 @dataclass
@@ -141,33 +142,33 @@ class Section:
 # ---------------------------------------------------------------- from a journal
 
 
-def draw_all(names: list[str], store: Store, processes: int, drawn: Drawn, modules: Sequence[str]) -> list[Section]:
-    """One for each name, drawn in so many processes at most: laying figures out takes longer than all else."""
-    sections: dict[str, Section] = {}
-    drawn(0, len(names))
-    stored = sum(store.path(name).exists() for name in names)
-    for section in _drawn(names, store, min(processes, stored // WORTH), modules):
-        sections[section.experiment] = section
-        drawn(len(sections), len(names))
-    return [sections[name] for name in names]
+def compute_all(jobs: Sequence[Callable[[], Any]], store: Store, processes: int, done: Drawn, modules: Sequence[str]) -> list[Any]:
+    """What each job returns, in so many processes at most: laying figures out takes longer than all else.
 
-
-def _drawn(names: list[str], store: Store, processes: int, modules: Sequence[str]) -> Iterator[Section]:
-    """Sections as they come. Modules are looked for where this process looks. Ctrl-C ends the processes at once."""
+    Modules are looked for where this process looks. Ctrl-C ends the processes at once.
+    """
+    done(0, len(jobs))
+    processes = min(processes, sum(store.path(name).exists() for name in store.experiments()) // WORTH)
     if processes < 2:
-        yield from (draw(name, store) for name in names)
-        return
+        made = []
+        for job in jobs:
+            made.append(job())
+            done(len(made), len(jobs))
+        return made
     others = set(active_children())
     start = partial(_start, list(sys.path), modules, store.choice)
     with ProcessPoolExecutor(processes, get_context("spawn"), initializer=start) as pool:
         try:
             with interrupt_held_back():  # the processes are started in here
-                futures = [pool.submit(draw, name, store) for name in names]
-            yield from (future.result() for future in as_completed(futures))
+                futures = [pool.submit(job) for job in jobs]
+            for count, future in enumerate(as_completed(futures), 1):
+                future.result()
+                done(count, len(jobs))
         except BaseException:
             for process in set(active_children()) - others:
                 process.kill()
             raise
+    return [future.result() for future in futures]
 
 
 def _start(path: list[str], modules: Sequence[str], choice: Choice) -> None:

@@ -191,7 +191,9 @@ def _unicode(text: str) -> str:
 def restore(value: Any) -> Any:
     """Undoes what `clean` does to NaN and ±inf."""
     if isinstance(value, dict):
-        return float(value["float"]) if set(value) == {"float"} else {k: restore(v) for k, v in value.items()}
+        if set(value) == {"float"}:
+            return float(value["float"])
+        return {k: restore(v) if isinstance(v, (dict, list)) else v for k, v in value.items()}
     return [restore(v) for v in value] if isinstance(value, list) else value
 
 

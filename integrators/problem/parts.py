@@ -139,7 +139,8 @@ def rotated(u: Any, v: Any, c: Any, s: Any) -> tuple[Any, Any]:
 def of_length(new: Sequence[Any], old: Sequence[Any]) -> list[Any]:
     """`new`, as long as `old` but for round-off, as long as it: sin² + cos² − 1 may be the same at every step."""
     square = sum((v * v for v in old[1:]), old[0] * old[0])
-    lack = 0.5 * (sum((v * v for v in new[1:]), new[0] * new[0] - square)) / (square + TINY)
+    share = 0.5 / (square + TINY)  # of what is known first: a division takes long
+    lack = share * sum((v * v for v in new[1:]), new[0] * new[0] - square)
     return [v - lack * v for v in new]
 
 
