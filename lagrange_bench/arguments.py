@@ -130,6 +130,22 @@ def named_top(name: str) -> Any:
         raise ValueError(f"--top: {error}") from None
 
 
+def own_problem(word: str, state: list[float] | None) -> tuple[Any, Any]:
+    """The problem that `module:PROBLEM` names, and the state of it. ValueError: it cannot be loaded, or there is no state."""
+    from lagrange_bench.integrators.registry import import_own
+
+    if state is None:
+        raise ValueError("--problem needs --state, the numbers of a state")
+    module, _, name = word.partition(":")
+    try:
+        problem = getattr(import_own(module), name)
+    except Exception as error:  # somebody's own module may raise anything
+        raise ValueError(f"--problem {word} cannot be loaded: {type(error).__name__}: {error}") from error
+    if not hasattr(problem, "offers"):
+        raise ValueError(f"--problem {word} must be a Problem or a top; it is a {type(problem).__name__}")
+    return problem, problem.check_state(state, "--state")
+
+
 def add_potential(command: Any) -> None:
     text = "put the top in this potential: a name, see lagrange-bench potentials, or package.module:POTENTIAL"
     command.add_argument("--potential", metavar="NAME", help=text)

@@ -10,9 +10,8 @@ import numpy as np
 
 from lagrange_bench import targets
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.integrators import INVARIANTS, Trajectory
+from lagrange_bench.integrators import Problem, Trajectory
 from lagrange_bench.integrators.interface import Array, Method
-from lagrange_bench.integrators.trajectory import E3_COLUMNS
 from lagrange_bench.integrators.truth import exact, truths
 from lagrange_bench.results import provenance
 from lagrange_bench.text import table
@@ -42,11 +41,10 @@ def judge(trajectory: Trajectory, y0: Array, lam: bool = False) -> dict[str, Any
     except ValueError as error:  # beyond what doubles resolve: the method has an answer, the truth has none
         judged = {"final": None, "largest": None, "note": str(error)}
     judged["against"] = truths.name(top)
-    conserved = getattr(top, "conserved", INVARIANTS)
-    facts = ("start", "final", "drift", "largest_drift", "conserved")
-    kept = [name in conserved for name in INVARIANTS]
+    facts, names = ("start", "final", "drift", "largest_drift", "conserved"), top.names
+    kept = [name in top.conserved for name in names]
     columns = zip(invariants[0], invariants[-1], drift[-1], np.abs(drift).max(axis=0), kept, strict=True)
-    changes = {name: dict(zip(facts, column, strict=True)) for name, column in zip(INVARIANTS, columns, strict=True)}
+    changes = {name: dict(zip(facts, column, strict=True)) for name, column in zip(names, columns, strict=True)}
     head = {"t_final": trajectory.t[-1], "y_final": trajectory.y[-1], "recorded": len(trajectory.t)}
     return {**head, "invariants": changes, "error": judged}
 
@@ -59,12 +57,12 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
     upto = f"up to t = {data['t_final']:.10g}" if error["note"] != LAM else "which h only labels"
     count = data["recorded"]
     head = [
-        f"top     {data['top'] or 'of your own'}: alpha = {top.alpha:.10g}, {_kind(top, y0)}",
+        f"top     {data['top'] or 'of your own'}: {_kind(top, y0)}",
         f"method  {data['method']}: {label}{settings}",
         f"times   {grid}, {upto}, {count} state{'' if count == 1 else 's'} recorded",
     ]
     states = [
-        ("", *(f" {name}" for name in E3_COLUMNS)),
+        ("", *(f" {name}" for name in trajectory.columns())),
         ("start", *_exactly(y0)),
         ("end", *_exactly(trajectory.y[-1])),
     ]
@@ -78,7 +76,7 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
     else:
         final, largest = _short(error["final"]), _short(error["largest"])
         judged = f"error   {final} at the end, {largest} the largest recorded, against the "
-        judged += f"{error['against']} (relative to the sizes of J and x)"
+        judged += f"{error['against']} (relative to the sizes of {'J and x' if top.space.affine else 'its vectors'})"
     words = {"steps": "steps", "rhs_evals": "right-hand sides", "iterations": "iterations", "rejected": "rejected"}
     counted = ", ".join(f"{work[name]} {word}" for name, word in words.items() if work[name] or name == "steps")
     counts = f"work    {counted}; {data['seconds']:.3g} s in all, compilation included, "
@@ -89,11 +87,14 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
 
 def _kind(top: Any, y0: Array) -> str:
     """What motion it is; in a potential, which one."""
+    if isinstance(top, Problem):
+        return f"the problem {top.name}, {top.space.size} numbers"
+    alpha = f"alpha = {top.alpha:.10g}"
     if "uniform" in top.offers:
-        return f"{exact.regime(top, y0)}, nutation period {exact.nutation_period(top, y0):.6g}"
+        return f"{alpha}, {exact.regime(top, y0)}, nutation period {exact.nutation_period(top, y0):.6g}"
     names = top.potential.parameters or [f"p{i}" for i in range(1, len(top.parameters) + 1)]
     values = ", ".join(f"{name} = {value:.10g}" for name, value in zip(names, top.parameters, strict=True))
-    return f"in the potential {top.potential.name}" + (f" ({values})" if values else "")
+    return f"{alpha}, in the potential {top.potential.name}" + (f" ({values})" if values else "")
 
 
 def _exactly(values: Any) -> tuple[str, ...]:

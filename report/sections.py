@@ -142,7 +142,9 @@ class Section:
 # ---------------------------------------------------------------- from a journal
 
 
-def compute_all(jobs: Sequence[Callable[[], Any]], store: Store, processes: int, done: Drawn, modules: Sequence[str]) -> list[Any]:
+def compute_all(
+    jobs: Sequence[Callable[[], Any]], store: Store, processes: int, done: Drawn, modules: Sequence[str]
+) -> list[Any]:
     """What each job returns, in so many processes at most: laying figures out takes longer than all else.
 
     Modules are looked for where this process looks. Ctrl-C ends the processes at once.

@@ -28,7 +28,7 @@ import sys
 from dataclasses import asdict
 from typing import Any
 
-from lagrange_bench.arguments import numbers
+from lagrange_bench.arguments import numbers, own_problem
 from lagrange_bench.text import Answer, plain, table
 
 RIVALS = ("rk4", "strang", "backlund")  # whom to draw a method beside, as a beginning
@@ -69,23 +69,13 @@ def run(options: argparse.Namespace) -> Answer:
 
 
 def _problem(options: argparse.Namespace) -> Any:
-    """What --problem names. ValueError: it cannot be imported, or there is no --state."""
-    from lagrange_bench.integrators.registry import import_own
-
-    module, _, name = (options.problem or "").partition(":")
+    """What --problem names."""
     if options.problem is None:
         if options.state is not None:
             raise ValueError("--state: give --problem, too")
         return None
-    if options.state is None:
-        raise ValueError("--problem needs --state, the numbers of a state")
-    try:
-        problem = getattr(import_own(module), name)
-    except Exception as error:  # somebody's own module may raise anything
-        raise ValueError(f"--problem {options.problem} cannot be loaded: {type(error).__name__}: {error}") from error
-    if not hasattr(problem, "offers"):
-        raise ValueError(f"--problem {options.problem} must be a Problem or a top; it is a {type(problem).__name__}")
-    if not math.isfinite(problem.scales(problem.check_state(options.state))[2]):
+    problem, state = own_problem(options.problem, options.state)
+    if not math.isfinite(problem.scales(state)[2]):
         raise ValueError(f"--state: {options.problem} has no time scale there, so nothing can be measured")
     return problem
 

@@ -9,6 +9,7 @@ examples:
   lagrange-bench integrate --state 0.3,-0.4,1.2,0.48,0.6,0.64 --alpha 2 --times 0:1000:11 --output run.csv
   lagrange-bench integrate --top figure1 --method rk45 --option rtol=1e-6 --h 0.05 --steps 400 --draw axis.svg
   lagrange-bench integrate --top generic --potential tide --parameters 0.01,1,0,0 --method strang --h 0.1 --steps 100
+  lagrange-bench integrate --problem mine:PROBLEM --state 0.3,-0.4,1.2 --method gauss6 --h 0.1 --steps 1000
   lagrange-bench integrate --physical mass=0.5,distance=0.04,A=1.2e-3,C=4e-4,theta=0.5,dpsi=200 --h 1e-3 --steps 2000
 
 reading what --output wrote, without losing a bit:
@@ -35,6 +36,7 @@ from lagrange_bench.arguments import (
     number_pairs,
     numbers,
     option,
+    own_problem,
     several,
 )
 from lagrange_bench.integrators import memory
@@ -54,7 +56,7 @@ PER_ROW = 1000  # bytes of memory that a recorded state takes until it is printe
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """The options of `integrate`."""
-    start = command.add_argument_group("the top, at t = 0 (one of --top, --state, --physical)")
+    start = command.add_argument_group("the top, at t = 0 (one of --top, --state, --physical, or --problem with --state)")
     text = "a named one, see lagrange-bench tops, or package.module:TOP (default: generic)"
     start.add_argument("--top", metavar="NAME", help=text)
     text = "angular momentum and axis in the rest frame, in any units; |x| need not be 1"
@@ -66,6 +68,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text += "theta (from the upward vertical), phi, psi and their rates dtheta, dphi, dpsi (rad/s); phi, psi, dtheta "
     text += "and dphi are 0 by default. Time is then in s, J in 1/s, |x| = 1"
     start.add_argument("--physical", type=physical, metavar="mass=…,A=…,…", help=text)
+    text = "a problem of your own, with --state, as many numbers as it has"
+    start.add_argument("--problem", metavar="package.module:PROBLEM", help=text)
     add_potential(start)
 
     grid = command.add_argument_group("the times (--h and --steps, or --times)")
@@ -122,7 +126,8 @@ def run(options: argparse.Namespace) -> Answer:
     grid, method, settings = _grid(options), find_method(options.method), _settings(options)
     if reason := method.takes(top):
         given = (f"--{word} {getattr(options, word)}" for word in ("top", "potential") if getattr(options, word))
-        raise ValueError(f"--method: {reason} (those that do: lagrange-bench methods {' '.join(given)})")
+        others = f" (those that do: lagrange-bench methods {' '.join(given)})" if options.problem is None else ""
+        raise ValueError(f"--method: {reason}{others}")
     evaluate = None if options.times is None else method.evaluate_for(top)
     if options.times is not None and evaluate is None:
         raise ValueError(f"--times: {method.name} steps on a grid only; give --h and --steps")
@@ -131,6 +136,8 @@ def run(options: argparse.Namespace) -> Answer:
     for (flag, path), suffixes in zip(files.items(), (TABLES, PICTURES), strict=True):
         if path is not None:  # nobody wants to learn after an hour that there is no such folder
             check_target(flag, path, suffixes)
+    if options.draw is not None and top.space.name != "e3":
+        raise ValueError(f"--draw: {options.problem} has no axis on a sphere; --output keeps its states")
 
     text = f"{method.name}: the first run on a machine compiles, for some seconds"
     begin = perf_counter()
@@ -138,7 +145,7 @@ def run(options: argparse.Namespace) -> Answer:
         trajectory = _follow(options.method, method, top, y0, {**grid, **settings})
     seconds = perf_counter() - begin
     potential = getattr(top, "potential", None)
-    facts = {"top": name, "alpha": top.alpha, "y0": y0, "method": method.name, "options": settings}
+    facts = {"top": name, "alpha": getattr(top, "alpha", None), "y0": y0, "method": method.name, "options": settings}
     facts |= {"potential": potential and (options.potential or potential.name)}
     facts |= {"parameters": list(getattr(top, "parameters", ()))}
     facts |= {"h": options.h, "steps": options.steps, "every": grid.get("every"), "work": vars(trajectory.work)}
@@ -181,6 +188,11 @@ def _start(options: argparse.Namespace) -> tuple[str | None, Any, np.ndarray]:
     from lagrange_bench.integrators import HeavyTop, LagrangeTop
     from lagrange_bench.integrators.checks import check_state
 
+    if options.problem is not None:
+        for word in ("top", "physical", "alpha", "potential", "parameters"):
+            if getattr(options, word) is not None:
+                raise ValueError(f"give either --problem or --{word}")
+        return options.problem, *own_problem(options.problem, options.state)
     given = [f"--{word}" for word in ("top", "state", "physical") if getattr(options, word) is not None]
     if len(given) > 1:
         raise ValueError(f"give only one of {' and '.join(given)}")

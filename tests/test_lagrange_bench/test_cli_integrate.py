@@ -7,7 +7,9 @@ import importlib.util
 import json
 import os
 import re
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +25,7 @@ from lagrange_bench.integrators import (
     HeavyTop,
     LagrangeTop,
     PerturbedTop,
+    free_body,
     integrate,
 )
 from lagrange_bench.integrators.truth import truths
@@ -35,6 +38,7 @@ GENERIC = TOPS["generic"]
 @pytest.mark.parametrize("words", examples(command.__doc__), ids=" ".join)
 def test_the_examples_of_integrate_run(run, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "mine", SimpleNamespace(PROBLEM=free_body(1.0, 2.0, 3.0)))
     code, out, err = run(*words)
     assert code == 0, err
     assert re.search("against the (exact|reference) solution", out)
@@ -54,6 +58,22 @@ def test_summary(run, answer):
         data["error"]["final"] < 2e-14
     )  # 4e-15 is the exact solution's own accuracy, the map makes about 1e-16 a step
     assert all(v["largest_drift"] < 1e-15 for v in data["invariants"].values())
+
+
+def test_a_problem_of_ones_own(answer, run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "posed.py").write_text(
+        "from lagrange_bench import Problem\nP = Problem('own', 'so3', lambda t, y, p: y[0] ** 2 + y[2])\n"
+    )
+    words = ("integrate", "--problem", "posed:P", "--state", "0.3,-0.4,1.2", "--method", "rk4")
+    data = answer(*words, "--h", "0.01", "--steps", "10")
+    assert (set(data["invariants"]), len(data["y_final"]), data["error"]["final"] < 1e-9) == ({"H", "C"}, 3, True)
+    assert "J1  " in run(*words, "--h", "0.01", "--steps", "10")[1]
+    for more, said in (("--draw x.svg", "no axis on a sphere"), ("--top slow", "give either --problem or --top")):
+        code, _, err = run(*words, "--h", "0.01", "--steps", "10", *more.split())
+        assert (code, said in err) == (2, True)
+    code, _, err = run("integrate", "--problem", "posed:Q", "--state", "1,2,3", "--h", "1", "--steps", "1")
+    assert (code, "--problem posed:Q cannot be loaded" in err) == (2, True)
 
 
 def test_where_and_when_a_trajectory_is(answer):
