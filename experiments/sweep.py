@@ -43,6 +43,7 @@ TIMES = ("seconds",)  # columns that no two runs have in common
 KNOBS = ("h", "tol", "rtol")
 SAMPLES = 32
 PER_SAMPLE = 3000  # bytes of memory that a cell takes for each, a generous guess
+LARGEST = 1e100  # step: beyond, there is nothing to draw
 EARLIEST = 1e-3  # first recorded time of a method that chooses its own steps, as a part of the last
 
 Cell = dict[str, Any]
@@ -194,6 +195,8 @@ def _sweep(table: Any, tops: dict[str, Start]) -> Iterator[Cell]:
         raise ValueError(f"time must be positive; got {given['time']:g} (a negative h runs backwards)")
     for i, value in enumerate(given[knob]):
         check_step(value, f"{knob}[{i}]")
+        if not 1 / LARGEST <= (abs(value) if knob == "h" else value) <= LARGEST:
+            raise ValueError(f"{knob}[{i}] must be between {1 / LARGEST:g} and {LARGEST:g}; got {value:g}")
     memory.check(given["samples"], PER_SAMPLE, memory.limit(), "samples", f"take fewer, or set {memory.VARIABLE}")
     options = _options(given["options"])
     starts = [_start(name, tops) for name in given["tops"]]
@@ -365,12 +368,14 @@ def _runs(rows: pd.DataFrame) -> Iterator[tuple[Cell, pd.DataFrame]]:
 
 
 def draw(rows: pd.DataFrame) -> dict[str, Any]:
-    """Against time, each method at its finest; and against each knob that has several values."""
+    """Against time, each method at its finest; and against each knob that has several values. Nothing if all runs failed."""
     import pandas as pd
 
     from lagrange_bench.experiments.drawing import style
     from lagrange_bench.experiments.measuring.reductions import largest, worst
 
+    if not (rows.status == "done").any():
+        return {}
     runs = [run for _, run in rows.groupby("key", sort=False)]  # J3 has no number where the field does not conserve it
     has = [[name for name in INVARIANTS if run[name].notna().any()] for run in runs]
     rows = pd.concat(

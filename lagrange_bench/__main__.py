@@ -70,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return 141
     except MemoryError:
-        return _report("error: out of memory: record fewer states (--every)", 1)
+        return _report("error: out of memory: record fewer states (--every), or take fewer times", 1)
     except OSError as error:
         path = "" if error.filename is None else f"{error.filename}: "
         return _report(f"error: {path}{error.strerror or error}", 2)

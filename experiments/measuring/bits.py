@@ -110,4 +110,7 @@ def write(found: Hashes) -> None:
 
 
 if __name__ == "__main__":  # names of methods whose bits are new, or were changed on purpose
-    write(measured(only=sys.argv[1:]))
+    found = measured(only=sys.argv[1:])
+    if lacking := [name for name in sys.argv[1:] if name not in found] or found == {}:
+        sys.exit(f"no kernel of {lacking}: name methods of the bench that are compiled here")
+    write(found)

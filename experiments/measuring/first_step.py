@@ -29,15 +29,31 @@ def problem(method: Method, word: str | None) -> str | None:
         try:
             with np.errstate(all="ignore"), warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                stepper: Any = method.prepare_for(top)(top, y0.copy(), 0.1 * top.scales(y0)[2])
+                build = method.prepare_for(top)
+                stepper: Any = build(top, y0.copy(), 0.1 * top.scales(y0)[2])
                 if stepper is None:
                     raise ValueError("prepare returned None: return a stepper")
+                if not getattr(build, "func", build).__module__.startswith("lagrange_bench."):
+                    _interpreted(stepper, y0)
                 stepper.advance(y0.copy(), 1)
         except StepError:
             continue
         except (Exception, SystemExit) as error:  # a plug-in may raise anything
             return describe(error, method, word)
     return None
+
+
+def _interpreted(stepper: Any, y0: Any) -> None:
+    """One step of a kernel without the compiler. IndexError: it reads beyond its arrays, which compiled code does not notice."""
+    kernel = getattr(getattr(stepper, "step", None), "py_func", None)
+    if kernel is None:
+        return
+    try:
+        kernel(tuple(stepper.enter(y0).tolist()), stepper.constants, np.zeros(len(stepper.tally)))
+    except IndexError:
+        raise
+    except Exception:  # what only compiled code can call
+        return
 
 
 def describe(error: BaseException, method: Method, word: str | None) -> str:

@@ -164,7 +164,7 @@ class FixedStepper(Stepper):
         self.name, self.h, self.constants, self.block = name, h, constants, block
         self._enter, self._leave = enter, leave
         self.rhs_per_step, self.failures = rhs_per_step, failures or {}
-        self.pin, self.lane = pin, (step, len(constants)) if lane is True else lane or None
+        self.step, self.pin, self.lane = step, pin, (step, len(constants)) if lane is True else lane or None
         self.size = size
         if timed:  # else it is for the class to say
             self.from_start = True

@@ -38,6 +38,8 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.integrators.words import suggestion
 
     if options.name is None:
+        if given := [word for word in ("until", "every", "output") if getattr(options, word) is not None]:
+            raise ValueError(f"--{given[0]} belongs to the NAME of a case: {', '.join(CASES)}")
         lines = table([("name", "title", "until"), *((c.name, c.title, f"{c.until:g} s") for c in CASES.values())])
         for case in CASES.values() if options.verbose else ():
             lines += ["", f"{case.name}: {case.source}", "", case.remarks]
@@ -87,7 +89,7 @@ def _time(text: str, name: str) -> Fraction:
     except (ValueError, ZeroDivisionError):
         raise ValueError(f"--{name} must be a number of seconds such as 0.1; got {text!r}") from None
     if not 0 < time < 10**9:
-        raise ValueError(f"--{name} must be a positive number of seconds; got {text!r}")
+        raise ValueError(f"--{name} must be a positive number of seconds below 10^9; got {text!r}")
     return time
 
 

@@ -37,7 +37,7 @@ RIVALS = ("rk4", "strang", "backlund")  # whom to draw a method beside, as a beg
 def run(options: argparse.Namespace) -> Answer:
     """Test the claims of one method; one that fails makes exit code 1."""
     from lagrange_bench.experiments.measuring import check as checks
-    from lagrange_bench.integrators.registry import find_method
+    from lagrange_bench.integrators.registry import METHODS, find_method
 
     method = find_method(options.method)
     verdicts = checks.check(options.method, quick=options.quick, problem=_problem(options), y0=options.state)
@@ -49,6 +49,8 @@ def run(options: argparse.Namespace) -> Answer:
         rows.append((verdict.word, verdict.claim, measured, verdict.bound, *([how] if options.verbose else [])))
         if verdict.word in ("fail", "not judged"):
             reasons.append(f"{verdict.word}: {verdict.claim}: {how}")
+    if ":" in options.method and method.name in METHODS.built_in:
+        reasons.append(f"the bench has a method named {method.name}: choose another name for an entry point")
     failed = [verdict.claim for verdict in verdicts if verdict.passed is False]
     held = sum(verdict.passed is True for verdict in verdicts)
     file = _file(options.method)

@@ -28,7 +28,7 @@ FORMATS = tuple(suffix.removeprefix(".") for suffix in PICTURES)
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    text = "the name printed below a figure of the page, e.g. phase_h; or an experiment"
+    text = "the name printed below a figure of the page, e.g. phase_h; with --x and --y also an experiment"
     command.add_argument("name", nargs="?", metavar="NAME", help=text)
     text = "every figure, in every format and width unless one is given"
     command.add_argument("--all", action="store_true", help=text)

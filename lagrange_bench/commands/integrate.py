@@ -56,7 +56,9 @@ PER_ROW = 1000  # bytes of memory that a recorded state takes until it is printe
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """The options of `integrate`."""
-    start = command.add_argument_group("the top, at t = 0 (one of --top, --state, --physical, or --problem with --state)")
+    start = command.add_argument_group(
+        "the top, at t = 0 (one of --top, --state, --physical, or --problem with --state)"
+    )
     text = "a named one, see lagrange-bench tops, or package.module:TOP (default: generic)"
     start.add_argument("--top", metavar="NAME", help=text)
     text = "angular momentum and axis in the rest frame, in any units; |x| need not be 1"
@@ -104,6 +106,7 @@ def times(text: str) -> list[float]:
     if len(parts) != 3:
         raise ValueError(f"must be t0:t1:n or a list t,t,…; got {text!r}")
     first, last, n = number(parts[0]), number(parts[1]), several(parts[2])
+    memory.check(n, PER_ROW, memory.available(), text, "take fewer times")
     return [first + (last - first) * (k / (n - 1)) for k in range(n - 1)] + [last]
 
 

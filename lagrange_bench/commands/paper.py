@@ -30,7 +30,7 @@ from lagrange_bench.text import Answer, plain, table
 def add_options(command: argparse.ArgumentParser) -> None:
     text = "one of those listed without an argument, e.g. flow"
     command.add_argument("section", nargs="?", metavar="SECTION", help=text)
-    command.add_argument("--top", default="generic", metavar="NAME", help="a named top (default: generic)")
+    command.add_argument("--top", metavar="NAME", help="a named top (default: generic)")
     text = "of the picture, which ends in .svg, .pdf or .png (default: paper-SECTION.svg)"
     command.add_argument("--output", type=location, metavar="FILE", help=text)
 
@@ -43,16 +43,19 @@ def run(options: argparse.Namespace) -> Answer:
 
     known = paper_sections.SECTIONS
     if options.section is None:
+        if options.top or options.output:
+            raise ValueError(f"{'--top' if options.top else '--output'} belongs to a SECTION: {', '.join(known)}")
         listed = [("section", "in the paper", "what it shows")]
         listed += [(name, number, paper_sections.title(name)) for name, (number, _) in known.items()]
         data = [{"name": name, "number": number, "title": title} for name, number, title in listed[1:]]
         return Answer("\n".join(table(listed)), data)
-    for word, names, what in ((options.section, known, "section"), (options.top, TOPS, "top")):
+    top = options.top or "generic"
+    for word, names, what in ((options.section, known, "section"), (top, TOPS, "top")):
         if word not in names:
             raise ValueError(f"unknown {what} {word!r}{suggestion(word, list(names))} Known: {', '.join(names)}")
     path = options.output or Path(f"paper-{options.section}.svg")
     check_target("--output", path, PICTURES)
-    named = TOPS[options.top]
+    named = TOPS[top]
     shown = paper_sections.show(options.section, named.top, named.state)
     done = write_picture(path, shown.figure)
     rows: list[Any] = [("formula", "misses by", "allowed", "")]
@@ -60,7 +63,7 @@ def run(options: argparse.Namespace) -> Answer:
         rows.append((name, f"{found:.1e}", f"{allowed:.0e}", "" if found <= allowed else "too much"))
     good = all(found <= allowed for found, allowed in shown.residuals.values())
     residuals = {name: {"found": found, "allowed": allowed} for name, (found, allowed) in shown.residuals.items()}
-    answer = {"section": options.section, "top": options.top, "written": str(path), "residuals": plain(residuals)}
+    answer = {"section": options.section, "top": top, "written": str(path), "residuals": plain(residuals)}
     text = [*table(rows), "", shown.figure.caption]
     print(done, file=sys.stderr)
     return Answer("\n".join(text), answer, 0 if good else 1)

@@ -72,6 +72,16 @@ def test_a_fault_is_told_once_with_its_line(mine, run, tmp_path, old, new, messa
     assert wanted.rpartition(": ")[2].partition(" (")[0] in err
 
 
+def test_an_index_beyond_the_constants_is_found(mine, tmp_path):
+    """Compiled code would read what lies there."""
+    told = first_step.problem(find_method(mine("c[0], c[1]", "c[0], c[7]")), "my_first:METHOD")
+    assert told == f"IndexError: index 7 is out of bounds for axis 0 with size 2 ({tmp_path / 'my_first.py'}:11)"
+
+
+def test_a_name_of_the_bench_is_taken(mine, run):
+    assert "the bench has a method named kahan" in run("check", mine('"mine", order', '"kahan", order'), "--quick")[1]
+
+
 RECORDS = [
     (KEPT, '["J3"]', "conserves must be a set"),
     (KEPT, '{"J4"}', "conserves names unknown invariants: ['J4']"),

@@ -86,6 +86,7 @@ BAD = [  # what to replace in GOOD, by what, where the message says it is, and w
     (H, "rtol = [1e-6]", "[[sweep]], rtol", "strang steps by h: give it h"),
     (H, "h = [0.5, 0]", "[[sweep]]", "h[1] must not be 0"),
     (H, "h = [0.5]\ntol = [1e-3]", "[[sweep]]", "one of h, tol, rtol; got h and tol"),
+    (H, "h = [0.1, 1e200]", "[[sweep]]", "h[1] must be between 1e-100 and 1e+100"),
     (H, "h = [1e-99]", "[[sweep]]", "time / h must be at most"),
     (TIME, "time = -1", "[[sweep]]", "time must be positive"),
     (TIME, "time = 50\noptions = { compensated = 7 }", "[[sweep]], options of strang", "compensated must be"),
@@ -245,6 +246,7 @@ def test_a_method_of_ones_own_and_one_that_fails(write, tmp_path, monkeypatch):
 
     assert {METHODS["strang"].label, "kick and rotation"} <= texts(rows)
     assert not any("toys.lies:METHOD" in text for text in texts(rows))
+    assert sweep.draw(rows[rows.status == "failed"]) == {}
     lost = rows.assign(method=rows.method.replace("toys.lies:METHOD", "no_such_module:METHOD"))
     assert "no_such_module:METHOD" in texts(lost), "it has the name it was asked for by"
 

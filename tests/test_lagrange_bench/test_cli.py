@@ -127,6 +127,8 @@ BAD = {  # words → what the line must name
     "check nothing": "'nothing'",
     "check rk4 --state 1,2": "--state",
     "case bruls": "unknown case 'bruls'; did you mean 'bruels'?",
+    "case --until 3": "--until belongs to the NAME of a case",
+    "paper --top generic": "--top belongs to a SECTION",
     "case bruels --every x": "--every must be a number",
     "case bruels --every 1e-9": "more than 10000000 rows",
     "case bruels --digits 41": "digits must be at most 40",
@@ -177,7 +179,7 @@ def test_bad_input(run, words, folder, monkeypatch):
     [
         (integrators.StepError("backlund", "no λ", h=1e300), 1, "error: backlund at h = 1e\\+300: no λ"),
         (registry.NotInstalled("taylor", "is not here"), 2, "error: taylor: is not here"),
-        (MemoryError(), 1, "error: out of memory: record fewer states \\(--every\\)"),
+        (MemoryError(), 1, "error: out of memory: record fewer states \\(--every\\), or take fewer times"),
         (OSError(28, "No space left", "run.csv"), 2, "error: run.csv: No space left"),
         (KeyboardInterrupt(), 130, "interrupted"),
         (ZeroDivisionError("a bug"), None, ""),
