@@ -52,7 +52,7 @@ def export(
     stored, problems = _stored(results)
     known: list[str] = []
     for experiment in sorted(stored, key=len, reverse=True):
-        if not name.startswith(f"{experiment}_"):
+        if not f"{name}_".startswith(f"{experiment}_"):
             continue
         section = _section(experiment, Store(results, choice))
         if choice and section.rows.empty:

@@ -17,6 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import jinja2
 import pandas as pd
@@ -102,7 +103,8 @@ def assemble(
     own = [name for name in stored.experiments() if name not in EXPERIMENTS]
     names = [*own, *EXPERIMENTS]
     asked = not choice and stored.path("paper").exists()
-    jobs = [partial(_published, beside), partial(_errata, asked), *(partial(draw, name, stored) for name in names)]
+    jobs: list[Callable[[], Any]] = [partial(_published, beside), partial(_errata, asked)]
+    jobs += [partial(draw, name, stored) for name in names]
     (published, beside_words), (paper, faults), *sections = compute_all(jobs, stored, processes, drawn, modules)
     whole = not choice and (any(len(s.rows) for s in sections if s.experiment in EXPERIMENTS) or not own)
     if not whole:
@@ -146,6 +148,8 @@ def _judge(report: Report, source: Origin) -> None:
 def _old(sections: Sequence[Section]) -> str:
     """How many cells of all sections are old, and what to do about it."""
     old = sources.summary(sum((section.ages for section in sections), Counter[str]()))
+    if again := [f"{section.command} --again" for section in sections if section.ages[sources.OUTDATED]]:
+        return f"{old} ({' && '.join(again)} computes them again)"
     folder = shlex.quote(sections[0].origin.folder) if old else ""
     return old and f"{old} (lagrange-bench verify {folder} computes a sample again and compares)"
 

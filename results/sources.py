@@ -20,8 +20,12 @@ from lagrange_bench.integrators.imported import BENCH, IMPORTED, Code, Sources
 DEFAULT = "backlund"  # the method of a cell that names none, as of `lagrange_bench.prepare`
 QUOTED = re.compile(rb"""["'](\w+)["']""")
 
-SAME, OTHER, UNKNOWN = "same", "other", "unknown"
-WORDS = {OTHER: "with other source code than this", UNKNOWN: "with source code that was not recorded"}
+SAME, OTHER, UNKNOWN, OUTDATED = "same", "other", "unknown", "outdated"
+WORDS = {
+    OUTDATED: "with another VERSION of the experiment than this",
+    OTHER: "with other source code than this",
+    UNKNOWN: "with source code that was not recorded",
+}
 
 
 def of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED) -> str | None:
@@ -82,12 +86,12 @@ def version(experiment: str) -> float | None:
 
 
 def judge(record: Mapping[str, Any], sources: Sources) -> str:
-    """Whether a stored cell was computed by the sources that are here: SAME, OTHER or UNKNOWN."""
+    """Whether a stored cell was computed by the sources that are here: SAME, OTHER, OUTDATED or UNKNOWN."""
     here = version(record["experiment"])
     if here is None:
         return UNKNOWN
     if here != record["version"]:
-        return OTHER
+        return OUTDATED
     return compared(record.get("sources"), of_cell(record["experiment"], record["cell"], sources))
 
 

@@ -366,7 +366,13 @@ class Store:
     def open(self, experiment: str) -> Journal:
         """What is stored of an experiment now, read once."""
         records, problems = self.read(experiment)
-        shown = [r for r in latest(records, sources.version(experiment)) if self.choice.takes(r["cell"])]
+        chosen = [record for record in records if self.choice.takes(record["cell"])]
+        shown = latest(chosen, sources.version(experiment))
+        older = {_canonical(record["cell"]) for record in chosen} - {_canonical(record["cell"]) for record in shown}
+        if older:
+            problems.append(
+                f"{self.path(experiment)}: {len(older)} cells of another VERSION of the experiment are left out"
+            )
         return Journal(shown, problems)
 
     def latest(self, experiment: str) -> list[Record]:

@@ -55,16 +55,17 @@ def test_rows_of_another_version_are_named_until_there_are_newer_ones(run, study
     def old():
         code, out, err = run(*FIGURE)
         assert code == 0, err
-        return re.findall("(.) stored cells were computed with other source code", err)
+        return re.findall("(.) (?:stored cells were computed with|cells of) another VERSION", err)
 
     assert old() == [], "negative control"
     study.VERSION = 2
     assert old() == ["6"]
     assert run("report", "--results", "out", "--output", "page", "--quiet")[0] == 0
     text = unescape(re.sub("<[^>]*>", "", Path("page/index.html").read_text(encoding="utf-8")))
-    assert f"6 stored cells were computed with other source code than this. {AGAIN}" in text
+    assert f"6 stored cells were computed with another VERSION of the experiment than this. {AGAIN}" in text
+    assert "--again computes them again" in run("report", "--results", "out", "--output", "page")[2]
     append(study, 0, 1)
-    assert (old(), Store("out").rows(NAME)["i"].tolist()) == ([], [0, 1])
+    assert (old(), Store("out").rows(NAME)["i"].tolist()) == (["4"], [0, 1]), "those left out"
     study.VERSION = 1
     assert len(Store("out").rows(NAME)) == 6, "taken back, as `run` takes its cells for computed"
     study.VERSION = 3
