@@ -167,8 +167,9 @@ def measure(cell: dict) -> list[dict]:
         counts = log_counts(cell["steps"], per_octave=2)
         return drift.against_steps(cell, top, y0, cell["h"] * unit, counts)
     span = cell.get("span", SPAN)
-    # the longest race is on a top that is not chaotic: its reference, of two runs, would show it
-    if span < LONGEST and reference.horizon(top, y0, LOST, longest=span * unit) < span * unit:
+    # the longest race is on a top that is not chaotic: its reference, of two runs, would show it, as that of any `Problem`
+    follow = "force" in top.offers and span < LONGEST
+    if follow and reference.horizon(top, y0, LOST, longest=span * unit) < span * unit:
         return [{"stopped": "chaotic", "reason": f"an ulp grows to {LOST:g} before t = {span:g}"}]
     if cell["part"] == "work":
         return work_precision.measure(cell)

@@ -82,7 +82,7 @@ def measure(cell: dict) -> list[dict]:
         error = row.get("error", np.inf)
         in_vain = 0 if error < 0.9 * least or least > COARSE else in_vain + 1
         least = min(least, error)
-        if in_vain == FLOOR_RUNS:
+        if in_vain == FLOOR_RUNS and "stopped" not in row:
             row["stopped"] = "round-off"
         rows.append({**{name: rounded(value) for name, value in knob.items()}, **row})
         if row.get("stopped") in ("too long", "round-off"):

@@ -142,7 +142,7 @@ def integrate(
     if "body" in problem.offers:
         return BodyTrajectory(problem, run.method, run.t, run.y, run.work, start=run.start)
     if "spins" in problem.offers:
-        return replace(run, top=top, y=run.y.reshape(len(run.y), -1, 3))
+        return replace(run, top=top, y=run.y.reshape(len(run.y), len(state) // 3, 3))
     if "uniform" not in problem.offers:
         return run
     first = y0 if isinstance(y0, BodyState) else state

@@ -53,6 +53,28 @@ CHUNK = 1024  # tops in one call, at most: their constants stay in the processor
 FEW = LANES // 2  # tops of the last block below which they are quicker one by one
 
 
+@dataclass(frozen=True)
+class _Begin:
+    """How each motion of an ensemble began."""
+
+    top: Any
+    states: Array
+    method: Method
+    h: float | None
+    options: dict[str, Any]
+
+    def __call__(self, place: int) -> tuple[Any, Start]:
+        def own(value: Any) -> float:
+            return float(value[place] if np.ndim(value) else value)
+
+        top = self.top
+        if isinstance(top, PerturbedTop):
+            top = PerturbedTop(LagrangeTop(own(top.alpha)), top.potential, tuple(map(own, top.parameters)))
+        elif isinstance(top, LagrangeTop):
+            top = LagrangeTop(own(top.alpha))
+        return top, Start(self.states[place], self.method, self.h, self.options)
+
+
 def integrate_ensemble(
     top: LagrangeTop | RigidTop | PerturbedTop | Problem | GaudinMagnet,
     Y0: ArrayLike,
@@ -110,11 +132,7 @@ def integrate_ensemble(
     threads = machine.usable_cores() if threads is None else check_count(threads, "threads", least=1)
 
     def collected(h: float | None, times: Array, out: Array, end_only: bool) -> EnsembleTrajectory:
-        def begin(place: int) -> tuple[Any, Start]:
-            step = h if found.control == "step" else None
-            whole = top if tops.same else tops.one(place)
-            return whole, Start(states[place], found, step, options)
-
+        begin = _Begin(top, states, found, h if found.control == "step" else None, options)
         y = out.reshape(len(out), *np.shape(Y0))
         return EnsembleTrajectory(top, found.name, times, y, end_only, begin)
 
@@ -159,7 +177,6 @@ class _Tops(NamedTuple):
 
     one: Callable[[int], Any]
     those: Callable[[slice], Any]
-    same: bool = False  # one problem for all
 
 
 def _in_field(problem: PerturbedTop, alphas: Array, parameters: Array) -> _Tops:
@@ -353,7 +370,7 @@ def _check_tops(top: Any, Y0: ArrayLike) -> tuple[_Tops, Array]:
             rows: list[Any] = list(Y0)  # type: ignore[arg-type]
             checked = [top.check_state(y, f"Y0[{i}]") for i, y in enumerate(rows)]
             states = np.reshape(checked, (len(rows), -1)) if rows else np.empty((0, top.space.size))
-            return _Tops(lambda _: top, lambda _: None, same=True), states
+            return _Tops(lambda _: top, lambda _: None), states
         except TypeError:
             raise ValueError(f"Y0 must be states, one for each motion; got {type(Y0).__name__}") from None
     if not isinstance(top, (LagrangeTop, PerturbedTop)):

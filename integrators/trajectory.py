@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib.util
 import io
 import json
+import math
 import textwrap
 import warnings
 from collections.abc import Callable, Mapping
@@ -20,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.checks import check_choice, check_times
+from lagrange_bench.integrators.checks import check_choice, check_options, check_times
 from lagrange_bench.integrators.files import write_file
 from lagrange_bench.integrators.interface import Array, Method, Work
 from lagrange_bench.integrators.problem.body import RigidTop
@@ -195,7 +196,7 @@ class Trajectory(Table):
     @property
     def states(self) -> Array:
         """(N, n): `y` with one row of numbers for each time."""
-        return self.y.reshape(len(self.t), -1)
+        return self.y.reshape(len(self.t), math.prod(self.y.shape[1:]))
 
     def invariants(self) -> Array:
         """The invariants of the problem along the trajectory.
@@ -246,12 +247,13 @@ class Trajectory(Table):
         Raises
         ------
         ValueError
-            The method steps on a grid only.
+            The method steps on a grid only, or its dense output lacks an option of the run.
         """
         start, times = self._started("sol"), check_times(t)
         evaluate = start.method.evaluate_for(self.problem)
         if evaluate is None:
             raise ValueError(f"sol: {self.method} steps on a grid only")
+        check_options(f"the dense output of {self.method}", evaluate, start.options)
         states, _ = evaluate(self.problem, start.state, times, **start.options)
         return states.reshape(len(times), *self.y.shape[1:])
 
@@ -308,6 +310,8 @@ class Trajectory(Table):
     def _plot_axis(self, ax: Any, look: dict[str, Any]) -> Axes:
         if self.columns() != E3_COLUMNS:
             raise ValueError(f"what: {self.top!r} has no axis x on a sphere")
+        if not hasattr(ax, "set_zlabel"):
+            raise ValueError("ax: the axis is drawn in space: give axes made with projection='3d'")
         x = self.y[:, 3:]
         radius = float(np.linalg.norm(x[0]))
         around, half = np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13)
@@ -494,7 +498,11 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
             Of that motion.
         """
         top, start = self.begin(range(self.y.shape[1])[place])
-        return Trajectory(top, self.method, self.t, self.y[:, place], Work(), start=start)
+        facts = (self.method, self.t, self.y[:, place], Work())
+        if isinstance(top, RigidTop):
+            return RigidTrajectory(top.problem, *facts, start=start, body=top)
+        whole = "body" in getattr(top, "problem", top).offers
+        return (BodyTrajectory if whole else Trajectory)(top, *facts, start=start)
 
     def invariants(self) -> Array:
         """The invariants of all motions at all times.
@@ -504,7 +512,9 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
         (rows, n, m)
             Of a top H, J3, C1, C2.
         """
-        values: Array = self.problem.invariants(self.y.reshape(*self.y.shape[:2], -1), self.t[:, None])
+        values: Array = self.problem.invariants(
+            self.y.reshape(*self.y.shape[:2], math.prod(self.y.shape[2:])), self.t[:, None]
+        )
         return values
 
     def _places(self) -> dict[str, Array]:

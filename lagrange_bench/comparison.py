@@ -144,6 +144,11 @@ class Comparison:
             No such column, method or top, or nothing to draw; the message says what there is.
         """
         x, y = x or self.x, y or self.y
+        if x == "h_scaled" and x not in self.frame:
+            x = "h"  # rows in the tops' own units
+        methods, tops = (
+            chosen if chosen is None or isinstance(chosen, str) else list(chosen) for chosen in (methods, tops)
+        )
         rows, names = self._rows(x, y, methods, tops), self.tops(x, y, methods, tops)
         axes = _axes(ax, names)
         limits = {name: ends for name, ends in (("xlim", xlim), ("ylim", ylim)) if ends is not None}
@@ -174,13 +179,21 @@ class Comparison:
         list of str
             Their names.
         """
-        return list(dict.fromkeys(self._rows(x, y, methods, tops)["top"]))
+        tops = tops if tops is None or isinstance(tops, str) else list(tops)
+        there = dict.fromkeys(self._rows(x, y, methods, tops)["top"])
+        return (
+            list(there)
+            if tops is None or isinstance(tops, str)
+            else [top for top in dict.fromkeys(tops) if top in there]
+        )
 
     # ------------------------------------------------------------------ what is drawn
 
     def _rows(self, x: str, y: str, methods: Iterable[str] | None, tops: Iterable[str] | None) -> pd.DataFrame:
         """The rows that are asked for."""
         rows = self.frame
+        if "failure" in rows and len(rows) and (rows["status"] == "failed").all():
+            raise ValueError(f"every run failed: {rows['failure'].iloc[0]}")
         numbers = [str(name) for name in rows.select_dtypes("number")]
         for word, name in (("x", x), ("y", y)):
             if name not in numbers:
@@ -252,7 +265,10 @@ class Comparison:
         return labels.get(name) or style.plain(heading(name))
 
     def _title(self, tops: list[str]) -> str:
-        named = [self.labels.get(top) or (NAMED_TOPS[top].label if top in NAMED_TOPS else top) for top in tops]
+        ours = (
+            NAMED_TOPS if {"h_scaled", "t_scaled", "span_scaled"} & set(self.frame) else {}
+        )  # else other things of this name
+        named = [self.labels.get(top) or (ours[top].label if top in ours else top) for top in tops]
         return style.plain(textwrap.shorten(", ".join(named), 60, placeholder=" …"))
 
 

@@ -18,7 +18,11 @@ from lagrange_bench.integrators.registry import find_stored_potential
 from lagrange_bench.integrators.words import numbers, suggestion
 from lagrange_bench.results.store import Store, find_results, published
 
-OWN_UNITS = ("ensemble", "gaudin")  # experiments whose rows have the tops' own unit of time; those of a `case` have s
+OWN_UNITS = (
+    "driven",
+    "ensemble",
+    "gaudin",
+)  # experiments whose rows have the tops' own unit of time; those of a `case` have s
 TIMES = ("h", "t", "span")
 
 
@@ -46,7 +50,7 @@ class Results(Mapping[str, pd.DataFrame]):
                 warnings.warn(problem, RuntimeWarning, stacklevel=2)
             rows = journal.rows()
             own = experiment in OWN_UNITS or "case" in rows
-            rows = rows.rename(columns={"state": "top", "case": "top"})
+            rows = rows.rename(columns=dict.fromkeys(("state", "case", "problem"), "top"))
             if {"seconds", "setup_seconds"} <= set(rows):
                 rows["total"] = rows["seconds"] + rows["setup_seconds"]
             self._frames[experiment] = rows if own else in_both_units(rows)
@@ -76,9 +80,10 @@ def load(results: str | Path = "reference") -> Results:
     Returns
     -------
     Results
-        A mapping from the names of experiments to frames. results/README.md explains the columns, with three changes. `state`
-        and `case` are called `top`. `total` is `seconds` and `setup_seconds` together. `h`, `t` and `span` are in the top's own
-        unit of time, as for `integrate`; `h_scaled`, `t_scaled` and `span_scaled` in its time scale, as they are stored.
+        A mapping from the names of experiments to frames. results/README.md explains the columns, with three changes. `state`,
+        `case` and `problem` are called `top`. `total` is `seconds` and `setup_seconds` together. `h`, `t` and `span` are in the
+        top's own unit of time, as for `integrate`; `h_scaled`, `t_scaled` and `span_scaled` in its time scale, as they are
+        stored.
 
     Raises
     ------

@@ -160,13 +160,16 @@ def order(methods: Iterable[str | Method], tops: Top | Iterable[Top] = "generic"
     """
     asked = _Asked(methods, tops)
     for method in asked.methods:
-        if method.control == "tolerance" or method.order is None:
+        exact = any(method.order_for(top.top) is None for top in asked.tops)
+        if method.control == "tolerance" or exact:
             why = "chooses its own steps" if method.control == "tolerance" else "is exact in time"
             raise ValueError(f"methods: {method.name} {why}: it has no order")
 
     def measure(cell: dict[str, Any]) -> list[dict[str, Any]]:
         start = next((top.top, top.state) for top in asked.tops if top.name == cell["state"])
         points = check.order_points(METHODS[cell["method"]], check.ORDER_SPANS, (start,))
+        if points.exact:
+            raise StepError(cell["method"], f"every step is exact up to round-off on {cell['state']}")
         few = len(points.spans) < 3
         found = np.nan if few else np.polyfit(np.log(points.spans), np.log(points.errors), 1)[0] - 1
         return [{"h": h, "error": e, "order": found} for h, e in zip(points.spans, points.errors, strict=True)]
@@ -328,6 +331,8 @@ class _Asked:
         if not one and not isinstance(tops, Iterable):
             raise ValueError(f"tops must be names, or pairs of a problem and a state; got {tops!r}")
         self.tops = tuple(_placed(top) for top in ([tops] if one else tops))
+        if still := [top.name for top in self.tops if not np.isfinite(top.unit)]:
+            raise ValueError(f"tops: {still[0]} is at rest for ever: its time has no scale")
         if len({top.name for top in self.tops}) < max(len(self.tops), 1):
             raise ValueError(f"tops: give at least one, and each name once; got {[top.name for top in self.tops]}")
         refused = [reason for top in self.tops for method in self.methods if (reason := method.takes(top.top))]

@@ -565,8 +565,10 @@ def of_its_kind(method: Method, quick: bool) -> Iterator[Verdict]:
 
 
 def _on(problem: Any, y0: ArrayLike | None, method: Method) -> Check:
-    """The claims on a problem at a state and near it. ValueError: the method does not take it, or y0 is no state of it."""
+    """The claims on a problem at a state and near it. ValueError: it is none, the method does not take it, or y0 is no state."""
     problem = getattr(problem, "problem", problem)
+    if not hasattr(problem, "offers"):
+        raise ValueError(f"problem must be a Problem, a top or a magnet; got {type(problem).__name__}")
     if reason := method.takes(problem):
         raise ValueError(f"problem: {reason}")
     if y0 is None:
@@ -574,7 +576,7 @@ def _on(problem: Any, y0: ArrayLike | None, method: Method) -> Check:
     starts: tuple[Start, ...] = tuple((problem, y) for y in near(problem, y0))
 
     def claims(method: Method, quick: bool) -> Iterator[Verdict]:
-        yield from _claims(method, quick, problem.name, starts, starts[:2], starts[:4])
+        yield from _claims(method, quick, getattr(problem, "name", str(problem)), starts, starts[:2], starts[:4])
 
     return claims
 

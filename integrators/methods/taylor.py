@@ -47,7 +47,7 @@ from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units, ldexp, units_of
 
 EPS = float(np.finfo(float).eps)
-FAR = 30  # powers of two
+FAR = 10  # powers of two: the tolerance is relative to the largest number of a state
 INTERRUPTIBLE = 1 << 20  # steps in one call of heyoka, at most: it does not see Ctrl-C
 MAX_ORDER = 60
 SCRATCH = 8 * (MAX_ORDER + 1)

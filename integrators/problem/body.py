@@ -244,6 +244,8 @@ class HeavyTop(RigidTop):
         (sin theta cos phi, sin theta sin phi, cos theta).
         """
         if motion:
+            if angles is not None or rates is not None:
+                raise ValueError(f"give either angles and rates, or {' and '.join(motion)}")
             return super().state(**motion)
         theta, phi, psi = real_array(angles, "angles", (3,)).tolist()
         theta_rate, phi_rate, psi_rate = real_array(rates, "rates", (3,)).tolist()
@@ -317,14 +319,21 @@ def _body_state(y: Array, rotation: Rotation, spin: Fraction) -> BodyState:
     return state
 
 
-def _axis_of_symmetry(inertia: Array, com: Array) -> Vector:
-    """A vector along it; ValueError where there is none through the fixed point."""
+def principal_moments(inertia: Array) -> tuple[Array, Array]:
+    """Those about the centre of mass, and their axes as columns; ValueError for a matrix that no body has."""
     moments, axes = np.linalg.eigh(inertia)
     slack = SYMMETRIC * float(np.max(np.abs(inertia)))
     if np.max(np.abs(inertia - inertia.T)) > slack:
         raise ValueError(f"inertia_com must be a symmetric matrix; got {inertia.tolist()}")
     if moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack:
         raise ValueError(f"inertia_com: no rigid body has the moments {moments.tolist()} about its centre of mass")
+    return moments, axes
+
+
+def _axis_of_symmetry(inertia: Array, com: Array) -> Vector:
+    """A vector along it; ValueError where there is none through the fixed point."""
+    moments, axes = principal_moments(inertia)
+    slack = SYMMETRIC * float(np.max(np.abs(inertia)))
     if np.any(com):
         along = com / np.linalg.norm(com)
     elif moments[2] - moments[0] <= slack:

@@ -28,6 +28,10 @@ from lagrange_bench.integrators.problem.system import Dynamics, System, find_spa
 
 POINTS = 5  # random points at which claims about formulas are tried
 SAME = 1e-12  # of the size of the terms: what counts as nothing at such a point
+COLUMNS = frozenset(  # of the tables in which invariants have columns, too
+    ("t", "h", "span", "t_scaled", "h_scaled", "span_scaled", "method", "top", "steps", "status", "failure", "worst", "error",
+     "motion")
+)  # fmt: skip
 Formula = Callable[..., Any]
 
 
@@ -85,12 +89,21 @@ class Problem(Dynamics):
         self.given = {
             word: self._record(f"invariants[{word!r}]", formula) for word, formula in (invariants or {}).items()
         }
+        self._check_names()
         self.posed = tuple(self._record(f"parts[{i}]", formula) for i, formula in enumerate(parts))
         kept = {o - 1 for program in self.given.values() for o in program.outputs if self._is_component(o)}
         self.system = make_system(self.space, energy, body=frame == "body", kept=kept)
         self._check_invariants(make_system(self.space, energy, body=frame == "body"))
         if self.posed:
             self._check_parts()
+
+    def _check_names(self) -> None:
+        """Invariants are columns of tables, beside others: theirs are not to be had, but J1, J2, J3 for what they are."""
+        own = {f"J{i}": i for i in (1, 2, 3)} if self.space.name in ("e3", "so3") else {}
+        for word, program in self.given.items():
+            taken = word in COLUMNS or word in ("H", *self.space.casimirs(range(1, 100)))
+            if not isinstance(word, str) or taken or own.get(word, program.outputs[0]) != program.outputs[0]:
+                raise ValueError(f"problem {self.name}: invariants[{word!r}]: this name is taken; choose another")
 
     def _is_component(self, place: Any) -> bool:
         return isinstance(place, int) and 1 <= place <= self.space.size

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import Array, check_real
-from lagrange_bench.integrators.problem.body import SYMMETRIC, UNIT, RigidTop, as_motion, real_array
+from lagrange_bench.integrators.problem.body import SYMMETRIC, UNIT, RigidTop, as_motion, principal_moments, real_array
 from lagrange_bench.integrators.problem.problem import Problem
 
 if TYPE_CHECKING:
@@ -68,8 +68,9 @@ class WholeBody(Problem):
         mass, field, at = check_real(mass, "mass"), real_array(gravity, "gravity", (3,)), real_array(com, "com", (3,))
         moments = real_array(inertia_com, "inertia_com", (3,), (3, 3))
         matrix = np.diag(moments) if moments.ndim == 1 else moments
-        if mass <= 0 or np.max(np.abs(matrix - matrix.T)) > SYMMETRIC * np.max(np.abs(matrix)):
-            raise ValueError("mass must be positive and inertia_com symmetric")
+        if mass <= 0:
+            raise ValueError(f"mass must be positive; got {mass}")
+        principal_moments(matrix)
         self.com, size = at, float(np.linalg.norm(field))
         self.inertia, self.axes = _principal(matrix + mass * (at @ at * np.eye(3) - np.outer(at, at)))
         self.up = -field / size if size else np.array((0.0, 0.0, 1.0))

@@ -247,7 +247,13 @@ OTHERS = [  # a call, words in the message
     (lambda: integrate(DRIVEN, Y0, t=[1.0], method="backlund_splitting"), "t: .*depends on time.*give h and steps"),
     (lambda: integrate(TOP, Y0, 0.1, 1, "rattle"), "rattle needs a rigid body in a uniform field, a WholeBody"),
     (lambda: integrate(BODY, np.ones(7), 0.1, 1, "rattle"), ".*the quaternion must be a unit one"),
-    (lambda: WholeBody(1.0, (0, 0, 0), (1.0, -1.0, 1.0)), ".*must be positive"),
+    *((lambda I=I: WholeBody(1.0, (0, 0, 1), I), "inertia_com: no rigid body has") for I in ((1, -1, 1), (1, 1, 3))),
+    (lambda: HeavyTop(**REAL).state(**MOTION, omega_body=(1, 2, 3)), "give either angles and rates, or omega_body"),
+    *(
+        (lambda w=w: Problem("mine", "so3", turning, invariants={w: turning}), f".*'{w}'.*this name is taken")
+        for w in ("H", "C", "t", "h", "J1")
+    ),
+    (lambda: integrate(TOP, Y0, 0.1, 4, pin=1).sol([1.0]), "unknown option 'pin' of the dense output of backlund"),
     (
         lambda: integrate(
             BODY, BODY.state(rotation=np.eye(3), omega_body=(1, 0, 0)), 0.1, 1, "generalized_alpha", rho=2

@@ -1,11 +1,13 @@
 """What `integrate` returns: as a table, in a file, as a picture, and held against the truth."""
 
 import json
+import pickle
 
 import numpy as np
 import pandas as pd
 import pytest
 from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
 
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.integrators import (
@@ -143,7 +145,33 @@ def test_an_ensemble_is_an_array_of_what_was_recorded():
     assert np.array_equal(end.motion(1).sol([0.4]), integrate(LagrangeTop(2.0), NAMED.state, t=[0.4]).y)
 
 
+def test_motions_of_bodies_are_bodies():
+    case = CASES["bruels"]
+    body = WholeBody.of(case.top)
+    y0 = body.state(rotation=case.state.rotation, omega_body=case.omega_body)
+    for top, state, method in ((case.top, case.state, "backlund"), (body, y0, "rk4")):
+        together = integrate_ensemble(top, np.array([state, state]), 1e-3, 4, method, every=2)
+        motion = together.motion(1)
+        alone = integrate(top, state, 1e-3, 4, method, every=2)
+        assert np.max(np.abs(motion.position - alone.position)) < 1e-14
+
+
+def test_an_ensemble_goes_to_other_processes():
+    together = integrate_ensemble(LagrangeTop(np.array([1.0, 2.0])), [NAMED.state] * 2, 0.1, 4)
+    assert np.array_equal(pickle.loads(pickle.dumps(together)).motion(1).y, together.motion(1).y)
+
+
+def test_no_times_give_no_states_whatever_is_asked():
+    run = integrate(NAMED.top, NAMED.state, t=[])
+    assert (run.invariants().shape, run.error().shape, run.sol([]).shape) == ((0, 4), (0,), (0, 6))
+    assert len(run.to_frame(invariants=True)) == 0
+    assert integrate_ensemble(NAMED.top, [NAMED.state], t=[]).invariants().shape == (0, 1, 4)
+    assert integrate(MAGNET, SPINS, t=[], method="rk45").y.shape == (0, *SPINS.shape)
+
+
 def test_bad_words(runs, tmp_path):
+    with pytest.raises(ValueError, match="projection='3d'"):
+        runs["top"].plot("axis", ax=Figure().subplots())
     with pytest.raises(ValueError, match=r"^what must be one of 'components', "):
         runs["top"].plot("energy")
     with pytest.raises(ValueError, match="no axis x"):

@@ -14,6 +14,7 @@ from lagrange_bench import (
     PERTURBED_TOPS,
     TOPS,
     Comparison,
+    LagrangeTop,
     Problem,
     drift,
     free_body,
@@ -36,6 +37,7 @@ OWN = (
     Problem("mine", "e3", lambda t, y, p: (y[0] ** 2 + 2 * y[1] ** 2) / 2 + y[5], ()),
     (1.0, 0, 2, 0, 0.6, 0.8),
 )
+RESTING = ("rest", LagrangeTop(1.0), (0, 0, 1.0, 0, 0, 1.0))
 GENERIC = TOPS["generic"]
 UNIT = GENERIC.top.scales(GENERIC.state)[2]
 NAMED = replace(METHODS["strang"], name="named", label="Named")
@@ -108,6 +110,10 @@ def test_races_count_what_an_error_costs(short_races, tops):
     assert [line.get_label() for line in ax.get_lines() if line.get_linewidth() == 9] == ["_frontier"]
 
 
+def test_a_race_of_a_problem_without_a_closed_form():
+    assert perturbed(["rk4"], BODY, t=10, longest=0.005).to_frame().error.min() < 1e-9
+
+
 def test_a_whole_body():
     frame = heavy_top(["rk4"], "slow").to_frame()
     assert len(frame) == 8
@@ -131,6 +137,9 @@ BAD = {
     "^steps": lambda: drift(["rk4"], steps=0),
     "no reference solution beyond": lambda: phase(["rk4"], "weak_tide", steps=10**6),
     "is exact in time: it has no order": lambda: order(["backlund"]),
+    "backlund_splitting is exact in time": lambda: order(["rk4", "backlund_splitting"]),
+    "every run failed: rk4: every step is exact up to round-off on rest": lambda: order(["rk4"], RESTING).plot(),
+    "still is at rest for ever": lambda: drift(["rk4"], ("still", LagrangeTop(0.0), (0, 0, 0, 0, 0, 1.0))),
     "chooses its own steps": lambda: order(["dop853"]),
     "is in a uniform field; take work_precision": lambda: perturbed(["rk4"], "generic"),
     "^t must be from 0.001": lambda: work_precision(["rk4"], t_scaled=1e300),
@@ -185,6 +194,8 @@ def test_any_column_against_any_other_a_panel_for_each_top():
     (line,) = ax.get_lines()
     assert line.get_ydata().min() < 0
     assert made().plot("h_scaled", "H")[0].get_ylabel() == "relative error of H"
+    axes = made().plot(methods=iter(["rk4"]), tops=iter(["fast", "generic"]))
+    assert [ax.get_title() for ax in axes] == ["fast top", "generic unit top"], "as asked for"
 
 
 def test_own_axes_keep_their_fonts_and_names_of_lines_stay_in_sight():
@@ -258,10 +269,13 @@ def test_what_cannot_be_drawn():
 # ---------------------------------------------------------------- stored rows
 
 
+rows_of_an_error = [{"error": 1e-3, "off": 1e-4}]
+
+
 @pytest.fixture
 def folder(tmp_path):
     cell = {"part": "h", "method": "rk4", "state": "generic", "h": 0.5}
-    rows = [{"error": 1e-3, "off": 1e-4}]
+    rows = rows_of_an_error
     Store(tmp_path).append(
         *(make_record("phase", 3, i, {**cell, "h": h}, rows=rows) for i, h in enumerate((0.5, 0.25))),
         make_record("phase", 3, 2, {"part": "order", "method": "rk4"}, rows=[{"h": 0.1, "error": 1e-6, "off": 1.0}]),
@@ -281,6 +295,12 @@ def test_stored_rows_are_frames_in_both_units(folder):
     assert frame.top.tolist() == ["generic"] * 2
     assert stored["heavy_top"][["top", "h"]].to_numpy().tolist() == [["bruels", 0.1]]
     assert Comparison(frame).plot(y="off").get_title() == "generic unit top"
+    driven = {"problem": "strong_tide", "method": "rk4", "h": 0.1}
+    Store(folder).append(make_record("driven", 1, 0, driven, rows=rows_of_an_error))
+    frame = load(folder)["driven"]
+    assert frame[["top", "h"]].to_numpy().tolist() == [["strong_tide", 0.1]]
+    ax = Comparison(frame).plot()
+    assert (ax.get_title(), "own unit" in ax.get_xlabel()) == ("strong_tide", True), "no top of the bench"
     own = stored["phase"]
     own["h"] = 0
     assert stored["phase"].h.all(), "a frame of one's own"
