@@ -179,13 +179,9 @@ class Comparison:
         list of str
             Their names.
         """
-        tops = tops if tops is None or isinstance(tops, str) else list(tops)
-        there = dict.fromkeys(self._rows(x, y, methods, tops)["top"])
-        return (
-            list(there)
-            if tops is None or isinstance(tops, str)
-            else [top for top in dict.fromkeys(tops) if top in there]
-        )
+        chosen = None if tops is None else [tops] if isinstance(tops, str) else list(dict.fromkeys(tops))
+        there = list(dict.fromkeys(self._rows(x, y, methods, chosen)["top"]))
+        return there if chosen is None else [top for top in chosen if top in there]
 
     # ------------------------------------------------------------------ what is drawn
 
@@ -265,9 +261,8 @@ class Comparison:
         return labels.get(name) or style.plain(heading(name))
 
     def _title(self, tops: list[str]) -> str:
-        ours = (
-            NAMED_TOPS if {"h_scaled", "t_scaled", "span_scaled"} & set(self.frame) else {}
-        )  # else other things of this name
+        scaled = {"h_scaled", "t_scaled", "span_scaled"} & set(self.frame)
+        ours = NAMED_TOPS if scaled else {}  # rows in other units are of other things, perhaps of the same name
         named = [self.labels.get(top) or (ours[top].label if top in ours else top) for top in tops]
         return style.plain(textwrap.shorten(", ".join(named), 60, placeholder=" …"))
 

@@ -18,11 +18,8 @@ from lagrange_bench.integrators.registry import find_stored_potential
 from lagrange_bench.integrators.words import numbers, suggestion
 from lagrange_bench.results.store import Store, find_results, published
 
-OWN_UNITS = (
-    "driven",
-    "ensemble",
-    "gaudin",
-)  # experiments whose rows have the tops' own unit of time; those of a `case` have s
+# experiments whose rows have the tops' own unit of time; those of a `case` have s
+OWN_UNITS = ("driven", "ensemble", "gaudin")
 TIMES = ("h", "t", "span")
 
 

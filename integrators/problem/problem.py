@@ -28,7 +28,7 @@ from lagrange_bench.integrators.problem.system import Dynamics, System, find_spa
 
 POINTS = 5  # random points at which claims about formulas are tried
 SAME = 1e-12  # of the size of the terms: what counts as nothing at such a point
-COLUMNS = frozenset(  # of the tables in which invariants have columns, too
+COLUMNS = frozenset(  # of tables that have a column for each invariant, too
     ("t", "h", "span", "t_scaled", "h_scaled", "span_scaled", "method", "top", "steps", "status", "failure", "worst", "error",
      "motion")
 )  # fmt: skip
@@ -98,7 +98,7 @@ class Problem(Dynamics):
             self._check_parts()
 
     def _check_names(self) -> None:
-        """Invariants are columns of tables, beside others: theirs are not to be had, but J1, J2, J3 for what they are."""
+        """ValueError for a name that another column of a table has. J1, J2, J3 may name these components themselves."""
         own = {f"J{i}": i for i in (1, 2, 3)} if self.space.name in ("e3", "so3") else {}
         for word, program in self.given.items():
             taken = word in COLUMNS or word in ("H", *self.space.casimirs(range(1, 100)))
