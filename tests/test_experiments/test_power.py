@@ -9,7 +9,7 @@ import pytest
 from toys import multistep
 
 from lagrange_bench.experiments.measuring import check
-from lagrange_bench.integrators import METHODS, PERTURBED_TOPS, LagrangeTop, Problem, StepError
+from lagrange_bench.integrators import METHODS, PERTURBED_TOPS, TOPS, LagrangeTop, Problem, StepError
 from lagrange_bench.integrators.interface import Stepper
 from lagrange_bench.integrators.problem import free_body
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
@@ -307,14 +307,19 @@ SPINS_START = (1.0, 0.0, 0.2, 0.3, -0.5, 0.6)
 
 @pytest.mark.parametrize(
     ("method", "problem", "y0"),
-    [("strang", BODY, START), ("rkmk4", SPINS, SPINS_START), ("rk4", PIVOT, TOP_START)],
-    ids=["strang-body", "rkmk4-spins", "rk4-pivot"],
+    [
+        ("strang", BODY, START),
+        ("rkmk4", SPINS, SPINS_START),
+        ("rk4", PIVOT, TOP_START),
+        ("strang", TOPS["generic"].top, TOPS["generic"].state),
+    ],
+    ids=["strang-body", "rkmk4-spins", "rk4-pivot", "strang-top"],
 )
 def test_claims_hold_on_a_problem(method, problem, y0):
     verdicts = check.check(method, quick=True, problem=problem, y0=y0)
     assert not wrong(verdicts)
     assert any("order" in v.claim and v.passed for v in verdicts)
-    assert {v.claim.partition(": ")[0] for v in verdicts} == {problem.name}
+    assert {v.claim.partition(": ")[0] for v in verdicts} == {getattr(problem, "name", str(problem))}
 
 
 def test_false_claims_fail_on_a_problem():
@@ -332,3 +337,5 @@ def test_bad_calls_are_refused():
     ):
         with pytest.raises(ValueError, match=reason):
             check.check(method, problem=BODY, y0=y0)
+    with pytest.raises(ValueError, match="problem must be a Problem, a top or a magnet; got NamedTop"):
+        check.check("rk4", problem=TOPS["generic"], y0=START)
