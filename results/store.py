@@ -366,13 +366,12 @@ class Store:
     def open(self, experiment: str) -> Journal:
         """What is stored of an experiment now, read once."""
         records, problems = self.read(experiment)
-        chosen = [record for record in records if self.choice.takes(record["cell"])]
-        shown = latest(chosen, sources.version(experiment))
-        older = {_canonical(record["cell"]) for record in chosen} - {_canonical(record["cell"]) for record in shown}
-        if older:
-            problems.append(
-                f"{self.path(experiment)}: {len(older)} cells of another VERSION of the experiment are left out"
-            )
+        shown = [r for r in latest(records, sources.version(experiment)) if self.choice.takes(r["cell"])]
+        if len({record["version"] for record in records}) > 1:
+            chosen = (record["cell"] for record in records if self.choice.takes(record["cell"]))
+            older = set(map(_canonical, chosen)) - {_canonical(record["cell"]) for record in shown}
+            left_out = f"{len(older)} cells of another VERSION of the experiment are left out"
+            problems += [f"{self.path(experiment)}: {left_out}"] if older else []
         return Journal(shown, problems)
 
     def latest(self, experiment: str) -> list[Record]:

@@ -14,6 +14,7 @@ import pytest
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.report import page
 from lagrange_bench.results import sources
+from lagrange_bench.results.choice import Choice
 from lagrange_bench.results.store import Store, make_record
 
 NAME = "toy.study"
@@ -70,6 +71,11 @@ def test_rows_of_another_version_are_named_until_there_are_newer_ones(run, study
     assert len(Store("out").rows(NAME)) == 6, "taken back, as `run` takes its cells for computed"
     study.VERSION = 3
     assert Store("out").rows(NAME)["i"].tolist() == [0, 1], "the newest there is"
+    Store("out").append(make_record(NAME, 1, 9, {"i": 9, "method": "rk4"}, rows=[{"square": 81.0}]))
+    one = Store("out", Choice(methods=("rk4",))).open(NAME)
+    assert (one.latest, "1 cells of another VERSION" in one.problems[0]) == ([], True), (
+        "nor by a choice of only older ones"
+    )
 
 
 def test_old_rows_and_damaged_lines_are_named(run, study):
