@@ -146,9 +146,7 @@ class Comparison:
         x, y = x or self.x, y or self.y
         if x == "h_scaled" and x not in self.frame:
             x = "h"  # rows in the tops' own units
-        methods, tops = (
-            chosen if chosen is None or isinstance(chosen, str) else list(chosen) for chosen in (methods, tops)
-        )
+        methods, tops = _listed(methods), _listed(tops)
         rows, names = self._rows(x, y, methods, tops), self.tops(x, y, methods, tops)
         axes = _axes(ax, names)
         limits = {name: ends for name, ends in (("xlim", xlim), ("ylim", ylim)) if ends is not None}
@@ -179,7 +177,7 @@ class Comparison:
         list of str
             Their names.
         """
-        chosen = None if tops is None else [tops] if isinstance(tops, str) else list(dict.fromkeys(tops))
+        chosen = _listed(tops)
         there = list(dict.fromkeys(self._rows(x, y, methods, chosen)["top"]))
         return there if chosen is None else [top for top in chosen if top in there]
 
@@ -198,11 +196,10 @@ class Comparison:
                     f"{word} must be a column of numbers; got {name!r}{close} There are {', '.join(numbers)}"
                 )
         rows = rows.assign(top=rows["top"].fillna("") if "top" in rows else "", method=_methods(rows))
-        for word, column, chosen in (("methods", "method", methods), ("tops", "top", tops)):
-            if chosen is None:
+        for word, column, wanted in (("methods", "method", _listed(methods)), ("tops", "top", _listed(tops))):
+            if wanted is None:
                 continue
             known = list(dict.fromkeys(rows[column]))
-            wanted = [chosen] if isinstance(chosen, str) else list(chosen)
             if unknown := [name for name in wanted if name not in known]:
                 close = suggestion(str(unknown[0]), known)
                 raise ValueError(f"{word}: no rows of {unknown[0]!r}{close} There are {', '.join(known)}")
@@ -265,6 +262,11 @@ class Comparison:
         ours = NAMED_TOPS if scaled else {}  # rows in other units are of other things, perhaps of the same name
         named = [self.labels.get(top) or (ours[top].label if top in ours else top) for top in tops]
         return style.plain(textwrap.shorten(", ".join(named), 60, placeholder=" …"))
+
+
+def _listed(names: Iterable[str] | None) -> list[str] | None:
+    """One name or several, each once; None for all."""
+    return None if names is None else [names] if isinstance(names, str) else list(dict.fromkeys(names))
 
 
 def _methods(rows: pd.DataFrame) -> pd.Series:

@@ -103,7 +103,7 @@ def assemble(
     own = [name for name in stored.experiments() if name not in EXPERIMENTS]
     names = [*own, *EXPERIMENTS]
     asked = not choice and stored.path("paper").exists()
-    jobs: list[Callable[[], Any]] = [partial(_published, beside), partial(_errata, asked)]
+    jobs: list[Callable[[], Any]] = [partial(_published, None if choice else beside), partial(_errata, asked)]
     jobs += [partial(draw, name, stored) for name in names]
     (published, beside_words), (paper, faults), *sections = compute_all(jobs, stored, processes, drawn, modules)
     whole = not choice and (any(len(s.rows) for s in sections if s.experiment in EXPERIMENTS) or not own)

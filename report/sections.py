@@ -150,7 +150,7 @@ def compute_all(
     Modules are looked for where this process looks. Ctrl-C ends the processes at once.
     """
     done(0, len(jobs))
-    processes = min(processes, sum(store.path(name).exists() for name in store.experiments()) // WORTH)
+    processes = min(processes, len(store.experiments()) // WORTH)
     if processes < 2:
         made = []
         for job in jobs:

@@ -269,17 +269,16 @@ def test_what_cannot_be_drawn():
 # ---------------------------------------------------------------- stored rows
 
 
-rows_of_an_error = [{"error": 1e-3, "off": 1e-4}]
+ROWS = [{"error": 1e-3, "off": 1e-4}]
 
 
 @pytest.fixture
 def folder(tmp_path):
     cell = {"part": "h", "method": "rk4", "state": "generic", "h": 0.5}
-    rows = rows_of_an_error
     Store(tmp_path).append(
-        *(make_record("phase", 3, i, {**cell, "h": h}, rows=rows) for i, h in enumerate((0.5, 0.25))),
+        *(make_record("phase", 3, i, {**cell, "h": h}, rows=ROWS) for i, h in enumerate((0.5, 0.25))),
         make_record("phase", 3, 2, {"part": "order", "method": "rk4"}, rows=[{"h": 0.1, "error": 1e-6, "off": 1.0}]),
-        make_record("heavy_top", 1, 0, {"case": "bruels", "method": "rk4", "h": 0.1}, rows=rows),
+        make_record("heavy_top", 1, 0, {"case": "bruels", "method": "rk4", "h": 0.1}, rows=ROWS),
     )
     return tmp_path
 
@@ -296,7 +295,7 @@ def test_stored_rows_are_frames_in_both_units(folder):
     assert stored["heavy_top"][["top", "h"]].to_numpy().tolist() == [["bruels", 0.1]]
     assert Comparison(frame).plot(y="off").get_title() == "generic unit top"
     driven = {"problem": "strong_tide", "method": "rk4", "h": 0.1}
-    Store(folder).append(make_record("driven", 1, 0, driven, rows=rows_of_an_error))
+    Store(folder).append(make_record("driven", 1, 0, driven, rows=ROWS))
     frame = load(folder)["driven"]
     assert frame[["top", "h"]].to_numpy().tolist() == [["strong_tide", 0.1]]
     ax = Comparison(frame).plot()
