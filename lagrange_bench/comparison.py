@@ -223,7 +223,8 @@ class Comparison:
         good = rows[rows[x].notna() & rows[y].notna()]
         if race and len(good):
             draw_front(ax, good[x], good[y])
-        apart = [name for name in (*APART, *(KNOBS if sampled else ())) if name not in (x, y)]
+        own = () if "span_scaled" in rows else ("span",)  # of rows in the tops' own units
+        apart = [name for name in (*APART, *own, *(KNOBS if sampled else ())) if name not in (x, y)]
         if race:
             each = (style.lines(mine, apart) for _, mine in rows.groupby("method", sort=False))
             kept = [line.iloc[metrics.pareto_front(line[x], line[y])] for found in each for _, line in found]

@@ -47,7 +47,7 @@ from lagrange_bench.integrators.registry import METHODS
 TIME, STEP = "time · (|J| + √(|α||x|))", "step h · (|J| + √(|α||x|))"  # axes in the units of the top
 REFERENCE = "backlund"  # in grey in every panel of small multiples
 LEAST = 1e-17  # where an error of 0 is drawn
-WORDS = {"span_scaled": "t", "h_scaled": "h"}  # what names of lines call columns
+WORDS = {"span_scaled": "t", "span": "t", "h_scaled": "h"}  # what names of lines call columns
 
 
 def draw_method(

@@ -232,8 +232,9 @@ def test_one_panel_for_all_tops_and_many_methods():
     assert 0 < len(named) < 14
 
 
-def test_runs_of_several_lengths_are_lines_of_their_own():
-    frame = pd.concat([made().frame.assign(span_scaled=span) for span in (10.0, 1e4)])
+@pytest.mark.parametrize("column", ["span_scaled", "span"])
+def test_runs_of_several_lengths_are_lines_of_their_own(column):
+    frame = pd.concat([made().frame.assign(**{column: span}) for span in (10.0, 1e4)])
     ax = Comparison(frame).plot(methods=["rk4"], tops=["fast"])
     assert [line.get_label() for line in ax.get_lines()] == ["RK4, t = 10", "RK4, t = 10⁴"]
 
