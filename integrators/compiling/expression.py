@@ -475,10 +475,13 @@ class Split(NamedTuple):
 
     def constants(self, *numbers: float) -> tuple[float, ...]:
         """What `fixed` gives, as doubles: 1/0 is infinite."""
-        import numpy as np
+        try:
+            return self.fixed(*map(float, numbers))
+        except ZeroDivisionError:
+            import numpy as np
 
-        with np.errstate(all="ignore"):
-            return tuple(map(float, self.fixed(*map(np.float64, numbers))))
+            with np.errstate(all="ignore"):
+                return tuple(map(float, self.fixed(*map(np.float64, numbers))))
 
 
 def _exact(factor: float | None) -> bool:

@@ -33,7 +33,7 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_flag
 from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
 from lagrange_bench.integrators.compiling.expression import Split, Tape, machine_code, put, take
-from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, RESIDUAL, FixedStepper
+from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, RESIDUAL, FixedStepper, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.methods.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Row, Tableau
@@ -334,16 +334,16 @@ def prepare_projected(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     units, c = Units(top, y0, h), np.zeros(4)
     c[ALPHA] = units.alpha
 
-    def lacking(state: Array) -> Array:
+    def lacking(state: Array) -> tuple[float, ...]:
         j, _, xx, xJ = products(*state)
-        return np.array(lack(c, j, state[2], state[5], xx, xJ))
+        return lack(c, j, state[2], state[5], xx, xJ)  # type: ignore[no-any-return]
 
-    c[ENERGY:] = lacking(units.enter(y0)) * (-1.0, -2.0, -1.0)
-    first, step = (
-        constants_of(VERNER9, LagrangeTop(units.alpha), units.time(h)),
-        followed_by(VERNER9, top.system, projected),
-    )
-    return _on_torus(h, np.concatenate((first, c)), step, lacking, units.enter, leave=units.leave)
+    energy, half, product = lacking(units.enter(y0))
+    c[ENERGY], c[C1], c[C2] = -energy, -2.0 * half, -product
+    span, system = units.time(h), top.system
+    first = (top.start, span, *increment_of(VERNER9, system).constants(span, units.alpha))
+    step = followed_by(VERNER9, system, projected)
+    return _on_torus(h, np.array((*first, *c)), step, lacking, units.enter, leave=units.leave)
 
 
 def prepare_projected_in_field(top: PerturbedTop, y0: Array, h: float) -> FixedStepper:
@@ -352,24 +352,25 @@ def prepare_projected_in_field(top: PerturbedTop, y0: Array, h: float) -> FixedS
     finish, lacking_in = projected_in_field(top.field, "J3" in top.conserved)
     c = np.array((0.0, 0.0, 0.0, ldexp(1.0, -units.rate), ldexp(1.0, -units.length), *top.numbers))
 
-    def lacking(y: Array) -> Array:
-        return np.array(lacking_in(tuple(y.tolist()), c)[3])
+    def lacking(y: Array) -> tuple[float, ...]:
+        return lacking_in(tuple(y.tolist()), c)[3]  # type: ignore[no-any-return]
 
-    c[IN_ENERGY : IN_C2 + 1] = -lacking(y0)
+    c[IN_ENERGY : IN_C2 + 1] = [-lack for lack in lacking(y0)]
     step = followed_by(VERNER9, top.system, finish)
-    return _on_torus(h, np.concatenate((constants_of(VERNER9, top, h), c)), step, lacking, np.array)
+    return _on_torus(h, np.array((*constants_of(VERNER9, top, h), *c)), step, lacking, np.array)
 
 
 def _on_torus(
-    h: float, c: Array, step: Any, lacking: Callable[[Array], Array], enter: Callable[[Array], Array], **more: Any
-) -> FixedStepper:
+    h: float, c: Array, step: Any, lacking: Callable[[Array], tuple[float, ...]], enter: Callable[[Array], Array],
+    **more: Any,
+) -> FixedStepper:  # fmt: skip
     """A stepper for states that lack nothing but round-off of the invariants."""
-    if not np.isfinite(c).all():
+    if not finite(c):
         raise StepError(PROJECTING, "the top, its state or h is beyond the range of doubles", h=h)
 
     def checked(y: Array) -> Array:
         state = enter(y)
-        if not np.max(np.abs(lacking(state))) <= OFF_TORUS:
+        if not all(abs(lack) <= OFF_TORUS for lack in lacking(state)):
             raise StepError(PROJECTING, "the state is not on the torus this step was prepared for", h=h)
         return state
 

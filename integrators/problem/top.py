@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -54,15 +55,14 @@ class Top(Dynamics):
 
     def single(self) -> float:
         """alpha; ValueError if there are many tops."""
+        return float(self.numbers[0])
+
+    @cached_property
+    def numbers(self) -> tuple[float, ...]:
+        """The parameters of `system`: alpha and those of a potential. ValueError if there are many tops."""
         for value in self.arguments:
             if isinstance(value, np.ndarray):
                 raise ValueError(f"top holds {len(value)} values of a parameter, which only integrate_ensemble takes")
-        return float(self.alpha)
-
-    @property
-    def numbers(self) -> tuple[float, ...]:
-        """The parameters of `system`: alpha and those of a potential. ValueError if there are many tops."""
-        self.single()
         return self.arguments
 
     def check_state(self, y: Any, name: str = "y0") -> Array:
