@@ -18,9 +18,8 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.shown import drawn, tabulated
+from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.reductions import of_part
 from lagrange_bench.experiments.measuring.states import KNOBS, find, interpreted, knobs, methods_on, options_of, rounded
 from lagrange_bench.integrators import METHODS, Method, prepare
 from lagrange_bench.integrators.api import integrate
@@ -257,14 +256,6 @@ def headline(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[["fraction", *MEASURED["headline"]]].rename(columns={"fraction": "h / nutation period"})
 
 
-def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return tabulated(rows, steps, periods, start, headline)
-
-
-def draw(rows: pd.DataFrame) -> dict:
-    return drawn(rows, steps=_draw_steps)
-
-
 PRICES = {"ns_per_step": "ns per step", "setup_us": "set-up of a stepper, µs"}
 
 
@@ -299,6 +290,9 @@ def _draw_steps(steps: pd.DataFrame, style):
     )
     return fig
 
+
+tables = tabulated(steps, periods, start, headline)
+draw = drawn(steps=_draw_steps)
 
 if __name__ == "__main__":
     script.run("cost")

@@ -17,21 +17,9 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.shown import drawn, tabulated
-from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.experiments.measuring.reductions import largest, mean_square, of_part, worst
-from lagrange_bench.experiments.measuring.states import (
-    RANDOM,
-    WIDE,
-    affordable,
-    as_rows,
-    find,
-    log_counts,
-    methods_on,
-    options_of,
-    rounded,
-    sample,
-)
+from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
+from lagrange_bench.experiments.measuring import metrics, states
+from lagrange_bench.experiments.measuring.reductions import largest, mean_square, worst
 from lagrange_bench.integrators.interface import INVARIANTS
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
 from lagrange_bench.integrators.truth import exact
@@ -51,17 +39,17 @@ SIZES = {"quick": (1 / 4, 1 / 2, 1.0), "full": tuple(2.0**k for k in range(-6, 3
 SPAN = 10**4  # length of the runs against h: the quick profile's are some of the full one's
 H_STATES = {"quick": ("generic",), "full": ("generic", "figure1")}
 FRACTIONS = (0.51, 1.0, 1.3)  # long steps, in nutation periods
-LONG = {"quick": (16, 10**4), "full": (len(WIDE), 10**6)}  # tops that take them, and how many each
+LONG = {"quick": (16, 10**4), "full": (len(states.WIDE), 10**6)}  # tops that take them, and how many each
 FLOOR = 16 * 2.0**-52  # sixteen ulps: an error that never exceeds this is round-off, whatever its slope
 
 
 def cells(profile: str) -> list[dict]:
-    methods, full = methods_on(), profile == "full"
+    methods, full = states.methods_on(), profile == "full"
     listed = []
     # state by state, so that two workers do not compile the same method at the same time
-    for state in (*RANDOM, *(TOPS if full else NAMED)):
+    for state in (*states.RANDOM, *(TOPS if full else NAMED)):
         for name, method in methods.items():
-            steps = affordable(method, STEPS[full], full)
+            steps = states.affordable(method, STEPS[full], full)
             if state in TOPS and method.order is not None:  # only who is exact in time goes all the way on each of them
                 steps //= 10
             listed.append({"part": "time", "method": name, "state": state, "h": STEP, "steps": steps})
@@ -71,19 +59,19 @@ def cells(profile: str) -> list[dict]:
                 listed.append({"part": "h", "method": name, "state": state, "span": SPAN, "h": h})
     tops, steps = LONG[profile]
     exact_steps = [name for name, method in methods.items() if method.family == "backlund" and method.order is None]
-    for state in WIDE[:tops]:
+    for state in states.WIDE[:tops]:
         listed += [{"part": "long", "method": name, "state": state, "steps": steps} for name in exact_steps]
     return listed
 
 
 def measure(cell: dict) -> list[dict]:
-    top, y0 = find(cell["state"])
+    top, y0 = states.find(cell["state"])
     if cell["part"] == "long":
-        period, counts = exact.nutation_period(top, y0), log_counts(cell["steps"], per_octave=1)
+        period, counts = exact.nutation_period(top, y0), states.log_counts(cell["steps"], per_octave=1)
         return [{"fraction": f, **_largest(cell, top, y0, f * period, counts)} for f in FRACTIONS]
     h = cell["h"] * top.scales(y0)[2]
     steps = cell["steps"] if cell["part"] == "time" else round(cell["span"] / cell["h"])
-    counts = log_counts(steps, per_octave=4)
+    counts = states.log_counts(steps, per_octave=4)
     if cell["part"] == "h":
         return [_largest(cell, top, y0, h, counts)]
     return against_steps(cell, top, y0, h, counts)
@@ -91,28 +79,28 @@ def measure(cell: dict) -> list[dict]:
 
 def against_steps(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> list[dict]:
     """A row of errors after each of `counts` steps."""
-    times, states = sample(top, y0, cell["method"], h, counts, **options_of(cell))
-    drift = errors(cell["method"], top, h, np.vstack((y0, states)), times)
-    return as_rows({"t": times * top.scales(y0)[0], **drift})
+    times, y = states.sample(top, y0, cell["method"], h, counts, **states.options_of(cell))
+    drift = errors(cell["method"], top, h, np.vstack((y0, y)), times)
+    return states.as_rows({"t": times * top.scales(y0)[0], **drift})
 
 
 def _largest(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> dict[str, float]:
     """The largest of each error after `counts` steps."""
-    times, states = sample(top, y0, cell["method"], h, counts, **options_of(cell))
-    drift = errors(cell["method"], top, h, np.vstack((y0, states)), times)
-    return {name: rounded(np.max(np.abs(error))) for name, error in drift.items()}
+    times, y = states.sample(top, y0, cell["method"], h, counts, **states.options_of(cell))
+    drift = errors(cell["method"], top, h, np.vstack((y0, y)), times)
+    return {name: states.rounded(np.max(np.abs(error))) for name, error in drift.items()}
 
 
-def errors(name: str, top, h: float, states: np.ndarray, times: np.ndarray) -> dict[str, np.ndarray]:
+def errors(name: str, top, h: float, y: np.ndarray, times: np.ndarray) -> dict[str, np.ndarray]:
     """Relative errors of the problem's invariants, and of what the method keeps of its own, after the first state."""
     from lagrange_bench.integrators import METHODS
 
-    values = top.invariants(states, np.concatenate(((0.0,), times)))
-    drift = metrics.relative_drift(values, top.invariant_scales(states[0]))
+    values = top.invariants(y, np.concatenate(((0.0,), times)))
+    drift = metrics.relative_drift(values, top.invariant_scales(y[0]))
     found = dict(zip(top.names, drift[1:].T, strict=True))
     own_quantities = METHODS[name].keeps if "uniform" in top.offers else {}  # these hold in a uniform field
     for own, quantity in own_quantities.items():
-        values, size = quantity(top, h, states)
+        values, size = quantity(top, h, y)
         found[KEPT + own] = (values[1:] - values[0]) / size
     return found
 
@@ -129,7 +117,7 @@ def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
     """Per method and quantity: claimed or not, exponent with interval, largest error, verdict; the sixteen states."""
     from lagrange_bench.integrators import METHODS
 
-    rows = indexed(rows[rows.state.isin(RANDOM)])
+    rows = indexed(rows[rows.state.isin(states.RANDOM)])
     own = [name for name in rows.columns if name.startswith(KEPT)]
     table = []
     for method, group in rows.groupby("method", sort=False):
@@ -184,18 +172,9 @@ def long_steps(rows: pd.DataFrame) -> pd.DataFrame:
     return table.reset_index().rename(columns={"fraction": "step / nutation period"})
 
 
-def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return tabulated(rows, verdicts, named_tops, long_steps)
-
-
-def draw(rows: pd.DataFrame) -> dict:
-    casimirs = partial(_draw_time, names=["C1", "C2"], what="the larger of C1 and C2")
-    return drawn(rows, time=_draw_time, casimirs=casimirs, h=_draw_h)
-
-
 @of_part("time", failed=True)
 def _draw_time(rows: pd.DataFrame, style, names: Sequence[str] = ("H",), what: str = "energy H"):
-    rows = indexed(rows[rows.state.isin(RANDOM)])
+    rows = indexed(rows[rows.state.isin(states.RANDOM)])
     if rows.empty:
         return None
     done = rows[rows.status == "done"]
@@ -231,6 +210,10 @@ def _draw_h(rows: pd.DataFrame, style):
     )
     return fig
 
+
+casimirs = partial(_draw_time, names=["C1", "C2"], what="the larger of C1 and C2")
+tables = tabulated(verdicts, named_tops, long_steps)
+draw = drawn(time=_draw_time, casimirs=casimirs, h=_draw_h)
 
 if __name__ == "__main__":
     script.run("drift")

@@ -21,9 +21,8 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script, work_precision
-from lagrange_bench.experiments.drawing.shown import drawn, tabulated
+from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.reductions import by_group, of_part
 from lagrange_bench.experiments.measuring.states import interpreted, knobs, options_of, rounded
 from lagrange_bench.integrators import METHODS, orbiting_tide, prepare, vibrating_pivot
 from lagrange_bench.integrators.interface import Array, Method, StepWarning
@@ -122,11 +121,7 @@ def winners(rows: pd.DataFrame) -> pd.DataFrame:
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     named = rows.assign(scheme=rows.scheme.astype(object).fillna("") if "scheme" in rows else "")
-    return tabulated(rows, winners) | tabulated(named, orders)
-
-
-def draw(rows: pd.DataFrame) -> dict:
-    return drawn(rows, work=_draw_work)
+    return tabulated(winners, orders)(named)
 
 
 @of_part()
@@ -143,6 +138,8 @@ def _draw_work(rows: pd.DataFrame, style):
     )
     return fig
 
+
+draw = drawn(work=_draw_work)
 
 if __name__ == "__main__":
     script.run("driven")

@@ -31,8 +31,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench.experiments import heavy_top, script
-from lagrange_bench.experiments.drawing.shown import drawn, tabulated
-from lagrange_bench.experiments.measuring.reductions import by_group, of_part
+from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring.states import rounded
 from lagrange_bench.integrators import CASES, integrate, prepare
 from lagrange_bench.integrators.cases import Case
@@ -414,7 +413,7 @@ def orders(case: str, engine: str, kind: str, group: pd.DataFrame) -> dict:
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return tabulated(runs(rows), orders)
+    return tabulated(orders)(runs(rows))
 
 
 COLOURS = ("#1A1A1A", "#0072B2", "#56B4E9", "#D55E00", "#009E73", "#CC79A7", "#C78900", "#7A5400")
@@ -435,10 +434,6 @@ def looks(rows: pd.DataFrame, style) -> dict[tuple[str, str], dict]:
         else:
             found[name, kind] = {**look, "label": "_thin", "gid": style.title(text), "linewidth": 0.6, "alpha": 0.7}
     return found
-
-
-def draw(rows: pd.DataFrame) -> dict:
-    return drawn(rows, steps=_draw_steps)
 
 
 @of_part(failed=True)
@@ -465,6 +460,8 @@ def _draw_steps(rows: pd.DataFrame, style):
     )
     return fig
 
+
+draw = drawn(steps=_draw_steps)
 
 if __name__ == "__main__":
     script.run("engines")

@@ -22,10 +22,9 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.shown import drawn, tabulated
+from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
 from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.reductions import of_part
 from lagrange_bench.experiments.measuring.states import options_of, rounded, truth
 from lagrange_bench.integrators import METHODS, POTENTIALS, LagrangeTop, PerturbedTop, integrate_ensemble, prepare
 from lagrange_bench.integrators.compiling.compiled import compiled
@@ -394,11 +393,7 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
         if len(here):
             made[part] = here[list(columns)]
             made[part].attrs["caption"] = caption
-    return made | tabulated(rows, rivals)
-
-
-def draw(rows: pd.DataFrame) -> dict:
-    return drawn(rows, throughput=_draw_throughput, rivals=_draw_rivals)
+    return made | tabulated(rivals)(rows)
 
 
 @of_part()
@@ -460,6 +455,8 @@ def _draw_rivals(good: pd.DataFrame, style):
     )
     return fig
 
+
+draw = drawn(throughput=_draw_throughput, rivals=_draw_rivals)
 
 if __name__ == "__main__":
     script.run("ensemble")

@@ -23,9 +23,9 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.shown import drawn, tabulated
+from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.reductions import by_group, largest, of_part
+from lagrange_bench.experiments.measuring.reductions import largest
 from lagrange_bench.experiments.measuring.states import follow, log_counts, rounded
 from lagrange_bench.integrators.api import prepare
 from lagrange_bench.integrators.interface import Array, StepError
@@ -245,10 +245,6 @@ def _work(cell: dict) -> list[dict]:
 # ------------------------------------------------------------------------------------------ what the rows say
 
 
-def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return tabulated(rows, drift, orders, cost, random, work)
-
-
 @of_part(
     "time", "Gaudin magnets of n spins: the largest relative error of the lengths of the spins and of the Hamiltonians"
 )
@@ -313,10 +309,6 @@ def orders(variant: str, group: pd.DataFrame) -> dict:
     steps = SPAN / np.round(SPAN / group.h)  # a whole number of them was taken
     fit, maps = metrics.order(steps, group.error, floor=1e-13), group.maps.iloc[0] if "maps" in group else np.nan
     return {"maps": maps, "order": fit.p, "±": fit.stderr, "smallest error": float(group.error.min())}
-
-
-def draw(rows: pd.DataFrame) -> dict:
-    return drawn(rows, time=_draw_time, h=_draw_h, work=_draw_work)
 
 
 LABELS = {f"order {p}": f"Bäcklund, order {p}" for p in ORDERS} | {"exact": "Bäcklund, exact"}
@@ -397,6 +389,9 @@ def _draw_work(rows: pd.DataFrame, style):
     )
     return fig
 
+
+tables = tabulated(drift, orders, cost, random, work)
+draw = drawn(time=_draw_time, h=_draw_h, work=_draw_work)
 
 if __name__ == "__main__":
     script.run("gaudin")

@@ -21,9 +21,8 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.shown import drawn, tabulated
+from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.reductions import by_group, of_part
 from lagrange_bench.experiments.measuring.states import rounded
 from lagrange_bench.integrators import CASES, METHODS, WholeBody, available, integrate, prepare
 from lagrange_bench.integrators.interface import Array, Method
@@ -130,14 +129,6 @@ def measured_orders(group: pd.DataFrame) -> dict[str, float]:
     return {f"order of {name}": p for name, p in found.items()}
 
 
-def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return tabulated(rows, orders)
-
-
-def draw(rows: pd.DataFrame) -> dict:
-    return drawn(rows, steps=_draw_steps, work=_draw_work)
-
-
 @of_part(failed=True)
 def _draw_steps(rows: pd.DataFrame, style):
     steps = _draw_errors(rows, "h", "step, s", style)
@@ -178,6 +169,9 @@ def _draw_errors(rows: pd.DataFrame, column: str, text: str, style: Any) -> Any:
     style.legend_below(fig)
     return fig
 
+
+tables = tabulated(orders)
+draw = drawn(steps=_draw_steps, work=_draw_work)
 
 if __name__ == "__main__":
     script.run("heavy_top")

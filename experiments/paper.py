@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.shown import drawn, tabulated
+from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.experiments.measuring.reductions import largest, of_part, worst
+from lagrange_bench.experiments.measuring.reductions import largest, worst
 from lagrange_bench.experiments.measuring.states import find, options_of, rounded
 from lagrange_bench.integrators import prepare
 from lagrange_bench.integrators.interface import INVARIANTS
@@ -59,14 +59,6 @@ def measure(cell: dict) -> list[dict]:
 def invariants(rows: pd.DataFrame) -> pd.DataFrame:
     runs = rows.groupby(["figure", "form"], sort=False)
     return runs[list(INVARIANTS)].agg(largest).assign(steps=runs.steps.first()).reset_index()
-
-
-def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return tabulated(rows, invariants)
-
-
-def draw(rows: pd.DataFrame) -> dict:
-    return drawn(rows, figures=_draw_orbits, invariants=_draw_drift)
 
 
 @of_part()
@@ -122,6 +114,9 @@ def _draw_drift(rows: pd.DataFrame, style):
     )
     return fig
 
+
+tables = tabulated(invariants)
+draw = drawn(figures=_draw_orbits, invariants=_draw_drift)
 
 if __name__ == "__main__":
     script.run("paper")

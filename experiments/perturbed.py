@@ -27,22 +27,10 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import drift, script, work_precision
-from lagrange_bench.experiments.drawing.shown import drawn, tabulated
+from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.drawing.tables import numbers_in, show
-from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.experiments.measuring.reductions import by_group, largest, of_part
-from lagrange_bench.experiments.measuring.states import (
-    PROBLEMS,
-    affordable,
-    find,
-    interpreted,
-    log_counts,
-    methods_on,
-    places,
-    rounded,
-    sample,
-    truth,
-)
+from lagrange_bench.experiments.measuring import metrics, states
+from lagrange_bench.experiments.measuring.reductions import largest
 from lagrange_bench.integrators import METHODS, LagrangeTop, PerturbedTop, StepError, integrate, prepare
 from lagrange_bench.integrators.interface import INVARIANTS, Method, StepWarning
 from lagrange_bench.integrators.problem.potentials import CHARGE, PERTURBED_TOPS, TIDE
@@ -85,9 +73,9 @@ def cells(profile: str) -> list[dict]:
     listed: list[dict] = []
     per_octave, decades = GRID[profile]
     for state in QUICK if profile == "quick" else PERTURBED_TOPS:
-        methods = methods_on(state)
+        methods = states.methods_on(state)
         for name, method in methods.items():
-            steps = affordable(method, STEPS[profile], profile == "full")
+            steps = states.affordable(method, STEPS[profile], profile == "full")
             listed.append({"part": "drift", "method": name, "state": state, "h": STEP, "steps": steps})
         for name, method in methods.items():
             if method.control == "step":
@@ -99,8 +87,8 @@ def cells(profile: str) -> list[dict]:
                     continue
                 race = {"timing": True, "part": "work", "method": name, "state": state, **sweep}
                 listed += [{**race, "scheme": scheme} for scheme in VARIANTS.get(name, ())] or [race]
-    for state in PROBLEMS if profile == "full" else ():
-        for name, method in methods_on(state).items():
+    for state in states.PROBLEMS if profile == "full" else ():
+        for name, method in states.methods_on(state).items():
             sizes = SIZES[profile] if method.control == "step" else (1.0,)
             listed += [{"part": "problem", "method": name, "state": state, "h": h} for h in sizes]
     tolerance = {"part": "tolerance", "method": OURS, "tops": DRAWS[profile]}
@@ -146,14 +134,14 @@ def to_tolerance(cell: dict) -> list[dict]:
         except StepError as error:
             rows.append({"answer": "refused", "reason": str(error)})
             continue
-        true = rounded(float(metrics.scaled_error(top.top, y0, run.y, right)[0]))
+        true = states.rounded(float(metrics.scaled_error(top.top, y0, run.y, right)[0]))
         rows.append({"answer": "given", "error": true, "expected": vars(run.work)["expected"]})
     return rows
 
 
 def racing(method: Method, state: str, span: float) -> bool:
     """Whether a method takes part. What is interpreted is a thousand times behind: every run would be too long."""
-    return not interpreted(method) and (span < LONGEST or (state in LONG and method.name in (OURS, *RIVALS)))
+    return not states.interpreted(method) and (span < LONGEST or (state in LONG and method.name in (OURS, *RIVALS)))
 
 
 def measure(cell: dict) -> list[dict]:
@@ -161,10 +149,10 @@ def measure(cell: dict) -> list[dict]:
         return to_tolerance(cell)
     if cell["part"] == "problem":
         return [any_problem(cell)]
-    top, y0 = find(cell["state"])
+    top, y0 = states.find(cell["state"])
     unit = top.scales(y0)[2]
     if cell["part"] == "drift":
-        counts = log_counts(cell["steps"], per_octave=2)
+        counts = states.log_counts(cell["steps"], per_octave=2)
         return drift.against_steps(cell, top, y0, cell["h"] * unit, counts)
     span = cell.get("span", SPAN)
     # the longest race is on a top that is not chaotic: its reference, of two runs, would show it, as that of any `Problem`
@@ -176,25 +164,27 @@ def measure(cell: dict) -> list[dict]:
     method, n = METHODS[cell["method"]], round(SPAN / cell["h"])
     h = SPAN * unit / n
     y = prepare(top, y0, h, method).advance(y0, n)
-    return [{"error": rounded(float(metrics.scaled_error(top, y0, y, truth(top, y0, method, h, [n])[0])))}]
+    return [
+        {"error": states.rounded(float(metrics.scaled_error(top, y0, y, states.truth(top, y0, method, h, [n])[0])))}
+    ]
 
 
 def any_problem(cell: dict) -> dict:
     """The error at the end of a run, and the largest of the invariants that the method says it keeps, and of the others."""
-    problem, y0 = find(cell["state"])
+    problem, y0 = states.find(cell["state"])
     method, n = METHODS[cell["method"]], round(SPAN / cell["h"])
     h = SPAN * problem.scales(y0)[2] / n
-    counts = places(n)
-    times, states = sample(problem, y0, cell["method"], h, counts)
-    moved = drift.errors(cell["method"], problem, h, np.vstack((y0, states)), times)
+    counts = states.places(n)
+    times, y = states.sample(problem, y0, cell["method"], h, counts)
+    moved = drift.errors(cell["method"], problem, h, np.vstack((y0, y)), times)
     keeps = method.kept(problem)
     sizes = {name: float(np.max(np.abs(error))) for name, error in moved.items()}
     kept, others = ([size for name, size in sizes.items() if (name in keeps) is said] for said in (True, False))
-    error = metrics.scaled_error(problem, y0, states[-1], truth(problem, y0, method, h, [n])[0])
+    error = metrics.scaled_error(problem, y0, y[-1], states.truth(problem, y0, method, h, [n])[0])
     return {
-        "error": rounded(float(error)),
-        "kept": rounded(np.max(kept, initial=0.0)),
-        **({"others": rounded(np.max(others))} if others else {}),
+        "error": states.rounded(float(error)),
+        "kept": states.rounded(np.max(kept, initial=0.0)),
+        **({"others": states.rounded(np.max(others))} if others else {}),
     }
 
 
@@ -246,7 +236,7 @@ def _orders(good: pd.DataFrame, between: tuple[float, float]) -> pd.DataFrame:
         floor = max(100 * run.error.min(skipna=False), between[0])
         run = run[(run.error > floor) & (run.error < between[1])].sort_values("h")[:4]
         slope = float(np.polyfit(np.log(run.h), np.log(run.error), 1)[0]) if len(run) > 2 else np.nan
-        says = METHODS[method].order_for(find(state)[0]) if method in METHODS else None
+        says = METHODS[method].order_for(states.find(state)[0]) if method in METHODS else None
         table.append({"state": state, "method": method, "claimed": says, "measured": slope, "points": len(run)})
     return pd.DataFrame(table)
 
@@ -278,18 +268,6 @@ def tolerances(field: str, span: float, tol: float, group: pd.DataFrame) -> dict
     }
 
 
-def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return tabulated(rows, kept, orders, winners, tolerances, problems)
-
-
-def draw(rows: pd.DataFrame) -> dict:
-    work = {
-        f"work_t{span:.0f}": partial(_draw_work, span=span)
-        for span in sorted(set(rows.get("span", ())) & WORK["full"].keys())
-    }
-    return drawn(rows, **work, winner=_draw_winner, order=_draw_order)
-
-
 @of_part("work")
 def _draw_work(rows: pd.DataFrame, style, span: float):
     good = work_precision.useful(rows[rows.span == span])
@@ -319,22 +297,22 @@ def _draw_winner(rows: pd.DataFrame, style):
     table = winners(rows[rows.state.isin(EPSILON)])
     if table is None or table.empty:
         return None
-    spans, states = sorted(set(table.span)), [state for state in EPSILON if state in set(table.state)]
+    spans, tops = sorted(set(table.span)), [state for state in EPSILON if state in set(table.state)]
     targets = sorted(set(table["error at most"]), reverse=True)
     titles, labels = [f"t = {show(span)}" for span in spans], ("size of the tide, ε", "error at most")
     fig, axes = style.panels(titles, len(spans), (0.0, 2.6), *labels)
     for ax, span in zip(axes, spans, strict=True):
         here = table[table.span == span]
         wide = here.pivot(index="error at most", columns="state", values="times as long as the exact step inside")
-        ratios = wide.reindex(index=targets, columns=states).to_numpy(dtype=float)
+        ratios = wide.reindex(index=targets, columns=tops).to_numpy(dtype=float)
         norm = colors.LogNorm(vmin=0.1, vmax=10.0)
         ax.pcolormesh(np.ma.masked_invalid(ratios), cmap="RdBu", norm=norm, edgecolors="white", linewidth=1.0)
         for (i, j), ratio in np.ndenumerate(ratios):
-            unknown = "–" if states[j] in set(here.state) else ""
+            unknown = "–" if tops[j] in set(here.state) else ""
             word = f"{ratio:.2g}" if np.isfinite(ratio) else unknown
             dark = np.isfinite(ratio) and not 0.3 < ratio < 3.3
             ax.text(j + 0.5, i + 0.5, word, ha="center", va="center", fontsize=7, color="white" if dark else "black")
-        ax.set_xticks(np.arange(len(states)) + 0.5, [show(EPSILON[state]) for state in states])
+        ax.set_xticks(np.arange(len(tops)) + 0.5, [show(EPSILON[state]) for state in tops])
         ax.set_yticks(np.arange(len(targets)) + 0.5, [show(target) for target in targets])
         ax.grid(visible=False)
     fig.caption = (
@@ -359,6 +337,10 @@ def _draw_order(rows: pd.DataFrame, style):
     )
     return fig
 
+
+work = {f"work_t{span:.0f}": partial(_draw_work, span=span) for span in WORK["full"]}
+tables = tabulated(kept, orders, winners, tolerances, problems)
+draw = drawn(**work, winner=_draw_winner, order=_draw_order)
 
 if __name__ == "__main__":
     script.run("perturbed")

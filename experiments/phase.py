@@ -18,23 +18,9 @@ import pandas as pd
 import scipy
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.shown import drawn, tabulated
-from lagrange_bench.experiments.measuring import check, metrics
-from lagrange_bench.experiments.measuring.reductions import by_group, largest, of_part
-from lagrange_bench.experiments.measuring.states import (
-    CLOSE,
-    WIDE,
-    affordable,
-    as_rows,
-    find,
-    log_counts,
-    methods_on,
-    options_of,
-    places,
-    rounded,
-    sample,
-    truth,
-)
+from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
+from lagrange_bench.experiments.measuring import check, metrics, states
+from lagrange_bench.experiments.measuring.reductions import largest
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.integrators.backward_error.prediction import predicted_phase
 from lagrange_bench.integrators.interface import INVARIANTS
@@ -66,38 +52,42 @@ THEORY_SPAN = 512.0  # length of the runs that are held against theory
 
 
 def cells(profile: str) -> list[dict]:
-    methods = methods_on()
+    methods = states.methods_on()
     stepping = {name: method.order for name, method in methods.items() if method.control == "step"}
     on = [{"method": name, "state": state} for state in STATES[profile] for name in stepping]
     listed: list[dict] = [{"part": "h", **each, "h": h} for each in on for h in STEPS[profile]]
     listed += [{"part": "order", "method": name} for name, order in stepping.items() if order is not None]
     h, steps = LONG[profile]
     for state, (name, method) in product(LONG_STATES[profile], methods.items()):
-        n = affordable(method, steps, profile == "full")
+        n = states.affordable(method, steps, profile == "full")
         listed.append({"part": "time", "method": name, "state": state, "h": h, "steps": n})
     for state, (name, order) in product(THEORY_STATES[profile], stepping.items()):
         listed += [{"part": "theory", "method": name, "state": state, "h": h} for h in theory_steps(order)]
     some = PROMISE_RANDOM[profile]
-    states = (*TOPS, *(f"random{i:03d}" for i in range(some)), *CLOSE[: some // 2], *WIDE[:some])
-    return listed + [{"part": "promise", "method": "backlund", "state": state} for state in states]
+    tops = (*TOPS, *(f"random{i:03d}" for i in range(some)), *states.CLOSE[: some // 2], *states.WIDE[:some])
+    return listed + [{"part": "promise", "method": "backlund", "state": state} for state in tops]
 
 
 def measure(cell: dict) -> list[dict]:
     if cell["part"] == "order":
         return _one_step(cell["method"])
-    top, y0 = find(cell["state"])
+    top, y0 = states.find(cell["state"])
     rate, _, unit = top.scales(y0)
     if cell["part"] == "promise":
         return [_promise(top, y0, cell["method"], h) for h in _promise_steps(top, y0)]
     if cell["part"] == "theory":
         return _against_theory(top, y0, cell["method"], cell["h"])
     h = cell["h"]
-    counts = places(max(round(SPAN / h), 1)) if cell["part"] == "h" else log_counts(cell["steps"], per_octave=4)
-    times, states = sample(top, y0, cell["method"], h * unit, counts, **options_of(cell))
-    errors = _errors(top, states, truth(top, y0, METHODS[cell["method"]], h * unit, counts), y0, rate)
+    counts = (
+        states.places(max(round(SPAN / h), 1))
+        if cell["part"] == "h"
+        else states.log_counts(cell["steps"], per_octave=4)
+    )
+    times, y = states.sample(top, y0, cell["method"], h * unit, counts, **states.options_of(cell))
+    errors = _errors(top, y, states.truth(top, y0, METHODS[cell["method"]], h * unit, counts), y0, rate)
     if cell["part"] == "h":
-        return [{name: rounded(np.max(np.abs(e))) for name, e in errors.items()}]
-    return as_rows({"t": times * rate, **errors})
+        return [{name: states.rounded(np.max(np.abs(e))) for name, e in errors.items()}]
+    return states.as_rows({"t": times * rate, **errors})
 
 
 def _one_step(name: str) -> list[dict]:
@@ -109,12 +99,12 @@ def _one_step(name: str) -> list[dict]:
     points = check.order_points(METHODS[name], check.ORDER_SPANS)
     length = {"run": check.RUN} if points.runs else {}
     pairs = zip(points.spans, points.errors, strict=True)
-    return [{"h": rounded(h), "error": rounded(error), **length} for h, error in pairs]
+    return [{"h": states.rounded(h), "error": states.rounded(error), **length} for h, error in pairs]
 
 
 def theory_steps(order: int | None) -> tuple[float, ...]:
     """Two steps at which a method of this order is neither far off nor as good as exact in runs of `THEORY_SPAN`."""
-    return () if order is None else tuple(rounded(2.0 ** (k + 1 - 15 / order)) for k in (1, 0))
+    return () if order is None else tuple(states.rounded(2.0 ** (k + 1 - 15 / order)) for k in (1, 0))
 
 
 def _against_theory(top, y0, name, h) -> list[dict]:
@@ -123,25 +113,25 @@ def _against_theory(top, y0, name, h) -> list[dict]:
     predicted = predicted_phase(top, y0, h * unit, METHODS[name])
     if predicted.clock is None:
         return [{"reason": predicted.reason}]
-    counts = log_counts(round(THEORY_SPAN / h), per_octave=1)
-    times, states = sample(top, y0, name, h * unit, counts)
-    errors = _errors(top, states, truth(top, y0, METHODS[name], h * unit, counts), y0, rate)
+    counts = states.log_counts(round(THEORY_SPAN / h), per_octave=1)
+    times, y = states.sample(top, y0, name, h * unit, counts)
+    errors = _errors(top, y, states.truth(top, y0, METHODS[name], h * unit, counts), y0, rate)
     time, angle = predicted.shifts(times)
     columns = {"t": times * rate, **errors, "predicted_time": time * rate, "predicted_angle": angle}
-    columns["left"] = metrics.scaled_error(top, y0, states, predicted.states(times))
+    columns["left"] = metrics.scaled_error(top, y0, y, predicted.states(times))
     rates = {"clock": predicted.clock, "turn": predicted.turn * unit}
     rates |= {"clock_growth": predicted.clock_growth * unit, "turn_growth": predicted.turn_growth * unit * unit}
-    rates = {name: rounded(value) for name, value in rates.items()}
-    return [row | rates for row in as_rows(columns)]
+    rates = {name: states.rounded(value) for name, value in rates.items()}
+    return [row | rates for row in states.as_rows(columns)]
 
 
-def _errors(top, states, truth, y0, rate) -> dict[str, np.ndarray]:
+def _errors(top, y, truth, y0, rate) -> dict[str, np.ndarray]:
     """time and angle (in radians of their own phase), what is off the torus, and the whole error, all scaled.
 
     Only a top in a uniform field has a known torus; of any other problem this is the whole error alone.
     """
-    error = states - truth
-    whole = metrics.scaled_error(top, y0, states, truth)
+    error = y - truth
+    whole = metrics.scaled_error(top, y0, y, truth)
     if "uniform" not in top.offers:
         return {"error": whole}
     split = metrics.phase_split(top, truth, error)
@@ -167,11 +157,11 @@ def _promise(top, y0, method, h) -> dict:
     unit = top.scales(y0)[2]
     unstable = np.isinf(exact.nutation_period(top, y0))
     steps = max(int(UNSTABLE_SPAN / unit / h), 1) if unstable else PROMISE_STEPS
-    counts = places(steps, 20)
-    times, states = sample(top, y0, method, h * unit, counts)
-    error = metrics.scaled_error(top, y0, states, exact.after_steps(top, y0, h * unit, counts))
+    counts = states.places(steps, 20)
+    times, y = states.sample(top, y0, method, h * unit, counts)
+    error = metrics.scaled_error(top, y0, y, exact.after_steps(top, y0, h * unit, counts))
     ulps = error / (metrics.condition(top, y0, times) * np.finfo(float).eps)
-    return {"h": h, "error": rounded(np.max(error)), "ulps": rounded(np.max(ulps))}
+    return {"h": h, "error": states.rounded(np.max(error)), "ulps": states.rounded(np.max(ulps))}
 
 
 # ------------------------------------------------------------------------------------------ what the rows say
@@ -269,21 +259,13 @@ def theory(method: str, state: str, h: float, run: pd.DataFrame) -> dict:
     return {**rates, "error": error, "left": left, "share left": left / error, "in range": judged}
 
 
-def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return tabulated(rows, orders, frequency_shifts, promise, theory)
-
-
-def draw(rows: pd.DataFrame) -> dict:
-    return drawn(rows, h=_draw_h, families=_draw_families, time=_draw_time, theory=_draw_theory)
-
-
 @of_part("h", failed=True)
 def _draw_h(rows: pd.DataFrame, style):
     """The page's first figure: every method thin, one of each family bold and named."""
-    states = [state for state in STATES["quick"] if (rows.state == state).any()]
-    fig, axes = style.figure("page", 3.6, ncols=len(states), sharex=True, sharey=True, squeeze=False)
-    best = best_of_families(rows[rows.state == states[0]])
-    for ax, state in zip(axes[0], states, strict=True):
+    tops = [state for state in STATES["quick"] if (rows.state == state).any()]
+    fig, axes = style.figure("page", 3.6, ncols=len(tops), sharex=True, sharey=True, squeeze=False)
+    best = best_of_families(rows[rows.state == tops[0]])
+    for ax, state in zip(axes[0], tops, strict=True):
         draw_steps(ax, rows[rows.state == state], best, style)
         ax.set_title(TOPS[state].label)
         ax.set_ylabel("" if ax is not axes[0, 0] else ax.get_ylabel())
@@ -387,6 +369,9 @@ def _draw_theory(rows: pd.DataFrame, style):
     )
     return fig
 
+
+tables = tabulated(orders, frequency_shifts, promise, theory)
+draw = drawn(h=_draw_h, families=_draw_families, time=_draw_time, theory=_draw_theory)
 
 if __name__ == "__main__":
     script.run("phase")

@@ -19,10 +19,10 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.shown import drawn, tabulated
+from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
 from lagrange_bench.experiments.drawing.tables import numbers_in
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.reductions import largest, mean_square, of_part, worst
+from lagrange_bench.experiments.measuring.reductions import largest, mean_square, worst
 from lagrange_bench.experiments.measuring.states import RANDOM, as_rows, find, follow, log_counts, rounded
 from lagrange_bench.integrators import prepare
 from lagrange_bench.integrators.compiling.compiled import compiled
@@ -397,14 +397,6 @@ def long_run(rows: pd.DataFrame) -> pd.DataFrame:
     return last[["method", "t", "error", "time", "angle", *INVARIANTS]].reset_index(drop=True)
 
 
-def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return tabulated(rows, forms, long_run)
-
-
-def draw(rows: pd.DataFrame) -> dict:
-    return drawn(rows, forms=_draw_forms, long_run=_draw_long)
-
-
 @of_part("drift")
 def _draw_forms(rows: pd.DataFrame, style):
     from matplotlib import colormaps
@@ -470,6 +462,9 @@ def _draw_long(rows: pd.DataFrame, style):
     )
     return fig
 
+
+tables = tabulated(forms, long_run)
+draw = drawn(forms=_draw_forms, long_run=_draw_long)
 
 if __name__ == "__main__":
     script.run("round_off")

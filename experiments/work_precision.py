@@ -18,20 +18,9 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.shown import drawn, tabulated
+from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
 from lagrange_bench.experiments.drawing.tables import show
-from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.reductions import of_part
-from lagrange_bench.experiments.measuring.states import (
-    KNOBS,
-    find,
-    knobs,
-    methods_on,
-    options_of,
-    rounded,
-    sample,
-    truth,
-)
+from lagrange_bench.experiments.measuring import metrics, states, timing
 from lagrange_bench.integrators import METHODS, prepare
 from lagrange_bench.integrators.interface import StepError
 from lagrange_bench.integrators.problem.top import TOPS
@@ -60,10 +49,12 @@ SAMPLE = 0.005  # s, the least length of a timing sample: shorter runs are repea
 
 def cells(profile: str) -> list[dict]:
     listed = []
-    for span, (states, per_octave, decades, longest) in SPANS[profile].items():
+    for span, (tops, per_octave, decades, longest) in SPANS[profile].items():
         sweep = {"per_octave": per_octave, "decades": decades, "longest": longest}
-        for state in states:
-            listed += [{"timing": True, "method": name, "state": state, "span": span, **sweep} for name in methods_on()]
+        for state in tops:
+            listed += [
+                {"timing": True, "method": name, "state": state, "span": span, **sweep} for name in states.methods_on()
+            ]
     return listed
 
 
@@ -74,7 +65,7 @@ def measure(cell: dict) -> list[dict]:
     tolerances = 10.0 ** -np.arange(LOOSEST, TIGHTEST + 0.5, cell["decades"])
     rows: list[dict] = []
     least, in_vain = np.inf, 0
-    for knob in knobs(method, steps[steps <= cell["span"]].tolist(), tolerances.tolist()):
+    for knob in states.knobs(method, steps[steps <= cell["span"]].tolist(), tolerances.tolist()):
         try:
             row = _run({**cell, **knob})
         except StepError as refusal:  # of a step too large or a tolerance too small: the curve goes on without it
@@ -84,7 +75,7 @@ def measure(cell: dict) -> list[dict]:
         least = min(least, error)
         if in_vain == FLOOR_RUNS and "stopped" not in row:
             row["stopped"] = "round-off"
-        rows.append({**{name: rounded(value) for name, value in knob.items()}, **row})
+        rows.append({**{name: states.rounded(value) for name, value in knob.items()}, **row})
         if row.get("stopped") in ("too long", "round-off"):
             break
     return rows
@@ -92,9 +83,9 @@ def measure(cell: dict) -> list[dict]:
 
 def _run(cell: dict) -> dict:
     """One run: its error, and its time if the error is useful."""
-    top, y0 = find(cell["state"])
+    top, y0 = states.find(cell["state"])
     unit = top.scales(y0)[2]
-    options = options_of(cell)
+    options = states.options_of(cell)
     method = METHODS[cell["method"]]
     n = round(cell["span"] / cell["h"]) if method.knob == "h" else 16
     h = cell["span"] * unit / n
@@ -102,16 +93,16 @@ def _run(cell: dict) -> dict:
     setups = [stepper.work.setup_seconds]
     predicted = _predicted(cell, method, stepper, h, n, options)
     if predicted > cell["longest"]:
-        return {"stopped": "too long", "predicted": rounded(predicted)}
+        return {"stopped": "too long", "predicted": states.rounded(predicted)}
     # in a potential at the end only: every other time would need a reference solution of its own
     counts = sorted({max(n * k // 16, 1) for k in (13, 14, 15, 16)}) if "uniform" in top.offers else [n]
-    _, states = sample(top, y0, cell["method"], h, counts, **options)
+    _, y = states.sample(top, y0, cell["method"], h, counts, **options)
     with np.errstate(over="ignore"):  # of a step much too large
-        error = float(np.max(metrics.scaled_error(top, y0, states, truth(top, y0, method, h, counts))))
+        error = float(np.max(metrics.scaled_error(top, y0, y, states.truth(top, y0, method, h, counts))))
     if not np.isfinite(error):
         return {"stopped": "refused", "reason": "the error is beyond the range of doubles"}
     if error > USEFUL:
-        return {"error": rounded(error)}
+        return {"error": states.rounded(error)}
     before = (stepper.work.steps, stepper.work.rhs_evals, stepper.work.iterations)
     seconds = [_seconds(stepper, y0, n)]
     after = (stepper.work.steps, stepper.work.rhs_evals, stepper.work.iterations)
@@ -123,17 +114,17 @@ def _run(cell: dict) -> dict:
     setups += [prepare(top, y0, h, method, **options).work.setup_seconds for _ in range(3)]
     counted = zip(("steps", "evals", "iterations"), before, after, strict=True)
     return {
-        "error": rounded(error),
-        "seconds": rounded(min(seconds)),
-        "seconds_samples": [rounded(sample) for sample in seconds],
-        "setup_seconds": rounded(min(setups)),
+        "error": states.rounded(error),
+        "seconds": states.rounded(min(seconds)),
+        "seconds_samples": [states.rounded(sample) for sample in seconds],
+        "setup_seconds": states.rounded(min(setups)),
         **{name: b - a for name, a, b in counted},
     }
 
 
 def _predicted(cell: dict, method, stepper, h: float, n: int, options: dict) -> float:
     """Seconds of the whole run, from the quickest of short ones: a hiccup of the machine must not end a curve."""
-    top, y0 = find(cell["state"])
+    top, y0 = states.find(cell["state"])
     trial, steps = max(cell["span"] / 2**14, min(cell["span"], 10.0)), 1
     if method.knob == "h":
         steps = max(round(n * trial / cell["span"]), 1)
@@ -243,7 +234,7 @@ def best_steps(rows: pd.DataFrame) -> pd.DataFrame:
     table = []
     for fields, found in races(useful(rows), APART, TARGETS, "seconds"):
         front = metrics.pareto_front(found.seconds, found.error)
-        set_to = found.reindex(columns=KNOBS).to_dict("records")
+        set_to = found.reindex(columns=states.KNOBS).to_dict("records")
         knobs = [", ".join(f"{name} = {value:.3g}" for name, value in run.items() if value == value) for run in set_to]
         line = found.assign(**{"with": knobs, "on the frontier": np.isin(np.arange(len(found)), front)}, **fields)
         columns = [*fields, "method", "with", "error", "seconds", "setup_seconds", "evals", "on the frontier"]
@@ -275,14 +266,6 @@ def ends(rows: pd.DataFrame) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(table)
-
-
-def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return tabulated(rows, cheapest, ratios, best_steps, ends)
-
-
-def draw(rows: pd.DataFrame) -> dict:
-    return drawn(rows, time=draw_frontier, profile=_draw_profile)
 
 
 def champions(good: pd.DataFrame) -> list[str]:
@@ -418,6 +401,9 @@ def _draw_profile(rows: pd.DataFrame, style):
     )
     return fig
 
+
+tables = tabulated(cheapest, ratios, best_steps, ends)
+draw = drawn(time=draw_frontier, profile=_draw_profile)
 
 if __name__ == "__main__":
     script.run("work_precision")

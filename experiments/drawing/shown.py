@@ -1,22 +1,75 @@
-"""What an experiment shows: its tables and figures, each made by a function of its rows; see `reductions.of_part`."""
+"""What an experiment shows: its tables and figures, each made by a function of rows of one part."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import wraps
 from typing import Any
 
 import pandas as pd
 
-
-def tabulated(rows: pd.DataFrame, *functions: Callable[..., Any]) -> dict[str, pd.DataFrame]:
-    """The tables that these functions make of rows, by their names; those that have lines."""
-    made = {function.__name__: function(rows) for function in functions}
-    return {name: table for name, table in made.items() if table is not None and len(table)}
+Made = Callable[[pd.DataFrame], dict[str, Any]]
 
 
-def drawn(rows: pd.DataFrame, **draw: Callable[..., Any]) -> dict[str, Any]:
-    """The figures that these functions draw of rows, given the style of all figures; None where there is nothing to draw."""
-    from lagrange_bench.experiments.drawing import style
+def of_part(name: str = "", caption: str = "", failed: bool = False) -> Callable[..., Callable[..., Any]]:
+    """Decorator of a function that makes a table or a figure: it gets the rows of one part ("": all) that are done.
 
-    figures = {name: function(rows, style) for name, function in draw.items()}
-    return {name: figure for name, figure in figures.items() if figure is not None}
+    It gives None if there are none. caption : of the table. failed : with the failed rows, for their crosses.
+    """
+
+    def decorator(function: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(function)
+        def of_rows(rows: pd.DataFrame, *others: Any, **options: Any) -> Any:
+            here = rows["part"].eq(name) if name and "part" in rows else pd.Series(not name, index=rows.index)
+            sound = here & rows["status"].eq("done")
+            if not sound.any():
+                return None
+            made = function(rows[here if failed else sound], *others, **options)
+            if caption:
+                made.attrs["caption"] = caption
+            return made
+
+        return of_rows
+
+    return decorator
+
+
+def by_group(columns: Sequence[str], part: str = "", caption: str = "") -> Callable[..., Callable[..., Any]]:
+    """As `of_part`, of a function that makes a line of the table: it gets the values of `columns`, and the rows that have them.
+
+    Lines begin with these columns; an empty one is left out.
+    """
+
+    def decorator(function: Callable[..., dict[str, Any]]) -> Callable[..., Any]:
+        @of_part(part, caption)
+        @wraps(function)
+        def of_rows(rows: pd.DataFrame) -> pd.DataFrame:
+            groups = rows.groupby(list(columns), sort=False)
+            made = [(dict(zip(columns, values, strict=True)), function(*values, group)) for values, group in groups]
+            return pd.DataFrame([key | line for key, line in made if line])
+
+        return of_rows
+
+    return decorator
+
+
+def tabulated(*functions: Callable[..., Any]) -> Made:
+    """The `tables` of an experiment: those that these functions make of rows, by their names, and that have lines."""
+
+    def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
+        made = {function.__name__: function(rows) for function in functions}
+        return {name: table for name, table in made.items() if table is not None and len(table)}
+
+    return tables
+
+
+def drawn(**functions: Callable[..., Any]) -> Made:
+    """The `draw` of an experiment: what these functions draw of rows in the style of all figures; None is nothing to draw."""
+
+    def draw(rows: pd.DataFrame) -> dict[str, Any]:
+        from lagrange_bench.experiments.drawing import style
+
+        figures = {name: function(rows, style) for name, function in functions.items()}
+        return {name: figure for name, figure in figures.items() if figure is not None}
+
+    return draw

@@ -7,8 +7,7 @@ part has (`MEASURED` of the experiment) is another matter: its cell failed. A ro
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import wraps
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -63,48 +62,6 @@ def done(rows: pd.DataFrame, part: str = "") -> pd.DataFrame:
     if "status" not in rows or (part and "part" not in rows):
         return rows[:0]
     return rows[rows["status"].eq("done") & (rows["part"].eq(part) if part else True)]
-
-
-def of_part(name: str = "", caption: str = "", failed: bool = False) -> Callable[..., Callable[..., Any]]:
-    """Decorator of a function that makes a table or a figure: it gets the rows of one part ("": all) that are done.
-
-    It gives None if there are none. caption : of the table. failed : with the failed rows, for their crosses.
-    """
-
-    def decorator(function: Callable[..., Any]) -> Callable[..., Any]:
-        @wraps(function)
-        def of_rows(rows: pd.DataFrame, *others: Any, **options: Any) -> Any:
-            here = rows["part"].eq(name) if name and "part" in rows else pd.Series(not name, index=rows.index)
-            sound = here & rows["status"].eq("done")
-            if not sound.any():
-                return None
-            made = function(rows[here if failed else sound], *others, **options)
-            if caption:
-                made.attrs["caption"] = caption
-            return made
-
-        return of_rows
-
-    return decorator
-
-
-def by_group(columns: Sequence[str], part: str = "", caption: str = "") -> Callable[..., Callable[..., Any]]:
-    """As `of_part`, of a function that makes a line of the table: it gets the values of `columns`, and the rows that have them.
-
-    Lines begin with these columns; an empty one is left out.
-    """
-
-    def decorator(function: Callable[..., dict[str, Any]]) -> Callable[..., Any]:
-        @of_part(part, caption)
-        @wraps(function)
-        def of_rows(rows: pd.DataFrame) -> pd.DataFrame:
-            groups = rows.groupby(list(columns), sort=False)
-            made = [(dict(zip(columns, values, strict=True)), function(*values, group)) for values, group in groups]
-            return pd.DataFrame([key | line for key, line in made if line])
-
-        return of_rows
-
-    return decorator
 
 
 def largest(values: ArrayLike) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from lagrange_bench.experiments.drawing import shown
 from lagrange_bench.experiments.measuring import metrics, reductions
 from lagrange_bench.integrators import prepare
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
@@ -161,7 +162,7 @@ def test_reductions_keep_nan():
 def test_tables_and_figures_are_made_of_the_rows_of_their_part():
     rows = pd.DataFrame({"part": ["a", "a", "b"], "status": ["done", "failed", "done"], "x": [1, 2, 3]})
     made = {
-        how: reductions.of_part(*how, failed=how[0] == "a" and how[1] == "crosses")(lambda rows: rows)(rows)
+        how: shown.of_part(*how, failed=how[0] == "a" and how[1] == "crosses")(lambda rows: rows)(rows)
         for how in (("a", "table"), ("a", "crosses"), ("", "all"), ("c", "none"))
     }
     assert {how: None if table is None else table.x.tolist() for how, table in made.items()} == {
