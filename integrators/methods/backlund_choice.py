@@ -25,12 +25,14 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_real
+from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.loops import MEMORY
 from lagrange_bench.integrators.interface import Array, StepError, Work
 from lagrange_bench.integrators.methods.dense import at_times
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.torus import time_step
 
+first_nutation_period = at_first_interpreted(time_step.nutation_period)
 LEAST, MOST = 1e-13, 0.1  # of tol
 SHARE = 0.3  # of tol, for the error the pilot expects
 # length of the pilot: time scales of the top, nutations; LONGEST scales at most
@@ -397,4 +399,4 @@ def nutation_period(top: PerturbedTop, y0: Array) -> float:
     if not 0.0 < rate < math.inf:
         return math.inf
     y = np.concatenate((y0[:3] / rate, y0[3:] / size if size > 0.0 else y0[3:]))
-    return unit * time_step.nutation_period(top.alpha / rate * (size / rate), y)[0]
+    return unit * first_nutation_period(top.alpha / rate * (size / rate), y)[0]  # type: ignore[no-any-return]

@@ -37,6 +37,7 @@ import numpy as np
 from lagrange_bench.integrators.compiling import double_double
 from lagrange_bench.integrators.compiling.compiled import inlined, inlined_copy, jit
 from lagrange_bench.integrators.compiling.double_double import dd, scale
+from lagrange_bench.integrators.compiling.expression import Program, record
 from lagrange_bench.integrators.compiling.lanes import LANES
 from lagrange_bench.integrators.compiling.numba_internals import column, put_column
 from lagrange_bench.integrators.compiling.unroll import unrolled
@@ -122,16 +123,22 @@ def _horner(a: Polynomial, P, order=(0, 2, 1, 3)):
     return value
 
 
-@unrolled("start_values")
-def start_values(P):
-    """R/τ and η/τ − 1."""
+@cache
+def _start_program() -> Program:
+    """R/τ and η/τ − 1 as a formula of P."""
     a = series(WEIGHT)
     eta: Polynomial = {}
     R: Polynomial = {}
     for n in range(1, WEIGHT + 1):  # i s^n is real for odd n, s^n for even
         part, sign = (R, (-1) ** ((n + 1) // 2)) if n % 2 else (eta, (-1) ** (n // 2))
         part.update({k: sign * v for k, v in a[n].items()})
-    return _horner(R, P), _horner(eta, P)
+    return record(lambda *P: (_horner(R, P), _horner(eta, P)), 4)
+
+
+@unrolled("start_values")
+def start_values(P):
+    """R/τ and η/τ − 1."""
+    return _start_program()(*P)
 
 
 @inlined
