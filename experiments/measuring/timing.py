@@ -17,8 +17,12 @@ from numpy.typing import NDArray
 
 from lagrange_bench.integrators.compiling import interpreted
 
-interpreted.OFTEN = 0  # reported times are those of compiled code, set-up included
 UNSTABLE = 0.1  # coefficient of variation above which a timing is called unstable
+
+
+def compile_at_once() -> None:
+    """From here on this process compiles what it calls: reported times are those of compiled code, set-up included."""
+    interpreted.OFTEN = 0
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,7 @@ def interleave(functions: Mapping[str, Callable[[], object]], min_time: float = 
     """
     if repeats < 1:
         raise ValueError(f"repeats must be at least 1; got {repeats}")
+    compile_at_once()
     timers = {name: timeit.Timer(function, timer=perf_counter) for name, function in functions.items()}
     for timer in timers.values():
         timer.timeit(1)  # compiles

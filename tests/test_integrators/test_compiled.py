@@ -224,7 +224,8 @@ OFTEN = 10
 # last states of runs that begin one after the other, and which of them found the set-up compiled
 RUNS = """
 import sys
-from lagrange_bench.integrators import PERTURBED_TOPS, TOPS, integrate
+from lagrange_bench import *  # also what measures times, for which all is compiled at once
+from lagrange_bench.integrators import PERTURBED_TOPS, TOPS
 from lagrange_bench.integrators.compiling.interpreted import OFTEN
 from lagrange_bench.integrators.methods import backlund
 method = sys.argv[1]
