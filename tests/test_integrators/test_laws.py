@@ -4,18 +4,22 @@ import json
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mpmath import mp
 
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.integrators import (
     METHODS,
     PERTURBED_TOPS,
     TOPS,
+    GaudinMagnet,
     LagrangeTop,
     PerturbedTop,
     StepError,
@@ -147,6 +151,35 @@ def test_dense_output_is_the_same_at_any_times_and_on_a_grid(name):
     record = installed(name)
     grid = prepare(GENERIC.top, GENERIC.state, -0.3, name).record(GENERIC.state, 100, 5)
     assert np.array_equal(record.evaluate(GENERIC.top, GENERIC.state, -0.3 * np.arange(0, 101, 5.0))[0], grid)
+
+
+# ---------------------------------------------------------------- at once
+
+
+def motions(name):
+    """Two runs, each of a motion of its own."""
+    if name == "magnet":
+        magnet, steps = GaudinMagnet((0.0, 1.0, 2.2), 0.7, site=0), {"h": 1.0, "steps": 3}
+        return [partial(integrate, magnet, np.random.default_rng(k).normal(size=(3, 3)), **steps) for k in range(2)]
+    installed(name)
+    tides = (PerturbedTop(UNIFORM, TIDE, (strength, 0.8, 0.6, 0.0)) for strength in (0.1, 0.9))
+    return [partial(integrate, top, GENERIC.state, h=0.1, steps=400, method=name) for top in tides]
+
+
+@pytest.mark.parametrize("name", ["lsoda", "taylor", "magnet"])
+def test_runs_at_once_have_the_bits_of_runs_alone(name):
+    """LSODA has one state for all, heyoka keeps numbers in what it compiled, mpmath's precision is that of the process."""
+    runs, precision, interval = motions(name), mp.dps, sys.getswitchinterval()
+    alone = [run().y for run in runs]
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            together = [list(pool.map(lambda run: run().y, runs)) for _ in range(3)]
+    finally:
+        sys.setswitchinterval(interval)
+    assert all(np.array_equal(alone, ends) for ends in together)
+    assert not np.array_equal(*alone)
+    assert mp.dps == precision
 
 
 # ---------------------------------------------------------------- with and without compiler

@@ -3,7 +3,6 @@
 import math
 import sys
 import types
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from mpmath import mp, mpf
 
 from lagrange_bench.integrators import (
     TOPS,
-    GaudinMagnet,
     LagrangeTop,
     PerturbedTop,
     Potential,
@@ -19,7 +17,6 @@ from lagrange_bench.integrators import (
     StepError,
     cos,
     exp,
-    integrate,
     log,
     sin,
     sqrt,
@@ -217,14 +214,6 @@ def growth(problem, y0, t, engine=None):
     return logarithm
 
 
-def test_growth_at_the_sleeping_top(quadruple):
-    """At the unstable equilibrium the tangent grows by the eigenvalue of the Jacobian."""
-    named = TOPS["sleeping_unstable"]
-    rate = max(np.linalg.eigvals(named.top.jacobian(named.state)).real)
-    assert rate > 0.5
-    assert (growth(FREE, named.state, 30.0) - growth(FREE, named.state, 20.0)) / 10 == pytest.approx(rate, rel=1e-9)
-
-
 def test_growth_is_that_of_two_orbits(quadruple):
     problem, t = top("charge", 1.0, (0.5, 1.0, 0.25, 0.0)), 6.0
     rate, size, _ = problem.scales(Y0)
@@ -329,25 +318,6 @@ CORNER = PerturbedTop(LagrangeTop(1.0), Potential("corner", lambda x1, x2, x3, p
 def test_bad_input(words, call):
     with pytest.raises((ValueError, StepError), match=words):
         call()
-
-
-def test_threads_leave_mpmath_as_it_was():
-    """Its precision is that of the process: who raises it while another does would put back the wrong one."""
-    before, interval = mp.dps, sys.getswitchinterval()
-    magnet = GaudinMagnet((0.0, 1.0, 2.2), 0.7, site=0)
-
-    def run(seed):
-        return integrate(magnet, np.random.default_rng(seed).normal(size=(3, 3)), h=1.0, steps=3).y[-1]
-
-    alone = [run(seed) for seed in range(2)]
-    sys.setswitchinterval(1e-5)
-    try:
-        with ThreadPoolExecutor(2) as pool:
-            together = list(pool.map(run, range(2)))
-    finally:
-        sys.setswitchinterval(interval)
-    assert mp.dps == before
-    assert np.array_equal(alone, together)
 
 
 @pytest.mark.parametrize("engine", ["heyoka", pytest.param("mpmath", marks=pytest.mark.slow)], indirect=True)

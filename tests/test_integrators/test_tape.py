@@ -22,9 +22,11 @@ from lagrange_bench.integrators.compiling.expression import (
     sqrt,
 )
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, RESIDUAL, FixedStepper
+from lagrange_bench.integrators.methods import dop853, taylor
 from lagrange_bench.integrators.problem.field import cross
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from tests.faults import interrupted
+from tests.installed import installed
 
 
 def rates_of_the_top(tape, y, alpha):
@@ -147,13 +149,19 @@ def test_a_recorded_run_has_the_same_pins(every):
     assert rows[-1, 3:].tolist() == [20, 3, 1 + 0 + 8 + 16]
 
 
-@pytest.mark.parametrize("stride", [1, 8, 1000])
-def test_dividing_a_run_changes_nothing(stride, monkeypatch):
-    stepper = prepare(GENERIC.top, Y0, 0.1)  # pinned every 8 steps
-    end, rows = stepper.advance(Y0, 1003), stepper.record(Y0, 1000, 25)
-    monkeypatch.setattr(loops, "INTERRUPTIBLE", stride)
+@pytest.mark.parametrize(
+    ("name", "module", "stride"),
+    [*(("backlund", loops, stride) for stride in (1, 8, 1000)), ("dop853", dop853, 3), ("taylor", taylor, 7)],
+)
+def test_dividing_a_run_changes_nothing(name, module, stride, monkeypatch):
+    """The exact step is pinned every 8 steps."""
+    installed(name)
+    stepper = prepare(GENERIC.top, Y0, 0.1, name)
+    end, rows, steps = stepper.advance(Y0, 1003), stepper.record(Y0, 1000, 25), stepper.work.steps
+    monkeypatch.setattr(module, "INTERRUPTIBLE", stride)
     assert np.array_equal(stepper.advance(Y0, 1003), end)
     assert np.array_equal(stepper.record(Y0, 1000, 25), rows)
+    assert stepper.work.steps == 2 * steps
 
 
 @pytest.mark.parametrize("stride", [4, 1 << 20])
@@ -176,8 +184,7 @@ def test_not_finite_is_never_returned():
     ("name", "record"), [("backlund", False), ("implicit_midpoint", True), ("taylor", False), ("rk45", True)]
 )
 def test_control_c_ends_a_long_run(name, record):
-    if name == "taylor":
-        pytest.importorskip("heyoka")
+    installed(name)
     stepper = prepare(GENERIC.top, Y0, 0.1, name)
     stepper.advance(Y0, 1)
     n = 10**11

@@ -2,7 +2,6 @@
 
 import copy
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -38,18 +37,6 @@ def test_taylor_has_the_order_asked_for(order):
     assert verdict.passed, verdict
 
 
-def test_taylor_step_is_the_step_of_heyoka():
-    """The polynomial of heyoka's own step, evaluated at h. Both sum 20 terms: a few ulp."""
-    hy = pytest.importorskip("heyoka")
-    ta = copy.deepcopy(taylor.compile_integrator(EPS, False))
-    h = 0.5 * TOP.scales(Y0)[2]
-    ta.time, ta.state[:], ta.pars[0] = 0.0, Y0, TOP.alpha
-    outcome, _ = ta.step(write_tc=True)
-    assert outcome == hy.taylor_outcome.success
-    y = prepare(TOP, Y0, h, "taylor_fixed").advance(Y0, 1)
-    assert metrics.scaled_error(TOP, Y0, y, ta.update_d_output(h)) < 4 * EPS
-
-
 @pytest.mark.interpreted
 def test_recurrences_are_read_off_the_formula():
     """One step is as good in a field as in none, to round-off; of a low order it is not."""
@@ -80,18 +67,11 @@ def test_heyoka_is_used_as_it_is(name):
     assert np.all(np.isfinite(stepper.advance(Y0, 1)))  # and is none the worse for it
 
 
-def test_taylor_in_pieces_changes_no_bit(monkeypatch):
+def test_batches_in_pieces_change_no_bit(monkeypatch):
     installed("taylor")
-    stepper = prepare(TOP, Y0, 0.1, "taylor")
-    many = many_tops(6)
-    grids = ([30.0], [10.0, 20.0, 30.0])
+    many, grids = many_tops(6), ([30.0], [10.0, 20.0, 30.0])
     whole = [batches(*many, t) for t in grids]
-    end, rows, steps = stepper.advance(Y0, 900), stepper.record(Y0, 900, 30), stepper.work.steps
     monkeypatch.setattr(taylor, "INTERRUPTIBLE", 7)
-    assert np.array_equal(stepper.advance(Y0, 900), end)
-    assert np.array_equal(stepper.record(Y0, 900, 30), rows)
-    assert np.array_equal(end, rows[-1])
-    assert stepper.work.steps == 2 * steps
     assert all(np.array_equal(batches(*many, t), states) for t, states in zip(grids, whole, strict=True))
 
 
@@ -129,17 +109,6 @@ def test_heyoka_compiles_once_for_each_formula(monkeypatch):
     other = PerturbedTop(LagrangeTop(1.0), idle, (0.3, 5.0, 6.0))
     assert np.max(np.abs(prepare(other, Y0, 0.5, "taylor").advance(Y0, 2) - ends[0])) < 1e-15
     assert taylor.compile_integrator.cache_info().misses == 2
-
-
-def test_threads_do_not_share_numbers():
-    """Two potentials of one formula, in two threads at once: each has the bits of a run alone."""
-    installed("taylor")
-    steppers = [prepare(in_tide(strength), Y0, 0.1, "taylor") for strength in (0.2, 0.9)]
-    alone = [stepper.advance(Y0, 1000) for stepper in steppers]
-    with ThreadPoolExecutor(2) as pool:
-        runs = list(pool.map(lambda i: [steppers[i].advance(Y0, 1000) for _ in range(20)], (0, 1)))
-    assert all(np.array_equal(y, alone[i]) for i in (0, 1) for y in runs[i])
-    assert not np.array_equal(*alone)
 
 
 # ---------------------------------------------------------------- in batches
