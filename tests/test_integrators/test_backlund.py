@@ -10,14 +10,7 @@ import pytest
 from lagrange_bench.experiments import drift
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.states import WIDE, find
-from lagrange_bench.integrators import (
-    METHODS,
-    TOPS,
-    LagrangeTop,
-    integrate,
-    prepare,
-    two_point,
-)
+from lagrange_bench.integrators import METHODS, TOPS, LagrangeTop, integrate, prepare, two_point
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.problem.units import Units

@@ -9,15 +9,7 @@ import pytest
 
 from lagrange_bench.experiments import perturbed
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.integrators import (
-    POTENTIALS,
-    TOPS,
-    LagrangeTop,
-    PerturbedTop,
-    Potential,
-    StepError,
-    integrate,
-)
+from lagrange_bench.integrators import POTENTIALS, TOPS, LagrangeTop, PerturbedTop, Potential, StepError, integrate
 from lagrange_bench.integrators.methods import backlund_choice as bc
 from lagrange_bench.integrators.methods import backlund_splitting as bs
 from lagrange_bench.integrators.truth import exact, reference

@@ -9,14 +9,7 @@ import numpy as np
 import pytest
 
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.integrators import (
-    PERTURBED_TOPS,
-    POTENTIALS,
-    PerturbedTop,
-    StepError,
-    integrate,
-    prepare,
-)
+from lagrange_bench.integrators import PERTURBED_TOPS, POTENTIALS, PerturbedTop, StepError, integrate, prepare
 from lagrange_bench.integrators.methods import backlund_schemes
 from lagrange_bench.integrators.methods import backlund_splitting as bs
 from lagrange_bench.integrators.truth import reference

@@ -10,17 +10,7 @@ import pytest
 
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.phase import theory_steps
-from lagrange_bench.integrators import (
-    METHODS,
-    TOPS,
-    HeavyTop,
-    LagrangeTop,
-    exact,
-    integrate,
-    predicted_phase,
-    prepare,
-)
-from lagrange_bench.integrators.backward_error.power_series import Series, interpreted
+from lagrange_bench.integrators import METHODS, TOPS, HeavyTop, LagrangeTop, exact, integrate, predicted_phase, prepare
 from lagrange_bench.integrators.backward_error.prediction import PredictedPhase, local_error
 from lagrange_bench.integrators.backward_error.steps import STEPS
 from tests.installed import FOR_TOPS
@@ -85,23 +75,6 @@ def test_leading_terms_are_the_ones_written_down():
         leading = series(name, TOP, Y0, h) / h**3
         assert leading == pytest.approx(d, abs=1e-3), name
         assert leading != pytest.approx(written["kahan" if name != "kahan" else "strang"], abs=1e-2), "negative control"
-
-
-def test_power_series():
-    """Of functions known otherwise; at two points at once."""
-    h = Series(np.zeros((8, 2)))
-    h.c[1] = 1.0
-    geometric = 1.0 / (1.0 - h)
-    assert np.array_equal(geometric.c, np.ones((8, 2)))
-    assert (geometric * geometric).c[:, 1].tolist() == [1, 2, 3, 4, 5, 6, 7, 8]
-    root = (1.0 + h).sqrt()
-    assert (root * root - (1.0 + h)).c == pytest.approx(np.zeros((8, 2)), abs=1e-15)
-    assert ((h - 0.5) <= 0.0, (h - 0.5) > 0.0) == (True, False)
-
-    def kernel(x):
-        return math.sqrt(x) / 2.0
-
-    assert interpreted(kernel)(1.0 + h).c == pytest.approx(root.c / 2.0)
 
 
 # ------------------------------------------------------------------------------------------ the phase

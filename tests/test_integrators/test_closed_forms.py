@@ -1,23 +1,12 @@
 """The other exact ways: the addition theorem's rational map, and theta functions at any time."""
 
-import math
 import random
 
 import numpy as np
 import pytest
-from mpmath import mp
-from scipy import special
 
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.integrators import (
-    TOPS,
-    LagrangeTop,
-    StepError,
-    integrate,
-    prepare,
-)
-from lagrange_bench.integrators.compiling.double_double import add, div, mul, sub
-from lagrange_bench.integrators.methods import addition_theorem as at
+from lagrange_bench.integrators import TOPS, LagrangeTop, StepError, integrate, prepare
 from lagrange_bench.integrators.methods import theta_functions as th
 from lagrange_bench.integrators.truth import exact
 from tests.reference import largest
@@ -62,39 +51,6 @@ def test_pins_keep_the_map_on_its_torus():
         else:
             assert np.all(drift <= 16)
             assert np.all(drift[:, 1] == 0)
-
-
-def test_map_is_the_transfer_matrix_of_lames_equation():
-    """p'² = 4p − 2Hp² + G1 p³ + G0 p⁴ and the Wronskian of two shifted solutions, to 28 digits, after many doublings."""
-    for top, y0 in ((GENERIC.top, GENERIC.state), (TOPS["figure2"].top, 0.1 * TOPS["figure2"].state)):
-        torus = at.cubic(top.alpha, tuple(y0))
-        H, m, _, _, _, _, G1, G0 = torus
-        for h in (1e-3, 0.3, 1.2):
-            p, dp, f, df, turn = at.functions(torus, (h, 0.0))
-            off = sub(mul(dp, dp), mul(p, at.bracket(p, H, G1, G0)))
-            assert abs(off[0]) < 1e-28 * dp[0] ** 2
-            norm = add(mul(turn[0], turn[0]), mul(turn[1], turn[1]))
-            assert abs(norm[0] - 1 + norm[1]) < 1e-28
-            # det M = 1 at any t; here t = h, where Y(t) = Y(h) and μ is the limit Y''/(2Y')
-            Y = div((1.0, 0.0), p)[0]
-            mu = -(3 - H[0] * p[0] + G1[0] * p[0] ** 2 / 4) / dp[0]
-            Y2 = 1 / at.functions(torus, (2 * h, 0.0))[0][0]
-            c1, c0, shift = -f[0] / 3, df[0] / 3, m[0] ** 2 / 4
-            M11, M22 = (-c1 * (Y - shift + end) - c0 * mu for end in (Y, Y2))
-            dY = -dp[0] / p[0] ** 2
-            M21 = c0 * (Y + Y2 - shift) + c1 * (mu * (2 * Y - shift) - dY)
-            assert abs(M11 * M22 - (c0 + c1 * mu) * M21 - 1) < 1e-12
-
-
-def test_functions_of_the_map_without_gravity():
-    """alpha = 0: p = sin²(κh)/κ², κ² = H/2; 28 digits."""
-    torus = at.cubic(0.0, tuple(GENERIC.state))
-    with mp.workdps(40):
-        H = sum(mp.mpf(float(v)) ** 2 for v in GENERIC.state[:3]) / 2
-        for h in (0.01, 0.7, 2.0):
-            p = at.functions(torus, (h, 0.0))[0]
-            truth = mp.sin(mp.sqrt(H / 2) * h) ** 2 / (H / 2)
-            assert abs(mp.mpf(p[0]) + mp.mpf(p[1]) - truth) < mp.mpf(10) ** -28 * truth
 
 
 @pytest.mark.parametrize("kick", [1e-2, 1e-12])
@@ -173,25 +129,6 @@ def test_theta_functions_next_to_every_special_orbit(kick):
                 worst(top, y0)
         else:
             assert worst(top, y0) < 1e-14, name
-
-
-def test_period_and_precession_are_the_exact_ones():
-    """To the last bit or two of a double; the precession modulo a whole turn."""
-    for top, y0 in ((GENERIC.top, GENERIC.state), *random_tops(8, 9)):
-        units = th.Units(top, y0, 1.0)
-        c = th.found_constants(units, y0, 0.0)
-        period, angle = exact.nutation_period(top, y0), exact.precession_per_nutation(top, y0)
-        assert abs(math.ldexp(c[th.PERIOD], -units.rate) / period - 1) < 4e-16
-        apart = c[th.TURN] - angle / (2 * math.pi)
-        assert abs(apart - round(apart)) < 1e-15
-
-
-def test_carlsons_integral_and_the_nome():
-    points = [(0.0, 1.0, 2.0), *10.0 ** np.random.default_rng(2).uniform(-12, 12, (30, 3))]
-    assert largest([th.carlson(*p) / special.elliprf(*p) - 1 for p in points]) < 1e-15
-    with mp.workdps(60):
-        for k2 in (0.5, 0.3, 1e-3, 1e-20):
-            assert abs(th.nome(k2, 1 - k2) / float(mp.qfrom(m=mp.mpf(k2))) - 1) < 2e-15
 
 
 def test_a_run_starts_from_the_state_it_is_given():

@@ -10,28 +10,14 @@ from functools import partial
 import numpy as np
 import pytest
 
-from lagrange_bench.integrators import (
-    TOPS,
-    LagrangeTop,
-    StepError,
-    ensemble,
-    integrate,
-    integrate_ensemble,
-    prepare,
-)
+from lagrange_bench.integrators import TOPS, LagrangeTop, StepError, ensemble, integrate, integrate_ensemble, prepare
 from lagrange_bench.integrators.compiling import lanes
 from lagrange_bench.integrators.methods.backlund import SHORT
 from lagrange_bench.integrators.torus.plain_step import HALVES, many_plain_constants
-from lagrange_bench.integrators.torus.real_map import (
-    CONSTANTS,
-    KERNELS,
-    NO_TURN,
-    many_constants,
-    step,
-    turning_step,
-)
+from lagrange_bench.integrators.torus.real_map import CONSTANTS, KERNELS, NO_TURN, many_constants, step, turning_step
 from lagrange_bench.integrators.truth import exact
 from tests.faults import interrupted
+from tests.test_integrators.test_ensemble_in_field import one_by_one
 
 SIZE = 150  # more than four blocks of lanes, the last one not full
 
@@ -48,12 +34,9 @@ ALPHAS, Y0 = draw(SIZE)
 TOP = LagrangeTop(ALPHAS)
 
 
-def one_by_one(h, steps, method="backlund", every=None, **options):
-    rows = [
-        prepare(LagrangeTop(a), y, h, method, **options).record(y, steps, every or steps)
-        for a, y in zip(ALPHAS, Y0, strict=True)
-    ]
-    return np.stack(rows, axis=1) if every else np.stack(rows)[:, -1]
+def alone(n, h, steps, every, method="backlund", **options):
+    """Rows of the first n tops, each by itself."""
+    return one_by_one(LagrangeTop(ALPHAS[:n]), Y0[:n], h, steps, every, method, **options)
 
 
 # ---------------------------------------------------------------- the exact step
@@ -70,7 +53,7 @@ def one_by_one(h, steps, method="backlund", every=None, **options):
 )
 def test_the_bits_of_one_top_alone(h, options):
     rows = integrate_ensemble(TOP, Y0, h, 21, every=7, **options)
-    assert np.array_equal(rows, one_by_one(h, 21, every=7, **options))
+    assert np.array_equal(rows, alone(SIZE, h, 21, 7, **options))
     assert np.array_equal(rows[0], Y0)
 
 
@@ -90,10 +73,11 @@ def test_every_named_top_has_the_bits_of_its_own_run():
 
 
 def test_nothing_depends_on_place_chunks_threads_or_interruptions(monkeypatch):
-    end = integrate_ensemble(TOP, Y0, 0.1, 64, threads=1)
     order = np.random.default_rng(2).permutation(SIZE)
-    assert np.array_equal(integrate_ensemble(LagrangeTop(ALPHAS[order]), Y0[order], 0.1, 64), end[order])
-    assert np.array_equal(integrate_ensemble(LagrangeTop(ALPHAS[5]), Y0[5:6], 0.1, 64)[0], end[5])
+    for h, steps in ((1.5, SHORT), (0.1, 64)):
+        end = integrate_ensemble(TOP, Y0, h, steps, threads=1)
+        assert np.array_equal(integrate_ensemble(LagrangeTop(ALPHAS[order]), Y0[order], h, steps), end[order])
+        assert np.array_equal(integrate_ensemble(LagrangeTop(ALPHAS[5]), Y0[5:6], h, steps)[0], end[5])
     rows = integrate_ensemble(TOP, Y0, 0.1, 64, every=4)
     for chunk, threads, stride in ((1, 3, 1 << 20), (37, 2, 100), (1000, 5, 7)):
         monkeypatch.setattr(ensemble, "CHUNK", chunk)
@@ -152,7 +136,7 @@ def test_ten_steps_against_jumps_in_double_double(h, n, middle):
 @pytest.mark.parametrize("h", [0.1, -2.5])
 def test_long_runs_have_the_bits_of_one_top_alone_short_ones_its_accuracy(h):
     for steps in (SHORT, SHORT + 1):
-        got, expected = integrate_ensemble(TOP, Y0, h, steps), one_by_one(h, steps)
+        got, expected = integrate_ensemble(TOP, Y0, h, steps), alone(SIZE, h, steps, steps)[-1]
         same = (got == expected).all(axis=1)
         assert np.max(errors(ALPHAS, Y0, got, expected)) < 5e-14 * max(1.0, abs(h))
         assert same.all() == (steps > SHORT)
@@ -176,7 +160,7 @@ def test_tops_whose_spin_passes_the_vertical():
 # ---------------------------------------------------------------- every other method
 
 
-KERNELS_OF_LANES = ("rk4", "strang", "force_gradient6", "kahan", "bobenko_suris", "addition_theorem")
+IN_LANES = ("rk4", "strang", "force_gradient6", "kahan", "bobenko_suris", "addition_theorem")
 ALONE = (
     "theta_functions",
     "taylor_fixed",
@@ -188,39 +172,27 @@ ALONE = (
 )
 
 
-def alone(n, h, steps, every, name, **options):
-    rows = [
-        prepare(LagrangeTop(a), y, h, name, **options).record(y, steps, every)
-        for a, y in zip(ALPHAS[:n], Y0[:n], strict=True)
-    ]
-    return np.stack(rows, axis=1)
-
-
-@pytest.mark.parametrize("name", [*KERNELS_OF_LANES, *ALONE])
-def test_every_kernel_has_the_bits_of_one_top_alone(name, in_lanes):
-    """In lanes or not; of 53 tops a block of 21 is left over, which fills more than half of one."""
-    n, h = 53, 0.02
-    got = integrate_ensemble(LagrangeTop(ALPHAS[:n]), Y0[:n], h, 18, name, every=3, threads=1)
-    assert np.array_equal(got, alone(n, h, 18, 3, name))
-    assert sum(in_lanes) == (0 if name in ALONE else n)
-
-
-def test_what_a_kernel_carries_along_is_carried_in_lanes(in_lanes, monkeypatch):
-    monkeypatch.setattr(lanes, "INTERRUPTIBLE", 7)  # several calls of the loop
-    n, h, options = 40, 0.1, {"compensated": True}
-    got = integrate_ensemble(LagrangeTop(ALPHAS[:n]), Y0[:n], h, 30, "strang", every=10, threads=1, **options)
+@pytest.mark.parametrize(
+    ("name", "n", "h", "options", "in_blocks"),
+    [
+        *((name, 53, 0.02, {}, 53) for name in IN_LANES),  # 21 are left over, which fill more than half of a block
+        *((name, 53, 0.02, {}, 0) for name in ALONE),
+        ("strang", 40, 0.1, {"compensated": True}, 32),  # eight are left over, too few
+        ("strang", SIZE, 0.7, {}, None),  # some lanes turn by more than they can: these tops are taken alone
+    ],
+)
+def test_every_kernel_has_the_bits_of_one_top_alone(name, n, h, options, in_blocks, in_lanes, monkeypatch):
+    monkeypatch.setattr(lanes, "INTERRUPTIBLE", 7)  # several calls of a loop
+    got = integrate_ensemble(LagrangeTop(ALPHAS[:n]), Y0[:n], h, 18, name, every=6, threads=1, **options)
     monkeypatch.undo()
-    assert np.array_equal(got, alone(n, h, 30, 10, "strang", **options))
-    assert not np.array_equal(got, integrate_ensemble(LagrangeTop(ALPHAS[:n]), Y0[:n], h, 30, "strang", every=10))
-    assert sum(in_lanes) == 32  # eight are left over, too few for a block
+    assert np.array_equal(got, alone(n, h, 18, 6, name, **options))
+    assert sum(in_lanes) == in_blocks or (in_blocks is None and 0 < sum(in_lanes) < n)
 
 
-def test_turns_in_parts_are_made_alone(in_lanes):
-    """In some of the lanes z > PART; all tops have their own bits."""
-    for h in (0.7, -2.5):
-        got = integrate_ensemble(TOP, Y0, h, 8, "strang", every=4, threads=1)
-        assert np.array_equal(got, one_by_one(h, 8, "strang", 4))
-    assert 0 < sum(in_lanes) < 2 * SIZE
+def test_what_is_carried_along_is_seen():
+    """Negative control of the bits above: compensated sums are other sums."""
+    plain, compensated = (integrate_ensemble(TOP, Y0, 0.1, 30, "strang", compensated=c) for c in (False, True))
+    assert not np.array_equal(plain, compensated)
 
 
 @pytest.mark.parametrize("name", ["strang", "kahan"])

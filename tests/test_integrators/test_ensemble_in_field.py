@@ -33,16 +33,18 @@ TOPS_IN = {
 HEYOKA = pytest.mark.skipif(not available(METHODS["taylor"]), reason="heyoka is not installed")
 
 
-def at(value, place):
-    return float(value[place]) if isinstance(value, np.ndarray) else value
-
-
 def one(problem, place):
-    parameters = [at(value, place) for value in problem.parameters]
-    return PerturbedTop(LagrangeTop(at(problem.alpha, place)), problem.potential, parameters)
+    """The top at this place of many."""
+    alpha, *parameters = (
+        float(value[place]) if isinstance(value, np.ndarray) else value
+        for value in (problem.alpha, *getattr(problem, "parameters", ()))
+    )
+    top = LagrangeTop(alpha)
+    return PerturbedTop(top, problem.potential, parameters) if parameters else top
 
 
 def one_by_one(problem, states, h, steps, every, name, **options):
+    """Rows of many tops, each by itself."""
     rows = [prepare(one(problem, i), y, h, name, **options).record(y, steps, every) for i, y in enumerate(states)]
     return np.stack(rows, axis=1)
 

@@ -7,7 +7,7 @@ import pytest
 
 from lagrange_bench.experiments.measuring import metrics, states
 from lagrange_bench.integrators import TOPS, LagrangeTop, PerturbedTop, StepError, in_any_field, prepare
-from lagrange_bench.integrators.methods import collective_midpoint, gauss, gauss_coefficients, implicit_midpoint
+from lagrange_bench.integrators.methods import collective_midpoint, gauss, gauss_coefficients
 from lagrange_bench.integrators.problem.body import quaternion_product
 from lagrange_bench.integrators.problem.potentials import CHARGE
 
@@ -58,21 +58,6 @@ def test_order_conditions(s):
     assert np.allclose(np.array(b, dtype=float), weights / 2, rtol=0, atol=4 * EPS)
     A[0][-1] += Fraction(1, 10**12)  # a wrong digit is seen
     assert order_defect(c, b, A) > 1e-13
-
-
-@pytest.mark.parametrize("s", [2, 3, 4, 6])
-def test_doubles_keep_the_structure(s):
-    """μ + μᵀ = 1 (quadratic invariants) and the symmetry of the nodes hold without any rounding."""
-    b, mu, nu, ahead = gauss.matrices(s)
-    assert np.array_equal(mu + mu.T, np.ones((s, s)))
-    assert np.array_equal(mu + mu[::-1, ::-1], np.ones((s, s)))
-    assert np.array_equal(b, b[::-1])
-    assert np.max(np.abs(nu @ mu - np.eye(s))) < 64 * EPS
-    c = np.array(gauss_coefficients.tableau(s)[0], dtype=float)
-    for k in range(s):  # a polynomial of degree s − 1 is extrapolated exactly
-        assert np.allclose(ahead @ (b * c**k), b * (1 + c) ** k, rtol=1e-9)
-    A = mu * b
-    assert np.max(np.abs(np.linalg.eigvals(A))) <= gauss.RADIUS[s]
 
 
 # ---------------------------------------------------------------- the step, from its definition
@@ -207,28 +192,6 @@ def test_uniqueness_ends_where_it_is_said_to():
     assert len(solutions(12.0, 0.25, -7 / 30)) == 3
 
 
-# ---------------------------------------------------------------- what coincides with the midpoint rule
-
-
-def test_discrete_gradients_are_the_midpoint_rule():
-    """∇H is affine: Gonzalez's discrete gradient and the mean of ∇H are its value at the midpoint. With x3⁴ in H they are not."""
-    for quartic, same in ((0.0, True), (1.0, False)):
-
-        def energy(y, quartic=quartic):
-            return TOP.invariants(y)[0] + quartic * y[5] ** 4
-
-        def slope(y, quartic=quartic):
-            return TOP.gradients(y)[0] + 4 * quartic * y[5] ** 3 * np.eye(6)[5]
-
-        z = prepare(TOP, Y0, 0.3, "implicit_midpoint").advance(Y0, 1)
-        middle, d = slope((Y0 + z) / 2), z - Y0
-        nodes, weights = np.polynomial.legendre.leggauss(4)
-        mean = sum(w / 2 * slope(Y0 + (1 + t) / 2 * d) for t, w in zip(nodes, weights, strict=True))
-        gonzalez = middle + (energy(z) - energy(Y0) - middle @ d) / (d @ d) * d
-        for gradient in (mean, gonzalez):
-            assert (np.max(np.abs(gradient - middle)) < 16 * EPS) == same
-
-
 # ---------------------------------------------------------------- the collective midpoint rule, on quaternions
 
 
@@ -311,15 +274,3 @@ def test_midpoint_solves_its_equation_or_says_why_not(contraction):
     assert all("three solutions" in reason for reason in refused)
     if contraction < 1:  # there the step is unique: no excuse
         assert not refused
-
-
-def test_midpoint_cubic_is_the_midpoint_equation():
-    """The guess alone solves the step, to half the digits at least: the polish only rounds."""
-    h = 1.5
-    c = np.array((TOP.alpha, h, 1.0))
-    tally = np.zeros(5)
-    v1, v2 = implicit_midpoint.cubic_guess(tuple(Y0), c, tally)
-    x = Y0[3:]
-    d = implicit_midpoint.cayley(*x, v1, v2, 0.5 * h * Y0[2])[3:6]
-    J = Y0[:3] + 0.5 * h * TOP.alpha * np.array((-(x[1] + d[1]), x[0] + d[0], 0.0))
-    assert abs(v1 - 0.5 * h * J[0]) + abs(v2 - 0.5 * h * J[1]) < 1e-14

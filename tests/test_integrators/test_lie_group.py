@@ -1,13 +1,11 @@
-"""The two Lie-group methods: the motion against matrix exponentials, the steps against the textbook on 6 × 6 matrices."""
+"""The two Lie-group methods: their steps against the textbook on 6 × 6 matrices."""
 
 import numpy as np
 import pytest
-from mpmath import mp
 from scipy.linalg import expm
 
 from lagrange_bench.experiments.measuring import metrics, states
 from lagrange_bench.integrators import StepError, prepare
-from lagrange_bench.integrators.compiling.loops import FAILURE, SIZE
 from lagrange_bench.integrators.methods import lie_group
 from lagrange_bench.integrators.problem.top import TOPS
 
@@ -27,24 +25,6 @@ def matrix(a, b):
     return np.block([[hat(a), hat(b)], [np.zeros((3, 3)), hat(a)]])
 
 
-# ---------------------------------------------------------------- the motion
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-200, 1e-9, 0.1, 0.999, 1.0, 1.001, 2.0, 3.14159, 6.3, 40.0, 1000.0])
-def test_move_is_the_matrix_exponential(angle):
-    """To a few ulp, and the ulp of the angle itself where that is large."""
-    draw = np.random.default_rng(5)
-    for _ in range(3):
-        a, b, s = draw.normal(size=3), draw.normal(size=3), draw.normal(size=6)
-        a *= angle / np.linalg.norm(a)
-        tally = np.zeros(SIZE)
-        found = lie_group.move((*a, *b), tuple(s), tally)
-        with mp.workdps(40):
-            truth = np.array((mp.expm(mp.matrix(matrix(a, b).tolist())) * mp.matrix(s.tolist())).tolist(), dtype=float)
-        assert np.max(np.abs(found - truth.ravel())) < 16 * EPS * (1 + angle)
-        assert not tally[FAILURE]
-
-
 @by_name
 def test_a_turn_that_is_too_long_is_refused(method):
     y = np.array((0.0, 0, 1e4, 0.6, 0, 0.8))
@@ -53,9 +33,6 @@ def test_a_turn_that_is_too_long_is_refused(method):
     with pytest.raises(StepError):
         prepare(GENERIC.top, y, 1e300, method.name).advance(y, 1)
     assert np.all(np.isfinite(prepare(GENERIC.top, y, 0.1, method.name).advance(y, 1)))
-
-
-# ---------------------------------------------------------------- the steps
 
 
 def generators(top, h):

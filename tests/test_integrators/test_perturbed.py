@@ -7,15 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from lagrange_bench.integrators import (
-    PERTURBED_TOPS,
-    POTENTIALS,
-    LagrangeTop,
-    PerturbedTop,
-    Potential,
-    integrate,
-    sqrt,
-)
+from lagrange_bench.integrators import PERTURBED_TOPS, POTENTIALS, LagrangeTop, PerturbedTop, Potential, integrate, sqrt
 from lagrange_bench.integrators.compiling.expression import record
 
 Y = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
@@ -41,29 +33,6 @@ def test_derivatives_are_those_of_the_value(name):
     # f' = {f, H}, and every Casimir stays
     assert np.allclose(top.poisson(Y) @ top.gradients(Y)[0], top.rhs(Y), atol=1e-14)
     assert np.allclose(top.gradients(Y)[2:] @ top.rhs(Y), 0.0, atol=1e-14)
-
-
-@pytest.mark.parametrize("name", FIELDS)
-def test_force_gradients_are_those_of_the_commutators(name):
-    """W = |x × g|² and ∇W·(N × x), by differences of exact gradients."""
-    top = FIELDS[name]
-    q = top.numbers
-
-    def W(x):
-        N = np.cross(x, top.gradient(*x))
-        return N @ N
-
-    def slope(f, x, step=1e-4):  # of order four
-        return np.array(
-            [(8 * (f(x + d) - f(x - d)) - (f(x + 2 * d) - f(x - 2 * d))) / (12 * step) for d in step * np.eye(3)]
-        )
-
-    def second(x):
-        return slope(W, x) @ np.cross(np.cross(x, top.gradient(*x)), x)
-
-    x = Y[3:]
-    assert np.allclose(top.field.twist(*x, *q), np.cross(slope(W, x), x), atol=1e-8)
-    assert np.allclose(top.field.second_twist(*x, *q), np.cross(slope(second, x, 1e-3), x), atol=1e-5)
 
 
 def edge(w):

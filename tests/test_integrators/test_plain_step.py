@@ -1,58 +1,18 @@
-"""λ(h) in plain doubles: its series in exact rationals, its clock against the double-double route, its step against the flow."""
+"""λ(h) in plain doubles: its clock against the double-double route, its step against the flow."""
 
 import math
 import random
-from fractions import Fraction
 
 import numpy as np
 import pytest
 
 from lagrange_bench.integrators import TOPS, LagrangeTop, prepare
 from lagrange_bench.integrators.compiling.compiled import compiled
-from lagrange_bench.integrators.compiling.lanes import LANES
 from lagrange_bench.integrators.torus import plain_step as ps
 from lagrange_bench.integrators.torus import time_step as ts
 from tests.test_integrators.test_time_step import random_torus
 
 T_ERROR = 2e-15  # of the clock, relative, wherever ok
-
-
-# ---------------------------------------------------------------- the series
-
-
-def value(a, p):
-    return sum(c * math.prod(x**e for x, e in zip(p, k, strict=True)) for k, c in a.items())
-
-
-def product(a, b):
-    return [sum(a[i] * b[n - i] for i in range(n + 1)) for n in range(len(a))]
-
-
-def clock_and_turn(series, p):
-    """The odd coefficients, in s, of √C1 ∫ du/√Q and of √C1 ∫ u du/√Q up to λ = s Σ a_n sⁿ, in rationals."""
-    lam = [Fraction(0), *(value(a, p) for a in series)]
-    q, g = (Fraction(1), *p), [Fraction(1)]  # g of √C1/√Q, from 2 Q g' = −Q' g
-    for n in range(1, len(lam)):
-        g.append(-sum(Fraction(2 * n - k, 2 * n) * q[k] * g[n - k] for k in range(1, min(n, 4) + 1)))
-    F = G = [Fraction(0)] * len(lam)
-    power = [Fraction(1)] + [Fraction(0)] * (len(lam) - 1)
-    for n in range(len(lam)):
-        power = product(power, lam)  # λ^(n + 1)
-        F = [f + g[n] * c / (n + 1) for f, c in zip(F, power, strict=True)]
-        if n > 0:
-            G = [f + g[n - 1] * c / (n + 1) for f, c in zip(G, power, strict=True)]
-    return F[1::2], G[1::2]
-
-
-POINTS = [[Fraction(random.Random(seed).randint(-9, 9), 7 + k) for k in range(4)] for seed in range(3)]
-
-
-@pytest.mark.parametrize("p", POINTS)
-def test_the_series_solves_the_two_equations_exactly(p):
-    """s = iτ: T = h and Θ = 0 say that the odd part of the one is s, and that of the other 0."""
-    clock, turn = clock_and_turn(ps.series(ps.WEIGHT), p)
-    assert clock == [1] + [0] * (len(clock) - 1)
-    assert not any(turn)
 
 
 # ---------------------------------------------------------------- the clock
@@ -132,36 +92,6 @@ def test_powers_of_two_and_signs_change_no_bit():
         s = (*(v * 2.0**40 for v in y[:3]), *(v * 2.0**-70 for v in y[3:]))
         scaled = ps.plain_step(s, alpha * 2.0**150, h * 2.0**-40)
         assert scaled == (R * 2.0**-110, eta * 2.0**-110, mr * 2.0**-70, mi * 2.0**-70, ok)
-
-
-# ---------------------------------------------------------------- in lanes
-
-
-@compiled
-def alone(alpha, s, h):
-    """What `solve` starts from: q, first time and doublings; and what `parameter` makes of them."""
-    (c1, _), (c2, _), (h2, _), _, _ = ps.spectral_polynomial(alpha, s)
-    q = c1, c2, h2
-    return ps.first_time(q, alpha, h), ps.parameter(q, s[2], alpha, h)
-
-
-def test_in_lanes_the_bits_of_one_alone():
-    """Whatever the neighbours need: all of a block take as many doublings as the one that needs most."""
-    tops = [(alpha, y, h) for alpha, y, h, _ in drawn(16 * LANES, 9)]
-    met = set()
-    for first in range(0, len(tops), LANES):
-        block, work = tops[first : first + LANES], np.ones(ps.END)
-        found = [alone(*top) for top in block]
-        for j, ((alpha, y, h), ((t, doublings), _)) in enumerate(zip(block, found, strict=True)):
-            work[j : ps.LEFT + 2 * LANES : LANES] = *y, alpha, h, t, doublings, 1.0
-        ps.solve(work, min(max(doublings for (_, doublings), _ in found), ps.MOST))
-        columns = work.reshape(-1, LANES)
-        for j, ((_, doublings), (R, eta, _, _, ok)) in enumerate(found):
-            if doublings <= ps.MOST:
-                met.add(doublings)
-                z, tau = columns[ps.POINT // LANES :, j], columns[ps.CURVE // LANES + 4, j]
-                assert (tau * z[0], tau * z[1], columns[ps.LEFT // LANES + 1, j]) == (R, eta, ok)
-    assert len(met) > 5
 
 
 # ---------------------------------------------------------------- the step

@@ -1,7 +1,6 @@
-"""Explicit Runge-Kutta: the tableaux, the steps written out from them, projection, step control, and SciPy's solvers."""
+"""Explicit Runge-Kutta: the tableaux, compensation, projection, step control, and SciPy's solvers."""
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from functools import cache
 
@@ -12,10 +11,6 @@ from scipy.integrate import DOP853, RK45
 
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.integrators import TOPS, LagrangeTop, PerturbedTop, Potential, StepError, integrate, prepare
-from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.natural import STUCK, WALK, compile_natural_loop
-from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import Work
 from lagrange_bench.integrators.methods import dop853, runge_kutta, scipy_ivp
 from lagrange_bench.integrators.methods.tableaux import DOP853 as EIGHTH
 from lagrange_bench.integrators.methods.tableaux import DORMAND_PRINCE, RK4, VERNER9
@@ -115,35 +110,6 @@ def test_compensated_sums_keep_the_digits_of_the_increments():
     assert stepper.work.rhs_evals == n * len(VERNER9.b)
 
 
-def test_unrolled_functions_know_only_arithmetic():
-    @unrolled("toy")
-    def toy(a, pair):
-        total = 0.5
-        for i, p in enumerate(pair):
-            total = (i - p) / (2.0 * a) + total * (-p)
-        return total, (a, 1.0)
-
-    @jit
-    def call(a, b, c):
-        return toy(a, (b, c))
-
-    def plain(a, b, c):
-        return (1 - c) / (2.0 * a) + ((0 - b) / (2.0 * a) + 0.5 * -b) * -c, (a, 1.0)
-
-    assert call(0.3, 0.7, -1.1) == plain(0.3, 0.7, -1.1)
-
-    @unrolled("branching")
-    def branching(a):
-        return a if a else 1.0
-
-    @jit
-    def call_branching(a):
-        return branching(a)
-
-    with pytest.raises(Exception, match="cannot branch"):
-        call_branching(1.0)
-
-
 # ---------------------------------------------------------------- projection
 
 
@@ -192,39 +158,6 @@ def test_dop853_interpolates_to_its_tolerance():
         error = metrics.scaled_error(top, y0, run.y, exact.solution(top, y0, t))
         assert np.max(error) < 100 * rtol
         assert np.all(run.y[:, 2] == y0[2])
-
-
-def test_dop853_in_pieces_changes_no_bit(monkeypatch):
-    stepper = prepare(GENERIC.top, GENERIC.state, 0.1, "dop853", rtol=1e-6)
-    end, rows, work = stepper.advance(GENERIC.state, 900), stepper.record(GENERIC.state, 900, 30), stepper.work.steps
-    monkeypatch.setattr(dop853, "INTERRUPTIBLE", 3)
-    assert np.array_equal(stepper.advance(GENERIC.state, 900), end)
-    assert np.array_equal(stepper.record(GENERIC.state, 900, 30), rows)
-    assert np.array_equal(end, rows[-1])
-    assert stepper.work.steps == 2 * work
-
-
-def test_a_step_that_never_fits_ends():
-    """Also if the error is not a number."""
-
-    @jit
-    def trial(s, t, h, c):
-        return s, c[0], 0.9, (0.0, 0.0)
-
-    @jit
-    def interpolant(s, new, t, h, c, slopes):
-        return s
-
-    @jit
-    def value(f, theta):
-        return f
-
-    loop = compile_natural_loop(trial, interpolant, value)
-    for error in (2.0, math.inf, math.nan):
-        walk = np.zeros(WALK)
-        walk[:2] = 1.0, 0.1
-        loop(np.zeros(6), np.array((2.0,)), 10_000, np.array((error,)), walk, np.zeros((1, 6)))
-        assert walk[STUCK]
 
 
 # ---------------------------------------------------------------- SciPy's solvers
@@ -276,42 +209,6 @@ def test_scipy_says_what_went_wrong(name, monkeypatch):
         prepare(GENERIC.top, y, 5.0, name, rtol=1e-8).advance(y, 1)
 
 
-class Fake:
-    """A solver that tries three steps, of which the last fits, or that stands still."""
-
-    def __init__(self, tried=None):
-        self.status, self.nfev, self.t, self.y, self.tried = "running", 0, 0.0, np.zeros(6), tried
-
-    def step(self):
-        if self.tried is not None:
-            for h in (1.0, 0.5, 0.25):
-                self.tried.update((self.t, self.t + h / 3, self.t + h / 2, self.t + h))
-            self.t, self.status = self.t + 0.25, "finished"
-
-    def dense_output(self):
-        return lambda t: np.zeros((6, len(t)))
-
-
-def test_rejected_steps_of_implicit_solvers():
-    """From the times of the trials: three to each for Radau, whatever is repeated, the start left out."""
-    tried, work = set(), Work()
-    scipy_ivp.Solver("fake", None, times=3).steps(Fake(tried), np.array((0.25,)), work, tried)
-    assert (work.steps, work.rejected) == (1, 2)
-    with pytest.raises(StepError, match="no progress"):
-        scipy_ivp.Solver("still", None, times=1).steps(Fake(), np.array((2.0,)), Work(), set())
-
-
-def test_lsoda_takes_turns():
-    """Old LSODA has one state for all: runs at the same time give the bits of runs alone."""
-
-    def one(name):
-        return prepare(TOPS[name].top, TOPS[name].state, 0.5, "lsoda", rtol=1e-5).advance(TOPS[name].state, 4)
-
-    names = ("generic", "figure1", "fast")
-    with ThreadPoolExecutor(3) as pool:
-        assert np.array_equal(list(pool.map(one, names)), [one(name) for name in names])
-
-
 @pytest.mark.parametrize("name", ["dop853", "rk45", "scipy_dop853", "lsoda"])
 def test_the_tightest_tolerance_is_met(name):
     """Give or take the round-off."""
@@ -321,15 +218,6 @@ def test_the_tightest_tolerance_is_met(name):
 
 
 # ---------------------------------------------------------------- in a field
-
-FIELD = PerturbedTop(LagrangeTop(0.8), CHARGE, (0.9, 2.0, 1.0, 0.5))
-
-
-def test_scipy_is_given_the_derivatives_of_the_problem():
-    y = GENERIC.state
-    f, c, jacobian = scipy_ivp.functions_of(FIELD)
-    assert np.max(np.abs(f(c, 0.0, y) - FIELD.rhs(y))) <= 1e-15
-    assert np.max(np.abs(jacobian(c, 0.0, y) - FIELD.jacobian(y))) <= 1e-15
 
 
 @pytest.mark.filterwarnings("ignore:.*encountered:RuntimeWarning")

@@ -71,25 +71,3 @@ def test_functions_and_tests_exist(row):
     for name in tests:
         module, function = name.split(".")
         assert function in functions_of(Path(__file__).parent / f"{module}.py"), name
-
-
-def test_errata_are_marked_and_nothing_else_is():
-    formulas, sentences = numbers_of(False), numbers_of(True)
-    for mark, wrong in (("✗", formulas), ("¶", sentences - formulas)):
-        marked = {row[0] for row in ROWS if row[0].endswith(mark)}
-        numbers = {NUMBER.match(place)[1] for place in marked if place.startswith("(")}
-        assert len(marked) - len(numbers) == 1  # without a number: "below (5.6.10)" and "before (5.5.2)"
-        assert numbers == wrong
-
-
-def numbers_of(prose):
-    """Numbers of the equations with a wrong formula, or with a wrong sentence beside them."""
-    wrong = set()
-    for erratum in errata():
-        if erratum.equation.startswith("(") and erratum.prose == prose:
-            named = NUMBER.findall(erratum.equation.split(" with ")[0])
-            if "–" in erratum.equation:
-                section, first, last = *named[0].rsplit(".", 1), named[-1].rsplit(".", 1)[1]
-                named = [f"{section}.{n}" for n in range(int(first), int(last) + 1)]
-            wrong |= set(named)
-    return wrong
