@@ -56,14 +56,10 @@ def cells(profile: str) -> list[dict]:
     listed: list[dict] = []
     for round_ in range(ROUNDS[profile]):
         for name, method in methods_on().items():
-            for knob in knobs(method, STEPS[profile], TOLERANCES[profile]):
-                cell = {"part": "step", "method": name, "round": round_, "repeats": REPEATS, **knob}
-                listed.append(cell)
-    listed += [
-        {"part": "periods", "method": name, "periods": p, "repeats": REPEATS}
-        for name in EXACT
-        for p in PERIODS[profile]
-    ]
+            step = {"part": "step", "method": name, "round": round_, "repeats": REPEATS}
+            listed += [{**step, **knob} for knob in knobs(method, STEPS[profile], TOLERANCES[profile])]
+    for name in EXACT:
+        listed += [{"part": "periods", "method": name, "periods": p, "repeats": REPEATS} for p in PERIODS[profile]]
     listed += [{"part": "start", "method": method} for method in START[profile] or methods_on()]
     listed += [{"part": "headline", "method": "taylor", **race} for race in HEADLINES[profile]]
     return [{"timing": True, **cell} for cell in listed]
@@ -147,23 +143,20 @@ def _measure_headline(cell: dict) -> list[dict]:
     t = cell.get("time", HEADLINE_TIME) * unit
     steps = round(t / (cell["fraction"] * exact.nutation_period(top, y0)))
     h = t / steps
-    raw = raw_heyoka(top, y0)
-    natural = prepare(top, y0, t, "taylor")
-
-    def backlund():
-        return integrate(top, y0, h, steps, "backlund").y[-1]
-
-    def heyoka():
-        return raw(t)
-
-    def adapter():
-        return natural.advance(y0, 1)
-
-    backlund()  # compiled before the first sample
+    raw, natural = raw_heyoka(top, y0), prepare(top, y0, t, "taylor")
+    runs = {
+        "backlund": lambda: integrate(top, y0, h, steps, "backlund").y[-1],
+        "heyoka": lambda: raw(t),
+        "adapter": lambda: natural.advance(y0, 1),
+    }
+    runs["backlund"]()  # compiled before the first sample
     repeats = 3 if t >= HEADLINE_TIME * unit else 9  # the ratio of two short runs is noisier
-    timed = timing.interleave({"backlund": backlund, "heyoka": heyoka, "adapter": adapter}, repeats=repeats)
+    timed = timing.interleave(runs, repeats=repeats)
     seconds = {name: t.min for name, t in timed.timings.items()}
     right = {"backlund": exact.after_steps(top, y0, h, [steps])[0], "heyoka": exact.solution(top, y0, t)}
+    errors = {
+        f"{name}_error": rounded(float(metrics.scaled_error(top, y0, runs[name](), y))) for name, y in right.items()
+    }
     return [
         {
             "h": rounded(h / unit),
@@ -172,8 +165,7 @@ def _measure_headline(cell: dict) -> list[dict]:
             "heyoka_s": rounded(seconds["heyoka"]),
             "ratio": rounded(float(np.median(timed.ratios("heyoka", "backlund")))),
             "adapter_ratio": rounded(float(np.median(timed.ratios("adapter", "heyoka")))),
-            "backlund_error": rounded(float(metrics.scaled_error(top, y0, backlund(), right["backlund"]))),
-            "heyoka_error": rounded(float(metrics.scaled_error(top, y0, heyoka(), right["heyoka"]))),
+            **errors,
         }
     ]
 
@@ -202,9 +194,6 @@ def raw_heyoka(top, y0):
         return ta.state.copy()
 
     return run
-
-
-# ------------------------------------------------------------------------------------------ what the rows say
 
 
 def quickest(steps: pd.DataFrame) -> pd.DataFrame:

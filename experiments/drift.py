@@ -105,9 +105,6 @@ def errors(name: str, top, h: float, y: np.ndarray, times: np.ndarray) -> dict[s
     return found
 
 
-# ------------------------------------------------------------------------------------------ what the rows say
-
-
 @of_part(
     "time",
     "How each invariant's error grows: sixteen random tops. Other quantities (e.g. a modified energy) are those a method itself "

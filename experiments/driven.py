@@ -93,9 +93,6 @@ def measure(cell: dict) -> list[dict]:
     return [{column: rounded(value) for column, value in row.items()}]
 
 
-# ------------------------------------------------------------------------------------------ what the rows say
-
-
 ORDERS = "Driven tops: orders claimed and measured. Empty where fewer than three steps tell"
 
 

@@ -320,9 +320,6 @@ ENGINES = {
 }
 
 
-# ------------------------------------------------------------------------------------------ cells
-
-
 def cells(profile: str) -> list[dict]:
     """The quick profile has the methods of the bench alone: it never needs an engine."""
     full = profile == "full"
@@ -379,8 +376,6 @@ def measure(cell: dict) -> list[dict]:
         row["overhead_ns_per_step"] = rounded(timed(engine, case, kind, h, steps, rail=True)[0] / steps * 1e9)
     return [row]
 
-
-# ------------------------------------------------------------------------------------------ what the rows say
 
 SHOWN = 1 / 1024  # s, a step at which errors are told beside those with the smallest
 

@@ -343,9 +343,6 @@ MEASURES = {
 }
 
 
-# ------------------------------------------------------------------------------------------ what the rows say
-
-
 @of_part(
     "rival",
     f"Ensembles of {RIVALS['numba']} tops on one core ({RIVALS['heyoka']} for heyoka): for each method and step or tolerance the "

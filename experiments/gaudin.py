@@ -155,11 +155,8 @@ def _h(cell: dict) -> list[dict]:
     steps = round(SPAN / cell["h"])
     stepper = _stepper(magnet, spins, cell["variant"], SPAN / steps)
     error = np.max(np.abs(stepper.advance(spins, steps) - reference(cell["n"])))
-    return [{"error": rounded(error), **_maps(stepper)}]
-
-
-def _maps(stepper: Any) -> dict[str, int]:
-    return {"maps": len(stepper.lams)} if hasattr(stepper, "lams") else {}
+    maps = {"maps": len(stepper.lams)} if hasattr(stepper, "lams") else {}
+    return [{"error": rounded(error), **maps}]
 
 
 @cache
@@ -240,9 +237,6 @@ def _work(cell: dict) -> list[dict]:
         row = {"knob": knob, "error": rounded(error), "seconds": rounded(seconds), "setup_seconds": rounded(setup)}
         rows.append({**row, "unstable": unstable})
     return rows
-
-
-# ------------------------------------------------------------------------------------------ what the rows say
 
 
 @of_part(

@@ -70,9 +70,6 @@ def order_miss(x: Any, error: Any, order: int) -> float:
     return float(abs(np.polyfit(np.log(x), np.log(error), 1)[0] - order))
 
 
-# ------------------------------------------------------------------------------------------------- section 2
-
-
 def show_contraction(top: LagrangeTop, y: Array) -> Shown:
     """2: two spins of the magnet become the top; what is contracted, against ε."""
     lam, eps = parameter(top, y), 2.0 ** -np.arange(6, 15)
@@ -89,9 +86,6 @@ def show_contraction(top: LagrangeTop, y: Array) -> Shown:
     style.legend_below(fig)
     fig.caption = "The contraction: distance of each object of the two-site magnet from that of the top. All are O(ε)."
     return Shown(residuals, fig)
-
-
-# ------------------------------------------------------------------------------------------------- section 3
 
 
 def show_separation(top: LagrangeTop, y: Array) -> Shown:
@@ -127,9 +121,6 @@ def show_separation(top: LagrangeTop, y: Array) -> Shown:
     return Shown(residuals, fig)
 
 
-# ------------------------------------------------------------------------------------------------- section 4
-
-
 def show_euler(top: LagrangeTop, y: Array) -> Shown:
     """4: Euler angles, and the motion by ℘, ζ and σ."""
     t, states = orbit(top, y, 2.0, 33)
@@ -151,9 +142,6 @@ def show_euler(top: LagrangeTop, y: Array) -> Shown:
         ax.set(xlabel="time", ylabel=name)
     fig.caption = "Two nutations: θ = arccos(x3/|x|) is an elliptic function, φ an integral of the third kind."
     return Shown(residuals, fig)
-
-
-# ------------------------------------------------------------------------------------------------- section 5
 
 
 def show_one_point(top: LagrangeTop, y: Array) -> Shown:

@@ -188,9 +188,6 @@ def any_problem(cell: dict) -> dict:
     }
 
 
-# ------------------------------------------------------------------------------------------ what the rows say
-
-
 KEPT = "Tops in a potential: the largest relative error of each invariant that the top has"
 
 

@@ -74,19 +74,15 @@ def measure(cell: dict) -> list[dict]:
     top, y0 = states.find(cell["state"])
     rate, _, unit = top.scales(y0)
     if cell["part"] == "promise":
-        return [_promise(top, y0, cell["method"], h) for h in _promise_steps(top, y0)]
+        period = exact.nutation_period(top, y0) * rate
+        steps = [*PROMISE_H, *(period * part for part in PROMISE_TURNS if np.isfinite(period))]
+        return [_promise(top, y0, cell["method"], h) for h in steps]
     if cell["part"] == "theory":
-        return _against_theory(top, y0, cell["method"], cell["h"])
-    h = cell["h"]
-    counts = (
-        states.places(max(round(SPAN / h), 1))
-        if cell["part"] == "h"
-        else states.log_counts(cell["steps"], per_octave=4)
-    )
-    times, y = states.sample(top, y0, cell["method"], h * unit, counts, **states.options_of(cell))
-    errors = _errors(top, y, states.truth(top, y0, METHODS[cell["method"]], h * unit, counts), y0, rate)
+        return _against_theory(cell, top, y0)
     if cell["part"] == "h":
+        errors = _followed(cell, top, y0, states.places(max(round(SPAN / cell["h"]), 1)))[2]
         return [{name: states.rounded(np.max(np.abs(e))) for name, e in errors.items()}]
+    times, _, errors = _followed(cell, top, y0, states.log_counts(cell["steps"], per_octave=4))
     return states.as_rows({"t": times * rate, **errors})
 
 
@@ -107,15 +103,13 @@ def theory_steps(order: int | None) -> tuple[float, ...]:
     return () if order is None else tuple(states.rounded(2.0 ** (k + 1 - 15 / order)) for k in (1, 0))
 
 
-def _against_theory(top, y0, name, h) -> list[dict]:
+def _against_theory(cell: dict, top, y0) -> list[dict]:
     """Phase errors of a run, measured and predicted, and what is left of its error beside the state that theory predicts."""
     rate, _, unit = top.scales(y0)
-    predicted = predicted_phase(top, y0, h * unit, METHODS[name])
+    predicted = predicted_phase(top, y0, cell["h"] * unit, METHODS[cell["method"]])
     if predicted.clock is None:
         return [{"reason": predicted.reason}]
-    counts = states.log_counts(round(THEORY_SPAN / h), per_octave=1)
-    times, y = states.sample(top, y0, name, h * unit, counts)
-    errors = _errors(top, y, states.truth(top, y0, METHODS[name], h * unit, counts), y0, rate)
+    times, y, errors = _followed(cell, top, y0, states.log_counts(round(THEORY_SPAN / cell["h"]), per_octave=1))
     time, angle = predicted.shifts(times)
     columns = {"t": times * rate, **errors, "predicted_time": time * rate, "predicted_angle": angle}
     columns["left"] = metrics.scaled_error(top, y0, y, predicted.states(times))
@@ -125,31 +119,23 @@ def _against_theory(top, y0, name, h) -> list[dict]:
     return [row | rates for row in states.as_rows(columns)]
 
 
-def _errors(top, y, truth, y0, rate) -> dict[str, np.ndarray]:
-    """time and angle (in radians of their own phase), what is off the torus, and the whole error, all scaled.
+def _followed(cell: dict, top, y0, counts: list[int]) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Times, states, and errors: time and angle (in radians of their own phase), off the torus, and the whole, all scaled.
 
     Only a top in a uniform field has a known torus; of any other problem this is the whole error alone.
     """
-    error = y - truth
+    h, method = cell["h"] * top.scales(y0)[2], METHODS[cell["method"]]
+    times, y = states.sample(top, y0, cell["method"], h, counts, **states.options_of(cell))
+    truth = states.truth(top, y0, method, h, counts)
     whole = metrics.scaled_error(top, y0, y, truth)
     if "uniform" not in top.offers:
-        return {"error": whole}
-    split = metrics.phase_split(top, truth, error)
-    off = np.sqrt(sum(np.square(_off_torus(top, truth, split, name)) for name in INVARIANTS))
-    return {"time": split["time"] * rate, "angle": split["angle"], "off": off, "error": whole}
-
-
-def _off_torus(top, truth, split, name) -> np.ndarray:
-    """Size of one gradient component of the error, in scaled units."""
+        return times, y, {"error": whole}
+    split = metrics.phase_split(top, truth, y - truth)
     rate, size, _ = top.scales(truth[0])
-    gradients = np.array([top.gradients(y) for y in truth])[:, INVARIANTS.index(name)]
-    scaled = gradients / np.repeat((rate, size), 3)
-    return split[name] * np.linalg.norm(scaled, axis=1)
-
-
-def _promise_steps(top, y0) -> list[float]:
-    period = exact.nutation_period(top, y0) * top.scales(y0)[0]
-    return [*PROMISE_H, *(period * part for part in PROMISE_TURNS if np.isfinite(period))]
+    gradients = np.array([top.gradients(right) for right in truth]) / np.repeat((rate, size), 3)
+    lengths = dict(zip(INVARIANTS, np.linalg.norm(gradients, axis=-1).T, strict=True))
+    off = np.sqrt(sum(np.square(split[name] * lengths[name]) for name in INVARIANTS))
+    return times, y, {"time": split["time"] * top.scales(y0)[0], "angle": split["angle"], "off": off, "error": whole}
 
 
 def _promise(top, y0, method, h) -> dict:
@@ -163,8 +149,6 @@ def _promise(top, y0, method, h) -> dict:
     ulps = error / (metrics.condition(top, y0, times) * np.finfo(float).eps)
     return {"h": h, "error": states.rounded(np.max(error)), "ulps": states.rounded(np.max(ulps))}
 
-
-# ------------------------------------------------------------------------------------------ what the rows say
 
 SMALL = 0.1  # errors up to here are split to first order in earnest
 

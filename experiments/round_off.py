@@ -244,9 +244,6 @@ FORMS: dict[str, tuple[str, Callable[..., Any]]] = {
 }
 
 
-# ---------------------------------------------------------------- cells
-
-
 def cells(profile: str) -> list[dict]:
     sizes = SIZES[: len(STEPS[profile])]
     listed: list[dict] = [
@@ -351,9 +348,6 @@ def _heyoka(top, y0) -> Callable[[float], Any]:
         return ta.state.copy()
 
     return until
-
-
-# ------------------------------------------------------------------------------------------ what the rows say
 
 
 @of_part(

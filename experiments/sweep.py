@@ -198,7 +198,10 @@ def _sweep(table: Any, tops: dict[str, Start]) -> Iterator[Cell]:
         if not 1 / LARGEST <= (abs(value) if knob == "h" else value) <= LARGEST:
             raise ValueError(f"{knob}[{i}] must be between {1 / LARGEST:g} and {LARGEST:g}; got {value:g}")
     memory.check(given["samples"], PER_SAMPLE, memory.limit(), "samples", f"take fewer, or set {memory.VARIABLE}")
-    options = _options(given["options"])
+    # as the words that --option of `integrate` takes
+    options = {
+        key: str(value).lower() if isinstance(value, bool) else str(value) for key, value in given["options"].items()
+    }
     starts = [_start(name, tops) for name in given["tops"]]
     for name in given["methods"]:
         _check_method(name, {knob: given[knob][0]}, starts, options)
@@ -250,11 +253,6 @@ def _check_method(name: str, knob: dict[str, float], starts: list[Start], words:
                     prepare(top, y0, knob["h"] * top.scales(y0)[2], method, **options)
                 else:
                     integrate(top, y0, t=[0.0], method=method, **(options | knob))
-
-
-def _options(table: dict[str, Any]) -> dict[str, str]:
-    """The options as the words that --option of `integrate` takes."""
-    return {key: str(value).lower() if isinstance(value, bool) else str(value) for key, value in table.items()}
 
 
 # ---------------------------------------------------------------- the experiment
@@ -335,7 +333,9 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     from lagrange_bench.experiments.measuring.reductions import largest
 
     table = []
-    for cell, run in _runs(rows):
+    for _, run in rows.groupby("key", sort=False):
+        first = {name: value for name, value in run.iloc[0].items() if value == value}
+        cell: Cell = {"options": "", "failure": None, **first}
         done = cell["status"] == "done"
         row = {name: cell.get(name, np.nan) for name in ("top", "method", "options", *KNOBS)}
         row["error at the end"] = run.error.iloc[-1] if done else np.nan
@@ -358,13 +358,6 @@ def _truth(rows: pd.DataFrame) -> str:
     if "potential" not in rows or rows.potential.isna().all():
         return "the exact solution"
     return "the exact solution (in a potential: a reference solution in quadruple precision)"
-
-
-def _runs(rows: pd.DataFrame) -> Iterator[tuple[Cell, pd.DataFrame]]:
-    """The fields of each cell, in the order of the file, and its rows."""
-    for _, run in rows.groupby("key", sort=False):
-        first = {name: value for name, value in run.iloc[0].items() if value == value}
-        yield {"options": "", "failure": None, **first}, run
 
 
 def draw(rows: pd.DataFrame) -> dict[str, Any]:

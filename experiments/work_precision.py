@@ -60,6 +60,7 @@ def cells(profile: str) -> list[dict]:
 
 def measure(cell: dict) -> list[dict]:
     """The whole curve of one method: a row for each step or tolerance, the last one says why there are no more."""
+    timing.compile_at_once()
     method = METHODS[cell["method"]]
     steps = COARSEST * 2.0 ** -np.arange(0, np.log2(COARSEST / FINEST) + 0.01, 1 / cell["per_octave"])
     tolerances = 10.0 ** -np.arange(LOOSEST, TIGHTEST + 0.5, cell["decades"])
@@ -146,8 +147,6 @@ def _seconds(stepper, y0, n) -> float:
     return perf_counter() - start
 
 
-# ------------------------------------------------------------------------------------------ what the rows say
-
 APART = ["span", "state"]  # runs that are compared have these in common
 WALL = "wall time of the run, s"
 TARGETS = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
@@ -157,12 +156,8 @@ def useful(rows: pd.DataFrame) -> pd.DataFrame:
     """The runs that were timed, with the time that counts set-up."""
     rows = rows.assign(**{name: np.nan for name in ("error", "seconds", "setup_seconds") if name not in rows})
     good = rows[(rows.status == "done") & rows.error.notna() & rows.seconds.notna()]
-    return good.assign(total=good.seconds + good.setup_seconds, family=good.method.map(family_of))
-
-
-def family_of(name: str) -> str:
-    """The family of a method; of one that is not here, others."""
-    return METHODS[name].family if name in METHODS else "others"
+    families = {name: METHODS[name].family if name in METHODS else "others" for name in set(good.method)}
+    return good.assign(total=good.seconds + good.setup_seconds, family=good.method.map(families))
 
 
 def best(good: pd.DataFrame, target: float, price: str = "seconds") -> pd.DataFrame:
@@ -282,12 +277,6 @@ def champions(good: pd.DataFrame) -> list[str]:
     return list(chosen.values())
 
 
-def _curve(good: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
-    """The Pareto-optimal runs of one method: no other of its runs beats them in both time and error."""
-    good = good.iloc[metrics.pareto_front(good.seconds, good.error)]
-    return good.seconds, good.error.clip(lower=1e-17)
-
-
 @of_part(failed=True)
 def draw_frontier(rows: pd.DataFrame, style):
     """Error against time of runs on the first top, a panel for each length in which any is useful."""
@@ -338,14 +327,15 @@ def draw_panels(good: pd.DataFrame, titles: dict, by: str | list[str], size: tup
 
 
 def draw_runs(ax, good: pd.DataFrame, named: Collection[str], style, ours: str = OURS) -> None:
-    """Into one panel the error of every method against its time, for runs of one length; some bold and named."""
+    """Into one panel each method's Pareto-optimal runs of one length, error against time; some bold and named."""
     for method, look in style.looks(good.method, named).items():
-        seconds, error = _curve(good[good.method == method])
-        if method in named and len(error) < 3:  # hardly a line, or none
+        runs = good[good.method == method]
+        runs = runs.iloc[metrics.pareto_front(runs.seconds, runs.error)]
+        if method in named and len(runs) < 3:  # hardly a line, or none
             look["marker"] = "o"
-        elif len(error) == 1:
+        elif len(runs) == 1:
             look |= {"marker": ".", "markersize": 2.5}
-        ax.loglog(seconds, error, **look, zorder=6 if method == ours else 3)
+        ax.loglog(runs.seconds, runs.error.clip(lower=1e-17), **look, zorder=6 if method == ours else 3)
     ax.set_ylim(1e-16, 1)
 
 

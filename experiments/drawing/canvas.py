@@ -46,28 +46,14 @@ RC: Any = {
     "axes.titlelocation": "left",
     "axes.titlepad": 5,
     "axes.titley": 1.0,  # where it would be anyhow, but nobody has to search
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
     "legend.fontsize": 7.5,
     "legend.frameon": False,
     "legend.handlelength": 2.4,
     "text.color": INK,
     "axes.labelcolor": INK,
     "axes.edgecolor": FAINT,
-    "xtick.color": FAINT,
-    "ytick.color": FAINT,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
     "axes.prop_cycle": cycler(color=["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#5A5A5A"]),
     "axes.linewidth": 0.6,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.minor.width": 0.4,
-    "ytick.minor.width": 0.4,
-    "xtick.major.size": 3,
-    "ytick.major.size": 3,
-    "xtick.minor.size": 1.5,
-    "ytick.minor.size": 1.5,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -81,6 +67,9 @@ RC: Any = {
     "axes.formatter.use_mathtext": True,
     "axes.formatter.limits": (-3, 4),
 }
+TICKS = {"labelsize": 7, "color": FAINT, "labelcolor": INK}
+TICKS |= {"major.width": 0.6, "minor.width": 0.4, "major.size": 3, "minor.size": 1.5}
+RC |= {f"{axis}tick.{name}": value for axis in "xy" for name, value in TICKS.items()}
 
 
 class Figure(matplotlib.figure.Figure):

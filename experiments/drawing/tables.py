@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import numbers
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
@@ -73,16 +74,13 @@ def heading(column: Any) -> str:
 
 def cells(frame: pd.DataFrame) -> list[list[Cell]]:
     """The rows of a frame, for the page."""
-    pads = _pads(frame)
-    return [[_cell(value, pad) for value, pad in zip(row, pads, strict=True)] for row in _rows(frame)]
+    return _body(frame, _cell)
 
 
 def markdown(frame: pd.DataFrame) -> str:
     """A pipe table."""
     sides = [":--" if side == "l" else "--:" for side in _sides(frame)]
-    pads = _pads(frame)
-    body = [[show(value, pad) for value, pad in zip(row, pads, strict=True)] for row in _rows(frame)]
-    lines = [[heading(name) for name in frame.columns], sides, *body]
+    lines = [[heading(name) for name in frame.columns], sides, *_body(frame, show)]
     return "".join("| " + " | ".join(_markdown_text(text) for text in line) + " |\n" for line in lines)
 
 
@@ -91,8 +89,6 @@ def latex(frame: pd.DataFrame, caption: str = "") -> str:
     long = len(frame) > PAGE
     columns = f"@{{}}{''.join(_sides(frame))}@{{}}"
     head = " & ".join(_tex_text(heading(name)) for name in frame.columns) + r" \\"
-    pads = _pads(frame)
-    body = [[tex(value, pad) for value, pad in zip(row, pads, strict=True)] for row in _rows(frame)]
     packages = "booktabs,siunitx,longtable" if long else "booktabs,siunitx"
     lines = [
         rf"% written by lagrange-bench report; needs \usepackage{{{packages}}}",
@@ -103,7 +99,7 @@ def latex(frame: pd.DataFrame, caption: str = "") -> str:
         head,
         r"\midrule",
         *([r"\endhead", r"\bottomrule", r"\endfoot"] if long else []),
-        *(" & ".join(row) + r" \\" for row in body),
+        *(" & ".join(row) + r" \\" for row in _body(frame, tex)),
         *([] if long else [r"\bottomrule"]),
         rf"\end{{{'longtable' if long else 'tabular'}}}",
     ]
@@ -171,9 +167,11 @@ def _digits(value: Any, pad: bool) -> tuple[str, int | None]:
     return decimal, exponent if scientific else None
 
 
-def _pads(frame: pd.DataFrame) -> list[bool]:
-    """Per column: does a number in it need all three digits, so that the others show theirs too?"""
-    return [any(map(_needs_all, column)) for column in _columns(frame)]
+def _body(frame: pd.DataFrame, text: Callable[[Any, bool], Any]) -> list[list[Any]]:
+    """Row by row the text of each value; where a number of a column needs all three digits, the others show theirs too."""
+    columns = _columns(frame)
+    pads = [any(map(_needs_all, column)) for column in columns]
+    return [[text(value, pad) for value, pad in zip(row, pads, strict=True)] for row in zip(*columns, strict=True)]
 
 
 def _needs_all(value: Any) -> bool:
@@ -202,13 +200,11 @@ def _cell(value: Any, pad: bool) -> Cell:
     return Cell(show(value), "" if show(value) == MISSING else show(value), False)
 
 
-def _rows(frame: pd.DataFrame) -> list[tuple[Any, ...]]:
-    """Row by row with each column's own types (iterating over a frame's rows would turn whole numbers into floats)."""
-    return list(zip(*_columns(frame), strict=True))
-
-
 def _columns(frame: pd.DataFrame) -> list[list[Any]]:
-    """The values of each column; whole numbers as such where the column has no others, though it may be one of floats."""
+    """The values of each column; whole numbers as such where the column has no others, though it may be one of floats.
+
+    Iterating over a frame's rows would turn whole numbers into floats.
+    """
     columns = []
     for i in range(frame.shape[1]):
         values = list(frame.iloc[:, i].array)

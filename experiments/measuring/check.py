@@ -19,6 +19,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,9 +46,7 @@ AT = "h = 0.1, 0.5, 3, {} states"
 BIAS, WALK = 8, 128  # ulps a step that go the same way, that go either way: what round-off may make of an invariant
 ROUND_OFF = 1.5  # ulps a step, at most: what may be round-off and nothing else
 TOLERANCE = 0.15  # of a measured order
-FIELD_TOLERANCE = (
-    0.3  # in a potential, which varies over less than |x|: at orders beyond 5 the next term shows in doubles
-)
+FIELD_TOLERANCE = 0.3  # in a potential, which varies over less than |x|: beyond order 5 the next term shows in doubles
 EXACT = 1e-12  # an error below this over some hundred steps is round-off
 FLOOR, CEILING = 1e-14, 1e-2  # of one-step errors an order is read from: above round-off, below saturation
 POINTS = 8  # the smallest steps above the floor
@@ -101,6 +100,7 @@ class Worst(NamedTuple):
 
 Check = Callable[[Method, bool], Iterator[Verdict]]
 Start = str | tuple[Any, Array]  # the name of a state, or a problem and a state
+Starts = tuple[Start, ...]
 
 
 def check(method: str | Method, quick: bool = False, problem: Any = None, y0: ArrayLike | None = None) -> list[Verdict]:
@@ -137,16 +137,15 @@ def check(method: str | Method, quick: bool = False, problem: Any = None, y0: Ar
                 warnings.simplefilter("ignore", StepWarning)
                 verdicts += function(record, quick)
         except (Exception, SystemExit) as error:  # a plug-in may raise anything
-            name = function.__name__.replace("_", " ")
             how = f"ended in {first_step.describe(error, record, word)}"
-            verdicts.append(Verdict(name, False, None, "", how))
+            verdicts.append(Verdict(function.__name__.replace("_", " "), False, None, "", how))
     return verdicts
 
 
 # ---------------------------------------------------------------- accuracy
 
 
-def order(method: Method, quick: bool, names: tuple[Start, ...] = ORDER_STATES) -> Iterator[Verdict]:
+def order(method: Method, quick: bool, names: Starts = ORDER_STATES) -> Iterator[Verdict]:
     """The error of one step grows like h^(p+1).
 
     Of one step and not of many, because round-off does not accumulate then; as the geometric mean over states and over
@@ -169,8 +168,7 @@ def order(method: Method, quick: bool, names: tuple[Start, ...] = ORDER_STATES) 
         yield Verdict(claim, None, None, "", "every step here is exact up to round-off, as at an equilibrium")
         return
     if len(points.spans) < 4:
-        note = f"fewer than 4 steps have an error between {FLOOR:g} and {CEILING:g}"
-        yield Verdict(claim, False, None, bound, note)
+        yield Verdict(claim, False, None, bound, f"fewer than 4 steps have an error between {FLOOR:g} and {CEILING:g}")
         return
     p = float(np.polyfit(np.log(points.spans), np.log(points.errors), 1)[0]) - 1
     what = f"runs of t = {RUN:g}, for a step depends on those before," if points.runs else "one step"
@@ -189,7 +187,7 @@ class OrderPoints(NamedTuple):
     exact: bool = False  # whether all steps are exact up to round-off: then there are no points
 
 
-def order_points(method: Method, spans: Array, names: tuple[Start, ...] = ORDER_STATES) -> OrderPoints:
+def order_points(method: Method, spans: Array, names: Starts = ORDER_STATES) -> OrderPoints:
     """The smallest steps among `spans` (falling) whose errors, geometric means over states and signs, are no round-off.
 
     A state on which no step has more than round-off, such as an equilibrium, does not count.
@@ -211,7 +209,7 @@ def order_points(method: Method, spans: Array, names: tuple[Start, ...] = ORDER_
     return OrderPoints(spans[usable], (mean / counts)[usable], runs)
 
 
-def remembers(method: Method, names: tuple[Start, ...] = ORDER_STATES[:2]) -> bool:
+def remembers(method: Method, names: Starts = ORDER_STATES[:2]) -> bool:
     """Whether n steps are anything else than one step n times, but for what is carried of round-off."""
     for name in names:
         top, y0 = find(name)
@@ -228,20 +226,20 @@ def remembers(method: Method, names: tuple[Start, ...] = ORDER_STATES[:2]) -> bo
     return False
 
 
-def run_errors(method: Method, names: tuple[Start, ...], counts: Array) -> Array:
+def run_errors(method: Method, names: Starts, counts: Array) -> Array:
     """Errors after RUN time scales in so many steps, both ways, (2 len(names), len(counts)); NaN where a run fails."""
     errors = np.full((2 * len(names), len(counts)), np.nan)
-    for row, (name, sign) in enumerate((name, sign) for name in names for sign in (1, -1)):
+    for row, (name, sign) in enumerate(product(names, (1, -1))):
         for i, n in enumerate(counts):
             with contextlib.suppress(StepError):
                 errors[row, i] = run_error(method, name, sign * RUN / n, int(n))
     return errors
 
 
-def one_step_errors(method: Method, names: tuple[Start, ...], spans: Array) -> Array:
+def one_step_errors(method: Method, names: Starts, spans: Array) -> Array:
     """Errors of one step of ± `spans` (falling), (2 len(names), len(spans)); NaN where a step fails or is pure round-off."""
     errors = np.full((2 * len(names), len(spans)), np.nan)
-    for row, (name, sign) in enumerate((name, sign) for name in names for sign in (1, -1)):
+    for row, (name, sign) in enumerate(product(names, (1, -1))):
         top, y0 = find(name)
         times = sign * spans * top.scales(y0)[2]
         truth = truths.solution(top, y0, times)
@@ -256,7 +254,7 @@ def one_step_errors(method: Method, names: tuple[Start, ...], spans: Array) -> A
     return errors
 
 
-def solution(method: Method, quick: bool, names: tuple[Start, ...] = STATES) -> Iterator[Verdict]:
+def solution(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
     """What order says nothing about: methods exact in time, methods that control their own error, and h < 0."""
     there, back_again = Worst(), Worst()
     for name in names:
@@ -272,10 +270,8 @@ def solution(method: Method, quick: bool, names: tuple[Start, ...] = STATES) -> 
     # the two errors differ by a factor of order one, unless they are round-off
     passed = None if ahead > LOST else back <= 10 * ahead + EXACT
     how = f"largest error of the way back from t = 20, against that of the way there{back_again.where}"
-    note = f"{how}; the way there is off by more than {LOST:g}: nothing can be said"
-    yield Verdict(
-        "negative h is as accurate", passed, back, f"≤ 10 × {ahead:.1e} forwards", how if passed is not None else note
-    )
+    how += f"; the way there is off by more than {LOST:g}: nothing can be said" if passed is None else ""
+    yield Verdict("negative h is as accurate", passed, back, f"≤ 10 × {ahead:.1e} forwards", how)
 
 
 def run_error(method: Method, name: Start, span: float, n: int) -> float:
@@ -302,7 +298,7 @@ def later(problem: Any, t: float) -> Any:
 # ---------------------------------------------------------------- structure
 
 
-def steps_on(names: tuple[Start, ...]) -> Iterator[tuple[Start, float, Any, Array, float]]:
+def steps_on(names: Starts) -> Iterator[tuple[Start, float, Any, Array, float]]:
     """Each start with each of SPANS: its name, the step in time scales, the problem, the state and the step."""
     for name in names:
         top, y0 = find(name)
@@ -320,7 +316,7 @@ def declines_long_steps(span: float) -> Iterator[None]:
             raise
 
 
-def symmetric(method: Method, quick: bool, names: tuple[Start, ...] = STATES) -> Iterator[Verdict]:
+def symmetric(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
     """A step of −h undoes a step of h."""
     if not method.symmetric:
         yield Verdict("symmetric", None, None, "", NOT_CLAIMED)
@@ -338,7 +334,7 @@ def symmetric(method: Method, quick: bool, names: tuple[Start, ...] = STATES) ->
     yield Verdict("symmetric", worst.size <= bound, worst.size, f"≤ {bound:.1e}", how)
 
 
-def poisson(method: Method, quick: bool, names: tuple[Start, ...] = STATES) -> Iterator[Verdict]:
+def poisson(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
     """D P(y) Dᵀ = P(ỹ) for the derivative D of one step."""
     if not method.poisson:
         yield Verdict("Poisson map", None, None, "", NOT_CLAIMED)
@@ -354,9 +350,7 @@ def poisson(method: Method, quick: bool, names: tuple[Start, ...] = STATES) -> I
     yield Verdict("Poisson map", worst.size <= bound, worst.size, f"≤ {bound:g}", how)
 
 
-def conserves(
-    method: Method, quick: bool, names: tuple[Start, ...] = STATES, steps: int | None = None
-) -> Iterator[Verdict]:
+def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | None = None) -> Iterator[Verdict]:
     """The invariants the record names stay at round-off for small and large h; the others are only reported.
 
     Roundings that go either way add up like √n, those that always go the same way like n: these are a fault, of a method
@@ -421,7 +415,7 @@ def conserves(
 # ---------------------------------------------------------------- behaviour
 
 
-def purity(method: Method, quick: bool, names: tuple[Start, ...] = ("generic", "figure1")) -> Iterator[Verdict]:
+def purity(method: Method, quick: bool, names: Starts = ("generic", "figure1")) -> Iterator[Verdict]:
     """Steppers are functions of their arguments: they modify nothing, remember nothing, share nothing."""
     (top, y0), (other, z0) = map(find, names[:2])
     h, k = 0.25 * top.scales(y0)[2], -0.4 * other.scales(z0)[2]
@@ -478,11 +472,9 @@ def extremes(method: Method, quick: bool, cases: Iterable[Extreme] | None = None
             raised.append(error)
         except Exception as error:
             bad.setdefault(first_step.describe(error, method, None), []).append(label)
-    grouped = (
-        f"{on[0]}: {what}" if len(on) == 1 else f"{len(on)} of {runs} runs ({on[0]}, …): {what}"
-        for what, on in bad.items()
-    )
-    how = "; ".join(grouped) or f"{len(raised)} StepErrors, the other runs finite"
+    where = {what: on[0] if len(on) == 1 else f"{len(on)} of {runs} runs ({on[0]}, …)" for what, on in bad.items()}
+    how = "; ".join(f"{on}: {what}" for what, on in where.items())
+    how = how or f"{len(raised)} StepErrors, the other runs finite"
     yield Verdict("finite, or a StepError", not bad, float(sum(map(len, bad.values()))), "0", how)
     if raised:
         copies = [pickle.loads(pickle.dumps(error)) for error in raised]
@@ -528,12 +520,7 @@ def in_field(method: Method, quick: bool) -> Iterator[Verdict]:
 
 
 def _claims(
-    method: Method,
-    quick: bool,
-    where: str,
-    ordered: tuple[Start, ...],
-    solved: tuple[Start, ...],
-    names: tuple[Start, ...],
+    method: Method, quick: bool, where: str, ordered: Starts, solved: Starts, names: Starts
 ) -> Iterator[Verdict]:
     """The claims on problems other than a top in a uniform field: of order, of accuracy, and the others."""
     for verdict in (
@@ -573,7 +560,7 @@ def _on(problem: Any, y0: ArrayLike | None, method: Method) -> Check:
         raise ValueError(f"problem: {reason}")
     if y0 is None:
         raise ValueError("y0: give a state of the problem")
-    starts: tuple[Start, ...] = tuple((problem, y) for y in near(problem, y0))
+    starts = tuple((problem, y) for y in near(problem, y0))
 
     def claims(method: Method, quick: bool) -> Iterator[Verdict]:
         yield from _claims(method, quick, getattr(problem, "name", str(problem)), starts, starts[:2], starts[:4])
@@ -595,7 +582,7 @@ def near(problem: Any, y0: ArrayLike) -> list[Array]:
     return found
 
 
-def extreme_fields(names: tuple[Start, ...]) -> Iterator[Extreme]:
+def extreme_fields(names: Starts) -> Iterator[Extreme]:
     for name in names[:2]:
         top, y0 = find(name)
         for h in (1e-300, -3.0, 30.0):
@@ -641,7 +628,7 @@ def find(name: Start) -> tuple[Any, Array]:
     return states.find(name)
 
 
-def _truth(names: tuple[Start, ...]) -> str:
+def _truth(names: Starts) -> str:
     return truths.name(find(names[0])[0])
 
 
