@@ -18,6 +18,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, cached_property, partial
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from lagrange_bench.integrators.compiling.compiled import inlined, jit_as
 from lagrange_bench.integrators.compiling.unroll import FUNCTIONS, Number, unrolled
 
@@ -85,8 +87,6 @@ def apply(name: str, a: Any) -> Any:
     if hasattr(a, name):
         return getattr(a, name)()
     if hasattr(a, "__array__"):
-        import numpy as np
-
         return getattr(np, name)(a)
     raise TypeError(f"no {name} of a {type(a).__name__}")
 
@@ -100,8 +100,10 @@ class Term(Number):
     def __init__(self, tape: Tape, place: int):
         self.tape, self.place = tape, place
 
-    def make(self, operation: str, *operands: Any) -> Term:
-        """A line of the tape."""
+    def make(self, operation: str, *operands: Any) -> Any:
+        """A line of the tape; with an array, NumPy goes through it and asks for each of its numbers."""
+        if any(isinstance(operand, np.ndarray) for operand in operands):
+            return NotImplemented
         return self.tape.make(operation, *operands)
 
     def __pos__(self) -> Term:
@@ -121,9 +123,11 @@ class Term(Number):
             base = base * base if whole else base
         return 1.0 / result if twice < 0 else result
 
-    def __array_ufunc__(self, ufunc: Any, call: str, *inputs: Any, **options: Any) -> Term:
+    def __array_ufunc__(self, ufunc: Any, call: str, *inputs: Any, **options: Any) -> Any:
         if call != "__call__" or options or ufunc.__name__ not in (*UFUNCS, "power", "square"):
             raise TypeError(f"{REFUSAL}; got numpy's {ufunc.__name__}")
+        if any(isinstance(operand, np.ndarray) for operand in inputs):
+            return ufunc(*(np.array(operand, dtype=object) for operand in inputs))
         if ufunc.__name__ == "square":
             return self * self
         if ufunc.__name__ == "power":
@@ -478,8 +482,6 @@ class Split(NamedTuple):
         try:
             return self.fixed(*map(float, numbers))
         except ZeroDivisionError:
-            import numpy as np
-
             with np.errstate(all="ignore"):
                 return tuple(map(float, self.fixed(*map(np.float64, numbers))))
 

@@ -46,8 +46,8 @@ class Problem(Dynamics):
         "e3", six numbers (J, x); "so3", three; "so3**n" or n, n spins, 3n numbers; "body", seven, (q, L): a quaternion, scalar
         first, that takes vectors of the body to the world, and its angular momentum.
     hamiltonian : callable
-        (t, y, p) → H, a function of + − × ÷, whole and half powers, and sqrt, sin, cos, exp, log of `integrators`; y are the
-        numbers of the state, p the parameters.
+        (t, y, p) → H, a function of + − × ÷, whole and half powers, and sqrt, sin, cos, exp, log of `lagrange_bench`; y is the
+        array of the state's numbers, p of the parameters.
     parameters : sequence of float
         The numbers p.
     parts : sequence of callable
@@ -116,7 +116,11 @@ class Problem(Dynamics):
         known = f"{size} numbers of y and {count} parameters"
 
         def plain(t: Any, *n: Any) -> tuple[Any]:
-            return (formula(t, n[:size], n[size:]),)
+            y, parameters = (np.array(part, dtype=object) for part in (n[:size], n[size:]))
+            value = formula(t, y, parameters)
+            if np.ndim(value):
+                raise TypeError(f"it returns {np.size(value)} numbers, not one")
+            return (value,)
 
         return record_own(plain, 1 + size + count, where, "(t, y, p)", known)
 

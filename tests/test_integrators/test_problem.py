@@ -183,6 +183,20 @@ def test_order_and_what_is_kept(name, problem):
     assert drift < 64
 
 
+@pytest.mark.parametrize(
+    "formula",
+    [
+        lambda t, y, p: y[:3] @ np.diag([1.0, 2.0, 4.0]) @ y[:3] + p[0] * y[5],
+        lambda t, y, p: np.sum(np.array([1.0, 2.0, 4.0]) * y[:3] ** 2) + p @ y[5:],
+        lambda t, y, p: np.dot(np.square(y[:3]), (1.0, 2.0, 4.0)) + (y[3:] * p[0])[2],
+    ],
+)
+def test_a_hamiltonian_may_use_arrays(formula):
+    plain = Problem("p", "e3", lambda t, y, p: y[0] ** 2 + 2 * y[1] ** 2 + 4 * y[2] ** 2 + p[0] * y[5], (0.5,))
+    y = np.random.default_rng(3).normal(size=(20, 6))
+    np.testing.assert_allclose(Problem("p", "e3", formula, (0.5,)).rhs(y), plain.rhs(y), rtol=1e-14, atol=1e-14)
+
+
 def test_the_clock_starts_where_it_is_set():
     """A run from t on is the rest of a run from 0, and time is not summed: the same bits however it is recorded."""
     posed, y0 = Problem("vibrating", "e3", vibrating, (0.3, 2.0)), start("vibrating")
