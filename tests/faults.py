@@ -33,6 +33,12 @@ def start(cells, results, *words, jobs=2, **variables):
     return subprocess.Popen(command, env=environment, cwd=HERE.parent, start_new_session=True, **pipes)
 
 
+def python(*words, **settings):
+    """A process of Python that has ended."""
+    settings = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 120, **settings}
+    return subprocess.run([sys.executable, *map(str, words)], check=False, **settings)
+
+
 def end(process):
     """Kills what is left of a session."""
     with contextlib.suppress(ProcessLookupError):
