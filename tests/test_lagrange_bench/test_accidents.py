@@ -18,7 +18,7 @@ import time
 from pathlib import Path
 
 import pytest
-from faults import HERE, TOY, comparable, nobody_left, session, squares, start, wait_for_lines
+from faults import HERE, TOY, comparable, nobody_left, python, session, squares, start, wait_for_lines
 
 from lagrange_bench.integrators import interrupts
 from lagrange_bench.results.store import Store, make_record
@@ -44,11 +44,6 @@ def wait_for_worker(run):
     raise AssertionError("it never had a worker")
 
 
-def one_line(err):
-    assert re.fullmatch(r"lagrange-bench: error: [^\n]*\n", err), err
-    return err
-
-
 def check_complete(cells, folder):
     """The same command again computes what is missing, and nothing twice."""
     code, out, err = finish(start(cells, folder))
@@ -56,9 +51,6 @@ def check_complete(cells, folder):
     records, problems = Store(folder).read(TOY)
     assert problems == []
     assert len({r["key"] for r in records}) == len(records) == len(cells)
-
-
-# ---------------------------------------------------------------- killed
 
 
 @pytest.mark.slow
@@ -105,9 +97,6 @@ def test_a_run_that_is_killed_goes_on_where_it_was(toy, in_process, tmp_path):
     check_complete(cells, path.parent)
     toy(cells)
     assert comparable(path.parent) == comparable(tmp_path / "here")
-
-
-# ---------------------------------------------------------------- interrupted
 
 
 @pytest.mark.parametrize("whom", ["terminal", pytest.param("parent", marks=pytest.mark.slow)])
@@ -191,9 +180,6 @@ def test_interrupt_is_held_back_whichever_thread_catches_it():
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-# ---------------------------------------------------------------- damaged stores, full disks, and two runs
-
-
 def test_a_damaged_journal_is_mended_by_the_next_run(toy, in_process):
     toy(squares(*range(6)))
     path, clean = toy.store.path(TOY), comparable(toy.store.folder)
@@ -236,16 +222,14 @@ def test_a_run_that_meets_a_full_disk(toy, in_process, tmp_path):
     """Or a limit on file sizes, which needs no file system of its own: what was confirmed is whole, and a run goes on."""
     cells = squares(*range(60))
     environment = {**os.environ, "TOY_CELLS": json.dumps(cells), "PYTHONPATH": str(HERE)}
-    command = [sys.executable, "-c", LIMITED, str(tmp_path / "here")]
-    done = subprocess.run(command, env=environment, cwd=HERE.parent, capture_output=True, text=True, timeout=60)
+    done = python("-c", LIMITED, tmp_path / "here", env=environment)
     assert done.returncode == 2
-    assert "File too large. What was stored before is kept. To go on: " in one_line(done.stderr)
+    assert re.fullmatch(r"lagrange-bench: error: [^\n]*\n", done.stderr), done.stderr
+    assert "File too large. What was stored before is kept. To go on: " in done.stderr
     records, problems = Store(tmp_path / "here").read(TOY)
     assert (problems, 0 < len(records) < len(cells)) == ([], True)
     assert toy(cells).tallies[TOY].computed == len(cells) - len(records)
 
-
-# ---------------------------------------------------------------- edited sources
 
 STUDY = """
 import os
@@ -277,20 +261,8 @@ def test_an_edit_in_the_middle_of_a_run_makes_no_false_row(tmp_path):
     helper.write_text("VALUE = 1\n")
 
     def run(**environment):
-        command = [
-            sys.executable,
-            "-m",
-            "lagrange_bench",
-            "run",
-            "own.study",
-            "--results",
-            "out",
-            "--jobs",
-            "1",
-            "--json",
-        ]
-        settings = {**os.environ, "PYTHONPATH": str(tmp_path), **environment}
-        done = subprocess.run(command, cwd=tmp_path, env=settings, capture_output=True, text=True, check=False)
+        words = ["-m", "lagrange_bench", "run", "own.study", "--results", "out", "--jobs", "1", "--json"]
+        done = python(*words, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(tmp_path), **environment})
         tally = json.loads(done.stdout)["experiments"]["own.study"]
         rows = Store(tmp_path / "out").rows("own.study")
         stored = {row.i: row.value for row in rows.itertuples() if row.status == "done"}

@@ -6,11 +6,10 @@ import json
 import os
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from faults import python
 
 from lagrange_bench import __main__ as cli
 from lagrange_bench import integrators
@@ -20,17 +19,7 @@ from lagrange_bench.results.store import Store, make_record
 
 COMMANDS = tuple(module.__name__.rpartition(".")[2] for module in cli.COMMANDS)
 SLOW = ["numpy", "numba", "scipy", "matplotlib", "pandas", "heyoka", "mpmath", "rich", "jinja2", "multiprocessing"]
-HERE = Path(__file__).resolve().parents[1]  # the tests, where toys are
 SHORT = ("integrate", "--h", "0.1", "--steps", "20")
-
-
-def process(*words, **settings):
-    command = [sys.executable, "-m", "lagrange_bench", *words]
-    settings = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 60, **settings}
-    return subprocess.run(command, cwd=HERE.parent, check=False, **settings)
-
-
-# ---------------------------------------------------------------- help
 
 
 def test_help_imports_nothing_slow():
@@ -44,7 +33,7 @@ loaded = set({SLOW!r}) & set(sys.modules)
 import lagrange_bench.runner.engine
 print("loaded:", loaded or set({SLOW!r}) & set(sys.modules) - {{"multiprocessing"}})
 """
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    done = python("-c", program)
     assert done.stdout.splitlines()[-1:] == ["loaded: set()"], done.stderr
 
 
@@ -70,8 +59,6 @@ def test_version(run):
     assert re.fullmatch(r"lagrange-bench \d+\.\d+\S*\n", run("--version")[1])
 
 
-# ---------------------------------------------------------------- what is wrong, in one line
-
 I = "integrate --h 0.1 --steps 3"
 T = "integrate --times 0,1"
 LEAVES = "cannot be loaded: ImportError: it calls sys.exit(0)"
@@ -85,10 +72,21 @@ BAD = {  # words → what the line must name
     "errata --points 0": "--points",
     "errata --seed 1.5": "--seed",
     "run --time-limit 0": "--time-limit",
+    "run --scheduler nowhere": "--scheduler",
+    "run no.such": "unknown experiment 'no.such'",
+    "run toys.__init__": "lacks VERSION, cells",
+    "run mine.texts": "VERSION must be a number; got '1.0'",
+    "run mine.broken": "cannot be loaded: ModuleNotFoundError: No module named 'nonexistent_thing'",
     "run --methods a,,b": "--methods",
     "run mine.toml --results out": "[[sweep]], samples: 1000000000 rows take about 3e+03 GB of memory",
     "figure": "the name of a figure",
     "figure --list --output x.svg": "--list draws none",
+    "figure phase_h --all": "--all",
+    "figure phase_h --width wall": "wall",
+    "figure phase_h --results mine": "nothing is stored",
+    "paper three-point": "unknown section 'three-point'",
+    "paper flow --output x.doc": "must end in .svg or .pdf or .png",
+    "paper euler --top planar_rotation --output x.svg": "the axis passes through a pole",
     "compare results/reference": "NEW",
     "compare /no/such/folder x": "/no/such/folder",
     "compare a b --rtol -1": "--rtol",
@@ -119,6 +117,7 @@ BAD = {  # words → what the line must name
     f"{I} --output folder.csv": "folder.csv: this is not a file",
     f"{T} --parameters 1,2": "--parameters",
     f"{T} --potential json:loads": "json:loads is a function, not a lagrange_bench.Potential",
+    f"{T} --potential leaves": "use leaves:POTENTIAL",
     f"{T} --potential tide": "4 numbers (k, n1, n2, n3); got 0",
     f"{T} --top magnet --potential dipole --parameters 1,0,0": "magnet is in the potential charge already",
     f"{I} --top magnet": "(those that do: lagrange-bench methods --top magnet)",
@@ -132,7 +131,6 @@ BAD = {  # words → what the line must name
     "case bruels --every x": "--every must be a number",
     "case bruels --every 1e-9": "more than 10000000 rows",
     "case bruels --digits 41": "digits must be at most 40",
-    # names of methods, tops and figures
     "run drift --methods rk44": "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
     "run drift --tops x": "--tops: no cell here has the top 'x'. Known: ",
     "run drift --methods mine.py": "method mine.py: write mine:METHOD",
@@ -145,7 +143,6 @@ BAD = {  # words → what the line must name
     "figure phase_h --x h --y of --results small": "y must be a column of numbers; got 'of'; did you mean 'off'?",
     "figure phase_h --output x.eps --results small": "--output x.eps: the name must end in",
     "figure phase_h --format pdf --output x.svg --results small": "--format pdf and --output x.svg",
-    # a file of the user's that ends the process
     "check leaves:METHOD --quick": f"method leaves:METHOD {LEAVES}",
     f"{I} --method leaves:METHOD": f"method leaves:METHOD {LEAVES}",
     f"{I} --top leaves:TOP": f"--top: top leaves:TOP {LEAVES}",
@@ -165,6 +162,8 @@ def test_bad_input(run, words, folder, monkeypatch):
     Store(folder / "small").append(make_record("phase", phase.VERSION, 0, cell, rows=[{"off": 1.0}], sources=None))
     for name in ("leaves.py", "mine/leaves.py"):
         (folder / name).write_text("import sys\n\nsys.exit(0)\n")
+    (folder / "mine" / "broken.py").write_text("import nonexistent_thing")
+    (folder / "mine" / "texts.py").write_text("VERSION = '1.0'\ncells = measure = draw = tables = print\n")
     before = sorted(folder.iterdir())
     monkeypatch.setattr("lagrange_bench.report.page.assemble", lambda *_: pytest.fail("drawn"))
     code, out, err = run(*shlex.split(words))
@@ -213,31 +212,28 @@ def test_a_package_that_is_not_there(run, monkeypatch):
     assert (code, "conda-forge" in err) == (2, True)
 
 
-# ---------------------------------------------------------------- stdout
-
-
-def test_json_is_alone_on_stdout(run, tmp_path, monkeypatch):
-    (tmp_path / "chatter.py").write_text(
+def test_json_is_alone_on_stdout(run, folder):
+    (folder / "chatter.py").write_text(
         "from dataclasses import replace\nfrom lagrange_bench import METHODS\n"
         "def prepare(*a, **k):\n    print('chatter')\n    return METHODS['backlund'].prepare(*a, **k)\n"
         "METHOD = replace(METHODS['backlund'], prepare=prepare)\n"
     )
-    monkeypatch.syspath_prepend(str(tmp_path))
     code, out, err = run(*SHORT, "--method", "chatter:METHOD", "--json")
     assert (code, json.loads(out)["method"], err) == (0, "backlund", "chatter\n")
 
 
 def test_stdout_that_cannot_be_written_to():
     """A reader that went away, a full disk, and a terminal without Greek."""
+    program = ("-m", "lagrange_bench")
     reading, writing = os.pipe()
     os.close(reading)
     with open(writing, "w") as stdout:
-        done = process("--version", stdout=stdout)
+        done = python(*program, "--version", stdout=stdout)
     assert (done.returncode, done.stderr) == (141, "")
     if Path("/dev/full").exists():
         with open("/dev/full", "w") as stdout:
-            done = process("--version", stdout=stdout)
+            done = python(*program, "--version", stdout=stdout)
         assert (done.returncode, done.stderr.count("\n"), "No space left" in done.stderr) == (2, 1, True)
-    done = process("run", "--help", env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    done = python(*program, "run", "--help", env={**os.environ, "PYTHONIOENCODING": "ascii"})
     assert (done.returncode, done.stderr) == (0, "")
     assert r"\xb7" in done.stdout

@@ -36,8 +36,7 @@ GENERIC = TOPS["generic"]
 
 
 @pytest.mark.parametrize("words", examples(command.__doc__), ids=" ".join)
-def test_the_examples_of_integrate_run(run, words, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_examples_of_integrate_run(run, words, folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "mine", SimpleNamespace(PROBLEM=free_body(1.0, 2.0, 3.0)))
     code, out, err = run(*words)
     assert code == 0, err
@@ -54,15 +53,13 @@ def test_summary(run, answer):
     assert [float(word) for word in shown] == expected.y[-1].tolist()
     data = answer(*SHORT)
     assert (data["y_final"], data["t"], data["work"]["steps"]) == (expected.y[-1].tolist(), [0.0, 2.0], 20)
-    assert (
-        data["error"]["final"] < 2e-14
-    )  # 4e-15 is the exact solution's own accuracy, the map makes about 1e-16 a step
+    # 4e-15 is the exact solution's own accuracy, the map makes about 1e-16 a step
+    assert data["error"]["final"] < 2e-14
     assert all(v["largest_drift"] < 1e-15 for v in data["invariants"].values())
 
 
-def test_a_problem_of_ones_own(answer, run, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "posed.py").write_text(
+def test_a_problem_of_ones_own(answer, run, folder):
+    (folder / "posed.py").write_text(
         "from lagrange_bench import Problem\nP = Problem('own', 'so3', lambda t, y, p: y[0] ** 2 + y[2])\n"
     )
     words = ("integrate", "--problem", "posed:P", "--state", "0.3,-0.4,1.2", "--method", "rk4")
@@ -109,9 +106,8 @@ def test_a_run_without_a_truth_is_not_judged(run, answer, monkeypatch, words):
         monkeypatch.setattr(truths, "LOST", 0.0)
     error = answer("integrate", *words.split())["error"]
     assert (error["final"], error["largest"], NOT_JUDGED[words] in error["note"]) == (None, None, True)
-    if "lam" in words:
-        out = run("integrate", *words.split())[1]
-        assert not [wrong for wrong in ("exact λ(h)", "up to t", "against the exact solution") if wrong in out]
+    out = run("integrate", *words.split())[1]
+    assert not re.search("against the (exact|reference) solution", out)
 
 
 def test_what_is_no_double_is_a_dash(run, answer, tmp_path):
@@ -124,9 +120,6 @@ def test_what_is_no_double_is_a_dash(run, answer, tmp_path):
     assert [name for name, v in found.items() if None in v.values()] == ["C1"]
 
 
-# ---------------------------------------------------------------- files
-
-
 def test_a_file_has_every_bit_and_what_made_it(run, tmp_path):
     """`test_files_have_every_bit` reads the other formats."""
     path = tmp_path / "run.csv"
@@ -137,16 +130,8 @@ def test_a_file_has_every_bit_and_what_made_it(run, tmp_path):
     rows = [line.split(",") for line in path.read_text("utf-8").splitlines() if line[0] in "-0123456789"]
     assert np.array_equal(np.array(rows, dtype=float), np.column_stack([expected.t, expected.y]))
     metadata = header(path)
-    facts = {
-        "top": "figure2",
-        "alpha": 1.0,
-        "y0": list(top.y0),
-        "method": "backlund",
-        "h": 0.1,
-        "steps": 20,
-        "every": 1,
-    }
-    assert {key: metadata[key] for key in facts} == facts
+    facts = {"top": "figure2", "alpha": 1.0, "y0": list(top.y0), "method": "backlund"}
+    assert metadata.items() >= {**facts, "h": 0.1, "steps": 20, "every": 1}.items()
     assert complex(metadata["options"]["lam"]) == 0.1 + 0.5j
     assert metadata["numpy"] == np.__version__
 
@@ -195,18 +180,11 @@ def test_what_can_be_known_before_is_said_before(run, tmp_path, monkeypatch):
     assert (code, "no permission" in err, list(tmp_path.iterdir())) == (2, True, [])
 
 
-# ---------------------------------------------------------------- in a potential
-
-
 def test_a_named_top_in_a_potential(run, answer):
     words = (*IN_A_FIELD, "--steps", "20", "--top", "strong_tide")
     code, out, err = run(*words)
     assert (code, err) == (0, "")
-    for said in (
-        "in the potential tide (k = 0.1, n1 = 1, n2 = 0, n3 = 0)",
-        "J3, not conserved",
-        "the reference solution",
-    ):
+    for said in ("tide (k = 0.1, n1 = 1, n2 = 0, n3 = 0)", "J3, not conserved", "the reference solution"):
         assert said in out
     assert not [wrong for wrong in ("nutation", "exact solution", "C1, not") if wrong in out]
     data, top = answer(*words), PERTURBED_TOPS["strong_tide"]
@@ -222,14 +200,3 @@ def test_a_potential_on_any_top(answer, tmp_path):
     assert all(v["conserved"] for v in data["invariants"].values())
     for facts in (data, header(path)):
         assert (facts["potential"], facts["parameters"]) == ("charge", [-0.1, 0.0, 0.0, 2.0])
-
-
-def test_a_potential_of_ones_own(run, answer, folder):
-    text = "from lagrange_bench import Potential\nPOTENTIAL = Potential('well', lambda x1, x2, x3, p: p[0] * x1**2 / (2 + x2))\n"
-    (folder / "my_well.py").write_text(text)
-    words = (*IN_A_FIELD, "--steps", "5", "--parameters", "0.5")
-    data = answer(*words, "--potential", "my_well:POTENTIAL")
-    assert data["potential"] == "my_well:POTENTIAL"
-    assert data["error"]["largest"] < 0.01
-    code, _, err = run(*words, "--potential", "my_well")
-    assert (code, "use my_well:POTENTIAL" in err) == (2, True)

@@ -8,25 +8,20 @@ import shlex
 import shutil
 from pathlib import Path
 
-from test_cli import HERE
-
 from lagrange_bench.commands import completion
 from lagrange_bench.experiments import EXPERIMENTS
-from lagrange_bench.experiments.sweep import VERSION
-from lagrange_bench.results.store import Store, default_results, make_record
+from lagrange_bench.results.store import default_results
 from lagrange_bench.runner import engine
 
 
 def test_run(run, in_process, tmp_path, monkeypatch):
     """It draws if asked, and never a figure without rows."""
     toy = "toys.behaviour"
-    monkeypatch.syspath_prepend(str(HERE))
     monkeypatch.setenv("TOY_CELLS", json.dumps([{"do": "square", "i": 3}, {"do": "raise", "i": 4}]))
     drawn, results = [], tmp_path / "my results"
     figure = results / "page" / "figure.svg"
-    monkeypatch.setattr(
-        "lagrange_bench.report.sections.write_experiment", lambda *asked: drawn.append(asked) or [figure]
-    )
+    write = "lagrange_bench.report.sections.write_experiment"
+    monkeypatch.setattr(write, lambda *asked: drawn.append(asked) or [figure])
     words = ("run", toy, "--results", results, "--jobs", "1")
     code, out, err = run(*words, "--quiet")
     assert (code, err, drawn) == (1, "", [])
@@ -51,10 +46,9 @@ def test_run_takes_all_experiments_by_default(run, monkeypatch):
     usual |= {"time_limit": None, "scheduler": None, "timings": True, "again": False}
     assert run("run", "--profile", "full")[0] == 0
     assert asked.items() >= usual.items()
+    given = {"time_limit": 9.0, "scheduler": "local:2", "timings": False, "again": True, "jobs": 3}
     assert run("run", "--time-limit", "9", "--scheduler", "local:2", "--no-timings", "--again", "--jobs", "3")[0] == 0
-    assert (
-        asked.items() >= {"time_limit": 9.0, "scheduler": "local:2", "timings": False, "again": True, "jobs": 3}.items()
-    )
+    assert asked.items() >= given.items()
 
 
 STUDY = """
@@ -91,20 +85,11 @@ def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, on
     assert (code, "file" in err, ".z.svg" in err) == (2, True, False)
 
 
-def test_figures_are_listed_in_the_order_of_the_page_and_completed(run, tmp_path, monkeypatch):
+def test_figures_are_listed_in_the_order_of_the_page_and_completed(run, swept, tmp_path, monkeypatch):
     """The user's own experiments come first."""
     for name in ("ensemble", "cost"):
         shutil.copy(default_results() / f"{name}.jsonl", tmp_path)
-    start = {
-        "top": "generic",
-        "alpha": 1.0,
-        "y0": "0.3,-0.4,1.2,0.48,0.6,0.64",
-        "options": "",
-        "steps": 2,
-        "samples": 2,
-    }
-    row = {"t": 1.0, "H": 1e-9, "J3": 0.0, "C1": 0.0, "C2": 0.0, "error": 1e-9, "seconds": 0.1}
-    Store(tmp_path).append(make_record("sweep_mine", VERSION, 0, {"method": "strang", **start, "h": 0.1}, rows=[row]))
+    swept(tmp_path, "sweep_mine", method="strang")
     code, out, err = run("figure", "--list", "--results", tmp_path)
     assert code == 0, err
     assert [name.partition("_")[0] for name in out.split()] == ["sweep", "cost", "ensemble", "ensemble"]

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from test_cli import HERE
 
 from lagrange_bench import __main__ as cli
 from lagrange_bench import text
@@ -20,8 +19,6 @@ from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import CASES, METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from tests.test_docs import commands
-
-# ---------------------------------------------------------------- lists
 
 
 def test_tables_fit_a_terminal(run, monkeypatch):
@@ -55,9 +52,7 @@ def test_a_plug_in_that_cannot_be_loaded_is_listed(run, answer, folder, monkeypa
     assert (len(listed), listed[-1]["error"]) == (len(known), "ImportError: it calls sys.exit('no')")
 
 
-def test_tops(run, answer):
-    assert TOPS["figure2"].note not in run("tops")[1]
-    assert TOPS["figure2"].note in run("tops", "--verbose")[1]
+def test_a_top_is_told_by_its_numbers(answer):
     data = {top["name"]: top for top in answer("tops")}
     assert data["generic"]["nutation_period"] == pytest.approx(4.22213, abs=1e-5)
     assert data["homoclinic"]["nutation_period"] is None
@@ -84,25 +79,20 @@ def test_potentials(answer):
 
 def test_methods_of_a_top(run, answer):
     """Which take it, what they keep of it, and why the others do not."""
-    code, out, err = run("methods", "--top", "magnet")
-    assert (code, err) == (0, "")
-    table, left_out = out.split("\nleft out: ", 1)
-    taken = [line.split()[0] for line in table.splitlines()[1:]]
-    top = PERTURBED_TOPS["magnet"].top
-    assert taken == [name for name, method in METHODS.items() if method.takes(top) is None]
-    assert "strang" in taken
-    assert "theta_functions: does not take the potential charge: it is the closed form" in left_out
+    table, left_out = run("methods", "--top", "magnet")[1].split("\nleft out: ", 1)
     data = {method["name"]: method for method in answer("methods", "--top", "magnet")}
-    assert data["theta_functions"]["refuses"] == METHODS["theta_functions"].takes(top)
-    assert (data["strang"]["refuses"], data["strang"]["conserves"]) == (None, ["C1", "C2"])
+    taken = [name for name, method in data.items() if method["refuses"] is None]
+    assert taken == [line.split()[0] for line in table.splitlines()[1:]]
+    refused = METHODS["theta_functions"].takes(PERTURBED_TOPS["magnet"].top)
+    assert data["theta_functions"]["refuses"] == refused
+    assert refused.replace(" ", ": ", 1) in left_out
+    assert data["strang"]["conserves"] == ["C1", "C2"]
     words = ("methods", "--potential", "charge", "--parameters", "0.1,0,0,2")  # on the vertical: J3 stays
     assert {m["name"]: m for m in answer(*words)}["strang"]["conserves"] == ["J3", "C1", "C2"]
     refused = {method["name"] for method in answer("methods", "--top", "generic") if method["refuses"]}
     assert refused == {name for name, method in METHODS.items() if method.needs in ("body", "spins")}
     assert "refuses" not in answer("methods")[0]
 
-
-# ---------------------------------------------------------------- cases
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "cases"
 
@@ -122,10 +112,8 @@ def test_a_file_of_doubles(run, tmp_path):
 @pytest.mark.parametrize("name", CASES)
 def test_the_reference_files(name, run):
     """Their first rows again, to the last of 25 digits; their checksums."""
-    text = (REFERENCE / f"{name}.csv").read_bytes()
-    assert (
-        f"{hashlib.sha256(text).hexdigest()}  {name}.csv" in (REFERENCE / "SHA256SUMS").read_text("utf-8").splitlines()
-    )
+    text, sums = (REFERENCE / f"{name}.csv").read_bytes(), (REFERENCE / "SHA256SUMS").read_text("utf-8")
+    assert f"{hashlib.sha256(text).hexdigest()}  {name}.csv" in sums.splitlines()
     lines = text.decode().splitlines()
     code, out, _ = run("case", name, "--until", lines[8].split(",")[0], "--digits", "25")
     assert code == 0
@@ -133,21 +121,7 @@ def test_the_reference_files(name, run):
     assert len(lines) == 27
 
 
-# ---------------------------------------------------------------- check
-
-
-def test_check_a_method_that_keeps_its_word(run):
-    code, out, err = run("check", "backlund", "--quick")
-    assert (code, err) == (0, "")
-    lines = out.splitlines()
-    assert lines[0].split() == ["verdict", "claim", "measured", "bound"]
-    assert any(line.startswith("pass") and "conserves H" in line for line in lines)
-    assert re.fullmatch(r"backlund \(.*/methods/backlund.py\): \d+ claims hold, 0 fail", lines[-2])
-    assert lines[-1] == "next: lagrange-bench run work_precision phase --methods backlund,rk4,strang"
-
-
-def test_check_a_method_that_does_not(run, monkeypatch):
-    monkeypatch.syspath_prepend(str(HERE))
+def test_check_a_method_that_does_not(run):
     code, out, err = run("check", "toys.lies:METHOD", "--quick", "--json")
     assert (code, err) == (1, "")
     data = json.loads(out)
@@ -162,15 +136,12 @@ def test_check_a_method_that_does_not(run, monkeypatch):
 
 
 def test_check_says_why_a_claim_fails_and_with_verbose_how_every_one_was_measured(run, monkeypatch):
-    monkeypatch.syspath_prepend(str(HERE))
     monkeypatch.setattr(check, "CHECKS", (check.symmetric, check.poisson))
     out = run("check", "toys.lies:METHOD", "--quick")[1]
     assert re.search(r"^fail: symmetric: a step and its inverse, .*; largest on \w+, h = 3$", out, re.MULTILINE)
     assert "central differences" not in out
     assert "central differences" in run("check", "toys.lies:METHOD", "--quick", "--verbose")[1]
 
-
-# ---------------------------------------------------------------- completion
 
 COMPLETED = [  # what is typed, some of what is offered, and what is not
     ("", {"run", "integrate", "completion"}, {"backlund", "--json"}),

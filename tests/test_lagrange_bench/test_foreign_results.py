@@ -37,12 +37,8 @@ def stored(folder, experiment, cell, rows=({"h": 0.1},), version=1):
     Store(folder).append(store.make_record(experiment, version, 0, cell, rows=list(rows)))
 
 
-SWEPT = [{"t": t, "H": 1e-9, "J3": 0.0, "C1": 0.0, "C2": 0.0, "error": 1e-9, "seconds": 0.1} for t in (1.0, 2.0)]
-START = {"top": "generic", "alpha": 1.0, "y0": "0.3,-0.4,1.2,0.48,0.6,0.64", "options": "", "h": 0.1, "steps": 2}
-
-
 @pytest.fixture
-def evil(folder, one_core, monkeypatch):
+def evil(folder, swept, one_core, monkeypatch):
     """Results of somebody whose modules can be imported from the current folder, as can any other."""
     monkeypatch.setitem(vars(METHODS), "_entries", METHODS._entries)
     (folder / "evilpkg").mkdir()
@@ -52,13 +48,11 @@ def evil(folder, one_core, monkeypatch):
         (folder / name).mkdir()
     stored("results", "evilpkg.exp", {"i": 0})
     stored("results", "unittest.__main__", {"i": 0})
-    swept, version = {**START, "samples": 2}, load("sweep_x").VERSION
-    stored("results", "sweep_x", {"method": "evilpkg.method:METHOD", **swept}, SWEPT, version)
+    swept("results", "sweep_x", method="evilpkg.method:METHOD")
     cell = {"method": "evilpkg.method:METHOD", "part": "longtime", "state": "generic", "h": 0.1}
     stored("results", "drift", cell, [{"t": 1.0, "n": 10, "H": 1e-9}], load("drift").VERSION)
     stored("other", "evilpkg.exp", {"i": 0}, [{"h": 0.2}])
-    field = {"potential": "evilpkg.method:POTENTIAL", "parameters": "0.1"}
-    stored("own", "sweep_x", {"method": "strang", **swept, **field}, SWEPT, version)
+    swept("own", "sweep_x", method="strang", potential="evilpkg.method:POTENTIAL", parameters="0.1")
     yield folder
     catalogue.installed.cache_clear()
 
@@ -102,9 +96,6 @@ def test_an_installed_experiment_needs_no_permission(evil, in_process, run):
     assert run("figure", "evil_figure", "--results", "rows", "--quiet")[:2] == (0, "evil_figure.svg\n")
     assert "1 identical" in run("verify", "rows", "--quiet")[1]
     assert load("drift").__name__ == "lagrange_bench.experiments.drift"
-
-
-# ---------------------------------------------------------------- what is in somebody else's folder
 
 
 @pytest.fixture

@@ -3,59 +3,36 @@
 import os
 import runpy
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from faults import python
 
 import lagrange_bench
-from lagrange_bench.experiments import script
+from lagrange_bench.experiments import EXPERIMENTS
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def python(*words, **settings):
-    return subprocess.run([sys.executable, *map(str, words)], capture_output=True, text=True, check=False, **settings)
-
-
-def test_a_script_does_what_the_command_line_does(monkeypatch):
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_every_experiment_is_a_script_that_does_what_the_command_line_does(name, monkeypatch):
     asked = []
-    monkeypatch.setattr(sys, "argv", ["paper.py", "--help"])
-    monkeypatch.setattr(runpy, "run_module", lambda name, **_: asked.append([name, *sys.argv]))
-    script.run("paper")
-    assert asked == [["lagrange_bench", "lagrange-bench", "run", "paper", "--help"]]
-
-
-def test_every_experiment_is_a_script(monkeypatch):
-    """Negative control: a name that is not that of the file would run another experiment."""
-    from lagrange_bench.experiments import EXPERIMENTS
-
-    run = []
-    monkeypatch.setattr(script, "run", run.append)
-    for name in EXPERIMENTS:
-        runpy.run_path(str(ROOT / "experiments" / f"{name}.py"), run_name="__main__")  # pytest loads modules by itself
-    assert tuple(run) == EXPERIMENTS
-
-
-def test_every_package_is_installed_below_lagrange_bench(monkeypatch):
-    """So that a visitor's own integrators/ or report.py hides nothing, and is not hidden."""
-    monkeypatch.chdir(ROOT)
-    installed = {}
-    monkeypatch.setattr("setuptools.setup", lambda **settings: installed.update(settings))
-    runpy.run_path(str(ROOT / "setup.py"))
-    assert len(installed["packages"]) > 10
-    assert all(f"{name}.".startswith("lagrange_bench.") for name in (*installed["packages"], *installed["package_dir"]))
+    monkeypatch.setattr(sys, "argv", ["script.py", "--help"])
+    monkeypatch.setattr(runpy, "run_module", lambda module, **_: asked.append([module, *sys.argv]))
+    runpy.run_path(str(ROOT / "experiments" / f"{name}.py"), run_name="__main__")
+    assert asked == [["lagrange_bench", "lagrange-bench", "run", name, "--help"]]
 
 
 @pytest.mark.slow
 def test_the_wheel_meets_a_visitors_own_names(tmp_path):
     """A repository with its own integrators/, experiments/, results/ and report.py: neither hides the other's."""
-    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--quiet", "--no-deps")
+    pip = ("-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--quiet", "--no-deps")
     source = tmp_path / "source"  # setuptools builds beside the sources
     ignored = shutil.ignore_patterns(".*", "build", "*.jsonl", "__pycache__", "*.egg-info", "local", "tests")
     shutil.copytree(ROOT, source, ignore=ignored)
-    subprocess.run([*pip, "--no-build-isolation", "--target", str(tmp_path / "site"), str(source)], check=True)
+    done = python(*pip, "--no-build-isolation", "--target", tmp_path / "site", source)
+    assert done.returncode == 0, done.stderr
     top = {path.name for path in (tmp_path / "site").iterdir() if not path.name.endswith(".dist-info")}
     assert top <= {"lagrange_bench", "bin", "__pycache__"}
     theirs = tmp_path / "theirs"

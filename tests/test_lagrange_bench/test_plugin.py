@@ -77,9 +77,7 @@ def test_found_and_checked(run, answer):
     (method,) = (method for method in answer("methods") if method["name"] == "suzuki4")
     assert (method["order"], method["family"], method["available"]) == (4, "splitting", True)
     assert METHODS.module("rk4").startswith("lagrange_bench.")
-    assert run("check", "suzuki5")[2].endswith(
-        "unknown method 'suzuki5'; did you mean 'suzuki4'? All: lagrange-bench methods\n"
-    )
+    assert "did you mean 'suzuki4'?" in run("check", "suzuki5")[2]
 
 
 @pytest.mark.usefixtures("packages")
@@ -131,15 +129,11 @@ def test_a_file_in_the_current_folder_joins_an_experiment(run, folder, monkeypat
     code, out, err = run("run", "phase", *chosen, "--jobs", "1", "--quiet", "--json")
     assert code == 0, err + out
     cells = [json.loads(line)["cell"] for line in (folder / "rows" / "phase.jsonl").read_text().splitlines()]
-    assert {cell["method"] for cell in cells} == {"mine:METHOD", "strang"}
+    assert {(cell["method"], cell["state"]) for cell in cells} == {(m, "generic") for m in ("mine:METHOD", "strang")}
     assert json.loads(out)["next"].endswith("--methods mine:METHOD,strang --tops generic")
-    code, _, err = run("check", "mine", "--quick")
-    assert (code, err.endswith("for the one in mine.py use mine:METHOD\n")) == (2, True)
-    code, _, err = run("run", "phase", "--methods", "mine", "--results", "rows")
-    assert (code, err.endswith("no cell here has the method 'mine'; for the one in mine.py use mine:METHOD\n")) == (
-        2,
-        True,
-    )
+    for words in (("check", "mine", "--quick"), ("run", "phase", "--methods", "mine", "--results", "rows")):
+        code, _, err = run(*words)
+        assert (code, err.endswith("for the one in mine.py use mine:METHOD\n")) == (2, True)
 
 
 def test_built_in_methods_keep_their_keys(monkeypatch):

@@ -54,9 +54,8 @@ def test_pytest_shows_the_test_and_not_the_bench():
 
 def test_growth():
     assert_drift("backlund_unpinned", growth="H", below=0.75, steps=20_000)
-    with pytest.raises(
-        AssertionError, match=r"rk4: H grows like t\^\d\.\d\d .* 16 tops, h = 0.1, 20000 steps: below 0.75"
-    ):
+    told = r"rk4: H grows like t\^\d\.\d\d .* 16 tops, h = 0.1, 20000 steps: below 0.75"
+    with pytest.raises(AssertionError, match=told):
         assert_drift("rk4", growth="H", below=0.75, steps=20_000)
     with pytest.raises(AssertionError, match="in the last decade"):  # over both decades an oscillation makes it t^0.62
         assert_drift("rk4", growth="H", below=0.75, steps=3000)
@@ -119,9 +118,6 @@ def test_bounds_and_orders_on_a_magnet():
     assert_order("rk4", **on)
     with pytest.raises(AssertionError, match="order 5: "):
         assert_order("rk4", 5, **on)
-
-
-# ---------------------------------------------------------------- what `check` says
 
 
 def test_an_error_that_is_no_number_is_the_largest():
