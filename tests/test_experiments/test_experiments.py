@@ -1,10 +1,6 @@
 """Every experiment at a tiny size: measured, stored, and drawn from what was stored."""
 
-import subprocess
-import sys
-from contextlib import redirect_stdout
 from functools import cache
-from io import StringIO
 from tempfile import TemporaryDirectory
 
 import pandas as pd
@@ -133,24 +129,6 @@ def test_the_quick_profile_is_a_part_of_the_full_one(name):
     assert keys(quick, lengths) <= keys(full, lengths)
     shared = keys(quick) & keys(full)
     assert shared or name == "work_precision", "what was computed for one profile serves the other"
-
-
-def test_what_a_first_use_needs_is_asked_twice_of_one_cache(monkeypatch):
-    """The probe of the cost experiment, run in this process."""
-    caches = []
-
-    def here(command, env, **_):
-        caches.append(env["LAGRANGE_BENCH_CACHE"])
-        monkeypatch.setattr(sys, "argv", ["-c", *command[3:]])
-        with redirect_stdout(StringIO()) as out:
-            exec(command[2], {})
-        return subprocess.CompletedProcess(command, 0, out.getvalue(), "")
-
-    monkeypatch.setattr(cost.subprocess, "run", here)
-    rows = cost.measure({"part": "start", "method": "rk45_fixed"})
-    assert [row["cached"] for row in rows] == [False, True]
-    assert all(row["first_s"] > 0 and row["second_s"] > 0 for row in rows)
-    assert len(set(caches)) == 1
 
 
 @pytest.mark.slow

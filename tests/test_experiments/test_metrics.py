@@ -172,9 +172,6 @@ def test_tables_and_figures_are_made_of_the_rows_of_their_part():
     assert [reductions.done(rows, part).x.tolist() for part in ("", "b", "c")] == [[1, 3], [3], []]
 
 
-# ---------------------------------------------------------------- phase
-
-
 def rotated(y, angle):
     c, s = np.cos(angle), np.sin(angle)
     R = np.array(((c, -s, 0), (s, c, 0), (0, 0, 1)))
@@ -233,9 +230,6 @@ def test_frequency_shift(t):
     assert quadratic.residual_size > 0.1 * quadratic.slope * np.ptp(t)
 
 
-# ---------------------------------------------------------------- order
-
-
 @pytest.mark.parametrize("p", [1, 4, 8])
 def test_order_between_round_off_and_saturation(p):
     h = 2.0 ** -np.arange(16)
@@ -264,9 +258,6 @@ def test_order_of_no_power_law():
     assert metrics.order(h, h**2 / 20, floor=1e-4).mask.sum() == 3
 
 
-# ---------------------------------------------------------------- structure
-
-
 @pytest.mark.parametrize("name", ["figure1", "slow"])
 def test_poisson_defect_tells_maps_apart(name):
     top, y = TOPS[name].top, TOPS[name].state
@@ -282,9 +273,6 @@ def test_poisson_defect_tells_maps_apart(name):
     # a defect of 1e-8 in one component is seen: the test would notice a slightly wrong map
     bent = metrics.poisson_defect(lambda y: step(y) * (1, 1, 1 + 1e-8, 1, 1, 1), top, y)
     assert 1e-10 < bent.defect < 1e-7
-
-
-# ---------------------------------------------------------------- condition
 
 
 def test_the_condition_of_a_known_motion():

@@ -1,10 +1,7 @@
 """`lagrange-bench paper`: every section holds at tops of both signs of alpha, and what is wrong is found."""
 
-import json
-
 import pytest
 
-from lagrange_bench import __main__ as cli
 from lagrange_bench.experiments import paper_sections
 from lagrange_bench.integrators import TOPS
 from lagrange_bench.integrators.paper import one_point, two_point
@@ -36,16 +33,7 @@ def test_what_is_wrong_is_found(monkeypatch):
     assert missed("two-point", "generic") == {"the inverse"}
 
 
-def test_the_command(tmp_path, capsys):
+def test_the_command_draws_and_tells_the_residuals(answer, tmp_path):
     path = tmp_path / "picture.svg"
-    assert cli.main(["paper", "separation", "--output", str(path), "--json"]) == 0
-    answer = json.loads(capsys.readouterr().out)
+    assert len(answer("paper", "separation", "--output", path)["residuals"]) > 5
     assert path.read_text("utf-8").startswith("<?xml")
-    assert len(answer["residuals"]) > 5
-    for words, says in (
-        (["paper", "three-point"], "unknown section 'three-point'"),
-        (["paper", "flow", "--output", "x.doc"], "must end in .svg or .pdf or .png"),
-        (["paper", "euler", "--top", "planar_rotation", "--output", str(path)], "the axis passes through a pole"),
-    ):
-        assert cli.main(words) == 2
-        assert says in capsys.readouterr().err

@@ -9,11 +9,10 @@ import pytest
 from toys import multistep
 
 from lagrange_bench.experiments.measuring import check
-from lagrange_bench.integrators import METHODS, PERTURBED_TOPS, TOPS, LagrangeTop, Problem, StepError
+from lagrange_bench.integrators import METHODS, TOPS, LagrangeTop, Problem, StepError
 from lagrange_bench.integrators.interface import Stepper
 from lagrange_bench.integrators.problem import free_body
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
-from lagrange_bench.integrators.truth import truths
 from tests.installed import in_uniform_fields
 from tests.sabotage import failed
 
@@ -60,9 +59,6 @@ class Bent(Wrapped):
         for _ in range(n // every):
             rows.append(self.advance(rows[-1], every))
         return np.array(rows)
-
-
-# ---------------------------------------------------------------- maps that are slightly wrong
 
 
 BENDS = {
@@ -127,8 +123,6 @@ def test_a_run_that_stops_leaves_the_verdicts_on_the_others(limit, passed):
     assert verdicts["conserves C1"].passed is (True if passed is None else None)
 
 
-# ---------------------------------------------------------------- records that claim too much
-
 LIES = [
     ("implicit_midpoint", {"poisson": True}, {"Poisson map"}),
     ("implicit_midpoint", {"order": 3}, {"order 3"}),
@@ -155,9 +149,6 @@ def test_the_starter_of_a_multistep_method_does_not_hide_its_order():
     assert liar.measured == pytest.approx(2, abs=0.1)
     carried = in_uniform_fields(METHODS["rk4"])
     assert not check.remembers(replace(carried, prepare=partial(carried.prepare, compensated=True)))
-
-
-# ---------------------------------------------------------------- steppers that behave badly
 
 
 class Shares(Wrapped):
@@ -247,8 +238,6 @@ def test_a_check_that_crashes_is_a_failure_with_its_line():
     assert f"{Path(__file__).name}:" in failures[0]
 
 
-# ---------------------------------------------------------------- tops in a potential
-
 CLAIMED = frozenset({"J3", "C1", "C2"})
 
 
@@ -289,33 +278,21 @@ def test_methods_are_judged_where_they_go(short):
     assert verdicts["in a field: conserves C1"].how.partition(";")[0].endswith("2 states")
 
 
-def test_what_is_lost_is_not_known(monkeypatch):
-    named = PERTURBED_TOPS["magnet"]
-    monkeypatch.setattr(truths, "LOST", 0.0)
-    assert np.isnan(truths.after_steps(named.top, named.state, 0.1, [30])).all()
-
-
-# ---------------------------------------------------------------- problems of one's own
-
 BODY, START = free_body.free_body(1.0, 2.0, 3.0), (0.3, -0.4, 1.2)
-PIVOT, TOP_START = vibrating_pivot(1.0, 0.02, 3.0), (0.3, -0.2, 1.1, 0.4, 0.1, 0.9)
 SPINS = Problem(
     "spins", 2, lambda t, y, p: p[0] * (y[0] * y[3] + y[1] * y[4] + y[2] * y[5]) + y[2] + 2.0 * y[5], (1.0,)
 )
-SPINS_START = (1.0, 0.0, 0.2, 0.3, -0.5, 0.6)
+TRUE = {
+    "body": ("strang", BODY, START),
+    "spins": ("rkmk4", SPINS, (1.0, 0.0, 0.2, 0.3, -0.5, 0.6)),
+    "pivot": ("rk4", vibrating_pivot(1.0, 0.02, 3.0), (0.3, -0.2, 1.1, 0.4, 0.1, 0.9)),
+    "top": ("strang", TOPS["generic"].top, TOPS["generic"].state),
+}
 
 
-@pytest.mark.parametrize(
-    ("method", "problem", "y0"),
-    [
-        ("strang", BODY, START),
-        ("rkmk4", SPINS, SPINS_START),
-        ("rk4", PIVOT, TOP_START),
-        ("strang", TOPS["generic"].top, TOPS["generic"].state),
-    ],
-    ids=["strang-body", "rkmk4-spins", "rk4-pivot", "strang-top"],
-)
-def test_claims_hold_on_a_problem(method, problem, y0):
+@pytest.mark.parametrize("name", TRUE)
+def test_claims_hold_on_a_problem(name):
+    method, problem, y0 = TRUE[name]
     verdicts = check.check(method, quick=True, problem=problem, y0=y0)
     assert not wrong(verdicts)
     assert any("order" in v.claim and v.passed for v in verdicts)

@@ -47,8 +47,6 @@ def test_errors_of_a_midpoint_rule_that_is_solved_to_a_tolerance_drift():
     assert max(metrics.growth_exponent(np.arange(1001.0), np.array(errors)[:, :, k]).p for k in (0, 2, 3)) > 0.9
 
 
-# ---------------------------------------------------------------- the forms of the experiment
-
 STEPS = 200
 
 

@@ -60,22 +60,13 @@ def test_unstable_timings_are_marked_and_bad_calls_refused():
     assert gc.isenabled()
 
 
-# ---------------------------------------------------------------- the unit of each time that is stored
-
 CALL = 0.75  # s that each timed call takes below, and 3 ms each set-up
 STEP, FORM = CALL / cost.CALL["step"] * 1e9, CALL / 20_000 * 1e9
 LANES, SET_UPS, TOPS, FEW = 1000 * 1024, 4096, 32, 17  # tops and steps in one call
 A_STEP = CALL / (3125 - FEW) / TOPS
-MAP = CALL / gaudin.CALL * 1e9
-RACE = {
-    "method": "strang",
-    "state": "generic",
-    "span": 16.0,
-    "per_octave": 1,
-    "decades": 1,
-    "longest": 100.0,
-    "h": 1 / 8,
-}
+MAP, BOUND = CALL / gaudin.CALL * 1e9, CALL / 80_000 * 1e9
+RACE = {"method": "strang", "state": "generic", "span": 16.0, "h": 1 / 8}
+RACE |= {"per_octave": 1, "decades": 1, "longest": 100.0}
 TIDE = {"method": "strang", "potential": "tide", "tops": 3, "span": 1.0, "h": 0.1}
 UNITS = {  # experiment and part, other fields of a cell → what its row has
     "cost step": (
@@ -87,9 +78,9 @@ UNITS = {  # experiment and part, other fields of a cell → what its row has
     "work_precision ": (RACE, {"seconds": CALL, "setup_seconds": 3e-3}),
     "gaudin cost": (
         {"n": 3, "variant": "exact"},
-        {"ns_per_spin_and_map": MAP, "ns_per_time": 1.5 * MAP, "setup_ms": 3.0},
+        {"ns_per_spin_and_map": MAP, "ns_per_time": 1.5 * MAP, "setup_ms": 3},
     ),
-    "ensemble bound": ({}, {"pinned_ns": CALL / 80_000 * 1e9, "free_bound_ns": CALL / 80_000 * 1e9, "free_ratio": 1.0}),
+    "ensemble bound": ({}, {"pinned_ns": BOUND, "free_bound_ns": BOUND, "free_ratio": 1.0}),
     "ensemble lanes": ({"lanes": 8}, {"free_ns_per_step": CALL / LANES * 1e9}),
     "ensemble setup": ({"h": 0.1}, {"setup_us": CALL / SET_UPS * 1e6, "first_step_us": CALL / SET_UPS * 1e6}),
     "ensemble tops": (
