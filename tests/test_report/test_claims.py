@@ -22,22 +22,10 @@ pytestmark = pytest.mark.xdist_group("claims")  # all are judged once
 BIASED = "biased, as the method says"
 
 
-# ---------------------------------------------------------------- the list of claims
-
-
 def test_claims_are_few_grouped_and_confirmed_by_the_stored_rows(judged):
     assert len({claim.id for claim in promises.CLAIMS}) == len(promises.CLAIMS) <= 21
     assert [group for group, _ in claims.grouped(judged)] == list(claims.GROUPS)
     assert {each.claim.id: each.verdict.word for each in judged if each.verdict.word != claims.CONFIRMED} == {}
-
-
-def test_an_entry_with_a_misspelt_word_is_an_error():
-    bound = {"columns": ["x"], "where": {"part": "a"}, "required": "≤ 1 of scale", "steps": 10}
-    entry = {"id": "c", "group": "cost", "experiment": "drift", "text": "", "bound": [bound]}
-    assert promises._claim(dict(entry)).bounds[0] == Bound(("x",), "≤", 1.0, "of scale", {"part": "a"}, 10)
-    for wrong in ({"bound": [{**bound, "step": 1}]}, {"bound": [{**bound, "read": "nothing"}]}, {"kind": "cost"}):
-        with pytest.raises((TypeError, KeyError)):
-            promises._claim({**entry, **wrong})
 
 
 def test_a_claim_names_its_runs_and_the_full_profile_has_them_all():
@@ -49,9 +37,6 @@ def test_a_claim_names_its_runs_and_the_full_profile_has_them_all():
             assert bound.missing(planned) == "", claim.id
     quick = {claim.id for claim in promises.CLAIMS if claim.profile == "quick"}
     assert quick == {"set-up", "many-tops", "magnet-orders", "orders", "form-of-the-map"}
-
-
-# ---------------------------------------------------------------- NaN, failed, declined, missing
 
 
 def fields(journal):
@@ -154,9 +139,6 @@ def test_no_data_for_want_of_long_runs_names_the_profile_that_has_them():
         )
 
 
-# ---------------------------------------------------------------- claims about all methods at once
-
-
 @pytest.fixture
 def as_table(monkeypatch):
     monkeypatch.setattr(promises, "table", lambda rows, *_: rows)
@@ -236,9 +218,6 @@ def test_times_are_judged_as_ratios(slower):
     runs = pd.DataFrame({"ns_per_time": [1.0, 2.0, 300.0, 90.0]}) * slower
     runs = runs.assign(error=[1e-9, 1e-12, 1e-10, 1e-6], method=["backlund"] * 2 + ["taylor"] * 2)
     assert promises.batch_ratios(runs.assign(part="rival", status="done")) == pytest.approx([150.0, 90.0])
-
-
-# ---------------------------------------------------------------- somebody else's method
 
 
 def test_an_installed_plug_in_without_rows_changes_no_verdict(monkeypatch, stored, judged):

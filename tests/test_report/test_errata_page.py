@@ -35,10 +35,6 @@ def test_the_readme_counts_them(found):
     assert f"corrected: {errata.count(found)}." in " ".join((readme.ROOT / "README.md").read_text("utf-8").split())
 
 
-def test_magnitude():
-    assert [errata.magnitude(r) for r in (0.0, 2e-16, 1e-3, 0.1, 0.7, 3.0)] == [0.0, 1e-15, 1e-3, 0.1, 1.0, 10.0]
-
-
 def test_command(run, found, monkeypatch):
     measure = errata.measure
     monkeypatch.setattr(errata, "measure", lambda points, seed: found if points == 8 else measure(points, seed))

@@ -147,9 +147,6 @@ class Elements(HTMLParser):
         self.attributes += attrs
 
 
-# ---------------------------------------------------------------- the page
-
-
 def test_page_is_one_offline_file_with_every_figure_and_table(text, output):
     found = Elements(text)
     assert found.tags.count("svg") == 2
@@ -220,9 +217,6 @@ def test_drawn_in_two_processes_it_is_the_same(tmp_path, monkeypatch):
     assert any("no_such_experiment" in error for error in shared.errors)
 
 
-# ---------------------------------------------------------------- where rows come from
-
-
 def test_the_page_says_what_it_was_drawn_from_and_how_to_draw_that_again(results, tmp_path, monkeypatch, report):
     monkeypatch.chdir(tmp_path)
     shutil.copytree(results, tmp_path / "mine" / "quick")
@@ -232,23 +226,6 @@ def test_the_page_says_what_it_was_drawn_from_and_how_to_draw_that_again(results
         assert part in words(mine)
     assert str(tmp_path) not in markup(page.html(mine))
     assert report.origin.startswith(f"{results.name}; "), "not where it is on this machine"
-
-
-def test_the_page_says_which_rows_are_old(results, report, tmp_path, monkeypatch, undrawn):
-    monkeypatch.chdir(tmp_path)
-    folder = shutil.copytree(results, tmp_path / "mine" / "quick")
-    assert not any(section.old for section in report.sections)
-    for i, digest in enumerate(("0" * 24, "0" * 24, None)):
-        put(folder, "toy.good", 9 + i, "backlund", 2.0 + i, 1e-9, sources=digest)
-    late = page.assemble(folder)
-    assert late.sections[0].ages == {sources.SAME: 9, sources.OTHER: 2, sources.UNKNOWN: 1}
-    assert [bool(section.old) for section in late.sections] == [True, False, False]
-    assert f"{late.sections[0].old} (lagrange-bench verify mine/quick " in late.origin
-    again = "lagrange-bench run toy.good --profile quick --results mine/quick --again"
-    assert f"{late.sections[0].old}. Compute them again: {again}" in words(late)
-
-
-# ---------------------------------------------------------------- what is missing
 
 
 def test_what_is_missing_is_said_in_its_place(report, text):
@@ -303,9 +280,6 @@ def test_a_journal_of_another_schema_costs_only_its_section(results, tmp_path, m
     assert error.startswith("toy.broken: toy.broken.jsonl, line 1: written with schema 99"), error
 
 
-# ---------------------------------------------------------------- files
-
-
 @pytest.fixture
 def fewer(report):
     """The report with one figure and one table."""
@@ -354,11 +328,6 @@ def test_a_write_is_on_disk_before_it_replaces_the_old_file_under_a_name_of_this
     assert done == ["on disk", True]
 
 
-def test_write_experiment_raises_what_drawing_raises(results, tmp_path):
-    with pytest.raises(ZeroDivisionError):
-        sections.write_experiment("toy.broken", results, tmp_path)
-
-
 def test_command_line(results, tmp_path, run, undrawn, monkeypatch):
     (tmp_path / "none").mkdir()
     code, _, err = run("report", "--results", tmp_path / "none", "--output", tmp_path / "page")
@@ -376,9 +345,6 @@ def test_command_line(results, tmp_path, run, undrawn, monkeypatch):
     code, _, err = run(*words, tmp_path / "out")
     assert (code, "not drawn: toy.broken" in err) == (1, True)
     assert run(*words, tmp_path / "out" / "index.html")[0] == 2
-
-
-# ---------------------------------------------------------------- claims, fairness
 
 
 def test_verdicts(report, text):

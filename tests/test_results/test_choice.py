@@ -9,10 +9,8 @@ import pytest
 from lagrange_bench.experiments import drift, phase
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.integrators import METHODS
-from lagrange_bench.integrators.imported import Sources
-from lagrange_bench.results.choice import ALL, Choice
+from lagrange_bench.results.choice import Choice
 from lagrange_bench.results.store import Journal, Store, make_record
-from lagrange_bench.runner import engine
 
 CELLS = [
     {"method": "rk4", "state": "generic"},
@@ -39,19 +37,6 @@ def test_what_is_chosen_is_shown(tmp_path, names, taken, leaves_out):
     assert [record["position"] for record in Store(tmp_path, choice).latest("toy")] == taken
     assert bool(choice) is leaves_out
     choice.check(CELLS)
-
-
-def test_a_run_computes_what_is_chosen(tmp_path):
-    def cells(choice):
-        summary = engine.Summary(tmp_path, "quick")
-        tasks = engine._missing("phase", choice, Sources(), Store(tmp_path), summary, timings=True, again=False)
-        return {task.position: task.cell for task in tasks}
-
-    chosen = Choice(("rk4", "strang"), ("generic",))
-    every, some = cells(ALL), cells(chosen)
-    assert some == {place: cell for place, cell in every.items() if chosen.takes(cell)}
-    assert {(cell["method"], cell["state"]) for cell in some.values()} == {("rk4", "generic"), ("strang", "generic")}
-    assert len(some) < len(every)
 
 
 @pytest.mark.parametrize("words", [("phase_h",), ("--all", "--format", "svg", "--width", "column")])
@@ -91,9 +76,6 @@ def test_a_choice_may_leave_nothing_of_one_of_several_experiments(run, in_proces
     code, out, err = run("run", "ensemble", "paper", *words)
     assert (code, err) == (0, "")
     assert [line.split()[:2] for line in out.splitlines()[1:3]] == [["ensemble", "0"], ["paper", "2"]]
-
-
-# ---------------------------------------------------------------- what stands out
 
 
 def test_what_stands_out_has_a_look_that_nothing_else_has():

@@ -98,9 +98,6 @@ def test_how_far_a_timing_cell_goes_is_the_clocks_business(tmp_path):
         assert compare.compare(old, store(tmp_path / name, (cell, new))).same is same
 
 
-# ---------------------------------------------------------------- times
-
-
 def timed(folder, seed, ratio=1.0, noise=0.05, raw=False):
     """A store of timings: lognormal noise, the samples of a cell together and each by itself."""
     draw, listed = random.Random(seed), []
@@ -151,8 +148,6 @@ def test_which_columns_are_times_and_many_tests_are_corrected_for():
     assert {name for name in times | others if compare.is_time(name, {"timing": True}, own=("mine",))} == times
     assert not any(compare.is_time(name, {}) for name in times)
 
-
-# ---------------------------------------------------------------- computing again
 
 TOY = "toys.behaviour"
 OWN = ("--quiet", "--module", TOY)

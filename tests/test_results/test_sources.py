@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import importlib
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from faults import python
 
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.integrators import METHODS
-from lagrange_bench.integrators.imported import Code, Sources
+from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.results import sources
 from lagrange_bench.results.store import cell_key
-from lagrange_bench.runner import workers
 
 ROOT = Path(__file__).resolve().parents[2]
 CELLS = {(e, m) for e in ("drift", "phase") for m in ("rk4", "kahan", "bobenko_suris", "backlund", "taylor")}
 
-
-# ---------------------------------------------------------------- all that computes is in it
 
 INTERPRETED = """
 import sys
@@ -47,21 +44,16 @@ print(tried)
 """
 
 
-def python(folder, *words, **environment):
-    settings = {**os.environ, "PYTHONPATH": str(folder), **environment}
-    done = subprocess.run(
-        [sys.executable, *words], cwd=folder, env=settings, capture_output=True, text=True, check=False
-    )
+def printed(folder, program, **environment):
+    """What a program prints that imports the bench from this folder."""
+    done = python("-c", program, cwd=folder, env={**os.environ, "PYTHONPATH": str(folder), **environment})
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
 def test_what_measuring_calls_is_in_the_digest():
     """With kernels in the interpreter, where it is seen what they call."""
-    assert int(python(ROOT, "-c", INTERPRETED, NUMBA_DISABLE_JIT="1")) > 30
-
-
-# ---------------------------------------------------------------- what an edit marks
+    assert int(printed(ROOT, INTERPRETED, NUMBA_DISABLE_JIT="1")) > 30
 
 
 class Edited(Sources):
@@ -116,7 +108,7 @@ print(*(sources.of_cell(e, {"method": m}) for e in EXPERIMENTS for m in [*METHOD
 def test_it_is_the_same_in_every_process_and_folder(tree):
     here = Sources()
     found = [sources.of_cell(e, {"method": m}, here) for e in EXPERIMENTS for m in [*METHODS][::6]]
-    assert python(tree, "-c", PRINT).split() == found
+    assert printed(tree, PRINT).split() == found
 
 
 def test_a_digest_of_the_kind_before_is_unknown():
@@ -124,9 +116,6 @@ def test_a_digest_of_the_kind_before_is_unknown():
     now = sources.of_cell("drift", {"method": "rk4"})
     assert sources.compared(now, "0" * 16) == sources.compared(None, now) == sources.UNKNOWN
     assert (sources.compared(now, now), sources.compared(now, "0" * 24)) == (sources.SAME, sources.OTHER)
-
-
-# ---------------------------------------------------------------- files of one's own
 
 
 @pytest.fixture
@@ -190,9 +179,6 @@ def test_an_edit_of_ones_own_file_is_another_key_and_of_the_benchs_is_none():
         assert len({cell_key("drift", 1, cell, digest) for digest in ("1" * 24, "2" * 24)}) == count
 
 
-# ---------------------------------------------------------------- files that are edited meanwhile
-
-
 @pytest.mark.parametrize("back", [False, True])
 def test_an_edit_is_noticed_by_the_process_that_read_the_file_before(folder, back):
     """Also one that was taken back, as by git: what was imported in between is not known."""
@@ -205,27 +191,3 @@ def test_an_edit_is_noticed_by_the_process_that_read_the_file_before(folder, bac
     if back:
         assert folder("mine.py", "VALUE = 1\n") == code.digest
     assert files.edited(code)
-
-
-def test_a_row_whose_files_were_edited_while_it_was_computed_is_refused(folder, monkeypatch):
-    """And those after it in this process; so is one whose files are not those of the run."""
-    monkeypatch.setattr(workers, "IMPORTED", files := Sources())
-    code = Code("1" * 24, frozenset({"mine.py"}))
-    monkeypatch.setattr(workers.sources, "code_of_cell", lambda *cell: code)
-    folder("mine.py", "VALUE = 1\n")
-    files.read("mine.py")
-
-    def measure(experiment, cell, limit):
-        if cell["edit"]:
-            folder("mine.py", "VALUE = 22\n")
-        return {"status": "done", "rows": [], "error": None}
-
-    monkeypatch.setattr(workers, "_measure", measure)
-
-    def refused(expected, edit=False):
-        outcome = workers.compute("toy", {"edit": edit}, expected=expected)
-        return workers.failed_by(outcome, workers.OTHER_SOURCES)
-
-    assert (refused("1" * 24), refused(None), refused("2" * 24)) == (False, False, True)
-    assert refused("1" * 24, edit=True)
-    assert refused("1" * 24)

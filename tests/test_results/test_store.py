@@ -37,8 +37,6 @@ def squares(results):
     return [r["rows"][0]["square"] for r in results.read("toy")[0]]
 
 
-# ---------------------------------------------------------------- what goes in comes out
-
 AWKWARD = {
     "nan": math.nan,
     "inf": np.float64(np.inf),
@@ -93,9 +91,6 @@ def test_a_key_is_of_everything_that_matters(monkeypatch):
     assert len(keys | {made()}) == 5
 
 
-# ---------------------------------------------------------------- damage
-
-
 @pytest.mark.parametrize("missing", [1, 2, 60, 10_000])
 def test_a_torn_last_line_costs_one_cell(filled, missing):
     path = filled.path("toy")
@@ -145,9 +140,6 @@ def test_another_schema_is_an_error_that_says_so(filled):
         filled.read("toy")
 
 
-# ---------------------------------------------------------------- which record counts
-
-
 def test_the_last_success_counts(tmp_path):
     results = Store(tmp_path)
     results.append(record(1, "failed"), record(1), record(2), record(3, i=1, position=1), record(9, "failed", i=1))
@@ -187,9 +179,6 @@ def test_failures_are_rows(tmp_path):
     missing = Store(tmp_path / "missing")
     assert list(missing.rows("toy").columns) == ["key", "status", "failure"]
     assert (missing.done("toy"), missing.folder.exists()) == (({}, []), False)
-
-
-# ---------------------------------------------------------------- disks
 
 
 def failing(monkeypatch, name, code, after=0):
@@ -289,9 +278,6 @@ def test_two_writers_and_a_reader(tmp_path):
     assert (problems, torn) == ([], [])
     for name in "ab":
         assert [r["cell"]["i"] for r in records if r["cell"]["writer"] == name] == list(range(60))
-
-
-# ---------------------------------------------------------------- provenance and places
 
 
 def test_provenance_is_flat_and_discreet_and_never_fails(monkeypatch):
