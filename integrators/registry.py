@@ -8,6 +8,7 @@ to fail.
 
 from __future__ import annotations
 
+import copyreg
 import importlib
 import importlib.util
 import inspect
@@ -241,6 +242,17 @@ def find_method(method: str | Method) -> Method:
     if not available(found):
         raise NotInstalled(found.name, how_to_get(str(found.requires)))
     return found
+
+
+def _reduced(method: Method) -> Any:
+    """How a record is pickled: a registered one, whose builder may be made by another function, by its name."""
+    entry, found = METHODS._loaded.get(method.name, (None, None))
+    if entry is not None and entry.value and found is method:
+        return find_method, (method.name,)
+    return object.__reduce_ex__(method, 2)
+
+
+copyreg.pickle(Method, _reduced)
 
 
 def find_potential(potential: str | Any) -> Any:

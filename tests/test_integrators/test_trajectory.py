@@ -110,9 +110,6 @@ def test_a_trajectory_is_a_table_in_a_notebook(runs):
     assert "<Potential" not in runs["tide"]._repr_html_()
 
 
-# ---------------------------------------------------------------- many motions
-
-
 @pytest.mark.parametrize("name", RUNS)
 def test_an_ensemble_is_its_motions_with_one_more_axis(runs, name, tmp_path):
     words, top, y0 = RUNS[name]
@@ -154,6 +151,11 @@ def test_motions_of_bodies_are_bodies():
         motion = together.motion(1)
         alone = integrate(top, state, 1e-3, 4, method, every=2)
         assert np.max(np.abs(motion.position - alone.position)) < 1e-14
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_run_goes_to_other_processes(runs, name):
+    assert np.array_equal(pickle.loads(pickle.dumps(runs[name])).error(), runs[name].error())
 
 
 def test_an_ensemble_goes_to_other_processes():
