@@ -36,9 +36,6 @@ def problem(name):
     return named.top, named.state, named.top.scales(named.state)[2]
 
 
-# ---------------------------------------------------------------- schemes
-
-
 @pytest.mark.parametrize("name", bs.SCHEMES)
 def test_schemes_integrate_the_perturbation_to_their_order(name):
     """To first order in ε a scheme is a quadrature of V along the flow: exact for polynomials below its first order."""
@@ -104,9 +101,6 @@ def test_the_part_of_second_order_is_right_for_long_times(name, left):
 
         w = mpmath.mpf(2) ** -5
         assert float(mpmath.log(abs(excess(w) / excess(w / 2)), 2)) == pytest.approx(left, abs=0.01)
-
-
-# ---------------------------------------------------------------- the method
 
 
 @pytest.mark.parametrize("name", ["moderate_tide", "axisymmetric"])

@@ -23,9 +23,6 @@ def series(name, top, y, h):
     return local_error(top, y[None], h, METHODS[name])[0]
 
 
-# ------------------------------------------------------------------------------------------ the local error
-
-
 @pytest.mark.interpreted
 @pytest.mark.parametrize("name", STEPS)
 def test_the_series_of_a_step_is_the_step(name):
@@ -75,9 +72,6 @@ def test_leading_terms_are_the_ones_written_down():
         leading = series(name, TOP, Y0, h) / h**3
         assert leading == pytest.approx(d, abs=1e-3), name
         assert leading != pytest.approx(written["kahan" if name != "kahan" else "strang"], abs=1e-2), "negative control"
-
-
-# ------------------------------------------------------------------------------------------ the phase
 
 
 def left(top, y0, h, name, steps, **options):
@@ -159,9 +153,6 @@ def test_a_method_that_is_exact_without_weight_has_no_phase_error(name):
     assert predicted_phase(named.top, named.state, 0.05, name) == PredictedPhase(0.0, 0.0)
     assert predicted_phase(named.top, named.state, 0.05, "rk4").clock != 0.0  # negative control
     assert predicted_phase(TOP, Y0, 0.1, "backlund") == PredictedPhase(0.0, 0.0)  # of an exact one: that it is exact
-
-
-# ------------------------------------------------------------------------------------------ no prediction
 
 
 @pytest.mark.parametrize(

@@ -26,9 +26,6 @@ def errors(top, y0, times, states):
     return metrics.scaled_error(top, y0, states, exact.solution(top, y0, times))
 
 
-# ---------------------------------------------------------------- addition theorem
-
-
 @pytest.mark.parametrize("h", [0.03, -0.7, 300.0])
 def test_map_follows_the_exact_solution(h):
     """The promise of the exact Bäcklund step, over 1000 steps; named tops, and random ones. Beyond T/2 by whole periods."""
@@ -79,8 +76,6 @@ def test_a_long_step_that_loses_its_turn_is_refused():
         prepare(top, y0, h, "addition_theorem")
     assert metrics.scaled_error(top, y0, prepare(top, y0, h).advance(y0, 1), exact.solution(top, y0, h)) < 1e-13
 
-
-# ---------------------------------------------------------------- theta functions
 
 LATE = np.array([1e-3, 0.5, -3.0, 7.0, 1e2, 1e4, -1e6])
 
@@ -147,9 +142,6 @@ def test_a_time_beyond_the_phase_of_a_double_is_refused():
     stepper = prepare(GENERIC.top, GENERIC.state, 1e14, "theta_functions")
     with pytest.raises(StepError, match=r"step \d: n .* phase"):
         stepper.advance(GENERIC.state, 10)
-
-
-# ---------------------------------------------------------------- both
 
 
 @pytest.mark.parametrize("name", ["generic", "weightless"])

@@ -257,20 +257,6 @@ def as_in_a_new_process(monkeypatch):
 
 
 @pytest.mark.usefixtures("as_in_a_new_process")
-def test_a_kernel_is_compiled_from_the_call_on_that_its_docstring_says():
-    kernel = compiled(lambda a: a[0] + 1.0)
-    call = at_first_interpreted(kernel)
-    for k in range(interpreted.OFTEN + 1):
-        assert not kernel.overloads
-        assert call(np.full(3, k)) == k + 1.0
-    assert kernel.overloads
-
-    large = compiled(lambda a: a[0] + 1.0)
-    at_first_interpreted(large)(np.zeros(interpreted.MANY + 1))
-    assert large.overloads
-
-
-@pytest.mark.usefixtures("as_in_a_new_process")
 def test_where_python_raises_compiled_code_begins_anew():
     """And finds its arrays as they were."""
 

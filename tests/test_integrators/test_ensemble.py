@@ -243,18 +243,6 @@ def test_a_failure_names_the_first_top_and_counts(monkeypatch):
     assert np.array_equal(rows[:, good], whole)
 
 
-def test_a_step_that_fails_on_the_way():
-    """The implicit midpoint rule at a step where it has three solutions, for one top of two."""
-    h = 3.0
-    states = np.array([Y0[0] * 1e-3, (0.3, -0.4, 0.1, 0.0, 0.6, 0.8)])
-    with pytest.raises(StepError) as alone:
-        prepare(LagrangeTop(20.0), states[1], h, "implicit_midpoint").advance(states[1], 5)
-    with pytest.raises(StepError, match=r"implicit_midpoint at h = 3, step \d+: top 1: ") as caught:
-        integrate_ensemble(LagrangeTop(20.0), states, h, 5, "implicit_midpoint")
-    assert (caught.value.step, caught.value.h) == (alone.value.step, 3.0)
-    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
-
-
 def test_control_c():
     integrate_ensemble(TOP, Y0, 0.1, 1)  # compiled
     with interrupted():

@@ -75,8 +75,6 @@ def test_a_run_that_lost_its_top_ends():
         integrate(LagrangeTop(-1.7e35), y, -2.9e17, 40, "dop853", every=10, atol=1e-12)
 
 
-# ---------------------------------------------------------------- potentials of one's own
-
 Y = (0.3, -0.4, 1.2, 0.48, 0.6, 0.64)
 NUMBER = st.floats(allow_nan=False, allow_infinity=False)
 LEAF = st.one_of(st.sampled_from(("x1", "x2", "x3", "p", 0.0, 1.0, -1.0, math.inf, math.nan)), NUMBER)

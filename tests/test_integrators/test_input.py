@@ -161,6 +161,7 @@ def test_alpha_and_states_may_be_anything_like_numbers():
         assert top.alpha == float(alpha)
     for y0 in (Y0.tolist(), tuple(Y0), Y0.astype(np.float32), [1, 2, 3, 4, 5, 6], Y0[::-1][::-1]):
         assert integrate(TOP, y0, 0.1, 10).y.dtype == np.float64
+    assert len(integrate(TOP, Y0, 0.1, 0, every=7).y) == 1
 
 
 FIVE, BOTH = np.tile(Y0, (5, 1)), "give h and steps, or output times t"
@@ -275,6 +276,10 @@ OTHERS = [  # a call, words in the message
     (lambda: predicted_phase(TOP, Y0[:5], 0.1), "y0"),
     (lambda: predicted_phase(TOP, Y0, 0.0), "h"),
     (lambda: predicted_phase(TOP, Y0, 0.1, "none"), ".*none"),
+    *(
+        (lambda v=v: FixedStepper("mine", 0.5, v, METHODS["strang"].prepare), "constants must be an array of floats")
+        for v in ((1.0, 2.0), 0.5, np.array((1, 2)), None)
+    ),
     *((lambda m=m, v=v: predicted_phase(TOP, Y0, 0.1, m, v), ".*lam") for m, v in (("backlund", -1j), ("strang", 1j))),
 ]
 
@@ -282,19 +287,6 @@ OTHERS = [  # a call, words in the message
 @pytest.mark.parametrize(("call", "words"), [*MESSAGES, *OTHERS])
 def test_messages(call, words):
     refused(rf"(?s)^(method: |problem mine: )?{words}", call)
-
-
-def constants(value):
-    return FixedStepper("mine", 0.5, value, METHODS["strang"].prepare)
-
-
-@pytest.mark.parametrize("value", [(1.0, 2.0), 0.5, np.array((1, 2)), None])
-def test_constants_of_a_kernel_are_an_array_of_floats(value):
-    refused("^constants must be an array of floats", constants, value)
-
-
-def test_0_is_divided_by_every():
-    assert len(integrate(TOP, Y0, 0.1, 0, every=7).y) == 1
 
 
 @pytest.mark.parametrize("name", ["backlund", "rk4", "gauss4", "theta_functions", "taylor", "dop853", "rk45"])

@@ -85,9 +85,6 @@ def test_a_round_body_in_a_fluid_keeps_its_spin():
         kirchhoff_body((1.0, 2.0), b, c)
 
 
-# ---------------------------------------------------------------- driven problems
-
-
 Y0 = np.array((0.3, -0.2, 1.1, 0.4, 0.1, 0.9))
 END = 12.0
 

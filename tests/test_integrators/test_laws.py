@@ -123,9 +123,6 @@ def test_any_numbers_give_finite_states_or_a_named_error(name, y0, alpha, h):
         assert message.startswith((f"{name} at h = ", "h must not be 0", "y0 has x = 0"))
 
 
-# ---------------------------------------------------------------- output times
-
-
 @pytest.mark.parametrize("name", FOR_TOPS)
 def test_any_output_times(name):
     """In any order, on both sides of 0; at 0 the initial state itself, also of subnormal numbers."""
@@ -153,9 +150,6 @@ def test_dense_output_is_the_same_at_any_times_and_on_a_grid(name):
     assert np.array_equal(record.evaluate(GENERIC.top, GENERIC.state, -0.3 * np.arange(0, 101, 5.0))[0], grid)
 
 
-# ---------------------------------------------------------------- at once
-
-
 def motions(name):
     """Two runs, each of a motion of its own."""
     if name == "magnet":
@@ -180,9 +174,6 @@ def test_runs_at_once_have_the_bits_of_runs_alone(name):
     assert all(np.array_equal(alone, ends) for ends in together)
     assert not np.array_equal(*alone)
     assert mp.dps == precision
-
-
-# ---------------------------------------------------------------- with and without compiler
 
 
 def ends(everything):

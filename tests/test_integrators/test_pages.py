@@ -181,9 +181,6 @@ def test_where_lambda_goes_after_a_whole_nutation(name, back):
         assert size[-1] > 50 * unit
 
 
-# ---------------------------------------------------------------- what docs/perturbed.md says and no other test shows
-
-
 def test_degrees_of_the_tables():
     text = PERTURBED.read_text("utf-8")
     (shown,) = re.findall(r"^\| degree \| (.*) \|$", text, re.MULTILINE)

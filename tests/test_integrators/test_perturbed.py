@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from lagrange_bench.integrators import PERTURBED_TOPS, POTENTIALS, LagrangeTop, PerturbedTop, Potential, integrate, sqrt
-from lagrange_bench.integrators.compiling.expression import record
 
 Y = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
 TOP = LagrangeTop(1.0)
@@ -159,14 +158,3 @@ def test_wrong_numbers_are_refused():
         PerturbedTop(FIELDS["magnet"], HOMEMADE, (0.3, -0.2))
     with pytest.raises(ValueError, match="attitude"):
         integrate(FIELDS["magnet"], Y, 0.1, 1, "taylor_fixed", attitude=True)
-
-
-# ---------------------------------------------------------------- formulas
-
-
-def test_a_program_repeats_nothing_and_drops_what_is_not_needed():
-    program = record(lambda a, b: ((a + b) * (a + b) + 0.0 * b, 1.0 * a), 2)
-    assert program.lines == (("add", 0, 1), ("mul", 2, 2))
-    assert program(2.0, 3.0) == (25.0, 2.0)
-    assert pickle.loads(pickle.dumps(program)) == program
-    assert record(lambda a: (a * 3.0,), 1).digest != record(lambda a: (a * 3.5,), 1).digest

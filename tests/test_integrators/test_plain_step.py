@@ -15,9 +15,6 @@ from tests.test_integrators.test_time_step import random_torus
 T_ERROR = 2e-15  # of the clock, relative, wherever ok
 
 
-# ---------------------------------------------------------------- the clock
-
-
 def wrong_clock(alpha, y, h, found):
     """(T/h − 1, Θ, |m − √Q(λ)|/|m|) of a λ and m that are nearly right, by the derivatives of T and Θ; and |m|²/C1."""
     q = ts.spectral_polynomial(alpha, y)
@@ -92,9 +89,6 @@ def test_powers_of_two_and_signs_change_no_bit():
         s = (*(v * 2.0**40 for v in y[:3]), *(v * 2.0**-70 for v in y[3:]))
         scaled = ps.plain_step(s, alpha * 2.0**150, h * 2.0**-40)
         assert scaled == (R * 2.0**-110, eta * 2.0**-110, mr * 2.0**-70, mi * 2.0**-70, ok)
-
-
-# ---------------------------------------------------------------- the step
 
 
 @compiled

@@ -76,9 +76,6 @@ def test_compensation_keeps_what_rounding_takes():
         assert np.sqrt(np.mean(kept[k][:, -1] ** 2)) < 0.1 * np.sqrt(np.mean(plain[k][:, -1] ** 2))
 
 
-# ---------------------------------------------------------------- what would drift, and why kernels are as they are
-
-
 @jit
 def biased(s, c, tally):
     """A sixteenth of an ulp of |x| in every step, always outwards: what a badly rounded rotation does."""

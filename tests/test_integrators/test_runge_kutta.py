@@ -95,9 +95,6 @@ def test_tableaux_are_scipys():
     assert np.array_equal(DOP853.D, dop853.D)
 
 
-# ---------------------------------------------------------------- steps
-
-
 def test_compensated_sums_keep_the_digits_of_the_increments():
     """10⁵ small steps: what is left is the rounding inside the increments, h times smaller."""
     errors = {}
@@ -108,9 +105,6 @@ def test_compensated_sums_keep_the_digits_of_the_increments():
         errors[compensated] = metrics.scaled_error(GENERIC.top, GENERIC.state, stepper.advance(GENERIC.state, n), truth)
     assert errors[True] < errors[False] / 3
     assert stepper.work.rhs_evals == n * len(VERNER9.b)
-
-
-# ---------------------------------------------------------------- projection
 
 
 @pytest.mark.parametrize("name", ["generic", "fast", "regular", "sleeping_unstable", "hanging", "homoclinic"])
@@ -127,9 +121,6 @@ def test_projection_holds_the_invariants(name):
         assert drift("verner9_projected", span, 20_000) < 16 * U + (0 if ordinary else 2 * runge_kutta.DAMPING)
     if ordinary:
         assert drift("verner9_fixed", 0.25, 100_000) > 32 * U, "negative control"
-
-
-# ---------------------------------------------------------------- DOP853 with step control
 
 
 @pytest.mark.parametrize(("name", "rtol"), [("generic", 1e-3), ("figure1", 1e-6), ("fast", 1e-9), ("slow", 1e-12)])
@@ -158,9 +149,6 @@ def test_dop853_interpolates_to_its_tolerance():
         error = metrics.scaled_error(top, y0, run.y, exact.solution(top, y0, t))
         assert np.max(error) < 100 * rtol
         assert np.all(run.y[:, 2] == y0[2])
-
-
-# ---------------------------------------------------------------- SciPy's solvers
 
 
 @pytest.mark.parametrize("name", ["rk45", "scipy_dop853"])
@@ -215,9 +203,6 @@ def test_the_tightest_tolerance_is_met(name):
     tight = prepare(GENERIC.top, GENERIC.state, 1.0, name, rtol=dop853.LEAST_RTOL, atol=1e-16)
     truth = exact.solution(GENERIC.top, GENERIC.state, [1.0])[0]
     assert metrics.scaled_error(GENERIC.top, GENERIC.state, tight.advance(GENERIC.state, 1), truth) < 1e-11
-
-
-# ---------------------------------------------------------------- in a field
 
 
 @pytest.mark.filterwarnings("ignore:.*encountered:RuntimeWarning")

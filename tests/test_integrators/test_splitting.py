@@ -14,9 +14,6 @@ from tests.reference import flow, largest
 EPS = np.finfo(float).eps
 
 
-# ---------------------------------------------------------------- the rotation
-
-
 def rotated(x, v, digits=50):
     """x turned by 2|v| about v."""
     with mp.workdps(digits):
@@ -57,9 +54,6 @@ def test_turns_too_long_are_refused():
             prepare(top, fast, h, method).advance(fast, 3)
     y = prepare(LagrangeTop(0.0), fast, 0.8, "strang").advance(fast, 1)  # 240 radians, the exact flow
     assert np.max(np.abs(y[3:] - [float(w) for w in rotated(fast[3:], 0.4 * fast[:3])])) < 250 * EPS
-
-
-# ---------------------------------------------------------------- the step, letter by letter
 
 
 def kicked(top, y, h, b, c=0.0, d=0.0):

@@ -23,27 +23,8 @@ from lagrange_bench.integrators.compiling.expression import (
 )
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, RESIDUAL, FixedStepper
 from lagrange_bench.integrators.methods import dop853, taylor
-from lagrange_bench.integrators.problem.field import cross
-from lagrange_bench.integrators.problem.top import LagrangeTop
 from tests.faults import interrupted
 from tests.installed import installed
-
-
-def rates_of_the_top(tape, y, alpha):
-    J, x = y[:3], y[3:]
-    H = (J[0] * J[0] + J[1] * J[1] + J[2] * J[2]) / 2 + alpha * x[2]
-    g = tape.gradient(H, y)
-    own, weight = cross(g[:3], J), cross(g[3:], x)
-    return *(a + b for a, b in zip(own, weight, strict=True)), *cross(g[:3], x)
-
-
-def test_the_derived_right_hand_side_costs_what_the_hand_written_one_does():
-    tape = Tape()
-    y = [tape.input() for _ in range(6)]
-    program = tape.program(rates_of_the_top(tape, y, tape.input()))
-    assert len(program.lines) == 12
-    state = np.random.default_rng(1).normal(size=6)
-    assert np.array_equal(np.array(program(*state, 1.25), float), LagrangeTop(1.25).rhs(state))
 
 
 def test_what_depends_on_fixed_inputs_alone_is_computed_before_the_loop():
@@ -104,9 +85,6 @@ def test_a_timed_kernel_of_any_size_counts_its_steps():
         stepper.advance([1.0, 2.0, 3.0], 1)
 
 
-# ---------------------------------------------------------------- the time loop
-
-
 GENERIC = TOPS["generic"]
 Y0 = GENERIC.state
 
@@ -126,24 +104,17 @@ def mark(s, c):
     return s[0], s[1], s[2], s[3], s[4] + 1.0, s[5] + s[3]
 
 
-def counter(fails_at=-1.0, block=1 << 62, pins=True):
-    return FixedStepper(
-        "count", 0.5, np.array([fails_at]), count, mark if pins else None, block, failures={1: "told to"}
-    )
+def counter(fails_at=-1.0, block=1 << 62):
+    return FixedStepper("count", 0.5, np.array([fails_at]), count, mark, block, failures={1: "told to"})
 
 
 START = np.array([0.0, 0, 0, 0, 0, 1])
 
 
-def test_pins_fall_before_multiples_of_block():
-    assert counter(block=8).advance(START, 20)[3:].tolist() == [20, 3, 1 + 0 + 8 + 16]
-    assert counter(block=8).advance(START, 16)[3:].tolist() == [16, 2, 1 + 0 + 8]
-    assert counter(block=8, pins=False).advance(START, 20)[3:].tolist() == [20, 0, 1]
-
-
 @pytest.mark.parametrize("every", [1, 5, 20])
-def test_a_recorded_run_has_the_same_pins(every):
-    rows = counter(block=8).record(START, 20, every)
+def test_pins_fall_before_multiples_of_a_block_recorded_or_not(every):
+    rows, end = counter(block=8).record(START, 20, every), counter(block=8).advance(START, 20)
+    assert np.array_equal(rows[-1], end)
     assert rows[:, 3].tolist() == list(range(0, 21, every))
     assert rows[:, 4].tolist() == [math.ceil(n / 8) for n in range(0, 21, every)]
     assert rows[-1, 3:].tolist() == [20, 3, 1 + 0 + 8 + 16]

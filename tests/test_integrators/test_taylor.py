@@ -26,9 +26,6 @@ def in_tide(strength, alpha=1.0):
     return PerturbedTop(LagrangeTop(alpha), TIDE, (strength, 1.0, 0.0, 0.0))
 
 
-# ---------------------------------------------------------------- the method of a fixed order
-
-
 @pytest.mark.parametrize("order", [1, 8, 16])
 def test_taylor_has_the_order_asked_for(order):
     build = partial(taylor.prepare_fixed, order=order)
@@ -44,9 +41,6 @@ def test_recurrences_are_read_off_the_formula():
     for options, good in (({}, True), ({"order": 2}, False)):
         error = np.max(np.abs(prepare(in_tide(0.7), Y0, 0.0625, "taylor_fixed", **options).advance(Y0, 1) - truth))
         assert error < 8e-15 if good else error > 1e-7
-
-
-# ---------------------------------------------------------------- heyoka
 
 
 @pytest.mark.parametrize("name", SWITCHES)
@@ -109,9 +103,6 @@ def test_heyoka_compiles_once_for_each_formula(monkeypatch):
     other = PerturbedTop(LagrangeTop(1.0), idle, (0.3, 5.0, 6.0))
     assert np.max(np.abs(prepare(other, Y0, 0.5, "taylor").advance(Y0, 2) - ends[0])) < 1e-15
     assert taylor.compile_integrator.cache_info().misses == 2
-
-
-# ---------------------------------------------------------------- in batches
 
 
 def many_tops(n):

@@ -17,9 +17,6 @@ def top(request):
     return LagrangeTop(request.param)
 
 
-# ---------------------------------------------------------------- Poisson structure
-
-
 @pytest.mark.parametrize(("function", "derivative"), [("rhs", "jacobian"), ("invariants", "gradients")])
 def test_derivatives(top, function, derivative):
     """Of quadratic functions: central differences have no truncation error, only rounding over their step of 1."""
@@ -38,9 +35,6 @@ def test_jacobi_identity(top):
     assert not np.any(T + T.transpose(1, 2, 0) + T.transpose(2, 0, 1))
 
 
-# ---------------------------------------------------------------- scales
-
-
 def test_scales_have_the_right_units():
     """y = (J, x) in units of length L and rate R: alpha has R²/L, time 1/R. Powers of two: exact."""
     top, y = TOPS["figure1"].top, TOPS["figure1"].state
@@ -57,9 +51,6 @@ def test_scales_of_the_invariants():
     """|J|²/2 + |alpha||x| for H; the others by the scales of J and x."""
     top, y = LagrangeTop(-2.0), (0.0, 3.0, 4.0, 0.0, 2.0, 0.0)
     assert top.invariant_scales(y) == pytest.approx((12.5 + 4.0, 7.0, 4.0, 14.0))
-
-
-# ---------------------------------------------------------------- a real top, by hand
 
 
 def test_real_top_against_a_hand_calculation():

@@ -7,8 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench.integrators import CASES, StepError, WholeBody, integrate
-from lagrange_bench.integrators.cases import matrix
-from lagrange_bench.integrators.truth.rigid_body import rigid_motion
+from tests.test_integrators.test_rigid_top import motion
 
 TURNED = Rotation.from_rotvec((0.3, -0.5, 0.4))
 SKEW = WholeBody(
@@ -27,19 +26,11 @@ BRUELS = {
 }
 
 
-def follow(body, start, times):
-    """Rotation matrices and angular velocities from integers."""
-    q = start["rotation"].as_quat(scalar_first=True)
-    facts = *body.facts[:3], body.facts[3] if len(body.facts) > 3 else (0, 0, -9.81)
-    found = list(rigid_motion(*facts, matrix(q), start["omega_body"], times, digits=17))
-    return tuple(np.array([np.array(row[k], dtype=float) for row in found]) for k in (0, 1))
-
-
 @pytest.mark.interpreted
 @pytest.mark.parametrize("body", [SKEW, ROUND], ids=["skew", "round"])
 def test_any_body_in_any_gravity_against_integers(body):
     times = [0.5, 2.0]
-    R, omega = follow(body, START, times)
+    R, omega = motion(body.facts, START["rotation"], START["omega_body"], times)
     run = integrate(body, body.state(**START), t=times, method="dop853", rtol=1e-13, atol=1e-13)
     assert np.max(np.abs(run.rotation.as_matrix() - R)) < 1e-11
     assert np.max(np.abs(run.omega_body - omega)) < 1e-11

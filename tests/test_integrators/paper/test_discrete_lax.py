@@ -1,7 +1,6 @@
 """The discrete Lax pair of Bobenko and Suris: L̃ = M L M⁻¹, its curve and clock, and that Kahan's map has it too."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -35,17 +34,6 @@ def test_the_pair_conjugates(u):
         assert largest(M @ plain[0] - plain[1] @ M) > 1e-5
 
 
-def test_the_pair_conjugates_exactly():
-    """The orders of the proof in rational arithmetic, in which the Cayley transform stays."""
-    for alpha, h, y in rational_cases():
-        top, x, e3 = SimpleNamespace(alpha=alpha), np.array(y[3:]), np.array((0, 0, 1))
-        z, new = (discrete_lax.deformed(top, s, h) for s in (y, MAPS["bobenko_suris"](alpha, h, y)))
-        assert np.all(new[:3] - z[:3] == h * alpha * cross(e3, x))
-        assert np.all(new[3:] - z[3:] == h / 2 * cross(z[:3] + new[:3], x))
-        assert np.all(cross(z[3:] + new[3:], x) == 0)
-        assert np.any(cross(z[3:], x) != 0)
-
-
 def test_it_is_the_two_point_map_of_the_deformed_state():
     for top, y, h, image in steps():
         z, new, (lam, m) = *(discrete_lax.deformed(top, s, h) for s in (y, image)), discrete_lax.curve_point(y, h)
@@ -77,9 +65,6 @@ def test_the_clock_of_a_thousand_steps(method):
         angle = math.fmod(n * turn, 2 * math.pi)
         error = largest(np.array(turned(math.cos(angle), math.sin(angle), moved)) - end)
         assert error < 1e-10 if right else error > 0.1
-
-
-# ------------------------------------------------------------------------------------------------------ Kahan's map
 
 
 def kahan_steps(count=6):

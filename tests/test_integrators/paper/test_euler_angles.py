@@ -27,9 +27,6 @@ def case_of(name):
     return LagrangeTop(rng.choice((-1, 1)) * rng.uniform(0.1, 3.0)), y
 
 
-# ---------------------------------------------------------------------------------------------- the map (4.1)
-
-
 def test_there_and_back(p):
     """(4.1) and its inverse on complex states of any leaf."""
     p.same(from_angles(to_angles(p.y), *invariants(p.top, p.y)[2:]), p.y)
@@ -47,9 +44,6 @@ def test_canonical(fine):
     D, y = gradient(lambda z: from_angles(z, *leaf), q), from_angles(q, *leaf)
     assert largest(D @ -CANONICAL @ D.T - poisson_tensor(y)) < mpf(10) ** -30
     assert largest(D @ rates(fine.top.alpha, q, *leaf) - vector_field(fine.top, y)) < mpf(10) ** -30
-
-
-# ---------------------------------------------------------------------------------------------- the solution
 
 
 @pytest.mark.parametrize("case", [*ELLIPTIC, *range(4)])

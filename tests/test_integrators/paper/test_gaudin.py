@@ -42,9 +42,6 @@ def defect(f, magnet, spins):
     return pushed - magnet.poisson(f(magnet, spins)), largest(pushed)
 
 
-# ---------------------------------------------------------------------------------------------- the magnet
-
-
 @SIZES
 def test_brackets_and_commuting_integrals(p, n):
     """(2.3) the brackets, (2.4) s_j² central, (2.13), (2.14) {H_j, H_k} = 0, Σ H_j = 2 alpha S³; the flow is {s, H}."""
@@ -90,9 +87,6 @@ def test_sheets():
     assert abs(eigenvalue(magnet, spins, 0.3 + 1e-9j, site=None) - size) < 1e-8 * (1 + size)
     v = np.array([eigenvalue(magnet, spins, magnet.sites[0] + t * (1 + 2j)) for t in np.linspace(0.05, 1, 200)])
     assert np.max(np.abs(np.diff(v)) / np.abs(v[1:])) < 0.5
-
-
-# ---------------------------------------------------------------------------------------------- the maps
 
 
 @SIZES

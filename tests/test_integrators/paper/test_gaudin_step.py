@@ -65,9 +65,6 @@ def test_off_the_torus():
         prepare(m, spins, 0.3).advance(spins * (1 + 1e-6), 1)
 
 
-# ---------------------------------------------------------------------------------------------- round-off
-
-
 @pytest.mark.parametrize(
     ("prepare_step", "n", "steps"),
     [
@@ -86,9 +83,6 @@ def test_promise_of_long_runs(prepare_step, n, steps):
     assert energies <= PROMISE
     stepper.v, stepper.follow = stepper.v * (1 + 1e-9), False
     assert drift(m, spins, stepper.advance(spins, 1000))[1] > PROMISE
-
-
-# ---------------------------------------------------------------------------------------------- which flow a step is
 
 
 @pytest.mark.parametrize(("n", "site"), [(1, 0), (5, None), ("pairs", 0), ("pairs", None)])

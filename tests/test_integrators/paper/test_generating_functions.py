@@ -34,9 +34,6 @@ def slopes(function, args):
     return gradient(lambda v: function(v[4], *leaf, tuple(v[:2]), tuple(v[2:4]), k), (*old, *new, lam))
 
 
-# ---------------------------------------------------------------------------------------------- the top
-
-
 def test_canonical_relations(fine):
     """∂F of (5.2.7) by (5.2.5) gives (5.2.6), of (5.4.11) by (5.4.9) gives (5.4.4), (5.4.5); (5.3.1) −∂F/∂λ is μ.
 
@@ -93,9 +90,6 @@ def test_map_obeys_the_generating_function(p):
             p.same(gf.eigenvalue(top, lam, *leaf, old, new, near), mu, scale)
 
 
-# ---------------------------------------------------------------------------------------------- Euler angles only
-
-
 def test_symmetry(p):
     """(5.4.7), (5.4.8), (5.4.10): F is symmetric in θ, θ̃; p_φ too, and p_θ turns into −p̃_θ."""
     lam, c1, c2, old, new, k = arguments(p, eulerian)
@@ -125,9 +119,6 @@ def test_no_reading_of_the_elliptic_integrals_works():
         assert eulerian.elliptic_residual(random.Random(5), True, readings) > 1e-2, readings
 
 
-# ---------------------------------------------------------------------------------------------- the Gaudin magnet
-
-
 def test_gaudin_gradient(fine):
     """(5.2.8)–(5.2.10): gaudin_momenta are i s ∂F/∂s and −∂F/∂λ, by differences of (5.2.9)."""
     n, alpha, lam = 2, fine.top.alpha, fine.lam
@@ -142,9 +133,6 @@ def test_gaudin_gradient(fine):
         gf.gaudin_function(alpha, sites[0], sites, squares, minus, plus, z)
     with pytest.raises(ValueError, match="singular"):
         gf.gaudin_momenta(alpha, lam, sites, squares, 0 * minus, plus, z)
-
-
-# ---------------------------------------------------------------------------------------------- contraction
 
 
 def contraction(p, eps):

@@ -36,9 +36,6 @@ def unit(name):
     return size / rate
 
 
-# ------------------------------------------------------------------------------------------- the limit λ1 → λ2
-
-
 def test_continuum_limit(p):
     """(5.6.1)–(5.6.5) [160], (5.6.7), (5.6.8): exact derivatives in ε = i(λ1 − λ2) at 0 of x, X, M(u), of the map and of L(u)."""
     y, lam, u, top, sheet = p.y, p.lam, p.u, p.top, p.sheet
@@ -83,9 +80,6 @@ def test_the_papers_time_step(name):
         assert coarse < 1e-14 or 7 < coarse / fine < 9
 
 
-# ------------------------------------------------------------------------------------------ the exact statement
-
-
 @pytest.mark.parametrize("seed", [0, 1])
 def test_one_step_is_the_interpolating_flow(seed):
     """(5.6.11) corrected, at complex states, independent λ1 and λ2, both sheets: R3(Θ) ∘ flow(T)."""
@@ -117,9 +111,6 @@ def test_the_interpolating_hamiltonian():
         slopes = gradient(lambda z: flow.hamiltonian(top, z, lam, lam.conjugate(), -1), y)
         T, turn = flow.time_and_turn(top, y, lam, sheet=-1)
         assert largest(-poisson_tensor(y) @ slopes - (T * vector_field(top, y) + turn * turn_rate(y))) < 1e-25
-
-
-# ------------------------------------------------------------------------------------- λ(h), the exact time step
 
 
 @pytest.mark.parametrize(("share", "name"), [*((0.45, name) for name in TOPS), (5e-7, "generic"), (0.15, "weightless")])
@@ -220,9 +211,6 @@ def test_the_attitude_follows_the_step():
         J, J_new = (np.array([0, *state[:3]]) for state in (y, image))
         assert largest(moved - (product(J_new, q) - product(q, J)) / 2) < 1e-20
         assert largest(moved - (product(J, q) - product(q, J_new)) / 2) > 1e-3
-
-
-# ---------------------------------------------------------------------------- the exact step is a Poisson map
 
 
 def constants(alpha, y, h):

@@ -9,8 +9,6 @@ from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper.phase_space import cartesian, invariants, ladder, poisson_tensor, vector_field
 from tests.test_integrators.paper.tools import jacobian, largest
 
-# ---------------------------------------------------------------------------------------------- section 1
-
 
 def test_complex_formulas_agree_with_the_top():
     top, y = TOPS["figure1"].top, TOPS["figure1"].state
@@ -44,9 +42,6 @@ def test_casimirs_integrals_and_the_flow(p):
     p.same(gradient[1] @ flows[:, 0], 0)
     J3, Jm, Jp, x3, _, _ = ladder(p.y)
     p.same(invariants(p.top, p.y)[0], (Jp * Jm + J3 * J3) / 2 + p.top.alpha * x3)
-
-
-# ------------------------------------------------------------------------------------- r-matrix, both normalisations
 
 
 @pytest.mark.parametrize("n", [1, 3])
@@ -84,9 +79,6 @@ def test_L_is_in_su2_for_real_data():
     assert np.array_equal(np.trace(L, axis1=-2, axis2=-1), np.zeros(5))
 
 
-# ----------------------------------------------------------------------------------------- curve and sheets
-
-
 def test_root_follows_the_segment(p):
     """m is what continuation of √Q from √C1 along 0 → λ in small steps gives; one at a time, in arrays and mpmath."""
     lam = 3 * p.lam
@@ -99,9 +91,6 @@ def test_root_follows_the_segment(p):
     p.same(value * value, -(lam**4) * lax.spectral_curve(p.top, p.y, lam), 100 * (1 + abs(value) ** 2))
     mu = lax.eigenvalue(p.top, np.array([p.y.astype(complex)] * 2), complex(lam), p.sheet)
     assert largest(mu - complex(lax.eigenvalue(p.top, p.y, lam, p.sheet))) <= 1e-12 * largest(mu)
-
-
-# ---------------------------------------------------------------- two sites and the top, at every ε
 
 
 def test_what_is_exact(p):

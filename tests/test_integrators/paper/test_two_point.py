@@ -75,9 +75,6 @@ def test_factorisation(p):
     p.same(op.one_point(p.top, other, lam1, mu=mu1), new, size * (1 + largest(other)) ** 3)
 
 
-# ------------------------------------------------------------------------------------------------ the real map
-
-
 @pytest.mark.parametrize("name", TOPS)
 def test_the_pole_free_form_is_the_map_that_is_sold(name):
     """All named tops, vertical ones too, and the λ of the paper's figures: real, |w| = Im λ, C1 … J3 to 1e-12."""
