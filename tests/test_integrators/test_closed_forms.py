@@ -1,7 +1,5 @@
 """The other exact ways: the addition theorem's rational map, and theta functions at any time."""
 
-import random
-
 import numpy as np
 import pytest
 
@@ -10,16 +8,10 @@ from lagrange_bench.integrators import TOPS, LagrangeTop, StepError, integrate, 
 from lagrange_bench.integrators.methods import theta_functions as th
 from lagrange_bench.integrators.truth import exact
 from tests.reference import largest
+from tests.test_integrators.test_exact import random_top
 
 GENERIC = TOPS["generic"]
 UNSTABLE = ("sleeping_unstable", "near_separatrix", "homoclinic")
-
-
-def random_tops(count, seed):
-    draw = random.Random(seed)
-    for _ in range(count):
-        top = LagrangeTop(draw.gauss(0, 2))
-        yield top, np.array([draw.gauss(0, 2) for _ in range(3)] + [draw.gauss(0, 1) for _ in range(3)])
 
 
 def errors(top, y0, times, states):
@@ -30,7 +22,7 @@ def errors(top, y0, times, states):
 def test_map_follows_the_exact_solution(h):
     """The promise of the exact Bäcklund step, over 1000 steps; named tops, and random ones. Beyond T/2 by whole periods."""
     tops = [(t.top, t.state) for name, t in TOPS.items() if name not in UNSTABLE]
-    for top, y0 in (*tops, *random_tops(5, 3)):
+    for top, y0 in (*tops, *map(random_top, range(5))):
         rate = top.scales(y0)[0]
         run = integrate(top, y0, h / rate, 1000, "addition_theorem", every=100)
         assert np.all(errors(top, y0, run.t, run.y) <= 1e-13 + 2e-15 * np.abs(run.t) * rate)
@@ -93,7 +85,7 @@ def test_theta_functions_at_any_time(name):
 
 
 def test_theta_functions_on_random_tops():
-    assert largest([worst(*top) for top in random_tops(10, 1)]) < 6e-15
+    assert largest([worst(*top) for top in map(random_top, range(10))]) < 6e-15
 
 
 @pytest.mark.parametrize("kick", [1e-3, 1e-20, 1e-100])

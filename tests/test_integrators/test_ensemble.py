@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.integrators import TOPS, LagrangeTop, StepError, ensemble, integrate, integrate_ensemble, prepare
 from lagrange_bench.integrators.compiling import lanes
 from lagrange_bench.integrators.methods.backlund import SHORT
@@ -109,11 +110,10 @@ def test_jumps():
 
 
 def errors(alphas, states, got, expected):
-    """Of states (n, 6), as `metrics.scaled_error`."""
-    size = np.linalg.norm(states[:, 3:], axis=1)
-    rate = np.linalg.norm(states[:, :3], axis=1) + np.sqrt(np.abs(alphas) * size)
-    off = got - expected
-    return np.maximum(np.linalg.norm(off[:, :3], axis=1) / rate, np.linalg.norm(off[:, 3:], axis=1) / size)
+    """Of each top's own state."""
+    return np.array(
+        [metrics.scaled_error(LagrangeTop(a), *rest) for a, *rest in zip(alphas, states, got, expected, strict=True)]
+    )
 
 
 @pytest.mark.parametrize(("h", "n", "middle"), [(0.5, 5000, 2e-15), (-7.3, 5000, 5e-15)])

@@ -6,7 +6,7 @@ import random
 import numpy as np
 import pytest
 
-from lagrange_bench.integrators import TOPS, LagrangeTop, prepare
+from lagrange_bench.integrators import TOPS, LagrangeTop
 from lagrange_bench.integrators.compiling.compiled import compiled
 from lagrange_bench.integrators.torus import plain_step as ps
 from lagrange_bench.integrators.torus import time_step as ts
@@ -95,22 +95,6 @@ def test_powers_of_two_and_signs_change_no_bit():
 def one_step(alpha, y, h):
     R, eta, mr, mi, ok = ps.plain_step(y, alpha, h)
     return ps.move(y, alpha, (R, eta, mr, mi)), ok
-
-
-def test_the_step_is_that_of_backlund_and_keeps_the_invariants():
-    worst = np.zeros(2)
-    for alpha, y, h, _ in drawn(300, 13):
-        top, state = LagrangeTop(alpha), np.array(y)
-        rate, size, _ = top.scales(state)
-        got, ok = one_step(alpha, y, h)
-        if ok:
-            units = np.repeat((rate, size), 3) * 2.0**-52
-            away = np.max(np.abs(np.array(got) - prepare(top, state, h).advance(state, 1)) / units)
-            change = np.abs(top.invariants(np.array(got)) - top.invariants(state)) / top.invariant_scales(state)
-            worst = np.maximum(worst, (away, np.max(change) * 2.0**52))
-            assert got[2] == y[2]
-    assert worst[0] < 20
-    assert worst[1] < 30
 
 
 @pytest.mark.parametrize("name", [n for n in TOPS if n not in ("homoclinic",)])

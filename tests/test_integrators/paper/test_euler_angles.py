@@ -1,7 +1,5 @@
 """Section 4: Euler angles, Hamiltonian, and the Weierstrass solution against the theta functions of `exact`."""
 
-import random
-
 import numpy as np
 import pytest
 from mpmath import mp, mpf
@@ -11,6 +9,7 @@ from lagrange_bench.integrators.paper.euler_angles import angles, from_angles, h
 from lagrange_bench.integrators.paper.phase_space import gradient, invariants, poisson_tensor, vector_field
 from lagrange_bench.integrators.truth import exact
 from tests.test_integrators.paper.tools import CANONICAL, largest
+from tests.test_integrators.test_exact import random_top
 
 ELLIPTIC = [name for name, top in TOPS.items() if exact.regime(top.top, top.y0) == "elliptic"]
 POLES = {"planar", "planar_rotation", "through_pole"}
@@ -19,12 +18,7 @@ TIMES = (0.0, -2.9, 11.3)
 
 def case_of(name):
     """A named top, or a random one with alpha of either sign and |x| between 0.3 and 6."""
-    if isinstance(name, str):
-        return TOPS[name].top, TOPS[name].state
-    rng = random.Random(name)
-    y = np.array([rng.gauss(0, 1.5) for _ in range(6)])
-    y[3:] *= rng.uniform(0.3, 6.0) / np.linalg.norm(y[3:])
-    return LagrangeTop(rng.choice((-1, 1)) * rng.uniform(0.1, 3.0)), y
+    return (TOPS[name].top, TOPS[name].state) if isinstance(name, str) else random_top(name)
 
 
 def test_there_and_back(p):

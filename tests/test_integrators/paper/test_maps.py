@@ -11,7 +11,7 @@ from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper import one_point as op
 from lagrange_bench.integrators.paper import two_point as tp
 from lagrange_bench.integrators.paper.phase_space import invariants
-from tests.test_integrators.paper.tools import Dual, chart_size, jacobian, largest, poisson_defect, size
+from tests.test_integrators.paper.tools import chart_size, largest, poisson_defect, size
 
 ONE = {f.__name__: f for f in (op.one_point, op.real_form, op.inverse)}
 TWO = {f.__name__: f for f in (tp.explicit, tp.real_generators, tp.matrix_form)}
@@ -104,13 +104,3 @@ def test_python_numbers_as_parameters_do_not_cost_digits(name):
         assert largest(np.array(invariants(p.top, new)) - np.array(invariants(p.top, y))) <= mpf("1e-34")
         p.lam, p.nu = mpc(p.lam), mpc(p.nu)
         assert largest(new - image(name, p, y)) <= mpf("1e-36")
-
-
-def test_derivatives_by_duals_are_derivatives():
-    """The tool behind these tests, against differences."""
-    top, y, e = TOPS["generic"].top, TOPS["generic"].state.astype(complex), 1e-6 * np.eye(6)
-    D = jacobian(lambda z: op.one_point(top, z, 0.4j), y)
-    differences = np.transpose([(op.one_point(top, y + d, 0.4j) - op.one_point(top, y - d, 0.4j)) / 2e-6 for d in e])
-    assert largest(D - differences) <= 1e-8 * (1 + largest(D))
-    x = Dual(2.0, np.ones(1))
-    assert (3 / x - (1 - x) ** 2).d[0] == pytest.approx(-0.75 - 2)
