@@ -1,7 +1,5 @@
 """What tests of faults share: runs of toy cells in processes of their own, and what is left of them."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -5,8 +5,6 @@ runs them, first without the mutation, where all must pass, and then with it, wh
 or cannot be collected. Exit status 1 if fewer than 95 % of the mutations are killed, or if one could not be tested.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

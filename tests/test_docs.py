@@ -1,7 +1,5 @@
 """What the documents show is what happens: code runs, links resolve, commands exist; and docstrings say all parameters."""
 
-from __future__ import annotations
-
 import importlib.util
 import inspect
 import json

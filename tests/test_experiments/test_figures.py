@@ -1,7 +1,5 @@
 """Figures: how methods look, names and marks in panels, and files: the same bytes every time, in three formats and two widths."""
 
-from __future__ import annotations
-
 import io
 import re
 import sys

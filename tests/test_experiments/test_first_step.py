@@ -1,7 +1,5 @@
 """What `check`, `integrate` and the registry say of a method that cannot take a step: one fault, in one line."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

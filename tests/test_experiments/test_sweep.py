@@ -1,7 +1,5 @@
 """Sweeps from TOML files: what is computed is what the file says, and what is wrong in it is told with its place."""
 
-from __future__ import annotations
-
 import re
 import sys
 import tomllib

@@ -1,7 +1,5 @@
 """Numbers and tables as a reader sees them: on the page, in Markdown, LaTeX and CSV."""
 
-from __future__ import annotations
-
 import io
 import re
 

@@ -1,7 +1,5 @@
 """Timing on a clock of our own, where every number is known; and the unit of each time that is stored."""
 
-from __future__ import annotations
-
 import gc
 import itertools
 

@@ -3,13 +3,10 @@
 The store by itself is tested in `test_store`, a cluster in `test_cluster`. LAGRANGE_BENCH_KILLS=50 kills more often.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
 import random
-import re
 import signal
 import subprocess
 import sys
@@ -99,13 +96,21 @@ def test_a_run_that_is_killed_goes_on_where_it_was(toy, in_process, tmp_path):
     assert comparable(path.parent) == comparable(tmp_path / "here")
 
 
-@pytest.mark.parametrize("whom", ["terminal", pytest.param("parent", marks=pytest.mark.slow)])
+INTERRUPTS = {"terminal": (os.killpg, ()), "parent": (os.kill, ()), "cluster": (os.killpg, ("--scheduler", "local:2"))}
+
+
+@pytest.mark.parametrize(
+    "whom", ["terminal", *(pytest.param(w, marks=pytest.mark.slow) for w in ("parent", "cluster"))]
+)
 def test_interrupt(tmp_path, whom):
     """Ctrl-C of a terminal reaches every process of the group; `kill -INT` only the one that is named."""
-    run = start([*squares(1, 2, 3), {"do": "compiled loop", "i": 99}, *squares(4, 5, 6)], tmp_path)
+    kill, words = INTERRUPTS[whom]
+    if whom == "cluster":
+        pytest.importorskip("distributed")
+    run = start([*squares(1, 2, 3), {"do": "compiled loop", "i": 99}, *squares(4, 5, 6)], tmp_path, *words)
     wait_for_lines(tmp_path / f"{TOY}.jsonl", 6, run)
     before = time.monotonic()
-    (os.kill if whom == "parent" else os.killpg)(run.pid, signal.SIGINT)
+    kill(run.pid, signal.SIGINT)
     code, out, err = finish(run)
     assert time.monotonic() - before < 30  # the cell would have taken a minute
     assert (code, out, "Traceback" in err, err.count("interrupted")) == (130, "", False, 1)
@@ -223,8 +228,7 @@ def test_a_run_that_meets_a_full_disk(toy, in_process, tmp_path):
     cells = squares(*range(60))
     environment = {**os.environ, "TOY_CELLS": json.dumps(cells), "PYTHONPATH": str(HERE)}
     done = python("-c", LIMITED, tmp_path / "here", env=environment)
-    assert done.returncode == 2
-    assert re.fullmatch(r"lagrange-bench: error: [^\n]*\n", done.stderr), done.stderr
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "File too large. What was stored before is kept. To go on: " in done.stderr
     records, problems = Store(tmp_path / "here").read(TOY)
     assert (problems, 0 < len(records) < len(cells)) == ([], True)
@@ -262,7 +266,8 @@ def test_an_edit_in_the_middle_of_a_run_makes_no_false_row(tmp_path):
 
     def run(**environment):
         words = ["-m", "lagrange_bench", "run", "own.study", "--results", "out", "--jobs", "1", "--json"]
-        done = python(*words, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(tmp_path), **environment})
+        places = f"{tmp_path}{os.pathsep}{HERE.parent}"
+        done = python(*words, cwd=tmp_path, env={**os.environ, "PYTHONPATH": places, **environment})
         tally = json.loads(done.stdout)["experiments"]["own.study"]
         rows = Store(tmp_path / "out").rows("own.study")
         stored = {row.i: row.value for row in rows.itertuples() if row.status == "done"}

@@ -1,7 +1,5 @@
 """The command line: it teaches, says in one line what is wrong, and prints data alone on stdout."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -61,6 +59,7 @@ def test_version(run):
 
 I = "integrate --h 0.1 --steps 3"
 T = "integrate --times 0,1"
+JUDGE = "judge run.csv --case bruels"
 LEAVES = "cannot be loaded: ImportError: it calls sys.exit(0)"
 BAD = {  # words → what the line must name
     "integrat": "unknown 'integrat'; did you mean 'integrate'?",
@@ -125,6 +124,13 @@ BAD = {  # words → what the line must name
     "methods --top generi": "did you mean 'generic'?",
     "check nothing": "'nothing'",
     "check rk4 --state 1,2": "--state",
+    f"{JUDGE} --bounds omega=1": "no columns to judge omega by",
+    f"{JUDGE} --bounds colour=1": "--bounds: unknown 'colour'",
+    f"{JUDGE} --bounds axis=low": "--bounds: axis must be a number; got 'low'",
+    f"{JUDGE} --columns q=0": "--columns: unknown 'q'",
+    f"{JUDGE} --columns x=9": "--columns x=9: there is no such column among 4",
+    f"{JUDGE} --steps 1,2": "--steps: 2 steps for 1 files",
+    "judge run.csv --case brüls": "did you mean 'bruels'?",
     "case bruls": "unknown case 'bruls'; did you mean 'bruels'?",
     "case --until 3": "--until belongs to the NAME of a case",
     "paper --top generic": "--top belongs to a SECTION",
@@ -156,6 +162,7 @@ def test_bad_input(run, words, folder, monkeypatch):
     """Known before anything is computed, drawn or written."""
     sweep = f'[[sweep]]\nmethods = ["strang"]\nh = [0.5]\ntime = 50\nsamples = {10**9}\n'
     (folder / "mine.toml").write_text(sweep)
+    (folder / "run.csv").write_text("t,x,y,z\n0,0,1,0\n")
     for name in ("folder.csv", "mine", "small"):
         (folder / name).mkdir()
     cell = {"part": "h", "state": "generic", "method": "backlund", "h": 0.5}

@@ -1,7 +1,5 @@
 """`lagrange-bench integrate`: one trajectory, summed up, kept to the last bit, and drawn."""
 
-from __future__ import annotations
-
 import errno
 import importlib.util
 import json

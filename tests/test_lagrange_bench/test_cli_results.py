@@ -1,7 +1,5 @@
 """`lagrange-bench run`, `report` and `figure`: what they print, write and refuse to replace."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

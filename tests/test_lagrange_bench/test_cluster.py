@@ -1,10 +1,7 @@
 """The same rows on a Dask cluster as here, whatever happens to its workers. Real schedulers, real processes."""
 
-from __future__ import annotations
-
 import json
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -97,20 +94,6 @@ def test_workers_and_a_scheduler_that_are_killed(scheduler, toy, tmp_path):
     assert len(set(keys(tmp_path / "there"))) == len(keys(tmp_path / "there")) == 60
     toy(cells)
     assert comparable(tmp_path / "there") == comparable(toy.store.folder)
-
-
-@pytest.mark.slow
-def test_interrupt(tmp_path):
-    cells = [*squares(*range(8)), {"do": "compiled loop", "i": 99}, {"do": "compiled loop", "i": 98}]
-    run = start(cells, tmp_path, "--scheduler", "local:2")
-    wait_for_lines(tmp_path / f"{TOY}.jsonl", 8, run)
-    before = time.monotonic()
-    os.killpg(run.pid, signal.SIGINT)
-    err = run.communicate(timeout=60)[1]
-    assert time.monotonic() - before < 20  # the cells would have taken a minute
-    assert (run.returncode, "Traceback" in err) == (130, False), err
-    assert f"8 of 10 cells are stored in {tmp_path}" in err
-    assert nobody_left(run.pid)
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """Commands that list, check and complete: what they print is what there is, and the reasons where something fails."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

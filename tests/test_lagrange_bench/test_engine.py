@@ -1,7 +1,5 @@
 """A run computes what is missing, survives what cells do to it, and stops before it does harm."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

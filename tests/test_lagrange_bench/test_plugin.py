@@ -1,7 +1,5 @@
 """Methods, potentials and tops of somebody else's package: found, checked, measured, and drawn with the others."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """Tests for users' own methods: the assertions fail where they should, and name the top, the step and the value."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

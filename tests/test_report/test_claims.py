@@ -1,7 +1,5 @@
 """A claim passes only on rows that bear it out: not on missing ones, not on failed cells, not on NaN."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from importlib.metadata import EntryPoint

@@ -7,11 +7,12 @@ from lagrange_bench.report.origin import Origin
 from lagrange_bench.results import store
 
 
-def test_the_profile_is_known_by_the_cells():
+def test_the_profile_is_known_by_the_cells_and_a_sweep_by_its_file():
     module = ModuleType("study")
     module.cells = lambda profile: [{"h": h} for h in ((0.1, 1.0) if profile == "quick" else (0.01, 0.1))]
     for h, known in ((0.1, ("quick", "full")), (1.0, ("quick",)), (0.01, ("full",)), (7.0, ())):
         assert origin.profiles_of(module, [{"cell": store.clean({"h": h})}]) == known
+    assert Origin("my out").run("sweep_mine") == "lagrange-bench run mine.toml --results 'my out'"
     del module.cells
     assert origin.profiles_of(module, []) is None
 
@@ -28,15 +29,3 @@ def test_the_profile_of_a_folder(tmp_path, monkeypatch):
         ("out", [quick, full], None),
     ):
         assert origin.find(tmp_path / folder, profiles) == Origin(folder, profile)
-
-
-def test_commands_of_the_usual_folders_are_short():
-    reference = origin.find(store.default_results(), [()])
-    assert (reference.option, reference.run("phase")) == ("", "lagrange-bench run phase --profile full")
-    assert reference.report == "lagrange-bench report --results results/local/full"
-    quick = origin.find(store.default_results("quick"), [("quick",)])
-    assert quick.run("phase") == "lagrange-bench run phase --profile quick"
-    assert quick.report == "lagrange-bench report --results results/local/quick"
-    sweep = origin.find(store.default_results("mine"), [None])
-    assert sweep.run("sweep_mine") == "lagrange-bench run mine.toml"
-    assert Origin("my out").run("sweep_mine") == "lagrange-bench run mine.toml --results 'my out'"

@@ -1,7 +1,5 @@
 """The report shows what is stored, all of it, offline, the same bytes every time; and says what it cannot show."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import io
@@ -270,14 +268,6 @@ def test_a_page_of_some_methods(results, undrawn):
     assert [section.experiment for section in some.sections] == ["toy.good", "toy.broken"]
     assert some.claims == [], "they are about all methods"
     assert " --methods rk45 --highlight rk45" in some.sections[0].redraw("first")
-
-
-def test_a_journal_of_another_schema_costs_only_its_section(results, tmp_path, monkeypatch):
-    with monkeypatch.context() as future:
-        future.setattr(store, "SCHEMA", 99)
-        put(tmp_path, "toy.broken", 0, "rk4", 1.0, 1.0)
-    (error,) = page.assemble(tmp_path).errors
-    assert error.startswith("toy.broken: toy.broken.jsonl, line 1: written with schema 99"), error
 
 
 @pytest.fixture

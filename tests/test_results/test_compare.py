@@ -1,7 +1,5 @@
 """Two stores are compared to the last digit, times by a test that does not cry wolf, and a stored run can be checked."""
 
-from __future__ import annotations
-
 import json
 import math
 import random

@@ -1,7 +1,5 @@
 """The digest stored with a row: of all the code that computes it, as it was imported; and of nothing else."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import sys

@@ -1,7 +1,5 @@
 """The store loses nothing it has confirmed, and never takes a damaged line for a result."""
 
-from __future__ import annotations
-
 import errno
 import json
 import math

@@ -4,8 +4,6 @@ The list of cells is JSON in the environment variable TOY_CELLS; a cell's field 
 leaves out the seconds that squares take.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Adams and Bashforth's formula of order two, started with Runge and Kutta's of order four: one step is better than two."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
