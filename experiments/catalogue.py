@@ -1,7 +1,5 @@
 """Which experiments there are, and how one is loaded by its name."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from collections.abc import Callable, Mapping
@@ -24,9 +22,8 @@ class UnknownExperiment(ValueError):
 def installed() -> dict[str, EntryPoint]:
     """The experiments of other packages by name. The bench's own names, and those of modules and sweeps, are taken."""
     found = sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, entry.value), reverse=True)
-    return {
-        e.name: e for e in found if e.name not in EXPERIMENTS and "." not in e.name and not e.name.startswith(SWEEP)
-    }
+    own = (entry for entry in found if entry.name not in EXPERIMENTS and "." not in entry.name)
+    return {entry.name: entry for entry in own if not entry.name.startswith(SWEEP)}
 
 
 def load(name: str) -> ModuleType:

@@ -6,8 +6,6 @@ runs the exact Bäcklund step and heyoka in turn, over the same time, from the s
 1/(|J| + √(|alpha||x|)).
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -154,9 +152,7 @@ def _measure_headline(cell: dict) -> list[dict]:
     timed = timing.interleave(runs, repeats=repeats)
     seconds = {name: t.min for name, t in timed.timings.items()}
     right = {"backlund": exact.after_steps(top, y0, h, [steps])[0], "heyoka": exact.solution(top, y0, t)}
-    errors = {
-        f"{name}_error": rounded(float(metrics.scaled_error(top, y0, runs[name](), y))) for name, y in right.items()
-    }
+    errors = {name: metrics.scaled_error(top, y0, runs[name](), y) for name, y in right.items()}
     return [
         {
             "h": rounded(h / unit),
@@ -165,7 +161,7 @@ def _measure_headline(cell: dict) -> list[dict]:
             "heyoka_s": rounded(seconds["heyoka"]),
             "ratio": rounded(float(np.median(timed.ratios("heyoka", "backlund")))),
             "adapter_ratio": rounded(float(np.median(timed.ratios("adapter", "heyoka")))),
-            **errors,
+            **{f"{name}_error": rounded(float(error)) for name, error in errors.items()},
         }
     ]
 
@@ -227,12 +223,8 @@ def periods(rows: pd.DataFrame) -> pd.DataFrame:
 def start(rows: pd.DataFrame) -> pd.DataFrame:
     fresh, cached = (rows[rows.cached.eq(known)].set_index("method") for known in (False, True))
     first, second = "first use, nothing cached, s", "first use, cached, s"
-    columns = {
-        "import, s": cached.import_s,
-        first: fresh.first_s,
-        second: cached.first_s,
-        "second use, s": cached.second_s,
-    }
+    columns = {"import, s": cached.import_s, first: fresh.first_s, second: cached.first_s}
+    columns["second use, s"] = cached.second_s
     return pd.DataFrame(columns).reindex(rows.method.unique()).reset_index()
 
 

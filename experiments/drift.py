@@ -8,8 +8,6 @@ Bäcklund steps of about half a nutation period and more, on tops of every kind.
 1/(|J| + √(|alpha||x|)).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 

@@ -11,8 +11,6 @@ runs, set-up counted: it weighs less in runs that are eight times as long, by th
 splitting with the exact step kicks by what depends on time: where that is weak it can take long steps.
 """
 
-from __future__ import annotations
-
 import warnings
 from itertools import product
 from typing import Any

@@ -15,8 +15,6 @@ Engines are no part of the bench: `pip install 'lagrange-bench[engines]'` brings
 (`pin`), PyBullet (`pybullet`) and DART (`dartpy`) install by their own names. Cells of an engine that is not there are skipped.
 """
 
-from __future__ import annotations
-
 import importlib
 import re
 from collections.abc import Callable
@@ -234,12 +232,8 @@ def pinocchio(pin: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
             if not rail:
                 turn = pin.skew(u)
                 w = turn @ v
-            return np.array(
-                (
-                    v if rail else v + w / 2.0 + turn @ w / 12.0,
-                    pin.aba(model, data, pin.integrate(model, q, u), v, torque),
-                )
-            )
+            rate = v if rail else v + w / 2.0 + turn @ w / 12.0
+            return np.array((rate, pin.aba(model, data, pin.integrate(model, q, u), v, torque)))
 
         y = np.array((np.zeros_like(v), v))
         a = slope(*y)
@@ -324,11 +318,8 @@ def cells(profile: str) -> list[dict]:
     """The quick profile has the methods of the bench alone: it never needs an engine."""
     full = profile == "full"
     who = [{"engine": OURS, "method": method} for method in METHODS]
-    if full:
-        pairs = [(name, kind) for name, engine in ENGINES.items() for kind in engine.integrators]
-        who += [
-            {"engine": name, "integrator": kind, "setting": ENGINES[name].integrators[kind]} for name, kind in pairs
-        ]
+    for name, engine in ENGINES.items() if full else ():
+        who += [{"engine": name, "integrator": kind, "setting": how} for kind, how in engine.integrators.items()]
     steps = [(case, k) for case, powers in POWERS.items() for k in (powers if full else powers[:-2:2])]
     return [{"timing": True, "case": case, **one, "h": UNTIL / 2**k} for one in who for case, k in steps]
 
@@ -382,9 +373,8 @@ SHOWN = 1 / 1024  # s, a step at which errors are told beside those with the sma
 
 def runs(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows with the name of each integrator, or method, in one column, and the seconds of a run."""
-    rows = rows.reindex(
-        columns=list(dict.fromkeys((*rows.columns, "integrator", "method", "setting", "overhead_ns_per_step")))
-    )
+    wanted = ("integrator", "method", "setting", "overhead_ns_per_step")
+    rows = rows.reindex(columns=list(dict.fromkeys((*rows.columns, *wanted))))
     named = rows.integrator.astype(object).fillna(rows.method)
     seconds = rows.ns_per_step * 1e-9 * UNTIL / rows.h if "ns_per_step" in rows else np.nan
     return rows.assign(integrator=named, setting=rows.setting.astype(object).fillna(""), seconds=seconds)

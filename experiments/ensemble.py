@@ -10,8 +10,6 @@ the exact step inside a splitting and by its rivals, all in SIMD lanes. Times ar
 alpha in [0.3, 2], each J in [−2, 2], |x| in [0.5, 2].
 """
 
-from __future__ import annotations
-
 import tracemalloc
 from collections.abc import Callable, Iterable
 from functools import partial

@@ -11,8 +11,6 @@ costs, and how long a run takes to an error. Times are in units of 1/√(Σ A_k�
 by heyoka, and the drift after many.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from functools import cache

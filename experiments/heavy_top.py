@@ -11,8 +11,6 @@ With A = B = 2C and the centre of mass on the first axis K = |(ω1 + iω2)² −
 Source of K: Kowalevski, Acta Math. 12 (1889) 177.
 """
 
-from __future__ import annotations
-
 from fractions import Fraction
 from functools import cache
 from typing import Any

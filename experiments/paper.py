@@ -5,8 +5,6 @@ Figure 1 of Kuznetsov, Petrera and Ragnisco iterates the two-point map with λ =
 are iterated here from the same data; what is judged is how far H, J3, |x|² and x·J move.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

@@ -4,8 +4,6 @@ Each function takes a top and a real state and gives residuals, name → (found,
 in units where the state has size one. Nothing is stored: `lagrange-bench paper` runs a section in seconds.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -229,9 +227,8 @@ def show_two_point(top: LagrangeTop, y: Array) -> Shown:
     # λ1 → λ2: (image − y)/ε, ε = iΔλ, against the flow of iμ2
     eps = 2.0 ** -np.arange(4, 15)
     rate = interpolating_flow.limit_rate(top, start, lam2)
-    error = [
-        size((two_point.pole_free(top, start, lam2 - 1j * e, lam2) - start) / e - rate) / (1 + size(rate)) for e in eps
-    ]
+    slopes = [(two_point.pole_free(top, start, lam2 - 1j * e, lam2) - start) / e for e in eps]
+    error = [size(slope - rate) / (1 + size(rate)) for slope in slopes]
     residuals["the flow of iμ2: order in ε, less 1"] = (order_miss(eps[3:], error[3:], 1), 0.05)
     offsets = np.linspace(0.0, 1.0, 41) * abs(lam1)
     imaginary = [size(two_point.pole_free(top, start, lam1, lam1.conjugate() + s).imag) for s in offsets]

@@ -17,8 +17,6 @@ those against the reference in quadruple precision; on a chaotic orbit up to the
 and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
 
-from __future__ import annotations
-
 import random
 import warnings
 from functools import partial
@@ -164,9 +162,8 @@ def measure(cell: dict) -> list[dict]:
     method, n = METHODS[cell["method"]], round(SPAN / cell["h"])
     h = SPAN * unit / n
     y = prepare(top, y0, h, method).advance(y0, n)
-    return [
-        {"error": states.rounded(float(metrics.scaled_error(top, y0, y, states.truth(top, y0, method, h, [n])[0])))}
-    ]
+    error = metrics.scaled_error(top, y0, y, states.truth(top, y0, method, h, [n])[0])
+    return [{"error": states.rounded(float(error))}]
 
 
 def any_problem(cell: dict) -> dict:
@@ -181,11 +178,8 @@ def any_problem(cell: dict) -> dict:
     sizes = {name: float(np.max(np.abs(error))) for name, error in moved.items()}
     kept, others = ([size for name, size in sizes.items() if (name in keeps) is said] for said in (True, False))
     error = metrics.scaled_error(problem, y0, y[-1], states.truth(problem, y0, method, h, [n])[0])
-    return {
-        "error": states.rounded(float(error)),
-        "kept": states.rounded(np.max(kept, initial=0.0)),
-        **({"others": states.rounded(np.max(others))} if others else {}),
-    }
+    row = {"error": states.rounded(float(error)), "kept": states.rounded(np.max(kept, initial=0.0))}
+    return row | ({"others": states.rounded(np.max(others))} if others else {})
 
 
 KEPT = "Tops in a potential: the largest relative error of each invariant that the top has"

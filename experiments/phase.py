@@ -9,8 +9,6 @@ last part compares every other step with backward error analysis: `predicted_pha
 Times are in units of 1/(|J| + √(|alpha||x|)).
 """
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

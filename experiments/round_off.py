@@ -7,8 +7,6 @@ thousand million steps of the exact Bäcklund map beside heyoka, which gets the 
 units of 1/(|J| + √(|alpha||x|)).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial

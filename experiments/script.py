@@ -1,7 +1,5 @@
 """`python experiments/NAME.py` does what `lagrange-bench run NAME` does."""
 
-from __future__ import annotations
-
 import runpy
 import sys
 

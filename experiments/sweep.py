@@ -199,9 +199,7 @@ def _sweep(table: Any, tops: dict[str, Start]) -> Iterator[Cell]:
             raise ValueError(f"{knob}[{i}] must be between {1 / LARGEST:g} and {LARGEST:g}; got {value:g}")
     memory.check(given["samples"], PER_SAMPLE, memory.limit(), "samples", f"take fewer, or set {memory.VARIABLE}")
     # as the words that --option of `integrate` takes
-    options = {
-        key: str(value).lower() if isinstance(value, bool) else str(value) for key, value in given["options"].items()
-    }
+    options = {key: str(v).lower() if isinstance(v, bool) else str(v) for key, v in given["options"].items()}
     starts = [_start(name, tops) for name in given["tops"]]
     for name in given["methods"]:
         _check_method(name, {knob: given[knob][0]}, starts, options)

@@ -9,8 +9,6 @@ or not, as a table says. Nonlinear equations are solved to round-off. "Evaluatio
 have any. Times are in units of 1/(|J| + √(|alpha||x|)).
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Sequence
 from time import perf_counter
 
@@ -50,11 +48,9 @@ SAMPLE = 0.005  # s, the least length of a timing sample: shorter runs are repea
 def cells(profile: str) -> list[dict]:
     listed = []
     for span, (tops, per_octave, decades, longest) in SPANS[profile].items():
-        sweep = {"per_octave": per_octave, "decades": decades, "longest": longest}
+        sweep = {"span": span, "per_octave": per_octave, "decades": decades, "longest": longest}
         for state in tops:
-            listed += [
-                {"timing": True, "method": name, "state": state, "span": span, **sweep} for name in states.methods_on()
-            ]
+            listed += [{"timing": True, "method": name, "state": state, **sweep} for name in states.methods_on()]
     return listed
 
 

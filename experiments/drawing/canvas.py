@@ -4,8 +4,6 @@ Text in SVG files is text: a reader can search and copy it. Where there is no De
 PNG have the font in them.
 """
 
-from __future__ import annotations
-
 import math
 import textwrap
 import unicodedata

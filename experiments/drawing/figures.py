@@ -1,7 +1,5 @@
 """A figure as SVG, PDF or PNG, the same bytes every time; and as SVG inside a page next to others, made small."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Callable
@@ -21,6 +19,7 @@ DPI = {"column": 600, "page": 400}  # of a PNG: what journals ask for line art
 FONTS = "'DejaVu Sans',Verdana,sans-serif"
 TITLED = re.compile(rf'<g id="{style.TITLE}([^"]*)">')
 NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
+MOVED = re.compile(r"(translate|rotate)(\([^)]*\))")
 
 
 # ---------------------------------------------------------------- files
@@ -87,11 +86,7 @@ def compact(document: str) -> str:
     document = re.sub(
         r'\b(x|y|width|height)="(-?\d+\.\d+)"', lambda match: f'{match[1]}="{_short(match[2])}"', document
     )
-    document = re.sub(
-        r"(translate|rotate)(\([^)]*\))",
-        lambda match: match[1] + NUMBER.sub(lambda n: _short(n[0]), match[2]),
-        document,
-    )
+    document = MOVED.sub(lambda match: match[1] + NUMBER.sub(lambda n: _short(n[0]), match[2]), document)
     document = re.sub(r'style="[^"]*"', lambda match: match[0].replace(": ", ":").replace("; ", ";"), document)
     document = re.sub(r">\s+<", "><", document)
     return re.sub(r"<defs></defs>|<g></g>", "", document)

@@ -6,8 +6,6 @@ also reads in grey. A method nobody registered gets a grey of its own, always th
 highlighted one, has black dashes, which no method of the bench has, and is named in every figure.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
@@ -114,11 +112,9 @@ def _prominent(method: str, alone: Counter[str]) -> dict[str, Any]:
 
 def naming(methods: Collection[str], chosen: str) -> str:
     """What a caption says of the lines of `looks`; chosen : which are named, if not all."""
-    return (
-        "Every method is named"
-        if len(set(methods)) <= FEW
-        else f"Thin: the other methods, each in the colour of its family; {chosen}"
-    )
+    if len(set(methods)) <= FEW:
+        return "Every method is named"
+    return f"Thin: the other methods, each in the colour of its family; {chosen}"
 
 
 def thin(method: str) -> dict[str, Any]:
@@ -129,14 +125,11 @@ def thin(method: str) -> dict[str, Any]:
 
 def bold(method: str) -> dict[str, Any]:
     """The best of a family: what `label_ends` names."""
+    look, colours = of(method), FAMILIES.get(family(method), ((),))[0]
     if method in _standing_out():
-        return of(method)
-    return {**of(method), "color": _main_colour(method), "linestyle": "-", "linewidth": 1.9, "marker": "none"}
-
-
-def _main_colour(method: str) -> str:
-    name = family(method)
-    return FAMILIES[name][0][0] if name in FAMILIES else str(of(method)["color"])
+        return look
+    main = colours[0] if colours else look["color"]
+    return {**look, "color": main, "linestyle": "-", "linewidth": 1.9, "marker": "none"}
 
 
 @lru_cache(maxsize=1)

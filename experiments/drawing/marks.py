@@ -4,8 +4,6 @@ Forty lines in one panel are not readable. Either every family has a panel of it
 but the best of each (`looks`). Lines are named where they end (`label_ends`), not in a legend.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
@@ -20,15 +18,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedLocator
 from matplotlib.transforms import blended_transform_factory, offset_copy
 
-from lagrange_bench.experiments.drawing.canvas import (
-    FAINT,
-    INK,
-    TALLEST,
-    Figure,
-    panels,
-    plain,
-    width,
-)
+from lagrange_bench.experiments.drawing.canvas import FAINT, INK, TALLEST, Figure, panels, plain, width
 from lagrange_bench.experiments.drawing.looks import (
     DASHES,
     FAMILIES,
@@ -99,9 +89,7 @@ def lines(rows: pd.DataFrame, apart: Sequence[str]) -> list[tuple[list[str], pd.
 
     def words(values: Any) -> list[str]:
         known = [pair for pair in zip(columns, values, strict=True) if pd.notna(pair[1]) and pair[1] != ""]
-        return [
-            value if isinstance(value, str) else f"{WORDS.get(name, name)} = {show(value)}" for name, value in known
-        ]
+        return [v if isinstance(v, str) else f"{WORDS.get(name, name)} = {show(v)}" for name, v in known]
 
     return [(words(values), line) for values, line in rows.groupby(columns, dropna=False)]
 
@@ -171,13 +159,11 @@ class _Ends(Artist):
         self.panel = ax
         lines = [line for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
         self.lines = [line for line in lines if line.get_label() != "failed" and np.isfinite(line.get_ydata()).any()]
-        look: dict[str, Any] = {"fontsize": fontsize, "va": "center", "transform": ax.transAxes}
-        self.texts = [
-            ax.text(1.05, 0.5, str(line.get_label()), color=readable(line.get_color()), **look) for line in self.lines
-        ]
+        look: dict[str, Any] = {"x": 1.05, "y": 0.5, "fontsize": fontsize, "va": "center", "transform": ax.transAxes}
+        self.texts = [ax.text(s=str(line.get_label()), color=readable(line.get_color()), **look) for line in self.lines]
         self.failed = [text for text in ax.texts if text.get_gid() == "failed"]
         for text in self.failed:
-            text.set(x=1.05, y=0.5, **look)
+            text.set(**look)
         colours = [line.get_color() for line in self.lines]
         self.leaders = LineCollection([], colors=colours, linewidths=0.4, transform=ax.transAxes, clip_on=False)
         self.leaders.set_in_layout(False)

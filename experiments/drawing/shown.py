@@ -1,7 +1,5 @@
 """What an experiment shows: its tables and figures, each made by a function of rows of one part."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import wraps
 from typing import Any

@@ -4,8 +4,6 @@ Measured numbers have three digits: 0.0171, 1.23×10⁻⁵. Counts are exact, 10
 holds every digit.
 """
 
-from __future__ import annotations
-
 import math
 import numbers
 import re

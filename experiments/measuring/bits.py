@@ -6,8 +6,6 @@ step come from set-up code, some of it with the C library's functions: where the
 says "constants". Methods with a library behind them promise no bits and are not here.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import sys

@@ -5,8 +5,6 @@ the last place) of the invariant's scale, the size of its terms at the start; th
 at three counts between each two.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -71,13 +69,14 @@ def drifts(
     """
     n = _length(method, steps)
     counts = states.log_counts(n, per_octave=4)
+    sizes = [check_step(size, "h") for size in (h if isinstance(h, Iterable) else [h])]
     if not isinstance(options or {}, Mapping):
         raise ValueError(f"options must be a dict; got {options!r}")
     with METHODS.lent(method) as name:
         for label, top, y0 in tops:
             if reason := method.takes(top):
                 raise ValueError(f"tops: {reason}")
-            for size in _sizes(h):
+            for size in sizes:
                 try:
                     times, y = states.sample(top, y0, name, size * top.scales(y0)[2], counts, **options or {})
                 except StepError as error:
@@ -90,10 +89,6 @@ def drifts(
 
 def _length(method: Method, steps: int | None) -> int:
     return states.affordable(method, LENGTH, full=False) if steps is None else check_count(steps, "steps", least=1)
-
-
-def _sizes(h: float | Iterable[float]) -> list[float]:
-    return [check_step(size, "h") for size in (h if isinstance(h, Iterable) else [h])]
 
 
 def find(word: Top) -> Named:

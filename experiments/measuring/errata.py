@@ -1,7 +1,5 @@
 """The errata of the paper, measured: how far each statement misses as printed and as corrected, at random points."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -34,11 +32,9 @@ def measure(points: int = POINTS, seed: int = SEED) -> tuple[Measured, ...]:
     """Every erratum in the order of the paper, at `points` random points each, drawn from seed, seed + 1, …"""
     found = []
     for e in errata.errata():
-        printed, corrected = (
-            [residual(Random(seed + k)) for k in range(points)] for residual in (e.printed, e.corrected)
-        )
-        texts = (e.equation, e.section, e.printed_text, e.corrected_text, e.prose)
-        found.append(Measured(*texts, min(printed), max(corrected)))
+        printed = min(e.printed(Random(seed + k)) for k in range(points))
+        corrected = max(e.corrected(Random(seed + k)) for k in range(points))
+        found.append(Measured(e.equation, e.section, e.printed_text, e.corrected_text, e.prose, printed, corrected))
     return tuple(found)
 
 

@@ -1,7 +1,5 @@
 """The first step of a method, before all else: a kernel that cannot take it has one fault, reported once."""
 
-from __future__ import annotations
-
 import traceback
 import warnings
 from typing import Any
@@ -67,16 +65,14 @@ def describe(error: BaseException, method: Method, word: str | None) -> str:
     if isinstance(error, NameError) and error.name:
         known = {**frames[-1][0].f_globals, **frames[-1][0].f_locals}
         text += suggestion(error.name, known).rstrip(".")
-    own = {module.partition(".")[0] for module in _modules(method, word)}
+    modules = (
+        word and METHODS.module(word),
+        getattr(method.prepare, "__module__", None),
+    )  # of the record, and its `prepare`
+    own = {module.partition(".")[0] for module in modules if module}
     places = [(f, line) for f, line in frames if f.f_globals.get("__name__", "").partition(".")[0] in own]
     if places:
         frame, line = places[-1]
         return f"{text} ({frame.f_code.co_filename}:{line})"
     what_returned = isinstance(error, (ValueError, TypeError)) and frames[-1][0].f_code.co_filename == loops.__file__
     return f"{text}; a kernel returns six numbers" if what_returned else text
-
-
-def _modules(method: Method, word: str | None) -> set[str]:
-    """The modules of the record and of its `prepare`."""
-    named = set() if word is None else {METHODS.module(word)}
-    return named | {getattr(method.prepare, "__module__", None) or ""}
