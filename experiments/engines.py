@@ -72,9 +72,6 @@ class Engine:
         return found if found.startswith(self.release) else None
 
 
-# ------------------------------------------------------------------------------------------ adapters
-
-
 def words(values: Any) -> str:
     return " ".join(map(repr, np.asarray(values, dtype=float).tolist()))
 

@@ -321,9 +321,6 @@ def _run(
     return None, times, states, seconds
 
 
-# ---------------------------------------------------------------- what the rows say
-
-
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """The largest error and drift of each run."""
     import pandas as pd

@@ -109,9 +109,6 @@ def csv(frame: pd.DataFrame) -> str:
     return str(frame.to_csv(index=False, lineterminator="\n"))
 
 
-# ---------------------------------------------------------------- one value
-
-
 def show(value: Any, pad: bool | None = None) -> str:
     """A value for a reader. pad : of a measured number, whether zeros at the end stay; None: it may be a count."""
     if not _is_number(value):

@@ -51,9 +51,6 @@ class Refused(AssertionError):
     """The method cannot take a step of this run."""
 
 
-# ---------------------------------------------------------------- runs
-
-
 def drifts(
     method: Method,
     tops: Iterable[Named],
