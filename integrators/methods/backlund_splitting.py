@@ -42,7 +42,15 @@ from lagrange_bench.integrators.checks import check_choice, check_flag, warn_cal
 from lagrange_bench.integrators.compiling.compiled import jit, jit_as
 from lagrange_bench.integrators.compiling.expression import put, take
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted, outlined
-from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, ITERATIONS, MEMORY, SIZE, ConjugateStepper
+from lagrange_bench.integrators.compiling.loops import (
+    CLOCK,
+    FAILURE,
+    ITERATIONS,
+    MEMORY,
+    SIZE,
+    ConjugateStepper,
+    finite,
+)
 from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, StepWarning
@@ -392,7 +400,8 @@ class ExactSplittingStepper(ConjugateStepper):
         times = ((chosen.a[0] + chosen.a[-1]) * h, *(a * h for a in chosen.a[1:-1]))
         groups = np.zeros((n, GROUP))
         groups[:, TIME], groups[:, KICK] = times, np.array(chosen.b) * h
-        groups[:, WHEN] = np.cumsum(chosen.a[:-1]) * h
+        if timed:
+            groups[:, WHEN] = np.cumsum(chosen.a[:-1]) * h
         gradients = (1 + bool(chosen.d)) if twisted else 0
         with np.errstate(all="ignore"):  # of an h whose powers are beyond the range of doubles
             if gradients > 0:
@@ -410,7 +419,7 @@ class ExactSplittingStepper(ConjugateStepper):
                 made = [listed[different.index(time)] for time in times]
                 groups[:, INVERSE] = [0.5 / (t[-2] * t[-2] + t[-1] * t[-1]) for t in made]  # of the constant term
         c = np.concatenate((head, *(part for g in range(n) for part in (groups[g], *made[g : g + 1]))))
-        if not np.isfinite(c).all():
+        if not finite(c):
             raise StepError(NAME, "the coefficients of the step are beyond the range of doubles", h=h)
         self.degree = degree  # of the tables, 0 for none
         before, after = ends_of(chosen, h, corrected)
