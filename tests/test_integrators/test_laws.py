@@ -1,9 +1,15 @@
 """Laws of the stepping interface, at drawn states and steps: of every method, in a uniform field and in others."""
 
+# ruff: noqa: PT017, an error that is allowed is looked at where it is caught
+
 import json
+import math
 import os
+import re
 import subprocess
 import sys
+import time
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -27,6 +33,7 @@ from lagrange_bench.integrators import (
     integrate,
     prepare,
 )
+from lagrange_bench.integrators.checks import keyword_options
 from lagrange_bench.integrators.problem.potentials import CHARGE, TIDE
 from lagrange_bench.integrators.truth import exact
 from tests.installed import FOR_TOPS, installed
@@ -121,6 +128,51 @@ def test_any_numbers_give_finite_states_or_a_named_error(name, y0, alpha, h):
         assert np.all(np.isfinite(y))
     else:
         assert message.startswith((f"{name} at h = ", "h must not be 0", "y0 has x = 0"))
+
+
+LIMITS = {"compiled": 1.0, "scipy": 5.0, "python": 5.0}  # s of processor time that a call may take, by engine
+JUNK = [
+    *(None, True, 0, -1, 3, 2.5, 5e-324, 1e300, math.nan, math.inf, 10**400, 1 - 1j),
+    *("", "Newton", b"auto", [1.0], {}, np.array([1.0, 2.0])),
+    *(object(), int, np.int64(3), np.float32(0.5), np.array(3), np.datetime64("now")),
+]
+
+
+def attempt(name, option, value, *args, **kwargs):
+    """A run of the generic top with this option, None after an error that says what is wrong; in time, once compiled."""
+    for _ in range(2):
+        start = time.thread_time()
+        result = allowed(name, option, *args, method=name, **{option: value}, **kwargs)
+        if (spent := time.thread_time() - start) <= LIMITS.get(METHODS[name].engine, 1.0):
+            return result
+    raise AssertionError(f"{spent:.1f} s of processor time")
+
+
+def allowed(name, option, *args, **kwargs):
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            return integrate(GENERIC.top, GENERIC.state, *args, **kwargs)
+    except ValueError as error:
+        assert type(error) is ValueError, f"{type(error).__name__}: {error}"
+        assert re.match(rf"(unknown )?{option}\b", str(error)), str(error)
+    except StepError as error:
+        assert (error.method, error.h) in ((name, 0.1), (name, None)), str(error)
+        assert error.reason
+    return None
+
+
+@interpreted
+@pytest.mark.parametrize("name", FOR_TOPS)
+def test_any_option(name):
+    """Whatever an option is set to: a result, or a ValueError that begins with its name."""
+    record = installed(name)
+    for option in record.options:
+        for value in JUNK:
+            made = attempt(name, option, value, 0.1, 3)
+            assert made is None or np.all(np.isfinite(made.y))
+            if record.evaluate is not None and option in keyword_options(record.evaluate):
+                attempt(name, option, value, t=[0.1])
 
 
 @pytest.mark.parametrize("name", FOR_TOPS)

@@ -6,6 +6,8 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from lagrange_bench.integrators import PERTURBED_TOPS, POTENTIALS, LagrangeTop, PerturbedTop, Potential, integrate, sqrt
 
@@ -158,3 +160,32 @@ def test_wrong_numbers_are_refused():
         PerturbedTop(FIELDS["magnet"], HOMEMADE, (0.3, -0.2))
     with pytest.raises(ValueError, match="attitude"):
         integrate(FIELDS["magnet"], Y, 0.1, 1, "taylor_fixed", attitude=True)
+
+
+FORMULA = st.recursive(
+    st.sampled_from(("x1", "x2", "x3", "p[0]", "0.0", "1.0", "-1.0", "inf", "nan")),
+    lambda part: st.one_of(
+        st.builds("({} {} {})".format, part, st.sampled_from("+-*/"), part),
+        st.builds("sqrt({})".format, part),
+        st.builds("({}) ** {}".format, part, st.sampled_from((2, 3, -1, 0.5, 1.5, 0, 0.3))),
+    ),
+    max_leaves=8,
+)
+
+
+@pytest.mark.interpreted
+@settings(max_examples=60, derandomize=True, deadline=None)
+@given(FORMULA, st.floats(allow_nan=False, allow_infinity=False))
+def test_any_formula_gives_a_finite_force_or_is_refused_by_name(formula, number):
+    value = eval(f"lambda x1, x2, x3, p: {formula}", {"sqrt": sqrt, "inf": math.inf, "nan": math.nan})
+    message = None
+    try:
+        top = PerturbedTop(TOP, Potential("of mine", value), (number,))
+        top.check_state(Y)  # as `integrate` does
+    except ValueError as error:
+        message = str(error)
+    if message is None:
+        assert np.isfinite(top.gradient(*Y[3:])).all()
+    else:
+        assert "potential of mine" in message
+        assert "\n" not in message

@@ -151,6 +151,13 @@ def test_dop853_interpolates_to_its_tolerance():
         assert np.all(run.y[:, 2] == y0[2])
 
 
+def test_a_run_that_lost_its_top_ends():
+    """atol is 10⁵ times the size of J: the steps grew beyond all measure, |x| with them, and then it took 10¹⁰ steps."""
+    y = (5.6e-18, -6.9e-18, 1.1e-17, -4.6e-70, -2.1e-70, 2.8e-70)
+    with pytest.raises(StepError, match="rtol and atol do not hold this state"):
+        integrate(LagrangeTop(-1.7e35), y, -2.9e17, 40, "dop853", every=10, atol=1e-12)
+
+
 @pytest.mark.parametrize("name", ["rk45", "scipy_dop853"])
 def test_scipy_is_used_as_it_stands(name):
     """The bits and the counts of the class itself."""

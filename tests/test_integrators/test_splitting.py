@@ -42,12 +42,13 @@ def test_rotation_to_round_off(angle, compensated):
         assert stretch <= 4 * EPS * math.sqrt(max(1.0, 2 * angle))
 
 
-def test_turns_too_long_are_refused():
+def test_turns_too_long_are_refused_by_splittings_and_lie_group_methods():
     """In a step and in the flow a run begins with; nothing hangs for an infinite angle."""
     top, fast = LagrangeTop(1.0), np.array((0.0, 1.0, 300.0, 0.6, 0.0, 0.8))
     for method, h, words in (
         ("strang", 20.0, r"strang at h = 20.*256 radians in one part of the step"),
         ("strang", 1e300, "256 radians"),
+        *((name, 20.0, rf"{name} at h = 20, step 0: .* more than 1024 rad") for name in ("rkmk4", "commutator_free4")),
         ("force_gradient4", 1e300, "beyond the range of doubles"),
     ):
         with pytest.raises(StepError, match=words):

@@ -34,15 +34,6 @@ def test_taylor_has_the_order_asked_for(order):
     assert verdict.passed, verdict
 
 
-@pytest.mark.interpreted
-def test_recurrences_are_read_off_the_formula():
-    """One step is as good in a field as in none, to round-off; of a low order it is not."""
-    truth = reference.solution(in_tide(0.7), Y0, [0.0625]).states[0]
-    for options, good in (({}, True), ({"order": 2}, False)):
-        error = np.max(np.abs(prepare(in_tide(0.7), Y0, 0.0625, "taylor_fixed", **options).advance(Y0, 1) - truth))
-        assert error < 8e-15 if good else error > 1e-7
-
-
 @pytest.mark.parametrize("name", SWITCHES)
 def test_heyoka_is_used_as_it_is(name):
     """The bits of one call of propagate_until with its switches, the order heyoka chose, and its steps."""
