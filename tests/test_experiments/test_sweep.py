@@ -4,6 +4,7 @@ import re
 import sys
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -14,6 +15,7 @@ from lagrange_bench.arguments import numbers
 from lagrange_bench.commands.run import _own_modules
 from lagrange_bench.experiments import sweep
 from lagrange_bench.experiments.catalogue import load
+from lagrange_bench.experiments.measuring import states
 from lagrange_bench.integrators import INVARIANTS, METHODS, PERTURBED_TOPS, TOPS, StepError, integrate
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.results.store import Store, clean_rows, make_record
@@ -174,6 +176,24 @@ def test_rows_say_what_the_run_did():
     assert max(abs(row["H"]) for row in rows) > 1e-6
     exact = sweep.measure({**cell, "method": "backlund", "h": 0.125, "steps": 512, "samples": 10})
     assert max(row["error"] for row in exact) < 1e-13
+
+
+@pytest.mark.parametrize("knob", [{"h": 0.5, "steps": 64}, {"rtol": 1e-8, "span": 32.0}])
+def test_seconds_leave_out_what_the_first_run_compiles(monkeypatch, knob):
+    """On a clock that only runs move: the first one by 60 s."""
+    now, runs = [0.0], iter((60.0, *[0.5] * 9))
+
+    def run(*arguments, **options):
+        now[0] += next(runs)
+        return SimpleNamespace(y=np.tile(TOPS["generic"].state, (3, 1)))
+
+    stepper = SimpleNamespace(advance=lambda y, n: run().y[0], from_start=False)
+    monkeypatch.setattr(sweep, "integrate", run)
+    monkeypatch.setattr(sweep, "prepare", lambda *arguments, **options: stepper)
+    for module in (sweep, states):
+        monkeypatch.setattr(module, "perf_counter", lambda: now[0])
+    rows = sweep.measure(cell_of("generic", method="strang" if "h" in knob else "dop853", samples=3, **knob))
+    assert rows[-1]["seconds"] == (1.5 if "h" in knob else 0.5)
 
 
 def test_rows_in_a_potential_are_judged_by_the_reference():
