@@ -1,7 +1,5 @@
 """Which method should I take? The cheapest for each problem, length, error and conservation law, from stored rows."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -63,7 +61,9 @@ def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[
         return
     for field, value in place.where.items():
         rows = rows[rows[field] == value]
-    good = _priced_body(rows) if "case" in place.where else _priced(rows)
+    good = (
+        _priced_body(rows) if "case" in place.where else work_precision.useful(rows).rename(columns={"total": "price"})
+    )
     if good.empty:
         return
     problem = _problem(place)
@@ -77,12 +77,6 @@ def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[
                 those = best[[names <= kept.get(method, frozenset()) for method in best.method]]
                 if len(those):
                     yield (name, when, tables.show(target), demand, *_answer(those), place.figure.format(length))
-
-
-def _priced(rows: pd.DataFrame) -> pd.DataFrame:
-    """The runs with `price`, seconds with set-up."""
-    good = work_precision.useful(rows)
-    return good.assign(price=good.total)
 
 
 def _priced_body(rows: pd.DataFrame) -> pd.DataFrame:

@@ -21,12 +21,7 @@ from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
 from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring.reductions import settled
 
-SIGNS: dict[str, Callable[[float, float], bool]] = {
-    "≤": operator.le,
-    "<": operator.lt,
-    "≥": operator.ge,
-    ">": operator.gt,
-}
+SIGNS = {"≤": operator.le, "<": operator.lt, "≥": operator.ge, ">": operator.gt}
 GROUPS = ("exactness", "conservation", "cost", "fields", "magnets", "method")
 CONFIRMED, CONSISTENT, REFUTED, UNTESTED = "confirmed", "consistent", "refuted", "not tested"
 WORDS = (CONFIRMED, CONSISTENT, REFUTED, UNTESTED)
@@ -106,7 +101,8 @@ class Finding:
             return ""
         least, most = map(show, self.values)
         number = f"{least}–{most}" if self.bound.ranged and least != most else show(self.value)
-        return _joined(self.bound.what and f"{self.bound.what}:", number, self.bound.unit)
+        words = (self.bound.what and f"{self.bound.what}:", number, self.bound.unit)
+        return " ".join(filter(None, words)).replace(" ×", "×")
 
     @property
     def required(self) -> str:
@@ -215,9 +211,6 @@ def _read(bound: Bound, rows: pd.DataFrame) -> Reading:
     return reading if isinstance(reading, Reading) else Reading(reading)
 
 
-# ---------------------------------------------------------------- rows to measure
-
-
 def values(rows: pd.DataFrame, *columns: str, **where: Any) -> np.ndarray:
     """Values of measured columns in the rows with the given fields (a tuple or a list: any of them), in one array.
 
@@ -258,10 +251,6 @@ def _failed(rows: pd.DataFrame) -> pd.Series:
 
 def _all(wanted: Any) -> list[Any]:
     return list(wanted) if isinstance(wanted, (tuple, list, set)) else [wanted]
-
-
-def _joined(*words: str) -> str:
-    return " ".join(filter(None, words)).replace(" ×", "×")
 
 
 def grouped(judged: list[Any]) -> Iterator[tuple[str, list[Any]]]:

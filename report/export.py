@@ -1,7 +1,5 @@
 """Figures as files for a paper: any stored figure as SVG, PDF or PNG, as wide as a column or a page."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The numbers that show that no method is handicapped: from stored rows and records of methods. The page has the rules."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

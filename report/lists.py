@@ -1,7 +1,5 @@
 """What takes part, as tables: the methods, the tops they follow and the potentials the tops stand in."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, WIDE

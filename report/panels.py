@@ -3,8 +3,6 @@
 All curves together, so that each is seen among the others: as decimal logarithms, in twentieths of a decade.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Hashable, Iterator
 from typing import Any
@@ -33,14 +31,10 @@ def script(rows: dict[str, pd.DataFrame]) -> str:
     tops = [_top(name, rows) for name in _states(rows)]
     if not tops:
         return ""
-    data = {"tops": tops, "kept": _kept(rows), "about": _about(), "parts": PARTS}
-    return json.dumps(data, ensure_ascii=False, separators=(",", ":"))
-
-
-def _about() -> dict[str, list[str]]:
-    """The claims about each method."""
     methods = dict.fromkeys(method for claim in CLAIMS for method in claim.about)
-    return {method: [claim.id for claim in CLAIMS if method in claim.about] for method in methods}
+    about = {method: [claim.id for claim in CLAIMS if method in claim.about] for method in methods}
+    data = {"tops": tops, "kept": _kept(rows), "about": about, "parts": PARTS}
+    return json.dumps(data, ensure_ascii=False, separators=(",", ":"))
 
 
 def _states(rows: dict[str, pd.DataFrame]) -> list[str]:

@@ -1,7 +1,5 @@
 """What the project says of itself: the claims of `claims.toml`, and the functions that read their numbers from stored rows."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -33,9 +31,6 @@ Tables = dict[str, pd.DataFrame]
 _TABLES: dict[str, tuple[pd.DataFrame, Tables]] = {}  # of each experiment the rows judged last, and their tables
 
 
-# ---------------------------------------------------------------- tables of an experiment
-
-
 def keep(experiment: str, rows: pd.DataFrame, tables: Tables) -> None:
     """Cache the tables of these rows: several claims ask for the same, and the page has made them already."""
     _TABLES[experiment] = (rows, tables)
@@ -56,9 +51,6 @@ def entries(
 ) -> np.ndarray:
     """Columns of a table, in the lines with the given fields."""
     return values(table(rows, experiment, name), *columns, **lines)
-
-
-# ---------------------------------------------------------------- all methods at once
 
 
 def all_methods(rows: pd.DataFrame) -> pd.DataFrame:
@@ -148,9 +140,8 @@ def _worst(numbers: pd.Series) -> Any:
 def worst_to_tolerance(rows: pd.DataFrame) -> Reading:
     """The largest errors in units of the one asked for."""
     runs = table(rows, "perturbed", "tolerances")
-    return Reading(
-        runs["largest error / tol"], f"{runs.answered.sum()} runs; {runs.chaotic.sum()} chaotic ones left out"
-    )
+    note = f"{runs.answered.sum()} runs; {runs.chaotic.sum()} chaotic ones left out"
+    return Reading(runs["largest error / tol"], note)
 
 
 def refused_tolerances(rows: pd.DataFrame) -> float:
@@ -163,9 +154,6 @@ def expected_errors(rows: pd.DataFrame) -> float:
     """Of how many runs the error expected is within a factor of ten of the true one."""
     runs = table(rows, "perturbed", "tolerances")
     return float((runs["expected within a factor of ten"] * runs.answered).sum() / runs.answered.sum())
-
-
-# ---------------------------------------------------------------- who is quicker
 
 
 def against_others(good: pd.DataFrame, price: str) -> Iterator[tuple[float, str, float, pd.Series, pd.Series]]:
@@ -246,12 +234,8 @@ def error_ratios(
     return (over[:, None] / under[None]).ravel()
 
 
-# ---------------------------------------------------------------- magnets
-
-
 def magnet_orders(rows: pd.DataFrame) -> Reading:
     """Distances of measured orders from those claimed, over the Bäcklund maps of the magnet and their rivals."""
-
     found = table(rows, "gaudin", "orders").set_index("variant").order
     claimed = {name: METHODS[name].order for name in found.index if name in METHODS}
     claimed |= {name: int(name.removeprefix("order ")) for name in found.index if name.startswith("order ")}
@@ -270,8 +254,6 @@ def magnet_cost(rows: pd.DataFrame) -> list[float]:
     sizes = sorted({int(n) for (n,) in values(rows, "n", part="cost", variant="exact")})
     return [price(n, "taylor") / price(n, "exact") for n in sizes]
 
-
-# ---------------------------------------------------------------- the claims
 
 READ: tuple[Callable[..., Any], ...] = (
     orders_as_claimed, taken_by_theory, kept_as_claimed, kept_in_a_field, worst_to_tolerance, refused_tolerances,
@@ -313,6 +295,5 @@ def _expanded(wanted: Any) -> Any:
     return tuple(value for each in wanted for value in (SETS.get(each, (each,)) if isinstance(each, str) else (each,)))
 
 
-CLAIMS = [
-    _claim(entry) for entry in tomllib.loads((Path(__file__).with_name("claims.toml")).read_text("utf-8"))["claim"]
-]
+ENTRIES = tomllib.loads(Path(__file__).with_name("claims.toml").read_text("utf-8"))["claim"]
+CLAIMS = [_claim(entry) for entry in ENTRIES]

@@ -1,7 +1,5 @@
 """`python -m lagrange_bench.report.readme` writes the claims, with what was measured, and the picture into README and docs."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path

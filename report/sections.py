@@ -1,7 +1,5 @@
 """One experiment as it is stored and drawn: from its journal to a section of the page, and to files."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex
@@ -139,9 +137,6 @@ class Section:
         return re.sub(r"[^\w.-]+", "-", f"{self.experiment}_{name}")
 
 
-# ---------------------------------------------------------------- from a journal
-
-
 def compute_all(
     jobs: Sequence[Callable[[], Any]], store: Store, processes: int, done: Drawn, modules: Sequence[str]
 ) -> list[Any]:
@@ -263,9 +258,6 @@ def make_tables(module: ModuleType, rows: pd.DataFrame) -> list[DrawnTable]:
 def described(error: Exception) -> str:
     """Of what kind an error is, and its message."""
     return f"{type(error).__name__}: {error}"
-
-
-# ---------------------------------------------------------------- to files
 
 
 def place(output: Path, name: str) -> Path:

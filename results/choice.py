@@ -1,7 +1,5 @@
 """Which of the cells are asked for: those of some methods, on some tops. All that run, store and draw know it."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

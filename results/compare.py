@@ -7,8 +7,6 @@ is significant and the ratio is large enough. It must be larger than what two ru
 machine that is not quite idle.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -152,9 +150,7 @@ def is_time(column: str, cell: dict[str, Any], own: Iterable[str] = ()) -> bool:
 def differences(old: Record, new: Record, own: Iterable[str], tolerance: Any) -> dict[str, Difference]:
     """Column → what differs by more than `tolerance(column)` = (rtol, atol); times, `own` or by name, are left out."""
     if old["status"] != new["status"] or old["status"] == "failed":
-        words = [
-            record["status"] if record["error"] is None else failure_text(record["error"]) for record in (old, new)
-        ]
+        words = [r["status"] if r["error"] is None else failure_text(r["error"]) for r in (old, new)]
         return {} if words[0] == words[1] else {"status": Difference(0, math.inf, math.inf, *words)}
     timed = bool(old["cell"].get("timing"))  # the clock decides how far it goes: what both have is compared
     if len(old["rows"]) != len(new["rows"]) and not timed:
@@ -188,6 +184,8 @@ def _distance(a: Any, b: Any) -> tuple[float, float]:
 
 def paired_times(pairs: Sequence[tuple[Record, Record]], threshold: float = THRESHOLD) -> list[Times]:
     """Tests every duration of every method, over the cells in both stores, and corrects for testing many."""
+    from scipy.stats import wilcoxon
+
     groups: dict[tuple[str, str, str], list[tuple[list[float], list[float]]]] = {}
     for old, new in pairs:
         for what, column, a, b in _durations(old, new):
@@ -196,7 +194,8 @@ def paired_times(pairs: Sequence[tuple[Record, Record]], threshold: float = THRE
     for (experiment, method, column), cells in groups.items():
         logs = [math.log(y / x) for a, b in cells for x, y in zip(a, b, strict=False)]
         ratio = median(min(b) / min(a) for a, b in cells)
-        tested.append(Times(experiment, method, column, len(cells), len(logs), ratio, _wilcoxon(logs), "same"))
+        p = float(wilcoxon(logs, zero_method="zsplit").pvalue) if any(logs) else 1.0  # that the median is zero
+        tested.append(Times(experiment, method, column, len(cells), len(logs), ratio, p, "same"))
     _holm(tested)
     for group in tested:
         if group.p < SIGNIFICANT and abs(math.log(group.ratio)) > math.log1p(threshold):
@@ -217,15 +216,6 @@ def _durations(old: Record, new: Record) -> Iterator[tuple[str, str, list[float]
             a, b = (value if isinstance(value, list) else [value] for value in (before[column], after[column]))
             if a and b and all(isinstance(x, (int, float)) and x > 0 for x in (*a, *b)):
                 yield name, column, a, b
-
-
-def _wilcoxon(logs: Sequence[float]) -> float:
-    """Two-sided p of the signed-rank test that the median is zero."""
-    from scipy.stats import wilcoxon
-
-    if not any(logs):
-        return 1.0
-    return float(wilcoxon(logs, zero_method="zsplit").pvalue)
 
 
 def _holm(tested: list[Times]) -> None:

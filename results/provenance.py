@@ -1,7 +1,5 @@
 """Where a result comes from: commit, versions, machine, time. Never fails, and never names the host or the user."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import platform

@@ -6,8 +6,6 @@ computes a cell takes the digest before it begins, and looks afterwards whether 
 how cells are run, and which methods there are, decide about no row and do not count.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from functools import cache

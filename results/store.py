@@ -90,9 +90,6 @@ def _frame(table: list[dict[str, Any]], columns: list[str] | None = None) -> pd.
         return pd.DataFrame(table, columns=columns)
 
 
-# ---------------------------------------------------------------- records
-
-
 def cell_key(experiment: str, version: int, cell: Mapping[str, Any], digest: str | None = None) -> str:
     """SHA-256 of everything a cell's rows depend on: experiment, its VERSION, the cell, the packages' versions.
 
@@ -233,14 +230,7 @@ def _canonical(value: Any) -> str:
 
 
 def _digest(value: Any) -> str:
-    return _sha256(_canonical(value))
-
-
-def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode("ascii")).hexdigest()
-
-
-# ---------------------------------------------------------------- the store
+    return hashlib.sha256(_canonical(value).encode("ascii")).hexdigest()
 
 
 @dataclass(frozen=True)

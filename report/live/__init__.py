@@ -4,8 +4,6 @@
 canvases, `view.js` has the controls. Nothing is fetched.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -28,10 +26,9 @@ FREE = {"name": "free", "label": "Bäcklund, λ of your own", "color": "#5A5A5A"
 
 def script() -> Markup:
     """What the section needs: the tops and colours as data, the mathematics, the pictures, the controls."""
+    tops = [{"name": t.name, "label": t.label, "note": t.note, "alpha": t.alpha, "y": t.y0} for t in TOPS.values()]
     data = {
-        "tops": [
-            {"name": t.name, "label": t.label, "note": t.note, "alpha": t.alpha, "y": t.y0} for t in TOPS.values()
-        ],
+        "tops": tops,
         "methods": [
             *({**_look(name), "offered": True, "tide": other} for name, other in METHODS.items()),
             FREE,
