@@ -12,7 +12,9 @@ import sys
 import tempfile
 import tomllib
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from queue import SimpleQueue
 from time import perf_counter
 from typing import Any
 
@@ -80,13 +82,23 @@ def main(names: list[str]) -> int:
     table = [mutant for mutant in mutants() if not names or mutant["name"] in names]
     if not table:
         sys.exit(f"no mutation is called {' or '.join(names)}: see tests/mutants.toml")
-    words = []
-    with tempfile.TemporaryDirectory() as folder:
-        home, passing = copy(Path(folder)), dict[tuple[str, ...], bool]()
-        for number, mutant in enumerate(table, 1):
-            start = perf_counter()
-            words.append(outcome(home, mutant, passing))
-            print(f"{number}/{len(table)} {words[-1]}: {mutant['name']} ({perf_counter() - start:.0f} s)", flush=True)
+    words, passing = [], dict[tuple[str, ...], bool]()
+    workers = os.cpu_count() or 1
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(workers) as pool:
+        homes = SimpleQueue[Path]()
+        for number in range(workers):
+            homes.put(copy(Path(folder) / str(number)))
+
+        def one(mutant: dict[str, Any]) -> tuple[str, float]:
+            home, start = homes.get(), perf_counter()
+            try:
+                return outcome(home, mutant, passing), perf_counter() - start
+            finally:
+                homes.put(home)
+
+        for number, (mutant, (word, seconds)) in enumerate(zip(table, pool.map(one, table), strict=True), 1):
+            words.append(word)
+            print(f"{number}/{len(table)} {word}: {mutant['name']} ({seconds:.0f} s)", flush=True)
     killed, survived = words.count("killed"), words.count("SURVIVED")
     print(f"{killed} of {len(table)} killed, {survived} survived, {len(table) - killed - survived} not tested")
     return 0 if killed + survived == len(table) and killed >= ENOUGH * len(table) else 1
