@@ -39,41 +39,6 @@ def test_every_step_has_a_series():
     assert stepping - set(STEPS) == {"backlund_paper", "backlund_textbook"}  # of which T(λ) and Θ(λ) are known
 
 
-def derivatives():
-    """f, f'f, f'f'f and f''(f, f)."""
-    f, D = TOP.rhs(Y0), TOP.jacobian(Y0)
-    return f, D @ f, D @ D @ f, np.concatenate((np.zeros(3), 2 * np.cross(f[:3], f[3:])))
-
-
-def hamiltonian_field(gradient):
-    return TOP.poisson(Y0) @ gradient
-
-
-def strang_term(rest=0.0):
-    """The gradient of alpha (e3·J×(J×x))/12 − alpha² |e3×x|²/24 + `rest`·|J|⁴."""
-    J, x, e3, alpha = Y0[:3], Y0[3:], np.array([0.0, 0.0, 1.0]), TOP.alpha
-    # J×(J×x) = J (J·x) − x J²
-    by_J = alpha / 12 * (e3 * (J @ x) + J[2] * x - 2 * x[2] * J) + 4 * rest * (J @ J) * J
-    by_x = alpha / 12 * (J[2] * J - e3 * (J @ J)) - alpha**2 / 12 * np.array([x[0], x[1], 0.0])
-    return np.concatenate((by_J, by_x))
-
-
-def test_leading_terms_are_the_ones_written_down():
-    """docs/phase-theory.md: of the implicit midpoint rule, Kahan's, Strang's and that of Bobenko and Suris."""
-    _, _, nested, second = derivatives()
-    h = 1e-4
-    written = {
-        "implicit_midpoint": nested / 12 - second / 24,
-        "kahan": nested / 12 - second / 6,
-        "strang": hamiltonian_field(strang_term()),
-        "bobenko_suris": hamiltonian_field(strang_term(rest=-1 / 48)),
-    }
-    for name, d in written.items():
-        leading = series(name, TOP, Y0, h) / h**3
-        assert leading == pytest.approx(d, abs=1e-3), name
-        assert leading != pytest.approx(written["kahan" if name != "kahan" else "strang"], abs=1e-2), "negative control"
-
-
 def left(top, y0, h, name, steps, **options):
     """(error, what theory leaves of it) of runs, the largest of sixteen."""
     n = steps // 16 * np.arange(1, 17)

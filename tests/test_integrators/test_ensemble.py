@@ -40,26 +40,8 @@ def alone(n, h, steps, every, method="backlund", **options):
     return one_by_one(LagrangeTop(ALPHAS[:n]), Y0[:n], h, steps, every, method, **options)
 
 
-# ---------------------------------------------------------------- the exact step
-
-
-@pytest.mark.parametrize(
-    ("h", "options"),
-    [
-        (-0.3, {}),
-        (40.0, {}),  # with turns after the steps
-        (0.2, {"pin": 3}),
-        (0.2, {"lam": 0.3 + 0.4j}),
-    ],
-)
-def test_the_bits_of_one_top_alone(h, options):
-    rows = integrate_ensemble(TOP, Y0, h, 21, every=7, **options)
-    assert np.array_equal(rows, alone(SIZE, h, 21, 7, **options))
-    assert np.array_equal(rows[0], Y0)
-
-
 def test_every_named_top_has_the_bits_of_its_own_run():
-    """All forms of the kernel are met, with turns and without."""
+    """All forms of the exact step are met, with turns and without."""
     states, alphas = (np.array([getattr(n, word) for n in TOPS.values()]) for word in ("state", "alpha"))
     forms, n = np.empty(len(states), dtype=np.int64), len(states)
     met, turns = set(), np.empty((n, 4))
@@ -104,9 +86,6 @@ def test_jumps():
     assert np.array_equal(got[0], Y0)
     for i in range(0, SIZE, 10):
         assert np.array_equal(got[:, i], integrate(LagrangeTop(ALPHAS[i]), Y0[i], t=t).y)
-
-
-# ---------------------------------------------------------------- short runs of the exact step: λ(h) in plain doubles
 
 
 def errors(alphas, states, got, expected):
@@ -157,9 +136,6 @@ def test_tops_whose_spin_passes_the_vertical():
     assert np.max(error) < 1e-12
 
 
-# ---------------------------------------------------------------- every other method
-
-
 IN_LANES = ("rk4", "strang", "force_gradient6", "kahan", "bobenko_suris", "addition_theorem")
 ALONE = (
     "theta_functions",
@@ -175,18 +151,22 @@ ALONE = (
 @pytest.mark.parametrize(
     ("name", "n", "h", "options", "in_blocks"),
     [
-        *((name, 53, 0.02, {}, 53) for name in IN_LANES),  # 21 are left over, which fill more than half of a block
-        *((name, 53, 0.02, {}, 0) for name in ALONE),
-        ("strang", 40, 0.1, {"compensated": True}, 32),  # eight are left over, too few
-        ("strang", SIZE, 0.7, {}, None),  # some lanes turn by more than they can: these tops are taken alone
+        *((name, 53, 0.02, {}, {53}) for name in IN_LANES),  # 21 are left over, which fill more than half of a block
+        *((name, 53, 0.02, {}, {0}) for name in ALONE),
+        ("strang", 40, 0.1, {"compensated": True}, {32}),  # eight are left over, too few
+        ("strang", SIZE, 0.7, {}, range(1, SIZE)),  # some lanes turn by more than they can: these tops are taken alone
+        ("backlund", SIZE, -0.3, {}, {0}),  # it has a loop of its own
+        ("backlund", SIZE, 40.0, {}, {0}),  # with turns after the steps
+        ("backlund", SIZE, 0.2, {"pin": 3}, {0}),
+        ("backlund", SIZE, 0.2, {"lam": 0.3 + 0.4j}, {SIZE}),
     ],
 )
 def test_every_kernel_has_the_bits_of_one_top_alone(name, n, h, options, in_blocks, in_lanes, monkeypatch):
     monkeypatch.setattr(lanes, "INTERRUPTIBLE", 7)  # several calls of a loop
-    got = integrate_ensemble(LagrangeTop(ALPHAS[:n]), Y0[:n], h, 18, name, every=6, threads=1, **options)
+    rows = integrate_ensemble(LagrangeTop(ALPHAS[:n]), Y0[:n], h, 18, name, every=6, threads=1, **options)
     monkeypatch.undo()
-    assert np.array_equal(got, alone(n, h, 18, 6, name, **options))
-    assert sum(in_lanes) == in_blocks or (in_blocks is None and 0 < sum(in_lanes) < n)
+    assert np.array_equal(rows, alone(n, h, 18, 6, name, **options))
+    assert sum(in_lanes) in in_blocks
 
 
 def test_what_is_carried_along_is_seen():
@@ -218,9 +198,6 @@ def test_failures_among_lanes(name, in_lanes):
     assert errors[first].reason in caught.value.reason
 
 
-# ---------------------------------------------------------------- failures
-
-
 def failing():
     """Top 3 and top 7 are too quick for their phase to be known; the others are ordinary."""
     states = Y0[:10].copy()
@@ -247,9 +224,6 @@ def test_control_c():
     integrate_ensemble(TOP, Y0, 0.1, 1)  # compiled
     with interrupted():
         integrate_ensemble(TOP, Y0, 0.1, 10**10, threads=2)
-
-
-# ---------------------------------------------------------------- input
 
 
 def test_input_is_not_modified_and_may_lie_anyhow_in_memory():

@@ -34,9 +34,6 @@ def starts(count, speed=1.5):
         yield np.concatenate((speed * J, x / np.sqrt(x @ x)))
 
 
-# ---------------------------------------------------------------- coefficients
-
-
 def order_defect(c, b, A):
     """Largest defect of B(2s): Σ b c^(k−1) = 1/k, and C(s): Σ_j a_ij c_j^(k−1) = c_i^k/k."""
     s = len(c)
@@ -58,9 +55,6 @@ def test_order_conditions(s):
     assert np.allclose(np.array(b, dtype=float), weights / 2, rtol=0, atol=4 * EPS)
     A[0][-1] += Fraction(1, 10**12)  # a wrong digit is seen
     assert order_defect(c, b, A) > 1e-13
-
-
-# ---------------------------------------------------------------- the step, from its definition
 
 
 def newton_reference(top, y, h, s, start=None):
@@ -123,9 +117,6 @@ def test_a_residual_that_rises_once_is_not_yet_round_off():
         prepare(LagrangeTop(1.0), y, 1.89, "gauss6", solver=s).advance(y, 1) for s in ("fixed_point", "newton")
     )
     assert metrics.scaled_error(LagrangeTop(1.0), y, slow, newton) < 64 * EPS
-
-
-# ---------------------------------------------------------------- where there is no step
 
 
 @pytest.mark.parametrize("name", SOLVED)
@@ -192,9 +183,6 @@ def test_uniqueness_ends_where_it_is_said_to():
     assert len(solutions(12.0, 0.25, -7 / 30)) == 3
 
 
-# ---------------------------------------------------------------- the collective midpoint rule, on quaternions
-
-
 def product(a, b):
     return np.array(quaternion_product(a, b))
 
@@ -243,9 +231,6 @@ def test_collective_midpoint_solves_its_equation_wherever_it_is_unique():
         z = prepare(top, y, 1.0, "collective_midpoint", solver="newton").advance(y, 1)
         drift = metrics.relative_drift(top.invariants(np.stack((y, z))), top.invariant_scales(y))
         assert np.max(np.abs(drift[1, 1:])) < 32 * EPS
-
-
-# ---------------------------------------------------------------- implicit midpoint
 
 
 def residual(top, y, z, h):

@@ -197,15 +197,12 @@ MESSAGES = [  # a call, words in the message
 ]
 
 
-# ---------------------------------------------------------------- other problems
-
-
 MAGNET, SPINS = central_spin(4)
 BODY = WholeBody(1.3, (0.1, 0.3, -0.2), (1.0, 1.5, 2.0))
 
 
 def turning(t, y, p):
-    return (y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) / 2
+    return y[:3] @ y[:3] / 2
 
 
 def posed(hamiltonian=lambda t, y, p: turning(t, y, p) + y[5], space="e3", **words):
@@ -338,9 +335,6 @@ def test_a_missing_package_is_named(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(StepError, match="taylor: heyoka is not installed here"):
         prepare(TOP, Y0, 0.1, "taylor")
-
-
-# ---------------------------------------------------------------- plug-ins
 
 
 class Resting(Stepper):

@@ -89,13 +89,9 @@ Y0 = np.array((0.3, -0.2, 1.1, 0.4, 0.1, 0.9))
 END = 12.0
 
 
-def kinetic(y):
-    return (y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) / 2.0
-
-
 def driven(t, y, p):
     weight = 1.0 + p[0] * cos(1.1 * t)  # a part of it is constant
-    return kinetic(y) + weight * y[5] + p[0] * cos(0.7 * t) * (y[3] * y[3] - 0.5 * y[4] * y[5])
+    return y[:3] @ y[:3] / 2.0 + weight * y[5] + p[0] * cos(0.7 * t) * (y[3] * y[3] - 0.5 * y[4] * y[5])
 
 
 DRIVEN = Problem("driven", "e3", driven, (0.01,)).starting(1.3)
@@ -138,7 +134,9 @@ def test_rows_on_the_way_do_not_change_the_run():
     np.testing.assert_array_equal(rows[1:], ends)
 
 
-FIELD = Problem("mine", "e3", lambda t, y, p: kinetic(y) + 1.3 * y[5] + p[0] * (y[3] * y[3] - y[4] * y[5]), (0.01,))
+FIELD = Problem(
+    "mine", "e3", lambda t, y, p: y[:3] @ y[:3] / 2.0 + 1.3 * y[5] + p[0] * (y[3] * y[3] - y[4] * y[5]), (0.01,)
+)
 SAME = PerturbedTop(LagrangeTop(1.3), Potential("mine", lambda a, b, c, p: p[0] * (a * a - b * c)), (0.01,))
 
 

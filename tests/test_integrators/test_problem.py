@@ -32,12 +32,8 @@ END = 6.0
 STEPS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96)
 
 
-def square(v):
-    return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-
-
 def vibrating(t, y, p):
-    return square(y[:3]) / 2 + (1.0 + p[0] * cos(p[1] * t)) * y[5]
+    return y[:3] @ y[:3] / 2 + (1.0 + p[0] * cos(p[1] * t)) * y[5]
 
 
 def kirchhoff(t, y, p):

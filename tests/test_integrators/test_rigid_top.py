@@ -254,8 +254,6 @@ def test_an_asymmetric_body(gravity):
     assert max(abs(a - b) for row in kept[1:] for a, b in zip(row, kept[0], strict=True)) < 1e-24
 
 
-# ---------------------------------------------------------------- whole bodies
-
 TURNED = Rotation.from_rotvec((0.3, -0.5, 0.4))
 SKEW = WholeBody(
     1.3, (0.1, 0.3, -0.2), TURNED.as_matrix() @ np.diag((1.0, 1.5, 2.0)) @ TURNED.as_matrix().T, (3.0, 4.0, -5.0)
