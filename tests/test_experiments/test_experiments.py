@@ -140,17 +140,6 @@ def test_what_a_fresh_process_needs():
     assert rows[1]["first_s"] < rows[0]["first_s"], "nothing was kept for the second process"
 
 
-def test_maps_of_magnets_keep_spins_and_hamiltonians_and_have_their_order():
-    cells = [cell for cell in gaudin.cells("quick") if cell["variant"] in ("order 2", "order 6") and cell["n"] == 8]
-    cells = [{**cell, "steps": 40} if "steps" in cell else cell for cell in cells if cell["part"] in ("time", "h")]
-    rows = pd.DataFrame([{**cell, **row, "status": "done"} for cell in cells for row in gaudin.measure(cell)])
-    orders = gaudin.tables(rows)["orders"].set_index("variant").order
-    assert [round(orders[f"order {order}"]) for order in (2, 6)] == [2, 6]
-    exact = rows_of("gaudin")[lambda rows: (rows.variant == "exact") & (rows.status == "done")]
-    assert exact[exact.part == "h"].error.max() < 1e-12
-    assert pd.concat((rows, exact))[["spins", "hamiltonians"]].max().max() < 1e-14
-
-
 def test_a_step_that_is_off_shows_in_the_rows_of_random_magnets(monkeypatch):
     pytest.importorskip("heyoka")
     cell = {"part": "random", "n": 2, "variant": "exact", "h": 5, "magnets": 2, "steps": 100}

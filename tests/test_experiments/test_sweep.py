@@ -16,9 +16,10 @@ from lagrange_bench.commands.run import _own_modules
 from lagrange_bench.experiments import sweep
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.measuring import states
-from lagrange_bench.integrators import INVARIANTS, METHODS, PERTURBED_TOPS, TOPS, StepError, integrate
+from lagrange_bench.integrators import INVARIANTS, METHODS, PERTURBED_TOPS, TOPS, integrate
 from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.results.store import Store, clean_rows, make_record
+from lagrange_bench.results.store import Store
+from lagrange_bench.runner import engine
 from tests.reference import largest
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "sweeps.md"
@@ -56,17 +57,15 @@ def cells(path):
     return load(sweep.read(path)).cells("quick")
 
 
-def computed(path, folder):
-    """The rows of a file, measured in this process and stored."""
-    for position, cell in enumerate(cells(path)):
-        try:
-            outcome = {"status": "done", "rows": clean_rows(cell, sweep.measure(cell)), "error": None}
-        except StepError as error:
-            told = {"type": "StepError", "message": str(error), "traceback": ""}
-            outcome = {"status": "failed", "rows": [], "error": told}
-        record = make_record("sweep_my", sweep.VERSION, position, cell, **outcome, warnings=[], seconds=0.0)
-        Store(folder).append(record)
-    return Store(folder).rows("sweep_my")
+@pytest.fixture
+def computed(in_process, tmp_path):
+    """computed(path) -> the rows of a file, measured in this process and stored."""
+
+    def rows(path):
+        engine.run([sweep.read(path)], "quick", tmp_path, show=False)
+        return Store(tmp_path).rows("sweep_my")
+
+    return rows
 
 
 A_TOP, J, X, H, TIME = "alpha = 1.5", "[0.3, -0.4, 2.0]", "[0.48, 0.6, 0.64]", "h = [0.5, 0.25]", "time = 50"
@@ -221,9 +220,9 @@ def test_a_method_that_must_start_at_the_beginning_does(monkeypatch):
     assert through[0] == through[1] not in broken_off
 
 
-def test_the_runs_are_drawn_in_a_potential_and_out_of_it(write, tmp_path):
+def test_the_runs_are_drawn_in_a_potential_and_out_of_it(write, computed):
     text = IN_A_FIELD.replace(TIME, "time = 5") + 'samples = 4\ntops = ["heavy", "generic"]\n'
-    rows = computed(write(text), tmp_path)
+    rows = computed(write(text))
     table = sweep.tables(rows)["runs"]
     assert table["largest error"].notna().all()
     assert table["drift of J3"].notna().all()  # a charge on the vertical keeps it
@@ -235,9 +234,9 @@ def test_the_runs_are_drawn_in_a_potential_and_out_of_it(write, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:no exact solution")
-def test_a_method_of_ones_own_and_one_that_fails(write, tmp_path):
+def test_a_method_of_ones_own_and_one_that_fails(write, computed):
     text = GOOD.replace('"backlund"', '"toys.lies:METHOD"').replace("[0.5, 0.25]", "[0.5, 1e99]")
-    rows = computed(write(text.replace(TIME, "steps = 9")), tmp_path)
+    rows = computed(write(text.replace(TIME, "steps = 9")))
     assert set(rows[rows.status == "done"].method) == {"strang", "toys.lies:METHOD"}
     assert set(rows[rows.status == "failed"].h) == {1e99}
     table = sweep.tables(rows)["runs"]
@@ -246,7 +245,7 @@ def test_a_method_of_ones_own_and_one_that_fails(write, tmp_path):
     def texts(rows):
         return {text.get_text() for figure in sweep.draw(rows).values() for text in figure.findobj(Text)}
 
-    assert {METHODS["strang"].label, "kick and rotation"} <= texts(rows)
+    assert {METHODS["strang"].label, "a liar"} <= texts(rows)
     assert not any("toys.lies:METHOD" in text for text in texts(rows))
     assert sweep.draw(rows[rows.status == "failed"]) == {}
     lost = rows.assign(method=rows.method.replace("toys.lies:METHOD", "no_such_module:METHOD"))

@@ -249,7 +249,8 @@ def measure(cell):
     if cell.get("edit") and "EDIT" in os.environ:
         file = Path(os.environ["EDIT"])
         file.write_text("VALUE = 22\\n")
-        os._exit(3)
+        if "END" in os.environ:
+            os._exit(3)
     return [{"value": float(helper.VALUE)}]
 
 def draw(rows): return {}
@@ -257,8 +258,9 @@ def tables(rows): return {}
 """
 
 
-def test_an_edit_in_the_middle_of_a_run_makes_no_false_row(tmp_path):
-    """What was done before it is stored, the rest is set aside: also by new processes, which import the edited file."""
+@pytest.mark.parametrize("then", [{}, {"END": "yes"}], ids=["the process goes on", "a new one imports the edited file"])
+def test_an_edit_in_the_middle_of_a_run_makes_no_false_row(tmp_path, then):
+    """What was done before it is stored, the rest is set aside."""
     (tmp_path / "own").mkdir()
     (tmp_path / "own" / "study.py").write_text(STUDY)
     helper = tmp_path / "own" / "helper.py"
@@ -273,6 +275,6 @@ def test_an_edit_in_the_middle_of_a_run_makes_no_false_row(tmp_path):
         stored = {row.i: row.value for row in rows.itertuples() if row.status == "done"}
         return done.returncode, tally["computed"], tally["stored"], tally["set_aside"], stored
 
-    assert run(EDIT=str(helper)) == (1, 1, 0, 3, {0: 1.0})
+    assert run(EDIT=str(helper), **then) == (1, 1, 0, 3, {0: 1.0})
     helper.write_text("VALUE = 1\n")
     assert run() == (0, 3, 1, 0, dict.fromkeys(range(4), 1.0))

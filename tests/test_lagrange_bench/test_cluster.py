@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 from faults import HERE, TOY, comparable, end, nobody_left, squares, start, wait_for_lines
@@ -20,32 +21,28 @@ pytestmark = [linux, pytest.mark.processes]
 @pytest.fixture
 def scheduler(tmp_path):
     """A scheduler on a port of its own: its address in `address`, workers by `worker()`."""
+    file, processes = tmp_path / "scheduler.json", []
 
-    class Scheduler:
-        file, processes = tmp_path / "scheduler.json", []
+    def dask(*words, **variables):
+        environment = {**os.environ, "PYTHONPATH": str(HERE), **variables}
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
+        command = [sys.executable, "-m", "dask", *map(str, words), "--scheduler-file", str(file)]
+        processes.append(subprocess.Popen(command, env=environment, cwd=HERE.parent, **quiet))
+        return processes[-1]
 
-        def dask(self, *words, **variables):
-            environment = {**os.environ, "PYTHONPATH": str(HERE), **variables}
-            quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
-            command = [sys.executable, "-m", "dask", *map(str, words), "--scheduler-file", str(self.file)]
-            self.processes.append(subprocess.Popen(command, env=environment, cwd=HERE.parent, **quiet))
-            return self.processes[-1]
+    def worker(**variables):
+        words = ("--nthreads", 1, "--no-nanny", "--no-dashboard", "--local-directory", tmp_path / "scratch")
+        return dask("worker", *words, **variables)
 
-        def worker(self, **variables):
-            words = ("--nthreads", 1, "--no-nanny", "--no-dashboard", "--local-directory", tmp_path / "scratch")
-            return self.dask("worker", *words, **variables)
-
-    made = Scheduler()
-    made.process = made.dask("scheduler", "--port", 0, "--host", "127.0.0.1", "--dashboard-address", "127.0.0.1:0")
+    first = dask("scheduler", "--port", 0, "--host", "127.0.0.1", "--dashboard-address", "127.0.0.1:0")
     for _ in range(1500):
-        if made.file.exists() and made.file.read_text().strip().endswith("}"):
+        if file.exists() and file.read_text().strip().endswith("}"):
             break
         time.sleep(0.02)
-    made.address = json.loads(made.file.read_text())["address"]
-    yield made
-    for process in reversed(made.processes):
+    yield SimpleNamespace(process=first, address=json.loads(file.read_text())["address"], worker=worker)
+    for process in reversed(processes):
         end(process)
-    assert all(nobody_left(process.pid) for process in made.processes)
+    assert all(nobody_left(process.pid) for process in processes)
 
 
 def keys(folder):
