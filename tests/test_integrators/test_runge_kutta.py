@@ -28,17 +28,8 @@ FIXED = {"rk4": RK4, "rk45_fixed": DORMAND_PRINCE, "dop853_fixed": EIGHTH, "vern
 @cache
 def trees(n):
     """All rooted trees of n nodes; a tree is the tuple of its branches (Hairer, Nørsett & Wanner I, section II.2)."""
-
-    def forests(total, largest):
-        if total == 0:
-            yield ()
-        for size in range(min(total, largest[0]), 0, -1):
-            some = trees(size)
-            for i in range(largest[1] if size == largest[0] else len(some) - 1, -1, -1):
-                for rest in forests(total - size, (size, i)):
-                    yield (some[i], *rest)
-
-    return [()] if n == 1 else list(forests(n - 1, (n - 1, len(trees(n - 1)) - 1)))
+    grown = (tuple(sorted((*tree, branch))) for k in range(1, n) for tree in trees(n - k) for branch in trees(k))
+    return set(grown) or {()}
 
 
 def nodes(tree):
@@ -49,25 +40,20 @@ def density(tree):
     return nodes(tree) * math.prod(map(density, tree))
 
 
-def residuals(a, weights, n):
+def residuals(tableau, n):
     """Largest residuals of the conditions for trees of 1, …, n nodes."""
-    rows, known = ((), *a), {}
+    zeros = [Fraction(0)] * tableau.stages
+    a = np.array([(row + zeros)[: tableau.stages] for row in ([], *map(list, tableau.a))])
+
+    @cache
+    def along(branch):
+        return a @ phi(branch)
 
     def phi(tree):
-        if tree not in known:
-            values = [Fraction(1)] * len(rows)
-            for branch in tree:
-                inner = phi(branch)
-                values = [
-                    v * sum((w * p for w, p in zip(row, inner, strict=False) if w), Fraction(0))
-                    for v, row in zip(values, rows, strict=True)
-                ]
-            known[tree] = values
-        return known[tree]
+        return math.prod(map(along, tree), start=np.full(tableau.stages, Fraction(1)))
 
     def residual(tree):
-        total = sum(w * p for w, p in zip(weights, phi(tree), strict=False))
-        return abs(float(total - Fraction(1, density(tree))))
+        return abs(float(tableau.b @ phi(tree) - Fraction(1, density(tree))))
 
     return [max(map(residual, trees(k))) for k in range(1, n + 1)]
 
@@ -76,7 +62,7 @@ def residuals(a, weights, n):
 def test_every_order_condition(tableau):
     """To the digits of the source: exactly, 1e-28, 1e-38; and the formula is of no higher order."""
     digits = {"dop853": 1e-28, "verner9": 1e-38}.get(tableau.name, 0.0)
-    *low, high = residuals(tableau.a, tableau.b, min(tableau.order + 1, 9))
+    *low, high = residuals(tableau, min(tableau.order + 1, 9))
     if tableau.order == 9:
         low.append(high)
     else:

@@ -17,12 +17,8 @@ EPS = np.finfo(float).eps
 def rotated(x, v, digits=50):
     """x turned by 2|v| about v."""
     with mp.workdps(digits):
-        x, v = [mpf(w) for w in x], [mpf(w) for w in v]
-        angle = 2 * mp.sqrt(mp.fdot(v, v))
-        n = [2 * w / angle for w in v]
-        u = [n[1] * x[2] - n[2] * x[1], n[2] * x[0] - n[0] * x[2], n[0] * x[1] - n[1] * x[0]]
-        p = [n[1] * u[2] - n[2] * u[1], n[2] * u[0] - n[0] * u[2], n[0] * u[1] - n[1] * u[0]]
-        return [a + mp.sin(angle) * b + (1 - mp.cos(angle)) * c for a, b, c in zip(x, u, p, strict=True)]
+        generator = mp.matrix([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+        return list(mp.expm(2 * generator) * mp.matrix(list(map(mpf, x))))
 
 
 @pytest.mark.parametrize("compensated", [False, True])

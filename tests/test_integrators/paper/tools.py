@@ -85,11 +85,6 @@ class Dual:
     def __abs__(self):
         return abs(self.value)
 
-    def __eq__(self, other):
-        return self.value == (other.value if isinstance(other, Dual) else other)
-
-    __hash__ = None
-
 
 def duals(z):
     """The numbers z (n,) as independent variables."""
