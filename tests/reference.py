@@ -89,3 +89,16 @@ def largest(a):
     """The largest |entry|; NaN if one is NaN or infinite, which `max` may drop: every comparison with NaN is false."""
     sizes = [abs(v) for v in np.asarray(a).ravel()]
     return max(sizes, default=0) if all(size < math.inf for size in sizes) else math.nan
+
+
+def as_mpf(a):
+    """An array of mpf."""
+    return np.vectorize(mpf, otypes=[object])(np.asarray(a, dtype=object))
+
+
+def errors(problem, y0, y, truth):
+    """The largest error of each state, or of one, in the scales of J and x."""
+    rate, size, _ = problem.scales(y0)
+    with mp.workdps(130):
+        off = (as_mpf(y) - as_mpf(truth)) / np.repeat((mpf(rate or 1.0), mpf(size)), 3)
+        return [float(largest(row)) for row in np.atleast_2d(off)]

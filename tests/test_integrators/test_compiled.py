@@ -218,7 +218,6 @@ def test_an_edited_callee_in_another_room_is_compiled_again(tree):
     assert hits == "0"
 
 
-# ---------------------------------------------------------------- the first calls are interpreted: the same bits
 OFTEN = 10
 
 # last states of runs that begin one after the other, and which of them found the set-up compiled

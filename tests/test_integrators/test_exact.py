@@ -15,7 +15,7 @@ from mpmath import mp, mpf
 
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
 from lagrange_bench.integrators.truth import exact
-from tests.reference import flows, turned
+from tests.reference import errors, flows, largest, turned
 
 BOUND = 4e-15  # of the scales: what exact.solution promises in doubles, 18 eps
 EVALUATION = mp.dps  # the tests leave mpmath's precision alone
@@ -32,20 +32,9 @@ def random_top(seed):
     return LagrangeTop(2 * rng.normal()), np.concatenate((2 * rng.normal(size=3), x))
 
 
-def error(top, y0, y, reference):
-    """Largest error over states (n, 6) or (6,) in units of the scales; infinite if one is NaN, which `max` may drop."""
-    rate, size, _ = top.scales(y0)
-    scales = np.array([mpf(rate or 1.0)] * 3 + [mpf(size)] * 3)
-    with mp.workdps(130):
-        errors = np.abs(as_mpf(y) - as_mpf(reference)) / scales
-        return math.inf if any(map(mp.isnan, errors.ravel())) else float(np.max(errors))
-
-
-def as_mpf(y):
-    return np.vectorize(mpf, otypes=[object])(np.asarray(y, dtype=object))
-
-
-# ---------------------------------------------------------------- against the equations of motion
+def error(top, y0, y, truth):
+    """Largest error over states (n, 6) or (6,) in units of the scales."""
+    return largest(errors(top, y0, y, truth))
 
 
 SPECIAL = {  # alpha, state: each on or next to a place where a formula could break
@@ -115,9 +104,6 @@ def test_near_the_separatrix(kick):
     assert error(top, y0, exact.solution(top, y0, times), reference) < BOUND
 
 
-# ---------------------------------------------------------------- long times
-
-
 @named_states
 def test_doubles_keep_their_accuracy(named):
     """As long as they resolve the phase: the period of `fast` is 0.49, n needs more than 26 bits from 3e7 on."""
@@ -126,9 +112,6 @@ def test_doubles_keep_their_accuracy(named):
         times += [2.0**27 + 0.25, 1e9 + 0.1, -1.1e13]
     truth = exact.solution(named.top, named.state, times, digits=30)
     assert error(named.top, named.state, exact.solution(named.top, named.state, times), truth) < BOUND
-
-
-# ---------------------------------------------------------------- properties of the solution
 
 
 @pytest.mark.parametrize("named", NUTATING)
@@ -160,9 +143,6 @@ def test_mirrors_and_units_that_are_powers_of_two_change_nothing(seed):
     np.testing.assert_array_equal(exact.solution(LagrangeTop(-top.alpha), mirror * y0, times), mirror * y)
     far = exact.solution(LagrangeTop(top.alpha * 2.0**-206), units * y0, times * 2.0**100)
     np.testing.assert_array_equal(far, units * y)
-
-
-# ---------------------------------------------------------------- regimes, periods, precession
 
 
 def test_regimes_are_told_apart_exactly():
@@ -235,9 +215,6 @@ def test_infinite_periods():
     named, asleep = TOPS["homoclinic"], (0, 0, 1, 0, 0, 1.25)
     for t in (60.0, -60.0, 1e6, 1e300):
         np.testing.assert_allclose(exact.solution(named.top, named.state, t), asleep, rtol=0, atol=1e-15)
-
-
-# ---------------------------------------------------------------- arguments
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)
@@ -314,9 +291,6 @@ def test_bad_arguments_are_refused():
     for message, function, arguments in table:
         with pytest.raises(ValueError, match=message):
             function(*arguments)
-
-
-# ---------------------------------------------------------------- after n steps
 
 
 @pytest.mark.parametrize("name", ["generic", "near_separatrix", "regular", "weightless", "through_pole"])

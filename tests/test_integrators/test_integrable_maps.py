@@ -13,15 +13,11 @@ from lagrange_bench.integrators.methods import bobenko_suris, kahan
 from lagrange_bench.integrators.paper.phase_space import invariants, vector_field
 from lagrange_bench.integrators.problem.potentials import CHARGE, TIDE
 from tests.test_integrators.paper.tools import jacobian
+from tests.test_integrators.test_gauss import starts
 
 pytestmark = pytest.mark.interpreted
 EPS = float(np.finfo(float).eps)
 E3 = np.array((0, 0, 1))
-
-
-def hat(v):
-    """The matrix of v×."""
-    return np.cross(v, np.eye(3)).T
 
 
 def rational_cases(count=4):
@@ -45,7 +41,8 @@ def eliminate(A, b):
     return np.array([rows[i, n] / rows[i, i] for i in range(n)]), det
 
 
-def cross_matrix(v):
+def hat(v):
+    """The matrix of v×, in any kind of number."""
     zero = 0 * v[0]
     return np.array(((zero, -v[2], v[1]), (v[2], zero, -v[0]), (-v[1], v[0], zero)))
 
@@ -53,7 +50,7 @@ def cross_matrix(v):
 def kahan_map(alpha, h, y):
     """(1 − (h/2) f'(y)) (ỹ − y) = h f(y): Kahan's method for any quadratic f."""
     zero = np.zeros((3, 3), dtype=int)
-    slope = np.block([[zero, alpha * cross_matrix(E3)], [-cross_matrix(y[3:]), cross_matrix(y[:3])]])
+    slope = np.block([[zero, alpha * hat(E3)], [-hat(y[3:]), hat(y[:3])]])
     rate = vector_field(SimpleNamespace(alpha=alpha), y)
     return y + eliminate(np.eye(6, dtype=int) - h / 2 * slope, h * rate)[0]
 
@@ -162,13 +159,6 @@ FIELDS = {  # formulas that other tests use too: they are compiled once for all
     "quadratic": PerturbedTop(LagrangeTop(1.0), TIDE, (0.8, 0.6, -0.4, 0.7)),
     "charge": PerturbedTop(LagrangeTop(1.0), CHARGE, (0.4, 1.1, -0.7, 0.9)),
 }
-
-
-def starts(count):
-    draw = np.random.default_rng(11)
-    for _ in range(count):
-        J, x = draw.normal(size=(2, 3))
-        yield np.concatenate((1.5 * J, x / np.sqrt(x @ x)))
 
 
 @pytest.mark.parametrize("field", FIELDS)

@@ -6,13 +6,9 @@ from scipy.linalg import expm
 
 from lagrange_bench.experiments.measuring import metrics, states
 from lagrange_bench.integrators import prepare
+from tests.test_integrators.test_integrable_maps import hat
 
 EPS = float(np.finfo(float).eps)
-
-
-def hat(v):
-    """The matrix of v×."""
-    return np.cross(v, np.eye(3)).T
 
 
 def matrix(a, b):

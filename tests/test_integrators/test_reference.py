@@ -22,7 +22,7 @@ from lagrange_bench.integrators import (
     sqrt,
 )
 from lagrange_bench.integrators.truth import exact, reference
-from tests.reference import largest
+from tests.reference import as_mpf, errors, largest
 
 Y0 = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
 CHARGE = (0.125, 2.0, 0.1, 0.2)  # strength and place of a charge away from the sphere
@@ -98,22 +98,12 @@ def engine(request):
 def digits(found):
     """states + tail as mpf."""
     with mp.workdps(40):
-        return [
-            [mpf(a) + mpf(b) for a, b in zip(*pair, strict=True)] for pair in zip(found.states, found.tail, strict=True)
-        ]
+        return as_mpf(found.states) + as_mpf(found.tail)
 
 
 def distance(problem, found, wanted, y0=Y0):
     """Largest error of each state in the scales of J and x."""
-    rate, size, _ = problem.scales(y0)
-    with mp.workdps(40):
-        return [
-            float(largest([(a - mpf(b)) / scale for a, b, scale in zip(y, z, [rate] * 3 + [size] * 3, strict=True)]))
-            for y, z in zip(digits(found), wanted, strict=True)
-        ]
-
-
-# ---------------------------------------------------------------- against the closed form
+    return errors(problem, y0, digits(found), wanted)
 
 
 @pytest.mark.parametrize("name", ["generic", "slow", "near_separatrix", "hanging", "weightless"])
@@ -135,9 +125,6 @@ def test_a_dipole_is_another_vertical(engine):
     found = reference.solution(problem, Y0, t, engine)
     wanted = exact.solution(LagrangeTop(1.25), renamed, t, digits=36)[:, [2, 0, 1, 5, 3, 4]]
     assert largest(distance(problem, found, wanted)) < 1e-29
-
-
-# ---------------------------------------------------------------- against itself
 
 
 def invariants(problem, found):
@@ -205,9 +192,6 @@ def test_the_estimate_bounds_the_error(quadruple):
         assert max(actual) > 1e-28
 
 
-# ---------------------------------------------------------------- chaos
-
-
 def growth(problem, y0, t, engine=None):
     """log of the growth of a tangent vector up to the time t."""
     *_, (_, logarithm) = reference.Orbit(problem, y0, engine, tangent=True).growth(t)
@@ -236,9 +220,6 @@ def test_horizon(quadruple):
     assert found < reference.horizon(FREE, named.state, 1e-3)
     assert 2.0**-52 * math.exp(growth(FREE, named.state, found)) <= tolerance
     assert reference.horizon(FREE, Y0, 1e-6, longest=20.0) == math.inf
-
-
-# ---------------------------------------------------------------- what is kept
 
 
 @pytest.fixture
@@ -293,9 +274,6 @@ def test_a_damaged_file_is_written_anew(folder, counted, monkeypatch, damage):
     assert same(asked(), first)
     assert len(counted) == before + 2
     assert damage == "folder" or file.read_bytes() == good
-
-
-# ---------------------------------------------------------------- what is refused
 
 
 CORNER = PerturbedTop(LagrangeTop(1.0), Potential("corner", lambda x1, x2, x3, p: sqrt(x1 * x1)))

@@ -20,9 +20,6 @@ def test_printed_is_wrong_and_corrected_is_right(record):
         assert record.corrected(Random(seed)) <= 1e-12
 
 
-# ---------------------------------------------------------------- docs/equations.md
-
-
 ROOT = Path(__file__).resolve().parents[3]
 
 

@@ -158,9 +158,6 @@ def test_attitude_of_any_step(name):
         assert largest(np.array(step) - g) <= 1e-11
 
 
-# ------------------------------------------------------------- the proofs of docs/exact-step.md, sections 2 and 6
-
-
 def product(a, b):
     """a b of quaternions (4,), scalar first, in any kind of numbers."""
     return np.array([a[0] * b[0] - a[1:] @ b[1:], *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))])
