@@ -24,7 +24,6 @@ from time import monotonic, perf_counter
 from typing import Any, Protocol
 
 from lagrange_bench.experiments.catalogue import load
-from lagrange_bench.experiments.measuring import timing
 from lagrange_bench.integrators import interrupts, memory
 from lagrange_bench.integrators.imported import IMPORTED
 from lagrange_bench.results import sources
@@ -267,6 +266,8 @@ def _measure(experiment: str, cell: dict[str, Any], limit: float | None) -> Outc
             warnings.simplefilter("default")
             module = load(experiment)
             if cell.get("timing"):
+                from lagrange_bench.experiments.measuring import timing
+
                 timing.compile_at_once()
             if "method" in cell:
                 _restrain(cell["method"])
