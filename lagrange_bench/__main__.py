@@ -11,8 +11,6 @@ exit codes: 0 done · 1 something failed or differs, COMMAND --help says what ·
 written · 130 interrupted (Ctrl-C) · 141 the reader of stdout went away
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import importlib

@@ -1,7 +1,5 @@
 """The words on a command line, and what they mean. A ValueError of a type of options is what the command line says."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

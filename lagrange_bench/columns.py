@@ -1,7 +1,5 @@
 """The columns of a trajectory that any program wrote as text: which is what, and their numbers."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping
@@ -79,15 +77,13 @@ def survey(path: Path, given: Mapping[str, str] | None = None) -> Layout:
         there = f"its columns are {' '.join(header)[:200]}" if header else "it has no header"
         raise ValueError(f"{path}: no column is named t or time; {there}. Name them: --columns t=0,x=1,y=2,z=3")
     if len(groups) == 1:
-        raise ValueError(
-            f"{path}: nothing to judge but times: no position, rotation or angular velocity. {' '.join(notes)}"
-        )
+        nothing = "nothing to judge but times: no position, rotation or angular velocity."
+        raise ValueError(f"{path}: {nothing} {' '.join(notes)}")
     used = {i for places in groups.values() for i in places}
     units = {unit for i in used for unit in re.findall(r"[\[(](.*?)[\])]", header[i] if header else "")}
     if strange := sorted(unit for unit in units if unit.strip().lower() not in UNITS and not unit.isdecimal()):
-        notes.append(
-            f"Units are not converted, but the header has {', '.join(strange)}: s, m, rad and rad/s are expected."
-        )
+        there = f"but the header has {', '.join(strange)}: s, m, rad and rad/s are expected."
+        notes.append(f"Units are not converted, {there}")
     floor = {name: _floor([row[i] for row in rows for i in places]) for name, places in groups.items()}
     return Layout(path, separator, comment, body[0], width, groups, set(NAMED) <= set(index), floor, notes)
 
@@ -150,9 +146,8 @@ def _groups(index: Mapping[str, int]) -> tuple[dict[str, list[int]], list[str]]:
 
 def _floor(words: list[str]) -> float:
     """Half a unit of the last digit of the numbers with most digits; 0 where these are 15, or where numbers are too few."""
-    numbers = [
-        Decimal(word).as_tuple() for word in set(words) if word and _is_number(word) and math.isfinite(float(word))
-    ]
+    known = {word for word in words if word and _is_number(word) and math.isfinite(float(word))}
+    numbers = [Decimal(word).as_tuple() for word in known]
     most = max((len(number.digits) for number in numbers), default=15)
     if most >= 15 or len(numbers) < 10:
         return 0.0

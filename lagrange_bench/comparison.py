@@ -24,6 +24,7 @@ from lagrange_bench.integrators.words import suggestion
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+Names = Iterable[str] | None
 MOST = 12  # panels of one figure, and methods that are all named
 SAMPLED = 32  # points of a line that has no markers
 LABELS = {
@@ -51,16 +52,8 @@ OF_PROBLEMS = {  # that are no tops
     "t_scaled": "time t, in the time scale of the motion",
     "error": "error, relative to the scales of the state",
 }
-ERRORS = (
-    "error",
-    "worst",
-    "time",
-    "angle",
-    "off",
-    "predicted_time",
-    "predicted_angle",
-    "left",
-)  # beside the invariants
+# beside the invariants
+ERRORS = ("error", "worst", "time", "angle", "off", "predicted_time", "predicted_angle", "left")
 # what tells lines of a method apart
 APART = ("top", "integrator", "setting", "scheme", "options", "variant", "form", "pin", "n", "span_scaled")
 KNOBS = ("h_scaled", "tol", "rtol", "fraction")  # likewise, where a run has many rows
@@ -111,8 +104,8 @@ class Comparison:
         self,
         x: str | None = None,
         y: str | None = None,
-        methods: Iterable[str] | None = None,
-        tops: Iterable[str] | None = None,
+        methods: Names = None,
+        tops: Names = None,
         ax: Axes | Sequence[Axes] | None = None,
         xlim: tuple[float, float] | None = None,
         ylim: tuple[float, float] | None = None,
@@ -160,9 +153,7 @@ class Comparison:
                 one.set(title=title, xlabel=self._label(x), ylabel=self._label(y), **limits)
         return axes[0] if len(axes) == 1 else np.array(axes)
 
-    def tops(
-        self, x: str, y: str, methods: Iterable[str] | None = None, tops: Iterable[str] | None = None
-    ) -> list[str]:
+    def tops(self, x: str, y: str, methods: Names = None, tops: Names = None) -> list[str]:
         """The tops that `plot` has panels for.
 
         Parameters
@@ -181,9 +172,7 @@ class Comparison:
         there = list(dict.fromkeys(self._rows(x, y, methods, chosen)["top"]))
         return there if chosen is None else [top for top in chosen if top in there]
 
-    # ------------------------------------------------------------------ what is drawn
-
-    def _rows(self, x: str, y: str, methods: Iterable[str] | None, tops: Iterable[str] | None) -> pd.DataFrame:
+    def _rows(self, x: str, y: str, methods: Names, tops: Names) -> pd.DataFrame:
         """The rows that are asked for."""
         rows = self.frame
         if "failure" in rows and len(rows) and (rows["status"] == "failed").all():
@@ -191,10 +180,8 @@ class Comparison:
         numbers = [str(name) for name in rows.select_dtypes("number")]
         for word, name in (("x", x), ("y", y)):
             if name not in numbers:
-                close = suggestion(str(name), numbers)
-                raise ValueError(
-                    f"{word} must be a column of numbers; got {name!r}{close} There are {', '.join(numbers)}"
-                )
+                hint = f"{suggestion(str(name), numbers)} There are {', '.join(numbers)}"
+                raise ValueError(f"{word} must be a column of numbers; got {name!r}{hint}")
         rows = rows.assign(top=rows["top"].fillna("") if "top" in rows else "", method=_methods(rows))
         for word, column, wanted in (("methods", "method", _listed(methods)), ("tops", "top", _listed(tops))):
             if wanted is None:
@@ -216,7 +203,8 @@ class Comparison:
 
     def _draw(self, ax: Axes, rows: pd.DataFrame, x: str, y: str) -> None:
         """All lines of a panel."""
-        sampled, race = _sampled(rows), x in ("seconds", "total") and y == "error"
+        sampled = "t_scaled" in rows and bool(rows["t_scaled"].notna().any())  # rows are samples of runs, and not runs
+        race = x in ("seconds", "total") and y == "error"
         log = [self._is_log(rows, name) for name in (x, y)]
         if log[1] and not self._is_error(y):
             rows = rows.assign(**{y: rows[y].where(rows[y] > 0)})
@@ -265,7 +253,7 @@ class Comparison:
         return style.plain(textwrap.shorten(", ".join(named), 60, placeholder=" …"))
 
 
-def _listed(names: Iterable[str] | None) -> list[str] | None:
+def _listed(names: Names) -> list[str] | None:
     """One name or several, each once; None for all."""
     return None if names is None else [names] if isinstance(names, str) else list(dict.fromkeys(names))
 
@@ -274,11 +262,6 @@ def _methods(rows: pd.DataFrame) -> pd.Series:
     """The method of each row; of one without, what else was measured."""
     found = rows.reindex(columns=["method", "engine", "variant", "form"]).bfill(axis=1)["method"]
     return found.fillna("rows").astype(str)
-
-
-def _sampled(rows: pd.DataFrame) -> bool:
-    """Whether the rows are samples of runs, and not runs."""
-    return "t_scaled" in rows and bool(rows["t_scaled"].notna().any())
 
 
 def _axes(ax: Any, tops: list[str]) -> list[Any]:

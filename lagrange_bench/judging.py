@@ -350,22 +350,14 @@ def _hints(frames: _Frames, given: Mapping[str, Array], t: Array) -> Iterator[st
     now = {name: error.max() for name, error in frames.errors(given, exact).items()}
     quat = "xyzw" if how.quat == "wxyz" else "wxyz"
     frame = "world" if how.omega_frame == "body" else "body"
+    ordered = f"the quaternions are in the order {quat}: --quat {quat}, or other names."
+    moving = "the angles are about axes that move with the body, not about fixed ones."
     for judged, group, changes, words in (
         ("rotation", "", {"transposed": True}, "the rotations are transposed: they take the world to the body."),
-        (
-            "rotation",
-            "quaternion",
-            {"quat": quat},
-            f"the quaternions are in the order {quat}: --quat {quat}, or other names.",
-        ),
+        ("rotation", "quaternion", {"quat": quat}, ordered),
         ("rotation", "quaternion", {"quat": quat, "transposed": True}, f"the order is {quat}, and they are conjugate."),
         ("rotation", "angles", {"degrees": True}, "the angles are in degrees."),
-        (
-            "rotation",
-            "angles",
-            {"intrinsic": True},
-            "the angles are about axes that move with the body, not about fixed ones.",
-        ),
+        ("rotation", "angles", {"intrinsic": True}, moving),
         ("rotation", "rotation vector", {"degrees": True}, "the rotation vectors are in degrees."),
         ("omega", "", {"omega_frame": frame}, f"ω is in the {frame} frame: --omega {frame}."),
         ("position", "", {"displaced": True}, "the position is a displacement from the start: name it ux, uy, uz."),
@@ -394,9 +386,6 @@ def _hints(frames: _Frames, given: Mapping[str, Array], t: Array) -> Iterator[st
         if late[judged].max() < now[judged] / BETTER:
             way = "later" if k > 0 else "earlier"
             yield f"the times are shifted: each row holds the state {abs(k)} row{'s'[: abs(k) - 1]} {way}."
-
-
-# ---------------------------------------------------------------- a picture
 
 
 def draw(path: Path, judged: Sequence[Judgement]) -> str:

@@ -24,6 +24,7 @@ import warnings
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -45,17 +46,17 @@ from lagrange_bench.integrators.problem.top import NamedTop
 from lagrange_bench.integrators.registry import NAMED_TOPS, find_method, find_top
 from lagrange_bench.integrators.truth import truths
 
+Cell = dict[str, Any]
+Measure = Callable[[Cell], list[Cell]]
+Methods = Iterable[str | Method]
 Top = str | NamedTop | tuple[Any, Any] | tuple[str, Any, Any]
+Tops = Top | Iterable[Top]
+Given = float | None
 SPANS = (1e-3, 1e9)  # of runs, in time scales: shorter ones are a step each, longer ones take seconds only to be tried
 
 
 def drift(
-    methods: Iterable[str | Method],
-    tops: Top | Iterable[Top] = "generic",
-    *,
-    h: float | None = None,
-    h_scaled: float | None = None,
-    steps: int = 10_000,
+    methods: Methods, tops: Tops = "generic", *, h: Given = None, h_scaled: Given = None, steps: int = 10_000
 ) -> Comparison:
     """How far the invariants of the problem drift along a run.
 
@@ -94,12 +95,7 @@ def drift(
 
 
 def phase(
-    methods: Iterable[str | Method],
-    tops: Top | Iterable[Top] = "generic",
-    *,
-    h: float | None = None,
-    h_scaled: float | None = None,
-    steps: int = 4_000,
+    methods: Methods, tops: Tops = "generic", *, h: Given = None, h_scaled: Given = None, steps: int = 4_000
 ) -> Comparison:
     """How far a run is from where it should be, and, of a top in a uniform field, where on its torus.
 
@@ -130,14 +126,13 @@ def phase(
     asked = _Asked(methods, tops)
     for top in asked.tops:
         if "uniform" not in top.top.offers and step(top.unit) * steps > truths.LONGEST:
-            raise ValueError(
-                f"steps: {top.name} has no reference solution beyond {truths.LONGEST:g} time scales; take fewer"
-            )
+            beyond = f"beyond {truths.LONGEST:g} time scales; take fewer"
+            raise ValueError(f"steps: {top.name} has no reference solution {beyond}")
     frame = asked.measure(phase_experiment.measure, lambda unit: {"part": "time", "h": step(unit), "steps": steps})
     return asked.comparison(frame, "t_scaled", "time" if "time" in frame and frame["time"].notna().all() else "error")
 
 
-def order(methods: Iterable[str | Method], tops: Top | Iterable[Top] = "generic") -> Comparison:
+def order(methods: Methods, tops: Tops = "generic") -> Comparison:
     """The error of one step against the step: the slope is the order plus one.
 
     Parameters
@@ -165,7 +160,7 @@ def order(methods: Iterable[str | Method], tops: Top | Iterable[Top] = "generic"
             why = "chooses its own steps" if method.control == "tolerance" else "is exact in time"
             raise ValueError(f"methods: {method.name} {why}: it has no order")
 
-    def measure(cell: dict[str, Any]) -> list[dict[str, Any]]:
+    def measure(cell: Cell) -> list[Cell]:
         start = next((top.top, top.state) for top in asked.tops if top.name == cell["state"])
         points = check.order_points(METHODS[cell["method"]], check.ORDER_SPANS, (start,))
         if points.exact:
@@ -178,12 +173,7 @@ def order(methods: Iterable[str | Method], tops: Top | Iterable[Top] = "generic"
 
 
 def work_precision(
-    methods: Iterable[str | Method],
-    tops: Top | Iterable[Top] = "generic",
-    *,
-    t: float | None = None,
-    t_scaled: float | None = None,
-    longest: float = 0.4,
+    methods: Methods, tops: Tops = "generic", *, t: Given = None, t_scaled: Given = None, longest: float = 0.4
 ) -> Comparison:
     """What an error costs each method, in runs with ever smaller steps or tolerances.
 
@@ -216,12 +206,7 @@ def work_precision(
 
 
 def perturbed(
-    methods: Iterable[str | Method],
-    tops: Top | Iterable[Top] = "weak_tide",
-    *,
-    t: float | None = None,
-    t_scaled: float | None = None,
-    longest: float = 0.1,
+    methods: Methods, tops: Tops = "weak_tide", *, t: Given = None, t_scaled: Given = None, longest: float = 0.1
 ) -> Comparison:
     """As `work_precision`, where there is no closed form: tops in a potential, or problems of your own. Set-up is counted.
 
@@ -253,7 +238,7 @@ def perturbed(
     return _race(asked, field_experiment.measure, {"part": "work"}, _step(t, t_scaled, 1000.0, "t"), longest, "total")
 
 
-def heavy_top(methods: Iterable[str | Method], tops: str | Iterable[str] = "bruels") -> Comparison:
+def heavy_top(methods: Methods, tops: str | Iterable[str] = "bruels") -> Comparison:
     """Position and rotation of a whole body at the end of a run against the step.
 
     Parameters
@@ -275,14 +260,12 @@ def heavy_top(methods: Iterable[str | Method], tops: str | Iterable[str] = "brue
     """
     cases = [tops] if isinstance(tops, str) else list(tops)
     if unknown := [case for case in cases if case not in body_experiment.POWERS]:
-        known = tuple(body_experiment.POWERS)
-        raise ValueError(
-            f"tops: {unknown[0]!r} must be one of {', '.join(known)}; of a body of your own ask work_precision"
-        )
+        known = ", ".join(body_experiment.POWERS)
+        raise ValueError(f"tops: {unknown[0]!r} must be one of {known}; of a body of your own ask work_precision")
     asked = _Asked(methods, [_Placed(case, case, *body_experiment.motion(case)) for case in cases])
     units = {top.name: top.unit for top in asked.tops}
 
-    def measure(cell: dict[str, Any]) -> list[dict[str, Any]]:
+    def measure(cell: Cell) -> list[Cell]:
         case, rows = cell["state"], []
         for k in body_experiment.POWERS[case]:
             h = body_experiment.UNTIL[case] / 2**k
@@ -291,9 +274,6 @@ def heavy_top(methods: Iterable[str | Method], tops: str | Iterable[str] = "brue
         return rows
 
     return asked.comparison(asked.measure(measure, lambda unit: {}), "h", "rotation")
-
-
-# ---------------------------------------------------------------- how they are asked
 
 
 @dataclass(frozen=True)
@@ -343,22 +323,17 @@ class _Asked:
     def invariants(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(name for top in self.tops for name in top.top.names))
 
-    def measure(
-        self, measure: Callable[[dict[str, Any]], list[dict[str, Any]]], cell: Callable[[float], dict[str, Any]]
-    ) -> pd.DataFrame:
+    def measure(self, measure: Measure, cell: Callable[[float], Cell]) -> pd.DataFrame:
         """The rows of `measure` for each top and method, a failed one where it ends in a StepError, in both units of time."""
-        rows: list[dict[str, Any]] = []
+        rows: list[Cell] = []
         with ExitStack() as stack, warnings.catch_warnings():
             warnings.simplefilter("ignore", StepWarning)  # of steps that are tried because they are long
-            for method in self.methods:
-                stack.enter_context(METHODS.lent(method))
-            for top in self.tops:
-                stack.enter_context(NAMED_TOPS.lent(top))
-            for top in self.tops:
-                for method in self.methods:
-                    asked = {"method": method.name, "state": top.name, **cell(top.unit)}
-                    found = _tried(measure, asked)
-                    rows += [{**asked, **row, **({"t": row["t"] / top.rate} if "t" in row else {})} for row in found]
+            for lent in (*map(METHODS.lent, self.methods), *map(NAMED_TOPS.lent, self.tops)):
+                stack.enter_context(lent)
+            for top, method in product(self.tops, self.methods):
+                asked = {"method": method.name, "state": top.name, **cell(top.unit)}
+                found = _tried(measure, asked)
+                rows += [{**asked, **row, **({"t": row["t"] / top.rate} if "t" in row else {})} for row in found]
         frame = pd.DataFrame(rows).rename(columns={"state": "top"}).drop(columns="part", errors="ignore")
         return in_both_units(frame, {top.name: top.unit for top in self.tops})
 
@@ -367,7 +342,7 @@ class _Asked:
         return Comparison(frame, x, y, self.methods, labels, self.invariants)
 
 
-def _tried(measure: Callable[[dict[str, Any]], list[dict[str, Any]]], cell: dict[str, Any]) -> list[dict[str, Any]]:
+def _tried(measure: Measure, cell: Cell) -> list[Cell]:
     try:
         return [{**row, "status": "done", "failure": None} for row in measure(cell)]
     except StepError as error:
@@ -413,31 +388,19 @@ def _step(own: float | None, scaled: float | None, usual: float, word: str = "h"
 
 
 def _race(
-    asked: _Asked,
-    measure: Callable[..., Any],
-    fields: dict[str, Any],
-    span: Callable[[float], float],
-    longest: float,
-    x: str,
+    asked: _Asked, measure: Measure, fields: Cell, span: Callable[[float], float], longest: float, x: str
 ) -> Comparison:
     """Work against precision of each method on each top."""
     if not check_real(longest, "longest") > 0:
         raise ValueError(f"longest must be positive; got {longest!r}")
     for top in asked.tops:
-        if not SPANS[0] <= span(top.unit) <= SPANS[1]:
-            raise ValueError(
-                f"t must be from {SPANS[0]:g} to {SPANS[1]:g} time scales of {top.name}; got {span(top.unit):g}"
-            )
-
-    def cell(unit: float) -> dict[str, Any]:
-        return {**fields, "span": float(span(unit)), "per_octave": 1, "decades": 1, "longest": longest}
-
-    frame = asked.measure(measure, cell)
+        if not SPANS[0] <= (length := span(top.unit)) <= SPANS[1]:
+            raise ValueError(f"t must be from {SPANS[0]:g} to {SPANS[1]:g} time scales of {top.name}; got {length:g}")
+    fields = {**fields, "per_octave": 1, "decades": 1, "longest": longest}
+    frame = asked.measure(measure, lambda unit: {**fields, "span": float(span(unit))})
     if "seconds" not in frame or not frame["seconds"].notna().any():
-        limit = work_experiment.USEFUL
-        why = next((str(reason) for reason in frame.get("reason", ()) if isinstance(reason, str)), "")
-        raise ValueError(
-            f"methods: no run has an error below {limit:g} within longest = {longest:g} s{f': {why}' if why else ''}"
-        )
+        why = next((f": {reason}" for reason in frame.get("reason", ()) if isinstance(reason, str)), "")
+        below = f"below {work_experiment.USEFUL:g} within longest = {longest:g} s"
+        raise ValueError(f"methods: no run has an error {below}{why}")
     frame["total"] = frame["seconds"] + frame["setup_seconds"]
     return asked.comparison(frame, x, "error")

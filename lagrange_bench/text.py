@@ -1,7 +1,5 @@
 """What commands print: answers, tables, JSON."""
 
-from __future__ import annotations
-
 import io
 import math
 import shutil

@@ -1,7 +1,5 @@
 """A trajectory summed up in words, kept in a file, and drawn. Files appear whole or not at all."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any
@@ -17,8 +15,6 @@ from lagrange_bench.results import provenance
 from lagrange_bench.text import table
 
 CHORD = 0.3  # rad between two recorded directions of the axis; beyond, a line between them would say too much
-
-
 LAM = "lam given: one step is the flow over another time than h, and a turn"
 
 
@@ -61,11 +57,8 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
         f"method  {data['method']}: {label}{settings}",
         f"times   {grid}, {upto}, {count} state{'' if count == 1 else 's'} recorded",
     ]
-    states = [
-        ("", *(f" {name}" for name in trajectory.columns())),
-        ("start", *_exactly(y0)),
-        ("end", *_exactly(trajectory.y[-1])),
-    ]
+    states = [("", *(f" {name}" for name in trajectory.columns()))]
+    states += [("start", *_exactly(y0)), ("end", *_exactly(trajectory.y[-1]))]
     rows = [("invariant", "start", "end", "drift at the end", "largest recorded")]
     for name, v in data["invariants"].items():
         changes = "" if v["conserved"] else ", not conserved"

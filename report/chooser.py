@@ -104,9 +104,13 @@ def _problem(place: Place) -> Any:
 
 def _answer(best: pd.DataFrame) -> tuple[str, ...]:
     """Method, its setting, its cost, and the next best."""
-    first = best.iloc[0]
+    first, after = best.iloc[0], ""
     cost = f"{tables.show(float(f'{1e3 * first.price:.2g}'))} ms"
-    return style.label(first.method), first.method, ", ".join(_settings(first)), cost, _next(best)
+    if len(best) > 1:
+        ratio = best.price.iloc[1] / first.price
+        times = f"{tables.show(float(f'{ratio:.2g}'))} times" if ratio >= TIE else "just"
+        after = f"{style.label(best.method.iloc[1])}, {times} as long"
+    return style.label(first.method), first.method, ", ".join(_settings(first)), cost, after
 
 
 def _settings(run: pd.Series) -> Iterator[str]:
@@ -118,12 +122,3 @@ def _settings(run: pd.Series) -> Iterator[str]:
             yield str(run.variant)
         tolerance = METHODS[run.method].control == "tolerance"
         yield f"{'tol' if tolerance else 'h'} = {tables.show(run.knob)}"
-
-
-def _next(best: pd.DataFrame) -> str:
-    """What the method after the first takes; empty if there is none."""
-    if len(best) == 1:
-        return ""
-    ratio = best.price.iloc[1] / best.price.iloc[0]
-    times = f"{tables.show(float(f'{ratio:.2g}'))} times" if ratio >= TIE else "just"
-    return f"{style.label(best.method.iloc[1])}, {times} as long"

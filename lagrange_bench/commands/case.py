@@ -70,9 +70,7 @@ def head(case: Case) -> list[str]:
 
 def rows_of(case: Case, until: str | None, every: str | None, digits: int) -> list[str]:
     """Lines of numbers; times are exact decimals."""
-    end, gap = (
-        _time(text, name) for text, name in ((until or f"{case.until}", "until"), (every or f"{case.every}", "every"))
-    )
+    end, gap = _time(until or f"{case.until}", "until"), _time(every or f"{case.every}", "every")
     if end / gap >= MOST_ROWS:
         raise ValueError(f"--every {every} gives more than {MOST_ROWS} rows up to --until {until or case.until}")
     times = [k * gap for k in range(int(end / gap) + 1)]

@@ -20,8 +20,6 @@ examples:
 exit codes: 0 nothing fails · 1 a claim fails · 2 no such method or file
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys
@@ -53,19 +51,16 @@ def run(options: argparse.Namespace) -> Answer:
         reasons.append(f"the bench has a method named {method.name}: choose another name for an entry point")
     failed = [verdict.claim for verdict in verdicts if verdict.passed is False]
     held = sum(verdict.passed is True for verdict in verdicts)
-    file = _file(options.method)
+    module = sys.modules[METHODS.module(options.method)]
+    file = module.__file__ or module.__name__
     sum_up = f"{method.name} ({method.label}, {file}): {held} claims hold, {len(failed)} fail"
     sum_up += f": {', '.join(failed)}" if failed else ""
     rivals = [name for name in RIVALS if name != method.name]
     what = "work_precision phase perturbed" if method.needs != "uniform" else "work_precision phase"
-    after = (
-        []
-        if failed or options.problem
-        else [f"lagrange-bench run {what} --methods {','.join([options.method, *rivals])}"]
-    )
+    command = f"lagrange-bench run {what} --methods {','.join([options.method, *rivals])}"
+    after = [] if failed or options.problem else [command]
     listed = [{**asdict(verdict), "verdict": verdict.word} for verdict in verdicts]
-    data = {"method": method.name, "file": file, "passed": not failed, "verdicts": plain(listed)}
-    data |= {"next": after}
+    data = {"method": method.name, "file": file, "passed": not failed, "verdicts": plain(listed), "next": after}
     lines = [*table(rows), "", *reasons, sum_up, *(f"next: {command}" for command in after)]
     return Answer("\n".join(lines), data, 1 if failed else 0)
 
@@ -80,14 +75,6 @@ def _problem(options: argparse.Namespace) -> Any:
     if not math.isfinite(problem.scales(state)[2]):
         raise ValueError(f"--state: {options.problem} has no time scale there, so nothing can be measured")
     return problem
-
-
-def _file(name: str) -> str:
-    """Where the record lies."""
-    from lagrange_bench.integrators.registry import METHODS
-
-    module = sys.modules[METHODS.module(name)]
-    return module.__file__ or module.__name__
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

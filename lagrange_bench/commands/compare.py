@@ -11,8 +11,6 @@ examples:
 exit codes: 0 the same · 1 not the same · 2 no such results
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections import Counter
@@ -63,12 +61,8 @@ def run(options: argparse.Namespace) -> Answer:
         name: {**vars(c), "changed": [as_data(cell, differing) for cell, differing in c.changed]}
         for name, c in result.experiments.items()
     }
-    data = {
-        "same": result.same,
-        "experiments": cells,
-        "times": [asdict(t) for t in result.times],
-        "notes": result.notes,
-    }
+    times = [asdict(t) for t in result.times]
+    data = {"same": result.same, "experiments": cells, "times": times, "notes": result.notes}
     return Answer("\n".join(lines), plain(data), 0 if result.same else 1)
 
 
@@ -93,9 +87,6 @@ def _times(tested: Sequence[Any], threshold: float) -> list[str]:
     return [*(table(rows) if different else []), sum_up]
 
 
-# ---------------------------------------------------------------- of `verify`, too
-
-
 def listed(experiment: str, what: str, cells: Sequence[dict[str, Any]], most: int | None = MOST) -> list[str]:
     lines = [f"{what}: {experiment} {json.dumps(cell, ensure_ascii=False)}" for cell in cells[:most]]
     return lines + ([f"… and {len(cells) - len(lines)} more {what} in {experiment}"] if len(cells) > len(lines) else [])
@@ -112,12 +103,8 @@ def changed_columns(experiment: str, changed: Sequence[tuple[dict[str, Any], dic
         sizes = (f"{max(difference.absolute for difference in found):.1e}", f"{worst.relative:.1e}")
         counts = (str(len(found)), str(sum(difference.rows for difference in found)))
         rows.append((column, *counts, *sizes, _short(worst.old), _short(worst.new)))
-    return [
-        "",
-        f"changed in {experiment}:",
-        *table(rows),
-        *listed(experiment, "changed", [cell for cell, _ in changed]),
-    ]
+    cells = listed(experiment, "changed", [cell for cell, _ in changed])
+    return ["", f"changed in {experiment}:", *table(rows), *cells]
 
 
 def as_data(cell: dict[str, Any], differing: dict[str, Any]) -> dict[str, Any]:

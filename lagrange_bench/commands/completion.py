@@ -11,8 +11,6 @@ The names are those of today, and the figures those of the pages that were drawn
 installed a plug-in.
 """
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 
@@ -48,13 +46,8 @@ def names() -> dict[str, list[str]]:
     figures = sorted({path.stem for folder in results for path in folder.glob("page/figures/*.svg")})
     tops, methods = list(NAMED_TOPS), list(METHODS)
     found: dict[str, Any] = {"method": methods, "methods": methods, "highlight": methods}
-    return found | {
-        "top": tops,
-        "tops": tops,
-        "potential": list(POTENTIALS),
-        "experiments": list(EXPERIMENTS),
-        "name": figures or None,
-    }
+    found |= {"top": tops, "tops": tops, "potential": list(POTENTIALS)}
+    return found | {"experiments": list(EXPERIMENTS), "name": figures or None}
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

@@ -12,8 +12,6 @@ alpha, J1 … x3, λ, μ, x, X as in the paper, J̃ for the image; ℓ = x·J, C
 of lagrange_bench.integrators.paper, where the corrected formulas are.
 """
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import asdict
 

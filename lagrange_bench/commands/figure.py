@@ -13,8 +13,6 @@ examples:
   lagrange-bench figure --all --format pdf --output paper/figures
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path
@@ -128,7 +126,6 @@ def _format(options: argparse.Namespace) -> str:
     if suffix and suffix not in FORMATS:
         raise ValueError(f"--output {options.output}: the name must end in {' or '.join(PICTURES)}")
     if options.format and suffix and suffix != options.format:
-        raise ValueError(
-            f"--format {options.format} and --output {options.output} contradict each other: give one format"
-        )
+        both = f"--format {options.format} and --output {options.output}"
+        raise ValueError(f"{both} contradict each other: give one format")
     return str(options.format or suffix or "svg")

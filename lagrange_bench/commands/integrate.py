@@ -26,19 +26,7 @@ from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from lagrange_bench.arguments import (
-    add_potential,
-    count,
-    in_potential,
-    location,
-    named_top,
-    number,
-    number_pairs,
-    numbers,
-    option,
-    own_problem,
-    several,
-)
+from lagrange_bench import arguments
 from lagrange_bench.integrators import memory
 from lagrange_bench.targets import PICTURES, TABLES, check_target
 from lagrange_bench.text import Answer, plain
@@ -56,15 +44,14 @@ PER_ROW = 1000  # bytes of memory that a recorded state takes until it is printe
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """The options of `integrate`."""
-    start = command.add_argument_group(
-        "the top, at t = 0 (one of --top, --state, --physical, or --problem with --state)"
-    )
+    text = "the top, at t = 0 (one of --top, --state, --physical, or --problem with --state)"
+    start = command.add_argument_group(text)
     text = "a named one, see lagrange-bench tops, or package.module:TOP (default: generic)"
     start.add_argument("--top", metavar="NAME", help=text)
     text = "angular momentum and axis in the rest frame, in any units; |x| need not be 1"
-    start.add_argument("--state", type=numbers, metavar="J1,J2,J3,x1,x2,x3", help=text)
+    start.add_argument("--state", type=arguments.numbers, metavar="J1,J2,J3,x1,x2,x3", help=text)
     text = "weight parameter of --state, in units of J²/x (default: 1)"
-    start.add_argument("--alpha", type=number, metavar="A", help=text)
+    start.add_argument("--alpha", type=arguments.number, metavar="A", help=text)
     text = "a real top in SI units and rad: mass (kg), distance of its centre of mass from the tip (m), gravity (m/s², "
     text += "default 9.81), moments of inertia about the tip, A across and C along the axis (kg m²), Euler angles "
     text += "theta (from the upward vertical), phi, psi and their rates dtheta, dphi, dpsi (rad/s); phi, psi, dtheta "
@@ -72,13 +59,15 @@ def add_options(command: argparse.ArgumentParser) -> None:
     start.add_argument("--physical", type=physical, metavar="mass=…,A=…,…", help=text)
     text = "a problem of your own, with --state, as many numbers as it has"
     start.add_argument("--problem", metavar="package.module:PROBLEM", help=text)
-    add_potential(start)
+    arguments.add_potential(start)
 
     grid = command.add_argument_group("the times (--h and --steps, or --times)")
-    grid.add_argument("--h", type=number, metavar="H", help="step, in the top's unit of time; negative: backwards")
-    grid.add_argument("--steps", type=count, metavar="N", help="number of steps")
+    grid.add_argument(
+        "--h", type=arguments.number, metavar="H", help="step, in the top's unit of time; negative: backwards"
+    )
+    grid.add_argument("--steps", type=arguments.count, metavar="N", help="number of steps")
     text = "record every K-th state; K divides N (default: 1 with a file to write, else start and end only)"
-    grid.add_argument("--every", type=count, metavar="K", help=text)
+    grid.add_argument("--every", type=arguments.count, metavar="K", help=text)
     text = "n equidistant times from t0 to t1, both included, or a list: for methods with dense output or jumps"
     grid.add_argument("--times", type=times, metavar="t0:t1:n | t,t,…", help=text)
 
@@ -87,32 +76,32 @@ def add_options(command: argparse.ArgumentParser) -> None:
     method.add_argument("--method", default="backlund", metavar="NAME", help=text)
     text = "an option of the method, see methods --verbose; a number, a complex number as 0.1+0.5j, true, false or a "
     text += "word; may be repeated"
-    method.add_argument("--option", type=option, action="append", default=[], metavar="KEY=VALUE", help=text)
+    method.add_argument("--option", type=arguments.option, action="append", default=[], metavar="KEY=VALUE", help=text)
 
     results = command.add_argument_group("the results")
     text = "keep times, states and metadata in FILE.csv, FILE.npz or FILE.parquet (needs pyarrow); a file of this "
     text += "name is replaced"
-    results.add_argument("--output", type=location, metavar="FILE", help=text)
+    results.add_argument("--output", type=arguments.location, metavar="FILE", help=text)
     text = "draw the axis on its sphere: FILE.svg, FILE.png or FILE.pdf; a file of this name is replaced"
-    results.add_argument("--draw", type=location, metavar="FILE", help=text)
+    results.add_argument("--draw", type=arguments.location, metavar="FILE", help=text)
     results.add_argument("--quiet", action="store_true", help="do not say on stderr which files were written")
 
 
 def times(text: str) -> list[float]:
     """t0:t1:n, or a list."""
     if ":" not in text:
-        return numbers(text)
+        return arguments.numbers(text)
     parts = text.split(":")
     if len(parts) != 3:
         raise ValueError(f"must be t0:t1:n or a list t,t,…; got {text!r}")
-    first, last, n = number(parts[0]), number(parts[1]), several(parts[2])
+    first, last, n = arguments.number(parts[0]), arguments.number(parts[1]), arguments.several(parts[2])
     memory.check(n, PER_ROW, memory.available(), text, "take fewer times")
     return [first + (last - first) * (k / (n - 1)) for k in range(n - 1)] + [last]
 
 
 def physical(text: str) -> dict[str, float]:
     """name=number,…: the arguments of a real top, completed by the defaults."""
-    given = number_pairs(text, (*GIVEN, *PHYSICAL))
+    given = arguments.number_pairs(text, (*GIVEN, *PHYSICAL))
     if missing := [name for name in GIVEN if name not in given]:
         raise ValueError(f"lacks {', '.join(missing)}")
     return PHYSICAL | given
@@ -169,13 +158,13 @@ def run(options: argparse.Namespace) -> Answer:
     return Answer(output.describe(trajectory, y0, data, method.label), data)
 
 
-def _follow(word: str, method: Method, top: Any, y0: np.ndarray, arguments: dict[str, Any]) -> Trajectory:
+def _follow(word: str, method: Method, top: Any, y0: np.ndarray, given: dict[str, Any]) -> Trajectory:
     """The trajectory. What a method of the user's own raises is a StepError with the line of its file, as in `check`."""
     from lagrange_bench import integrators
     from lagrange_bench.integrators.registry import BUILT_IN
 
     try:
-        return integrators.integrate(top, y0, method=method, **arguments)
+        return integrators.integrate(top, y0, method=method, **given)
     except (ValueError, OSError, MemoryError, integrators.StepError):
         raise
     except (Exception, SystemExit) as error:  # a plug-in may raise anything
@@ -195,7 +184,7 @@ def _start(options: argparse.Namespace) -> tuple[str | None, Any, np.ndarray]:
         for word in ("top", "physical", "alpha", "potential", "parameters"):
             if getattr(options, word) is not None:
                 raise ValueError(f"give either --problem or --{word}")
-        return options.problem, *own_problem(options.problem, options.state)
+        return options.problem, *arguments.own_problem(options.problem, options.state)
     given = [f"--{word}" for word in ("top", "state", "physical") if getattr(options, word) is not None]
     if len(given) > 1:
         raise ValueError(f"give only one of {' and '.join(given)}")
@@ -214,9 +203,9 @@ def _start(options: argparse.Namespace) -> tuple[str | None, Any, np.ndarray]:
         except ValueError as error:
             raise ValueError(f"--physical: {error}") from None
     else:
-        named = named_top(options.top or "generic")
+        named = arguments.named_top(options.top or "generic")
         name, top, state = named.name, named.top, named.state
-    return name, in_potential(top, options), state
+    return name, arguments.in_potential(top, options), state
 
 
 def _grid(options: argparse.Namespace) -> dict[str, Any]:

@@ -13,9 +13,8 @@ A method of your own package joins through the entry-point group lagrange_bench.
 lagrange-bench check tests what it claims.
 """
 
-from __future__ import annotations
-
 import argparse
+from collections.abc import Iterable
 from typing import Any
 
 from lagrange_bench.arguments import add_potential, in_potential, named_top
@@ -68,26 +67,26 @@ def _method_notes(data: list[dict[str, Any]]) -> list[str]:
     """What is missing, once for each package, and how to get it."""
     from lagrange_bench.integrators.registry import how_to_get
 
-    missing: dict[str, list[str]] = {}
-    for claims in data:
-        if claims.get("available") is False:
-            missing.setdefault(claims["requires"], []).append(claims["name"])
+    missing = _names((claims["requires"], claims["name"]) for claims in data if claims.get("available") is False)
     notes = [f"{', '.join(names)}: {how_to_get(package)}" for package, names in missing.items()]
-    special: dict[str, list[str]] = {}
-    for claims in data:
-        if "takes" in claims:
-            special.setdefault(claims["takes"], []).append(claims["name"])
+    special = _names((claims["takes"], claims["name"]) for claims in data if "takes" in claims)
     notes += [line for what, names in special.items() for line in (f"only for {what}:", f"  {', '.join(names)}")]
     return notes + [f"{claims['name']}: cannot be loaded: {claims['error']}" for claims in data if "error" in claims]
 
 
 def _left_out(data: list[dict[str, Any]]) -> list[str]:
     """The methods that do not take the top, by reason."""
-    reasons: dict[str, list[str]] = {}
-    for claims in data:
-        if claims.get("refuses"):
-            reasons.setdefault(claims["refuses"].removeprefix(claims["name"]).strip(), []).append(claims["name"])
+    refusing = ((claims["refuses"], claims["name"]) for claims in data if claims.get("refuses"))
+    reasons = _names((reason.removeprefix(name).strip(), name) for reason, name in refusing)
     return [f"left out: {', '.join(names)}: {reason}" for reason, names in reasons.items()]
+
+
+def _names(pairs: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+    """What comes first in the pairs, and the names of each."""
+    found: dict[str, list[str]] = {}
+    for what, name in pairs:
+        found.setdefault(what, []).append(name)
+    return found
 
 
 YES_NO = {True: "yes", False: "no", None: "?"}

@@ -15,8 +15,6 @@ lagrange-bench errata says what is misprinted.
 exit codes: 0 done · 1 a formula misses by more than is allowed · 2 bad input: a section that does not apply to this top
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -15,8 +15,6 @@ A potential of your own: a file my_field.py with POTENTIAL = Potential("name", v
 package joins this list through the entry-point group lagrange_bench.potentials (name = package.module:POTENTIAL).
 """
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

@@ -12,8 +12,6 @@ exit codes: 0 the page is complete; a claim that is refuted is a finding, report
 not be drawn, which the page says in its place · 2 no such results, or files cannot be written
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import webbrowser

@@ -36,7 +36,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lagrange_bench.arguments import add_choice, choice_of, location, positive, seconds
-from lagrange_bench.experiments import EXPERIMENTS, SWEEP
+from lagrange_bench.experiments import EXPERIMENTS, PROFILES, SWEEP
 from lagrange_bench.text import Answer
 
 if TYPE_CHECKING:
@@ -51,12 +51,10 @@ def scheduler(text: str) -> str:
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    known = ", ".join(EXPERIMENTS)
-    text = f"{known}, or FILE.toml (default: all of them)"
+    text = f"{', '.join(EXPERIMENTS)}, or FILE.toml (default: all of them)"
     command.add_argument("experiments", nargs="*", metavar="EXPERIMENT", help=text)
-    profiles = ("quick", "full")
     text = "quick: everything, coarsely; full: the published numbers (default: quick)"
-    command.add_argument("--profile", choices=profiles, default="quick", help=text)
+    command.add_argument("--profile", choices=PROFILES, default="quick", help=text)
     text = "where results are stored, and looked for (default: results/local/PROFILE of the source tree, or "
     text += "./results/PROFILE; of a FILE.toml its name instead of PROFILE)"
     command.add_argument("--results", type=location, metavar="DIR", help=text)
@@ -78,15 +76,15 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """Compute what is missing, draw what a file of the user asked for, and say what to do next."""
+    from lagrange_bench.experiments import sweep
     from lagrange_bench.results.store import default_results
     from lagrange_bench.runner import engine
 
-    names = [_sweep(name) for name in options.experiments] or EXPERIMENTS
+    names = [sweep.read(name) if name.endswith(".toml") else name for name in options.experiments] or EXPERIMENTS
     sweeps = [name for name in names if name.startswith(SWEEP)]
     own = len(sweeps) == len(names)  # a folder of its own: the page of a profile is not the place for it
     results = options.results or default_results(sweeps[0].removeprefix(SWEEP) if own else options.profile)
-    where = {"scheduler": options.scheduler, "timings": not options.no_timings}
-    where["again"] = options.again
+    where = {"scheduler": options.scheduler, "timings": not options.no_timings, "again": options.again}
     limit, show, choice = options.time_limit, not options.quiet, choice_of(options)
     summary = engine.run(names, options.profile, results, options.jobs, show, time_limit=limit, choice=choice, **where)
     drawn = [path for name in (names if options.draw else sweeps) for path in _draw(name, results, choice)]
@@ -113,15 +111,6 @@ def _own_modules(experiments: Iterable[str]) -> list[str]:
         elif "." in name:
             modules.append(name)
     return list(dict.fromkeys(modules))
-
-
-def _sweep(name: str) -> str:
-    """The experiment that a word on the command line means."""
-    if not name.endswith(".toml"):
-        return name
-    from lagrange_bench.experiments import sweep
-
-    return sweep.read(name)
 
 
 def _draw(name: str, results: Path, choice: Choice) -> list[Path]:

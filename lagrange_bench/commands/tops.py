@@ -35,12 +35,9 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.integrators.registry import NAMED_TOPS
     from lagrange_bench.integrators.truth import exact
 
-    tops, broken = [], []
-    for name, found, error in NAMED_TOPS.each():
-        if error:
-            broken.append({"name": name, "error": error})
-        else:
-            tops.append(found)
+    each = list(NAMED_TOPS.each())
+    broken = [{"name": name, "error": error} for name, _, error in each if error]
+    tops: list[Any] = [named for _, named, error in each if not error]
     data, rows = [], [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "motion", "nutation")]
     for named in (top for top in tops if not isinstance(top, NamedPerturbedTop)):
         kind, period = exact.regime(named.top, named.state), exact.nutation_period(named.top, named.state)

@@ -14,8 +14,6 @@ The sample is drawn in turn from every part and method of every experiment. exit
 such results, none that can be computed again, or an experiment's VERSION is newer than they are
 """
 
-from __future__ import annotations
-
 import argparse
 from collections import Counter
 from typing import Any

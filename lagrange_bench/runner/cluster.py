@@ -146,9 +146,6 @@ def _compare(facts: dict[str, Any]) -> None:
         )
 
 
-# ---------------------------------------------------------------- inside a Dask worker
-
-
 def compute(
     experiment: str, cell: dict[str, Any], expected: str | None, limit: float | None
 ) -> tuple[dict[str, Any], Outcome]:

@@ -4,8 +4,6 @@ Accuracy cells in parallel, here or on a cluster; then timing cells one at a tim
 a record with its error; a run that is stopped, in whatever way, is continued by the same command.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -79,9 +77,8 @@ class Summary:
         if len(self.failures) > 10:
             lines.append(f"… and {len(self.failures) - 10} more")
         if any("h" in cell and _word(error) == "declined" for _, cell, error in self.failures):
-            lines.append(
-                "note: the h in {…} is in units of 1/(|J| + √(|α||x|)), the h of a StepError in those of the top"
-            )
+            units = "the h in {…} is in units of 1/(|J| + √(|α||x|)), the h of a StepError in those of the top"
+            lines.append(f"note: {units}")
         for name, t in self.tallies.items():
             old = sources.summary({sources.OTHER: t.other_sources, sources.UNKNOWN: t.unknown_sources})
             lines += [f"old: {name}: {old}"] if old else []
@@ -184,9 +181,6 @@ def _executor(scheduler: str | None, jobs: int, limit: float, experiments: Seque
     return cluster.Cluster(scheduler, limit, experiments)
 
 
-# ---------------------------------------------------------------- which cells
-
-
 def _missing(
     experiment: str, choice: Choice, files: Sources, store: Store, summary: Summary, timings: bool, again: bool
 ) -> list[Task]:
@@ -210,9 +204,8 @@ def _missing(
         if key in seen:
             raise ValueError(f"experiment {experiment!r} lists the cell {cell} twice")
         if taken := set(ADDED) & set(cell):
-            raise ValueError(
-                f"experiment {experiment!r}: cell field {taken.pop()!r}: this name is reserved by the store"
-            )
+            field = f"experiment {experiment!r}: cell field {taken.pop()!r}"
+            raise ValueError(f"{field}: this name is reserved by the store")
         seen.add(key)
         age = sources.compared(done.get(key), digest)
         if key in done and (age == sources.SAME or not again):

@@ -1,7 +1,5 @@
 """Some of the cells of a store computed again, and compared."""
 
-from __future__ import annotations
-
 import random
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -135,9 +133,8 @@ def _sample(
                 groups.setdefault(group, []).append(record)
     if outdated:
         again = " && ".join(origin.again(store.folder, name, store.latest(name)) for name in sorted(outdated))
-        raise StoreError(
-            f"{store.folder}: {', '.join(sorted(outdated))} changed (VERSION) since this was stored: {again}"
-        )
+        changed = ", ".join(sorted(outdated))
+        raise StoreError(f"{store.folder}: {changed} changed (VERSION) since this was stored: {again}")
     if absent:
         how = "not available here (of a file of your own: --module NAME)"
         result.notes.append(f"not computed: {', '.join(sorted(absent))}: {how}")
