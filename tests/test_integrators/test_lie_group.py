@@ -11,16 +11,10 @@ from tests.test_integrators.test_integrable_maps import hat
 EPS = float(np.finfo(float).eps)
 
 
-def matrix(a, b):
-    """The generator (a, b) as a matrix acting on (J, x)."""
-    return np.block([[hat(a), hat(b)], [np.zeros((3, 3)), hat(a)]])
-
-
 def generators(top, h):
-    def k(y):
-        return h * matrix(y[:3], (0, 0, top.alpha))
-
-    return k
+    """h (J, alpha e3) at a state, as a matrix acting on (J, x)."""
+    weight, zero = hat((0, 0, top.alpha)), np.zeros((3, 3))
+    return lambda y: h * np.block([[hat(y[:3]), weight], [zero, hat(y[:3])]])
 
 
 def bracket(A, B):
