@@ -12,8 +12,6 @@ from lagrange_bench.integrators.torus import plain_step as ps
 from lagrange_bench.integrators.torus import time_step as ts
 from tests.test_integrators.test_time_step import random_torus
 
-T_ERROR = 2e-15  # of the clock, relative, wherever ok
-
 
 def wrong_clock(alpha, y, h, found):
     """(T/h − 1, Θ, |m − √Q(λ)|/|m|) of a λ and m that are nearly right, by the derivatives of T and Θ; and |m|²/C1."""
@@ -59,7 +57,7 @@ def test_the_clock_on_thousands_of_tori(count):
         else:
             near += 1
             assert abs(clock) < 1e-15 / branch or branch < 1e-9
-    assert np.max(clocks) < T_ERROR  # `max` may drop NaN
+    assert np.max(clocks) < 2e-15  # `max` may drop NaN
     assert refused < 0.08 * count
     assert 0 < near < 0.08 * count
 
