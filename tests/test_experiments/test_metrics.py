@@ -9,6 +9,7 @@ from lagrange_bench.experiments.measuring import metrics, reductions
 from lagrange_bench.integrators import prepare
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
 from lagrange_bench.integrators.truth import exact
+from tests.reference import turned
 
 T = np.arange(1, 40_001) * 0.05  # 40 000 samples
 STATES = 16
@@ -167,19 +168,14 @@ def test_tables_and_figures_are_made_of_the_rows_of_their_part():
     assert [reductions.done(rows, part).x.tolist() for part in ("", "b", "c")] == [[1, 3], [3], []]
 
 
-def rotated(y, angle):
-    c, s = np.cos(angle), np.sin(angle)
-    R = np.array(((c, -s, 0), (s, c, 0), (0, 0, 1)))
-    return np.concatenate((R @ y[:3], R @ y[3:]))
-
-
 @pytest.mark.parametrize("name", ["figure1", "near_regular", "near_separatrix", "inverted"])
 def test_phase_split_recovers_shifts(name):
     top, y = TOPS[name].top, TOPS[name].state
     unit = top.scales(y)[2]
     size = 1e-6 if name == "near_regular" else 1e-4  # well below the amplitude of the nutation, there 1e-3
     dt, angle = size * unit, -2 * size
-    split = metrics.phase_split(top, y, rotated(exact.solution(top, y, dt), angle) - y)
+    shifted = turned(np.cos(angle), np.sin(angle), exact.solution(top, y, dt))
+    split = metrics.phase_split(top, y, shifted - y)
     assert split["rank"] == 6
     # what is left out is cubic, and magnified by the condition number of the basis; that of second order would be 1e-4
     assert split["time"][0] == pytest.approx(dt, rel=1e-6)
@@ -209,7 +205,7 @@ def test_phase_split_is_linear_complete_and_vectorised():
 @pytest.mark.parametrize(("name", "rank"), [("regular", 4), ("sleeping_stable", 2), ("hanging", 2)])
 def test_phase_split_says_when_it_is_ambiguous(name, rank):
     top, y = TOPS[name].top, TOPS[name].state
-    split = metrics.phase_split(top, y, rotated(y, 1e-6) - y)
+    split = metrics.phase_split(top, y, turned(np.cos(1e-6), np.sin(1e-6), y) - y)
     assert split["rank"][0] <= rank
     assert all(np.isfinite(value).all() for value in split.values())
 

@@ -231,24 +231,20 @@ def test_rows_without_a_method_are_called_by_what_was_measured():
 
 
 def test_what_cannot_be_drawn():
-    comparison = made()
-    for words, message in (
-        ({"x": "hscaled"}, "did you mean 'h_scaled'"),
-        ({"y": "method"}, "^y must be a column of numbers"),
-        ({"methods": ["rk44"]}, "did you mean 'rk4'"),
-        ({"tops": ["slow"]}, "There are generic, fast"),
-        ({"ax": plt.subplots(1, 3)[1]}, "give one, or one for each of 2"),
+    frame, tops = made().frame, [f"random{i:03d}" for i in range(13)]
+    parts = pd.concat([frame.assign(part=part) for part in "ab"])
+    for comparison, words, message in (
+        (made(), {"x": "hscaled"}, "did you mean 'h_scaled'"),
+        (made(), {"y": "method"}, "^y must be a column of numbers"),
+        (made(), {"methods": ["rk44"]}, "did you mean 'rk4'"),
+        (made(), {"tops": ["slow"]}, "There are generic, fast"),
+        (made(), {"ax": plt.subplots(1, 3)[1]}, "give one, or one for each of 2"),
+        (Comparison(parts), {}, "a, b; choose one"),
+        (Comparison(frame.assign(error=np.nan)), {}, "no row has both"),
+        (made(tops=tops), {}, "there are 13; choose at most"),
     ):
         with pytest.raises(ValueError, match=message):
             comparison.plot(**words)
-    parts = pd.concat([comparison.frame.assign(part=part) for part in "ab"])
-    with pytest.raises(ValueError, match="a, b; choose one"):
-        Comparison(parts).plot()
-    with pytest.raises(ValueError, match="no row has both"):
-        Comparison(comparison.frame.assign(error=np.nan)).plot()
-    tops = [f"random{i:03d}" for i in range(13)]
-    with pytest.raises(ValueError, match="there are 13; choose at most"):
-        made(tops=tops).plot()
 
 
 ROWS = [{"error": 1e-3, "off": 1e-4}]

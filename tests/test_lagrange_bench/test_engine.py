@@ -11,7 +11,7 @@ from faults import TOY, nobody_left, squares, start
 
 from lagrange_bench.integrators import memory, registry
 from lagrange_bench.integrators.interface import Method
-from lagrange_bench.results.store import Store, StoreError
+from lagrange_bench.results.store import Store
 from lagrange_bench.runner import engine, progress, workers
 
 pytestmark = [pytest.mark.processes, pytest.mark.xdist_group("engine")]
@@ -163,7 +163,7 @@ def test_an_interrupt_while_cells_are_stored_waits_until_they_are_counted(toy, i
     assert stored > 0
 
 
-def test_what_cannot_be_run_is_found_before_anything_is_computed(toy, monkeypatch, tmp_path):
+def test_what_cannot_be_run_is_found_before_anything_is_computed(toy, monkeypatch):
     monkeypatch.setattr(workers, "compute_all", lambda *_: pytest.fail("computed"))
     for cells, message in (
         (squares(1, 1), "twice"),
@@ -175,10 +175,6 @@ def test_what_cannot_be_run_is_found_before_anything_is_computed(toy, monkeypatc
         monkeypatch.setenv(memory.VARIABLE, text)
         with pytest.raises(ValueError, match=f"LAGRANGE_BENCH_MEMORY must be a positive number of GB.*got '{text}'"):
             toy(squares(1))
-    monkeypatch.delenv(memory.VARIABLE)
-    (tmp_path / "taken").write_text("")
-    with pytest.raises(StoreError, match="--results"):
-        engine.run([TOY], "quick", tmp_path / "taken", show=False)
 
 
 def test_progress_without_a_terminal_is_sparse(monkeypatch, capsys):

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from test_plugin import install
 
 from lagrange_bench.experiments import catalogue
 from lagrange_bench.experiments.catalogue import load
@@ -90,11 +91,7 @@ def test_nothing_is_imported_that_no_command_names(evil, run):
 
 
 def test_an_installed_experiment_needs_no_permission(evil, in_process, run):
-    info = evil / "evil-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: evil\nVersion: 1.0\n")
-    group = "[lagrange_bench.experiments]\n"
-    (info / "entry_points.txt").write_text(f"{group}evil = evilpkg.exp\ndrift = evilpkg.exp\n")
+    install(evil, "evil", {"lagrange_bench.experiments": {"evil": "evilpkg.exp", "drift": "evilpkg.exp"}})
     catalogue.installed.cache_clear()  # a process that lists experiments does so once
     code, out, err = run("run", "evil", "--results", "rows", "--jobs", "1", "--quiet", "--json")
     assert (code, json.loads(out)["experiments"]["evil"]["computed"]) == (0, 1), err + out

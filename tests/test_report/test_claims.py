@@ -13,11 +13,12 @@ from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.measuring import reductions
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.report import claims, origin, page, promises
-from lagrange_bench.report.claims import Bound, Claim, NoData, Refuted
+from lagrange_bench.report.claims import Bound, Claim, NoData
 from lagrange_bench.results.store import default_results
 
 pytestmark = pytest.mark.xdist_group("claims")  # all are judged once
 BIASED = "biased, as the method says"
+WORDS = {True: "confirmed", False: "refuted"}
 
 
 def test_claims_are_few_grouped_and_confirmed_by_the_stored_rows(judged):
@@ -78,8 +79,8 @@ def test_the_experiments_name_every_number_that_all_rows_of_a_part_have(stored, 
         assert reductions.settled(rows, load(experiment).MEASURED) is rows
 
 
-def judge(rows, *bounds):
-    return claims.judge(Claim("c", "cost", "", "drift", bounds), rows)
+def judge(rows, bound):
+    return claims.judge(Claim("c", "cost", "", "drift", (bound,)), rows)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -142,15 +143,6 @@ def as_table(monkeypatch):
     monkeypatch.setattr(promises, "table", lambda rows, *_: rows)
 
 
-def holds(measure, rows, sign, limit):
-    """Whether all numbers satisfy the bound, and the note; refuted is False."""
-    try:
-        found = measure(rows)
-    except Refuted as reason:
-        return False, str(reason)
-    return bool(np.all(claims.SIGNS[sign](np.asarray(found.values, dtype=float), limit))), found.note
-
-
 THEORY = [
     ({}, True),
     ({"share left": 0.03}, False),
@@ -167,7 +159,7 @@ def test_theory_must_hold_for_every_method(as_table):
         table = pd.DataFrame([*rows, {**rows[3], **changes}]).assign(part="theory")
         if changes.get("in range") is False:
             table = table.drop(index=3)
-        assert holds(promises.taken_by_theory, table, "≥", 0.98)[0] is passed, changes
+        assert judge(table, Bound(promises.taken_by_theory, "≥", 0.98))[0].word == WORDS[passed], changes
     with pytest.raises(NoData, match=f"not held against theory: {min(names[:3])}"):
         promises.taken_by_theory(table[~table.method.isin(names[:3])])
 
@@ -188,7 +180,7 @@ def test_a_growing_error_must_be_called_biased(as_table):
     for changes, passed in GROWTH:
         rows = [{"method": name, **like} for name in METHODS]
         rows[3].update(changes)
-        assert holds(promises.kept_as_claimed, pd.DataFrame(rows), "<", 0.75)[0] is passed, changes
+        assert judge(pd.DataFrame(rows), Bound(promises.kept_as_claimed, "<", 0.75))[0].word == WORDS[passed], changes
     with pytest.raises(NoData, match="not measured: backlund"):
         promises.kept_as_claimed(pd.DataFrame(rows[1:]))
 
