@@ -11,9 +11,19 @@ import numpy as np
 import pytest
 
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.integrators import TOPS, LagrangeTop, StepError, ensemble, integrate, integrate_ensemble, prepare
+from lagrange_bench.integrators import (
+    TOPS,
+    LagrangeTop,
+    PerturbedTop,
+    StepError,
+    ensemble,
+    integrate,
+    integrate_ensemble,
+    prepare,
+)
 from lagrange_bench.integrators.compiling import lanes
 from lagrange_bench.integrators.methods.backlund import SHORT
+from lagrange_bench.integrators.problem.potentials import TIDE
 from lagrange_bench.integrators.torus.plain_step import HALVES, many_plain_constants
 from lagrange_bench.integrators.torus.real_map import CONSTANTS, KERNELS, NO_TURN, many_constants, step, turning_step
 from lagrange_bench.integrators.truth import exact
@@ -233,6 +243,8 @@ def test_no_tops_and_no_steps():
     assert integrate_ensemble(LagrangeTop(), none, 0.1, 10).shape == (0, 6)
     assert integrate_ensemble(LagrangeTop(np.empty(0)), none, 0.1, 10, every=5).shape == (3, 0, 6)
     assert integrate_ensemble(LagrangeTop(), none, t=[1.0]).shape == (1, 0, 6)
+    nobody = PerturbedTop(LagrangeTop(), TIDE, (np.empty(0), 0.8, 0.0, 0.6))
+    assert integrate_ensemble(nobody, none, 0.1, 10, "strang").shape == (0, 6)
     assert integrate_ensemble(TOP, Y0, t=[]).shape == (0, SIZE, 6)
     assert integrate_ensemble(TOP, Y0, 0.1, 0, every=3).shape == (1, SIZE, 6)
 

@@ -50,17 +50,17 @@ def one_by_one(problem, states, h, steps, every, name, **options):
 
 
 @pytest.mark.parametrize(
-    ("name", "kind"),
+    ("name", "kind", "options"),
     [
-        *(("rk4", kind) for kind in ("all numbers", "alpha only")),
-        ("strang", "some numbers"),
-        pytest.param("dop853", "some numbers", marks=pytest.mark.interpreted),
+        *(("rk4", kind, {}) for kind in ("all numbers", "alpha only")),
+        *(("strang", "some numbers", options) for options in ({}, {"compensated": True})),
+        pytest.param("dop853", "some numbers", {}, marks=pytest.mark.interpreted),
     ],
 )
-def test_the_bits_of_one_top_alone(name, kind, in_lanes):
+def test_the_bits_of_one_top_alone(name, kind, options, in_lanes):
     problem = TOPS_IN[kind]
-    got = integrate_ensemble(problem, STATES, 0.02, 12, name, every=3, threads=1)
-    assert np.array_equal(got, one_by_one(problem, STATES, 0.02, 12, 3, name))
+    got = integrate_ensemble(problem, STATES, 0.02, 12, name, every=3, threads=1, **options)
+    assert np.array_equal(got, one_by_one(problem, STATES, 0.02, 12, 3, name, **options))
     assert sum(in_lanes) == (0 if name == "dop853" else 32)
     another = integrate_ensemble(LagrangeTop(problem.alpha), STATES, 0.02, 12, name, every=3)
     assert np.max(np.abs(another - got)) > 1e-4  # the potential is there
@@ -88,13 +88,6 @@ def test_where_lanes_do_not_reach_tops_are_taken_alone(in_lanes, monkeypatch):
     got = integrate_ensemble(WEAK, STATES, 0.1, 120, "backlund_splitting", threads=1)
     assert np.array_equal(got, one_by_one(WEAK, STATES, 0.1, 120, 120, "backlund_splitting")[-1])
     assert 0 < sum(in_lanes) < 32
-
-
-@pytest.mark.interpreted
-def test_compensated_and_threads(in_lanes):
-    problem = TOPS_IN["some numbers"]
-    got = integrate_ensemble(problem, STATES, 0.05, 20, "strang", every=10, threads=3, compensated=True)
-    assert np.array_equal(got, one_by_one(problem, STATES, 0.05, 20, 10, "strang", compensated=True))
 
 
 BOTH = Potential("both", lambda x1, x2, x3, p: x3 * x3 + p[0] * x1 * x2)
@@ -153,9 +146,3 @@ def test_failures():
     got = integrate_ensemble(problem, states, 0.05, 400, "dop853", on_failure="nan")
     assert np.isnan(got[1]).all()
     assert np.isfinite(got[0]).all()
-
-
-@pytest.mark.interpreted
-def test_none():
-    nobody = PerturbedTop(LagrangeTop(1.0), TIDE, (np.empty(0), *ALONG))
-    assert integrate_ensemble(nobody, np.empty((0, 6)), 0.1, 10, "strang").shape == (0, 6)

@@ -184,7 +184,7 @@ def test_order_and_what_is_kept(name, problem):
     [
         lambda t, y, p: y[:3] @ np.diag([1.0, 2.0, 4.0]) @ y[:3] + p[0] * y[5],
         lambda t, y, p: np.sum(np.array([1.0, 2.0, 4.0]) * y[:3] ** 2) + p @ y[5:],
-        lambda t, y, p: np.dot(np.square(y[:3]), (1.0, 2.0, 4.0)) + (y[3:] * p[0])[2],
+        lambda t, y, p: np.dot(np.square(y[:3]), (1.0, 2.0, 4.0)) + (p[0] * y[3:])[2],
     ],
 )
 def test_a_hamiltonian_may_use_arrays(formula):
