@@ -237,14 +237,12 @@ def _work(cell: dict) -> list[dict]:
     return rows
 
 
-@of_part(
-    "time", "Gaudin magnets of n spins: the largest relative error of the lengths of the spins and of the Hamiltonians"
-)
-def drift(rows: pd.DataFrame) -> pd.DataFrame:
-    groups = rows.groupby(["n", "variant"], sort=False)
-    table = groups[["spins", "hamiltonians"]].agg(largest)
-    table.insert(0, "length of run", groups.t.max())
-    return table.reset_index()
+DRIFT = "Gaudin magnets of n spins: the largest relative error of the lengths of the spins and of the Hamiltonians"
+
+
+@by_group(("n", "variant"), "time", DRIFT)
+def drift(n: int, variant: str, run: pd.DataFrame) -> dict:
+    return {"length of run": run.t.max(), "spins": largest(run.spins), "hamiltonians": largest(run.hamiltonians)}
 
 
 @of_part(

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments import script
-from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
+from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring import metrics, states, timing
 from lagrange_bench.integrators import METHODS, prepare
@@ -233,30 +233,20 @@ def best_steps(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.concat(table, ignore_index=True) if table else pd.DataFrame()
 
 
-@of_part(
-    "",
-    "Where each curve ends, and why: at the limit of time, the same for all, at round-off, or at the tightest tolerance",
-    failed=True,
+ENDS = (
+    "Where each curve ends, and why: at the limit of time, the same for all, at round-off, or at the tightest tolerance"
 )
-def ends(rows: pd.DataFrame) -> pd.DataFrame:
+
+
+@by_group((*APART, "method"), "", ENDS, failed=True)
+def ends(span: float, state: str, method: str, run: pd.DataFrame) -> dict:
     """Where each curve ends, and why."""
-    if "stopped" not in rows:
-        return pd.DataFrame()
-    table = []
-    for (span, state, method), run in rows.groupby([*APART, "method"], sort=False):
-        last = run.iloc[-1]
-        why = {"round-off": "the error falls no more", "too long": f"over {last.longest:g} s"}.get(last.stopped)
-        table.append(
-            {
-                "span": span,
-                "state": state,
-                "method": method,
-                "runs": int(run.error.notna().sum()),
-                "smallest error": float(run.error.min()),
-                "ends because": why or (run.failure.iloc[-1] if last.status == "failed" else "tightest tolerance"),
-            }
-        )
-    return pd.DataFrame(table)
+    if "stopped" not in run:
+        return {}
+    last = run.iloc[-1]
+    why = {"round-off": "the error falls no more", "too long": f"over {last.longest:g} s"}.get(last.stopped)
+    why = why or (last.failure if last.status == "failed" else "tightest tolerance")
+    return {"runs": int(run.error.notna().sum()), "smallest error": float(run.error.min()), "ends because": why}
 
 
 def champions(good: pd.DataFrame) -> list[str]:

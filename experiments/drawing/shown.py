@@ -32,14 +32,16 @@ def of_part(name: str = "", caption: str = "", failed: bool = False) -> Callable
     return decorator
 
 
-def by_group(columns: Sequence[str], part: str = "", caption: str = "") -> Callable[..., Callable[..., Any]]:
+def by_group(
+    columns: Sequence[str], part: str = "", caption: str = "", failed: bool = False
+) -> Callable[..., Callable[..., Any]]:
     """As `of_part`, of a function that makes a line of the table: it gets the values of `columns`, and the rows that have them.
 
     Lines begin with these columns; an empty one is left out.
     """
 
     def decorator(function: Callable[..., dict[str, Any]]) -> Callable[..., Any]:
-        @of_part(part, caption)
+        @of_part(part, caption, failed)
         @wraps(function)
         def of_rows(rows: pd.DataFrame) -> pd.DataFrame:
             groups = rows.groupby(list(columns), sort=False)
