@@ -71,11 +71,8 @@ def folder(tmp_path, monkeypatch):
     before = set(sys.modules)
     yield tmp_path
     for name in set(sys.modules) - before:
-        module = sys.modules[name]
-        if any(
-            str(tmp_path) in str(place)
-            for place in (module.__dict__.get("__file__"), *module.__dict__.get("__path__", ()))
-        ):
+        facts = vars(sys.modules[name])
+        if str(tmp_path) in f"{facts.get('__file__')} {facts.get('__path__')}":
             del sys.modules[name]
     if "matplotlib" in sys.modules:
         from matplotlib import pyplot

@@ -48,14 +48,8 @@ def test_a_column_shows_three_digits_where_one_of_its_numbers_needs_them_and_who
 
 
 def test_headings_are_words():
-    words = {
-        "ns_per_step": "ns per step",
-        "setup_us": "setup µs",
-        "us per use": "µs per use",
-        32.0: "32",
-        "1e-06": "10⁻⁶",
-    }
-    assert {name: tables.heading(name) for name in words} == words
+    columns = ["ns_per_step", "setup_us", "us per use", 32.0, "1e-06"]
+    assert [*map(tables.heading, columns)] == ["ns per step", "setup µs", "µs per use", "32", "10⁻⁶"]
 
 
 @pytest.mark.parametrize(("n", "kind"), [(3, "tabular"), (200, "longtable")])

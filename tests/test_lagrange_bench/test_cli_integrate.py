@@ -13,19 +13,10 @@ import numpy as np
 import pytest
 from test_cli import examples
 
+from lagrange_bench import HeavyTop, LagrangeTop, PerturbedTop, free_body, integrate
 from lagrange_bench import trajectory as output
 from lagrange_bench.commands import integrate as command
-from lagrange_bench.integrators import (
-    METHODS,
-    PERTURBED_TOPS,
-    POTENTIALS,
-    TOPS,
-    HeavyTop,
-    LagrangeTop,
-    PerturbedTop,
-    free_body,
-    integrate,
-)
+from lagrange_bench.integrators import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS
 from lagrange_bench.integrators.truth import truths
 
 SHORT = ("integrate", "--h", "0.1", "--steps", "20")

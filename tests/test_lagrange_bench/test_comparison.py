@@ -7,26 +7,10 @@ import pandas as pd
 import pytest
 from matplotlib import pyplot as plt
 
-from lagrange_bench import (
-    METHODS,
-    PERTURBED_TOPS,
-    TOPS,
-    Comparison,
-    LagrangeTop,
-    Problem,
-    drift,
-    free_body,
-    heavy_top,
-    integrate,
-    load,
-    order,
-    perturbed,
-    phase,
-    work_precision,
-)
-from lagrange_bench.__main__ import main
+from lagrange_bench import METHODS, PERTURBED_TOPS, TOPS, Comparison, LagrangeTop, Problem, free_body, integrate, load
 from lagrange_bench.data import in_both_units
 from lagrange_bench.experiments.drawing import style
+from lagrange_bench.questions import drift, heavy_top, order, perturbed, phase, work_precision
 from lagrange_bench.results.store import Store, make_record, published
 
 BODY = (free_body(1.0, 2.0, 3.0), (0.3, -0.4, 1.2))
@@ -302,14 +286,13 @@ def test_names_of_experiments_and_damaged_lines(folder):
         assert len(load(folder)["phase"]) == 3
 
 
-def test_the_command_draws_columns_and_limits(folder, tmp_path):
-    words = ["figure", "phase_h", "--results", str(folder), "--quiet", "--output"]
-    for name, more in {
-        "columns": ["--x", "h", "--y", "off", "--methods", "rk4", "--xlim", "0.01,2"],
-        "wide": ["--x", "h_scaled", "--y", "off"],
-    }.items():
-        assert main([*words, str(tmp_path / f"{name}.svg"), *more]) == 0
-    columns, wide = ((tmp_path / f"{name}.svg").read_text() for name in ("columns", "wide"))
+def test_the_command_draws_columns_and_limits(run, folder, tmp_path):
+    def drawn(*words):
+        file = tmp_path / "drawn.svg"
+        assert run("figure", "phase_h", "--y", "off", *words, "--results", folder, "--output", file)[0] == 0
+        return file.read_text()
+
+    columns = drawn("--x", "h", "--methods", "rk4", "--xlim", "0.01,2")
     assert "error off the torus" in columns
     assert "generic unit top" in columns
-    assert columns != wide
+    assert columns != drawn("--x", "h_scaled")

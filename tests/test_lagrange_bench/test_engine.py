@@ -165,10 +165,7 @@ def test_an_interrupt_while_cells_are_stored_waits_until_they_are_counted(toy, i
 
 def test_what_cannot_be_run_is_found_before_anything_is_computed(toy, monkeypatch):
     monkeypatch.setattr(workers, "compute_all", lambda *_: pytest.fail("computed"))
-    for cells, message in (
-        (squares(1, 1), "twice"),
-        (squares(1, status=0), "'status'"),
-    ):
+    for cells, message in ((squares(1, 1), "twice"), (squares(1, status=0), "'status'")):
         with pytest.raises(ValueError, match=message):
             toy(cells)
     for text in ("0", "inf", "nan", "four"):

@@ -18,13 +18,8 @@ def frame(**columns):
 @pytest.fixture
 def rows(monkeypatch):
     order = {"method": "mine", "claimed": 2, "measured": 1.987, "hidden": False, "state": "generic"}
-    verdict = {
-        "method": "mine",
-        "invariant": "H",
-        "claimed": False,
-        "verdict": "biased",
-        "largest relative error": 0.0123,
-    }
+    verdict = {"method": "mine", "invariant": "H", "claimed": False, "verdict": "biased"}
+    verdict |= {"largest relative error": 0.0123}
     tables = {"orders": pd.DataFrame([order]), "verdicts": pd.DataFrame([verdict])}
     monkeypatch.setattr(panels, "table", lambda stored, experiment, name: tables[name])
     inf, nan = np.inf, np.nan

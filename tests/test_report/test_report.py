@@ -322,11 +322,8 @@ def test_command_line(results, tmp_path, run, undrawn, monkeypatch):
     (tmp_path / "none").mkdir()
     code, _, err = run("report", "--results", tmp_path / "none", "--output", tmp_path / "page")
     assert (code, "nothing is stored in" in err, (tmp_path / "page").exists()) == (2, True, False)
-    words, page_of, opened = (
-        ("report", "--results", results, "--output"),
-        (tmp_path / "out" / "index.html").resolve(),
-        [],
-    )
+    words, opened = ("report", "--results", results, "--output"), []
+    page_of = (tmp_path / "out" / "index.html").resolve()
     monkeypatch.setattr("webbrowser.open", opened.append)
     code, out, err = run(*words, tmp_path / "out", "--open")
     assert (code, out, err.splitlines()[0]) == (0, f"{page_of}\n", f"drawn from {results}")
