@@ -14,9 +14,8 @@ import pytest
 from test_cli import examples
 
 from lagrange_bench import HeavyTop, LagrangeTop, PerturbedTop, free_body, integrate
-from lagrange_bench import trajectory as output
 from lagrange_bench.commands import integrate as command
-from lagrange_bench.integrators import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS
+from lagrange_bench.integrators import PERTURBED_TOPS, POTENTIALS, TOPS
 from lagrange_bench.integrators.truth import truths
 
 SHORT = ("integrate", "--h", "0.1", "--steps", "20")
@@ -146,17 +145,6 @@ def test_a_file_is_replaced_whole_and_not_in_silence(run, tmp_path, monkeypatch)
     assert (code, err) == (2, f"lagrange-bench: error: {path}: cannot be written: No space left on device\n")
     assert path.read_bytes() == before
     assert sorted(tmp_path.iterdir()) == [link, path]  # no pieces are left
-
-
-def test_the_same_trajectory_is_the_same_picture(tmp_path):
-    """Also with a name that looks like a formula, and with so few states that they are drawn as points."""
-    few, many = (integrate(GENERIC.top, GENERIC.state, h=1.0 / n, steps=n, every=1) for n in (3, 30))
-    files = []
-    for name, trajectory in (("1.svg", few), ("2.svg", few), ("3.svg", many), ("4.png", few), ("5.pdf", few)):
-        output.draw(tmp_path / name, trajectory, METHODS["backlund"], "a $_$ b")
-        files.append((tmp_path / name).read_bytes())
-    assert files[0] == files[1] != files[2]
-    assert [file[:4] for file in files[2:]] == [b"<?xm", b"\x89PNG", b"%PDF"]
 
 
 def test_what_can_be_known_before_is_said_before(run, tmp_path, monkeypatch):

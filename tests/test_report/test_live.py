@@ -22,8 +22,6 @@ def iterate(browser, method, alpha, y, h, steps, tide=0.0):
     )  # fmt: skip
 
 
-# ---------------------------------------------------------------- what it computes
-
 # orbits so close to a separatrix that half an ulp of y0 is worth more than the bound; 1 − k² is far below 1e-3
 UNSTABLE = {"near_separatrix": 1e-9, "homoclinic": 0.02, "unstable_sleeping": 0.02}
 
@@ -97,9 +95,6 @@ def test_the_body_spins_in_the_browser_as_in_python(browser):
             assert np.abs(carried - tide[3:6]).max() < 1e-11  # in a tide, too, x is the axis of the body
             if span > 50.0:
                 assert min(np.abs(tide[6:] - expected).max(), np.abs(tide[6:] + expected).max()) > 1e-3
-
-
-# ---------------------------------------------------------------- what is drawn and told
 
 
 def test_controls_move_the_picture(browser):
