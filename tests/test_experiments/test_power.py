@@ -49,15 +49,14 @@ class Bent(Wrapped):
         super().__init__(*where, name)
         self.bend = bend
 
-    def advance(self, y, n):
-        for _ in range(n):
-            y = self.bend(self.inner.advance(y, 1), self.h)
-        return y
+    advance = Stepper.advance
 
     def record(self, y, n, every):
         rows = [y]
-        for _ in range(n // every):
-            rows.append(self.advance(rows[-1], every))
+        for k in range(1, n + 1):
+            y = self.bend(self.inner.advance(y, 1), self.h)
+            if k % every == 0:
+                rows.append(y)
         return np.array(rows)
 
 
@@ -139,7 +138,7 @@ def test_a_false_claim_is_caught(name, lie, caught):
 
 
 def adams(order):
-    return replace(METHODS["rk4"], order=order, conserves=frozenset({"J3"}), prepare=multistep.prepare)
+    return replace(METHODS["rk4"], order=order, conserves=frozenset({"J3"}), prepare=multistep.Adams)
 
 
 def test_the_starter_of_a_multistep_method_does_not_hide_its_order():

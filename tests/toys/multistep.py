@@ -4,41 +4,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from lagrange_bench.integrators import METHODS
-from lagrange_bench.integrators.compiling.compiled import compiled
-from lagrange_bench.integrators.compiling.loops import MEMORY, FixedStepper
+from lagrange_bench.integrators import METHODS, Stepper
 
 
-@compiled
-def slope(s, alpha):
-    J1, J2, J3, x1, x2, x3 = s
-    return -alpha * x2, alpha * x1, 0.0, J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1
+def rhs(alpha, y):
+    J1, J2, J3, x1, x2, x3 = y.tolist()
+    return np.array((-alpha * x2, alpha * x1, 0.0, J2 * x3 - J3 * x2, J3 * x1 - J1 * x3, J1 * x2 - J2 * x1))
 
 
-@compiled
-def moved(s, h, k):
-    return s[0] + h * k[0], s[1] + h * k[1], s[2], s[3] + h * k[3], s[4] + h * k[4], s[5] + h * k[5]
+class Adams(Stepper):
+    def __init__(self, top, y0, h):
+        self.alpha, self.h, self.starter = top.alpha, h, METHODS["rk4"].prepare_for(top)(top, y0, h)
+        self.work = self.starter.work
+
+    def record(self, y, n, every):
+        rows, slope = [y], rhs(self.alpha, y)
+        for k in range(1, n + 1):
+            before, slope = slope, rhs(self.alpha, y)
+            y = self.starter.advance(y, 1) if k == 1 else y + self.h * (1.5 * slope - 0.5 * before)
+            if k % every == 0:
+                rows.append(y)
+        return np.array(rows)
 
 
-@compiled
-def step(s, c, tally):
-    alpha, h, m = c[0], c[1], MEMORY
-    k1 = slope(s, alpha)
-    if tally[m] == 0.0:
-        tally[m] = 1.0
-        k2 = slope(moved(s, h / 2, k1), alpha)
-        k3 = slope(moved(s, h / 2, k2), alpha)
-        k4 = slope(moved(s, h, k3), alpha)
-        new = moved(moved(moved(moved(s, h / 6, k1), h / 3, k2), h / 3, k3), h / 6, k4)
-    else:
-        old = tally[m + 1], tally[m + 2], 0.0, tally[m + 3], tally[m + 4], tally[m + 5]
-        new = moved(moved(s, 1.5 * h, k1), -0.5 * h, old)
-    tally[m + 1], tally[m + 2], _, tally[m + 3], tally[m + 4], tally[m + 5] = k1
-    return new
-
-
-def prepare(top, y0, h):
-    return FixedStepper("adams", h, np.array((top.alpha, h)), step)
-
-
-METHOD = replace(METHODS["rk4"], name="adams", label="Adams–Bashforth 2", order=4, prepare=prepare)
+METHOD = replace(METHODS["rk4"], name="adams", label="Adams–Bashforth 2", order=4, prepare=Adams)
