@@ -24,8 +24,6 @@ from lagrange_bench.integrators import (
 from lagrange_bench.integrators.compiling import lanes
 from lagrange_bench.integrators.methods.backlund import SHORT
 from lagrange_bench.integrators.problem.potentials import TIDE
-from lagrange_bench.integrators.torus.plain_step import HALVES, many_plain_constants
-from lagrange_bench.integrators.torus.real_map import CONSTANTS, KERNELS, NO_TURN, many_constants, step, turning_step
 from lagrange_bench.integrators.truth import exact
 from tests.faults import interrupted
 from tests.test_integrators.test_ensemble_in_field import one_by_one
@@ -51,18 +49,11 @@ def alone(n, h, steps, every, method="backlund", **options):
 
 
 def test_every_named_top_has_the_bits_of_its_own_run():
-    """All forms of the exact step are met, with turns and without."""
+    """In all forms of the exact step, with turns after the steps and without."""
     states, alphas = (np.array([getattr(n, word) for n in TOPS.values()]) for word in ("state", "alpha"))
-    forms, n = np.empty(len(states), dtype=np.int64), len(states)
-    met, turns = set(), np.empty((n, 4))
     for h in (0.1, 5.0):
-        many_constants(alphas, states, h, np.empty((n, 6)), np.empty((n, CONSTANTS)), np.empty((n, 6)), forms, turns)
-        turned = (turns != np.ravel(NO_TURN)).any(axis=1)
-        met |= set(zip(forms.tolist(), turned.tolist(), strict=True))
-        got = integrate_ensemble(LagrangeTop(alphas), states, h, 40)
-        for named, y in zip(TOPS.values(), got, strict=True):
-            assert np.array_equal(y, prepare(named.top, named.state, h).advance(named.state, 40)), named.name
-    assert met == {(KERNELS.index(k), turned) for k in (step, turning_step) for turned in (False, True)}
+        got = integrate_ensemble(LagrangeTop(alphas), states, h, 40, every=40)
+        assert np.array_equal(got, one_by_one(LagrangeTop(alphas), states, h, 40, 40, "backlund"))
 
 
 def test_nothing_depends_on_place_chunks_threads_or_interruptions(monkeypatch):
@@ -107,19 +98,13 @@ def errors(alphas, states, got, expected):
 
 @pytest.mark.parametrize(("h", "n", "middle"), [(0.5, 5000, 2e-15), (-7.3, 5000, 5e-15)])
 def test_ten_steps_against_jumps_in_double_double(h, n, middle):
-    """Whole nutations are taken off; few tops are left to double-double. Periods are 1.3 to 10 here."""
+    """Whole nutations are taken off: periods are 1.3 to 10 here."""
     alphas, states = draw(n, seed=4)
     top = LagrangeTop(alphas)
     jumps = integrate_ensemble(top, states, t=[10 * h])[0]
     error = errors(alphas, states, integrate_ensemble(top, states, h, 10), jumps)
     assert np.median(error) < middle
     assert np.max(error) < 5e-14
-    if abs(h) > 1:
-        exact_c, plain_c, numbers = np.empty((n, CONSTANTS)), np.empty((n, CONSTANTS)), np.empty(n, dtype=np.int64)
-        for set_up, c in ((many_constants, exact_c), (many_plain_constants, plain_c)):
-            set_up(alphas, states, h, np.empty((n, 6)), c, np.empty((n, 6)), numbers, np.empty((n, 4)))
-        assert HALVES in numbers
-        assert np.mean((exact_c == plain_c).all(axis=1)) < 0.02
 
 
 @pytest.mark.parametrize("h", [0.1, -2.5])

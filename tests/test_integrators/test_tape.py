@@ -27,16 +27,6 @@ from tests.faults import interrupted
 from tests.installed import installed
 
 
-def test_what_depends_on_fixed_inputs_alone_is_computed_before_the_loop():
-    tape = Tape()
-    y, h, a = tape.input(), tape.input(fixed=True), tape.input(fixed=True)
-    split = tape.split((y + h * (3.0 * (a * y)), -(h * y) / a, h * h, sqrt(a)))
-    assert [line[0] for line in split.moving.lines] == ["mul", "add", "mul"]
-    values = split.moving(0.7, *split.constants(0.1, 2.0))
-    assert np.allclose(values, (0.7 + 0.1 * 3 * 2 * 0.7, -0.1 * 0.7 / 2, 0.01, 2**0.5), rtol=1e-15)
-    assert split.constants(1.0, 0.0)[1] == -np.inf  # not an exception
-
-
 def test_nothing_is_collected_that_would_be_rounded_elsewhere():
     """Without fixed inputs only exact products of constants: 2 (a/2) is a, 3 (a/5) stays."""
     assert record(lambda a: (2.0 * (a / 2.0), 3.0 * (a / 5.0)), 1).outputs[0] == 0
