@@ -1,11 +1,12 @@
 """Scheme and step for a given error: what `integrate(…, t=…, tol=…)` does for a splitting with the exact step inside.
 
-A pilot run follows the start of the orbit with each scheme, with a step h and with half of it, quarter of it, …; the difference
-of two neighbours is the error of the coarser one, taken to grow like t, or like t² if it does so in the pilot. A third of tol is
-left to it (`SHARE`) for beats slower than the pilot. What a pilot does not see, a close encounter or a slow beat, shows in H: the
-error of the run is expected to be LAW times the mean move of H times t. If that is above half of `tol`, or the pilot's error far
-above what H explains, the run is taken again with half of the step, and the two are compared; at last a `StepError`. On a chaotic
-orbit nothing here sees errors that grow long after the pilot. Reasons and measurements: docs/perturbed.md, section 6.
+A pilot run follows the start of the orbit with each scheme, with a step h and with half of it, quarter of it, …; the
+difference of two neighbours is the error of the coarser one, taken to grow like t, or like t² if it grows faster than t² in
+the pilot. A third of tol is left to it (`SHARE`) for beats slower than the pilot. What a pilot does not see, a close encounter
+or a slow beat, shows in H: the error of the run is expected to be LAW times the mean move of H times t. If that is above half
+of `tol`, or the pilot's error far above what H explains, the run is taken again with half of the step, and the two are
+compared; at last a `StepError`. On a chaotic orbit nothing here sees errors that grow long after the pilot. Reasons and
+measurements: docs/perturbed.md, section 6.
 
 Of all schemes the one with the fewest kicks in a unit of time is taken. Where the round-off of the pilot hides the error, it
 is extrapolated in h with the least order there is, 4.

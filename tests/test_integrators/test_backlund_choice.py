@@ -3,6 +3,7 @@
 import re
 import warnings
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -194,3 +195,15 @@ def test_an_instability_that_comes_late():
     top, y0, unit = problem("triaxial")
     run = chosen(top, y0, t=[3000 * unit], tol=1e-6)
     assert error(top, y0, run) > 1e-5
+
+
+@pytest.mark.parametrize(("power", "growth"), [(1, 10.0), (2, 10.0), (3, 100.0)])
+def test_an_error_that_grows_faster_than_t2_is_taken_to_grow_like_t2(power, growth):
+    """From a pilot of 16 units of time to a run of 160."""
+    pilot = object.__new__(bc._Pilot)
+    pilot.span, pilot.last, pilot.unit, pilot.scales = 16.0, 160.0, 1.0, np.ones(2)
+    pilot.candidate = SimpleNamespace(cost=1.0)
+    exact, rows = np.zeros((17, 6)), np.zeros((17, 6))
+    rows[:, 0] = (np.arange(17) / 16) ** power * 1e-6
+    error, expected = pilot.errors((rows, None), (exact, None), 1)
+    assert expected / error == pytest.approx(growth)
