@@ -100,19 +100,13 @@ def test_an_installed_experiment_needs_no_permission(evil, in_process, run):
     assert load("drift").__name__ == "lagrange_bench.experiments.drift"
 
 
-@pytest.fixture
-def foreign(tmp_path):
-    (tmp_path / "results").mkdir()
-    stored(tmp_path / "results", "drift", {"state": "generic", "method": "rk4"})
-    return tmp_path / "results"
-
-
 @pytest.mark.parametrize("name", ["page", "page/index.html", "page/figures"])
-def test_a_link_in_a_foreign_folder_is_not_followed(run, foreign, name):
+def test_a_link_in_a_foreign_folder_is_not_followed(run, tmp_path, name):
     """What it points to is the reader's."""
-    target = foreign.parent / "mine"
+    foreign, target = tmp_path / "results", tmp_path / "mine"
     target.write_text("mine") if name.endswith(".html") else target.mkdir()
-    (foreign / name).parent.mkdir(exist_ok=True)
+    (foreign / name).parent.mkdir(parents=True)
+    stored(foreign, "drift", {"state": "generic", "method": "rk4"})
     (foreign / name).symlink_to(target)
     code, out, err = run("report", "--results", foreign, "--quiet")
     assert (code, out) == (2, "")
