@@ -249,15 +249,9 @@ def test_the_first_run_waits_for_no_set_up_to_compile_and_has_the_same_bits(tmp_
         assert second[0].startswith("True")  # out of the cache, from the first call on
 
 
-@pytest.fixture
-def as_in_a_new_process(monkeypatch):
-    """Whatever the tests before have imported: what measures times has everything compiled at once."""
-    monkeypatch.setattr(interpreted, "OFTEN", OFTEN)
-
-
-@pytest.mark.usefixtures("as_in_a_new_process")
-def test_where_python_raises_compiled_code_begins_anew():
+def test_where_python_raises_compiled_code_begins_anew(monkeypatch):
     """And finds its arrays as they were."""
+    monkeypatch.setattr(interpreted, "OFTEN", OFTEN)  # 0 where times are measured
 
     @compiled
     def divided(a, x):

@@ -97,20 +97,16 @@ def driven(t, y, p):
 DRIVEN = Problem("driven", "e3", driven, (0.01,)).starting(1.3)
 
 
+SCHEMES = [
+    *(("strang", 4, {}), ("processed6", 6, {}), ("aba864", 6, {})),
+    ("strang", 2, {"corrector": False, "modified_kick": False}),
+]
 CASES = [  # a problem, a state, a time, numbers of steps, a scheme, its order, options
+    *((DRIVEN, Y0, END, 48, *scheme) for scheme in SCHEMES),
     *(
-        (DRIVEN, Y0, END, 48, scheme, order, options)
-        for scheme, order, options in (
-            ("strang", 4, {}),
-            ("strang", 2, {"corrector": False, "modified_kick": False}),
-            ("processed6", 6, {}),
-            ("aba864", 6, {}),
-        )
-    ),
-    *(
-        (problem, driven_tops.start(name), driven_tops.SPANS[name] / 4, 256 if name == "kapitza" else 64, *scheme, {})
+        (problem, driven_tops.start(name), driven_tops.SPANS[name] / 4, 256 if name == "kapitza" else 64, *scheme)
         for name, problem in driven_tops.PROBLEMS.items()
-        for scheme in (("strang", 4), ("processed6", 6))
+        for scheme in SCHEMES[:2]
     ),
 ]
 

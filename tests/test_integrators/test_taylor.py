@@ -101,26 +101,8 @@ def many_tops(n):
     return draw.normal(size=n), draw.normal(size=(n, 6))
 
 
-def batches(alphas, Y0, times, width=4, tol=taylor.EPS):
-    width = width or taylor.recommended_width()
-    return taylor._batches(None, alphas[:, None], Y0, np.array(times, dtype=float), tol, width)
-
-
-@pytest.mark.parametrize(
-    ("n", "width", "times"),
-    [(1, 4, [7.0]), (11, 4, [0.0, 0.5, 7.0]), (11, 4, [-0.5, -7.0]), (5, None, [7.0]), (5, 4, [])],
-)
-def test_taylor_batch_is_each_top_for_itself(n, width, times):
-    """Each with its own alpha; n need not be a multiple of the width. Other code than one top's: round-off."""
-    installed("taylor")
-    alphas, Y0 = many_tops(n)
-    states = batches(alphas, Y0, times, width)
-    assert states.shape == (len(times), n, 6)
-    for i in range(n if times else 0):
-        top = LagrangeTop(alphas[i])
-        alone = METHODS["taylor"].evaluate(top, Y0[i], np.array(times))[0]
-        assert np.max(metrics.scaled_error(top, Y0[i], states[:, i], alone)) < 2e-14
-        assert times[0] != 0.0 or np.array_equal(states[0, i], Y0[i])
+def batches(alphas, Y0, times, tol=taylor.EPS):
+    return taylor._batches(None, alphas[:, None], Y0, np.array(times, dtype=float), tol, 4)
 
 
 def test_taylor_batch_meets_its_tolerance_and_says_which_top_failed():
