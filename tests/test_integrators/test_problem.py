@@ -43,22 +43,13 @@ def kirchhoff(t, y, p):
 
 def heavy(t, y, p):
     """An asymmetric heavy top in the frame of the body, driven: rotations about three axes, and a kick."""
-    return (
-        sum(y[i] ** 2 / (2 * p[i]) for i in range(3))
-        + p[3] * y[3]
-        + p[4] * (1 + sin(t) / 2) * y[5]
-        + p[4] * y[3] * y[0]
-    )
+    kinetic = sum(y[i] ** 2 / (2 * p[i]) for i in range(3))
+    return kinetic + p[3] * y[3] + p[4] * (1 + sin(t) / 2) * y[5] + p[4] * y[3] * y[0]
 
 
 def spins(t, y, p):
     a, b, c = y[:3], y[3:6], y[6:]
-    return (
-        p[0] * a[2]
-        + p[1] * sum(u * v for u, v in zip(a, b, strict=True))
-        + p[2] * b[0] * c[0]
-        + (1.0 + c[1] ** 2) ** 0.5
-    )
+    return p[0] * a[2] + p[1] * (a @ b) + p[2] * b[0] * c[0] + (1.0 + c[1] ** 2) ** 0.5
 
 
 def free(t, y, p):

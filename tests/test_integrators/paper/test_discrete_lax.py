@@ -12,7 +12,7 @@ from lagrange_bench.integrators.paper.two_point import pole_free
 from lagrange_bench.integrators.truth import exact
 from tests.reference import turned
 from tests.test_integrators.paper.tools import largest
-from tests.test_integrators.test_integrable_maps import MAPS, rational_cases
+from tests.test_integrators.test_integrable_maps import MAPS, kept_by_kahan, rational_cases
 
 STEPS = (0.1, 1.0, 3.0)
 
@@ -87,13 +87,10 @@ def test_kahan_is_bobenko_and_suris_elsewhere():
 def test_the_identities_behind_it_are_exact():
     e3 = np.array((0, 0, 1))
     for alpha, h, y in rational_cases():
-        image, eps, c1 = MAPS["kahan"](alpha, h, y), alpha * h * h / 4, sum(v * v for v in y[3:])
-        r0 = sum(a * b for a, b in zip(y[:3], y[3:], strict=True)) / (1 - eps * y[5])
-        v = [h / 2 * a + (eps * h / 2 * r0 if i == 2 else 0) for i, a in enumerate(y[:3])]
-        kappa = (c1 + (h / 2 * r0) ** 2) / (1 + sum(a * a for a in v))
-        J, x, new = np.array(y[:3]), np.array(y[3:]), np.array(image[3:])
+        image, eps, kept = MAPS["kahan"](alpha, h, y), alpha * h * h / 4, kept_by_kahan(alpha, h, y)
+        r0, kappa, J, x, new = kept["r0"], kept["kappa"], y[:3], y[3:], image[3:]
         K = J + h / 2 * alpha * cross(e3, x)
-        assert np.all(np.array(image[:3]) - h / 2 * alpha * cross(e3, new) == K)
+        assert np.all(image[:3] - h / 2 * alpha * cross(e3, new) == K)
         assert np.all(new * (1 - eps * x[2]) - x * (1 - eps * new[2]) == h / 2 * cross(K, x + new))
         right = (x[2] + new[2] + 2 * kappa * eps) / (1 - kappa * eps**2) * cross(K, e3)
         right = h / 2 * (right + (J[2] + eps * r0) * cross(e3, x + new))

@@ -18,13 +18,13 @@ from lagrange_bench.integrators.paper.gaudin_step import MagnetStepper, prepare,
 PROMISE = 1e-12  # of issue 3: relative change of every |s_j| and H_j over 1e5 steps
 
 
-def magnet(n, seed=0, pairs=False):
-    """A central spin at 0 and others at real sites of one sign, or at a conjugate pair."""
-    rng = np.random.default_rng(seed)
-    spins = rng.normal(size=(n, 3))
-    if not pairs:
+def magnet(n):
+    """A central spin at 0 and others at real sites of one sign, or, for n = "pairs", at a conjugate pair."""
+    rng = np.random.default_rng(0)
+    spins = rng.normal(size=(3 if n == "pairs" else n, 3))
+    if n != "pairs":
         return GaudinMagnet((0.0, *-np.cumsum(rng.uniform(0.3, 1, n - 1))), 0.7), spins
-    spins = spins + 1j * rng.normal(size=(n, 3))
+    spins = spins + 1j * rng.normal(size=(3, 3))
     spins[0], spins[2] = spins[0].real, spins[1].conj()
     return GaudinMagnet((0.0, 0.6 + 0.4j, 0.6 - 0.4j), 0.7), spins
 
@@ -47,7 +47,7 @@ def drift(m, spins, image):
 
 @pytest.mark.parametrize(("n", "sheet"), [(1, 1), (8, -1), ("pairs", 1)])
 def test_the_kernel_is_the_map(n, sheet):
-    m, spins = magnet(3, pairs=True) if n == "pairs" else magnet(n)
+    m, spins = magnet(n)
     lams = (0.2 + 0.3j, -1.1 + 0.6j)
     image = two_point(m, two_point(m, spins, lams[0], sheet), lams[1], sheet)
     stepper = MagnetStepper(m, spins, lams, sheet)
@@ -88,7 +88,7 @@ def test_promise_of_long_runs(prepare_step, n, steps):
 @pytest.mark.parametrize(("n", "site"), [(1, 0), (5, None), ("pairs", 0), ("pairs", None)])
 def test_one_step_is_the_interpolating_flow(n, site):
     """Section 5.6: a step is the flow of ∫ μ du (no factor i) over time 1, that is of Σ c_j H_j with c of `times`."""
-    m, spins = magnet(3, pairs=True) if n == "pairs" else magnet(n)
+    m, spins = magnet(n)
     for lam in (0.25 + 0.3j, -0.9 + 0.7j):
         c, image = times(m, spins, lam, 1, site), two_point(m, spins, lam, 1, site)
         assert np.max(np.abs(image - flow(m, spins, c))) < 1e-11
@@ -117,7 +117,7 @@ def exact_cases():
     for alpha in (0.7, 0.0):
         yield replace(m, alpha=alpha, hamiltonian=(0.5, -1.5, 0.25, 0.0)), spins, 3.0
     yield replace(m, hamiltonian=(1.0, 1.0, 1.0, 1.0)), spins * np.array([[1], [1], [0], [1]]), 3.0
-    yield *magnet(3, pairs=True), 4.0
+    yield *magnet("pairs"), 4.0
 
 
 @pytest.mark.parametrize("case", range(7))
