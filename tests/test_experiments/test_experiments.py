@@ -58,9 +58,8 @@ def rows_of(name):
         store = Store(folder)
         for position, cell in enumerate(tiny(name)):
             failed = position % 8 == 7 and cell.get("part") != "headline"
-            outcome = {"rows": [], "status": "failed", "error": error} if failed else {
-                "rows": clean_rows(cell, module.measure(cell)), "status": "done", "error": None}  # fmt: skip
-            store.append(make_record(name, module.VERSION, position, cell, **outcome, warnings=[], seconds=0.0))
+            outcome = {"error": error} if failed else {"rows": clean_rows(cell, module.measure(cell))}
+            store.append(make_record(name, module.VERSION, position, cell, **outcome))
         return store.rows(name)
 
 

@@ -209,8 +209,8 @@ def test_the_command_writes_what_is_asked_for_or_nothing(run, tmp_path, monkeypa
     module = ModuleType("toy.figures", "Toy.")
     vars(module).update(VERSION=1, cells=None, measure=None, draw=draw, tables=lambda rows: {})
     monkeypatch.setitem(sys.modules, "toy.figures", module)
-    done = {"status": "done", "rows": ROWS[["error"]].to_dict("records"), "error": None, "warnings": [], "seconds": 0.1}
-    store.Store(tmp_path).append(store.make_record("toy.figures", 1, 0, {"h": 0.1}, **done))
+    rows = ROWS[["error"]].to_dict("records")
+    store.Store(tmp_path).append(store.make_record("toy.figures", 1, 0, {"h": 0.1}, rows=rows))
     here, stored = tmp_path / "f.pdf", ["--results", tmp_path]
     words = ["figure", "toy.figures_curve", *stored, "--output", here]
     assert run(*words, "--format", "pdf")[:2] == (0, f"{here}\n")

@@ -35,7 +35,7 @@ def test_the_readme_counts_them(found):
     assert f"corrected: {errata.count(found)}." in " ".join((readme.ROOT / "README.md").read_text("utf-8").split())
 
 
-def test_command(run, found, monkeypatch):
+def test_the_command_lists_them(run, found, monkeypatch):
     measure = errata.measure
     monkeypatch.setattr(errata, "measure", lambda points, seed: found if points == 8 else measure(points, seed))
     code, out, err = run("errata")
@@ -47,22 +47,16 @@ def test_command(run, found, monkeypatch):
     assert len(json.loads(first)) == len(found)
 
 
-@pytest.fixture
-def results(tmp_path):
-    """One stored cell of the experiment that the errata belong to."""
+def test_the_page_lists_them_beside_the_rows_of_their_experiment(tmp_path, found, monkeypatch):
     stored = (readme.ROOT / "results" / "reference" / "paper.jsonl").read_text(encoding="utf-8")
     (tmp_path / "paper.jsonl").write_text(stored.splitlines(keepends=True)[0], encoding="utf-8")
-    return tmp_path
-
-
-def test_page(results, found, monkeypatch):
     monkeypatch.setattr("lagrange_bench.report.sections.draw_figures", lambda *_: [])
     monkeypatch.setattr(errata, "measure", lambda: found)
-    text = page.html(page.assemble(results))
+    text = page.html(page.assemble(tmp_path))
     section = text.split('<section id="errata">')[1].split("</section>")[0]
     assert section.count("<tr>") == len(found) + 1
     assert all(e.equation in section for e in found)
     assert section.count(">sentence</td>") == 8
     monkeypatch.setattr(errata, "measure", lambda: 1 / 0)
-    without = page.assemble(results)
+    without = page.assemble(tmp_path)
     assert without.errors == ["errata: cannot be made: ZeroDivisionError: division by zero"], "only this part is lost"

@@ -63,9 +63,9 @@ def make_tables(rows):
 
 def put(folder, experiment, index, method, h, *drift, **fields):
     """Stores a cell with these rows, or one that was declined if there are none."""
-    error = None if drift else {"type": "StepError", "message": "Newton gave up <here>", "traceback": "…"}
-    outcome = {"status": "done" if drift else "failed", "rows": [{"drift": x} for x in drift], "error": error}
-    record = store.make_record(experiment, 1, index, {"method": method, "h": h}, **outcome, warnings=[], seconds=0.5)
+    failed = {"error": {"type": "StepError", "message": "Newton gave up <here>", "traceback": "…"}}
+    outcome = {"rows": [{"drift": x} for x in drift]} if drift else failed
+    record = store.make_record(experiment, 1, index, {"method": method, "h": h}, **outcome)
     store.Store(folder).append({**record, **fields})
 
 
