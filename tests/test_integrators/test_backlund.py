@@ -105,15 +105,6 @@ def test_a_run_in_one_call_has_the_bits_of_its_stepper():
     assert not np.array_equal(rows["generic", 0.5], with_other_pins)
 
 
-@pytest.mark.parametrize("lam", [0.3 + 0.4j, 500 + 5000j, -40 + 0.01j, 1e-9j])
-@pytest.mark.parametrize("name", ["generic", "figure2", "inverted", "sleeping_unstable"])
-def test_any_lambda_conserves_and_is_undone_by_the_other_sheet(lam, name):
-    named = TOPS[name]
-    y = two_point(named.top, named.state, lam)
-    assert np.max(changes(named.top, named.state, y)) < 4e-14
-    assert np.max(np.abs(two_point(named.top, y, lam, sheet=-1) - named.state)) < 4e-14
-
-
 @pytest.mark.parametrize(
     ("name", "lam"),
     [
