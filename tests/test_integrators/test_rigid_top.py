@@ -250,6 +250,17 @@ def test_an_asymmetric_body(gravity):
     assert largest(np.array(kept) - kept[0]) < 1e-24
 
 
+def test_kovalevskayas_integral():
+    """(p² − q² − cγ1)² + (2pq − cγ2)² of a body with moments 2, 2, 1 and its centre of mass in the plane of the equal ones."""
+    moments, c = [Fraction(2), Fraction(7, 4), Fraction(3, 4)], Fraction(3, 2)  # about the centre of mass (1/2, 0, 0)
+    values = []
+    for R, (p, q, _) in rigid_motion(
+        1, (0.5, 0, 0), moments, (0, 0, -3), matrix((3, 1, -2, 1)), (1, 2, -1), [0, 1, 2.5], 25
+    ):
+        values.append((p * p - q * q - c * R[2][0]) ** 2 + (2 * p * q - c * R[2][1]) ** 2)
+    assert max(abs(v - values[0]) for v in values) < 1e-22
+
+
 TURNED = Rotation.from_rotvec((0.3, -0.5, 0.4))
 SKEW = WholeBody(
     1.3, (0.1, 0.3, -0.2), TURNED.as_matrix() @ np.diag((1.0, 1.5, 2.0)) @ TURNED.as_matrix().T, (3.0, 4.0, -5.0)
