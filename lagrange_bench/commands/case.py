@@ -6,7 +6,7 @@ oneself.
 
 Up to 17 digits come from the closed form in doubles, whose last digit or two are round-off; more, up to 40, from a Taylor series
 in integers, some seconds for a hundred turns. SI units. Lines that begin with # say what the columns are:
-pandas.read_csv("ref.csv", comment="#") reads the file.
+pandas.read_csv("ref.csv", comment="#") reads the file; before pandas 3.1 add float_precision="round_trip".
 
 examples:
   lagrange-bench case --verbose

@@ -99,9 +99,9 @@ def test_a_file_of_doubles(run, tmp_path):
     """17 digits make the doubles again; pandas reads it; the times are the decimals that were asked for."""
     path = tmp_path / "ref.csv"
     assert run("case", "bruels", "--until", "2", "--every", "0.1", "--output", str(path))[0] == 0
-    table = pd.read_csv(path, comment="#", float_precision="round_trip")
-    assert table["t"].tolist() == [k / 10 for k in range(21)]
-    assert np.array_equal(table.to_numpy(), CASES["bruels"].doubles(table["t"].to_numpy()))
+    table = np.loadtxt(path, delimiter=",", skiprows=6)  # before version 3.1 pandas loses an ulp
+    assert table[:, 0].tolist() == pd.read_csv(path, comment="#")["t"].tolist() == [k / 10 for k in range(21)]
+    assert np.array_equal(table, CASES["bruels"].doubles(table[:, 0]))
     header = path.read_text("utf-8").splitlines()[:6]
     assert all(line.startswith("# ") for line in header[:5])
     assert header[5].startswith("t,x,y,z,qw,qx,qy,qz,r11,")
