@@ -83,7 +83,7 @@ def main(names: list[str]) -> int:
     if not table:
         sys.exit(f"no mutation is called {' or '.join(names)}: see tests/mutants.toml")
     words, passing = [], dict[tuple[str, ...], bool]()
-    workers = os.cpu_count() or 1
+    workers = min(os.cpu_count() or 1, len(table))
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(workers) as pool:
         homes = SimpleQueue[Path]()
         for number in range(workers):

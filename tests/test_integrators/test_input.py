@@ -221,6 +221,7 @@ def spin(top=MAGNET, y0=SPINS, h=0.5, steps=2, **words):
 OTHERS = [  # a call, words in the message
     (lambda: posed(lambda t, y, p: y[0] if y[1] > 0 else y[2]), "hamiltonian.* cannot branch"),
     (lambda: posed(lambda t, y, p: y[6]), "hamiltonian asks for more than 6 numbers of y and 0 parameters"),
+    (lambda: posed(lambda t, y, p: y[:3]), "hamiltonian.* returns 3 numbers, not one"),
     (lambda: posed(lambda t, y: y[0]), "hamiltonian.* takes 2 positional arguments"),
     (lambda: posed(invariants={"I": lambda t, y, p: y[1]}), r"invariants\['I'\] is not conserved, as at y = "),
     (lambda: posed(parts=[turning]), "parts do not add up to the hamiltonian"),
