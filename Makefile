@@ -10,7 +10,7 @@ help:
 	@echo "make setup   set up and nothing else; then: source .venv/bin/activate"
 	@echo "make bench   set up, run the quick profile (about 5 minutes), draw the report and print where it is"
 	@echo "make test    set up, run the tests (about 5 minutes)"
-	@echo "make test-all  the slow tests, too: clusters, pages in a browser, oldest packages, mutations, stress (about two hours)"
+	@echo "make test-all  the slow tests, too: clusters, pages in a browser, engines, oldest packages, mutations, stress (about two hours)"
 	@echo "make stress  repeat the tests that start processes beside busy loops (hours); ROUNDS=30"
 	@echo "make test-oldest   the tests with the oldest versions of all packages (tests/oldest.txt), in .venv-oldest"
 	@echo "make test-bounds   the tests of methods and experiments, with every index of a kernel checked"
@@ -46,7 +46,7 @@ test: .venv/ready
 	$(COMPILED) "not interpreted and not slow"
 
 # before a release, and after a change to the runner, the page or the packages: about two hours
-test-all: .venv/ready
+test-all: .venv/ready .venv/engines
 	$(INTERPRETED) interpreted
 	$(COMPILED) "not interpreted"
 	$(MAKE) test-oldest test-bounds mutants
@@ -110,6 +110,10 @@ lint: .venv/ready
 .venv/ready: pyproject.toml | .venv/made
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test,lint]'
 	@touch .venv/bench $@
+
+.venv/engines: .venv/ready
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[engines]'
+	@touch $@
 
 .venv-oldest/ready: pyproject.toml tests/oldest.txt
 	$(PYTHON) -m venv .venv-oldest
