@@ -32,8 +32,8 @@ def measure(points: int = POINTS, seed: int = SEED) -> tuple[Measured, ...]:
     """Every erratum in the order of the paper, at `points` random points each, drawn from seed, seed + 1, …"""
     found = []
     for e in errata.errata():
-        printed = min(e.printed(Random(seed + k)) for k in range(points))
-        corrected = max(e.corrected(Random(seed + k)) for k in range(points))
+        printed = min(e.residual(Random(seed + k), True) for k in range(points))
+        corrected = max(e.residual(Random(seed + k), False) for k in range(points))
         found.append(Measured(e.equation, e.section, e.printed_text, e.corrected_text, e.prose, printed, corrected))
     return tuple(found)
 

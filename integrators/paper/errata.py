@@ -5,14 +5,12 @@ package that implements a section of the paper lists the errata of that section 
 `errata()` gathers them in the order of the paper. What is true is tested; this is for showing.
 """
 
-from __future__ import annotations
-
 import cmath
 import importlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from random import Random
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,24 +22,16 @@ MODULES = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Erratum:
+class Erratum(NamedTuple):
     """One erratum: what is printed, what is right, and what either misses by."""
 
     equation: str  # number in the paper, or its label and line, e.g. "(2.22)"
     section: str  # numbers and dots, "5.1"
     printed_text: str  # as printed, plain text
     corrected_text: str  # as it must read
-    residual: Callable[[Random, bool], float]  # |left − right| at a random point, as printed (True) or as corrected
+    # |left − right| at a random point: as printed (True) visibly not zero, > 1e-6; as corrected round-off, ≤ 1e-12
+    residual: Callable[[Random, bool], float]
     prose: bool = False  # a sentence is wrong; the formulas beside it are right
-
-    def printed(self, rng: Random) -> float:
-        """Visibly nonzero, > 1e-6."""
-        return self.residual(rng, True)
-
-    def corrected(self, rng: Random) -> float:
-        """Round-off, ≤ 1e-12."""
-        return self.residual(rng, False)
 
 
 def errata() -> list[Erratum]:
