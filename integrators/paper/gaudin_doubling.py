@@ -27,8 +27,6 @@ The polynomials lose digits, up to 27 with 12 spins and 80 units of time: `exact
 That reduction never fails, and that a good phase always exists, is measured and not proved: docs/exact-step.md, section 7.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from fractions import Fraction
@@ -37,6 +35,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from mpmath import mp
+from numpy.polynomial.polynomial import polyadd, polydiv
 
 from lagrange_bench.integrators.paper.gaudin_curve import pade_roots, spectral_polynomial
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
@@ -153,11 +152,11 @@ class _Curve:
         """Both steps as one; `last`: with the best of many phases."""
         U, V = one.U, one.V
         if other is one:
-            rest = divide(-_sum(np.convolve(V, V), self.Q), U)[0]
+            rest = polydiv(-polyadd(np.convolve(V, V), self.Q), U)[0]
             added = _product_mod(rest, inverse(2 * V, U), U)
         else:
-            added = _product_mod(_sum(other.V, -V), inverse(U, other.U), other.U)
-        return self._reduce(np.convolve(U, other.U), _sum(V, np.convolve(U, added)), one.angle + other.angle, last)
+            added = _product_mod(polyadd(other.V, -V), inverse(U, other.U), other.U)
+        return self._reduce(np.convolve(U, other.U), polyadd(V, np.convolve(U, added)), one.angle + other.angle, last)
 
     def _reduce(self, U: Numbers, V: Numbers, angle: Any, last: bool) -> Divisor:
         rows = euclid(U, V, 3 * self.k)
@@ -166,21 +165,21 @@ class _Curve:
             A, B = self._best_phase(U, (A, B), next(rows))
         reduced = self._norm(U, A, B)
         reduced = reduced / reduced[-1]
-        V = divide(-_product_mod(A, inverse(B, reduced), reduced), reduced)[1]
+        V = polydiv(-_product_mod(A, inverse(B, reduced), reduced), reduced)[1]
         top = 3 * self.k
         phase = mp.arg(mp.mpc(_coefficient(A, top), self.alpha * _coefficient(B, top - self.n)))
         return Divisor(reduced, V, angle + 2 * phase)
 
     def _norm(self, U: Numbers, A: Numbers, B: Numbers) -> Numbers:
-        norm = _sum(np.convolve(A, A), np.convolve(np.convolve(B, B), self.Q))
-        return divide(norm, U)[0][: 2 * self.k + 1]
+        norm = polyadd(np.convolve(A, A), np.convolve(np.convolve(B, B), self.Q))
+        return polydiv(norm, U)[0][: 2 * self.k + 1]
 
     def _best_phase(self, U: Numbers, even: tuple, odd: tuple) -> tuple:
         """Of the A, B between two rows of Euclid's algorithm those whose λ' stay farthest from infinity."""
         top = 3 * self.k
-        scales = even[0][top], self.alpha * odd[1][top - self.n]
+        scales = _coefficient(even[0], top), self.alpha * _coefficient(odd[1], top - self.n)
         even, odd = (tuple(p / scale for p in row) for row, scale in zip((even, odd), scales, strict=True))
-        both = tuple(_sum(p, q) for p, q in zip(even, odd, strict=True))
+        both = tuple(polyadd(p, q) for p, q in zip(even, odd, strict=True))
         first, second, mixed = (self._norm(U, *row) for row in (even, odd, both))
         mixed = mixed - first - second
         phases = [(mp.cospi(mp.mpf(i) / PHASES), mp.sinpi(mp.mpf(i) / PHASES)) for i in range(PHASES)]
@@ -190,7 +189,7 @@ class _Curve:
             return float(np.max(np.abs(rough_roots(c * c * first + c * s * mixed + s * s * second))))
 
         c, s = min(phases, key=largest)
-        return even if s == 0 else tuple(_sum(c * p, s * q) for p, q in zip(even, odd, strict=True))
+        return even if s == 0 else tuple(polyadd(c * p, s * q) for p, q in zip(even, odd, strict=True))
 
 
 class _Start:
@@ -228,7 +227,7 @@ class _Start:
             lam = w + self.a
             value = (1j * y - horner(V, lam)) / horner(U, lam)
             slope = value.imag / lam.imag
-            V = _sum(V, np.convolve(U, np.array([value.real - slope * lam.real, slope])))
+            V = polyadd(V, np.convolve(U, np.array([value.real - slope * lam.real, slope])))
             U = np.convolve(U, np.array([abs(lam) ** 2, -2 * lam.real, mp.mpf(1)]))
         # the times of the maps are those of the flow and a common one, which the turn takes back
         common = sign * excess * length ** (2 * self.k + 1) / self.root if self.odd else mp.mpf(0)
@@ -261,32 +260,21 @@ class _Start:
 # ------------------------------------------------------------------------------------------ polynomials, ascending
 
 
-def divide(p: Numbers, q: Numbers) -> tuple[Numbers, Numbers]:
-    """Quotient and remainder; the remainder has one coefficient less than q."""
-    rest, low = list(p), list(q[:-1])
-    quotient = [mp.mpf(0)] * max(len(p) - len(low), 1)
-    for i in range(len(p) - len(q), -1, -1):
-        c = quotient[i] = rest.pop() / q[-1]
-        rest[i:] = [x - c * y for x, y in zip(rest[i:], low, strict=True)]
-    return np.array(quotient), np.array(rest)
-
-
-def euclid(m: Numbers, p: Numbers, degree: int) -> Iterator[tuple[Numbers, Numbers]]:
+def euclid(m: Any, p: Any, degree: int) -> Iterator[tuple[Numbers, Numbers]]:
     """Rows r, t with r ≡ t p mod m of Euclid's algorithm: the last of degree above `degree`, and all that follow it."""
     row, following = (m, np.array([mp.mpf(0)])), (p, np.array([mp.mpf(1)]))
     while True:
         if len(following[0]) - 1 <= degree:
             yield row
-        quotient, rest = divide(row[0], following[0])
-        row, following = following, (rest, _sum(row[1], -np.convolve(quotient, following[1])))
+        quotient, rest = polydiv(row[0], following[0])
+        row, following = following, (rest, polyadd(row[1], -np.convolve(quotient, following[1])))
 
 
 def inverse(p: Numbers, m: Numbers) -> Numbers:
     """1/p mod m."""
-    rows = euclid(m, divide(p, m)[1] if len(p) >= len(m) else p, 0)
+    rows = euclid(m, polydiv(p, m)[1], 0)
     _, (one, t) = next(rows), next(rows)
-    result: Numbers = t / one[0]
-    return result
+    return t / one[0]
 
 
 def rough_roots(p: Numbers) -> Numbers:
@@ -294,8 +282,7 @@ def rough_roots(p: Numbers) -> Numbers:
     p = p.astype(float)
     if not np.all(np.isfinite(p)):
         raise ArithmeticError("a polynomial left the range of doubles")
-    roots: Numbers = np.roots(p[::-1])
-    return roots
+    return np.roots(p[::-1])
 
 
 def upper_roots(U: Numbers) -> list:
@@ -319,13 +306,7 @@ def upper_roots(U: Numbers) -> list:
 
 
 def _product_mod(p: Numbers, q: Numbers, m: Numbers) -> Numbers:
-    return divide(np.convolve(p, q), m)[1]
-
-
-def _sum(p: Numbers, q: Numbers) -> Numbers:
-    if len(p) < len(q):
-        p, q = q, p
-    return np.concatenate((p[: len(q)] + q, p[len(q) :]))
+    return polydiv(np.convolve(p, q), m)[1]
 
 
 def _coefficient(p: Numbers, power: int) -> Any:
