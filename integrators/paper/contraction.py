@@ -12,8 +12,6 @@ Sites 0 and ε, J = s_1 + s_2, x = ε s_2. What is exact at every ε (`E`) and w
 Every limit is reached with an error O(ε). The contraction of the generating function is in `generating_functions`.
 """
 
-from __future__ import annotations
-
 from random import Random
 from typing import Any
 
@@ -52,8 +50,7 @@ def from_magnet(spins: Any, eps: Any) -> Numbers:
 def lax_vector(top: LagrangeTop, y: Any, u: Any, eps: Any = 0) -> Numbers:
     """ℓ(u) = alpha e3 + J/u + x/(u(u − ε)), exact for the magnet; for ε = 0 that of the top; (2.18) corrected."""
     y = np.asarray(y)
-    vector: Numbers = top.alpha * E3 + y[..., :3] / u + y[..., 3:] / (u * (u - eps))
-    return vector
+    return top.alpha * E3 + y[..., :3] / u + y[..., 3:] / (u * (u - eps))
 
 
 def bracket(y: Any, eps: Any = 0) -> Numbers:

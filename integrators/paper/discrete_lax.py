@@ -21,8 +21,6 @@ two-point map, are derived by us. Of the map of Kahan, Hirota and Kimura we foun
 literature; Kimura, arXiv 1611.02271, has one for their Euler top.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -47,8 +45,7 @@ def lax_matrix(top: LagrangeTop, y: Any, h: Any, u: Any) -> Numbers:
 
 def dressing(y: Any, h: Any, u: Any) -> Numbers:
     """M(u) = u + (ih/2) σ·x, (..., 2, 2), with det M = u² + h²|x|²/4."""
-    M: Numbers = u * np.eye(2, dtype=int) + lax.pauli(np.asarray(y)[..., 3:]) * (h / 2 * 1j)
-    return M
+    return u * np.eye(2, dtype=int) + lax.pauli(np.asarray(y)[..., 3:]) * (h / 2 * 1j)
 
 
 def curve_point(y: Any, h: Any) -> tuple[Any, Any]:

@@ -15,8 +15,6 @@ both into (5.2.7).
 the sheet of the curve decides which of the two (`arguments`), never a principal root.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from random import Random
@@ -27,19 +25,11 @@ from mpmath import mp
 
 from lagrange_bench.integrators.paper.errata import Erratum
 from lagrange_bench.integrators.paper.euler_angles import to_angles
-from lagrange_bench.integrators.paper.phase_space import Numbers, function, gradient, ladder, sqrt
+from lagrange_bench.integrators.paper.phase_space import Numbers, function, gradient, ladder, root_near, sqrt
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 Pair = tuple[Any, Any]
-
-
-def root_near(square: Any, near: Any) -> Any:
-    """The root of `square` closest to `near`, to all its digits."""
-    root = sqrt(square)
-    turned = np.asarray(root).astype(complex) * np.conj(np.asarray(near).astype(complex))
-    sign = np.where(turned.real < 0, -1, 1)
-    return sign * root if np.ndim(root) else int(sign) * root
 
 
 def kappa(lam: Any, old: Pair, new: Pair, near: Any) -> Any:

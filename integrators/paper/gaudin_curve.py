@@ -20,8 +20,6 @@ flow with the sum of their c. The flow of one H_j over a time h, the central-spi
 (Both are results of this project.)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any
@@ -32,7 +30,7 @@ import scipy.linalg
 from lagrange_bench.integrators.checks import check_count
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet, check_parameter, check_upper
 from lagrange_bench.integrators.paper.lax import check_sheet
-from lagrange_bench.integrators.paper.phase_space import E3, Numbers, sqrt
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, dot, root_near
 
 STRIDE = 1 / 16  # longest interval of the grid, as a share of the segment
 NODES = 14  # of the quadrature, per stride
@@ -46,13 +44,10 @@ def eigenvalue(magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site:
     """
     lam = check_parameter(magnet, lam)
     ell = magnet.vector(spins, lam)
-    v = sqrt(np.sum(ell * ell))
-    v = v[()] if isinstance(v, np.ndarray) else v
     guess = complex(_follow(magnet, spins, lam, site)[1](np.ones(1))[0])
     if site is not None:
         guess /= complex(lam) - complex(magnet.sites[site])
-    same = (complex(v) * guess.conjugate()).real >= 0
-    return v if same == (check_sheet(sheet) == 1) else -v
+    return check_sheet(sheet) * root_near(dot(ell, ell), guess)
 
 
 def _follow(
@@ -77,8 +72,7 @@ def _follow(
         z = t[:, None] * length
         ell = float(magnet.alpha) * E3 + (1 / (gaps + z)) @ rest
         ell = ell if site is None else pole + z * ell
-        values: Numbers = np.sum(ell * ell, axis=1)
-        return values
+        return np.sum(ell * ell, axis=1)
 
     first = complex(square(np.zeros(1))[0])
     if first == 0:
@@ -88,8 +82,7 @@ def _follow(
 
     def root(t: Numbers) -> Numbers:
         z = t[:, None] * length
-        w: Numbers = np.sqrt(first) * np.prod(np.sqrt(1 - z / zeros), axis=1) / np.prod(1 - z / poles, axis=1)
-        return w
+        return np.sqrt(first) * np.prod(np.sqrt(1 - z / zeros), axis=1) / np.prod(1 - z / poles, axis=1)
 
     grid, near = [0.0], np.concatenate((zeros, poles)) / length
     while grid[-1] < 1:
@@ -114,7 +107,7 @@ def branch_points(magnet: GaudinMagnet, spins: Any, origin: Any = 0) -> Numbers:
         A[2 * j, 2 * j + 1], A[-1, 2 * j] = 1.0, -1.0
         A[2 * j, -1], A[2 * j + 1, -1] = complex(H[j]), complex(C[j])
     A[-1, -1] = -(float(magnet.alpha) ** 2)
-    found: Numbers = scipy.linalg.eigvals(A, N)
+    found = scipy.linalg.eigvals(A, N)
     return found[np.isfinite(found)]
 
 
@@ -169,16 +162,14 @@ def _segment(magnet: GaudinMagnet, spins: Any, lam: complex, site: int | None) -
     x, weights = np.polynomial.legendre.leggauss(NODES)
     stride = np.diff(grid)[:, None]
     t = (grid[:-1, None] + stride * (x + 1) / 2).ravel()
-    v: Numbers = np.sqrt(square(t))
-    v = np.where((v * root(t).conj()).real < 0, -v, v)
+    v = root_near(square(t), root(t))
     start = _start(magnet, lam, site)
     length = complex(lam - start)
     z = t * length
     v = v if site is None else v / z
     f = (stride * weights / 2).ravel() * length / v
     above, below = 1 / (z[:, None] - _from(magnet, start)), 1 / (z.conj()[:, None] - _from(magnet, start.conjugate()))
-    integral: Numbers = 0.5j * (f.conj() @ below - f @ above)
-    return integral
+    return 0.5j * (f.conj() @ below - f @ above)
 
 
 def pade_parameters(magnet: GaudinMagnet, spins: Any, h: float, factors: int = 1, site: int = 0) -> Numbers:
@@ -191,13 +182,12 @@ def pade_parameters(magnet: GaudinMagnet, spins: Any, h: float, factors: int = 1
     size = np.sqrt(complex(np.sum(np.asarray(spins[site]) ** 2)))
     if start.imag or size.imag or not size.real > 0:
         raise ValueError(f"site: {site} must be a real site with a real spin that is not zero")
-    lams: Numbers = size.real * h * pade_roots(factors)
-    return lams
+    return size.real * h * pade_roots(factors)
 
 
 def pade_roots(k: int) -> Numbers:
     """The z_i, shape (k,), with Im Σ z_i = 1 and Im Σ z_i^m = 0 for m = 2 … 2k."""
     f = math.factorial
     denominator = [f(2 * k - j) * f(k) // (f(j) * f(k - j)) / f(2 * k) * (-1) ** j for j in range(k + 1)]
-    z: Numbers = 2j / np.roots(denominator[::-1])
+    z = 2j / np.roots(denominator[::-1])
     return z[np.argsort(z.real)]

@@ -1,7 +1,5 @@
 """Named magnets: the central-spin model with 8, 32 and 128 spins, and random magnets."""
 
-from __future__ import annotations
-
 import math
 import random
 from typing import NamedTuple

@@ -4,8 +4,6 @@ A map takes a point (λ, v) of the curve, given by λ, `sheet` and `site`: see `
 of the state. With v from the curve at every state the maps are Poisson. With v frozen they are not.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -31,7 +29,7 @@ def one_point(
         raise ValueError("alpha = 0: the one-point map does not exist (p and q ~ 1/alpha); the two-point map does")
     spins, lam = magnet.check_spins(spins), check_parameter(magnet, lam)
     v = eigenvalue(magnet, spins, lam, sheet, site) if v is None else v
-    A, B, C = _entries(magnet, spins, lam)
+    (A, B), (C, _) = pauli(magnet.vector(spins, lam))
     above, below = (A - v, B) if abs(A - v) > abs(A + v) else (-C, A + v)
     if below == 0:
         raise ValueError("B(λ) = 0 on this sheet: the one-point map sends the state to infinity")
@@ -44,8 +42,7 @@ def one_point_inverse(
 ) -> Numbers:
     """The spins that `one_point` sends to `spins`: its mirror image τ B τ, τ: s² → −s², which transposes L."""
     mirror = np.array((1, -1, 1))
-    image: Numbers = one_point(magnet, magnet.check_spins(spins) * mirror, lam, sheet, site, v) * mirror
-    return image
+    return one_point(magnet, magnet.check_spins(spins) * mirror, lam, sheet, site, v) * mirror
 
 
 def two_point_textbook(magnet: GaudinMagnet, spins: Any, lam1: Any, v1: Any, lam2: Any, v2: Any) -> Numbers:
@@ -56,8 +53,7 @@ def two_point_textbook(magnet: GaudinMagnet, spins: Any, lam1: Any, v1: Any, lam
     """
     spins = magnet.check_spins(spins)
     lam1, lam2 = check_parameter(magnet, lam1, "lam1"), check_parameter(magnet, lam2, "lam2")
-    A1, B1, _ = _entries(magnet, spins, lam1)
-    A2, B2, _ = _entries(magnet, spins, lam2)
+    (A1, B1), (A2, B2) = (pauli(magnet.vector(spins, lam))[0] for lam in (lam1, lam2))
     if B1 == 0 or B2 == 0:
         raise ValueError("B vanishes at lam1 or lam2: use `two_point`, which has no poles")
     x = (A1 - v1) / B1
@@ -96,16 +92,10 @@ def two_point(
     w = n * (lam.imag / square**0.5)
     g = np.array([a - lam.real for a in magnet.sites])[:, None]
     turned = cross(w, spins)
-    image: Numbers = spins + 2 / (g * g + dot(w, w)) * (cross(w, turned) - g * turned)
+    image = spins + 2 / (g * g + dot(w, w)) * (cross(w, turned) - g * turned)
     if spins.dtype == object:
         return image
     return (image + image[magnet.partners].conj()) / 2 if spins.dtype.kind == "c" else image.real
-
-
-def _entries(magnet: GaudinMagnet, spins: Any, u: Any) -> tuple[Any, Any, Any]:
-    """A(u), B(u), C(u) of L_G, (2.2)."""
-    ell1, ell2, ell3 = magnet.vector(spins, u)
-    return ell3, ell1 - 1j * ell2, ell1 + 1j * ell2
 
 
 def _dress(spins: Numbers, M: Numbers) -> Numbers:

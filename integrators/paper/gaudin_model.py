@@ -114,14 +114,12 @@ class GaudinMagnet:
         """H_j, shape (..., n); (2.13)."""
         spins = np.asarray(spins)
         products = spins @ np.swapaxes(spins, -1, -2)
-        hamiltonians: Numbers = 2 * self.alpha * spins[..., 2] + np.sum(self.couplings * products, axis=-1)
-        return hamiltonians
+        return 2 * self.alpha * spins[..., 2] + np.sum(self.couplings * products, axis=-1)
 
     def hamiltonian_scales(self, spins: Any) -> Numbers:
         """Sizes of the terms in H_j, shape (..., n): what a relative error refers to."""
         size = np.sqrt(np.sum(np.abs(np.asarray(spins)) ** 2, axis=-1))
-        scales: Numbers = size * (2 * abs(self.alpha) + size @ np.abs(self.couplings))
-        return scales
+        return size * (2 * abs(self.alpha) + size @ np.abs(self.couplings))
 
     def invariants(self, spins: Any) -> Numbers:
         """H_j and s_j², shape (..., 2n)."""
@@ -132,8 +130,7 @@ class GaudinMagnet:
         """2/(a_j − a_k), 0 on the diagonal, shape (n, n)."""
         a = np.asarray(self.sites)
         gaps = a[:, None] - a + np.eye(len(a), dtype=int)
-        matrix: Numbers = 2 / gaps * (1 - np.eye(len(a), dtype=int))
-        return matrix
+        return 2 / gaps * (1 - np.eye(len(a), dtype=int))
 
     def bonds(self, c: Any) -> Numbers:
         """K_jk = 2 (c_j − c_k)/(a_j − a_k), shape (n, n): Σ c_j H_j is Σ 2 alpha c_j s_j³ + Σ_{j<k} K_jk s_j·s_k + const."""
@@ -148,8 +145,7 @@ class GaudinMagnet:
     def gradient(self, spins: Any, c: Any) -> Numbers:
         """Gradient of Σ c_j H_j: at site j 2 alpha c_j e3 + Σ_k 2 (c_j − c_k)/(a_j − a_k) s_k; shape (..., n, 3)."""
         c = np.asarray(c)
-        gradient: Numbers = self.bonds(c) @ np.asarray(spins) + 2 * self.alpha * c[:, None] * E3
-        return gradient
+        return self.bonds(c) @ np.asarray(spins) + 2 * self.alpha * c[:, None] * E3
 
     def rhs(self, spins: Any, c: Any) -> Numbers:
         """Equations of motion of Σ c_j H_j, f' = {f, Σ c_j H_j}: each spin turns about its gradient; (..., n, 3)."""
@@ -228,6 +224,8 @@ class MagnetProblem(Problem):
     ValueError : a site is not real.
     """
 
+    timed, as_top = False, None
+
     def __init__(self, magnet: Any) -> None:
         if any(a.imag for a in magnet.sites):
             raise ValueError(
@@ -258,19 +256,11 @@ class MagnetProblem(Problem):
 
         return make_system(self.space, record(energy, 1 + 3 * n + len(self.numbers)))
 
-    @property
-    def timed(self) -> bool:
-        return False
-
     @cached_property
     def offers(self) -> frozenset[str]:
         """ "spins"; of few spins also "rhs", "smooth" and "parts"."""
         few = len(self.magnet) <= UNROLLED
         return frozenset({"spins", *(("rhs", "smooth", "parts") if few else ())})
-
-    @property
-    def as_top(self) -> None:
-        """It is no top."""
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -304,8 +294,7 @@ class MagnetProblem(Problem):
         return np.array(self.magnet.poisson(self._spins(y)), dtype=float)
 
     def invariants(self, y: ArrayLike, t: Any = 0.0) -> Array:
-        values: Array = self.magnet.invariants(self._spins(y))
-        return values
+        return self.magnet.invariants(self._spins(y))
 
     def invariant_scales(self, y: ArrayLike) -> Array:
         """Sizes of the terms in `names` at one state (3n,)."""

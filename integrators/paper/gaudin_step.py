@@ -20,8 +20,6 @@ Round-off is what decides here. Three things make it a random walk of a few ulp,
   state that is handed out, by the whole angle: cos² + sin² − 1, the same at every step, would change all H_j linearly.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from fractions import Fraction
@@ -37,7 +35,7 @@ from lagrange_bench.integrators.interface import StepError, Stepper, Work
 from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue, pade_parameters
 from lagrange_bench.integrators.paper.gaudin_doubling import exact_step
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet, check_upper
-from lagrange_bench.integrators.paper.phase_space import Numbers
+from lagrange_bench.integrators.paper.phase_space import Numbers, dot, root_near
 from lagrange_bench.integrators.precision import workdps
 
 PIN = 8  # steps between two corrections of |s_j|
@@ -159,7 +157,8 @@ class MagnetStepper(Stepper):
                 if v is None:
                     points.append(eigenvalue(fine, exactly, mp.mpc(lam), sheet, site))
                 else:
-                    points.append(_next_to(fine.vector(exactly, mp.mpc(lam)), v[i]))
+                    ell = fine.vector(exactly, mp.mpc(lam))
+                    points.append(root_near(dot(ell, ell), v[i]))
             squares = magnet.casimirs(exactly)
             self.v = np.array([complex(v) for v in points], dtype=complex)
             self.square = self._round(squares)
@@ -195,8 +194,7 @@ class MagnetStepper(Stepper):
         some = max(1, INTERRUPTIBLE // max(1, self.gaps.size))  # Ctrl-C is seen between two calls
         for first in range(0, n, some):
             run(s, *constants, first, min(first + some, n), n, every, out)
-        rows: Numbers = np.swapaxes(out, 1, 2)
-        return rows
+        return np.swapaxes(out, 1, 2)
 
     def _turned(self, rows: Numbers, every: int) -> Numbers:
         """Row r turned about e3 by r · every times the turn of a step; row 0 is left alone."""
@@ -206,12 +204,6 @@ class MagnetStepper(Stepper):
         turned[1:, :, 0] = np.cos(angle) * x - np.sin(angle) * y
         turned[1:, :, 1] = np.sin(angle) * x + np.cos(angle) * y
         return turned
-
-
-def _next_to(ell: Numbers, guess: complex) -> Any:
-    """The root v of ℓ·ℓ close to a guess."""
-    v = mp.sqrt(mp.fsum(x * x for x in ell))
-    return v if (v * complex(guess).conjugate()).real > 0 else -v
 
 
 def prepare(magnet: GaudinMagnet, spins: Any, h: float, *, factors: int = 1) -> MagnetStepper:

@@ -13,8 +13,6 @@ closest to `near`, and which one belongs to a point (λ, μ) of the curve only t
 there is no one-point map: p and q are infinite. For Euler angles, and that limit, see `eulerian`.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from random import Random
 from typing import Any
@@ -23,9 +21,9 @@ import numpy as np
 from mpmath import mp
 
 from lagrange_bench.integrators.paper.errata import Erratum
-from lagrange_bench.integrators.paper.eulerian import Pair, root_near
+from lagrange_bench.integrators.paper.eulerian import Pair
 from lagrange_bench.integrators.paper.lax import entries
-from lagrange_bench.integrators.paper.phase_space import Numbers, cartesian, function, ladder, sqrt
+from lagrange_bench.integrators.paper.phase_space import Numbers, cartesian, function, ladder, root_near, sqrt
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
 

@@ -14,8 +14,6 @@ the integrals diverge, and the step leads to a sleeping top (docs/exact-step.md,
 precision and cost milliseconds: `time_step` has the inverse, λ of a given time, for the hot path.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from random import Random
 from typing import Any
@@ -25,12 +23,12 @@ from mpmath import mp
 
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper.errata import Erratum, draw
-from lagrange_bench.integrators.paper.lax import check_sheet, entries, lax_matrix, root
 from lagrange_bench.integrators.paper.one_point import gauge
 from lagrange_bench.integrators.paper.phase_space import Numbers, function, invariants, lift, turn_rate, vector_field
-from lagrange_bench.integrators.paper.two_point import Point, check_upper, point, pole_free
+from lagrange_bench.integrators.paper.two_point import Point, point, pole_free
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.torus.any_parameter import check_parameter
 
 PANELS = (1, 4, 16)  # of the quadrature, more where a root of Q is close to the segment
 
@@ -41,7 +39,7 @@ PANELS = (1, 4, 16)  # of the quadrature, more where a root of Q is close to the
 def limit_parameters(top: LagrangeTop, y: Any, second: Point) -> tuple[Any, Any]:
     """x0 and X0 of x = x0 + O(ε), X = εX0 + O(ε²), ε = iΔλ; (5.6.1), (5.6.2). ValueError where B(λ2) = 0."""
     lam, mu = second
-    A, B, _ = entries(top, y, lam)
+    A, B, _ = lax.entries(top, y, lam)
     if np.any(B == 0):
         raise ValueError("B(λ2) = 0: the chart (x, X) of the two-point map is singular")
     return (A - mu) / B, 1j * B / (2 * mu)
@@ -51,13 +49,12 @@ def limit_matrix(top: LagrangeTop, y: Any, u: Any, second: Point) -> Numbers:
     """M1 of M(u) = (u − λ2)(1 + εM1 + O(ε²)), (..., 2, 2): (i/2μ2)(L(λ2) + μ2)/(u − λ2); (5.6.3)."""
     lam, mu = second
     mu = np.asarray(mu)[..., None, None]
-    matrix: Numbers = (lax_matrix(top, y, lam) + mu * np.eye(2, dtype=int)) * (0.5j / mu) / (u - lam)
-    return matrix
+    return (lax.lax_matrix(top, y, lam) + mu * np.eye(2, dtype=int)) * (0.5j / mu) / (u - lam)
 
 
 def limit_lax_rate(top: LagrangeTop, y: Any, u: Any, second: Point) -> Numbers:
     """dL(u)/dε = (i/2μ2)[L(λ2)/(u − λ2), L(u)], (..., 2, 2); (5.6.4), (5.6.5) with the label 160."""
-    return lax.commutator(limit_matrix(top, y, u, second), lax_matrix(top, y, u))
+    return lax.commutator(limit_matrix(top, y, u, second), lax.lax_matrix(top, y, u))
 
 
 def limit_rate(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1) -> Numbers:
@@ -67,14 +64,13 @@ def limit_rate(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1) -> Numbers:
     """
     turn = turn_rate(y)
     field = vector_field(top, y) + turn * lift(lam, turn.ravel()[0]) * top.alpha
-    rate: Numbers = -check_sheet(sheet) * field / np.asarray(root(top, y, lam))[..., None]
-    return rate
+    return -lax.check_sheet(sheet) * field / np.asarray(lax.root(top, y, lam))[..., None]
 
 
 def mu_near_zero(top: LagrangeTop, y: Any, eta: Any) -> Any:
     """μ2 at λ2 = iη on sheet 1 up to O(η), (5.6.9) for general C1 = r²: i r/η² − ℓ/rη + i(ℓ²/r² − 2H)/2r."""
     H, _, c1, c2 = invariants(top, y)
-    r = root(top, y, 0)
+    r = lax.root(top, y, 0)
     return 1j * r / (eta * eta) - c2 / (r * eta) + 1j * (c2 * c2 / c1 - 2 * H) / (2 * r)
 
 
@@ -93,12 +89,12 @@ def time_and_turn(top: LagrangeTop, y: Any, lam1: Any, lam2: Any = None, sheet: 
     """T and Θ of one step with λ1, λ2 (default: λ̄1, then both are real for a real state); see the module."""
     F1, G1 = moments(top, y, lam1)
     if lam2 is None:
-        check_upper(lam1)
+        check_parameter(lam1)
         T, turn = 2 * F1.imag, 2 * G1.imag
     else:
         F2, G2 = moments(top, y, lam2)
         T, turn = -1j * (F1 - F2), -1j * (G1 - G2)
-    return check_sheet(sheet) * T, sheet * top.alpha * turn
+    return lax.check_sheet(sheet) * T, sheet * top.alpha * turn
 
 
 def attitude_angle(top: LagrangeTop, y: Any, lam: Any) -> Any:
@@ -107,7 +103,7 @@ def attitude_angle(top: LagrangeTop, y: Any, lam: Any) -> Any:
     g̃ = rot(e3, Θ) g(T) in general, and χ = 2π − 2 arg λ − 2√C1 Im ∫_0^λ (1/√Q − 1/√C1) du/u, the same at every step:
     with 2π, g̃ is continuous from g at λ = 0. For a real state, Im λ > 0, sheet 1.
     """
-    check_upper(lam)
+    check_parameter(lam)
     q = lax.spectral_polynomial(top, _numbers(y))
     r = mp.sqrt(q[0])
 
@@ -129,7 +125,7 @@ def hamiltonian(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1) 
         return (q[2] - b * b + u * (q[3] + u * q[4])) / (m + r + b * u)
 
     up, down = (_integral(top, y, lam, integrand) - r / lam + b * mp.log(lam) for lam in (lam2, lam1))
-    return -1j * check_sheet(sheet) * (up - down)
+    return -1j * lax.check_sheet(sheet) * (up - down)
 
 
 def interpolated(top: LagrangeTop, y: Any, T: Any, turn: Any) -> Numbers:
@@ -162,7 +158,7 @@ def _integral(top: LagrangeTop, y: Any, lam: Any, integrand: Callable[[Any, Any]
     on_the_way = np.any((share.real > 1 + 1e-12) & (abs(share.imag) < 1e-12 * abs(share)))
 
     def value(u: Any) -> Any:
-        return integrand(u, root(top, y, u))
+        return integrand(u, lax.root(top, y, u))
 
     size = abs(value(lam / 2)) or mp.one  # the error of the quadrature is absolute
     for panels in () if on_the_way else PANELS:

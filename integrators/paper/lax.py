@@ -29,7 +29,7 @@ from lagrange_bench.integrators.paper.phase_space import (
     ladder,
     lift,
     poisson_tensor,
-    sqrt,
+    root_near,
     vector_field,
 )
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -65,8 +65,7 @@ def adjugate(M: Numbers) -> Numbers:
 
 def commutator(a: Numbers, b: Numbers) -> Numbers:
     """a b − b a."""
-    difference: Numbers = a @ b - b @ a
-    return difference
+    return a @ b - b @ a
 
 
 def pauli(v: Any) -> Numbers:
@@ -103,8 +102,7 @@ def gaudin_vector(alpha: Any, sites: ArrayLike, spins: Any, u: Any) -> Numbers:
     gaps = u - np.asarray(sites)
     if np.any(gaps == 0):
         raise ValueError(f"lam = {u} lies on a site")
-    vector: Numbers = np.sum(np.asarray(spins) / gaps[:, None], axis=-2) + alpha * E3
-    return vector
+    return np.sum(np.asarray(spins) / gaps[:, None], axis=-2) + alpha * E3
 
 
 def gaudin_matrix(alpha: Any, sites: ArrayLike, spins: Any, u: Any) -> Numbers:
@@ -137,10 +135,8 @@ def root(top: LagrangeTop, y: Any, lam: Any) -> Any:
     q = spectral_polynomial(top, y)
     if np.any(np.asarray(q[0]) == 0):
         raise ValueError("C1 = 0: the two sheets of the spectral curve meet at 0, there is no branch to follow")
-    m = sqrt(horner(q, lam))
     guess = _branch([np.asarray(c).astype(complex) for c in q], np.asarray(lam).astype(complex))
-    sign = np.where(np.real(np.asarray(m).astype(complex) * np.conj(guess)) < 0, -1, 1)
-    return sign * m if np.ndim(m) else int(sign) * m
+    return root_near(horner(q, lam), guess)
 
 
 def _branch(q: list[Numbers], lam: Numbers) -> Numbers:
@@ -155,8 +151,7 @@ def _branch(q: list[Numbers], lam: Numbers) -> Numbers:
         companion[..., 0, k] = -q[k + 1] / q[0]
     companion[..., (1, 2, 3), (0, 1, 2)] = 1
     w = np.linalg.eigvals(companion)
-    product: Numbers = np.sqrt(q[0]) * np.prod(np.sqrt(1 - lam[..., None] * w), axis=-1)
-    return product
+    return np.sqrt(q[0]) * np.prod(np.sqrt(1 - lam[..., None] * w), axis=-1)
 
 
 def eigenvalue(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1) -> Any:
@@ -177,14 +172,12 @@ def check_sheet(sheet: int) -> int:
 
 def r_matrix(w: Any, factor: complex = FACTOR_GAUDIN) -> Numbers:
     """factor · P/w, P the permutation of C² ⊗ C²; (2.6) with factor i."""
-    r: Numbers = PERMUTATION * (factor / w)
-    return r
+    return PERMUTATION * (factor / w)
 
 
 def matrix_brackets(left: Numbers, P: Numbers, right: Numbers) -> Numbers:
     """{L(u) ⊗ 1, 1 ⊗ L(v)}, (4, 4), from the gradients (n, 2, 2) of L(u) and of L(v) and the Poisson tensor (n, n)."""
-    brackets: Numbers = np.einsum("aij,ab,bkl->ikjl", left, P, right).reshape(4, 4)
-    return brackets
+    return np.einsum("aij,ab,bkl->ikjl", left, P, right).reshape(4, 4)
 
 
 def lax_gradient(u: Any) -> Numbers:

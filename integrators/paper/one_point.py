@@ -15,8 +15,6 @@ Its inverse is its mirror image: transposing L exchanges J- with J+ and p with q
 `lagrange_bench.two_point(top, y, λ, sheet=s)` for the one-point maps of sheet −s.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from random import Random
 from typing import Any
@@ -102,8 +100,7 @@ def inverse(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None) 
 
 def transpose(y: Any) -> Numbers:
     """τ: J2, x2 → −J2, −x2, that is L → its transpose. An anti-Poisson reflection."""
-    reflected: Numbers = np.asarray(y) * np.array((1, -1, 1, 1, -1, 1))
-    return reflected
+    return np.asarray(y) * np.array((1, -1, 1, 1, -1, 1))
 
 
 def dressing_matrix(p: Any, q: Any, lam: Any, u: Any) -> Numbers:

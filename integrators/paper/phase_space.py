@@ -5,8 +5,6 @@ array. Everything here and in the other modules of the paper is + − * / and a 
 in double and in any number of digits. C1 = |x|² is general; x·x is the bilinear form, nothing is conjugated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from random import Random
 from typing import Any
@@ -35,8 +33,7 @@ def cross(a: Any, b: Any) -> Numbers:
 
 def dot(a: Any, b: Any) -> Numbers:
     """a·b along the last axis, nothing conjugated."""
-    product: Numbers = np.sum(np.asarray(a) * b, axis=-1)
-    return product
+    return np.sum(np.asarray(a) * b, axis=-1)
 
 
 def turn_rate(y: Any) -> Numbers:
@@ -65,6 +62,14 @@ def sqrt(z: Any) -> Any:
     """Principal root of complex or mpmath numbers."""
     z = np.asarray(z)
     return z**0.5 if z.dtype == object else np.sqrt(z.astype(complex))
+
+
+def root_near(square: Any, near: Any) -> Any:
+    """The root of `square` closest to `near`, to all its digits."""
+    root = sqrt(square)
+    turned = np.asarray(root).astype(complex) * np.conj(np.asarray(near).astype(complex))
+    sign = np.where(turned.real < 0, -1, 1)
+    return sign * root if np.ndim(root) else int(sign) * root
 
 
 def function(name: str, z: Any) -> Any:

@@ -10,8 +10,6 @@ section need it so; the point on the spectral curve is (u1, v1 − i alpha). Wit
 Both charts are complex and leave out the states with x- = 0, the first also those with J- = 0: ValueError.
 """
 
-from __future__ import annotations
-
 from random import Random
 from typing import Any
 

@@ -20,9 +20,6 @@ the real map of `lagrange_bench.two_point`. `sheet` is that of m, 1 forward in t
 What the map is in time, section 5.6, is in `interpolating_flow`.
 """
 
-from __future__ import annotations
-
-import math
 from collections.abc import Callable
 from functools import partial
 from random import Random
@@ -45,6 +42,7 @@ from lagrange_bench.integrators.paper.lax import (
 from lagrange_bench.integrators.paper.one_point import one_point
 from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cartesian, components, cross, ladder, lift
 from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.torus.any_parameter import check_parameter
 
 Point = tuple[Any, Any]  # (λ, μ)
 
@@ -176,8 +174,7 @@ def axis(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1, m: Any 
     below = m1 * m2 + np.sum(a1 * a2, axis=-1, keepdims=True)
     if np.any(below == 0):
         raise ValueError("λ: the denominator m1 m2 + a1·a2 of the two-point map vanishes at this state")
-    w: Numbers = (m2 * a1 + m1 * a2 - 1j * cross(a1, a2)) * ((lam1 - lam2) / 2j) / below
-    return w
+    return (m2 * a1 + m1 * a2 - 1j * cross(a1, a2)) * ((lam1 - lam2) / 2j) / below
 
 
 def pole_free(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1, m: Any = None) -> Numbers:
@@ -192,21 +189,11 @@ def pole_free(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1, m:
 
 def real_form(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1) -> Numbers:
     """The real map, λ1 = λ and λ2 = λ̄ (5.5.11) with μ2 = −μ̄1, Im λ > 0: `pole_free`, real for a real state."""
-    check_upper(lam)
+    check_parameter(lam)
     image = pole_free(top, y, lam, lam.conjugate(), sheet)
     if not all(getattr(v, "imag", None) == 0 and not isinstance(v, complex) for v in np.ravel(y)):
         return image
     return image.real if image.dtype != object else np.reshape([v.real for v in image.ravel()], image.shape)
-
-
-def check_upper(lam: Any) -> None:
-    """ValueError unless λ is a finite number with Im λ > 0."""
-    try:
-        number = complex(lam)
-    except (TypeError, ValueError):
-        raise ValueError(f"lam must be a complex number; got {lam!r}") from None
-    if not (math.isfinite(abs(number)) and number.imag > 0):
-        raise ValueError(f"lam must be finite with a positive imaginary part; got {lam}")
 
 
 # ------------------------------------------------------------------------------------------------ misprints

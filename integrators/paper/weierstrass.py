@@ -6,8 +6,6 @@
 0 → ω1 → ω1 + ω3 → ω3 → 0 it falls from +∞ through e1, e2, e3 to −∞ (DLMF 23.5(ii)).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from mpmath import mp, mpf
