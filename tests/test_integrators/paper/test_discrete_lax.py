@@ -14,15 +14,13 @@ from tests.reference import turned
 from tests.test_integrators.paper.tools import largest
 from tests.test_integrators.test_integrable_maps import MAPS, kept_by_kahan, rational_cases
 
-STEPS = (0.1, 1.0, 3.0)
 
-
-def steps(count=6):
+def steps(method="bobenko_suris", lengths=(0.1, 1.0, 3.0)):
     """Random tops, states and steps, and the images under the method the benchmark has."""
     rng = np.random.default_rng(14)
-    for n in range(count):
-        top, y, h = LagrangeTop(float(rng.uniform(-2, 2))), rng.normal(size=6), STEPS[n % len(STEPS)]
-        yield top, y, h, prepare(top, y, h, "bobenko_suris").advance(y, 1)
+    for h in lengths * 2:
+        top, y = LagrangeTop(float(rng.uniform(-2, 2))), rng.normal(size=6)
+        yield top, y, h, prepare(top, y, h, method).advance(y, 1)
 
 
 @pytest.mark.parametrize("u", [0.7, -0.4 + 0.9j])
@@ -67,15 +65,8 @@ def test_the_clock_of_a_thousand_steps(method):
         assert error < 1e-10 if right else error > 0.1
 
 
-def kahan_steps(count=6):
-    rng = np.random.default_rng(15)
-    for _ in range(count):
-        top, y, h = LagrangeTop(float(rng.choice((-1.5, 0.8)))), rng.normal(size=6), float(rng.uniform(0.2, 0.6))
-        yield top, y, h, prepare(top, y, h, "kahan").advance(y, 1)
-
-
 def test_kahan_is_bobenko_and_suris_elsewhere():
-    for top, y, h, image in kahan_steps():
+    for top, y, h, image in steps("kahan", (0.2, 0.4, 0.6)):
         z, step = discrete_lax.of_kahan(top, y, h)
         new, same = discrete_lax.of_kahan(top, image, h)
         assert step == pytest.approx(same, rel=1e-12)
