@@ -51,16 +51,14 @@ def miss(a: Any, b: Any, *terms: Any) -> float:
 def parameter(top: LagrangeTop, y: Array, share: float = 0.4) -> complex:
     """A λ well above the real axis, closer to it than any root of Q."""
     roots = np.roots([complex(c) for c in lax.spectral_polynomial(top, y)][::-1])
-    nearest: float = min(abs(r) for r in roots)
-    return share * nearest * complex(math.cos(1.2), math.sin(1.2))
+    return share * min(abs(roots)) * complex(math.cos(1.2), math.sin(1.2))
 
 
 def orbit(top: LagrangeTop, y: Array, nutations: float, points: int) -> tuple[Array, Array]:
     """Times and states of the exact motion."""
     period = exact.nutation_period(top, y)
     t = np.linspace(0.0, nutations * (period if math.isfinite(period) else 10 * top.scales(y)[2]), points)
-    states: Array = exact.solution(top, y, t)
-    return t, states
+    return t, exact.solution(top, y, t)
 
 
 def order_miss(x: Any, error: Any, order: int) -> float:

@@ -172,27 +172,17 @@ def find(alpha: float, y0: tuple[float, ...], digits: int) -> Motion:
     lost = sum(decimals(g2**3 / v) for v in (discriminant, pole_distance) if v)  # by differences that nearly vanish
     dps = 2 * (digits + 15) + max(0, lost)  # a turning point costs half of the digits
     with workdps(dps):
-        constants = [real(v) for v in (a, m, l, c1, H)]
-        slope_d = real(a * state.velocity / 2)
-        slopes = slope_d, real((a * l - m * H + m**3 / 2) / 2)
-        return assemble(
-            dps, constants, Weierstrass(real(g2), real(g3)), slopes, [mpf(v) for v in y0], pole_distance == 0
-        )
-
-
-def assemble(dps: int, constants: Any, wp: Weierstrass, slopes: Any, y0: Any, through_pole: bool) -> Motion:
-    """Invert ℘ for d, b and the poles, and fit C and φ(0)."""
-    alpha, m, l, c1, H = constants
-    s = mp.sqrt(c1)
-    u0 = wp.inverse_oval(alpha * y0[5] / 2 - H / 6, slopes[0])
-    b = wp.inverse_imaginary(H / 3 - m * m / 4, slopes[1])
-    poles = tuple(wp.inverse_imaginary(k * alpha * s / 2 - H / 6, -k * alpha * (m * s - k * l) / 2) for k in (1, -1))
-    J, x = sigma_quotients(wp, alpha, m, b, wp.omega3 + u0, mpf(0))
-    C = (mp.conj(J) * mp.mpc(*y0[:2]) * c1 + mp.conj(x) * mp.mpc(*y0[3:5]) * abs(alpha) * s) / (
-        abs(J) ** 2 * c1 + abs(x) ** 2 * abs(alpha) * s
-    )
-    phi0 = None if through_pole else mp.atan2(y0[3], y0[4]) % (2 * mp.pi)
-    return Motion(dps, alpha, c1, m, H, wp, u0, b, C, poles, phi0)
+        slopes = real(a * state.velocity / 2), real((a * l - m * H + m**3 / 2) / 2)
+        a, m, l, c1, H = (real(v) for v in (a, m, l, c1, H))
+        s, wp, (J1, J2, _, x1, x2, x3) = mp.sqrt(c1), Weierstrass(real(g2), real(g3)), map(mpf, y0)
+        u0 = wp.inverse_oval(a * x3 / 2 - H / 6, slopes[0])
+        b = wp.inverse_imaginary(H / 3 - m * m / 4, slopes[1])
+        poles = tuple(wp.inverse_imaginary(k * a * s / 2 - H / 6, -k * a * (m * s - k * l) / 2) for k in (1, -1))
+        J, x = sigma_quotients(wp, a, m, b, wp.omega3 + u0, mpf(0))
+        C = mp.conj(J) * mp.mpc(J1, J2) * c1 + mp.conj(x) * mp.mpc(x1, x2) * abs(a) * s
+        C = C / (abs(J) ** 2 * c1 + abs(x) ** 2 * abs(a) * s)
+        phi0 = None if pole_distance == 0 else mp.atan2(x1, x2) % (2 * mp.pi)
+        return Motion(dps, a, c1, m, H, wp, u0, b, C, poles, phi0)
 
 
 def decimals(q: Fraction) -> int:

@@ -22,6 +22,7 @@ flow with the sum of their c. The flow of one H_j over a time h, the central-spi
 
 import math
 from collections.abc import Callable
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ import scipy.linalg
 from lagrange_bench.integrators.checks import check_count
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet, check_parameter, check_upper
 from lagrange_bench.integrators.paper.lax import check_sheet
-from lagrange_bench.integrators.paper.phase_space import E3, Numbers, dot, root_near
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, dot, root_near, sqrt
 
 STRIDE = 1 / 16  # longest interval of the grid, as a share of the segment
 NODES = 14  # of the quadrature, per stride
@@ -129,14 +130,10 @@ def spectral_polynomial(magnet: GaudinMagnet, spins: Any) -> Numbers:
     """Ascending coefficients of Q(u) = Π (u − a_j)² v², of degree 2n; (2.12)."""
     H, C = magnet.hamiltonians(spins), magnet.casimirs(spins)
     squares = [np.array((a * a, -2 * a, 1)) for a in magnet.sites]
-    Q = np.array((magnet.alpha * magnet.alpha,))
-    for square in squares:
-        Q = np.convolve(Q, square)
+    Q = reduce(np.convolve, squares, np.array((magnet.alpha * magnet.alpha,)))
     for j, a in enumerate(magnet.sites):
-        term = np.array((C[j] - a * H[j], H[j], 0))
-        for square in squares[:j] + squares[j + 1 :]:
-            term = np.convolve(term, square)
-        Q = Q + term
+        others = squares[:j] + squares[j + 1 :]
+        Q = Q + reduce(np.convolve, others, np.array((C[j] - a * H[j], H[j], 0)))
     return Q
 
 
@@ -178,11 +175,15 @@ def pade_parameters(magnet: GaudinMagnet, spins: Any, h: float, factors: int = 1
         raise ValueError(f"factors must be from 1 to {FACTORS}; got {factors!r}")
     if not (h > 0 and math.isfinite(h)):
         raise ValueError(f"h must be positive and finite; got {h!r}")
-    start = complex(_start(magnet, 0j, site))
-    size = np.sqrt(complex(np.sum(np.asarray(spins[site]) ** 2)))
-    if start.imag or size.imag or not size.real > 0:
+    return real_spin(magnet, spins, site)[1] * h * pade_roots(factors)
+
+
+def real_spin(magnet: GaudinMagnet, spins: Any, site: int) -> tuple[Any, Any]:
+    """a_site and |s_site|, both real. ValueError if they are not, or the spin is zero."""
+    a, size = _start(magnet, 0j, site), sqrt(dot(spins[site], spins[site]))
+    if a.imag or size.imag or not size.real > 0:
         raise ValueError(f"site: {site} must be a real site with a real spin that is not zero")
-    return size.real * h * pade_roots(factors)
+    return a.real, size.real
 
 
 def pade_roots(k: int) -> Numbers:

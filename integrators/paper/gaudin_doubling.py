@@ -37,7 +37,7 @@ import numpy as np
 from mpmath import mp
 from numpy.polynomial.polynomial import polyadd, polydiv
 
-from lagrange_bench.integrators.paper.gaudin_curve import pade_roots, spectral_polynomial
+from lagrange_bench.integrators.paper.gaudin_curve import pade_roots, real_spin, spectral_polynomial
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 from lagrange_bench.integrators.paper.phase_space import Numbers
 from lagrange_bench.integrators.precision import workdps
@@ -197,12 +197,10 @@ class _Start:
 
     def __init__(self, magnet: GaudinMagnet, Q: Numbers, spins: Numbers, site: int, time: Any):
         n, self.k = len(magnet), len(magnet) // 2
-        a, size = magnet.sites[site], mp.sqrt(mp.fsum(x * x for x in spins[site]))
-        if a.imag or size.imag or not size.real > 0:
-            raise ValueError(f"site: {site} must be a real site with a real spin that is not zero")
-        self.a, self.size, self.time = a.real, size.real, time
+        self.time, (self.a, self.size) = time, real_spin(magnet, spins, site)
         self.Q = _moved(Q, self.a)
-        self.root = self.size * mp.fprod(a - b for b in magnet.sites if b != a).real  # y at the site
+        gaps = (self.a - b for b in magnet.sites if b != self.a)
+        self.root = self.size * mp.fprod(gaps).real  # y at the site
         self.alpha, self.odd = magnet.alpha, n % 2
         terms = math.ceil(mp.dps / -math.log10(REACH)) + 2 * n + 10
         q = self.Q / self.Q[0]

@@ -25,12 +25,8 @@ def central_spin(n: int) -> NamedMagnet:
     couplings = [math.exp(-2 * k / n) for k in range(1, n)]
     size = math.sqrt(math.fsum(A * A for A in couplings))
     draw = random.Random(f"gaudin{n}")
-    spins = []
-    for _ in range(n):
-        z, phi = draw.uniform(-1, 1), draw.uniform(0, 2 * math.pi)
-        r = math.sqrt(1 - z * z)
-        spins.append((r * math.cos(phi), r * math.sin(phi), z))
-    return NamedMagnet(GaudinMagnet((0.0, *(-2 * size / A for A in couplings)), 0.5), np.array(spins))
+    spins = np.array([_drawn(draw, 1.0) for _ in range(n)])
+    return NamedMagnet(GaudinMagnet((0.0, *(-2 * size / A for A in couplings)), 0.5), spins)
 
 
 def random_magnet(n: int, seed: int) -> NamedMagnet:
@@ -40,12 +36,15 @@ def random_magnet(n: int, seed: int) -> NamedMagnet:
     while len(sites) < n:
         sites.append(sites[-1] + draw.uniform(0.3, 1))
     alpha = draw.choice((-1, 1)) * draw.uniform(0.2, 1.5)
-    spins = []
-    for _ in range(n):
-        size, z, phi = draw.uniform(0.2, 1.5), draw.uniform(-1, 1), draw.uniform(0, 2 * math.pi)
-        r = math.sqrt(1 - z * z)
-        spins.append((size * r * math.cos(phi), size * r * math.sin(phi), size * z))
-    return NamedMagnet(GaudinMagnet(tuple(sites), alpha, site=draw.randrange(n)), np.array(spins))
+    spins = np.array([_drawn(draw, draw.uniform(0.2, 1.5)) for _ in range(n)])
+    return NamedMagnet(GaudinMagnet(tuple(sites), alpha, site=draw.randrange(n)), spins)
+
+
+def _drawn(draw: random.Random, size: float) -> tuple[float, float, float]:
+    """A spin in a random direction."""
+    z, phi = draw.uniform(-1, 1), draw.uniform(0, 2 * math.pi)
+    r = math.sqrt(1 - z * z)
+    return size * r * math.cos(phi), size * r * math.sin(phi), size * z
 
 
 def unit_of_time(magnet: GaudinMagnet, spins: Array) -> float:

@@ -19,19 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lagrange_bench.integrators.paper import phase_space
 from lagrange_bench.integrators.paper.errata import Erratum, draw
-from lagrange_bench.integrators.paper.phase_space import (
-    E3,
-    Numbers,
-    cartesian,
-    components,
-    invariants,
-    ladder,
-    lift,
-    poisson_tensor,
-    root_near,
-    vector_field,
-)
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cartesian, components, ladder, lift, root_near
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.truth.orbit import horner
 
@@ -112,7 +102,7 @@ def gaudin_matrix(alpha: Any, sites: ArrayLike, spins: Any, u: Any) -> Numbers:
 
 def spectral_polynomial(top: LagrangeTop, y: Any) -> tuple[Any, Any, Any, Any, Any]:
     """Ascending coefficients of Q(u) = C1 + 2 C2 u + 2H u² + 2 alpha J3 u³ + alpha² u⁴ = u⁴ det L(u)."""
-    H, J3, C1, C2 = invariants(top, y)
+    H, J3, C1, C2 = phase_space.invariants(top, y)
     alpha = lift(top.alpha, J3)
     return C1, 2 * C2, 2 * H, 2 * alpha * J3, alpha * alpha
 
@@ -212,7 +202,7 @@ def lax_rate(top: LagrangeTop, y: Any, u: Any) -> Numbers:
 def _r_matrix(rng: Random, printed: bool) -> float:
     top, y = draw(rng)
     u, v = 0.5 + rng.random(), -0.5 - rng.random() * 1j
-    brackets = matrix_brackets(lax_gradient(u), poisson_tensor(y), lax_gradient(v))
+    brackets = matrix_brackets(lax_gradient(u), phase_space.poisson_tensor(y), lax_gradient(v))
     r = r_matrix(u - v, FACTOR_GAUDIN if printed else FACTOR_TOP)
     defect = linear_algebra_defect(brackets, lax_matrix(top, y, u), lax_matrix(top, y, v), r)
     return float(np.max(np.abs(defect))) / 16
@@ -231,7 +221,7 @@ def _hamiltonian_sign(rng: Random, printed: bool) -> float:
     """{H, L}, corrected {L, H}, against the Lax equation of section 5.6."""
     top, y = draw(rng)
     u = 0.5 + rng.random()
-    flow = vector_field(top, y) * (-1 if printed else 1)
+    flow = phase_space.vector_field(top, y) * (-1 if printed else 1)
     return float(np.max(np.abs(np.einsum("aij,a->ij", lax_gradient(u), flow) - lax_rate(top, y, u)))) / 16
 
 

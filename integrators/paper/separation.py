@@ -17,15 +17,7 @@ import numpy as np
 
 from lagrange_bench.integrators.paper.errata import Erratum, draw
 from lagrange_bench.integrators.paper.lax import determinant, entries, lax_matrix
-from lagrange_bench.integrators.paper.phase_space import (
-    Numbers,
-    cartesian,
-    components,
-    function,
-    invariants,
-    ladder,
-    sqrt,
-)
+from lagrange_bench.integrators.paper.phase_space import Numbers, cartesian, components, dot, function, ladder, sqrt
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 
@@ -87,11 +79,11 @@ def separated_rates(top: LagrangeTop, w: Any, c1: Any = 1.0, c2: Any = 0.0) -> N
 def to_darboux(y: Any) -> Numbers:
     """(q1, q2, p1, p2), shape (..., 4), of states (..., 6): inverse of (3.11). ValueError where x- = 0 or C1 = 0."""
     J3, Jm, _, x3, xm, _ = ladder(y)
-    _, _, c1, c2 = invariants(LagrangeTop(0.0), y)
-    s = _radius(c1)
+    J, x = np.asarray(y)[..., :3], np.asarray(y)[..., 3:]
+    s = _radius(dot(x, x))
     _refuse(xm, "x- = 0: outside the Darboux chart (q2 = 0)")
     p1 = 1j * (x3 + s) / xm
-    return np.stack((Jm, xm, p1, (1j * (J3 + c2 / s) - Jm * p1) / xm), axis=-1)
+    return np.stack((Jm, xm, p1, (1j * (J3 + dot(x, J) / s) - Jm * p1) / xm), axis=-1)
 
 
 def from_darboux(z: Any, c1: Any = 1.0, c2: Any = 0.0) -> Numbers:

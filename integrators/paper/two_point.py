@@ -27,18 +27,8 @@ from typing import Any
 
 import numpy as np
 
+from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper.errata import Erratum, draw
-from lagrange_bench.integrators.paper.lax import (
-    PAULI,
-    check_sheet,
-    commutator,
-    eigenvalue,
-    entries,
-    from_pauli,
-    pauli,
-    root,
-    square,
-)
 from lagrange_bench.integrators.paper.one_point import one_point
 from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cartesian, components, cross, ladder, lift
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -49,7 +39,7 @@ Point = tuple[Any, Any]  # (λ, μ)
 
 def point(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1) -> Point:
     """(λ, μ) on the curve through y, μ = −i sheet √Q(λ)/λ²; (5.5.7). ValueError at λ = 0, the pole of μ."""
-    mu = eigenvalue(top, y, lam, -check_sheet(sheet))
+    mu = lax.eigenvalue(top, y, lam, -lax.check_sheet(sheet))
     return lift(lam, np.ravel(mu)[0]), mu
 
 
@@ -59,8 +49,8 @@ def parameters(top: LagrangeTop, y: Any, first: Point, second: Point) -> tuple[A
     ValueError where they are singular charts: B(λ1) = 0, or (λ1, μ1) = (λ2, −μ2) and the like.
     """
     (lam1, mu1), (lam2, mu2) = first, second
-    A1, B1, _ = entries(top, y, lam1)
-    A2, B2, _ = entries(top, y, lam2)
+    A1, B1, _ = lax.entries(top, y, lam1)
+    A2, B2, _ = lax.entries(top, y, lam2)
     if np.any(B1 == 0):
         raise ValueError("B(λ1) = 0: the chart (x, X) of the two-point map is singular; `pole_free` has no such poles")
     x, below = (A1 - mu1) / B1, B1 * (A2 + mu2) - B2 * (A1 - mu1)
@@ -72,8 +62,8 @@ def parameters(top: LagrangeTop, y: Any, first: Point, second: Point) -> tuple[A
 def expressions_x(top: LagrangeTop, y: Any, image: Any, first: Point, second: Point) -> list[Any]:
     """The five expressions of (5.5.5) for x, four at alpha = 0."""
     (lam1, mu1), (lam2, mu2) = first, second
-    A, B, C = entries(top, y, lam1)
-    A_new, B_new, C_new = entries(top, image, lam2)
+    A, B, C = lax.entries(top, y, lam1)
+    A_new, B_new, C_new = lax.entries(top, image, lam2)
     x = [(A - mu1) / B, -C / (A + mu1), (A_new - mu2) / B_new, -C_new / (A_new + mu2)]
     if top.alpha == 0:
         return x
@@ -84,8 +74,8 @@ def expressions_x(top: LagrangeTop, y: Any, image: Any, first: Point, second: Po
 def expressions_X(top: LagrangeTop, y: Any, image: Any, first: Point, second: Point) -> list[Any]:
     """The five expressions of (5.5.6) for X, four at alpha = 0."""
     (lam1, mu1), (lam2, mu2) = first, second
-    (A1, B1, C1), (A2, B2, C2) = (entries(top, y, lam) for lam in (lam1, lam2))
-    (a1, b1, c1), (a2, b2, c2) = (entries(top, image, lam) for lam in (lam1, lam2))
+    (A1, B1, C1), (A2, B2, C2) = (lax.entries(top, y, lam) for lam in (lam1, lam2))
+    (a1, b1, c1), (a2, b2, c2) = (lax.entries(top, image, lam) for lam in (lam1, lam2))
     gap = lam1 - lam2
     X = [
         -gap * B1 * B2 / (B1 * (A2 + mu2) - B2 * (A1 - mu1)),
@@ -98,7 +88,7 @@ def expressions_X(top: LagrangeTop, y: Any, image: Any, first: Point, second: Po
 
 def dressing_matrix(x: Any, X: Any, lam1: Any, lam2: Any, u: Any) -> Numbers:
     """M(u; λ1, λ2), shape (..., 2, 2), with det M = (u − λ1)(u − λ2); (5.5.3), (5.5.4)."""
-    return square(u - lam1 + x * X, X, x * (lam1 - lam2 - x * X), u - lam2 - x * X)
+    return lax.square(u - lam1 + x * X, X, x * (lam1 - lam2 - x * X), u - lam2 - x * X)
 
 
 def explicit(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:
@@ -151,9 +141,9 @@ def _real_image(top: LagrangeTop, y: Any, first: Point, second: Point, printed: 
 def matrix_form(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:
     """The map in one line, with M(u) = u + M0: J̃ = J + alpha [M0, σ3], x̃ = x + M0 J − J̃ M0; the program of 5.7."""
     M0 = dressing_matrix(*parameters(top, y, first, second), first[0], second[0], 0)
-    J, x = pauli(np.asarray(y)[..., :3]), pauli(np.asarray(y)[..., 3:])
-    J_new = J + top.alpha * commutator(M0, PAULI[2])
-    return from_pauli(J_new, x + M0 @ J - J_new @ M0)
+    J, x = lax.pauli(np.asarray(y)[..., :3]), lax.pauli(np.asarray(y)[..., 3:])
+    J_new = J + top.alpha * lax.commutator(M0, lax.PAULI[2])
+    return lax.from_pauli(J_new, x + M0 @ J - J_new @ M0)
 
 
 def inverse(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:
@@ -166,8 +156,8 @@ def axis(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1, m: Any 
 
     ValueError at a pole: for a real state and λ2 = λ̄1 only a(λ) = 0, a vertical top with λ the double root of Q.
     """
-    sheet, y = check_sheet(sheet), np.asarray(y)
-    roots = (sheet * root(top, y, lam1), sheet * root(top, y, lam2)) if m is None else m
+    sheet, y = lax.check_sheet(sheet), np.asarray(y)
+    roots = (sheet * lax.root(top, y, lam1), sheet * lax.root(top, y, lam2)) if m is None else m
     m1, m2 = (np.asarray(r)[..., None] for r in roots)
     lam1, lam2 = (lift(lam, m1.ravel()[0]) for lam in (lam1, lam2))
     a1, a2 = (y[..., 3:] + y[..., :3] * lam + E3 * (lam * lam * top.alpha) for lam in (lam1, lam2))

@@ -10,8 +10,6 @@ from typing import Any
 
 from mpmath import mp, mpf
 
-__all__ = ["Weierstrass"]
-
 I = mp.mpc(0, 1)
 
 
@@ -42,11 +40,6 @@ class Weierstrass:
         _, first, _, third = self.theta1(mp.mpc(0))
         eta = -(mp.pi**2) * third / (12 * basis[0] * first)
         self.etas = eta, (eta * basis[1] - I * mp.pi / 2) / basis[0]
-
-    @property
-    def eta1(self) -> Any:
-        """ζ(ω1), real."""
-        return (self.etas[0] if self.basis[1] == self.omega3 else -self.etas[1]).real
 
     def theta1(self, v: Any) -> tuple[Any, ...]:
         """theta1 and its first three derivatives at v, for |Im v| <= π Im τ/2 (DLMF 20.2.1)."""
@@ -116,7 +109,8 @@ class Weierstrass:
         It is 2ζ(a) z + ln σ(z − a)/σ(z + a) (DLMF 23.6.9, 23.10.3). A factor e^{2 η1 a u/ω1} gives the quotient the
         period 2ω1, and its argument is then that of theta4²: between −π and π, the principal logarithm is continuous.
         """
-        growth = 2 * self.eta1 * a / self.omega1
+        eta1 = self.etas[0] if self.basis[1] == self.omega3 else -self.etas[1]  # ζ(ω1)
+        growth = 2 * eta1.real * a / self.omega1
         v = u - 2 * self.omega1 * mp.nint(u / (2 * self.omega1))
         now, start = (self.sigma(self.omega3 + w - a) / self.sigma(self.omega3 + w + a) for w in (v, mpf(0)))
         return (2 * self.zeta(a) - growth) * u + mp.log(mp.exp(growth * v) * now / start)
