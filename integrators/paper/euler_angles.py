@@ -22,7 +22,6 @@ J+'' = i m J+' + alpha x3 J+ is Lamé's equation with n = 1: hence the σ. For �
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from random import Random
@@ -34,7 +33,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import check_count, check_state
 from lagrange_bench.integrators.paper.errata import Erratum
-from lagrange_bench.integrators.paper.phase_space import components, function, sqrt
+from lagrange_bench.integrators.paper.phase_space import components, function, refuse, sqrt
 from lagrange_bench.integrators.paper.weierstrass import Weierstrass
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -53,8 +52,7 @@ def from_angles(angles: Any, c1: Any = 1.0, c2: Any = 0.0) -> NDArray[Any]:
     """
     theta, phi, p_theta, p_phi = components(angles)
     s, sine, cosine = function("sqrt", c1), function("sin", theta), function("cos", theta)
-    if np.any(sine == 0):
-        raise ValueError("sin θ = 0: Euler angles are singular at the poles")
+    refuse(sine, "sin θ = 0: Euler angles are singular at the poles")
     along, (e1, e2) = (c2 / s - p_phi * cosine) / sine, (function("sin", phi), function("cos", phi))
     J1, J2 = p_theta * e2 + along * e1, along * e2 - p_theta * e1
     return np.stack((J1, J2, p_phi, s * e1 * sine, s * e2 * sine, s * cosine), axis=-1)
@@ -67,8 +65,7 @@ def to_angles(y: Any) -> NDArray[Any]:
     """
     J1, J2, J3, x1, x2, x3 = components(y)
     across = sqrt(x1 * x1 + x2 * x2)
-    if np.any(across == 0):
-        raise ValueError("x1² + x2² = 0: Euler angles are singular at the poles")
+    refuse(across, "x1² + x2² = 0: Euler angles are singular at the poles")
     s = sqrt(x1 * x1 + x2 * x2 + x3 * x3)
     theta = -1j * function("log", (x3 + 1j * across) / s)
     phi = -1j * function("log", (x2 + 1j * x1) / across)
@@ -96,21 +93,38 @@ def rates(alpha: Any, angles: Any, c1: Any = 1.0, c2: Any = 0.0) -> NDArray[Any]
     return np.stack((-p_theta, -across[0] / sine**2, force, 0 * p_phi), axis=-1)
 
 
-@dataclass(frozen=True)
 class Motion:
-    """The motion through one state: its constants, as mpmath numbers made and used at `dps` digits."""
+    """The motion through one state: its constants, as mpmath numbers made and used at `dps` digits.
 
-    dps: int
-    alpha: Any
-    c1: Any
-    m: Any
-    H: Any
-    wp: Weierstrass
-    u0: Any  # z = ω3 + u, u = t + u0
-    b: Any
-    C: Any  # constant of J+
-    poles: tuple[Any, Any]  # a with ℘(a) = ±alpha s/2 − H/6
-    phi0: Any  # φ at t = 0; None where it does not exist for all t
+    z = ω3 + t + u0. C : constant of J+. poles : the a with ℘(a) = ±alpha s/2 − H/6. phi0 : φ at t = 0, None where it does not
+    exist for all t.
+    """
+
+    def __init__(self, alpha: float, y0: tuple[float, ...], digits: int) -> None:
+        if alpha == 0:
+            raise ValueError("alpha = 0: no elliptic functions in a free rotation; use exact.solution")
+        state = State(Fraction(alpha), tuple(map(Fraction, y0[:3])), tuple(map(Fraction, y0[3:])))
+        a, m, l, c1, H = state.alpha, state.m, state.l, state.c1, state.H
+        g2 = H**2 / 3 + a**2 * c1 - a * l * m
+        g3 = H**3 / 27 - a * l * m * H / 6 - a**2 * c1 * H / 3 + a**2 * (l**2 + c1 * m**2) / 4
+        if (discriminant := g2**3 - 27 * g3**2) == 0:
+            raise ValueError("double root: separatrix, regular precession or vertical top; use exact.solution")
+        pole_distance = (a * a * (m * m * c1 - l * l)) ** 2  # of the order of (℘(a+) − e2)(e3 − ℘(a-)), times gaps
+        lost = sum(decimals(g2**3 / v) for v in (discriminant, pole_distance) if v)  # by differences that nearly vanish
+        self.dps = 2 * (digits + 15) + max(0, lost)  # a turning point costs half of the digits
+        with workdps(self.dps):
+            slopes = real(a * state.velocity / 2), real((a * l - m * H + m**3 / 2) / 2)
+            a, m, l, c1, H = (real(v) for v in (a, m, l, c1, H))
+            self.alpha, self.m, self.c1, self.H = a, m, c1, H
+            self.wp, s, (J1, J2, _, x1, x2, x3) = Weierstrass(real(g2), real(g3)), mp.sqrt(c1), map(mpf, y0)
+            self.u0 = self.wp.inverse_oval(a * x3 / 2 - H / 6, slopes[0])
+            self.b = self.wp.inverse_imaginary(H / 3 - m * m / 4, slopes[1])
+            values = ((k * a * s / 2 - H / 6, -k * a * (m * s - k * l) / 2) for k in (1, -1))
+            self.poles = [self.wp.inverse_imaginary(*value) for value in values]
+            J, x = self.quotients(mpf(0))
+            C = mp.conj(J) * mp.mpc(J1, J2) * c1 + mp.conj(x) * mp.mpc(x1, x2) * abs(a) * s
+            self.C = C / (abs(J) ** 2 * c1 + abs(x) ** 2 * abs(a) * s)
+            self.phi0 = None if pole_distance == 0 else mp.atan2(x1, x2) % (2 * mp.pi)
 
     def x3(self, t: Any) -> Any:
         """(2/alpha)(℘(z) + H/6)."""
@@ -118,9 +132,15 @@ class Motion:
 
     def state(self, t: Any) -> list[Any]:
         """(J, x) at t."""
-        J, x = sigma_quotients(self.wp, self.alpha, self.m, self.b, self.wp.omega3 + t + self.u0, t)
-        J, x = self.C * J, self.C * x
+        J, x = (self.C * quotient for quotient in self.quotients(t))
         return [J.real, J.imag, self.m, x.real, x.imag, self.x3(t)]
+
+    def quotients(self, t: Any) -> tuple[Any, Any]:
+        """J+/C and x+/C; by σ' = ζσ, so that J+ = 0, where ζ(z + b) has a pole, is no exception."""
+        wp, m, b, z = self.wp, self.m, self.b, self.wp.omega3 + t + self.u0
+        above, slope = wp.sigma_and_derivative(z + b)
+        turn = mp.exp((1j * m / 2 - wp.zeta(b)) * t) / wp.sigma(z)
+        return turn * above, turn / self.alpha * ((m / 2 + 1j * (wp.zeta(z) + wp.zeta(b))) * above - 1j * slope)
 
     def angles(self, t: Any) -> list[Any]:
         """θ = arccos(x3/s), φ, p_θ = −θ', p_φ = m at t; ValueError at a pole."""
@@ -142,11 +162,7 @@ class Motion:
         return self.phi0 - (swept / 2j).real
 
 
-def sigma_quotients(wp: Weierstrass, alpha: Any, m: Any, b: Any, z: Any, t: Any) -> tuple[Any, Any]:
-    """J+/C and x+/C; by σ' = ζσ, so that J+ = 0, where ζ(z + b) has a pole, is no exception."""
-    below, (above, slope) = wp.sigma(z), wp.sigma_and_derivative(z + b)
-    turn = mp.exp((1j * m / 2 - wp.zeta(b)) * t) / below
-    return turn * above, turn / alpha * ((m / 2 + 1j * (wp.zeta(z) + wp.zeta(b))) * above - 1j * slope)
+cached = lru_cache(maxsize=256)(Motion)
 
 
 def motion(top: LagrangeTop, y0: ArrayLike, digits: int = DIGITS) -> Motion:
@@ -155,34 +171,7 @@ def motion(top: LagrangeTop, y0: ArrayLike, digits: int = DIGITS) -> Motion:
     ValueError for alpha = 0 and for double roots of ℘ (separatrix, regular precession, vertical tops), where elliptic
     functions degenerate: `exact.solution` covers those.
     """
-    return find(top.alpha, tuple(check_state(y0).tolist()), check_count(digits, "digits", least=1))
-
-
-@lru_cache(maxsize=256)
-def find(alpha: float, y0: tuple[float, ...], digits: int) -> Motion:
-    if alpha == 0:
-        raise ValueError("alpha = 0: no elliptic functions in a free rotation; use exact.solution")
-    state = State(Fraction(alpha), tuple(map(Fraction, y0[:3])), tuple(map(Fraction, y0[3:])))
-    a, m, l, c1, H = state.alpha, state.m, state.l, state.c1, state.H
-    g2 = H**2 / 3 + a**2 * c1 - a * l * m
-    g3 = H**3 / 27 - a * l * m * H / 6 - a**2 * c1 * H / 3 + a**2 * (l**2 + c1 * m**2) / 4
-    if (discriminant := g2**3 - 27 * g3**2) == 0:
-        raise ValueError("double root: separatrix, regular precession or vertical top; use exact.solution")
-    pole_distance = (a * a * (m * m * c1 - l * l)) ** 2  # of the order of (℘(a+) − e2)(e3 − ℘(a-)), times gaps
-    lost = sum(decimals(g2**3 / v) for v in (discriminant, pole_distance) if v)  # by differences that nearly vanish
-    dps = 2 * (digits + 15) + max(0, lost)  # a turning point costs half of the digits
-    with workdps(dps):
-        slopes = real(a * state.velocity / 2), real((a * l - m * H + m**3 / 2) / 2)
-        a, m, l, c1, H = (real(v) for v in (a, m, l, c1, H))
-        s, wp, (J1, J2, _, x1, x2, x3) = mp.sqrt(c1), Weierstrass(real(g2), real(g3)), map(mpf, y0)
-        u0 = wp.inverse_oval(a * x3 / 2 - H / 6, slopes[0])
-        b = wp.inverse_imaginary(H / 3 - m * m / 4, slopes[1])
-        poles = tuple(wp.inverse_imaginary(k * a * s / 2 - H / 6, -k * a * (m * s - k * l) / 2) for k in (1, -1))
-        J, x = sigma_quotients(wp, a, m, b, wp.omega3 + u0, mpf(0))
-        C = mp.conj(J) * mp.mpc(J1, J2) * c1 + mp.conj(x) * mp.mpc(x1, x2) * abs(a) * s
-        C = C / (abs(J) ** 2 * c1 + abs(x) ** 2 * abs(a) * s)
-        phi0 = None if pole_distance == 0 else mp.atan2(x1, x2) % (2 * mp.pi)
-        return Motion(dps, a, c1, m, H, wp, u0, b, C, poles, phi0)
+    return cached(top.alpha, tuple(check_state(y0).tolist()), check_count(digits, "digits", least=1))
 
 
 def decimals(q: Fraction) -> int:

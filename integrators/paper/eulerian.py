@@ -25,7 +25,7 @@ from mpmath import mp
 
 from lagrange_bench.integrators.paper.errata import Erratum
 from lagrange_bench.integrators.paper.euler_angles import to_angles
-from lagrange_bench.integrators.paper.phase_space import Numbers, function, gradient, ladder, root_near, sqrt
+from lagrange_bench.integrators.paper.phase_space import Numbers, function, gradient, ladder, refuse, root_near, sqrt
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
@@ -35,11 +35,9 @@ Pair = tuple[Any, Any]
 def kappa(lam: Any, old: Pair, new: Pair, near: Any) -> Any:
     """κ = k/r, (5.4.6). ValueError where the chart is singular: λ sin θ sin θ̃ = 0, or κ = 0, a branch point."""
     sines = function("sin", old[0]) * function("sin", new[0])
-    if np.any(lam * sines == 0):
-        raise ValueError("λ = 0, or a pole sin θ = 0: the generating function is singular")
+    refuse(lam * sines, "λ = 0, or a pole sin θ = 0: the generating function is singular")
     square = 1 + lam * function("exp", 1j * (old[1] - new[1])) * sines
-    if np.any(square == 0):
-        raise ValueError("κ = 0: a branch point of the generating function")
+    refuse(square, "κ = 0: a branch point of the generating function")
     return root_near(square, near)
 
 

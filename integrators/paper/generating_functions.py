@@ -23,7 +23,7 @@ from mpmath import mp
 from lagrange_bench.integrators.paper.errata import Erratum
 from lagrange_bench.integrators.paper.eulerian import Pair
 from lagrange_bench.integrators.paper.lax import entries
-from lagrange_bench.integrators.paper.phase_space import Numbers, cartesian, function, ladder, root_near, sqrt
+from lagrange_bench.integrators.paper.phase_space import Numbers, cartesian, function, ladder, refuse, root_near, sqrt
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
@@ -32,11 +32,9 @@ def root_k(top: LagrangeTop, lam: Any, c1: Any, old: Pair, new: Pair, near: Any)
     """k, k² = c1 + λ x- x̃+ (5.2.6). ValueError for α = 0 and where the chart is singular."""
     if top.alpha == 0:
         raise ValueError("alpha = 0: p = J-/2 alpha is infinite, there is no one-point map")
-    if np.any(np.asarray(lam * old[0] * new[0]) == 0):
-        raise ValueError("λ, x- or x̃+ is 0: the generating function is singular")
+    refuse(lam * old[0] * new[0], "λ, x- or x̃+ is 0: the generating function is singular")
     square = c1 + lam * old[0] * new[0]
-    if np.any(np.asarray(square) == 0):
-        raise ValueError("k = 0: a branch point of the generating function")
+    refuse(square, "k = 0: a branch point of the generating function")
     return root_near(square, near)
 
 
@@ -97,8 +95,7 @@ def eigenvalue(top: LagrangeTop, lam: Any, c1: Any, c2: Any, old: Pair, new: Pai
 
 def roots_z(lam: Any, sites: Any, squares: Any, minus: Any, plus: Any, near: Any) -> Numbers:
     """z_j, z_j² = s_j² − (a_j − λ) s̃_j⁺ s_j⁻ (5.2.10), each the root closest to near_j."""
-    if np.any(np.asarray((sites - lam) * minus * plus) == 0):
-        raise ValueError("λ on a site, or s_j⁻ s̃_j⁺ = 0: the generating function is singular")
+    refuse((sites - lam) * minus * plus, "λ on a site, or s_j⁻ s̃_j⁺ = 0: the generating function is singular")
     return np.asarray(root_near(squares - (sites - lam) * plus * minus, near))
 
 

@@ -71,8 +71,7 @@ def from_pauli(J: Numbers, x: Numbers) -> Numbers:
 
 def entries(top: LagrangeTop, y: Any, u: Any) -> tuple[Any, Any, Any]:
     """A(u), B(u), C(u) of the top's L(u) = ((A, B), (C, −A)); (2.21)."""
-    if np.any(np.asarray(u) == 0):
-        raise ValueError("the Lax matrix of the top has its pole at u = 0")
+    phase_space.refuse(u, "the Lax matrix of the top has its pole at u = 0")
     J3, Jm, Jp, x3, xm, xp = ladder(y)
     u = lift(u, J3)
     u2 = u * u
@@ -123,8 +122,7 @@ def root(top: LagrangeTop, y: Any, lam: Any) -> Any:
     ValueError for C1 = 0. If a root of Q lies on the segment, the side is decided by round-off: choose another λ.
     """
     q = spectral_polynomial(top, y)
-    if np.any(np.asarray(q[0]) == 0):
-        raise ValueError("C1 = 0: the two sheets of the spectral curve meet at 0, there is no branch to follow")
+    phase_space.refuse(q[0], "C1 = 0: the two sheets of the spectral curve meet at 0, there is no branch to follow")
     guess = _branch([np.asarray(c).astype(complex) for c in q], np.asarray(lam).astype(complex))
     return root_near(horner(q, lam), guess)
 
@@ -146,8 +144,7 @@ def _branch(q: list[Numbers], lam: Numbers) -> Numbers:
 
 def eigenvalue(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1) -> Any:
     """μ with det(L(λ) − μ) = 0, (5.1.7), (5.1.9): μ = sheet · i m/λ², continuous in λ from +i √C1/λ² for sheet 1."""
-    if np.any(np.asarray(lam) == 0):
-        raise ValueError("λ = 0 is the pole of μ")
+    phase_space.refuse(lam, "λ = 0 is the pole of μ")
     m = root(top, y, lam)
     lam = lift(lam, m)
     return check_sheet(sheet) * 1j * m / (lam * lam)

@@ -85,6 +85,12 @@ def gradient(F: Callable[[Numbers], Any], z: Any) -> Numbers:
         return np.stack([(F(z + d * e) - F(z - d * e)) / (2 * d) for e in np.eye(len(z), dtype=int)], axis=-1)
 
 
+def refuse(z: Any, reason: str) -> None:
+    """ValueError if a number is 0."""
+    if np.any(np.asarray(z) == 0):
+        raise ValueError(reason)
+
+
 def invariants(top: LagrangeTop, y: Any) -> tuple[Any, Any, Any, Any]:
     """H, J3, C1, C2 of complex states; (1.2), (1.5)."""
     J1, J2, J3, x1, x2, x3 = components(y)

@@ -17,7 +17,7 @@ import numpy as np
 
 from lagrange_bench.integrators.paper.errata import Erratum, draw
 from lagrange_bench.integrators.paper.lax import determinant, entries, lax_matrix
-from lagrange_bench.integrators.paper.phase_space import Numbers, cartesian, components, dot, function, ladder, sqrt
+from lagrange_bench.integrators.paper.phase_space import Numbers, cartesian, components, function, ladder, refuse, sqrt
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 
@@ -33,23 +33,23 @@ def baker_akhiezer(top: LagrangeTop, y: Any, u: Any, v: Any) -> Numbers:
     Its pole is the separation point: ValueError where B(u) = 0.
     """
     A, B, _ = entries(top, y, u)
-    _refuse(B, "B(u) = 0: the pole of the Baker–Akhiezer function")
+    refuse(B, "B(u) = 0: the pole of the Baker–Akhiezer function")
     return np.stack((1 + 0 * B, (v - A) / B), axis=-1)
 
 
 def separate(y: Any) -> Numbers:
     """(u1, v1, u2, v2), shape (..., 4), of states (..., 6); (3.5), (3.6). ValueError where J- = 0 or x- = 0."""
     J3, Jm, _, x3, xm, _ = ladder(y)
-    _refuse(Jm, "J- = 0: outside the chart of the separation variables (u2 = 0)")
-    _refuse(xm, "x- = 0: outside the chart of the separation variables (u1 = 0)")
+    refuse(Jm, "J- = 0: outside the chart of the separation variables (u2 = 0)")
+    refuse(xm, "x- = 0: outside the chart of the separation variables (u1 = 0)")
     return np.stack((-xm / Jm, 1j * Jm / xm * (J3 - Jm / xm * x3), Jm, -1j * J3 / Jm), axis=-1)
 
 
 def unseparate(w: Any, c1: Any = 1.0, c2: Any = 0.0) -> Numbers:
     """State (..., 6) on the leaf C1 = c1, C2 = c2 from w = (u1, v1, u2, v2); (3.8). ValueError where u1 or u2 = 0."""
     u1, v1, u2, v2 = components(w)
-    _refuse(u1, "u1 = 0: outside the chart of the separation variables (x- = 0)")
-    _refuse(u2, "u2 = 0: outside the chart of the separation variables (J- = 0)")
+    refuse(u1, "u1 = 0: outside the chart of the separation variables (x- = 0)")
+    refuse(u2, "u2 = 0: outside the chart of the separation variables (J- = 0)")
     Jp = -2 * c2 / (u1 * u2) + v2**2 * u2 - c1 / (u1**2 * u2) - u1**2 * v1**2 / u2
     xp = -c1 / (u1 * u2) - v2**2 * u1 * u2 + 2 * v1 * v2 * u1**2 - u1**3 * v1**2 / u2
     return cartesian(1j * v2 * u2, u2, Jp, 1j * u1 * (u1 * v1 - u2 * v2), -u1 * u2, xp)
@@ -78,12 +78,11 @@ def separated_rates(top: LagrangeTop, w: Any, c1: Any = 1.0, c2: Any = 0.0) -> N
 
 def to_darboux(y: Any) -> Numbers:
     """(q1, q2, p1, p2), shape (..., 4), of states (..., 6): inverse of (3.11). ValueError where x- = 0 or C1 = 0."""
-    J3, Jm, _, x3, xm, _ = ladder(y)
-    J, x = np.asarray(y)[..., :3], np.asarray(y)[..., 3:]
-    s = _radius(dot(x, x))
-    _refuse(xm, "x- = 0: outside the Darboux chart (q2 = 0)")
+    J3, Jm, Jp, x3, xm, xp = ladder(y)
+    s, c2 = _radius(x3 * x3 + xm * xp), J3 * x3 + (Jm * xp + Jp * xm) / 2
+    refuse(xm, "x- = 0: outside the Darboux chart (q2 = 0)")
     p1 = 1j * (x3 + s) / xm
-    return np.stack((Jm, xm, p1, (1j * (J3 + dot(x, J) / s) - Jm * p1) / xm), axis=-1)
+    return np.stack((Jm, xm, p1, (1j * (J3 + c2 / s) - Jm * p1) / xm), axis=-1)
 
 
 def from_darboux(z: Any, c1: Any = 1.0, c2: Any = 0.0) -> Numbers:
@@ -99,7 +98,7 @@ def generating_function(q: Any, v: Any, c1: Any = 1.0, c2: Any = 0.0) -> Any:
     """F(q1, q2 | v1, v2) with p = ∂F/∂q, u = −∂F/∂v; (3.13). Principal logarithm."""
     (q1, q2), (v1, v2) = components(q), components(v)
     s = _radius(c1)
-    _refuse(q1 * q2, "q1 = J- = 0 or q2 = x- = 0: the generating function has a pole")
+    refuse(q1 * q2, "q1 = J- = 0 or q2 = x- = 0: the generating function has a pole")
     return 1j * s * q1 / q2 + 1j * (c2 / s) * function("log", q2 + 0j) - q1 * v2 + q2 * v1 / q1
 
 
@@ -107,20 +106,15 @@ def generated(q: Any, v: Any, c1: Any = 1.0, c2: Any = 0.0) -> tuple[Numbers, Nu
     """p = ∂F/∂q and u = −∂F/∂v, each (..., 2), of the generating function; (3.14)."""
     (q1, q2), (v1, v2) = components(q), components(v)
     s = _radius(c1)
-    _refuse(q1 * q2, "q1 = J- = 0 or q2 = x- = 0: the generating function has a pole")
+    refuse(q1 * q2, "q1 = J- = 0 or q2 = x- = 0: the generating function has a pole")
     p1 = 1j * s / q2 - v2 - q2 * v1 / q1**2
     p2 = -1j * s * q1 / q2**2 + 1j * (c2 / s) / q2 + v1 / q1
     return np.stack((p1, p2), axis=-1), np.stack((-q2 / q1, q1), axis=-1)
 
 
 def _radius(c1: Any) -> Any:
-    _refuse(c1, "C1 = 0: the Darboux chart divides by |x|")
+    refuse(c1, "C1 = 0: the Darboux chart divides by |x|")
     return sqrt(c1)
-
-
-def _refuse(z: Any, reason: str) -> None:
-    if np.any(np.asarray(z) == 0):
-        raise ValueError(reason)
 
 
 # ------------------------------------------------------------------------------------------------ misprints

@@ -30,7 +30,7 @@ import numpy as np
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper.errata import Erratum, draw
 from lagrange_bench.integrators.paper.one_point import one_point
-from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cartesian, components, cross, ladder, lift
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cartesian, components, cross, ladder, lift, refuse
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.torus.any_parameter import check_parameter
 
@@ -51,11 +51,9 @@ def parameters(top: LagrangeTop, y: Any, first: Point, second: Point) -> tuple[A
     (lam1, mu1), (lam2, mu2) = first, second
     A1, B1, _ = lax.entries(top, y, lam1)
     A2, B2, _ = lax.entries(top, y, lam2)
-    if np.any(B1 == 0):
-        raise ValueError("B(λ1) = 0: the chart (x, X) of the two-point map is singular; `pole_free` has no such poles")
+    refuse(B1, "B(λ1) = 0: the chart (x, X) of the two-point map is singular; `pole_free` has no such poles")
     x, below = (A1 - mu1) / B1, B1 * (A2 + mu2) - B2 * (A1 - mu1)
-    if np.any(below == 0):
-        raise ValueError("X = ∞: the points (λ1, μ1) and (λ2, −μ2) have one eigenvector, the map is singular")
+    refuse(below, "X = ∞: the points (λ1, μ1) and (λ2, −μ2) have one eigenvector, the map is singular")
     return x, (lam2 - lam1) * B1 * B2 / below
 
 
@@ -162,8 +160,7 @@ def axis(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1, m: Any 
     lam1, lam2 = (lift(lam, m1.ravel()[0]) for lam in (lam1, lam2))
     a1, a2 = (y[..., 3:] + y[..., :3] * lam + E3 * (lam * lam * top.alpha) for lam in (lam1, lam2))
     below = m1 * m2 + np.sum(a1 * a2, axis=-1, keepdims=True)
-    if np.any(below == 0):
-        raise ValueError("λ: the denominator m1 m2 + a1·a2 of the two-point map vanishes at this state")
+    refuse(below, "λ: the denominator m1 m2 + a1·a2 of the two-point map vanishes at this state")
     return (m2 * a1 + m1 * a2 - 1j * cross(a1, a2)) * ((lam1 - lam2) / 2j) / below
 
 
