@@ -27,8 +27,7 @@ from lagrange_bench.experiments.measuring.reductions import largest
 from lagrange_bench.experiments.measuring.states import follow, log_counts, rounded
 from lagrange_bench.integrators.api import prepare
 from lagrange_bench.integrators.interface import Array, StepError
-from lagrange_bench.integrators.paper.gaudin_magnets import central_spin, random_magnet, unit_of_time
-from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
+from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet, central_spin, random_magnet, unit_of_time
 from lagrange_bench.integrators.registry import METHODS
 
 VERSION = 3

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from lagrange_bench.integrators.compiling.expression import cos, exp, log, sin, sqrt
     from lagrange_bench.integrators.ensemble import integrate_ensemble
     from lagrange_bench.integrators.interface import INVARIANTS, Method, StepError, Stepper, Work
-    from lagrange_bench.integrators.paper.gaudin_magnets import MAGNETS
-    from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
+    from lagrange_bench.integrators.paper.gaudin_model import MAGNETS, GaudinMagnet
     from lagrange_bench.integrators.problem.body import HeavyTop, RigidTop
     from lagrange_bench.integrators.problem.field import Potential
     from lagrange_bench.integrators.problem.free_body import free_body
@@ -93,8 +92,7 @@ __getattr__, __dir__ = face(
         "lagrange_bench.integrators.backward_error.prediction": ("PredictedPhase", "predicted_phase"),
         "lagrange_bench.integrators.ensemble": ("integrate_ensemble",),
         "lagrange_bench.integrators.interface": ("INVARIANTS", "Method", "StepError", "Stepper", "Work"),
-        "lagrange_bench.integrators.paper.gaudin_magnets": ("MAGNETS",),
-        "lagrange_bench.integrators.paper.gaudin_model": ("GaudinMagnet",),
+        "lagrange_bench.integrators.paper.gaudin_model": ("MAGNETS", "GaudinMagnet"),
         "lagrange_bench.integrators.problem.body": ("HeavyTop", "RigidTop"),
         "lagrange_bench.integrators.cases": ("CASES", "Case"),
         "lagrange_bench.integrators.compiling.expression": ("cos", "exp", "log", "sin", "sqrt"),

@@ -29,7 +29,7 @@ PROBLEMS = ("free_body", "vibrating_pivot", "kirchhoff_body", "central_spin")  #
 @cache
 def problem(name: str) -> tuple[Any, Array]:
     """Problem and initial state of a name in PROBLEMS: a magnet of four spins, and one of each kind of `problem`."""
-    from lagrange_bench.integrators.paper.gaudin_magnets import central_spin
+    from lagrange_bench.integrators.paper.gaudin_model import central_spin
     from lagrange_bench.integrators.problem.free_body import free_body
     from lagrange_bench.integrators.problem.kirchhoff import kirchhoff_body
     from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot

@@ -3,7 +3,7 @@
     1         phase_space                                          states, brackets, equations of motion, invariants
     2         lax; gaudin_model, gaudin_curve; contraction         Lax matrices, curve; the magnet; two sites become the top
     3         separation                                           separation of variables
-    4         euler_angles, weierstrass                            the motion by ℘, ζ and σ
+    4         euler_angles                                         the motion by ℘, ζ and σ
     5.1       one_point                                            the one-point map
     5.2, 5.3  generating_functions                                 it is symplectic; spectrality
     5.4       eulerian                                             the one-point map in Euler angles

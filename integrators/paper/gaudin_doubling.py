@@ -80,7 +80,10 @@ def exact_step(magnet: GaudinMagnet, spins: Any, times: Any) -> ExactStep:
         raise ValueError(
             f"spins: the exact step is for at most {MOST_SPINS}; got {len(magnet)}. backlund_paper takes any number"
         )
-    base, times = split_off_turn(np.asarray(times, dtype=float))
+    # a common time is a turn about e3: the most frequent of `times`, the smallest of several
+    values, counts = np.unique(np.asarray(times, dtype=float), return_counts=True)
+    base = float(min(values[counts == counts.max()], key=abs))
+    times = np.asarray(times, dtype=float) - base
     digits, before = DIGITS + 2 * len(magnet), None
     while digits <= MOST_DIGITS:
         try:
@@ -92,13 +95,6 @@ def exact_step(magnet: GaudinMagnet, spins: Any, times: Any) -> ExactStep:
             return _rounded(*found)
         digits, before = digits + max(10, digits // 3), found
     raise ArithmeticError(f"{MOST_DIGITS} digits do not suffice for the exact step of this magnet")
-
-
-def split_off_turn(times: Numbers) -> tuple[float, Numbers]:
-    """The most frequent number in `times`, the smallest of several, and what is left: a common time is a turn about e3."""
-    values, counts = np.unique(times, return_counts=True)
-    base = min(values[counts == counts.max()], key=abs)
-    return float(base), times - base
 
 
 def _distance(a: tuple, b: tuple) -> float:
@@ -129,7 +125,7 @@ def _exact_step(magnet: GaudinMagnet, spins: Any, base: float, times: Numbers) -
     centre = mp.fsum(sites[j] for j in moved) / len(moved)
     fine = GaudinMagnet(tuple(a - centre for a in sites), alpha)
     exactly = np.array([[mp.mpmathify(x) for x in s] for s in np.asarray(spins).tolist()])
-    Q = _real(spectral_polynomial(fine, exactly))
+    Q = np.array([c.real for c in spectral_polynomial(fine, exactly)])
     curve = _Curve(Q, alpha, n)
     starts = [_Start(fine, Q, exactly, j, mp.mpf(times[j])) for j in moved]
     doublings = max(start.halvings for start in starts)
@@ -153,9 +149,9 @@ class _Curve:
         U, V = one.U, one.V
         if other is one:
             rest = polydiv(-polyadd(np.convolve(V, V), self.Q), U)[0]
-            added = _product_mod(rest, inverse(2 * V, U), U)
+            added: Numbers = polydiv(np.convolve(rest, inverse(2 * V, U)), U)[1]
         else:
-            added = _product_mod(polyadd(other.V, -V), inverse(U, other.U), other.U)
+            added = polydiv(np.convolve(polyadd(other.V, -V), inverse(U, other.U)), other.U)[1]
         return self._reduce(np.convolve(U, other.U), polyadd(V, np.convolve(U, added)), one.angle + other.angle, last)
 
     def _reduce(self, U: Numbers, V: Numbers, angle: Any, last: bool) -> Divisor:
@@ -165,7 +161,7 @@ class _Curve:
             A, B = self._best_phase(U, (A, B), next(rows))
         reduced = self._norm(U, A, B)
         reduced = reduced / reduced[-1]
-        V = polydiv(-_product_mod(A, inverse(B, reduced), reduced), reduced)[1]
+        V = -polydiv(np.convolve(A, inverse(B, reduced)), reduced)[1]
         top = 3 * self.k
         phase = mp.arg(mp.mpc(_coefficient(A, top), self.alpha * _coefficient(B, top - self.n)))
         return Divisor(reduced, V, angle + 2 * phase)
@@ -303,10 +299,6 @@ def upper_roots(U: Numbers) -> list:
     raise ArithmeticError("the parameters of a step were not found")
 
 
-def _product_mod(p: Numbers, q: Numbers, m: Numbers) -> Numbers:
-    return polydiv(np.convolve(p, q), m)[1]
-
-
 def _coefficient(p: Numbers, power: int) -> Any:
     return p[power] if 0 <= power < len(p) else mp.mpf(0)
 
@@ -318,7 +310,3 @@ def _moved(p: Numbers, a: Any) -> Numbers:
         for j in range(len(p) - 2, i - 1, -1):
             p[j] += a * p[j + 1]
     return p
-
-
-def _real(p: Numbers) -> Numbers:
-    return np.array([x.real for x in p])

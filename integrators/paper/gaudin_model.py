@@ -17,10 +17,11 @@ Points (λ, v) of the curve are in `gaudin_curve`, the maps that take them in `g
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from random import Random
-from typing import Any
+from typing import Any, NamedTuple
 
 import mpmath
 import numpy as np
@@ -136,11 +137,6 @@ class GaudinMagnet:
         """K_jk = 2 (c_j − c_k)/(a_j − a_k), shape (n, n): Σ c_j H_j is Σ 2 alpha c_j s_j³ + Σ_{j<k} K_jk s_j·s_k + const."""
         c = np.asarray(c)
         return self.couplings * (c[:, None] - c)
-
-    def turning_rate(self, spins: Any) -> float:
-        """The largest rate at which a spin may turn along the flow."""
-        fields = np.abs(self.bonds(self.flow)) @ np.linalg.norm(spins, axis=1)
-        return float(np.max(np.abs(2.0 * self.alpha * self.flow) + fields))
 
     def gradient(self, spins: Any, c: Any) -> Numbers:
         """Gradient of Σ c_j H_j: at site j 2 alpha c_j e3 + Σ_k 2 (c_j − c_k)/(a_j − a_k) s_k; shape (..., n, 3)."""
@@ -303,9 +299,59 @@ class MagnetProblem(Problem):
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
         """Scale of the spins, 1, and of time: 1 over the largest rate at which a spin may turn."""
-        spins = self._spins(y)
-        rate = self.magnet.turning_rate(spins)
-        return float(np.max(np.linalg.norm(spins, axis=1))), 1.0, 1.0 / rate if rate else float("inf")
+        c, sizes = self.magnet.flow, np.linalg.norm(self._spins(y), axis=1)
+        rate = float(np.max(np.abs(2.0 * self.magnet.alpha * c) + np.abs(self.magnet.bonds(c)) @ sizes))
+        return float(np.max(sizes)), 1.0, 1.0 / rate if rate else float("inf")
+
+
+# ------------------------------------------------------------------------------------------------ named magnets
+
+
+class NamedMagnet(NamedTuple):
+    """A magnet and its initial spins (n, 3)."""
+
+    magnet: GaudinMagnet
+    spins: Array
+
+
+def central_spin(n: int) -> NamedMagnet:
+    """Unit spins in random directions, couplings A_k = 2/(a_1 − a_k) ~ exp(−2k/n) with Σ A_k² = 1, field 2 alpha = 1.
+
+    The generator is Python's own, whose `random()` never changes.
+    """
+    couplings = [math.exp(-2 * k / n) for k in range(1, n)]
+    size = math.sqrt(math.fsum(A * A for A in couplings))
+    draw = Random(f"gaudin{n}")
+    spins = np.array([_drawn(draw, 1.0) for _ in range(n)])
+    return NamedMagnet(GaudinMagnet((0.0, *(-2 * size / A for A in couplings)), 0.5), spins)
+
+
+def random_magnet(n: int, seed: int) -> NamedMagnet:
+    """Sites at distances of 0.3 to 1, the moving one anywhere among them, alpha of either sign, spins of 0.2 to 1.5."""
+    draw = Random(f"magnet{n}/{seed}")
+    sites = [0.0]
+    while len(sites) < n:
+        sites.append(sites[-1] + draw.uniform(0.3, 1))
+    alpha = draw.choice((-1, 1)) * draw.uniform(0.2, 1.5)
+    spins = np.array([_drawn(draw, draw.uniform(0.2, 1.5)) for _ in range(n)])
+    return NamedMagnet(GaudinMagnet(tuple(sites), alpha, site=draw.randrange(n)), spins)
+
+
+def _drawn(draw: Random, size: float) -> tuple[float, float, float]:
+    """A spin in a random direction."""
+    z, phi = draw.uniform(-1, 1), draw.uniform(0, 2 * math.pi)
+    r = math.sqrt(1 - z * z)
+    return size * r * math.cos(phi), size * r * math.sin(phi), size * z
+
+
+def unit_of_time(magnet: GaudinMagnet, spins: Array) -> float:
+    """1/√(Σ A_k² |s_k|²), A_k the couplings of the magnet's site: 1 for `central_spin`; 1/(2 |alpha|) for one spin."""
+    site = magnet.site or 0
+    field = magnet.couplings[site] * np.linalg.norm(spins, axis=1)
+    return 1 / float(np.linalg.norm(field) if len(magnet) > 1 else 2 * abs(magnet.alpha))
+
+
+MAGNETS = {f"central{n}": central_spin(n) for n in (8, 32, 128)} | {"random": random_magnet(8, 0)}
 
 
 # ------------------------------------------------------------------------------------------------ misprints

@@ -177,14 +177,6 @@ class MagnetStepper(Stepper):
         here = self.magnet.invariants(spins)
         if np.max(np.abs(here - self.home)) > OFF_TORUS * np.max(np.abs(self.home)):
             raise StepError("two-point map", "the spins are not on the torus this step was prepared for", h=self.h)
-        rows = self._run(spins, n, every)
-        if not np.all(np.isfinite(rows[-1])):
-            raise StepError("two-point map", "the spins left the range of floating-point numbers", h=self.h, step=n)
-        self.work.steps += n
-        return rows if self.turn == 0 else self._turned(rows, every)
-
-    def _run(self, spins: Numbers, n: int, every: int) -> Numbers:
-        """As `record`, without the turn, from spins on any torus."""
         s = np.ascontiguousarray(spins.T).astype(self.dtype, copy=True)
         out = np.empty((n // every + 1, *s.shape), dtype=self.dtype)
         out[0] = s
@@ -194,7 +186,11 @@ class MagnetStepper(Stepper):
         some = max(1, INTERRUPTIBLE // max(1, self.gaps.size))  # Ctrl-C is seen between two calls
         for first in range(0, n, some):
             run(s, *constants, first, min(first + some, n), n, every, out)
-        return np.swapaxes(out, 1, 2)
+        rows = np.swapaxes(out, 1, 2)
+        if not np.all(np.isfinite(rows[-1])):
+            raise StepError("two-point map", "the spins left the range of floating-point numbers", h=self.h, step=n)
+        self.work.steps += n
+        return rows if self.turn == 0 else self._turned(rows, every)
 
     def _turned(self, rows: Numbers, every: int) -> Numbers:
         """Row r turned about e3 by r · every times the turn of a step; row 0 is left alone."""

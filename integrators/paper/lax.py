@@ -37,11 +37,6 @@ def square(a: Any, b: Any, c: Any, d: Any) -> Numbers:
     return entries.reshape(*entries.shape[:-1], 2, 2)
 
 
-def matrix(A: Any, B: Any, C: Any) -> Numbers:
-    """((A, B), (C, −A)), shape (..., 2, 2)."""
-    return square(A, B, C, -A)
-
-
 def determinant(M: Numbers) -> Any:
     """Of matrices (..., 2, 2) of any numbers."""
     return M[..., 0, 0] * M[..., 1, 1] - M[..., 0, 1] * M[..., 1, 0]
@@ -61,7 +56,7 @@ def commutator(a: Numbers, b: Numbers) -> Numbers:
 def pauli(v: Any) -> Numbers:
     """σ·v = ((v3, v-), (v+, −v3)), shape (..., 2, 2), of vectors (..., 3)."""
     v1, v2, v3 = components(v)
-    return matrix(v3 + 0j, v1 - 1j * v2, v1 + 1j * v2)
+    return square(v3 + 0j, v1 - 1j * v2, v1 + 1j * v2, -v3 + 0j)
 
 
 def from_pauli(J: Numbers, x: Numbers) -> Numbers:
@@ -80,7 +75,8 @@ def entries(top: LagrangeTop, y: Any, u: Any) -> tuple[Any, Any, Any]:
 
 def lax_matrix(top: LagrangeTop, y: Any, u: Any) -> Numbers:
     """L(u) of the top, (..., 2, 2); (2.21)."""
-    return matrix(*entries(top, y, u))
+    A, B, C = entries(top, y, u)
+    return square(A, B, C, -A)
 
 
 def gaudin_vector(alpha: Any, sites: ArrayLike, spins: Any, u: Any) -> Numbers:

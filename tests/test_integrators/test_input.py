@@ -27,7 +27,7 @@ from lagrange_bench.integrators import (
     two_point,
 )
 from lagrange_bench.integrators.compiling.loops import FixedStepper
-from lagrange_bench.integrators.paper.gaudin_magnets import central_spin
+from lagrange_bench.integrators.paper.gaudin_model import central_spin
 from tests.installed import FOR_TOPS, installed
 
 pytestmark = pytest.mark.interpreted

@@ -7,7 +7,7 @@ import pytest
 
 from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import MAGNETS, METHODS, GaudinMagnet, integrate, prepare
-from lagrange_bench.integrators.paper.gaudin_magnets import central_spin, random_magnet
+from lagrange_bench.integrators.paper.gaudin_model import central_spin, random_magnet
 from lagrange_bench.integrators.registry import available
 from tests.faults import interrupted
 

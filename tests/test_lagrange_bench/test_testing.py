@@ -8,7 +8,7 @@ import pytest
 from lagrange_bench.experiments.measuring import check
 from lagrange_bench.experiments.measuring import drifts as drift
 from lagrange_bench.integrators import METHODS, LagrangeTop
-from lagrange_bench.integrators.paper.gaudin_magnets import central_spin
+from lagrange_bench.integrators.paper.gaudin_model import central_spin
 from lagrange_bench.testing import assert_drift, assert_order
 
 MINE = replace(METHODS["strang"], name="mine")  # of nobody's registry

@@ -10,9 +10,8 @@ from scipy.integrate import solve_ivp
 
 from lagrange_bench.integrators import StepError
 from lagrange_bench.integrators.paper.gaudin_curve import times
-from lagrange_bench.integrators.paper.gaudin_magnets import random_magnet, unit_of_time
 from lagrange_bench.integrators.paper.gaudin_maps import two_point
-from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
+from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet, random_magnet, unit_of_time
 from lagrange_bench.integrators.paper.gaudin_step import MagnetStepper, prepare, prepare_exact
 
 PROMISE = 1e-12  # of issue 3: relative change of every |s_j| and H_j over 1e5 steps

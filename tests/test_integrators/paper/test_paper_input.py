@@ -13,12 +13,11 @@ from lagrange_bench.integrators.paper import interpolating_flow as flow
 from lagrange_bench.integrators.paper import one_point as op
 from lagrange_bench.integrators.paper import two_point as tp
 from lagrange_bench.integrators.paper.contraction import to_magnet
-from lagrange_bench.integrators.paper.euler_angles import angles, from_angles, states, to_angles
+from lagrange_bench.integrators.paper.euler_angles import Weierstrass, angles, from_angles, states, to_angles
 from lagrange_bench.integrators.paper.gaudin_curve import times
 from lagrange_bench.integrators.paper.gaudin_maps import one_point, two_point, two_point_textbook
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 from lagrange_bench.integrators.paper.gaudin_step import MagnetStepper, prepare, prepare_exact
-from lagrange_bench.integrators.paper.weierstrass import Weierstrass
 
 STATE, UPRIGHT, FLAT = TOPS["generic"].state, (0.0, 0.0, 3.0, 0.0, 0.0, 1.0), (1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
 SLEEPING = np.array([0.0, 0.0, 2.0, 0.0, 0.0, 1.0])
