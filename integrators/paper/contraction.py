@@ -66,12 +66,6 @@ def casimirs(y: Any, eps: Any = 0) -> tuple[Any, Any]:
     return C1, C2 - eps / 2 * JJ
 
 
-def spins_squared(y: Any, eps: Any) -> tuple[Any, Any]:
-    """s_1² = |J|² − 2 C2/ε + C1/ε² and s_2² = C1/ε²; (5.2.13), (5.2.14) for general C1."""
-    C1, C2, JJ = _products(y)
-    return JJ - 2 * C2 / eps + C1 / (eps * eps), C1 / (eps * eps)
-
-
 def _products(y: Any) -> tuple[Any, Any, Any]:
     """|x|², x·J, |J|²."""
     y = np.asarray(y)

@@ -173,8 +173,6 @@ def pade_parameters(magnet: GaudinMagnet, spins: Any, h: float, factors: int = 1
     """λ_i − a_site, shape (factors,), of a step of order 2·factors for the flow of H_site over the time h > 0."""
     if check_count(factors, "factors", least=1) > FACTORS:
         raise ValueError(f"factors must be from 1 to {FACTORS}; got {factors!r}")
-    if not (h > 0 and math.isfinite(h)):
-        raise ValueError(f"h must be positive and finite; got {h!r}")
     return real_spin(magnet, spins, site)[1] * h * pade_roots(factors)
 
 

@@ -51,16 +51,7 @@ REACH = 1 / 16  # the series is used up to this part of its radius of convergenc
 PHASES = 8  # tried in the last doubling of a magnet with an even number of spins
 
 
-class ExactStep(NamedTuple):
-    """The maps of a step, λ_i = a_near + lams_i and v_i, and the part of a revolution about e3 that follows them.
-
-    λ_i is counted from the site next to it: a double of its place would not do for sites that lie far from 0.
-    """
-
-    near: list[int]
-    lams: Numbers
-    v: Numbers
-    turn: Fraction
+Step = tuple[list[int], Numbers, Numbers, Fraction]  # near, lams, v, turn
 
 
 class Divisor(NamedTuple):
@@ -71,9 +62,11 @@ class Divisor(NamedTuple):
     angle: Any
 
 
-def exact_step(magnet: GaudinMagnet, spins: Any, times: Any) -> ExactStep:
+def exact_step(magnet: GaudinMagnet, spins: Any, times: Any) -> Step:
     """The flow of Σ times_j H_j over time 1. Sites whose times count must be real.
 
+    It is the maps with λ_i = a_near + lams_i and v_i, and a turn about e3, as a part of a revolution. λ_i is counted from the
+    site next to it: a double of its place would not do for sites that lie far from 0.
     ValueError for more than MOST_SPINS spins. ArithmeticError if MOST_DIGITS do not suffice.
     """
     if len(magnet) > MOST_SPINS:
@@ -106,12 +99,12 @@ def _distance(a: tuple, b: tuple) -> float:
     return float(max(changes))
 
 
-def _rounded(lams: list, v: list, angle: Any, sites: tuple) -> ExactStep:
+def _rounded(lams: list, v: list, angle: Any, sites: tuple) -> Step:
     with workdps(50):
         turn = Fraction(int(mp.floor(angle / (2 * mp.pi) * mp.mpf(2) ** 128)) % 2**128, 2**128)
         near = [min(range(len(sites)), key=lambda j: abs(x - sites[j])) for x in lams]
         lams = [complex(x - sites[j]) for x, j in zip(lams, near, strict=True)]
-    return ExactStep(near, np.array(lams), np.array([complex(x) for x in v]), turn)
+    return near, np.array(lams), np.array([complex(x) for x in v]), turn
 
 
 def _exact_step(magnet: GaudinMagnet, spins: Any, base: float, times: Numbers) -> tuple[list, list, Any, tuple]:

@@ -95,12 +95,8 @@ def real_form(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None
 
 def inverse(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None) -> Numbers:
     """The state that `one_point` sends to y: the map of the adjugate N(u) = ((1, −p), (−q, u − λ + pq)), by τ B τ."""
-    return transpose(one_point(top, transpose(y), lam, sheet, mu))
-
-
-def transpose(y: Any) -> Numbers:
-    """τ: J2, x2 → −J2, −x2, that is L → its transpose. An anti-Poisson reflection."""
-    return np.asarray(y) * np.array((1, -1, 1, 1, -1, 1))
+    mirror = np.array((1, -1, 1, 1, -1, 1))  # τ, an anti-Poisson reflection
+    return one_point(top, np.asarray(y) * mirror, lam, sheet, mu) * mirror
 
 
 def dressing_matrix(p: Any, q: Any, lam: Any, u: Any) -> Numbers:
