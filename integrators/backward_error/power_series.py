@@ -5,7 +5,6 @@ Coefficients are numbers of the type they are given as. Sums, products and quoti
 
 from __future__ import annotations
 
-from types import CellType, FunctionType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -68,22 +67,3 @@ class Series:
         return bool(np.all(self.c[0] <= other))
 
     __radd__, __rmul__ = __add__, __mul__
-
-
-def interpreted(kernel: Any) -> Any:
-    """A compiled function, and all that it calls, as Python functions: for operands a compiler does not know."""
-    function = getattr(kernel, "py_func", kernel)
-    known = {name: function.__globals__[name] for name in function.__code__.co_names if name in function.__globals__}
-    called = {
-        name: interpreted(value)
-        for name, value in known.items()
-        if hasattr(value, "py_func") or isinstance(value, FunctionType)
-    }
-    if "math" in known:
-        called["math"] = SimpleNamespace(sqrt=Series.sqrt)
-    cells = function.__closure__ and tuple(
-        CellType(interpreted(v) if hasattr(v := cell.cell_contents, "py_func") else v) for cell in function.__closure__
-    )
-    copy = FunctionType(function.__code__, {**function.__globals__, **called}, closure=cells)
-    copy.__kwdefaults__, copy.__defaults__ = function.__kwdefaults__, function.__defaults__
-    return copy

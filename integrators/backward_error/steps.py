@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.backward_error.power_series import Series, interpreted
+from lagrange_bench.integrators.backward_error.power_series import Series
+from lagrange_bench.integrators.compiling.interpreted import interpreted
 from lagrange_bench.integrators.compiling.loops import SIZE
 from lagrange_bench.integrators.methods import bobenko_suris as bs
 from lagrange_bench.integrators.methods import collective_midpoint as cm
@@ -27,6 +28,15 @@ State = tuple[Any, ...]  # J1, J2, J3, x1, x2, x3
 Step = Callable[[float, State, Series, int], State]  # (alpha, state, h, highest power of h) → the state after a step
 
 TALLY = np.zeros(SIZE)  # what a kernel reports, which is nothing here
+
+
+class Functions:
+    """Those of `math` that kernels call, of series."""
+
+    sqrt = Series.sqrt
+
+
+on_series = partial(interpreted, functions=Functions)
 
 
 def rhs(alpha: float, s: State) -> State:
@@ -51,9 +61,9 @@ def runge_kutta_step(tableau: Tableau, alpha: float, s: State, h: Series, power:
 
 def projected_step(tableau: Tableau, alpha: float, s: State, h: Series, power: int) -> State:
     """Back to the nearest point with the invariants of s, by one Newton step: the second changes what is of second order."""
-    j, _, xx, xJ = interpreted(runge_kutta.products)(*s)
+    j, _, xx, xJ = on_series(runge_kutta.products)(*s)
     energy = 0.5 * (j + s[2] * s[2]) + alpha * s[5]
-    state: State = interpreted(runge_kutta.projected)(
+    state: State = on_series(runge_kutta.projected)(
         runge_kutta_step(tableau, alpha, s, h, power), (alpha, energy, xx, xJ), TALLY
     )
     return state
@@ -78,7 +88,7 @@ def collocation_step(stages: int, alpha: float, s: State, h: Series, power: int)
 
 
 def collective_step(alpha: float, s: State, h: Series, power: int) -> State:
-    residual, turn = interpreted(cm.residual), interpreted(lie_group.turn)
+    residual, turn = on_series(cm.residual), on_series(lie_group.turn)
     c, u, q = (0.25 * h, alpha * h), (0.0 * h,) * 3, 1.0
     for _ in range(power + 1):
         *_, q, r1, r2, r3 = residual(s, c, *u)
@@ -91,7 +101,7 @@ def collective_step(alpha: float, s: State, h: Series, power: int) -> State:
 def splitting_step(name: str, alpha: float, s: State, h: Series, power: int) -> State:
     scheme = splitting.SCHEMES[name]
     force = alpha * (h * h)
-    process = interpreted(splitting.process)
+    process = on_series(splitting.process)
     if scheme.processor:
         s = process(s, 0.5 * scheme.processor * force)
     none = (0.0,) * len(scheme.b)
@@ -129,7 +139,7 @@ def turned(t: Series, J: State, x: State, power: int) -> State:
 def kernel_step(
     kernel: Any, constants: Callable[[float, Series], Any], alpha: float, s: State, h: Series, _: int
 ) -> State:
-    state: State = interpreted(kernel)(s, constants(alpha, h), TALLY)
+    state: State = on_series(kernel)(s, constants(alpha, h), TALLY)
     return state
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 from collections.abc import Callable
 from types import CellType, FunctionType, ModuleType
 from typing import Any
@@ -23,7 +24,7 @@ PACKAGE = __name__.rsplit(".", 2)[0] + "."
 ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.POINTER(ctypes.c_double))
 
 _calls: dict[Any, int] = {}
-_made: dict[FunctionType, FunctionType] = {}
+_made: dict[tuple[FunctionType, Any], FunctionType] = {}
 _entries: list[Any] = []  # compiled code calls them as long as the process lives
 
 
@@ -94,36 +95,45 @@ def outlined(function: Callable[..., Any], name: str) -> Any:
     return call_by_name(ctypes.cast(_entries[-1], ctypes.c_void_p).value or 0, symbol)
 
 
-def interpreted(thing: Any) -> Any:
-    """A kernel of this package as Python runs it, with all kernels that it calls; other things as they are."""
+def interpreted(thing: Any, functions: Any = math) -> Any:
+    """A kernel of this package as Python runs it, with all kernels that it calls; other things as they are.
+
+    functions : what stands in the place of `math`, if the kernel is to run on other numbers than doubles; hashable.
+    """
     thing = getattr(thing, "interpreted", thing)
     if isinstance(thing, tuple):
-        return tuple(map(interpreted, thing))
+        return tuple(interpreted(part, functions) for part in thing)
+    if thing is math:
+        return functions
     if isinstance(thing, ModuleType) and thing.__name__.startswith(PACKAGE):
-        return _Kernels(thing)
-    # what is `unrolled` is an ordinary function
-    return _function(thing.py_func) if hasattr(thing, "overloads") else getattr(thing, "py_func", thing)
+        return _Kernels(thing, functions)
+    # what is `unrolled` is an ordinary function, and where nothing is compiled a kernel is one
+    function = getattr(thing, "py_func", thing)
+    if hasattr(thing, "overloads") or (functions is not math and isinstance(function, FunctionType)):
+        return _function(function, functions)
+    return function
 
 
-def _function(function: FunctionType) -> FunctionType:
-    if function not in _made:
+def _function(function: FunctionType, functions: Any) -> FunctionType:
+    key = function, functions
+    if key not in _made:
         code, known, cells = function.__code__, function.__globals__, function.__closure__ or ()
         names: dict[str, Any] = {}
         closure = tuple(CellType() for _ in cells)
-        _made[function] = FunctionType(code, names, function.__name__, function.__defaults__, closure)
+        _made[key] = FunctionType(code, names, function.__name__, function.__defaults__, closure)
         for own, cell in zip(closure, cells, strict=True):
-            own.cell_contents = interpreted(cell.cell_contents)
-        names.update({name: interpreted(known[name]) for name in code.co_names if name in known})
-    return _made[function]
+            own.cell_contents = interpreted(cell.cell_contents, functions)
+        names.update({name: interpreted(known[name], functions) for name in code.co_names if name in known})
+    return _made[key]
 
 
 class _Kernels:
     """A module whose kernels are interpreted."""
 
-    def __init__(self, module: ModuleType):
-        self._module = module
+    def __init__(self, module: ModuleType, functions: Any):
+        self._module, self._functions = module, functions
 
     def __getattr__(self, name: str) -> Any:
-        value = interpreted(getattr(self._module, name))
+        value = interpreted(getattr(self._module, name), self._functions)
         setattr(self, name, value)
         return value

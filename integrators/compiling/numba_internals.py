@@ -12,7 +12,7 @@ import os
 import re
 import secrets
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -23,8 +23,7 @@ from numba.extending import intrinsic, lower_builtin, models, register_model
 
 config: Any = numba.config  # its attributes are made at run time
 core: Any = numba.core
-cgutils, templates = core.cgutils, core.typing.templates
-AbstractTemplate: Any = templates.AbstractTemplate
+cgutils = core.cgutils
 NumbaError: Any = core.errors.NumbaError
 
 
@@ -42,15 +41,10 @@ def useful_lines(error: Any) -> str:
     return f"{' '.join(words)[:300]}{''.join(where[:1])}"
 
 
-def random_numbers() -> Iterator[int]:
-    """Never the same, in no two processes, forked ones included."""
-    while True:
-        yield secrets.randbits(62)
-
-
 # A function's number is part of the names of its machine code. Numba counts from 1 in every process: of two functions with one
-# source and one number, cached by two processes, a third that loads both would run the first in place of the second.
-core.bytecode.FunctionIdentity._unique_ids = random_numbers()
+# source and one number, cached by two processes, a third that loads both would run the first in place of the second. Random
+# numbers are the same in no two processes, forked ones included.
+core.bytecode.FunctionIdentity._unique_ids = iter(lambda: secrets.randbits(62), None)
 
 
 class _LibraryToLink(core.codegen.JITCodeLibrary):
@@ -225,18 +219,8 @@ if config.DISABLE_JIT:
         for k, value in enumerate(values):
             flat[place + k * stride] = value
 
-    class StridedView:
-        def __init__(self, array, place, stride):
-            self.array, self.place, self.stride = array, place, stride
-
-        def __getitem__(self, k):
-            return self.array[self.place + k * self.stride]
-
-        def __setitem__(self, k, value):
-            self.array[self.place + k * self.stride] = value
-
     def strided(array, place, stride):
-        return StridedView(array, place, stride)
+        return array[place::stride]
 
 else:
 
@@ -292,17 +276,17 @@ else:
 
         return types.none(array, types.int64, values, stride), generate
 
-    class Strided(types.Type):
-        """array[place], array[place + stride], … to be read and written one by one, indices unchecked."""
+    class Strided(types.CPointer):
+        """A pointer to array[place], array[place + stride], … that Numba reads and writes by index, unchecked."""
+
+        key = property(lambda kind: (kind.dtype, kind.stride))
 
         def __init__(self, dtype, stride):
-            self.dtype, self.stride = dtype, stride
-            super().__init__(name=f"Strided({dtype}, {stride})")
+            self.stride = stride
+            super().__init__(dtype)
+            self.name = f"Strided({dtype}, {stride})"
 
-    @register_model(Strided)
-    class StridedModel(models.PrimitiveModel):
-        def __init__(self, manager, kind):
-            super().__init__(manager, kind, manager.lookup(types.CPointer(kind.dtype)).get_value_type())
+    register_model(Strided)(models.PointerModel)
 
     @named_intrinsic
     def strided(typingctx, array, place, stride):
@@ -312,20 +296,6 @@ else:
             return builder.gep(context.make_array(signature.args[0])(context, builder, args[0]).data, [args[1]])
 
         return Strided(array.dtype, *literals(stride))(array, types.int64, stride), generate
-
-    @templates.infer_global(operator.getitem)
-    class ReadStrided(AbstractTemplate):
-        def generic(self, args, kws):
-            if isinstance(args[0], Strided) and isinstance(args[1], types.Integer):
-                return args[0].dtype(args[0], types.intp)
-            return None
-
-    @templates.infer_global(operator.setitem)
-    class WriteStrided(AbstractTemplate):
-        def generic(self, args, kws):
-            if isinstance(args[0], Strided) and isinstance(args[1], types.Integer):
-                return types.none(args[0], types.intp, args[0].dtype)
-            return None
 
     def _place(builder, kind, args):
         return builder.gep(args[0], [builder.mul(args[1], args[1].type(kind.stride))])
