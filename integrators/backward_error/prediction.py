@@ -27,8 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange_bench.integrators.backward_error.power_series import Series
-from lagrange_bench.integrators.backward_error.steps import STEPS, flow
+from lagrange_bench.integrators.backward_error.steps import STEPS, Series, flow
 from lagrange_bench.integrators.checks import check_state, check_step, check_times
 from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.paper.interpolating_flow import time_and_turn
@@ -155,13 +154,11 @@ class Sum:
 
     def values(self) -> Array:
         """w on the grid of g."""
-        w: Array = np.fft.ifft(self.modes, axis=0).real * len(self.modes)
-        return w
+        return np.fft.ifft(self.modes, axis=0).real * len(self.modes)
 
     def wave(self, n: Array) -> Array:
         """w(s_n)."""
-        w: Array = (np.exp(1j * np.outer(n, self.angle)) @ self.modes).real
-        return w
+        return (np.exp(1j * np.outer(n, self.angle)) @ self.modes).real
 
     def __call__(self, n: Array) -> Array:
         return np.outer(n, self.mean) + self.wave(n) - self.wave(np.zeros(1))
@@ -295,7 +292,7 @@ def local_error(top: LagrangeTop, states: Array, h: float, method: Method) -> Ar
     terms = (
         np.array([(after - there).c[first:] for after, there in pairs]) * (h ** np.arange(first, power + 1))[:, None]
     )
-    total: Array = terms.sum(axis=1)
+    total = terms.sum(axis=1)
     if not np.abs(terms[:, -2:]).max() <= CONVERGED * np.abs(total).max():
         raise NoPrediction("the power series of the local error does not converge: take a smaller |h|")
     return total.T
@@ -329,12 +326,8 @@ def shears(top: LagrangeTop, states: Array) -> Array:
     if not independent(transposed):
         raise NoPrediction("the gradients of the invariants are not independent")
     f = np.array([top.jacobian(y) for y in states])
-    sigma: Array = (
-        np.linalg.pinv(flows(top, states))
-        @ (f @ transposed - changes.transpose(0, 2, 1))
-        @ np.linalg.inv(G @ transposed)
-    )
-    return sigma
+    changed = f @ transposed - changes.transpose(0, 2, 1)
+    return np.linalg.pinv(flows(top, states)) @ changed @ np.linalg.inv(G @ transposed)
 
 
 def independent(columns: Array) -> bool:

@@ -12,8 +12,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lagrange_bench.integrators.backward_error.power_series import Series
 from lagrange_bench.integrators.compiling.interpreted import interpreted
 from lagrange_bench.integrators.compiling.loops import SIZE
 from lagrange_bench.integrators.methods import bobenko_suris as bs
@@ -23,6 +23,68 @@ from lagrange_bench.integrators.methods import kahan, lie_group, runge_kutta, sp
 from lagrange_bench.integrators.methods.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Tableau
 from lagrange_bench.integrators.problem.field import cross
 from lagrange_bench.integrators.problem.system import uniform_system
+
+
+class Series:
+    """Σ c[k] h^k, truncated; `c` is (terms, points), of any type. Exact but for round-off.
+
+    Comparisons are those of the leading coefficients, at every point.
+    """
+
+    __array_ufunc__ = None  # NumPy leaves its operators to these
+
+    def __init__(self, c: NDArray[Any]):
+        self.c = c
+
+    def __add__(self, other: Any) -> Series:
+        c = self.c.copy()
+        c[: len(c) if isinstance(other, Series) else 1] += other.c if isinstance(other, Series) else other
+        return Series(c)
+
+    def __neg__(self) -> Series:
+        return Series(-self.c)
+
+    def __sub__(self, other: Any) -> Series:
+        return self + -other
+
+    def __rsub__(self, other: Any) -> Series:
+        return -self + other
+
+    def __mul__(self, other: Any) -> Series:
+        if not isinstance(other, Series):
+            return Series(self.c * other)
+        c = np.zeros_like(self.c)
+        for k in np.flatnonzero(self.c.any(axis=1)):
+            c[k:] += self.c[k] * other.c[: len(c) - k]
+        return Series(c)
+
+    def __truediv__(self, other: Any) -> Series:
+        if not isinstance(other, Series):
+            return Series(self.c / other)
+        c = np.empty_like(self.c)
+        for k in range(len(c)):
+            c[k] = (self.c[k] - np.sum(c[:k] * other.c[k:0:-1], axis=0)) / other.c[0]
+        return Series(c)
+
+    def __rtruediv__(self, other: Any) -> Series:
+        return (self * 0.0 + other) / self
+
+    def sqrt(self) -> Series:
+        """The root with a positive leading coefficient."""
+        c = np.empty_like(self.c)
+        c[0] = np.sqrt(self.c[0])
+        for k in range(1, len(c)):
+            c[k] = (self.c[k] - np.sum(c[1:k] * c[k - 1 : 0 : -1], axis=0)) / (2.0 * c[0])
+        return Series(c)
+
+    def __gt__(self, other: float) -> bool:
+        return bool(np.all(self.c[0] > other))
+
+    def __le__(self, other: float) -> bool:
+        return bool(np.all(self.c[0] <= other))
+
+    __radd__, __rmul__ = __add__, __mul__
+
 
 State = tuple[Any, ...]  # J1, J2, J3, x1, x2, x3
 Step = Callable[[float, State, Series, int], State]  # (alpha, state, h, highest power of h) → the state after a step
@@ -63,10 +125,8 @@ def projected_step(tableau: Tableau, alpha: float, s: State, h: Series, power: i
     """Back to the nearest point with the invariants of s, by one Newton step: the second changes what is of second order."""
     j, _, xx, xJ = on_series(runge_kutta.products)(*s)
     energy = 0.5 * (j + s[2] * s[2]) + alpha * s[5]
-    state: State = on_series(runge_kutta.projected)(
-        runge_kutta_step(tableau, alpha, s, h, power), (alpha, energy, xx, xJ), TALLY
-    )
-    return state
+    after = runge_kutta_step(tableau, alpha, s, h, power)
+    return on_series(runge_kutta.projected)(after, (alpha, energy, xx, xJ), TALLY)
 
 
 def taylor_step(order: int, alpha: float, s: State, h: Series, power: int) -> State:
@@ -139,8 +199,7 @@ def turned(t: Series, J: State, x: State, power: int) -> State:
 def kernel_step(
     kernel: Any, constants: Callable[[float, Series], Any], alpha: float, s: State, h: Series, _: int
 ) -> State:
-    state: State = on_series(kernel)(s, constants(alpha, h), TALLY)
-    return state
+    return on_series(kernel)(s, constants(alpha, h), TALLY)
 
 
 def half_step(alpha: float, h: Series) -> Any:

@@ -127,5 +127,4 @@ def run_lanes(
         if stopped():
             break
         run(columns, first, min(first + stride, steps), every, block, parts, places, units, out)
-    fine: NDArray[np.bool_] = columns.reshape(count, -1, lanes)[:, 6 + FAILURE].ravel()[: len(tops)] == 0.0
-    return fine
+    return columns.reshape(count, -1, lanes)[:, 6 + FAILURE].ravel()[: len(tops)] == 0.0

@@ -45,8 +45,7 @@ def _found(
 ) -> Array:
     """By the function `which` of `exact` of `when`; or by the reference at `times` + `rest`."""
     if "uniform" in problem.offers:
-        states: Array = getattr(exact, which)(problem, y0, *when)
-        return states
+        return getattr(exact, which)(problem, y0, *when)
     if np.max(np.abs(times), initial=0.0) > longest * problem.scales(y0)[2]:
         raise ValueError(f"the run is longer than {longest:g} time scales of the motion")
     return _reference(problem, y0, times, rest)
