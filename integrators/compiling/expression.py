@@ -153,21 +153,20 @@ class Program:
             raise TypeError(f"a formula of {self.inputs} numbers got {len(numbers)}")
         return self._function(*numbers)  # type: ignore[no-any-return]
 
-    def with_constants(self, constant: Callable[[float], Any]) -> Callable[..., tuple[Any, ...]]:
-        """The program as a function of its inputs, each constant turned into a number of another type."""
-        return self._python(constant)
-
     @cached_property
     def _function(self) -> Callable[..., Any]:
-        return self._python(None)
+        return self.python()
 
     @cached_property
     def on_arrays(self) -> Callable[..., tuple[Any, ...]]:
         """As a call, with the same bits; of large arrays several times as quick, for terms that are used once have no name."""
-        return self._python(None, nested=NESTED)
+        return self.python(nested=NESTED)
 
-    def _python(self, constant: Callable[[float], Any] | None, nested: int = 1) -> Callable[..., Any]:
-        """The lines as a Python function: five times as quick as going through them. nested : terms in one another, at most."""
+    def python(self, constant: Callable[[float], Any] | None = None, nested: int = 1) -> Callable[..., Any]:
+        """The lines as a Python function of the inputs: five times as quick as going through them.
+
+        constant : what each constant is turned into. nested : terms in one another, at most.
+        """
         room: dict[str, Any] = {name: partial(apply, name) for name in FUNCTIONS if name != "sqrt"}
         room |= {"sqrt": sqrt, "nan": math.nan, "inf": math.inf, "constant": constant}
 
@@ -238,11 +237,8 @@ class Program:
             if any(n % 4 == 2 and base in moving - positive for base, n in factors(self.lines[i][1]).items())
         ]
 
-    def __getstate__(self) -> tuple[Any, ...]:  # without the function, which cannot be pickled
-        return self.inputs, self.lines, self.outputs
-
-    def __setstate__(self, state: tuple[Any, ...]) -> None:
-        self.inputs, self.lines, self.outputs = state
+    def __reduce__(self) -> tuple[Any, ...]:  # without the function, which cannot be pickled
+        return Program, (self.inputs, self.lines, self.outputs)
 
     @cached_property
     def digest(self) -> str:

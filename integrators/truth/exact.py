@@ -11,9 +11,8 @@ twice the precision, are taken off t without rounding before anything else is co
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from mpmath import mp, mpf
@@ -22,14 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from lagrange_bench.integrators.checks import check_count, check_state
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.integrators.truth.orbit import (
-    Nutation,
-    Orbit,
-    Rotation,
-    Series,
-    find_orbit,
-    position,
-)
+from lagrange_bench.integrators.truth.orbit import Nutation, Orbit, Rotation, Series, find_orbit, position
 
 __all__ = ["after_steps", "nutation_period", "precession_per_nutation", "regime", "roots", "solution"]
 
@@ -166,8 +158,7 @@ def orbit_of(top: LagrangeTop, y0: ArrayLike) -> Orbit:
     return find(top.single(), tuple(check_state(y0).tolist()), DIGITS)
 
 
-@dataclass(frozen=True)
-class Clock:
+class Clock(NamedTuple):
     """Times as n periods + r, and the turn about e3 after n periods, with next to no rounding."""
 
     period: Pieces
@@ -191,7 +182,7 @@ def prepared(alpha: float, y0: tuple[float, ...]) -> tuple[Orbit, Clock]:
         else:
             period, unit = split(motion.period, motion.period), motion.period
         clock = Clock(period, split(t0, unit), split(turns - mp.nint(turns), mpf(1)), float(phase))
-    return replace(orbit, motion=rounded(motion)), clock
+    return orbit._replace(motion=rounded(motion)), clock
 
 
 def split(value: mpf, unit: mpf) -> Pieces:
@@ -205,7 +196,7 @@ def split(value: mpf, unit: mpf) -> Pieces:
 def rounded(value: Any) -> Any:
     """The same constants as float and complex."""
     if isinstance(value, (Nutation, Rotation, Series)):
-        return type(value)(*(rounded(getattr(value, f.name)) for f in fields(value)))
+        return type(value)(*map(rounded, value))
     if isinstance(value, tuple):
         return tuple(map(rounded, value))
     if isinstance(value, mp.mpc):

@@ -35,10 +35,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 from mpmath import mp, mpf
 
@@ -47,16 +47,14 @@ from lagrange_bench.integrators.precision import workdps
 Vector = tuple[Any, ...]  # of mpf, mpc, float or complex
 
 
-@dataclass(frozen=True)
-class Series:
+class Series(NamedTuple):
     """A polynomial in z plus u times a polynomial in u; coefficients by increasing power."""
 
     z: Vector
     u: Vector = ()
 
 
-@dataclass(frozen=True)
-class Nutation:
+class Nutation(NamedTuple):
     """Motion with x3 varying, by the time r since x3 was smallest; `position` evaluates it for |r| <= period/2."""
 
     J3: Any
@@ -74,8 +72,7 @@ class Nutation:
     theta: Series
 
 
-@dataclass(frozen=True)
-class Rotation:
+class Rotation(NamedTuple):
     """y = centre + cosine cos(rate t) + sine sin(rate t), each (6,): a rigid rotation about a fixed axis."""
 
     period: Any  # 2 pi/|rate|, inf at rest
@@ -85,8 +82,7 @@ class Rotation:
     sine: Vector
 
 
-@dataclass(frozen=True)
-class Orbit:
+class Orbit(NamedTuple):
     """An orbit in its own units: J times 2^rate, x times sign 2^size, times times 2^-rate are the user's."""
 
     regime: str  # "elliptic", "homoclinic", "precession", "equilibrium", "free"
@@ -138,11 +134,11 @@ class State:
 def find_orbit(alpha: float, y0: tuple[float, ...], digits: int) -> Orbit:
     """The orbit of `y0`, its constants good to `digits` decimal digits."""
     rate, size = units(alpha, y0)
-    sign = -1 if alpha < 0 else 1
+    sign, two = -1 if alpha < 0 else 1, Fraction(2)
     state = State(
-        abs(Fraction(alpha)) * power_of_two(size - 2 * rate),
-        tuple(Fraction(v) * power_of_two(-rate) for v in y0[:3]),
-        tuple(sign * Fraction(v) * power_of_two(-size) for v in y0[3:]),
+        abs(Fraction(alpha)) * two ** (size - 2 * rate),
+        tuple(Fraction(v) * two**-rate for v in y0[:3]),
+        tuple(sign * Fraction(v) * two**-size for v in y0[3:]),
     )
     with workdps(digits + 15):
         if state.alpha == 0:
@@ -151,7 +147,7 @@ def find_orbit(alpha: float, y0: tuple[float, ...], digits: int) -> Orbit:
             orbit = equilibrium(state)
         else:
             orbit = nutating(state, digits)
-    return replace(orbit, rate=rate, size=size, sign=sign)
+    return orbit._replace(rate=rate, size=size, sign=sign)
 
 
 def units(alpha: float, y0: tuple[float, ...]) -> tuple[int, int]:
@@ -159,10 +155,6 @@ def units(alpha: float, y0: tuple[float, ...]) -> tuple[int, int]:
     (J, J_exponent), (_, size) = (math.frexp(max(map(abs, part))) for part in (y0[:3], y0[3:]))
     rates = ([J_exponent] if J else []) + ([(math.frexp(alpha)[1] + size) // 2] if alpha else [])
     return max(rates, default=0), size
-
-
-def power_of_two(n: int) -> Fraction:
-    return Fraction(2**n) if n >= 0 else Fraction(1, 2**-n)
 
 
 def dot(a: Iterable[Fraction], b: Iterable[Fraction]) -> Fraction:
@@ -305,8 +297,7 @@ def heights(state: State, E: Vector) -> Vector:
     return tuple((e + real(state.H) / 6) * 2 / real(state.alpha) for e in E)
 
 
-@dataclass(frozen=True)
-class Distances:
+class Distances(NamedTuple):
     """Gaps of the cubic, the D, and the distances (|P-E1|, |P-E2|, |P-E3|) of the initial E and of the three P."""
 
     gaps: Vector
@@ -366,8 +357,7 @@ def distances_at_start(state: State, E: Vector, gaps: Vector) -> Vector:
 # ---------------------------------------------------------------- elliptic motion and its limit, the separatrix
 
 
-@dataclass(frozen=True)
-class Torus:
+class Torus(NamedTuple):
     """Quarter periods in w, and for each P the eta with P = E(K + i|eta|) or, for P_B, E(i|eta|); eta has D's sign."""
 
     kappa: mpf
@@ -386,7 +376,7 @@ def nutating(state: State, digits: int) -> Orbit:
     eta = tuple(-e if D < 0 else e for e, D in zip(eta, d.D, strict=True))  # at D = 0 both signs give the same F
     torus = Torus(mp.sqrt(gap13), K, K_dual, eta)
     motion = (direct if gap23 <= gap12 else transformed)(state, d, torus, digits)
-    motion = with_phase(state, replace(motion, t0=-elapsed(state, d, torus)))
+    motion = with_phase(state, motion._replace(t0=-elapsed(state, d, torus)))
     e = heights(state, cubic(state)[0])
     return Orbit("elliptic" if gap12 else "homoclinic", motion, e, motion.period, motion.advance)
 
@@ -551,4 +541,4 @@ def with_phase(state: State, c: Nutation) -> Nutation:
     (J1, J2, _), (x1, x2, _) = reals(*state.J), reals(*state.x)
     rate = real(dot(state.J, state.J) + state.alpha)
     overlap = J.conjugate() * mp.mpc(J1, J2) * real(state.c1) + x.conjugate() * mp.mpc(x1, x2) * rate
-    return replace(c, phase=mp.arg(overlap))
+    return c._replace(phase=mp.arg(overlap))

@@ -153,7 +153,7 @@ class Orbit:
     def key(self, kind: str, *more: str) -> bytes:
         problem = self.problem
         numbers = map(float.hex, (problem.start, *problem.numbers, *self.y0.tolist()))
-        words = (_version(), kind, self.engine, problem.formulas.digest, *numbers, *more)
+        words = (ALGORITHM, kind, self.engine, problem.formulas.digest, *numbers, *more)
         return hashlib.sha256("\n".join(words).encode()).digest()
 
     def runner(self, tolerance: float) -> Any:
@@ -311,7 +311,7 @@ def compiled(program: Program, tolerance: float) -> Any:
     hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
     n = len(program.outputs)
     variables = hy.make_vars(*(f"y{i}" for i in range(n)))
-    rates = program.with_constants(lambda value: hy.expression(hy.real128(value)))
+    rates = program.python(lambda value: hy.expression(hy.real128(value)))
     system = list(zip(variables, rates(*variables, *(hy.par[i] for i in range(program.inputs - n))), strict=True))
     zero = hy.real128(0.0)
     # unrolled code would take seconds to compile and is not faster here
@@ -428,12 +428,7 @@ def _sum(c: list[mpf], t: Any) -> mpf:
 # ---------------------------------------------------------------- what is kept
 
 
-@cache
-def _version() -> str:
-    """Of the algorithm: a digest of this file."""
-    return hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
-
-
+ALGORITHM = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()  # a digest of this file
 _memory: dict[bytes, Array] = {}
 MOST_KEPT = 256  # results in memory
 
