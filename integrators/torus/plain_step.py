@@ -28,6 +28,8 @@ In a kernel of one top: `R, eta, mr, mi, ok = plain_step(s, alpha, h)`, then `mo
 from __future__ import annotations
 
 import math
+import operator
+from collections import Counter
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -70,19 +72,16 @@ Polynomial = dict[tuple[int, int, int, int], Fraction]  # in p1, …, p4 by thei
 
 
 def _times(a: Polynomial, b: Polynomial) -> Polynomial:
-    product: Polynomial = {}
+    product: Any = Counter()
     for i, u in a.items():
-        for j, v in b.items():
-            k = (i[0] + j[0], i[1] + j[1], i[2] + j[2], i[3] + j[3])
-            product[k] = product.get(k, Fraction(0)) + u * v
+        product.update({tuple(map(operator.add, i, j)): u * v for j, v in b.items()})
     return product
 
 
 def _sum(*terms: tuple[Fraction | int, Polynomial]) -> Polynomial:
-    total: Polynomial = {}
+    total: Any = Counter()
     for factor, a in terms:
-        for k, v in a.items():
-            total[k] = total.get(k, Fraction(0)) + factor * v
+        total.update({k: factor * v for k, v in a.items()})
     return {k: v for k, v in total.items() if v}
 
 
@@ -90,8 +89,7 @@ def _sum(*terms: tuple[Fraction | int, Polynomial]) -> Polynomial:
 def series(weight: int) -> list[Polynomial]:
     """a_n of λ/s = Σ a_n s^n, n up to `weight`: l_{n+1} of the docstring."""
     one: Polynomial = {(0, 0, 0, 0): Fraction(1)}
-    p: list[Polynomial] = [{(1, 0, 0, 0): Fraction(1)}, {(0, 1, 0, 0): Fraction(1)}]
-    p += [{(0, 0, 1, 0): Fraction(1)}, {(0, 0, 0, 1): Fraction(1)}]
+    p: list[Any] = [{tuple(int(i == k) for i in range(4)): Fraction(1)} for k in range(4)]
     a, m = [one], [one]  # of λ/s and of m̂
     powers = [[one] + [{}] * weight, a, [one], [one], [one]]  # of λ/s, by the power
     for n in range(1, weight + 1):

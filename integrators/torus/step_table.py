@@ -65,13 +65,14 @@ def chebyshev(n: int) -> tuple[Array, Array, Array]:
     to_chebyshev = 2.0 / n * np.cos(np.outer(k, angles))
     to_chebyshev[0] *= 0.5
     to_monomials = np.zeros((n, n))  # column k: T_k
-    to_monomials[0, 0] = 1.0
-    if n > 1:
-        to_monomials[1, 1] = 1.0
+    to_monomials[0, 0] = to_monomials[1, 1] = 1.0
     for i in range(2, n):
         to_monomials[1:, i] = 2.0 * to_monomials[:-1, i - 1]
         to_monomials[:, i] -= to_monomials[:, i - 2]
     return np.cos(angles), to_chebyshev, to_monomials
+
+
+LEVEL = np.zeros(1), np.ones((1, 1)), np.ones((1, 1))  # the same where nothing depends on a variable
 
 
 @jit
@@ -86,25 +87,22 @@ def product(A, B, out):
 
 
 @jit
-def tabulate(top, box, h, nodes, to_chebyshev, to_monomials, level, found):
+def tabulate(top, box, h, along_u, along_v, found):
     """Into `found`, coefficients (4, n, m) of u^i v^j of λ and m over the box; the least degree that has all digits, or 0."""
-    n, m = len(nodes), 1 if level else len(nodes)
+    (us, u_chebyshev, u_monomials), (vs, v_chebyshev, v_monomials) = along_u, along_v
+    n, m = len(us), len(vs)
     values, half = np.empty((4, n, m)), np.empty((n, m))
     for i in range(n):
         for j in range(m):
-            h2 = box[0] + nodes[i] / box[1]
-            j3 = box[2] + (0.0 if level else nodes[j] / box[3])
+            h2, j3 = box[0] + us[i] / box[1], box[2] + vs[j] / box[3]
             R, eta, mr, mi, ok = parameter((top[1], 2.0 * top[2], h2), j3, top[0], h)
             if not ok:
                 return 0
             values[0, i, j], values[1, i, j], values[2, i, j], values[3, i, j] = R, eta, mr, mi
     tails = np.zeros(n + m)
     for k in range(4):
-        if level:
-            product(to_chebyshev, values[k], found[k])
-        else:
-            product(to_chebyshev, values[k], half)
-            product(half, to_chebyshev.T, found[k])
+        product(u_chebyshev, values[k], half)
+        product(half, v_chebyshev.T, found[k])
         size = 0.0  # R and η share one, so do the parts of m
         for i in range(n):
             for j in range(m):
@@ -122,12 +120,8 @@ def tabulate(top, box, h, nodes, to_chebyshev, to_monomials, level, found):
             for j in range(m):
                 if i + j > max(least, 1):
                     found[k, i, j] = 0.0
-        product(to_monomials, found[k], half)
-        if level:
-            for i in range(n):
-                found[k, i, 0] = half[i, 0]
-        else:
-            product(half, to_monomials.T, found[k])
+        product(u_monomials, found[k], half)
+        product(half, v_monomials.T, found[k])
     return least
 
 
@@ -151,7 +145,8 @@ def tables(top: Array, box: Array, times: tuple[float, ...], level: bool) -> tup
     for n in GRIDS:
         found, degree = np.zeros((len(times), 4, size, 1 if level else size)), 0
         for k, h in enumerate(times):
-            least = at_first_tabulate(top, box, h, *chebyshev(n), level, found[k, :, :n, :n])
+            along = chebyshev(n)
+            least = at_first_tabulate(top, box, h, along, LEVEL if level else along, found[k, :, :n, :n])
             if least == 0:
                 break
             degree = max(degree, least)
