@@ -29,7 +29,6 @@ from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus.real_map import ALPHA, ALPHA_2, ETA, ETA2, MI_ETA, MR, P3, R
-from lagrange_bench.integrators.torus.stepper import TorusStepper
 from lagrange_bench.integrators.truth import exact
 
 VERSION = 3
@@ -126,7 +125,7 @@ def assigned(s, c, tally):
     return J1 - c[ALPHA_2] * w2, J2 + c[ALPHA_2] * w1, J3, y1, y2, y3
 
 
-class FormStepper(TorusStepper):
+class FormStepper(real_map.TorusStepper):
     """Takes any state: a form that leaves its torus is what is measured here."""
 
     def enter(self, y: Array) -> Array:

@@ -211,13 +211,10 @@ if config.DISABLE_JIT:
         return [0.0] * size
 
     def column(array, place, count, stride):
-        flat = array.reshape(-1)
-        return tuple(flat[place + k * stride] for k in range(count))
+        return tuple(array.reshape(-1)[place : place + count * stride : stride])
 
     def put_column(array, place, values, stride):
-        flat = array.reshape(-1)
-        for k, value in enumerate(values):
-            flat[place + k * stride] = value
+        array.reshape(-1)[place : place + len(values) * stride : stride] = values
 
     def strided(array, place, stride):
         return array[place::stride]

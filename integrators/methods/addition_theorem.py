@@ -50,11 +50,11 @@ from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper
 from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
+from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus import time_step as ts
 from lagrange_bench.integrators.torus.real_map import ALPHA, C1, C1_LO, C2, C2_LO, H_LO, J3_2, H, far_flow
 from lagrange_bench.integrators.torus.real_map import CONSTANTS as TORUS
 from lagrange_bench.integrators.torus.real_map import pin as onto_torus
-from lagrange_bench.integrators.torus.stepper import TorusStepper
 
 # places of the constants, behind those of the torus; complex ones take two
 HALF_N, HALF_P, HALF_ALPHA_P, HALF_ALPHA, D0, D1, D2 = range(TORUS, TORUS + 7)
@@ -335,7 +335,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
     inexact = abs(span) > UNSTABLE and lost(units.alpha, tuple(state), span, c) > MOST
     if inexact or not (least >= LEAST and np.all(np.isfinite(c))):
         raise StepError(name, "h is too long so near the separatrix: the denominator of the map nearly vanishes", h=h)
-    return TorusStepper(name, h, units, c, step, onto_torus if block else None, block or NEVER, lane=True)
+    return real_map.TorusStepper(name, h, units, c, step, onto_torus if block else None, block or NEVER, lane=True)
 
 
 METHOD = Method(

@@ -38,7 +38,11 @@ from lagrange_bench.integrators.torus.real_map import (
     CONSTANTS,
     KERNELS,
     NO_TURN,
+    OFF_TORUS,
+    TorusStepper,
+    Turn,
     attitudes,
+    check_constants,
     exact_constants,
     form,
     many_constants,
@@ -48,7 +52,6 @@ from lagrange_bench.integrators.torus.real_map import (
     turn_rows,
 )
 from lagrange_bench.integrators.torus.real_map import pin as onto_torus
-from lagrange_bench.integrators.torus.stepper import OFF_TORUS, TorusStepper, Turn, check_constants
 
 PIN = 8  # steps between two pins, by default
 SHORT = 16  # steps of an ensemble up to which λ(h) comes in plain doubles: else set-up would cost fifty times as much as they

@@ -64,8 +64,8 @@ from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus.plain_step import invariants, move, parameter
+from lagrange_bench.integrators.torus.real_map import OFF_TORUS
 from lagrange_bench.integrators.torus.step_table import look_up, table_size, tables
-from lagrange_bench.integrators.torus.stepper import OFF_TORUS
 
 # places of the constants: those of the top, of the box, of the field, then of each group its own and its table
 ALPHA, C1, C2, GROUPS, STEP, CENTRE_H, SCALE_H, CENTRE_J, SCALE_J, NUMBERS = range(10)

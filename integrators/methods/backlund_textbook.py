@@ -14,7 +14,7 @@ from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.torus import time_step as ts
 from lagrange_bench.integrators.torus.any_parameter import branch_guess, check_parameter, papers_parameter
-from lagrange_bench.integrators.torus.stepper import check_constants
+from lagrange_bench.integrators.torus.real_map import check_constants
 
 
 @jit

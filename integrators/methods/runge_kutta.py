@@ -42,7 +42,7 @@ from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units, ldexp, units_in_field
-from lagrange_bench.integrators.torus.stepper import OFF_TORUS
+from lagrange_bench.integrators.torus.real_map import OFF_TORUS
 
 PROJECTING = "verner9_projected"
 ALPHA, ENERGY, C1, C2 = range(4)  # places of the constants of the projection

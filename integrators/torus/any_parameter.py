@@ -11,8 +11,7 @@ from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.torus import time_step as ts
-from lagrange_bench.integrators.torus.real_map import KERNELS, constants, form
-from lagrange_bench.integrators.torus.stepper import check_constants
+from lagrange_bench.integrators.torus.real_map import KERNELS, check_constants, constants, form
 
 
 def papers_parameter(name: str, y0: Array, h: float) -> complex:
@@ -23,14 +22,14 @@ def papers_parameter(name: str, y0: Array, h: float) -> complex:
     return complex(0.0, eta)
 
 
-def check_parameter(lam: complex, name: str = "lam") -> complex:
+def check_parameter(lam: complex) -> complex:
     """λ as a finite complex number in the upper half-plane."""
     try:
         lam = complex(lam)
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} must be a complex number; got {lam!r}") from None
+        raise ValueError(f"lam must be a complex number; got {lam!r}") from None
     if not (math.isfinite(lam.real) and math.isfinite(lam.imag)) or lam.imag <= 0:
-        raise ValueError(f"{name} must be finite with a positive imaginary part; got {lam}")
+        raise ValueError(f"lam must be finite with a positive imaginary part; got {lam}")
     return lam
 
 

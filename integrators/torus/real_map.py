@@ -12,22 +12,16 @@ States are in units that make |x| and |J| + √(|alpha||x|) of order one. The co
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.double_double import (
-    add,
-    cmul,
-    dd,
-    mul,
-    scale,
-    sub,
-    times,
-    two_sum,
-)
-from lagrange_bench.integrators.compiling.loops import MEMORY
-from lagrange_bench.integrators.problem.units import LARGEST_SPAN, MODERATE, exponents, own_units
+from lagrange_bench.integrators.compiling.double_double import add, cmul, dd, mul, scale, sub, times, two_sum
+from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
+from lagrange_bench.integrators.compiling.loops import MEMORY, FixedStepper, finite
+from lagrange_bench.integrators.interface import Array, StepError
+from lagrange_bench.integrators.problem.units import LARGEST_SPAN, MODERATE, Units, exponents, own_units
 from lagrange_bench.integrators.torus import attitude as at
 from lagrange_bench.integrators.torus import time_step as ts
 
@@ -394,3 +388,37 @@ def attitudes(alpha, y, times, longest, block):
         before = begin + number * gap
         out[i, 0], out[i, 1], out[i, 2], out[i, 3] = g
     return out
+
+
+# ---------------------------------------------------------------- the stepper around a kernel
+
+Turn = tuple[tuple[float, float], tuple[float, float]]  # cos and sin of an angle, as double-doubles
+OFF_TORUS = 4e-11  # distance of an invariant from the prepared torus, in scaled units, that is no longer round-off
+first_on_torus, first_turn_rows = at_first_interpreted(on_torus), at_first_interpreted(turn_rows)
+
+
+class TorusStepper(FixedStepper):
+    """A fixed-step kernel whose constants hold on one torus only: other states are refused.
+
+    `turn` is (cos, sin) of a turn about e3 that belongs to each step and commutes with the kernel; it is left to the rows.
+    """
+
+    def __init__(self, name: str, h: float, units: Units, *args: Any, turn: Turn = NO_TURN, **kwargs: Any):
+        self.units, self.turn = units, turn
+        super().__init__(name, h, *args, enter=units.enter, leave=units.leave, **kwargs)
+
+    def enter(self, y: Array) -> Array:
+        state = super().enter(y)
+        if not first_on_torus(state, self.constants, OFF_TORUS):
+            raise StepError(self.name, "the state is not on the torus this step was prepared for", h=self.h)
+        return state
+
+    def rows(self, out: Array, every: int) -> Array:
+        if self.turn != NO_TURN:
+            first_turn_rows(out[1:], *self.turn, every)
+        return super().rows(out, every)
+
+
+def check_constants(name: str, c: Array, h: float | None = None) -> None:
+    if not finite(c):
+        raise StepError(name, "no Bäcklund parameter within the range of doubles was found", h=h)
