@@ -5,29 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
 
-from lagrange_bench.experiments.measuring import states
-from lagrange_bench.integrators import (
-    MAGNETS,
-    METHODS,
-    PERTURBED_TOPS,
-    TOPS,
-    GaudinMagnet,
-    HeavyTop,
-    LagrangeTop,
-    Problem,
-    StepError,
-    Stepper,
-    WholeBody,
-    Work,
-    integrate,
-    integrate_ensemble,
-    predicted_phase,
-    prepare,
-    two_point,
-)
-from lagrange_bench.integrators.compiling.loops import FixedStepper
+import lagrange_bench as lb
+from lagrange_bench import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, HeavyTop, LagrangeTop, PerturbedTop, StepError
+from lagrange_bench.integrators import Problem, WholeBody, exact, integrate, integrate_ensemble, prepare, reference
 from lagrange_bench.integrators.paper.gaudin_model import central_spin
+from lagrange_bench.integrators.problem.free_body import solution as euler
 from tests.installed import FOR_TOPS, installed
 
 pytestmark = pytest.mark.interpreted
@@ -97,6 +82,24 @@ def real(name):
     return call
 
 
+BRUELS = lb.CASES["bruels"].state
+HEAVY = HeavyTop(mass=0.1, distance=0.03, gravity=9.81, A=1.5e-4, C=6e-5)
+TILTED = HEAVY.state((0.5, 0.0, 0.0), (0.0, 1.0, 3.0))
+TIMES = ["1", [[1.0]], NAN, INF, [1.0, None], 1j, [True], object()]
+ATTITUDES = [(1, 0, 0), "up", (1j, 0, 0, 0), (2, 0, 0, 0), (1e300, 0, 0, 0), (1, 0, 0, 0), (NAN, 0, 0, 1)]
+
+
+def disk(**change):
+    return lb.RigidTop(**{"mass": 15.0, "com": (0, 1, 0), "inertia_com": (0.234375, 0.46875, 0.234375), **change})
+
+
+TIDE = PERTURBED_TOPS["weak_tide"].top
+
+
+def in_tide(name):
+    return lambda value: prepare(TIDE, Y0, 0.1, "backlund_splitting", **{name: value})
+
+
 ARGUMENTS = [  # name, values that it must not have, calls
     (
         "y0",
@@ -106,7 +109,7 @@ ARGUMENTS = [  # name, values that it must not have, calls
         lambda v: prepare(TOP, v, 0.1),
     ),
     ("Y0", [Y0, FIVE[:, :5], FIVE + 0j, FIVE.astype(str), [[1.0], [1.0, 2.0]]], lambda v: ensemble(Y0=v)),
-    ("y", STATES, lambda v: two_point(TOP, v, 1j)),
+    ("y", STATES, lambda v: lb.two_point(TOP, v, 1j)),
     ("h", STEPS, lambda v: prepare(TOP, Y0, v), lambda v: integrate(TOP, Y0, v, 10), lambda v: ensemble(h=v)),
     ("h", [None], lambda v: prepare(TOP, Y0, v)),
     ("steps", COUNTS, lambda v: integrate(TOP, Y0, 0.1, v), lambda v: ensemble(steps=v)),
@@ -125,14 +128,14 @@ ARGUMENTS = [  # name, values that it must not have, calls
         [None, 1.0, "generic", LagrangeTop, TOPS["generic"]],
         lambda v: integrate(v, Y0, 0.1, 10),
         lambda v: prepare(v, Y0, 0.1),
-        lambda v: two_point(v, Y0, 1j),
+        lambda v: lb.two_point(v, Y0, 1j),
         lambda v: ensemble(top=v),
     ),
     ("alpha", ALPHAS, LagrangeTop),
     ("alpha", [np.array([1.0, NAN]), np.array([1j]), np.array(["1"])], LagrangeTop),
-    ("lam", LAMBDAS, lambda v: two_point(TOP, Y0, v)),
+    ("lam", LAMBDAS, lambda v: lb.two_point(TOP, Y0, v)),
     ("lam", LAMBDAS[:-2], option("backlund", "lam"), option("backlund_textbook", "lam"), lambda v: ensemble(lam=v)),
-    ("sheet", [0, 2, None, "1", 1.5], lambda v: two_point(TOP, Y0, 1j, v)),
+    ("sheet", [0, 2, None, "1", 1.5], lambda v: lb.two_point(TOP, Y0, 1j, v)),
     ("pin", [-1, 1.0, True, None], option("backlund", "pin"), lambda v: ensemble(pin=v)),
     ("tol", TOLERANCES, option("taylor", "tol"), at_times("taylor", "tol"), at_times("backlund_splitting", "tol")),
     ("high_accuracy", [1, "yes", None], option("taylor", "high_accuracy"), at_times("taylor", "high_accuracy")),
@@ -146,6 +149,24 @@ ARGUMENTS = [  # name, values that it must not have, calls
     *((name, [0.0, -1.0], real(name)) for name in ("mass", "A", "C")),
     ("C", [2.1e-3], real("C")),
     *((name, TRIPLES, real(name)) for name in MOTION),
+    ("rates", [(0.0, 1.7e308, 1.7e308)], lambda v: HEAVY.state((1.0, 0.0, 0.0), v)),
+    ("mass", [0], lambda v: disk(mass=v)),
+    ("com", [(0, 1, 0.1), (0, NAN, 0)], lambda v: disk(com=v)),
+    ("gravity", [-9.81], lambda v: disk(gravity=v)),
+    (
+        "rotation",
+        [np.eye(3) * 1.001, -np.eye(3), Rotation.identity(2)],
+        lambda v: disk().state(rotation=v, omega_body=(0, 1, 0)),
+    ),
+    ("omega_world", [(0, 1)], lambda v: disk().state(rotation=np.eye(3), omega_world=v)),
+    ("attitude", ATTITUDES, lambda v: integrate(HEAVY, TILTED, 0.01, 10, attitude=v)),
+    ("t", TIMES, lambda v: exact.solution(TOP, Y0, v), lambda v: exact.solution(TOP, Y0, v, 20)),
+    ("digits", [0, -3, 2.5, True, 10**6], lambda v: exact.solution(TOP, Y0, 1.0, v)),
+    ("y", [np.ones((2, 5)), np.ones((6, 2)), 1.0], TOP.invariants, TOP.rhs),
+    ("parameters", [("a",), (NAN,), (INF,), "1e-3", 3.0, (0.1,)], lambda v: PerturbedTop(TOP, POTENTIALS["tide"], v)),
+    ("scheme", ["leapfrog"], in_tide("scheme")),
+    ("modified_kick", ["yes"], in_tide("modified_kick")),
+    ("table", [3], in_tide("table")),
 ]
 
 
@@ -211,13 +232,24 @@ def posed(hamiltonian=lambda t, y, p: turning(t, y, p) + y[5], space="e3", **wor
 
 FLUID = posed(lambda t, y, p: turning(t, y, p) + 0.25 * y[0] * y[4])
 DRIVEN = posed(lambda t, y, p: turning(t, y, p) + (1 + t) * y[5])
-TIDE = PERTURBED_TOPS["weak_tide"].top
+EMPTY = [*Y0[:3], 0, 0, 0]
+HUGE = LagrangeTop(1e308), (1.2e308, 1.2e308, 0.0, 0.0, 0.0, 1.7e308), np.linspace(0, 1e-307, 50)
+RUN, SPUN = integrate(TOP, Y0, 0.1, 1, "strang"), integrate(MAGNET, SPINS, 0.1, 1, "rk4")
+
+
+def far(problem=TIDE, y0=Y0, t=(1.0,), **words):
+    return reference.solution(problem, y0, t, **words)
 
 
 def spin(top=MAGNET, y0=SPINS, h=0.5, steps=2, **words):
     return integrate(top, y0, h, steps, **words)
 
 
+AXES = [  # calls that take a state of a real top, whose axis has the length one
+    lambda y: integrate(HEAVY, y, 1e-3, 1),
+    lambda y: prepare(HEAVY, y, 1e-3),
+    lambda y: integrate_ensemble(HEAVY, [TILTED, y], 1e-3, 1),
+]
 OTHERS = [  # a call, words in the message
     (lambda: posed(lambda t, y, p: y[0] if y[1] > 0 else y[2]), "hamiltonian.* cannot branch"),
     (lambda: posed(lambda t, y, p: y[6]), "hamiltonian asks for more than 6 numbers of y and 0 parameters"),
@@ -261,19 +293,72 @@ OTHERS = [  # a call, words in the message
     *((lambda v=v: spin(method="scipy_dop853", rtol=v), "rtol must be") for v in ("small", 0.0, 1e-17, NAN)),
     *((lambda v=v: spin(method="backlund_paper", factors=v), "factors must be") for v in (0, 17, 1.5, True, "2", None)),
     (lambda: spin(replace(MAGNET, hamiltonian=(1, 2, 3, 4)), method="backlund_paper"), ".*hamiltonian"),
-    (lambda: spin(MAGNETS["central128"].magnet, MAGNETS["central128"].spins), ".*at most 32"),
-    (lambda: spin(GaudinMagnet((0, 1j, -1j, 2), 0.5)), ".*sites"),
+    (lambda: spin(lb.MAGNETS["central128"].magnet, lb.MAGNETS["central128"].spins), ".*at most 32"),
+    (lambda: spin(lb.GaudinMagnet((0, 1j, -1j, 2), 0.5)), ".*sites"),
     (lambda: integrate_ensemble(MAGNET, 3, 0.1, 20, "rk4"), "Y0 must be states"),
     (lambda: integrate_ensemble(MAGNET, SPINS[None, :2], 0.1, 20, "rk4"), r"Y0\[0\]"),
-    *((lambda v=v: predicted_phase(v, Y0, 0.1), "top") for v in (1.0, TIDE)),
-    (lambda: predicted_phase(TOP, Y0[:5], 0.1), "y0"),
-    (lambda: predicted_phase(TOP, Y0, 0.0), "h"),
-    (lambda: predicted_phase(TOP, Y0, 0.1, "none"), ".*none"),
+    *((lambda v=v: lb.predicted_phase(v, Y0, 0.1), "top") for v in (1.0, TIDE)),
+    (lambda: lb.predicted_phase(TOP, Y0[:5], 0.1), "y0"),
+    (lambda: lb.predicted_phase(TOP, Y0, 0.0), "h"),
+    (lambda: lb.predicted_phase(TOP, Y0, 0.1, "none"), ".*none"),
     *(
-        (lambda v=v: FixedStepper("mine", 0.5, v, METHODS["strang"].prepare), "constants must be an array of floats")
+        (lambda v=v: lb.FixedStepper("mine", 0.5, v, METHODS["strang"].prepare), "constants must be an array of floats")
         for v in ((1.0, 2.0), 0.5, np.array((1, 2)), None)
     ),
-    *((lambda m=m, v=v: predicted_phase(TOP, Y0, 0.1, m, v), ".*lam") for m, v in (("backlund", -1j), ("strang", 1j))),
+    *(
+        (lambda m=m, v=v: lb.predicted_phase(TOP, Y0, 0.1, m, v), ".*lam")
+        for m, v in (("backlund", -1j), ("strang", 1j))
+    ),
+    *(
+        (lambda v=v: disk(**v), "com and inertia_com: only")
+        for v in ({"com": (0, 1, 0.1)}, {"inertia_com": (0.2, 0.4, 0.25)})
+    ),
+    (lambda: disk(inertia_com=(0.1, 0.4, 0.1)), "inertia_com: no rigid body"),
+    (lambda: disk(inertia_com=[[1, 1, 0], [0, 1, 0], [0, 0, 1]]), "inertia_com must be a symmetric"),
+    (lambda: disk(inertia_com=(1, 2)), "inertia_com must be"),
+    (lambda: disk().state(rotation=np.eye(3)), "give either omega_body or omega_world"),
+    *(
+        (lambda change=change: integrate(disk(**change), BRUELS, t=[1.0]), "y0 belongs to a top with another axis")
+        for change in ({"inertia_com": (0.2, 0.3, 0.2)}, {"com": (0, -1, 0)}, {"gravity": (0, 9.81, 0)})
+    ),
+    (lambda: integrate(disk(), BRUELS, 1e-3, 1, "rk4").rotation, "attitude: rk4 does not follow the body"),
+    (lambda: integrate(disk(), np.array(BRUELS), t=[1.0]).rotation, "y0 has no rotation: start from"),
+    *((lambda call=call: call(TILTED * (1, 1, 1, 2, 2, 2)), r".*\|x\|.* 1") for call in AXES),
+    (lambda: exact.solution(TOP, Y0, 2e14), r".*2\^45 periods"),
+    (lambda: exact.solution(*HUGE), ".*overflows"),
+    *((lambda f=f: f(TOP, EMPTY), ".*x = 0") for f in (exact.nutation_period, exact.precession_per_nutation)),
+    *((lambda f=f: f(TOP, EMPTY), ".*x = 0") for f in (exact.regime, exact.roots)),
+    *((lambda n=n: exact.after_steps(TOP, Y0, 0.1, n), ".*whole numbers") for n in ([0.5], [[1]], [2**53 + 1], ["1"])),
+    (lambda: far(t=(1.0, INF)), ".*finite real times"),
+    (lambda: far(y0=np.zeros(6)), "y0 has x = 0"),
+    (lambda: far(engine="scipy"), "engine must be one of"),
+    (lambda: far(y0=Y0 * np.repeat((1e200, 1), 3), t=[1e-200]), ".*less extreme units"),
+    (lambda: reference.horizon(TIDE, Y0, 1e-17), "tolerance must be larger"),
+    (lambda: reference.horizon(TIDE, Y0, 1e-6, longest=0.0), "longest must be positive"),
+    (
+        lambda: prepare(TIDE, Y0, 0.1, "backlund_splitting", scheme="aba864", corrector=True),
+        "corrector belongs to scheme='strang' or 'processed6'",
+    ),
+    (lambda: PerturbedTop(TIDE, POTENTIALS["tide"], (0.1, 1, 0, 0)), ".*top of a PerturbedTop"),
+    (lambda: PerturbedTop(TOP, POTENTIALS["tide"], (0.1,)), r"parameters .*: 4 numbers \(k, n1, n2, n3\); got 1"),
+    (
+        lambda: integrate(PerturbedTop(TOP, POTENTIALS["charge"], (0.1, *Y0[3:])), Y0, 0.1, 1, "strang"),
+        "y0: the potential charge is not finite at x =",
+    ),
+    (lambda: integrate(TIDE, Y0, 0.1, 1, "taylor_fixed", attitude=True), "attitude"),
+    (lambda: euler(lb.free_body(1.0, 1.0, 2.0), Y0[:3], [1.0]), ".*three different moments"),
+    (lambda: lb.free_body(1.0, -1.0, 2.0), ".*moments of inertia must be positive"),
+    (lambda: lb.kirchhoff_body((1.0, 2.0), (0.1, 0.1, -0.2), (0.6, 0.6, 0.9)), ".*three numbers each"),
+    (
+        lambda: lb.explicit_stepper("short", TOP, 0.1, lambda rates, t, y, h: rates(t, y)[:3]),
+        ".*increment gives 3 numbers; a state has 6",
+    ),
+    (lambda: integrate(TOPS["generic"], Y0, 0.1, 10), r".*pass named\.top, named\.state"),
+    (lambda: RUN.sol([0.3]), "sol: strang steps on a grid only"),
+    (lambda: RUN.plot("axis", ax=Figure().subplots()), ".*projection='3d'"),
+    (lambda: RUN.plot("energy"), "what must be one of 'components', "),
+    (lambda: SPUN.plot("axis"), ".*no axis x"),
+    (lambda: RUN.save("run.txt"), r"the ending of the file's name must be one of '\.csv'"),
 ]
 
 
@@ -301,20 +386,6 @@ def test_steppers_check_what_prepare_checks(name):
     refused(r"^every ", stepper.record, y0, 4, 3)
 
 
-HEAVY = HeavyTop(mass=0.1, distance=0.03, gravity=9.81, A=1.5e-4, C=6e-5)
-TILTED = HEAVY.state((0.5, 0.0, 0.0), (0.0, 1.0, 3.0))
-
-
-@pytest.mark.parametrize(
-    "call", [integrate, prepare, lambda top, y, *rest: integrate_ensemble(top, [TILTED, y], *rest)]
-)
-def test_the_axis_of_a_real_top_has_length_one(call):
-    arguments = (1e-3,) if call is prepare else (1e-3, 1)
-    call(HEAVY, TILTED, *arguments)
-    with pytest.raises(ValueError, match=r"\|x\|.* 1"):
-        call(HEAVY, TILTED * (1, 1, 1, 2, 2, 2), *arguments)
-
-
 @pytest.mark.parametrize(
     ("name", "top", "y0", "factor", "words"),
     [
@@ -339,11 +410,11 @@ def test_a_missing_package_is_named(monkeypatch):
         prepare(TOP, Y0, 0.1, "taylor")
 
 
-class Resting(Stepper):
+class Resting(lb.Stepper):
     """A plug-in whose tops do not move; `fault` changes what it has in hand: y, the rows and what it returned last."""
 
     def __init__(self, fault):
-        self.fault, self.work, self.buffer = fault, Work(), np.empty(6)
+        self.fault, self.work, self.buffer = fault, lb.Work(), np.empty(6)
 
     def record(self, y, n, every):
         return self.fault(self, y, np.tile(y, (n // every + 1, 1)))
@@ -381,15 +452,15 @@ def test_steppers_of_plug_ins_are_looked_at(fault):
     refused(rf"^mine: .*{said}", integrate, TOP, Y0, 0.1, 10, build, 5)
     refused(rf"^mine: .*{said}", integrate_ensemble, TOP, [Y0, Y0], 0.1, 10, build)
     with METHODS.lent(build) as name:
-        refused(rf"^mine: .*{said}", states.sample, TOP, Y0, name, 0.1, [1, 2, 4])
+        refused(rf"^mine: .*{said}", lb.states.sample, TOP, Y0, name, 0.1, [1, 2, 4])
 
 
 def test_other_faults_of_plug_ins():
     record = replace(METHODS["rk4"], name="mine")
     reusing_one = replace(record, prepare=lambda top, y0, h: Advancing(reusing))
     with METHODS.lent(reusing_one) as name:
-        refused("^mine: advance returned the same array twice", states.sample, TOP, Y0, name, 0.1, [1, 2, 4])
-    short = replace(record, evaluate=lambda top, y0, times: (np.tile(y0, (1, 1)), Work()))
+        refused("^mine: advance returned the same array twice", lb.states.sample, TOP, Y0, name, 0.1, [1, 2, 4])
+    short = replace(record, evaluate=lambda top, y0, times: (np.tile(y0, (1, 1)), lb.Work()))
     refused(r"^mine: evaluate must return .* shape \(2, 6\)", integrate, TOP, Y0, t=[1.0, 2.0], method=short)
     nothing = replace(record, prepare=lambda top, y0, h: None)
     refused("^mine: prepare returned None", integrate, TOP, Y0, 0.1, 10, nothing)

@@ -8,21 +8,8 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
-from lagrange_bench.integrators import (
-    POTENTIALS,
-    TOPS,
-    LagrangeTop,
-    PerturbedTop,
-    Potential,
-    Problem,
-    StepError,
-    cos,
-    exp,
-    log,
-    sin,
-    sqrt,
-)
-from lagrange_bench.integrators.truth import exact, reference
+from lagrange_bench import POTENTIALS, TOPS, LagrangeTop, PerturbedTop, Potential, Problem, StepError, cos, exact, exp
+from lagrange_bench.integrators import log, reference, sin, sqrt
 from tests.reference import as_mpf, errors, largest
 
 Y0 = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
@@ -271,23 +258,14 @@ def test_a_damaged_file_is_written_anew(folder, counted, monkeypatch, damage):
 CORNER = PerturbedTop(LagrangeTop(1.0), Potential("corner", lambda x1, x2, x3, p: sqrt(x1 * x1)))
 
 
-@pytest.mark.parametrize(
-    ("words", "call"),
-    [
-        ("finite real times", lambda: asked(t=(1.0, math.inf))),
-        ("y0 has x = 0", lambda: reference.solution(QUADRATIC, np.zeros(6), [1.0])),
-        ("engine must be one of", lambda: asked(engine="scipy")),
-        ("tolerance must be larger", lambda: reference.horizon(QUADRATIC, Y0, 1e-17)),
-        ("longest must be positive", lambda: reference.horizon(QUADRATIC, Y0, 1e-6, longest=0.0)),
-        ("less extreme units", lambda: reference.solution(QUADRATIC, Y0 * np.repeat((1e200, 1), 3), [1e-200])),
+def test_what_cannot_be_followed():
+    for words, call in (
         (r"\|t\| = 1e\+12 is over 1e\+09 time scales", lambda: asked(t=(1e12,))),
         ("more steps than can be taken", lambda: reference.horizon(QUADRATIC, Y0, 1e-6, longest=1e18)),
         ("the potential corner has corners", lambda: reference.solution(CORNER, Y0, [1.0])),
-    ],
-)
-def test_bad_input(words, call):
-    with pytest.raises((ValueError, StepError), match=words):
-        call()
+    ):
+        with pytest.raises(StepError, match=words):
+            call()
 
 
 @pytest.mark.parametrize("engine", ["heyoka", pytest.param("mpmath", marks=pytest.mark.slow)], indirect=True)
