@@ -10,23 +10,13 @@ from functools import partial
 import numpy as np
 import pytest
 
-from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.integrators import (
-    TOPS,
-    LagrangeTop,
-    PerturbedTop,
-    StepError,
-    ensemble,
-    integrate,
-    integrate_ensemble,
-    prepare,
-)
+from lagrange_bench import METHODS, TOPS, LagrangeTop, PerturbedTop, Potential, StepError, available, exact, metrics
+from lagrange_bench.integrators import ensemble, integrate, integrate_ensemble, prepare
 from lagrange_bench.integrators.compiling import lanes
+from lagrange_bench.integrators.methods import backlund_splitting, taylor
 from lagrange_bench.integrators.methods.backlund import SHORT
-from lagrange_bench.integrators.problem.potentials import TIDE
-from lagrange_bench.integrators.truth import exact
+from lagrange_bench.integrators.problem.potentials import CHARGE, TIDE
 from tests.faults import interrupted
-from tests.test_integrators.test_ensemble_in_field import one_by_one
 
 SIZE = 150  # more than four blocks of lanes, the last one not full
 
@@ -42,18 +32,66 @@ def draw(n, seed=1):
 ALPHAS, Y0 = draw(SIZE)
 TOP = LagrangeTop(ALPHAS)
 
+FEW = 45  # a block of lanes and thirteen tops more
+RNG = np.random.default_rng(5)
+STATES = RNG.uniform(-1, 1, (FEW, 6))
+STATES[:, 3:] /= np.linalg.norm(STATES[:, 3:], axis=1)[:, None]
+HEAVY, NUMBERS = LagrangeTop(RNG.uniform(0.5, 2, FEW)), RNG.uniform(0.1, 0.9, FEW)
 
-def alone(n, h, steps, every, method="backlund", **options):
-    """Rows of the first n tops, each by itself."""
-    return one_by_one(LagrangeTop(ALPHAS[:n]), Y0[:n], h, steps, every, method, **options)
+# formulas that other tests use too: they are compiled once for all
+ALONG, PLACE, ABOVE = (0.8, 0.0, 0.6), (2.0, 1.0, 0.5), (0.0, 0.0, 1.6)
+BOTH = Potential("both", lambda x1, x2, x3, p: x3 * x3 + p[0] * x1 * x2)
+TOPS_IN = {
+    "all numbers": PerturbedTop(HEAVY, TIDE, (NUMBERS, *ALONG)),
+    "some numbers": PerturbedTop(LagrangeTop(0.7), CHARGE, (NUMBERS, *PLACE)),
+    "alpha only": PerturbedTop(HEAVY, CHARGE, (0.4, *ABOVE)),
+    "J3 kept by some": PerturbedTop(HEAVY, BOTH, (np.where(np.arange(FEW) % 2 == 1, 0.0, NUMBERS),)),
+    "weak tide": PerturbedTop(HEAVY, TIDE, (1e-6 * NUMBERS, *ALONG)),
+    "weak charge": PerturbedTop(HEAVY, CHARGE, (1e-6 * NUMBERS, *ABOVE)),
+}
+HEYOKA = pytest.mark.skipif(not available(METHODS["taylor"]), reason="heyoka is not installed")
 
 
-def test_every_named_top_has_the_bits_of_its_own_run():
-    """In all forms of the exact step, with turns after the steps and without."""
-    states, alphas = (np.array([getattr(n, word) for n in TOPS.values()]) for word in ("state", "alpha"))
-    for h in (0.1, 5.0):
-        got = integrate_ensemble(LagrangeTop(alphas), states, h, 40, every=40)
-        assert np.array_equal(got, one_by_one(LagrangeTop(alphas), states, h, 40, 40, "backlund"))
+@pytest.fixture
+def in_lanes(monkeypatch):
+    """The numbers of tops that were done in lanes, call by call."""
+    met = []
+
+    def run(*arguments, **options):
+        fine = lanes.run_lanes(*arguments, **options)
+        met.append(int(fine.sum()))
+        return fine
+
+    monkeypatch.setattr(ensemble, "run_lanes", run)
+    return met
+
+
+def one(problem, place):
+    """The top at this place of many."""
+    alpha, *parameters = (
+        float(value[place]) if isinstance(value, np.ndarray) else value
+        for value in (problem.alpha, *getattr(problem, "parameters", ()))
+    )
+    top = LagrangeTop(alpha)
+    return PerturbedTop(top, problem.potential, parameters) if parameters else top
+
+
+def one_by_one(problem, states, h, steps, every, name="backlund", **options):
+    """Rows of many tops, each by itself."""
+    rows = [prepare(one(problem, i), y, h, name, **options).record(y, steps, every) for i, y in enumerate(states)]
+    return np.stack(rows, axis=1)
+
+
+@pytest.mark.parametrize("h", [0.1, 5.0])
+def test_every_named_top_and_any_size_has_the_bits_of_its_own_run(h):
+    """In all forms of the exact step, with turns after the steps and without; side by side with powers of two from 2^-1060
+    to 2^500, which are in their own units all the same, or taken alone."""
+    y, sizes = TOPS["generic"].state, ((0, 0), (-400, 0), (400, 0), (-1000, -300), (500, 0), (0, -1060))
+    states = [*(n.state for n in TOPS.values()), *(y * np.ldexp(1.0, [b, b, b, a, a, a]) for a, b in sizes)]
+    alphas = [*(n.alpha for n in TOPS.values()), *(math.ldexp(1.0, max(2 * b - a, -1074)) for a, b in sizes)]
+    many, states = LagrangeTop(np.array(alphas)), np.array(states)
+    got = integrate_ensemble(many, states, h, 40, every=40)
+    assert np.array_equal(got, one_by_one(many, states, h, 40, 40))
 
 
 def test_nothing_depends_on_place_chunks_threads_or_interruptions(monkeypatch):
@@ -80,13 +118,20 @@ def test_extreme_sizes_side_by_side():
     assert np.array_equal(got, one_by_one(many, states, 0.01, 20, 20, "backlund"))
 
 
-def test_jumps():
-    t = np.array([0.0, 0.3, -2.0, 1e4])
-    got = integrate_ensemble(TOP, Y0, t=t)
-    assert got.shape == (4, SIZE, 6)
-    assert np.array_equal(got[0], Y0)
-    for i in range(0, SIZE, 10):
-        assert np.array_equal(got[:, i], integrate(LagrangeTop(ALPHAS[i]), Y0[i], t=t).y)
+@pytest.mark.parametrize(
+    ("name", "problem", "states"),
+    [
+        ("backlund", TOP, Y0),
+        *((name, TOPS_IN["some numbers"], STATES) for name in ("dop853", "scipy_dop853")),
+        pytest.param("taylor", TOPS_IN["some numbers"], STATES, marks=HEYOKA),
+    ],
+)
+def test_at_times(name, problem, states):
+    t = [0.3, 0.0, -2.0] + [1e4] * (name == "backlund")
+    got = integrate_ensemble(problem, states, t=t, method=name)
+    assert np.array_equal(got[1], states)
+    for i in range(0, len(states), 10):
+        assert np.array_equal(got[:, i], integrate(one(problem, i), states[i], t=t, method=name).y)
 
 
 def errors(alphas, states, got, expected):
@@ -110,7 +155,7 @@ def test_ten_steps_against_jumps_in_double_double(h, n, middle):
 @pytest.mark.parametrize("h", [0.1, -2.5])
 def test_long_runs_have_the_bits_of_one_top_alone_short_ones_its_accuracy(h):
     for steps in (SHORT, SHORT + 1):
-        got, expected = integrate_ensemble(TOP, Y0, h, steps), alone(SIZE, h, steps, steps)[-1]
+        got, expected = integrate_ensemble(TOP, Y0, h, steps), one_by_one(TOP, Y0, h, steps, steps)[-1]
         same = (got == expected).all(axis=1)
         assert np.max(errors(ALPHAS, Y0, got, expected)) < 5e-14 * max(1.0, abs(h))
         assert same.all() == (steps > SHORT)
@@ -139,7 +184,7 @@ ALONE = [
 
 
 @pytest.mark.parametrize(
-    ("name", "n", "h", "options", "in_blocks"),
+    ("name", "tops", "h", "options", "in_blocks"),
     [
         *((name, 53, 0.02, {}, {53}) for name in IN_LANES),  # 21 are left over, which fill more than half of a block
         *((name, 53, 0.02, {}, {0}) for name in ALONE),
@@ -149,19 +194,59 @@ ALONE = [
         ("backlund", SIZE, 40.0, {}, {0}),  # with turns after the steps
         ("backlund", SIZE, 0.2, {"pin": 3}, {0}),
         ("backlund", SIZE, 0.2, {"lam": 0.3 + 0.4j}, {SIZE}),
+        *(("rk4", tops, 0.02, {}, {32}) for tops in ("all numbers", "alpha only")),
+        *(("strang", "some numbers", 0.02, options, {32}) for options in ({}, {"compensated": True})),
+        ("rk4", "J3 kept by some", 0.05, {}, {FEW}),  # 22 and 23, side by side: they have other kernels
+        ("dop853", "some numbers", 0.02, {}, {0}),
+        ("backlund_splitting", "weak tide", 0.1, {}, {32, FEW}),  # its step is from a table or without one
+        ("backlund_splitting", "weak charge", 0.1, {"scheme": "saba4"}, {32, FEW}),
     ],
 )
-def test_every_kernel_has_the_bits_of_one_top_alone(name, n, h, options, in_blocks, in_lanes, monkeypatch):
+def test_every_kernel_has_the_bits_of_one_top_alone(name, tops, h, options, in_blocks, in_lanes, monkeypatch):
+    problem, states = (TOPS_IN[tops], STATES) if tops in TOPS_IN else (LagrangeTop(ALPHAS[:tops]), Y0[:tops])
     monkeypatch.setattr(lanes, "INTERRUPTIBLE", 7)  # several calls of a loop
-    rows = integrate_ensemble(LagrangeTop(ALPHAS[:n]), Y0[:n], h, 18, name, every=6, threads=1, **options)
+    rows = integrate_ensemble(problem, states, h, 18, name, every=6, threads=1, **options)
     monkeypatch.undo()
-    assert np.array_equal(rows, alone(n, h, 18, 6, name, **options))
+    assert np.array_equal(rows, one_by_one(problem, states, h, 18, 6, name, **options))
     assert sum(in_lanes) in in_blocks
     if options:  # they are seen
-        assert not np.array_equal(rows, alone(n, h, 18, 6, name))
+        assert not np.array_equal(rows, one_by_one(problem, states, h, 18, 6, name))
+    if tops in TOPS_IN:  # the potential is there
+        assert np.max(np.abs(rows - integrate_ensemble(HEAVY, STATES, h, 18, every=6))) > 1e-7
 
 
-@pytest.mark.parametrize("name", ["strang", "kahan"])
+def test_where_lanes_do_not_reach_tops_are_taken_alone(in_lanes, monkeypatch):
+    """They leave the box of their table."""
+    monkeypatch.setattr(backlund_splitting, "MARGIN", 0.9)
+    weak = PerturbedTop(HEAVY, TIDE, (1e-3 * NUMBERS, *ALONG))
+    got = integrate_ensemble(weak, STATES, 0.1, 120, "backlund_splitting", threads=1)
+    assert np.array_equal(got, one_by_one(weak, STATES, 0.1, 120, 120, "backlund_splitting")[-1])
+    assert 0 < sum(in_lanes) < 32
+
+
+@HEYOKA
+def test_heyoka_in_batches(monkeypatch):
+    """None is taken alone; of tops that keep J3 and of others. Other code than that of one top: round-off."""
+    problems = (HEAVY, *(TOPS_IN[kind] for kind in ("all numbers", "alpha only", "J3 kept by some")))
+    alone = [one_by_one(problem, STATES, 0.1, 20, 10, "taylor") for problem in problems]
+    batches, make = [], taylor._batches
+
+    def counted(form, *rest):
+        batches.append(form is None or 2 in form.system.kept)
+        return make(form, *rest)
+
+    monkeypatch.setattr(taylor, "_batches", counted)
+    monkeypatch.setattr(ensemble._Steps, "one", None)
+    runs = [integrate_ensemble(problem, STATES, 0.1, 20, "taylor", every=10, threads=1) for problem in problems]
+    assert batches[:-2] == [True, False, True]
+    assert sorted(batches[-2:]) == [False, True]
+    for got, right in zip(runs, alone, strict=True):
+        assert np.max(np.abs(got - right)) < 2e-14
+    assert np.array_equal(runs[2][2, :, 2], STATES[:, 2])
+    assert np.max(np.abs(runs[3] - alone[1])) > 1e-3
+
+
+@pytest.mark.parametrize("name", ["strang", "kahan", "verner9_projected"])
 def test_failures_among_lanes(name, in_lanes):
     """The errors of one top alone, step number included, and no harm to its neighbours."""
     states = Y0[:64].copy()
@@ -176,7 +261,7 @@ def test_failures_among_lanes(name, in_lanes):
         except StepError as error:
             errors[i] = error
             assert np.isnan(got[i]).all()
-    assert sum(in_lanes) >= 32
+    assert sum(in_lanes) >= (0 if name == "verner9_projected" else 32)
     first = min(errors)
     with pytest.raises(StepError, match=f"top {first}: ") as caught:
         integrate_ensemble(top, states, 0.1, 20, name)
