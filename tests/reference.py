@@ -9,12 +9,7 @@ from mpmath import mp, mpf
 from mpmath.libmp import to_rational
 
 
-def flow(alpha, y, t, digits=40):
-    """State at time t from doubles taken as exact, as six mpf."""
-    return flows(alpha, y, [t], digits)[0]
-
-
-def flows(alpha, y, times, digits):
+def flows(alpha, y, times, digits=40):
     """States at `times`, monotone from 0; numbers are multiples of 2^-bits, eight steps to the unit 1/(|J| + √(|alpha||x|))."""
     bits = int(3.33 * digits) + 60
     rate = Fraction(
@@ -94,6 +89,11 @@ def largest(a):
 def as_mpf(a):
     """An array of mpf."""
     return np.vectorize(mpf, otypes=[object])(np.asarray(a, dtype=object))
+
+
+def drift(problem, y0, y):
+    """How far the invariants of states are from those of y0, relative to their scales."""
+    return np.abs(problem.invariants(y) - problem.invariants(y0)) / problem.invariant_scales(y0)
 
 
 def errors(problem, y0, y, truth):

@@ -1,11 +1,19 @@
-"""The top: derivatives, scales, SI units. Its equations and bracket are those of the paper, in `paper/test_lax`."""
+"""Tops in a uniform field and in potentials: derivatives, scales, SI units, and the formulas that potentials are recorded as.
+
+Equations and bracket of the top are those of the paper, in `paper/test_lax`.
+"""
 
 import math
+import pickle
+import sys
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from lagrange_bench.integrators import TOPS, HeavyTop, LagrangeTop, integrate
+from lagrange_bench import PERTURBED_TOPS, POTENTIALS, TOPS, HeavyTop, LagrangeTop, PerturbedTop, Potential, integrate
+from lagrange_bench.integrators import sqrt
 
 DRAW = np.random.default_rng(1)
 STATES = [DRAW.normal(size=6) for _ in range(5)]
@@ -17,13 +25,17 @@ def top(request):
     return LagrangeTop(request.param)
 
 
+def differences(function, y, step=1e-6):
+    return np.stack([(function(y + d) - function(y - d)) / (2 * step) for d in step * np.eye(6)], axis=-1)
+
+
 @pytest.mark.parametrize(("function", "derivative"), [("rhs", "jacobian"), ("invariants", "gradients")])
 def test_derivatives(top, function, derivative):
     """Of quadratic functions: central differences have no truncation error, only rounding over their step of 1."""
     f = getattr(top, function)
     assert np.array_equal(f(np.array(STATES)), [f(y) for y in STATES])
     for y in STATES:
-        D = np.column_stack([(f(y + e) - f(y - e)) / 2 for e in np.eye(6)])
+        D = differences(f, y, 1.0)
         assert np.allclose(getattr(top, derivative)(y), D, rtol=0, atol=32 * EPS * (1 + y @ y + abs(top.alpha)))
 
 
@@ -77,14 +89,169 @@ def test_real_top_against_a_hand_calculation():
     assert pytest.approx(energy, rel=8 * EPS) == A * H + A * A * C2**2 * (1 / C - 1 / A) / 2
 
 
-def test_what_is_not_a_state_or_a_top_is_told(top):
-    for y in (np.ones((2, 5)), np.ones((6, 2)), 1.0):
-        for function in (top.invariants, top.rhs):
-            with pytest.raises(ValueError, match=r"y must be states .* shape \(\.\.\., 6\); got shape"):
-                function(y)
+def test_a_name_that_is_none_is_told():
     with pytest.raises(KeyError, match="unknown top 'genric'; did you mean 'generic'"):
         TOPS["genric"]
     assert TOPS.get("genric") is None
-    named = TOPS["generic"]
-    with pytest.raises(ValueError, match=r"pass named\.top, named\.state"):
-        integrate(named, named.y0, 0.1, 10)
+
+
+Y = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
+TOP = LagrangeTop(1.0)
+HOMEMADE = Potential(
+    "homemade", lambda x1, x2, x3, p: p[0] * x1**2 * x3 / 2 + p[1] * sqrt(2.0 + x2 * x3) - x1 / (3 + x3)
+)
+FIELDS = {
+    "homemade": PerturbedTop(TOP, HOMEMADE, (0.3, -0.2)),
+    **{name: named.top for name, named in PERTURBED_TOPS.items()},
+}
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_derivatives_are_those_of_the_value(name):
+    top = FIELDS[name]
+    assert np.allclose(differences(top.rhs, Y), top.jacobian(Y), atol=1e-8)
+    assert np.allclose(differences(top.invariants, Y), top.gradients(Y), atol=1e-8)
+    # f' = {f, H}, and every Casimir stays
+    assert np.allclose(top.poisson(Y) @ top.gradients(Y)[0], top.rhs(Y), atol=1e-14)
+    assert np.allclose(top.gradients(Y)[2:] @ top.rhs(Y), 0.0, atol=1e-14)
+
+
+def edge(w):
+    return w + sqrt(w * w)
+
+
+def walls(x1, x2, x3, p):
+    product = 1.0
+    for b in (p[0] + 0.02, p[0] + 0.04, p[0] + 0.06, p[0] + 0.08):
+        product = product * edge(x1 - b) * edge(x3 - b)
+    return product
+
+
+PLAIN, SMOOTH = {"rhs", "parts", "kinetic", "top", "force"}, {"smooth"}
+QUADRATIC = SMOOTH | {"quadratic"}
+KINDS = [  # a potential, its numbers, what it offers beside PLAIN, whether it keeps J3
+    ("tide", (0.1, 1.0, 0.0, 0.0), QUADRATIC, False),
+    ("tide", (0.1, 0.0, 0.0, 1.0), QUADRATIC, True),
+    ("tide", (0.0, 1.0, 0.0, 0.0), QUADRATIC, True),
+    ("dipole", (0.1, 0.2, 0.3), QUADRATIC, False),
+    ("quadratic", (0.1, 0.1, 0.3, 0.0, 0.0, 0.0), QUADRATIC, True),
+    ("quadratic", (0.1, 0.1 + 1e-15, 0.3, 0.0, 0.0, 0.0), QUADRATIC, False),
+    ("charge", (0.1, 2.0, 0.0, 0.0), SMOOTH, False),
+    ("charge", (0.1, 0.0, 0.0, 2.0), SMOOTH, True),
+    # V = 0 on one side of a plane: only the other sign of a root, or of all eight, shows that it is not 0 everywhere
+    (lambda x1, x2, x3, p: edge(x1 - p[0]) ** 2, (0.9,), set(), False),
+    (lambda x1, x2, x3, p: edge(x3 - p[0]) ** 2, (0.9,), set(), True),
+    (lambda x1, x2, x3, p: edge(x1 - p[0]) * edge(x2 - p[0]), (0.9,), set(), False),
+    (walls, (0.9,), set(), False),
+    # √(w²) is |w|, on which no Taylor series goes on where w changes its sign; it is no quadratic field either
+    (lambda x1, x2, x3, p: sqrt(x1 * x1), (), set(), False),
+    (lambda x1, x2, x3, p: sqrt((-x1) * (-x1) * 2 / 3), (), set(), False),
+    (lambda x1, x2, x3, p: sqrt(x1**6), (), set(), False),
+    (lambda x1, x2, x3, p: sqrt(p[0] * x1 * x1 / (x2 * x2 + 4)), (0.3,), set(), False),
+    (lambda x1, x2, x3, p: sqrt((x1 * x1 - 2 * x2 * x2) ** 2), (), set(), False),
+    (lambda x1, x2, x3, p: sqrt(x1**4), (), QUADRATIC, False),
+    (lambda x1, x2, x3, p: sqrt((x1 * x1 + 2 * x2 * x2) ** 2), (), QUADRATIC, False),
+    (lambda x1, x2, x3, p: sqrt(p[0] * p[0] * (x1 * x1 + 2)), (0.3,), SMOOTH, False),
+    (lambda x1, x2, x3, p: 1 / ((x1 - 2) ** 2 + x2**2 + x3**2) ** 1.5, (), SMOOTH, False),
+]
+
+
+@pytest.mark.parametrize(("value", "numbers", "offers", "conserved"), KINDS)
+def test_a_field_knows_its_kind(value, numbers, offers, conserved):
+    top = PerturbedTop(TOP, POTENTIALS[value] if isinstance(value, str) else Potential("mine", value), numbers)
+    assert top.offers == PLAIN | offers
+    assert ("J3" in top.conserved) == conserved
+    with pytest.raises(ValueError, match="backlund does not take the potential"):
+        integrate(top, Y, 0.1, 10)
+    if "smooth" not in offers:
+        with pytest.raises(ValueError, match="taylor needs a smooth potential, which mine is not"):
+            integrate(top, Y, 0.1, 10, "taylor")
+
+
+def test_a_top_in_a_potential_is_a_value():
+    for top in FIELDS.values():
+        again = pickle.loads(pickle.dumps(top))
+        assert (again, hash(again)) == (top, hash(top))
+        assert np.array_equal(again.rhs(Y), top.rhs(Y))
+    assert FIELDS["weak_tide"] != FIELDS["moderate_tide"]
+    retyped = Potential("tide", lambda x1, x2, x3, p: p[0] * x1 * x1 / 2)
+    renamed = Potential("other", lambda a, b, c, k: k[0] * a * a / 2)
+    assert PerturbedTop(TOP, retyped, (0.1,)) == PerturbedTop(TOP, renamed, (0.1,))
+
+
+@pytest.mark.parametrize(
+    ("value", "reason"),
+    [
+        (lambda x1, x2, x3, p: math.sqrt(x1), "log of lagrange_bench"),
+        (lambda x1, x2, x3, p: x1 if x1 > 0 else x2, "cannot branch"),
+        (lambda x1, x2, x3: 0.0, "takes 3 positional arguments"),
+        (lambda x1, x2, x3, p: p[1] * x1, "asks for more than 1 parameters"),
+        (lambda x1, x2, x3, p: "much", "got 'much'"),
+        (lambda x1, x2, x3, p: np.tan(x1), "got numpy's tan"),
+        (lambda x1, x2, x3, p: x1**0.3, "got the power 0.3"),
+        (lambda x1, x2, x3, p: 1 / 0, "division by zero"),
+        *((lambda x1, x2, x3, p, text=text: x1 * text, f"got {text!r}") for text in ("2", b"2", bytearray(b"2"))),
+        (lambda x1, x2, x3, p: "2", "got '2'"),
+        (lambda x1, x2, x3, p: sys.exit(3), "it calls sys.exit(3)"),
+    ],
+)
+def test_what_is_no_formula_is_refused(value, reason):
+    with pytest.raises(ValueError, match=r"^potential mine: ") as refused:
+        PerturbedTop(TOP, Potential("mine", value), (1.0,))
+    assert reason in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("value", "wrong", "parameters"),
+    [
+        (lambda x, y, z, p: p[0] * x * x / 2, lambda x, y, z, p: (2 * p[0] * x, 0, 0), (np.array([0.0, 0.3]),)),
+        (lambda x, y, z, p: p[0] * x * x / 2, lambda x, y, z, p: (2 * p[0] * x, 0, 0), (0.0,)),
+        (lambda x, y, z, p: x * x, lambda x, y, z, p: ((2 + 1e-6) * x, 0, 0), ()),
+        (lambda x, y, z, p: edge(x - 0.95) ** 2, lambda x, y, z, p: (8 * edge(x - 0.95), 0, 0), ()),
+        (lambda x, y, z, p: sqrt(z - 2) ** 3, lambda x, y, z, p: (0, 0, -7 * sqrt(z - 2)), ()),
+    ],
+    ids=["a scan from 0", "a parameter 0", "by a millionth", "a wall", "nothing in the unit cube"],
+)
+def test_a_wrong_gradient_is_found(value, wrong, parameters):
+    with pytest.raises(ValueError, match="gradient is not the derivative of value"):
+        PerturbedTop(TOP, Potential("mine", value, wrong), parameters)
+
+
+@pytest.mark.parametrize("J", [0.0, 1e-300, 1e-11, 1.0])
+def test_scales_of_a_weightless_top_are_those_of_its_field(J):
+    """They must not jump where J is next to 0, as a computed cos π/2 is."""
+    top = PerturbedTop(LagrangeTop(0.0), POTENTIALS["tide"], (1.0, 1.0, 0.0, 0.0))
+    rate, size, time = top.scales((J, 0.0, 0.0, 0.6, 0.0, 0.8))
+    assert (rate, size, time) == pytest.approx((max(J, math.sqrt(0.6)), 1.0, 1 / max(J, math.sqrt(0.6))))
+    assert np.allclose(top.invariant_scales((J, 0.0, 0.0, 0.6, 0.0, 0.8)), (J * J / 2 + 0.18, rate, 1.0, rate))
+    heavy = PerturbedTop(LagrangeTop(-2.0), POTENTIALS["tide"], (1.0, 1.0, 0.0, 0.0))
+    assert heavy.invariant_scales((J, 0.0, 0.0, 0.6, 0.0, 0.8))[0] == pytest.approx(J * J / 2 + 2.0 + 0.18)
+
+
+FORMULA = st.recursive(
+    st.sampled_from(("x1", "x2", "x3", "p[0]", "0.0", "1.0", "-1.0", "inf", "nan")),
+    lambda part: st.one_of(
+        st.builds("({} {} {})".format, part, st.sampled_from("+-*/"), part),
+        st.builds("sqrt({})".format, part),
+        st.builds("({}) ** {}".format, part, st.sampled_from((2, 3, -1, 0.5, 1.5, 0, 0.3))),
+    ),
+    max_leaves=8,
+)
+
+
+@pytest.mark.interpreted
+@settings(max_examples=60, derandomize=True, deadline=None)
+@given(FORMULA, st.floats(allow_nan=False, allow_infinity=False))
+def test_any_formula_gives_a_finite_force_or_is_refused_by_name(formula, number):
+    value = eval(f"lambda x1, x2, x3, p: {formula}", {"sqrt": sqrt, "inf": math.inf, "nan": math.nan})
+    message = None
+    try:
+        top = PerturbedTop(TOP, Potential("of mine", value), (number,))
+        top.check_state(Y)  # as `integrate` does
+    except ValueError as error:
+        message = str(error)
+    if message is None:
+        assert np.isfinite(top.gradient(*Y[3:])).all()
+    else:
+        assert "potential of mine" in message
+        assert "\n" not in message

@@ -90,7 +90,7 @@ def test_against_an_independent_integration(name):
         T, turn = flow.time_and_turn(named.top, named.y0, mpc(lam))
         assert T > 0
         assert flow.time_and_turn(named.top, named.y0, mpc(lam), sheet=-1) == (-T, -turn)
-        moved = reference.turned(mp.cos(turn), mp.sin(turn), reference.flow(named.alpha, named.y0, T, digits=30))
+        moved = reference.turned(mp.cos(turn), mp.sin(turn), reference.flows(named.alpha, named.y0, [T], digits=30)[0])
         image = tp.real_form(named.top, np.array([mpf(v) for v in named.y0]), mpc(lam))
         assert largest(image - np.array(moved)) < 1e-30 * (1 + largest(image))
 
