@@ -10,13 +10,11 @@ import pytest
 from mpmath import mp
 from scipy.integrate import solve_ivp
 
-from lagrange_bench.experiments.measuring import states
+from lagrange_bench import TOPS, LagrangeTop, exact, prepare, reference, states, two_point
 from lagrange_bench.experiments.measuring.metrics import phase_split, poisson_defect, scaled_error
-from lagrange_bench.integrators import TOPS, LagrangeTop, prepare, two_point
 from lagrange_bench.integrators.methods import backlund_schemes
 from lagrange_bench.integrators.paper import interpolating_flow, lax
 from lagrange_bench.integrators.paper import two_point as paper_two_point
-from lagrange_bench.integrators.truth import exact, reference
 from tests.reference import largest, turned
 from tests.test_integrators.test_backlund_splitting import problem
 
