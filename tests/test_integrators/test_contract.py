@@ -44,6 +44,14 @@ def test_claims_in_a_field(name, monkeypatch):
         require(list(check.in_field(installed(name), True)), 4)
 
 
+@pytest.mark.interpreted
+@pytest.mark.parametrize("name", ["strang", "implicit_midpoint"])
+def test_claims_on_a_body_and_on_a_magnet(name, monkeypatch):
+    monkeypatch.setattr(check, "FIELD_STEPS", 100)
+    with np.errstate(all="ignore"):
+        require(list(check.of_its_kind(METHODS[name], True)), 12)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", METHODS)
 def test_all_claims(name):

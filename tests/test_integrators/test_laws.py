@@ -20,22 +20,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from mpmath import mp
 
-from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.integrators import (
-    METHODS,
-    PERTURBED_TOPS,
-    TOPS,
-    GaudinMagnet,
-    LagrangeTop,
-    PerturbedTop,
-    StepError,
-    available,
-    integrate,
-    prepare,
-)
+from lagrange_bench import METHODS, PERTURBED_TOPS, TOPS, GaudinMagnet, LagrangeTop, PerturbedTop, StepError, metrics
+from lagrange_bench.integrators import available, exact, integrate, prepare
 from lagrange_bench.integrators.checks import keyword_options
 from lagrange_bench.integrators.problem.potentials import CHARGE, TIDE
-from lagrange_bench.integrators.truth import exact
+from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 from tests.installed import FOR_TOPS, installed
 
 EPS = float(np.finfo(float).eps)
@@ -45,6 +34,7 @@ FIELDS = {  # formulas that other tests use too: they are compiled once for all
     "uniform": UNIFORM,
     "tide": PerturbedTop(UNIFORM, TIDE, (0.1, 0.8, 0.6, 0.0)),
     "charge": PerturbedTop(UNIFORM, CHARGE, (0.1, 0.0, 0.0, 1.6)),
+    "driven": vibrating_pivot(1.0, 0.5, 3.0),
 }
 TAKEN = [(name, field) for name in STEPPING for field, top in FIELDS.items() if METHODS[name].takes(top) is None]
 COORDINATE = st.integers(-1024, 1024).map(lambda n: n / 1024)  # nothing so small that a product of it underflows

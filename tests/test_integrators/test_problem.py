@@ -1,28 +1,25 @@
-"""Problems of one's own: every general method follows them with its order, and keeps what it claims; bad ones are refused.
+"""Problems of one's own, bodies and magnets: every method follows them with its order, and keeps what it claims.
 
 The truth is SciPy's DOP853 on right-hand sides from dual numbers. Compiled, a kernel would be needed for each pair.
 """
 
 import pickle
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagrange_bench.integrators import (
-    METHODS,
-    TOPS,
-    Problem,
-    StepError,
-    WholeBody,
-    cos,
-    free_body,
-    integrate,
-    sin,
-    vibrating_pivot,
-)
+from lagrange_bench import MAGNETS, TOPS, GaudinMagnet, LagrangeTop, PerturbedTop, Potential, Problem, WholeBody
+from lagrange_bench.experiments import driven as driven_tops
+from lagrange_bench.integrators import cos, free_body, integrate, kirchhoff_body, orbiting_tide, reference, sin
+from lagrange_bench.integrators.interface import StepError
 from lagrange_bench.integrators.methods.explicit import explicit_stepper
+from lagrange_bench.integrators.paper.gaudin_magnets import central_spin, random_magnet
+from lagrange_bench.integrators.problem import free_body as euler
+from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
+from lagrange_bench.integrators.registry import METHODS, available
 from tests.test_integrators.paper.tools import jacobian
 
 pytestmark = pytest.mark.interpreted
@@ -73,10 +70,13 @@ PROBLEMS = {
     "round": WholeBody(1.0, (0.0, 0.5, 0.0), (1.0, 0.7, 1.0), (0.0, 0.0, -0.8)),
 }
 PROBLEMS["vibrating"] = PROBLEMS["vibrating"].starting(0.4)
+MAGNET, SPINS = central_spin(4)
+GENERAL = replace(MAGNET, hamiltonian=(1.0, -0.5, 0.25, 0.0))
+PROBLEMS["site"], PROBLEMS["sites"] = MAGNET.problem, GENERAL.problem
 
 
 def rates(name):
-    """The right-hand side: the bracket with ∇H, exact from dual numbers; of a whole body, see `test_rigid_top`, its own."""
+    """The right-hand side: the bracket with ∇H, exact from dual numbers; of a body or a magnet its own."""
     if name not in HAMILTONIANS:
         return lambda t, y: PROBLEMS[name].rhs(y, t)
     H, space, p, frame = HAMILTONIANS[name]
@@ -104,11 +104,21 @@ def end(name):
     return solve_ivp(rates(name), (0.0, END), start(name), "DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
 
 
-GENERAL = [name for name in METHODS if METHODS[name].needs in ("rhs", "smooth", "parts", "body")]
-PAIRS = [(name, problem) for problem in PROBLEMS for name in GENERAL if METHODS[name].takes(PROBLEMS[problem]) is None]
+def wanted(name, problem):
+    """Of a magnet: methods with loops over its spins, and one that has none; the paper's time step is that of one H_j."""
+    method, posed = METHODS[name], PROBLEMS[problem]
+    if "site" not in problem:
+        return method.needs in ("rhs", "smooth", "parts", "body") and method.takes(posed) is None
+    with_loops = method.needs == "spins" or "spins" in method.special or name == "rk4"
+    return with_loops and method.takes(posed) is None and not (problem == "sites" and name == "backlund_paper")
 
 
-@pytest.mark.parametrize("problem", PROBLEMS)
+PAIRS = [
+    (name, problem) for problem in PROBLEMS for name in METHODS if available(METHODS[name]) and wanted(name, problem)
+]
+
+
+@pytest.mark.parametrize("problem", [name for name in PROBLEMS if "site" not in name])
 def test_the_right_hand_side_and_its_derivative_are_those_of_the_formula(problem):
     posed, y, f = PROBLEMS[problem], start(problem), rates(problem)
     assert np.max(np.abs(posed.rhs(y, 0.3) - f(0.3, y))) < 8 * EPS * np.max(np.abs(y)) ** 2
@@ -129,16 +139,20 @@ def measured(name, problem):
     posed, method, y0 = PROBLEMS[problem], METHODS[name], start(problem)
     errors = {}
     if method.control == "tolerance":
-        tight = {"tol": 1e-13} if "tol" in method.options else {"rtol": 1e-10, "atol": 1e-12}
+        tight = {"tol": 1e-13} if "tol" in method.options else {"rtol": 1e-10}
         path = integrate(posed, y0, h=END / 4, steps=4, method=name, every=1, **tight)
-        dense = integrate(posed, y0, t=[END, END / 2], method=name, **tight).y if method.evaluate else path.y[[4, 2]]
-        errors = {4: np.max(np.abs(path.y[-1] - end(problem))), 2: np.max(np.abs(dense - path.y[[4, 2]]))}
+        dense = (
+            integrate(posed, y0, t=[END, END / 2], method=name, **tight).states
+            if method.evaluate
+            else path.states[[4, 2]]
+        )
+        errors = {4: np.max(np.abs(path.states[-1] - end(problem))), 2: np.max(np.abs(dense - path.states[[4, 2]]))}
     for n in STEPS if method.control == "step" else ():
         try:
             path = integrate(posed, y0, h=END / n, steps=n, method=name, every=1)
         except StepError:  # too long a step
             continue
-        error = np.max(np.abs(path.y[-1] - end(problem)))
+        error = np.max(np.abs(path.states[-1] - end(problem)))
         if error < 4e-12:
             break
         errors[n] = error
@@ -154,6 +168,8 @@ def test_order_and_what_is_kept(name, problem):
     errors, drift = measured(name, problem)
     if METHODS[name].control == "tolerance":
         assert max(error for _, error in errors) < 1e-8
+    elif METHODS[name].order_for(PROBLEMS[problem]) is None:
+        assert not errors, "it is exact"
     else:
         (n, error), (m, less) = errors[-2:]
         assert np.log(error / less) / np.log(m / n) > 0.75 * METHODS[name].order_for(PROBLEMS[problem])
@@ -203,5 +219,180 @@ def test_an_explicit_method_of_ones_own_follows_any_problem():
         expected = integrate(problem, y0, h=0.05, steps=40, method="rk4").y[-1]
         assert np.allclose(stepper.advance(y0, 40), expected, rtol=0, atol=1e-13)
         assert stepper.work.rhs_evals == 160
-    with pytest.raises(ValueError, match="increment gives 3 numbers; a state has 6"):
-        explicit_stepper("short", top.top, 0.1, lambda rates, t, y, h: rates(t, y)[:3])
+
+
+@pytest.mark.parametrize(
+    "moments", [(1.0, 2.0, 3.0), (3.0, 1.0, 2.0), (2.0, 3.0, 1.0), (3.0, 2.0, 1.0), (1.3, 1.1, 1.2)]
+)
+def test_the_closed_form_of_the_free_body_is_its_motion(moments):
+    """In all orders of the axes and on both sides of the separatrix, and off by more for another body."""
+    body = free_body(*moments)
+    for y0 in np.random.default_rng(2).normal(size=(8, 3)):
+        found = integrate(body, y0, h=1.5, steps=4, method="taylor", every=1)
+        truth = euler.solution(body, y0, found.t)
+        assert np.max(np.abs(found.y - truth)) < 1e-13
+        assert np.max(np.abs(euler.solution(free_body(1.0, 1.5, 4.0), y0, found.t) - truth)) > 1e-3
+    backwards = integrate(body, y0, h=-1.5, steps=1, method="taylor").y[-1]
+    assert np.max(np.abs(euler.solution(body, y0, [-1.5]) - backwards)) < 1e-13
+
+
+def test_a_symmetric_free_body_is_one_exact_flow():
+    """|J|² does nothing, J3² turns: one part, whose flow has no error for any step."""
+    body, y0 = free_body(2.0, 2.0, 5.0), np.array((0.3, -0.4, 1.2))
+    found = integrate(body, y0, h=50.0, steps=1, method="strang").y[-1]
+    angle = 50.0 * y0[2] * (1 / 2 - 1 / 5)
+    turned = np.array(((np.cos(angle), -np.sin(angle)), (np.sin(angle), np.cos(angle)))) @ y0[:2]
+    assert np.max(np.abs(found - (*turned, y0[2]))) < 1e-14
+
+
+def test_a_pivot_that_does_not_vibrate_is_a_lagrange_top():
+    y0 = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
+    for method in ("verner9_fixed", "blanes_moan6", "taylor"):
+        at_rest = integrate(vibrating_pivot(1.0, 0.0, 3.0), y0, h=0.1, steps=20, method=method).y[-1]
+        top = integrate(LagrangeTop(1.0), y0, h=0.1, steps=20, method=method).y[-1]
+        assert np.max(np.abs(at_rest - top)) < 1e-14
+
+
+def test_vibration_holds_a_top_upright():
+    """Kapitza: a slowly turning top falls, and does not on a pivot that vibrates fast; J3 stays to the last bit."""
+    y0 = np.array((0.01, 0.0, 0.2, 0.0, 0.0, 1.0))
+    lowest = []
+    for strength in (0.0, 200.0):
+        path = integrate(
+            vibrating_pivot(1.0, strength, 60.0), y0, h=2.0**-9, steps=2**14, method="blanes_moan4", every=8
+        )
+        lowest.append(path.y[:, 5].min())
+        assert np.all(path.y[:, 2] == 0.2)
+    assert lowest[0] < -0.9
+    assert lowest[1] > 0.9
+
+
+def test_a_round_body_in_a_fluid_keeps_its_spin():
+    y0 = np.random.default_rng(4).normal(size=6)
+    a, b, c = (1.0, 1.0, 0.5), (0.1, 0.1, -0.2), (0.6, 0.6, 0.9)
+    path = integrate(kirchhoff_body(a, b, c), y0, h=0.1, steps=50, method="gauss8", every=1)
+    assert path.top.names == ("H", "C1", "C2", "J3")
+    assert np.max(np.abs(path.invariants() - path.invariants()[0])) < 1e-13
+    other = integrate(kirchhoff_body((1.0, 1.1, 0.5), b, c), y0, h=0.1, steps=50, method="gauss8", every=1)
+    assert np.max(np.abs(other.y[:, 2] - y0[2])) > 1e-3
+
+
+Y0 = np.array((0.3, -0.2, 1.1, 0.4, 0.1, 0.9))
+UNTIL = 12.0
+
+
+def driven(t, y, p):
+    weight = 1.0 + p[0] * cos(1.1 * t)  # a part of it is constant
+    return y[:3] @ y[:3] / 2.0 + weight * y[5] + p[0] * cos(0.7 * t) * (y[3] * y[3] - 0.5 * y[4] * y[5])
+
+
+DRIVEN = Problem("driven", "e3", driven, (0.01,)).starting(1.3)
+
+
+SCHEMES = [
+    *(("strang", 4, {}), ("processed6", 6, {}), ("aba864", 6, {})),
+    ("strang", 2, {"corrector": False, "modified_kick": False}),
+]
+CASES = [  # a problem, a state, a time, numbers of steps, a scheme, its order, options
+    *((DRIVEN, Y0, UNTIL, 48, *scheme) for scheme in SCHEMES),
+    *(
+        (problem, driven_tops.start(name), driven_tops.SPANS[name] / 4, 256 if name == "kapitza" else 64, *scheme)
+        for name, problem in driven_tops.PROBLEMS.items()
+        for scheme in SCHEMES[:2]
+    ),
+]
+
+
+@pytest.mark.parametrize(("problem", "y0", "span", "steps", "scheme", "order", "options"), CASES)
+@pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
+def test_every_scheme_keeps_its_order_in_a_driven_field(problem, y0, span, steps, scheme, order, options):
+    right = reference.solution(problem, y0, [span]).states[0]
+
+    def error(n):
+        run = integrate(problem, y0, h=span / n, steps=n, method="backlund_splitting", scheme=scheme, **options)
+        return np.max(np.abs(run.y[-1] - right))
+
+    assert np.log2(error(steps) / error(2 * steps)) == pytest.approx(order, abs=0.25)
+
+
+FIELD = Problem(
+    "mine", "e3", lambda t, y, p: y[:3] @ y[:3] / 2.0 + 1.3 * y[5] + p[0] * (y[3] * y[3] - y[4] * y[5]), (0.01,)
+)
+SAME = PerturbedTop(LagrangeTop(1.3), Potential("mine", lambda a, b, c, p: p[0] * (a * a - b * c)), (0.01,))
+
+
+@pytest.mark.parametrize("name", ["backlund_splitting", "force_gradient4", "kahan", "verner9_projected"])
+def test_a_problem_posed_by_hand_is_followed_as_a_top_in_a_potential(name):
+    method = METHODS[name]
+    assert method.takes(FIELD) is None
+    assert method.kept(FIELD) == method.kept(SAME)
+    rows = [integrate(top, Y0, h=0.1, steps=20, every=5, method=name).y for top in (FIELD, SAME)]
+    np.testing.assert_array_equal(*rows)
+
+
+def on_an_orbit(eccentricity, M, x):
+    """(a/r)³ (n·x)², by Newton's method for Kepler's equation."""
+    E = M
+    for _ in range(50):
+        E -= (E - eccentricity * np.sin(E) - M) / (1.0 - eccentricity * np.cos(E))
+    r = 1.0 - eccentricity * np.cos(E)
+    toward = np.array((np.cos(E) - eccentricity, np.sqrt(1.0 - eccentricity**2) * np.sin(E), 0.0)) / r
+    return (toward @ x) ** 2 / r**3
+
+
+def test_the_tide_of_an_orbit_misses_a_part_of_the_cube_of_its_eccentricity():
+    x = np.array((0.3, -0.5, 0.6))
+
+    def missed(eccentricity):
+        tide = orbiting_tide(2.0, eccentricity, 1.5)
+        times = np.linspace(0.0, 4.0, 33)
+        energies = [tide.starting(t).energy(np.r_[0.0, 0.0, 0.0, x]) for t in times]
+        return max(abs(H - 2.0 * on_an_orbit(eccentricity, 1.5 * t, x)) for t, H in zip(times, energies, strict=True))
+
+    assert missed(0.0) < 1e-14
+    assert np.log2(missed(0.02) / missed(0.01)) == pytest.approx(3.0, abs=0.1)
+
+
+IN_ARRAYS = [name for name, problem in PAIRS if problem == "site" and name != "rk4"]
+TOLERANT = [name for name in IN_ARRAYS if METHODS[name].control == "tolerance"]
+
+
+def test_the_tape_and_the_arrays_are_one_problem():
+    problem, y = GENERAL.problem, SPINS.ravel()
+    tape = problem._values(problem.system.rhs, y, 0.0)
+    np.testing.assert_allclose(problem.rhs(y), tape, atol=1e-15)
+    slope = [(problem.energy(y + 1e-6 * e) - problem.energy(y - 1e-6 * e)) / 2e-6 for e in np.eye(12)]
+    np.testing.assert_allclose(problem.poisson(y) @ slope, problem.rhs(y), atol=1e-9)
+    assert MAGNETS["central32"].magnet.problem.offers == {"spins"}
+
+
+@pytest.mark.parametrize("method", TOLERANT)
+def test_tolerances_are_relative_to_the_spins(method):
+    """A magnet with small spins moves slowly, and otherwise in the same way."""
+    size = 1e-100
+    field, spins = replace(MAGNET, alpha=size * MAGNET.alpha), size * SPINS
+    end = integrate(field, spins, h=0.5 / size, steps=4, method=method).y[-1] / size
+    assert np.max(np.abs(end - integrate(MAGNET, SPINS, h=2.0, steps=1, method="backlund").y[-1])) < 1e-12
+
+
+@pytest.mark.parametrize("method", IN_ARRAYS)
+def test_only_differences_of_sites_count(method):
+    magnet, spins = random_magnet(5, 1)
+    sites = [round(1024 * a) / 1024 for a in magnet.sites]
+    options = {"factors": 2} if method == "backlund_paper" else {}
+    here, *there = (
+        integrate(replace(magnet, sites=tuple(a + far for a in sites)), spins, 0.125, 16, method, **options)
+        for far in (0.0, -(2.0**30), 2.0**40)
+    )
+    for run in there:
+        assert np.max(np.abs(run.y - here.y)) < 1e-12
+        assert np.max(np.abs(run.invariants() - here.invariants())) < 1e-12
+
+
+@pytest.mark.parametrize("flow", [{"site": 2}, {"hamiltonian": (0.3, -0.2, 1.0, 0.5)}], ids=str)
+def test_groups_of_sites_far_apart(flow):
+    pytest.importorskip("heyoka")
+    magnet = GaudinMagnet((-5e7, 1e8, 1e8 + 0.5, 1e8 + 2), 0.7, **flow)
+    for h in (1.0, -5.0):
+        exact, truth = (integrate(magnet, SPINS, h, 1, method).y[-1] for method in ("backlund", "taylor"))
+        assert np.max(np.abs(exact - truth)) < 1e-13

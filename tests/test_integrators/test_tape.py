@@ -6,22 +6,11 @@ import mpmath
 import numpy as np
 import pytest
 
-from lagrange_bench.integrators import TOPS, StepError, prepare
+from lagrange_bench import MAGNETS, TOPS, FixedStepper, StepError, compiled, cos, exp, log, prepare, sin, sqrt
 from lagrange_bench.integrators.compiling import loops
-from lagrange_bench.integrators.compiling.compiled import compiled, jit
-from lagrange_bench.integrators.compiling.expression import (
-    FUNCTIONS,
-    Tape,
-    apply,
-    cos,
-    exp,
-    log,
-    machine_code,
-    record,
-    sin,
-    sqrt,
-)
-from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, RESIDUAL, FixedStepper
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.expression import FUNCTIONS, Tape, apply, machine_code, record
+from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, RESIDUAL
 from lagrange_bench.integrators.methods import dop853, taylor
 from tests.faults import interrupted
 from tests.installed import installed
@@ -142,12 +131,17 @@ def test_not_finite_is_never_returned():
 
 
 @pytest.mark.parametrize(
-    ("name", "record"), [("backlund", False), ("implicit_midpoint", True), ("taylor", False), ("rk45", True)]
+    ("top", "y0", "name", "h", "n", "record"),
+    [
+        *((GENERIC.top, Y0, name, 0.1, 10**11, False) for name in ("backlund", "taylor")),
+        *((GENERIC.top, Y0, name, 0.1, 10**11, True) for name in ("implicit_midpoint", "rk45")),
+        (*MAGNETS["central32"], "implicit_midpoint", 0.1, 10**9, True),
+        (*MAGNETS["central32"], "taylor", 1e8, 1, True),
+    ],
 )
-def test_control_c_ends_a_long_run(name, record):
+def test_control_c_ends_a_long_run(top, y0, name, h, n, record):
     installed(name)
-    stepper = prepare(GENERIC.top, Y0, 0.1, name)
-    stepper.advance(Y0, 1)
-    n = 10**11
+    stepper, y = prepare(top, y0, h, name), y0.ravel()
+    stepper.advance(y, min(n - 1, 1))  # compiled
     with interrupted():
-        stepper.record(Y0, n, n // 4) if record else stepper.advance(Y0, n)
+        stepper.record(y, n, max(n // 4, 1)) if record else stepper.advance(y, n)
