@@ -42,10 +42,9 @@ def test_every_step_has_a_series():
 def left(top, y0, h, name, steps, **options):
     """(error, what theory leaves of it) of runs, the largest of sixteen."""
     n = steps // 16 * np.arange(1, 17)
-    y = integrate(top, y0, h=h, steps=int(n[-1]), method=name, every=int(n[0]), **options).y[1:]
+    run = integrate(top, y0, h=h, steps=int(n[-1]), method=name, every=int(n[0]), **options)
     predicted = predicted_phase(top, y0, h, name, **options)
-    error = metrics.scaled_error(top, y0, y, exact.after_steps(top, y0, h, n))
-    return error.max(), metrics.scaled_error(top, y0, y, predicted.states(h * n)).max()
+    return run.error().max(), metrics.scaled_error(top, y0, run.y[1:], predicted.states(h * n)).max()
 
 
 @pytest.mark.parametrize(

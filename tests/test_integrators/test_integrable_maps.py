@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lagrange_bench.experiments.measuring import metrics, states
-from lagrange_bench.integrators import LagrangeTop, PerturbedTop, StepError, prepare
+from lagrange_bench import LagrangeTop, PerturbedTop, StepError, metrics, prepare, states
 from lagrange_bench.integrators.methods import bobenko_suris, kahan
 from lagrange_bench.integrators.paper.phase_space import invariants, vector_field
 from lagrange_bench.integrators.problem.potentials import CHARGE, TIDE

@@ -5,8 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from lagrange_bench.experiments.measuring import metrics, states
-from lagrange_bench.integrators import METHODS, LagrangeTop
+from lagrange_bench import METHODS, LagrangeTop, metrics, states
 from lagrange_bench.integrators.methods import splitting as sp
 from tests.installed import in_uniform_fields
 
