@@ -16,7 +16,7 @@ from lagrange_bench.experiments import driven as driven_tops
 from lagrange_bench.integrators import cos, free_body, integrate, kirchhoff_body, orbiting_tide, reference, sin
 from lagrange_bench.integrators.interface import StepError
 from lagrange_bench.integrators.methods.explicit import explicit_stepper
-from lagrange_bench.integrators.paper.gaudin_magnets import central_spin, random_magnet
+from lagrange_bench.integrators.paper.gaudin_model import central_spin, random_magnet
 from lagrange_bench.integrators.problem import free_body as euler
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 from lagrange_bench.integrators.registry import METHODS, available
