@@ -25,15 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange_bench.integrators import machine
-from lagrange_bench.integrators.checks import (
-    check_choice,
-    check_count,
-    check_grid,
-    check_options,
-    check_step,
-    check_times_or_grid,
-)
+from lagrange_bench.integrators import checks, machine
 from lagrange_bench.integrators.compiling.lanes import LANES, run_lanes
 from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper
@@ -129,25 +121,25 @@ def integrate_ensemble(
     found = find_method(method)
     sample = tops.one(0) if n else LagrangeTop()
     build, evaluate = found.prepare_for(sample), found.evaluate_for(sample)
-    threads = machine.usable_cores() if threads is None else check_count(threads, "threads", least=1)
+    threads = machine.usable_cores() if threads is None else checks.check_count(threads, "threads", least=1)
 
     def collected(h: float | None, times: Array, out: Array, end_only: bool) -> EnsembleTrajectory:
         begin = _Begin(top, states, found, h if found.control == "step" else None, options)
         y = out.reshape(len(out), *np.shape(Y0))
         return EnsembleTrajectory(top, found.name, times, y, end_only, begin)
 
-    check_choice(on_failure, "on_failure", ("raise", "nan"))
-    times = check_times_or_grid(t, h, steps, every)
+    checks.check_choice(on_failure, "on_failure", ("raise", "nan"))
+    times = checks.check_times_or_grid(t, h, steps, every)
     if times is not None:
         if evaluate is None:
             raise ValueError(f"t: {found.name} steps on a grid only; give h and steps")
-        check_options(found.name, evaluate, options)
+        checks.check_options(found.name, evaluate, options)
         out = np.empty((len(times), *states.shape))
         failures = _run(_Jumps(found, tops, states, out, options, times), threads)
         return collected(None, times, _judge(found, None, out, failures, on_failure), end_only=False)
-    h = check_step(h)
-    check_options(found.name, build, options)
-    steps, stride = check_grid(steps, every, "steps")
+    h = checks.check_step(h)
+    checks.check_options(found.name, build, options)
+    steps, stride = checks.check_grid(steps, every, "steps")
     if every is None:
         out = np.empty((1, *states.shape))
         rows = out if steps else out[:0]

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,27 +31,10 @@ from lagrange_bench.integrators.interface import Array, Method, StepError, Work,
 from lagrange_bench.integrators.methods import magnet
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units, own_units, shift
+from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus import time_step as ts
 from lagrange_bench.integrators.torus.any_parameter import check_parameter, papers_parameter, plain_constants
 from lagrange_bench.integrators.torus.plain_step import HALVES, many_plain_constants
-from lagrange_bench.integrators.torus.real_map import (
-    CONSTANTS,
-    KERNELS,
-    NO_TURN,
-    OFF_TORUS,
-    TorusStepper,
-    Turn,
-    attitudes,
-    check_constants,
-    exact_constants,
-    form,
-    many_constants,
-    many_jumps,
-    on_torus,
-    turn_many,
-    turn_rows,
-)
-from lagrange_bench.integrators.torus.real_map import pin as onto_torus
 
 PIN = 8  # steps between two pins, by default
 SHORT = 16  # steps of an ensemble up to which λ(h) comes in plain doubles: else set-up would cost fifty times as much as they
@@ -61,17 +44,19 @@ LONGEST_TURN = 16.0
 MOST_PARTS = 10**8  # steps of an attitude: some seconds, not to be interrupted
 
 
-first_form, first_exact_constants = at_first_interpreted(form), at_first_interpreted(exact_constants)
+first_form, first_exact_constants = at_first_interpreted(real_map.form), at_first_interpreted(real_map.exact_constants)
 first_flow = at_first_interpreted(ts.flow)
 
 
-def _stepper(name: str, h: float, units: Units, c: Array, pin_every: int, turn: Turn = NO_TURN) -> FixedStepper:
-    check_constants(name, c, h)
-    back, block = (onto_torus, pin_every) if pin_every else (None, NEVER)
-    return TorusStepper(name, h, units, c, KERNELS[first_form(c)], back, block, turn=turn, lane=True)
+def _stepper(
+    name: str, h: float, units: Units, c: Array, pin_every: int, turn: real_map.Turn = real_map.NO_TURN
+) -> FixedStepper:
+    real_map.check_constants(name, c, h)
+    back, block = (real_map.pin, pin_every) if pin_every else (None, NEVER)
+    return real_map.TorusStepper(name, h, units, c, real_map.KERNELS[first_form(c)], back, block, turn=turn, lane=True)
 
 
-LOOP = compile_loop(KERNELS[0], onto_torus)
+LOOP = compile_loop(real_map.KERNELS[0], real_map.pin)
 
 
 @jit
@@ -83,13 +68,13 @@ def run(alpha, y, h, steps, every, out):
         return False
     shift(state, -rate, -length)
     s = (state[0], state[1], state[2], state[3], state[4], state[5])
-    c, turn = exact_constants(own, s, span)
-    if not finite(c) or form(c) != 0 or not on_torus(s, c, OFF_TORUS):
+    c, turn = real_map.exact_constants(own, s, span)
+    if not finite(c) or real_map.form(c) != 0 or not real_map.on_torus(s, c, real_map.OFF_TORUS):
         return False
     if not LOOP(state, 0, steps, every, PIN, c, np.zeros(SIZE), out):
         return False
-    if turn != NO_TURN:
-        turn_rows(out[1:], turn[0], turn[1], every)
+    if turn != real_map.NO_TURN:
+        real_map.turn_rows(out[1:], turn[0], turn[1], every)
     shift(out, rate, length)
     for k in range(6):
         out[0, k] = y[k]
@@ -169,30 +154,26 @@ def advance_many(
     if lam is not None or (n < FEW and steps > SHORT):
         return np.zeros(n, dtype=bool)
     states, units, forms = np.empty((n, 6)), np.empty((n, 6)), np.empty(n, dtype=np.int64)
-    c, turns = np.empty((n, CONSTANTS)), np.empty((n, 4))
-    set_up = many_plain_constants if steps <= SHORT else many_constants
+    c, turns = np.empty((n, real_map.CONSTANTS)), np.empty((n, 4))
+    set_up = many_plain_constants if steps <= SHORT else real_map.many_constants
     set_up(alphas, Y0, h, states, c, units, forms, turns)
     turned = (forms >= 0) & ((turns[:, 0] != 1.0) | (turns[:, 2] != 0.0))
     # what turns keeps its own units until it has turned
     scales = np.where(turned[:, None], 1.0, units) if turned.any() else units
-    back, block = (onto_torus, pin) if pin else (None, NEVER)
-    for number, kernel, parts in (*((i, k, 1) for i, k in enumerate(KERNELS)), (HALVES, KERNELS[0], 2)):
+    back, block = (real_map.pin, pin) if pin else (None, NEVER)
+    kernels = real_map.KERNELS
+    for number, kernel, parts in (*((i, k, 1) for i, k in enumerate(kernels)), (HALVES, kernels[0], 2)):
         tops = np.flatnonzero(forms == number)
         if len(tops):
             run_lanes((kernel, back, block), states, c, tops, scales, parts * steps, parts * every, out, stopped)
-    turn_many(out, np.flatnonzero(turned), turns, every, units)
-    done: NDArray[np.bool_] = forms >= 0
-    return done
-
-
-def advance_many_unpinned(*arguments: Any) -> NDArray[np.bool_]:
-    return advance_many(*arguments, pin=0)
+    real_map.turn_many(out, np.flatnonzero(turned), turns, every, units)
+    return forms >= 0
 
 
 def evaluate_many(alphas: Array, Y0: Array, times: Array, out: Array) -> NDArray[np.bool_]:
     """Jumps: one two-point map from each top's initial state to each output time."""
     done = np.empty(len(Y0), dtype=bool)
-    many_jumps(alphas, Y0, times, out, done)
+    real_map.many_jumps(alphas, Y0, times, out, done)
     return done
 
 
@@ -213,7 +194,7 @@ def attitude_exact(top: LagrangeTop, y0: Array, times: Array, *, pin: int = PIN,
         side = np.flatnonzero(sign * spans > 0.0)
         side = side[np.argsort(sign * spans[side], kind="stable")]
         if len(side):
-            g[side] = attitudes(units.alpha, state, spans[side], longest, block)
+            g[side] = real_map.attitudes(units.alpha, state, spans[side], longest, block)
     if not np.all(np.isfinite(g)):
         raise StepError("backlund", "no Bäcklund parameter was found for one of the times")
     return g
@@ -232,7 +213,7 @@ EXACT = Method(
 )  # fmt: skip
 UNPINNED = replace(
     EXACT, name="backlund_unpinned", label="Bäcklund, exact, not pinned", prepare=prepare_unpinned, evaluate=None,
-    attitude=None, advance_many=advance_many_unpinned, evaluate_many=None, special={},
+    attitude=None, advance_many=partial(advance_many, pin=0), evaluate_many=None, special={},
 )  # fmt: skip
 PAPER = replace(
     UNPINNED, name="backlund_paper", label="Bäcklund, paper's λ", order=2, source=SOURCE, prepare=prepare_paper,

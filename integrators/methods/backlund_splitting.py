@@ -39,18 +39,10 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice, check_flag, warn_caller
+from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit, jit_as
 from lagrange_bench.integrators.compiling.expression import put, take
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted, outlined
-from lagrange_bench.integrators.compiling.loops import (
-    CLOCK,
-    FAILURE,
-    ITERATIONS,
-    MEMORY,
-    SIZE,
-    ConjugateStepper,
-    finite,
-)
 from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, StepWarning
@@ -216,17 +208,17 @@ def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool,
                 R, eta, mr, mi = look(c, place + GROUP, u, v)
                 s = tabled_flow(s, torus, alpha, R, eta, mr, mi, c[place + INVERSE])
             else:
-                tally[ITERATIONS] += 1.0 if degree > 0 else 0.0
+                tally[loops.ITERATIONS] += 1.0 if degree > 0 else 0.0
                 s, found = exact(s, alpha, c[place + TIME])
                 if not found:
-                    tally[FAILURE] = LOST
+                    tally[loops.FAILURE] = LOST
             before = s
-            t = c[first - 1] + (c[STEP] * tally[CLOCK] + c[place + WHEN]) if timed else 0.0
+            t = c[first - 1] + (c[STEP] * tally[loops.CLOCK] + c[place + WHEN]) if timed else 0.0
             s = kicked(s, numbers(c, NUMBERS, t), (c[place + KICK], c[place + TWIST], c[place + SECOND]))
             strongest = max(strongest, push(s, before))
-        if strongest > tally[MEMORY]:
-            tally[MEMORY] = strongest
-            keep(tally, MEMORY + 1, s)
+        if strongest > tally[loops.MEMORY]:
+            tally[loops.MEMORY] = strongest
+            keep(tally, loops.MEMORY + 1, s)
         return s
 
     return step
@@ -252,7 +244,7 @@ def lane_of(field: Field, level: bool, gradients: int, degree: int, groups: int)
         torus = invariants(s, alpha)
         u, v = (torus[2] - c[CENTRE_H]) * c[SCALE_H], (s[2] - c[CENTRE_J]) * c[SCALE_J]
         if not ((abs(u) <= 1.0) & (abs(v) <= 1.0)):
-            tally[FAILURE] = LOST
+            tally[loops.FAILURE] = LOST
             return s
         R, eta, mr, mi = look(table, u, v)
         s = tabled_flow(s, torus, alpha, R, eta, mr, mi, own[INVERSE])
@@ -306,7 +298,7 @@ def map_over(field: Field, level: bool, timed: bool = False) -> Any:
                 if parts[k, 0] != 0.0:
                     s, found = exact(s, alpha, parts[k, 0])
                     if not found:
-                        tally[FAILURE] = LOST
+                        tally[loops.FAILURE] = LOST
                 if parts[k, 1] != 0.0:
                     s = kicked(s, numbers(given, 0, t), (parts[k, 1],))
             write(row, 0, s)
@@ -383,7 +375,7 @@ LONG_RUN = 2**16  # steps from which the first ones are always looked at: that i
 MOVED, STRONGER = 2.0**-13, 4.0
 
 
-class ExactSplittingStepper(ConjugateStepper):
+class ExactSplittingStepper(loops.ConjugateStepper):
     """Runs over the conjugate of a scheme; states enter and leave through its first flow and its corrector.
 
     `watched`: a run warns where H moves by much more than in its first steps.
@@ -419,7 +411,7 @@ class ExactSplittingStepper(ConjugateStepper):
                 made = [listed[different.index(time)] for time in times]
                 groups[:, INVERSE] = [0.5 / (t[-2] * t[-2] + t[-1] * t[-1]) for t in made]  # of the constant term
         c = np.concatenate((head, *(part for g in range(n) for part in (groups[g], *made[g : g + 1]))))
-        if not finite(c):
+        if not loops.finite(c):
             raise StepError(NAME, "the coefficients of the step are beyond the range of doubles", h=h)
         self.degree = degree  # of the tables, 0 for none
         before, after = ends_of(chosen, h, corrected)
@@ -454,7 +446,9 @@ class ExactSplittingStepper(ConjugateStepper):
 
     def moves(self, rows: Array, tally: Array) -> Array:
         """How far H of the later `rows` is from that of the first, in rate²; the last number: where the kick was strongest."""
-        strongest = self._left(tally[None, MEMORY + 1 : MEMORY + 7].copy()) if tally[MEMORY] > 0.0 else rows[-1:]
+        strongest = rows[-1:]
+        if tally[loops.MEMORY] > 0.0:
+            strongest = self._left(tally[None, loops.MEMORY + 1 : loops.MEMORY + 7].copy())
         H = self._energies(np.concatenate((rows, strongest)), self._way_in[0])
         with np.errstate(all="ignore"):
             moved = np.abs(H[1:] - H[0]) / self.energy
@@ -474,12 +468,12 @@ class ExactSplittingStepper(ConjugateStepper):
     def _watch(self, rows: Array, n: int) -> None:
         """Warns where H moves by much more than in the first steps; short runs are looked at only if they seem odd."""
         c, H = self.constants, self._energies(rows[:: len(rows) - 1], self._way_in[0])
-        odd = abs(H[1] - H[0]) * c[SCALE_H] * MARGIN > MOVED or self.tally[MEMORY] > STRONGER * self.usual
+        odd = abs(H[1] - H[0]) * c[SCALE_H] * MARGIN > MOVED or self.tally[loops.MEMORY] > STRONGER * self.usual
         if not odd and n < LONG_RUN:
             return
         moved = self.moves(rows[:: math.ceil((len(rows) - 1) / ROWS)], self.tally).max()
         every = math.ceil(min(FIRST * self.scales[2] / abs(self.h), n / (8 if odd else 64)) / ROWS)
-        first, tally, state = np.empty((ROWS + 1, 6)), np.zeros(SIZE), self.enter(rows[0])
+        first, tally, state = np.empty((ROWS + 1, 6)), np.zeros(loops.SIZE), self.enter(rows[0])
         self._run(state, 0, ROWS * every, every, self.block, c, tally, first)
         promised = self.moves(np.concatenate((rows[:1], self._left(first[1:]))), tally).max()
         times = moved / max(promised, self.least_move(n))
@@ -585,10 +579,10 @@ def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -
         return Candidate(build, len(chosen.b) * (1.5 if processed else 1.0), widest)
 
     def shorter(y: Array, h: float, parts: int) -> tuple[Array, int]:
-        rows, tally = np.array(y)[None], np.zeros(SIZE)
+        rows, tally = np.array(y)[None], np.zeros(loops.SIZE)
         map_rows(rows, numbers, np.tile(one * (h / parts), (parts, 1)), (0.0, 0.0), tally)
-        if tally[FAILURE]:
-            raise StepError(NAME, FAILURES[int(tally[FAILURE])], h=h)
+        if tally[loops.FAILURE]:
+            raise StepError(NAME, FAILURES[int(tally[loops.FAILURE])], h=h)
         return rows[0], parts * len(small.b)
 
     candidates = {name: candidate(name, RESONANT * (1 if name in PROCESSED else 2)) for name in CHOICES}

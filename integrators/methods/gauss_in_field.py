@@ -19,17 +19,9 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice, check_flag
+from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import inlined, jit_as
 from lagrange_bench.integrators.compiling.expression import Program, Tape, machine_code, put, take
-from lagrange_bench.integrators.compiling.loops import (
-    CLOCK,
-    FAILURE,
-    ITERATIONS,
-    MEMORY,
-    RESIDUAL,
-    RHS_EVALS,
-    FixedStepper,
-)
 from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, StepError
@@ -126,7 +118,7 @@ def formulas(system: System) -> tuple[Program, Program, Program, Program]:
     def slopes(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
         """By rows: unknown by unknown, unknown by eliminated, eliminated by unknown."""
         rates = system.rates(tape, t, y, p)
-        columns = {k: tape.along(rates, y, [float(i == k) for i in range(len(y))]) for k in (*unknown, *eliminated)}
+        columns = {k: tape.along(rates, y, np.eye(len(y))[k].tolist()) for k in (*unknown, *eliminated)}
         blocks = ((unknown, unknown), (unknown, eliminated), (eliminated, unknown))
         return [columns[k][i] for rows, across in blocks for i in rows for k in across]
 
@@ -154,11 +146,8 @@ def kernel(stages: int, system: System) -> Any:
     rates_u, rates_e, slopes, terms = map(machine_code, formulas(system))
     numbers, whole, keep = take(system.parameters), take(n), put(n)
     keep_u, keep_e, keep_slopes = (put(max(count, 1)) for count in (U, E, U * U + 2 * U * E))
-    ROW, LOW = U * U + 2 * U * E, MEMORY + m
-    sizes = {
-        word: max(count, 1) for word, count in (("K", m), ("L", S * E), ("Y", S * n), ("M", S * ROW), ("A", m * m))
-    }
-    K_SIZE, L_SIZE, Y_SIZE, M_SIZE, A_SIZE = sizes.values()
+    ROW, LOW = U * U + 2 * U * E, loops.MEMORY + m
+    K_SIZE, L_SIZE, Y_SIZE, M_SIZE, A_SIZE = (max(count, 1) for count in (m, S * E, S * n, S * ROW, m * m))
     places_u, places_e = np.array(unknown or (0,)), np.array(eliminated or (0,))
 
     @unrolled(f"place {name}")
@@ -180,7 +169,7 @@ def kernel(stages: int, system: System) -> Any:
             for a in range(E):
                 e[E * i + a] = s[places_e[a]]
             y = place(s, get_u(u, U * i), get_e(e, E * i))
-            t = c[START] + c[STEP] * (tally[CLOCK] + c[NODES + i]) if timed else 0.0
+            t = c[START] + c[STEP] * (tally[loops.CLOCK] + c[NODES + i]) if timed else 0.0
             if E > 0:
                 keep_e(L, E * i, rates_e((t,) + y, q))  # noqa: RUF005 - compiled code does not unpack
                 for a in range(E):
@@ -188,7 +177,7 @@ def kernel(stages: int, system: System) -> Any:
         for i in range(S):
             at_stage(i, S, E, c, MU, L, low, places_e, s, e)
             y = place(s, get_u(u, U * i), get_e(e, E * i))
-            t = c[START] + c[STEP] * (tally[CLOCK] + c[NODES + i]) if timed else 0.0
+            t = c[START] + c[STEP] * (tally[loops.CLOCK] + c[NODES + i]) if timed else 0.0
             keep(Y, n * i, y)
             keep_u(R, U * i, rates_u((t,) + y, q))  # noqa: RUF005
             for a in range(U):
@@ -201,7 +190,7 @@ def kernel(stages: int, system: System) -> Any:
         """Factors of the matrix of ν δu − β (f_u δu + f_e δe) = r, δe = μ β g δu. Returns the sign of its determinant."""
         q, M = numbers(c, NUMBERS), stack(M_SIZE)
         for j in range(S):
-            t = c[START] + c[STEP] * (tally[CLOCK] + c[NODES + j]) if timed else 0.0
+            t = c[START] + c[STEP] * (tally[loops.CLOCK] + c[NODES + j]) if timed else 0.0
             keep_slopes(M, ROW * j, slopes((t,) + whole(Y, n * j), q))  # noqa: RUF005
         for i in range(S):
             for j in range(S):
@@ -228,7 +217,7 @@ def kernel(stages: int, system: System) -> Any:
         """K and L of the step. Returns the number of iterations, 0 if there were too many."""
         Y, R, A, r, pivots = stack(Y_SIZE), stack(K_SIZE), stack(A_SIZE), stack(K_SIZE), stack(K_SIZE)
         weak = WEAK[1] if c[COMPENSATED] != 0.0 else WEAK[0]
-        t = c[START] + c[STEP] * tally[CLOCK] if timed else 0.0
+        t = c[START] + c[STEP] * tally[loops.CLOCK] if timed else 0.0
         small = 2.0**-45 * abs(c[STEP]) * terms((t,) + s, numbers(c, NUMBERS))[0]  # noqa: RUF005
         last, sign, fresh = math.inf, 1.0, True
         for k in range(LIMIT):
@@ -254,10 +243,10 @@ def kernel(stages: int, system: System) -> Any:
                 K[i] += R[i]
             if done:
                 if sign < 0.0:
-                    tally[FAILURE] = FOLDED
+                    tally[loops.FAILURE] = FOLDED
                 return k + 1
             last = size
-        tally[RESIDUAL] = last
+        tally[loops.RESIDUAL] = last
         return 0
 
     @unrolled(f"sums {name}")
@@ -271,21 +260,21 @@ def kernel(stages: int, system: System) -> Any:
             for a in range(U):
                 K[U * i + a] = 0.0
                 for j in range(S):
-                    K[U * i + a] += c[AHEAD + S * j + i] * tally[MEMORY + U * j + a]
+                    K[U * i + a] += c[AHEAD + S * j + i] * tally[loops.MEMORY + U * j + a]
         for i in range(n):
             low[i] = tally[LOW + i]
         iterations = solve(s, c, low, K, L, tally, c[SOLVER] == 1.0)
         if iterations == 0 and c[SOLVER] != 0.0:  # once more from the state itself
             for i in range(m):
                 K[i] = 0.0
-            tally[RESIDUAL] = 0.0
+            tally[loops.RESIDUAL] = 0.0
             iterations = solve(s, c, low, K, L, tally, True)
         if iterations == 0:
-            tally[FAILURE] = NOT_CONVERGED
-        tally[ITERATIONS] += iterations
-        tally[RHS_EVALS] += S * iterations
+            tally[loops.FAILURE] = NOT_CONVERGED
+        tally[loops.ITERATIONS] += iterations
+        tally[loops.RHS_EVALS] += S * iterations
         for i in range(m):
-            tally[MEMORY + i] = K[i]
+            tally[loops.MEMORY + i] = K[i]
         for i in range(S):
             for a in range(U):
                 low[places_u[a]] += K[U * i + a]
@@ -307,7 +296,7 @@ def check_span(name: str, span: float, h: float) -> None:
 
 def stepper_in_field(
     name: str, stages: int, top: Any, y0: Array, h: float, solver: str, compensated: bool = False
-) -> FixedStepper:
+) -> loops.FixedStepper:
     """Collocation in so many Gauss nodes. Options as those of `method`."""
     check_choice(solver, "solver", SOLVERS)
     check_flag(compensated, "compensated")
@@ -324,4 +313,4 @@ def stepper_in_field(
     c = np.concatenate(((SOLVERS.index(solver), bool(compensated), top.start, h), *parts))
     memory = (stages + 1) * system.size
     step = kernel(stages, system)
-    return FixedStepper(name, h, c, step, failures=FAILURES, size=system.size, timed=system.timed, memory=memory)
+    return loops.FixedStepper(name, h, c, step, failures=FAILURES, size=system.size, timed=system.timed, memory=memory)
