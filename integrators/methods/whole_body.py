@@ -34,17 +34,8 @@ from lagrange_bench.integrators.checks import check_real
 from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, FixedStepper
 from lagrange_bench.integrators.interface import Array, Method
-from lagrange_bench.integrators.methods.lie_group import FAILURES as OF_EXPONENTIALS
-from lagrange_bench.integrators.methods.lie_group import (
-    TURNED,
-    add,
-    cross,
-    dot,
-    of_length,
-    times,
-    turn_from_right,
-    turn_one,
-)
+from lagrange_bench.integrators.methods import lie_group
+from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
 from lagrange_bench.integrators.methods.runge_kutta import constants_of, kernel
 from lagrange_bench.integrators.methods.tableaux import RK4
 from lagrange_bench.integrators.problem.whole_body import WholeBody
@@ -53,9 +44,9 @@ STEP, INERTIA, WEIGHT, UP, OPTIONS = 0, 1, 4, 7, 10  # places of the constants
 # iterations: 3 to 6 at short steps; at long ones, without the derivative of the torque, each halves the error
 LIMIT = 50
 SMALL = 2.0**-40  # relative: a correction that has stopped falling is round-off only below this
-NOT_CONVERGED = TURNED + 1
+NOT_CONVERGED = lie_group.TURNED + 1
 UNSOLVED = f"the equations of the step are not solved after {LIMIT} iterations; take a smaller |h|"
-FAILURES = {**OF_EXPONENTIALS, NOT_CONVERGED: UNSOLVED}
+FAILURES = {**lie_group.FAILURES, NOT_CONVERGED: UNSOLVED}
 ZERO = (0.0, 0.0, 0.0)
 
 
@@ -87,13 +78,13 @@ def turned_by(s, f0, f):
     """The quaternion q f, as long as q where f is a unit but for round-off."""
     q0, q = s[0], (s[1], s[2], s[3])
     n0, n = q0 * f0 - dot(q, f), add(add(times(f0, q), q0, f), 1.0, cross(q, f))
-    return of_length(q0 * q0 + dot(q, q), n0, n)
+    return lie_group.of_length(q0 * q0 + dot(q, q), n0, n)
 
 
 @jit
 def rotated(s, a, tally):
     """The state with its body turned by exp(â)."""
-    return turn_from_right((-a[0], -a[1], -a[2], 0.0, 0.0, 0.0), s, tally)
+    return lie_group.turn_from_right((-a[0], -a[1], -a[2], 0.0, 0.0, 0.0), s, tally)
 
 
 @jit
@@ -200,7 +191,7 @@ def simo_wong(s, c, tally):
 def carried(turn, s, c, tally):
     """L̃ of lie_midpoint."""
     push, back = torque(rotated(s, times(0.5, turn), tally), c), times(-0.5, turn)
-    return turn_one(back, add(turn_one(back, (s[4], s[5], s[6]), tally), c[STEP], push), tally)
+    return lie_group.turn_one(back, add(lie_group.turn_one(back, (s[4], s[5], s[6]), tally), c[STEP], push), tally)
 
 
 @jit
@@ -315,41 +306,26 @@ def prepare_normalized(body: WholeBody, y0: Array, h: float) -> FixedStepper:
     return FixedStepper("rk4_normalized", h, constants_of(RK4, body, h), step, rhs_per_step=4, size=7)
 
 
-def of_bodies(
-    name: str,
-    label: str,
-    order: int,
-    kept: str,
-    source: str,
-    prepare: Any,
-    symmetric: bool = True,
-    poisson: bool = False,
-) -> Method:
-    """The record of a method for a `WholeBody` only; `kept`: names of the invariants, see `problem.whole_body`."""
-    conserves = frozenset(kept.split())
-    return Method(
-        name=name, label=label, family="whole-body", order=order, symmetric=symmetric, poisson=poisson,
-        conserves=conserves, source=source, prepare=prepare, needs="body",
-    )  # fmt: skip
-
+of_bodies = partial(Method, family="whole-body", needs="body")  # names of the invariants: see `problem.whole_body`
 
 RATTLE = of_bodies(
-    "rattle", "RATTLE", 2, "J3 C1 C2", "McLachlan and Zanna, Found. Comput. Math. 5 (2005) 87",
-    partial(prepare, "rattle", rattle), poisson=True,
+    name="rattle", label="RATTLE", order=2, symmetric=True, poisson=True, conserves=frozenset({"J3", "C1", "C2"}),
+    source="McLachlan and Zanna, Found. Comput. Math. 5 (2005) 87", prepare=partial(prepare, "rattle", rattle),
 )  # fmt: skip
 SIMO_WONG = of_bodies(
-    "simo_wong", "Simo–Wong", 2, "H J3 C1", "Simo and Wong, Int. J. Numer. Methods Eng. 31 (1991) 19",
-    partial(prepare, "simo_wong", simo_wong),
+    name="simo_wong", label="Simo–Wong", order=2, symmetric=True, conserves=frozenset({"H", "J3", "C1"}),
+    source="Simo and Wong, Int. J. Numer. Methods Eng. 31 (1991) 19", prepare=partial(prepare, "simo_wong", simo_wong),
 )  # fmt: skip
 LIE_MIDPOINT = of_bodies(
-    "lie_midpoint", "Lie midpoint", 2, "J3 C1", "Simo and Wong, Int. J. Numer. Methods Eng. 31 (1991) 19, with the exponential",
-    partial(prepare, "lie_midpoint", lie_midpoint),
+    name="lie_midpoint", label="Lie midpoint", order=2, symmetric=True, conserves=frozenset({"J3", "C1"}),
+    source="Simo and Wong, Int. J. Numer. Methods Eng. 31 (1991) 19, with the exponential",
+    prepare=partial(prepare, "lie_midpoint", lie_midpoint),
 )  # fmt: skip
 GENERALIZED_ALPHA = of_bodies(
-    "generalized_alpha", "Generalized-α", 2, "C1 C2", "Brüls, Cardona and Arnold, Mech. Mach. Theory 48 (2012) 121",
-    prepare_alpha, symmetric=False,
+    name="generalized_alpha", label="Generalized-α", order=2, conserves=frozenset({"C1", "C2"}),
+    source="Brüls, Cardona and Arnold, Mech. Mach. Theory 48 (2012) 121", prepare=prepare_alpha,
 )  # fmt: skip
 RK4_NORMALIZED = of_bodies(
-    "rk4_normalized", "RK4, unit quaternions", 4, "C1 C2", "Kutta, Z. Math. Phys. 46 (1901) 435",
-    prepare_normalized, symmetric=False,
+    name="rk4_normalized", label="RK4, unit quaternions", order=4, conserves=frozenset({"C1", "C2"}),
+    source="Kutta, Z. Math. Phys. 46 (1901) 435", prepare=prepare_normalized,
 )  # fmt: skip
