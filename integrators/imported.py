@@ -24,9 +24,8 @@ FACES = (BENCH, f"{BENCH}.integrators")  # `from FACE import name` means the mod
 NO_ROW = re.compile(
     rf"{BENCH}(\.(integrators(\.(registry|lazy|imported))?|experiments(\.drawing(\..*)?)?|(?!integrators|experiments)\w+(\..*)?))?"
 )
-TABLES = (
-    "lagrange_bench.integrators.backward_error.steps",
-)  # of every method one entry: a cell depends on its own method only
+# of every method one entry: a cell depends on its own method only
+TABLES = ("lagrange_bench.integrators.backward_error.steps",)
 IMPORT = re.compile(
     r"(?:^|[:;])[ \t]*(?:from[ \t]+(\.*[\w.]*)[ \t]+)?import\b[ \t]*(\([^)]*\)|(?:\\\n|[^\n;])*)", re.MULTILINE
 )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import wraps
+from functools import partial, wraps
 from typing import Any, Protocol
 
 import numpy as np
@@ -53,11 +53,7 @@ class StepError(RuntimeError):
         self.method, self.reason, self.h, self.step = method, reason, h, step
 
     def __reduce__(self) -> tuple[Any, ...]:  # keyword-only arguments do not survive the default pickling of exceptions
-        return _rebuild_step_error, (self.method, self.reason, self.h, self.step)
-
-
-def _rebuild_step_error(method: str, reason: str, h: float | None, step: int | None) -> StepError:
-    return StepError(method, reason, h=h, step=step)
+        return partial(StepError, h=self.h, step=self.step), (self.method, self.reason)
 
 
 class StepWarning(RuntimeWarning):
@@ -152,10 +148,7 @@ KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
         "evaluate attitude advance_many evaluate_many",
     ),
     "a dict": (lambda value: isinstance(value, Mapping), "keeps biased special"),
-    "a set, such as frozenset({'J3'})": (
-        lambda value: isinstance(value, (set, frozenset)),
-        "conserves if_quadratic",
-    ),
+    "a set, such as frozenset({'J3'})": (lambda value: isinstance(value, (set, frozenset)), "conserves if_quadratic"),
 }
 
 

@@ -206,8 +206,7 @@ class Trajectory(Table):
         (N, m)
             Of a top H, J3, C1, C2; else see `problem.names`.
         """
-        values: Array = self.problem.invariants(self.states, self.t)
-        return values
+        return self.problem.invariants(self.states, self.t)
 
     def error(self) -> Array:
         """Distances to the exact or the reference solution, relative to the scales of the motion.
@@ -397,14 +396,12 @@ class BodyTrajectory(Trajectory):
     @property
     def attitude(self) -> Array:
         """(N, 4) unit quaternions, scalar first, body to world."""
-        quaternions: Array = self.rotation.as_quat(scalar_first=True)
-        return quaternions
+        return self.rotation.as_quat(scalar_first=True)
 
     @property
     def rotation(self) -> Rotation:
         """The body's N rotations, a SciPy Rotation from the body's frame to the world's."""
-        turns: Rotation = self.top.rotations(self.y)
-        return turns
+        return self.top.rotations(self.y)
 
     @property
     def position(self) -> Array:
@@ -414,8 +411,7 @@ class BodyTrajectory(Trajectory):
     @property
     def omega_body(self) -> Array:
         """Angular velocity in the body's frame, rad/s, shape (N, 3)."""
-        omega: Array = self.top.angular_velocity(self.y)
-        return omega
+        return self.top.angular_velocity(self.y)
 
     @property
     def omega_world(self) -> Array:
@@ -425,8 +421,7 @@ class BodyTrajectory(Trajectory):
     @property
     def energy(self) -> Array:
         """Kinetic plus potential energy, J, shape (N,)."""
-        energy: Array = self.top.energy(self.y)
-        return energy
+        return self.top.energy(self.y)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -512,10 +507,8 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
         (rows, n, m)
             Of a top H, J3, C1, C2.
         """
-        values: Array = self.problem.invariants(
-            self.y.reshape(*self.y.shape[:2], math.prod(self.y.shape[2:])), self.t[:, None]
-        )
-        return values
+        states = self.y.reshape(*self.y.shape[:2], math.prod(self.y.shape[2:]))
+        return self.problem.invariants(states, self.t[:, None])
 
     def _places(self) -> dict[str, Array]:
         """Times and numbers of the motions."""

@@ -21,7 +21,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -63,19 +63,7 @@ class ChosenWork(Work):
     expected: float = 0.0  # error at the last time, the larger one if there are times on both sides of 0
 
 
-class Watched(Protocol):
-    """A stepper that says how far H moves."""
-
-    h: float
-    work: Work
-    tally: Array
-
-    def advance(self, y: Array, n: int) -> Array: ...
-    def record(self, y: Array, n: int, every: int) -> Array: ...
-    def moves(self, rows: Array, tally: Array) -> Array: ...
-    def least_move(self, n: int) -> float: ...
-
-
+Watched = Any  # a stepper that says how far H moves: `backlund_splitting.ExactSplittingStepper`
 # (y, h, parts) → the state after a time h, by so many small steps, and how many kicks that took
 Shorter = Callable[[Array, float, int], tuple[Array, int]]
 
@@ -284,12 +272,9 @@ def choose(
             best, cheapest = found._replace(name=scheme), found.cost
     if best is not None:
         return best
-    reason = (
-        f"round-off alone is about {least:.0e}" if math.isfinite(least) else "no step of those tried is short enough"
-    )
-    raise StepError(
-        name, f"tol = {tol:g} is not reached at t = {last:g}: {reason}; take a larger tol, or another method"
-    )
+    round_off = f"round-off alone is about {least:.0e}"
+    why = round_off if math.isfinite(least) else "no step of those tried is short enough"
+    raise StepError(name, f"tol = {tol:g} is not reached at t = {last:g}: {why}; take a larger tol, or another method")
 
 
 class _Pilot:

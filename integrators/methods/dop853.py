@@ -94,6 +94,9 @@ def kernels(system: System) -> Kernels:
     def moving(v: Any) -> tuple[Any, ...]:
         return tuple(v[j] for j in places)
 
+    def minus(a: Any, b: Any) -> tuple[Any, ...]:
+        return tuple(p - q for p, q in zip(a, b, strict=True))
+
     def attempt_of(follow: Any, *_: Any) -> Any:
         """Increment, both errors, and all twelve slopes."""
         slopes = follow(A)
@@ -102,10 +105,6 @@ def kernels(system: System) -> Kernels:
     def polynomial_of(follow: Any, slopes: Any, increment: Any) -> Any:
         """Coefficients of the interpolant, in its own nested form, but for the state."""
         slopes = follow(AHEAD, slopes=slopes)
-
-        def minus(a: Any, b: Any) -> Any:
-            return tuple(p - q for p, q in zip(a, b, strict=True))
-
         bend = minus(moving(slopes[0]), increment)
         twist = minus(minus(increment, moving(slopes[12])), bend)
         return [v for part in (bend, twist, *(moving(weigh(d, slopes)) for d in D)) for v in part]
@@ -130,10 +129,6 @@ def kernels(system: System) -> Kernels:
     def slope(s, t, q):
         return slope_program(t, *s, *q)
 
-    @unrolled(f"parts {name}")
-    def parts(s):
-        return tuple(s[j] for j in places)
-
     @unrolled(f"replaced {name}")
     def replaced(s, parts):
         return tuple(parts[places.index(j)] if j in places else s[j] for j in range(n))
@@ -143,9 +138,7 @@ def kernels(system: System) -> Kernels:
         """s + h d"""
         return tuple(s[j] + h * d[places.index(j)] if j in places else s[j] for j in range(n))
 
-    @unrolled(f"difference {name}")
-    def difference(a, b):
-        return tuple(p - q for p, q in zip(a, b, strict=True))
+    parts, difference = unrolled(f"parts {name}")(moving), unrolled(f"difference {name}")(minus)
 
     @jit_as(f"trial {name}")
     def trial(s, t, h, c):

@@ -93,11 +93,8 @@ def kernel_in_field(field: Field, level: bool) -> Any:
         t, m1, m2, m3 = (f[0], f[1], f[2]), (f[3], f[4], f[5]), (f[6], f[7], f[8]), (f[9], f[10], f[11])
         # columns of D = 1 − k J× + k² x× T'
         v = times(k, J)
-        d1, d2, d3 = (
-            times(k, cross(x, times(k, m1))),
-            times(k, cross(x, times(k, m2))),
-            times(k, cross(x, times(k, m3))),
-        )
+        d1, d2 = times(k, cross(x, times(k, m1))), times(k, cross(x, times(k, m2)))
+        d3 = times(k, cross(x, times(k, m3)))
         d1 = 1.0 + d1[0], d1[1] - v[2], d1[2] + v[1]
         d2 = d2[0] + v[2], 1.0 + d2[1], d2[2] - v[0]
         d3 = d3[0] - v[1], d3[1] + v[0], 1.0 + d3[2]

@@ -248,15 +248,13 @@ def dop853_runner(problem: Any, *, rtol: float = 3e-14) -> Run:
         size = unit(y)
 
         def rhs(_: float, y: Array) -> Array:
-            rate: Array = magnet.rhs(size * y.reshape(-1, 3), c).ravel() / size / size
-            return rate
+            return magnet.rhs(size * y.reshape(-1, 3), c).ravel() / size / size
 
         found = solve_ivp(rhs, (0, grid[-1] * size), y / size, "DOP853", grid * size, rtol=rtol, atol=rtol / 10)
         if not found.success:
             raise StepError("scipy_dop853", found.message)
         work.rhs_evals += found.nfev
-        rows: Array = found.y.T * size
-        return rows
+        return found.y.T * size
 
     return run
 

@@ -465,7 +465,7 @@ def stages_of(scheme: Scheme, parts: Sequence[Part]) -> list[Stage]:
 
 START, TIME_STEP, STAGES = range(
     3
-)  # places of the constants: time at the start, h, number of stages; then stages, numbers
+)  # places of the constants: time at the start, h, number of stages; then these, numbers
 
 
 @cache

@@ -277,8 +277,7 @@ def attitude(top: LagrangeTop, y0: Array, times: Array, *, tol: float = EPS, hig
         grid, places = np.unique(np.abs(spans[side]), return_inverse=True)
         ta.time, ta.state[:] = 0.0, start
         g[side] = _on_grid(ta, start, sign * grid)[0][:, 6:][places]
-    unit: Array = g / np.linalg.norm(g, axis=1, keepdims=True)
-    return unit
+    return g / np.linalg.norm(g, axis=1, keepdims=True)
 
 
 # ------------------------------------------------------------------------------------ many tops at once, heyoka
@@ -581,15 +580,8 @@ NATURAL = Method(
 def _variant(name: str, label: str, high_accuracy: bool, compact_mode: bool) -> Method:
     prepare, evaluate = dense(name, partial(variant, name, high_accuracy, compact_mode))
     return replace(
-        NATURAL,
-        name=name,
-        label=label,
-        prepare=prepare,
-        evaluate=evaluate,
-        attitude=None,
-        advance_many=None,
-        special={},
-    )
+        NATURAL, name=name, label=label, prepare=prepare, evaluate=evaluate, attitude=None, advance_many=None, special={},
+    )  # fmt: skip
 
 
 ACCURATE = _variant("taylor_accurate", "Taylor (heyoka), compensated", True, False)

@@ -579,8 +579,7 @@ def attitude(top: LagrangeTop, y0: Array, times: Array) -> Array:
     """Unit quaternions (N, 4) of the frame that turns with J, at any times: the Cayley-Klein parameters in closed form."""
     units, scaled, c = at_instants(top, y0, times)
     moving = c[KIND] in (DIRECT, TRANSFORMED)
-    g: Array = frames(scaled, turn_of_frame(units.alpha, tuple(units.enter(y0))) if moving else ZERO, c)
-    return g
+    return frames(scaled, turn_of_frame(units.alpha, tuple(units.enter(y0))) if moving else ZERO, c)
 
 
 def at_instants(top: LagrangeTop, y0: Array, times: Array) -> tuple[Units, Array, Array]:

@@ -65,9 +65,8 @@ class Potential:
     def __repr__(self) -> str:
         return f"Potential({self.name!r})"
 
-    def __getstate__(
-        self,
-    ) -> dict[str, Any]:  # functions typed at a prompt cannot be pickled, what was recorded of them can
+    def __getstate__(self) -> dict[str, Any]:
+        # functions typed at a prompt cannot be pickled, what was recorded of them can
         return {**self.__dict__, "value": None, "given": None}
 
     def formula(self, count: int) -> Formula:

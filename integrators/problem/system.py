@@ -197,11 +197,8 @@ class System:
         """The columns ∂y'/∂y_k, one after the other."""
 
         def columns(tape: Tape, t: Term, y: Sequence[Term], p: Sequence[Term]) -> Iterable[Term]:
-            rates, unit = (
-                self.rates(tape, t, y, p),
-                [[float(i == k) for i in range(self.size)] for k in range(self.size)],
-            )
-            return (slope for direction in unit for slope in tape.along(rates, y, direction))
+            rates = self.rates(tape, t, y, p)
+            return (slope for direction in np.eye(self.size).tolist() for slope in tape.along(rates, y, direction))
 
         return self.record(columns)
 

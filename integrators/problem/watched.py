@@ -55,8 +55,7 @@ class Watched:
     def advance(self, y: Array, n: int) -> Array:
         inherited = getattr(type(self.stepper), "advance", None) is Stepper.advance
         if inherited:  # the last row of `record`, if all rows are there
-            last: Array = self.record(y, n, max(n, 1))[-1]
-            return last
+            return self.record(y, n, max(n, 1))[-1]
         return self._call("advance", (self.size,), as_state(y, self.size), n)
 
     def record(self, y: Array, n: int, every: int) -> Array:

@@ -142,8 +142,7 @@ class WholeBody(Problem):
 
     def angular_velocity(self, y: ArrayLike) -> Array:
         """ω of states (N, 7) in the body's frame, rad/s, shape (N, 3)."""
-        omega: Array = (np.asarray(y, dtype=float)[..., 4:] / self.inertia) @ self.axes
-        return omega
+        return (np.asarray(y, dtype=float)[..., 4:] / self.inertia) @ self.axes
 
     def errors(self, y: ArrayLike, rotation: ArrayLike) -> dict[str, Array]:
         """How far states (N, 7) are from the rotations (N, 3, 3) of another solution, body to world.
