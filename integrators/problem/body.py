@@ -400,18 +400,13 @@ def from_euler(angles: ArrayLike) -> Rotation:
     return Rotation.from_euler("ZYZ", (phi, theta, psi))
 
 
-def axis_rotation(x: Array) -> Rotation:
-    """The rotation with spin angle psi = 0 that takes e3 to the direction of x (3,)."""
-    x1, x2, x3 = x.tolist()
-    return from_euler((math.atan2(math.hypot(x1, x2), x3), math.atan2(x2, x1), 0.0))
-
-
 def check_attitude(g0: Any, y0: Array) -> Rotation:
     """The unit quaternion `g0` as a rotation that takes e3 to x; True stands for the one with psi = 0."""
     from scipy.spatial.transform import Rotation
 
     if g0 is True:
-        return axis_rotation(y0[3:])
+        x1, x2, x3 = y0[3:].tolist()
+        return from_euler((math.atan2(math.hypot(x1, x2), x3), math.atan2(x2, x1), 0.0))
     g = real_array(g0, "attitude", (4,))
     if not np.max(np.abs(g)) <= 2 or abs(g @ g - 1) > 1e-12:
         raise ValueError(f"attitude must be True or a unit quaternion (4,), scalar first; got {g0!r}")

@@ -73,9 +73,8 @@ class Potential:
         """V and its gradient with `count` parameters, recorded. ValueError if that cannot be done."""
         if self.parameters is not None and count != len(self.parameters):
             names = ", ".join(self.parameters)
-            raise ValueError(
-                f"parameters of the potential {self.name}: {len(self.parameters)} numbers ({names}); got {count}"
-            )
+            needed = f"{len(self.parameters)} numbers ({names})"
+            raise ValueError(f"parameters of the potential {self.name}: {needed}; got {count}")
         if count not in self._formulas:
             value = self._record("value", self.value, count, 1)
             given = None if self.given is None else self._record("gradient", self.given, count, 3)

@@ -23,7 +23,6 @@ from lagrange_bench.integrators.checks import Array, check_numbers, check_real
 from lagrange_bench.integrators.compiling.expression import Program, Tape, record_own
 from lagrange_bench.integrators.problem.as_top import as_top, is_top
 from lagrange_bench.integrators.problem.parts import Part, closed_flows, no_closed_flow
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.system import Dynamics, System, find_space, make_system, slopes_of
 
 POINTS = 5  # random points at which claims about formulas are tried
@@ -86,9 +85,8 @@ class Problem(Dynamics):
         self.name, self.space = name, find_space(space)
         self.numbers = tuple(check_real(v, f"problem {name}: parameters[{i}]") for i, v in enumerate(parameters))
         energy = self._record("hamiltonian", hamiltonian)
-        self.given = {
-            word: self._record(f"invariants[{word!r}]", formula) for word, formula in (invariants or {}).items()
-        }
+        self.given = {word: self._record(f"invariants[{word!r}]", given) for word, given in (invariants or {}).items()}
+        self.extra = tuple(self.given.items())
         self._check_names()
         self.posed = tuple(self._record(f"parts[{i}]", formula) for i, formula in enumerate(parts))
         kept = {o - 1 for program in self.given.values() for o in program.outputs if self._is_component(o)}
@@ -174,7 +172,7 @@ class Problem(Dynamics):
         return frozenset({"rhs", *(word for word, offered in words.items() if offered)})
 
     @cached_property
-    def as_top(self) -> PerturbedTop | None:
+    def as_top(self) -> Any:
         """A problem that offers "top" as a top in a potential; if H depends on t, the time is the last parameter."""
         if "top" not in self.offers:
             return None
@@ -183,7 +181,6 @@ class Problem(Dynamics):
     @property
     def level(self) -> bool:
         """Of a problem that offers "top": whether it keeps J3, at all times."""
-        assert self.as_top is not None
         return 2 in self.system.kept if self.timed else self.as_top.level
 
     def check_state(self, y: Any, name: str = "y0") -> Array:
@@ -203,11 +200,6 @@ class Problem(Dynamics):
     def arguments(self) -> tuple[float, ...]:
         """The parameters."""
         return self.numbers
-
-    @property
-    def extra(self) -> tuple[tuple[str, Program], ...]:
-        """The invariants that were given."""
-        return tuple(self.given.items())
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -242,15 +234,10 @@ class Problem(Dynamics):
         """
         sizes, slopes = self.sizes(y), self._values(self.system.gradient, y, 0.0)
         omegas = np.array([omega for omega, _ in self.space.turning(slopes, sizes)])
-        rate = max(float(np.max(np.linalg.norm(omegas, axis=1))), self._fastest(y))
-        return (
-            float(np.max(sizes[self.space.momenta])),
-            float(sizes[-1]) if self.space.affine else 1.0,
-            1.0 / rate if rate else math.inf,
-        )
-
-    def _fastest(self, y: ArrayLike) -> float:
-        return float(np.max(np.abs(np.linalg.eigvals(self.jacobian(y)))))
+        fastest = np.max(np.abs(np.linalg.eigvals(self.jacobian(y))))
+        rate = float(max(np.max(np.linalg.norm(omegas, axis=1)), fastest))
+        momenta, x = float(np.max(sizes[self.space.momenta])), float(sizes[-1]) if self.space.affine else 1.0
+        return momenta, x, 1.0 / rate if rate else math.inf
 
     def invariant_scales(self, y: ArrayLike) -> Array:
         """Sizes of the terms in `names` at one state: what relative drift and ulps refer to."""
@@ -268,9 +255,8 @@ class Problem(Dynamics):
         casimirs = frozenset(self.space.casimirs(range(1, 100)))
         kept = casimirs if {"C1", "C2"} <= conserves else frozenset[str]()
         if "J3" in conserves:
-            flows = (
-                [part.flow.moving.outputs for part in self.parts] if claims.needs in ("parts", "kinetic", "top") else []
-            )
+            splits = claims.needs in ("parts", "kinetic", "top")
+            flows = [part.flow.moving.outputs for part in self.parts] if splits else []
             for name, program in self.given.items():
                 (place,) = program.outputs
                 if self._is_component(place) and all(flow[place - 1] == place for flow in flows):

@@ -54,9 +54,7 @@ class Space:
         """The vectors of y, each with the angular velocity at which it turns if g is ∇H."""
         return [(g[:3] if self.affine else g[i : i + 3], y[i : i + 3]) for i in range(0, self.size, 3)]
 
-    def flow(
-        self, g: Sequence[Any], y: Sequence[Any], turn: Callable[..., Any] = cross, scale: Any = 1.0
-    ) -> tuple[Any, ...]:
+    def flow(self, g: Any, y: Any, turn: Callable[..., Any] = cross, scale: Any = 1.0) -> tuple[Any, ...]:
         """P(y) g, by which y changes if g is ∇H; with a product `turn` of vectors of g and y other than g × y.
 
         scale : a factor of all other products of g and y.
@@ -90,9 +88,7 @@ class BodySpace(Space):
     def turning(self, g: Any, y: Any) -> list[tuple[Any, Any]]:
         return [(g[4:], y[:4]), (g[4:], y[4:])]
 
-    def flow(
-        self, g: Sequence[Any], y: Sequence[Any], turn: Callable[..., Any] = cross, scale: Any = 1.0
-    ) -> tuple[Any, ...]:
+    def flow(self, g: Any, y: Any, turn: Callable[..., Any] = cross, scale: Any = 1.0) -> tuple[Any, ...]:
         scalar, q = 0.5 * y[0], [0.5 * v for v in y[1:4]]
         (g0, *gq), omega = (scale * v for v in g[:4]), [scale * v for v in g[4:]]
         along = [scalar * w + v for w, v in zip(omega, turn(g[4:], q), strict=True)]
@@ -225,11 +221,12 @@ class Dynamics:
     """
 
     start = 0.0  # time at the initial state
+    extra: tuple[tuple[str, Program], ...] = ()  # invariants with a formula of their own
 
     if TYPE_CHECKING:  # attributes or properties of each kind
 
         @property
-        def timed(self) -> bool: ...
+        def arguments(self) -> tuple[Any, ...]: ...
         @property
         def names(self) -> tuple[str, ...]: ...
         @property
@@ -243,16 +240,6 @@ class Dynamics:
     def formulas(self) -> System:
         """What is evaluated."""
         return self.system
-
-    @property
-    def arguments(self) -> tuple[Any, ...]:
-        """The parameters of the formulas."""
-        raise NotImplementedError
-
-    @property
-    def extra(self) -> tuple[tuple[str, Program], ...]:
-        """Invariants with a formula of their own."""
-        return ()
 
     def single(self) -> Any:
         """ValueError if a parameter is an array with a number for each of many motions."""

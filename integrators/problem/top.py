@@ -33,11 +33,6 @@ class Top(Dynamics):
     names = ("H", "J3", "C1", "C2")  # J3 need not be conserved
 
     @property
-    def alpha(self) -> Any:
-        """The weight parameter, of many tops an array."""
-        raise NotImplementedError
-
-    @property
     def identity(self) -> tuple[Any, ...]:
         """What makes two tops equal: their parameters, of many the bytes."""
         return tuple(v.tobytes() if isinstance(v, np.ndarray) else v for v in self.arguments)

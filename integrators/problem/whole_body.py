@@ -74,7 +74,8 @@ class WholeBody(Problem):
         self.com, size = at, float(np.linalg.norm(field))
         self.inertia, self.axes = _principal(matrix + mass * (at @ at * np.eye(3) - np.outer(at, at)))
         self.up = -field / size if size else np.array((0.0, 0.0, 1.0))
-        self.weight = _clean(mass * size * (self.axes @ at))
+        weight = mass * size * (self.axes @ at)
+        self.weight = np.where(np.abs(weight) > EQUAL * np.max(np.abs(weight)), weight, 0.0)
         self.axis = _axis_of_symmetry(self.inertia, self.weight)
         numbers = (*(1.0 / self.inertia), *self.weight, *self.up)
         invariants = {"J3": self._vertical}
@@ -127,10 +128,8 @@ class WholeBody(Problem):
     def check_state(self, y: Any, name: str = "y0") -> Array:
         """As of any problem; ValueError also for a quaternion that is no unit one."""
         state = super().check_state(y, name)
-        if abs(np.linalg.norm(state[:4]) - 1.0) > UNIT:
-            raise ValueError(
-                f"{name}: the quaternion must be a unit one; its length is {np.linalg.norm(state[:4]):.9g}"
-            )
+        if abs((length := np.linalg.norm(state[:4])) - 1.0) > UNIT:
+            raise ValueError(f"{name}: the quaternion must be a unit one; its length is {length:.9g}")
         return state
 
     def rotations(self, y: ArrayLike) -> Rotation:
@@ -163,10 +162,6 @@ class WholeBody(Problem):
             twist = 2.0 * np.arctan2(q[..., 1:] @ self.axes[self.axis], q[..., 0])
             found["spin"] = np.abs(np.remainder(twist + math.pi, 2.0 * math.pi) - math.pi)
         return found
-
-
-def _clean(v: Array) -> Array:
-    return np.where(np.abs(v) > EQUAL * np.max(np.abs(v)), v, 0.0)
 
 
 def _principal(inertia: Array) -> tuple[Array, Array]:
