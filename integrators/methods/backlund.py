@@ -48,11 +48,9 @@ first_form, first_exact_constants = at_first_interpreted(real_map.form), at_firs
 first_flow = at_first_interpreted(ts.flow)
 
 
-def _stepper(
-    name: str, h: float, units: Units, c: Array, pin_every: int, turn: real_map.Turn = real_map.NO_TURN
-) -> FixedStepper:
+def _stepper(name: str, h: float, units: Units, c: Array, pin: int, turn: real_map.Turn = real_map.NO_TURN) -> FixedStepper:
     real_map.check_constants(name, c, h)
-    back, block = (real_map.pin, pin_every) if pin_every else (None, NEVER)
+    back, block = (real_map.pin, pin) if pin else (None, NEVER)
     return real_map.TorusStepper(name, h, units, c, real_map.KERNELS[first_form(c)], back, block, turn=turn, lane=True)
 
 
@@ -108,11 +106,11 @@ def prepare_unpinned(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     return _exact("backlund_unpinned", top, y0, h, 0)
 
 
-def _exact(name: str, top: LagrangeTop, y0: Array, h: float, pin_every: int) -> FixedStepper:
+def _exact(name: str, top: LagrangeTop, y0: Array, h: float, pin: int) -> FixedStepper:
     units = Units(top, y0, h)
     state, span = units.enter(y0), units.span(name, h)
     c, turn = first_exact_constants(units.alpha, tuple(state.tolist()), span)
-    return _stepper(name, h, units, c, pin_every, turn)
+    return _stepper(name, h, units, c, pin, turn)
 
 
 def prepare_paper(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN) -> FixedStepper:
@@ -120,12 +118,12 @@ def prepare_paper(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN) -> F
     return _plain("backlund_paper", top, y0, h, papers_parameter("backlund_paper", y0, h), check_count(pin, "pin"))
 
 
-def _plain(name: str, top: LagrangeTop, y0: Array, h: float, lam: complex, pin_every: int) -> FixedStepper:
+def _plain(name: str, top: LagrangeTop, y0: Array, h: float, lam: complex, pin: int) -> FixedStepper:
     units = Units(top, y0, h)
     state = units.enter(y0)
     lam = units.parameter(check_parameter(lam))
     c = plain_constants(units.alpha, state, lam, -1 if h < 0 else 1)
-    return _stepper(name, h, units, c, pin_every)
+    return _stepper(name, h, units, c, pin)
 
 
 def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:

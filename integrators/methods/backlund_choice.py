@@ -122,14 +122,9 @@ def check_tolerance(tol: Any) -> float:
 
 
 def evaluate(
-    name: str,
-    top: PerturbedTop,
-    y0: Array,
-    times: Array,
-    tol: float,
-    candidates: Mapping[str, Candidate],
+    name: str, top: PerturbedTop, y0: Array, times: Array, tol: float, candidates: Mapping[str, Candidate],
     shorter: Shorter,
-) -> tuple[Array, ChosenWork]:
+) -> tuple[Array, ChosenWork]:  # fmt: skip
     """States at any times, the error at the last of them about `tol`.
 
     Raises

@@ -386,7 +386,6 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         tabled: bool, watched: bool = False,
     ):  # fmt: skip
         top, level, timed = problem.as_top, problem.level, problem.timed
-        assert top is not None
         numbers, field, n = np.array(top.numbers), top.formula.perturbation, len(chosen.b)
         J, x = y0[:3], y0[3:]
         times = ((chosen.a[0] + chosen.a[-1]) * h, *(a * h for a in chosen.a[1:-1]))
@@ -526,15 +525,9 @@ def prepare_in_field(
     table : λ from a table in (H, J3); False: computed at every flow.
     """
     corrected, twisted = _check(scheme, corrector, modified_kick, table)
-    _warn_strong(_top_of(top), y0)
-    _warn_long(_top_of(top), y0, h)
+    _warn_strong(top.as_top, y0)
+    _warn_long(top.as_top, y0, h)
     return ExactSplittingStepper(top, y0, h, SCHEMES[scheme], corrected, twisted, bool(table), not top.timed)
-
-
-def _top_of(problem: PerturbedTop | Problem) -> PerturbedTop:
-    """A problem that offers "top" as one."""
-    assert problem.as_top is not None
-    return problem.as_top
 
 
 def _check(scheme: str, corrector: Any, modified_kick: Any, table: Any) -> tuple[bool, bool]:
@@ -562,10 +555,9 @@ def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -
             raise StepError(NAME, error.reason) from None
         return states, ChosenWork(**vars(work), notes="one exact step to each time")
     if problem.timed:
-        raise ValueError(
-            f"t: H of {problem!r} depends on time, so backlund_splitting cannot choose a step; give h and steps"
-        )
-    top, tol = _top_of(problem), backlund_choice.check_tolerance(tol)
+        reason = "depends on time, so backlund_splitting cannot choose a step; give h and steps"
+        raise ValueError(f"t: H of {problem!r} {reason}")
+    top, tol = problem.as_top, backlund_choice.check_tolerance(tol)
     _warn_strong(top, y0)
     small, map_rows = SCHEMES["aba1064"], map_over(top.formula.perturbation, "J3" in top.conserved)
     numbers, one = np.array(top.numbers), np.column_stack((small.a, (*small.b, 0.0)))

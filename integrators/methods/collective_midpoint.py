@@ -42,6 +42,7 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_choice
 from lagrange_bench.integrators.compiling.compiled import jit, jit_as
 from lagrange_bench.integrators.compiling.expression import Program, Tape, machine_code, take, with_slopes
+from lagrange_bench.integrators.compiling.interpreted import interpreted
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.methods.gauss_in_field import SOLVERS, check_span
@@ -53,6 +54,7 @@ from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 QUARTER, KICK = range(2)  # places of the constants: h/4 and h alpha
+turned = interpreted(turn)  # of symbols
 UNIQUE = 6.03  # h²|alpha||x| below which the step is unique: 8/max (1 − t)²(1 + 2√t), at √t = (√6 − 1)/5
 WEAK = 2.0**-8  # contraction below which the fixed point stagnates within half an ulp of the solution
 LIMIT = 500  # iterations; the fixed point takes 4 to 8, Newton 3 to 6
@@ -142,21 +144,14 @@ def rule_in_field(field: Field) -> Program:
     u, J, x = (tuple(tape.input() for _ in range(3)) for _ in range(3))
     h, *q = (tape.input() for _ in range(1 + field.parameters))
     n = 1.0 / (1.0 + dot(u, u))
-    X = tuple(n * a for a in turned(u, x, n))
+    X = tuple(n * a for a in turned(u, n, x))
     g = tape.run(field.gradient, *X, *q)
     kick = tuple(h * t for t in cross(g, X))
     w = h * dot(g, X)
     pull = (0.5 * (k - w * a + b) for k, a, b in zip(kick, u, cross(u, kick), strict=True))
     p = (0.25 * h) * n
-    left = tuple(p * (a + b) - c for a, b, c in zip(turned(u, J, n), pull, u, strict=True))
+    left = tuple(p * (a + b) - c for a, b, c in zip(turned(u, n, J), pull, u, strict=True))
     return tape.program((*left, *kick))
-
-
-def turned(u: Any, v: Any, q: Any) -> Any:
-    """`lie_group.turn`, of symbols."""
-    a = cross(u, v)
-    d = tuple(q * (b + c) for b, c in zip(a, cross(u, a), strict=True))
-    return tuple(b + (c + (e + f)) for b, c, e, f in zip(v, d, a, cross(u, d), strict=True))
 
 
 @cache
@@ -214,10 +209,8 @@ def prepare_in_field(top: PerturbedTop, y0: Array, h: float, *, solver: str = "a
     """As `prepare`; "auto" passes to Newton in a step in which the fixed point contracts by less."""
     check_choice(solver, "solver", SOLVERS)
     check_span("collective_midpoint", abs(h) * top.scales(y0)[0], h)
-    c = np.array((SOLVERS.index(solver), h, *top.numbers))
-    return FixedStepper(
-        "collective_midpoint", h, c, kernel_in_field(top.field, "J3" in top.conserved), failures=FAILURES
-    )
+    c, step = np.array((SOLVERS.index(solver), h, *top.numbers)), kernel_in_field(top.field, "J3" in top.conserved)
+    return FixedStepper("collective_midpoint", h, c, step, failures=FAILURES)
 
 
 def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:

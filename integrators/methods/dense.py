@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lagrange_bench.integrators.checks import as_state, check_count, check_grid
 from lagrange_bench.integrators.interface import Array, StepError, Stepper, Work
@@ -100,12 +101,17 @@ def at_times(name: str, top: Problem, run: Run, y0: Array, times: Array) -> tupl
         raise StepError(name, too_far(last, limit))
     out = np.empty((len(times), len(y0)))
     out[times == 0.0] = y0
-    for side in (times > 0, times < 0):
+    for side, grid, places in sides(times):
+        out[side] = finite(name, run(y0, grid, work))[places]
+    return out, work
+
+
+def sides(times: Array) -> Iterator[tuple[NDArray[np.bool_], Array, NDArray[np.intp]]]:
+    """Of the times after 0 and of those before: which they are, each once in the order away from 0, and their places there."""
+    for side in (times > 0.0, times < 0.0):
         if np.any(side):
             grid, places = np.unique(np.abs(times[side]), return_inverse=True)
-            grid *= np.sign(times[side][0])
-            out[side] = finite(name, run(y0, grid, work))[places]
-    return out, work
+            yield side, grid * np.sign(times[side][0]), places
 
 
 def finite(name: str, states: Array) -> Array:

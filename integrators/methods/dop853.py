@@ -211,9 +211,7 @@ def runner(top: Problem, *, rtol: float = 1e-9, atol: float = 1e-12) -> Run:
                 reason = f"rtol and atol do not hold this state: a length is off by a factor over 2 at t = {walk[natural.TIME]:g}"
                 raise StepError("dop853", reason, step=int(walk[natural.TAKEN]))
             loop(state, grid, INTERRUPTIBLE, c, walk, out)
-        taken, rejected, interpolated = (
-            int(walk[place]) for place in (natural.TAKEN, natural.REJECTED, natural.INTERPOLATED)
-        )
+        taken, rejected, interpolated = map(int, walk[[natural.TAKEN, natural.REJECTED, natural.INTERPOLATED]])
         work.steps += taken
         work.rejected += rejected
         work.rhs_evals += 2 + 12 * (taken + rejected) + 4 * interpolated

@@ -34,7 +34,7 @@ from lagrange_bench.integrators.compiling.expression import Split, Tape, machine
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method
-from lagrange_bench.integrators.problem.field import cross as product
+from lagrange_bench.integrators.problem import field
 from lagrange_bench.integrators.problem.system import BODY, Space, System
 
 START, STEP, FIRST = range(3)  # places of the constants: the time at the start, h, and those of the generator
@@ -59,14 +59,7 @@ def polynomial(p, z):
     return ((p[0] + p[1] * z) + (p[2] + p[3] * z) * y) + ((p[4] + p[5] * z) + (p[6] + p[7] * z) * y) * (y * y)
 
 
-@jit
-def cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@jit
-def dot(a, b):
-    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
+cross, dot = jit(field.cross), jit(field.dot)
 
 
 @jit
@@ -201,11 +194,11 @@ def algebra(space: Space) -> tuple[Any, Any, Any]:
     @unrolled(f"commutator {affine} {body} {size}")
     def commutator(k, l):
         if body:
-            return *product(k[:3], l[:3]), *(0.0 * v for v in k[3:])
+            return *field.cross(k[:3], l[:3]), *(0.0 * v for v in k[3:])
         if affine:
-            pairs = zip(product(k[:3], l[3:]), product(l[:3], k[3:]), strict=True)
-            return *product(k[:3], l[:3]), *(a - b for a, b in pairs)
-        return tuple(v for i in range(0, size, 3) for v in product(k[i : i + 3], l[i : i + 3]))
+            pairs = zip(field.cross(k[:3], l[3:]), field.cross(l[:3], k[3:]), strict=True)
+            return *field.cross(k[:3], l[:3]), *(a - b for a, b in pairs)
+        return tuple(v for i in range(0, size, 3) for v in field.cross(k[i : i + 3], l[i : i + 3]))
 
     @unrolled(f"plus {size}")
     def plus(k, r, l):
@@ -261,10 +254,8 @@ def prepare(name: str, problem: Any, y0: Array, h: float) -> FixedStepper:
     """Any h for which no exponential turns by more than `MOST` rad: four or five exponentials."""
     system = problem.system
     c = np.array((problem.start, h, *generator_of(system).constants(h, *problem.numbers)))
-    size, timed = system.size, system.timed
-    return FixedStepper(
-        name, h, c, kernel(name, system), rhs_per_step=STAGES, failures=FAILURES, size=size, timed=timed
-    )
+    step, size, timed = kernel(name, system), system.size, system.timed
+    return FixedStepper(name, h, c, step, rhs_per_step=STAGES, failures=FAILURES, size=size, timed=timed)
 
 
 RKMK4 = Method(

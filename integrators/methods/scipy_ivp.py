@@ -79,9 +79,8 @@ def functions(system: System) -> tuple[Callable[..., Any], Callable[..., Any]]:
 
     @jit_as(f"jacobian {name}")
     def jacobian(c, t, y):
-        return np.array(slopes(c[2 * n] + t, units(y, 0), numbers(c, 2 * n + 1), units(c, 0), units(c, n))).reshape(
-            n, n
-        )
+        values = slopes(c[2 * n] + t, units(y, 0), numbers(c, 2 * n + 1), units(c, 0), units(c, n))
+        return np.array(values).reshape(n, n)
 
     return rhs, jacobian
 
@@ -118,9 +117,8 @@ class Solver:
         if "force" in top.offers and "uniform" not in top.offers:  # of other problems H may depend on t
             off = np.abs(top.invariants(out)[:, 0] - top.invariants(y)[0])
             if not np.all(off <= top.invariant_scales(y)[0]):
-                raise StepError(
-                    self.name, "rtol and atol do not hold this state: its energy is off by the size of its terms"
-                )
+                reason = "rtol and atol do not hold this state: its energy is off by the size of its terms"
+                raise StepError(self.name, reason)
         return out
 
     def explicit(self, top: Problem, y: Array, grid: Array, work: Work, rtol: float, atol: float) -> Array:

@@ -404,10 +404,9 @@ def prepare_in_field(name: str, top: Any, y0: Array, h: float, *, compensated: b
     gradients = bool(scheme.c) + bool(scheme.d)
     push, about = push_in_field(field, gradients), f"{field.digest} {gradients}"
     form = push, about, STRIDE + field.parameters, "J3" in top.conserved
-    scales, rows = np.array((0.5 * h, h, -h * (h * h), h * square(h * h))), map_over(kernel(*form, False), False)
-    return _conjugate(
-        name, h, scales, np.array(top.numbers), kernel(*form, carried), kernel(*form, carried, True), rows
-    )
+    scales, numbers = np.array((0.5 * h, h, -h * (h * h), h * square(h * h))), np.array(top.numbers)
+    step, lanes, rows = kernel(*form, carried), kernel(*form, carried, True), map_over(kernel(*form, False), False)
+    return _conjugate(name, h, scales, numbers, step, lanes, rows)
 
 
 def _conjugate(
@@ -463,9 +462,8 @@ def stages_of(scheme: Scheme, parts: Sequence[Part]) -> list[Stage]:
     return found
 
 
-START, TIME_STEP, STAGES = range(
-    3
-)  # places of the constants: time at the start, h, number of stages; then these, numbers
+# places of the constants: time at the start, h, number of stages; then these, numbers
+START, TIME_STEP, STAGES = range(3)
 
 
 @cache

@@ -40,7 +40,7 @@ from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
 from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.methods import magnet
-from lagrange_bench.integrators.methods.dense import Problem, Run, dense
+from lagrange_bench.integrators.methods.dense import Problem, Run, dense, sides
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.system import System, uniform_system
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -270,13 +270,8 @@ def attitude(top: LagrangeTop, y0: Array, times: Array, *, tol: float = EPS, hig
     g = np.empty((len(spans), 4))
     g[:] = 1.0, 0.0, 0.0, 0.0
     start = np.array((*units.enter(y0), 1.0, 0.0, 0.0, 0.0))
-    for sign in (1.0, -1.0):
-        side = np.flatnonzero(sign * spans > 0.0)
-        if not len(side):
-            continue
-        grid, places = np.unique(np.abs(spans[side]), return_inverse=True)
-        ta.time, ta.state[:] = 0.0, start
-        g[side] = _on_grid(ta, start, sign * grid)[0][:, 6:][places]
+    for side, grid, places in sides(spans):
+        g[side] = _on_grid(ta, start, grid)[0][:, 6:][places]
     return g / np.linalg.norm(g, axis=1, keepdims=True)
 
 
@@ -315,7 +310,9 @@ def advance_many(
 
     In a potential tops that keep J3 and tops that do not are in batches of their own.
     """
-    done, tol = np.zeros(len(Y0), dtype=bool), check_tolerance(tol)
+    import heyoka as hy
+
+    done, tol, width = np.zeros(len(Y0), dtype=bool), check_tolerance(tol), int(hy.recommended_simd_size())
     if high_accuracy or not math.isfinite(h * steps):
         return done
     times = h * every * np.arange(1.0, steps // every + 1)
@@ -327,7 +324,7 @@ def advance_many(
         places, numbers = places[near], numbers[near]
         with contextlib.suppress(StepError):
             if not stopped():
-                out[:, places] = _batches(form, numbers, Y0[places], times, tol, recommended_width())
+                out[:, places] = _batches(form, numbers, Y0[places], times, tol, width)
                 done[places] = True
     return done
 
@@ -340,13 +337,6 @@ def _groups(tops: Array | Sequence[PerturbedTop]) -> list[tuple[Form, NDArray[np
     for i, problem in enumerate(tops):
         kinds.setdefault(Form(problem.system), []).append(i)
     return [(form, np.array(places), np.array([tops[i].numbers for i in places])) for form, places in kinds.items()]
-
-
-def recommended_width() -> int:
-    """Doubles in a SIMD register of this machine."""
-    import heyoka as hy
-
-    return int(hy.recommended_simd_size())
 
 
 @lru_cache(maxsize=16)
