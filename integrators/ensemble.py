@@ -228,7 +228,7 @@ class _Steps(_Work):
     h: float
     steps: int
     every: int
-    prepared: dict[int, Stepper] = field(default_factory=dict)  # by place, for tops that are taken alone after all
+    prepared: dict[int, Any] = field(default_factory=dict)  # by place, for tops that are taken alone after all
 
     def many(self, chunk: slice) -> Mask:
         call = self.method.advance_many
@@ -263,14 +263,12 @@ class _Steps(_Work):
         steppers, states = [], []
         for place in places[: len(places) // LANES * LANES if len(places) % LANES < FEW else None]:
             stepper = self.prepared[place]
-            assert isinstance(stepper, FixedStepper)
             with contextlib.suppress(StepError):
                 states.append(stepper.enter(self.states[place]))
                 steppers.append((place, stepper))
         if not steppers:
             return
         (_, first), n = steppers[0], len(steppers)
-        assert first.lane is not None
         step, size = first.lane
         constants = np.array([stepper.constants for _, stepper in steppers])
         rows, starts = np.empty((len(self.out), n, 6)), np.array(states)
@@ -311,8 +309,7 @@ class _Jumps(_Work):
     def one(self, place: int) -> Array:
         top, y0 = self.tops.one(place), self.states[place].copy()
         with self.preparing:
-            evaluate = self.method.evaluate_for(top)
-            assert evaluate is not None
+            evaluate: Any = self.method.evaluate_for(top)
             y = evaluate(top, y0, self.times, **self.options)[0]
             check_rows(self.method.name, "evaluate", y, (len(self.times), len(y0)))
             return y

@@ -19,16 +19,8 @@ from lagrange_bench.integrators.checks import Array, keyword_options
 INVARIANTS = ("H", "J3", "C1", "C2")
 ENGINES = ("numba", "heyoka", "scipy", "python")
 FAMILIES = (
-    "backlund",
-    "closed-form",
-    "taylor",
-    "runge-kutta",
-    "splitting",
-    "integrable",
-    "implicit",
-    "lie-group",
-    "whole-body",
-)
+    "backlund", "closed-form", "taylor", "runge-kutta", "splitting", "integrable", "implicit", "lie-group", "whole-body",
+)  # fmt: skip
 
 
 class StepError(RuntimeError):
@@ -152,28 +144,7 @@ KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
 }
 
 
-def check_record(record: Method) -> None:
-    """ValueError for a field of another kind: everything that reads it would fail."""
-    for what, (fits, names) in KINDS.items():
-        for name in names.split():
-            if not fits(value := getattr(record, name)):
-                raise ValueError(f"{name} must be {what}; got {value!r}")
-    for name in ("conserves", "if_quadratic"):
-        if unknown := set(getattr(record, name)) - set(INVARIANTS):
-            raise ValueError(f"{name} names unknown invariants: {sorted(map(str, unknown))}")
-    for name, words in (("needs", (record.needs,)), ("special", record.special)):
-        for word in words:
-            if word not in NEEDS:
-                raise ValueError(f"{name} must be one of {', '.join(NEEDS)}; got {word!r}")
-
-
 Quantity = Callable[[Any, float, Array], tuple[Array, float]]
-
-
-def _offers_of_top(problem: Any) -> frozenset[str]:
-    """What a `Problem` offers as a top in a potential; nothing if H depends on t, or it is no such top."""
-    top = None if getattr(problem, "timed", True) else problem.as_top
-    return frozenset() if top is None else top.offers
 
 
 @dataclass(frozen=True)
@@ -270,7 +241,17 @@ class Method:
     options: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        check_record(self)
+        for what, (fits, names) in KINDS.items():  # of another kind, everything that reads it would fail
+            for name in names.split():
+                if not fits(value := getattr(self, name)):
+                    raise ValueError(f"{name} must be {what}; got {value!r}")
+        for name in ("conserves", "if_quadratic"):
+            if unknown := set(getattr(self, name)) - set(INVARIANTS):
+                raise ValueError(f"{name} names unknown invariants: {sorted(map(str, unknown))}")
+        for name, words in (("needs", (self.needs,)), ("special", self.special)):
+            for word in words:
+                if word not in NEEDS:
+                    raise ValueError(f"{name} must be one of {', '.join(NEEDS)}; got {word!r}")
         if self.control not in ("step", "tolerance"):
             raise ValueError(f"control must be 'step' or 'tolerance', not {self.control!r}")
         if self.engine not in ENGINES:
@@ -294,8 +275,11 @@ class Method:
         return f"{self.name} needs {NEEDS[self.needs]}, which {named} is not"
 
     def _follows(self, problem: Any) -> bool:
-        """Whether `prepare` takes it, as it is or as a top in a potential."""
-        return self.needs in problem.offers or self.needs in _offers_of_top(problem)
+        """Whether `prepare` takes it, as it is or as a top in a potential that does not depend on t."""
+        if self.needs in problem.offers:
+            return True
+        top = None if getattr(problem, "timed", True) else problem.as_top
+        return top is not None and self.needs in top.offers
 
     def _special_for(self, problem: Any) -> Callable[..., Stepper] | None:
         return next((build for word, build in self.special.items() if word in problem.offers), None)

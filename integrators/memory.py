@@ -52,6 +52,5 @@ def check(rows: int, each: int, room: float, name: str, advice: str) -> None:
     """ValueError if `rows` rows of `each` bytes do not fit into `room` GB."""
     needed = rows * each / GB
     if needed > room:
-        raise ValueError(
-            f"{name}: {rows} rows take about {needed:.3g} GB of memory, and there are {room:.2g}: {advice}"
-        )
+        sizes = f"about {needed:.3g} GB of memory, and there are {room:.2g}"
+        raise ValueError(f"{name}: {rows} rows take {sizes}: {advice}")

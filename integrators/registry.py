@@ -106,8 +106,7 @@ class Registry(Mapping[str, Any]):
     @cached_property
     def kind(self) -> Any:
         """The type of what is registered."""
-        module, _, name = self._kind.partition(":")
-        return getattr(importlib.import_module(module), name)
+        return EntryPoint("", self._kind, "").load()
 
     @cached_property
     def _entries(self) -> dict[str, EntryPoint]:
@@ -187,15 +186,11 @@ class Registry(Mapping[str, Any]):
 
     def _left_out(self, entry: EntryPoint) -> str:
         """What is said of a plug-in whose name is taken."""
-        package = _package(entry)
+        package = entry.dist.name if entry.dist else entry.module
         return (
             f"the plug-in {entry.name!r} ({entry.value} of the package {package}) is left out, for its name is taken: "
             f"give the {self.word} another name, or pip uninstall {package}"
         )
-
-
-def _package(entry: EntryPoint) -> str:
-    return entry.dist.name if entry.dist else entry.module
 
 
 class TopRegistry(Registry):

@@ -59,6 +59,7 @@ class Table:
     method: str
     t: Array
     y: Array
+    _axes = 1  # of y, before those of a state
 
     @cached_property
     def problem(self) -> Any:
@@ -84,15 +85,20 @@ class Table:
         """The first columns of the table."""
         return {"t": self.t}
 
+    @property
+    def states(self) -> Array:
+        """(N, n), of an ensemble (rows, motions, n): `y` with one row of numbers for each state."""
+        return self.y.reshape(*self.y.shape[: self._axes], math.prod(self.y.shape[self._axes :]))
+
     def invariants(self) -> Array:
         """The invariants of the problem at all times.
 
         Returns
         -------
         (..., m)
-            Of a top H, J3, C1, C2; else see `problem.names`.
+            Shape (N, m), of an ensemble (rows, motions, m); of a top H, J3, C1, C2; else see `problem.names`.
         """
-        raise NotImplementedError
+        return self.problem.invariants(self.states, self.t.reshape(-1, *(1,) * (self._axes - 1)))
 
     def to_frame(self, invariants: bool = False) -> pd.DataFrame:
         """A pandas frame with a row for each time (and motion).
@@ -192,21 +198,6 @@ class Trajectory(Table):
         return f"<p>{html.escape(repr(self))}</p>{self.to_frame().to_html(max_rows=10, index=False)}"
 
     # ------------------------------------------------------------------ numbers
-
-    @property
-    def states(self) -> Array:
-        """(N, n): `y` with one row of numbers for each time."""
-        return self.y.reshape(len(self.t), math.prod(self.y.shape[1:]))
-
-    def invariants(self) -> Array:
-        """The invariants of the problem along the trajectory.
-
-        Returns
-        -------
-        (N, m)
-            Of a top H, J3, C1, C2; else see `problem.names`.
-        """
-        return self.problem.invariants(self.states, self.t)
 
     def error(self) -> Array:
         """Distances to the exact or the reference solution, relative to the scales of the motion.
@@ -329,13 +320,9 @@ class Trajectory(Table):
     # ------------------------------------------------------------------ the body
 
     @cached_property
-    def _followed(self) -> Array | None:
-        return self.follow() if self.follow else None
-
-    @property
     def attitude(self) -> Array | None:
         """(N, 4) unit quaternions, scalar first, body to world; None where the start has none. Followed when first asked."""
-        return self._followed
+        return self.follow() if self.follow else None
 
     @property
     def rotation(self) -> Rotation:
@@ -393,7 +380,7 @@ class RigidTrajectory(Trajectory):
 class BodyTrajectory(Trajectory):
     """A trajectory of a WholeBody, in SI units; y (N, 7) is (q, L), see `problem.whole_body`."""
 
-    @property
+    @cached_property
     def attitude(self) -> Array:
         """(N, 4) unit quaternions, scalar first, body to world."""
         return self.rotation.as_quat(scalar_first=True)
@@ -452,14 +439,14 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
     y: Array
     end_only: bool
     begin: Callable[[int], tuple[Any, Start]]  # top and start of the motion of a place
+    _axes = 2
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         return np.array(self.y[0] if self.end_only else self.y, dtype=dtype, copy=copy)
 
     def __array_ufunc__(self, ufunc: np.ufunc, how: str, *inputs: Any, **options: Any) -> Any:
-        return getattr(ufunc, how)(
-            *(np.asarray(v) if isinstance(v, EnsembleTrajectory) else v for v in inputs), **options
-        )
+        arrays = (np.asarray(v) if isinstance(v, EnsembleTrajectory) else v for v in inputs)
+        return getattr(ufunc, how)(*arrays, **options)
 
     def __getitem__(self, place: Any) -> Any:
         return np.asarray(self)[place]
@@ -498,17 +485,6 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
             return RigidTrajectory(top.problem, *facts, start=start, body=top)
         whole = "body" in getattr(top, "problem", top).offers
         return (BodyTrajectory if whole else Trajectory)(top, *facts, start=start)
-
-    def invariants(self) -> Array:
-        """The invariants of all motions at all times.
-
-        Returns
-        -------
-        (rows, n, m)
-            Of a top H, J3, C1, C2.
-        """
-        states = self.y.reshape(*self.y.shape[:2], math.prod(self.y.shape[2:]))
-        return self.problem.invariants(states, self.t[:, None])
 
     def _places(self) -> dict[str, Array]:
         """Times and numbers of the motions."""

@@ -155,18 +155,13 @@ def load(name: str) -> Case:
     facts = tomllib.loads(files("lagrange_bench.integrators.cases").joinpath(f"{name}.toml").read_text("utf-8"))
     words = {word: facts.pop(word).replace("\n", " ") for word in ("title", "source", "remarks")}
     until, every = float(facts.pop("until")), float(facts.pop("every"))
-    mass, com, inertia, gravity, q, omega = (
-        np.array(facts[key], dtype=float)
-        for key in ("mass", "com", "inertia_com", "gravity", "quaternion", "omega_body")
-    )
+    body = ("mass", "com", "inertia_com", "gravity")
+    numbers: dict[str, Any] = {key: np.array(facts[key], dtype=float) for key in body}
+    omega = np.array(facts["omega_body"], dtype=float)
     rotation = [[float(v) for v in row] for row in matrix(facts["quaternion"])]
-    return Case(name, RigidTop(float(mass), com, inertia, gravity), rotation, omega, until, every, **words, exact=facts)
+    return Case(name, RigidTop(**numbers), rotation, omega, until, every, **words, exact=facts)
 
 
-class Cases(Named):
-    """The named cases."""
-
-    kind = "case"
-
-
-CASES: dict[str, Case] = Cases((name, load(name)) for name in ("bruels", "slow", "simo_wong", "metis"))
+_named = Named((name, load(name)) for name in ("bruels", "slow", "simo_wong", "metis"))
+_named.kind = "case"
+CASES: dict[str, Case] = _named
