@@ -391,7 +391,7 @@ def _hints(frames: _Frames, given: Mapping[str, Array], t: Array) -> Iterator[st
 def draw(path: Path, judged: Sequence[Judgement]) -> str:
     """Draw position and rotation error, or what else there is, over time, a line for each file; write the picture."""
     from lagrange_bench.experiments.drawing import style
-    from lagrange_bench.targets import write_picture
+    from lagrange_bench.output import write_picture
 
     chosen = [name for name in ("position", "rotation") if name in judged[0].errors] or list(judged[0].errors)[:1]
     with style.apply():

@@ -6,13 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench import targets
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.integrators import Problem, Trajectory
 from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.truth import exact, truths
+from lagrange_bench.output import table, write_picture
 from lagrange_bench.results import provenance
-from lagrange_bench.text import table
 
 CHORD = 0.3  # rad between two recorded directions of the axis; beyond, a line between them would say too much
 LAM = "lam given: one step is the flow over another time than h, and a turn"
@@ -123,7 +122,7 @@ def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -
         ax.locator_params(nbins=5)
         ax.get_legend().remove()
         figure.legend(loc="outside lower center", ncols=2)
-    return targets.write_picture(path, figure)
+    return write_picture(path, figure)
 
 
 def _dense(x: Array) -> bool:

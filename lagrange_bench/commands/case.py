@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lagrange_bench.arguments import positive
-from lagrange_bench.text import Answer, table
+from lagrange_bench.output import Answer, table
 
 if TYPE_CHECKING:
     from lagrange_bench.integrators import Case

@@ -27,7 +27,7 @@ from dataclasses import asdict
 from typing import Any
 
 from lagrange_bench.arguments import numbers, own_problem
-from lagrange_bench.text import Answer, plain, table
+from lagrange_bench.output import Answer, plain, table
 
 RIVALS = ("rk4", "strang", "backlund")  # whom to draw a method beside, as a beginning
 

@@ -19,7 +19,7 @@ from dataclasses import asdict
 from typing import Any
 
 from lagrange_bench.arguments import add_module, location, tolerance
-from lagrange_bench.text import Answer, plain, table
+from lagrange_bench.output import Answer, plain, table
 
 MOST = 10  # cells listed of a kind
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from lagrange_bench.arguments import location
 from lagrange_bench.experiments import EXPERIMENTS
-from lagrange_bench.text import Answer
+from lagrange_bench.output import Answer
 
 SHELLS = ("bash", "zsh", "fish")
 

@@ -16,7 +16,7 @@ import argparse
 from dataclasses import asdict
 
 from lagrange_bench.arguments import positive, whole
-from lagrange_bench.text import Answer, plain, table
+from lagrange_bench.output import Answer, plain, table
 
 
 def run(options: argparse.Namespace) -> Answer:

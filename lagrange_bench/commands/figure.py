@@ -19,8 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from lagrange_bench.arguments import add_choice, add_module, check_choice, choice_of, limits, location
-from lagrange_bench.targets import PICTURES
-from lagrange_bench.text import Answer
+from lagrange_bench.output import PICTURES, Answer
 
 FORMATS = tuple(suffix.removeprefix(".") for suffix in PICTURES)
 

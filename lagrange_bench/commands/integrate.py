@@ -28,8 +28,7 @@ from typing import TYPE_CHECKING, Any
 
 from lagrange_bench import arguments
 from lagrange_bench.integrators import memory
-from lagrange_bench.targets import PICTURES, TABLES, check_target
-from lagrange_bench.text import Answer, plain
+from lagrange_bench.output import PICTURES, TABLES, Answer, check_target, plain
 
 if TYPE_CHECKING:
     import numpy as np
@@ -109,7 +108,7 @@ def physical(text: str) -> dict[str, float]:
 
 def run(options: argparse.Namespace) -> Answer:
     """Follow the top, write what is wanted, and sum up."""
-    from lagrange_bench import trajectory as output
+    from lagrange_bench import trajectory as summed
     from lagrange_bench.integrators.checks import check_options
     from lagrange_bench.integrators.registry import find_method
     from lagrange_bench.runner import progress
@@ -144,18 +143,18 @@ def run(options: argparse.Namespace) -> Answer:
     lam = method.family == "backlund" and settings.get("lam") is not None
     if lam:
         method = replace(method, label="Bäcklund, given λ")
-    data = plain({**facts, "seconds": seconds, **output.judge(trajectory, y0, lam)})
+    data = plain({**facts, "seconds": seconds, **summed.judge(trajectory, y0, lam)})
     done = []
     if options.output is not None:
-        done.append(output.save(options.output, trajectory, plain(facts)))
+        done.append(summed.save(options.output, trajectory, plain(facts)))
     if options.draw is not None:
-        done.append(output.draw(options.draw, trajectory, method, name))
+        done.append(summed.draw(options.draw, trajectory, method, name))
     for line in done if not options.quiet else ():
         print(line, file=sys.stderr)
     if options.output is None:
         data |= {"t": plain(trajectory.t), "y": plain(trajectory.y)}
     data["files"] = [str(path) for path in files.values() if path is not None]
-    return Answer(output.describe(trajectory, y0, data, method.label), data)
+    return Answer(summed.describe(trajectory, y0, data, method.label), data)
 
 
 def _follow(word: str, method: Method, top: Any, y0: np.ndarray, given: dict[str, Any]) -> Trajectory:

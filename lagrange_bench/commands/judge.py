@@ -35,8 +35,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from lagrange_bench.arguments import location, number_pairs, numbers, pairs
-from lagrange_bench.targets import PICTURES, check_target
-from lagrange_bench.text import Answer, plain, table
+from lagrange_bench.output import PICTURES, Answer, check_target, plain, table
 
 if TYPE_CHECKING:
     from lagrange_bench.judging import Judgement

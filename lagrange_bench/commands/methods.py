@@ -18,7 +18,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from lagrange_bench.arguments import add_potential, in_potential, named_top
-from lagrange_bench.text import Answer, table
+from lagrange_bench.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:

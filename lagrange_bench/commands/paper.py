@@ -21,8 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from lagrange_bench.arguments import location
-from lagrange_bench.targets import PICTURES, check_target, write_picture
-from lagrange_bench.text import Answer, plain, table
+from lagrange_bench.output import PICTURES, Answer, check_target, plain, table, write_picture
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

@@ -18,7 +18,7 @@ package joins this list through the entry-point group lagrange_bench.potentials 
 import argparse
 from typing import Any
 
-from lagrange_bench.text import Answer, table
+from lagrange_bench.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:

@@ -18,7 +18,7 @@ import webbrowser
 from pathlib import Path
 
 from lagrange_bench.arguments import add_choice, add_module, check_choice, choice_of, location
-from lagrange_bench.text import Answer
+from lagrange_bench.output import Answer
 
 LARGE = 8_000_000  # bytes of a page that is slow on a phone
 

@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING
 
 from lagrange_bench.arguments import add_choice, choice_of, location, positive, seconds
 from lagrange_bench.experiments import EXPERIMENTS, PROFILES, SWEEP
-from lagrange_bench.text import Answer
+from lagrange_bench.output import Answer
 
 if TYPE_CHECKING:
     from lagrange_bench.results.choice import Choice

@@ -22,7 +22,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from lagrange_bench.text import Answer, plain, table
+from lagrange_bench.output import Answer, plain, table
 
 if TYPE_CHECKING:
     from lagrange_bench.integrators import NamedTop

@@ -20,7 +20,7 @@ from typing import Any
 
 from lagrange_bench.arguments import add_module, location, positive, seconds, whole
 from lagrange_bench.commands.compare import as_data, changed_columns
-from lagrange_bench.text import Answer, plain
+from lagrange_bench.output import Answer, plain
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from lagrange_bench import __main__ as cli
-from lagrange_bench import text
+from lagrange_bench import output
 from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import CASES, METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
 from lagrange_bench.integrators.registry import NAMED_TOPS
@@ -22,7 +22,7 @@ from tests.test_docs import commands
 def test_tables_fit_a_terminal(run, monkeypatch):
     wide = run("tops", "--verbose")[1]
     assert max(map(len, wide.splitlines())) > 80
-    monkeypatch.setattr(text, "terminal_width", lambda: 80)
+    monkeypatch.setattr(output, "terminal_width", lambda: 80)
     narrow = run("tops", "--verbose")[1]
     assert max(map(len, narrow.splitlines())) <= 80
     assert sorted("".join(narrow.split())) == sorted("".join(wide.split())), "wrapped, and nothing is lost"
