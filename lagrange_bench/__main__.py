@@ -98,6 +98,10 @@ def _run(argv: list[str]) -> int:
         return 0
     options.words, options.parser = argv, commands
     with contextlib.redirect_stdout(sys.stderr) if options.json else contextlib.nullcontext():
+        if getattr(options, "module", ()):
+            from lagrange_bench.integrators.registry import import_modules
+
+            import_modules(options.module)
         answer = options.run(options)
     _print(json.dumps(answer.data, allow_nan=False) if options.json else answer.text)
     return int(answer.code)
@@ -133,7 +137,8 @@ def parser() -> Parser:
         command = commands.add_parser(name, text=text, help=summary.rstrip("."))
         command.set_defaults(run=module.run, command=name, flags=command._option_string_actions)
         command.add_argument("--json", action="store_true", help="print JSON, and nothing else, on stdout")
-        module.add_options(command)
+        if hasattr(module, "add_options"):
+            module.add_options(command)
     return top
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import re
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -93,6 +94,13 @@ def limits(text: str) -> tuple[float, float]:
     return float(ends[0]), float(ends[1])
 
 
+def scheduler(text: str) -> str:
+    """local:N, or the address of a Dask scheduler."""
+    if re.fullmatch(r"local:[1-9]\d*|(tcp|tls)://.+:\d+", text, re.ASCII):
+        return text
+    raise ValueError(f"the scheduler must be tcp://HOST:PORT or local:N; got {text!r}")
+
+
 def add_choice(command: argparse.ArgumentParser) -> None:
     for flag, what in (("--methods", "methods (of mine.py: mine:METHOD)"), ("--tops", "tops")):
         text = f"only the cells of these {what}; cells that belong to none are left out, too (default: all)"
@@ -101,21 +109,20 @@ def add_choice(command: argparse.ArgumentParser) -> None:
     command.add_argument("--highlight", type=names, metavar="a,b,…", default=(), help=text)
 
 
-def choice_of(options: argparse.Namespace) -> Any:
-    """What `add_choice` was given; methods in files of the user's own are known from then on."""
+def choice_of(options: argparse.Namespace, results: Path | None = None) -> Any:
+    """What `add_choice` was given; methods in files of the user's own are known from then on.
+
+    results : a folder of results; ValueError for a name that nothing in it has.
+    """
     from lagrange_bench.results.choice import Choice
+    from lagrange_bench.results.store import Store
 
     choice = Choice(options.methods, options.tops, options.highlight)
     choice.include()
+    if results is not None:
+        store = Store(results)
+        choice.check(record["cell"] for name in store.experiments() for record in store.latest(name))
     return choice
-
-
-def check_choice(results: Any, choice: Any) -> None:
-    """ValueError for a name that nothing in a folder of results has."""
-    from lagrange_bench.results.store import Store
-
-    store = Store(results)
-    choice.check(record["cell"] for name in store.experiments() for record in store.latest(name))
 
 
 def named_top(name: str) -> Any:
@@ -128,17 +135,22 @@ def named_top(name: str) -> Any:
         raise ValueError(f"--top: {error}") from None
 
 
-def own_problem(word: str, state: list[float] | None) -> tuple[Any, Any]:
-    """The problem that `module:PROBLEM` names, and the state of it. ValueError: it cannot be loaded, or there is no state."""
+def own(word: str, what: str) -> Any:
+    """What `module:NAME` names. ValueError: it cannot be loaded."""
     from lagrange_bench.integrators.registry import import_own
 
-    if state is None:
-        raise ValueError("--problem needs --state, the numbers of a state")
     module, _, name = word.partition(":")
     try:
-        problem = getattr(import_own(module), name)
+        return getattr(import_own(module), name)
     except Exception as error:  # somebody's own module may raise anything
-        raise ValueError(f"--problem {word} cannot be loaded: {type(error).__name__}: {error}") from error
+        raise ValueError(f"{what} {word} cannot be loaded: {type(error).__name__}: {error}") from error
+
+
+def own_problem(word: str, state: list[float] | None) -> tuple[Any, Any]:
+    """The problem that `module:PROBLEM` names, and the state of it. ValueError: it cannot be loaded, or there is no state."""
+    if state is None:
+        raise ValueError("--problem needs --state, the numbers of a state")
+    problem = own(word, "--problem")
     if not hasattr(problem, "offers"):
         raise ValueError(f"--problem {word} must be a Problem or a top; it is a {type(problem).__name__}")
     return problem, problem.check_state(state, "--state")

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench import columns as written
+from lagrange_bench.arguments import own
 from lagrange_bench.integrators import CASES, Case, StepError
-from lagrange_bench.integrators.registry import import_own
 
 Array = np.ndarray
 Exact = tuple[Array, Array, Array]  # position (n, 3), matrix (n, 3, 3), angular velocity in the body (n, 3)
@@ -204,11 +204,7 @@ def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> dict[str, lis
 def find(case: str | Case) -> Case:
     """The case of this name, or one's own, as it is or as module:NAME."""
     if isinstance(case, str) and ":" in case:
-        module, _, name = case.partition(":")
-        try:
-            case = getattr(import_own(module), name)
-        except Exception as error:  # somebody's own module may raise anything
-            raise ValueError(f"case {case} cannot be loaded: {type(error).__name__}: {error}") from error
+        case = own(case, "case")
     if not isinstance(case, str | Case):
         raise ValueError(f"case must be a name or a Case; got {case!r}")
     try:

@@ -39,10 +39,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """What two stores differ in; exit code 1 if in anything."""
-    from lagrange_bench.integrators.registry import import_modules
     from lagrange_bench.results import compare as stores
 
-    import_modules(options.module)
     tolerance = {"rtol": options.rtol, "atol": options.atol}
     result = stores.compare(options.old, options.new, **tolerance, times=options.times, threshold=options.threshold)
     rows: list[tuple[str, ...]] = [("experiment", "cells old", "new", "same", "added", "removed", "changed")]

@@ -18,7 +18,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.arguments import add_choice, add_module, check_choice, choice_of, limits, location
+from lagrange_bench.arguments import add_choice, add_module, choice_of, limits, location
 from lagrange_bench.output import PICTURES, Answer
 
 FORMATS = tuple(suffix.removeprefix(".") for suffix in PICTURES)
@@ -50,7 +50,6 @@ def run(options: argparse.Namespace) -> Answer:
     """Draw one stored figure, or all of them, as files."""
     from lagrange_bench.experiments.drawing import style
     from lagrange_bench.integrators.files import replace_file
-    from lagrange_bench.integrators.registry import import_modules
     from lagrange_bench.report import export
     from lagrange_bench.results.store import find_results
     from lagrange_bench.runner import progress
@@ -61,11 +60,8 @@ def run(options: argparse.Namespace) -> Answer:
         raise ValueError(f"--{given[0]} is for figures that are drawn, and --list draws none")
     if (options.x is None) != (options.y is None) or (options.x and options.name is None):
         raise ValueError("--x and --y go together, with the name of a figure or of an experiment")
-    import_modules(options.module)
     results = find_results(options.results)
-    choice = choice_of(options)
-    if not options.x:
-        check_choice(results, choice)
+    choice = choice_of(options, None if options.x else results)
     if options.list:
         found = export.names(results, choice)
         return Answer("\n".join(found), {"figures": found, "results": str(results)})

@@ -37,7 +37,3 @@ def run(options: argparse.Namespace) -> Answer:
         rows.append((name, "any number" if parameters is None else ",".join(parameters) or "none", found.note))
         data.append({"name": name, "parameters": parameters, "note": found.note})
     return Answer("\n".join([*table(rows), *notes]), data)
-
-
-def add_options(command: argparse.ArgumentParser) -> None:
-    """It has none."""

@@ -17,7 +17,7 @@ import sys
 import webbrowser
 from pathlib import Path
 
-from lagrange_bench.arguments import add_choice, add_module, check_choice, choice_of, location
+from lagrange_bench.arguments import add_choice, add_module, choice_of, location
 from lagrange_bench.output import Answer
 
 LARGE = 8_000_000  # bytes of a page that is slow on a phone
@@ -40,7 +40,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Answer:
     """Build the page from stored results, and say what could not be drawn."""
     from lagrange_bench.integrators import machine
-    from lagrange_bench.integrators.registry import import_modules
     from lagrange_bench.report import claims, page
     from lagrange_bench.report.sections import place
     from lagrange_bench.results import provenance
@@ -51,9 +50,7 @@ def run(options: argparse.Namespace) -> Answer:
     beside = options.beside and find_results(options.beside)
     installed = results == published() and provenance.checkout() is None  # nothing is written into a package
     output = options.output or (Path("page") if installed else place(results, "page"))
-    import_modules(options.module)
-    choice = choice_of(options)
-    check_choice(results, choice)
+    choice = choice_of(options, results)
     page.check_writable(output)
     with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
         report = page.assemble(results, machine.usable_cores(), drawn, options.module, choice, beside)

@@ -35,19 +35,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lagrange_bench.arguments import add_choice, choice_of, location, positive, seconds
+from lagrange_bench.arguments import add_choice, choice_of, location, positive, scheduler, seconds
 from lagrange_bench.experiments import EXPERIMENTS, PROFILES, SWEEP
 from lagrange_bench.output import Answer
 
 if TYPE_CHECKING:
     from lagrange_bench.results.choice import Choice
-
-
-def scheduler(text: str) -> str:
-    """The address of a Dask scheduler, or local:N."""
-    from lagrange_bench.runner.cluster import check_address
-
-    return check_address(text)
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

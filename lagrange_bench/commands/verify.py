@@ -42,12 +42,10 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """Compute stored cells again; exit code 1 if rows changed."""
-    from lagrange_bench.integrators.registry import import_modules
     from lagrange_bench.results import sources
     from lagrange_bench.results.store import default_results
     from lagrange_bench.runner import verify
 
-    import_modules(options.module)
     if options.folder and options.results:
         raise ValueError("give either DIR or --results DIR")
     folder = options.folder or options.results or default_results()

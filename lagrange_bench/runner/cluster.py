@@ -11,7 +11,6 @@ import importlib.util
 import logging
 import multiprocessing
 import queue
-import re
 import sys
 import threading
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ from contextlib import suppress
 from functools import cache
 from typing import Any
 
+from lagrange_bench import arguments
 from lagrange_bench.integrators import interrupts, memory
 from lagrange_bench.results import provenance
 from lagrange_bench.runner import workers
@@ -34,18 +34,11 @@ class ClusterError(RuntimeError):
     """The cluster cannot be used, or not any more; the message says what to do. What was finished is stored."""
 
 
-def check_address(text: str) -> str:
-    """`text` if it is "local:N" or the address of a Dask scheduler; ValueError else."""
-    if re.fullmatch(r"local:[1-9]\d*|(tcp|tls)://.+:\d+", text, re.ASCII):
-        return text
-    raise ValueError(f"the scheduler must be tcp://HOST:PORT or local:N; got {text!r}")
-
-
 class Cluster:
     """A `workers.Executor`: hands cells to the workers of a Dask scheduler."""
 
     def __init__(self, address: str, limit: float | None, experiments: Sequence[str] = ()):
-        self._address, self._limit, self._experiments = check_address(address), limit, list(experiments)
+        self._address, self._limit, self._experiments = arguments.scheduler(address), limit, list(experiments)
         self._client: Any = None
         self._own: Any = None  # the scheduler and workers of local:N
         self._out: dict[Any, Task] = {}  # by future
@@ -60,7 +53,7 @@ class Cluster:
                     quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
                     self._own = distributed.LocalCluster(n_workers=count, threads_per_worker=1, processes=True, **quiet)
                 self._client = distributed.Client(self._own or self._address, timeout=CONNECT)
-            for facts in self._client.run(look, self._experiments).values():
+            for facts in self._client.run(look, *self._experiments).values():
                 _compare(facts)
         except BaseException as error:
             self._close()
@@ -125,7 +118,6 @@ class Cluster:
         return f"the Dask workers cannot compute cells: {type(error).__name__}: {error}"
 
 
-@cache
 def _distributed() -> Any:
     try:
         import distributed
@@ -154,18 +146,14 @@ def compute(
     A worker may join when the run has begun: then nobody has asked it for the experiments, and it must not make failed
     cells of what it lacks.
     """
-    facts, executor = _facts(experiment), _executor(threading.get_ident(), limit)
+    facts, executor = look(experiment), _executor(threading.get_ident(), limit)
     executor.submit(Task(experiment, 0, 0, cell, expected))
     ((_, outcome),) = executor.finished()
     return facts, {**outcome, "provenance": provenance.provenance()}
 
 
 @cache
-def _facts(experiment: str) -> dict[str, Any]:
-    return look([experiment])
-
-
-def look(experiments: Sequence[str] = ()) -> dict[str, Any]:
+def look(*experiments: str) -> dict[str, Any]:
     """The versions that decide about rows. Also finds out whether the modules of `experiments` are here."""
     memory.limit()  # ValueError for a wrong one
     for name in experiments:

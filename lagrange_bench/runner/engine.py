@@ -13,13 +13,12 @@ from operator import not_
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.experiments import PROFILES
 from lagrange_bench.experiments.catalogue import lacks, load
 from lagrange_bench.integrators import interrupts, machine, memory
 from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
-from lagrange_bench.results.store import ADDED, Record, Store, cell_key, clean, failure_text, make_record
+from lagrange_bench.results.store import ADDED, Store, cell_key, clean, failure_text, make_record
 from lagrange_bench.runner import progress, workers
 from lagrange_bench.runner.workers import Outcome, Task
 
@@ -118,16 +117,10 @@ def run(
 
     Raises
     ------
-    ValueError : no such experiment, profile, scheduler, method or top. StoreError : `results` cannot be written or read;
+    ValueError : no such experiment, scheduler, method or top. StoreError : `results` cannot be written or read;
     nothing is lost. ClusterError : the scheduler went away, or its workers would give other rows.
     KeyboardInterrupt : Ctrl-C; the workers are gone, what was finished is stored, and the message says so.
     """
-    if profile not in PROFILES:
-        raise ValueError(f"profile must be one of {', '.join(PROFILES)}; got {profile!r}")
-    if jobs is not None and jobs < 1:
-        raise ValueError(f"jobs must be at least 1; got {jobs}")
-    if time_limit is not None and not time_limit > 0:
-        raise ValueError(f"time_limit must be positive; got {time_limit}")
     limit = TIME_LIMITS[profile] if time_limit is None else time_limit
     memory.limit()  # ValueError for a wrong one
     store, summary = Store(results), Summary(Path(results), profile)
@@ -147,7 +140,9 @@ def run(
             with interrupts.interrupt_held_back():  # stored and counted, or neither
                 aside = [task for task, outcome in outcomes if workers.failed_by(outcome, workers.OTHER_SOURCES)]
                 same = [(task, outcome) for task, outcome in outcomes if task not in aside]
-                store.append(*(_record(task, outcome) for task, outcome in same))
+                # under the digest that the process gave which computed it; of a process that died it is not known
+                records = ((task, {"sources": None, **outcome}) for task, outcome in same)
+                store.append(*(make_record(t.experiment, t.version, t.position, t.cell, **o) for t, o in records))
                 for task, outcome in same:
                     _count(summary, task, outcome)
                 for task in aside:
@@ -224,11 +219,6 @@ def _missing(
         tally.other_sources += key in done and age == sources.OTHER
         tally.unknown_sources += key in done and age == sources.UNKNOWN
     return tasks
-
-
-def _record(task: Task, outcome: Outcome) -> Record:
-    """What is stored: under the digest that the process gave which computed it; of a process that died it is not known."""
-    return make_record(task.experiment, task.version, task.position, task.cell, **{"sources": None, **outcome})
 
 
 @cache

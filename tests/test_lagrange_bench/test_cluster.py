@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import pytest
 from faults import HERE, TOY, comparable, end, nobody_left, squares, start, wait_for_lines
 
+from lagrange_bench import arguments
 from lagrange_bench.results.store import Store
 from lagrange_bench.runner import cluster
 
@@ -122,10 +123,8 @@ def test_a_cluster_that_is_not_there(monkeypatch):
     with pytest.raises(cluster.ClusterError, match=message), cluster.Cluster("tcp://127.0.0.1:1", None):
         pytest.fail("connected")
     monkeypatch.setitem(sys.modules, "distributed", None)
-    cluster._distributed.cache_clear()
     with pytest.raises(ValueError, match=r"pip install 'lagrange-bench\[cluster\]'"), cluster.Cluster("local:2", None):
         pytest.fail("connected")
-    cluster._distributed.cache_clear()
     for address in ("local", "local:0", "local:x", "head:8786", "tcp://head", ""):
         with pytest.raises(ValueError, match="tcp://HOST:PORT or local:N"):
-            cluster.check_address(address)
+            arguments.scheduler(address)

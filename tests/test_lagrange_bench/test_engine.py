@@ -9,6 +9,7 @@ import time
 import pytest
 from faults import TOY, nobody_left, squares, start
 
+from lagrange_bench.experiments import PROFILES
 from lagrange_bench.integrators import memory, registry
 from lagrange_bench.integrators.interface import Method
 from lagrange_bench.results.store import Store
@@ -94,7 +95,7 @@ def test_cells_that_die_hang_or_ask_for_too_much_memory_fail_alone(hard):
     }
     assert summary["experiments"][TOY]["computed"] == 10
     assert all(0 <= record["seconds"] < 30 for record in store.latest(TOY))
-    assert engine.TIME_LIMITS.keys() == set(engine.PROFILES)
+    assert engine.TIME_LIMITS.keys() == set(PROFILES)
 
 
 ERRORS = {
