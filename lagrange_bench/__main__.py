@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.output import plain
 
 
 class Help(argparse.HelpFormatter):
@@ -103,7 +104,7 @@ def _run(argv: list[str]) -> int:
 
             import_modules(options.module)
         answer = options.run(options)
-    _print(json.dumps(answer.data, allow_nan=False) if options.json else answer.text)
+    _print(json.dumps(plain(answer.data), allow_nan=False) if options.json else answer.text)
     return int(answer.code)
 
 

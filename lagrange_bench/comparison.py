@@ -1,16 +1,15 @@
 """`Comparison`: rows of methods on tops, as a frame, and any column of it against any other as a figure."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib import rcParams
+from matplotlib.axes import Axes
 
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.experiments.drawing.tables import heading
@@ -20,9 +19,6 @@ from lagrange_bench.experiments.work_precision import WALL, draw_front
 from lagrange_bench.integrators import INVARIANTS, METHODS, Method
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from lagrange_bench.integrators.words import suggestion
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Names = Iterable[str] | None
 MOST = 12  # panels of one figure, and methods that are all named

@@ -1,7 +1,5 @@
 """`load`: stored rows as frames, one for each experiment."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import warnings

@@ -1,7 +1,5 @@
 """`judge`: how far the trajectory of any program is from the exact motion of a heavy top."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence

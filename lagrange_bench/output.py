@@ -1,7 +1,5 @@
 """What commands print, and the files that they are asked to write: answers, tables, JSON, pictures."""
 
-from __future__ import annotations
-
 import importlib.util
 import io
 import math
@@ -10,10 +8,7 @@ import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
-
-if TYPE_CHECKING:
-    from lagrange_bench.experiments.drawing.style import Figure
+from typing import Any, NamedTuple
 
 TABLES, PICTURES = (".csv", ".npz", ".parquet"), (".svg", ".pdf", ".png")
 HEAD = 9  # letters of a word above a column that are not broken
@@ -80,7 +75,7 @@ def check_target(flag: str, path: Path, suffixes: tuple[str, ...]) -> None:
         raise ValueError(f"{flag} {path}: no permission to write in {folder.resolve()}")
 
 
-def write_picture(path: Path, figure: Figure) -> str:
+def write_picture(path: Path, figure: Any) -> str:
     """Write a figure in the format that the name ends in, and say what was done."""
     from lagrange_bench.experiments.drawing import figures
     from lagrange_bench.integrators.files import replace_file

@@ -16,8 +16,6 @@ Steps and times are in two units, and every frame has both: `h`, `t` and `span` 
 `integrate`; `h_scaled`, `t_scaled` and `span_scaled` in its time scale, for a top 1/(|J| + √(|alpha||x|)).
 """
 
-from __future__ import annotations
-
 import re
 import textwrap
 import warnings

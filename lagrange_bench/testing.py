@@ -12,8 +12,6 @@ potential, too), or a pair (problem, y0) of any problem that the method accepts.
 says how drifts are measured, docs/ci.md how to use this.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any

@@ -14,18 +14,13 @@ examples:
   lagrange-bench case metis --digits 25
 """
 
-from __future__ import annotations
-
 import argparse
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lagrange_bench.arguments import positive
 from lagrange_bench.output import Answer, table
-
-if TYPE_CHECKING:
-    from lagrange_bench.integrators import Case
 
 MOST_ROWS = 10**7  # 4 GB of text
 DOUBLE = 17  # digits that make a double again
@@ -56,7 +51,7 @@ def run(options: argparse.Namespace) -> Answer:
     return Answer(f"{done} ({len(rows)} rows)", {"case": case.name, "rows": len(rows), "file": options.output})
 
 
-def head(case: Case) -> list[str]:
+def head(case: Any) -> list[str]:
     """Lines above the rows: what they are, and the names of the columns."""
     import numpy as np
 
@@ -68,7 +63,7 @@ def head(case: Case) -> list[str]:
     return [f"# {line}" for line in (*words, *CONVENTIONS.splitlines())] + [COLUMNS]
 
 
-def rows_of(case: Case, until: str | None, every: str | None, digits: int) -> list[str]:
+def rows_of(case: Any, until: str | None, every: str | None, digits: int) -> list[str]:
     """Lines of numbers; times are exact decimals."""
     end, gap = _time(until or f"{case.until}", "until"), _time(every or f"{case.every}", "every")
     if end / gap >= MOST_ROWS:

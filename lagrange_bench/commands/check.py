@@ -27,7 +27,7 @@ from dataclasses import asdict
 from typing import Any
 
 from lagrange_bench.arguments import numbers, own_problem
-from lagrange_bench.output import Answer, plain, table
+from lagrange_bench.output import Answer, table
 
 RIVALS = ("rk4", "strang", "backlund")  # whom to draw a method beside, as a beginning
 
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> Answer:
     command = f"lagrange-bench run {what} --methods {','.join([options.method, *rivals])}"
     after = [] if failed or options.problem else [command]
     listed = [{**asdict(verdict), "verdict": verdict.word} for verdict in verdicts]
-    data = {"method": method.name, "file": file, "passed": not failed, "verdicts": plain(listed), "next": after}
+    data = {"method": method.name, "file": file, "passed": not failed, "verdicts": listed, "next": after}
     lines = [*table(rows), "", *reasons, sum_up, *(f"next: {command}" for command in after)]
     return Answer("\n".join(lines), data, 1 if failed else 0)
 

@@ -19,7 +19,7 @@ from dataclasses import asdict
 from typing import Any
 
 from lagrange_bench.arguments import add_module, location, tolerance
-from lagrange_bench.output import Answer, plain, table
+from lagrange_bench.output import Answer, table
 
 MOST = 10  # cells listed of a kind
 
@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> Answer:
     }
     times = [asdict(t) for t in result.times]
     data = {"same": result.same, "experiments": cells, "times": times, "notes": result.notes}
-    return Answer("\n".join(lines), plain(data), 0 if result.same else 1)
+    return Answer("\n".join(lines), data, 0 if result.same else 1)
 
 
 def _counted(experiment: str, what: str, cells: Sequence[dict[str, Any]]) -> list[str]:

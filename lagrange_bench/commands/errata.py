@@ -16,7 +16,7 @@ import argparse
 from dataclasses import asdict
 
 from lagrange_bench.arguments import positive, whole
-from lagrange_bench.output import Answer, plain, table
+from lagrange_bench.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:
@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> Answer:
         rows.append(("", "", "", f"{e.corrected:.1e}", "corrected", e.corrected_text))
     sum_up = f"wrong: {paper.count(found)}; at {options.points} random points each: "
     sum_up += "the smallest residual as printed, the largest as corrected"
-    return Answer("\n".join([*table(rows), "", sum_up]), plain([asdict(e) for e in found]))
+    return Answer("\n".join([*table(rows), "", sum_up]), [asdict(e) for e in found])
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

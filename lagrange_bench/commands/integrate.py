@@ -18,23 +18,15 @@ reading what --output wrote, without losing a bit:
   pyarrow.parquet.read_table("run.parquet")   # metadata in its schema, each a JSON text
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from dataclasses import replace
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lagrange_bench import arguments
 from lagrange_bench.integrators import memory
 from lagrange_bench.output import PICTURES, TABLES, Answer, check_target, plain
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from lagrange_bench.integrators import Method, Trajectory
-
 
 GIVEN = ("mass", "distance", "A", "C", "theta", "dpsi")
 PHYSICAL = {"gravity": 9.81, "phi": 0.0, "psi": 0.0, "dtheta": 0.0, "dphi": 0.0}  # and their defaults
@@ -61,9 +53,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     arguments.add_potential(start)
 
     grid = command.add_argument_group("the times (--h and --steps, or --times)")
-    grid.add_argument(
-        "--h", type=arguments.number, metavar="H", help="step, in the top's unit of time; negative: backwards"
-    )
+    text = "step, in the top's unit of time; negative: backwards"
+    grid.add_argument("--h", type=arguments.number, metavar="H", help=text)
     grid.add_argument("--steps", type=arguments.count, metavar="N", help="number of steps")
     text = "record every K-th state; K divides N (default: 1 with a file to write, else start and end only)"
     grid.add_argument("--every", type=arguments.count, metavar="K", help=text)
@@ -152,12 +143,12 @@ def run(options: argparse.Namespace) -> Answer:
     for line in done if not options.quiet else ():
         print(line, file=sys.stderr)
     if options.output is None:
-        data |= {"t": plain(trajectory.t), "y": plain(trajectory.y)}
+        data |= {"t": trajectory.t, "y": trajectory.y}
     data["files"] = [str(path) for path in files.values() if path is not None]
     return Answer(summed.describe(trajectory, y0, data, method.label), data)
 
 
-def _follow(word: str, method: Method, top: Any, y0: np.ndarray, given: dict[str, Any]) -> Trajectory:
+def _follow(word: str, method: Any, top: Any, y0: Any, given: dict[str, Any]) -> Any:
     """The trajectory. What a method of the user's own raises is a StepError with the line of its file, as in `check`."""
     from lagrange_bench import integrators
     from lagrange_bench.integrators.registry import BUILT_IN
@@ -174,7 +165,7 @@ def _follow(word: str, method: Method, top: Any, y0: np.ndarray, given: dict[str
         raise integrators.StepError(method.name, first_step.describe(error, method, word)) from error
 
 
-def _start(options: argparse.Namespace) -> tuple[str | None, Any, np.ndarray]:
+def _start(options: argparse.Namespace) -> tuple[str | None, Any, Any]:
     """Name, top and initial state."""
     from lagrange_bench.integrators import HeavyTop, LagrangeTop
     from lagrange_bench.integrators.checks import check_state

@@ -27,18 +27,13 @@ examples:
 exit codes: 0 done · 1 a bound is violated · 2 a file that cannot be judged
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lagrange_bench.arguments import location, number_pairs, numbers, pairs
-from lagrange_bench.output import PICTURES, Answer, check_target, plain, table
-
-if TYPE_CHECKING:
-    from lagrange_bench.judging import Judgement
+from lagrange_bench.output import PICTURES, Answer, check_target, table
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -88,7 +83,7 @@ def run(options: argparse.Namespace) -> Answer:
         print(judging.draw(options.draw, judged), file=sys.stderr)
     data = {"case": options.case, "files": [{"file": each.file, **each.as_dict()} for each in judged], "orders": orders}
     data |= {"violated": violated} if bounds else {}
-    return Answer("\n".join(lines).rstrip(), plain(data), 1 if violated else 0)
+    return Answer("\n".join(lines).rstrip(), data, 1 if violated else 0)
 
 
 def _bounds(text: str) -> dict[str, float]:
@@ -97,14 +92,14 @@ def _bounds(text: str) -> dict[str, float]:
     return number_pairs(text, UNITS)
 
 
-def _violated(judged: Judgement, bounds: dict[str, float]) -> list[str]:
+def _violated(judged: Any, bounds: dict[str, float]) -> list[str]:
     if missing := [name for name in bounds if name not in judged.errors]:
         raise ValueError(f"--bounds: {judged.file} has no columns to judge {missing[0]} by")
     off = {name: judged.errors[name].max for name in bounds if not judged.errors[name].max <= bounds[name]}
     return [f"{judged.file}: {name} is off by {error:.3g}: above {bounds[name]:g}" for name, error in off.items()]
 
 
-def _described(judged: Judgement, units: dict[str, str]) -> list[str]:
+def _described(judged: Any, units: dict[str, str]) -> list[str]:
     """What is to be said of one file."""
     rows: list[tuple[str, ...]] = [("error of", "largest", "last row", "unit")]
     rows += [(name, f"{error.max:.2e}", f"{error.end:.2e}", units[name]) for name, error in judged.errors.items()]

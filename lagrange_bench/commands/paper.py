@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from lagrange_bench.arguments import location
-from lagrange_bench.output import PICTURES, Answer, check_target, plain, table, write_picture
+from lagrange_bench.output import PICTURES, Answer, check_target, table, write_picture
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> Answer:
         rows.append((name, f"{found:.1e}", f"{allowed:.0e}", "" if found <= allowed else "too much"))
     good = all(found <= allowed for found, allowed in shown.residuals.values())
     residuals = {name: {"found": found, "allowed": allowed} for name, (found, allowed) in shown.residuals.items()}
-    answer = {"section": options.section, "top": top, "written": str(path), "residuals": plain(residuals)}
+    answer = {"section": options.section, "top": top, "written": str(path), "residuals": residuals}
     text = [*table(rows), "", shown.figure.caption]
     print(done, file=sys.stderr)
     return Answer("\n".join(text), answer, 0 if good else 1)

@@ -27,20 +27,15 @@ exit codes: 0 done; a method that refuses a step (StepError) is a result, report
 was set aside · 2 bad input, or results cannot be written · 130 interrupted; what was finished is stored
 """
 
-from __future__ import annotations
-
 import argparse
 import shlex
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from lagrange_bench.arguments import add_choice, choice_of, location, positive, scheduler, seconds
 from lagrange_bench.experiments import EXPERIMENTS, PROFILES, SWEEP
 from lagrange_bench.output import Answer
-
-if TYPE_CHECKING:
-    from lagrange_bench.results.choice import Choice
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -106,7 +101,7 @@ def _own_modules(experiments: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(modules))
 
 
-def _draw(name: str, results: Path, choice: Choice) -> list[Path]:
+def _draw(name: str, results: Path, choice: Any) -> list[Path]:
     """Figures and tables of an experiment; where all is skipped, none. A sweep's lie by its journal."""
     from lagrange_bench.report import sections
     from lagrange_bench.results.store import Store

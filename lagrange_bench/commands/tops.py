@@ -17,15 +17,10 @@ examples:
   lagrange-bench integrate --top magnet --method blanes_moan4 --h 0.1 --steps 1000
 """
 
-from __future__ import annotations
-
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from lagrange_bench.output import Answer, plain, table
-
-if TYPE_CHECKING:
-    from lagrange_bench.integrators import NamedTop
+from lagrange_bench.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:
@@ -42,7 +37,7 @@ def run(options: argparse.Namespace) -> Answer:
     for named in (top for top in tops if not isinstance(top, NamedPerturbedTop)):
         kind, period = exact.regime(named.top, named.state), exact.nutation_period(named.top, named.state)
         rows.append((*_start(named), kind, f"{period:.4g}"))
-        data.append({**_facts(named), "regime": kind, "nutation_period": plain(period)})
+        data.append({**_facts(named), "regime": kind, "nutation_period": period})
     inside = [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "potential", "parameters", "conserves")]
     for named in (top for top in tops if isinstance(top, NamedPerturbedTop)):
         kept = [name for name in INVARIANTS if name in named.top.conserved]
@@ -57,11 +52,11 @@ def run(options: argparse.Namespace) -> Answer:
     return Answer("\n".join(lines), data + broken)
 
 
-def _start(named: NamedTop) -> tuple[str, str, str]:
+def _start(named: Any) -> tuple[str, str, str]:
     return named.name, f"{named.alpha:g}", ",".join(f"{v:.10g}" for v in named.y0)
 
 
-def _facts(named: NamedTop) -> dict[str, Any]:
+def _facts(named: Any) -> dict[str, Any]:
     facts = {"label": named.label, "note": named.note}
     return {"name": named.name, "alpha": named.alpha, "state": list(named.y0), **facts}
 

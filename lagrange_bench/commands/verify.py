@@ -20,7 +20,7 @@ from typing import Any
 
 from lagrange_bench.arguments import add_module, location, positive, seconds, whole
 from lagrange_bench.commands.compare import as_data, changed_columns
-from lagrange_bench.output import Answer, plain
+from lagrange_bench.output import Answer
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -68,4 +68,4 @@ def run(options: argparse.Namespace) -> Answer:
         ],
     }
     sum_up = "; ".join([sum_up, *words])
-    return Answer("\n".join([*lines, *result.notes, sum_up]), plain(data), 1 if result.changed else 0)
+    return Answer("\n".join([*lines, *result.notes, sum_up]), data, 1 if result.changed else 0)

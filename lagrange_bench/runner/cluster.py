@@ -5,8 +5,6 @@ that hangs or crashes fails alone, and in the same words. Dask's part is to find
 The store is written by the process that asks for the cells, and by no other.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import logging
 import multiprocessing
@@ -17,7 +15,7 @@ from collections.abc import Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from functools import cache
-from typing import Any
+from typing import Any, Self
 
 from lagrange_bench import arguments
 from lagrange_bench.integrators import interrupts, memory
@@ -35,7 +33,7 @@ class ClusterError(RuntimeError):
 
 
 class Cluster:
-    """A `workers.Executor`: hands cells to the workers of a Dask scheduler."""
+    """Hands cells to the workers of a Dask scheduler, as `workers.Local` does to processes here."""
 
     def __init__(self, address: str, limit: float | None, experiments: Sequence[str] = ()):
         self._address, self._limit, self._experiments = arguments.scheduler(address), limit, list(experiments)
@@ -44,7 +42,7 @@ class Cluster:
         self._out: dict[Any, Task] = {}  # by future
         self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
-    def __enter__(self) -> Cluster:
+    def __enter__(self) -> Self:
         distributed = _distributed()
         try:
             with interrupts.interrupt_held_back():  # processes started in here never see Ctrl-C
@@ -132,10 +130,8 @@ def _compare(facts: dict[str, Any]) -> None:
     here = look()
     if different := [name for name in here if facts[name] != here[name]]:
         listed = ", ".join(f"{name} is {facts[name]}, here {here[name]}" for name in different)
-        raise ClusterError(
-            f"the Dask workers do not run what this machine does: {listed}; install the same versions there and restart the "
-            "workers"
-        )
+        advice = "install the same versions there and restart the workers"
+        raise ClusterError(f"the Dask workers do not run what this machine does: {listed}; {advice}")
 
 
 def compute(

@@ -4,8 +4,6 @@ A cell is a pure function of its fields, so a process needs nothing but the expe
 by `Local`, on a cluster by `cluster.Cluster`, whose workers have a `Local` each: the rows are the same.
 """
 
-from __future__ import annotations
-
 import faulthandler
 import multiprocessing
 import os
@@ -21,7 +19,7 @@ from math import inf
 from multiprocessing import connection
 from pathlib import Path
 from time import monotonic, perf_counter
-from typing import Any, Protocol
+from typing import Any, Self
 
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.integrators import interrupts, memory
@@ -52,22 +50,12 @@ Outcome = dict[str, Any]  # status, rows, error, warnings, seconds; and sources,
 Finish = Callable[[Sequence[tuple[Task, Outcome]]], None]
 
 
-class Executor(Protocol):
-    """Something that computes tasks, several at a time: `submit` does not wait, `finished` waits for some outcomes."""
-
-    @property
-    def room(self) -> bool: ...  # whether to hand over another task now
-
-    def submit(self, task: Task) -> None: ...
-
-    def finished(self) -> list[tuple[Task, Outcome]]: ...
-
-
-def compute_all(tasks: Iterable[Task], executor: Executor, begin: Callable[[Task], None], finish: Finish) -> None:
+def compute_all(tasks: Iterable[Task], executor: Any, begin: Callable[[Task], None], finish: Finish) -> None:
     """Computes every task and calls `finish` here with a handful of outcomes as soon as it is there.
 
-    `tasks` is read as it is needed. A cell whose process died is computed once more in the end, with no other beside
-    it: the process may have been killed from outside, or for want of memory. The second death is the cell's own.
+    executor : `Local` or `cluster.Cluster`: while there is `room`, `submit` takes a task and does not wait; `finished` waits
+    for some outcomes. `tasks` is read as it is needed. A cell whose process died is computed once more in the end, with no
+    other beside it: the process may have been killed from outside, or for want of memory. The second death is the cell's own.
     """
     suspects: list[Task] = []
     for outcomes in _stream(iter(tasks), executor, begin):
@@ -80,7 +68,7 @@ def compute_all(tasks: Iterable[Task], executor: Executor, begin: Callable[[Task
 
 
 def _stream(
-    tasks: Iterator[Task], executor: Executor, begin: Callable[[Task], None]
+    tasks: Iterator[Task], executor: Any, begin: Callable[[Task], None]
 ) -> Iterator[list[tuple[Task, Outcome]]]:
     """Outcomes as they come. The next tasks are handed over first, so that no process waits for the store."""
     out, outcomes = 0, list[tuple[Task, Outcome]]()
@@ -106,7 +94,7 @@ def failed_by(outcome: Outcome, reason: str) -> bool:
 
 
 class Local:
-    """An `Executor`: `jobs` processes on this machine, that are used again. Left in whatever way, they are killed.
+    """`jobs` processes on this machine, that are used again. Left in whatever way, they are killed.
 
     limit : s a cell may take; None for no limit.
     """
@@ -116,7 +104,7 @@ class Local:
         self._idle: list[_Worker] = []
         self._busy: dict[_Worker, Task] = {}
 
-    def __enter__(self) -> Local:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -175,10 +163,8 @@ class _Worker:
         except (EOFError, OSError):
             error = DIED, self._reason()
         if monotonic() >= self.deadline and error is None:
-            error = (
-                "TimeLimit",
-                f"not done after {self.limit:g} s, so its process was ended; --time-limit SECONDS allows more",
-            )
+            more = "so its process was ended; --time-limit SECONDS allows more"
+            error = "TimeLimit", f"not done after {self.limit:g} s, {more}"
         if error is None:
             return None
         self.end()
