@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 from faults import HERE, TOY, comparable, nobody_left, python, session, squares, start, wait_for_lines
+from test_cli_results import STUDY
 
 from lagrange_bench.integrators import interrupts
 from lagrange_bench.results.store import Store, make_record
@@ -41,13 +42,15 @@ def wait_for_worker(run):
     raise AssertionError("it never had a worker")
 
 
-def check_complete(cells, folder):
-    """The same command again computes what is missing, and nothing twice."""
+def check_complete(toy, cells, folder):
+    """The same command again computes what is missing, and nothing twice; the rows are those of a run without accidents."""
     code, out, err = finish(start(cells, folder))
     assert code == 0, err
     records, problems = Store(folder).read(TOY)
     assert problems == []
     assert len({r["key"] for r in records}) == len(records) == len(cells)
+    toy(cells)
+    assert comparable(folder) == comparable(toy.store.folder)
 
 
 @pytest.mark.slow
@@ -69,13 +72,11 @@ def test_killed_at_random_moments_and_resumed(toy, tmp_path):
         assert nobody_left(run.pid)  # workers notice that they are alone
         most = max(most, stored := len(comparable(path.parent)))
         if stored > 0.8 * len(cells):  # start afresh; what was lost would be seen here
-            check_complete(cells, path.parent)
+            check_complete(toy, cells, path.parent)
             path.unlink()
     assert died > KILLS / 2
     assert most > 0
-    check_complete(cells, path.parent)
-    toy(cells)
-    assert comparable(path.parent) == comparable(tmp_path / "here")
+    check_complete(toy, cells, path.parent)
 
 
 def test_a_run_that_is_killed_goes_on_where_it_was(toy, in_process, tmp_path):
@@ -91,9 +92,7 @@ def test_a_run_that_is_killed_goes_on_where_it_was(toy, in_process, tmp_path):
     assert nobody_left(run.pid)
     records, problems = Store(path.parent).read(TOY)
     assert (problems, {record["status"] for record in records}) == ([], {"done"})
-    check_complete(cells, path.parent)
-    toy(cells)
-    assert comparable(path.parent) == comparable(tmp_path / "here")
+    check_complete(toy, cells, path.parent)
 
 
 INTERRUPTS = {"terminal": (os.killpg, ()), "parent": (os.kill, ()), "cluster": (os.killpg, ("--scheduler", "local:2"))}
@@ -132,14 +131,10 @@ def test_interrupt_while_workers_start(tmp_path):
         assert nobody_left(run.pid)
 
 
-SLOW = """
+SLOW = f"""{STUDY}
 import os, time
-VERSION = 1
-def cells(profile): return []
-def measure(cell): return []
-def tables(rows): return {}
 def draw(rows):
-    open("drawing", "a").write(f"{os.getpid()} ")
+    open("drawing", "a").write("drawn")
     time.sleep(60)
 """
 
@@ -235,12 +230,12 @@ def test_a_run_that_meets_a_full_disk(toy, in_process, tmp_path):
     assert toy(cells).tallies[TOY].computed == len(cells) - len(records)
 
 
-STUDY = """
+EDITS = (
+    STUDY
+    + """
 import os
 from pathlib import Path
 from own import helper
-
-VERSION = 1
 
 def cells(profile):
     return [{"i": 0}, {"i": 1, "edit": True}, {"i": 2}, {"i": 3, "timing": True}]
@@ -252,17 +247,15 @@ def measure(cell):
         if "END" in os.environ:
             os._exit(3)
     return [{"value": float(helper.VALUE)}]
-
-def draw(rows): return {}
-def tables(rows): return {}
 """
+)
 
 
 @pytest.mark.parametrize("then", [{}, {"END": "yes"}], ids=["the process goes on", "a new one imports the edited file"])
 def test_an_edit_in_the_middle_of_a_run_makes_no_false_row(tmp_path, then):
     """What was done before it is stored, the rest is set aside."""
     (tmp_path / "own").mkdir()
-    (tmp_path / "own" / "study.py").write_text(STUDY)
+    (tmp_path / "own" / "study.py").write_text(EDITS)
     helper = tmp_path / "own" / "helper.py"
     helper.write_text("VALUE = 1\n")
 

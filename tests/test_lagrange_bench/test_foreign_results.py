@@ -8,38 +8,29 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from test_cli_results import STUDY
 from test_plugin import install
 
 from lagrange_bench.experiments import catalogue
 from lagrange_bench.experiments.catalogue import load
-from lagrange_bench.experiments.drawing import style
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.report import page
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import Choice
 from lagrange_bench.results.store import Store, make_record
 
-MODULE = """
+MODULE = f"""
 from dataclasses import replace
 from pathlib import Path
 from lagrange_bench.integrators import METHODS, Potential
 
 Path(__file__).with_name("ran").touch()
-VERSION = 1
 POTENTIAL = Potential("evil", lambda x1, x2, x3, p: p[0] * x1)
 METHOD = replace(METHODS["strang"], name="evil", label="Evil Strang")
-def cells(profile): return [{"i": 0}]
-def measure(cell): return [{"h": 0.1}]
-def tables(rows): return {}
-def draw(rows):
-    from lagrange_bench import style
-    figure, ax = style.figure("column")
-    ax.plot(rows.h, rows.h)
-    return {"figure": figure}
-"""
+{STUDY}"""
 
 
-def stored(folder, experiment, cell, rows=({"h": 0.1},), version=1):
+def stored(folder, experiment, cell, rows=({"square": 0.1},), version=1):
     Store(folder).append(make_record(experiment, version, 0, cell, rows=list(rows)))
 
 
@@ -57,7 +48,7 @@ def evil(folder, swept, one_core, monkeypatch):
     swept("results", "sweep_x", method="evilpkg.method:METHOD")
     cell = {"method": "evilpkg.method:METHOD", "part": "longtime", "state": "generic", "h": 0.1}
     stored("results", "drift", cell, [{"t": 1.0, "n": 10, "H": 1e-9}], load("drift").VERSION)
-    stored("other", "evilpkg.exp", {"i": 0}, [{"h": 0.2}])
+    stored("other", "evilpkg.exp", {"i": 0}, [{"square": 0.2}])
     swept("own", "sweep_x", method="strang", potential="evilpkg.method:POTENTIAL", parameters="0.1")
     yield folder
     catalogue.installed.cache_clear()
@@ -65,7 +56,7 @@ def evil(folder, swept, one_core, monkeypatch):
 
 COMMANDS = {  # → exit code, what they say
     "report --results results --output plain": (1, "not drawn: evilpkg.exp: unknown experiment 'evilpkg.exp'"),
-    "figure evilpkg.exp_figure --results results": (2, "unknown"),
+    "figure evilpkg.exp_squares --results results": (2, "unknown"),
     "compare results other --times": (1, "unknown experiment 'evilpkg.exp'"),
     "verify results --quiet --longest 10": (2, "unknown experiment 'unittest.__main__'"),
     "verify own --quiet": (2, "not computed: evilpkg.method:POTENTIAL: not available here"),
@@ -94,9 +85,9 @@ def test_an_installed_experiment_needs_no_permission(evil, in_process, run):
     install(evil, "evil", {"lagrange_bench.experiments": {"evil": "evilpkg.exp", "drift": "evilpkg.exp"}})
     catalogue.installed.cache_clear()  # a process that lists experiments does so once
     code, out, err = run("run", "evil", "--results", "rows", "--jobs", "1", "--quiet", "--json")
-    assert (code, json.loads(out)["experiments"]["evil"]["computed"]) == (0, 1), err + out
-    assert run("figure", "evil_figure", "--results", "rows", "--quiet")[:2] == (0, "evil_figure.svg\n")
-    assert "1 identical" in run("verify", "rows", "--quiet")[1]
+    assert (code, json.loads(out)["experiments"]["evil"]["computed"]) == (0, 6), err + out
+    assert run("figure", "evil_squares", "--results", "rows", "--quiet")[:2] == (0, "evil_squares.svg\n")
+    assert "6 identical" in run("verify", "rows", "--quiet")[1]
     assert load("drift").__name__ == "lagrange_bench.experiments.drift"
 
 
@@ -117,20 +108,11 @@ def test_a_link_in_a_foreign_folder_is_not_followed(run, tmp_path, name):
 NAME = "toy.study"
 
 
-def draw(rows):
-    figure, ax = style.figure("column")
-    ax.plot(rows.i, rows.square)
-    figure.caption = "Squares."
-    return {"squares": figure}
-
-
 @pytest.fixture
 def study(one_core, monkeypatch, tmp_path):
     """An experiment of six cells whose rows are in ./out, computed with VERSION 1; the page has nothing else."""
     module = ModuleType(NAME, "A study of squares.\n\nNothing more.")
-    module.VERSION, module.draw, module.tables = 1, draw, lambda rows: {}
-    module.cells = lambda profile: [{"i": i} for i in range(6)]
-    module.measure = lambda cell: [{"square": float(cell["i"] ** 2)}]
+    exec(STUDY, vars(module))
     monkeypatch.setitem(sys.modules, NAME, module)
     monkeypatch.setattr(page, "EXPERIMENTS", (NAME,))
     monkeypatch.setattr(sources, "of_cell", lambda *cell: "1" * 24)  # it has no file
