@@ -104,6 +104,8 @@ def _run(argv: list[str]) -> int:
 
             import_modules(options.module)
         answer = options.run(options)
+    for remark in answer.remarks if not getattr(options, "quiet", False) else ():
+        print(remark, file=sys.stderr)
     _print(json.dumps(plain(answer.data), allow_nan=False) if options.json else answer.text)
     return int(answer.code)
 

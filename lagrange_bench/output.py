@@ -16,11 +16,12 @@ WIDEST = 10_000  # columns of what is no terminal
 
 
 class Answer(NamedTuple):
-    """What a command prints, as text or with --json as data, and the exit code."""
+    """What a command prints, as text or with --json as data, the exit code, and what it says on stderr unless --quiet."""
 
     text: str
     data: Any
     code: int = 0
+    remarks: Sequence[str] = ()
 
 
 def table(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -14,7 +14,6 @@ examples:
 """
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -86,11 +85,10 @@ def run(options: argparse.Namespace) -> Answer:
             written = export.export(options.name, results, options.output, kind, options.width, choice, write)
     paths, unknown, notes = written
     replaced = [line for line in done if line.startswith("replaced")]  # stdout names all that are written
-    for line in [*replaced, *(f"not drawn: {reason}" for reason in unknown), *notes] if not options.quiet else ():
-        print(line, file=sys.stderr)
+    remarks = [*replaced, *(f"not drawn: {reason}" for reason in unknown), *notes]
     files = list(map(str, paths))
     data = {"written": files, "not_drawn": unknown, "notes": notes, "results": str(results)}
-    return Answer("\n".join(files), data, 1 if unknown else 0)
+    return Answer("\n".join(files), data, 1 if unknown else 0, remarks)
 
 
 def _columns(options: argparse.Namespace, results: Path, choice: Any, kind: str) -> bytes:

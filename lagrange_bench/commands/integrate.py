@@ -19,7 +19,6 @@ reading what --output wrote, without losing a bit:
 """
 
 import argparse
-import sys
 from dataclasses import replace
 from time import perf_counter
 from typing import Any
@@ -140,12 +139,10 @@ def run(options: argparse.Namespace) -> Answer:
         done.append(summed.save(options.output, trajectory, plain(facts)))
     if options.draw is not None:
         done.append(summed.draw(options.draw, trajectory, method, name))
-    for line in done if not options.quiet else ():
-        print(line, file=sys.stderr)
     if options.output is None:
         data |= {"t": trajectory.t, "y": trajectory.y}
     data["files"] = [str(path) for path in files.values() if path is not None]
-    return Answer(summed.describe(trajectory, y0, data, method.label), data)
+    return Answer(summed.describe(trajectory, y0, data, method.label), data, remarks=done)
 
 
 def _follow(word: str, method: Any, top: Any, y0: Any, given: dict[str, Any]) -> Any:

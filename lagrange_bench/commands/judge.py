@@ -29,7 +29,6 @@ exit codes: 0 done · 1 a bound is violated · 2 a file that cannot be judged
 
 import argparse
 import math
-import sys
 from typing import Any
 
 from lagrange_bench.arguments import location, number_pairs, numbers, pairs
@@ -79,11 +78,10 @@ def run(options: argparse.Namespace) -> Answer:
             shown = ", ".join("none" if math.isnan(order) else f"{order:.2f}" for order in found)
             lines.append(f"order of {name}, from the largest step to the smallest: {shown}")
     lines += violated or (["All errors are within the bounds."] if bounds else [])
-    if options.draw is not None:
-        print(judging.draw(options.draw, judged), file=sys.stderr)
+    drawn = [judging.draw(options.draw, judged)] if options.draw is not None else []
     data = {"case": options.case, "files": [{"file": each.file, **each.as_dict()} for each in judged], "orders": orders}
     data |= {"violated": violated} if bounds else {}
-    return Answer("\n".join(lines).rstrip(), data, 1 if violated else 0)
+    return Answer("\n".join(lines).rstrip(), data, 1 if violated else 0, drawn)
 
 
 def _bounds(text: str) -> dict[str, float]:

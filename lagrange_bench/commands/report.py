@@ -13,7 +13,6 @@ not be drawn, which the page says in its place · 2 no such results, or files ca
 """
 
 import argparse
-import sys
 import webbrowser
 from pathlib import Path
 
@@ -63,9 +62,7 @@ def run(options: argparse.Namespace) -> Answer:
     notes += [f"refuted: {judged.claim.text}" for judged in report.claims if judged.verdict.word == claims.REFUTED]
     summary = f"{page.counted(report)}; {size / 1e6:.1f} MB"
     remarks = [*(f"not drawn: {error}" for error in report.errors), *notes, summary]
-    for line in remarks if not options.quiet else ():
-        print(line, file=sys.stderr)
     if options.open:
         webbrowser.open(path.as_uri())
     data = {"page": str(path), "results": str(results), "not_drawn": report.errors, "notes": notes}
-    return Answer(str(path), data, 1 if report.errors else 0)
+    return Answer(str(path), data, 1 if report.errors else 0, remarks)
