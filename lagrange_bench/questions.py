@@ -317,10 +317,6 @@ class _Asked:
         if refused:
             raise ValueError(f"methods: {'; '.join(refused)}")
 
-    @property
-    def invariants(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys(name for top in self.tops for name in top.top.names))
-
     def measure(self, measure: Measure, cell: Callable[[float], Cell]) -> pd.DataFrame:
         """The rows of `measure` for each top and method, a failed one where it ends in a StepError, in both units of time."""
         rows: list[Cell] = []
@@ -337,7 +333,8 @@ class _Asked:
 
     def comparison(self, frame: pd.DataFrame, x: str, y: str) -> Comparison:
         labels = {top.name: top.label for top in self.tops}
-        return Comparison(frame, x, y, self.methods, labels, self.invariants)
+        invariants = tuple(dict.fromkeys(name for top in self.tops for name in top.top.names))
+        return Comparison(frame, x, y, self.methods, labels, invariants)
 
 
 def _tried(measure: Measure, cell: Cell) -> list[Cell]:

@@ -3,6 +3,7 @@
 import random
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
@@ -99,7 +100,7 @@ def _judge(result: Verification, old: Record, new: Record, here: Sources) -> Non
 
 
 def _tolerance(method: str | None) -> Any:
-    compiled = method is not None and _available(find_stored_method, method, "engine") == "numba"
+    compiled = method is not None and getattr(_found(find_stored_method, method), "engine", None) == "numba"
     return lambda column: (0.0, 0.0) if compiled and column in EXACT else (RTOL, ATOLS.get(column, ATOL))
 
 
@@ -155,14 +156,13 @@ def _comparable(record: Record, own: Iterable[str]) -> bool:
 def _absent(cell: dict[str, Any]) -> str | None:
     """The method or potential of a stored cell that is not available here, or somebody's own that nobody imported."""
     for word, find in (("method", find_stored_method), ("potential", find_stored_potential)):
-        if isinstance(name := cell.get(word), str) and _available(find, name, "name") is None:
+        if isinstance(name := cell.get(word), str) and _found(find, name) is None:
             return name
     return None
 
 
-def _available(find: Any, name: str, what: str) -> Any:
-    """A field of a stored method or potential; None if it is not here."""
-    try:
-        return getattr(find(name), what)
-    except ValueError:
-        return None
+def _found(find: Any, name: str) -> Any:
+    """A stored method or potential; None if it is not here."""
+    with suppress(ValueError):
+        return find(name)
+    return None
