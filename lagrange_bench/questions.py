@@ -60,10 +60,8 @@ def drift(
 
     Parameters
     ----------
-    methods : list of str or Method
-        See the head of this module.
-    tops : str, NamedTop, pair, or a list of these
-        Tops by name, or problems with a state.
+    methods, tops : list
+        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. One top need be in no list.
     h : float, optional
         The step in the top's own unit of time.
     h_scaled : float, optional
@@ -99,10 +97,8 @@ def phase(
 
     Parameters
     ----------
-    methods : list of str or Method
-        See the head of this module.
-    tops : str, NamedTop, pair, or a list of these
-        Tops by name, or problems with a state.
+    methods, tops : list
+        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. One top need be in no list.
     h, h_scaled : float, optional
         The step, as for `drift`; h_scaled = 0.25 if neither is given.
     steps : int
@@ -135,10 +131,8 @@ def order(methods: Methods, tops: Tops = "generic") -> Comparison:
 
     Parameters
     ----------
-    methods : list of str or Method
-        See the head of this module.
-    tops : str, NamedTop, pair, or a list of these
-        Tops by name, or problems with a state.
+    methods, tops : list
+        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. One top need be in no list.
 
     Returns
     -------
@@ -177,10 +171,8 @@ def work_precision(
 
     Parameters
     ----------
-    methods : list of str or Method
-        See the head of this module.
-    tops : str, NamedTop, pair, or a list of these
-        Tops by name, or problems with a state.
+    methods, tops : list
+        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. One top need be in no list.
     t : float, optional
         Length of the runs in the top's own unit of time.
     t_scaled : float, optional
@@ -210,10 +202,8 @@ def perturbed(
 
     Parameters
     ----------
-    methods : list of str or Method
-        See the head of this module.
-    tops : str, NamedTop, pair, or a list of these
-        Tops by name, or problems with a state.
+    methods, tops : list
+        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. One top need be in no list.
     t, t_scaled : float, optional
         Length of the runs, as for `work_precision`; t_scaled = 1000 if neither is given.
     longest : float
