@@ -35,7 +35,7 @@ class ClusterError(RuntimeError):
 class Cluster:
     """Hands cells to the workers of a Dask scheduler, as `workers.Local` does to processes here."""
 
-    def __init__(self, address: str, limit: float | None, experiments: Sequence[str] = ()):
+    def __init__(self, address: str, limit: float, experiments: Sequence[str] = ()):
         self._address, self._limit, self._experiments = arguments.scheduler(address), limit, list(experiments)
         self._client: Any = None
         self._own: Any = None  # the scheduler and workers of local:N
@@ -135,7 +135,7 @@ def _compare(facts: dict[str, Any]) -> None:
 
 
 def compute(
-    experiment: str, cell: dict[str, Any], expected: str | None, limit: float | None
+    experiment: str, cell: dict[str, Any], expected: str | None, limit: float
 ) -> tuple[dict[str, Any], Outcome]:
     """What runs here, and the outcome of a cell.
 
@@ -159,7 +159,7 @@ def look(*experiments: str) -> dict[str, Any]:
 
 
 @cache
-def _executor(thread: int, limit: float | None) -> workers.Local:
+def _executor(thread: int, limit: float) -> workers.Local:
     """The process of a thread; it ends with this one (`workers._end_with_parent`)."""
     process = multiprocessing.current_process()
     if process.daemon:

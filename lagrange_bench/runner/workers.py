@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
-from math import inf
 from multiprocessing import connection
 from pathlib import Path
 from time import monotonic, perf_counter
@@ -94,12 +93,9 @@ def failed_by(outcome: Outcome, reason: str) -> bool:
 
 
 class Local:
-    """`jobs` processes on this machine, that are used again. Left in whatever way, they are killed.
+    """`jobs` processes on this machine, that are used again. Left in whatever way, they are killed. limit : s a cell may take."""
 
-    limit : s a cell may take; None for no limit.
-    """
-
-    def __init__(self, jobs: int, limit: float | None = None):
+    def __init__(self, jobs: int, limit: float):
         self._jobs, self._limit = jobs, limit
         self._idle: list[_Worker] = []
         self._busy: dict[_Worker, Task] = {}
@@ -129,7 +125,7 @@ class Local:
         found: list[tuple[Task, Outcome]] = []
         while not found:
             left = min(worker.deadline for worker in self._busy) - monotonic()
-            connection.wait([worker.pipe for worker in self._busy], None if left == inf else max(left, 0))
+            connection.wait([worker.pipe for worker in self._busy], max(left, 0))
             for worker in list(self._busy):
                 if (outcome := worker.outcome()) is not None:
                     found.append((self._busy.pop(worker), outcome))
@@ -148,9 +144,9 @@ class _Worker:
             self.process.start()
         its.close()
 
-    def start(self, task: Task, limit: float | None) -> None:
+    def start(self, task: Task, limit: float) -> None:
         self.limit, self.begin = limit, monotonic()
-        self.deadline = inf if limit is None else self.begin + limit
+        self.deadline = self.begin + limit
         with suppress(OSError):  # it died just now: `outcome` says so
             self.pipe.send((task.experiment, task.cell, limit, task.sources))
 
@@ -195,16 +191,14 @@ _STARTING = threading.Lock()  # one process is started at a time: their environm
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
     """Sets the environment of the processes started meanwhile."""
-    before = {name: os.environ.get(name) for name in THREADS}
+    before = {name: os.environ[name] for name in THREADS if name in os.environ}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        for name in THREADS:
+            del os.environ[name]
+        os.environ.update(before)
 
 
 # ---------------------------------------------------------------- inside a worker
