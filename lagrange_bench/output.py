@@ -7,6 +7,7 @@ import os
 import shutil
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,7 +50,9 @@ def terminal_width() -> int:
 
 
 def plain(value: Any) -> Any:
-    """`value` for JSON: arrays become lists, NaN and infinities null."""
+    """`value` for JSON: arrays become lists, records of dataclasses objects, NaN and infinities null."""
+    if is_dataclass(value) and not isinstance(value, type):
+        value = asdict(value)
     if isinstance(value, dict):
         return {str(key): plain(content) for key, content in value.items()}
     if hasattr(value, "tolist"):

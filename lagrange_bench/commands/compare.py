@@ -15,7 +15,6 @@ import argparse
 import json
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 from lagrange_bench.arguments import add_module, location, tolerance
@@ -55,12 +54,10 @@ def run(options: argparse.Namespace) -> Answer:
     if options.times:
         lines += ["", *_times(result.times, options.threshold)]
     lines += [*result.notes, "the same" if result.same else "not the same"]
-    cells = {
-        name: {**vars(c), "changed": [as_data(cell, differing) for cell, differing in c.changed]}
-        for name, c in result.experiments.items()
-    }
-    times = [asdict(t) for t in result.times]
-    data = {"same": result.same, "experiments": cells, "times": times, "notes": result.notes}
+    cells = {}
+    for name, c in result.experiments.items():
+        cells[name] = {**vars(c), "changed": [{"cell": cell, "columns": columns} for cell, columns in c.changed]}
+    data = {"same": result.same, "experiments": cells, "times": result.times, "notes": result.notes}
     return Answer("\n".join(lines), data, 0 if result.same else 1)
 
 
@@ -103,10 +100,6 @@ def changed_columns(experiment: str, changed: Sequence[tuple[dict[str, Any], dic
         rows.append((column, *counts, *sizes, _short(worst.old), _short(worst.new)))
     cells = listed(experiment, "changed", [cell for cell, _ in changed])
     return ["", f"changed in {experiment}:", *table(rows), *cells]
-
-
-def as_data(cell: dict[str, Any], differing: dict[str, Any]) -> dict[str, Any]:
-    return {"cell": cell, "columns": {column: asdict(difference) for column, difference in differing.items()}}
 
 
 def _short(value: Any) -> str:

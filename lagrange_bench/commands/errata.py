@@ -13,7 +13,6 @@ of lagrange_bench.integrators.paper, where the corrected formulas are.
 """
 
 import argparse
-from dataclasses import asdict
 
 from lagrange_bench.arguments import positive, whole
 from lagrange_bench.output import Answer, table
@@ -31,7 +30,7 @@ def run(options: argparse.Namespace) -> Answer:
         rows.append(("", "", "", f"{e.corrected:.1e}", "corrected", e.corrected_text))
     sum_up = f"wrong: {paper.count(found)}; at {options.points} random points each: "
     sum_up += "the smallest residual as printed, the largest as corrected"
-    return Answer("\n".join([*table(rows), "", sum_up]), [asdict(e) for e in found])
+    return Answer("\n".join([*table(rows), "", sum_up]), found)
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

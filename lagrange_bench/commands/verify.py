@@ -19,7 +19,7 @@ from collections import Counter
 from typing import Any
 
 from lagrange_bench.arguments import add_module, location, positive, seconds, whole
-from lagrange_bench.commands.compare import as_data, changed_columns
+from lagrange_bench.commands.compare import changed_columns
 from lagrange_bench.output import Answer
 
 
@@ -60,12 +60,7 @@ def run(options: argparse.Namespace) -> Answer:
     ages = Counter(age for *_, age in result.changed)
     labels = {sources.OTHER: "other source code", sources.UNKNOWN: "source code that was not recorded"}
     words = [f"{ages[age]} of them stored with {text}" for age, text in labels.items() if ages[age]]
-    data = {
-        **{name: getattr(result, name) for name in ("stored", "cells", "identical", "close", "notes")},
-        "changed": [
-            {"experiment": name, "sources": age, **as_data(cell, differing)}
-            for name, cell, differing, age in result.changed
-        ],
-    }
     sum_up = "; ".join([sum_up, *words])
+    data = {name: getattr(result, name) for name in ("stored", "cells", "identical", "close", "notes")}
+    data["changed"] = [{"experiment": e, "sources": s, "cell": c, "columns": d} for e, c, d, s in result.changed]
     return Answer("\n".join([*lines, *result.notes, sum_up]), data, 1 if result.changed else 0)
