@@ -54,16 +54,13 @@ class Cluster:
             for facts in self._client.run(look, *self._experiments).values():
                 _compare(facts)
         except BaseException as error:
-            self._close()
+            self.__exit__()
             if isinstance(error, Exception) and not isinstance(error, ClusterError):
                 raise ClusterError(self._explanation(error)) from error
             raise
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._close()
-
-    def _close(self) -> None:
         with interrupts.interrupt_held_back():
             for part in (self._client, self._own):
                 if part is not None:

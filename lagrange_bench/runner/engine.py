@@ -8,8 +8,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
-from itertools import compress
-from operator import not_
 from pathlib import Path
 from typing import Any
 
@@ -130,11 +128,9 @@ def run(
     files = Sources()  # as they are when the run begins
     plan = {name: _missing(name, choice, files, store, summary, timings, again) for name in dict.fromkeys(experiments)}
     tasks = [task for missing in plan.values() for task in missing]
-    timed = [bool(task.cell.get("timing")) for task in tasks]
+    timed = [task for task in tasks if task.cell.get("timing")]
+    others = [task for task in tasks if not task.cell.get("timing")]
     with progress.follow({name: len(missing) for name, missing in plan.items() if missing}, show) as bar:
-
-        def begin(task: Task) -> None:
-            bar.begin(task.experiment)
 
         def finish(outcomes: Sequence[tuple[Task, Outcome]]) -> None:
             with interrupts.interrupt_held_back():  # stored and counted, or neither
@@ -151,14 +147,14 @@ def run(
                 bar.advance(task.experiment, outcome["status"] == "failed" and outcome["error"]["type"] != "StepError")
 
         try:
-            if not all(timed):
+            if others:
                 with _executor(scheduler, jobs or machine.usable_cores(), limit, experiments) as executor:
-                    workers.compute_all(compress(tasks, map(not_, timed)), executor, begin, finish)
-            if any(timed):
+                    workers.compute_all(others, executor, bar.begin, finish)
+            if timed:
                 if scheduler:
                     summary.notes.append("timing cells ran one at a time on this machine, not on the scheduler's")
                 with workers.Local(1, limit) as executor:
-                    workers.compute_all(compress(tasks, timed), executor, begin, finish)
+                    workers.compute_all(timed, executor, bar.begin, finish)
         except KeyboardInterrupt:
             tallies = summary.tallies.values()
             stored, asked = sum(t.stored + t.computed for t in tallies), sum(t.cells - t.unavailable for t in tallies)

@@ -49,7 +49,7 @@ Outcome = dict[str, Any]  # status, rows, error, warnings, seconds; and sources,
 Finish = Callable[[Sequence[tuple[Task, Outcome]]], None]
 
 
-def compute_all(tasks: Iterable[Task], executor: Any, begin: Callable[[Task], None], finish: Finish) -> None:
+def compute_all(tasks: Iterable[Task], executor: Any, begin: Callable[[str], None], finish: Finish) -> None:
     """Computes every task and calls `finish` here with a handful of outcomes as soon as it is there.
 
     executor : `Local` or `cluster.Cluster`: while there is `room`, `submit` takes a task and does not wait; `finished` waits
@@ -66,15 +66,13 @@ def compute_all(tasks: Iterable[Task], executor: Any, begin: Callable[[Task], No
             finish(outcomes)
 
 
-def _stream(
-    tasks: Iterator[Task], executor: Any, begin: Callable[[Task], None]
-) -> Iterator[list[tuple[Task, Outcome]]]:
+def _stream(tasks: Iterator[Task], executor: Any, begin: Callable[[str], None]) -> Iterator[list[tuple[Task, Outcome]]]:
     """Outcomes as they come. The next tasks are handed over first, so that no process waits for the store."""
     out, outcomes = 0, list[tuple[Task, Outcome]]()
     while True:
         while executor.room and (task := next(tasks, None)):
             executor.submit(task)
-            begin(task)
+            begin(task.experiment)
             out += 1
         if outcomes:
             yield outcomes

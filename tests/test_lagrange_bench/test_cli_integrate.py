@@ -11,14 +11,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_cli import examples
+from test_cli import SHORT, examples
 
 from lagrange_bench import HeavyTop, LagrangeTop, PerturbedTop, free_body, integrate
 from lagrange_bench.commands import integrate as command
 from lagrange_bench.integrators import PERTURBED_TOPS, POTENTIALS, TOPS
 from lagrange_bench.integrators.truth import truths
 
-SHORT = ("integrate", "--h", "0.1", "--steps", "20")
 IN_A_FIELD = ("integrate", "--method", "strang", "--h", "0.1")
 GENERIC = TOPS["generic"]
 

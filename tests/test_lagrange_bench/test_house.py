@@ -57,8 +57,7 @@ def test_the_wheel_meets_a_visitors_own_names(tmp_path):
 
 
 def test_public_names():
-    for name in lagrange_bench.__all__:
-        assert getattr(lagrange_bench, name) is not None
+    assert all(getattr(lagrange_bench, name) is not None for name in lagrange_bench.__all__)
     assert {"integrate", "METHODS", "LagrangeTop", "metrics", "check"} <= set(dir(lagrange_bench))
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         lagrange_bench.nothing  # noqa: B018
