@@ -31,6 +31,7 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB
 TRACEBACK = 4000  # characters kept of a traceback, from its end
 HOME = f"{Path(__file__).resolve().parents[2]}{os.sep}"
 DIED, OTHER_SOURCES = "WorkerDied", "OtherSources"
+LONGEST_WAIT = 1e6  # s; the system counts milliseconds in 32 bits
 GRACE = 30.0  # s the parent of a hanging cell has to end it
 
 
@@ -123,7 +124,7 @@ class Local:
         found: list[tuple[Task, Outcome]] = []
         while not found:
             left = min(worker.deadline for worker in self._busy) - monotonic()
-            connection.wait([worker.pipe for worker in self._busy], max(left, 0))
+            connection.wait([worker.pipe for worker in self._busy], min(max(left, 0), LONGEST_WAIT))
             for worker in list(self._busy):
                 if (outcome := worker.outcome()) is not None:
                     found.append((self._busy.pop(worker), outcome))

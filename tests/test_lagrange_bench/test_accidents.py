@@ -196,7 +196,7 @@ def test_a_damaged_journal_is_mended_by_the_next_run(toy, in_process):
 def test_two_runs_into_one_store_at_once(toy, in_process, tmp_path):
     gate = tmp_path / "gate"
     cells = [{"do": "wait for lines", "i": 100, "file": str(gate), "lines": 1}, *squares(*range(24))]
-    runs = [start(cells, tmp_path / "shared", jobs=1) for _ in range(2)]
+    runs = [start(cells, tmp_path / "shared", "--time-limit", "1e7", jobs=1) for _ in range(2)]  # the longest there is
     for run in runs:
         wait_for_worker(run)
     gate.write_text("both have begun\n")
