@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 from faults import HERE, TOY, comparable, nobody_left, python, session, squares, start, wait_for_lines
-from test_cli_results import STUDY
+from test_cli import STUDY
 
 from lagrange_bench.integrators import interrupts
 from lagrange_bench.results.store import Store, make_record

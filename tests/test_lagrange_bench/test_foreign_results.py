@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from test_cli_results import STUDY
+from test_cli import STUDY
 from test_plugin import install
 
 from lagrange_bench.experiments import catalogue
