@@ -26,8 +26,7 @@ from lagrange_bench.output import Answer
 def add_options(command: argparse.ArgumentParser) -> None:
     text = "results (default: the published ones)"
     command.add_argument("folder", nargs="?", type=location, metavar="DIR", help=text)
-    text = "the same, as in the other commands"
-    command.add_argument("--results", type=location, metavar="DIR", help=text)
+    command.add_argument("--results", type=location, metavar="DIR", help="the same, as in the other commands")
     text = "how many cells (default: 60, less than a minute on two cores)"
     command.add_argument("--sample", type=positive, metavar="N", default=60, help=text)
     command.add_argument("--seed", type=whole, metavar="N", default=0, help="another sample (default: 0)")
