@@ -113,7 +113,9 @@ def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -
     with style.apply():
         figure, ax = style.figure(4.2, 4.2, subplot_kw={"projection": "3d", "proj_type": "ortho"})
         dots = {"linestyle": "none", "marker": ".", "ms": 3}
-        look = {"linewidth": 0.9} if _dense(trajectory.y[:, 3:]) else dots
+        unit = trajectory.y[:, 3:] / np.hypot.reduce(trajectory.y[:, 3:], axis=1, keepdims=True)
+        chords = np.linalg.norm(np.diff(unit, axis=0), axis=1)
+        look = {"linewidth": 0.9} if chords.max(initial=0.0) < CHORD else dots
         trajectory.plot("axis", ax=ax, color=style.of(method.name)["color"], label="axis x", **look)
         times = f"t = {trajectory.t[0]:g} … {trajectory.t[-1]:g}, {len(trajectory.t)} states"
         title = f"Axis of the top{f' “{name}”' if name else ''}, |x| = {math.hypot(*trajectory.y[0, 3:]):.4g}"
@@ -123,10 +125,3 @@ def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -
         ax.get_legend().remove()
         figure.legend(loc="outside lower center", ncols=2)
     return write_picture(path, figure)
-
-
-def _dense(x: Array) -> bool:
-    """Whether recorded directions are so close that lines between them stay near the sphere."""
-    unit = x / np.hypot.reduce(x, axis=1, keepdims=True)
-    chords = np.linalg.norm(np.diff(unit, axis=0), axis=1)
-    return bool(chords.max(initial=0.0) < CHORD)

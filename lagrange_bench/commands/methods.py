@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> Answer:
         data.append({"name": name, **claims, **more})
     header = ("name", "label", "order", "symmetric", "Poisson", "conserves")
     taken = [claims for claims in data if not claims.get("refuses")]
-    lines = [*table([header, *map(_method_row, taken)]), *_method_notes(taken), *_left_out(data)]
+    lines = [*table([header, *map(_method_row, taken)]), *_method_notes(data)]
     if options.verbose:
         for claims in taken:
             known = ", ".join(claims.get("options") or ["none"])
@@ -64,21 +64,18 @@ def _method_row(claims: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _method_notes(data: list[dict[str, Any]]) -> list[str]:
-    """What is missing, once for each package, and how to get it."""
+    """What is missing and how to get it, once for each package; methods that do not take the top, once for each reason."""
     from lagrange_bench.integrators.registry import how_to_get
 
-    missing = _names((claims["requires"], claims["name"]) for claims in data if claims.get("available") is False)
+    taken = [claims for claims in data if not claims.get("refuses")]
+    missing = _names((claims["requires"], claims["name"]) for claims in taken if claims.get("available") is False)
     notes = [f"{', '.join(names)}: {how_to_get(package)}" for package, names in missing.items()]
-    special = _names((claims["takes"], claims["name"]) for claims in data if "takes" in claims)
+    special = _names((claims["takes"], claims["name"]) for claims in taken if "takes" in claims)
     notes += [line for what, names in special.items() for line in (f"only for {what}:", f"  {', '.join(names)}")]
-    return notes + [f"{claims['name']}: cannot be loaded: {claims['error']}" for claims in data if "error" in claims]
-
-
-def _left_out(data: list[dict[str, Any]]) -> list[str]:
-    """The methods that do not take the top, by reason."""
+    notes += [f"{claims['name']}: cannot be loaded: {claims['error']}" for claims in data if "error" in claims]
     refusing = ((claims["refuses"], claims["name"]) for claims in data if claims.get("refuses"))
     reasons = _names((reason.removeprefix(name).strip(), name) for reason, name in refusing)
-    return [f"left out: {', '.join(names)}: {reason}" for reason, names in reasons.items()]
+    return notes + [f"left out: {', '.join(names)}: {reason}" for reason, names in reasons.items()]
 
 
 def _names(pairs: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
