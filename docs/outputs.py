@@ -18,8 +18,8 @@ import re
 import shlex
 import sys
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import matplotlib
 
@@ -38,8 +38,7 @@ REPEATABLE = {"svg.hashsalt": "lagrange-bench", "svg.fonttype": "none"}
 FENCED = re.compile(r"^```(\w+(?: \w+)?)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-@dataclass(frozen=True)
-class Block:
+class Block(NamedTuple):
     """One fenced block: its language with what follows it, its text, the line it starts on, what is shown below it."""
 
     kind: str

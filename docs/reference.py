@@ -25,10 +25,8 @@ ROOT = Path(__file__).resolve().parents[1]
 def modules() -> list[str]:
     """All but the command lines."""
     names = ["lagrange_bench"]
-    for package in (
-        "lagrange_bench",
-        *(f"lagrange_bench.{room}" for room in ("integrators", "experiments", "results")),
-    ):
+    rooms = (f"lagrange_bench.{room}" for room in ("integrators", "experiments", "results"))
+    for package in ("lagrange_bench", *rooms):
         path = importlib.import_module(package).__path__
         names += sorted({package, *(m.name for m in pkgutil.walk_packages(path, f"{package}."))} - set(names))
     return [name for name in names if not name.endswith("__main__")]

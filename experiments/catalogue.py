@@ -71,8 +71,7 @@ def load(name: str) -> ModuleType:
 def lacks(name: str, cell: Mapping[str, Any]) -> str | None:
     """The package, beside that of its method, which a cell of a loaded experiment needs and this machine has not."""
     asked = getattr(load(name), "lacks", None)
-    package: str | None = asked(cell) if asked else None
-    return package
+    return asked(cell) if asked else None
 
 
 def load_stored(name: str) -> ModuleType:

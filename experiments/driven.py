@@ -96,7 +96,6 @@ ORDERS = "Driven tops: orders claimed and measured. Empty where fewer than three
 
 @by_group(("problem", "method", "scheme"), "", ORDERS)
 def orders(problem: str, method: str, scheme: str, run: pd.DataFrame) -> dict:
-    """Orders claimed and measured of the methods with a fixed step."""
     if method not in METHODS or METHODS[method].knob != "h":
         return {}
     run = run[run.span <= SPANS[problem]]
@@ -109,7 +108,6 @@ def orders(problem: str, method: str, scheme: str, run: pd.DataFrame) -> dict:
     "Driven tops: the cheapest method, set-up counted, and the best of the others beside the splitting with the exact step",
 )
 def winners(rows: pd.DataFrame) -> pd.DataFrame:
-    """For each problem and error the cheapest method, and how many times as long as ours the best of the others takes."""
     good = work_precision.useful(rows)
     return work_precision.against_ours(good, ["problem", "span"], work_precision.TARGETS, OURS)
 

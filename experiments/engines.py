@@ -18,11 +18,10 @@ Engines are no part of the bench: `pip install 'lagrange-bench[engines]'` brings
 import importlib
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import metadata
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -48,8 +47,7 @@ Running = tuple[Callable[[int], Any], Callable[[], tuple[Any, Any]]]
 Start = Callable[[Any, Case, str, float, bool], Running]  # the engine's module, the case, an integrator, h, on a rail?
 
 
-@dataclass(frozen=True)
-class Engine:
+class Engine(NamedTuple):
     """A program, and how its integrators are made to follow a case.
 
     start : the adapter. package : its distribution on PyPI, module : the name to import. release : the beginning of the only
@@ -78,8 +76,7 @@ def words(values: Any) -> str:
 
 def moments(case: Case) -> Array:
     """(3,), about the centre of mass."""
-    inertia: Array = np.diag(case.top.inertia_com)
-    return inertia
+    return np.diag(case.top.inertia_com)
 
 
 def loop(step: Callable[[], Any]) -> Callable[[int], None]:
@@ -386,7 +383,6 @@ CAPTION = (
 
 @by_group(("case", "engine", "integrator"), "", CAPTION)
 def orders(case: str, engine: str, kind: str, group: pd.DataFrame) -> dict:
-    """Of each integrator the measured orders, errors, and what a step costs; where all its errors are large, no order."""
     last, at, quantities = group.loc[group.h.idxmin()], group[group.h == SHOWN], ("position", "rotation")
     line = {"setting": last.setting, "version": last.version, "measured": last.date, **heavy_top.measured_orders(group)}
     line |= {f"{name}, h = 1/1024": at[name].iloc[0] if len(at) else np.nan for name in quantities}

@@ -348,7 +348,6 @@ MEASURES = {
     "is no less accurate",
 )
 def rivals(runs: pd.DataFrame) -> pd.DataFrame:
-    """Every run of the rivals; how many times the cost of the cheapest exact step that is no less accurate."""
     exact_steps = runs[runs.method == "backlund"]
 
     def times(run: pd.Series) -> float:

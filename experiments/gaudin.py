@@ -93,7 +93,6 @@ def cells(profile: str) -> list[dict]:
 
 
 def _method(variant: str) -> str:
-    """The name of a variant's method."""
     names = {"exact": "backlund", "dop853": "scipy_dop853"}
     return "backlund_paper" if variant.startswith("order") else names.get(variant, variant)
 
@@ -117,14 +116,11 @@ class OfSpins:
         self.stepper, self.work, self.from_start = stepper, stepper.work, stepper.from_start
 
     def advance(self, spins: Array, n: int) -> Array:
-        """Spins after n steps."""
-        state: Array = self.stepper.advance(spins.ravel(), n)
-        return state.reshape(-1, 3)
+        return self.stepper.advance(spins.ravel(), n).reshape(-1, 3)
 
     def solve(self, spins: Array, times: Array) -> Array:
         """Spins at times (m,) that grow, in one run; of a library."""
-        states: Array = self.stepper.run(spins.ravel(), times, self.work)
-        return states.reshape(len(times), -1, 3)
+        return self.stepper.run(spins.ravel(), times, self.work).reshape(len(times), -1, 3)
 
 
 def _drift(magnet: GaudinMagnet, spins: Array, state: Array) -> dict[str, float]:
@@ -160,8 +156,7 @@ def _h(cell: dict) -> list[dict]:
 def reference(n: int) -> Array:
     """The spins at SPAN by SciPy's DOP853 at its tightest, good to about 1e-13."""
     magnet, spins = central_spin(n)
-    end: Array = _stepper(magnet, spins, "dop853", SPAN).advance(spins, 1)
-    return end
+    return _stepper(magnet, spins, "dop853", SPAN).advance(spins, 1)
 
 
 def _random(cell: dict) -> list[dict]:
@@ -271,15 +266,12 @@ RUN, WHOLE = "times as long as the exact step", "with set-up"
     "set-up counted for both",
 )
 def work(rows: pd.DataFrame) -> pd.DataFrame:
-    """For each span and error the quickest method but the Bäcklund maps, and how much longer it takes than the exact one."""
     table = []
     rows = rows.assign(total=rows.seconds + rows.setup_seconds)
     for (span, group), target in itertools.product(rows.groupby("span"), TARGETS):
         reached = group[group.error <= target]
-        ours, others = (
-            reached[reached.variant == "exact"],
-            reached[~reached.method.isin(("backlund", "backlund_paper"))],
-        )
+        ours = reached[reached.variant == "exact"]
+        others = reached[~reached.method.isin(("backlund", "backlund_paper"))]
         if len(ours) and len(others):
             line = {"span": span, "error at most": target}
             for price, name, ratio in (("seconds", "quickest other", RUN), ("total", "quickest with set-up", WHOLE)):
@@ -294,7 +286,6 @@ ORDER = "Order of each variant, as the slope of the error against the step, with
 
 @by_group(("variant",), "h", ORDER)
 def orders(variant: str, group: pd.DataFrame) -> dict:
-    """Measured order of each variant from the whole error against the step."""
     steps = SPAN / np.round(SPAN / group.h)  # a whole number of them was taken
     fit, maps = metrics.order(steps, group.error, floor=1e-13), group.maps.iloc[0] if "maps" in group else np.nan
     return {"maps": maps, "order": fit.p, "±": fit.stderr, "smallest error": float(group.error.min())}

@@ -75,8 +75,7 @@ def motion(case: str) -> tuple[WholeBody, Array]:
 def end(case: str) -> Array:
     """The rotation matrix at the end."""
     if case != "kovalevskaya":
-        matrix: Array = CASES[case].solution([UNTIL[case]]).rotation.as_matrix()[0]
-        return matrix
+        return CASES[case].solution([UNTIL[case]]).rotation.as_matrix()[0]
     rotation = [[Fraction(v).limit_denominator(10) for v in row] for row in START[0]]
     ((R, _),) = rigid_motion(*KOVALEVSKAYA, rotation, START[1], [UNTIL[case]], digits=20)
     return np.array([[float(v) for v in row] for row in R])
@@ -115,14 +114,12 @@ def measure(cell: dict) -> list[dict]:
     "smallest step: position (m), rotation (rad), energy, momentum about the vertical, Kovalevskaya's K",
 )
 def orders(case: str, method: str, group: pd.DataFrame) -> dict:
-    """Measured orders of position and rotation, and the errors with the smallest step."""
     record, columns = METHODS.get(method), ("h", "position", "rotation", "energy", "momentum", "K")
     line = {"order": record.order if record else None, **measured_orders(group)}
     return {**line, **group.loc[group.h.idxmin(), [name for name in columns if name in group]]}
 
 
 def measured_orders(group: pd.DataFrame) -> dict[str, float]:
-    """Of position and rotation."""
     found = {name: metrics.order(group.h, group[name], floor=FLOOR).p for name in ("position", "rotation")}
     return {f"order of {name}": p for name, p in found.items()}
 

@@ -192,7 +192,6 @@ def orders(good: pd.DataFrame) -> pd.DataFrame:
     "unit of time for the precession) and a residual, while the error is below 0.1",
 )
 def frequency_shifts(method: str, state: str, run: pd.DataFrame) -> dict:
-    """Frequency shift and residual of the runs against time, fitted while the error is small."""
     small = run[(run.error > SMALL).cumsum() == 0]
     t = small.t.to_numpy()
     nutation, precession = (metrics.frequency_shift(t, small[name].to_numpy()) for name in ("time", "angle"))
@@ -212,7 +211,6 @@ def frequency_shifts(method: str, state: str, run: pd.DataFrame) -> dict:
     "state would make the same error",
 )
 def promise(rows: pd.DataFrame) -> pd.DataFrame:
-    """The worst of the exact step over all tops, for each h."""
     rows = rows.assign(step=rows.h.where(rows.h.isin(PROMISE_H)).map("{:g}".format, na_action="ignore"))
     rows["step"] = rows.step.fillna("fractions of the nutation period")
     worst = rows.loc[rows.groupby("step", sort=False).ulps.idxmax()]
@@ -231,7 +229,6 @@ RANGE = (1e-9, 1e-2)  # errors of runs that say how good the theory is: no round
     "that share",
 )
 def theory(method: str, state: str, h: float, run: pd.DataFrame) -> dict:
-    """What theory takes away of the largest error of each run, and the rates it predicts."""
     first = run.iloc[0]
     if pd.notna(first.get("reason")):
         return {"reason": first.reason}
@@ -331,15 +328,12 @@ def _draw_theory(rows: pd.DataFrame, style):
         run = run[run.h == run.h.max()]
         if run.empty:
             return
-        for error, own in (
-            (np.hypot(run.predicted_time, run.predicted_angle), {"linestyle": "-", "marker": "none"}),
-            (
-                np.hypot(run.time, run.angle),
-                {"linestyle": "none", "marker": "o", "markersize": 2.6, "label": "_measured"},
-            ),
-            (run.left.cummax(), {"linewidth": 0.5, "linestyle": ":", "marker": "none", "label": "_left"}),
-        ):
-            ax.loglog(run.t, error, **{**look, **own})
+        predicted, measured = np.hypot(run.predicted_time, run.predicted_angle), np.hypot(run.time, run.angle)
+        dots = {"linestyle": "none", "marker": "o", "markersize": 2.6, "label": "_measured"}
+        dotted = {"linewidth": 0.5, "linestyle": ":", "marker": "none", "label": "_left"}
+        ax.loglog(run.t, predicted, **{**look, "linestyle": "-", "marker": "none"})
+        ax.loglog(run.t, measured, **{**look, **dots})
+        ax.loglog(run.t, run.left.cummax(), **{**look, **dotted})
 
     fig, axes = style.multiples(here.method, line, style.TIME, "phase error", (1e-17, 1e0))
     style.label_ends(axes)

@@ -353,7 +353,6 @@ def _heyoka(top, y0) -> Callable[[float], Any]:
     "error, nanoseconds a step. Exponent 0: bounded, ½: a random walk, 1: drift",
 )
 def forms(rows: pd.DataFrame) -> pd.DataFrame:
-    """For each form and step: largest error and exponent of every invariant, the phase error, nanoseconds a step."""
     drift, cost = rows[rows.part == "drift"], rows[rows.part == "cost"]
     if drift.empty:
         return drift
@@ -383,7 +382,6 @@ def forms(rows: pd.DataFrame) -> pd.DataFrame:
     "and of each invariant",
 )
 def long_run(rows: pd.DataFrame) -> pd.DataFrame:
-    """Where the long runs end: time reached in the same wall time, error, invariants."""
     last = rows.groupby("method", sort=False).tail(1)
     return last[["method", "t", "error", "time", "angle", *INVARIANTS]].reset_index(drop=True)
 

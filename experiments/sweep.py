@@ -135,7 +135,6 @@ def _at(place: str) -> Iterator[None]:
 
 
 def _own_top(name: str, table: Any) -> Start:
-    """One of the file's own tops."""
     with _at(f"[tops.{name}], "):
         if _known_top(name):
             raise ValueError("the bench has a top of this name; choose another")

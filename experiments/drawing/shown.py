@@ -33,7 +33,7 @@ def of_part(name: str = "", caption: str = "", failed: bool = False) -> Callable
 
 
 def by_group(
-    columns: Sequence[str], part: str = "", caption: str = "", failed: bool = False
+    columns: Sequence[str], part: str, caption: str, failed: bool = False
 ) -> Callable[..., Callable[..., Any]]:
     """As `of_part`, of a function that makes a line of the table: it gets the values of `columns`, and the rows that have them.
 

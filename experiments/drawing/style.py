@@ -155,11 +155,6 @@ def width() -> str:
     return _FORCED.get() or "page"
 
 
-def highlighted() -> tuple[str, ...]:
-    """The methods that stand out here, as given to `apply`."""
-    return _HIGHLIGHTED.get()
-
-
 def figure(width: str | float = "page", height: float | None = None, **subplots: Any) -> tuple[Figure, Any]:
     """A figure and its axes, as `Figure.subplots(**subplots)` gives them.
 
@@ -332,7 +327,7 @@ def _look(method: str) -> dict[str, Any]:
 
 def _standing_out() -> list[str]:
     """The methods with the reserved look: those of plug-ins, and the highlighted ones."""
-    return list(dict.fromkeys((*(name for name in METHODS if name not in BUILT_IN), *highlighted())))
+    return list(dict.fromkeys((*(name for name in METHODS if name not in BUILT_IN), *_HIGHLIGHTED.get())))
 
 
 def label(method: str) -> str:
@@ -473,14 +468,14 @@ def draw_lines(
     x: str,
     y: str,
     apart: Sequence[str],
-    looks: Mapping[str, dict[str, Any]] | None = None,
+    looks: Mapping[str, dict[str, Any]],
     log: Sequence[bool] = (True, True),
 ) -> None:
-    """`draw_method` of each method in `looks`, default: of all; a line for each set of values of the columns `apart`.
+    """`draw_method` of each method in `looks`; a line for each set of values of the columns `apart`.
 
     The lines of one method differ by their dashes, and their names say the values. Rows are joined in their order.
     """
-    for method, look in (looks or {name: of(name) for name in ordered(rows.method)}).items():
+    for method, look in looks.items():
         for i, (words, line) in enumerate(lines(rows[rows.method == method], apart)):
             named = {**look, "label": ", ".join([look["label"], *map(plain, words)])}
             if i and "linestyle" in look:
@@ -519,13 +514,10 @@ def by_family(
     return fig, axes
 
 
-Line = Callable[[Axes, str, dict[str, Any]], None]  # draws one method into a panel, with this look
-
-
 def multiples(
-    methods: Iterable[str], line: Line, xlabel: str, ylabel: str, ylim: tuple[float, float]
+    methods: Iterable[str], line: Callable[..., None], xlabel: str, ylabel: str, ylim: tuple[float, float]
 ) -> tuple[Figure, list[Axes]]:
-    """The panels of `by_family`, with lines of another kind."""
+    """The panels of `by_family`, with lines of another kind: line(ax, method, look) draws one."""
     names = ordered(methods)
     groups = [group for group in (*FAMILIES, OTHERS) if any(family(name) == group for name in names)]
     narrow = width() == "column"
@@ -695,12 +687,10 @@ def ulp_line(ax: Axes) -> None:
     ax.axhline(2.0**-52, color=FAINT, linewidth=0.6)
 
 
-def slope_guide(ax: Axes, exponent: float, anchor: tuple[float, float], span: float = 10.0, text: str = "") -> None:
+def slope_guide(ax: Axes, exponent: float, anchor: tuple[float, float], span: float, text: str) -> None:
     """A thin line y ∝ x^exponent on log-log axes from `anchor` over a factor `span` in x, with its name."""
     x0, y0 = anchor
     x1, y1 = x0 * span, y0 * span**exponent
     ax.plot([x0, x1], [y0, y1], color=FAINT, linewidth=0.7, linestyle=(0, (1, 1)), marker="none", label="_guide")
-    ax.annotate(
-        text or f"slope {exponent:g}", (x1, y1), (2, 0), textcoords="offset points", fontsize=6.5, color=FAINT,
-        va="center",
-    ).set_in_layout(False)  # fmt: skip
+    name = ax.annotate(text, (x1, y1), (2, 0), textcoords="offset points", fontsize=6.5, color=FAINT, va="center")
+    name.set_in_layout(False)

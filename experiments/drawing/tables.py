@@ -8,9 +8,8 @@ import math
 import numbers
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -47,8 +46,7 @@ TEX_MATH = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Cell:
+class Cell(NamedTuple):
     """One cell of a table: what is read, what it is sorted by, and which side it keeps to."""
 
     text: str

@@ -10,9 +10,8 @@ import hashlib
 import json
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lagrange_bench.experiments.measuring.states import find
 from lagrange_bench.integrators import METHODS, prepare
@@ -30,8 +29,7 @@ STEP = 0.125  # in units of the top's time scale
 Hashes = dict[str, dict[str, str]]  # "method" or "method compensated" → "state constants" or "state steps" → digest
 
 
-@dataclass(frozen=True)
-class Verdict:
+class Verdict(NamedTuple):
     """One kernel. `first` is the first count of steps, or "constants", at which its bits are not the golden ones."""
 
     kernel: str
@@ -84,8 +82,7 @@ def digest(numbers: Array) -> str:
 
 
 def golden() -> Hashes:
-    hashes: Hashes = json.loads(GOLDEN.read_text(encoding="utf-8"))
-    return hashes
+    return json.loads(GOLDEN.read_text(encoding="utf-8"))
 
 
 def compare(expected: Hashes, found: Hashes) -> list[Verdict]:

@@ -6,8 +6,7 @@ at three counts between each two.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,8 +25,7 @@ Top = str | tuple[Any, Any]
 Named = tuple[str, Any, np.ndarray]
 
 
-@dataclass(frozen=True)
-class Run:
+class Run(NamedTuple):
     """The drift of the invariants `names` along one run, (N, len(names)) in ulps, after `counts` steps."""
 
     top: str
@@ -64,7 +62,7 @@ def drifts(
     ------
     Refused : the method cannot take a step. ValueError : the method does not take a top.
     """
-    n = _length(method, steps)
+    n = states.affordable(method, LENGTH, full=False) if steps is None else check_count(steps, "steps", least=1)
     counts = states.log_counts(n, per_octave=4)
     sizes = [check_step(size, "h") for size in (h if isinstance(h, Iterable) else [h])]
     if not isinstance(options or {}, Mapping):
@@ -82,10 +80,6 @@ def drifts(
                     values = top.invariants(np.vstack((y0, y)), np.concatenate(((0.0,), times)))
                     ulps = metrics.ulps(values, top.invariant_scales(y0))[1:]
                 yield Run(label, size, counts, ulps, top.names)
-
-
-def _length(method: Method, steps: int | None) -> int:
-    return states.affordable(method, LENGTH, full=False) if steps is None else check_count(steps, "steps", least=1)
 
 
 def find(word: Top) -> Named:

@@ -65,11 +65,8 @@ def describe(error: BaseException, method: Method, word: str | None) -> str:
     if isinstance(error, NameError) and error.name:
         known = {**frames[-1][0].f_globals, **frames[-1][0].f_locals}
         text += suggestion(error.name, known).rstrip(".")
-    modules = (
-        word and METHODS.module(word),
-        getattr(method.prepare, "__module__", None),
-    )  # of the record, and its `prepare`
-    own = {module.partition(".")[0] for module in modules if module}
+    record, prepare = word and METHODS.module(word), getattr(method.prepare, "__module__", None)
+    own = {module.partition(".")[0] for module in (record, prepare) if module}
     places = [(f, line) for f, line in frames if f.f_globals.get("__name__", "").partition(".")[0] in own]
     if places:
         frame, line = places[-1]
