@@ -61,22 +61,20 @@ def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[
         return
     for field, value in place.where.items():
         rows = rows[rows[field] == value]
-    good = (
-        _priced_body(rows) if "case" in place.where else work_precision.useful(rows).rename(columns={"total": "price"})
-    )
+    good = _priced_body(rows) if "case" in place.where else work_precision.useful(rows)
+    good = good.rename(columns={"total": "price"})
     if good.empty:
         return
     problem = _problem(place)
     kept = {method: METHODS[method].kept(problem) for method in good.method.unique() if method in METHODS}
-    for length, group in good.groupby("span", sort=True):
+    good = good.sort_values("span", kind="stable")
+    for fields, best in work_precision.races(good, ["span"], TARGETS, "price"):
+        length, target = fields.values()
         when = f"{tables.show(length)}{' s' if 'case' in place.where else ''}"
-        for target in TARGETS:
-            reached = group[group.error <= target]
-            best = reached.loc[reached.groupby("method").price.idxmin()].sort_values("price")
-            for demand, names in _demands(problem).items():
-                those = best[[names <= kept.get(method, frozenset()) for method in best.method]]
-                if len(those):
-                    yield (name, when, tables.show(target), demand, *_answer(those), place.figure.format(length))
+        for demand, names in _demands(problem).items():
+            those = best[[names <= kept.get(method, frozenset()) for method in best.method]]
+            if len(those):
+                yield (name, when, tables.show(target), demand, *_answer(those), place.figure.format(length))
 
 
 def _priced_body(rows: pd.DataFrame) -> pd.DataFrame:

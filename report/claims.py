@@ -79,8 +79,7 @@ class Bound:
         return ""
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(NamedTuple):
     """What was found for one bound. `passed` None: it decides nothing, and `note` says why."""
 
     bound: Bound
@@ -109,8 +108,7 @@ class Finding:
         return f"{self.bound.sign} {show(self.bound.limit)}"
 
 
-@dataclass(frozen=True)
-class Verdict:
+class Verdict(NamedTuple):
     """What the checks of a claim found."""
 
     findings: tuple[Finding, ...]
@@ -132,10 +130,6 @@ class Verdict:
     @property
     def measured(self) -> str:
         return "; ".join(finding.measured for finding in self.findings if finding.measured)
-
-    @property
-    def required(self) -> str:
-        return "; ".join(finding.required for finding in self.findings)
 
     @property
     def note(self) -> str:
@@ -203,7 +197,6 @@ def _judge(bound: Bound, rows: pd.DataFrame) -> tuple[Finding, str | None]:
 
 
 def _read(bound: Bound, rows: pd.DataFrame) -> Reading:
-    """The numbers that a bound is about."""
     covered = _sound(select(rows, **bound.where), bound.where)
     if not callable(bound.measure):
         return Reading(np.abs(values(covered, *bound.measure)))

@@ -24,7 +24,7 @@ def assemble(rows: Mapping[str, pd.DataFrame]) -> Numbers:
     """From the rows of all experiments, by name. A number whose rows are not stored is left out."""
     cost, work, ensemble = (rows.get(name, pd.DataFrame()) for name in ("cost", "work_precision", "ensemble"))
     step, start, parameters = done(cost, "step"), done(cost, "start"), done(ensemble, "setup")
-    numbers = {**_of_records(methods_on()), **_of_steps(quickest(step) if len(step) else step), **_of_runs(work)}
+    numbers = {**_of_records(methods_on()), **_of_steps(step), **_of_runs(work)}
     if len(start):
         first = start[start.cached.eq(False)].set_index("method").first_s
         numbers["first"] = {"median": first.median(), "most": first.max(), "method": first.idxmax()}
@@ -52,8 +52,8 @@ def _of_steps(step: pd.DataFrame) -> Numbers:
     """Set-up of steppers; and the price of interpretation: one formula, compiled and not."""
     if step.empty:
         return {}
-    numbers = {}
-    least, setup = step.groupby("method").ns_per_step.min(), step.groupby("method").setup_us.min()
+    numbers, methods = {}, quickest(step).groupby("method")
+    least, setup = methods.ns_per_step.min(), methods.setup_us.min()
     if {"rk45", "rk45_fixed"} <= set(least.index):
         numbers["interpreted"] = {"us": least["rk45"] / 1000, "ns": least["rk45_fixed"]}
     return {**numbers, "setup": {"least": setup.min(), "most": setup.max(), "ours": setup.get("backlund")}}

@@ -28,19 +28,14 @@ Curves = dict[str, list[int]]  # method → x0, y0, x1, y1, …
 
 def script(rows: dict[str, pd.DataFrame]) -> str:
     """The data of all panels as JSON; empty if there are no curves."""
-    tops = [_top(name, rows) for name in _states(rows)]
+    found = [*_part(rows, "phase", "h").get("state", ()), *_part(rows, "perturbed", "work").get("state", ())]
+    tops = [_top(name, rows) for name in dict.fromkeys(found) if name in NAMED_TOPS]
     if not tops:
         return ""
     methods = dict.fromkeys(method for claim in CLAIMS for method in claim.about)
     about = {method: [claim.id for claim in CLAIMS if method in claim.about] for method in methods}
     data = {"tops": tops, "kept": _kept(rows), "about": about, "parts": PARTS}
     return json.dumps(data, ensure_ascii=False, separators=(",", ":"))
-
-
-def _states(rows: dict[str, pd.DataFrame]) -> list[str]:
-    """The tops on which errors were measured against the step, in a uniform field and in potentials."""
-    found = [*_part(rows, "phase", "h").get("state", ()), *_part(rows, "perturbed", "work").get("state", ())]
-    return [name for name in dict.fromkeys(found) if name in NAMED_TOPS]
 
 
 def _top(state: str, rows: dict[str, pd.DataFrame]) -> dict[str, Any]:

@@ -1,8 +1,9 @@
 """What the project says of itself: the claims of `claims.toml`, and the functions that read their numbers from stored rows."""
 
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -156,14 +157,6 @@ def expected_errors(rows: pd.DataFrame) -> float:
     return float((runs["expected within a factor of ten"] * runs.answered).sum() / runs.answered.sum())
 
 
-def against_others(good: pd.DataFrame, price: str) -> Iterator[tuple[float, str, float, pd.Series, pd.Series]]:
-    """Of each run and error: its length, its top, the error, and what Bäcklund maps and methods not exact in time cost."""
-    for (span, state), group in good.groupby(["span", "state"], sort=False):
-        for target in work_precision.TARGETS:
-            found = work_precision.best(group, target, price)
-            yield span, state, target, found[found.family == "backlund"][price], found[~found.family.isin(EXACT)][price]
-
-
 def lead(rows: pd.DataFrame, errors: Sequence[tuple[float, float, float]]) -> Reading:
     """How many times as long the best method takes that is not exact in time as the best Bäcklund map, set-up counted.
 
@@ -171,8 +164,11 @@ def lead(rows: pd.DataFrame, errors: Sequence[tuple[float, float, float]]) -> Re
     no other method does.
     """
     ratios = {}
-    for span, state, target, ours, others in against_others(work_precision.useful(all_methods(rows)), "total"):
+    runs = work_precision.useful(all_methods(rows)).groupby(work_precision.APART, sort=False)
+    for ((span, state), group), target in product(runs, work_precision.TARGETS):
         if any(span == length and least <= target <= most for length, most, least in errors):
+            found = work_precision.best(group, target, "total")
+            ours, others = found[found.family == "backlund"].total, found[~found.family.isin(EXACT)].total
             ratio = others.min() / ours.min() if len(ours) and len(others) else np.inf if len(ours) else 0.0
             ratios[f"error {show(target)} at t = {show(span)} on {state}, which {len(others)} others reach"] = ratio
     if not ratios:
@@ -255,15 +251,10 @@ def magnet_cost(rows: pd.DataFrame) -> list[float]:
     return [price(n, "taylor") / price(n, "exact") for n in sizes]
 
 
-READ: tuple[Callable[..., Any], ...] = (
-    orders_as_claimed, taken_by_theory, kept_as_claimed, kept_in_a_field, worst_to_tolerance, refused_tolerances,
-    expected_errors, lead, per_state, relative_error, setup_in_steps, batch_ratios, long_run_lead, magnet_orders, magnet_cost,
-)  # fmt: skip
 MEASURED_BY = ("required", "columns", "table", "lines", "above", "below", "read", "with")
 
 
 def _claim(entry: dict[str, Any]) -> Claim:
-    """A claim from its entry in `claims.toml`."""
     bounds = tuple(_bound(entry["experiment"], bound) for bound in entry.pop("bound"))
     return Claim(**{**entry, "about": tuple(entry.get("about", ()))}, bounds=bounds)
 
@@ -278,8 +269,7 @@ def _bound(experiment: str, entry: dict[str, Any]) -> Bound:
 def _measure(experiment: str, entry: dict[str, Any], where: dict[str, Any]) -> tuple[str, ...] | Measure:
     """What a bound compares; `claims.toml` says how that is written."""
     if "read" in entry:
-        read = {function.__name__: function for function in READ}[entry["read"]]
-        return partial(read, **entry.get("with", {}))
+        return partial(globals()[entry["read"]], **entry.get("with", {}))  # a function above
     if "above" in entry:
         return partial(error_ratios, where=where, above=entry["above"], below=entry["below"])
     if "table" in entry:

@@ -13,7 +13,7 @@ from functools import partial
 from multiprocessing import active_children, get_context
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -44,8 +44,7 @@ class DrawnFigure:
     phone: str = ""  # the document of a drawing for a narrow screen, if there is one
 
 
-@dataclass
-class DrawnTable:
+class DrawnTable(NamedTuple):
     name: str
     frame: pd.DataFrame
     caption: str
@@ -104,7 +103,7 @@ class Section:
         p = self.provenance
         if p.empty:
             return ""
-        kinds = {"declined": len(self.declined), "failed": len(self.failed)}
+        kinds = {"declined": len(self.ended(declined=True)), "failed": len(self.ended(declined=False))}
         ends = "".join(f", {count} {word}" for word, count in kinds.items() if count)
         seconds = tables.show(float(p["seconds"].sum()))
         return f"{len(p)} cells{ends}; {days(p)}, {seconds} s of computing; commit {', '.join(sorted(set(commits(p))))}"
@@ -114,17 +113,8 @@ class Section:
         """How many cells are not known to come from the source code that is here."""
         return sources.summary(self.ages)
 
-    @property
-    def declined(self) -> pd.DataFrame:
-        """The cells whose method declined the step, which is a result: their fields, and a column for the reason."""
-        return self._ended(declined=True)
-
-    @property
-    def failed(self) -> pd.DataFrame:
-        """The cells that failed by accident, likewise."""
-        return self._ended(declined=False)
-
-    def _ended(self, declined: bool) -> pd.DataFrame:
+    def ended(self, declined: bool) -> pd.DataFrame:
+        """The cells whose method declined the step, a result, or that failed by accident: their fields, and the reason."""
         if self.failures.empty:
             return self.failures
         cells = self.failures[(self.failures["error_type"] == DECLINED) == declined]
@@ -250,7 +240,6 @@ def draw_figures(module: ModuleType, rows: pd.DataFrame, highlight: Sequence[str
 
 
 def make_tables(module: ModuleType, rows: pd.DataFrame) -> list[DrawnTable]:
-    """All tables of an experiment."""
     made = module.tables(rows.copy())
     return [DrawnTable(name, tables.flat(t), t.attrs.get("caption", "")) for name, t in made.items()]
 

@@ -45,12 +45,8 @@ class Choice:
             return
         from lagrange_bench.integrators.registry import in_own_file
 
-        found: dict[str, set[Any]] = {"method": set(), "top": set()}
-        some = False
-        for cell in cells:
-            some = some or self.takes(cell)
-            found["method"].add(cell.get("method"))
-            found["top"].add(_top(cell))
+        cells = list(cells)
+        found = {"method": {cell.get("method") for cell in cells}, "top": set(map(_top, cells))}
         for flag, word, names in (
             ("--methods", "method", self.methods),
             ("--tops", "top", self.tops),
@@ -63,7 +59,7 @@ class Choice:
                     raise ValueError(f"{flag}: {why}")
                 more = f" Known: {', '.join(known)}" if close == "." and known else ""
                 raise ValueError(f"{flag}: no cell here has the {word} {unknown[0]!r}{close}{more}")
-        if not some:
+        if not any(map(self.takes, cells)):
             raise ValueError(f"{self.words.strip()}: no cell here has such a method on such a top")
 
 

@@ -17,10 +17,9 @@ import re
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.results import provenance, sources
@@ -233,8 +232,7 @@ def _digest(value: Any) -> str:
     return hashlib.sha256(_canonical(value).encode("ascii")).hexdigest()
 
 
-@dataclass(frozen=True)
-class Journal:
+class Journal(NamedTuple):
     """One record per cell of an experiment, and what is wrong with the lines that are no record."""
 
     latest: list[Record]
