@@ -15,23 +15,23 @@ T = np.arange(1, 40_001) * 0.05  # 40 000 samples
 STATES = 16
 
 
-def signal(kind, seed=0, states=STATES, t=T):
-    """Errors (states, N) of a known kind, of very different sizes from state to state."""
-    rng = np.random.default_rng(seed)
-    size = rng.uniform(0.5, 2.0, (states, 1))
-    phase, omega = rng.uniform(0, 2 * np.pi, (states, 1)), rng.uniform(1, 3, (states, 1))
-    oscillation = np.cos(omega * t + phase) - np.cos(phase)  # starts at 0, as errors do
-    walk = np.cumsum(rng.standard_normal((states, len(t))), axis=1)
+def signal(kind):
+    """Errors (STATES, N) of a known kind, of very different sizes from state to state."""
+    rng = np.random.default_rng(0)
+    size = rng.uniform(0.5, 2.0, (STATES, 1))
+    phase, omega = rng.uniform(0, 2 * np.pi, (STATES, 1)), rng.uniform(1, 3, (STATES, 1))
+    oscillation = np.cos(omega * T + phase) - np.cos(phase)  # starts at 0, as errors do
+    walk = np.cumsum(rng.standard_normal((STATES, len(T))), axis=1)
     ulp = 2.0**-52
-    noise = rng.standard_normal((states, len(t)))
+    noise = rng.standard_normal((STATES, len(T)))
     return {
         "oscillation": 1e-6 * size * oscillation,
         "noise": ulp * size * noise,
         "walk": ulp * size * walk,
         "rounded walk": ulp * np.round(size * walk),
-        "linear": 1e-12 * size * t * rng.choice((-1, 1), (states, 1)),
-        "quadratic": 1e-12 * size * t**2,
-        "linear in noise": ulp * (20 * noise + size * t),  # the drift overtakes the noise only in the last two decades
+        "linear": 1e-12 * size * T * rng.choice((-1, 1), (STATES, 1)),
+        "quadratic": 1e-12 * size * T**2,
+        "linear in noise": ulp * (20 * noise + size * T),  # the drift overtakes the noise only in the last two decades
         "walk with an oscillation": ulp * (walk + 5 * oscillation),
     }[kind]
 

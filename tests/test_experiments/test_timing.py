@@ -121,11 +121,8 @@ def test_times_are_stored_in_their_units(place, monkeypatch):
     assert row.get("samples_ns", [expected.get("ns_per_step")])[0] == pytest.approx(expected.get("ns_per_step"))
 
 
-def test_labels_name_the_units_of_cost():
+def test_labels_name_the_units():
     assert cost.PRICES == {"ns_per_step": "ns per step", "setup_us": "set-up of a stepper, µs"}
-
-
-def test_labels_name_the_units_of_ensembles():
     rows = [
         {"part": "tops", "tops": 32, "threads": 1, "ns_per_step_and_core": 5.0},
         {"part": "setup", "h": 0.1, "setup_us": 3.0},

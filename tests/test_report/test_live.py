@@ -65,13 +65,9 @@ def test_the_browser_computes_what_python_computes_in_a_tide(browser, method):
         *scales, unit = top.scales(base.state)
         h = 0.3 * float(unit)
         expected = integrate(top, base.state, h, 100, name, **options).y[-1]
-        here, elsewhere = (
-            np.max(
-                np.abs(iterate(browser, method, base.alpha, base.y0, h, 100, tide)[100] - expected)
-                / np.repeat(scales, 3)
-            )
-            for tide in (epsilon, 1.01 * epsilon)
-        )
+        tides = (epsilon, 1.01 * epsilon)
+        ends = [iterate(browser, method, base.alpha, base.y0, h, 100, tide)[100] for tide in tides]
+        here, elsewhere = np.max(np.abs(np.array(ends) - expected) / np.repeat(scales, 3), axis=1)
         assert here < 1e-12
         assert elsewhere > 1e-9
 
@@ -160,11 +156,9 @@ def test_the_tide_of_the_live_top(browser):
         rows = numbers(browser)
         assert [row[0] for row in rows] == ["Bäcklund splitting", "Implicit midpoint", "Strang"]
         assert {row[3] for row in rows} == {"–"}  # J3 changes
-        H = "Top.invariants(1, r.all[i], 10 ** arguments[0])[0]"
-        script = (
-            f"return document.getElementById('live').runs.map(r => {{ const H = i => {H}; return H(r.last) - H(0); }})"
-        )
-        errors.append(np.abs(browser.execute_script(script, exponent)))
+        H = "i => Top.invariants(1, r.all[i], 10 ** arguments[0])[0]"
+        moved = f"runs.map(r => {{ const H = {H}; return H(r.last) - H(0); }})"
+        errors.append(np.abs(browser.execute_script(f"return document.getElementById('live').{moved}", exponent)))
     strong, weak = errors
     assert energy.is_displayed()
     assert 30 < strong[0] / weak[0] < 300  # of the splitting: like the tide

@@ -96,15 +96,14 @@ def test_how_far_a_timing_cell_goes_is_the_clocks_business(tmp_path):
         assert compare.compare(old, store(tmp_path / name, (cell, new))).same is same
 
 
-def timed(folder, seed, ratio=1.0, noise=0.05, raw=False):
+def timed(folder, seed, ratio=1.0, raw=False):
     """A store of timings: lognormal noise, the samples of a cell together and each by itself."""
     draw, listed = random.Random(seed), []
     for i in range(16):
-        base = 20.0 * ratio * draw.lognormvariate(0, noise)
-        samples = [base * draw.lognormvariate(0, noise) for _ in range(5)]
-        row = {"ns_per_step": min(samples), "steps": 7, "unstable": i % 2 == seed} | (
-            {"samples_ns": samples} if raw else {}
-        )
+        base = 20.0 * ratio * draw.lognormvariate(0, 0.05)
+        samples = [base * draw.lognormvariate(0, 0.05) for _ in range(5)]
+        row = {"ns_per_step": min(samples), "steps": 7, "unstable": i % 2 == seed}
+        row |= {"samples_ns": samples} if raw else {}
         listed.append(({"i": i, "method": "backlund", "timing": True}, [row]))
     return store(folder, *listed)
 
