@@ -22,7 +22,7 @@ import numpy as np
 
 from lagrange_bench.experiments import SWEEP
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.states import as_rows, find, follow
+from lagrange_bench.experiments.measuring.states import KNOBS, as_rows, find, follow
 from lagrange_bench.integrators import INVARIANTS, PerturbedTop, StepError, memory, prepare
 from lagrange_bench.integrators.api import integrate
 from lagrange_bench.integrators.checks import MOST, check_count, check_real, check_state, check_step
@@ -40,7 +40,6 @@ VERSION = 3  # of rows whose seconds leave out compilation
 MEASURED = {"": ("t", "H", "C1", "C2")}  # J3 and the error only where the top and the truth have them
 TIMES = ("seconds",)  # columns that no two runs have in common
 
-KNOBS = ("h", "tol", "rtol")
 SAMPLES = 32
 PER_SAMPLE = 3000  # bytes of memory that a cell takes for each, a generous guess
 LARGEST = 1e100  # step: beyond, there is nothing to draw

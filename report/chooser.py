@@ -8,14 +8,13 @@ import pandas as pd
 from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.heavy_top import UNTIL, motion
-from lagrange_bench.experiments.measuring.states import find
+from lagrange_bench.experiments.measuring.states import KNOBS, find
 from lagrange_bench.integrators import METHODS
 
 TARGETS = work_precision.TARGETS[:-1]
 ASKED = ("problem", "length of the run", "error at most", "must conserve")
 COLUMNS = (*ASKED, "method", "name", "with", "cost", "next best", "figure")
 NOTHING, LENGTHS, ENERGY = "nothing in particular", "lengths (Casimirs)", "energy and lengths"
-KNOBS = ("h", "tol", "rtol", "scheme")
 TIE = 1.05  # two times whose ratio is below are the same
 
 
@@ -112,7 +111,7 @@ def _answer(best: pd.DataFrame) -> tuple[str, ...]:
 
 
 def _settings(run: pd.Series) -> Iterator[str]:
-    for name in KNOBS:
+    for name in (*KNOBS, "scheme"):
         if pd.notna(value := run.get(name)):
             yield f"{name} = {value if isinstance(value, str) else tables.show(value)}"
     if pd.notna(run.get("variant")):  # of a magnet

@@ -35,14 +35,11 @@ def script() -> Markup:
             *(_look(other) for other in METHODS.values() if other and other not in METHODS),
         ],
     }
-    parts = [f"const LIVE = {json.dumps(data, ensure_ascii=False)};", *map(_read, ("top.js", "picture.js", "view.js"))]
+    scripts = [(HERE / name).read_text(encoding="utf-8") for name in ("top.js", "picture.js", "view.js")]
+    parts = [f"const LIVE = {json.dumps(data, ensure_ascii=False)};", *scripts]
     return Markup("\n".join(parts).replace("</", "<\\/"))
 
 
 def _look(name: str) -> dict[str, str]:
     look = style.of(name)
     return {"name": name, "label": look["label"], "color": look["color"]}
-
-
-def _read(name: str) -> str:
-    return (HERE / name).read_text(encoding="utf-8")
