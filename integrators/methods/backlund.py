@@ -48,7 +48,9 @@ first_form, first_exact_constants = at_first_interpreted(real_map.form), at_firs
 first_flow = at_first_interpreted(ts.flow)
 
 
-def _stepper(name: str, h: float, units: Units, c: Array, pin: int, turn: real_map.Turn = real_map.NO_TURN) -> FixedStepper:
+def _stepper(
+    name: str, h: float, units: Units, c: Array, pin: int, turn: real_map.Turn = real_map.NO_TURN
+) -> FixedStepper:
     real_map.check_constants(name, c, h)
     back, block = (real_map.pin, pin) if pin else (None, NEVER)
     return real_map.TorusStepper(name, h, units, c, real_map.KERNELS[first_form(c)], back, block, turn=turn, lane=True)

@@ -172,7 +172,8 @@ def test_order_and_what_is_kept(name, problem):
         assert not errors, "it is exact"
     else:
         (n, error), (m, less) = errors[-2:]
-        assert np.log(error / less) / np.log(m / n) > 0.75 * METHODS[name].order_for(PROBLEMS[problem])
+        least = 0.95 if "site" in problem else 0.75  # magnets have reached their order
+        assert np.log(error / less) / np.log(m / n) > least * METHODS[name].order_for(PROBLEMS[problem])
     assert drift < 64
 
 
