@@ -95,6 +95,8 @@ lint: .venv/ready
 	cp -R lagrange_bench build/lint
 	cp -R integrators experiments results report build/lint/lagrange_bench
 	cd build/lint && $(CURDIR)/$(BIN)/mypy --config-file $(CURDIR)/pyproject.toml --cache-dir $(CURDIR)/.mypy_cache
+	cd build/lint && $(CURDIR)/$(BIN)/python -c 'import lagrange_bench; print("from lagrange_bench import", ", ".join(lagrange_bench.__all__))' >user.py
+	cd build/lint && $(CURDIR)/$(BIN)/mypy --strict --follow-imports=silent --cache-dir $(CURDIR)/.mypy_cache user.py
 	cd build/lint && $(CURDIR)/$(BIN)/lint-imports --no-logo --config $(CURDIR)/pyproject.toml --cache-dir $(CURDIR)/.import_linter_cache
 
 # A stamp for each set of extras: none, for who only runs and draws; and those of tests and lint, which include the former.

@@ -12,8 +12,6 @@
 Beside it, this package holds the command line (`commands`) and what runs cells (`runner`).
 """
 
-# ruff: noqa: F401, names that `__all__` below is made of
-
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
@@ -21,19 +19,27 @@ from typing import TYPE_CHECKING
 from lagrange_bench.integrators import __all__ as _INTEGRATORS
 from lagrange_bench.integrators.lazy import face
 
-if TYPE_CHECKING:
-    from lagrange_bench.comparison import Comparison
-    from lagrange_bench.data import load
-    from lagrange_bench.experiments.drawing import style
-    from lagrange_bench.experiments.measuring import metrics, states, timing
-    from lagrange_bench.experiments.measuring.check import check
+if TYPE_CHECKING:  # `as` tells type checkers that a name is public: they cannot evaluate `__all__`
+    from lagrange_bench.comparison import Comparison as Comparison
+    from lagrange_bench.data import load as load
+    from lagrange_bench.experiments.drawing import style as style
+    from lagrange_bench.experiments.measuring import metrics as metrics
+    from lagrange_bench.experiments.measuring import states as states
+    from lagrange_bench.experiments.measuring import timing as timing
+    from lagrange_bench.experiments.measuring.check import check as check
     from lagrange_bench.integrators import *  # noqa: F403
-    from lagrange_bench.integrators.compiling.compiled import compiled
-    from lagrange_bench.integrators.compiling.loops import MEMORY, FixedStepper
-    from lagrange_bench.integrators.methods.explicit import explicit_stepper
-    from lagrange_bench.judging import judge
-    from lagrange_bench.questions import drift, heavy_top, order, perturbed, phase, work_precision
-    from lagrange_bench.results.store import Store
+    from lagrange_bench.integrators.compiling.compiled import compiled as compiled
+    from lagrange_bench.integrators.compiling.loops import MEMORY as MEMORY
+    from lagrange_bench.integrators.compiling.loops import FixedStepper as FixedStepper
+    from lagrange_bench.integrators.methods.explicit import explicit_stepper as explicit_stepper
+    from lagrange_bench.judging import judge as judge
+    from lagrange_bench.questions import drift as drift
+    from lagrange_bench.questions import heavy_top as heavy_top
+    from lagrange_bench.questions import order as order
+    from lagrange_bench.questions import perturbed as perturbed
+    from lagrange_bench.questions import phase as phase
+    from lagrange_bench.questions import work_precision as work_precision
+    from lagrange_bench.results.store import Store as Store
 
 _OTHERS = {
     "lagrange_bench.integrators.compiling.compiled": ("compiled",),
