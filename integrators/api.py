@@ -258,7 +258,7 @@ def _evaluate(method: Method, top: Any, y0: Array, times: Array, options: dict[s
     evaluate = method.evaluate_for(top)
     if evaluate is None:
         raise ValueError(f"t: {method.name} steps on a grid only; give h and steps")
-    check_options(method.name, evaluate, options)
+    check_options(f"{method.name} at given times", evaluate, options)
     y, work = evaluate(top, y0, times, **options)
     check_rows(method.name, "evaluate", y, (len(times), len(y0)))
     return Trajectory(top, method.name, times, y, work, start=Start(y0, method, None, options))

@@ -133,7 +133,7 @@ def integrate_ensemble(
     if times is not None:
         if evaluate is None:
             raise ValueError(f"t: {found.name} steps on a grid only; give h and steps")
-        checks.check_options(found.name, evaluate, options)
+        checks.check_options(f"{found.name} at given times", evaluate, options)
         out = np.empty((len(times), *states.shape))
         failures = _run(_Jumps(found, tops, states, out, options, times), threads)
         return collected(None, times, _judge(found, None, out, failures, on_failure), end_only=False)

@@ -112,7 +112,8 @@ def run(options: argparse.Namespace) -> Answer:
     evaluate = None if options.times is None else method.evaluate_for(top)
     if options.times is not None and evaluate is None:
         raise ValueError(f"--times: {method.name} steps on a grid only; give --h and --steps")
-    check_options(method.name, evaluate or method.prepare_for(top), settings)
+    called = method.name if evaluate is None else f"{method.name} at given times"
+    check_options(called, evaluate or method.prepare_for(top), settings)
     files = {"--output": options.output, "--draw": options.draw}
     for (flag, path), suffixes in zip(files.items(), (TABLES, PICTURES), strict=True):
         if path is not None:  # nobody wants to learn after an hour that there is no such folder
