@@ -59,7 +59,7 @@ def tree(tmp_path):
     home = tmp_path / "lagrange_bench"
     shutil.copytree(ROOT / "lagrange_bench", home, ignore=ignored)
     for room in ("integrators", "experiments", "results", "report"):
-        shutil.copytree(ROOT / room, home / room, ignore=ignored)
+        shutil.copytree(ROOT / room, home / room, ignore=ignored, dirs_exist_ok=True)  # a link in a copy for mutations
     return tmp_path
 
 
