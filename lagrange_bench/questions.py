@@ -61,7 +61,7 @@ def drift(
     Parameters
     ----------
     methods, tops : list
-        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. One top need be in no list.
+        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. A single top need not be in a list.
     h : float, optional
         The step in the top's own unit of time.
     h_scaled : float, optional
@@ -98,7 +98,7 @@ def phase(
     Parameters
     ----------
     methods, tops : list
-        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. One top need be in no list.
+        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. A single top need not be in a list.
     h, h_scaled : float, optional
         The step, as for `drift`; h_scaled = 0.25 if neither is given.
     steps : int
@@ -132,7 +132,7 @@ def order(methods: Methods, tops: Tops = "generic") -> Comparison:
     Parameters
     ----------
     methods, tops : list
-        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. One top need be in no list.
+        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. A single top need not be in a list.
 
     Returns
     -------
@@ -172,7 +172,7 @@ def work_precision(
     Parameters
     ----------
     methods, tops : list
-        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. One top need be in no list.
+        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. A single top need not be in a list.
     t : float, optional
         Length of the runs in the top's own unit of time.
     t_scaled : float, optional
@@ -203,7 +203,7 @@ def perturbed(
     Parameters
     ----------
     methods, tops : list
-        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. One top need be in no list.
+        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. A single top need not be in a list.
     t, t_scaled : float, optional
         Length of the runs, as for `work_precision`; t_scaled = 1000 if neither is given.
     longest : float

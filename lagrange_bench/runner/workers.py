@@ -18,7 +18,7 @@ from functools import cache
 from multiprocessing import connection
 from pathlib import Path
 from time import monotonic, perf_counter
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.integrators import interrupts, memory
@@ -50,12 +50,22 @@ Outcome = dict[str, Any]  # status, rows, error, warnings, seconds; and sources,
 Finish = Callable[[Sequence[tuple[Task, Outcome]]], None]
 
 
-def compute_all(tasks: Iterable[Task], executor: Any, begin: Callable[[str], None], finish: Finish) -> None:
+class Executor(Protocol):
+    """Something that computes tasks, several at a time: `submit` does not wait, `finished` waits for some outcomes."""
+
+    @property
+    def room(self) -> bool: ...  # whether to hand over another task now
+
+    def submit(self, task: Task) -> None: ...
+
+    def finished(self) -> list[tuple[Task, Outcome]]: ...
+
+
+def compute_all(tasks: Iterable[Task], executor: Executor, begin: Callable[[str], None], finish: Finish) -> None:
     """Computes every task and calls `finish` here with a handful of outcomes as soon as it is there.
 
-    executor : `Local` or `cluster.Cluster`: while there is `room`, `submit` takes a task and does not wait; `finished` waits
-    for some outcomes. `tasks` is read as it is needed. A cell whose process died is computed once more in the end, with no
-    other beside it: the process may have been killed from outside, or for want of memory. The second death is the cell's own.
+    `tasks` is read as it is needed. A cell whose process died is computed once more in the end, with no other beside
+    it: the process may have been killed from outside, or for want of memory. The second death is the cell's own.
     """
     suspects: list[Task] = []
     for outcomes in _stream(iter(tasks), executor, begin):
@@ -67,7 +77,9 @@ def compute_all(tasks: Iterable[Task], executor: Any, begin: Callable[[str], Non
             finish(outcomes)
 
 
-def _stream(tasks: Iterator[Task], executor: Any, begin: Callable[[str], None]) -> Iterator[list[tuple[Task, Outcome]]]:
+def _stream(
+    tasks: Iterator[Task], executor: Executor, begin: Callable[[str], None]
+) -> Iterator[list[tuple[Task, Outcome]]]:
     """Outcomes as they come. The next tasks are handed over first, so that no process waits for the store."""
     out, outcomes = 0, list[tuple[Task, Outcome]]()
     while True:
@@ -92,7 +104,10 @@ def failed_by(outcome: Outcome, reason: str) -> bool:
 
 
 class Local:
-    """`jobs` processes on this machine, that are used again. Left in whatever way, they are killed. limit : s a cell may take."""
+    """An `Executor`: `jobs` processes on this machine, that are used again. Left in whatever way, they are killed.
+
+    limit : s a cell may take.
+    """
 
     def __init__(self, jobs: int, limit: float):
         self._jobs, self._limit = jobs, limit
