@@ -230,7 +230,7 @@ from lagrange_bench.integrators.methods import backlund
 method = sys.argv[1]
 named, h = (TOPS["generic"], 20.0) if method == "backlund" else (PERTURBED_TOPS["weak_tide"], 0.1)
 ends = [integrate(named.top, named.y0, h, 20, method).y[-1].tobytes().hex()]
-print(bool(backlund.run.overloads), bool(backlund.exact_constants.overloads))
+print(bool(backlund.run.overloads), bool(backlund.real_map.exact_constants.overloads))
 ends += [integrate(named.top, named.y0, h, 20, method).y[-1].tobytes().hex() for _ in range(OFTEN)]
 print(ends[0], len(set(ends)))
 print(bool(backlund.run.overloads))
