@@ -1,0 +1,181 @@
+"""What methods look like: name → label, colour, marker, line style.
+
+Colours go by family. They are the hues of Okabe and Ito, safe for colour-blind readers, with yellow and orange darkened
+so that text in them can be read. Shades, markers and dashes go by the place of a method within its family, so a figure
+also reads in grey. A method nobody registered gets a grey of its own, always the same. One of a plug-in, or a
+highlighted one, has black dashes, which no method of the bench has, and is named in every figure.
+"""
+
+import hashlib
+from collections import Counter
+from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import to_rgb
+
+from lagrange_bench.experiments.drawing.canvas import highlighted, plain, printable, title
+from lagrange_bench.integrators.registry import BUILT_IN, METHODS, find_stored_method
+
+CONTRAST = 4.5  # of coloured text on white, as WCAG asks for
+
+# family → (colours, markers), used in registry order within the family
+FAMILIES: dict[str, tuple[Sequence[str], str]] = {
+    "backlund": (("#0072B2", "#3F93CF", "#003B5C", "#7D9BD1", "#0B4F9E"), "osDh^"),
+    "closed-form": (("#1A1A1A", "#6E6E6E", "#454545"), "osD"),
+    "taylor": (("#009E73", "#00503A", "#45B894", "#2E7D5B", "#4FA98A"), "^v<>os"),
+    "runge-kutta": (("#D55E00", "#8A3A00", "#E8742E", "#B04C00", "#5C2700"), "XPp8osD"),
+    "splitting": (("#C78900", "#7A5400", "#DB9400", "#4D3500", "#A8770F"), ">osD^v<"),
+    "integrable": (("#1E95CC", "#0F5C80", "#3AA0DA"), "posD"),
+    "implicit": (("#C0649A", "#7B2E5E", "#D07AAE", "#A0437C", "#54183E"), "dosH^v"),
+    "lie-group": (("#8C8000", "#544D00", "#A39700"), "hosD"),
+    "whole-body": (("#8A5A44", "#5C3A2B", "#B07A60", "#3E2519", "#A0664B"), "vosD^"),
+}
+TITLES = {
+    "backlund": "Bäcklund maps",
+    "closed-form": "closed form",
+    "taylor": "Taylor series",
+    "runge-kutta": "explicit Runge–Kutta",
+    "splitting": "splitting",
+    "integrable": "integrable discretisations",
+    "implicit": "implicit, multistep",
+    "lie-group": "Lie group",
+    "whole-body": "multibody dynamics",
+}
+OTHERS = "others"  # methods no longer registered, and families of plug-ins
+STRANGERS = (("#5A5A5A", "#8F8F8F", "#333333", "#B0B0B0"), "+x12")
+OWN = "#000000"  # of what stands out, with these markers and dashes
+OWN_MARKERS = "*PXd"
+OWN_DASHES: tuple[Any, ...] = ((0, (3, 1)), (0, (6, 1, 1, 1)), (0, (1, 0.8)), (0, (9, 2)))
+FEW = 8  # methods: all of so many can be named
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
+
+
+def of(method: str) -> dict[str, Any]:
+    """label, color, marker, linestyle of a method: keywords for `Axes.plot`, which would read a label as a formula."""
+    look = _look(method)
+    return {**look, "label": plain(look["label"])}
+
+
+def _look(method: str) -> dict[str, Any]:
+    look = _known(METHODS.changes)[1].get(method) or _stranger(method)
+    mine = _standing_out()
+    if method not in mine and ":" not in method:
+        return look
+    with suppress(Exception):  # one that cannot be loaded here keeps the name that it has in the rows
+        look = {**look, "label": find_stored_method(method).label}
+    place = mine.index(method) if method in mine else _digest(method)
+    marker, dashes = OWN_MARKERS[place % len(OWN_MARKERS)], OWN_DASHES[place % len(OWN_DASHES)]
+    return {"label": look["label"], "color": OWN, "marker": marker, "linestyle": dashes, "linewidth": 1.8}
+
+
+def _standing_out() -> list[str]:
+    """The methods with the reserved look: those of plug-ins, and the highlighted ones."""
+    return list(dict.fromkeys((*(name for name in METHODS if name not in BUILT_IN), *highlighted())))
+
+
+def label(method: str) -> str:
+    """What a table or a sentence calls a method. In a figure: `plain(label(method))`, or the label of `of`."""
+    return printable(_look(method)["label"])
+
+
+def ordered(methods: Iterable[str]) -> list[str]:
+    """Distinct names in legend order: the registry's, then the unknown ones by name."""
+    known = list(_known(METHODS.changes)[1])
+    return sorted(set(methods), key=lambda name: (known.index(name) if name in known else len(known), name))
+
+
+def family(method: str) -> str:
+    """The family a method is drawn with: its own if that has colours here, else OTHERS."""
+    return _known(METHODS.changes)[0].get(method, OTHERS)
+
+
+def looks(methods: Iterable[str], named: Collection[str]) -> dict[str, dict[str, Any]]:
+    """The look of each method where some are named and bold, in legend order; what stands out, and FEW, are all named."""
+    names = ordered(methods)
+    if len(names) <= FEW:
+        alone = Counter(family(name) for name in names)
+        return {name: _prominent(name, alone) for name in names}
+    mine, alone = _standing_out(), Counter(family(name) for name in names if name in named)
+    return {
+        name: of(name) if name in mine else thin(name) if name not in named else _prominent(name, alone)
+        for name in names
+    }
+
+
+def _prominent(method: str, alone: Counter[str]) -> dict[str, Any]:
+    """The bold line of its family; with its own shade, marker and dashes where others of its family stand out, too."""
+    return bold(method) if alone[family(method)] == 1 else {**of(method), "linewidth": 1.6}
+
+
+def naming(methods: Collection[str], chosen: str) -> str:
+    """What a caption says of the lines of `looks`; chosen : which are named, if not all."""
+    if len(set(methods)) <= FEW:
+        return "Every method is named"
+    return f"Thin: the other methods, each in the colour of its family; {chosen}"
+
+
+def thin(method: str) -> dict[str, Any]:
+    """A method in the background: the colour of its family, its name only where one points at it."""
+    look = {"color": of(method)["color"], "linewidth": 0.55, "alpha": 0.5}
+    return {**look, "label": "_thin", "gid": title(label(method))}
+
+
+def bold(method: str) -> dict[str, Any]:
+    """The best of a family: what `label_ends` names."""
+    look, colours = of(method), FAMILIES.get(family(method), ((),))[0]
+    if method in _standing_out():
+        return look
+    main = colours[0] if colours else look["color"]
+    return {**look, "color": main, "linestyle": "-", "linewidth": 1.9, "marker": "none"}
+
+
+@lru_cache(maxsize=1)
+def _known(changes: int) -> tuple[dict[str, str], dict[str, dict[str, Any]]]:
+    """Family and style of each registered method, as the registry is after so many changes.
+
+    A method that cannot be loaded here may still have rows: it is drawn as a stranger.
+    """
+    families: dict[str, str] = {}
+    styles: dict[str, dict[str, Any]] = {}
+    places: Counter[str] = Counter()
+    for name, method, _ in METHODS.each():
+        styles[name] = _stranger(name)
+        if method and method.family in FAMILIES:
+            families[name] = method.family
+            styles[name] = _style(method.label, *FAMILIES[method.family], places[method.family])
+            places[method.family] += 1
+        elif method:
+            styles[name]["label"] = method.label
+    return families, styles
+
+
+def _stranger(name: str) -> dict[str, Any]:
+    return _style(name, *STRANGERS, _digest(name))
+
+
+def _digest(name: str) -> int:
+    return hashlib.sha256(name.encode(errors="surrogatepass")).digest()[0]
+
+
+def _style(text: str, colours: Sequence[str], markers: str, place: int) -> dict[str, Any]:
+    def pick(options: Sequence[Any]) -> Any:
+        return options[place % len(options)]
+
+    return {"label": text, "color": pick(colours), "marker": pick(markers), "linestyle": pick(DASHES)}
+
+
+def readable(colour: Any) -> tuple[float, float, float]:
+    """The colour, darkened as far as text in it needs on white."""
+    rgb = np.array(to_rgb(colour))
+    while 1.05 / (_luminance(rgb) + 0.05) < CONTRAST:
+        rgb *= 0.97
+    r, g, b = rgb.tolist()
+    return r, g, b
+
+
+def _luminance(rgb: Any) -> float:
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return float(linear @ (0.2126, 0.7152, 0.0722))

@@ -1,0 +1,293 @@
+"""Marks and names in panels, by the looks of methods.
+
+Forty lines in one panel are not readable. Either every family has a panel of its own (`by_family`), or all are thin
+but the best of each (`looks`). Lines are named where they end (`label_ends`), not in a legend.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import matplotlib.figure
+import numpy as np
+import pandas as pd
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import FixedLocator
+from matplotlib.transforms import blended_transform_factory, offset_copy
+
+from lagrange_bench.experiments.drawing.canvas import FAINT, INK, TALLEST, Figure, panels, plain, width
+from lagrange_bench.experiments.drawing.looks import (
+    DASHES,
+    FAMILIES,
+    OTHERS,
+    OWN_DASHES,
+    TITLES,
+    family,
+    label,
+    of,
+    ordered,
+    readable,
+)
+from lagrange_bench.experiments.drawing.tables import show
+from lagrange_bench.integrators.registry import METHODS
+
+TIME, STEP = "time · (|J| + √(|α||x|))", "step h · (|J| + √(|α||x|))"  # axes in the units of the top
+REFERENCE = "backlund"  # in grey in every panel of small multiples
+LEAST = 1e-17  # where an error of 0 is drawn
+WORDS = {"span_scaled": "t", "span": "t", "h_scaled": "h"}  # what names of lines call columns
+
+
+def draw_method(
+    ax: Axes, rows: pd.DataFrame, method: str, x: str, y: str, look: dict[str, Any], log: Sequence[bool] = (True, True)
+) -> None:
+    """y against x of what one method has in `rows`, on logarithmic axes its absolute value.
+
+    Crosses where it failed; or, of one that only failed at no x, before its name. Not of a line without a name.
+    """
+    mine = rows[rows.method == method]
+    good = mine[(mine.status == "done") & mine[x].notna() & mine[y].notna()]
+    if not good.empty:
+        ax.plot(good[x], good[y].abs().clip(lower=LEAST) if log[1] else good[y], **look)
+        ax.set(**{f"{axis}scale": "log" for axis, is_log in zip("xy", log, strict=True) if is_log})
+    if not str(look["label"]).startswith("_"):
+        failed = mine[mine.status == "failed"][x].dropna()
+        failure_marks(ax, failed, method)
+        if good.empty and failed.empty:
+            failed_label(ax, method)
+
+
+def draw_lines(
+    ax: Axes,
+    rows: pd.DataFrame,
+    x: str,
+    y: str,
+    apart: Sequence[str],
+    looks: Mapping[str, dict[str, Any]],
+    log: Sequence[bool] = (True, True),
+) -> None:
+    """`draw_method` of each method in `looks`; a line for each set of values of the columns `apart`.
+
+    The lines of one method differ by their dashes, and their names say the values. Rows are joined in their order.
+    """
+    for method, look in looks.items():
+        for i, (words, line) in enumerate(lines(rows[rows.method == method], apart)):
+            named = {**look, "label": ", ".join([look["label"], *map(plain, words)])}
+            if i and "linestyle" in look:
+                dashes = DASHES if look["linestyle"] in DASHES else OWN_DASHES
+                named["linestyle"] = dashes[(dashes.index(look["linestyle"]) + i) % len(dashes)]
+            draw_method(ax, line, method, x, y, named, log)
+
+
+def lines(rows: pd.DataFrame, apart: Sequence[str]) -> list[tuple[list[str], pd.DataFrame]]:
+    """The rows of each line of one method, and what its name says of the columns that differ."""
+    columns = [name for name in apart if name in rows and rows[name].nunique() > 1]
+    if not columns:
+        return [([], rows)]
+
+    def words(values: Any) -> list[str]:
+        known = [pair for pair in zip(columns, values, strict=True) if pd.notna(pair[1]) and pair[1] != ""]
+        return [v if isinstance(v, str) else f"{WORDS.get(name, name)} = {show(v)}" for name, v in known]
+
+    return [(words(values), line) for values, line in rows.groupby(columns, dropna=False)]
+
+
+def by_family(
+    rows: pd.DataFrame, x: str, y: str, xlabel: str, ylabel: str, ylim: tuple[float, float], marker: str | None = None
+) -> tuple[Figure, list[Axes]]:
+    """Small multiples of `draw_method`: a panel for each family, two to a row, the reference grey in each, lines named.
+
+    marker : "none" for lines without any.
+    """
+
+    def line(ax: Axes, method: str, look: dict[str, Any]) -> None:
+        draw_method(ax, rows, method, x, y, look | ({"marker": marker} if marker else {}))
+
+    rows = rows.sort_values(x, kind="stable")
+    fig, axes = multiples(rows.method, line, xlabel, ylabel, ylim)
+    label_ends(axes)
+    return fig, axes
+
+
+def multiples(
+    methods: Iterable[str], line: Callable[..., None], xlabel: str, ylabel: str, ylim: tuple[float, float]
+) -> tuple[Figure, list[Axes]]:
+    """The panels of `by_family`, with lines of another kind: line(ax, method, look) draws one."""
+    names = ordered(methods)
+    groups = [group for group in (*FAMILIES, OTHERS) if any(family(name) == group for name in names)]
+    narrow = width() == "column"
+    columns = 1 if narrow else min(len(groups), 2)
+    small = {"markersize": 2.2 if narrow else 3.0, "markeredgewidth": 0.4}
+    titles = [TITLES.get(group, group) for group in groups]
+    fig, axes = panels(titles, columns, (0.45, 1.75), xlabel, ylabel, sharex=True, sharey=True)
+    for ax, group in zip(axes, groups, strict=True):
+        if group != family(REFERENCE) and REFERENCE in names:
+            grey = {"color": "#a5a5a5", "linewidth": 2.2, "marker": "o", "label": "_reference", "zorder": 1}
+            line(ax, REFERENCE, {**grey, **small})
+        for name in names:
+            if family(name) == group:
+                line(ax, name, {**of(name), **small})
+        ax.set_ylim(ylim)
+    low, high = (math.ceil(math.log10(limit)) for limit in ylim)
+    powers = [10.0**k for k in range(low, high + 1) if k % (5 if narrow else 3) == 0]
+    axes[0].yaxis.set_major_locator(FixedLocator(powers))
+    return fig, axes
+
+
+def label_ends(panels: Iterable[Axes], fontsize: Any = 6.5) -> None:
+    """Write each labelled line's name where it leaves its panel, pushed apart so that none overlap. Call it last."""
+    for ax in panels:
+        _Ends(ax, fontsize)
+
+
+class _Ends(Artist):
+    """The names at the ends of the lines of a panel, those without a line (`failed_label`) on top.
+
+    They are placed each time the panel is drawn, for limits and sizes may have changed: right of the panel, or, where the
+    figure has no room there, inside it. Names of lines that are not in sight are not shown.
+    """
+
+    zorder = -1.0  # drawn before what it moves
+
+    def __init__(self, ax: Axes, fontsize: Any) -> None:
+        super().__init__()
+        self.panel = ax
+        lines = [line for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
+        self.lines = [line for line in lines if line.get_label() != "failed" and np.isfinite(line.get_ydata()).any()]
+        look: dict[str, Any] = {"x": 1.05, "y": 0.5, "fontsize": fontsize, "va": "center", "transform": ax.transAxes}
+        self.texts = [ax.text(s=str(line.get_label()), color=readable(line.get_color()), **look) for line in self.lines]
+        self.failed = [text for text in ax.texts if text.get_gid() == "failed"]
+        for text in self.failed:
+            text.set(**look)
+        colours = [line.get_color() for line in self.lines]
+        self.leaders = LineCollection([], colors=colours, linewidths=0.4, transform=ax.transAxes, clip_on=False)
+        self.leaders.set_in_layout(False)
+        self.set_in_layout(False)
+        ax.add_collection(self.leaders, autolim=False)
+        ax.add_artist(self)
+
+    def draw(self, renderer: Any) -> None:
+        """Puts the names where they belong, now that the panel has its size."""
+        names = [*self.texts, *self.failed]
+        if not names:
+            return
+        ends = [_last_point(self.panel, line) for line in self.lines]
+        upwards = sorted((end[1], i) for i, end in enumerate(ends) if end)
+        width, height = self.panel.bbox.size
+        gap = 1.25 * float(names[0].get_fontsize()) * renderer.points_to_pixels(1.0) / height
+        places = _spread([*(y for y, _ in upwards), *(1.0 for _ in self.failed)], gap)
+        outside = _room(self.panel) >= 1.05 * width + max(text.get_window_extent(renderer).width for text in names)
+        for text, end in zip(self.texts, ends, strict=True):
+            text.set_visible(end is not None)
+        for text, place in zip([*(self.texts[i] for _, i in upwards), *self.failed], places, strict=True):
+            text.set(x=1.05 if outside else 0.99, y=place, ha="left" if outside else "right")
+            text.set_path_effects([] if outside else [withStroke(linewidth=2, foreground="white")])
+        joined = zip(ends, self.texts, strict=True)
+        drawn = [(end, (1.04, text.get_position()[1])) if end and outside else np.empty((0, 2)) for end, text in joined]
+        self.leaders.set_segments(drawn)
+
+
+def _room(ax: Axes) -> float:
+    """Pixels from the left end of a panel to the next one on its right, or the end of the figure."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    others = [other.bbox for other in figure.axes if other is not ax and other.bbox.x0 >= ax.bbox.x1]
+    beside = [box.x0 for box in others if box.y0 < ax.bbox.y1 and ax.bbox.y0 < box.y1]
+    return float(min([figure.bbox.x1, *beside]) - ax.bbox.x0)
+
+
+def _last_point(ax: Axes, line: Any) -> tuple[float, float] | None:
+    """Where a line is last seen, in fractions of the axes; if it is only above or below, at that edge; else None."""
+    data = np.column_stack([np.asarray(v, dtype=float) for v in line.get_data()])
+    with np.errstate(all="ignore"):
+        points = ax.transAxes.inverted().transform(ax.transData.transform(data))
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) == 0:
+        return None
+    way = np.diff(points, axis=0, append=points[-1:])
+    way[way == 0] = 1e-12
+    near, far = np.sort([-points / way, (1 - points) / way], axis=0)  # of each segment, where it meets the edges
+    leave = np.minimum(far.min(axis=1), 1)
+    seen = np.flatnonzero(np.maximum(near.max(axis=1), 0) <= leave)
+    over = np.flatnonzero((points[:, 0] >= 0) & (points[:, 0] <= 1))
+    if len(seen) == len(over) == 0:
+        return None
+    end = points[seen[-1]] + leave[seen[-1]] * way[seen[-1]] if len(seen) else points[over[-1]]
+    x, y = np.clip(end, 0, 1)
+    return float(x), float(y)
+
+
+def _spread(places: Sequence[float], gap: float) -> list[float]:
+    """Ascending places in [0, 1] moved as little as needed to lie `gap` apart: runs that overlap share their mean."""
+    runs: list[list[float]] = []
+    for place in places:
+        runs.append([place])
+        while len(runs) > 1 and _centre(runs[-1], gap) - _centre(runs[-2], gap) < gap * len(runs[-2] + runs[-1]) / 2:
+            last = runs.pop()
+            runs[-1] += last
+    return [_centre(run, gap) + gap * (i - (len(run) - 1) / 2) for run in runs for i in range(len(run))]
+
+
+def _centre(run: Sequence[float], gap: float) -> float:
+    half = min(gap * len(run) / 2, 0.5)  # a run stays inside the axes if it can
+    return float(np.clip(sum(run) / len(run), half, 1 - half))
+
+
+def legend_below(fig: matplotlib.figure.Figure) -> None:
+    """One legend for all axes, each name once, below them, in as many columns as fit. The figure grows by it if it can."""
+    entries: dict[str, Any] = {}
+    for ax in fig.axes:
+        for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
+            entries.setdefault(text, handle)
+    places = {of(name)["label"]: i for i, name in enumerate(METHODS)}
+    texts = sorted(entries, key=lambda text: places.get(text, len(places)))
+    handles = [entries[text] for text in texts]
+    for columns in range(len(texts), 0, -1):
+        legend = fig.legend(handles, texts, loc="outside lower center", ncols=columns, columnspacing=1.4)
+        size = legend.get_window_extent()
+        if columns == 1 or size.width <= 0.92 * fig.bbox.width:
+            height = fig.get_figheight()
+            fig.set_figheight(min(height + size.height / fig.dpi, max(height, TALLEST)))
+            return
+        legend.remove()
+
+
+def failure_marks(ax: Axes, x: Iterable[float], method: str | None = None) -> None:
+    """A cross at the top of the axes for every x at which a method failed, in a row for each method."""
+    positions = list(x)
+    if not positions:
+        return
+    figure = ax.get_figure(root=True)
+    row = sum(line.get_gid() == "failed" for line in ax.get_lines())
+    at_top = blended_transform_factory(ax.transData, ax.transAxes)
+    ax.plot(
+        positions, [1.0] * len(positions), linestyle="none", marker="x", markersize=3.2, markeredgewidth=0.9,
+        color=of(method)["color"] if method else INK, clip_on=False, zorder=5, gid="failed",
+        label="_failed" if row else "failed", transform=offset_copy(at_top, figure, y=-2 - 3.8 * row, units="points"),
+    )  # fmt: skip
+
+
+def failed_label(ax: Axes, method: str) -> None:
+    """The name of a method that has nothing to show in a panel, crossed: in its corner, or where `label_ends` puts it."""
+    above = sum(text.get_gid() == "failed" for text in ax.texts)
+    text = f"× {plain(label(method))}"
+    ax.text(
+        0.02, 0.97 - 0.09 * above, text, color=readable(of(method)["color"]), fontsize=6.5, va="top",
+        transform=ax.transAxes, gid="failed",
+    )  # fmt: skip
+
+
+def ulp_line(ax: Axes) -> None:
+    """A thin line where an error is one ulp."""
+    ax.axhline(2.0**-52, color=FAINT, linewidth=0.6)
+
+
+def slope_guide(ax: Axes, exponent: float, anchor: tuple[float, float], span: float, text: str) -> None:
+    """A thin line y ∝ x^exponent on log-log axes from `anchor` over a factor `span` in x, with its name."""
+    x0, y0 = anchor
+    x1, y1 = x0 * span, y0 * span**exponent
+    ax.plot([x0, x1], [y0, y1], color=FAINT, linewidth=0.7, linestyle=(0, (1, 1)), marker="none", label="_guide")
+    name = ax.annotate(text, (x1, y1), (2, 0), textcoords="offset points", fontsize=6.5, color=FAINT, va="center")
+    name.set_in_layout(False)
