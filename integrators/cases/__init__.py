@@ -155,13 +155,17 @@ def load(name: str) -> Case:
     facts = tomllib.loads(files("lagrange_bench.integrators.cases").joinpath(f"{name}.toml").read_text("utf-8"))
     words = {word: facts.pop(word).replace("\n", " ") for word in ("title", "source", "remarks")}
     until, every = float(facts.pop("until")), float(facts.pop("every"))
-    body = ("mass", "com", "inertia_com", "gravity")
-    numbers: dict[str, Any] = {key: np.array(facts[key], dtype=float) for key in body}
-    omega = np.array(facts["omega_body"], dtype=float)
+    mass, com, inertia, gravity, omega = (
+        np.array(facts[key], dtype=float) for key in ("mass", "com", "inertia_com", "gravity", "omega_body")
+    )
     rotation = [[float(v) for v in row] for row in matrix(facts["quaternion"])]
-    return Case(name, RigidTop(**numbers), rotation, omega, until, every, **words, exact=facts)
+    return Case(name, RigidTop(float(mass), com, inertia, gravity), rotation, omega, until, every, **words, exact=facts)
 
 
-_named = Named((name, load(name)) for name in ("bruels", "slow", "simo_wong", "metis"))
-_named.kind = "case"
-CASES: dict[str, Case] = _named
+class Cases(Named):
+    """The named cases."""
+
+    kind = "case"
+
+
+CASES: dict[str, Case] = Cases((name, load(name)) for name in ("bruels", "slow", "simo_wong", "metis"))

@@ -21,7 +21,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -63,7 +63,19 @@ class ChosenWork(Work):
     expected: float = 0.0  # error at the last time, the larger one if there are times on both sides of 0
 
 
-Watched = Any  # a stepper that says how far H moves: `backlund_splitting.ExactSplittingStepper`
+class Watched(Protocol):
+    """A stepper that says how far H moves."""
+
+    h: float
+    work: Work
+    tally: Array
+
+    def advance(self, y: Array, n: int) -> Array: ...
+    def record(self, y: Array, n: int, every: int) -> Array: ...
+    def moves(self, rows: Array, tally: Array) -> Array: ...
+    def least_move(self, n: int) -> float: ...
+
+
 # (y, h, parts) → the state after a time h, by so many small steps, and how many kicks that took
 Shorter = Callable[[Array, float, int], tuple[Array, int]]
 

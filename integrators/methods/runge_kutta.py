@@ -151,6 +151,11 @@ def stepping(name: str, split: Split, system: System, compensated: bool = False)
     return step
 
 
+def constants_of(tableau: Tableau, problem: Any, h: float) -> Array:
+    """The `c` of `kernel`."""
+    return constants_for(increment_of(tableau, problem.system), problem, h)
+
+
 def constants_for(split: Split, problem: Any, h: float) -> Array:
     """The `c` of `stepping`."""
     return np.array((problem.start, h, *split.constants(h, *problem.numbers)))
@@ -352,9 +357,7 @@ def prepare_projected_in_field(top: PerturbedTop, y0: Array, h: float) -> FixedS
 
     c[IN_ENERGY : IN_C2 + 1] = [-lack for lack in lacking(y0)]
     step = followed_by(VERNER9, top.system, finish)
-    return _on_torus(
-        h, np.array((*constants_for(increment_of(VERNER9, top.system), top, h), *c)), step, lacking, np.array
-    )
+    return _on_torus(h, np.array((*constants_of(VERNER9, top, h), *c)), step, lacking, np.array)
 
 
 def _on_torus(

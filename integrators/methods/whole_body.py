@@ -36,7 +36,7 @@ from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMO
 from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.methods import lie_group
 from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
-from lagrange_bench.integrators.methods.runge_kutta import constants_for, increment_of, kernel
+from lagrange_bench.integrators.methods.runge_kutta import constants_of, kernel
 from lagrange_bench.integrators.methods.tableaux import RK4
 from lagrange_bench.integrators.problem.whole_body import WholeBody
 
@@ -303,8 +303,7 @@ def normalized(step: Callable[..., Any], digest: str) -> Any:
 def prepare_normalized(body: WholeBody, y0: Array, h: float) -> FixedStepper:
     """RK4 on the seven numbers."""
     step = normalized(kernel(RK4, body.system), body.system.digest)
-    c = constants_for(increment_of(RK4, body.system), body, h)
-    return FixedStepper("rk4_normalized", h, c, step, rhs_per_step=4, size=7)
+    return FixedStepper("rk4_normalized", h, constants_of(RK4, body, h), step, rhs_per_step=4, size=7)
 
 
 of_bodies = partial(Method, family="whole-body", needs="body")  # names of the invariants: see `problem.whole_body`

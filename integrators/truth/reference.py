@@ -153,7 +153,7 @@ class Orbit:
     def key(self, kind: str, *more: str) -> bytes:
         problem = self.problem
         numbers = map(float.hex, (problem.start, *problem.numbers, *self.y0.tolist()))
-        words = (ALGORITHM, kind, self.engine, problem.formulas.digest, *numbers, *more)
+        words = (_version(), kind, self.engine, problem.formulas.digest, *numbers, *more)
         return hashlib.sha256("\n".join(words).encode()).digest()
 
     def runner(self, tolerance: float) -> Any:
@@ -428,7 +428,12 @@ def _sum(c: list[mpf], t: Any) -> mpf:
 # ---------------------------------------------------------------- what is kept
 
 
-ALGORITHM = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()  # a digest of this file
+@cache
+def _version() -> str:
+    """Of the algorithm: a digest of this file."""
+    return hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+
+
 _memory: dict[bytes, Array] = {}
 MOST_KEPT = 256  # results in memory
 
