@@ -57,7 +57,15 @@ RIVALS = ("blanes_moan4", "blanes_moan6", "sofroniou_spaletta10", "force_gradien
 GRID = {"quick": (1, 3), "full": (2, 1)}
 LOST = 1e-6  # an ulp has grown to this where a chaotic orbit is given up
 OURS = "backlund_splitting"
-VARIANTS = {OURS: ("strang", "processed6")}  # schemes of one method that race for it
+# ways of one method that race for it
+VARIANTS: dict[str, tuple[dict, ...]] = {
+    OURS: (
+        {"scheme": "strang"},
+        {"scheme": "strang", "modified_kick": False},
+        {"scheme": "strang", "corrector": "fitted"},
+        {"scheme": "processed6"},
+    )
+}
 FIELDS = {"random tides": TIDE, "random charges": CHARGE}  # of the tolerance part
 TOLERANCES = (1e-6, 1e-8)
 LENGTHS = {"quick": (300.0,), "full": (300.0, 3000.0, 10000.0)}  # in time scales of each top
@@ -84,7 +92,7 @@ def cells(profile: str) -> list[dict]:
                 if not racing(method, state, span):
                     continue
                 race = {"timing": True, "part": "work", "method": name, "state": state, **sweep}
-                listed += [{**race, "scheme": scheme} for scheme in VARIANTS.get(name, ())] or [race]
+                listed += [{**race, **way} for way in VARIANTS.get(name, ({},))]
     for state in states.PROBLEMS if profile == "full" else ():
         for name, method in states.methods_on(state).items():
             sizes = SIZES[profile] if method.control == "step" else (1.0,)

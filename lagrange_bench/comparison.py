@@ -15,6 +15,7 @@ from lagrange_bench.experiments.drawing import style
 from lagrange_bench.experiments.drawing.tables import heading
 from lagrange_bench.experiments.drift import KEPT
 from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.experiments.measuring.states import SCHEME_OPTIONS
 from lagrange_bench.experiments.work_precision import WALL, draw_front
 from lagrange_bench.integrators import INVARIANTS, METHODS, Method
 from lagrange_bench.integrators.registry import NAMED_TOPS
@@ -51,7 +52,7 @@ OF_PROBLEMS = {  # that are no tops
 # beside the invariants
 ERRORS = ("error", "worst", "time", "angle", "off", "predicted_time", "predicted_angle", "left")
 # what tells lines of a method apart
-APART = ("top", "integrator", "setting", "scheme", "options", "variant", "form", "pin", "n", "span_scaled")
+APART = ("top", "integrator", "setting", *SCHEME_OPTIONS, "options", "variant", "form", "pin", "n", "span_scaled")
 KNOBS = ("h_scaled", "tol", "rtol", "fraction")  # likewise, where a run has many rows
 
 

@@ -8,7 +8,7 @@ import pandas as pd
 from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.heavy_top import UNTIL, motion
-from lagrange_bench.experiments.measuring.states import KNOBS, find
+from lagrange_bench.experiments.measuring.states import KNOBS, SCHEME_OPTIONS, find
 from lagrange_bench.integrators import METHODS
 
 TARGETS = work_precision.TARGETS[:-1]
@@ -111,9 +111,9 @@ def _answer(best: pd.DataFrame) -> tuple[str, ...]:
 
 
 def _settings(run: pd.Series) -> Iterator[str]:
-    for name in (*KNOBS, "scheme"):
+    for name in (*KNOBS, *SCHEME_OPTIONS):
         if pd.notna(value := run.get(name)):
-            yield f"{name} = {value if isinstance(value, str) else tables.show(value)}"
+            yield f"{name} = {value if name in SCHEME_OPTIONS else tables.show(value)}"
     if pd.notna(run.get("variant")):  # of a magnet
         if run.variant != run.method:
             yield str(run.variant)

@@ -143,6 +143,8 @@ def truth(top: Any, y0: Array, method: Method, h: float, counts: ArrayLike) -> A
 
 
 KNOBS = ("h", "tol", "rtol")
+SCHEME_OPTIONS = ("scheme", "corrector", "modified_kick")  # options that make another method of one
+OPTIONS = ("tol", "rtol", "pin", *SCHEME_OPTIONS)
 LEAST_RTOL = 1e-13  # of the sweeps: SciPy takes no less than 100 eps
 
 
@@ -167,10 +169,10 @@ def knobs(method: Method, steps: Iterable[float], tolerances: Iterable[float]) -
 
 
 def options_of(cell: dict[str, Any]) -> dict[str, Any]:
-    """The options a cell sets: a tolerance, and an atol of a thousandth of an rtol; the interval between pins; a scheme."""
+    """The options a cell sets: those of `OPTIONS`, and an atol of a thousandth of an rtol."""
     from lagrange_bench.integrators import METHODS
 
-    options: dict[str, Any] = {name: cell[name] for name in ("tol", "rtol", "pin", "scheme") if name in cell}
+    options: dict[str, Any] = {name: cell[name] for name in OPTIONS if name in cell}
     if "rtol" in options and "atol" in METHODS[cell["method"]].options:
         options["atol"] = options["rtol"] * 1e-3
     return options

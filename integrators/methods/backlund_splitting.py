@@ -34,6 +34,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cache
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ from lagrange_bench.integrators.compiling.interpreted import at_first_interprete
 from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, StepWarning
-from lagrange_bench.integrators.methods import backlund, backlund_choice
+from lagrange_bench.integrators.methods import backlund, backlund_choice, fitted_corrector
 from lagrange_bench.integrators.methods.backlund_choice import Candidate, ChosenWork
 from lagrange_bench.integrators.methods.backlund_schemes import PROCESSED, SCHEMES, Scheme, ends_of
 from lagrange_bench.integrators.methods.splitting import torques
@@ -64,7 +65,7 @@ ALPHA, C1, C2, GROUPS, STEP, CENTRE_H, SCALE_H, CENTRE_J, SCALE_J, NUMBERS = ran
 # of one flow and one kick: its time from that of the step; 1/(2|m|²) in the middle of the box
 TIME, KICK, TWIST, SECOND, WHEN, INVERSE, GROUP = range(7)
 
-NAME = "backlund_splitting"
+NAME, FITTED = "backlund_splitting", "fitted"
 LOST = 1
 FAILURES = {LOST: "no exact step over this time was found; take a smaller |h|"}
 
@@ -281,14 +282,14 @@ LARGEST = 600  # constants of a step in SIMD lanes: with more its compilation wo
 def map_over(field: Field, level: bool, timed: bool = False) -> Any:
     """Of each row, in place: flows and kicks of the lengths in `parts`, one after the other.
 
-    times : of the first row, and from each row to the next.
+    times : t, dt, n: the time of the first row is t + n dt, and so on.
     """
     kicked, numbers, exact = kick_of(field, level, 0), numbers_of(field, timed), called("flow", flow())
     get, write = take(6), put(6)
 
     @jit_as(f"map over {field.digest} {level} {timed}")
     def run(rows, given, parts, times, tally):
-        alpha, count = given[0], 0.0
+        alpha, count = given[0], times[2]
         for row in rows:
             s = get(row, 0)
             t = times[0] + count * times[1]
@@ -382,23 +383,23 @@ class ExactSplittingStepper(loops.ConjugateStepper):
     """
 
     def __init__(
-        self, problem: PerturbedTop | Problem, y0: Array, h: float, chosen: Scheme, corrected: bool, twisted: bool,
+        self, problem: PerturbedTop | Problem, y0: Array, h: float, chosen: Scheme, corrected: bool | str, twisted: bool,
         tabled: bool, watched: bool = False,
     ):  # fmt: skip
         top, level, timed = problem.as_top, problem.level, problem.timed
         numbers, field, n = np.array(top.numbers), top.formula.perturbation, len(chosen.b)
         J, x = y0[:3], y0[3:]
         times = ((chosen.a[0] + chosen.a[-1]) * h, *(a * h for a in chosen.a[1:-1]))
-        groups = np.zeros((n, GROUP))
-        groups[:, TIME], groups[:, KICK] = times, np.array(chosen.b) * h
-        if timed:
-            groups[:, WHEN] = np.cumsum(chosen.a[:-1]) * h
         gradients = (1 + bool(chosen.d)) if twisted else 0
-        with np.errstate(all="ignore"):  # of an h whose powers are beyond the range of doubles
+        groups = [[0.0] * GROUP for _ in range(n)]
+        for g, group in enumerate(groups):
+            group[TIME], group[KICK] = times[g], chosen.b[g] * h
             if gradients > 0:
-                groups[:, TWIST] = np.array(chosen.c) * -(h * h * h)
+                group[TWIST] = chosen.c[g] * -(h * h * h)
             if gradients > 1:
-                groups[:, SECOND] = np.array(chosen.d) * (h * h * h * h * h)
+                group[SECOND] = chosen.d[g] * (h * h * h * h * h)
+            if timed:
+                group[WHEN] = sum(chosen.a[1 : g + 1], chosen.a[0]) * h
         head = np.array((top.alpha, x @ x, x @ J, n, h, 0.0, 1.0, 0.0, 1.0, *numbers))
         degree, made = 0, []
         self.watched, self.scales, self.usual = watched, top.top.scales(y0), 0.0
@@ -408,32 +409,36 @@ class ExactSplittingStepper(loops.ConjugateStepper):
             degree, listed = tables(head[ALPHA : C2 + 1], head[CENTRE_H:NUMBERS], different, level)
             if degree:
                 made = [listed[different.index(time)] for time in times]
-                groups[:, INVERSE] = [0.5 / (t[-2] * t[-2] + t[-1] * t[-1]) for t in made]  # of the constant term
-        c = np.concatenate((head, *(part for g in range(n) for part in (groups[g], *made[g : g + 1]))))
+                for group, table in zip(groups, made, strict=True):  # of the constant term
+                    group[INVERSE] = 0.5 / (table[-2] * table[-2] + table[-1] * table[-1])
+        c = np.concatenate([head, *chain.from_iterable((groups[g], *made[g : g + 1]) for g in range(n))])
         if not loops.finite(c):
             raise StepError(NAME, "the coefficients of the step are beyond the range of doubles", h=h)
         self.degree = degree  # of the tables, 0 for none
-        before, after = ends_of(chosen, h, corrected)
+        kicks = fitted_corrector.fitted_kicks(field, y0, numbers, h) if corrected == FITTED else None
+        before, after = ends_of(chosen, h, bool(corrected), kicks, fitted_corrector.SPACING)
         self._energies = energies(field)
-        step = kernel(field, level, gradients, degree, n == 1 and gradients > 0 and degree > 0, timed)
+        step = kernel(field, level, gradients, degree, n == 1 and degree > 0, timed)
         laned = degree > 0 and len(c) <= LARGEST and not timed
         lane = laned and (lane_of(field, level, gradients, degree, n), len(c))
         super().__init__(
             NAME, h, c, step, pin_level if level else pin, PIN_EVERY,
-            map_rows=map_over(field, level, timed), way_in=(numbers, before, (problem.start, 0.0)),
-            way_out=(numbers, after, (problem.start - chosen.a[0] * h, 0.0)),
+            map_rows=map_over(field, level, timed), way_in=(numbers, before, (problem.start, 0.0, 0.0)),
+            way_out=(numbers, after, (problem.start - chosen.a[0] * h, 0.0, 0.0)),
             rhs_per_step=n, failures=FAILURES, lane=lane, timed=timed,
         )  # fmt: skip
 
     def rows(self, out: Array, every: int) -> Array:
-        numbers, after, (start, _) = self._way_out
-        return self._map(out, (numbers, after, (start, every * self.h)))
+        numbers, after, (start, *_) = self._way_out
+        self._map(out[1:], (numbers, after, (start, every * self.h, 1.0)))
+        return out
 
     def enter(self, y: Array) -> Array:
-        J, x, (c1, c2) = y[:3], y[3:], self.constants[[C1, C2]]
-        with np.errstate(all="ignore"):
-            near = abs(x @ x - c1) <= OFF_TORUS * c1, abs(x @ J - c2) <= OFF_TORUS * np.sqrt(c1 * (J @ J))
-        if not all(near):
+        J1, J2, J3, x1, x2, x3 = y.tolist()
+        c1, c2 = self.constants[C1 : C2 + 1].tolist()
+        size = math.sqrt(c1) * math.hypot(J1, J2, J3)
+        near = abs(x1 * x1 + x2 * x2 + x3 * x3 - c1) <= OFF_TORUS * c1
+        if not (near and abs(x1 * J1 + x2 * J2 + x3 * J3 - c2) <= OFF_TORUS * size):
             raise StepError(NAME, "C1 or C2 of the state is not that of the state this step was prepared for", h=self.h)
         return super().enter(y)
 
@@ -500,7 +505,7 @@ class ExactSplittingStepper(loops.ConjugateStepper):
 
 
 def prepare(
-    top: LagrangeTop, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | None = None,
+    top: LagrangeTop, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | str | None = None,
     modified_kick: bool | None = None, table: bool = True,
 ) -> Stepper:  # fmt: skip
     """Without V every scheme is the exact step."""
@@ -514,7 +519,7 @@ def prepare(
 
 
 def prepare_in_field(
-    top: PerturbedTop | Problem, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | None = None,
+    top: PerturbedTop | Problem, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | str | None = None,
     modified_kick: bool | None = None, table: bool = True,
 ) -> ExactSplittingStepper:  # fmt: skip
     """Kicks by V, exact flows of the top without it.
@@ -522,24 +527,30 @@ def prepare_in_field(
     Parameters
     ----------
     scheme : of SCHEMES. corrector, modified_kick : on by default for "strang" and "processed6", and possible for these only.
+    corrector : "fitted", with "strang": to V along this motion (`fitted_corrector`); as True where that is not possible.
     table : λ from a table in (H, J3); False: computed at every flow.
     """
     corrected, twisted = _check(scheme, corrector, modified_kick, table)
+    if corrected == FITTED and top.timed:
+        raise ValueError(f"corrector={FITTED!r} needs a V that does not depend on time")
     _warn_strong(top.as_top, y0)
     _warn_long(top.as_top, y0, h)
     return ExactSplittingStepper(top, y0, h, SCHEMES[scheme], corrected, twisted, bool(table), not top.timed)
 
 
-def _check(scheme: str, corrector: Any, modified_kick: Any, table: Any) -> tuple[bool, bool]:
+def _check(scheme: str, corrector: Any, modified_kick: Any, table: Any) -> tuple[bool | str, bool]:
     check_choice(scheme, "scheme", SCHEMES)
+    fitted = isinstance(corrector, str) and corrector == FITTED
+    if fitted and scheme != "strang":
+        raise ValueError(f"corrector={FITTED!r} belongs to scheme='strang'; got scheme={scheme!r}")
     chosen = []
-    for name, value in (("corrector", corrector), ("modified_kick", modified_kick)):
+    for name, value in (("corrector", True if fitted else corrector), ("modified_kick", modified_kick)):
         flag = scheme in PROCESSED if value is None else check_flag(value, name)
         if flag and scheme not in PROCESSED:
             raise ValueError(f"{name} belongs to scheme={' or '.join(map(repr, PROCESSED))}; got scheme={scheme!r}")
         chosen.append(flag)
     check_flag(table, "table")
-    return chosen[0], chosen[1]
+    return FITTED if fitted else chosen[0], chosen[1]
 
 
 def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -> tuple[Array, ChosenWork]:
@@ -572,7 +583,7 @@ def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -
 
     def shorter(y: Array, h: float, parts: int) -> tuple[Array, int]:
         rows, tally = np.array(y)[None], np.zeros(loops.SIZE)
-        map_rows(rows, numbers, np.tile(one * (h / parts), (parts, 1)), (0.0, 0.0), tally)
+        map_rows(rows, numbers, np.tile(one * (h / parts), (parts, 1)), (0.0, 0.0, 0.0), tally)
         if tally[loops.FAILURE]:
             raise StepError(NAME, FAILURES[int(tally[loops.FAILURE])], h=h)
         return rows[0], parts * len(small.b)

@@ -126,9 +126,9 @@ class LagrangeTop(Top):
 
         (|J| + √(|alpha||x|), |x|, 1/(|J| + √(|alpha||x|))); the time is inf for a top at rest without weight.
         """
-        y = np.asarray(y, dtype=float)
-        size = math.hypot(*y[3:])
-        rate = math.hypot(*y[:3]) + math.sqrt(abs(self.single())) * math.sqrt(size)
+        numbers = np.asarray(y, dtype=float).tolist()
+        size = math.hypot(*numbers[3:])
+        rate = math.hypot(*numbers[:3]) + math.sqrt(abs(self.single())) * math.sqrt(size)
         return rate, size, (1.0 / rate if rate > 0 else math.inf)
 
     def invariant_scales(self, y: ArrayLike) -> Array:

@@ -18,7 +18,7 @@ from lagrange_bench import PERTURBED_TOPS, POTENTIALS, TOPS, LagrangeTop, Pertur
 from lagrange_bench.experiments import perturbed
 from lagrange_bench.integrators import exact, integrate, prepare, reference
 from lagrange_bench.integrators.methods import backlund_choice as bc
-from lagrange_bench.integrators.methods import backlund_schemes
+from lagrange_bench.integrators.methods import backlund_schemes, fitted_corrector
 from lagrange_bench.integrators.methods import backlund_splitting as bs
 from lagrange_bench.integrators.torus import step_table
 from tests.reference import drift
@@ -96,8 +96,49 @@ def test_the_corrector_fits_the_boundary_term(name):
     chosen, b = bs.SCHEMES[name], backlund_schemes.corrector_kicks(bs.SCHEMES[name])
     times = np.cumsum(chosen.a)[:-1] - 0.5
     for w, bound in ((0.3, 1e-11), (0.65, 5e-11), (1.3, 1e-9), (2.0, 1e-8), (3.0, 1e-6)):
-        fitted = 2 * sum(b[j] * math.sin(backlund_schemes.SPACING * (j + 1) * w) for j in range(backlund_schemes.NODES))
-        assert abs(fitted - (np.cos(w * times) @ chosen.b / (2 * math.sin(w / 2)) - 1 / w)) < bound
+        made = 2 * sum(b[j] * math.sin(backlund_schemes.SPACING * (j + 1) * w) for j in range(backlund_schemes.NODES))
+        assert abs(made - (np.cos(w * times) @ chosen.b / (2 * math.sin(w / 2)) - 1 / w)) < bound
+
+
+def boundary(b, spacing, w):
+    """By how much a corrector misses the boundary term of the harmonic w."""
+    made = 2 * sum(kick * math.sin(spacing * j * w) for j, kick in enumerate(b, 1))
+    return made - (1 / (2 * math.sin(w / 2)) - 1 / w)
+
+
+@pytest.mark.parametrize("steps", [8.5, -9.1])
+def test_a_fitted_corrector_fits_the_harmonics_of_its_motion(steps):
+    """Those of a planar pendulum are multiples of one frequency: they are not told to the fit, which has V along the motion."""
+    y0 = np.array(TOPS["planar"].y0)
+    top = PerturbedTop(TOPS["planar"].top, POTENTIALS["tide"], (1e-4, 0.6, 0.0, 0.8))
+    h = bc.nutation_period(top, y0) / steps
+    fitted = fitted_corrector.fitted_kicks(top.formula.perturbation, y0, np.array(top.numbers), h)
+    general = backlund_schemes.corrector_kicks(bs.SCHEMES["strang"])
+    harmonics = [2 * math.pi * k / abs(steps) for k in range(1, 8)]
+    missed = [abs(boundary(fitted, fitted_corrector.SPACING, w)) for w in harmonics]
+    assert max(missed[:3]) < 1e-8
+    assert max(missed) < 1e-4
+    assert abs(boundary(general, backlund_schemes.SPACING, harmonics[-1])) > 1e-2  # negative control
+
+
+@pytest.mark.parametrize("h", [1.0, -1.0])
+def test_a_fitted_corrector_takes_away_what_long_steps_leave(h):
+    top, y, unit = problem("weak_tide")
+    right = integrate(top, y, t=[400 * h * unit], method="taylor").y
+    stepper = prepare(top, y, h * unit, NAME, corrector="fitted")
+    errors = [
+        metrics.scaled_error(top, y, s.advance(y, 400), right[0]) for s in (stepper, prepare(top, y, h * unit, NAME))
+    ]
+    assert errors[0] < 0.05 * errors[1]
+    back = stepper.leave(stepper.enter(y)[None])[0]  # its ways are inverse to each other
+    np.testing.assert_allclose(back, y, atol=1e-14)
+
+
+def test_where_v_is_constant_there_is_nothing_to_fit():
+    top, y, unit = problem("weak_tide")
+    still = PerturbedTop(top.top, POTENTIALS["tide"], (0.0, 1.0, 0.0, 0.0))
+    steppers = [prepare(still, y, 0.1 * unit, NAME, corrector=value) for value in (True, "fitted")]
+    assert len({s.advance(y, 4).tobytes() for s in steppers}) == 1
 
 
 @pytest.mark.parametrize(("name", "left"), [("strang", 3), ("processed6", 5)])

@@ -339,6 +339,11 @@ OTHERS = [  # a call, words in the message
         lambda: prepare(TIDE, Y0, 0.1, "backlund_splitting", scheme="aba864", corrector=True),
         "corrector belongs to scheme='strang' or 'processed6'",
     ),
+    (
+        lambda: prepare(TIDE, Y0, 0.1, "backlund_splitting", scheme="processed6", corrector="fitted"),
+        "corrector='fitted' belongs to scheme='strang'; got scheme='processed6'",
+    ),
+    (lambda: prepare(TIDE, Y0, 0.1, "backlund_splitting", corrector="fit"), "corrector must be"),
     (lambda: PerturbedTop(TIDE, POTENTIALS["tide"], (0.1, 1, 0, 0)), ".*top of a PerturbedTop"),
     (lambda: PerturbedTop(TOP, POTENTIALS["tide"], (0.1,)), r"parameters .*: 4 numbers \(k, n1, n2, n3\); got 1"),
     (

@@ -199,9 +199,8 @@ def test_a_smooth_lambda_is_not_enough_for_a_poisson_map():
     assert min(defect(0, c) for c in (0.1, 0.1j)) > 1e-2
 
 
-def in_one_sweep(scheme):
+def in_one_sweep(scheme, kicks, out):
     """The kicks of the corrector in one sweep on each side of the end."""
-    out, kicks = backlund_schemes.SPACING, backlund_schemes.corrector_kicks(scheme)
     n = len(kicks)
     ahead = [(out, b) for b in kicks]
     behind = [(-(n + 1) * out, -kicks[0]), *((-out, -b) for b in kicks[1:])]
