@@ -44,12 +44,15 @@ class Cluster:
 
     def __enter__(self) -> Self:
         distributed = _distributed()
+        import dask  # comes with it
+
         try:
             with interrupts.interrupt_held_back():  # processes started in here never see Ctrl-C
                 if self._address.startswith("local:"):
                     count = int(self._address.removeprefix("local:"))
                     quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
-                    self._own = distributed.LocalCluster(n_workers=count, threads_per_worker=1, processes=True, **quiet)
+                    with dask.config.set({"distributed.scheduler.worker-saturation": 1.0}):  # no cell waits behind another
+                        self._own = distributed.LocalCluster(n_workers=count, threads_per_worker=1, **quiet)
                 self._client = distributed.Client(self._own or self._address, timeout=CONNECT)
             for facts in self._client.run(look, *self._experiments).values():
                 _compare(facts)
