@@ -51,7 +51,8 @@ class Cluster:
                 if self._address.startswith("local:"):
                     count = int(self._address.removeprefix("local:"))
                     quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
-                    with dask.config.set({"distributed.scheduler.worker-saturation": 1.0}):  # no cell waits behind another
+                    # no cell waits behind another
+                    with dask.config.set({"distributed.scheduler.worker-saturation": 1.0}):
                         self._own = distributed.LocalCluster(n_workers=count, threads_per_worker=1, **quiet)
                 self._client = distributed.Client(self._own or self._address, timeout=CONNECT)
             for facts in self._client.run(look, *self._experiments).values():
