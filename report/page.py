@@ -26,7 +26,9 @@ from markupsafe import Markup, escape
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.drawing import figures, tables
 from lagrange_bench.experiments.measuring import errata
+from lagrange_bench.experiments.measuring.states import PROBLEMS
 from lagrange_bench.integrators.files import write_file
+from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.report import chooser, claims, fairness, lists, live, origin, panels, promises
 from lagrange_bench.report.origin import PUBLISHED, Origin
 from lagrange_bench.report.sections import OPENED, Drawn, Section, compute_all, described, draw, place, stored_rows
@@ -74,11 +76,11 @@ class Report:
     def integrators(self) -> tuple[int, int, int]:
         """How many methods have rows of a top; of these, in a uniform field, and in a potential."""
         others = ("gaudin", "heavy_top", "engines", "driven")  # methods follow magnets, whole bodies, driven tops
-        tops = [section for section in self.sections if section.experiment not in others]
-        rows = [section.rows.reindex(columns=["method", "potential"]) for section in tops]
-        fields = [each.potential.notna() | (s.experiment == "perturbed") for each, s in zip(rows, tops, strict=True)]
-        methods, in_field = pd.concat(rows).method, pd.concat(fields).astype(bool)
-        return methods.nunique(), methods[~in_field].nunique(), methods[in_field].nunique()
+        tops = [section.rows for section in self.sections if section.experiment not in others]
+        rows = pd.concat([each.reindex(columns=["method", "state", "potential"]) for each in tops])
+        rows = rows[~rows.state.isin(PROBLEMS)]  # no tops
+        in_field = rows.potential.notna() | rows.state.isin(PERTURBED_TOPS)
+        return rows.method.nunique(), rows.method[~in_field].nunique(), rows.method[in_field].nunique()
 
 
 # ---------------------------------------------------------------- what others call

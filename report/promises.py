@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments import work_precision
+from lagrange_bench.experiments import gaudin, work_precision
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing.tables import flat, show
 from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, WIDE, methods_on
@@ -157,18 +157,19 @@ def expected_errors(rows: pd.DataFrame) -> float:
     return float((runs["expected within a factor of ten"] * runs.answered).sum() / runs.answered.sum())
 
 
-def lead(rows: pd.DataFrame, errors: Sequence[tuple[float, float, float]]) -> Reading:
+def lead(rows: pd.DataFrame, errors: Sequence[tuple[float, float, float]], closed: bool = False) -> Reading:
     """How many times as long the best method takes that is not exact in time as the best Bäcklund map, set-up counted.
 
-    errors : (length of the runs, largest, smallest error) asked for. The ratio is 0 where no Bäcklund map gets there, ∞ where
-    no other method does.
+    errors : (length of the runs, largest, smallest error) asked for. closed : the closed forms instead, which are exact in
+    time. The ratio is 0 where no Bäcklund map gets there, ∞ where no other method does.
     """
     ratios = {}
     runs = work_precision.useful(all_methods(rows)).groupby(work_precision.APART, sort=False)
     for ((span, state), group), target in product(runs, work_precision.TARGETS):
         if any(span == length and least <= target <= most for length, most, least in errors):
             found = work_precision.best(group, target, "total")
-            ours, others = found[found.family == "backlund"].total, found[~found.family.isin(EXACT)].total
+            rivals = found.family == "closed-form" if closed else ~found.family.isin(EXACT)
+            ours, others = found[found.family == "backlund"].total, found[rivals].total
             ratio = others.min() / ours.min() if len(ours) and len(others) else np.inf if len(ours) else 0.0
             ratios[f"error {show(target)} at t = {show(span)} on {state}, which {len(others)} others reach"] = ratio
     if not ratios:
@@ -201,9 +202,10 @@ def setup_in_steps(rows: pd.DataFrame) -> np.ndarray:
     return np.asarray(1e3 * setups / steps.min())
 
 
-def batch_ratios(rows: pd.DataFrame) -> np.ndarray:
-    """The price of a top and a unit of time in heyoka's batches, over that of the best exact step with no larger error."""
-    ours, theirs = (values(rows, "ns_per_time", "error", part="rival", method=name) for name in ("backlund", "taylor"))
+def batch_ratios(rows: pd.DataFrame, rivals: Sequence[str]) -> np.ndarray:
+    """The price of a top and a unit of time of the rivals, over that of the best exact step with no larger error."""
+    those = "backlund", tuple(rivals)
+    ours, theirs = (values(rows, "ns_per_time", "error", part="rival", method=names) for names in those)
     return np.array([price / min(ours[ours[:, 1] <= error, 0], default=np.inf) for price, error in theirs])
 
 
@@ -249,6 +251,16 @@ def magnet_cost(rows: pd.DataFrame) -> list[float]:
 
     sizes = sorted({int(n) for (n,) in values(rows, "n", part="cost", variant="exact")})
     return [price(n, "taylor") / price(n, "exact") for n in sizes]
+
+
+def magnet_runs(rows: pd.DataFrame) -> list[float]:
+    """The time of the best other run over that of the exact step of a magnet, set-up counted, for each length and error."""
+    runs = work_precision.useful(select(rows, part="work"))
+    exact, ratios = runs.variant == "exact", []
+    for span, target in product(sorted(set(runs.span)), gaudin.TARGETS):
+        reached = (runs.span == span) & (runs.error <= target)
+        ratios.append(runs.total[reached & ~exact].min() / runs.total[reached & exact].min())
+    return ratios
 
 
 MEASURED_BY = ("required", "columns", "table", "lines", "above", "below", "read", "with")

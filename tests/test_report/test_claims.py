@@ -35,7 +35,7 @@ def test_a_claim_names_its_runs_and_the_full_profile_has_them_all():
             assert bound.where, claim.id
             assert bound.missing(planned) == "", claim.id
     quick = {claim.id for claim in promises.CLAIMS if claim.profile == "quick"}
-    assert quick == {"set-up", "many-tops", "magnet-orders", "orders", "form-of-the-map"}
+    assert quick == {"set-up", "magnet-orders", "orders", "form-of-the-map"}
 
 
 def fields(journal):
@@ -187,13 +187,15 @@ def test_a_growing_error_must_be_called_biased(as_table):
 
 @pytest.mark.parametrize(("setup", "error", "ratio"), [(0.0, 1e-13, 10.0), (1.9, 1e-13, 0.5), (0.0, 1e-3, 0.0)])
 def test_who_leads_is_told_with_set_up(setup, error, ratio):
-    """A Bäcklund map takes 0.1 s and `setup` to its error, every other method 1 s to 1e-13."""
+    """A Bäcklund map takes 0.1 s and `setup` to its error, every other method 1 s to 1e-13, closed forms 4 s."""
     rows = pd.DataFrame({"method": list(METHODS), "status": "done", "span": 10.0, "state": "generic"})
     rows = rows.assign(error=1e-13, seconds=1.0, setup_seconds=0.0)
     rows.loc[rows.method.str.startswith("backlund"), ["seconds", "setup_seconds", "error"]] = (0.1, setup, error)
-    found = promises.lead(rows, [(10.0, 1e-4, 1e-12)])
-    assert np.allclose(found.values, ratio)
-    assert len(found.values) == 5
+    rows.loc[rows.method.isin(["theta_functions", "addition_theorem"]), "seconds"] = 4.0
+    for closed, times in ((False, 1), (True, 4)):
+        found = promises.lead(rows, [(10.0, 1e-4, 1e-12)], closed=closed)
+        assert np.allclose(found.values, times * ratio)
+        assert len(found.values) == 5
 
 
 @pytest.mark.parametrize("slower", [1.0, 2.0])
@@ -204,7 +206,12 @@ def test_times_are_judged_as_ratios(slower):
     assert max(promises.setup_in_steps(cost)) == pytest.approx(20e3 / 16)
     runs = pd.DataFrame({"ns_per_time": [1.0, 2.0, 300.0, 90.0]}) * slower
     runs = runs.assign(error=[1e-9, 1e-12, 1e-10, 1e-6], method=["backlund"] * 2 + ["taylor"] * 2)
-    assert promises.batch_ratios(runs.assign(part="rival", status="done")) == pytest.approx([150.0, 90.0])
+    runs = runs.assign(part="rival", status="done")
+    assert promises.batch_ratios(runs, ["taylor"]) == pytest.approx([150.0, 90.0])
+    magnets = pd.DataFrame({"seconds": [1.0, 9.0, 2.0, 0.1]}) * slower
+    magnets = magnets.assign(setup_seconds=[7 * slower, 0.0, 0.0, 0.0], error=[1e-15, 1e-12, 1e-5, np.nan], span=64.0)
+    magnets = magnets.assign(variant=["exact", "a", "b", "b"], method="rk4", part="work", status="done")
+    assert promises.magnet_runs(magnets) == pytest.approx([2 / 8, 9 / 8, 9 / 8])
 
 
 def test_an_installed_plug_in_without_rows_changes_no_verdict(monkeypatch, stored, judged):
