@@ -87,6 +87,7 @@ class Finding(NamedTuple):
     passed: bool | None = None
     note: str = ""
     short: str = ""  # which of its runs are missing, where others were judged instead
+    broken: bool = False  # the check itself failed
 
     @property
     def value(self) -> float | None:
@@ -157,14 +158,12 @@ class Claim:
         return next((p for p, rows in planned if not any(b.missing(rows) for b in self.bounds)), PROFILES[-1])
 
 
-def judge(claim: Claim, rows: pd.DataFrame) -> tuple[Verdict, str | None]:
-    """The verdict on a claim, and what went wrong in a check itself (None: nothing)."""
+def judge(claim: Claim, rows: pd.DataFrame) -> Verdict:
+    """The verdict on a claim."""
     if rows.empty:
-        return Verdict(tuple(Finding(b, note=f"nothing of {claim.experiment} is stored") for b in claim.bounds)), None
+        return Verdict(tuple(Finding(b, note=f"nothing of {claim.experiment} is stored") for b in claim.bounds))
     rows = settled(rows, measured(claim.experiment))
-    judged = [_judge(bound, rows) for bound in claim.bounds]
-    errors = (f"claim {claim.id}: {error}" for _, error in judged if error)
-    return Verdict(tuple(finding for finding, _ in judged)), next(errors, None)
+    return Verdict(tuple(_judge(bound, rows) for bound in claim.bounds))
 
 
 def measured(experiment: str) -> Mapping[str, tuple[str, ...]]:
@@ -175,25 +174,25 @@ def measured(experiment: str) -> Mapping[str, tuple[str, ...]]:
         return {}
 
 
-def _judge(bound: Bound, rows: pd.DataFrame) -> tuple[Finding, str | None]:
+def _judge(bound: Bound, rows: pd.DataFrame) -> Finding:
     short = ""
     try:
         short = bound.missing(rows)
         reading = _read(bound, rows)
     except NoData as missing:
-        return Finding(bound, note=short or str(missing)), None
+        return Finding(bound, note=short or str(missing))
     except Refuted as failure:
-        return Finding(bound, None, False, str(failure)), None
+        return Finding(bound, None, False, str(failure))
     except KeyError as missing:
-        return Finding(bound, note=f"no column {missing}"), None
+        return Finding(bound, note=f"no column {missing}")
     except Exception as error:  # a mistake in one check must not take the page with it
-        reason = f"{type(error).__name__}: {error}"
-        return Finding(bound, note=short or f"the check itself failed: {reason}"), None if short else reason
+        reason = f"the check itself failed: {type(error).__name__}: {error}"
+        return Finding(bound, note=short or reason, broken=not short)
     numbers = np.asarray(reading.values, dtype=float)
     passed: bool | None = all(SIGNS[bound.sign](float(number), bound.limit) for number in numbers.flat)
     if short and not passed and np.all(np.isfinite(numbers)):
         passed = None  # other runs than those of the claim can agree with it, but not refute it unless they failed
-    return Finding(bound, (float(np.min(numbers)), float(np.max(numbers))), passed, reading.note, short), None
+    return Finding(bound, (float(np.min(numbers)), float(np.max(numbers))), passed, reading.note, short)
 
 
 def _read(bound: Bound, rows: pd.DataFrame) -> Reading:

@@ -133,8 +133,9 @@ def _judge(report: Report, source: Origin) -> None:
     rows = {section.experiment: section.rows for section in report.sections}
     for section in report.sections:
         promises.keep(section.experiment, section.rows, {table.name: table.frame for table in section.tables})
-    report.claims, errors = judge(rows, source)
-    report.errors += errors
+    report.claims = judge(rows, source)
+    found = ((judged.claim, finding) for judged in report.claims for finding in judged.verdict.findings)
+    report.errors += [f"claim {claim.id}: {finding.note}" for claim, finding in found if finding.broken]
     parts: dict[str, Callable[[], object]] = {
         "fairness": lambda: fairness.assemble(rows),
         "panels": lambda: panels.script(rows),
@@ -156,15 +157,14 @@ def _old(sections: Sequence[Section]) -> str:
     return old and f"{old} (lagrange-bench verify {folder} computes a sample again and compares)"
 
 
-def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> tuple[list[Judged], list[str]]:
-    """Every claim by the rows of its experiment, and what went wrong in the checks themselves."""
-    judged, errors = [], []
+def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> list[Judged]:
+    """Every claim by the rows of its experiment."""
+    judged = []
     for claim in promises.CLAIMS:
-        verdict, error = claims.judge(claim, rows.get(claim.experiment, pd.DataFrame()))
+        verdict = claims.judge(claim, rows.get(claim.experiment, pd.DataFrame()))
         wanted = source.reaching(claim.profile) if verdict.word in (claims.UNTESTED, claims.CONSISTENT) else source
         judged.append(Judged(claim, verdict, Section(claim.experiment, origin=wanted).again))
-        errors += [error] if error else []
-    return judged, errors
+    return judged
 
 
 def _published(folder: Path | None) -> tuple[list[claims.Verdict], str]:
@@ -173,7 +173,7 @@ def _published(folder: Path | None) -> tuple[list[claims.Verdict], str]:
         return [], ""
     store = Store(folder)
     journals = {name: store.open(name) for name in dict.fromkeys(claim.experiment for claim in promises.CLAIMS)}
-    judged, _ = judge({name: journal.rows() for name, journal in journals.items()})
+    judged = judge({name: journal.rows() for name, journal in journals.items()})
     old = sources.summary(sum((journal.ages() for journal in journals.values()), Counter[str]()))
     words = f"{origin.named(folder)}: {'; '.join(filter(None, (_fare(judged), old)))}"
     return [each.verdict for each in judged], words

@@ -97,7 +97,7 @@ def shown(figure: style.Figure) -> str:
 
 def main() -> None:
     rows = {experiment: Store(ROOT / "results" / "reference").rows(experiment) for experiment in EXPERIMENTS}
-    for path, text in documents(page.judge(rows)[0]).items():
+    for path, text in documents(page.judge(rows)).items():
         print(write_file(path, text))
     print(write_file(PICTURE, picture(rows)))
 

@@ -22,7 +22,7 @@ def stored(journals):
 
 @pytest.fixture(scope="session")
 def judged(stored):
-    return page.judge(stored)[0]
+    return page.judge(stored)
 
 
 @pytest.fixture(scope="session")
