@@ -83,7 +83,8 @@ def run(options: argparse.Namespace) -> Answer:
         lines.append(f"again, the old cells: {shlex.join(['lagrange-bench', *options.words, '--again'])}")
     report = f"lagrange-bench report --results {shlex.quote(str(results))}"
     report += "".join(f" --module {module}" for module in _own_modules(names)) + choice.words
-    data = {**summary.as_dict(), "drawn": [str(path) for path in drawn], "next": report}
+    data = {**vars(summary), "results": str(results), "exit_code": summary.exit_code, "next": report}
+    data["drawn"] = [str(path) for path in drawn]
     return Answer("\n".join([*lines, f"next: {report}"]), data, summary.exit_code)
 
 

@@ -33,7 +33,7 @@ class ClusterError(RuntimeError):
 
 
 class Cluster:
-    """A `workers.Executor`: hands cells to the workers of a Dask scheduler."""
+    """As `workers.Local`: hands cells to the workers of a Dask scheduler."""
 
     def __init__(self, address: str, limit: float, experiments: Sequence[str] = ()):
         self._address, self._limit, self._experiments = arguments.scheduler(address), limit, list(experiments)

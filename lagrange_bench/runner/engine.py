@@ -6,7 +6,8 @@ a record with its error; a run that is stopped, in whatever way, is continued by
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.results.store import ADDED, Store, cell_key, clean, failure_text, make_record
-from lagrange_bench.runner import progress, workers
+from lagrange_bench.runner import cluster, progress, workers
 from lagrange_bench.runner.workers import Outcome, Task
 
 TIME_LIMITS = {"quick": 300.0, "full": 3600.0}  # s for one cell; the longest take 20 s and 40 s on two idle cores
@@ -47,36 +48,30 @@ class Summary:
 
     results: Path
     profile: str
-    tallies: dict[str, Tally] = field(default_factory=dict)
-    failures: list[tuple[str, dict[str, Any], str]] = field(default_factory=list)  # experiment, cell, error
+    experiments: dict[str, Tally] = field(default_factory=dict)
+    failures: list[dict[str, Any]] = field(default_factory=list)  # experiment, cell, error
     notes: list[str] = field(default_factory=list)  # damaged lines, methods that are not available
 
     @property
     def exit_code(self) -> int:
         """1 if a cell failed by accident. A method that refuses (StepError) is a result: it is drawn and reported."""
-        return 1 if any(tally.failed or tally.set_aside for tally in self.tallies.values()) else 0
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-able."""
-        failures = [{"experiment": name, "cell": cell, "error": error} for name, cell, error in self.failures]
-        tallies = {name: asdict(tally) for name, tally in self.tallies.items()}
-        head = {"results": str(self.results), "profile": self.profile, "exit_code": self.exit_code}
-        return {**head, "experiments": tallies, "failures": failures, "notes": self.notes}
+        return 1 if any(tally.failed or tally.set_aside for tally in self.experiments.values()) else 0
 
     def __str__(self) -> str:
         lines = [
             f"{'experiment':<16}{'cells':>7}{'computed':>10}{'stored':>8}{'skipped':>9}{'declined':>10}{'failed':>8}{'seconds':>10}"
         ]
-        for name, t in self.tallies.items():
+        for name, t in self.experiments.items():
             counts = f"{t.cells:>7}{t.computed:>10}{t.stored:>8}{t.unavailable:>9}{t.declined:>10}{t.failed:>8}{t.seconds:>10.1f}"
             lines.append(f"{name:<16}{counts}")
-        lines += [f"{_word(error)}: {name} {json.dumps(cell)}: {error}" for name, cell, error in self.failures[:10]]
+        for f in self.failures[:10]:
+            lines.append(f"{_word(f['error'])}: {f['experiment']} {json.dumps(f['cell'])}: {f['error']}")
         if len(self.failures) > 10:
             lines.append(f"… and {len(self.failures) - 10} more")
-        if any("h" in cell and _word(error) == "declined" for _, cell, error in self.failures):
+        if any("h" in f["cell"] and _word(f["error"]) == "declined" for f in self.failures):
             units = "the h in {…} is in units of 1/(|J| + √(|α||x|)), the h of a StepError in those of the top"
             lines.append(f"note: {units}")
-        for name, t in self.tallies.items():
+        for name, t in self.experiments.items():
             old = sources.summary({sources.OTHER: t.other_sources, sources.UNKNOWN: t.unknown_sources})
             lines += [f"old: {name}: {old}"] if old else []
             lines += [f"set aside: {name}: {t.set_aside} of the cells are not stored: {ASIDE}"] if t.set_aside else []
@@ -85,7 +80,7 @@ class Summary:
     @property
     def old(self) -> bool:
         """Whether some of what is stored is not known to come from the sources that are here."""
-        return any(tally.other_sources or tally.unknown_sources for tally in self.tallies.values())
+        return any(tally.other_sources or tally.unknown_sources for tally in self.experiments.values())
 
 
 def run(
@@ -142,13 +137,14 @@ def run(
                 for task, outcome in same:
                     _count(summary, task, outcome)
                 for task in aside:
-                    summary.tallies[task.experiment].set_aside += 1
+                    summary.experiments[task.experiment].set_aside += 1
             for task, outcome in outcomes:
                 bar.advance(task.experiment, outcome["status"] == "failed" and outcome["error"]["type"] != "StepError")
 
         try:
             if others:
-                with _executor(scheduler, jobs or machine.usable_cores(), limit, experiments) as executor:
+                here = workers.Local(jobs or machine.usable_cores(), limit)
+                with cluster.Cluster(scheduler, limit, experiments) if scheduler else here as executor:
                     workers.compute_all(others, executor, bar.begin, finish)
             if timed:
                 if scheduler:
@@ -156,20 +152,11 @@ def run(
                 with workers.Local(1, limit) as executor:
                     workers.compute_all(timed, executor, bar.begin, finish)
         except KeyboardInterrupt:
-            tallies = summary.tallies.values()
+            tallies = summary.experiments.values()
             stored, asked = sum(t.stored + t.computed for t in tallies), sum(t.cells - t.unavailable for t in tallies)
             message = f"interrupted: {stored} of {asked} cells are stored in {summary.results}"
             raise KeyboardInterrupt(f"{message}; run the same command again to resume") from None
     return summary
-
-
-def _executor(scheduler: str | None, jobs: int, limit: float, experiments: Sequence[str]) -> Any:
-    """Context manager of the executor of the accuracy cells."""
-    if scheduler is None:
-        return workers.Local(jobs, limit)
-    from lagrange_bench.runner import cluster
-
-    return cluster.Cluster(scheduler, limit, experiments)
 
 
 def _missing(
@@ -182,7 +169,7 @@ def _missing(
     ValueError : two cells are equal, or a field has a name the store adds.
     """
     module = load(experiment)
-    tally = summary.tallies[experiment] = Tally()
+    tally = summary.experiments[experiment] = Tally()
     done, problems = store.done(experiment)
     summary.notes += problems
     seen, tasks = set(), []
@@ -220,15 +207,12 @@ def _missing(
 @cache
 def _lacks(method: str | None) -> str | None:
     """The package a method needs and this machine has not."""
-    if method is None:
-        return None
     from lagrange_bench.integrators.registry import METHODS, available
 
-    try:
-        found = METHODS[method]
-    except Exception:  # unknown or broken: its cells fail, each with the reason
-        return None
-    return None if available(found) else found.requires
+    with suppress(Exception):  # none, unknown or broken: such cells fail, each with the reason
+        if not available(found := METHODS[method]):
+            return found.requires  # type: ignore[no-any-return]
+    return None
 
 
 def _word(error: str) -> str:
@@ -237,11 +221,11 @@ def _word(error: str) -> str:
 
 
 def _count(summary: Summary, task: Task, outcome: Outcome) -> None:
-    tally = summary.tallies[task.experiment]
+    tally = summary.experiments[task.experiment]
     tally.seconds += outcome["seconds"]
     if outcome["status"] == "done":
         tally.computed += 1
     else:
         error = failure_text(outcome["error"])
         setattr(tally, _word(error), getattr(tally, _word(error)) + 1)
-        summary.failures.append((task.experiment, task.cell, error))
+        summary.failures.append({"experiment": task.experiment, "cell": task.cell, "error": error})

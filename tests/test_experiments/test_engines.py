@@ -58,11 +58,11 @@ def test_cells_of_an_engine_that_is_not_there_are_skipped(monkeypatch, tmp_path)
     monkeypatch.setitem(engines.ENGINES, "absent", fake(package="no-such-engine"))
     monkeypatch.setattr(engines, "cells", lambda profile: [ABSENT])
     summary = run(["engines"], "full", tmp_path, show=False)
-    assert (summary.tallies["engines"].unavailable, summary.exit_code) == (1, 0)
+    assert (summary.experiments["engines"].unavailable, summary.exit_code) == (1, 0)
     assert "needs no-such-engine, which is not installed" in summary.notes[0]
     row = {"position": 1.0, "rotation": 1.0, "ns_per_step": 1.0, "version": "1", "date": "2026-11-25"}
     Store(tmp_path).append(make_record("engines", engines.VERSION, 0, ABSENT, rows=[row]))
-    assert run(["engines"], "full", tmp_path, show=False).tallies["engines"].stored == 1
+    assert run(["engines"], "full", tmp_path, show=False).experiments["engines"].stored == 1
     with pytest.raises(StoreError, match="not computed: no-such-engine: not available here"):
         verify.verify(tmp_path, 10, show=False)
 

@@ -186,7 +186,7 @@ def test_a_damaged_journal_is_mended_by_the_next_run(toy, in_process):
     lines = path.read_bytes().replace(b'"square":4.0', b'"square":5.0').splitlines(keepends=True)
     damaged = b"".join([*lines[:3], bytes(range(256)) * 30 + b"\n", *lines[3:], lines[3]])[:-40]
     path.write_bytes(damaged)  # a row changed, binary between the lines, a line twice and torn
-    found = toy(squares(*range(6))).tallies[TOY]
+    found = toy(squares(*range(6))).experiments[TOY]
     assert (found.computed, found.stored) == (1, 5)
     assert len(toy.store.read(TOY)[1]) >= 3
     assert comparable(toy.store.folder) == clean
@@ -227,7 +227,7 @@ def test_a_run_that_meets_a_full_disk(toy, in_process, tmp_path):
     assert "File too large. What was stored before is kept. To go on: " in done.stderr
     records, problems = Store(tmp_path / "here").read(TOY)
     assert (problems, 0 < len(records) < len(cells)) == ([], True)
-    assert toy(cells).tallies[TOY].computed == len(cells) - len(records)
+    assert toy(cells).experiments[TOY].computed == len(cells) - len(records)
 
 
 EDITS = (

@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.processes, pytest.mark.xdist_group("engine")]
 
 def tally(summary):
     """(computed, stored, failed)"""
-    found = summary.tallies[TOY]
+    found = summary.experiments[TOY]
     return found.computed, found.stored, found.failed
 
 
@@ -32,7 +32,7 @@ def test_only_what_is_missing(toy, in_process, monkeypatch):
     assert table["square"].tolist() == [i * i for i in table["i"]]
     assert sorted(table["i"]) == [1, 2, 3, 4]
     summary = toy(squares(5, 6, timing=True), timings=False)
-    assert (tally(summary), summary.tallies[TOY].unavailable, summary.exit_code) == ((0, 0, 0), 2, 0)
+    assert (tally(summary), summary.experiments[TOY].unavailable, summary.exit_code) == ((0, 0, 0), 2, 0)
     assert summary.notes == ["skipped: the timing cells of toys.behaviour, as asked"]
     monkeypatch.setattr(engine.load(TOY), "VERSION", 2)
     assert tally(toy(squares(1))) == (1, 0, 0)
@@ -115,7 +115,7 @@ def test_a_failing_cell_is_a_result(toy, in_process, run, one_core, tmp_path):
     cells += squares(9, method="nonsense")
     first = toy(cells)
     assert (tally(first), first.exit_code) == ((2, 0, 7), 1)
-    errors = {cell["do"]: error for _, cell, error in first.failures}
+    errors = {failure["cell"]["do"]: failure["error"] for failure in first.failures}
     assert "unknown method 'nonsense'" in errors.pop("square")
     assert {what: error[: len(ERRORS[what])] for what, error in errors.items()} == ERRORS
     assert "raise ArithmeticError" in toy.store.open(TOY).failures()["error_traceback"][0]
@@ -144,7 +144,7 @@ def test_a_method_that_is_not_available_is_skipped_and_said_once(toy, in_process
     with registry.METHODS.lent(ghost):
         summary = toy(squares(1, 2, method="ghost") + squares(3))
     engine._lacks.cache_clear()
-    assert (tally(summary), summary.tallies[TOY].unavailable, summary.exit_code) == ((1, 0, 0), 2, 0)
+    assert (tally(summary), summary.experiments[TOY].unavailable, summary.exit_code) == ((1, 0, 0), 2, 0)
     assert str(summary).count("ghost needs no_such_package") == 1
 
 
