@@ -17,9 +17,10 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from lagrange_bench.experiments import PROFILES
-from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
+from lagrange_bench.experiments.catalogue import load_stored
 from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring.reductions import settled
+from lagrange_bench.results.sources import declared
 
 SIGNS = {"≤": operator.le, "<": operator.lt, "≥": operator.ge, ">": operator.gt}
 GROUPS = ("exactness", "conservation", "cost", "fields", "magnets", "method")
@@ -162,16 +163,8 @@ def judge(claim: Claim, rows: pd.DataFrame) -> Verdict:
     """The verdict on a claim."""
     if rows.empty:
         return Verdict(tuple(Finding(b, note=f"nothing of {claim.experiment} is stored") for b in claim.bounds))
-    rows = settled(rows, measured(claim.experiment))
+    rows = settled(rows, declared(claim.experiment, "MEASURED", {}))
     return Verdict(tuple(_judge(bound, rows) for bound in claim.bounds))
-
-
-def measured(experiment: str) -> Mapping[str, tuple[str, ...]]:
-    """The numbers that every row of an experiment has, by part; none are known of an experiment that is not here."""
-    try:
-        return getattr(load_stored(experiment), "MEASURED", {})
-    except UnknownExperiment:
-        return {}
 
 
 def _judge(bound: Bound, rows: pd.DataFrame) -> Finding:

@@ -47,7 +47,7 @@ class Cells:
     unknown_sources: int = 0  # of the cells in both: the source code of at least one was not recorded
     added: list[dict[str, Any]] = field(default_factory=list)
     removed: list[dict[str, Any]] = field(default_factory=list)
-    changed: list[tuple[dict[str, Any], dict[str, Difference]]] = field(default_factory=list)
+    changed: list[dict[str, Any]] = field(default_factory=list)  # each a cell, and its columns: name → Difference
 
 
 @dataclass
@@ -116,13 +116,13 @@ def compare(
 
 def _cells(experiment: str, both: Sequence[tuple[Record, Record]], tolerance: tuple[float, float]) -> Cells:
     """What differs in the cells that are in both stores."""
-    cells, own = Cells(), times_of(experiment)
+    cells, own = Cells(), sources.declared(experiment, "TIMES", ())
     for before, after in both:
         age = sources.compared(before.get("sources"), after.get("sources"))
         cells.other_sources += age == sources.OTHER
         cells.unknown_sources += age == sources.UNKNOWN
         if differing := differences(before, after, own, lambda _: tolerance):
-            cells.changed.append((before["cell"], differing))
+            cells.changed.append({"cell": before["cell"], "columns": differing})
     cells.same = len(both) - len(cells.changed)
     return cells
 
@@ -134,21 +134,13 @@ def _store(folder: Path) -> Store:
     return store
 
 
-def times_of(experiment: str) -> frozenset[str]:
-    """Columns an experiment declares as times, with `TIMES`, beside those their names give away."""
-    try:
-        return frozenset(getattr(load_stored(experiment), "TIMES", ()))
-    except UnknownExperiment:  # somebody else's, and not here
-        return frozenset()
-
-
 def is_time(column: str, cell: dict[str, Any], own: Iterable[str] = ()) -> bool:
     """Whether a column depends on the clock."""
     return column in own or (bool(cell.get("timing")) and not WORDS.isdisjoint(column.split("_")))
 
 
 def differences(old: Record, new: Record, own: Iterable[str], tolerance: Any) -> dict[str, Difference]:
-    """Column → what differs by more than `tolerance(column)` = (rtol, atol); times, `own` or by name, are left out."""
+    """Column → what differs by more than `tolerance(column)` = (rtol, atol); without times, those of TIMES, `own`, or by name."""
     if old["status"] != new["status"] or old["status"] == "failed":
         words = [r["status"] if r["error"] is None else failure_text(r["error"]) for r in (old, new)]
         return {} if words[0] == words[1] else {"status": Difference(0, math.inf, math.inf, *words)}

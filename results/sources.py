@@ -12,7 +12,7 @@ from functools import cache
 from typing import Any
 
 from lagrange_bench.experiments import EXPERIMENTS, SWEEP
-from lagrange_bench.experiments.catalogue import installed, load_stored
+from lagrange_bench.experiments.catalogue import UnknownExperiment, installed, load_stored
 from lagrange_bench.integrators.imported import BENCH, IMPORTED, Code, Sources
 
 DEFAULT = "backlund"  # the method of a cell that names none, as of `lagrange_bench.prepare`
@@ -75,17 +75,17 @@ def _quoted(source: bytes) -> frozenset[str]:
     return frozenset(word.decode() for word in QUOTED.findall(source))
 
 
-def version(experiment: str) -> float | None:
-    """VERSION of a stored experiment here and now; None if it is not known."""
+def declared(experiment: str, name: str, usual: Any = None) -> Any:
+    """What a stored experiment says of itself, here and now; `usual` if it says nothing, or is somebody else's and not here."""
     try:
-        return float(load_stored(experiment).VERSION)  # the record does not choose what is imported
-    except Exception:
-        return None
+        return getattr(load_stored(experiment), name, usual)  # the record does not choose what is imported
+    except UnknownExperiment:
+        return usual
 
 
 def judge(record: Mapping[str, Any], sources: Sources) -> str:
     """Whether a stored cell was computed by the sources that are here: SAME, OTHER, OUTDATED or UNKNOWN."""
-    here = version(record["experiment"])
+    here = declared(record["experiment"], "VERSION")
     if here is None:
         return UNKNOWN
     if here != record["version"]:
@@ -102,8 +102,5 @@ def compared(one: str | None, other: str | None) -> str:
 
 def summary(ages: Mapping[str, int]) -> str:
     """How many stored cells are not known to come from the sources that are here; empty if none. ages : see `judge`."""
-    return "; ".join(f"{_cells(ages[age])} computed {words}" for age, words in WORDS.items() if ages.get(age))
-
-
-def _cells(count: int) -> str:
-    return f"{count} stored cell was" if count == 1 else f"{count} stored cells were"
+    counts = {words: ages[age] for age, words in WORDS.items() if ages.get(age)}
+    return "; ".join(f"{n} stored cell{' was' if n == 1 else 's were'} computed {words}" for words, n in counts.items())

@@ -354,7 +354,7 @@ class Store:
     def open(self, experiment: str) -> Journal:
         """What is stored of an experiment now, read once."""
         records, problems = self.read(experiment)
-        shown = [r for r in latest(records, sources.version(experiment)) if self.choice.takes(r["cell"])]
+        shown = [r for r in latest(records, sources.declared(experiment, "VERSION")) if self.choice.takes(r["cell"])]
         if len({record["version"] for record in records}) > 1:
             chosen = (record["cell"] for record in records if self.choice.takes(record["cell"]))
             older = set(map(_canonical, chosen)) - {_canonical(record["cell"]) for record in shown}

@@ -54,11 +54,7 @@ def run(options: argparse.Namespace) -> Answer:
     if options.times:
         lines += ["", *_times(result.times, options.threshold)]
     lines += [*result.notes, "the same" if result.same else "not the same"]
-    cells = {}
-    for name, c in result.experiments.items():
-        cells[name] = {**vars(c), "changed": [{"cell": cell, "columns": columns} for cell, columns in c.changed]}
-    data = {"same": result.same, "experiments": cells, "times": result.times, "notes": result.notes}
-    return Answer("\n".join(lines), data, 0 if result.same else 1)
+    return Answer("\n".join(lines), {"same": result.same, **vars(result)}, 0 if result.same else 1)
 
 
 def _counted(experiment: str, what: str, cells: Sequence[dict[str, Any]]) -> list[str]:
@@ -87,18 +83,18 @@ def listed(experiment: str, what: str, cells: Sequence[dict[str, Any]], most: in
     return lines + ([f"… and {len(cells) - len(lines)} more {what} in {experiment}"] if len(cells) > len(lines) else [])
 
 
-def changed_columns(experiment: str, changed: Sequence[tuple[dict[str, Any], dict[str, Any]]]) -> list[str]:
+def changed_columns(experiment: str, changed: Sequence[dict[str, Any]]) -> list[str]:
     """By how much, column by column; then the first few cells."""
     if not changed:
         return []
     rows: list[tuple[str, ...]] = [("column", "cells", "rows", "largest difference", "relative", "old", "new")]
-    for column in dict.fromkeys(name for _, differing in changed for name in differing):
-        found = [differing[column] for _, differing in changed if column in differing]
+    for column in dict.fromkeys(name for each in changed for name in each["columns"]):
+        found = [each["columns"][column] for each in changed if column in each["columns"]]
         worst = max(found, key=lambda difference: difference.relative)
         sizes = (f"{max(difference.absolute for difference in found):.1e}", f"{worst.relative:.1e}")
         counts = (str(len(found)), str(sum(difference.rows for difference in found)))
         rows.append((column, *counts, *sizes, _short(worst.old), _short(worst.new)))
-    cells = listed(experiment, "changed", [cell for cell, _ in changed])
+    cells = listed(experiment, "changed", [each["cell"] for each in changed])
     return ["", f"changed in {experiment}:", *table(rows), *cells]
 
 

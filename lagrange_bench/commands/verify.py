@@ -16,7 +16,6 @@ such results, none that can be computed again, or an experiment's VERSION is new
 
 import argparse
 from collections import Counter
-from typing import Any
 
 from lagrange_bench.arguments import add_module, location, positive, seconds, whole
 from lagrange_bench.commands.compare import changed_columns
@@ -50,16 +49,13 @@ def run(options: argparse.Namespace) -> Answer:
     folder = options.folder or options.results or default_results()
     more = {"longest": options.longest, "jobs": options.jobs, "show": not options.quiet, "old": options.old}
     result = verify.verify(folder, options.sample, options.seed, **more)
-    by_experiment: dict[str, list[Any]] = {}
-    for name, cell, differing, _ in result.changed:
-        by_experiment.setdefault(name, []).append((cell, differing))
-    lines = [line for name, changed in by_experiment.items() for line in changed_columns(name, changed)]
+    lines: list[str] = []
+    for name in dict.fromkeys(each["experiment"] for each in result.changed):
+        lines += changed_columns(name, [each for each in result.changed if each["experiment"] == name])
     sum_up = f"{result.cells} cells computed again: {result.identical} identical, {result.close} within the tolerance "
     sum_up += f"of libraries, {len(result.changed)} changed"
-    ages = Counter(age for *_, age in result.changed)
+    ages = Counter(each["sources"] for each in result.changed)
     labels = {sources.OTHER: "other source code", sources.UNKNOWN: "source code that was not recorded"}
     words = [f"{ages[age]} of them stored with {text}" for age, text in labels.items() if ages[age]]
     sum_up = "; ".join([sum_up, *words])
-    data = {name: getattr(result, name) for name in ("stored", "cells", "identical", "close", "notes")}
-    data["changed"] = [{"experiment": e, "sources": s, "cell": c, "columns": d} for e, c, d, s in result.changed]
-    return Answer("\n".join([*lines, *result.notes, sum_up]), data, 1 if result.changed else 0)
+    return Answer("\n".join([*lines, *result.notes, sum_up]), vars(result), 1 if result.changed else 0)

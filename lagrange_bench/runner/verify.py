@@ -15,7 +15,7 @@ from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.integrators.registry import find_stored_method, find_stored_potential
 from lagrange_bench.report import origin
 from lagrange_bench.results import sources
-from lagrange_bench.results.compare import Difference, _store, differences, is_time, times_of
+from lagrange_bench.results.compare import _store, differences, is_time
 from lagrange_bench.results.store import Record, Store, StoreError, _canonical
 from lagrange_bench.runner import progress, workers
 from lagrange_bench.runner.workers import Task
@@ -37,8 +37,8 @@ class Verification:
     cells: int = 0
     identical: int = 0
     close: int = 0  # within the tolerance of a library's or the truth's round-off
-    # experiment, cell, what differs, and what `sources.judge` says of the stored one
-    changed: list[tuple[str, dict[str, Any], dict[str, Difference], str]] = field(default_factory=list)
+    # of each the experiment, the cell, columns as in `compare.Cells`, and sources: what `sources.judge` says of the stored one
+    changed: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 
@@ -90,11 +90,12 @@ def verify(
 
 
 def _judge(result: Verification, old: Record, new: Record, here: Sources) -> None:
-    own = times_of(old["experiment"])
+    own = sources.declared(old["experiment"], "TIMES", ())
     if not differences(old, new, own, lambda _: (0.0, 0.0)):
         result.identical += 1
     elif differing := differences(old, new, own, _tolerance(old["cell"].get("method"))):
-        result.changed.append((old["experiment"], old["cell"], differing, sources.judge(old, here)))
+        cell = {"experiment": old["experiment"], "cell": old["cell"]}
+        result.changed.append({**cell, "columns": differing, "sources": sources.judge(old, here)})
     else:
         result.close += 1
 
@@ -129,7 +130,7 @@ def _sample(
                 absent.add(lacking)
             elif record["seconds"] > longest:
                 long += 1
-            elif _comparable(record, times_of(experiment)):
+            elif _comparable(record, getattr(module, "TIMES", ())):
                 group = (experiment, str(cell.get("part", "")), str(cell.get("method") or cell.get("variant", "")))
                 groups.setdefault(group, []).append(record)
     if outdated:

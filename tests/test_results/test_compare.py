@@ -42,7 +42,8 @@ def test_what_was_added_removed_and_changed(run, old, tmp_path):
     new = store(tmp_path / "new", (CELLS[0][0], rows), CELLS[1], CELLS[2], *more)
     cells = compare.compare(old, new).experiments["toy.none"]
     assert (cells.same, cells.added, cells.removed) == (2, [cell for cell, _ in more], [{"i": 3}])
-    ((cell, differing),) = cells.changed
+    (changed,) = cells.changed
+    cell, differing = changed["cell"], changed["columns"]
     assert cell == {"i": 0}
     error, steps = differing["error"], differing["steps"]
     assert (error.rows, error.relative, error.absolute) == (1, pytest.approx(1e-3, rel=1e-2), pytest.approx(1e-12))
@@ -78,7 +79,7 @@ def test_tolerances(old, tmp_path, error, options, same):
 )
 def test_failures_and_other_numbers_of_rows_are_changes(old, tmp_path, rows, column, words):
     new = store(tmp_path / "new", (CELLS[0][0], rows), *CELLS[1:])
-    ((_, differing),) = compare.compare(old, new).experiments["toy.none"].changed
+    differing = compare.compare(old, new).experiments["toy.none"].changed[0]["columns"]
     assert (differing[column].old, differing[column].new) == words
     assert not compare.compare(new, old).same
     assert compare.compare(new, new).same
