@@ -6,12 +6,10 @@ Needs pandoc and a TeX with xelatex, from the system. The figures are those of p
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +17,7 @@ from lagrange_bench.experiments.drawing.tables import TEX_MATH
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "exact-step.md"
+OUTPUT = ROOT / "build" / "paper"
 NEEDED = {"pandoc": "pandoc", "xelatex": "texlive-xetex texlive-latex-recommended texlive-fonts-recommended lmodern"}
 FIGURE = re.compile(r"^\*\*Figure\*\* \(`lagrange-bench figure (\w+)`\): (.*)$", re.MULTILINE)
 LETTERS = {**TEX_MATH, "Σ": r"\Sigma", "∎": r"\blacksquare"}  # outside of formulas, where the text font lacks them
@@ -28,18 +27,13 @@ HEADER = r"""\usepackage{amssymb}
 """
 
 
-def missing() -> list[str]:
-    """The Debian packages of the programs that are not there."""
-    return [packages for program, packages in NEEDED.items() if shutil.which(program) is None]
-
-
-def figures(text: str, results: Path, folder: Path) -> str:
+def figures(text: str, folder: Path) -> str:
     """The page with its figures drawn as PDF into the folder, and shown."""
     from lagrange_bench.report import export
 
     def shown(match: re.Match[str]) -> str:
         name, caption = match.groups()
-        (path,), *_ = export.export(name, results, folder / f"{name}.pdf", "pdf", "page")
+        (path,), *_ = export.export(name, ROOT / "results" / "reference", folder / f"{name}.pdf", "pdf", "page")
         return f"![{caption}]({path.relative_to(folder.parent).as_posix()}){{width=100%}}"
 
     return FIGURE.sub(shown, text)
@@ -92,15 +86,15 @@ def latex(text: str) -> str:
     return pandoc("-f", "json", "-t", "latex", "--standalone", *variables, text=json.dumps(tree))
 
 
-def write(results: Path, output: Path) -> list[Path]:
-    """exact-step.tex, exact-step.pdf and the figures in `output`."""
-    (output / "figures").mkdir(parents=True, exist_ok=True)
-    text = figures(PAGE.read_text(encoding="utf-8"), results, output / "figures")
-    tex = output / "exact-step.tex"
+def write() -> list[Path]:
+    """exact-step.tex, exact-step.pdf and the figures in OUTPUT."""
+    (OUTPUT / "figures").mkdir(parents=True, exist_ok=True)
+    text = figures(PAGE.read_text(encoding="utf-8"), OUTPUT / "figures")
+    tex = OUTPUT / "exact-step.tex"
     tex.write_text(latex(text), encoding="utf-8")
     for _ in range(2):  # the second run knows the numbers of the first
         words = ["xelatex", "-interaction=nonstopmode", "-halt-on-error", tex.name]
-        done = subprocess.run(words, cwd=output, capture_output=True, text=True, errors="replace", check=False)
+        done = subprocess.run(words, cwd=OUTPUT, capture_output=True, text=True, errors="replace", check=False)
         if done.returncode:
             wrong = [line for line in done.stdout.splitlines() if line.startswith("!")]
             raise SystemExit(f"make paper: xelatex failed: {' '.join(wrong)} (see {tex.with_suffix('.log')})")
@@ -111,15 +105,9 @@ def write(results: Path, output: Path) -> list[Path]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--results", type=Path, default=ROOT / "results" / "reference", help="stored rows")
-    parser.add_argument("--output", type=Path, default=ROOT / "build" / "paper", help="folder for the files")
-    options = parser.parse_args()
-    if packages := missing():
-        print(f"make paper: not installed: apt-get install {' '.join(packages)}", file=sys.stderr)
-        raise SystemExit(2)
-    for path in write(options.results.resolve(), options.output.resolve()):
-        print(path)
+    if missing := [packages for program, packages in NEEDED.items() if shutil.which(program) is None]:
+        raise SystemExit(f"make paper: not installed: apt-get install {' '.join(missing)}")
+    print(*write(), sep="\n")
 
 
 if __name__ == "__main__":

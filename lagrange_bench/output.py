@@ -64,8 +64,10 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def check_target(flag: str, path: Path, suffixes: tuple[str, ...]) -> None:
-    """ValueError naming `flag` if the file could not be written, as far as that can be known before."""
+def check_target(flag: str, path: Path | None, suffixes: tuple[str, ...]) -> None:
+    """ValueError naming `flag` if the file could not be written, as far as that can be known before. None: there is none."""
+    if path is None:
+        return
     if path.suffix.lower() not in suffixes:
         raise ValueError(f"{flag} {path}: the name must end in {' or '.join(suffixes)}")
     folder = path.parent

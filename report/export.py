@@ -43,10 +43,8 @@ def export(
 
     Raises
     ------
-    UnknownFigure : no such figure can be drawn from `results`. ValueError : no such kind or width.
+    UnknownFigure : no such figure can be drawn from `results`.
     """
-    if kind not in figures.FORMATS:
-        raise ValueError(f"format must be one of {', '.join(figures.FORMATS)}, got {kind!r}")
     stored, problems = _stored(results)
     known: list[str] = []
     for experiment in sorted(stored, key=len, reverse=True):

@@ -3,23 +3,11 @@
 import pandas as pd
 
 from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, WIDE
-from lagrange_bench.integrators.interface import INVARIANTS, Method
+from lagrange_bench.integrators.interface import INVARIANTS, NEEDS, Method
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.registry import METHODS, POTENTIALS, POTENTIALS_BUILT_IN
 
-TAKES = {
-    "body": "a whole body",
-    "spins": "a Gaudin magnet",
-    "uniform": "uniform field",
-    "quadratic": "quadratic potentials",
-    "smooth": "any smooth problem",
-    "top": "any problem |J|²/2 + U(t, x)",
-    "force": "any problem |J|²/2 + U(x)",
-    "rhs": "any problem",
-    "parts": "any problem of parts with closed flows",
-    "kinetic": "any problem c |J|² + U(t, x)",
-}
 DRAWN = {  # of `lagrange_bench.experiments.measuring.states`, by the first word of their names
     RANDOM: "generic: α from 0.3 to 2, each J from −2 to 2, |x| from 0.5 to 2, drawn at random",
     CLOSE: "on the separatrix but for 10⁻⁸ to 10⁻¹ of J, drawn at random",
@@ -44,7 +32,7 @@ def _method(name: str, record: Method) -> dict[str, str | int]:
         "order": record.order or "exact",
         "keeps to round-off": ", ".join([*kept, *record.keeps]) or "nothing",
         "symmetric": "yes" if record.symmetric else "no",
-        "takes": TAKES[record.needs],
+        "needs": NEEDS[record.needs],
         "source": record.source,
     }
 

@@ -104,7 +104,7 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.runner import progress
 
     name, top, y0 = _start(options)
-    grid, method, settings = _grid(options), find_method(options.method), _settings(options)
+    grid, method, settings = _grid(options), find_method(options.method), dict(options.option)
     if reason := method.takes(top):
         given = (f"--{word} {getattr(options, word)}" for word in ("top", "potential") if getattr(options, word))
         others = f" (those that do: lagrange-bench methods {' '.join(given)})" if options.problem is None else ""
@@ -114,10 +114,8 @@ def run(options: argparse.Namespace) -> Answer:
         raise ValueError(f"--times: {method.name} steps on a grid only; give --h and --steps")
     called = method.name if evaluate is None else f"{method.name} at given times"
     check_options(called, evaluate or method.prepare_for(top), settings)
-    files = {"--output": options.output, "--draw": options.draw}
-    for (flag, path), suffixes in zip(files.items(), (TABLES, PICTURES), strict=True):
-        if path is not None:  # nobody wants to learn after an hour that there is no such folder
-            check_target(flag, path, suffixes)
+    check_target("--output", options.output, TABLES)  # nobody wants to learn after an hour that there is no such folder
+    check_target("--draw", options.draw, PICTURES)
     if options.draw is not None and top.space.name != "e3":
         raise ValueError(f"--draw: {options.problem} has no axis on a sphere; --output keeps its states")
 
@@ -142,7 +140,7 @@ def run(options: argparse.Namespace) -> Answer:
         done.append(summed.draw(options.draw, trajectory, method, name))
     if options.output is None:
         data |= {"t": trajectory.t, "y": trajectory.y}
-    data["files"] = [str(path) for path in files.values() if path is not None]
+    data["files"] = [str(path) for path in (options.output, options.draw) if path is not None]
     return Answer(summed.describe(trajectory, y0, data, method.label), data, remarks=done)
 
 
@@ -213,10 +211,3 @@ def _grid(options: argparse.Namespace) -> dict[str, Any]:
         raise ValueError(f"--every {every} does not divide --steps {options.steps}")
     memory.check(options.steps // every + 1, PER_ROW, memory.available(), "--steps", "record fewer states (--every)")
     return {"h": options.h, "steps": options.steps, "every": every}
-
-
-def _settings(options: argparse.Namespace) -> dict[str, Any]:
-    keys = [key for key, _ in options.option]
-    if twice := [key for key in keys if keys.count(key) > 1]:
-        raise ValueError(f"--option {twice[0]} is given twice")
-    return dict(options.option)

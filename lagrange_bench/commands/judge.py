@@ -65,8 +65,7 @@ def run(options: argparse.Namespace) -> Answer:
     bounds = options.bounds
     if options.steps and len(options.steps) != len(options.files):
         raise ValueError(f"--steps: {len(options.steps)} steps for {len(options.files)} files")
-    if options.draw is not None:
-        check_target("--draw", options.draw, PICTURES)
+    check_target("--draw", options.draw, PICTURES)
     case = judging.find(options.case)
     convention = judging.Convention(options.quat, options.omega, options.up, options.axis)
     judged = [judging.judge_file(path, case, convention, options.columns) for path in options.files]
