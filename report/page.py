@@ -7,7 +7,6 @@ formulas, and printed in powers of ten, so that the same bytes come out every ti
 from __future__ import annotations
 
 import base64
-import errno
 import gzip
 import os
 import re
@@ -258,8 +257,6 @@ def check_writable(output: Path) -> None:
         place(output, str(path.relative_to(output)))
     for folder in ("", "figures/", "tables/"):
         write_file(place(output, f"{folder}.probe-{os.getpid()}"), b"").unlink()
-    if (output / "index.html").is_dir():
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(output / "index.html"))
 
 
 # ---------------------------------------------------------------- to HTML

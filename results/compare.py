@@ -16,7 +16,7 @@ from typing import Any
 
 from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
 from lagrange_bench.results import sources
-from lagrange_bench.results.store import SAMPLES, Record, Store, StoreError, _canonical, failure_text, restore
+from lagrange_bench.results.store import SAMPLES, Record, Store, _canonical, failure_text, find_results, restore
 
 # a column of a timing cell is a time if its name has one of these words; others by the experiment's own TIMES
 WORDS = frozenset(("ns", "us", "ms", "s", "seconds", "ratio", "speedup", "samples", "unstable", "predicted", "memory"))
@@ -81,8 +81,8 @@ class Comparison:
 def compare(
     old: Path, new: Path, rtol: float = 0.0, atol: float = 0.0, times: bool = False, threshold: float = THRESHOLD
 ) -> Comparison:
-    """Compares the store in `new` with that in `old`; StoreError if there is none."""
-    stores = _store(old), _store(new)
+    """Compares the store in `new` with that in `old`; FileNotFoundError if there is none."""
+    stores = Store(find_results(old)), Store(find_results(new))
     result = Comparison({}, [], [])
     pairs: list[tuple[Record, Record]] = []
     for experiment in sorted({*stores[0].experiments(), *stores[1].experiments()}):
@@ -125,13 +125,6 @@ def _cells(experiment: str, both: Sequence[tuple[Record, Record]], tolerance: tu
             cells.changed.append({"cell": before["cell"], "columns": differing})
     cells.same = len(both) - len(cells.changed)
     return cells
-
-
-def _store(folder: Path) -> Store:
-    store = Store(folder)
-    if not store.experiments():
-        raise StoreError(f"no results in {folder}: give a folder that lagrange-bench run wrote to")
-    return store
 
 
 def is_time(column: str, cell: dict[str, Any], own: Iterable[str] = ()) -> bool:

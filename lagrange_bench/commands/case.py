@@ -16,10 +16,9 @@ examples:
 
 import argparse
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
-from lagrange_bench.arguments import positive
+from lagrange_bench.arguments import location, positive
 from lagrange_bench.output import Answer, table
 
 MOST_ROWS = 10**7  # 4 GB of text
@@ -30,7 +29,7 @@ def run(options: argparse.Namespace) -> Answer:
     """The list of the cases, or the rows of one."""
     from lagrange_bench.integrators import CASES
     from lagrange_bench.integrators.files import replace_file
-    from lagrange_bench.integrators.words import suggestion
+    from lagrange_bench.judging import find
 
     if options.name is None:
         if given := [word for word in ("until", "every", "output") if getattr(options, word) is not None]:
@@ -40,15 +39,13 @@ def run(options: argparse.Namespace) -> Answer:
             lines += ["", f"{case.name}: {case.source}", "", case.remarks]
         facts = ("name", "title", "until", "source", "remarks")
         return Answer("\n".join(lines), [{fact: getattr(case, fact) for fact in facts} for case in CASES.values()])
-    if options.name not in CASES:
-        raise ValueError(f"unknown case {options.name!r}{suggestion(options.name, CASES)} Known: {', '.join(CASES)}")
-    case = CASES[options.name]
+    case = find(options.name)
     rows = rows_of(case, options.until, options.every, options.digits)
     if options.output is None:
         data = {"case": case.name, "columns": head(case)[-1].split(","), "rows": [row.split(",") for row in rows]}
         return Answer("\n".join((*head(case), *rows)), data)
-    done = replace_file(Path(options.output), "\n".join((*head(case), *rows, "")))
-    return Answer(f"{done} ({len(rows)} rows)", {"case": case.name, "rows": len(rows), "file": options.output})
+    done = replace_file(options.output, "\n".join((*head(case), *rows, "")))
+    return Answer(f"{done} ({len(rows)} rows)", {"case": case.name, "rows": len(rows), "file": str(options.output)})
 
 
 def head(case: Any) -> list[str]:
@@ -93,4 +90,4 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--until", help="last time (default: that of the case)", **settings)
     command.add_argument("--every", help="between two rows (default: that of the case)", **settings)
     command.add_argument("--digits", type=positive, default=DOUBLE, metavar="N", help="of each number (default: 17)")
-    command.add_argument("--output", metavar="FILE", help="write here (default: stdout)")
+    command.add_argument("--output", type=location, metavar="FILE", help="write here (default: stdout)")

@@ -41,14 +41,12 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Answer:
     """Compute stored cells again; exit code 1 if rows changed."""
     from lagrange_bench.results import sources
-    from lagrange_bench.results.store import default_results
     from lagrange_bench.runner import verify
 
     if options.folder and options.results:
         raise ValueError("give either DIR or --results DIR")
-    folder = options.folder or options.results or default_results()
     more = {"longest": options.longest, "jobs": options.jobs, "show": not options.quiet, "old": options.old}
-    result = verify.verify(folder, options.sample, options.seed, **more)
+    result = verify.verify(options.folder or options.results, options.sample, options.seed, **more)
     lines: list[str] = []
     for name in dict.fromkeys(each["experiment"] for each in result.changed):
         lines += changed_columns(name, [each for each in result.changed if each["experiment"] == name])

@@ -15,8 +15,8 @@ from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.integrators.registry import find_stored_method, find_stored_potential
 from lagrange_bench.report import origin
 from lagrange_bench.results import sources
-from lagrange_bench.results.compare import _store, differences, is_time
-from lagrange_bench.results.store import Record, Store, StoreError, _canonical
+from lagrange_bench.results.compare import differences, is_time
+from lagrange_bench.results.store import Record, Store, StoreError, _canonical, find_results
 from lagrange_bench.runner import progress, workers
 from lagrange_bench.runner.workers import Task
 
@@ -43,7 +43,7 @@ class Verification:
 
 
 def verify(
-    folder: Path,
+    folder: Path | None,
     sample: int,
     seed: int = 0,
     longest: float = 3.0,
@@ -55,17 +55,17 @@ def verify(
 
     Parameters
     ----------
-    sample : how many; from every part and method of every experiment in turn. seed : which.
+    folder : default: the published. sample : how many; from every part and method of every experiment in turn. seed : which.
     longest : s; cells that took longer are left out. jobs : processes; default: one per usable core.
     old : only cells that are not known to come from the source code that is here.
 
     Raises
     ------
-    StoreError : no such results, none of their cells can be computed again (but all may be of the source code here), or an
-    experiment has another VERSION now.
+    FileNotFoundError : no such results. StoreError : none of their cells can be computed again (but all may be of the source code
+    here), or an experiment has another VERSION now.
     """
-    result, here = Verification(), Sources()
-    records = _sample(_store(folder), sample, random.Random(seed), longest, result, old, here)
+    result, here, folder = Verification(), Sources(), find_results(folder)
+    records = _sample(Store(folder), sample, random.Random(seed), longest, result, old, here)
     if not records and not (old and set(result.stored) == {sources.SAME} and not result.notes):
         reasons = result.notes[:SHOWN] or ["it has no cells with anything but times"]
         more = [f"{len(result.notes) - SHOWN} more"] if len(result.notes) > SHOWN else []

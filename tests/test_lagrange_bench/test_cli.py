@@ -113,7 +113,6 @@ BAD = {  # words → what the line must name
     f"{T} --method backlnd": "did you mean 'backlund'?",
     f"{T} --method json:loads": "json:loads",
     f"{I} --option pim=3": "'pim'",
-    f"{I} --option pin=1 --option pin=2": "pin",
     f"{I} --option h=2": "unknown option 'h' of backlund",
     f"{I} --output run.txt": "--output",
     f"{I} --output folder.csv": "folder.csv: this is not a file",
