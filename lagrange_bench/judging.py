@@ -151,9 +151,8 @@ def judge(
     """
     given: dict[str, Array] = {"time": np.asarray(t, dtype=float).ravel()[:, None]}
     n = len(given["time"])
-    turns, rotation = (rotation, None) if isinstance(rotation, Rotation) else (None, rotation)
-    if turns is not None and np.shape(turns.as_quat()) != (n, 4):
-        raise ValueError(f"rotation must hold {n} rotations, as many as there are times")
+    if isinstance(rotation, Rotation):
+        rotation = rotation.as_matrix()
     for name, array, shapes in (
         ("position", position, [(n, 3)]),
         ("rotation", rotation, [(n, 3, 3), (n, 4)]),
@@ -165,10 +164,8 @@ def judge(
                 raise ValueError(f"{name} must have the shape {' or '.join(map(str, shapes))}; got {values.shape}")
             kind = name if name != "rotation" else ATTITUDES[values.ndim - 2]
             given[kind] = values.reshape(n, -1)
-    if n == 0 or (len(given) == 1 and turns is None):
+    if n == 0 or len(given) == 1:
         raise ValueError("give times and at least one of position, rotation and omega")
-    if turns is not None:
-        given["matrix"] = turns.as_matrix().reshape(-1, 9)
     return _judged(find(case), Convention(**convention), given, {})
 
 

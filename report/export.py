@@ -17,10 +17,6 @@ Write = Callable[[Path, bytes], object]
 Written = tuple[list[Path], list[str], list[str]]  # files, what cannot be drawn and why, remarks on the rows
 
 
-class UnknownFigure(ValueError):
-    """No stored rows draw a figure of this name; the message says which they draw."""
-
-
 def names(results: Path, choice: Choice = ALL) -> list[str]:
     """The names of all figures that can be drawn, in the order of the page."""
     store = Store(results, choice)
@@ -43,7 +39,7 @@ def export(
 
     Raises
     ------
-    UnknownFigure : no such figure can be drawn from `results`.
+    ValueError : no such figure can be drawn from `results`; the message says which can.
     """
     stored, problems = _stored(results)
     known: list[str] = []
@@ -52,7 +48,7 @@ def export(
             continue
         section = _section(experiment, Store(results, choice))
         if choice and section.rows.empty:
-            raise UnknownFigure(_no_rows(experiment, choice))
+            raise ValueError(_no_rows(experiment, choice))
         problems += section.notes[:1]
         drawn = dict(_drawn(section, width))
         if name in drawn:
@@ -60,12 +56,12 @@ def export(
             write(path, figures.FORMATS[kind](drawn[name]))
             return [path], _lacking(section), [*_remarks(section), *_without(name, section)]
         if choice and name in dict(_drawn(_section(experiment, Store(results)))):
-            raise UnknownFigure(f"{name}: no rows of {_words(choice)}")
+            raise ValueError(f"{name}: no rows of {_words(choice)}")
         known += drawn
     if known := known or names(results, choice):  # to draw all takes long
-        raise UnknownFigure(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
+        raise ValueError(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
     why = "; ".join(problems) or "nothing is stored"
-    raise UnknownFigure(f"{name!r} cannot be drawn from {results}: {why}")
+    raise ValueError(f"{name!r} cannot be drawn from {results}: {why}")
 
 
 def export_all(
@@ -113,7 +109,7 @@ def _section(experiment: str, store: Store) -> sections.Section:
 
 
 def _drawn(section: sections.Section, width: str | None = None) -> Iterator[tuple[str, figures.Figure]]:
-    """(name, figure) of every figure that an experiment draws from its rows. UnknownFigure: the drawing fails."""
+    """(name, figure) of every figure that an experiment draws from its rows. ValueError: the drawing fails."""
     if section.rows.empty:
         return
     try:
@@ -121,7 +117,7 @@ def _drawn(section: sections.Section, width: str | None = None) -> Iterator[tupl
             drawn = load_stored(section.experiment).draw(section.rows)
     except Exception as error:  # perhaps because of the rows
         reason = " ".join(sections.described(error).split())
-        raise UnknownFigure(f"no figure can be drawn from {section.experiment}.jsonl: {reason}") from error
+        raise ValueError(f"no figure can be drawn from {section.experiment}.jsonl: {reason}") from error
     yield from ((section.file(name), figure) for name, figure in drawn.items())
 
 

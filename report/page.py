@@ -103,10 +103,9 @@ def assemble(
     stored = Store(results, choice)
     own = [name for name in stored.experiments() if name not in EXPERIMENTS]
     names = [*own, *EXPERIMENTS]
-    asked = not choice and stored.path("paper").exists()
-    jobs: list[Callable[[], Any]] = [partial(_published, None if choice else beside), partial(_errata, asked)]
+    jobs: list[Callable[[], Any]] = [partial(_published, None if choice else beside)]
     jobs += [partial(draw, name, stored) for name in names]
-    (published, beside_words), (paper, faults), *sections = compute_all(jobs, stored, processes, drawn, modules)
+    (published, beside_words), *sections = compute_all(jobs, stored, processes, drawn, modules)
     whole = not choice and (any(len(s.rows) for s in sections if s.experiment in EXPERIMENTS) or not own)
     if not whole:
         sections = [s for s in sections if len(s.rows) or s.experiment in own or s.errors]
@@ -119,15 +118,14 @@ def assemble(
     errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
     report = Report(sections, drawn_from, whole, errors, old)
     if whole:
-        _judge(report, source)
-        report.beside, report.errata = beside_words, paper
-        report.errors += faults
+        _judge(report, source, stored.path("paper").exists())
+        report.beside = beside_words
         for judged, verdict in zip(report.claims, published, strict=False):
             judged.beside = verdict
     return report
 
 
-def _judge(report: Report, source: Origin) -> None:
+def _judge(report: Report, source: Origin, paper: bool) -> None:
     """Adds what only the bench's own page has. Rows of another version cost a part of it, not the page."""
     rows = {section.experiment: section.rows for section in report.sections}
     for section in report.sections:
@@ -139,6 +137,7 @@ def _judge(report: Report, source: Origin) -> None:
         "fairness": lambda: fairness.assemble(rows),
         "panels": lambda: panels.script(rows),
         "answers": lambda: chooser.answers(rows),
+        **({"errata": _errata} if paper else {}),
     }
     for name, make in parts.items():
         try:
@@ -230,18 +229,15 @@ def _linked(output: Path) -> set[Path]:
     return {output / link for link in LINK.findall(text)}
 
 
-def _errata(asked: bool) -> tuple[pd.DataFrame, list[str]]:
-    """The errata of the paper with the magnitudes of their residuals, none unless asked for; why they cannot be made."""
+def _errata() -> pd.DataFrame:
+    """The errata of the paper with the magnitudes of their residuals."""
     names = ("section", "equation", "wrong", "as printed", "misses by", "corrected", "then misses by")
     rows = []
-    try:
-        for e in errata.measure() if asked else ():
-            printed, corrected = errata.magnitude(e.printed), errata.magnitude(e.corrected)
-            wrong = "sentence" if e.prose else "formula"
-            rows.append((e.section, e.equation, wrong, e.printed_text, printed, e.corrected_text, corrected))
-    except Exception as error:
-        return pd.DataFrame(columns=names), [f"errata: cannot be made: {described(error)}"]
-    return pd.DataFrame(rows, columns=names), []
+    for e in errata.measure():
+        printed, corrected = errata.magnitude(e.printed), errata.magnitude(e.corrected)
+        wrong = "sentence" if e.prose else "formula"
+        rows.append((e.section, e.equation, wrong, e.printed_text, printed, e.corrected_text, corrected))
+    return pd.DataFrame(rows, columns=names)
 
 
 # ---------------------------------------------------------------- to files

@@ -119,9 +119,6 @@ class Local:
     def submit(self, task: Task) -> None:
         with interrupts.interrupt_held_back():  # a process is started and known, or neither
             worker = self._idle.pop() if self._idle else _Worker()
-            if not worker.process.is_alive():  # it died between two cells
-                worker.end()
-                worker = _Worker()
             self._busy[worker] = task
         worker.start(task, self._limit)
 
@@ -151,7 +148,7 @@ class _Worker:
     def start(self, task: Task, limit: float) -> None:
         self.limit, self.begin = limit, monotonic()
         self.deadline = self.begin + limit
-        with suppress(OSError):  # it died just now: `outcome` says so
+        with suppress(OSError):  # it died since its last cell: `outcome` says so
             self.pipe.send((task.experiment, task.cell, limit, task.sources))
 
     def outcome(self) -> Outcome | None:
