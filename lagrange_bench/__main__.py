@@ -104,7 +104,7 @@ def _run(argv: list[str]) -> int:
 
             import_modules(options.module)
         answer = options.run(options)
-    for remark in answer.remarks if not getattr(options, "quiet", False) else ():
+    for remark in answer.remarks if not options.quiet else ():
         print(remark, file=sys.stderr)
     _print(json.dumps(plain(answer.data), allow_nan=False) if options.json else answer.text)
     return int(answer.code)
@@ -140,6 +140,7 @@ def parser() -> Parser:
         command = commands.add_parser(name, text=text, help=summary.rstrip("."))
         command.set_defaults(run=module.run, command=name, flags=command._option_string_actions)
         command.add_argument("--json", action="store_true", help="print JSON, and nothing else, on stdout")
+        command.add_argument("--quiet", action="store_true", help="print nothing on stderr but errors")
         if hasattr(module, "add_options"):
             module.add_options(command)
     return top

@@ -14,7 +14,7 @@ from lagrange_bench.experiments.measuring import states
 from lagrange_bench.integrators import LagrangeTop, PerturbedTop
 from lagrange_bench.integrators.registry import find_stored_potential
 from lagrange_bench.integrators.words import numbers, suggestion
-from lagrange_bench.results.store import Store, find_results, published
+from lagrange_bench.results.store import REFERENCE, Store, find_results
 
 # experiments whose rows have the tops' own unit of time; those of a `case` have s
 OWN_UNITS = ("driven", "ensemble", "gaudin")
@@ -85,7 +85,7 @@ def load(results: str | Path = "reference") -> Results:
     FileNotFoundError : there is no such folder, or nothing is stored there. KeyError : when an experiment is asked for that has
     no rows there; the message names those that have.
     """
-    return Results(published() if str(results) == "reference" else find_results(Path(results)))
+    return Results(REFERENCE if str(results) == "reference" else find_results(Path(results)))
 
 
 def in_both_units(rows: pd.DataFrame, known: Mapping[str, float] | None = None) -> pd.DataFrame:

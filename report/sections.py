@@ -198,11 +198,10 @@ def read(section: Section, store: Store, module: ModuleType | None) -> None:
     journal = store.open(section.experiment)
     section.notes = [note.replace(f"{store.folder}{os.sep}", "") for note in journal.problems]
     section.rows, section.failures, section.provenance = journal.rows(), journal.failures(), journal.provenance()
+    section.ages = journal.ages()
     if module is not None:
         section.rows = settled(section.rows, getattr(module, "MEASURED", {}))
         section.failures = _with_settled(section.failures, section.rows)
-    section.ages = journal.ages()
-    if module is not None:
         section.profiles = origin.profiles_of(module, journal.latest)
         section.lacking = lacking(module, section.rows, store.choice)
 

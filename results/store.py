@@ -38,17 +38,13 @@ Record = dict[str, Any]
 SCHEMA = 1  # of the records; the envelope (one JSON object a line, "schema", "sha256") is the same in all
 ADDED = ("key", "status", "failure")  # columns `rows` adds to those of a cell
 SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of the row fields that may be lists of numbers: raw timings
+REFERENCE = Path(__file__).resolve().with_name("reference")  # the published rows, which come with the package
 LONGEST = 2000  # characters of a message
 COMPUTED: Record = {"rows": [], "error": None, "warnings": [], "seconds": 0.0}  # what became of a cell
 
 
 class StoreError(RuntimeError):
     """Results cannot be written or read; the message names the folder and what to do."""
-
-
-def published() -> Path:
-    """The folder of the published rows, which come with the package."""
-    return Path(__file__).resolve().with_name("reference")
 
 
 def default_results(profile: str | None = None) -> Path:
@@ -63,7 +59,7 @@ def default_results(profile: str | None = None) -> Path:
     results = Path("results")
     if profile is not None:
         return results / profile
-    return next((results / name for name in ("full", "quick") if (results / name).is_dir()), published())
+    return next((results / name for name in ("full", "quick") if (results / name).is_dir()), REFERENCE)
 
 
 def find_results(chosen: Path | None) -> Path:

@@ -40,7 +40,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--results", type=location, metavar="DIR", help=text)
     text = "the file, or the folder for --all (default: NAME.FORMAT, or ./figures)"
     command.add_argument("--output", type=location, metavar="PATH", help=text)
-    command.add_argument("--quiet", action="store_true", help="nothing on stderr")
     add_choice(command)
     add_module(command)
 

@@ -73,7 +73,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     results.add_argument("--output", type=arguments.location, metavar="FILE", help=text)
     text = "draw the axis on its sphere: FILE.svg, FILE.png or FILE.pdf; a file of this name is replaced"
     results.add_argument("--draw", type=arguments.location, metavar="FILE", help=text)
-    results.add_argument("--quiet", action="store_true", help="do not say on stderr which files were written")
 
 
 def times(text: str) -> list[float]:

@@ -27,8 +27,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--results", type=location, metavar="DIR", help=text)
     text = "where the page goes; it is created (default: the folder page in that of the results)"
     command.add_argument("--output", type=location, metavar="DIR", help=text)
-    text = "no remarks on stderr; the page and the exit code have them"
-    command.add_argument("--quiet", action="store_true", help=text)
     command.add_argument("--open", action="store_true", help="open the page in the browser")
     add_choice(command)
     text = "other results, whose verdict on each claim stands beside yours: results/reference, the published ones"
@@ -42,12 +40,12 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.report import claims, page
     from lagrange_bench.report.sections import place
     from lagrange_bench.results import provenance
-    from lagrange_bench.results.store import find_results, published
+    from lagrange_bench.results.store import REFERENCE, find_results
     from lagrange_bench.runner import progress
 
     results, notes = find_results(options.results), list[str]()
     beside = options.beside and find_results(options.beside)
-    installed = results == published() and provenance.checkout() is None  # nothing is written into a package
+    installed = results == REFERENCE and provenance.checkout() is None  # nothing is written into a package
     output = options.output or (Path("page") if installed else place(results, "page"))
     choice = choice_of(options, results)
     page.check_writable(output)

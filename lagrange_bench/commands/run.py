@@ -59,7 +59,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--again", action="store_true", help=text)
     text = "draw the figures and tables of these experiments too, in the folder page of the results"
     command.add_argument("--draw", action="store_true", help=text)
-    command.add_argument("--quiet", action="store_true", help="no progress on stderr")
 
 
 def run(options: argparse.Namespace) -> Answer:

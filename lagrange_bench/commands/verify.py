@@ -34,7 +34,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "leave out cells that took longer when they were stored (default: 3)"
     command.add_argument("--longest", type=seconds, metavar="SECONDS", default=3.0, help=text)
     command.add_argument("--jobs", type=positive, metavar="N", help="worker processes (default: one per usable core)")
-    command.add_argument("--quiet", action="store_true", help="no progress on stderr")
     add_module(command)
 
 

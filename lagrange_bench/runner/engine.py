@@ -205,13 +205,13 @@ def _missing(
 
 
 @cache
-def _lacks(method: str | None) -> str | None:
+def _lacks(method: Any) -> str | None:
     """The package a method needs and this machine has not."""
     from lagrange_bench.integrators.registry import METHODS, available
 
     with suppress(Exception):  # none, unknown or broken: such cells fail, each with the reason
         if not available(found := METHODS[method]):
-            return found.requires  # type: ignore[no-any-return]
+            return found.requires
     return None
 
 

@@ -11,7 +11,7 @@ from lagrange_bench import METHODS, PERTURBED_TOPS, TOPS, Comparison, LagrangeTo
 from lagrange_bench.data import in_both_units
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.questions import drift, heavy_top, order, perturbed, phase, work_precision
-from lagrange_bench.results.store import Store, make_record, published
+from lagrange_bench.results.store import REFERENCE, Store, make_record
 
 BODY = (free_body(1.0, 2.0, 3.0), (0.3, -0.4, 1.2))
 MINE = Problem("mine", "e3", lambda t, y, p: (y[0] ** 2 + 2 * y[1] ** 2) / 2 + y[5], ())
@@ -274,7 +274,7 @@ def test_units_of_tops_that_are_not_named():
 
 
 def test_the_published_rows_come_with_the_package():
-    assert sorted(load()) == sorted(path.stem for path in published().glob("*.jsonl"))
+    assert sorted(load()) == sorted(path.stem for path in REFERENCE.glob("*.jsonl"))
 
 
 def test_names_of_experiments_and_damaged_lines(folder):

@@ -302,7 +302,7 @@ def test_default_results(monkeypatch, tmp_path):
     monkeypatch.setattr(provenance, "checkout", lambda: None)  # installed
     monkeypatch.chdir(tmp_path)
     assert store.default_results("quick") == Path("results/quick")
-    assert store.default_results() == store.published() == root / "results" / "reference"
+    assert store.default_results() == store.REFERENCE == root / "results" / "reference"
     (tmp_path / "results" / "quick").mkdir(parents=True)
     assert store.default_results() == Path("results/quick")
     (tmp_path / "results" / "full").mkdir()
