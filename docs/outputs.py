@@ -9,8 +9,6 @@ A part of every reference run, on the same machine and with nothing else running
 results/README.md. `tests/test_docs.py` holds the pages to what they show.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

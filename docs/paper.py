@@ -4,8 +4,6 @@ Needs pandoc and a TeX with xelatex, from the system. The figures are those of p
 **Figure** (`lagrange-bench figure NAME`): the rest of the paragraph is the caption.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

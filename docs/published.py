@@ -3,8 +3,6 @@
 The numbers are those of docs/published.toml, the errors those against the exact motion. tests/test_docs.py compares.
 """
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any

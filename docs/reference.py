@@ -4,8 +4,6 @@ pdoc reads modules as they are and asks for nothing: no second tree of sources, 
 their style and their search index with them and fetch nothing from the network. Whatever it warns of is an error here.
 """
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import os

@@ -12,8 +12,6 @@
 Beside it, this package holds the command line (`commands`) and what runs cells (`runner`).
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from lagrange_bench.integrators import __all__ as _INTEGRATORS

@@ -18,7 +18,7 @@ def in_range(parse: Callable[[str], Any], least: float, most: float, what: str) 
     """`parse`, and a message that says `what` must be given unless it is from `least` to `most`."""
 
     def kind(text: str) -> Any:
-        with suppress(ValueError):
+        with suppress(ValueError, ArithmeticError):
             value = read(parse, text)
             if least <= value <= most:
                 return value

@@ -5,8 +5,6 @@ refuted. If some are missing, the others can agree with it, or refute it by fail
 refutes it: an accident, a step that a method declined, or NaN in a row that is done.
 """
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field

@@ -3,8 +3,6 @@
 Needs neither Jupyter nor nbformat; the same cells and the same versions of NumPy and Matplotlib give the same bytes.
 """
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import io

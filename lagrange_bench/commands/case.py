@@ -18,7 +18,7 @@ import argparse
 from fractions import Fraction
 from typing import Any
 
-from lagrange_bench.arguments import location, positive
+from lagrange_bench.arguments import in_range, location, positive
 from lagrange_bench.output import Answer, table
 
 MOST_ROWS = 10**7  # 4 GB of text
@@ -60,11 +60,11 @@ def head(case: Any) -> list[str]:
     return [f"# {line}" for line in (*words, *CONVENTIONS.splitlines())] + [COLUMNS]
 
 
-def rows_of(case: Any, until: str | None, every: str | None, digits: int) -> list[str]:
+def rows_of(case: Any, until: Fraction | None, every: Fraction | None, digits: int) -> list[str]:
     """Lines of numbers; times are exact decimals."""
-    end, gap = _time(until or f"{case.until}", "until"), _time(every or f"{case.every}", "every")
+    end, gap = until or Fraction(f"{case.until}"), every or Fraction(f"{case.every}")
     if end / gap >= MOST_ROWS:
-        raise ValueError(f"--every {every} gives more than {MOST_ROWS} rows up to --until {until or case.until}")
+        raise ValueError(f"--every {float(gap):g} gives more than {MOST_ROWS} rows up to --until {float(end):g}")
     times = [k * gap for k in range(int(end / gap) + 1)]
     if digits > DOUBLE:
         return [",".join(f"{v:f}" for v in row) for row in case.digits(times, digits)]
@@ -73,18 +73,9 @@ def rows_of(case: Any, until: str | None, every: str | None, digits: int) -> lis
     return [",".join((t, *(f"{v + 0.0:.{digits}g}" for v in row))) for t, row in zip(start, numbers, strict=True)]
 
 
-def _time(text: str, name: str) -> Fraction:
-    try:
-        time = Fraction(text)
-    except (ValueError, ZeroDivisionError):
-        raise ValueError(f"--{name} must be a number of seconds such as 0.1; got {text!r}") from None
-    if not 0 < time < 10**9:
-        raise ValueError(f"--{name} must be a positive number of seconds below 10^9; got {text!r}")
-    return time
-
-
 def add_options(command: argparse.ArgumentParser) -> None:
-    settings: dict[str, Any] = {"metavar": "SECONDS"}
+    time = in_range(Fraction, 1e-15, 1e9, "a positive number of seconds such as 0.1, at most 10^9")
+    settings: dict[str, Any] = {"type": time, "metavar": "SECONDS"}
     command.add_argument("name", nargs="?", metavar="NAME", help="the case; without it they are listed")
     command.add_argument("--verbose", action="store_true", help="also say where each is from, and what to look out for")
     command.add_argument("--until", help="last time (default: that of the case)", **settings)

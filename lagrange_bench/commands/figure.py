@@ -24,11 +24,12 @@ FORMATS = tuple(suffix.removeprefix(".") for suffix in PICTURES)
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
+    what = command.add_mutually_exclusive_group(required=True)
     text = "the name printed below a figure of the page, e.g. phase_h; with --x and --y also an experiment"
-    command.add_argument("name", nargs="?", metavar="NAME", help=text)
+    what.add_argument("name", nargs="?", metavar="NAME", help=text)
     text = "every figure, in every format and width unless one is given"
-    command.add_argument("--all", action="store_true", help=text)
-    command.add_argument("--list", action="store_true", help="print the names of the figures that can be drawn")
+    what.add_argument("--all", action="store_true", help=text)
+    what.add_argument("--list", action="store_true", help="print the names of the figures that can be drawn")
     command.add_argument("--format", choices=FORMATS, help="of the file (default: as its name ends, else svg)")
     command.add_argument("--width", choices=("column", "page"), help="3.4 or 7 inches (default: as on the page)")
     for flag in ("--x", "--y"):
@@ -52,8 +53,6 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.results.store import find_results
     from lagrange_bench.runner import progress
 
-    if sum((options.all, options.list, options.name is not None)) != 1:
-        raise ValueError("give one of: the name of a figure, as phase_h; --all; --list")
     if options.list and (given := [word for word in ("output", "format", "width") if getattr(options, word)]):
         raise ValueError(f"--{given[0]} is for figures that are drawn, and --list draws none")
     if (options.x is None) != (options.y is None) or (options.x and options.name is None):

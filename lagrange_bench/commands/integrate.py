@@ -36,17 +36,18 @@ def add_options(command: argparse.ArgumentParser) -> None:
     """The options of `integrate`."""
     text = "the top, at t = 0 (one of --top, --state, --physical, or --problem with --state)"
     start = command.add_argument_group(text)
+    one = start.add_mutually_exclusive_group()
     text = "a named one, see lagrange-bench tops, or package.module:TOP (default: generic)"
-    start.add_argument("--top", metavar="NAME", help=text)
+    one.add_argument("--top", metavar="NAME", help=text)
     text = "angular momentum and axis in the rest frame, in any units; |x| need not be 1"
-    start.add_argument("--state", type=arguments.numbers, metavar="J1,J2,J3,x1,x2,x3", help=text)
+    one.add_argument("--state", type=arguments.numbers, metavar="J1,J2,J3,x1,x2,x3", help=text)
     text = "weight parameter of --state, in units of J²/x (default: 1)"
     start.add_argument("--alpha", type=arguments.number, metavar="A", help=text)
     text = "a real top in SI units and rad: mass (kg), distance of its centre of mass from the tip (m), gravity (m/s², "
     text += "default 9.81), moments of inertia about the tip, A across and C along the axis (kg m²), Euler angles "
     text += "theta (from the upward vertical), phi, psi and their rates dtheta, dphi, dpsi (rad/s); phi, psi, dtheta "
     text += "and dphi are 0 by default. Time is then in s, J in 1/s, |x| = 1"
-    start.add_argument("--physical", type=physical, metavar="mass=…,A=…,…", help=text)
+    one.add_argument("--physical", type=physical, metavar="mass=…,A=…,…", help=text)
     text = "a problem of your own, with --state, as many numbers as it has"
     start.add_argument("--problem", metavar="package.module:PROBLEM", help=text)
     arguments.add_potential(start)
@@ -170,9 +171,6 @@ def _start(options: argparse.Namespace) -> tuple[str | None, Any, Any]:
             if getattr(options, word) is not None:
                 raise ValueError(f"give either --problem or --{word}")
         return options.problem, *arguments.own_problem(options.problem, options.state)
-    given = [f"--{word}" for word in ("top", "state", "physical") if getattr(options, word) is not None]
-    if len(given) > 1:
-        raise ValueError(f"give only one of {' and '.join(given)}")
     if options.alpha is not None and options.state is None:
         raise ValueError("--alpha belongs to --state J1,J2,J3,x1,x2,x3; a named top has its own")
     name: str | None = None

@@ -23,9 +23,10 @@ from lagrange_bench.output import Answer
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
+    where = command.add_mutually_exclusive_group()
     text = "results (default: the published ones)"
-    command.add_argument("folder", nargs="?", type=location, metavar="DIR", help=text)
-    command.add_argument("--results", type=location, metavar="DIR", help="the same, as in the other commands")
+    where.add_argument("folder", nargs="?", type=location, metavar="DIR", help=text)
+    where.add_argument("--results", type=location, metavar="DIR", help="the same, as in the other commands")
     text = "how many cells (default: 60, less than a minute on two cores)"
     command.add_argument("--sample", type=positive, metavar="N", default=60, help=text)
     command.add_argument("--seed", type=whole, metavar="N", default=0, help="another sample (default: 0)")
@@ -42,8 +43,6 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.results import sources
     from lagrange_bench.runner import verify
 
-    if options.folder and options.results:
-        raise ValueError("give either DIR or --results DIR")
     more = {"longest": options.longest, "jobs": options.jobs, "show": not options.quiet, "old": options.old}
     result = verify.verify(options.folder or options.results, options.sample, options.seed, **more)
     lines: list[str] = []
