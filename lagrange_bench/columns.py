@@ -31,7 +31,7 @@ class Layout(NamedTuple):
     """How a file is written.
 
     groups : the indices of its columns. named : whether the names of the columns say which part of a quaternion is the scalar.
-    floor : half a unit of the last printed digit.
+    floor : half a unit of the last printed digit. columns : the groups and their names, and what is not used, to be read.
     """
 
     path: Path
@@ -43,6 +43,7 @@ class Layout(NamedTuple):
     named: bool
     floor: dict[str, float]
     notes: list[str]
+    columns: str
 
 
 def survey(path: Path, given: Mapping[str, str] | None = None) -> Layout:
@@ -77,15 +78,20 @@ def survey(path: Path, given: Mapping[str, str] | None = None) -> Layout:
         there = f"its columns are {' '.join(header)[:200]}" if header else "it has no header"
         raise ValueError(f"{path}: no column is named t or time; {there}. Name them: --columns t=0,x=1,y=2,z=3")
     if len(groups) == 1:
-        nothing = "nothing to judge but times: no position, rotation or angular velocity."
-        raise ValueError(f"{path}: {nothing} {' '.join(notes)}")
+        nothing = f"nothing to judge but times: no position, rotation or angular velocity. {' '.join(notes)}".strip()
+        there = f"Its columns are {' '.join(header)[:200]}. " if header else ""
+        raise ValueError(f"{path}: {nothing} {there}Name them: --columns x=1,y=2,z=3 or qw=4,…")
     used = {i for places in groups.values() for i in places}
+    words = [f"{what} {' '.join(header[i] if header else f'{i}' for i in places)}" for what, places in groups.items()]
+    if unused := [name for i, name in enumerate(header) if i not in used and name]:
+        words.append(f"not used: {' '.join(unused)[:200]}")
     units = {unit for i in used for unit in re.findall(r"[\[(](.*?)[\])]", header[i] if header else "")}
     if strange := sorted(unit for unit in units if unit.strip().lower() not in UNITS and not unit.isdecimal()):
         there = f"but the header has {', '.join(strange)}: s, m, rad and rad/s are expected."
         notes.append(f"Units are not converted, {there}")
     floor = {name: _floor([row[i] for row in rows for i in places]) for name, places in groups.items()}
-    return Layout(path, separator, comment, body[0], width, groups, set(NAMED) <= set(index), floor, notes)
+    named = set(NAMED) <= set(index)
+    return Layout(path, separator, comment, body[0], width, groups, named, floor, notes, "; ".join(words))
 
 
 def _head(path: Path) -> list[str]:

@@ -49,11 +49,13 @@ OF_PROBLEMS = {  # that are no tops
     "t_scaled": "time t, in the time scale of the motion",
     "error": "error, relative to the scales of the state",
 }
+BODY_TIMES = {"h": "step h, s", "t": "time t, s"}
 # beside the invariants
 ERRORS = ("error", "worst", "time", "angle", "off", "predicted_time", "predicted_angle", "left")
 # what tells lines of a method apart
 APART = ("top", "integrator", "setting", *SCHEME_OPTIONS, "options", "variant", "form", "pin", "n", "span_scaled")
 KNOBS = ("h_scaled", "tol", "rtol", "fraction")  # likewise, where a run has many rows
+STEPS = ("h", *KNOBS)  # always on a logarithmic axis, or no slope could be read
 
 
 @dataclass(frozen=True, repr=False)
@@ -109,8 +111,9 @@ class Comparison:
     ) -> Any:
         """Draw a column against another, a panel for each top, in your own rcParams.
 
-        An axis is logarithmic if the numbers on it are errors, or positive and of several sizes; of errors the absolute value
-        is drawn. Names of lines stand where they leave the panel, also after `set_xlim`. Crosses: the method failed there.
+        An axis is logarithmic if the numbers on it are errors, steps or tolerances, or positive and of several sizes; of errors
+        the absolute value is drawn. Names of lines stand where they leave the panel, also after `set_xlim`. Crosses: the method
+        failed there.
 
         Parameters
         ----------
@@ -232,7 +235,7 @@ class Comparison:
         values = rows[name][np.isfinite(rows[name])]
         sizes = values[values != 0].abs()
         several = bool((values >= 0).all()) and sizes.max() > 30 * sizes.min()
-        return len(sizes) > 0 and (self._is_error(name) or bool(several))
+        return len(sizes) > 0 and (self._is_error(name) or name in STEPS or bool(several))
 
     def _is_error(self, name: str) -> bool:
         return name in (*self.invariants, *ERRORS) or name.startswith(KEPT)
@@ -240,6 +243,8 @@ class Comparison:
     def _label(self, name: str) -> str:
         if name in self.invariants:
             return f"relative error of {name}"
+        if name in BODY_TIMES and "position" in self.frame:
+            return BODY_TIMES[name]
         labels = LABELS if self.invariants == INVARIANTS else {**LABELS, **OF_PROBLEMS}
         return labels.get(name) or style.plain(heading(name))
 

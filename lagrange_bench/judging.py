@@ -26,21 +26,26 @@ AXES = {
 }
 ATTITUDES = ("quaternion", "matrix", "rotation vector", "angles")
 GRID, NEAR = 9, 1e-10  # decimals of a second; times that all are that near to multiples of 10⁻⁹ s are these
-SCALES = {  # columns in other units: what makes them SI, and the unit
+SCALES = {  # columns in other units: what makes them SI, and what they are
     "position": [
-        (group, 10.0**-k, unit) for group in ("position", "displacement") for k, unit in ((3, "mm"), (2, "cm"))
+        (group, factor, f"in {unit}")
+        for group in ("position", "displacement")
+        for factor, unit in ((1e-3, "mm"), (1e-2, "cm"), (0.0254, "inches"), (0.3048, "feet"))
     ],
     "omega": [
-        ("omega", math.pi / 180, "degrees per second"),
-        ("omega", math.pi / 30, "revolutions per minute"),
-        ("omega", 2 * math.pi, "revolutions per second"),
+        ("omega", math.pi / 180, "in degrees per second"),
+        ("omega", math.pi / 30, "in revolutions per minute"),
+        ("omega", 2 * math.pi, "in revolutions per second"),
+        ("omega", -1.0, "of the other sign"),
     ],
 }
 SOME, FEW = 5e-13, 100  # the same where there are fewer times than `FEW`
 HEAD, SHIFTS = 2000, (1, -1, 2, -2, 3, -3)  # rows that hints are taken from; rows that they may be late
 BETTER = 10  # times less is the error with another convention, for a hint
+RIGHT = 0.05  # of the size of a quantity: a unit is named only if the error is below that with it
 POINTS = 2000  # of a curve
 START = 1e-9  # relative to the size of a quantity: more than that is another start
+SINGLE = 2e-7  # likewise, of a start in single precision
 
 
 class Error(NamedTuple):
@@ -74,8 +79,10 @@ class Convention:
 class Judgement:
     """What `judge` finds: `errors` of those `UNITS` that the trajectory has columns for, each also an attribute.
 
-    span : s, first and last time. start : time and errors of the first row, and whether it is the start of the case; None where
-    that time is not 0. floor : errors below it are lost in the printed digits. curves : times and errors, (2, M), to be drawn.
+    span : s, first and last time. start : time and errors of the first row, and whether it is the start of the case, in doubles
+    (`right`) and in single precision (`single`); None where that time is not 0. floor : errors below it are lost in the printed
+    digits. hints : conventions that the rows perhaps have. curves : times and errors, (2, M), to be drawn. columns : of a file,
+    how they were read.
     """
 
     case: str
@@ -88,6 +95,7 @@ class Judgement:
     notes: list[str] = field(default_factory=list)
     curves: dict[str, Array] = field(default_factory=dict, repr=False)
     file: str | None = None
+    columns: str = ""
 
     @property
     def step(self) -> float:
@@ -101,7 +109,8 @@ class Judgement:
 
     def __repr__(self) -> str:
         found = ", ".join(f"{name} {error.max:.1e}" for name, error in self.errors.items())
-        return f"<{self.case}, {self.rows} rows to t = {self.span[1]:.6g}: {found}>"
+        hint = f"; perhaps {self.hints[0]}" if self.hints else ""
+        return f"<{self.case}, {self.rows} rows to t = {self.span[1]:.6g}: {found}{hint}>"
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers of --json for a file."""
@@ -116,7 +125,10 @@ def judge(
     omega: ArrayLike | None = None,
     *,
     case: str | Case,
-    **convention: Any,
+    quat: str = "wxyz",
+    omega_frame: str = "body",
+    up: str | None = None,
+    axis: str | None = None,
 ) -> Judgement:
     """Judge the trajectory of a heavy top by its exact motion; at least one of position, rotation and omega.
 
@@ -134,15 +146,20 @@ def judge(
         In rad/s.
     case : str or Case
         A name, see `CASES`, or a case of your own.
-    **convention : dict
-        quat : "xyzw" or "wxyz", the order of the quaternions; default "wxyz". omega_frame : "body" or "world"; default "body".
-        up : the axis that points up in the world of these numbers, such as "y" or "-z". axis : the axis of symmetry in the body
-        of these numbers. The smallest turn leads from both to those of the case, which are the default.
+    quat : {"wxyz", "xyzw"}
+        The order of the quaternions.
+    omega_frame : {"body", "world"}
+        The frame of omega. Its error is measured in the same frame.
+    up : str, optional
+        The axis that points up in the world of these numbers, such as "y" or "-z"; by default that of the case. The smallest
+        turn leads to it; where that is half a turn, it is about x.
+    axis : str, optional
+        The axis of symmetry in the body of these numbers, likewise.
 
     Returns
     -------
     Judgement
-        The errors of what was given, each with its largest and its last.
+        The errors of what was given, each with its largest and its last; `hints`, `notes` and `start` say what may be wrong.
 
     Raises
     ------
@@ -166,7 +183,7 @@ def judge(
             given[kind] = values.reshape(n, -1)
     if n == 0 or len(given) == 1:
         raise ValueError("give times and at least one of position, rotation and omega")
-    return _judged(find(case), Convention(**convention), given, {})
+    return _judged(find(case), Convention(quat, omega_frame, up, axis), given, {})
 
 
 def judge_file(path: Path, case: Case, convention: Convention, names: Mapping[str, str]) -> Judgement:
@@ -177,7 +194,7 @@ def judge_file(path: Path, case: Case, convention: Convention, names: Mapping[st
         found = _judged(case, replace(convention, quat="wxyz") if layout.named else convention, given, layout.floor)
     except (ValueError, StepError) as error:
         raise ValueError(f"{path}: {error}") from None
-    return replace(found, file=str(path), notes=[*layout.notes, *found.notes])
+    return replace(found, file=str(path), notes=[*layout.notes, *found.notes], columns=layout.columns)
 
 
 def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> dict[str, list[float]]:
@@ -213,19 +230,22 @@ def _judged(case: Case, convention: Convention, given: Mapping[str, Array], floo
     frames, t = _Frames(case, convention), _times(given["time"][:, 0])
     with np.errstate(all="ignore"):
         found = frames.errors(given, frames.exact(t))
-        hints = list(_hints(frames, {name: array[:HEAD] for name, array in given.items()}, t[:HEAD]))
+        hints = _Hints(frames, {name: array[:HEAD] for name, array in given.items()}, t[:HEAD]).all()
     groups = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omega": ("omega",)}
     floors = {name: 2 * max(floor.get(each, 0.0) for each in those) for name, those in groups.items() if name in found}
     floors = {name: value for name, value in floors.items() if value > 0}
     sizes = {"position": frames.top.distance, "rotation": 1.0, "omega": frames.speed}
     first = {name: float(found[name][0]) for name in sizes if name in found}
-    right = all(error <= START * sizes[name] + 2 * floors.get(name, 0.0) for name, error in first.items())
-    start = {"t": float(t[0]), **first, "right": right if t[0] == 0 else None}
+    start: dict[str, Any] = {"t": float(t[0]), **first}
+    for word, least in (("right", START), ("single", SINGLE)):
+        near = all(error <= least * sizes[name] + 2 * floors.get(name, 0.0) for name, error in first.items())
+        start[word] = near if t[0] == 0 else None
     marks = np.linspace(0, len(t), min(len(t), POINTS) + 1).astype(int)[:-1]
     curves = {name: np.stack([t[marks], np.maximum.reduceat(error, marks)]) for name, error in found.items()}
     errors = {name: Error(float(error.max()), float(error[-1])) for name, error in found.items()}
     span = (float(t[0]), float(t[-1]))
-    return Judgement(case.name, len(t), span, errors, start, floors, hints, list(_notes(t, found)), curves)
+    notes = list(_notes(t, found, case.until))
+    return Judgement(case.name, len(t), span, errors, start, floors, hints, notes, curves)
 
 
 def _times(t: Array) -> Array:
@@ -240,10 +260,13 @@ def _times(t: Array) -> Array:
     return rounded if np.all(np.abs(rounded - t) < (NEAR if len(t) >= FEW else SOME)) else t
 
 
-def _notes(t: Array, found: Mapping[str, Array]) -> Iterator[str]:
+def _notes(t: Array, found: Mapping[str, Array], until: float) -> Iterator[str]:
+    if t[-1] < until - 0.5 * (t[-1] - t[0]) / max(len(t) - 1, 1):  # half a row: some programs leave out the last
+        yield f"The last row is at t = {t[-1]:.9g} s; the case runs to {until:g} s."
     bad = ~np.isfinite(np.stack(list(found.values()))).all(0)
     if bad.any():
-        yield f"{bad.sum()} of {len(t)} rows hold no finite numbers, the first at t = {t[bad][0]:.9g}."
+        what = "a number that is not finite, or a quaternion of length 0"
+        yield f"{bad.sum()} of {len(t)} rows have {what}, the first at t = {t[bad][0]:.9g}."
     if "orthogonality" in found and (off := found["orthogonality"].max()) > 1e-3:
         yield f"Matrices are not orthogonal or quaternions not of length 1, by {off:.2g}; quaternions are scaled to 1."
 
@@ -323,8 +346,12 @@ class _Frames:
 
 
 def _turn(name: str | None, to: Array) -> Array:
-    """The smallest rotation from an axis of the rows to that of the case."""
-    return np.eye(3) if name is None else Rotation.align_vectors(to, AXES[name])[0].as_matrix()
+    """The smallest rotation from an axis of the rows to that of the case; half a turn is about x, or about y if that is x."""
+    if name is None:
+        return np.eye(3)
+    if AXES[name] @ to < -1 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0] if abs(to[0]) < 0.5 else [-1.0, 1.0, -1.0])
+    return Rotation.align_vectors(to, AXES[name])[0].as_matrix()
 
 
 def _angle(a: Array, b: Array) -> Array:
@@ -332,51 +359,137 @@ def _angle(a: Array, b: Array) -> Array:
     return np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), (a * b).sum(-1))
 
 
-def _hints(frames: _Frames, given: Mapping[str, Array], t: Array) -> Iterator[str]:
-    """Conventions under which these rows are much nearer to the exact motion."""
-    how, exact = frames.convention, frames.exact(t)
-    x, R, omega = exact
-    if "matrix" in given and np.any(np.linalg.det(given["matrix"].reshape(-1, 3, 3)) < 0):
-        yield "a row or column of the matrices has the wrong sign: their determinant is negative."
-    now = {name: error.max() for name, error in frames.errors(given, exact).items()}
-    quat = "xyzw" if how.quat == "wxyz" else "wxyz"
-    frame = "world" if how.omega_frame == "body" else "body"
-    ordered = f"the quaternions are in the order {quat}: --quat {quat}, or other names."
-    moving = "the angles are about axes that move with the body, not about fixed ones."
-    for judged, group, changes, words in (
-        ("rotation", "", {"transposed": True}, "the rotations are transposed: they take the world to the body."),
-        ("rotation", "quaternion", {"quat": quat}, ordered),
-        ("rotation", "quaternion", {"quat": quat, "transposed": True}, f"the order is {quat}, and they are conjugate."),
-        ("rotation", "angles", {"degrees": True}, "the angles are in degrees."),
-        ("rotation", "angles", {"intrinsic": True}, moving),
-        ("rotation", "rotation vector", {"degrees": True}, "the rotation vectors are in degrees."),
-        ("omega", "", {"omega_frame": frame}, f"ω is in the {frame} frame: --omega {frame}."),
-        ("position", "", {"displaced": True}, "the position is a displacement from the start: name it ux, uy, uz."),
-        ("position", "", {"up": "y"}, "the axis y points up: --up y."),
-    ):
-        if now.get(judged, 0.0) > START and (not group or group in given):
-            other = _Frames(frames.case, replace(how, **changes)).errors(given, exact)[judged]
-            if other.max() < now[judged] / BETTER:
+class _Hints:
+    """What may be wrong with rows: conventions under which they are much nearer to the exact motion."""
+
+    def __init__(self, frames: _Frames, given: Mapping[str, Array], t: Array):
+        self.frames, self.given, self.t, self.exact = frames, given, t, frames.exact(t)
+        self.now = {name: error.max() for name, error in frames.errors(given, self.exact).items()}
+        self.sizes = {"position": frames.top.distance, "rotation": 1.0, "omega": frames.speed}
+
+    def all(self) -> list[str]:
+        """Every hint; a convention is tried only where something is wrong."""
+        hints = [
+            "a row or column of the matrices has the wrong sign: their determinant is negative."
+        ] * self._mirrored()
+        for each in (self._conventions, self._axes, self._units, self._times, self._starts):
+            hints += each()
+        return hints or list(self._points())
+
+    def _mirrored(self) -> bool:
+        return "matrix" in self.given and bool(np.any(np.linalg.det(self.given["matrix"].reshape(-1, 3, 3)) < 0))
+
+    def _wrong(self, judged: str) -> bool:
+        return bool(self.now.get(judged, 0.0) > START)
+
+    def _better(self, judged: str, least: float = math.inf, **changes: Any) -> bool:
+        """Whether the error is much smaller with other `rows`, at other times (`exact`) or in another convention."""
+        return self._error(judged, **changes) < min(self.now[judged] / BETTER, least)
+
+    def _error(self, judged: str, rows: Any = None, exact: Exact | None = None, **changes: Any) -> float:
+        frames = _Frames(self.frames.case, replace(self.frames.convention, **changes)) if changes else self.frames
+        return float(frames.errors(rows or self.given, exact or self.exact)[judged].max())
+
+    def _conventions(self) -> Iterator[str]:
+        how = self.frames.convention
+        quat = "xyzw" if how.quat == "wxyz" else "wxyz"
+        frame = "world" if how.omega_frame == "body" else "body"
+        ordered = f"the quaternions are in the order {quat}: --quat {quat}, or other names."
+        moving = "the angles are about axes that move with the body, not about fixed ones."
+        for judged, group, changes, words in (
+            ("rotation", "", {"transposed": True}, "the rotations are transposed: they take the world to the body."),
+            ("rotation", "quaternion", {"quat": quat}, ordered),
+            (
+                "rotation",
+                "quaternion",
+                {"quat": quat, "transposed": True},
+                f"the order is {quat}, and they are conjugate.",
+            ),
+            ("rotation", "angles", {"degrees": True}, "the angles are in degrees."),
+            ("rotation", "angles", {"intrinsic": True}, moving),
+            ("rotation", "rotation vector", {"degrees": True}, "the rotation vectors are in degrees."),
+            (
+                "omega",
+                "",
+                {"omega_frame": frame},
+                f"ω is in the {frame} frame: --omega {frame}, from Python omega_frame.",
+            ),
+            ("position", "", {"displaced": True}, "the position is a displacement from the start: name it ux, uy, uz."),
+        ):
+            if self._wrong(judged) and (not group or group in self.given) and self._better(judged, **changes):
                 yield words
-    for judged in ("position", "omega"):
-        if now.get(judged, 0.0) > START:
-            off = {
-                f"{group} is in {unit}": frames.errors({**given, group: factor * given[group]}, exact)[judged].max()
-                for group, factor, unit in SCALES[judged]
-                if group in given
+        if "rotation vector" in self.given and self._wrong("rotation"):
+            rows = {**self.given, "angles": self.given["rotation vector"]}
+            del rows["rotation vector"]
+            for degrees, intrinsic in itertools.product((True, False), repeat=2):
+                if self._better("rotation", rows=rows, degrees=degrees, intrinsic=intrinsic):
+                    unit, kind = "degrees" if degrees else "rad", "moving" if intrinsic else "fixed"
+                    yield f"rx, ry, rz are no rotation vector, but angles about {kind} axes x, y, z in {unit}."
+
+    def _axes(self) -> Iterator[str]:
+        """Another axis upwards, another axis of symmetry."""
+        how, turned = self.frames.convention, "rotation" in self.now
+        judged = "rotation" if turned else "position"
+        if self._wrong(judged):
+            pairs = list(itertools.product((how.up, *AXES), (how.axis, *AXES) if turned else (how.axis,)))
+            errors = [self._error(judged, up=up, axis=axis) for up, axis in pairs]
+            up, axis = pairs[int(np.argmin(errors))]
+            if min(errors) < self.now[judged] / BETTER:
+                if up != how.up:
+                    yield f"the axis {up} points up: --up={up}."
+                if axis != how.axis:
+                    yield f"the axis of symmetry is {axis}: --axis={axis}."
+
+    def _units(self) -> Iterator[str]:
+        for judged in filter(self._wrong, ("position", "omega")):
+            scaled = {
+                f"{group} is {what}": self._error(judged, rows={**self.given, group: factor * self.given[group]})
+                for group, factor, what in SCALES[judged]
+                if group in self.given
             }
-            best = min(off, key=lambda words: off[words])
-            if off[best] < now[judged] / BETTER:
+            best = min(scaled, key=lambda words: scaled[words])
+            if scaled[best] < min(self.now[judged] / BETTER, RIGHT * self.sizes[judged]):
                 yield f"{best}: SI units are judged."
-    judged = next((name for name in ("rotation", "position") if name in now), "omega")
-    if now[judged] > START and frames.errors(given, frames.exact(1e-3 * t))[judged].max() < now[judged] / BETTER:
-        yield "the times are in milliseconds: SI units are judged."
-    for k in SHIFTS if len(t) > BETTER and now[judged] > START else ():
-        rows, there = slice(max(0, -k), len(t) - max(0, k)), slice(max(0, k), len(t) + min(0, k))
-        late = frames.errors({name: array[rows] for name, array in given.items()}, (x[there], R[there], omega[there]))
-        if late[judged].max() < now[judged] / BETTER:
-            way = "later" if k > 0 else "earlier"
-            yield f"the times are shifted: each row holds the state {abs(k)} row{'s'[: abs(k) - 1]} {way}."
+
+    def _times(self) -> Iterator[str]:
+        judged = next((name for name in ("rotation", "position") if name in self.now), "omega")
+        if not self._wrong(judged):
+            return
+        least, n = RIGHT * self.sizes[judged], len(self.t)
+        if self._better(judged, least, exact=self.frames.exact(1e-3 * self.t)):
+            yield "the times are in milliseconds: SI units are judged."
+        for k in SHIFTS if n > BETTER else ():
+            here, there = slice(max(0, -k), n - max(0, k)), slice(max(0, k), n + min(0, k))
+            rows = {name: array[here] for name, array in self.given.items()}
+            if self._better(judged, rows=rows, exact=tuple(each[there] for each in self.exact)):
+                way = "later" if k > 0 else "earlier"
+                yield f"the times are shifted: each row holds the state {abs(k)} row{'s'[: abs(k) - 1]} {way}."
+
+    def _starts(self) -> Iterator[str]:
+        """The start of another case."""
+        first = {name: array[:1] for name, array in self.given.items()}
+        if self.t[0] == 0 and not self._starts_as(self.frames, first):
+            for case in CASES.values():
+                if self._starts_as(_Frames(case, self.frames.convention), first):
+                    yield f"this is the start of the case {case.name}."
+
+    def _starts_as(self, frames: _Frames, first: Mapping[str, Array]) -> bool:
+        found = frames.errors(first, frames.exact(self.t[:1]))
+        return all(found[name][0] <= SINGLE * size for name, size in self.sizes.items() if name in found)
+
+    def _points(self) -> Iterator[str]:
+        """Another origin, or another point of the body."""
+        if "position" not in self.given or not self._wrong("position"):
+            return
+        x, R, _ = self.exact
+        there = self.given["position"] @ self.frames.world.T
+        for points, words in (
+            (there - x, "are off by {}: another origin."),
+            ((there[:, None] @ R)[:, 0], "are those of the point {} of the body, not of the centre of mass."),
+        ):
+            mean = points.mean(0)
+            if np.abs(points - mean).max() < min(self.now["position"] / BETTER, RIGHT * self.sizes["position"]):
+                yield f"the positions {words.format('({:.4g}, {:.4g}, {:.4g}) m'.format(*(mean.round(9) + 0.0)))}"
 
 
 def draw(path: Path, judged: Sequence[Judgement]) -> str:

@@ -137,7 +137,8 @@ def order(methods: Methods, tops: Tops = "generic") -> Comparison:
     Returns
     -------
     Comparison
-        `error` is the mean of a step of h and one of −h, where it is no round-off; `order` the measured one. Of a method whose
+        `error` is the mean of a step of h and one of −h; `order` the measured one. Steps are those whose errors are small, but no
+        round-off: from 1e-14 to 3e-13, as a rule. Of a method whose
         steps depend on those before, errors are those of short runs, for each step.
 
     Raises
@@ -246,8 +247,8 @@ def heavy_top(methods: Methods, tops: str | Iterable[str] = "bruels") -> Compari
     ValueError
         Bad input, or a method that does not take a whole body.
     """
-    cases = [tops] if isinstance(tops, str) else list(tops)
-    if unknown := [case for case in cases if case not in body_experiment.POWERS]:
+    cases: list[Any] = list(tops) if isinstance(tops, (list, tuple)) else [tops]
+    if unknown := [case for case in cases if not isinstance(case, str) or case not in body_experiment.POWERS]:
         known = ", ".join(body_experiment.POWERS)
         raise ValueError(f"tops: {unknown[0]!r} must be one of {known}; of a body of your own ask work_precision")
     asked = _Asked(methods, [_Placed(case, case, *body_experiment.motion(case)) for case in cases])

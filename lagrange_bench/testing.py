@@ -30,7 +30,7 @@ __tracebackhide__ = True  # pytest shows the user's test, not the lines of this 
 def assert_drift(
     method: str | Method,
     *,
-    tops: Iterable[Top] | None = None,
+    tops: Top | Iterable[Top] | None = None,
     h: float | Iterable[float] = 0.1,
     steps: int | None = None,
     growth: str | None = None,
@@ -42,7 +42,8 @@ def assert_drift(
 
     Parameters
     ----------
-    tops : default: TOPS; for `growth` the sixteen random tops of the drift experiment. h : one step or several.
+    tops : one or several; default: TOPS; for `growth` the sixteen random tops of the drift experiment. h : one step or several,
+    in the top's time scale.
     steps : default: LENGTH; fewer for a method that is interpreted. options : of the method.
     growth, below : the invariant whose root-mean-square error over the tops grows like t^p, and a bound on p.
     ulps : H=16, J3=0, C1=16, C2=16, or other `names` of the problem: bounds in ulps of the invariant's scale, on every top.
@@ -65,7 +66,7 @@ def assert_drift(
     found = find_method(method)
     if tops is None:
         tops = TOPS if growth is None else states.RANDOM
-    named = find_all(tops, asked)
+    named = find_all([tops] if isinstance(tops, str) else tops, asked)
     try:
         runs = list(drifts(found, named, h, steps, options))
     except Refused as error:

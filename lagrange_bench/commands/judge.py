@@ -13,10 +13,12 @@ Columns are found by the names in the header; capitals and units in brackets do 
   roll pitch yaw                 rad, about the fixed axes x, y, z in this order
   wx wy wz | omega_x …           rad/s, in the frame of --omega
 Commas, semicolons, tabs or blanks separate them, # and % start comments, decimals need a point. A program that has the axis
-of symmetry elsewhere, or another axis upwards: --axis z, --up y, or --up=-y.
+of symmetry elsewhere, or another axis upwards: --axis z, --up y, or --up=-y. The smallest turn leads from there to the frames
+of the case; where that is half a turn, it is about x.
 
 Times that all are less than 1e-10 s (of fewer than 100 rows: 5e-13 s) from multiples of 1e-9 s are taken as these, for sums
-of steps round. q and -q are the same rotation. A NaN in a row makes the error NaN, and violates every bound.
+of steps round. q and -q are the same rotation. A NaN in a row makes the error NaN. With --bounds a file violates them if one
+number in it is not finite, or if it ends before the case does (--until).
 
 examples:
   lagrange-bench judge run.csv --case bruels
@@ -24,14 +26,14 @@ examples:
   lagrange-bench judge run.txt --case bruels --columns t=0,x=1,y=2,z=3   without a header
   lagrange-bench judge run.csv --case bruels --bounds position=1e-6,rotation=1e-5
 
-exit codes: 0 done · 1 a bound is violated · 2 a file that cannot be judged
+exit codes: 0 done · 1 a bound is violated, or the run ends early · 2 a file that cannot be judged
 """
 
 import argparse
 import math
 from typing import Any
 
-from lagrange_bench.arguments import location, number_pairs, numbers, pairs
+from lagrange_bench.arguments import location, number_pairs, numbers, pairs, seconds
 from lagrange_bench.output import PICTURES, Answer, check_target, table
 
 
@@ -54,6 +56,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     results = command.add_argument_group("results")
     text = "exit with 1 if the largest error of a quantity is above this"
     results.add_argument("--bounds", type=_bounds, metavar="position=1e-6,…", default={}, help=text)
+    text = "with --bounds, the time that a file must reach (default: the end of the case)"
+    results.add_argument("--until", type=seconds, metavar="SECONDS", help=text)
     text = f"draw the errors over time: a name that ends in {', '.join(PICTURES)}"
     results.add_argument("--draw", type=location, metavar="FILE", help=text)
 
@@ -70,12 +74,15 @@ def run(options: argparse.Namespace) -> Answer:
     convention = judging.Convention(options.quat, options.omega, options.up, options.axis)
     judged = [judging.judge_file(path, case, convention, options.columns) for path in options.files]
     orders = judging.orders(judged, options.steps or [each.step for each in judged])
-    violated = [line for each in judged for line in _violated(each, bounds)]
+    until = case.until if options.until is None else options.until
+    violated = [line for each in judged if bounds for line in _violated(each, bounds, until)]
     lines = [line for each in judged for line in [*_described(each, judging.UNITS), ""]]
     for name, found in orders.items():
         if found:
             shown = ", ".join("none" if math.isnan(order) else f"{order:.2f}" for order in found)
             lines.append(f"order of {name}, from the largest step to the smallest: {shown}")
+    if not options.steps and len({f"{each.step:.6g}" for each in judged}) < len(judged):
+        lines.append("No order where the rows of two files are equally far apart: give their steps, --steps h,h")
     lines += violated or (["All errors are within the bounds."] if bounds else [])
     drawn = [judging.draw(options.draw, judged)] if options.draw is not None else []
     data = {"case": options.case, "files": [{"file": each.file, **each.as_dict()} for each in judged], "orders": orders}
@@ -89,11 +96,16 @@ def _bounds(text: str) -> dict[str, float]:
     return number_pairs(text, UNITS)
 
 
-def _violated(judged: Any, bounds: dict[str, float]) -> list[str]:
+def _violated(judged: Any, bounds: dict[str, float], until: float) -> list[str]:
     if missing := [name for name in bounds if name not in judged.errors]:
         raise ValueError(f"--bounds: {judged.file} has no columns to judge {missing[0]} by")
     off = {name: judged.errors[name].max for name in bounds if not judged.errors[name].max <= bounds[name]}
-    return [f"{judged.file}: {name} is off by {error:.3g}: above {bounds[name]:g}" for name, error in off.items()]
+    lines = [f"{judged.file}: {name} is off by {error:.3g}: above {bounds[name]:g}" for name, error in off.items()]
+    if bad := [name for name, error in judged.errors.items() if not math.isfinite(error.max) and name not in off]:
+        lines.append(f"{judged.file}: {', '.join(bad)} cannot be measured: a number is not finite")
+    if judged.span[1] < until - 0.5 * (judged.step if judged.rows > 1 else 0.0):
+        lines.append(f"{judged.file}: the last row is at t = {judged.span[1]:.9g}, before {until:g} s")
+    return lines
 
 
 def _described(judged: Any, units: dict[str, str]) -> list[str]:
@@ -101,7 +113,8 @@ def _described(judged: Any, units: dict[str, str]) -> list[str]:
     rows: list[tuple[str, ...]] = [("error of", "largest", "last row", "unit")]
     rows += [(name, f"{error.max:.2e}", f"{error.end:.2e}", units[name]) for name, error in judged.errors.items()]
     first, last = judged.span
-    lines = [f"{judged.file}: {judged.rows} rows, t = {first:.9g} to {last:.9g}", *table(rows)]
+    lines = [f"{judged.file}: {judged.rows} rows, t = {first:.9g} to {last:.9g}", f"read as {judged.columns}"]
+    lines += table(rows)
     lines.append(_start(judged.start, units))
     for name, floor in judged.floor.items():
         lines.append(f"The digits printed for {name} say nothing of errors below {floor:.1e} {units[name]}.")
@@ -111,5 +124,8 @@ def _described(judged: Any, units: dict[str, str]) -> list[str]:
 def _start(start: dict[str, Any], units: dict[str, str]) -> str:
     if start["right"] is None:
         return f"The first row is at t = {start['t']:.9g}: nothing can be said of the start."
-    off = ", ".join(f"{name} by {start[name]:.2e} {units[name]}" for name in start if name not in ("t", "right"))
-    return "The start is right." if start["right"] else f"The start is not that of the case: off are {off}."
+    off = ", ".join(f"{name} by {start[name]:.2e} {units[name]}" for name in start if name in units)
+    if start["right"]:
+        return "The start is right."
+    known = "right to single precision" if start["single"] else "not that of the case"
+    return f"The start is {known}: off are {off}."

@@ -93,8 +93,16 @@ def test_the_error_that_was_put_in_is_found():
         ({"rotation": R, "omega": R.apply(OMEGA)}, "--omega world"),
         ({"rotation": M * [1, 1, -1]}, "determinant is negative"),
         ({"position": X - X[0]}, "name it ux, uy, uz"),
-        ({"position": X @ INTO}, "--up y"),
+        ({"position": X @ INTO}, "--up=y"),
+        ({"rotation": M @ INTO.T}, "--axis=z"),
+        ({"position": X * [1, -1, -1]}, "--up=-z"),
+        ({"position": 0 * X}, "the point (0, 0, 0) m of the body"),
+        ({"position": X + np.arange(1, 4)}, "off by (1, 2, 3) m: another origin"),
         ({"position": 1e3 * X}, "position is in mm"),
+        ({"position": X / 0.0254}, "position is in inches"),
+        ({"omega": -OMEGA}, "omega is of the other sign"),
+        ({"t": T + 2, "position": 3 * X}, ""),
+        ({"rotation": 0 * M + np.eye(3)}, ""),
         ({"omega": np.rad2deg(OMEGA)}, "omega is in degrees per second"),
         ({"omega": OMEGA * 30 / np.pi}, "omega is in revolutions per minute"),
         ({"t": 1e3 * T, "position": X}, "milliseconds"),
@@ -105,17 +113,32 @@ def test_the_error_that_was_put_in_is_found():
 )
 def test_a_wrong_convention_is_named(what, hint):
     what = {name: value[2:-2] for name, value in {"t": T, **what}.items()}
-    (found,) = judge(**what, case="bruels").hints or [""]
+    judged = judge(**what, case="bruels")
+    (found,) = judged.hints or [""]
     assert hint in found
     assert bool(hint) == bool(found)
+    assert ("perhaps" in repr(judged)) == bool(hint)
+
+
+def test_two_axes_angles_in_degrees_and_the_start_of_another_case_are_named(tmp_path, answer):
+    both = judge(T, X @ INTO, INTO.T @ M @ INTO.T, case="bruels")
+    assert [hint.partition(":")[2] for hint in both.hints[:2]] == [" --up=y.", " --axis=z."]
+    assert judge(T, X @ INTO, INTO.T @ M @ INTO.T, case="bruels", up="y", axis="z").rotation.max < 1e-12
+    file = write(tmp_path / "run.csv", "t rx ry rz", T, R.as_euler("XYZ", degrees=True))
+    (found,) = answer("judge", file, "--case", "bruels")["files"]
+    assert found["hints"] == ["rx, ry, rz are no rotation vector, but angles about moving axes x, y, z in degrees."]
+    assert judge(T, X, omega=OMEGA, case="slow").hints == ["this is the start of the case bruels."]
+    single = judge(T, X.astype(np.float32), omega=OMEGA.astype(np.float32), case="bruels")
+    assert (single.start["right"], single.start["single"], single.hints) == (False, True, [])
 
 
 FILES = {  # what is in it → exit code, what is said
     "": (2, "run.csv: the file is empty"),
     "x" * 2_000_000: (2, "this is no text in UTF-8 with one row a line"),
-    "0 0 1 0\n": (2, "no column is named t or time; it has no header. Name them: --columns t=0,x=1"),
     "s,x,y,z\n0,0,1,0": (2, "its columns are s x y z"),
-    "t,a,b\n0,1,2": (2, "nothing to judge but times"),
+    "t,a,b\n0,1,2": (2, "angular velocity. Its columns are t a b. Name them: --columns x=1"),
+    "t,x,y,z,w\n0,0,1,0,9": (0, "read as time t; position x y z; not used: w"),
+    "0 0 1 0\n": (2, "no column is named t or time; it has no header. Name them: --columns t=0,x=1"),
     "t,qx,qy,qz\n0,1,2,3": (2, "No quaternion: there is no column qw."),
     "t,x,y,z\n0,0,1,0\n1,0,1": (2, "line 3: 3 columns instead of 4"),
     "t,x,y,z\n" + "".join(f"{i},0,1,0\n" for i in range(201)) + "1,0,1,0,5": (2, "line 203: 5 columns instead of 4"),
@@ -123,9 +146,10 @@ FILES = {  # what is in it → exit code, what is said
     "t;x;y;z\n0,5;0;1;0": (2, "line 2: '0,5' is no number (decimals need a point)"),
     "t,x,y,z\n0,0,1,0\n1,0,1,0\n.5,0,1,0": (2, "row 3: the time is 0.5 after 1; times must be numbers that increase"),
     "t,x,y,z\n1e300,0,1,0": (2, "run.csv: theta_functions at h = 1e+300"),
-    "t\tx\ty\tz\n\n0\t0\t1\t0 # start\r\n0.1\t\t1\t0\r\n": (0, "1 of 2 rows hold no finite numbers"),
-    "t,x,y,z\n0,0,1,0\n0.1,,1,0": (0, "1 of 2 rows hold no finite numbers, the first at t = 0.1"),
-    "t,qw,qx,qy,qz\n0,0,0,0,0": (0, "1 of 1 rows hold no finite numbers"),
+    "t\tx\ty\tz\n\n0\t0\t1\t0 # start\r\n0.1\t\t1\t0\r\n": (0, "1 of 2 rows have a number that is not finite"),
+    "t,x,y,z\n0,0,1,0\n0.1,,1,0": (0, "a quaternion of length 0, the first at t = 0.1"),
+    "t,qw,qx,qy,qz\n0,0,0,0,0": (0, "1 of 1 rows have a number that is not finite, or a quaternion of length 0"),
+    "t,x,y,z\n0,0,1,0\n0.1,0,1,0": (0, "The last row is at t = 0.1 s; the case runs to 2 s."),
     "t,x,y,z\n0,0,0.5,0": (0, "The start is not that of the case: off are position by 5.00e-01 m."),
     "t,x,y,z\n1,0,0.5,0": (0, "The first row is at t = 1"),
     "t [ms],x (mm),y (mm),z (mm)\n0,0,1,0": (0, "not converted, but the header has mm, ms: s, m, rad and rad/s are"),
@@ -154,11 +178,22 @@ def test_bounds_json_digits_and_a_picture(tmp_path, run, answer):
     assert data["files"][0]["position"]["max"] == pytest.approx(7e-7, rel=0.3)
     half = write(tmp_path / "half.csv", "t x y z", T[::2], X[::2], digits=6)
     assert answer("judge", six, half, "--case", "bruels")["orders"] == {"position": [None], "rotation": []}
+    assert "give their steps" in run("judge", six, six, "--case", "bruels")[1]
     cone = CASES["metis"].solution(T[:20])
     short = write(tmp_path / "cone.csv", f"t {NINE}", cone.t, cone.rotation.as_matrix().reshape(-1, 9), digits=6)
     assert answer("judge", short, "--case", "metis")["files"][0]["start"]["right"]
     gap = write(tmp_path / "gap.csv", "t x y z", T[:2], [X[0], X[1] * np.nan])
-    assert run("judge", gap, "--case", "bruels", "--bounds", "position=9")[0] == 1
+    early = write(tmp_path / "early.csv", "t x y z", T[:9], X[:9])
+    wild = write(tmp_path / "wild.csv", "t x y z wx wy wz", T, X, OMEGA + (T == 1)[:, None] * np.nan)
+    for file, until, code, said in (
+        (gap, "0.005", 1, "position is off by nan"),
+        (early, "2", 1, "the last row is at t = 0.04, before 2 s"),
+        (early, "0.04", 0, "All errors are within the bounds."),
+        (wild, "2", 1, "omega cannot be measured: a number is not finite"),
+    ):
+        words = run("judge", file, "--case", "bruels", "--bounds", "position=9", "--until", until)
+        assert (words[0], said in words[1]) == (code, True), words
+    assert run("judge", early, "--case", "bruels", "--bounds", "position=9")[0] == 1
     assert answer("judge", gap, "--case", "bruels")["files"][0]["position"] == {"max": None, "end": None}
     end, start = os.pipe()
     os.write(start, b"t,x,y,z\n0,0,1,0\n")

@@ -17,6 +17,7 @@ MINE = replace(METHODS["strang"], name="mine")  # of nobody's registry
 def test_a_method_within_its_bounds():
     assert_drift("backlund", tops=("generic", "fast"), h=(0.1, 2.0), steps=20_000, H=16, C1=16, C2=16)
     assert_drift(MINE, tops=["generic", "magnet"], steps=1000, C1=200)
+    assert_drift(MINE, tops="generic", steps=1000, C1=200)
     assert_drift(MINE, tops=[(LagrangeTop(1.0), [0.0, 1, 2, 0.6, 0, 0.8])], steps=1000, J3=0)
     assert "mine" not in METHODS
 
@@ -73,7 +74,7 @@ NO_TEST = [
     ({"C3": 16}, "unknown invariant 'C3'"),
     *(({"H": bound}, "^H must be ") for bound in (-1, float("nan"), "1", None, True)),
     ({"growth": "H", "below": float("nan")}, "^below must be "),
-    *(({"H": 16, "tops": tops}, "^tops") for tops in (5, "generic", ((1, 2),), (LagrangeTop(1.0),), [])),
+    *(({"H": 16, "tops": tops}, "^tops") for tops in (5, ((1, 2),), (LagrangeTop(1.0),), [])),
     ({"H": 16, "tops": ((LagrangeTop(1.0), (1.0, 2.0)),)}, "^y0 must have shape"),
     ({"H": 16, "h": None}, "^h must be a real number"),
     ({"H": 16, "options": 5}, "^options must be a dict"),
