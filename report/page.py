@@ -25,9 +25,7 @@ from markupsafe import Markup, escape
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.drawing import figures, tables
 from lagrange_bench.experiments.measuring import errata
-from lagrange_bench.experiments.measuring.states import PROBLEMS
 from lagrange_bench.integrators.files import write_file
-from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.report import chooser, claims, fairness, lists, live, origin, panels, promises
 from lagrange_bench.report.origin import PUBLISHED, Origin
 from lagrange_bench.report.sections import OPENED, Drawn, Section, compute_all, described, draw, place, stored_rows
@@ -70,16 +68,6 @@ class Report:
     errata: pd.DataFrame = field(default_factory=pd.DataFrame)  # of the paper
     panels: str = ""  # the data of the panels of the methods
     answers: pd.DataFrame = field(default_factory=pd.DataFrame)  # which method to take, see `chooser`
-
-    @property
-    def integrators(self) -> tuple[int, int, int]:
-        """How many methods have rows of a top; of these, in a uniform field, and in a potential."""
-        others = ("gaudin", "heavy_top", "engines", "driven")  # methods follow magnets, whole bodies, driven tops
-        tops = [section.rows for section in self.sections if section.experiment not in others]
-        rows = pd.concat([each.reindex(columns=["method", "state", "potential"]) for each in tops])
-        rows = rows[~rows.state.isin(PROBLEMS)]  # no tops
-        in_field = rows.potential.notna() | rows.state.isin(PERTURBED_TOPS)
-        return rows.method.nunique(), rows.method[~in_field].nunique(), rows.method[in_field].nunique()
 
 
 # ---------------------------------------------------------------- what others call
@@ -173,21 +161,12 @@ def _published(folder: Path | None) -> tuple[list[claims.Verdict], str]:
     journals = {name: store.open(name) for name in dict.fromkeys(claim.experiment for claim in promises.CLAIMS)}
     judged = judge({name: journal.rows() for name, journal in journals.items()})
     old = sources.summary(sum((journal.ages() for journal in journals.values()), Counter[str]()))
-    words = f"{origin.named(folder)}: {'; '.join(filter(None, (_fare(judged), old)))}"
+    words = f"{origin.named(folder)}: {'; '.join(filter(None, (fare(judged), old)))}"
     return [each.verdict for each in judged], words
 
 
-def counted(report: Report) -> str:
-    """How much the page shows, and how its claims fare."""
-    count = {
-        "figure": sum(len(s.figures) for s in report.sections),
-        "table": sum(len(s.tables) for s in report.sections),
-    }
-    shown = [f"{number} {word}{'s' * (number != 1)}" for word, number in count.items()]
-    return ", ".join([*shown, *([f"{len(report.claims)} claims ({_fare(report.claims)})"] if report.claims else [])])
-
-
-def _fare(judged: list[Judged]) -> str:
+def fare(judged: list[Judged]) -> str:
+    """How claims fare, in words."""
     return ", ".join(f"{count} {word}" for word, count in _counts(judged).items())
 
 

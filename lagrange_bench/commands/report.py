@@ -19,8 +19,6 @@ from pathlib import Path
 from lagrange_bench.arguments import add_choice, add_module, choice_of, location
 from lagrange_bench.output import Answer
 
-LARGE = 8_000_000  # bytes of a page that is slow on a phone
-
 
 def add_options(command: argparse.ArgumentParser) -> None:
     text = "what lagrange-bench run stored (default: the published results; of an installed package your latest run, if any)"
@@ -43,7 +41,7 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.results.store import REFERENCE, find_results
     from lagrange_bench.runner import progress
 
-    results, notes = find_results(options.results), list[str]()
+    results = find_results(options.results)
     beside = options.beside and find_results(options.beside)
     installed = results == REFERENCE and provenance.checkout() is None  # nothing is written into a package
     output = options.output or (Path("page") if installed else place(results, "page"))
@@ -52,13 +50,10 @@ def run(options: argparse.Namespace) -> Answer:
     with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
         report = page.assemble(results, machine.usable_cores(), drawn, options.module, choice, beside)
         path = page.write(report, output).resolve()
-    size = path.stat().st_size
-    if size > LARGE:
-        notes.append(f"the page is large: {size / 1e6:.1f} MB; draw dense figures with rasterized=True")
-    notes += [f"{s.experiment}: no rows of {', '.join(s.lacking)}" for s in report.sections if s.lacking]
+    notes = [f"{s.experiment}: no rows of {', '.join(s.lacking)}" for s in report.sections if s.lacking]
     notes += [report.old] if report.old else []
     notes += [f"refuted: {judged.claim.text}" for judged in report.claims if judged.verdict.word == claims.REFUTED]
-    summary = f"{page.counted(report)}; {size / 1e6:.1f} MB"
+    summary = f"{path.stat().st_size / 1e6:.1f} MB" + (f", claims: {page.fare(report.claims)}" if report.claims else "")
     remarks = [*(f"not drawn: {error}" for error in report.errors), *notes, summary]
     if options.open:
         webbrowser.open(path.as_uri())

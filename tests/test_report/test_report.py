@@ -12,7 +12,7 @@ from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
 from importlib.metadata import EntryPoint
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 
 import matplotlib
 import numpy as np
@@ -368,10 +368,3 @@ def test_fairness_says_what_the_rows_say_and_needs_none(report):
     assert (found["limits"], found["call"]) == ([(100.0, 1.0)], pytest.approx(10.0))
     assert found["parameters"] == (2.0, 7.0)
     assert "a factor of 900," in words(replace(report, fairness=found))
-
-
-def test_methods_of_magnets_and_bodies_do_not_count_among_those_of_tops():
-    rows = {"drift": ["rk4", "kahan"], "perturbed": ["rk4"], "gaudin": ["spherical_midpoint"], "heavy_top": ["rattle"]}
-    rows |= {"engines": ["rkmk4"], "driven": ["gauss4"]}
-    sections = [SimpleNamespace(experiment=e, rows=pd.DataFrame({"method": names})) for e, names in rows.items()]
-    assert page.Report(sections, "", True, []).integrators == (2, 2, 1)
