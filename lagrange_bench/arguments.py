@@ -125,16 +125,6 @@ def choice_of(options: argparse.Namespace, results: Path | None = None) -> Any:
     return choice
 
 
-def named_top(name: str) -> Any:
-    """The named top, in a potential or not, of the bench, of a package or of the user's own `module:TOP`."""
-    from lagrange_bench.integrators.registry import find_top
-
-    try:
-        return find_top(name)
-    except ValueError as error:
-        raise ValueError(f"--top: {error}") from None
-
-
 def own(word: str, what: str) -> Any:
     """What `module:NAME` names. ValueError: it cannot be loaded."""
     from lagrange_bench.integrators.registry import import_own
@@ -174,10 +164,7 @@ def in_potential(top: Any, options: argparse.Namespace) -> Any:
         return top
     if "uniform" not in top.offers:
         raise ValueError(f"--potential: {options.top} is in the potential {top.potential.name} already")
-    try:
-        return PerturbedTop(top, find_potential(options.potential), tuple(options.parameters or ()))
-    except ValueError as error:
-        raise ValueError(f"--potential: {error}") from None
+    return PerturbedTop(top, find_potential(options.potential), tuple(options.parameters or ()))
 
 
 def add_module(command: argparse.ArgumentParser) -> None:

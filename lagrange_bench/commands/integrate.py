@@ -165,6 +165,7 @@ def _start(options: argparse.Namespace) -> tuple[str | None, Any, Any]:
     """Name, top and initial state."""
     from lagrange_bench.integrators import HeavyTop, LagrangeTop
     from lagrange_bench.integrators.checks import check_state
+    from lagrange_bench.integrators.registry import find_top
 
     if options.problem is not None:
         for word in ("top", "physical", "alpha", "potential", "parameters"):
@@ -180,13 +181,10 @@ def _start(options: argparse.Namespace) -> tuple[str | None, Any, Any]:
     elif options.physical is not None:
         values = dict(options.physical)
         angles, rates = (tuple(values.pop(d + angle) for angle in ("theta", "phi", "psi")) for d in ("", "d"))
-        try:
-            heavy = HeavyTop(**values)
-            top, state = heavy.top, heavy.state(angles, rates)
-        except ValueError as error:
-            raise ValueError(f"--physical: {error}") from None
+        heavy = HeavyTop(**values)
+        top, state = heavy.top, heavy.state(angles, rates)
     else:
-        named = arguments.named_top(options.top or "generic")
+        named = find_top(options.top or "generic")
         name, top, state = named.name, named.top, named.state
     return name, arguments.in_potential(top, options), state
 

@@ -17,7 +17,7 @@ import argparse
 from collections.abc import Iterable
 from typing import Any
 
-from lagrange_bench.arguments import add_potential, in_potential, named_top
+from lagrange_bench.arguments import add_potential, in_potential
 from lagrange_bench.output import Answer, table
 
 
@@ -25,8 +25,9 @@ def run(options: argparse.Namespace) -> Answer:
     """Every method in legend order; one that cannot be loaded is listed with the reason."""
     from lagrange_bench.integrators import INVARIANTS, METHODS, available
     from lagrange_bench.integrators.interface import NEEDS
+    from lagrange_bench.integrators.registry import find_top
 
-    problem = in_potential(named_top(options.top or "generic").top, options)
+    problem = in_potential(find_top(options.top or "generic").top, options)
     data: list[dict[str, Any]] = []
     for name, method, error in METHODS.each():
         if error:

@@ -11,7 +11,6 @@ import multiprocessing
 import queue
 import sys
 import threading
-from collections.abc import Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from functools import cache
@@ -35,8 +34,8 @@ class ClusterError(RuntimeError):
 class Cluster:
     """As `workers.Local`: hands cells to the workers of a Dask scheduler."""
 
-    def __init__(self, address: str, limit: float, experiments: Sequence[str] = ()):
-        self._address, self._limit, self._experiments = arguments.scheduler(address), limit, list(experiments)
+    def __init__(self, address: str, limit: float):
+        self._address, self._limit = arguments.scheduler(address), limit
         self._client: Any = None
         self._own: Any = None  # the scheduler and workers of local:N
         self._out: dict[Any, Task] = {}  # by future
@@ -55,7 +54,7 @@ class Cluster:
                     with dask.config.set({"distributed.scheduler.worker-saturation": 1.0}):
                         self._own = distributed.LocalCluster(n_workers=count, threads_per_worker=1, **quiet)
                 self._client = distributed.Client(self._own or self._address, timeout=CONNECT)
-            for facts in self._client.run(look, *self._experiments).values():
+            for facts in self._client.run(look).values():
                 _compare(facts)
         except BaseException as error:
             self.__exit__()
@@ -140,8 +139,7 @@ def compute(
 ) -> tuple[dict[str, Any], Outcome]:
     """What runs here, and the outcome of a cell.
 
-    A worker may join when the run has begun: then nobody has asked it for the experiments, and it must not make failed
-    cells of what it lacks.
+    A worker may lack the experiment, or join when the run has begun: it must not make failed cells of what it lacks.
     """
     facts, executor = look(experiment), _executor(threading.get_ident(), limit)
     executor.submit(Task(experiment, 0, 0, cell, expected))
@@ -150,12 +148,11 @@ def compute(
 
 
 @cache
-def look(*experiments: str) -> dict[str, Any]:
-    """The versions that decide about rows. Also finds out whether the modules of `experiments` are here."""
+def look(experiment: str = "") -> dict[str, Any]:
+    """The versions that decide about rows. Also finds out whether the module of an experiment is here."""
     memory.limit()  # ValueError for a wrong one
-    for name in experiments:
-        if "." in name and importlib.util.find_spec(name) is None:
-            raise ModuleNotFoundError(f"no module {name}")
+    if "." in experiment and importlib.util.find_spec(experiment) is None:
+        raise ModuleNotFoundError(f"no module {experiment}")
     return {package: provenance.version(package) for package in provenance.DECISIVE}
 
 

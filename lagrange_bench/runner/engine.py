@@ -144,7 +144,7 @@ def run(
         try:
             if others:
                 here = workers.Local(jobs or machine.usable_cores(), limit)
-                with cluster.Cluster(scheduler, limit, experiments) if scheduler else here as executor:
+                with cluster.Cluster(scheduler, limit) if scheduler else here as executor:
                     workers.compute_all(others, executor, bar.begin, finish)
             if timed:
                 if scheduler:

@@ -109,7 +109,7 @@ BAD = {  # words → what the line must name
     f"{T} --state 1,2,3,4,5,x": "--state",
     f"{T} --physical mass=1": "distance",
     f"{T} --physical mass=1,mass=2": "mass is given twice",
-    f"{T} --physical mass=-1,distance=1,A=1,C=1,theta=1,dpsi=3": "--physical: mass",
+    f"{T} --physical mass=-1,distance=1,A=1,C=1,theta=1,dpsi=3": "mass must be",
     f"{T} --method backlnd": "did you mean 'backlund'?",
     f"{T} --method json:loads": "json:loads",
     f"{I} --option pim=3": "'pim'",
@@ -153,7 +153,7 @@ BAD = {  # words → what the line must name
     "figure phase_h --format pdf --output x.svg --results small": "--format pdf and --output x.svg",
     "check leaves:METHOD --quick": f"method leaves:METHOD {LEAVES}",
     f"{I} --method leaves:METHOD": f"method leaves:METHOD {LEAVES}",
-    f"{I} --top leaves:TOP": f"--top: top leaves:TOP {LEAVES}",
+    f"{I} --top leaves:TOP": f"error: top leaves:TOP {LEAVES}",
     "run mine.leaves": f"experiment 'mine.leaves' {LEAVES}",
     "report --module leaves": "--module leaves cannot be imported: ImportError: it calls sys.exit(0)",
 }
