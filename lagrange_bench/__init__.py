@@ -31,12 +31,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that a name is public: they cannot
     from lagrange_bench.integrators.compiling.loops import FixedStepper as FixedStepper
     from lagrange_bench.integrators.methods.explicit import explicit_stepper as explicit_stepper
     from lagrange_bench.judging import judge as judge
-    from lagrange_bench.questions import drift as drift
-    from lagrange_bench.questions import heavy_top as heavy_top
-    from lagrange_bench.questions import order as order
-    from lagrange_bench.questions import perturbed as perturbed
-    from lagrange_bench.questions import phase as phase
-    from lagrange_bench.questions import work_precision as work_precision
+    from lagrange_bench.questions import *  # noqa: F403
     from lagrange_bench.results.store import Store as Store
 
 _OTHERS = {

@@ -1,20 +1,20 @@
 """Figures as files for a paper: any stored figure as SVG, PDF or PNG, as wide as a column or a page."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
 from lagrange_bench.experiments.drawing import figures, style
-from lagrange_bench.integrators.files import write_file
+from lagrange_bench.integrators.files import replace_file
 from lagrange_bench.integrators.words import suggestion
 from lagrange_bench.report import origin, sections
 from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.results.store import Store
 
-Write = Callable[[Path, bytes], object]
-Written = tuple[list[Path], list[str], list[str]]  # files, what cannot be drawn and why, remarks on the rows
+# each file with what was done, what cannot be drawn and why, remarks on the rows
+Written = tuple[dict[Path, str], list[str], list[str]]
 
 
 def names(results: Path, choice: Choice = ALL) -> list[str]:
@@ -24,18 +24,11 @@ def names(results: Path, choice: Choice = ALL) -> list[str]:
 
 
 def export(
-    name: str,
-    results: Path,
-    output: Path | None = None,
-    kind: str = "svg",
-    width: str | None = None,
-    choice: Choice = ALL,
-    write: Write = write_file,
+    name: str, results: Path, path: Path, kind: str = "svg", width: str | None = None, choice: Choice = ALL
 ) -> Written:
     """Writes one figure.
 
     name : as in the page, `phase_h` for instance. kind : svg, pdf or png. width : "column", "page" or None, as drawn.
-    output : a file; default: the figure's name in the current folder.
 
     Raises
     ------
@@ -52,9 +45,8 @@ def export(
         problems += section.notes[:1]
         drawn = dict(_drawn(section, width))
         if name in drawn:
-            path = output or Path(f"{name}.{kind}")
-            write(path, figures.FORMATS[kind](drawn[name]))
-            return [path], _lacking(section), [*_remarks(section), *_without(name, section)]
+            written = {path: replace_file(path, figures.FORMATS[kind](drawn[name]))}
+            return written, _lacking(section), [*_remarks(section), *_without(name, section)]
         if choice and name in dict(_drawn(_section(experiment, Store(results)))):
             raise ValueError(f"{name}: no rows of {_words(choice)}")
         known += drawn
@@ -65,16 +57,11 @@ def export(
 
 
 def export_all(
-    results: Path,
-    folder: Path,
-    kinds: Sequence[str] = tuple(figures.FORMATS),
-    widths: Sequence[str] = tuple(style.WIDTHS),
-    drawn: sections.Drawn = lambda done, total: None,
-    choice: Choice = ALL,
-    write: Write = write_file,
+    results: Path, folder: Path, kind: str | None, width: str | None, choice: Choice, drawn: sections.Drawn
 ) -> Written:
-    """Writes every figure as `NAME-WIDTH.KIND` into a folder."""
-    (stored, problems), files, remarks = _stored(results), list[Path](), list[str]()
+    """Writes every figure as `NAME-WIDTH.KIND` into a folder; kind, width : None for all of them."""
+    kinds, widths = [kind] if kind else figures.FORMATS, [width] if width else style.WIDTHS
+    (stored, problems), written, remarks = _stored(results), dict[Path, str](), list[str]()
     for i, experiment in enumerate(stored):
         section = _section(experiment, Store(results, choice))
         problems += _lacking(section)
@@ -83,9 +70,9 @@ def export_all(
             drawn(i * len(widths) + k, len(stored) * len(widths))
             for name, figure in _drawn(section, width):
                 for kind in kinds:
-                    files.append(folder / f"{name}-{width}.{kind}")
-                    write(files[-1], figures.FORMATS[kind](figure))
-    return files, problems, remarks
+                    path = folder / f"{name}-{width}.{kind}"
+                    written[path] = replace_file(path, figures.FORMATS[kind](figure))
+    return written, problems, remarks
 
 
 def _stored(results: Path) -> tuple[list[str], list[str]]:

@@ -62,27 +62,19 @@ def run(options: argparse.Namespace) -> Answer:
     if options.list:
         found = export.names(results, choice)
         return Answer("\n".join(found), {"figures": found, "results": str(results)})
-    done: list[str] = []
     kind = _format(options)
-
-    def write(path: Path, content: bytes) -> None:
-        done.append(replace_file(path, content))
-
+    path = options.output or Path("figures" if options.all else f"{options.name}.{kind}")
     shown = progress.drawing(results, show=not (options.quiet or options.json))
     with style.limits(xlim=options.xlim, ylim=options.ylim), shown as drawn:
         if options.x:
-            path = options.output or Path(f"{options.name}.{kind}")
-            write(path, _columns(options, results, choice, kind))
-            written: export.Written = [path], [], []
+            done = replace_file(path, _columns(options, results, choice, kind))
+            written: export.Written = {path: done}, [], []
         elif options.all:
-            some = {"kinds": options.format, "widths": options.width}
-            some = {name: (value,) for name, value in some.items() if value}
-            folder = options.output or Path("figures")
-            written = export.export_all(results, folder, **some, drawn=drawn, choice=choice, write=write)
+            written = export.export_all(results, path, options.format, options.width, choice, drawn)
         else:
-            written = export.export(options.name, results, options.output, kind, options.width, choice, write)
+            written = export.export(options.name, results, path, kind, options.width, choice)
     paths, unknown, notes = written
-    replaced = [line for line in done if line.startswith("replaced")]  # stdout names all that are written
+    replaced = [line for line in paths.values() if line.startswith("replaced")]  # stdout names all that are written
     remarks = [*replaced, *(f"not drawn: {reason}" for reason in unknown), *notes]
     files = list(map(str, paths))
     data = {"written": files, "not_drawn": unknown, "notes": notes, "results": str(results)}

@@ -43,8 +43,8 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.results import sources
     from lagrange_bench.runner import verify
 
-    more = {"longest": options.longest, "jobs": options.jobs, "show": not options.quiet, "old": options.old}
-    result = verify.verify(options.folder or options.results, options.sample, options.seed, **more)
+    folder, show = options.folder or options.results, not options.quiet
+    result = verify.verify(folder, options.sample, options.seed, options.longest, options.jobs, show, options.old)
     lines: list[str] = []
     for name in dict.fromkeys(each["experiment"] for each in result.changed):
         lines += changed_columns(name, [each for each in result.changed if each["experiment"] == name])

@@ -43,13 +43,7 @@ class Verification:
 
 
 def verify(
-    folder: Path | None,
-    sample: int,
-    seed: int = 0,
-    longest: float = 3.0,
-    jobs: int | None = None,
-    show: bool = True,
-    old: bool = False,
+    folder: Path | None, sample: int, seed: int, longest: float, jobs: int | None, show: bool, old: bool
 ) -> Verification:
     """Computes some stored cells again and compares their rows.
 

@@ -64,7 +64,7 @@ def test_cells_of_an_engine_that_is_not_there_are_skipped(monkeypatch, tmp_path)
     Store(tmp_path).append(make_record("engines", engines.VERSION, 0, ABSENT, rows=[row]))
     assert run(["engines"], "full", tmp_path, show=False).experiments["engines"].stored == 1
     with pytest.raises(StoreError, match="not computed: no-such-engine: not available here"):
-        verify.verify(tmp_path, 10, show=False)
+        verify.verify(tmp_path, 10, seed=0, longest=3.0, jobs=None, show=False, old=False)
 
 
 def test_the_quick_profile_needs_no_engine():
