@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import tau
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,19 +27,12 @@ AXES = {
 }
 ATTITUDES = ("quaternion", "matrix", "rotation vector", "angles")
 GRID, NEAR = 9, 1e-10  # decimals of a second; times that all are that near to multiples of 10⁻⁹ s are these
-SCALES = {  # columns in other units: what makes them SI, and what they are
-    "position": [
-        (group, factor, f"in {unit}")
-        for group in ("position", "displacement")
-        for factor, unit in ((1e-3, "mm"), (1e-2, "cm"), (0.0254, "inches"), (0.3048, "feet"))
-    ],
-    "omega": [
-        ("omega", math.pi / 180, "in degrees per second"),
-        ("omega", math.pi / 30, "in revolutions per minute"),
-        ("omega", 2 * math.pi, "in revolutions per second"),
-        ("omega", -1.0, "of the other sign"),
-    ],
-}
+# what is judged by which columns
+GROUPS = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omega": ("omega",)}
+LENGTHS = {"in mm": 1e-3, "in cm": 1e-2, "in inches": 0.0254, "in feet": 0.3048}
+RATES = {"in degrees per second": tau / 360, "in revolutions per minute": tau / 60, "in revolutions per second": tau}
+# what columns may be: the factor that makes them SI
+SCALES = {"position": LENGTHS, "displacement": LENGTHS, "omega": {**RATES, "of the other sign": -1.0}}
 SOME, FEW = 5e-13, 100  # the same where there are fewer times than `FEW`
 HEAD, SHIFTS = 2000, (1, -1, 2, -2, 3, -3)  # rows that hints are taken from; rows that they may be late
 BETTER = 10  # times less is the error with another convention, for a hint
@@ -231,8 +225,7 @@ def _judged(case: Case, convention: Convention, given: Mapping[str, Array], floo
     with np.errstate(all="ignore"):
         found = frames.errors(given, frames.exact(t))
         hints = _Hints(frames, {name: array[:HEAD] for name, array in given.items()}, t[:HEAD]).all()
-    groups = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omega": ("omega",)}
-    floors = {name: 2 * max(floor.get(each, 0.0) for each in those) for name, those in groups.items() if name in found}
+    floors = {name: 2 * max(floor.get(each, 0.0) for each in those) for name, those in GROUPS.items() if name in found}
     floors = {name: value for name, value in floors.items() if value > 0}
     sizes = {"position": frames.top.distance, "rotation": 1.0, "omega": frames.speed}
     first = {name: float(found[name][0]) for name in sizes if name in found}
@@ -444,8 +437,9 @@ class _Hints:
         for judged in filter(self._wrong, ("position", "omega")):
             scaled = {
                 f"{group} is {what}": self._error(judged, rows={**self.given, group: factor * self.given[group]})
-                for group, factor, what in SCALES[judged]
+                for group in GROUPS[judged]
                 if group in self.given
+                for what, factor in SCALES[group].items()
             }
             best = min(scaled, key=lambda words: scaled[words])
             if scaled[best] < min(self.now[judged] / BETTER, RIGHT * self.sizes[judged]):

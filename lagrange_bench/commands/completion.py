@@ -18,8 +18,6 @@ from lagrange_bench.arguments import location
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.output import Answer
 
-SHELLS = ("bash", "zsh", "fish")
-
 
 def run(options: argparse.Namespace) -> Answer:
     """The script of one shell."""
@@ -51,4 +49,4 @@ def names() -> dict[str, list[str]]:
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("shell", choices=SHELLS, metavar="SHELL", help="bash, zsh or fish")
+    command.add_argument("shell", choices=("bash", "zsh", "fish"), metavar="SHELL", help="bash, zsh or fish")

@@ -60,7 +60,8 @@ def _method_row(claims: dict[str, Any]) -> tuple[str, ...]:
     if "error" in claims:
         return (claims["name"], *"-----")
     order = "exact" if claims["order"] is None else str(claims["order"])
-    symmetric, poisson = (YES_NO[claims[field]] for field in ("symmetric", "poisson"))
+    words = {True: "yes", False: "no", None: "?"}
+    symmetric, poisson = (words[claims[field]] for field in ("symmetric", "poisson"))
     return claims["name"], claims["label"], order, symmetric, poisson, " ".join(claims["conserves"]) or "-"
 
 
@@ -85,9 +86,6 @@ def _names(pairs: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
     for what, name in pairs:
         found.setdefault(what, []).append(name)
     return found
-
-
-YES_NO = {True: "yes", False: "no", None: "?"}
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
