@@ -32,11 +32,10 @@ class Choice:
 
     def include(self) -> None:
         """Make methods in files of the user's own, `module:NAME`, known to this process. ValueError if one cannot be loaded."""
-        own = [name for name in (*self.methods, *self.highlight) if ":" in name or name.endswith(".py")]
-        if own:
-            from lagrange_bench.integrators.registry import METHODS
+        from lagrange_bench.integrators.registry import METHODS
 
-            for name in own:
+        for name in (*self.methods, *self.highlight):
+            if ":" in name or name.endswith(".py"):
                 METHODS.include(name)
 
     def check(self, cells: Iterable[Mapping[str, Any]]) -> None:

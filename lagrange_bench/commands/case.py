@@ -76,7 +76,7 @@ def rows_of(case: Any, until: Fraction | None, every: Fraction | None, digits: i
 def add_options(command: argparse.ArgumentParser) -> None:
     time = in_range(Fraction, 1e-15, 1e9, "a positive number of seconds such as 0.1, at most 10^9")
     settings: dict[str, Any] = {"type": time, "metavar": "SECONDS"}
-    command.add_argument("name", nargs="?", metavar="NAME", help="the case; without it they are listed")
+    command.add_argument("name", nargs="?", metavar="NAME", help="the case, or module:CASE; without it they are listed")
     command.add_argument("--verbose", action="store_true", help="also say where each is from, and what to look out for")
     command.add_argument("--until", help="last time (default: that of the case)", **settings)
     command.add_argument("--every", help="between two rows (default: that of the case)", **settings)
