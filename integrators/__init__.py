@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lagrange_bench.integrators.lazy import face
+from lagrange_bench.integrators.lazy import face, imported
 
 if TYPE_CHECKING:
     from lagrange_bench.integrators.api import integrate, prepare, two_point
@@ -84,30 +84,4 @@ __all__ = [
     "vibrating_pivot",
 ]
 
-__getattr__, __dir__ = face(
-    __name__,
-    {
-        "lagrange_bench.integrators.api": ("integrate", "prepare", "two_point"),
-        "lagrange_bench.integrators.trajectory": ("EnsembleTrajectory", "Trajectory"),
-        "lagrange_bench.integrators.backward_error.prediction": ("PredictedPhase", "predicted_phase"),
-        "lagrange_bench.integrators.ensemble": ("integrate_ensemble",),
-        "lagrange_bench.integrators.interface": ("INVARIANTS", "Method", "StepError", "Stepper", "Work"),
-        "lagrange_bench.integrators.paper.gaudin_model": ("MAGNETS", "GaudinMagnet"),
-        "lagrange_bench.integrators.problem.body": ("HeavyTop", "RigidTop"),
-        "lagrange_bench.integrators.cases": ("CASES", "Case"),
-        "lagrange_bench.integrators.compiling.expression": ("cos", "exp", "log", "sin", "sqrt"),
-        "lagrange_bench.integrators.problem.field": ("Potential",),
-        "lagrange_bench.integrators.problem.perturbed": ("PerturbedTop",),
-        "lagrange_bench.integrators.problem.problem": ("Problem",),
-        "lagrange_bench.integrators.problem.free_body": ("free_body",),
-        "lagrange_bench.integrators.problem.kirchhoff": ("kirchhoff_body",),
-        "lagrange_bench.integrators.problem.orbiting_tide": ("orbiting_tide",),
-        "lagrange_bench.integrators.problem.vibrating_pivot": ("vibrating_pivot",),
-        "lagrange_bench.integrators.problem.whole_body": ("WholeBody",),
-        "lagrange_bench.integrators.problem.potentials": ("PERTURBED_TOPS", "in_any_field"),
-        "lagrange_bench.integrators.problem.top": ("TOPS", "LagrangeTop", "NamedTop"),
-        "lagrange_bench.integrators.registry": ("METHODS", "POTENTIALS", "available"),
-        "lagrange_bench.integrators.truth.exact": (),
-        "lagrange_bench.integrators.truth.reference": (),
-    },
-)
+__getattr__, __dir__ = face(__name__, imported(__file__))

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-import importlib
+import ast
 import sys
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 
 def face(package: str, homes: Mapping[str, tuple[str, ...]]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """`__getattr__` and `__dir__` of a package; homes: module → the names it has; () for the module itself."""
-    places = {name: module for module, names in homes.items() for name in names or (module.rpartition(".")[2],)}
+    places = {name: module for module, names in homes.items() for name in names}
+    places |= {module.rpartition(".")[2]: module.rpartition(".")[0] for module, names in homes.items() if not names}
 
     def getattribute(name: str) -> Any:
         if name not in places:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        module = importlib.import_module(places[name])
-        value = getattr(module, name) if homes[places[name]] else module
+        value = getattr(__import__(places[name], fromlist=[name]), name)  # a module, too, which is imported then
         setattr(sys.modules[package], name, value)
         return value
 
     return getattribute, lambda: sorted({*vars(sys.modules[package]), *places})
+
+
+def imported(file: str) -> dict[str, tuple[str, ...]]:
+    """What a file imports, though only for type checkers, as homes of `face`."""
+    found = [node for node in ast.walk(ast.parse(Path(file).read_bytes())) if isinstance(node, ast.ImportFrom)]
+    return {str(node.module): tuple(alias.name for alias in node.names) for node in found}
