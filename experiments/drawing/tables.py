@@ -83,23 +83,16 @@ def markdown(frame: pd.DataFrame) -> str:
 def latex(frame: pd.DataFrame, caption: str = "") -> str:
     r"""A `tabular` to be \input into a table float, numbers as siunitx; a `longtable` where it would not fit on a page."""
     long = len(frame) > PAGE
-    columns = f"@{{}}{''.join(_sides(frame))}@{{}}"
-    head = " & ".join(_tex_text(heading(name)) for name in frame.columns) + r" \\"
+    body = pd.DataFrame(_body(frame, tex), columns=[_tex_text(heading(name)) for name in frame.columns])
+    table = body.style.hide(axis="index").to_latex(
+        column_format=f"@{{}}{''.join(_sides(frame))}@{{}}",
+        environment="longtable" if long else None,
+        caption=_tex_text(caption) if long and caption else None,
+        hrules=True,
+    )
     packages = "booktabs,siunitx,longtable" if long else "booktabs,siunitx"
-    lines = [
-        rf"% written by lagrange-bench report; needs \usepackage{{{packages}}}",
-        *([f"% {' '.join(caption.split())}"] if caption else []),
-        rf"\begin{{{'longtable' if long else 'tabular'}}}{{{columns}}}",
-        *([rf"\caption{{{_tex_text(caption)}}}\\"] if long and caption else []),
-        r"\toprule",
-        head,
-        r"\midrule",
-        *([r"\endhead", r"\bottomrule", r"\endfoot"] if long else []),
-        *(" & ".join(row) + r" \\" for row in _body(frame, tex)),
-        *([] if long else [r"\bottomrule"]),
-        rf"\end{{{'longtable' if long else 'tabular'}}}",
-    ]
-    return "\n".join(lines) + "\n"
+    note = f"% {' '.join(caption.split())}\n" if caption else ""
+    return rf"% written by lagrange-bench report; needs \usepackage{{{packages}}}" + f"\n{note}{table}"
 
 
 def csv(frame: pd.DataFrame) -> str:
@@ -174,15 +167,11 @@ def _needs_all(value: Any) -> bool:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, numbers.Real) and not _is_bool(value) and not pd.isna(value)
-
-
-def _is_bool(value: Any) -> bool:
-    return isinstance(value, bool) or getattr(getattr(value, "dtype", None), "kind", "") == "b"
+    return isinstance(value, numbers.Real) and not pd.api.types.is_bool(value) and not pd.isna(value)
 
 
 def _word(value: Any) -> str:
-    if _is_bool(value):
+    if pd.api.types.is_bool(value):
         return "yes" if value else "no"
     return MISSING if value is None or (pd.api.types.is_scalar(value) and pd.isna(value)) else numbers_in(str(value))
 
