@@ -14,74 +14,52 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lagrange_bench.integrators.lazy import face, imported
+from lagrange_bench.integrators.lazy import exported, face
 
-if TYPE_CHECKING:
-    from lagrange_bench.integrators.api import integrate, prepare, two_point
-    from lagrange_bench.integrators.backward_error.prediction import PredictedPhase, predicted_phase
-    from lagrange_bench.integrators.cases import CASES, Case
-    from lagrange_bench.integrators.compiling.expression import cos, exp, log, sin, sqrt
-    from lagrange_bench.integrators.ensemble import integrate_ensemble
-    from lagrange_bench.integrators.interface import INVARIANTS, Method, StepError, Stepper, Work
-    from lagrange_bench.integrators.paper.gaudin_model import MAGNETS, GaudinMagnet
-    from lagrange_bench.integrators.problem.body import HeavyTop, RigidTop
-    from lagrange_bench.integrators.problem.field import Potential
-    from lagrange_bench.integrators.problem.free_body import free_body
-    from lagrange_bench.integrators.problem.kirchhoff import kirchhoff_body
-    from lagrange_bench.integrators.problem.orbiting_tide import orbiting_tide
-    from lagrange_bench.integrators.problem.perturbed import PerturbedTop
-    from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS, in_any_field
-    from lagrange_bench.integrators.problem.problem import Problem
-    from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop, NamedTop
-    from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
-    from lagrange_bench.integrators.problem.whole_body import WholeBody
-    from lagrange_bench.integrators.registry import METHODS, POTENTIALS, available
-    from lagrange_bench.integrators.trajectory import EnsembleTrajectory, Trajectory
-    from lagrange_bench.integrators.truth import exact, reference
+if TYPE_CHECKING:  # `as` says that a name is public
+    from lagrange_bench.integrators.api import integrate as integrate
+    from lagrange_bench.integrators.api import prepare as prepare
+    from lagrange_bench.integrators.api import two_point as two_point
+    from lagrange_bench.integrators.backward_error.prediction import PredictedPhase as PredictedPhase
+    from lagrange_bench.integrators.backward_error.prediction import predicted_phase as predicted_phase
+    from lagrange_bench.integrators.cases import CASES as CASES
+    from lagrange_bench.integrators.cases import Case as Case
+    from lagrange_bench.integrators.compiling.expression import cos as cos
+    from lagrange_bench.integrators.compiling.expression import exp as exp
+    from lagrange_bench.integrators.compiling.expression import log as log
+    from lagrange_bench.integrators.compiling.expression import sin as sin
+    from lagrange_bench.integrators.compiling.expression import sqrt as sqrt
+    from lagrange_bench.integrators.ensemble import integrate_ensemble as integrate_ensemble
+    from lagrange_bench.integrators.interface import INVARIANTS as INVARIANTS
+    from lagrange_bench.integrators.interface import Method as Method
+    from lagrange_bench.integrators.interface import StepError as StepError
+    from lagrange_bench.integrators.interface import Stepper as Stepper
+    from lagrange_bench.integrators.interface import Work as Work
+    from lagrange_bench.integrators.paper.gaudin_model import MAGNETS as MAGNETS
+    from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet as GaudinMagnet
+    from lagrange_bench.integrators.problem.body import HeavyTop as HeavyTop
+    from lagrange_bench.integrators.problem.body import RigidTop as RigidTop
+    from lagrange_bench.integrators.problem.field import Potential as Potential
+    from lagrange_bench.integrators.problem.free_body import free_body as free_body
+    from lagrange_bench.integrators.problem.kirchhoff import kirchhoff_body as kirchhoff_body
+    from lagrange_bench.integrators.problem.orbiting_tide import orbiting_tide as orbiting_tide
+    from lagrange_bench.integrators.problem.perturbed import PerturbedTop as PerturbedTop
+    from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS as PERTURBED_TOPS
+    from lagrange_bench.integrators.problem.potentials import in_any_field as in_any_field
+    from lagrange_bench.integrators.problem.problem import Problem as Problem
+    from lagrange_bench.integrators.problem.top import TOPS as TOPS
+    from lagrange_bench.integrators.problem.top import LagrangeTop as LagrangeTop
+    from lagrange_bench.integrators.problem.top import NamedTop as NamedTop
+    from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot as vibrating_pivot
+    from lagrange_bench.integrators.problem.whole_body import WholeBody as WholeBody
+    from lagrange_bench.integrators.registry import METHODS as METHODS
+    from lagrange_bench.integrators.registry import POTENTIALS as POTENTIALS
+    from lagrange_bench.integrators.registry import available as available
+    from lagrange_bench.integrators.trajectory import EnsembleTrajectory as EnsembleTrajectory
+    from lagrange_bench.integrators.trajectory import Trajectory as Trajectory
+    from lagrange_bench.integrators.truth import exact as exact
+    from lagrange_bench.integrators.truth import reference as reference
 
-__all__ = [
-    "CASES",
-    "INVARIANTS",
-    "MAGNETS",
-    "METHODS",
-    "PERTURBED_TOPS",
-    "POTENTIALS",
-    "TOPS",
-    "Case",
-    "EnsembleTrajectory",
-    "GaudinMagnet",
-    "HeavyTop",
-    "LagrangeTop",
-    "Method",
-    "NamedTop",
-    "PerturbedTop",
-    "Potential",
-    "PredictedPhase",
-    "Problem",
-    "RigidTop",
-    "StepError",
-    "Stepper",
-    "Trajectory",
-    "WholeBody",
-    "Work",
-    "available",
-    "cos",
-    "exact",
-    "exp",
-    "free_body",
-    "in_any_field",
-    "integrate",
-    "integrate_ensemble",
-    "kirchhoff_body",
-    "log",
-    "orbiting_tide",
-    "predicted_phase",
-    "prepare",
-    "reference",
-    "sin",
-    "sqrt",
-    "two_point",
-    "vibrating_pivot",
-]
-
-__getattr__, __dir__ = face(__name__, imported(__file__))
+_HOMES = exported(__file__)
+__getattr__, __dir__ = face(__name__, _HOMES)
+__all__ = sorted(sum(_HOMES.values(), ()))

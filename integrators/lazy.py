@@ -24,7 +24,8 @@ def face(package: str, homes: Mapping[str, tuple[str, ...]]) -> tuple[Callable[[
     return getattribute, lambda: sorted({*vars(sys.modules[package]), *places})
 
 
-def imported(file: str) -> dict[str, tuple[str, ...]]:
-    """What a file imports, though only for type checkers, as homes of `face`."""
+def exported(file: str) -> dict[str, tuple[str, ...]]:
+    """What a file imports `as` it is called, though only for type checkers, as homes of `face`."""
     found = [node for node in ast.walk(ast.parse(Path(file).read_bytes())) if isinstance(node, ast.ImportFrom)]
-    return {str(node.module): tuple(alias.name for alias in node.names) for node in found}
+    names = [(str(node.module), alias.name) for node in found for alias in node.names if alias.asname]
+    return {home: tuple(name for module, name in names if module == home) for home, _ in names}
