@@ -20,9 +20,9 @@ import numpy as np
 from lagrange_bench.integrators.paper import gaudin_maps
 from lagrange_bench.integrators.paper.errata import Erratum, draw
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
-from lagrange_bench.integrators.paper.lax import pauli
+from lagrange_bench.integrators.paper.lax import pauli, spectral_curve
 from lagrange_bench.integrators.paper.one_point import one_point
-from lagrange_bench.integrators.paper.phase_space import E3, Numbers, components, dot, poisson_tensor, vector_field
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, dot, poisson_tensor, vector_field
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.torus.any_parameter import two_point
 
@@ -62,29 +62,15 @@ def bracket(y: Any, eps: Any = 0) -> Numbers:
 
 def casimirs(y: Any, eps: Any = 0) -> tuple[Any, Any]:
     """The two central functions at finite ε: |x|² and x·J − (ε/2)|J|²; for ε = 0 C1 and C2."""
-    C1, C2, JJ = _products(y)
-    return C1, C2 - eps / 2 * JJ
-
-
-def _products(y: Any) -> tuple[Any, Any, Any]:
-    """|x|², x·J, |J|²."""
     y = np.asarray(y)
     J, x = y[..., :3], y[..., 3:]
-    return dot(x, x), dot(x, J), dot(J, J)
+    return dot(x, x), dot(x, J) - eps / 2 * dot(J, J)
 
 
 def energy(magnet: GaudinMagnet, spins: Any) -> Any:
     """H of the top, (ε H_2 + s_1² + s_2²)/2, exact at every ε."""
     eps = magnet.sites[1] - magnet.sites[0]
     return (eps * magnet.hamiltonians(spins)[..., 1] + np.sum(magnet.casimirs(spins), axis=-1)) / 2
-
-
-def curve(top: LagrangeTop, y: Any, u: Any, eps: Any) -> Any:
-    """v² at finite ε: alpha² + 2 alpha J3/u + |J|²/u² + 2 alpha x3/(u(u−ε)) + 2 C2/(u²(u−ε)) + C1/(u²(u−ε)²)."""
-    (_, _, J3, _, _, x3), (C1, C2, JJ) = components(y), _products(y)
-    w = u - eps
-    alpha = top.alpha
-    return alpha * alpha + (2 * alpha * (J3 + x3 / w) + (JJ + 2 * C2 / w + C1 / (w * w)) / u) / u
 
 
 def deviations(top: LagrangeTop, y: Any, lam: complex, eps: float) -> dict[str, float]:
@@ -94,15 +80,15 @@ def deviations(top: LagrangeTop, y: Any, lam: complex, eps: float) -> dict[str, 
     """
     y = np.asarray(y, dtype=float)
     magnet, spins = to_magnet(top, y, eps)
-    C2 = float(y[:3] @ y[3:])
+    ell = magnet.vector(spins, lam)
     flow = from_magnet(magnet.rhs(spins, (0.0, eps / 2)), eps)
     two = gaudin_maps.two_point(magnet, spins, lam, site=SITE)
     one = gaudin_maps.one_point(magnet, spins, lam, site=SITE)
     pairs = {
-        "Lax matrix": (magnet.vector(spins, lam), lax_vector(top, y, lam)),
+        "Lax matrix": (ell, lax_vector(top, y, lam)),
         "bracket": (bracket(y, eps), bracket(y)),
-        "Casimir x·J": (casimirs(y, eps)[1], C2),
-        "spectral curve": (curve(top, y, lam, eps), curve(top, y, lam, 0)),
+        "Casimir x·J": (casimirs(y, eps)[1], casimirs(y)[1]),
+        "spectral curve": (dot(ell, ell), -spectral_curve(top, y, lam)),
         "flow": (flow, vector_field(top, y)),
         "one-point map": (from_magnet(one, eps), one_point(top, y, lam)),
         "two-point map": (from_magnet(two, eps), two_point(top, y, lam)),
