@@ -10,7 +10,7 @@ import numpy as np
 
 from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet, check_parameter, check_upper
-from lagrange_bench.integrators.paper.lax import adjugate, determinant, pauli
+from lagrange_bench.integrators.paper.lax import adjugate, determinant, from_pauli, pauli
 from lagrange_bench.integrators.paper.one_point import dressing_matrix
 from lagrange_bench.integrators.paper.phase_space import Numbers, cross, dot
 from lagrange_bench.integrators.paper.two_point import dressing_matrix as two_point_dressing
@@ -101,5 +101,4 @@ def two_point(
 def _dress(spins: Numbers, M: Numbers) -> Numbers:
     """The spins of M(a_j) (σ·s_j) M(a_j)⁻¹, M (n, 2, 2)."""
     image = M @ pauli(spins) @ adjugate(M) / determinant(M)[:, None, None]
-    s3, minus, plus = image[:, 0, 0], image[:, 0, 1], image[:, 1, 0]
-    return np.stack(((minus + plus) / 2, (plus - minus) * -0.5j, s3), axis=-1)
+    return from_pauli(image, image)[:, :3]
