@@ -162,19 +162,11 @@ def _parents(name: str) -> list[str]:
 def _place(name: str) -> tuple[str, bool] | None:
     """The file of a module, found without running anything; and whether it is one of an installed package."""
     top = name.partition(".")[0]
-    if top == BENCH:
-        return _place_in_bench(name)
     spec = None if top in sys.stdlib_module_names else _spec(name)
     if spec is None or not spec.origin or not Path(spec.origin).is_file():
         return None
     origin = Path(spec.origin)
-    return spec.origin, _holds_packages(origin.parents[name.count(".") + (origin.stem == "__init__")])
-
-
-@cache
-def _place_in_bench(name: str) -> tuple[str, bool] | None:
-    spec = _spec(name)
-    return (str(spec.origin), False) if spec and spec.has_location else None
+    return spec.origin, top != BENCH and _holds_packages(origin.parents[name.count(".") + (origin.stem == "__init__")])
 
 
 def _spec(name: str) -> ModuleSpec | None:
