@@ -26,7 +26,7 @@ WIDTHS = {"column": 3.4, "page": 7.0}  # inches: one and two columns of a journa
 TALLEST = 9.2  # inches: what a journal page holds
 LONGEST = 44  # letters of a label in a column
 _FORCED: ContextVar[str | None] = ContextVar("width of every figure", default=None)
-_HIGHLIGHTED: ContextVar[tuple[str, ...]] = ContextVar("methods that stand out", default=())
+HIGHLIGHTED: ContextVar[tuple[str, ...]] = ContextVar("methods that stand out", default=())
 _LIMITS: ContextVar[dict[str, tuple[float, float]]] = ContextVar("limits of every panel", default={})  # noqa: B039
 DECADES = 4  # an axis of more has no ticks between the powers of ten
 LESS = 0.6  # decades: an axis of less has no room for numbers at 1, 2 and 5
@@ -111,7 +111,7 @@ def apply(width: str | None = None, highlight: Sequence[str] = ()) -> Iterator[N
     """
     if width is not None and width not in WIDTHS:
         raise ValueError(f"width must be one of {', '.join(WIDTHS)}, got {width!r}")
-    before, highlighted = _FORCED.set(width), _HIGHLIGHTED.set(tuple(highlight))
+    before, highlighted = _FORCED.set(width), HIGHLIGHTED.set(tuple(highlight))
     try:
         with matplotlib.rc_context():
             matplotlib.rcdefaults()
@@ -119,7 +119,7 @@ def apply(width: str | None = None, highlight: Sequence[str] = ()) -> Iterator[N
             yield
     finally:
         _FORCED.reset(before)
-        _HIGHLIGHTED.reset(highlighted)
+        HIGHLIGHTED.reset(highlighted)
 
 
 @contextmanager
@@ -135,11 +135,6 @@ def limits(**ends: tuple[float, float] | None) -> Iterator[None]:
 def width() -> str:
     """Of a figure meant for a page: "page", or "column" where `apply` forces that."""
     return _FORCED.get() or "page"
-
-
-def highlighted() -> tuple[str, ...]:
-    """The methods that stand out here, as given to `apply`."""
-    return _HIGHLIGHTED.get()
 
 
 def figure(width: str | float = "page", height: float | None = None, **subplots: Any) -> tuple[Figure, Any]:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_rgb
 
-from lagrange_bench.experiments.drawing.canvas import highlighted, plain, printable, title
+from lagrange_bench.experiments.drawing.canvas import HIGHLIGHTED, plain, printable, title
 from lagrange_bench.integrators.registry import BUILT_IN, METHODS, find_stored_method
 
 CONTRAST = 4.5  # of coloured text on white, as WCAG asks for
@@ -73,7 +73,7 @@ def _look(method: str) -> dict[str, Any]:
 
 def _standing_out() -> list[str]:
     """The methods with the reserved look: those of plug-ins, and the highlighted ones."""
-    return list(dict.fromkeys((*(name for name in METHODS if name not in BUILT_IN), *highlighted())))
+    return list(dict.fromkeys((*(name for name in METHODS if name not in BUILT_IN), *HIGHLIGHTED.get())))
 
 
 def label(method: str) -> str:
