@@ -22,7 +22,7 @@ import numpy as np
 
 from lagrange_bench.experiments import SWEEP
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.states import KNOBS, as_rows, find, follow
+from lagrange_bench.experiments.measuring.states import KNOBS, as_rows, find, follow, options_of
 from lagrange_bench.integrators import INVARIANTS, PerturbedTop, StepError, memory, prepare
 from lagrange_bench.integrators.api import integrate
 from lagrange_bench.integrators.checks import MOST, check_count, check_real, check_state, check_step
@@ -311,9 +311,7 @@ def _run(
         stepper.advance(y0, 1)  # compiles
         recorded, clock = zip(*follow(stepper, y0, counts), strict=True)
         return counts, h * np.array(counts, dtype=float), np.array(recorded), np.array(clock)
-    options |= {knob: cell[knob] for knob in KNOBS if knob in cell}
-    if "rtol" in cell and "atol" in method.options:
-        options.setdefault("atol", cell["rtol"] * 1e-3)  # as in all experiments
+    options = options_of(cell) | options
     times = cell["span"] * unit * np.geomspace(EARLIEST, 1, cell["samples"])
     integrate(top, y0, t=times[:1], method=method, **options)  # compiles
     start = perf_counter()
@@ -359,18 +357,13 @@ def _truth(rows: pd.DataFrame) -> str:
 
 def draw(rows: pd.DataFrame) -> dict[str, Any]:
     """Against time, each method at its finest; and against each knob that has several values. Nothing if all runs failed."""
-    import pandas as pd
-
     from lagrange_bench.experiments.drawing import style
     from lagrange_bench.experiments.measuring.reductions import largest, worst
 
     if not (rows.status == "done").any():
         return {}
-    runs = [run for _, run in rows.groupby("key", sort=False)]  # J3 has no number where the field does not conserve it
-    has = [[name for name in INVARIANTS if run[name].notna().any()] for run in runs]
-    rows = pd.concat(
-        [run.assign(worst=worst(run, names) if names else np.nan) for run, names in zip(runs, has, strict=True)]
-    )
+    # J3 has no number where the field does not conserve it
+    rows = rows.assign(worst=worst(rows.fillna({"J3": 0.0}), INVARIANTS))
     steps = [knob for knob in KNOBS if knob in rows]
     rows = rows.assign(t=rows.t.abs(), **{knob: rows[knob].abs() for knob in steps})
     ranked = rows.assign(failed=rows.status != "done", size=rows[steps].min(axis=1)).sort_values(["failed", "size"])
