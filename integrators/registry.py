@@ -114,7 +114,11 @@ class Registry(Mapping[str, Any]):
         clashes = []
         for entry in sorted(entry_points(group=self.group), key=lambda e: (e.name, e.value)):
             if entries.setdefault(entry.name, entry) is not entry:
-                clashes.append(self._left_out(entry))
+                package = entry.dist.name if entry.dist else entry.module
+                clashes.append(
+                    f"the plug-in {entry.name!r} ({entry.value} of the package {package}) is left out, for its name is "
+                    f"taken: give the {self.word} another name, or pip uninstall {package}"
+                )
         if clashes and multiprocessing.parent_process() is None:  # said once, not by every worker
             warnings.warn("; ".join(clashes), RuntimeWarning, stacklevel=2)
         return entries
@@ -184,14 +188,6 @@ class Registry(Mapping[str, Any]):
     def __len__(self) -> int:
         return len(self._entries)
 
-    def _left_out(self, entry: EntryPoint) -> str:
-        """What is said of a plug-in whose name is taken."""
-        package = entry.dist.name if entry.dist else entry.module
-        return (
-            f"the plug-in {entry.name!r} ({entry.value} of the package {package}) is left out, for its name is taken: "
-            f"give the {self.word} another name, or pip uninstall {package}"
-        )
-
 
 class TopRegistry(Registry):
     """Name → NamedTop: the named tops of the bench, in a potential or not, and those of packages."""
@@ -200,19 +196,15 @@ class TopRegistry(Registry):
         super().__init__("top", {}, "lagrange_bench.integrators.problem.top:NamedTop")
 
     @cached_property
-    def _ours(self) -> dict[str, Any]:
+    def _entries(self) -> dict[str, EntryPoint]:
         from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
         from lagrange_bench.integrators.problem.top import TOPS
 
-        return {**TOPS, **PERTURBED_TOPS}
-
-    @cached_property
-    def _entries(self) -> dict[str, EntryPoint]:
-        self.built_in = dict.fromkeys(self._ours, "")  # names that are taken; what they stand for is here already
-        return super()._entries
-
-    def __getitem__(self, name: str) -> Any:
-        return self._ours[name] if name in self._ours else super().__getitem__(name)
+        ours = {**TOPS, **PERTURBED_TOPS}
+        self.built_in = dict.fromkeys(ours, "")  # names that are taken; what they stand for is here already
+        entries = super()._entries
+        self._loaded |= {name: (entries[name], top) for name, top in ours.items()}
+        return entries
 
 
 METHODS = Registry("method", BUILT_IN, "lagrange_bench.integrators.interface:Method")
@@ -385,10 +377,9 @@ def available(method: Method) -> bool:
     return method.requires is None or importlib.util.find_spec(method.requires) is not None
 
 
-CONDA_NAMES = {"heyoka": "heyoka.py"}  # where conda-forge calls a package otherwise
-
-
 def how_to_get(package: str) -> str:
     """Where a package that is not installed here comes from."""
-    command = f"conda install -c conda-forge {CONDA_NAMES.get(package, package)}"
-    return f"{package} is not installed here; it comes with {command} (on Linux also with pip)"
+    name = "heyoka.py" if package == "heyoka" else package  # as conda-forge calls it
+    return (
+        f"{package} is not installed here; it comes with conda install -c conda-forge {name} (on Linux also with pip)"
+    )

@@ -221,13 +221,11 @@ def finish(fig: matplotlib.figure.Figure) -> None:
     left = [ax for ax in grid.flat if ax.figure is not None]
     for row in grid:
         for ax in row[1:]:
-            if ax in left and not ax.get_ylabel():
-                ax.set_ylabel(row[0].get_ylabel())
+            ax.set_ylabel(ax.get_ylabel() or row[0].get_ylabel())
     for column in grid.T:
-        named = [ax for ax in column if ax in left and ax.get_xlabel()]
+        lowest = [ax.get_xlabel() for ax in column if ax.get_xlabel()][-1:]
         for ax in column:
-            if ax in left and named and not ax.get_xlabel():
-                ax.set_xlabel(named[-1].get_xlabel())
+            ax.set_xlabel(ax.get_xlabel() or "".join(lowest))
     if len(left) < grid.size:  # close the gaps of panels that were taken out
         fig.set_figheight(fig.get_figheight() * len(left) / grid.size)
         places = fig.add_gridspec(len(left), 1)
