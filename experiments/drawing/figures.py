@@ -19,7 +19,7 @@ DPI = {"column": 600, "page": 400}  # of a PNG: what journals ask for line art
 FONTS = "'DejaVu Sans',Verdana,sans-serif"
 TITLED = re.compile(rf'<g id="{style.TITLE}([^"]*)">')
 NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
-MOVED = re.compile(r"(translate|rotate)(\([^)]*\))")
+PLACED = re.compile(r'(\b(?:x|y|width|height)=|translate|rotate)("[^"p]*"|\([^)]*\))')
 
 
 # ---------------------------------------------------------------- files
@@ -53,20 +53,15 @@ FORMATS: dict[str, Callable[[Figure], bytes]] = {"svg": lambda figure: svg(figur
 
 def _printed(figure: Figure, canvas: Any, kind: str, dpi: float, metadata: dict[str, Any]) -> bytes:
     """Not by figure.savefig: that would lay everything out once more before it prints. dpi: of what is pixels."""
-    _prepare(figure)
+    style.finish(figure)
+    for line in (line for ax in figure.axes for line in ax.lines):
+        if line.get_gid() is None and not str(line.get_label()).startswith("_"):
+            line.set_gid(style.title(str(line.get_label())))
     buffer = io.BytesIO()
     with style.apply():
         figure.set_dpi(dpi)
         getattr(canvas(figure), f"print_{kind}")(buffer, metadata=metadata)
     return buffer.getvalue()
-
-
-def _prepare(figure: Figure) -> None:
-    style.finish(figure)
-    for ax in figure.axes:
-        for line in ax.lines:
-            if line.get_gid() is None and not str(line.get_label()).startswith("_"):
-                line.set_gid(style.title(str(line.get_label())))
 
 
 # ---------------------------------------------------------------- fewer bytes of SVG
@@ -79,14 +74,10 @@ def compact(document: str) -> str:
     document = document.replace("font-family: 'DejaVu Sans'; ", "")  # that of the document, once
     document = re.sub(r' transform="rotate\(-?0 [^"]*\)"', "", document)
     document = document.replace("<svg ", f'<svg font-family="{FONTS}" ', 1)
-    used = set(re.findall(r'href="#([^"]+)"|url\(#([^)]+)\)', document))
-    kept = {name for pair in used for name in pair}
+    kept = {name for pair in re.findall(r'href="#([^"]+)"|url\(#([^)]+)\)', document) for name in pair}
     document = re.sub(r' id="([^"]+)"', lambda match: match[0] if match[1] in kept else "", document)
     document = re.sub(r'\bd="([^"]*)"', lambda match: f'd="{_path(match[1])}"', document)
-    document = re.sub(
-        r'\b(x|y|width|height)="(-?\d+\.\d+)"', lambda match: f'{match[1]}="{_short(match[2])}"', document
-    )
-    document = MOVED.sub(lambda match: match[1] + NUMBER.sub(lambda n: _short(n[0]), match[2]), document)
+    document = PLACED.sub(lambda match: match[1] + NUMBER.sub(lambda n: _short(n[0]), match[2]), document)
     document = re.sub(r'style="[^"]*"', lambda match: match[0].replace(": ", ":").replace("; ", ";"), document)
     document = re.sub(r">\s+<", "><", document)
     return re.sub(r"<defs></defs>|<g></g>", "", document)
