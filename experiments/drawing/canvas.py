@@ -163,11 +163,10 @@ def figure(width: str | float = "page", height: float | None = None, **subplots:
 def _stack(fig: Figure, nrows: int = 1, ncols: int = 1, subplot_kw: Any = None, **more: Any) -> Any:
     """Axes as `Figure.subplots` makes them, but all in one column; what they share they share."""
     grid = np.empty((nrows, ncols), dtype=object)
-    for i in range(nrows):
-        for j in range(ncols):
-            firsts = {True: grid[0, 0], "all": grid[0, 0], "row": grid[i, 0], "col": grid[0, j]}
-            shared = {name: firsts.get(more.get(name)) for name in ("sharex", "sharey")}
-            grid[i, j] = fig.add_subplot(nrows * ncols, 1, i * ncols + j + 1, **shared, **(subplot_kw or {}))
+    for i, j in np.ndindex(nrows, ncols):
+        firsts = {True: grid[0, 0], "all": grid[0, 0], "row": grid[i, 0], "col": grid[0, j]}
+        shared = {name: firsts.get(more.get(name)) for name in ("sharex", "sharey")}
+        grid[i, j] = fig.add_subplot(nrows * ncols, 1, i * ncols + j + 1, **shared, **(subplot_kw or {}))
     return grid
 
 
