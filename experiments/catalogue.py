@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -50,7 +51,8 @@ def load(name: str) -> ModuleType:
         path = installed()[name].module
     else:
         known = [*EXPERIMENTS, *installed()]
-        raise UnknownExperiment(f"unknown experiment {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
+        own = f"; a file of your own needs a folder: study/{name}.py is study.{name}" if Path(f"{name}.py").exists() else ""
+        raise UnknownExperiment(f"unknown experiment {name!r}{suggestion(name, known)} Known: {', '.join(known)}{own}")
     try:
         with no_exit():
             module = find(path)
