@@ -1,16 +1,19 @@
-"""Every experiment at a tiny size: measured, stored, and drawn from what was stored."""
+"""Every experiment at a tiny size: measured, stored, and drawn from what was stored; and the sections of `paper`."""
 
 from functools import cache
+from itertools import pairwise
 from tempfile import TemporaryDirectory
 
 import pandas as pd
 import pytest
+from matplotlib.text import Text
 
-from lagrange_bench.experiments import EXPERIMENTS, cost, gaudin, perturbed
+from lagrange_bench.experiments import EXPERIMENTS, cost, gaudin, paper_sections, perturbed
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.measuring import reductions, timing
-from lagrange_bench.integrators import available
+from lagrange_bench.integrators import TOPS, available
+from lagrange_bench.integrators.paper import one_point, two_point
 from lagrange_bench.results.store import Store, clean_rows, make_record
 from tests.installed import FOR_TOPS
 
@@ -63,6 +66,20 @@ def rows_of(name):
         return store.rows(name)
 
 
+def assert_apart(ax, dpi):
+    """Numbers below a panel, names beside it and crosses of methods that failed do not cover each other."""
+    ticks = [text for text in ax.get_xticklabels() + ax.get_xticklabels(minor=True) if text.get_text()]
+    boxes = sorted(map(Text.get_window_extent, ticks if ax.xaxis.get_visible() else ()), key=lambda box: box.x0)
+    inside = [box for box in boxes if ax.bbox.x0 <= (box.x0 + box.x1) / 2 <= ax.bbox.x1]
+    assert all(left.x1 < right.x0 for left, right in pairwise(inside))
+    boxes = sorted(map(Text.get_window_extent, ax.texts), key=lambda box: box.y0)
+    beside = [box for box in boxes if box.x0 > ax.bbox.x1]
+    assert all(below.y1 <= above.y0 + 0.007 * dpi for below, above in pairwise(beside))
+    crosses = [line for line in ax.get_lines() if line.get_gid() == "failed"]
+    heights = [line.get_transform().transform(line.get_xydata())[0, 1] for line in crosses]
+    assert all(above - below > 3 * dpi / 72 for above, below in pairwise(heights))
+
+
 @each
 def test_measured_stored_and_drawn(name):
     module, rows = load(name), rows_of(name)
@@ -73,6 +90,9 @@ def test_measured_stored_and_drawn(name):
         for figure in figures.values():
             figure.draw_without_rendering()
             assert figure.caption
+            assert all(legend.get_window_extent().width <= figure.bbox.width for legend in figure.legends)
+            for ax in figure.axes:
+                assert_apart(ax, figure.dpi)
     made = module.tables(rows)
     assert made
     for table in made.values():
@@ -117,7 +137,6 @@ SHORTER = {  # fields in which cells of the quick profile differ from their like
 
 @each
 def test_the_quick_profile_is_a_part_of_the_full_one(name):
-    """Cells are different; those of the quick profile are some of the full one's, but for the length of some runs."""
     module, lengths = load(name), SHORTER.get(name, set())
     quick, full = module.cells("quick"), module.cells("full")
 
@@ -160,7 +179,6 @@ def test_the_quickest_other_magnet_method_is_no_map_of_ours():
 
 
 def test_perturbed_tops_say_who_wins_and_who_loses():
-    """The cheapest run of each method that reaches an error, set-up counted."""
     ours = [(perturbed.OURS, 1e-9, 1.0, 0.5), (perturbed.OURS, 1e-5, 0.25, 0.5)]
     runs = [*ours, ("taylor", 1e-11, 3.0, 0.0), ("rk4", 1e-3, 0.1, 0.0)]
     rows = pd.DataFrame(runs, columns=["method", "error", "seconds", "setup_seconds"])
@@ -171,3 +189,34 @@ def test_perturbed_tops_say_who_wins_and_who_loses():
     assert ratios.isna().tolist() == [False, False, False, True]
     assert table.cheapest.tolist() == [perturbed.OURS] * 3 + ["taylor"]
     assert table["best of the others"].tolist() == ["taylor"] * 4
+
+
+def missed(name, top):
+    shown = paper_sections.show(name, TOPS[top].top, TOPS[top].state)
+    assert shown.figure.caption.endswith(".")
+    return {what for what, (found, allowed) in shown.residuals.items() if not found <= allowed}
+
+
+SLOW = ("euler", "discrete")  # seconds each; test_integrators/paper has their formulas, too
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SLOW)) for n in paper_sections.SECTIONS]
+)
+def test_sections_hold(name):
+    top = ("generic", "inverted")[list(paper_sections.SECTIONS).index(name) % 2]
+    assert missed(name, top) == set()
+
+
+def test_what_is_wrong_is_found(monkeypatch):
+    right = one_point.real_form
+    monkeypatch.setattr(one_point, "real_form", lambda *args: right(*args) * (1 + 1e-9))
+    assert "(5.1.11) against (5.1.10)" in missed("one-point", "generic")
+    monkeypatch.setattr(two_point, "inverse", lambda top, y, first, second: two_point.explicit(top, y, first, second))
+    assert missed("two-point", "generic") == {"the inverse"}
+
+
+def test_the_command_draws_and_tells_the_residuals(answer, tmp_path):
+    path = tmp_path / "picture.svg"
+    assert len(answer("paper", "separation", "--output", path)["residuals"]) > 5
+    assert path.read_text("utf-8").startswith("<?xml")

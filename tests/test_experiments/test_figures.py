@@ -1,26 +1,25 @@
-"""Figures: how methods look, names and marks in panels, and files: the same bytes every time, in three formats and two widths."""
+"""Figures and tables as a reader sees them: looks, names and numbers, and files: the same bytes every time."""
 
 import io
 import re
 import sys
-from dataclasses import replace
-from itertools import combinations, pairwise
+from itertools import combinations
 from types import ModuleType
 
 import matplotlib
 import matplotlib.image
+import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.text import Text
 
-from lagrange_bench.experiments.drawing import figures, style
+from lagrange_bench.experiments.drawing import figures, style, tables
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.integrators.interface import FAMILIES
 from lagrange_bench.results import store
 
 
 def test_families_have_colours_and_their_methods_differ():
-    """Two methods of a panel never look the same; one that nobody registered has a look of its own, always the same."""
     assert set(style.FAMILIES) == set(FAMILIES)
     assert style.family("not_registered") == style.OTHERS
     assert style.of("not_registered")["label"] == "not_registered"
@@ -31,90 +30,7 @@ def test_families_have_colours_and_their_methods_differ():
             assert any(looks[one][key] != looks[other][key] for key in ("color", "marker", "linestyle")), (one, other)
 
 
-def test_a_method_lent_for_a_while_is_drawn_as_itself_whatever_was_drawn_before():
-    mine = replace(METHODS["rk4"], name="mine", label="My RK4")
-    drawn = style.looks(["rk4"], ())
-    with METHODS.lent(mine):
-        assert style.family("mine") == "runge-kutta"
-        assert style.of("mine")["label"] == "My RK4"
-        assert style.ordered(["zero", "mine", "rk4"]) == ["rk4", "mine", "zero"]
-    assert style.family("mine") == style.OTHERS
-    assert style.looks(["rk4"], ()) == drawn
-
-
-def test_small_multiples_name_every_method_once_and_apart_from_the_others():
-    """In a column, where all lines end in one place."""
-
-    def line(ax, method, look):
-        if method == "rk45":
-            style.failed_label(ax, method)
-        else:
-            ax.loglog([1, 10], [1e-9, 1e-9], **look)
-
-    names = [*METHODS, "not_registered"]
-    with style.apply("column"):
-        fig, axes = style.multiples(reversed(names), line, "x", "y", (1e-16, 1))
-        style.label_ends(axes)
-        fig.draw_without_rendering()
-        for ax in axes:
-            boxes = sorted(map(Text.get_window_extent, ax.texts), key=lambda box: box.y0)
-            ends = [box for box in boxes if box.x0 > ax.bbox.x1]
-            assert all(below.y1 <= above.y0 + 0.007 * fig.dpi for below, above in pairwise(ends))
-            assert all(box.x1 <= fig.bbox.x1 for box in boxes)
-    texts = [text.get_text() for ax in axes for text in ax.texts]
-    assert sorted(texts) == sorted(f"{'× ' * (name == 'rk45')}{style.label(name)}" for name in names)
-    assert len(axes) == len({style.family(name) for name in names})
-
-
-def test_failures_of_several_methods_do_not_hide_each_other():
-    with style.apply():
-        fig, ax = style.figure("column")
-        ax.semilogx([1, 10], [0, 1], label="_line")
-        for method in ("rk4", "rk45", "strang"):
-            style.failure_marks(ax, [2.0, 5.0], method)
-        style.failure_marks(ax, [])
-        style.failed_label(ax, "backlund")
-        style.label_ends([ax])
-        fig.draw_without_rendering()
-        crosses = [line for line in ax.get_lines() if line.get_gid() == "failed"]
-        heights = [line.get_transform().transform(line.get_xydata())[0, 1] for line in crosses]
-        assert len(crosses) == 3
-        assert all(above - below > 3 * fig.dpi / 72 for above, below in pairwise(heights))
-        (name,) = ax.texts
-        assert name.get_text().startswith("×")
-        assert Text.get_window_extent(name).x0 > ax.bbox.x1, "out of the way of the data"
-
-
-def test_legend_fits_below_and_names_each_once():
-    with style.apply():
-        fig, axes = style.figure("column", ncols=2)
-        for ax in axes:
-            for i in range(7):
-                ax.plot([0, 1], [0, i], label=f"a method with a long name {i}")
-        style.legend_below(fig)
-        fig.draw_without_rendering()
-        (legend,) = fig.legends
-        assert legend.get_window_extent().width <= fig.bbox.width
-    assert len(legend.get_texts()) == 7
-
-
-def test_numbers_below_a_short_logarithmic_axis_do_not_overlap():
-    with style.apply():
-        fig, axes = style.figure("page", 1.8, ncols=3)
-        for ax, ends in zip(axes, ((2.5e-3, 8e-2), (1.1, 2.3), (1, 1e6)), strict=True):
-            ax.loglog(ends, [1, 2])
-        fig.draw_without_rendering()
-        assert len(axes[2].get_xticks(minor=True)) == 0
-        for ax in axes[:2]:
-            ticks = ax.get_xticklabels() + ax.get_xticklabels(minor=True)
-            shown = sorted((text.get_window_extent() for text in ticks if text.get_text()), key=lambda box: box.x0)
-            inside = [box for box in shown if ax.bbox.x0 <= (box.x0 + box.x1) / 2 <= ax.bbox.x1]
-            assert len(inside) >= 2
-            assert all(left.x1 < right.x0 for left, right in pairwise(inside))
-
-
 def test_names_are_no_formulas():
-    """Of methods, as a legend, an axis or a corner of a panel has them."""
     name = "$\\frac{$ bell \a, null \0, \ud800"
     fig, ax = style.figure("column")
     ax.plot([1, 2], [1, 2], **style.of(name))
@@ -162,22 +78,6 @@ def test_files_have_the_width_asked_for_embedded_fonts_and_no_date(width, monkey
     assert not any(word in files["pdf"] for word in (b"/Type3", b"CreationDate"))
 
 
-def test_in_a_column_panels_are_on_top_of_each_other_and_keep_their_labels():
-    with style.apply("column"):
-        fig, axes = style.figure("page", 4.0, nrows=2, ncols=2, sharex=True, sharey=True, squeeze=False)
-    axes[1, 1].remove()
-    for ax in axes[:, 0]:
-        ax.set_ylabel("error")
-    axes[1, 0].set_xlabel("step")
-    style.finish(fig)
-    fig.draw_without_rendering()
-    boxes = [ax.get_position() for ax in fig.axes]
-    assert len(boxes) == 3
-    assert all(above.y0 > below.y1 for above, below in pairwise(boxes))
-    assert [ax.get_ylabel() for ax in fig.axes] == ["error"] * 3
-    assert [ax.get_xlabel() for ax in fig.axes] == ["", "", "step"]
-
-
 def test_an_svg_refers_to_what_it_has_and_its_words_can_be_searched():
     fig, ax = style.figure("column")
     ax.plot([1, 2], [1, 2], **style.thin("rk4"))
@@ -221,3 +121,56 @@ def test_the_command_writes_what_is_asked_for_or_nothing(run, tmp_path, monkeypa
     assert run(*words, "--format", "svg")[0] == 2
     assert "did you mean 'toy.figures_curve'" in run("figure", "toy.figures_curv", *stored)[2]
     assert here.read_bytes() == before
+
+
+VALUES = [  # a value, as text, in LaTeX
+    (-0.0, "0", r"\num{0}"),
+    (1234567, "1\u202f234\u202f567", r"\num{1234567}"),
+    (0.125, "0.125", r"\num{0.125}"),
+    (99.96, "100", r"\num{100}"),
+    (9999.9, "10⁴", r"\num{1e4}"),
+    (1024.0, "1024", r"\num{1024}"),
+    (47369.5, "4.74×10⁴", r"\num{4.74e4}"),
+    (10_000_000, "10⁷", r"\num{1e7}"),
+    (-1e-12, "−10⁻¹²", r"\num{-1e-12}"),
+    (-1.234e-5, "−1.23×10⁻⁵", r"\num{-1.23e-5}"),
+    (5e-324, "4.94×10⁻³²⁴", r"\num{4.94e-324}"),
+    (float("-inf"), "−∞", r"$-\infty$"),
+    (float("nan"), "–", "--"),
+    (None, "–", "--"),
+    (np.bool_(True), "yes", "yes"),
+    (np.int64(7), "7", r"\num{7}"),
+    ("λ² [a] \\", "λ² [a] \\", r"$\lambda{}^{2}$ {[}a] \textbackslash{}"),
+    ("rtol = 1e-05", "rtol = 10⁻⁵", r"rtol = 10${}^{-}{}^{5}$"),
+]
+
+
+@pytest.mark.parametrize(("value", "text", "tex"), VALUES, ids=lambda value: repr(value)[:12])
+def test_values(value, text, tex):
+    assert tables.show(value) == text
+    assert tables.tex(value) == tex
+
+
+def test_a_column_shows_three_digits_where_one_of_its_numbers_needs_them_and_whole_numbers_whole():
+    frame = pd.DataFrame({"e": [1.5e-9, 2.25e-9], "n": [1, 20_000], "tops": [1024.0, np.nan], "ns": [1024.0, 2048.4]})
+    expected = [["1.50×10⁻⁹", "1", "1024", "1020"], ["2.25×10⁻⁹", "20\u202f000", "–", "2050"]]
+    assert [[cell.text for cell in row] for row in tables.cells(frame)] == expected
+    assert tables.markdown(frame).splitlines()[2] == "| 1.50×10⁻⁹ | 1 | 1024 | 1020 |"
+    assert r"\num{1024} & \num{1020}" in tables.latex(frame)
+    assert pd.read_csv(io.StringIO(tables.csv(frame))).equals(frame)
+    columns = ["ns_per_step", "setup_us", "us per use", 32.0, "1e-06"]
+    assert [*map(tables.heading, columns)] == ["ns per step", "setup µs", "µs per use", "32", "10⁻⁶"]
+
+
+@pytest.mark.parametrize(("n", "kind"), [(3, "tabular"), (200, "longtable")])
+def test_latex_tables_are_whole_and_long_ones_break_over_pages(n, kind):
+    frame = pd.DataFrame({"a_b": ["α & β"] * n, "error": np.geomspace(1e-9, 1, n), "n": range(n)})
+    text = tables.latex(frame, "50 % of α")
+    opened, closed = re.findall(r"\\begin{(\w+)}", text), re.findall(r"\\end{(\w+)}", text)
+    assert opened == closed == [kind]
+    body = text.split("\\endfoot" if kind == "longtable" else "\\midrule")[1]
+    lines = [line for line in body.splitlines() if line.endswith(r"\\")]
+    assert len(lines) == n
+    assert all(line.count(" & ") == 2 and line.count(r"\num{") == 2 for line in lines)
+    assert text.count("{") == text.count("}")
+    assert ("longtable" in text.splitlines()[0]) == (kind == "longtable")

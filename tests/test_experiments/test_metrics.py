@@ -146,7 +146,6 @@ def test_pareto_front():
 
 
 def test_reductions_keep_nan():
-    """pandas would skip it, and hide a failure among good numbers."""
     rows = pd.DataFrame({"a": [1.0, -3.0], "b": [np.nan, 2.0]})
     assert np.isnan(reductions.largest(rows.b))
     assert reductions.largest(rows.a) == 3.0

@@ -93,7 +93,6 @@ UNITS = {  # experiment and part, other fields of a cell → what its row has
 
 @pytest.mark.parametrize("place", UNITS)
 def test_times_are_stored_in_their_units(place, monkeypatch):
-    """Nanoseconds a step, microseconds a set-up, seconds a race, and all per top where there are many."""
     (name, _, part), (cell, expected) = place.partition(" "), UNITS[place]
     if part == "headline":
         pytest.importorskip("heyoka")
