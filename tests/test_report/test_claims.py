@@ -18,17 +18,16 @@ from lagrange_bench.results.store import default_results
 
 pytestmark = pytest.mark.xdist_group("claims")  # all are judged once
 BIASED = "biased, as the method says"
-WORDS = {True: "confirmed", False: "refuted"}
 
 
 def test_claims_are_few_grouped_and_confirmed_by_the_stored_rows(judged):
     assert len({claim.id for claim in promises.CLAIMS}) == len(promises.CLAIMS) <= 21
+    assert {method for claim in promises.CLAIMS for method in claim.about} <= METHODS.keys()
     assert [group for group, _ in claims.grouped(judged)] == list(claims.GROUPS)
     assert {each.claim.id: each.verdict.word for each in judged if each.verdict.word != claims.CONFIRMED} == {}
 
 
 def test_a_claim_names_its_runs_and_the_full_profile_has_them_all():
-    """The quick profile has those of few claims."""
     for claim in promises.CLAIMS:
         planned = pd.DataFrame(load(claim.experiment).cells("full"))
         for bound in claim.bounds:
@@ -44,7 +43,6 @@ def fields(journal):
 
 
 def numbers(experiment, rows, cell):
-    """The measured columns of numbers."""
     found = [name for name in rows.columns if rows[name].dtype.kind == "f" and name not in reductions.EXCUSES]
     return [name for name in found if name not in cell or any(name in m for m in load(experiment).MEASURED.values())]
 
@@ -138,51 +136,33 @@ def test_no_data_for_want_of_long_runs_names_the_profile_that_has_them():
         )
 
 
-@pytest.fixture
-def as_table(monkeypatch):
-    monkeypatch.setattr(promises, "table", lambda rows, *_: rows)
-
-
-THEORY = [
-    ({}, True),
-    ({"share left": 0.03}, False),
-    ({"share left": np.nan}, False),
-    ({"in range": False}, False),  # the only run of this method says nothing
-    ({"in range": np.nan, "method": "mine"}, True),  # of a plug-in there is no theory
+CHANGES = [  # of the lines of one method in a table of stored rows, and what becomes of the claim about all
+    ("theory", {}, "confirmed"),
+    ("theory", {"share left": 0.03}, "refuted"),
+    ("theory", {"share left": np.nan}, "refuted"),
+    ("theory", {"in range": False}, "refuted"),  # the runs of this method say nothing
+    ("claims-of-methods", {}, "confirmed"),
+    ("claims-of-methods", {"exponent": 0.8}, "refuted"),
+    ("claims-of-methods", {"exponent": 0.8, "claimed": False}, "confirmed"),
+    ("claims-of-methods", {"exponent": 0.8, BIASED: "a rounded constant"}, "confirmed"),
+    ("claims-of-methods", {"exponent": np.nan, "verdict": "failed"}, "refuted"),
+    ("claims-of-methods", {"exponent": np.nan, "verdict": "undecided"}, "refuted"),
+    ("claims-of-methods", {"exponent": 0.9, "verdict": "round-off"}, "confirmed"),
 ]
 
 
-def test_theory_must_hold_for_every_method(as_table):
-    names = [name for name in METHODS if METHODS[name].order and METHODS[name].control == "step"]
-    rows = [{"method": name, "state": "generic", "h": 0.1, "share left": 0.01, "in range": True} for name in names]
-    for changes, passed in THEORY:
-        table = pd.DataFrame([*rows, {**rows[3], **changes}]).assign(part="theory")
-        if changes.get("in range") is False:
-            table = table.drop(index=3)
-        assert judge(table, Bound(promises.taken_by_theory, "≥", 0.98)).word == WORDS[passed], changes
-    with pytest.raises(NoData, match=f"not held against theory: {min(names[:3])}"):
-        promises.taken_by_theory(table[~table.method.isin(names[:3])])
-
-
-GROWTH = [
-    ({}, True),
-    ({"exponent": 0.8}, False),
-    ({"exponent": 0.8, "claimed": False}, True),
-    ({"exponent": 0.8, BIASED: "a rounded constant"}, True),
-    ({"exponent": np.nan, "verdict": "failed"}, False),
-    ({"exponent": np.nan}, False),
-    ({"exponent": 0.9, "verdict": "round-off"}, True),
-]
-
-
-def test_a_growing_error_must_be_called_biased(as_table):
-    like = {"invariant": "C1", "claimed": True, "exponent": 0.5, "verdict": "random walk", BIASED: ""}
-    for changes, passed in GROWTH:
-        rows = [{"method": name, **like} for name in METHODS]
-        rows[3].update(changes)
-        assert judge(pd.DataFrame(rows), Bound(promises.kept_as_claimed, "<", 0.75)).word == WORDS[passed], changes
-    with pytest.raises(NoData, match="not measured: backlund"):
-        promises.kept_as_claimed(pd.DataFrame(rows[1:]))
+@pytest.mark.parametrize(("name", "changes", "word"), CHANGES)
+def test_one_method_that_breaks_a_promise_refutes_it(name, changes, word, stored, monkeypatch):
+    (claim,) = (claim for claim in promises.CLAIMS if claim.id == name)
+    claim, rows = replace(claim, bounds=claim.bounds[:1]), stored[claim.experiment]
+    table = promises.table(rows, claim.experiment, "theory" if name == "theory" else "verdicts")
+    mine = (table.method == "strang") & (table.invariant.eq("C1") if "invariant" in table else True)
+    changed = table.assign(**{column: table[column].mask(mine, value) for column, value in changes.items()})
+    monkeypatch.setattr(promises, "table", lambda *_: changed)
+    assert claims.judge(claim, rows).word == word
+    monkeypatch.setattr(promises, "table", lambda *_: table[table.method != "strang"])
+    verdict = claims.judge(claim, rows[rows.method != "strang"])
+    assert (verdict.word, "strang" in verdict.note) == ("not tested", True)
 
 
 @pytest.mark.parametrize(("setup", "error", "ratio"), [(0.0, 1e-13, 10.0), (1.9, 1e-13, 0.5), (0.0, 1e-3, 0.0)])
@@ -200,7 +180,6 @@ def test_who_leads_is_told_with_set_up(setup, error, ratio):
 
 @pytest.mark.parametrize("slower", [1.0, 2.0])
 def test_times_are_judged_as_ratios(slower):
-    """A machine on which everything takes twice as long has the same verdicts."""
     cost = pd.DataFrame({"setup_us": [10.0, 20.0], "ns_per_step": [16.0, 20.0]}) * slower
     cost = cost.assign(status="done", part="step", method="backlund")
     assert max(promises.setup_in_steps(cost)) == pytest.approx(20e3 / 16)

@@ -1,21 +1,124 @@
-"""The live top in a real browser: it computes what Python computes, and whatever is typed in is drawn or refused."""
+"""The page in a real browser: no error, no request; the live top computes what Python computes; axe finds nothing wrong.
 
+Debian's chromium and chromium-driver, without a window.
+"""
+
+import json
 import re
+import shutil
+from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
-from browsing import IN_A_BROWSER, afresh, console, css, drawn, live, move, numbers
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench.integrators import TOPS, StepError, integrate
+from lagrange_bench.integrators import METHODS, TOPS, StepError, integrate
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.potentials import TIDE
 
-pytestmark = IN_A_BROWSER
+pytest.importorskip("selenium")
+
+from selenium import webdriver
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import WebDriverWait
+
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+SWITCHES = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-background-networking")
+pytestmark = [
+    pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="needs the packages chromium and chromium-driver"),
+    pytest.mark.xdist_group("browser"),
+    pytest.mark.processes,
+    pytest.mark.slow,
+]
+
+
+@pytest.fixture(scope="session")
+def browser(built):
+    options = webdriver.ChromeOptions()
+    for switch in (*SWITCHES, "--window-size=1280,1000"):
+        options.add_argument(switch)
+    options.binary_location = CHROMIUM
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    driver.set_script_timeout(300)  # axe takes more than the 30 s of the default beside busy loops
+    driver.page = built.as_uri()
+    driver.get(driver.page)
+    yield driver
+    driver.quit()
+
+
+def css(browser, selector):
+    return browser.find_element(By.CSS_SELECTOR, selector)
+
+
+def until(browser, condition, seconds=20):
+    WebDriverWait(browser, seconds).until(condition)
+
+
+def live(browser):
+    """The live section, in view and drawn."""
+    section = css(browser, "#live")
+    browser.execute_script("arguments[0].scrollIntoView()", section)
+    until(browser, lambda _: section.get_attribute("data-ready") == "yes", 60)
+    return section
+
+
+def move(browser, **controls):
+    for name, value in controls.items():
+        browser.execute_script(
+            "const c = document.querySelector(`#live [name=${arguments[0]}]`); c.value = arguments[1];"
+            "c.dispatchEvent(new Event('input', {bubbles: true}));",
+            name, str(value),
+        )  # fmt: skip
+    frame(browser)
+
+
+def numbers(browser):
+    frame(browser)
+    cells = "[...document.querySelectorAll('#live .numbers tbody tr')].map(r => [...r.cells].map(c => c.innerText))"
+    return browser.execute_script(f"return {cells}")
+
+
+def drawn(browser):
+    frame(browser)
+    return browser.execute_script(
+        "return [...['.sphere', '.errors'].map(name => document.querySelector(`#live ${name}`).toDataURL()),"
+        "document.querySelector('#live .told').innerText]"
+    )
+
+
+@contextmanager
+def screen(browser, width, height):
+    """The page on a screen of another size, under fingers if it is a phone's."""
+    mobile = width < 600
+    size = {"width": width, "height": height, "deviceScaleFactor": 2 if mobile else 1, "mobile": mobile}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": mobile, "maxTouchPoints": 5})
+    frame(browser)
+    yield
+    browser.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    frame(browser)
+
+
+def console(browser):
+    return [entry["message"] for entry in browser.get_log("browser")]
+
+
+def afresh(browser):
+    """Loads the page again: what other tests opened, chose or typed is gone."""
+    browser.get("about:blank")
+    browser.get(browser.page)
+
+
+def frame(browser):
+    browser.execute_async_script("const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(done));")
 
 
 def iterate(browser, method, alpha, y, h, steps, tide=0.0):
-    """States of a method of top.js."""
     return browser.execute_script(
         "const [m, a, y, h, n, k] = arguments; return Top.iterate(Top.stepper(m, a, y, h, k || undefined).step, y, n)",
         method, alpha, list(y), h, steps, tide,
@@ -57,7 +160,6 @@ IN_A_TIDE = {  # of top.js: Python's method and its options
 
 @pytest.mark.parametrize("method", IN_A_TIDE)
 def test_the_browser_computes_what_python_computes_in_a_tide(browser, method):
-    """The largest of the named tides, and a weak one; a hundred steps, to 1e-12 of the scales. Another tide is told apart."""
     name, options = IN_A_TIDE[method]
     for state, epsilon in (("generic", 1e-2), ("fast", 1e-4)):
         base = TOPS[state]
@@ -73,7 +175,6 @@ def test_the_browser_computes_what_python_computes_in_a_tide(browser, method):
 
 
 def test_the_body_spins_in_the_browser_as_in_python(browser):
-    """By exact steps and by Taylor series; the sign of a quaternion does not count."""
     script = (
         "const [a, y, t] = arguments, taylor = (k) => Top.stepper('truth', a, y, t, k).step([...y, 1, 0, 0, 0]);"
         "return [Top.attitude(a, y, t), taylor(0).slice(6), taylor(0.1)]"
@@ -109,18 +210,6 @@ def test_controls_move_the_picture(browser):
     assert browser.execute_script(runs) == [["free", 4000]]
 
 
-def test_at_first_glance_the_exact_step_is_right_and_the_others_are_not(browser):
-    afresh(browser)
-    live(browser)
-    for h in (0.4, 0.8, 1.2):
-        move(browser, h=h)
-        exact, *others = numbers(browser)
-        assert [exact[0], *(row[0] for row in others)] == ["Bäcklund, exact λ(h)", "Implicit midpoint", "Strang"]
-        assert re.fullmatch(r"0|[\d.]+×10⁻¹[³⁴⁵⁶⁷⁸⁹]", exact[1]), (h, exact)
-        for row in others:
-            assert re.match(r"failed|[\d.]+$", row[1]), (h, row)  # a thousandth and more
-
-
 def test_whatever_is_typed_in_is_drawn_or_refused(browser):
     afresh(browser)
     section = live(browser)
@@ -143,10 +232,12 @@ def test_whatever_is_typed_in_is_drawn_or_refused(browser):
 
 
 def test_the_tide_of_the_live_top(browser):
-    """Leftmost there is none and the exact step is right; then it is a splitting's, whose energy error shrinks with the tide."""
     afresh(browser)
     section = live(browser)
     calm, picture = numbers(browser), drawn(browser)
+    exact, *others = calm
+    assert re.fullmatch(r"0|[\d.]+×10⁻¹[³⁴⁵⁶⁷⁸⁹]", exact[1]), exact
+    assert all(re.match(r"failed|[\d.]+$", row[1]) for row in others), "a thousandth and more"
     energy = css(browser, "#live .energy")
     assert not energy.is_displayed()
     move(browser, h=-0.2)
@@ -170,3 +261,183 @@ def test_the_tide_of_the_live_top(browser):
     assert not re.search("NaN|Infinity|undefined", section.text)
     assert console(browser) == []
     afresh(browser)
+
+
+def test_nothing_is_said_on_the_console_and_nothing_requested(browser, built):
+    assert built.stat().st_size < 5e6
+    live(browser)
+    assert console(browser) == []
+    events = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    urls = [e["params"]["request"]["url"] for e in events if e["method"] == "Network.requestWillBeSent"]
+    assert {url.partition(":")[0] for url in urls} <= {"file", "data", "blob"}
+    assert browser.page in urls
+    browser.execute_script("setTimeout(() => { throw new Error('made up') })")  # the console is listened to
+    until(browser, lambda b: any("made up" in message for message in console(b)))
+
+
+def test_tables_sort_and_are_filtered_by_words(browser):
+    table = browser.execute_script(
+        "const t = [...document.querySelectorAll('table.sortable')].sort((a, b) => b.rows.length - a.rows.length)[0];"
+        "for (let e = t; e; e = e.parentElement) if (e.tagName === 'DETAILS') e.open = true;"
+        "t.closest('.scroll').previousElementSibling.scrollIntoView({block: 'center'}); return t"
+    )
+    label = browser.execute_script("return arguments[0].closest('.scroll').previousElementSibling", table)
+    field, count = label.find_element(By.TAG_NAME, "input"), label.find_element(By.TAG_NAME, "output")
+    button = table.find_element(By.CSS_SELECTOR, "thead button")
+
+    def shown():
+        rows = "[...arguments[0].tBodies[0].rows].filter(row => row.getClientRects().length).map(row => row.innerText)"
+        return browser.execute_script(f"return {rows}", table)
+
+    button.send_keys(Keys.ENTER)
+    up = shown()
+    button.send_keys(Keys.ENTER)
+    down = shown()
+    assert (sorted(up), len(set(up)) > 20, up != down) == (sorted(down), True, True)
+    assert table.find_element(By.CSS_SELECTOR, "th").get_attribute("aria-sort") == "descending"
+    field.send_keys("BACKLUND unpinned")
+    some = shown()
+    assert 0 < len(some) < len(up)
+    assert all("backlund" in row and "unpinned" in row for row in some)
+    assert count.text == f"{len(some)} of {len(up)} rows"
+    field.send_keys(Keys.CONTROL + "a", Keys.DELETE)
+    assert (len(shown()), count.text) == (len(up), "")
+
+
+def test_figures_are_enlarged_and_put_back_by_keyboard_and_wheel(browser):
+    button, dialog = css(browser, "main > figure button.enlarge"), css(browser, "#zoom")
+    drawn = css(browser, "main > figure .card svg")
+    button.send_keys(Keys.ENTER)
+    assert dialog.is_displayed()
+
+    def width():
+        return dialog.find_element(By.CSS_SELECTOR, ".pane svg").rect["width"]
+
+    fitted = width()
+    assert fitted > drawn.rect["width"]
+    browser.switch_to.active_element.send_keys("++")
+    assert width() == pytest.approx(2.25 * fitted, rel=1e-3)
+    browser.switch_to.active_element.send_keys("0")
+    assert width() == pytest.approx(fitted, rel=1e-3)
+    browser.execute_script(
+        "document.querySelector('#zoom .pane')"
+        ".dispatchEvent(new WheelEvent('wheel', {deltaY: -600, clientX: 700, clientY: 500, cancelable: true}))"
+    )
+    assert width() > 3 * fitted
+    ids = browser.execute_script("return [...document.querySelectorAll('[id]')].map(e => e.id)")
+    assert len(ids) == len(set(ids))
+    browser.switch_to.active_element.send_keys(Keys.ESCAPE)
+    assert (dialog.is_displayed(), drawn.is_displayed()) == (False, True)
+    assert browser.switch_to.active_element == button
+
+
+@pytest.mark.parametrize(
+    ("name", "top", "words"),
+    [("implicit_midpoint", "generic", "order 2"), ("backlund_splitting", "weak_tide", "confirmed")],
+)
+def test_a_name_in_the_list_opens_the_panel_of_the_method(browser, name, top, words):
+    afresh(browser)
+    browser.execute_script("document.getElementById('methods').open = true")
+    buttons = browser.find_elements(By.CSS_SELECTOR, "#methods tbody td:first-child button")
+    assert len(buttons) == len(METHODS)
+    button = next(b for b in buttons if b.text == METHODS[name].label)
+    dialog = css(browser, "#method")
+    button.send_keys(Keys.ENTER)
+    until(browser, lambda _: dialog.is_displayed())
+    browser.execute_script(
+        "const s = document.querySelector('#method select'); s.value = arguments[0]; s.dispatchEvent(new Event('change'))",
+        top,
+    )
+    kinds = "[...s.querySelectorAll('path:not(.grid)')].map(p => [p.getAttribute('class'), p.textContent])"
+    plots = browser.execute_script(f"return [...document.querySelectorAll('#method svg')].map(s => {kinds})")
+    assert len(plots) == 3
+    for lines in plots:
+        assert len(lines) > 20
+        assert [text for kind, text in lines if kind == "own"] == [METHODS[name].label]
+    assert all(word in dialog.text for word in (name, METHODS[name].label, "confirmed", words))
+    browser.switch_to.active_element.send_keys(Keys.ESCAPE)
+    assert not dialog.is_displayed()
+    assert browser.switch_to.active_element == button
+    assert console(browser) == []
+
+
+def test_rows_are_a_link_away(browser, stored, tmp_path):
+    browser.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
+    css(browser, "#gaudin a.rows").send_keys(Keys.ENTER)
+    file = tmp_path / "gaudin.csv"
+    until(browser, lambda _: file.exists() and file.stat().st_size)
+    assert pd.read_csv(file).error.dropna().tolist() == stored["gaudin"].error.dropna().tolist()
+
+
+AXE = """
+const done = arguments[0];
+axe.run({runOnly: ["wcag2a", "wcag2aa", "best-practice"], resultTypes: ["violations"]})
+  .then(r => done(r.violations.map(v => [v.id, v.nodes.slice(0, 3).map(n => n.html.slice(0, 200))])));
+"""
+
+
+def test_axe_finds_nothing_wrong(browser):
+    """axe-core reads every element, seen or not, at a millisecond each: of tables only the first rows are left, and of figures
+    only their names."""
+    axe = Path(pytest.importorskip("axe_core_python").__file__).with_name("axe.min.js")
+    afresh(browser)
+    live(browser)
+    browser.execute_script(
+        "document.querySelectorAll('figure svg > *').forEach(e => e.remove());"
+        "for (const body of document.querySelectorAll('tbody')) [...body.rows].slice(3).forEach(row => row.remove());"
+        "document.querySelectorAll('details').forEach(e => { e.open = true; });"
+    )
+    browser.execute_script(axe.read_text(encoding="utf-8"))
+    for width, height, scheme in ((1280, 900, "light"), (390, 844, "dark")):
+        media = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
+        with screen(browser, width, height):
+            assert browser.execute_async_script(AXE) == []
+    browser.execute_script("document.querySelector('#methods td button').click()")
+    until(browser, lambda b: css(b, "#method").is_displayed())
+    browser.execute_script("for (const e of document.querySelectorAll('main > *:not(h1, header)')) e.remove();")
+    assert browser.execute_async_script(AXE) == []
+    browser.execute_script(  # what it is to find
+        "document.getElementById('method').close();"
+        "document.querySelector('main').insertAdjacentHTML('beforeend', `<input><img src='data:,'>"
+        "<p style='color: #888; background: #999'>pale</p><button></button><h6>too deep</h6>`)"
+    )
+    found = {rule for rule, _ in browser.execute_async_script(AXE)}
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    afresh(browser)
+    assert {"label", "image-alt", "color-contrast", "button-name", "heading-order"} <= found
+
+
+def test_on_a_phone_every_figure_is_seen_whole(browser):
+    """Those that are not folded have drawings of their own, in letters one can read."""
+    afresh(browser)
+    sizes = (
+        "return [...document.querySelectorAll('figure')].filter(f => !f.closest('details:not([open])'))"
+        ".map(f => [f, [...f.querySelectorAll('svg')]"
+        ".filter(s => s.getClientRects().length)]).filter(([f, s]) => s.length).map(([f, s]) => [f.id, s.length, "
+        "s[0].clientWidth / parseFloat(s[0].style.getPropertyValue('--w')), f.querySelector('.wide-scroll').scrollWidth"
+        " - f.querySelector('.wide-scroll').clientWidth])"
+    )
+    with screen(browser, 390, 844):
+        until(browser, lambda b: not b.find_elements(By.CSS_SELECTOR, "script.phone"))
+        seen = browser.execute_script(sizes)
+        assert len(seen) == len(browser.find_elements(By.CSS_SELECTOR, "main > section > figure, main > figure"))
+        for name, count, scale, beyond in seen:
+            assert (count, beyond) == (1, 0), name
+            assert scale > 1.3, name  # pixels a point: the smallest letters have 6.5 points
+    assert all(count == 1 for _, count, _, _ in browser.execute_script(sizes))
+    afresh(browser)
+
+
+def test_the_chooser_answers_and_leads_to_the_figure(browser):
+    answer, fields = css(browser, "#choose .answer"), browser.find_elements(By.CSS_SELECTOR, "#choose select")
+    assert len(fields) == 4
+    before = answer.text
+    browser.execute_script(
+        "arguments[0].selectedIndex = arguments[0].options.length - 1;"
+        "arguments[0].dispatchEvent(new Event('change', {bubbles: true}))",
+        fields[0],
+    )
+    assert answer.text != before
+    link = answer.find_element(By.TAG_NAME, "a").get_attribute("href").partition("#")[2]
+    assert css(browser, f"#{link} figcaption b").get_attribute("textContent").startswith("Figure")
