@@ -48,14 +48,10 @@ def test_what_was_added_removed_and_changed(run, old, tmp_path):
     error, steps = differing["error"], differing["steps"]
     assert (error.rows, error.relative, error.absolute) == (1, pytest.approx(1e-3, rel=1e-2), pytest.approx(1e-12))
     assert (steps.old, steps.new) == (8, 9)
-    code, out, _ = run("compare", old, new)
-    assert (code, out.endswith("not the same\n")) == (1, True)
-    assert "removed: 1 cell of toy.none; --verbose lists them" in out
-    assert "added: 5 cells of toy.none (4 of a, 1 of b); " in out
-    listed = 'removed: toy.none {"i": 3}\nadded: toy.none {"i": 9, "part": "a"}\n'
-    assert listed in run("compare", old, new, "--verbose")[1]
-    data = json.loads(run("compare", old, new, "--json")[1])
-    assert data["experiments"]["toy.none"]["changed"][0]["columns"]["steps"]["new"] == 9
+    assert "added: 5 cells of toy.none (4 of a, 1 of b); " in run("compare", old, new)[1]
+    assert 'removed: toy.none {"i": 3}\n' in run("compare", old, new, "--verbose")[1]
+    code, out, _ = run("compare", old, new, "--json")
+    assert (code, json.loads(out)["experiments"]["toy.none"]["changed"][0]["columns"]["steps"]["new"]) == (1, 9)
 
 
 @pytest.mark.parametrize(
@@ -153,7 +149,6 @@ OWN = ("--quiet", "--module", TOY)
 
 @pytest.fixture
 def toy(in_process, monkeypatch, tmp_path):
-    """A store of toy cells that are computed again; `toy(row)` has the stored rows say so instead."""
     monkeypatch.syspath_prepend(str(HERE))
 
     def fill(**changed):
@@ -185,9 +180,6 @@ def test_rows_that_are_computed_otherwise_now_and_whose_sources_they_are(run, to
     digests = (None, "0" * 24, "0" * 24, records[3]["sources"])
     made.append(*({**record, "sources": digest} for record, digest in zip(records, digests, strict=True)))
     code, out, _ = run("verify", made.folder, *OWN)
-    assert code == 1
-    assert "changed in toys.behaviour:" in out
-    assert "2 stored cells were computed with other source code than this; 1 stored cell was computed with" in out
     assert "2 identical, 0 within the tolerance of libraries, 2 changed; 1 of them stored with other source" in out
     code, out, _ = run("verify", made.folder, *OWN, "--old", "--json")
     data = json.loads(out)
@@ -205,7 +197,6 @@ def test_rows_that_are_computed_otherwise_now_and_whose_sources_they_are(run, to
 
 @pytest.mark.parametrize("words", [(), ("--json",), ("--old",)])
 def test_nothing_verified_is_no_success(run, toy, monkeypatch, words):
-    """All lines damaged, none there, all of another VERSION, or all of an experiment that nobody named."""
     path = Store(toy()).path(TOY)
     whole = path.read_bytes()
 

@@ -24,13 +24,13 @@ from lagrange_bench.experiments import drift
 from lagrange_bench.integrators import METHODS, LagrangeTop, available, imported
 from lagrange_bench.results import sources
 
-tried, homes = 0, {module.__file__: name for name, module in sys.modules.items() if getattr(module, "__file__", None)}
+tried = 0
 for method in (name for name in METHODS if available(METHODS[name]) and METHODS[name].takes(LagrangeTop()) is None):
     called, cell = set(), {"part": "h", "method": method, "state": "generic", "span": 1, "h": 0.25}
     sys.setprofile(lambda frame, event, _: called.add(frame.f_code.co_filename))
     drift.measure(cell)
     sys.setprofile(None)
-    homes |= {module.__file__: name for name, module in sys.modules.items() if getattr(module, "__file__", None)}
+    homes = {module.__file__: name for name, module in sys.modules.items() if getattr(module, "__file__", None)}
     ours = {homes[file] for file in called if homes.get(file, "").partition(".")[0] == imported.BENCH}
     ours = {name for name in ours if not imported.NO_ROW.fullmatch(name)}
     found = imported.IMPORTED.files({"lagrange_bench.experiments.drift", METHODS.module(method)})
@@ -43,7 +43,6 @@ print(tried)
 
 
 def printed(folder, program, **environment):
-    """What a program prints that imports the bench from this folder."""
     done = python("-c", program, cwd=folder, env={**os.environ, "PYTHONPATH": str(folder), **environment})
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -55,8 +54,6 @@ def test_what_measuring_calls_is_in_the_digest():
 
 
 class Edited(Sources):
-    """The files as they are, but for one."""
-
     def __init__(self, file):
         super().__init__()
         path = ROOT / file
@@ -110,7 +107,6 @@ def test_it_is_the_same_in_every_process_and_folder(tree):
 
 
 def test_a_digest_of_the_kind_before_is_unknown():
-    """Not the same, and not known to be another: it is of other things."""
     now = sources.of_cell("drift", {"method": "rk4"})
     assert sources.compared(now, "0" * 16) == sources.compared(None, now) == sources.UNKNOWN
     assert (sources.compared(now, now), sources.compared(now, "0" * 24)) == (sources.SAME, sources.OTHER)

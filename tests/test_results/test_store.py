@@ -1,4 +1,4 @@
-"""The store loses nothing it has confirmed, and never takes a damaged line for a result."""
+"""The store loses nothing it has confirmed, never takes a damaged line for a result, and shows what is chosen."""
 
 import errno
 import json
@@ -7,14 +7,19 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from lagrange_bench.experiments import drift, phase
+from lagrange_bench.experiments.drawing import style
+from lagrange_bench.integrators import METHODS
 from lagrange_bench.results import provenance, store
-from lagrange_bench.results.store import Store, StoreError
+from lagrange_bench.results.choice import Choice
+from lagrange_bench.results.store import Journal, Store, StoreError, make_record
 
 
 def record(attempt, status="done", version=1, position=None, **cell):
@@ -116,7 +121,6 @@ def test_any_damaged_byte_costs_one_cell(filled):
 
 
 def test_lines_that_are_no_record_are_skipped(filled):
-    """Also the records of another experiment, as of a journal that was renamed."""
     lines = [b"[]", b"{}", b"null", b"7", b'{"sha256": 1}', b"\x80", b"[" * 100_000, b"NaN"]
     filled.append({**record(5), "experiment": "other"})
     with filled.path("toy").open("ab") as file:
@@ -259,7 +263,6 @@ for i in range(60):
 
 @pytest.mark.processes
 def test_two_writers_and_a_reader(tmp_path):
-    """The lock keeps their lines apart."""
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     writers = [subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path), name], **pipes) for name in "ab"]
     for writer in writers:
@@ -331,3 +334,91 @@ def test_every_column_is_explained():
     columns = (Path(store.__file__).parent / "README.md").read_text(encoding="utf-8").partition("\n## Columns\n")[2]
     assert not unexplained(columns)
     assert unexplained(columns.replace("`fraction`", ""))["drift"] == {"fraction"}
+
+
+CELLS = [
+    {"method": "rk4", "state": "generic"},
+    {"method": "strang", "state": "generic"},
+    {"method": "strang", "top": "mine"},
+    {"part": "cost"},
+]
+ROWS = [{"error": 1.0}]
+
+
+@pytest.mark.parametrize(
+    ("names", "taken", "leaves_out"),
+    [
+        ({}, [0, 1, 2, 3], False),
+        ({"methods": ("strang",)}, [1, 2], True),
+        ({"tops": ("mine",)}, [2], True),
+        ({"methods": ("rk4", "strang"), "tops": ("generic",)}, [0, 1], True),
+        ({"highlight": ("rk4",)}, [0, 1, 2, 3], False),
+    ],
+)
+def test_what_is_chosen_is_shown(tmp_path, names, taken, leaves_out):
+    choice = Choice(**names)
+    Store(tmp_path).append(*(make_record("toy", 1, i, cell, rows=ROWS) for i, cell in enumerate(CELLS)))
+    assert [record["position"] for record in Store(tmp_path, choice).latest("toy")] == taken
+    assert bool(choice) is leaves_out
+    choice.check(CELLS)
+
+
+@pytest.mark.parametrize("words", [("phase_h",), ("--all", "--format", "svg", "--width", "column")])
+def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypatch, words):
+    cell = {"part": "h", "state": "generic", "span": 64, "h": 0.25}
+    for module, method in ((phase, "rk4"), (drift, "strang")):
+        name = module.__name__.split(".")[-1]
+        Store(tmp_path).append(make_record(name, module.VERSION, 0, {**cell, "method": method}, rows=ROWS))
+        monkeypatch.setattr(module, "draw", lambda rows: {"h": style.figure("column")[0]})
+    read, rows = [], Journal.rows
+    monkeypatch.setattr(
+        Journal, "rows", lambda self: read.extend(r["experiment"] for r in self.latest[:1]) or rows(self)
+    )
+    drawn = tmp_path / "drawn"
+    code, out, err = run("figure", *words, "--methods", "rk4,strang", "--results", tmp_path, "--output", drawn)
+    assert (code, out[: len(str(drawn))]) == (1, str(drawn)), err
+    assert "not drawn: phase has no rows of strang: lagrange-bench run phase --methods strang\n" in err
+    assert sorted(read) == (["phase"] if words == ("phase_h",) else ["drift", "phase"])
+    code, out, err = run("figure", "phase_h", "--methods", "strang", "--results", tmp_path)
+    assert (code, out) == (2, "")
+    assert err.endswith("phase has no rows of strang: lagrange-bench run phase --methods strang\n")
+
+
+def test_a_method_that_takes_none_of_the_tops_is_refused_with_its_reason():
+    in_potentials = [{"method": "rk4", "state": "weak_tide"}]
+    for cells, said in (
+        (in_potentials, "^--methods: backlund does not take the potential tide: it is a map of the torus"),
+        ([*in_potentials, {"method": "rk4", "state": "generic"}], "no cell here has the method 'backlund'"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            Choice(("backlund",)).check(cells)
+
+
+def test_a_choice_may_leave_nothing_of_one_of_several_experiments(run, in_process, tmp_path):
+    words = ("--methods", "backlund", "--tops", "figure2", "--quiet", "--results", tmp_path)
+    code, out, err = run("run", "ensemble", "paper", *words)
+    assert (code, err) == (0, "")
+    assert [line.split()[:2] for line in out.splitlines()[1:3]] == [["ensemble", "0"], ["paper", "2"]]
+
+
+def test_what_stands_out_has_a_look_that_nothing_else_has():
+    plain = {name: style.of(name) for name in METHODS}
+    assert style.OWN not in {look["color"] for look in plain.values()}
+    with style.apply(highlight=["rk4", "kahan"]):
+        looks = {name: style.of(name) for name in METHODS}
+    assert [name for name in METHODS if looks[name]["color"] == style.OWN] == ["rk4", "kahan"]
+    assert str(looks["rk4"]["linestyle"]) != str(looks["kahan"]["linestyle"])
+    assert {name: style.of(name) for name in METHODS} == plain
+
+
+def test_a_plug_in_stands_out_and_a_few_are_all_named():
+    many = ["backlund", "rk4", "strang", "kahan", "gauss4", "taylor_fixed", "rkmk4", "theta_functions", "gauss6"]
+    assert style.of("somebody:METHOD")["color"] == style.OWN
+    with METHODS.lent(replace(METHODS["strang"], name="mine", label="Mine")):
+        looks = style.looks([*many, "mine"], named=["backlund"])
+    assert (looks["mine"]["color"], looks["mine"]["label"], looks["rk4"]["label"]) == (style.OWN, "Mine", "_thin")
+    assert (style.of("mine")["label"], style.family("mine")) == ("mine", style.OTHERS), "no longer lent"
+    few = style.looks(many[: style.FEW], named=[])
+    assert not [look for look in few.values() if look["label"].startswith("_")]
+    both = style.looks(["gauss4", "gauss6"], named=[])
+    assert both["gauss4"]["color"] != both["gauss6"]["color"], "of one family, and still told apart"
