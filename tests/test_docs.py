@@ -73,11 +73,6 @@ def test_the_tables_of_what_was_measured_are_computed():
         assert text == path.read_text(encoding="utf-8")
 
 
-def slug(heading: str) -> str:
-    """The anchor a forge makes of a heading."""
-    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
-
-
 @cache
 def commands() -> dict[str, set[str]]:
     """Every command with its options, as argparse knows them; "" for the program itself."""
@@ -116,7 +111,8 @@ def test_links_resolve_and_commands_exist(page):
         there = (page.parent / path).resolve() if path else page
         assert there.exists(), path
         headings = re.findall(r"^#+ (.*)$", there.read_text(encoding="utf-8"), re.MULTILINE) if anchor else ()
-        assert not anchor or anchor in map(slug, headings), (path, anchor)
+        anchors = {re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in headings}
+        assert {anchor} - {""} <= anchors, path
     assert unknown(text) == []
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     for target in re.findall(r"(?:`|^ +|^)make (\w+)(?:`| {2,}|$)", text, re.MULTILINE):
@@ -150,14 +146,11 @@ def test_the_reference_is_written_without_a_warning(tmp_path):
     assert [page.name for page in pages if remote.search(page.read_text(encoding="utf-8"))] == []
 
 
-def test_the_paper_names_figures_that_exist_and_programs_that_are_missing(monkeypatch):
+def test_the_paper_names_figures_that_exist():
     paper = script(DOCS / "paper.py")
     named = [name for name, _ in paper.FIGURE.findall(paper.PAGE.read_text(encoding="utf-8"))]
     assert len(named) > 3
     assert all(name.partition("_")[0] in EXPERIMENTS for name in named)
-    monkeypatch.setattr(paper.shutil, "which", lambda program: None)
-    with pytest.raises(SystemExit, match="not installed: apt-get install pandoc texlive-xetex"):
-        paper.main()
 
 
 def test_the_notebook_shows_what_its_cells_do():
@@ -170,10 +163,8 @@ def test_the_notebook_shows_what_its_cells_do():
     assert (stored["nbformat"], stored["nbformat_minor"]) == (4, 5)
     assert len({cell["id"] for cell in stored["cells"]}) == len(stored["cells"])
     plt.close("all")  # of tests before this one
-    try:
-        fresh = build.notebook()
-    finally:
-        plt.close("all")
+    fresh = build.notebook()
+    plt.close("all")
 
     def printed(notebook):
         cells = [cell.get("outputs", []) for cell in notebook["cells"]]
@@ -211,7 +202,6 @@ def functions():
 
 
 def test_docstrings_say_parameters_and_results():
-    """In numpydoc's form; `numpydoc` checks it."""
     # with Sphinx: collecting the tests does not wait for it; with the oldest packages it is not there
     validate = pytest.importorskip("numpydoc.validate").validate
 

@@ -39,7 +39,6 @@ print("loaded:", loaded or set({SLOW!r}) & set(sys.modules) - {{"multiprocessing
 
 
 def examples(text):
-    """The commands of a help text, as words."""
     lines = [re.split(r"[|>] ", line)[0] for line in text.splitlines() if line.startswith("  lagrange-bench ")]
     return [shlex.split(re.split(r"\s{2,}", line.strip())[0])[1:] for line in lines]
 
@@ -52,12 +51,7 @@ def test_every_help_has_examples_that_are_understood(run, command, monkeypatch):
     assert len(examples(out)) >= 2
     for words in examples(out):  # those of `integrate` are also run
         assert hasattr(cli.parser().parse_args(words), "run")
-    if command is None:
-        assert out == run()[1]
-
-
-def test_version(run):
-    assert re.fullmatch(r"lagrange-bench \d+\.\d+\S*\n", run("--version")[1])
+    assert command or (out == run()[1] and re.fullmatch(r"lagrange-bench \d+\.\d+\S*\n", run("--version")[1]))
 
 
 I = "integrate --h 0.1 --steps 3"
@@ -68,10 +62,8 @@ BAD = {  # words → what the line must name
     "integrat": "unknown 'integrat'; did you mean 'integrate'?",
     "--versio": "did you mean '--version'? (see lagrange-bench --help)",
     "run drift --profil quick": "unknown argument '--profil'; did you mean '--profile'? (see lagrange-bench run --help)",
-    "run --profile fulll": "did you mean 'full'?",
     "run drfit": "did you mean 'drift'?",
     "run --jobs 0": "--jobs",
-    "errata --points 0": "--points",
     "errata --seed 1.5": "--seed",
     "run --time-limit 0": "--time-limit",
     "run --scheduler nowhere": "--scheduler",
@@ -84,12 +76,10 @@ BAD = {  # words → what the line must name
     "figure": "one of the arguments NAME --all --list is required",
     "figure --list --output x.svg": "--list draws none",
     "figure phase_h --all": "--all",
-    "figure phase_h --width wall": "wall",
     "figure phase_h --results mine": "nothing is stored",
     "paper three-point": "unknown section 'three-point'",
     "paper flow --output x.doc": "must end in .svg or .pdf or .png",
     "paper euler --top planar_rotation --output x.svg": "the axis passes through a pole",
-    "compare results/reference": "NEW",
     "compare /no/such/folder x": "/no/such/folder",
     "compare a b --rtol -1": "--rtol",
     "verify one --results two": "not allowed with argument",
@@ -123,9 +113,7 @@ BAD = {  # words → what the line must name
     f"{T} --top magnet --potential dipole --parameters 1,0,0": "magnet is in the potential charge already",
     f"{I} --top magnet": "(those that do: lagrange-bench methods --top magnet)",
     f"{T} --top magnet --method strang": "--times: strang",
-    "methods --top generi": "did you mean 'generic'?",
     "check nothing": "'nothing'",
-    "check rk4 --state 1,2": "--state",
     f"{JUDGE} --bounds omega=1": "no columns to judge omega by",
     f"{JUDGE} --bounds colour=1": "--bounds: unknown 'colour'",
     f"{JUDGE} --bounds axis=low": "--bounds: axis must be a number; got 'low'",
@@ -133,7 +121,6 @@ BAD = {  # words → what the line must name
     f"{JUDGE} --columns x=9": "--columns x=9: there is no such column among 4",
     f"{JUDGE} --steps 1,2": "--steps: 2 steps for 1 files",
     "judge run.csv --case brüls": "did you mean 'bruels'?",
-    "case bruls": "unknown case 'bruls'; did you mean 'bruels'?",
     "case --until 3": "--until belongs to the NAME of a case",
     "paper --top generic": "--top belongs to a SECTION",
     "case bruels --every x": "--every: must be a positive number",
@@ -151,9 +138,6 @@ BAD = {  # words → what the line must name
     "figure phase_h --x h --y of --results small": "y must be a column of numbers; got 'of'; did you mean 'off'?",
     "figure phase_h --output x.eps --results small": "--output x.eps: the name must end in",
     "figure phase_h --format pdf --output x.svg --results small": "--format pdf and --output x.svg",
-    "check leaves:METHOD --quick": f"method leaves:METHOD {LEAVES}",
-    f"{I} --method leaves:METHOD": f"method leaves:METHOD {LEAVES}",
-    f"{I} --top leaves:TOP": f"error: top leaves:TOP {LEAVES}",
     "run mine.leaves": f"experiment 'mine.leaves' {LEAVES}",
     "report --module leaves": "--module leaves cannot be imported: ImportError: it calls sys.exit(0)",
 }
@@ -161,7 +145,6 @@ BAD = {  # words → what the line must name
 
 @pytest.mark.parametrize("words", BAD)
 def test_bad_input(run, words, folder, monkeypatch):
-    """Known before anything is computed, drawn or written."""
     sweep = f'[[sweep]]\nmethods = ["strang"]\nh = [0.5]\ntime = 50\nsamples = {10**9}\n'
     (folder / "mine.toml").write_text(sweep)
     (folder / "run.csv").write_text("t,x,y,z\n0,0,1,0\n")
@@ -191,11 +174,9 @@ def test_bad_input(run, words, folder, monkeypatch):
         (OSError(28, "No space left", "run.csv"), 2, "error: run.csv: No space left"),
         (KeyboardInterrupt(), 130, "interrupted"),
         (ZeroDivisionError("a bug"), None, ""),
-        (RuntimeError("a bug"), None, ""),
     ],
 )
 def test_errors_and_exit_codes(run, monkeypatch, error, code, line):
-    """An error that nobody expects is not hidden."""
 
     def fails(*_, **__):
         raise error
@@ -249,7 +230,6 @@ def test_stdout_that_cannot_be_written_to():
 
 
 def test_run(run, in_process, tmp_path, monkeypatch):
-    """It draws if asked, and never a figure without rows."""
     toy = "toys.behaviour"
     monkeypatch.setenv("TOY_CELLS", json.dumps([{"do": "square", "i": 3}, {"do": "raise", "i": 4}]))
     drawn, results = [], tmp_path / "my results"
@@ -276,13 +256,10 @@ def test_run_takes_all_experiments_by_default(run, monkeypatch):
         return engine.Summary(results, profile)
 
     monkeypatch.setattr(engine, "run", instead)
-    usual = {"names": EXPERIMENTS, "profile": "full", "results": "full", "jobs": None, "show": True}
-    usual |= {"time_limit": None, "scheduler": None, "timings": True, "again": False}
     assert run("run", "--profile", "full")[0] == 0
-    assert asked.items() >= usual.items()
-    given = {"time_limit": 9.0, "scheduler": "local:2", "timings": False, "again": True, "jobs": 3}
-    assert run("run", "--time-limit", "9", "--scheduler", "local:2", "--no-timings", "--again", "--jobs", "3")[0] == 0
-    assert asked.items() >= given.items()
+    assert asked.items() >= {"names": EXPERIMENTS, "profile": "full", "results": "full", "again": False}.items()
+    assert run("run", "--again", "--scheduler", "local:2", "--jobs", "3")[0] == 0
+    assert asked.items() >= {"scheduler": "local:2", "again": True, "jobs": 3}.items()
 
 
 # an experiment of somebody's own, in which other tests define some functions anew
@@ -300,7 +277,6 @@ def draw(rows):
 
 
 def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, one_core, folder):
-    """Each command prints the next one."""
     (folder / "my_study").mkdir()
     (folder / "my_study" / "energy.py").write_text(STUDY)
     out = run("run", "my_study.energy", "--results", "out", "--jobs", "1")[1]
@@ -321,7 +297,6 @@ def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, on
 
 
 def test_figures_are_listed_in_the_order_of_the_page_and_completed(run, swept, tmp_path, monkeypatch):
-    """The user's own experiments come first."""
     for name in ("ensemble", "cost"):
         shutil.copy(default_results() / f"{name}.jsonl", tmp_path)
     swept(tmp_path, "sweep_mine", method="strang")

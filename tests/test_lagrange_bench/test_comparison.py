@@ -127,7 +127,6 @@ def test_what_cannot_be_asked(words):
 
 
 def test_tops_by_name_and_by_object():
-    """One or many; a named top of the bench is that of its name."""
     for tops, names in (
         (GENERIC, ["generic"]),
         ([GENERIC, "random000"], ["generic", "random000"]),
@@ -141,7 +140,6 @@ def test_tops_by_name_and_by_object():
 
 
 def made(methods=("rk4", "strang"), tops=("generic", "fast")):
-    """Errors of powers of h, an invariant that is 0, a signed column, and counts."""
     h = 2.0 ** -np.arange(6)
     rows = [
         pd.DataFrame({"method": m, "top": top, "h_scaled": h, "error": h ** (k + 1), "H": 0.0, "height": np.sin(9 * h)})
@@ -187,17 +185,6 @@ def test_own_axes_keep_their_fonts_and_names_of_lines_stay_in_sight():
     figure.canvas.draw()
     height = ax.transAxes.inverted().transform(ax.transData.transform((0.26, 0.26)))[1]
     assert rk4.get_position()[1] == pytest.approx(height, abs=0.02), "where the line leaves the panel"
-
-
-def test_one_panel_for_all_tops_and_many_methods():
-    _, ax = plt.subplots()
-    made().plot(ax=ax)
-    assert len(ax.get_lines()) == 4
-    assert ax.get_title() == "generic unit top, fast top"
-    many = [name for name in METHODS if METHODS[name].family != "whole-body"][:14]
-    ax = made(many, ("generic",)).plot()
-    named = [line.get_label() for line in ax.get_lines() if not line.get_label().startswith("_")]
-    assert 0 < len(named) < 14
 
 
 @pytest.mark.parametrize("column", ["span_scaled", "span"])
@@ -273,11 +260,8 @@ def test_units_of_tops_that_are_not_named():
     assert in_both_units(rows).h.tolist() == pytest.approx([UNIT, np.nan, UNIT], nan_ok=True)
 
 
-def test_the_published_rows_come_with_the_package():
-    assert sorted(load()) == sorted(path.stem for path in REFERENCE.glob("*.jsonl"))
-
-
 def test_names_of_experiments_and_damaged_lines(folder):
+    assert sorted(load()) == sorted(path.stem for path in REFERENCE.glob("*.jsonl")), "part of the package"
     with pytest.raises(KeyError, match="did you mean 'phase'"):
         load(folder)["phrase"]
     with (folder / "phase.jsonl").open("a") as file:

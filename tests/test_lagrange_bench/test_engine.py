@@ -57,14 +57,10 @@ def hard(tmp_path_factory):
     return json.loads(out), err, Store(folder)
 
 
-def test_rows_come_in_the_order_of_the_cells(hard):
+def test_timing_cells_come_last_alone_in_order_and_with_one_thread(hard):
     table = hard[2].rows(TOY)
     assert table["i"].tolist() == [5, 4, 3, 2, 1, *range(100, 104), 110, 111, 120, 9, 8]
     assert len(hard[2].read(TOY)[0]) == len(table), "none is computed twice and stored twice"
-
-
-def test_timing_cells_come_last_alone_in_order_and_with_one_thread(hard):
-    table = hard[2].rows(TOY)
     table = table[table["facts"].eq(True)]
     timing, accuracy = table[table["timing"].eq(True)], table[table["timing"].isna()]
     assert timing["started"].min() >= accuracy["started"].max()  # "started" is read when the work is done
@@ -75,7 +71,6 @@ def test_timing_cells_come_last_alone_in_order_and_with_one_thread(hard):
 
 
 def test_warnings_and_chatter_are_kept_out_of_the_way(hard):
-    """stdout is for data: it was read as JSON."""
     _, err, store = hard
     assert "chatter" in err
     assert "toy warning" not in err
@@ -84,7 +79,6 @@ def test_warnings_and_chatter_are_kept_out_of_the_way(hard):
 
 
 def test_cells_that_die_hang_or_ask_for_too_much_memory_fail_alone(hard):
-    """Also a timing cell; and a cell that changes its clock decides about nothing."""
     summary, err, store = hard
     assert (summary["exit_code"], "Traceback" in err) == (1, False)
     assert {failure["cell"]["do"]: failure["error"] for failure in summary["failures"]} == {
@@ -109,7 +103,6 @@ ERRORS = {
 
 
 def test_a_failing_cell_is_a_result(toy, in_process, run, one_core, tmp_path):
-    """Whatever a plug-in raises is a text of bounded length that can be printed, stored and put on a page."""
     file = tmp_path / "there"
     cells = [{"do": what, "i": i, "file": str(file)} for i, what in enumerate(ERRORS)] + squares(7, 8)
     cells += squares(9, method="nonsense")
@@ -175,32 +168,21 @@ def test_what_cannot_be_run_is_found_before_anything_is_computed(toy, monkeypatc
             toy(squares(1))
 
 
-def test_progress_without_a_terminal_is_sparse(monkeypatch, capsys):
+def test_progress_is_sparse_but_for_bars_in_a_terminal(monkeypatch, capsys):
     now = [0.0]
     monkeypatch.setattr(progress, "monotonic", lambda: now[0])
-    with progress.follow({"drift": 300}) as bar:
-        for i in range(300):
-            bar.begin("drift")
-            now[0] += 0.5
-            bar.advance("drift", failed=i == 100)
-    lines = capsys.readouterr().err.splitlines()
+
+    def shown(show=True):
+        with progress.follow({"drift": 300}, show=show) as bar:
+            for i in range(300):
+                bar.begin("drift")
+                now[0] += 0.5
+                bar.advance("drift", failed=i == 100)
+        return capsys.readouterr().err
+
+    lines = shown().splitlines()
     assert 10 <= len(lines) <= 16  # 150 s, one in 10 s
-    assert (lines[0], lines[-1]) == ("drift: 20/300 cells", "drift: 300/300 cells, 1 failed")
-
-
-def test_a_terminal_gets_bars(monkeypatch, capsys, tmp_path):
+    assert (lines[0], lines[-1], shown(False)) == ("drift: 20/300 cells", "drift: 300/300 cells, 1 failed", "")
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     monkeypatch.setenv("TERM", "xterm-256color")
-
-    def shown(show):
-        with progress.follow({"drift": 2, "phase": 1}, show=show) as bar:
-            for name in ("drift", "drift", "phase"):
-                bar.begin(name)
-                bar.advance(name, failed=name == "phase")
-        with progress.drawing(tmp_path, show=show) as drawn:
-            drawn(1, 2)
-        return re.sub(r"\x1b\[[\d;?]*\w", "", capsys.readouterr().err)
-
-    assert re.search(r"drift .* 2/2 .*phase .* 1/1 +1 failed.*drawing .* 1/2", found := shown(True), re.DOTALL)
-    assert found.endswith(f"drawn from {tmp_path}\n")
-    assert shown(False) == ""
+    assert re.search("drift .* 300/300 .*1 failed", re.sub(r"\x1b\[[\d;?]*\w", "", shown()))

@@ -33,7 +33,6 @@ def test_a_bound_that_is_exceeded_names_top_step_and_value():
 
 
 def test_drift_is_in_ulps_of_the_scale():
-    """Against invariants computed here, at the counts the run has."""
     (run,) = drift.drifts(MINE, drift.find_all(["generic"]), 0.1, 64)
     top, y0 = check.find("generic")
     y = METHODS["strang"].prepare_for(top)(top, y0, 0.1 * top.scales(y0)[2]).record(y0, 64, 1)
