@@ -363,7 +363,7 @@ def test_what_is_chosen_is_shown(tmp_path, names, taken, leaves_out):
     choice.check(CELLS)
 
 
-@pytest.mark.parametrize("words", [("phase_h",), ("--all", "--format", "svg", "--width", "column")])
+@pytest.mark.parametrize("words", [("phase_h",), ("--all", "--format", "svg")])
 def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypatch, words):
     cell = {"part": "h", "state": "generic", "span": 64, "h": 0.25}
     for module, method in ((phase, "rk4"), (drift, "strang")):
@@ -379,6 +379,9 @@ def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypa
     assert (code, out[: len(str(drawn))]) == (1, str(drawn)), err
     assert "not drawn: phase has no rows of strang: lagrange-bench run phase --methods strang\n" in err
     assert sorted(read) == (["phase"] if words == ("phase_h",) else ["drift", "phase"])
+    files = {f"{name}_h-{width}.svg" for name in ("drift", "phase") for width in style.WIDTHS}
+    assert words == ("phase_h",) or files == {path.name for path in drawn.iterdir()}
+    assert "did you mean 'phase_h'" in run("figure", "phase_hh", "--results", tmp_path)[2]
     code, out, err = run("figure", "phase_h", "--methods", "strang", "--results", tmp_path)
     assert (code, out) == (2, "")
     assert err.endswith("phase has no rows of strang: lagrange-bench run phase --methods strang\n")
@@ -401,18 +404,13 @@ def test_a_choice_may_leave_nothing_of_one_of_several_experiments(run, in_proces
     assert [line.split()[:2] for line in out.splitlines()[1:3]] == [["ensemble", "0"], ["paper", "2"]]
 
 
-def test_what_stands_out_has_a_look_that_nothing_else_has():
-    plain = {name: style.of(name) for name in METHODS}
-    assert style.OWN not in {look["color"] for look in plain.values()}
-    with style.apply(highlight=["rk4", "kahan"]):
-        looks = {name: style.of(name) for name in METHODS}
-    assert [name for name in METHODS if looks[name]["color"] == style.OWN] == ["rk4", "kahan"]
-    assert str(looks["rk4"]["linestyle"]) != str(looks["kahan"]["linestyle"])
-    assert {name: style.of(name) for name in METHODS} == plain
-
-
 def test_a_plug_in_stands_out_and_a_few_are_all_named():
     many = ["backlund", "rk4", "strang", "kahan", "gauss4", "taylor_fixed", "rkmk4", "theta_functions", "gauss6"]
+    plain = {name: style.of(name) for name in METHODS}
+    with style.apply(highlight=["rk4", "kahan"]):
+        assert [name for name in METHODS if style.of(name)["color"] == style.OWN] == ["rk4", "kahan"]
+        assert str(style.of("rk4")["linestyle"]) != str(style.of("kahan")["linestyle"])
+    assert style.OWN not in {look["color"] for look in plain.values()}
     assert style.of("somebody:METHOD")["color"] == style.OWN
     with METHODS.lent(replace(METHODS["strang"], name="mine", label="Mine")):
         looks = style.looks([*many, "mine"], named=["backlund"])
