@@ -2,9 +2,7 @@
 
 import io
 import re
-import sys
 from itertools import combinations
-from types import ModuleType
 
 import matplotlib
 import matplotlib.image
@@ -16,7 +14,6 @@ from matplotlib.text import Text
 from lagrange_bench.experiments.drawing import figures, style, tables
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.integrators.interface import FAMILIES
-from lagrange_bench.results import store
 
 
 def test_families_have_colours_and_their_methods_differ():
@@ -103,24 +100,6 @@ def test_paths_are_shortened_and_rounding_does_not_add_up():
     long = figures.compact(f'<path d="M 0 0 {" ".join(f"L {0.0333 * k:.6f} 1" for k in range(1, 1001))}"/>')
     ends = [float(x) for x, _ in re.findall(r"[Ml](-?[\d.]+) ?(-?[\d.]+)", long)]
     assert sum(ends) == pytest.approx(33.3, abs=0.006)
-
-
-def test_the_command_writes_what_is_asked_for_or_nothing(run, tmp_path, monkeypatch):
-    module = ModuleType("toy.figures", "Toy.")
-    vars(module).update(VERSION=1, cells=None, measure=None, draw=draw, tables=lambda rows: {})
-    monkeypatch.setitem(sys.modules, "toy.figures", module)
-    rows = ROWS[["error"]].to_dict("records")
-    store.Store(tmp_path).append(store.make_record("toy.figures", 1, 0, {"h": 0.1}, rows=rows))
-    here, stored = tmp_path / "f.pdf", ["--results", tmp_path]
-    words = ["figure", "toy.figures_curve", *stored, "--output", here]
-    assert run(*words, "--format", "pdf")[:2] == (0, f"{here}\n")
-    before = here.read_bytes()
-    assert run("figure", "--all", "--format", "svg", *stored, "--output", tmp_path / "all")[0] == 0
-    names = {path.name for path in (tmp_path / "all").iterdir()}
-    assert names == {f"toy.figures_curve-{width}.svg" for width in style.WIDTHS}
-    assert run(*words, "--format", "svg")[0] == 2
-    assert "did you mean 'toy.figures_curve'" in run("figure", "toy.figures_curv", *stored)[2]
-    assert here.read_bytes() == before
 
 
 VALUES = [  # a value, as text, in LaTeX
