@@ -179,6 +179,19 @@ def test_interrupt_is_held_back_whichever_thread_catches_it():
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+def test_a_damaged_journal_is_mended_by_the_next_run(toy, in_process):
+    toy(squares(*range(6)))
+    path, clean = toy.store.path(TOY), comparable(toy.store.folder)
+    lines = path.read_bytes().replace(b'"square":4.0', b'"square":5.0').splitlines(keepends=True)
+    damaged = b"".join([*lines[:3], bytes(range(256)) * 30 + b"\n", *lines[3:], lines[3]])[:-40]
+    path.write_bytes(damaged)  # a row changed, binary between the lines, a line twice and torn
+    found = toy(squares(*range(6))).experiments[TOY]
+    assert (found.computed, found.stored) == (1, 5)
+    assert len(toy.store.read(TOY)[1]) >= 3
+    assert comparable(toy.store.folder) == clean
+    assert path.read_bytes().startswith(damaged)  # nothing is rewritten
+
+
 def test_two_runs_into_one_store_at_once(toy, in_process, tmp_path):
     gate = tmp_path / "gate"
     cells = [{"do": "wait for lines", "i": 100, "file": str(gate), "lines": 1}, *squares(*range(24))]

@@ -26,7 +26,7 @@ def test_a_bound_that_is_exceeded_names_top_step_and_value():
     with pytest.raises(AssertionError) as caught:
         assert_drift(MINE, tops=("generic", "figure1"), h=(0.1, 0.2), steps=1000, H=16, J3=0)
     lines = str(caught.value).splitlines()
-    assert len(lines) == 4, "J3 stays"
+    assert (len(lines), "mine" in METHODS) == (4, False), "J3 stays"
     assert lines[1].startswith("mine: H is off by ")
     assert lines[1].endswith(" on generic, h = 0.2: 16 allowed")
     assert " ulps at step " in lines[1]
@@ -66,6 +66,8 @@ def test_a_run_that_ends_early_or_is_not_finite():
     run = drift.Run("generic", 0.1, [1, 2, 3], np.array([[1.0] * 4, [np.nan] * 4, [2.0] * 4]), ("H",))
     assert run.largest("H")[1] == 2
     assert not run.largest("H")[0] <= 1e300
+    worst = check.Worst().or_(1.0, "a", 0.1).or_(np.nan, "b", 0.2).or_(2.0, "c", 0.3)
+    assert (worst.size, worst.at) == (np.inf, "b, h = 0.2")
 
 
 NO_TEST = [
@@ -116,8 +118,3 @@ def test_bounds_and_orders_on_a_magnet():
     assert_order("rk4", **on)
     with pytest.raises(AssertionError, match="order 5: "):
         assert_order("rk4", 5, **on)
-
-
-def test_an_error_that_is_no_number_is_the_largest():
-    worst = check.Worst().or_(1.0, "a", 0.1).or_(np.nan, "b", 0.2).or_(2.0, "c", 0.3)
-    assert (worst.size, worst.at) == (np.inf, "b, h = 0.2")
