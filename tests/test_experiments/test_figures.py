@@ -2,7 +2,7 @@
 
 import io
 import re
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import matplotlib
 import matplotlib.image
@@ -25,6 +25,38 @@ def test_families_have_colours_and_their_methods_differ():
     for one, other in combinations(METHODS, 2):
         if style.family(one) == style.family(other):
             assert any(looks[one][key] != looks[other][key] for key in ("color", "marker", "linestyle")), (one, other)
+
+
+def test_failures_of_several_methods_do_not_hide_each_other():
+    with style.apply():
+        fig, ax = style.figure("column")
+        ax.semilogx([1, 10], [0, 1], label="_line")
+        for method in ("rk4", "rk45", "strang"):
+            style.failure_marks(ax, [2.0, 5.0], method)
+        style.failure_marks(ax, [])
+        style.failed_label(ax, "backlund")
+        style.label_ends([ax])
+        fig.draw_without_rendering()
+        crosses = [line for line in ax.get_lines() if line.get_gid() == "failed"]
+        heights = [line.get_transform().transform(line.get_xydata())[0, 1] for line in crosses]
+        assert len(crosses) == 3
+        assert all(above - below > 3 * fig.dpi / 72 for above, below in pairwise(heights))
+        (name,) = ax.texts
+        assert name.get_text().startswith("×")
+        assert Text.get_window_extent(name).x0 > ax.bbox.x1, "out of the way of the data"
+
+
+def test_legend_fits_below_and_names_each_once():
+    with style.apply():
+        fig, axes = style.figure("column", ncols=2)
+        for ax in axes:
+            for i in range(7):
+                ax.plot([0, 1], [0, i], label=f"a method with a long name {i}")
+        style.legend_below(fig)
+        fig.draw_without_rendering()
+        (legend,) = fig.legends
+        assert legend.get_window_extent().width <= fig.bbox.width
+    assert len(legend.get_texts()) == 7
 
 
 def test_names_are_no_formulas():
@@ -73,6 +105,22 @@ def test_files_have_the_width_asked_for_embedded_fonts_and_no_date(width, monkey
     assert pixels[..., :3].std() > 0.02, "it shows something"
     assert b"/FontFile2" in files["pdf"], "TrueType, embedded"
     assert not any(word in files["pdf"] for word in (b"/Type3", b"CreationDate"))
+
+
+def test_in_a_column_panels_are_on_top_of_each_other_and_keep_their_labels():
+    with style.apply("column"):
+        fig, axes = style.figure("page", 4.0, nrows=2, ncols=2, sharex=True, sharey=True, squeeze=False)
+    axes[1, 1].remove()
+    for ax in axes[:, 0]:
+        ax.set_ylabel("error")
+    axes[1, 0].set_xlabel("step")
+    style.finish(fig)
+    fig.draw_without_rendering()
+    boxes = [ax.get_position() for ax in fig.axes]
+    assert len(boxes) == 3
+    assert all(above.y0 > below.y1 for above, below in pairwise(boxes))
+    assert [ax.get_ylabel() for ax in fig.axes] == ["error"] * 3
+    assert [ax.get_xlabel() for ax in fig.axes] == ["", "", "step"]
 
 
 def test_an_svg_refers_to_what_it_has_and_its_words_can_be_searched():

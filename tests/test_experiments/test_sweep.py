@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.text import Text
 
@@ -15,7 +16,7 @@ from lagrange_bench.commands.run import _own_modules
 from lagrange_bench.experiments import sweep
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.measuring import states
-from lagrange_bench.integrators import METHODS, PERTURBED_TOPS, TOPS, integrate
+from lagrange_bench.integrators import INVARIANTS, METHODS, PERTURBED_TOPS, TOPS, integrate
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.results.store import Store
 from lagrange_bench.runner import engine
@@ -246,3 +247,27 @@ def test_a_method_of_ones_own_and_one_that_fails(write, computed):
     assert sweep.draw(rows[rows.status == "failed"]) == {}
     lost = rows.assign(method=rows.method.replace("toys.lies:METHOD", "no_such_module:METHOD"))
     assert "no_such_module:METHOD" in texts(lost), "it has the name it was asked for by"
+
+
+def test_the_finest_run_that_did_not_fail_is_drawn():
+    start = {"experiment": "sweep_my", "top": "generic", "method": "strang", "options": "", "error": 1e-9}
+    start |= dict.fromkeys(INVARIANTS, 1e-9)
+    runs = [
+        {**start, "key": "coarser", "h": 0.2, "status": "done", "t": 2.0},
+        {**start, "key": "coarse", "h": 0.1, "status": "done", "t": 1.0},
+        {**start, "key": "fine", "h": 0.05, "status": "failed", "failure": "StepError"},
+    ]
+    figure = sweep.draw(pd.DataFrame(runs))["time"]
+    drawn = [line for ax in figure.axes for line in ax.lines if line.get_label() == METHODS["strang"].label]
+    assert [line.get_xdata().tolist() for line in drawn] == [[1.0], [1.0]]
+
+
+@pytest.mark.slow
+def test_run_draws_and_the_report_needs_no_file(run, answer, write, tmp_path, in_process, one_core):
+    data = answer("run", write(GOOD.replace(TIME, "time = 5")), "--results", tmp_path / "results")
+    assert data["experiments"]["sweep_my"]["computed"] == 4
+    assert {Path(name).name for name in data["drawn"]} >= {"sweep_my_time.svg", "sweep_my_h.svg", "sweep_my_runs.csv"}
+    sweep._cells.clear()
+    code, out, err = run("report", "--results", tmp_path / "results")
+    assert code == 0, out + err
+    assert "Sweep my" in (tmp_path / "results" / "page" / "index.html").read_text("utf-8")

@@ -138,6 +138,7 @@ BAD = {  # words → what the line must name
     "figure phase_h --x h --y of --results small": "y must be a column of numbers; got 'of'; did you mean 'off'?",
     "figure phase_h --output x.eps --results small": "--output x.eps: the name must end in",
     "figure phase_h --format pdf --output x.svg --results small": "--format pdf and --output x.svg",
+    f"{I} --method leaves:METHOD": f"method leaves:METHOD {LEAVES}",
     "run mine.leaves": f"experiment 'mine.leaves' {LEAVES}",
     "report --module leaves": "--module leaves cannot be imported: ImportError: it calls sys.exit(0)",
 }
@@ -258,8 +259,8 @@ def test_run_takes_all_experiments_by_default(run, monkeypatch):
     monkeypatch.setattr(engine, "run", instead)
     assert run("run", "--profile", "full")[0] == 0
     assert asked.items() >= {"names": EXPERIMENTS, "profile": "full", "results": "full", "again": False}.items()
-    assert run("run", "--again", "--scheduler", "local:2", "--jobs", "3")[0] == 0
-    assert asked.items() >= {"scheduler": "local:2", "again": True, "jobs": 3}.items()
+    assert run("run", "--again", "--scheduler", "local:2", "--jobs", "3", "--no-timings")[0] == 0
+    assert asked.items() >= {"scheduler": "local:2", "again": True, "jobs": 3, "timings": False}.items()
 
 
 # an experiment of somebody's own, in which other tests define some functions anew

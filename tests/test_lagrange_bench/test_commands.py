@@ -23,6 +23,7 @@ from lagrange_bench import HeavyTop, LagrangeTop, PerturbedTop, free_body, integ
 from lagrange_bench import __main__ as cli
 from lagrange_bench.commands import integrate as command
 from lagrange_bench.experiments import EXPERIMENTS
+from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import CASES, METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from lagrange_bench.integrators.truth import truths
@@ -138,6 +139,14 @@ def test_check_a_method_that_does_not(run):
     assert passed["order 5"]
     assert passed["conserves J3"]
     assert passed["conserves C2"] is None
+
+
+def test_check_says_why_a_claim_fails_and_with_verbose_how_every_one_was_measured(run, monkeypatch):
+    monkeypatch.setattr(check, "CHECKS", (check.symmetric, check.order))
+    out = run("check", "toys.lies:METHOD", "--quick")[1]
+    assert re.search(r"^fail: symmetric: a step and its inverse, .*; largest on \w+, h = 3$", out, re.MULTILINE)
+    assert "one step against the exact solution" not in out
+    assert "one step against the exact solution" in run("check", "toys.lies:METHOD", "--quick", "--verbose")[1]
 
 
 COMPLETED = [  # what is typed, some of what is offered, and what is not
@@ -272,7 +281,8 @@ def test_what_is_no_double_is_a_dash(run, answer, tmp_path):
 def test_a_file_is_replaced_whole_and_not_in_silence(run, tmp_path, monkeypatch):
     path, link = tmp_path / "run.csv", tmp_path / "link.csv"
     link.symlink_to(path)
-    assert run(*SHORT, "--output", path)[0] == 0
+    assert run(*SHORT, "--output", path, "--top", "figure2", "--option", "lam=0.1+0.5j")[2] == f"written: {path}\n"
+    assert re.search('^# top: "figure2"\n(.*\n)*# options: .*0.1\\+0.5j', path.read_text("utf-8"), re.MULTILINE)
     assert run(*SHORT, "--output", link, "--every", "20")[2] == f"replaced: {link}\n"
     before = path.read_bytes()
     monkeypatch.setattr(os, "fsync", lambda file: os.close(-1))

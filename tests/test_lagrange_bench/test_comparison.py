@@ -162,6 +162,9 @@ def test_any_column_against_any_other_a_panel_for_each_top():
     assert made().plot("h_scaled", "H")[0].get_ylabel() == "relative error of H"
     axes = made().plot(methods=iter(["rk4"]), tops=iter(["fast", "generic"]))
     assert [ax.get_title() for ax in axes] == ["fast top", "generic unit top"], "as asked for"
+    _, ax = plt.subplots()
+    made().plot(ax=ax)
+    assert (len(ax.get_lines()), ax.get_title()) == (4, "generic unit top, fast top")
 
 
 def test_own_axes_keep_their_fonts_and_names_of_lines_stay_in_sight():

@@ -168,7 +168,7 @@ def test_what_cannot_be_run_is_found_before_anything_is_computed(toy, monkeypatc
             toy(squares(1))
 
 
-def test_progress_is_sparse_but_for_bars_in_a_terminal(monkeypatch, capsys):
+def test_progress_is_sparse_but_for_bars_in_a_terminal(monkeypatch, capsys, tmp_path):
     now = [0.0]
     monkeypatch.setattr(progress, "monotonic", lambda: now[0])
 
@@ -178,11 +178,19 @@ def test_progress_is_sparse_but_for_bars_in_a_terminal(monkeypatch, capsys):
                 bar.begin("drift")
                 now[0] += 0.5
                 bar.advance("drift", failed=i == 100)
+        with progress.drawing(tmp_path, show=show) as drawn:
+            drawn(1, 2)
         return capsys.readouterr().err
 
-    lines = shown().splitlines()
+    *lines, last = shown().splitlines()
     assert 10 <= len(lines) <= 16  # 150 s, one in 10 s
-    assert (lines[0], lines[-1], shown(False)) == ("drift: 20/300 cells", "drift: 300/300 cells, 1 failed", "")
+    assert (lines[0], lines[-1], last) == (
+        "drift: 20/300 cells",
+        "drift: 300/300 cells, 1 failed",
+        f"drawn from {tmp_path}",
+    )
+    assert shown(False) == ""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     monkeypatch.setenv("TERM", "xterm-256color")
-    assert re.search("drift .* 300/300 .*1 failed", re.sub(r"\x1b\[[\d;?]*\w", "", shown()))
+    bars = re.sub(r"\x1b\[[\d;?]*\w", "", shown())
+    assert re.search("drift .* 300/300 .*1 failed.*drawing .* 1/2", bars, re.DOTALL)

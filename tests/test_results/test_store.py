@@ -410,6 +410,7 @@ def test_a_plug_in_stands_out_and_a_few_are_all_named():
     with style.apply(highlight=["rk4", "kahan"]):
         assert [name for name in METHODS if style.of(name)["color"] == style.OWN] == ["rk4", "kahan"]
         assert str(style.of("rk4")["linestyle"]) != str(style.of("kahan")["linestyle"])
+    assert {name: style.of(name) for name in METHODS} == plain
     assert style.OWN not in {look["color"] for look in plain.values()}
     assert style.of("somebody:METHOD")["color"] == style.OWN
     with METHODS.lent(replace(METHODS["strang"], name="mine", label="Mine")):
