@@ -196,15 +196,19 @@ class TopRegistry(Registry):
         super().__init__("top", {}, "lagrange_bench.integrators.problem.top:NamedTop")
 
     @cached_property
-    def _entries(self) -> dict[str, EntryPoint]:
+    def _ours(self) -> dict[str, Any]:
         from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
         from lagrange_bench.integrators.problem.top import TOPS
 
-        ours = {**TOPS, **PERTURBED_TOPS}
-        self.built_in = dict.fromkeys(ours, "")  # names that are taken; what they stand for is here already
-        entries = super()._entries
-        self._loaded |= {name: (entries[name], top) for name, top in ours.items()}
-        return entries
+        return {**TOPS, **PERTURBED_TOPS}
+
+    @cached_property
+    def _entries(self) -> dict[str, EntryPoint]:
+        self.built_in = dict.fromkeys(self._ours, "")  # names that are taken; what they stand for is here already
+        return super()._entries
+
+    def __getitem__(self, name: str) -> Any:
+        return self._ours[name] if name in self._ours else super().__getitem__(name)
 
 
 METHODS = Registry("method", BUILT_IN, "lagrange_bench.integrators.interface:Method")

@@ -149,9 +149,11 @@ def figure(width: str | float = "page", height: float | None = None, **subplots:
         height = 0.4 + rows * min(0.68 * inches / columns, 3.2)
     forced, stacked, panels_high = _FORCED.get(), False, height * columns
     if forced is not None and WIDTHS[forced] != inches:
-        # a list of many rows gets narrower, but not shorter
-        stacked = forced == "column" and columns > 1 and panels_high <= 1.6 * TALLEST
-        inches, height = WIDTHS[forced], min(panels_high if stacked else height, TALLEST)
+        # a list of many rows gets narrower, but not shorter; more panels than a page holds are there to be scrolled
+        many = panels_high > 1.6 * TALLEST
+        stacked = forced == "column" and columns > 1 and (rows > 1 or not many)
+        inches, height = WIDTHS[forced], panels_high if stacked else height
+        height = height if stacked and many else min(height, TALLEST)
     fig = Figure(figsize=(inches, height), layout="constrained")
     if not stacked:
         return fig, fig.subplots(**subplots)
