@@ -38,6 +38,7 @@ HEAD, SHIFTS = 2000, (1, -1, 2, -2, 3, -3)  # rows that hints are taken from; ro
 BETTER = 10  # times less is the error with another convention, for a hint
 RIGHT = 0.05  # of the size of a quantity: a unit is named only if the error is below that with it
 POINTS = 2000  # of a curve
+TURN = 0.1  # rad: a smaller turn of all rows is an error, not other axes
 START = 1e-9  # relative to the size of a quantity: more than that is another start
 SINGLE = 2e-7  # likewise, of a start in single precision
 
@@ -293,7 +294,7 @@ class _Frames:
             found = {"position": np.linalg.norm(x - exact[0], axis=1), "length": np.abs(length - self.top.distance)}
             found["axis"] = _angle(x / length[:, None], exact[0])
         if group := next((name for name in ATTITUDES if name in given), None):
-            R, defect = self._attitude(group, given[group])
+            R, defect = self.attitude(group, given[group])
             found |= self._turned(exact[1].transpose(0, 2, 1) @ R) | defect
         if "omega" in given and self.convention.omega_frame == "body":
             omega = given["omega"] @ self.body
@@ -307,7 +308,7 @@ class _Frames:
             found["momentum"] = np.abs(self.top.vertical_momentum(R, omega) - self.momentum)
         return {name: found[name] for name in UNITS if name in found}
 
-    def _attitude(self, group: str, values: Array) -> tuple[Array, dict[str, Array]]:
+    def attitude(self, group: str, values: Array) -> tuple[Array, dict[str, Array]]:
         """Matrices from the body to the world of the case, and how far they are from orthogonal, or quaternions from 1."""
         how, defect = self.convention, {}
         if group == "matrix":
@@ -367,7 +368,7 @@ class _Hints:
         ] * self._mirrored()
         for each in (self._conventions, self._axes, self._units, self._times, self._starts):
             hints += each()
-        return hints or list(self._points())
+        return hints or [*self._points(), *self._turns()]
 
     def _mirrored(self) -> bool:
         return "matrix" in self.given and bool(np.any(np.linalg.det(self.given["matrix"].reshape(-1, 3, 3)) < 0))
@@ -484,6 +485,21 @@ class _Hints:
             mean = points.mean(0)
             if np.abs(points - mean).max() < min(self.now["position"] / BETTER, RIGHT * self.sizes["position"]):
                 yield f"the positions {words.format('({:.4g}, {:.4g}, {:.4g}) m'.format(*(mean.round(9) + 0.0)))}"
+
+    def _turns(self) -> Iterator[str]:
+        """One turn that leads from all rotations to the right ones."""
+        group = next((name for name in ATTITUDES if name in self.given), None)
+        if group is None or not self._wrong("rotation"):
+            return
+        R, right = self.frames.attitude(group, self.given[group])[0], self.exact[1]
+        for turns, where in ((right @ R.transpose(0, 2, 1), "world"), (R.transpose(0, 2, 1) @ right, "body")):
+            if np.linalg.det(turns).min() > 0.5:
+                each = Rotation.from_matrix(turns)
+                mean = each.mean()
+                rest = (each * mean.inv()).magnitude().max()
+                if mean.magnitude() > TURN and rest < min(self.now["rotation"] / BETTER, RIGHT):
+                    turn = ", ".join(f"{angle + 0.0:.4g}" for angle in mean.as_rotvec().round(9))
+                    yield f"the axes of the {where} are others: turn the {where} of the rows by the rotation vector ({turn}) rad."
 
 
 def draw(path: Path, judged: Sequence[Judgement]) -> str:

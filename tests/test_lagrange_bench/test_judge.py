@@ -103,6 +103,14 @@ def test_the_error_that_was_put_in_is_found():
         ({"omega": -OMEGA}, "omega is of the other sign"),
         ({"t": T + 2, "position": 3 * X}, ""),
         ({"rotation": 0 * M + np.eye(3)}, ""),
+        (
+            {"rotation": np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]) @ M},
+            "turn the world of the rows by the rotation vector (",
+        ),
+        (
+            {"rotation": R * Rotation.from_rotvec([0, 0.5, 0])},
+            "turn the body of the rows by the rotation vector (0, -0.5, 0)",
+        ),
         ({"omega": np.rad2deg(OMEGA)}, "omega is in degrees per second"),
         ({"omega": OMEGA * 30 / np.pi}, "omega is in revolutions per minute"),
         ({"t": 1e3 * T, "position": X}, "milliseconds"),
