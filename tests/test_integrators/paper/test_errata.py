@@ -19,17 +19,9 @@ def test_printed_is_wrong_and_corrected_is_right(record):
         assert record.residual(Random(seed), False) <= 1e-12
 
 
-ROOT = Path(__file__).resolve().parents[3]
-
-
-def rows():
-    """[place, what, functions, tests] of every row."""
-    lines = (ROOT / "docs" / "equations.md").read_text(encoding="utf-8").splitlines()
-    cells = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines if line.startswith("| ")]
-    return [row for row in cells if row[0] not in ("equation", "place")]
-
-
-ROWS = rows()
+LINES = (Path(__file__).resolve().parents[3] / "docs" / "equations.md").read_text(encoding="utf-8").splitlines()
+CELLS = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in LINES if line.startswith("| ")]
+ROWS = [row for row in CELLS if row[0] not in ("equation", "place")]  # place, what, functions, tests
 
 
 @pytest.mark.parametrize("row", ROWS, ids=[row[0] for row in ROWS])

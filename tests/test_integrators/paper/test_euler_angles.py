@@ -42,10 +42,7 @@ def test_canonical(fine):
 
 @pytest.mark.parametrize("case", [*ELLIPTIC, *range(4)])
 def test_sigma_form_and_angles_are_the_exact_solution(case):
-    """J+, x+, x3 by ℘, ζ, σ, and corrected (4.5): θ, φ mod 2π, p_θ, p_φ: 30 digits, and round-off in double.
-
-    Both signs of alpha, any |x|, states also through poles.
-    """
+    """J+, x+, x3 by ℘, ζ, σ, and corrected (4.5): θ, φ mod 2π, p_θ, p_φ: 30 digits, and round-off in double."""
     top, y = case_of(case)
     scale, rate = max(top.scales(y)[:2]), max(1, top.scales(y)[0])
     with mp.workdps(40):

@@ -12,8 +12,9 @@ from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue, spectral_p
 from lagrange_bench.integrators.paper.gaudin_maps import one_point, one_point_inverse, two_point, two_point_textbook
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 from lagrange_bench.integrators.paper.one_point import dressing_matrix
+from lagrange_bench.integrators.paper.phase_space import gradient
 from lagrange_bench.integrators.torus import time_step
-from tests.test_integrators.paper.tools import Point, jacobian, largest
+from tests.test_integrators.paper.tools import Point, largest
 
 SIZES = pytest.mark.parametrize("n", [1, 5])
 LAM = 0.4 + 0.7j
@@ -37,7 +38,7 @@ def upper(z):
 
 def defect(f, magnet, spins):
     """D P Dᵀ − P̃, and the size of its terms."""
-    D = jacobian(lambda z: np.asarray(f(magnet, z.reshape(len(magnet), 3))).ravel(), spins.ravel())
+    D = gradient(lambda z: np.asarray(f(magnet, z.reshape(len(magnet), 3))).ravel(), spins.ravel())
     pushed = D @ magnet.poisson(spins) @ D.T
     return pushed - magnet.poisson(f(magnet, spins)), largest(pushed)
 
@@ -52,7 +53,7 @@ def test_brackets_and_commuting_integrals(p, n):
         three[3 * j + 2], minus[3 * j : 3 * j + 2], plus[3 * j : 3 * j + 2] = 1, (1, -1j), (1, 1j)
         p.same((three @ P @ plus, three @ P @ minus, plus @ P @ minus), (s2 - 1j * s1, s2 + 1j * s1, -2j * s3))
         assert not np.any(np.delete(P[3 * j : 3 * j + 3], [3 * j, 3 * j + 1, 3 * j + 2], axis=1))
-    H, C = (jacobian(lambda z, f=f: f(z.reshape(n, 3)), spins.ravel()) for f in (magnet.hamiltonians, magnet.casimirs))
+    H, C = (gradient(lambda z, f=f: f(z.reshape(n, 3)), spins.ravel()) for f in (magnet.hamiltonians, magnet.casimirs))
     p.same(P @ C.T, np.zeros((3 * n, n)))
     p.same(H @ P @ H.T, np.zeros((n, n)), 10)
     p.same(np.sum(magnet.hamiltonians(spins)), 2 * magnet.alpha * np.sum(spins[:, 2]))

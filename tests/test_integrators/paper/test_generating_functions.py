@@ -1,7 +1,4 @@
-"""Sections 5.2 to 5.4: the one-point map from its generating function, of top and magnet, in e(3) and in Euler angles.
-
-Both generating functions of the top, (5.2.7) and (5.4.11), take the same arguments and are tested together.
-"""
+"""Sections 5.2 to 5.4: the one-point map from its generating function, of top and magnet, in e(3) and in Euler angles."""
 
 import itertools
 import random
@@ -35,16 +32,13 @@ def slopes(function, args):
 
 
 def test_canonical_relations(fine):
-    """∂F of (5.2.7) by (5.2.5) gives (5.2.6), of (5.4.11) by (5.4.9) gives (5.4.4), (5.4.5); (5.3.1) −∂F/∂λ is μ.
-
-    General c1, both roots; in Euler angles also without field, (5.4.16).
-    """
+    """∂F of (5.2.7) by (5.2.5) gives (5.2.6), of (5.4.11) by (5.4.9) gives (5.4.4), (5.4.5); (5.3.1) −∂F/∂λ is μ."""
     args = arguments(fine)
     slope = slopes(partial(gf.generating_function, fine.top), args)
     claimed = (*gf.momenta(fine.top, *args), gf.eigenvalue(fine.top, *args))
     found = np.array((*gf.from_gradient(*args[3:5], slope), -slope[4]))
     assert largest(found - np.array(claimed)) < mpf(10) ** -30 * (1 + largest(claimed))
-    for top in (fine.top, LagrangeTop(0.0)):
+    for top in (fine.top, LagrangeTop(0.0)):  # (5.4.16)
         args = arguments(fine, eulerian)
         slope = slopes(partial(eulerian.generating_function, top), args)
         claimed = np.array(eulerian.momenta(top, *args))
@@ -52,10 +46,7 @@ def test_canonical_relations(fine):
 
 
 def test_states_are_related_by_the_map(p):
-    """Any four numbers and k give y and ỹ with M L = L̃ M (5.1.3), so with equal invariants: F generates the map.
-
-    (5.3.2): μ = A(λ) − q B(λ) = the middle member corrected, on the curve.
-    """
+    """Any four numbers and k give y and ỹ with M L = L̃ M (5.1.3), so with equal invariants: F generates the map."""
     args = lam, c1, c2, old, new, _ = arguments(p)
     y, y_new = gf.states(p.top, *args)
     p.same((*np.array(ladder(y))[[4, 1]], *np.array(ladder(y_new))[[5, 2]]), (*old, *new))
@@ -66,7 +57,7 @@ def test_states_are_related_by_the_map(p):
     M, L = dressing_matrix(P, q, lam, p.u), lax_matrix(p.top, y, lam)
     p.same(M @ lax_matrix(p.top, y, p.u), lax_matrix(p.top, y_new, p.u) @ M)
     mu = L[0, 0] - q * L[0, 1]
-    p.same(gf.eigenvalue(p.top, *args), mu)
+    p.same(gf.eigenvalue(p.top, *args), mu)  # (5.3.2), the middle member corrected
     p.same(mu * mu, L[0, 0] * L[0, 0] + L[0, 1] * L[1, 0])
     p.same(one_point(p.top, y, lam, mu=mu), y_new)
 
@@ -154,10 +145,7 @@ def contraction(p, eps):
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_contraction_is_of_first_order(seed):
-    """(5.2.11)–(5.2.14): F, its derivatives and μ of the magnet become those of the top, F up to ±πℓ/r, as O(ε).
-
-    Every error falls by 2 when ε does, to 1%: O(ε), not O(ε²), the first one included.
-    """
+    """(5.2.11)–(5.2.14): F, its derivatives and μ of the magnet become those of the top, F up to ±πℓ/r, as O(ε)."""
     with mp.workdps(50):
         errors = [contraction(Point(50, seed), mpf(10) ** -8 / n) for n in (1, 2)]
     for first, second in zip(*errors, strict=True):

@@ -11,8 +11,8 @@ from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper import one_point as op
 from lagrange_bench.integrators.paper import two_point as tp
 from lagrange_bench.integrators.paper.interpolating_flow import limit_rate
-from lagrange_bench.integrators.paper.phase_space import invariants, ladder, poisson_tensor, sqrt
-from tests.test_integrators.paper.tools import chart_size, jacobian, largest, poisson_defect, size
+from lagrange_bench.integrators.paper.phase_space import gradient, invariants, ladder, poisson_tensor, sqrt
+from tests.test_integrators.paper.tools import chart_size, largest, poisson_defect, size
 
 ONE = {f.__name__: f for f in (op.one_point, op.real_form, op.inverse)}
 TWO = {f.__name__: f for f in (tp.explicit, tp.real_generators, tp.matrix_form)}
@@ -168,10 +168,10 @@ def test_the_two_sheets_do_not_undo_each_other(p):
 def test_deformation(p):
     """∂z̃/∂λ = {−μ(λ), z̃}."""
     y, lam, top = p.y, p.lam, p.top
-    slope = jacobian(lambda z: op.one_point(top, y, z[0], p.sheet), np.array([lam]))[:, 0]
+    slope = gradient(lambda z: op.one_point(top, y, z[0], p.sheet), np.array([lam]))[:, 0]
     new = op.one_point(top, y, lam, p.sheet)
     p.same(-1j * limit_rate(top, new, lam, p.sheet), slope, size(new) ** 3)
-    mu_gradient = jacobian(lambda z: np.array([lax.eigenvalue(top, z, lam, p.sheet)]), new)[0]
+    mu_gradient = gradient(lambda z: lax.eigenvalue(top, z, lam, p.sheet), new)
     p.same(poisson_tensor(new) @ mu_gradient, slope, size(new) ** 3)  # {z, μ}
 
 

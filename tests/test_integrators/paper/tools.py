@@ -1,4 +1,4 @@
-"""What the tests of the paper share: random points in double or in any number of digits, and exact derivatives."""
+"""What the tests of the paper share: random points in double or in any number of digits."""
 
 import random
 
@@ -6,7 +6,7 @@ import numpy as np
 from mpmath import mp, mpc, mpf
 
 from lagrange_bench.integrators import LagrangeTop
-from lagrange_bench.integrators.paper.phase_space import poisson_tensor
+from lagrange_bench.integrators.paper.phase_space import gradient, poisson_tensor
 from lagrange_bench.integrators.paper.two_point import parameters
 from tests.reference import largest
 
@@ -41,63 +41,6 @@ def at_point(digits, seed):
         yield Point(digits, seed)
 
 
-class Dual:
-    """A number with its derivatives: + − * / and powers, so that a Jacobian is exact to round-off."""
-
-    def __init__(self, value, d):
-        self.value, self.d = value, d
-
-    def _split(self, other):
-        return (other.value, other.d) if isinstance(other, Dual) else (other, 0 * self.d)
-
-    def __add__(self, other):
-        value, d = self._split(other)
-        return Dual(self.value + value, self.d + d)
-
-    def __mul__(self, other):
-        value, d = self._split(other)
-        return Dual(self.value * value, self.d * value + self.value * d)
-
-    def __pow__(self, n):
-        power = self.value**n
-        return Dual(power, self.d * (n * power / self.value))
-
-    def __neg__(self):
-        return Dual(-self.value, -self.d)
-
-    def __sub__(self, other):
-        return self + (-other)
-
-    def __rsub__(self, other):
-        return -self + other
-
-    def __truediv__(self, other):
-        return self * other**-1 if isinstance(other, Dual) else Dual(self.value / other, self.d / other)
-
-    def __rtruediv__(self, other):
-        return self**-1 * other
-
-    __radd__, __rmul__ = __add__, __mul__
-
-    def __complex__(self):
-        return complex(self.value)
-
-    def __abs__(self):
-        return abs(self.value)
-
-
-def duals(z):
-    """The numbers z (n,) as independent variables."""
-    z = np.asarray(z)
-    unit = np.eye(len(z), dtype=int) * (0 * z[0] + 1)  # in the precision of z
-    return np.array([Dual(v, d) for v, d in zip(z, unit, strict=True)], dtype=object)
-
-
-def jacobian(f, z):
-    """Derivative (m, n) of f: (n,) → (m,) at z, exact to round-off; f made of + − * / and roots."""
-    return np.stack([v.d if isinstance(v, Dual) else np.zeros(len(z)) for v in np.asarray(f(duals(z))).ravel()])
-
-
 def size(*states):
     """Size of the terms of a one-point map: cubic in its arguments."""
     return max(1, *(largest(y) for y in states)) ** 3
@@ -111,7 +54,7 @@ def chart_size(top, y, first, second):
 
 def poisson_defect(f, y):
     """Largest entry of D P(y) Dᵀ − P(f(y)), and of D, which says what round-off it may have."""
-    D = jacobian(f, y)
+    D = gradient(f, y)
     return largest(D @ poisson_tensor(y) @ D.T - poisson_tensor(f(y))), 1 + largest(D)
 
 
