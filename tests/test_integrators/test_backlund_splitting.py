@@ -1,7 +1,4 @@
-"""The exact step inside a splitting: schemes, corrector, tables, what the whole keeps; and how a pilot chooses scheme and step.
-
-A chosen run has the error asked for, at any output times, at a cost that is in proportion.
-"""
+"""The exact step inside a splitting: schemes, corrector, tables, what it keeps; and how a pilot chooses scheme and step."""
 
 import math
 import re
@@ -55,16 +52,10 @@ def test_schemes_integrate_the_perturbation_to_their_order(name):
     """To first order in ε a scheme is a quadrature of V along the flow: exact for polynomials below its first order."""
     a, b, *_ = bs.SCHEMES[name]
     nodes, order = np.cumsum([Fraction(w) for w in a])[:-1] - Fraction(1, 2), ORDERS[name][0]
-    defects = [
-        abs(float(sum(w * c**k for w, c in zip(map(Fraction, b), nodes, strict=True)) - moment(k)))
-        for k in range(order + 1)
-    ]
+    moments = [Fraction((k + 1) % 2, (k + 1) * 2**k) for k in range(order + 1)]
+    defects = [abs(float(np.array(list(map(Fraction, b))) @ nodes**k - moment)) for k, moment in enumerate(moments)]
     assert max(defects[:order]) < 1e-15
     assert defects[order] > 1e-7  # and no more
-
-
-def moment(k):
-    return Fraction(1, (k + 1) * 2**k) if k % 2 == 0 else Fraction(0)
 
 
 def oscillator(name, h, eps, t=3.0):
@@ -93,17 +84,16 @@ def test_schemes_have_their_order_in_the_square_of_the_perturbation(name):
 
 @pytest.mark.parametrize("name", bs.PROCESSED)
 def test_the_corrector_fits_the_boundary_term(name):
-    chosen, b = bs.SCHEMES[name], backlund_schemes.corrector_kicks(bs.SCHEMES[name])
-    times = np.cumsum(chosen.a)[:-1] - 0.5
+    chosen = bs.SCHEMES[name]
+    b, times = backlund_schemes.corrector_kicks(chosen), np.cumsum(chosen.a)[:-1] - 0.5
     for w, bound in ((0.3, 1e-11), (0.65, 5e-11), (1.3, 1e-9), (2.0, 1e-8), (3.0, 1e-6)):
-        made = 2 * sum(b[j] * math.sin(backlund_schemes.SPACING * (j + 1) * w) for j in range(backlund_schemes.NODES))
-        assert abs(made - (np.cos(w * times) @ chosen.b / (2 * math.sin(w / 2)) - 1 / w)) < bound
+        assert abs(boundary(b, backlund_schemes.SPACING, w, np.cos(w * times) @ chosen.b)) < bound
 
 
-def boundary(b, spacing, w):
-    """By how much a corrector misses the boundary term of the harmonic w."""
+def boundary(b, spacing, w, kicks=1.0):
+    """By how much a corrector misses the boundary term of the harmonic w, whose part in the kicks of a step is `kicks`."""
     made = 2 * sum(kick * math.sin(spacing * j * w) for j, kick in enumerate(b, 1))
-    return made - (1 / (2 * math.sin(w / 2)) - 1 / w)
+    return made - (kicks / (2 * math.sin(w / 2)) - 1 / w)
 
 
 @pytest.mark.parametrize("steps", [8.5, -9.1])
@@ -158,41 +148,34 @@ def test_the_part_of_second_order_is_right_for_long_times(name, left):
         assert float(mpmath.log(abs(excess(w) / excess(w / 2)), 2)) == pytest.approx(left, abs=0.01)
 
 
-@pytest.mark.parametrize("name", ["moderate_tide", "axisymmetric"])
-def test_strang_with_both_corrections_has_order_four(name):
+def errors_of(name, steps, **options):
+    """After 16 units of time in a field, of steps of so many units."""
     top, y, unit = problem(name)
     right = reference.solution(top, y, [16 * unit]).states[0]
+    ends = [prepare(top, y, h * unit, NAME, **options).advance(y, round(16 / h)) for h in steps]
+    return [float(metrics.scaled_error(top, y, end, right)) for end in ends]
 
-    def error(h, **options):
-        return metrics.scaled_error(top, y, prepare(top, y, h * unit, NAME, **options).advance(y, round(16 / h)), right)
 
-    errors = [error(h) for h in (0.25, 0.125)]
-    assert math.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.25)
-    assert errors[1] < 1e-6
+@pytest.mark.parametrize("name", ["moderate_tide", "axisymmetric"])
+def test_strang_with_both_corrections_has_order_four(name):
+    coarse, fine = errors_of(name, (0.25, 0.125))
+    assert math.log2(coarse / fine) == pytest.approx(4, abs=0.25)
+    assert fine < 1e-6
     # negative controls: without either it has order two, and is worse
     for without in ("corrector", "modified_kick"):
-        worse = [error(h, **{without: False}) for h in (0.25, 0.125)]
+        worse = errors_of(name, (0.25, 0.125), **{without: False})
         assert math.log2(worse[0] / worse[1]) == pytest.approx(2, abs=0.3)
-        assert worse[1] > 3 * errors[1]
+        assert worse[1] > 3 * fine
 
 
 def test_processed6_has_order_six(monkeypatch):
-    top, y, unit = problem("strong_tide")
-    right = reference.solution(top, y, [16 * unit]).states[0]
-
-    def errors(**without):
-        monkeypatch.setitem(bs.SCHEMES, "processed6", whole._replace(**without))
-        steps = (0.5, 0.25)
-        runs = [prepare(top, y, h * unit, NAME, scheme="processed6").advance(y, round(16 / h)) for h in steps]
-        return [float(metrics.scaled_error(top, y, run, right)) for run in runs]
-
-    whole = bs.SCHEMES["processed6"]
-    coarse, fine = errors()
+    whole, run = bs.SCHEMES["processed6"], partial(errors_of, "strong_tide", (0.5, 0.25), scheme="processed6")
+    coarse, fine = run()
     assert math.log2(coarse / fine) == pytest.approx(6, abs=0.5)
     # negative controls: without any of its parts it has order four or two
-    for part, order in (("c", 2), ("d", 4), ("second", 4)):
-        wrong = {"c": (0.0, 0.0), "d": (), "second": 0.0}[part]
-        worse = errors(**{part: wrong})
+    for part, wrong, order in (("c", (0.0, 0.0), 2), ("d", (), 4), ("second", 0.0, 4)):
+        monkeypatch.setitem(bs.SCHEMES, "processed6", whole._replace(**{part: wrong}))
+        worse = run()
         assert math.log2(worse[0] / worse[1]) < order + 0.6, part
         assert worse[1] > 3 * fine, part
 

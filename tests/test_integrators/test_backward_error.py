@@ -14,6 +14,7 @@ from lagrange_bench.integrators import METHODS, TOPS, HeavyTop, LagrangeTop, exa
 from lagrange_bench.integrators.backward_error.prediction import PredictedPhase, local_error
 from lagrange_bench.integrators.backward_error.steps import STEPS
 from tests.installed import FOR_TOPS
+from tests.reference import turned
 
 TOP, Y0 = LagrangeTop(0.9), np.array([0.5, -0.7, 0.3, 0.6, -0.3, 0.5])
 SLOW, Z0 = LagrangeTop(0.9 / 4), Y0 / (2, 2, 2, 1, 1, 1)  # the same in the units of `Units`
@@ -39,44 +40,29 @@ def test_every_step_has_a_series():
     assert stepping - set(STEPS) == {"backlund_paper", "backlund_textbook"}  # of which T(λ) and Θ(λ) are known
 
 
-def left(top, y0, h, name, steps, **options):
-    """(error, what theory leaves of it) of runs, the largest of sixteen."""
+LAM = {"lam": 0.02 + 0.07j}
+RUNS = [  # a method, its step, options, steps, its error at least, what theory leaves at most: as a share, or at all
+    *(("backlund_paper", h, {}, 32_000, 0.5, 0.0, 1e-10) for h in (0.1, -0.1)),
+    ("backlund", 0.1, LAM, 32_000, 0.5, 0.0, 1e-10),
+    ("backlund_textbook", 0.1, {}, 32_000, 0.5, 0.0, 1e-10),
+    ("strang", 0.01, {}, 30_000, 1e-5, 1e-4, 0.0),
+    ("rkmk4", -0.1, {}, 3_008, 1e-5, 1e-3, 0.0),
+    ("gauss6", 0.3, {}, 992, 1e-5, 1e-3, 0.0),
+    ("rk4", 0.05, {}, 6_000, 1e-5, 1e-4, 0.0),
+    # all modes of number 16, 32, … have the same phase at every step
+    ("rkmk4", exact.nutation_period(TOP, Y0) / 16, {}, 800, 1e-3, 0.01, 0.0),
+]
+
+
+@pytest.mark.parametrize(("name", "h", "options", "steps", "least", "share", "rest"), RUNS)
+def test_theory_takes_the_error_away(name, h, options, steps, least, share, rest):
+    """Symmetric or not, drifting or not, backwards too; of the two-point map it leaves round-off."""
     n = steps // 16 * np.arange(1, 17)
-    run = integrate(top, y0, h=h, steps=int(n[-1]), method=name, every=int(n[0]), **options)
-    predicted = predicted_phase(top, y0, h, name, **options)
-    return run.error().max(), metrics.scaled_error(top, y0, run.y[1:], predicted.states(h * n)).max()
-
-
-@pytest.mark.parametrize(
-    ("name", "h", "options"),
-    [
-        ("backlund_paper", 0.1, {}),
-        ("backlund_paper", -0.1, {}),
-        ("backlund", 0.1, {"lam": 0.02 + 0.07j}),
-        ("backlund_textbook", 0.1, {}),
-    ],
-)
-def test_of_the_two_point_map_theory_leaves_round_off(name, h, options):
-    error, rest = left(TOP, Y0, h, name, 32_000, **options)
-    assert error > 0.5
-    assert rest < 1e-10
-
-
-@pytest.mark.parametrize(
-    ("name", "h", "share"), [("strang", 0.01, 1e-4), ("rkmk4", -0.1, 1e-3), ("gauss6", 0.3, 1e-3), ("rk4", 0.05, 1e-4)]
-)
-def test_theory_takes_the_error_away(name, h, share):
-    """Symmetric or not, drifting or not, backwards too; the rest is of second order."""
-    error, rest = left(TOP, Y0, h, name, round(300 / abs(h) / 16) * 16)
-    assert error > 1e-5
-    assert rest < share * error
-
-
-def test_steps_that_divide_the_nutation_are_no_trouble():
-    """All modes of number 16, 32, … have the same phase at every step."""
-    error, rest = left(TOP, Y0, exact.nutation_period(TOP, Y0) / 16, "rkmk4", 800)
-    assert error > 1e-3
-    assert rest < 0.01 * error
+    run = integrate(TOP, Y0, h=h, steps=int(n[-1]), method=name, every=int(n[0]), **options)
+    predicted = predicted_phase(TOP, Y0, h, name, **options)
+    assert run.error().max() > least
+    left = metrics.scaled_error(TOP, Y0, run.y[1:], predicted.states(h * n)).max()
+    assert left < share * run.error().max() + rest
 
 
 @pytest.mark.parametrize("name", ["implicit_midpoint", "strang"])
@@ -88,9 +74,7 @@ def test_the_rates_alone_say_where_a_long_run_is(name):
     def off(rates):
         t = h * float(n[0])
         moved = exact.solution(TOP, Y0, t + rates.clock * t)
-        c, s = math.cos(rates.turn * t), math.sin(rates.turn * t)
-        R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-        return metrics.scaled_error(TOP, Y0, y, np.concatenate((R @ moved[:3], R @ moved[3:])))
+        return metrics.scaled_error(TOP, Y0, y, turned(math.cos(rates.turn * t), math.sin(rates.turn * t), moved))
 
     error = metrics.scaled_error(TOP, Y0, y, exact.after_steps(TOP, Y0, h, n)[0])
     assert error > 0.1

@@ -10,25 +10,18 @@ import pytest
 from mpmath import mp
 from scipy.integrate import solve_ivp
 
-from lagrange_bench import TOPS, LagrangeTop, exact, prepare, reference, states, two_point
-from lagrange_bench.experiments.measuring.metrics import phase_split, poisson_defect, scaled_error
+from lagrange_bench import TOPS, LagrangeTop, exact, prepare, states, two_point
+from lagrange_bench.experiments.measuring.metrics import phase_split, poisson_defect
 from lagrange_bench.integrators.methods import backlund_schemes
 from lagrange_bench.integrators.paper import interpolating_flow, lax
 from lagrange_bench.integrators.paper import two_point as paper_two_point
+from lagrange_bench.integrators.paper.phase_space import gradient
 from tests.reference import largest, turned
-from tests.test_integrators.test_backlund_splitting import problem
+from tests.test_integrators.paper.test_interpolating_flow import real_steps
+from tests.test_integrators.test_backlund_splitting import errors_of, problem
 
 pytestmark = pytest.mark.interpreted
 PERTURBED = Path(__file__).parents[2] / "docs" / "perturbed.md"
-
-
-def read_off(top, y, image):
-    """λ from two states, by linear equations; (3)."""
-    d, s, moved = image[:3] - y[:3], image[:3] + y[:3], image[3:] - y[3:]
-    w = np.array((d[1], -d[0], 0.0)) / (2 * top.alpha)
-    rest = (moved - np.cross(s, w))[:2]
-    R, w[2] = np.linalg.solve(((d[0], s[1]), (d[1], -s[0])), rest)
-    return complex(R, np.linalg.norm(w))
 
 
 def test_two_states_of_a_torus_are_one_step_apart():
@@ -39,7 +32,10 @@ def test_two_states_of_a_torus_are_one_step_apart():
         T = draw.uniform(-1, 1) * exact.nutation_period(top, y)
         turn = draw.uniform(0, 2 * math.pi)
         image = np.array(turned(math.cos(turn), math.sin(turn), exact.solution(top, y, T)))
-        lam = read_off(top, y, image)
+        d, s, moved = image[:3] - y[:3], image[:3] + y[:3], image[3:] - y[3:]
+        w = np.array((d[1], -d[0], 0.0)) / (2 * top.alpha)
+        R, w[2] = np.linalg.solve(((d[0], s[1]), (d[1], -s[0])), (moved - np.cross(s, w))[:2])
+        lam = complex(R, np.linalg.norm(w))  # by linear equations; (3)
         errors = {sheet: np.max(np.abs(two_point(top, y, lam, sheet) - image)) for sheet in sheets}
         found = min(errors, key=errors.get)
         assert errors[found] < 1e-10
@@ -113,38 +109,22 @@ def test_a_double_root_leads_to_the_sleeping_top():
         interpolating_flow.time_and_turn(top, y, complex(lam))
 
 
-def random_steps(count=5):
-    """Real tops and states, λ well inside the nearest root of Q, and a direction in which λ moves; 40 digits."""
-    draw = random.Random(9)
-    for _ in range(count):
-        top, y = LagrangeTop(draw.choice((-1.5, 0.75))), np.array([mp.mpf(draw.gauss(0, 1)) for _ in range(6)])
-        yield (
-            top,
-            y,
-            mp.mpc(draw.uniform(-0.1, 0.1), draw.uniform(0.05, 0.1)),
-            mp.mpc(draw.gauss(0, 1), draw.gauss(0, 1)),
-        )
-
-
 def test_the_residue_that_the_proof_takes():
-    """Res_λ N = −(λ'/2)(1 − σ·ã(λ)/m), N = M'/M, against a difference quotient of M at λ; with the other sign not."""
-    with mp.workdps(40):
-        for top, y, lam, rate in random_steps():
+    """Res_λ N = −(λ'/2)(1 − σ·ã(λ)/m), N = M'/M, by differences of M at λ; with the other sign not."""
+    one = np.eye(2, dtype=int)
+    for top, y, lam, m, rate in real_steps():
 
-            def dressing(s, u, top=top, y=y, lam=lam, rate=rate):
-                z = lam + s * rate
-                w = [v.real for v in paper_two_point.axis(top, y, z, z.conjugate())]
-                return (u - z.real) * np.eye(2, dtype=int) + 1j * lax.pauli(np.array(w))
+        def dressing(s, u, top=top, y=y, lam=lam, rate=rate):
+            z = lam + s * rate
+            w = [v.real for v in paper_two_point.axis(top, y, z, z.conjugate())]
+            return (u - z.real) * one + 1j * lax.pauli(np.array(w))
 
-            d = mp.mpf(10) ** -15
-            moved = (dressing(d, lam) - dressing(-d, lam)) / (2 * d)
-            adjugate = 2 * (lam - lam.real) * np.eye(2, dtype=int) - dressing(0, lam)
-            residue = moved @ adjugate / (lam - lam.conjugate())
-            image = paper_two_point.pole_free(top, y, lam, lam.conjugate())
-            a = lax.pauli(image[3:] + lam * image[:3] + np.array((0, 0, lam * lam * top.alpha)))
-            for sign, right in ((1, True), (-1, False)):
-                claimed = -rate / 2 * (np.eye(2, dtype=int) - sign * a / lax.root(top, y, lam))
-                assert (largest(residue - claimed) < 1e-20) == right
+        moved = gradient(lambda s, u=lam: dressing(s[0], u), [mp.mpf(0)])[..., 0]
+        residue = moved @ (2 * (lam - lam.real) * one - dressing(0, lam)) / (lam - lam.conjugate())
+        image = paper_two_point.pole_free(top, y, lam, lam.conjugate())
+        a = lax.pauli(image[3:] + lam * image[:3] + np.array((0, 0, lam * lam * top.alpha)))
+        for sign, right in ((1, True), (-1, False)):
+            assert (largest(residue + rate / 2 * (one - sign * a / m)) < 1e-20) == right
 
 
 @pytest.mark.parametrize(("name", "back"), [("generic", False), ("inverted", False), (None, True)])
@@ -209,18 +189,12 @@ def in_one_sweep(scheme, kicks, out):
 
 @pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
 def test_a_corrector_in_one_sweep_leaves_a_commutator(monkeypatch):
-    top, y0, unit = problem("moderate_tide")
-    right = reference.solution(top, y0, [16 * unit]).states[0]
-
-    def errors():
-        ends = [prepare(top, y0, h * unit, "backlund_splitting").advance(y0, round(16 / h)) for h in (1 / 8, 1 / 16)]
-        return [float(scaled_error(top, y0, end, right)) for end in ends]
-
-    palindrome = errors()
+    steps = (1 / 8, 1 / 16)
+    palindrome = errors_of("moderate_tide", steps)
     with monkeypatch.context() as patch:
         patch.setattr(backlund_schemes, "_corrector", in_one_sweep)
         backlund_schemes._ends.cache_clear()
-        sweep = errors()
+        sweep = errors_of("moderate_tide", steps)
     backlund_schemes._ends.cache_clear()
     assert math.log2(palindrome[0] / palindrome[1]) == pytest.approx(4.0, abs=0.05)
     assert math.log2(sweep[0] / sweep[1]) < 3.6
