@@ -1,8 +1,4 @@
-"""The closed-form solution against independent integration, and its own properties.
-
-Taylor series in integers (tests/reference.py, any precision) share nothing with it; heyoka in 128-bit floating point does so in
-`test_reference`. Errors are in units of the scales of J and x.
-"""
+"""The closed-form solution against Taylor series in integers, which share nothing with it, and its own properties."""
 
 import math
 from fractions import Fraction
@@ -153,14 +149,6 @@ def test_regimes_are_told_apart_exactly():
             y0 = named.state  # and one ulp beside it
             y0[component] = np.nextafter(y0[component], np.inf)
             assert exact.regime(named.top, y0) == "elliptic"
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_precession_is_the_azimuth_swept(seed):
-    top, y0 = random_top(seed)
-    y = exact.solution(top, y0, np.linspace(0, exact.nutation_period(top, y0), 3001))
-    azimuth = np.unwrap(np.arctan2(y[:, 4], y[:, 3]))
-    assert exact.precession_per_nutation(top, y0) == pytest.approx(azimuth[-1] - azimuth[0], abs=1e-11)
 
 
 def test_precession_past_a_pole_jumps_by_a_turn():

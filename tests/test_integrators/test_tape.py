@@ -125,11 +125,6 @@ def test_a_failure_says_where(stride, monkeypatch):
     assert counter(fails_at=13.0).advance(START, 13)[3] == 13
 
 
-def test_not_finite_is_never_returned():
-    with pytest.raises(StepError, match="the state left the range of floating-point numbers in this step or before it"):
-        counter().advance(np.full(6, np.nan), 3)
-
-
 @pytest.mark.parametrize(
     ("top", "y0", "name", "h", "n", "record"),
     [

@@ -58,11 +58,6 @@ def test_the_error_of_steps_is_that_at_n_h():
     assert np.array_equal(jumps.error(), metrics.scaled_error(NAMED.top, NAMED.state, jumps.y, true))
 
 
-def test_states_between_the_recorded_ones():
-    run = integrate(NAMED.top, NAMED.state, 0.1, 100, every=100)
-    assert np.array_equal(run.sol([5.0]), integrate(NAMED.top, NAMED.state, t=[5.0]).y)
-
-
 @pytest.mark.parametrize("name", RUNS)
 def test_files_have_every_bit(runs, name, tmp_path):
     run = runs[name]
