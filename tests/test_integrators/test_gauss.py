@@ -7,9 +7,9 @@ import pytest
 
 from lagrange_bench import TOPS, LagrangeTop, PerturbedTop, StepError, in_any_field, metrics, prepare, states
 from lagrange_bench.integrators.methods import collective_midpoint, gauss, gauss_coefficients
-from lagrange_bench.integrators.problem.body import quaternion_product
 from lagrange_bench.integrators.problem.potentials import CHARGE
 from tests.reference import drift, largest
+from tests.test_integrators.paper.test_interpolating_flow import product
 
 pytestmark = [
     pytest.mark.interpreted,
@@ -172,10 +172,6 @@ def test_uniqueness_ends_where_it_is_said_to():
     assert 11.5 < gauss.UNIQUE[2] < 12.0
     assert len(solutions(11.5, 0.25, -7 / 30)) == 1
     assert len(solutions(12.0, 0.25, -7 / 30)) == 3
-
-
-def product(a, b):
-    return np.array(quaternion_product(a, b))
 
 
 def lifted_step(top, y, h, angle=0.0, shift=0.0, force=2.0):

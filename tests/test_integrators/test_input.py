@@ -425,6 +425,25 @@ def test_a_good_plug_in_is_looked_at_and_then_left_alone():
     assert (checked.record, checked.advance) == (checked.stepper.record, checked.stepper.advance)
 
 
+FAST = (0.0, 1.0, 300.0, 0.6, 0.0, 0.8)
+TOO_LONG = [  # a method, a state, a step, words of the StepError
+    ("backlund", Y0, 1e17, "1e15"),
+    ("theta_functions", Y0, 1e14, r"step \d: n .* phase"),
+    ("kahan", (0.0, 0.0, 0.0, 0.0, 0.0, 1.0), 2.0, r"kahan at h = 2, step 0: .*pole"),
+    ("strang", FAST, 20.0, r"strang at h = 20.*256 radians in one part of the step"),
+    ("strang", FAST, 1e300, "256 radians"),  # in the flow a run begins with
+    ("rkmk4", FAST, 20.0, r"rkmk4 at h = 20, step 0: .* more than 1024 rad"),
+    ("commutator_free4", FAST, 20.0, r"commutator_free4 at h = 20, step 0: .* more than 1024 rad"),
+    ("force_gradient4", FAST, 1e300, "beyond the range of doubles"),
+]
+
+
+@pytest.mark.parametrize(("name", "y0", "h", "words"), TOO_LONG)
+def test_steps_that_are_too_long(name, y0, h, words):
+    with np.errstate(all="ignore"), pytest.raises(StepError, match=words):
+        prepare(TOP, np.array(y0), h, name).advance(np.array(y0), 10)
+
+
 @pytest.mark.parametrize("t", [1e13, -1e308])
 @pytest.mark.parametrize("name", [name for name in FOR_TOPS if METHODS[name].control == "tolerance"])
 def test_times_that_no_steps_reach(name, t):
