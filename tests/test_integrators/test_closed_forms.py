@@ -120,12 +120,3 @@ def test_a_run_starts_from_the_state_it_is_given():
 def test_a_time_beyond_the_phase_of_a_double_is_refused():
     with pytest.raises(StepError, match="1e15"):
         integrate(GENERIC.top, GENERIC.state, t=[1e17], method="theta_functions")
-
-
-@pytest.mark.parametrize("name", ["generic", "weightless"])
-def test_theta_functions_are_evaluated_at_the_product_itself(name):
-    """At n·h, which no double need be: at the double next to it they would be off by 1e-11 here."""
-    named, h, n = TOPS[name], 0.7123456789, 10**6
-    y = prepare(named.top, named.state, h, "theta_functions").advance(named.state, n)
-    assert np.max(np.abs(y - exact.after_steps(named.top, named.state, h, [n])[0])) < 1e-14
-    assert np.max(np.abs(y - exact.solution(named.top, named.state, n * h))) > 1e-12  # what the test can see

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpmath import mp, mpf
 
-from lagrange_bench import TOPS, LagrangeTop, exact
+from lagrange_bench import TOPS, LagrangeTop, exact, prepare
 from tests.reference import errors, flows, largest, turned
 
 BOUND = 4e-15  # of the scales: what exact.solution promises in doubles, 18 eps
@@ -247,13 +247,15 @@ def test_digits_are_delivered():
 @pytest.mark.parametrize("name", ["generic", "near_separatrix", "regular", "weightless", "through_pole"])
 def test_after_steps_is_at_the_product_itself(name):
     """At n·h, and not at the double next to it, which is as far off as a good method."""
-    named, h, counts = TOPS[name], 0.12345678901234567, [1, 7, 10**3, 10**6 + 1, 10**9]
+    named, h, counts = TOPS[name], 0.12345678901234567, [1, 7, 10**3, 10**9, 10**6 + 1]
     with mp.workdps(40):
         times = [mpf(h) * n for n in counts]
     truth = exact.solution(named.top, named.state, times, digits=25).astype(float)
     assert np.max(np.abs(exact.after_steps(named.top, named.state, h, counts) - truth)) < BOUND
     rounded = exact.solution(named.top, named.state, [h * n for n in counts])
     assert np.max(np.abs(rounded - truth)) > 1e-10  # what the test can see
+    by_theta = prepare(named.top, named.state, h, "theta_functions").advance(named.state, counts[-1])
+    assert np.max(np.abs(by_theta - truth[-1])) < 1e-14
 
 
 @settings(deadline=None, derandomize=True)

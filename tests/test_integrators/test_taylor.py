@@ -50,14 +50,6 @@ def test_heyoka_is_used_as_it_is(name):
     assert np.all(np.isfinite(stepper.advance(Y0, 1)))  # and is none the worse for it
 
 
-def test_batches_in_pieces_change_no_bit(monkeypatch):
-    installed("taylor")
-    many, grids = many_tops(6), ([30.0], [10.0, 20.0, 30.0])
-    whole = [batches(*many, t) for t in grids]
-    monkeypatch.setattr(taylor, "INTERRUPTIBLE", 7)
-    assert all(np.array_equal(batches(*many, t), states) for t, states in zip(grids, whole, strict=True))
-
-
 def test_taylor_meets_its_tolerance():
     """Per step; over t = 20, some 90 steps, an error grows like t²."""
     installed("taylor")
@@ -101,9 +93,13 @@ def batches(alphas, Y0, times, tol=taylor.EPS):
     return taylor._batches(None, alphas[:, None], Y0, np.array(times, dtype=float), tol, 4)
 
 
-def test_taylor_batch_meets_its_tolerance_and_says_which_top_failed():
+def test_taylor_batch_in_pieces_meets_its_tolerance_and_says_which_top_failed(monkeypatch):
     installed("taylor")
     alphas, Y0 = many_tops(6)
+    grids = [30.0], [10.0, 20.0, 30.0]
+    whole = [batches(alphas, Y0, t) for t in grids]
+    monkeypatch.setattr(taylor, "INTERRUPTIBLE", 7)
+    assert all(np.array_equal(batches(alphas, Y0, t), states) for t, states in zip(grids, whole, strict=True))
     loose = batches(alphas, Y0, [20.0], tol=1e-6)
     for i, alpha in enumerate(alphas):
         top = LagrangeTop(alpha)
