@@ -32,7 +32,7 @@ class ClusterError(RuntimeError):
 
 
 class Cluster:
-    """As `workers.Local`: hands cells to the workers of a Dask scheduler."""
+    """A `workers.Executor`: hands cells to the workers of a Dask scheduler."""
 
     def __init__(self, address: str, limit: float):
         self._address, self._limit = arguments.scheduler(address), limit

@@ -18,7 +18,7 @@ from functools import cache
 from multiprocessing import connection
 from pathlib import Path
 from time import monotonic, perf_counter
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.integrators import interrupts, memory
@@ -50,11 +50,19 @@ Outcome = dict[str, Any]  # status, rows, error, warnings, seconds; and sources,
 Finish = Callable[[Sequence[tuple[Task, Outcome]]], None]
 
 
-def compute_all(tasks: Iterable[Task], executor: Any, begin: Callable[[str], None], finish: Finish) -> None:
-    """Computes every task and calls `finish` here with a handful of outcomes as soon as it is there.
+class Executor(Protocol):
+    """Something that computes tasks, several at a time: `submit` does not wait, `finished` waits for some outcomes."""
 
-    executor : `Local`, or a `Cluster`, which has the same three: `room`, whether to hand over another task now; `submit`, which
-    does not wait; `finished`, which waits for some outcomes.
+    @property
+    def room(self) -> bool: ...  # whether to hand over another task now
+
+    def submit(self, task: Task) -> None: ...
+
+    def finished(self) -> list[tuple[Task, Outcome]]: ...
+
+
+def compute_all(tasks: Iterable[Task], executor: Executor, begin: Callable[[str], None], finish: Finish) -> None:
+    """Computes every task and calls `finish` here with a handful of outcomes as soon as it is there.
 
     `tasks` is read as it is needed. A cell whose process died is computed once more in the end, with no other beside
     it: the process may have been killed from outside, or for want of memory. The second death is the cell's own.
@@ -69,7 +77,9 @@ def compute_all(tasks: Iterable[Task], executor: Any, begin: Callable[[str], Non
             finish(outcomes)
 
 
-def _stream(tasks: Iterator[Task], executor: Any, begin: Callable[[str], None]) -> Iterator[list[tuple[Task, Outcome]]]:
+def _stream(
+    tasks: Iterator[Task], executor: Executor, begin: Callable[[str], None]
+) -> Iterator[list[tuple[Task, Outcome]]]:
     """Outcomes as they come. The next tasks are handed over first, so that no process waits for the store."""
     out, outcomes = 0, list[tuple[Task, Outcome]]()
     while True:
@@ -94,7 +104,7 @@ def failed_by(outcome: Outcome, reason: str) -> bool:
 
 
 class Local:
-    """`jobs` processes on this machine, that are used again. Left in whatever way, they are killed.
+    """An `Executor`: `jobs` processes on this machine, that are used again. Left in whatever way, they are killed.
 
     limit : s a cell may take.
     """
