@@ -100,15 +100,17 @@ def run(options: argparse.Namespace) -> Answer:
     """Follow the top, write what is wanted, and sum up."""
     from lagrange_bench import trajectory as summed
     from lagrange_bench.integrators.checks import check_options
-    from lagrange_bench.integrators.registry import find_method
+    from lagrange_bench.integrators.registry import METHODS, find_method
     from lagrange_bench.runner import progress
 
     name, top, y0 = _start(options)
     grid, method, settings = _grid(options), find_method(options.method), dict(options.option)
     if reason := method.takes(top):
-        given = (f"--{word} {getattr(options, word)}" for word in ("top", "potential") if getattr(options, word))
-        others = f" (those that do: lagrange-bench methods {' '.join(given)})" if options.problem is None else ""
-        raise ValueError(f"--method: {reason}{others}")
+        given = [f"--{word} {getattr(options, word)}" for word in ("top", "potential") if getattr(options, word)]
+        those = f"lagrange-bench methods {' '.join(given)}"
+        if options.problem is not None:
+            those = ", ".join(other for other, found, _ in METHODS.each() if found and found.takes(top) is None)
+        raise ValueError(f"--method: {reason} (those that do: {those})")
     evaluate = None if options.times is None else method.evaluate_for(top)
     if options.times is not None and evaluate is None:
         raise ValueError(f"--times: {method.name} steps on a grid only; give --h and --steps")

@@ -224,7 +224,11 @@ def test_a_problem_of_ones_own(answer, run, folder):
     data = answer(*words, "--h", "0.01", "--steps", "10")
     assert (set(data["invariants"]), len(data["y_final"]), data["error"]["final"] < 1e-9) == ({"H", "C"}, 3, True)
     assert "J1  " in run(*words, "--h", "0.01", "--steps", "10")[1]
-    for more, said in (("--draw x.svg", "no axis on a sphere"), ("--top slow", "not allowed with argument --state")):
+    for more, said in (
+        ("--draw x.svg", "no axis on a sphere"),
+        ("--top slow", "not allowed with argument --state"),
+        ("--method backlund", "(those that do: taylor, "),
+    ):
         code, _, err = run(*words, "--h", "0.01", "--steps", "10", *more.split())
         assert (code, said in err) == (2, True)
     code, _, err = run("integrate", "--problem", "posed:Q", "--state", "1,2,3", "--h", "1", "--steps", "1")
