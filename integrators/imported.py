@@ -113,12 +113,11 @@ class Sources:
     def _home(self, face: str, name: str) -> str:
         """The module that has a name which a face of the bench offers."""
         path = self._path(face, ())
-        for module, offered in _statements(self.read(path), face) if path else ():
-            if name and offered == name:
+        offers = _statements(self.read(path), face) if path else ()
+        for module, offered in offers:
+            if name and offered == name and module != face:  # not an example in its docstring
                 return f"{module}.{name}"
-            if offered == "*":
-                return self._home(module, name)
-        return face
+        return next((self._home(module, name) for module, offered in offers if offered == "*"), face)
 
 
 IMPORTED = Sources()  # of this process

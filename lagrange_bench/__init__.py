@@ -15,7 +15,7 @@ Beside it, this package holds the command line (`commands`) and what runs cells 
 from typing import TYPE_CHECKING
 
 from lagrange_bench.integrators import __all__ as _INTEGRATORS
-from lagrange_bench.integrators.lazy import face
+from lagrange_bench.integrators.lazy import exported, face
 
 if TYPE_CHECKING:  # `as` tells type checkers that a name is public: they cannot evaluate `__all__`
     from lagrange_bench.comparison import Comparison as Comparison
@@ -31,21 +31,14 @@ if TYPE_CHECKING:  # `as` tells type checkers that a name is public: they cannot
     from lagrange_bench.integrators.compiling.loops import FixedStepper as FixedStepper
     from lagrange_bench.integrators.methods.explicit import explicit_stepper as explicit_stepper
     from lagrange_bench.judging import judge as judge
-    from lagrange_bench.questions import *  # noqa: F403
+    from lagrange_bench.questions import drift as drift
+    from lagrange_bench.questions import heavy_top as heavy_top
+    from lagrange_bench.questions import order as order
+    from lagrange_bench.questions import perturbed as perturbed
+    from lagrange_bench.questions import phase as phase
+    from lagrange_bench.questions import work_precision as work_precision
     from lagrange_bench.results.store import Store as Store
 
-_OTHERS = {
-    "lagrange_bench.integrators.compiling.compiled": ("compiled",),
-    "lagrange_bench.integrators.compiling.loops": ("MEMORY", "FixedStepper"),
-    "lagrange_bench.integrators.methods.explicit": ("explicit_stepper",),
-    "lagrange_bench.experiments.measuring.check": ("check",),
-    "lagrange_bench.comparison": ("Comparison",),
-    "lagrange_bench.questions": ("drift", "heavy_top", "order", "perturbed", "phase", "work_precision"),
-    "lagrange_bench.data": ("load",),
-    "lagrange_bench.judging": ("judge",),
-    "lagrange_bench.results.store": ("Store",),
-}
-_MODULES = {f"lagrange_bench.experiments.measuring.{name}": () for name in ("metrics", "states", "timing")}
-_MODULES["lagrange_bench.experiments.drawing.style"] = ()
-__getattr__, __dir__ = face(__name__, {"lagrange_bench.integrators": tuple(_INTEGRATORS), **_OTHERS, **_MODULES})
-__all__ = [*_INTEGRATORS, *sum(_OTHERS.values(), ()), "metrics", "states", "style", "timing"]
+_HOMES = {**exported(__file__), "lagrange_bench.integrators": tuple(_INTEGRATORS)}
+__getattr__, __dir__ = face(__name__, _HOMES)
+__all__ = sorted(sum(_HOMES.values(), ()))

@@ -44,7 +44,6 @@ from lagrange_bench.integrators.problem.top import NamedTop
 from lagrange_bench.integrators.registry import NAMED_TOPS, find_method, find_top
 from lagrange_bench.integrators.truth import truths
 
-__all__ = ["drift", "heavy_top", "order", "perturbed", "phase", "work_precision"]
 Cell = dict[str, Any]
 Measure = Callable[[Cell], list[Cell]]
 Methods = Iterable[str | Method]

@@ -369,6 +369,13 @@ def test_all_that_a_file_of_ones_own_imports_counts(folder, text):
     assert "mine" not in sys.modules, "nothing of the user's is run for it"
 
 
+def test_what_the_bench_offers_counts_where_it_is_defined(folder):
+    folder("mine.py", "from lagrange_bench import explicit_stepper, drift\nfrom lagrange_bench import METHODS\n")
+    found = Sources().files(["mine"])
+    assert "lagrange_bench.integrators.methods.explicit" in found
+    assert not {"lagrange_bench", "lagrange_bench.questions", "lagrange_bench.integrators.registry"} & set(found)
+
+
 def test_an_installed_package_counts_if_it_is_asked_for(folder):
     folder("x-1.dist-info/METADATA", "")
     folder("deep/__init__.py", "")
