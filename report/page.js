@@ -24,7 +24,7 @@
       const [label, name, link] = ["b", "code", "a"].map((tag) => document.createElement(tag));
       label.textContent = method;
       name.textContent = code;
-      answer.replaceChildren(label, " (", name, `) with ${settings}: ${cost}.${next ? ` Next best: ${next}.` : ""} `);
+      answer.replaceChildren(label, " (", name, `) with ${settings}: ${cost}.${next ? ` Best of another family: ${next}.` : ""} `);
       const drawn = document.getElementById(`figure-${figure}`);
       if (drawn) {
         link.href = `#figure-${figure}`;
