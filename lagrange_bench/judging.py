@@ -29,10 +29,17 @@ ATTITUDES = ("quaternion", "matrix", "rotation vector", "angles")
 GRID, NEAR = 9, 1e-10  # decimals of a second; times that all are that near to multiples of 10⁻⁹ s are these
 # what is judged by which columns
 GROUPS = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omega": ("omega",)}
-LENGTHS = {"in mm": 1e-3, "in cm": 1e-2, "in inches": 0.0254, "in feet": 0.3048}
-RATES = {"in degrees per second": tau / 360, "in revolutions per minute": tau / 60, "in revolutions per second": tau}
-# what columns may be: the factor that makes them SI
-SCALES = {"position": LENGTHS, "displacement": LENGTHS, "omega": {**RATES, "of the other sign": -1.0}}
+SI = "SI units are judged"
+LENGTHS = {
+    f"in {unit}: {SI}": factor for unit, factor in (("mm", 1e-3), ("cm", 1e-2), ("inches", 0.0254), ("feet", 0.3048))
+}
+RATES = {"degrees per second": tau / 360, "revolutions per minute": tau / 60, "revolutions per second": tau}
+SIGNED = {**{f"in {unit}: {SI}": factor for unit, factor in RATES.items()}, "of the other sign": -1.0}
+SCALES = {
+    "position": LENGTHS,
+    "displacement": LENGTHS,
+    "omega": SIGNED,
+}  # what columns may be, and what makes them right
 SOME, FEW = 5e-13, 100  # the same where there are fewer times than `FEW`
 HEAD, SHIFTS = 2000, (1, -1, 2, -2, 3, -3)  # rows that hints are taken from; rows that they may be late
 BETTER = 10  # times less is the error with another convention, for a hint
@@ -163,6 +170,8 @@ def judge(
     """
     given: dict[str, Array] = {"time": np.asarray(t, dtype=float).ravel()[:, None]}
     n = len(given["time"])
+    if n == 0 or (position is None and rotation is None and omega is None):
+        raise ValueError("give times and at least one of position, rotation and omega")
     if isinstance(rotation, Rotation):
         rotation = rotation.as_matrix()
     for name, array, shapes in (
@@ -176,8 +185,6 @@ def judge(
                 raise ValueError(f"{name} must have the shape {' or '.join(map(str, shapes))}; got {values.shape}")
             kind = name if name != "rotation" else ATTITUDES[values.ndim - 2]
             given[kind] = values.reshape(n, -1)
-    if n == 0 or len(given) == 1:
-        raise ValueError("give times and at least one of position, rotation and omega")
     return _judged(find(case), Convention(quat, omega_frame, up, axis), given, {})
 
 
@@ -225,7 +232,8 @@ def _judged(case: Case, convention: Convention, given: Mapping[str, Array], floo
     frames, t = _Frames(case, convention), _times(given["time"][:, 0])
     with np.errstate(all="ignore"):
         found = frames.errors(given, frames.exact(t))
-        hints = _Hints(frames, {name: array[:HEAD] for name, array in given.items()}, t[:HEAD]).all()
+        good = np.flatnonzero(np.isfinite(np.stack([found[name] for name in GROUPS if name in found])).all(0))
+        hints = _Hints(frames, given, t, good).all()
     floors = {name: 2 * max(floor.get(each, 0.0) for each in those) for name, those in GROUPS.items() if name in found}
     floors = {name: value for name, value in floors.items() if value > 0}
     sizes = {"position": frames.top.distance, "rotation": 1.0, "omega": frames.speed}
@@ -259,7 +267,7 @@ def _notes(t: Array, found: Mapping[str, Array], until: float) -> Iterator[str]:
         yield f"The last row is at t = {t[-1]:.9g} s; the case runs to {until:g} s."
     bad = ~np.isfinite(np.stack(list(found.values()))).all(0)
     if bad.any():
-        what = "a number that is not finite, or a quaternion of length 0"
+        what = "a number that is not finite, or a quaternion or a position of length 0"
         yield f"{bad.sum()} of {len(t)} rows have {what}, the first at t = {t[bad][0]:.9g}."
     if "orthogonality" in found and (off := found["orthogonality"].max()) > 1e-3:
         yield f"Matrices are not orthogonal or quaternions not of length 1, by {off:.2g}; quaternions are scaled to 1."
@@ -354,19 +362,28 @@ def _angle(a: Array, b: Array) -> Array:
 
 
 class _Hints:
-    """What may be wrong with rows: conventions under which they are much nearer to the exact motion."""
+    """What may be wrong with rows: conventions under which they are much nearer to the exact motion.
 
-    def __init__(self, frames: _Frames, given: Mapping[str, Array], t: Array):
-        self.frames, self.given, self.t, self.exact = frames, given, t, frames.exact(t)
-        self.now = {name: error.max() for name, error in frames.errors(given, self.exact).items()}
-        self.sizes = {"position": frames.top.distance, "rotation": 1.0, "omega": frames.speed}
+    good : the rows without NaN. Some of them, from all over the run, are looked at.
+    """
+
+    def __init__(self, frames: _Frames, given: Mapping[str, Array], t: Array, good: Array):
+        self.frames, self.sizes = frames, {"position": frames.top.distance, "rotation": 1.0, "omega": frames.speed}
+        self.first = {name: array[:1] for name, array in given.items()} if len(good) and good[0] == 0 else {}
+        self.head = {name: array[good[:HEAD]] for name, array in given.items()}, t[good[:HEAD]]
+        some = good[np.linspace(0, len(good) - 1, min(HEAD, len(good))).astype(int)]
+        self.given, self.t = {name: array[some] for name, array in given.items()}, t[some]
+        self.exact = frames.exact(self.t)
+        self.now = {name: error.max(initial=0.0) for name, error in frames.errors(self.given, self.exact).items()}
 
     def all(self) -> list[str]:
         """Every hint; a convention is tried only where something is wrong."""
         hints = [
             "a row or column of the matrices has the wrong sign: their determinant is negative."
         ] * self._mirrored()
-        for each in (self._conventions, self._axes, self._units, self._times, self._starts):
+        hints += self._conventions()
+        hints = hints or list(self._axes())
+        for each in (self._speeds, self._times, self._starts):
             hints += each()
         return hints or [*self._points(), *self._turns()]
 
@@ -376,13 +393,13 @@ class _Hints:
     def _wrong(self, judged: str) -> bool:
         return bool(self.now.get(judged, 0.0) > START)
 
-    def _better(self, judged: str, least: float = math.inf, **changes: Any) -> bool:
-        """Whether the error is much smaller with other `rows`, at other times (`exact`) or in another convention."""
-        return self._error(judged, **changes) < min(self.now[judged] / BETTER, least)
+    def _limit(self, judged: str) -> float:
+        return float(self.now[judged] / BETTER)
 
     def _error(self, judged: str, rows: Any = None, exact: Exact | None = None, **changes: Any) -> float:
+        """The largest error of some `rows`, at other times (`exact`) or in another convention."""
         frames = _Frames(self.frames.case, replace(self.frames.convention, **changes)) if changes else self.frames
-        return float(frames.errors(rows or self.given, exact or self.exact)[judged].max())
+        return float(frames.errors(rows or self.given, exact or self.exact)[judged].max(initial=0.0))
 
     def _conventions(self) -> Iterator[str]:
         how = self.frames.convention
@@ -390,116 +407,149 @@ class _Hints:
         frame = "world" if how.omega_frame == "body" else "body"
         ordered = f"the quaternions are in the order {quat}: --quat {quat}, or other names."
         moving = "the angles are about axes that move with the body, not about fixed ones."
+        both = f"the order is {quat}, and they are conjugate."
+        in_frame = f"ω is in the {frame} frame: --omega {frame}, from Python omega_frame."
         for judged, group, changes, words in (
             ("rotation", "", {"transposed": True}, "the rotations are transposed: they take the world to the body."),
             ("rotation", "quaternion", {"quat": quat}, ordered),
-            (
-                "rotation",
-                "quaternion",
-                {"quat": quat, "transposed": True},
-                f"the order is {quat}, and they are conjugate.",
-            ),
+            ("rotation", "quaternion", {"quat": quat, "transposed": True}, both),
             ("rotation", "angles", {"degrees": True}, "the angles are in degrees."),
             ("rotation", "angles", {"intrinsic": True}, moving),
             ("rotation", "rotation vector", {"degrees": True}, "the rotation vectors are in degrees."),
-            (
-                "omega",
-                "",
-                {"omega_frame": frame},
-                f"ω is in the {frame} frame: --omega {frame}, from Python omega_frame.",
-            ),
+            ("omega", "", {"omega_frame": frame}, in_frame),
             ("position", "", {"displaced": True}, "the position is a displacement from the start: name it ux, uy, uz."),
         ):
-            if self._wrong(judged) and (not group or group in self.given) and self._better(judged, **changes):
+            tried = self._wrong(judged) and (not group or group in self.given)
+            if tried and self._error(judged, **changes) < self._limit(judged):
                 yield words
         if "rotation vector" in self.given and self._wrong("rotation"):
             rows = {**self.given, "angles": self.given["rotation vector"]}
             del rows["rotation vector"]
             for degrees, intrinsic in itertools.product((True, False), repeat=2):
-                if self._better("rotation", rows=rows, degrees=degrees, intrinsic=intrinsic):
+                if self._error("rotation", rows=rows, degrees=degrees, intrinsic=intrinsic) < self._limit("rotation"):
                     unit, kind = "degrees" if degrees else "rad", "moving" if intrinsic else "fixed"
                     yield f"rx, ry, rz are no rotation vector, but angles about {kind} axes x, y, z in {unit}."
 
     def _axes(self) -> Iterator[str]:
-        """Another axis upwards, another axis of symmetry."""
-        how, turned = self.frames.convention, "rotation" in self.now
-        judged = "rotation" if turned else "position"
-        if self._wrong(judged):
-            pairs = list(itertools.product((how.up, *AXES), (how.axis, *AXES) if turned else (how.axis,)))
-            errors = [self._error(judged, up=up, axis=axis) for up, axis in pairs]
-            up, axis = pairs[int(np.argmin(errors))]
-            if min(errors) < self.now[judged] / BETTER:
-                if up != how.up:
-                    yield f"the axis {up} points up: --up={up}."
-                if axis != how.axis:
-                    yield f"the axis of symmetry is {axis}: --axis={axis}."
-
-    def _units(self) -> Iterator[str]:
-        for judged in filter(self._wrong, ("position", "omega")):
-            scaled = {
-                f"{group} is {what}": self._error(judged, rows={**self.given, group: factor * self.given[group]})
-                for group in GROUPS[judged]
-                if group in self.given
-                for what, factor in SCALES[group].items()
+        """Another unit of positions, another axis upwards, another axis of symmetry."""
+        how, up = self.frames.convention, None
+        group = next((name for name in GROUPS["position"] if name in self.given), "")
+        if group and self._wrong("position"):
+            units = {"": 1.0, **SCALES[group]}
+            tried = {
+                (other, what): self._error("position", {**self.given, group: factor * self.given[group]}, up=other)
+                for other, (what, factor) in itertools.product((how.up, *AXES), units.items())
             }
-            best = min(scaled, key=lambda words: scaled[words])
-            if scaled[best] < min(self.now[judged] / BETTER, RIGHT * self.sizes[judged]):
-                yield f"{best}: SI units are judged."
+            found, what = min(tried, key=lambda pair: tried[pair])
+            if tried[found, what] < min(self._limit("position"), RIGHT * self.sizes["position"] if what else math.inf):
+                up = found if found != how.up else None
+                yield from [f"{group} is {what}."] * bool(what)
+        axis = None
+        if self._wrong("rotation"):
+            ups = [up or how.up] if group else [how.up, *AXES]
+            turned = {
+                pair: self._error("rotation", up=pair[0], axis=pair[1])
+                for pair in itertools.product(ups, (how.axis, *AXES))
+            }
+            best = min(turned, key=lambda pair: turned[pair])
+            if turned[best] < self._limit("rotation"):
+                up, axis = (
+                    each if each != before else None for each, before in zip(best, (how.up, how.axis), strict=True)
+                )
+        if up is not None:
+            yield f"the axis {up} points up: --up={up}."
+        if axis is not None:
+            yield f"the axis of symmetry is {axis}: --axis={axis}."
+
+    def _speeds(self) -> Iterator[str]:
+        """Another unit of angular velocities."""
+        if self._wrong("omega"):
+            omega = self.given["omega"]
+            scaled = {
+                what: self._error("omega", {**self.given, "omega": factor * omega})
+                for what, factor in SCALES["omega"].items()
+            }
+            best = min(scaled, key=lambda what: scaled[what])
+            if scaled[best] < min(self._limit("omega"), RIGHT * self.sizes["omega"]):
+                yield f"omega is {best}."
 
     def _times(self) -> Iterator[str]:
         judged = next((name for name in ("rotation", "position") if name in self.now), "omega")
         if not self._wrong(judged):
             return
-        least, n = RIGHT * self.sizes[judged], len(self.t)
-        if self._better(judged, least, exact=self.frames.exact(1e-3 * self.t)):
+        least = min(
+            self._limit(judged),
+            RIGHT * self.sizes[judged],
+            self._error(judged, exact=self.frames.exact(0 * self.t)) / BETTER,
+        )
+        if self._error(judged, exact=self.frames.exact(1e-3 * self.t)) < least:
             yield "the times are in milliseconds: SI units are judged."
+        (given, t), late = self.head, {0: math.inf}
+        exact, n = self.frames.exact(t), len(t)
         for k in SHIFTS if n > BETTER else ():
             here, there = slice(max(0, -k), n - max(0, k)), slice(max(0, k), n + min(0, k))
-            rows = {name: array[here] for name, array in self.given.items()}
-            if self._better(judged, rows=rows, exact=tuple(each[there] for each in self.exact)):
-                way = "later" if k > 0 else "earlier"
-                yield f"the times are shifted: each row holds the state {abs(k)} row{'s'[: abs(k) - 1]} {way}."
+            rows = {name: array[here] for name, array in given.items()}
+            on_time, late[k] = (self._error(judged, rows, tuple(each[at] for each in exact)) for at in (here, there))
+            late[k] = late[k] if late[k] < on_time / BETTER else math.inf
+        if k := min(late, key=lambda k: late[k]):
+            way = "later" if k > 0 else "earlier"
+            yield f"the times are shifted: each row holds the state {abs(k)} row{'s'[: abs(k) - 1]} {way}."
 
     def _starts(self) -> Iterator[str]:
         """The start of another case."""
-        first = {name: array[:1] for name, array in self.given.items()}
-        if self.t[0] == 0 and not self._starts_as(self.frames, first):
+        if self.first and self.t[0] == 0 and not self._starts_as(self.frames):
             for case in CASES.values():
-                if self._starts_as(_Frames(case, self.frames.convention), first):
+                if self._starts_as(_Frames(case, self.frames.convention)):
                     yield f"this is the start of the case {case.name}."
 
-    def _starts_as(self, frames: _Frames, first: Mapping[str, Array]) -> bool:
-        found = frames.errors(first, frames.exact(self.t[:1]))
+    def _starts_as(self, frames: _Frames) -> bool:
+        found = frames.errors(self.first, frames.exact(self.t[:1]))
         return all(found[name][0] <= SINGLE * size for name, size in self.sizes.items() if name in found)
 
     def _points(self) -> Iterator[str]:
-        """Another origin, or another point of the body."""
+        """Another origin, or another point of the body, if it is clear which of them."""
         if "position" not in self.given or not self._wrong("position"):
             return
         x, R, _ = self.exact
         there = self.given["position"] @ self.frames.world.T
-        for points, words in (
-            (there - x, "are off by {}: another origin."),
-            ((there[:, None] @ R)[:, 0], "are those of the point {} of the body, not of the centre of mass."),
+        least, fits = min(self._limit("position"), RIGHT * self.sizes["position"]), []
+        for points, back, words in (
+            (there - x, self.frames.world.T, "are off by {}: another origin."),
+            (
+                (there[:, None] @ R)[:, 0],
+                self.frames.body,
+                "are those of the point {} of the body, not of the centre of mass.",
+            ),
         ):
             mean = points.mean(0)
-            if np.abs(points - mean).max() < min(self.now["position"] / BETTER, RIGHT * self.sizes["position"]):
-                yield f"the positions {words.format('({:.4g}, {:.4g}, {:.4g}) m'.format(*(mean.round(9) + 0.0)))}"
+            if np.abs(points - mean).max() < least:
+                fits.append(f"the positions {words.format(_vector(back @ mean, 'm'))}")
+        yield from fits if len(fits) == 1 else []
 
     def _turns(self) -> Iterator[str]:
-        """One turn that leads from all rotations to the right ones."""
+        """One turn that leads from all rotations to the right ones, if it is clear of what."""
         group = next((name for name in ATTITUDES if name in self.given), None)
         if group is None or not self._wrong("rotation"):
             return
         R, right = self.frames.attitude(group, self.given[group])[0], self.exact[1]
-        for turns, where in ((right @ R.transpose(0, 2, 1), "world"), (R.transpose(0, 2, 1) @ right, "body")):
+        least, fits = min(self._limit("rotation"), RIGHT), []
+        for turns, back, where in (
+            (right @ R.transpose(0, 2, 1), self.frames.world.T, "world"),
+            (R.transpose(0, 2, 1) @ right, self.frames.body, "body"),
+        ):
             if np.linalg.det(turns).min() > 0.5:
                 each = Rotation.from_matrix(turns)
                 mean = each.mean()
-                rest = (each * mean.inv()).magnitude().max()
-                if mean.magnitude() > TURN and rest < min(self.now["rotation"] / BETTER, RIGHT):
-                    turn = ", ".join(f"{angle + 0.0:.4g}" for angle in mean.as_rotvec().round(9))
-                    yield f"the axes of the {where} are others: turn the {where} of the rows by the rotation vector ({turn}) rad."
+                if mean.magnitude() > TURN and (each * mean.inv()).magnitude().max() < least:
+                    turn = _vector(back @ mean.as_rotvec(), "rad")
+                    fits.append(
+                        f"the axes of the {where} are others: turn the {where} of the rows by the rotation vector {turn}."
+                    )
+        yield from fits if len(fits) == 1 else []
+
+
+def _vector(numbers: Array, unit: str) -> str:
+    return f"({', '.join(f'{number + 0.0:.4g}' for number in numbers.round(9))}) {unit}"
 
 
 def draw(path: Path, judged: Sequence[Judgement]) -> str:

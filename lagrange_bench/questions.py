@@ -247,7 +247,7 @@ def heavy_top(methods: Methods, tops: str | Iterable[str] = "bruels") -> Compari
     ValueError
         Bad input, or a method that does not take a whole body.
     """
-    cases: list[Any] = list(tops) if isinstance(tops, (list, tuple)) else [tops]
+    cases: list[Any] = [tops] if isinstance(tops, str) or not isinstance(tops, Iterable) else list(tops)
     if unknown := [case for case in cases if not isinstance(case, str) or case not in body_experiment.POWERS]:
         known = ", ".join(body_experiment.POWERS)
         raise ValueError(f"tops: {unknown[0]!r} must be one of {known}; of a body of your own ask work_precision")

@@ -56,7 +56,8 @@ def head(case: Any) -> list[str]:
 
     top, start = case.top, f"start: omega {np.asarray(case.omega_body, dtype=float).tolist()} rad/s"
     facts = f"mass {top.mass} kg, com {top.com.tolist()} m, gravity {top.gravity.tolist()} m/s^2, inertia about the com"
-    words = [f"{case.name}: {case.title}; lagrange-bench", f"{facts} {top.inertia_com.tolist()} kg m^2, {start}"]
+    title = f"{case.name}: {case.title}" if case.title else case.name
+    words = [f"{title}; lagrange-bench", f"{facts} {top.inertia_com.tolist()} kg m^2, {start}"]
     return [f"# {line}" for line in (*words, *CONVENTIONS.splitlines())] + [COLUMNS]
 
 

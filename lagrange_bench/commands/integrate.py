@@ -105,6 +105,8 @@ def run(options: argparse.Namespace) -> Answer:
 
     name, top, y0 = _start(options)
     grid, method, settings = _grid(options), find_method(options.method), dict(options.option)
+    if len(settings) < len(options.option):
+        raise ValueError("--option: each name once")
     if reason := method.takes(top):
         given = [f"--{word} {getattr(options, word)}" for word in ("top", "potential") if getattr(options, word)]
         those = f"lagrange-bench methods {' '.join(given)}"

@@ -56,7 +56,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     results = command.add_argument_group("results")
     text = "exit with 1 if the largest error of a quantity is above this"
     results.add_argument("--bounds", type=_bounds, metavar="position=1e-6,…", default={}, help=text)
-    text = "with --bounds, the time that a file must reach (default: the end of the case)"
+    text = "exit with 1 if a file ends before (default with --bounds: the end of the case)"
     results.add_argument("--until", type=seconds, metavar="SECONDS", help=text)
     text = f"draw the errors over time: a name that ends in {', '.join(PICTURES)}"
     results.add_argument("--draw", type=location, metavar="FILE", help=text)
@@ -75,7 +75,8 @@ def run(options: argparse.Namespace) -> Answer:
     judged = [judging.judge_file(path, case, convention, options.columns) for path in options.files]
     orders = judging.orders(judged, options.steps or [each.step for each in judged])
     until = case.until if options.until is None else options.until
-    violated = [line for each in judged if bounds for line in _violated(each, bounds, until)]
+    asked = bool(bounds) or options.until is not None
+    violated = [line for each in judged if asked for line in _violated(each, bounds, until)]
     lines = [line for each in judged for line in [*_described(each, judging.UNITS), ""]]
     for name, found in orders.items():
         if found:
@@ -86,7 +87,7 @@ def run(options: argparse.Namespace) -> Answer:
     lines += violated or (["All errors are within the bounds."] if bounds else [])
     drawn = [judging.draw(options.draw, judged)] if options.draw is not None else []
     data = {"case": options.case, "files": [{"file": each.file, **each.as_dict()} for each in judged], "orders": orders}
-    data |= {"violated": violated} if bounds else {}
+    data |= {"violated": violated} if asked else {}
     return Answer("\n".join(lines).rstrip(), data, 1 if violated else 0, drawn)
 
 

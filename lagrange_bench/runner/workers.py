@@ -185,7 +185,9 @@ class _Worker:
             return "the worker process died"
         if code >= 0:
             return f"the worker process ended itself with exit code {code}"
-        return f"the worker process was killed by {signal.Signals(-code).name}"
+        with suppress(ValueError):  # of a real-time signal
+            return f"the worker process was killed by {signal.Signals(-code).name}"
+        return f"the worker process was killed by signal {-code}"
 
     def end(self) -> None:
         """Ends the process, even within a compiled call."""

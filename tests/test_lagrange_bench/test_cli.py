@@ -86,6 +86,7 @@ BAD = {  # words → what the line must name
     "report --output mine.toml": "mine.toml",
     "run --results ''": "argument --results: must name a file or folder; got an empty word",  # $RESULTS, where it is not set
     "integrate": "--h",
+    f"{I} --option pin=1 --option pin=0": "--option: each name once",
     "integrate --h 0 --steps 3": "--h",
     "integrate --h 1_0 --steps 3": "--h",
     "integrate --h 0.1 --steps 2.5": "--steps",

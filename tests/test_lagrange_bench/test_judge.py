@@ -103,6 +103,10 @@ def test_the_error_that_was_put_in_is_found():
         ({"omega": -OMEGA}, "omega is of the other sign"),
         ({"t": T + 2, "position": 3 * X}, ""),
         ({"rotation": 0 * M + np.eye(3)}, ""),
+        ({"position": X[:1] + 0 * X}, ""),
+        ({"position": X * (T[2] != T)[:, None]}, ""),
+        ({"position": np.where((T[-9] == T)[:, None], np.nan, X @ INTO)}, "--up=y"),
+        ({"rotation": np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]) @ M, "position": X}, "turn the world of the rows"),
         (
             {"rotation": np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]) @ M},
             "turn the world of the rows by the rotation vector (",
@@ -129,6 +133,8 @@ def test_a_wrong_convention_is_named(what, hint):
 
 
 def test_two_axes_angles_in_degrees_and_the_start_of_another_case_are_named(tmp_path, answer):
+    both = judge(T, 1e3 * X @ INTO, case="bruels")
+    assert [hint[:18] for hint in both.hints] == ["position is in mm:", "the axis y points "]
     both = judge(T, X @ INTO, INTO.T @ M @ INTO.T, case="bruels")
     assert [hint.partition(":")[2] for hint in both.hints[:2]] == [" --up=y.", " --axis=z."]
     assert judge(T, X @ INTO, INTO.T @ M @ INTO.T, case="bruels", up="y", axis="z").rotation.max < 1e-12
@@ -155,8 +161,8 @@ FILES = {  # what is in it → exit code, what is said
     "t,x,y,z\n0,0,1,0\n1,0,1,0\n.5,0,1,0": (2, "row 3: the time is 0.5 after 1; times must be numbers that increase"),
     "t,x,y,z\n1e300,0,1,0": (2, "run.csv: theta_functions at h = 1e+300"),
     "t\tx\ty\tz\n\n0\t0\t1\t0 # start\r\n0.1\t\t1\t0\r\n": (0, "1 of 2 rows have a number that is not finite"),
-    "t,x,y,z\n0,0,1,0\n0.1,,1,0": (0, "a quaternion of length 0, the first at t = 0.1"),
-    "t,qw,qx,qy,qz\n0,0,0,0,0": (0, "1 of 1 rows have a number that is not finite, or a quaternion of length 0"),
+    "t,x,y,z\n0,0,1,0\n0.1,,1,0": (0, "a quaternion or a position of length 0, the first at t = 0.1"),
+    "t,qw,qx,qy,qz\n0,0,0,0,0": (0, "1 of 1 rows have a number that is not finite, or a quaternion"),
     "t,x,y,z\n0,0,1,0\n0.1,0,1,0": (0, "The last row is at t = 0.1 s; the case runs to 2 s."),
     "t,x,y,z\n0,0,0.5,0": (0, "The start is not that of the case: off are position by 5.00e-01 m."),
     "t,x,y,z\n1,0,0.5,0": (0, "The first row is at t = 1"),

@@ -1,10 +1,14 @@
 """The README says what the committed results say, and its example runs."""
 
 import re
+from collections import Counter
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
+from lagrange_bench.integrators import METHODS, LagrangeTop, Method
+from lagrange_bench.integrators.registry import BUILT_IN
 from lagrange_bench.report import readme
 
 pytestmark = pytest.mark.xdist_group("claims")  # all are judged once
@@ -21,6 +25,18 @@ def test_claims_in_the_documents_are_those_of_the_reference_run(documents):
     assert len(documents) == 2
     for path, text in documents.items():
         assert text == path.read_text(encoding="utf-8"), path
+
+
+def test_the_methods_are_counted_and_their_fields_explained():
+    methods = [METHODS[name] for name in BUILT_IN]
+    needs, text = Counter(method.needs for method in methods), " ".join(TEXT.split())
+    compared = [method for method in methods if not method.reduces_to and method.takes(LagrangeTop()) is None]
+    any_field = sum(needs[word] for word in ("rhs", "parts", "kinetic", "top", "force"))
+    assert f"lists the {len(methods)} methods" in text
+    assert f"so {len(compared)} methods are compared there" in text
+    assert f"{any_field} methods take any potential, {needs['smooth']} more take smooth ones" in text
+    guide = (readme.ROOT / "docs" / "adding-a-method.md").read_text(encoding="utf-8")
+    assert [field.name for field in fields(Method) if field.name not in guide] == []
 
 
 def test_the_picture_shows_the_reference_run(stored, monkeypatch):
