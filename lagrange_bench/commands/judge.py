@@ -64,20 +64,20 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """The errors of each file, the orders, and the bounds that are violated."""
-    from lagrange_bench import judging
+    from lagrange_bench import conventions, judging
 
     bounds = options.bounds
     if options.steps and len(options.steps) != len(options.files):
         raise ValueError(f"--steps: {len(options.steps)} steps for {len(options.files)} files")
     check_target("--draw", options.draw, PICTURES)
     case = judging.find(options.case)
-    convention = judging.Convention(options.quat, options.omega, options.up, options.axis)
+    convention = conventions.Convention(options.quat, options.omega, options.up, options.axis)
     judged = [judging.judge_file(path, case, convention, options.columns) for path in options.files]
     orders = judging.orders(judged, options.steps or [each.step for each in judged])
     until = case.until if options.until is None else options.until
     asked = bool(bounds) or options.until is not None
     violated = [line for each in judged if asked for line in _violated(each, bounds, until)]
-    lines = [line for each in judged for line in [*_described(each, judging.UNITS), ""]]
+    lines = [line for each in judged for line in [*_described(each, conventions.UNITS), ""]]
     for name, found in orders.items():
         if found:
             shown = ", ".join("none" if math.isnan(order) else f"{order:.2f}" for order in found)
@@ -92,7 +92,7 @@ def run(options: argparse.Namespace) -> Answer:
 
 
 def _bounds(text: str) -> dict[str, float]:
-    from lagrange_bench.judging import UNITS
+    from lagrange_bench.conventions import UNITS
 
     return number_pairs(text, UNITS)
 

@@ -1,0 +1,338 @@
+"""How a trajectory of a rigid body is written: frames, orders and units, and which of them was perhaps meant."""
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from math import tau
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from lagrange_bench.integrators import CASES, Case
+
+Array = np.ndarray
+Exact = tuple[Array, Array, Array]  # position (n, 3), matrix (n, 3, 3), angular velocity in the body (n, 3)
+UNITS = {  # what is judged → its unit, in the order in which it is reported
+    **{"position": "m", "axis": "rad", "rotation": "rad", "spin": "rad", "length": "m", "orthogonality": "1"},
+    **{"omega": "rad/s", "energy": "J", "momentum": "kg m²/s"},
+}
+AXES = {
+    sign + name: row * (1.0 - 2 * len(sign)) for name, row in zip("xyz", np.eye(3), strict=True) for sign in ("", "-")
+}
+ATTITUDES = ("quaternion", "matrix", "rotation vector", "angles")
+# what is judged by which columns
+GROUPS = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omega": ("omega",)}
+LENGTHS = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254, "feet": 0.3048}
+RATES = {"degrees per second": tau / 360, "revolutions per minute": tau / 60, "revolutions per second": tau}
+POSITIONS, SPEEDS = (
+    {f"in {unit}: SI units are judged": factor for unit, factor in units.items()} for units in (LENGTHS, RATES)
+)
+# what columns may be: the factor that makes them right
+SCALES = {"position": POSITIONS, "displacement": POSITIONS, "omega": {**SPEEDS, "of the other sign": -1.0}}
+HEAD, SHIFTS = 2000, (1, -1, 2, -2, 3, -3)  # rows that hints are taken from; rows that they may be late
+BETTER = 10  # times less is the error with another convention, for a hint
+RIGHT = 0.05  # of the size of a quantity: a unit is named only if the error is below that with it
+TURN = 0.1  # rad: a smaller turn of all rows is an error, not other axes
+START = 1e-9  # relative to the size of a quantity: more than that is another start
+SINGLE = 2e-7  # likewise, of a start in single precision
+
+
+@dataclass(frozen=True)
+class Convention:
+    """How rotations, angular velocities and frames are written: see `judge`. The last four are for hints."""
+
+    quat: str = "wxyz"
+    omega_frame: str = "body"
+    up: str | None = None
+    axis: str | None = None
+    transposed: bool = False
+    degrees: bool = False
+    intrinsic: bool = False
+    displaced: bool = False
+
+    def __post_init__(self) -> None:
+        known = {"quat": ("wxyz", "xyzw"), "omega_frame": ("body", "world"), "up": (*AXES, None), "axis": (*AXES, None)}
+        for name, values in known.items():
+            if getattr(self, name) not in values:
+                raise ValueError(f"{name} must be one of {', '.join(map(str, values))}; got {getattr(self, name)!r}")
+
+
+class Frames:
+    """A case, and the turns from the world and the body of the rows to its own."""
+
+    def __init__(self, case: Case, convention: Convention):
+        self.case, self.top, self.convention = case, case.top, convention
+        self.world, self.body = _turn(convention.up, self.top.world[2]), _turn(convention.axis, self.top.axis).T
+        x, R, omega = self.exact([0.0])
+        self.start, self.speed = x[0], float(np.linalg.norm(omega))
+        self.energy, self.momentum = self.top.energy(R, omega), self.top.vertical_momentum(R, omega)
+
+    def exact(self, t: ArrayLike) -> Exact:
+        """The motion of the case."""
+        motion = self.case.solution(t)
+        return motion.position, motion.rotation.as_matrix(), motion.omega_body
+
+    def errors(self, given: Mapping[str, Array], exact: Exact) -> dict[str, Array]:
+        """What the rows of the groups are off by, (n,) for each quantity."""
+        found: dict[str, Array] = {}
+        R, omega = None, None
+        if moved := {"position", "displacement"} & set(given):
+            x = given[max(moved)] @ self.world.T
+            x = x + self.start if self.convention.displaced or "position" not in given else x
+            length = np.linalg.norm(x, axis=1)
+            found = {"position": np.linalg.norm(x - exact[0], axis=1), "length": np.abs(length - self.top.distance)}
+            found["axis"] = _angle(x / length[:, None], exact[0])
+        if group := next((name for name in ATTITUDES if name in given), None):
+            R, defect = self.attitude(group, given[group])
+            found |= self._turned(exact[1].transpose(0, 2, 1) @ R) | defect
+        if "omega" in given and self.convention.omega_frame == "body":
+            omega = given["omega"] @ self.body
+            found["omega"] = np.linalg.norm(omega - exact[2], axis=1)
+        elif "omega" in given:
+            in_world = given["omega"] @ self.world.T
+            found["omega"] = np.linalg.norm(in_world - (exact[1] @ exact[2][..., None])[..., 0], axis=1)
+            omega = (in_world[:, None, :] @ R)[:, 0] if R is not None else None
+        if R is not None and omega is not None:
+            found["energy"] = np.abs(self.top.energy(R, omega) - self.energy)
+            found["momentum"] = np.abs(self.top.vertical_momentum(R, omega) - self.momentum)
+        return {name: found[name] for name in UNITS if name in found}
+
+    def attitude(self, group: str, values: Array) -> tuple[Array, dict[str, Array]]:
+        """Matrices from the body to the world of the case, and how far they are from orthogonal, or quaternions from 1."""
+        how, defect = self.convention, {}
+        if group == "matrix":
+            R = values.reshape(-1, 3, 3)
+            defect["orthogonality"] = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max((1, 2))
+        else:
+            bad = ~np.isfinite(values).all(1)
+            if group == "quaternion":
+                defect["orthogonality"] = np.abs(np.linalg.norm(values, axis=1) - 1)
+                bad |= ~values.any(1)
+            values = np.where(bad[:, None], 1.0, np.deg2rad(values) if how.degrees else values)
+            if group == "quaternion":
+                turns = Rotation.from_quat(values, scalar_first=how.quat == "wxyz")
+            elif group == "rotation vector":
+                turns = Rotation.from_rotvec(values)
+            else:
+                turns = Rotation.from_euler("XYZ" if how.intrinsic else "xyz", values)
+            R = turns.as_matrix()
+            R[bad] = np.nan
+        return self.world @ (R.transpose(0, 2, 1) if how.transposed else R) @ self.body, defect
+
+    def _turned(self, E: Array) -> dict[str, Array]:
+        """Of the rotations in the body from the right attitude: their angle, its part about the axis, and the axis's own."""
+        vector = np.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], 1)
+        trace = E.trace(axis1=1, axis2=2)
+        angle = np.arctan2(np.linalg.norm(vector, axis=1), trace - 1)
+        spin = 2 * np.abs(np.arctan2(vector @ self.top.axis, 1 + trace))
+        return {"axis": _angle(E @ self.top.axis, self.top.axis), "rotation": angle, "spin": spin}
+
+
+def _turn(name: str | None, to: Array) -> Array:
+    """The smallest rotation from an axis of the rows to that of the case; half a turn is about x, or about y if that is x."""
+    if name is None:
+        return np.eye(3)
+    if AXES[name] @ to < -1 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0] if abs(to[0]) < 0.5 else [-1.0, 1.0, -1.0])
+    return Rotation.align_vectors(to, AXES[name])[0].as_matrix()
+
+
+def _angle(a: Array, b: Array) -> Array:
+    """Between vectors, right for small angles too."""
+    return np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), (a * b).sum(-1))
+
+
+class Hints:
+    """What may be wrong with rows: conventions under which they are much nearer to the exact motion.
+
+    good : the rows without NaN. Some of them, from all over the run, are looked at.
+    """
+
+    def __init__(self, frames: Frames, given: Mapping[str, Array], t: Array, good: Array):
+        self.frames, self.sizes = frames, {"position": frames.top.distance, "rotation": 1.0, "omega": frames.speed}
+        self.first = {name: array[:1] for name, array in given.items()} if len(good) and good[0] == 0 else {}
+        self.head = {name: array[good[:HEAD]] for name, array in given.items()}, t[good[:HEAD]]
+        some = good[np.linspace(0, len(good) - 1, min(HEAD, len(good))).astype(int)]
+        self.given, self.t = {name: array[some] for name, array in given.items()}, t[some]
+        self.exact = frames.exact(self.t)
+        self.now = {name: error.max(initial=0.0) for name, error in frames.errors(self.given, self.exact).items()}
+
+    def all(self) -> list[str]:
+        """Every hint; a convention is tried only where something is wrong."""
+        hints = [
+            "a row or column of the matrices has the wrong sign: their determinant is negative."
+        ] * self._mirrored()
+        hints += self._conventions()
+        hints = hints or list(self._axes())
+        for each in (self._speeds, self._times, self._starts):
+            hints += each()
+        return hints or [*self._points(), *self._turns()]
+
+    def _mirrored(self) -> bool:
+        return "matrix" in self.given and bool(np.any(np.linalg.det(self.given["matrix"].reshape(-1, 3, 3)) < 0))
+
+    def _wrong(self, judged: str) -> bool:
+        return bool(self.now.get(judged, 0.0) > START)
+
+    def _limit(self, judged: str) -> float:
+        return float(self.now[judged] / BETTER)
+
+    def _error(self, judged: str, rows: Any = None, exact: Exact | None = None, **changes: Any) -> float:
+        """The largest error of some `rows`, at other times (`exact`) or in another convention."""
+        frames = Frames(self.frames.case, replace(self.frames.convention, **changes)) if changes else self.frames
+        return float(frames.errors(rows or self.given, exact or self.exact)[judged].max(initial=0.0))
+
+    def _conventions(self) -> Iterator[str]:
+        how = self.frames.convention
+        quat = "xyzw" if how.quat == "wxyz" else "wxyz"
+        frame = "world" if how.omega_frame == "body" else "body"
+        ordered = f"the quaternions are in the order {quat}: --quat {quat}, or other names."
+        moving = "the angles are about axes that move with the body, not about fixed ones."
+        both = f"the order is {quat}, and they are conjugate."
+        in_frame = f"ω is in the {frame} frame: --omega {frame}, from Python omega_frame."
+        for judged, group, changes, words in (
+            ("rotation", "", {"transposed": True}, "the rotations are transposed: they take the world to the body."),
+            ("rotation", "quaternion", {"quat": quat}, ordered),
+            ("rotation", "quaternion", {"quat": quat, "transposed": True}, both),
+            ("rotation", "angles", {"degrees": True}, "the angles are in degrees."),
+            ("rotation", "angles", {"intrinsic": True}, moving),
+            ("rotation", "rotation vector", {"degrees": True}, "the rotation vectors are in degrees."),
+            ("omega", "", {"omega_frame": frame}, in_frame),
+            ("position", "", {"displaced": True}, "the position is a displacement from the start: name it ux, uy, uz."),
+        ):
+            tried = self._wrong(judged) and (not group or group in self.given)
+            if tried and self._error(judged, **changes) < self._limit(judged):
+                yield words
+        if "rotation vector" in self.given and self._wrong("rotation"):
+            rows = {**self.given, "angles": self.given["rotation vector"]}
+            del rows["rotation vector"]
+            for degrees, intrinsic in itertools.product((True, False), repeat=2):
+                if self._error("rotation", rows=rows, degrees=degrees, intrinsic=intrinsic) < self._limit("rotation"):
+                    unit, kind = "degrees" if degrees else "rad", "moving" if intrinsic else "fixed"
+                    yield f"rx, ry, rz are no rotation vector, but angles about {kind} axes x, y, z in {unit}."
+
+    def _axes(self) -> Iterator[str]:
+        """Another unit of positions, another axis upwards, another axis of symmetry."""
+        how, up = self.frames.convention, None
+        group = next((name for name in GROUPS["position"] if name in self.given), "")
+        if group and self._wrong("position"):
+            units = {"": 1.0, **SCALES[group]}
+            tried = {
+                (other, what): self._error("position", {**self.given, group: factor * self.given[group]}, up=other)
+                for other, (what, factor) in itertools.product((how.up, *AXES), units.items())
+            }
+            found, what = min(tried, key=lambda pair: tried[pair])
+            if tried[found, what] < min(self._limit("position"), RIGHT * self.sizes["position"] if what else math.inf):
+                up = found if found != how.up else None
+                yield from [f"{group} is {what}."] * bool(what)
+        axis = None
+        if self._wrong("rotation"):
+            ups = [up or how.up] if group else [how.up, *AXES]
+            turned = {
+                pair: self._error("rotation", up=pair[0], axis=pair[1])
+                for pair in itertools.product(ups, (how.axis, *AXES))
+            }
+            best = min(turned, key=lambda pair: turned[pair])
+            if turned[best] < self._limit("rotation"):
+                up, axis = (
+                    each if each != before else None for each, before in zip(best, (how.up, how.axis), strict=True)
+                )
+        if up is not None:
+            yield f"the axis {up} points up: --up={up}."
+        if axis is not None:
+            yield f"the axis of symmetry is {axis}: --axis={axis}."
+
+    def _speeds(self) -> Iterator[str]:
+        """Another unit of angular velocities."""
+        if self._wrong("omega"):
+            omega = self.given["omega"]
+            scaled = {
+                what: self._error("omega", {**self.given, "omega": factor * omega})
+                for what, factor in SCALES["omega"].items()
+            }
+            best = min(scaled, key=lambda what: scaled[what])
+            if scaled[best] < min(self._limit("omega"), RIGHT * self.sizes["omega"]):
+                yield f"omega is {best}."
+
+    def _times(self) -> Iterator[str]:
+        judged = next((name for name in ("rotation", "position") if name in self.now), "omega")
+        if not self._wrong(judged):
+            return
+        least = min(
+            self._limit(judged),
+            RIGHT * self.sizes[judged],
+            self._error(judged, exact=self.frames.exact(0 * self.t)) / BETTER,
+        )
+        if self._error(judged, exact=self.frames.exact(1e-3 * self.t)) < least:
+            yield "the times are in milliseconds: SI units are judged."
+        (given, t), late = self.head, {0: math.inf}
+        exact, n = self.frames.exact(t), len(t)
+        for k in SHIFTS if n > BETTER else ():
+            here, there = slice(max(0, -k), n - max(0, k)), slice(max(0, k), n + min(0, k))
+            rows = {name: array[here] for name, array in given.items()}
+            on_time, late[k] = (
+                self._error(judged, rows, (exact[0][at], exact[1][at], exact[2][at])) for at in (here, there)
+            )
+            late[k] = late[k] if late[k] < on_time / BETTER else math.inf
+        if k := min(late, key=lambda k: late[k]):
+            way = "later" if k > 0 else "earlier"
+            yield f"the times are shifted: each row holds the state {abs(k)} row{'s'[: abs(k) - 1]} {way}."
+
+    def _starts(self) -> Iterator[str]:
+        """The start of another case."""
+        if self.first and self.t[0] == 0 and not self._starts_as(self.frames):
+            for case in CASES.values():
+                if self._starts_as(Frames(case, self.frames.convention)):
+                    yield f"this is the start of the case {case.name}."
+
+    def _starts_as(self, frames: Frames) -> bool:
+        found = frames.errors(self.first, frames.exact(self.t[:1]))
+        return all(found[name][0] <= SINGLE * size for name, size in self.sizes.items() if name in found)
+
+    def _points(self) -> Iterator[str]:
+        """Another origin, or another point of the body, if it is clear which of them."""
+        if "position" not in self.given or not self._wrong("position"):
+            return
+        x, R, _ = self.exact
+        there = self.given["position"] @ self.frames.world.T
+        least, fits = min(self._limit("position"), RIGHT * self.sizes["position"]), []
+        for points, back, words in (
+            (there - x, self.frames.world.T, "are off by {}: another origin."),
+            (
+                (there[:, None] @ R)[:, 0],
+                self.frames.body,
+                "are those of the point {} of the body, not of the centre of mass.",
+            ),
+        ):
+            mean = points.mean(0)
+            if np.abs(points - mean).max() < least:
+                fits.append(f"the positions {words.format(_vector(back @ mean, 'm'))}")
+        yield from fits if len(fits) == 1 else []
+
+    def _turns(self) -> Iterator[str]:
+        """One turn that leads from all rotations to the right ones, if it is clear of what."""
+        group = next((name for name in ATTITUDES if name in self.given), None)
+        if group is None or not self._wrong("rotation"):
+            return
+        R, right = self.frames.attitude(group, self.given[group])[0], self.exact[1]
+        least, fits = min(self._limit("rotation"), RIGHT), []
+        for turns, back, where in (
+            (right @ R.transpose(0, 2, 1), self.frames.world.T, "world"),
+            (R.transpose(0, 2, 1) @ right, self.frames.body, "body"),
+        ):
+            if np.linalg.det(turns).min() > 0.5:
+                each = Rotation.from_matrix(turns)
+                mean = each.mean()
+                if mean.magnitude() > TURN and (each * mean.inv()).magnitude().max() < least:
+                    turn = _vector(back @ mean.as_rotvec(), "rad")
+                    fits.append(
+                        f"the axes of the {where} are others: turn the {where} of the rows by the rotation vector {turn}."
+                    )
+        yield from fits if len(fits) == 1 else []
+
+
+def _vector(numbers: Array, unit: str) -> str:
+    return f"({', '.join(f'{number + 0.0:.4g}' for number in numbers.round(9))}) {unit}"
