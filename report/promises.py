@@ -126,6 +126,8 @@ def kept_in_a_field(rows: pd.DataFrame) -> Reading:
         for run in kept.itertuples()
         for name in filter(None, run.claimed.split(", "))
     }
+    if not shares:
+        raise NoData("no method that is loaded here claims to conserve anything in a potential")
     worst = _worst(pd.Series(shares))
     note = f"{kept.method.nunique()} methods on {kept.state.nunique()} tops; worst: {worst}"
     return Reading(list(shares.values()), note)
@@ -236,6 +238,8 @@ def magnet_orders(rows: pd.DataFrame) -> Reading:
     claimed = {name: METHODS[name].order for name in found.index if name in METHODS}
     claimed |= {name: int(name.removeprefix("order ")) for name in found.index if name.startswith("order ")}
     away = pd.Series({name: abs(found[name] - claimed[name]) for name in found.index if claimed.get(name)})
+    if away.empty:
+        raise NoData("no order was measured")
     return Reading(away, f"{len(away)} schemes; worst: {_worst(away)}")
 
 

@@ -175,6 +175,19 @@ def test_who_leads_is_told_with_set_up(setup, error, ratio):
         assert len(found.values) == 5
 
 
+@pytest.mark.parametrize(
+    ("read", "line"),
+    [
+        (promises.kept_in_a_field, {"claimed": "", "method": "mine", "state": "weak_tide", "steps": 9}),
+        (promises.magnet_orders, {"variant": "exact", "order": np.nan}),
+    ],
+)
+def test_methods_that_claim_nothing_decide_nothing(read, line, monkeypatch):
+    monkeypatch.setattr(promises, "table", lambda *_: pd.DataFrame([line]))
+    with pytest.raises(claims.NoData):
+        read(pd.DataFrame())
+
+
 @pytest.mark.parametrize("slower", [1.0, 2.0])
 def test_times_are_judged_as_ratios(slower):
     cost = pd.DataFrame({"setup_us": [10.0, 20.0], "ns_per_step": [16.0, 20.0]}) * slower
