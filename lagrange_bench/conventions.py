@@ -67,7 +67,8 @@ class Frames:
         self.case, self.top, self.convention = case, case.top, convention
         self.world, self.body = _turn(convention.up, self.top.world[2]), _turn(convention.axis, self.top.axis).T
         x, R, omega = self.exact([0.0])
-        self.start, self.speed = x[0], float(np.linalg.norm(omega))
+        self.start = x[0]
+        self.sizes = {"position": self.top.distance, "rotation": 1.0, "omega": float(np.linalg.norm(omega))}
         self.energy, self.momentum = self.top.energy(R, omega), self.top.vertical_momentum(R, omega)
 
     def exact(self, t: ArrayLike) -> Exact:
@@ -99,6 +100,11 @@ class Frames:
             found["energy"] = np.abs(self.top.energy(R, omega) - self.energy)
             found["momentum"] = np.abs(self.top.vertical_momentum(R, omega) - self.momentum)
         return {name: found[name] for name in UNITS if name in found}
+
+    def starts(self, first: Mapping[str, float], least: float, floors: Mapping[str, float] | None = None) -> bool:
+        """Whether a row with these errors is the start of the case, relative to the size of each quantity."""
+        known = floors or {}
+        return all(error <= least * self.sizes[name] + 2 * known.get(name, 0.0) for name, error in first.items())
 
     def attitude(self, group: str, values: Array) -> tuple[Array, dict[str, Array]]:
         """Matrices from the body to the world of the case, and how far they are from orthogonal, or quaternions from 1."""
@@ -148,16 +154,15 @@ def _angle(a: Array, b: Array) -> Array:
 class Hints:
     """What may be wrong with rows: conventions under which they are much nearer to the exact motion.
 
-    good : the rows without NaN. Some of them, from all over the run, are looked at.
+    exact : the motion at the times t. good : the rows without NaN. Some of them, from all over the run, are looked at.
     """
 
-    def __init__(self, frames: Frames, given: Mapping[str, Array], t: Array, good: Array):
-        self.frames, self.sizes = frames, {"position": frames.top.distance, "rotation": 1.0, "omega": frames.speed}
-        self.first = {name: array[:1] for name, array in given.items()} if len(good) and good[0] == 0 else {}
-        self.head = {name: array[good[:HEAD]] for name, array in given.items()}, t[good[:HEAD]]
+    def __init__(self, frames: Frames, given: Mapping[str, Array], t: Array, exact: Exact, good: Array):
+        self.frames, self.sizes = frames, frames.sizes
+        self.first = _rows(given, slice(1)) if len(good) and good[0] == 0 else {}
+        self.head = _rows(given, good[:HEAD]), _at(exact, good[:HEAD])
         some = good[np.linspace(0, len(good) - 1, min(HEAD, len(good))).astype(int)]
-        self.given, self.t = {name: array[some] for name, array in given.items()}, t[some]
-        self.exact = frames.exact(self.t)
+        self.given, self.t, self.exact = _rows(given, some), t[some], _at(exact, some)
         self.now = {name: error.max(initial=0.0) for name, error in frames.errors(self.given, self.exact).items()}
 
     def all(self) -> list[str]:
@@ -268,14 +273,11 @@ class Hints:
         )
         if self._error(judged, exact=self.frames.exact(1e-3 * self.t)) < least:
             yield "the times are in milliseconds: SI units are judged."
-        (given, t), late = self.head, {0: math.inf}
-        exact, n = self.frames.exact(t), len(t)
+        (given, exact), late = self.head, {0: math.inf}
+        n = len(exact[0])
         for k in SHIFTS if n > BETTER else ():
             here, there = slice(max(0, -k), n - max(0, k)), slice(max(0, k), n + min(0, k))
-            rows = {name: array[here] for name, array in given.items()}
-            on_time, late[k] = (
-                self._error(judged, rows, (exact[0][at], exact[1][at], exact[2][at])) for at in (here, there)
-            )
+            on_time, late[k] = (self._error(judged, _rows(given, here), _at(exact, at)) for at in (here, there))
             late[k] = late[k] if late[k] < on_time / BETTER else math.inf
         if k := min(late, key=lambda k: late[k]):
             way = "later" if k > 0 else "earlier"
@@ -290,7 +292,7 @@ class Hints:
 
     def _starts_as(self, frames: Frames) -> bool:
         found = frames.errors(self.first, frames.exact(self.t[:1]))
-        return all(found[name][0] <= SINGLE * size for name, size in self.sizes.items() if name in found)
+        return frames.starts({name: float(found[name][0]) for name in self.sizes if name in found}, SINGLE)
 
     def _points(self) -> Iterator[str]:
         """Another origin, or another point of the body, if it is clear which of them."""
@@ -332,6 +334,15 @@ class Hints:
                         f"the axes of the {where} are others: turn the {where} of the rows by the rotation vector {turn}."
                     )
         yield from fits if len(fits) == 1 else []
+
+
+def _rows(given: Mapping[str, Array], at: Any) -> dict[str, Array]:
+    return {name: array[at] for name, array in given.items()}
+
+
+def _at(exact: Exact, at: Any) -> Exact:
+    x, R, omega = exact
+    return x[at], R[at], omega[at]
 
 
 def _vector(numbers: Array, unit: str) -> str:

@@ -56,6 +56,10 @@ class Judgement:
         """The mean distance of two rows, s."""
         return (self.span[1] - self.span[0]) / (self.rows - 1) if self.rows > 1 else math.nan
 
+    def ends_before(self, until: float) -> bool:
+        """Whether the last row is before this time, s, by more than half of the distance of two rows."""
+        return self.span[1] < until - (0.5 * self.step if self.rows > 1 else 0.0)
+
     def __getattr__(self, name: str) -> Error:
         if name in UNITS and name in self.errors:
             return self.errors[name]
@@ -183,23 +187,24 @@ def _judged(case: Case, convention: Convention, given: Mapping[str, Array], floo
     """All that is found in rows; `floor` of each group of columns."""
     frames, t = Frames(case, convention), _times(given["time"][:, 0])
     with np.errstate(all="ignore"):
-        found = frames.errors(given, frames.exact(t))
+        exact = frames.exact(t)
+        found = frames.errors(given, exact)
         good = np.flatnonzero(np.isfinite(np.stack([found[name] for name in GROUPS if name in found])).all(0))
-        hints = Hints(frames, given, t, good).all()
+        hints = Hints(frames, given, t, exact, good).all()
     floors = {name: 2 * max(floor.get(each, 0.0) for each in those) for name, those in GROUPS.items() if name in found}
     floors = {name: value for name, value in floors.items() if value > 0}
-    sizes = {"position": frames.top.distance, "rotation": 1.0, "omega": frames.speed}
-    first = {name: float(found[name][0]) for name in sizes if name in found}
+    first = {name: float(found[name][0]) for name in frames.sizes if name in found}
     start: dict[str, Any] = {"t": float(t[0]), **first}
     for word, least in (("right", START), ("single", SINGLE)):
-        near = all(error <= least * sizes[name] + 2 * floors.get(name, 0.0) for name, error in first.items())
-        start[word] = near if t[0] == 0 else None
+        start[word] = frames.starts(first, least, floors) if t[0] == 0 else None
     marks = np.linspace(0, len(t), min(len(t), POINTS) + 1).astype(int)[:-1]
     curves = {name: np.stack([t[marks], np.maximum.reduceat(error, marks)]) for name, error in found.items()}
     errors = {name: Error(float(error.max()), float(error[-1])) for name, error in found.items()}
     span = (float(t[0]), float(t[-1]))
-    notes = list(_notes(t, found, case.until))
-    return Judgement(case.name, len(t), span, errors, start, floors, hints, notes, curves)
+    judged = Judgement(case.name, len(t), span, errors, start, floors, hints, list(_notes(t, found)), curves)
+    if judged.ends_before(case.until):
+        judged.notes.insert(0, f"The last row is at t = {t[-1]:.9g} s; the case runs to {case.until:g} s.")
+    return judged
 
 
 def _times(t: Array) -> Array:
@@ -214,9 +219,7 @@ def _times(t: Array) -> Array:
     return rounded if np.all(np.abs(rounded - t) < (NEAR if len(t) >= FEW else SOME)) else t
 
 
-def _notes(t: Array, found: Mapping[str, Array], until: float) -> Iterator[str]:
-    if t[-1] < until - 0.5 * (t[-1] - t[0]) / max(len(t) - 1, 1):  # half a row: some programs leave out the last
-        yield f"The last row is at t = {t[-1]:.9g} s; the case runs to {until:g} s."
+def _notes(t: Array, found: Mapping[str, Array]) -> Iterator[str]:
     bad = ~np.isfinite(np.stack(list(found.values()))).all(0)
     if bad.any():
         what = "a number that is not finite, or a quaternion or a position of length 0"

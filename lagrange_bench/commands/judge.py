@@ -104,7 +104,7 @@ def _violated(judged: Any, bounds: dict[str, float], until: float) -> list[str]:
     lines = [f"{judged.file}: {name} is off by {error:.3g}: above {bounds[name]:g}" for name, error in off.items()]
     if bad := [name for name, error in judged.errors.items() if not math.isfinite(error.max) and name not in off]:
         lines.append(f"{judged.file}: {', '.join(bad)} cannot be measured: a number is not finite")
-    if judged.span[1] < until - 0.5 * (judged.step if judged.rows > 1 else 0.0):
+    if judged.ends_before(until):
         lines.append(f"{judged.file}: the last row is at t = {judged.span[1]:.9g}, before {until:g} s")
     return lines
 
