@@ -10,9 +10,8 @@ from typing import Any
 
 
 def face(package: str, homes: Mapping[str, tuple[str, ...]]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """`__getattr__` and `__dir__` of a package; homes: module → the names it has; () for the module itself."""
+    """`__getattr__` and `__dir__` of a package; homes: module → the names it has, modules of a package among them."""
     places = {name: module for module, names in homes.items() for name in names}
-    places |= {module.rpartition(".")[2]: module.rpartition(".")[0] for module, names in homes.items() if not names}
 
     def getattribute(name: str) -> Any:
         if name not in places:
@@ -27,5 +26,5 @@ def face(package: str, homes: Mapping[str, tuple[str, ...]]) -> tuple[Callable[[
 def exported(file: str) -> dict[str, tuple[str, ...]]:
     """What a file imports `as` it is called, though only for type checkers, as homes of `face`."""
     found = [node for node in ast.walk(ast.parse(Path(file).read_bytes())) if isinstance(node, ast.ImportFrom)]
-    names = [(str(node.module), alias.name) for node in found for alias in node.names if alias.asname]
+    names = [(str(node.module), alias.name) for node in found for alias in node.names if alias.asname == alias.name]
     return {home: tuple(name for module, name in names if module == home) for home, _ in names}
