@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.checks import check_grid, check_options, check_state, check_step, check_times_or_grid
+from lagrange_bench.integrators.checks import check_grid, check_state, check_step, check_times_or_grid
 from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, Work
 from lagrange_bench.integrators.problem import body
@@ -235,11 +235,15 @@ def _look_up(top: Any, y0: ArrayLike, method: str | Method) -> tuple[Any, Method
 
 def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, Any]) -> Stepper:
     """`prepare`, of what has been checked."""
-    build = method.prepare_for(top)
-    check_options(method.name, build, options)
+    build = method.prepare_for(top, options)
     start = perf_counter()
     before = y0.tobytes()
-    stepper = watched(method.name, build(top, y0, h, **options), len(y0))
+    try:
+        built = build(top, y0, h, **options)
+    except Exception as error:
+        error.add_note(f"in prepare of the method {method.name}")
+        raise
+    stepper = watched(method.name, built, len(y0))
     if y0.tobytes() != before:
         raise ValueError(f"{method.name}: prepare wrote to y0")
     stepper.work.setup_seconds = perf_counter() - start
@@ -255,10 +259,9 @@ def _check_top(top: Any) -> None:
 
 
 def _evaluate(method: Method, top: Any, y0: Array, times: Array, options: dict[str, Any]) -> Trajectory:
-    evaluate = method.evaluate_for(top)
+    evaluate = method.evaluate_for(top, options)
     if evaluate is None:
         raise ValueError(f"t: {method.name} steps on a grid only; give h and steps")
-    check_options(f"{method.name} at given times", evaluate, options)
     y, work = evaluate(top, y0, times, **options)
     check_rows(method.name, "evaluate", y, (len(times), len(y0)))
     return Trajectory(top, method.name, times, y, work, start=Start(y0, method, None, options))

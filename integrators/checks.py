@@ -102,13 +102,20 @@ def check_times_or_grid(t: Any, h: Any, steps: Any, every: Any) -> Array | None:
     return check_times(t)
 
 
-def check_options(name: str, function: Callable[..., Any], options: Mapping[str, Any]) -> None:
-    """ValueError for an option that `function`, of the method `name`, does not have."""
+def check_options(
+    name: str, function: Callable[..., Any], options: Mapping[str, Any], other: Callable[..., Any] | None, runs: str
+) -> None:
+    """ValueError for an option that `function`, of the method `name`, does not have.
+
+    other : the method's function for the other kind of runs, which `runs` names.
+    """
     known = keyword_options(function) if options else ()
     for option in options:
         if option not in known:
+            elsewhere = other is not None and option in keyword_options(other)
+            hint = f": it belongs to {runs}." if elsewhere else suggestion(option, known)
             offered = ", ".join(known) if known else "none"
-            raise ValueError(f"unknown option {option!r} of {name}{suggestion(option, known)} Its options: {offered}")
+            raise ValueError(f"unknown option {option!r} of {name}{hint} Its options: {offered}")
 
 
 def check_grid(n: Any, every: Any = None, name: str = "n") -> tuple[int, int]:

@@ -120,7 +120,6 @@ def integrate_ensemble(
     n = len(states)
     found = find_method(method)
     sample = tops.one(0) if n else LagrangeTop()
-    build, evaluate = found.prepare_for(sample), found.evaluate_for(sample)
     threads = machine.usable_cores() if threads is None else checks.check_count(threads, "threads", least=1)
 
     def collected(h: float | None, times: Array, out: Array, end_only: bool) -> EnsembleTrajectory:
@@ -131,14 +130,13 @@ def integrate_ensemble(
     checks.check_choice(on_failure, "on_failure", ("raise", "nan"))
     times = checks.check_times_or_grid(t, h, steps, every)
     if times is not None:
-        if evaluate is None:
+        if found.evaluate_for(sample, options) is None:
             raise ValueError(f"t: {found.name} steps on a grid only; give h and steps")
-        checks.check_options(f"{found.name} at given times", evaluate, options)
         out = np.empty((len(times), *states.shape))
         failures = _run(_Jumps(found, tops, states, out, options, times), threads)
         return collected(None, times, _judge(found, None, out, failures, on_failure), end_only=False)
     h = checks.check_step(h)
-    checks.check_options(found.name, build, options)
+    found.prepare_for(sample, options)
     steps, stride = checks.check_grid(steps, every, "steps")
     if every is None:
         out = np.empty((1, *states.shape))

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange_bench.integrators.checks import Array, keyword_options
+from lagrange_bench.integrators.checks import Array, check_options, keyword_options
 
 INVARIANTS = ("H", "J3", "C1", "C2")
 ENGINES = ("numba", "heyoka", "scipy", "python")
@@ -133,7 +133,7 @@ KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
         "name label family source needs exact_for uniform_only reduces_to",
     ),
     "True or False": (lambda value: isinstance(value, bool), "symmetric poisson"),
-    "a whole number or None": (lambda value: value is None or type(value) is int, "order"),
+    "a whole number from 1 on, or None": (lambda value: value is None or (type(value) is int and value > 0), "order"),
     "a function": (callable, "prepare"),
     "a function or None": (
         lambda value: value is None or callable(value),
@@ -269,7 +269,8 @@ class Method:
         if self.needs == "uniform":
             what = f"the potential {potential.name}" if potential else named
             reason = self.uniform_only or "its record names no needs (“Any problem” in docs/adding-a-method.md)"
-            return f"{self.name} does not take {what}: {reason}"
+            advice = "; backlund_splitting does" if self.family in ("backlund", "closed-form") and potential else ""
+            return f"{self.name} does not take {what}: {reason}{advice}"
         if potential and self.needs in ("smooth", "quadratic"):
             return f"{self.name} needs a {self.needs} potential, which {potential.name} is not"
         return f"{self.name} needs {NEEDS[self.needs]}, which {named} is not"
@@ -284,19 +285,37 @@ class Method:
     def _special_for(self, problem: Any) -> Callable[..., Stepper] | None:
         return next((build for word, build in self.special.items() if word in problem.offers), None)
 
-    def prepare_for(self, problem: Any) -> Callable[..., Stepper]:
-        """What prepares a stepper for this problem: (problem, y0, h, **options); ValueError if the method does not take it."""
+    def prepare_for(self, problem: Any, options: Mapping[str, Any] | None = None) -> Callable[..., Stepper]:
+        """What prepares a stepper for this problem: (problem, y0, h, **options).
+
+        Raises
+        ------
+        ValueError
+            The method does not take the problem, or has no such option.
+        """
         if reason := self.takes(problem):
             raise ValueError(f"method: {reason}")
-        return self._special_for(problem) or self._for_form(problem, self.prepare)
+        build = self._special_for(problem) or self._for_form(problem, self.prepare)
+        check_options(self.name, build, options or {}, self.evaluate, "runs to given times t")
+        return build
 
-    def evaluate_for(self, problem: Any) -> Callable[..., tuple[Array, Work]] | None:
-        """Dense output for this problem: (problem, y0, times, **options) → states and work; None if there is none."""
+    def evaluate_for(
+        self, problem: Any, options: Mapping[str, Any] | None = None
+    ) -> Callable[..., tuple[Array, Work]] | None:
+        """Dense output for this problem: (problem, y0, times, **options) → states and work; None if there is none.
+
+        Raises
+        ------
+        ValueError
+            The method does not take the problem, or its dense output has no such option.
+        """
         if reason := self.takes(problem):
             raise ValueError(f"method: {reason}")
         if self.evaluate is None or not self._follows(problem):
             return None
-        return self._for_form(problem, self.evaluate)
+        evaluate = self._for_form(problem, self.evaluate)
+        check_options(f"{self.name} at given times", evaluate, options or {}, self.prepare, "runs by h and steps")
+        return evaluate
 
     def _for_form(self, problem: Any, function: Callable[..., Any]) -> Callable[..., Any]:
         """A function of the problem; if the method needs its form as a top in a potential, it gets that one."""

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.checks import check_choice, check_options, check_times
+from lagrange_bench.integrators.checks import check_choice, check_times
 from lagrange_bench.integrators.files import write_file
 from lagrange_bench.integrators.interface import Array, Method, Work
 from lagrange_bench.integrators.problem.body import RigidTop
@@ -85,6 +85,10 @@ class Table:
         """The first columns of the table."""
         return {"t": self.t}
 
+    def _origin(self) -> dict[str, Any]:
+        """What a file says of the run."""
+        return {"top": repr(self.top)}
+
     @property
     def states(self) -> Array:
         """(N, n), of an ensemble (rows, motions, n): `y` with one row of numbers for each state."""
@@ -131,7 +135,7 @@ class Table:
         path : str or Path
             A file that ends in .csv, .npz or .parquet.
         metadata : dict, optional
-            What JSON can hold; it is written, too.
+            What JSON can hold; it is written beside the method, the top, the start, the step and the options.
 
         Returns
         -------
@@ -145,15 +149,15 @@ class Table:
         OSError
             It cannot be written; nothing is lost.
         """
-        path, facts = Path(path), {"method": self.method, **(metadata or {})}
+        path, facts = Path(path), {"method": self.method, **self._origin(), **(metadata or {})}
         kind = check_choice(path.suffix.lower(), "the ending of the file's name", FORMATS)
         if kind == ".npz":
             buffer = io.BytesIO()
-            np.savez(buffer, t=self.t, y=self.y, metadata=np.array(json.dumps(facts)))
+            np.savez(buffer, t=self.t, y=self.y, metadata=np.array(_text(facts)))
             return write_file(path, buffer.getvalue())
         if kind == ".parquet":
             return write_file(path, _parquet(self.to_frame(), facts))
-        head = [f"# {key}: {json.dumps(value, ensure_ascii=False)}\n" for key, value in facts.items()]
+        head = [f"# {key}: {_text(value)}\n" for key, value in facts.items()]
         return write_file(path, "".join(head) + self.to_frame().to_csv(index=False, na_rep="nan", lineterminator="\n"))
 
 
@@ -222,30 +226,35 @@ class Trajectory(Table):
         return scaled_size(self.problem, start.state, self.states - true)
 
     def sol(self, t: ArrayLike) -> Array:
-        """States at any times, from the start, by the method's dense output or jumps.
+        """States at any times, also later than the end of the run, by the method's dense output or jumps from the start.
 
         Parameters
         ----------
-        t : (M,)
+        t : float or (M,)
             Times in the units of h, counted from the start.
 
         Returns
         -------
-        (M, 6)
-            The states, shaped as `y`.
+        (6,) or (M, 6)
+            The states, each of them shaped as a row of `y`.
 
         Raises
         ------
         ValueError
             The method steps on a grid only, or its dense output lacks an option of the run.
         """
-        start, times = self._started("sol"), check_times(t)
-        evaluate = start.method.evaluate_for(self.problem)
+        start, times = self._started("sol"), check_times(np.atleast_1d(t))
+        evaluate = start.method.evaluate_for(self.problem, start.options)
         if evaluate is None:
-            raise ValueError(f"sol: {self.method} steps on a grid only")
-        check_options(f"the dense output of {self.method}", evaluate, start.options)
+            raise ValueError(f"sol: {self.method} steps on a grid only; record more states with `every`")
         states, _ = evaluate(self.problem, start.state, times, **start.options)
-        return states.reshape(len(times), *self.y.shape[1:])
+        return states.reshape(*np.shape(t), *self.y.shape[1:])
+
+    def _origin(self) -> dict[str, Any]:
+        if self.start is None:
+            return super()._origin()
+        start = self.start
+        return {**super()._origin(), "y0": start.state.tolist(), "h": start.h, "options": dict(start.options)}
 
     def _started(self, word: str) -> Start:
         if self.start is None:
@@ -479,7 +488,10 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
         Trajectory
             Of that motion.
         """
-        top, start = self.begin(range(self.y.shape[1])[place])
+        motions = self.y.shape[1]
+        if not -motions <= place < motions:
+            raise IndexError(f"place must be below {motions}, the number of motions; got {place}")
+        top, start = self.begin(place % motions)
         facts = (self.method, self.t, self.y[:, place], Work())
         if isinstance(top, RigidTop):
             return RigidTrajectory(top.problem, *facts, start=start, body=top)
@@ -492,13 +504,18 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
         return {"t": np.repeat(self.t, n), "motion": np.tile(np.arange(n), rows)}
 
 
+def _text(value: Any) -> str:
+    """JSON; what that cannot hold, such as a complex option, as Python writes it."""
+    return json.dumps(value, ensure_ascii=False, default=repr)
+
+
 def _parquet(frame: pd.DataFrame, facts: Mapping[str, Any]) -> bytes:
     if importlib.util.find_spec("pyarrow") is None:
         raise ValueError("pyarrow is not installed: pip install pyarrow; or write .csv or .npz")
     import pyarrow
     from pyarrow import parquet
 
-    texts = {key: json.dumps(value, ensure_ascii=False) for key, value in facts.items()}
+    texts = {key: _text(value) for key, value in facts.items()}
     table = pyarrow.table({name: pyarrow.array(frame[name].to_numpy()) for name in frame}, metadata=texts)
     buffer = io.BytesIO()
     parquet.write_table(table, buffer)

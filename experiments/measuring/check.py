@@ -64,13 +64,14 @@ TAKES_A_STEP = "takes a step"  # the only verdict on a method that does not
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one claim. `passed` None: not judged, `how` says why."""
+    """What became of one claim. `passed` None: not judged, `how` says why. `at`: where the largest value was measured."""
 
     claim: str
     passed: bool | None
     measured: float | None
     bound: str
     how: str
+    at: str = ""
 
     @property
     def word(self) -> str:
@@ -263,15 +264,15 @@ def solution(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Ve
     ahead, back = there.size, back_again.size
     if method.control == "step" and method.order_for(find(names[0])[0]) is None:
         how = f"80 steps against the {_truth(names)}, h = 0.25, {len(names)} states{there.where}"
-        yield Verdict("exact in time", ahead <= EXACT, ahead, f"≤ {EXACT:g}", how)
+        yield Verdict("exact in time", ahead <= EXACT, ahead, f"≤ {EXACT:g}", how, there.at)
     elif method.control == "tolerance":
         how = f"default tolerance, t = 20, {len(names)} states{there.where}"
-        yield Verdict(f"follows the {_truth(names)}", ahead <= 1e-4, ahead, "≤ 1e-4", how)
+        yield Verdict(f"follows the {_truth(names)}", ahead <= 1e-4, ahead, "≤ 1e-4", how, there.at)
     # the two errors differ by a factor of order one, unless they are round-off
     passed = None if ahead > LOST else back <= 10 * ahead + EXACT
     how = f"largest error of the way back from t = 20, against that of the way there{back_again.where}"
     how += f"; the way there is off by more than {LOST:g}: nothing can be said" if passed is None else ""
-    yield Verdict("negative h is as accurate", passed, back, f"≤ 10 × {ahead:.1e} forwards", how)
+    yield Verdict("negative h is as accurate", passed, back, f"≤ 10 × {ahead:.1e} forwards", how, back_again.at)
 
 
 def run_error(method: Method, name: Start, span: float, n: int) -> float:
@@ -331,7 +332,7 @@ def symmetric(method: Method, quick: bool, names: Starts = STATES) -> Iterator[V
     # own a rounding may weigh more
     bound = (256 if isinstance(names[0], str) else 1024) * EPS
     how = f"a step and its inverse, {AT.format(len(names))}{worst.where}"
-    yield Verdict("symmetric", worst.size <= bound, worst.size, f"≤ {bound:.1e}", how)
+    yield Verdict("symmetric", worst.size <= bound, worst.size, f"≤ {bound:.1e}", how, worst.at)
 
 
 def poisson(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
@@ -347,7 +348,7 @@ def poisson(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Ver
             if span < 1 or found.error <= bound:  # else the map bends too much for differences
                 worst = worst.or_(found.defect, name, span)
     how = f"‖D P(y) Dᵀ − P(ỹ)‖, D by central differences of order 6, {AT.format(len(names))}{worst.where}"
-    yield Verdict("Poisson map", worst.size <= bound, worst.size, f"≤ {bound:g}", how)
+    yield Verdict("Poisson map", worst.size <= bound, worst.size, f"≤ {bound:g}", how, worst.at)
 
 
 def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | None = None) -> Iterator[Verdict]:
@@ -398,13 +399,13 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
             continue
         how = at.format(len(on or names)) + largest.where
         if not on:
-            yield Verdict(claim, None, largest.size, "", f"{NOT_CLAIMED}; {how}")
+            yield Verdict(claim, None, largest.size, "", f"{NOT_CLAIMED}; {how}", largest.at)
             continue
         bound = EPS * (BIAS * n if quantity in biased else min(BIAS * n, WALK * n**0.5))
         if bound < largest.size <= ROUND_OFF * n * EPS:
             how += f"; that is {largest.size / (n * EPS):.1g} ulp a step, which may be no fault of the formula: see “A rounding "
             how += "that always goes the same way” in docs/adding-a-method.md"
-        yield Verdict(claim, largest.size <= bound, largest.size, f"≤ {bound:.1e}", how)
+        yield Verdict(claim, largest.size <= bound, largest.size, f"≤ {bound:.1e}", how, largest.at)
     if stopped:  # unless at the smallest step no fault: an explicit method may be unstable
         harmless = min(stopped)[0] > SPANS[0]
         how = "; ".join(f"fails at h = {span:g}: {why} ({', '.join(on)})" for (span, why), on in stopped.items())

@@ -220,7 +220,7 @@ class HeavyTop(RigidTop):
     Raises
     ------
     ValueError
-        A number that is not finite, mass, A or C not positive, or C > 2A.
+        A number that is not finite, mass, A or C not positive, A < mass distance², or C > 2A.
     """
 
     def __init__(self, mass: float, distance: float, gravity: float, A: float, C: float) -> None:
@@ -230,6 +230,11 @@ class HeavyTop(RigidTop):
         self.com, self.inertia_com = np.array((0.0, 0.0, distance)), np.diag((across, across, C))
         down, axis = np.array((0.0, 0.0, -gravity)), _fractions((0.0, 0.0, 1.0))
         self._set_up(mass, down, Fraction(A), Fraction(C), axis, distance, gravity)
+        if across < -SYMMETRIC * A:
+            raise ValueError(
+                f"A = {A} is less than mass · distance² = {mass * distance * distance:.6g}: A is the moment of inertia about the "
+                "fixed point, not about the centre of mass"
+            )
         if C > 2 * A:
             raise ValueError(f"C = {C} > 2 A = {2 * A}: no rigid body has such moments of inertia")
 

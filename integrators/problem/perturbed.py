@@ -54,7 +54,7 @@ class PerturbedTop(Top):
         if not isinstance(self.top, LagrangeTop):
             raise ValueError(f"top of a PerturbedTop must be a LagrangeTop; got {type(self.top).__name__}")
         if not isinstance(self.potential, Potential):
-            raise ValueError(f"potential must be a Potential; got {type(self.potential).__name__}")
+            raise ValueError(f"potential must be a Potential, such as POTENTIALS['tide']; got {self.potential!r}")
         parameters = self.parameters
         if isinstance(parameters, (str, bytes)) or not hasattr(parameters, "__iter__"):
             raise ValueError(f"parameters must be numbers, one for each parameter; got {parameters!r}")

@@ -25,7 +25,7 @@ def watched(name: str, stepper: Any, size: int = 6) -> Stepper:
     if _own(type(stepper)):  # type: ignore[arg-type]  # mypy takes no type[Any] for hashable
         return stepper  # type: ignore[no-any-return]
     for word in ("record", "advance", "work"):
-        if not hasattr(stepper, word):
+        if getattr(stepper, word, None) is None or getattr(type(stepper), word, None) is Stepper.record:
             raise ValueError(f"{name}: prepare returned {stepper!r} without {word}: return a stepper")
     return Watched(name, stepper, size)  # type: ignore[return-value]
 

@@ -46,8 +46,11 @@ def _found(
     """By the function `which` of `exact` of `when`; or by the reference at `times` + `rest`."""
     if "uniform" in problem.offers:
         return getattr(exact, which)(problem, y0, *when)
-    if np.max(np.abs(times), initial=0.0) > longest * problem.scales(y0)[2]:
-        raise ValueError(f"the run is longer than {longest:g} time scales of the motion")
+    end, most = np.max(np.abs(times), initial=0.0), longest * problem.scales(y0)[2]
+    if end > most:
+        raise ValueError(
+            f"t = {end:g} is longer than {longest:g} time scales of the motion: take times up to {most:.4g}"
+        )
     return _reference(problem, y0, times, rest)
 
 

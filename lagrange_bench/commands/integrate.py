@@ -99,7 +99,6 @@ def physical(text: str) -> dict[str, float]:
 def run(options: argparse.Namespace) -> Answer:
     """Follow the top, write what is wanted, and sum up."""
     from lagrange_bench import trajectory as summed
-    from lagrange_bench.integrators.checks import check_options
     from lagrange_bench.integrators.registry import METHODS, find_method
     from lagrange_bench.runner import progress
 
@@ -113,11 +112,10 @@ def run(options: argparse.Namespace) -> Answer:
         if options.problem is not None:
             those = ", ".join(other for other, found, _ in METHODS.each() if found and found.takes(top) is None)
         raise ValueError(f"--method: {reason} (those that do: {those})")
-    evaluate = None if options.times is None else method.evaluate_for(top)
-    if options.times is not None and evaluate is None:
+    if options.times is None:
+        method.prepare_for(top, settings)
+    elif method.evaluate_for(top, settings) is None:
         raise ValueError(f"--times: {method.name} steps on a grid only; give --h and --steps")
-    called = method.name if evaluate is None else f"{method.name} at given times"
-    check_options(called, evaluate or method.prepare_for(top), settings)
     check_target("--output", options.output, TABLES)  # nobody wants to learn after an hour that there is no such folder
     check_target("--draw", options.draw, PICTURES)
     if options.draw is not None and top.space.name != "e3":

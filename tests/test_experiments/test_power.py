@@ -382,7 +382,7 @@ def test_an_index_beyond_the_constants_is_found(mine, tmp_path):
 RECORDS = [
     (KEPT, '["J3"]', "conserves must be a set"),
     (KEPT, '{"J4"}', "conserves names unknown invariants: ['J4']"),
-    ("order=1", 'order="1"', "order must be a whole number or None; got '1'"),
+    ("order=1", 'order="1"', "order must be a whole number from 1 on, or None; got '1'"),
     ('needs="uniform"', 'needs="field"', "needs must be one of uniform, rhs, "),
     ("prepare=prepare", "prepare=None", "prepare must be a function; got None"),
     ("order=1", "oder=1", "unexpected keyword argument 'oder'; did you mean 'order'?"),

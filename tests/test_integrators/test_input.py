@@ -252,7 +252,7 @@ OTHERS = [  # a call, words in the message
         (lambda w=w: posed(turning, "so3", invariants={w: turning}), f".*'{w}'.* taken")
         for w in ("H", "C", "t", "h", "J1")
     ),
-    (lambda: integrate(TOP, Y0, 0.1, 4, pin=1).sol([1.0]), "unknown option 'pin' of the dense output of backlund"),
+    (lambda: integrate(TOP, Y0, 0.1, 4, pin=1).sol([1.0]), "unknown option 'pin' of backlund at given times"),
     (lambda: prepare(BODY, np.eye(7)[0], 0.1, "generalized_alpha", rho=2), "rho must be from 0 to 1"),
     (lambda: spin(method="theta_functions"), ".*does not take the problem magnet"),
     *((lambda y=y: spin(y0=y), "y0") for y in (SPINS[:3], SPINS * NAN, SPINS * 1j)),
@@ -302,9 +302,21 @@ OTHERS = [  # a call, words in the message
     (lambda: euler(lb.free_body(1.0, 1.0, 2.0), Y0[:3], [1.0]), ".*three different moments"),
     (lambda: lb.free_body(1.0, -1.0, 2.0), ".*moments of inertia must be positive"),
     (lambda: lb.kirchhoff_body((1.0, 2.0), (0.1, 0.1, -0.2), (0.6, 0.6, 0.9)), ".*three numbers each"),
-    (lambda: lb.explicit_stepper("short", TOP, 0.1, lambda rates, t, y, h: y[:3]), ".*increment gives 3 numbers; .* 6"),
+    (
+        lambda: lb.explicit_stepper("short", TOP, 0.1, lambda rates, t, y, h: y[:3]),
+        "short: increment: it gives 3 numbers; .* 6",
+    ),
     (lambda: integrate(TOPS["generic"], Y0, 0.1, 10), r".*pass named\.top, named\.state"),
     (lambda: RUN.sol([0.3]), "sol: strang steps on a grid only"),
+    (lambda: integrate(TIDE, Y0, 1.0, 3000, "rk4", every=3000).error(), "t = 3000 is longer than 2000 time scales"),
+    (
+        lambda: integrate(TIDE, Y0, 0.1, 4, "backlund_splitting", tol=1e-9),
+        ".*'tol' .* belongs to runs to given times t",
+    ),
+    (lambda: integrate(TIDE, Y0, t=[1.0], method="backlund_splitting", scheme="strang"), ".*runs by h and steps"),
+    (lambda: HeavyTop(1.0, 1.0, 9.81, 0.5, 0.1), "A = 0.5 is less than mass · distance² = 1: .* about the fixed point"),
+    (lambda: PerturbedTop(TOP, "tide", (1.0,)), r"potential must be a Potential, such as POTENTIALS\['tide'\]"),
+    (lambda: integrate(TIDE, Y0, 0.1, 4), ".*torus of an integrable top; backlund_splitting does"),
     (lambda: RUN.plot("axis", ax=Figure().subplots()), ".*projection='3d'"),
     (lambda: RUN.plot("energy"), "what must be one of 'components', "),
     (lambda: SPUN.plot("axis"), ".*no axis x"),

@@ -61,12 +61,15 @@ def test_the_error_of_steps_is_that_at_n_h():
 @pytest.mark.parametrize("name", RUNS)
 def test_files_have_every_bit(runs, name, tmp_path):
     run = runs[name]
-    rows = np.loadtxt(run.save(tmp_path / "run.csv", {"mine": "é"}), delimiter=",", skiprows=3)
+    rows = np.loadtxt(run.save(tmp_path / "run.csv", {"mine": "é"}), delimiter=",", skiprows=7)
     assert np.array_equal(rows, run.to_frame())
-    assert (tmp_path / "run.csv").read_text("utf-8").startswith('# method: "rk4"\n# mine: "é"\n')
+    facts = {"method": "rk4", "top": repr(run.top), "y0": run.start.state.tolist(), "h": 0.01, "options": {}}
+    lines = (tmp_path / "run.csv").read_text("utf-8").splitlines()
+    told = dict(line[2:].split(": ", 1) for line in lines if line.startswith("#"))
+    assert {key: json.loads(value) for key, value in told.items()} == {**facts, "mine": "é"}
     with np.load(run.save(str(tmp_path / "run.npz"))) as data:
         assert np.array_equal(data["y"], run.y)
-        assert json.loads(str(data["metadata"])) == {"method": "rk4"}
+        assert json.loads(str(data["metadata"])) == facts
     pytest.importorskip("pyarrow")
     assert pd.read_parquet(run.save(tmp_path / "run.parquet")).equals(run.to_frame())
 
@@ -103,7 +106,7 @@ def test_an_ensemble_is_its_motions_with_one_more_axis(runs, name, tmp_path):
         one = frame[frame.motion == i].drop(columns="motion").reset_index(drop=True)
         assert one.equals(alone.to_frame(invariants=True))
     assert np.array_equal(together.motion(-1).error(), alone.error())
-    assert np.array_equal(np.loadtxt(together.save(tmp_path / "a.csv"), delimiter=",", skiprows=2), together.to_frame())
+    assert np.array_equal(np.loadtxt(together.save(tmp_path / "a.csv"), delimiter=",", skiprows=3), together.to_frame())
     with np.load(together.save(tmp_path / "a.npz")) as data:
         assert np.array_equal(data["y"], together.y)
     with pytest.raises(IndexError):
