@@ -34,8 +34,8 @@ MEASURED = {
 }
 
 STATE = "generic"
-STEPS = {"quick": (1 / 16, 1.0), "full": tuple(2.0**k for k in range(-8, 3, 2))}
-TOLERANCES = {"quick": (1e-6, 1e-9), "full": (1e-3, 1e-6, 1e-9, 1e-12, 1e-14)}
+STEPS = {"quick": (1 / 16,), "full": tuple(2.0**k for k in range(-8, 3, 2))}
+TOLERANCES = {"quick": (1e-9,), "full": (1e-3, 1e-6, 1e-9, 1e-12, 1e-14)}
 ROUNDS = {"quick": 1, "full": 2}
 REPEATS = 5
 EXACT = ("backlund", "backlund_unpinned")
