@@ -19,6 +19,7 @@ import importlib
 import re
 from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import partial
 from importlib import metadata
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -399,7 +400,7 @@ MARKERS = ("o", "s", "D", "^", "v")
 
 
 def looks(rows: pd.DataFrame, style) -> dict[tuple[str, str], dict]:
-    """Of each engine and integrator: the bench's methods and the best integrators bold and named, defaults dashed."""
+    """Of each engine and integrator: the bench's methods, the best and the defaults bold and named, others thin."""
     found = {}
     for (name, kind), group in rows.groupby(["engine", "integrator"], sort=False):
         place = list(ENGINES).index(name) if name in ENGINES else 0
@@ -407,7 +408,8 @@ def looks(rows: pd.DataFrame, style) -> dict[tuple[str, str], dict]:
         text = style.label(kind) if ours else f"{name}, {kind}"
         look = {"color": COLOURS[place], "linestyle": "--" if setting == DEFAULT else "-"}
         if ours or setting:
-            marker = MARKERS[METHODS.index(kind) % len(MARKERS)] if ours and kind in METHODS else "none"
+            kinds = METHODS if ours else tuple(ENGINES[name].integrators)
+            marker = MARKERS[kinds.index(kind) % len(MARKERS)] if kind in kinds else "none"
             found[name, kind] = {**look, "label": style.plain(text), "marker": marker, "markersize": 3.0}
         else:
             found[name, kind] = {**look, "label": "_thin", "gid": style.title(text), "linewidth": 0.6, "alpha": 0.7}
@@ -415,8 +417,12 @@ def looks(rows: pd.DataFrame, style) -> dict[tuple[str, str], dict]:
 
 
 @of_part(failed=True)
-def _draw_steps(rows: pd.DataFrame, style):
+def _draw_steps(rows: pd.DataFrame, style, rest: bool = False):
+    """The bench and the best of each engine; or the rest of their integrators."""
     rows = runs(rows)
+    rows = rows[(rows.engine.ne(OURS) & rows.setting.ne(BEST)) == rest]
+    if rows.empty:
+        return None
     cases = [case for case in POWERS if case in set(rows.case)]
     fig, grid = style.figure("page", 0.9 + 2.3 * len(cases), nrows=len(cases), ncols=2, sharey="row", squeeze=False)
     columns = {"h": "step, s", "seconds": "wall time of the run, s"}
@@ -431,15 +437,18 @@ def _draw_steps(rows: pd.DataFrame, style):
         line[0].set_ylabel("error of position, m")
         style.failure_marks(line[0], rows[(rows.case == case) & (rows.status == "failed")].h.unique())
     style.legend_below(fig)
+    which = (
+        "Black: methods of this bench; in colour: the most accurate integrator, or the best settings, of each engine",
+        "The rest. Dashed: default settings; thin: other integrators, in their engine's colour",
+    )
     fig.caption = (
-        "Error of the centre of mass at the end against the step, and against the wall time of the whole run on one core. "
-        "Dashed: default settings; solid: the best; thin: other integrators. With marks: methods of this bench. Crosses: steps "
-        "at which an engine gave up."
+        "Error of the centre of mass at the end against the step, and against the wall time of the whole run on one core; down "
+        f"and left is better. {which[rest]}. Crosses: steps at which an engine gave up."
     )
     return fig
 
 
-draw = drawn(steps=_draw_steps)
+draw = drawn(steps=_draw_steps, defaults=partial(_draw_steps, rest=True))
 
 if __name__ == "__main__":
     script.run("engines")
