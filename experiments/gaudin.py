@@ -291,6 +291,7 @@ def orders(variant: str, group: pd.DataFrame) -> dict:
     return {"maps": maps, "order": fit.p, "±": fit.stderr, "smallest error": float(group.error.min())}
 
 
+UNIT = "Times are in units of 1/√(ΣA²), A the couplings."
 LABELS = {f"order {p}": f"Bäcklund, order {p}" for p in ORDERS} | {"exact": "Bäcklund, exact"}
 SHADES = {"order 4": ("#7D9BD1", "s", 1), "order 6": ("#3F93CF", "h", 3), "order 8": ("#0F5C80", "^", 0)}
 
@@ -318,14 +319,15 @@ def _draw_time(rows: pd.DataFrame, style):
         ax.set_title(f"{quantities[name]}, n = {n}")
         style.ulp_line(ax)
     for ax in grid[-1]:
-        ax.set_xlabel("time t")
+        ax.set_xlabel("time · √(ΣA²)")
     for ax in grid[:, 0]:
         ax.set_ylabel("largest relative error")
     style.legend_below(fig)
     fig.caption = (
         "Relative errors of all the Hamiltonians and of all the spin lengths of a central-spin magnet with n spins, "
         f"maxima over blocks of time. Steps of {STEP['order 2']:g} (order 2) and {STEP['exact']:g} (exact), heyoka "
-        "with steps of its own choice. The grey line is one ulp; errors below a quarter of it are drawn there."
+        "with steps of its own choice. The grey line is one ulp; errors below a quarter of it are drawn there. "
+        f"{UNIT}"
     )
     return fig
 
@@ -339,11 +341,12 @@ def _draw_h(rows: pd.DataFrame, style):
     ticks = sorted({2.0 ** round(math.log2(h)) for h in rows.h})[:: 2 if len(set(rows.h)) > 6 else 1]
     ax.set_xticks(ticks, [f"{h:g}" if h >= 1 else f"1/{1 / h:g}" for h in ticks])
     ax.minorticks_off()
-    ax.set(xlabel="step", ylabel=f"largest error at t = {SPAN:g}")
+    ax.set(xlabel="step h · √(ΣA²)", ylabel=f"largest error at t = {SPAN:g}")
     style.legend_below(fig)
     fig.caption = (
         f"Largest error of a spin component at t = {SPAN:g} against the step, n = {SWEPT}: k maps to a step have order "
-        "2k, fitted to the torus they have no error in time. The floor is round-off, that of the reference (DOP853) included."
+        "2k, fitted to the torus they have no error in time. The floor is round-off, that of the reference (DOP853) included. "
+        f"{UNIT}"
     )
     return fig
 
@@ -365,7 +368,7 @@ def _draw_work(rows: pd.DataFrame, style):
     fig.caption = (
         f"Error against time of a run, set-up and compilation excluded, n = {SWEPT}. The exact step takes one jump; the "
         "empty circle is the jump with its set-up, which is Python with many digits. DOP853 calls Python at every stage"
-        f"{'' if not program < spans[-1] else f'; it runs up to t = {program:g} only'}."
+        f"{'' if not program < spans[-1] else f'; it runs up to t = {program:g} only'}. {UNIT}"
     )
     return fig
 
