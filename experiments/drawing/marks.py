@@ -283,6 +283,6 @@ def slope_guide(ax: Axes, exponent: float, anchor: tuple[float, float], span: fl
     """A thin line y ∝ x^exponent on log-log axes from `anchor` over a factor `span` in x, with its name."""
     x0, y0 = anchor
     x1, y1 = x0 * span, y0 * span**exponent
-    ax.plot([x0, x1], [y0, y1], color=FAINT, linewidth=0.7, linestyle=(0, (1, 1)), marker="none", label="_guide")
+    ax.plot([x0, x1], [y0, y1], color=FAINT, linewidth=1.0, linestyle=(0, (1, 2)), marker="none", label="_guide")
     name = ax.annotate(text, (x1, y1), (2, 0), textcoords="offset points", fontsize=6.5, color=FAINT, va="center")
     name.set_in_layout(False)
