@@ -247,6 +247,6 @@ def title(text: str) -> str:
 def few_decades(axis: Any, decades: float = 1.0) -> None:
     """Plain numbers for a logarithmic axis of a decade or two: at 1, 2 and 5; at 1 and 3 if it has more than one decade."""
     digits = (1, 3) if decades > 1 else (1, 2, 5)
-    axis.set_major_locator(LogLocator(subs=digits) if decades > LESS else MaxNLocator(4, steps=(1, 2, 5, 10)))
+    axis.set_major_locator(LogLocator(subs=digits) if decades > LESS else MaxNLocator(2, steps=(1, 2, 5, 10)))
     axis.set_major_formatter(lambda value, _: show(float(value)))
     axis.set_minor_formatter(NullFormatter())
