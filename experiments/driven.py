@@ -128,7 +128,7 @@ def _draw_work(rows: pd.DataFrame, style):
     fig = work_precision.draw_panels(good, titles, apart, (2, 2.0), style, lambda here: NAMED, sharey=True)
     fig.caption = (
         "Error at the end against wall time, set-up included, of tops with a Hamiltonian that depends on time; down and left is "
-        f"better. {style.naming(good.method, 'some are named')}. Each curve joins a method's Pareto-optimal runs."
+        f"better. {style.naming(good.method, 'some are named, and the most accurate')}. Each curve joins Pareto-optimal runs."
     )
     return fig
 

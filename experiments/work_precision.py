@@ -277,19 +277,21 @@ def draw_frontier(rows: pd.DataFrame, style):
     )
     for ax, span in zip(axes, spans, strict=True):
         here = good[good.span == span]
-        draw_runs(ax, here, champions(here), style)
+        front = here.iloc[metrics.pareto_front(here.seconds, here.error)]
+        draw_runs(ax, here, {*champions(here), *front.method}, style)
         draw_front(ax, here.seconds, here.error)
         shade_calls(ax, float(good.seconds.min()), style)
         tried = rows[rows.span == span].method.unique()
         for method in (name for name in named if name in tried and name not in set(here.method)):
             style.failed_label(ax, method)
     style.label_ends(axes)
+    bold = "bold: of each family the one that is cheapest at most errors, or the exact step; and all on the frontier"
     state = good.state.iloc[0]
     label = TOPS[state].label if state in TOPS else state
     fig.caption = (
         f"Largest error in the last fifth of the run against the wall time of the run on “{label}”; down and to the left is "
         "better. Each curve shows a method's Pareto-optimal runs. "
-        f"{style.naming(good.method, 'bold: of each family the one that is cheapest at most errors, or the exact step')}. Wide "
+        f"{style.naming(good.method, bold)}. Wide "
         "and pale: the efficient frontier, runs that no other run beats in both. Shaded: the time of one call from "
         "Python, which every run pays. A cross before a name: no run is within the limits of time and of error. "
         "Set-up and compilation are not included here; the tables count set-up too."
@@ -301,13 +303,15 @@ def draw_panels(good: pd.DataFrame, titles: dict, by: str | list[str], size: tup
     """The figure of `draw_runs`, set-up counted: a panel for each key of `titles`, found among the values of the columns `by`.
 
     size : panels to a row, and its height in inches. named : gives those of a panel's runs.
+    The most accurate method is named, too.
     """
     xlabel = "wall time of the run with set-up, s"
     fig, axes = style.panels(list(titles.values()), size[0], (0.5, size[1]), xlabel, "error at the end", **shared)
     groups = dict(list(good.groupby(by, sort=False)))
     for ax, key in zip(axes, titles, strict=True):
         here = groups[key]
-        draw_runs(ax, here.assign(seconds=here.total), named(here), style, ours="backlund_splitting")
+        bold = {*named(here), here.method[here.error.idxmin()]}
+        draw_runs(ax, here.assign(seconds=here.total), bold, style, ours="backlund_splitting")
     style.label_ends(axes)
     return fig
 
