@@ -37,9 +37,9 @@ import numpy as np
 from mpmath import mp
 from numpy.polynomial.polynomial import polyadd, polydiv
 
-from lagrange_bench.integrators.paper.gaudin_curve import pade_roots, real_spin, spectral_polynomial
+from lagrange_bench.integrators.paper.gaudin_curve import length, pade_roots, spectral_polynomial
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
-from lagrange_bench.integrators.paper.phase_space import Numbers
+from lagrange_bench.integrators.paper.phase_space import Numbers, numbers
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.truth.orbit import horner
 
@@ -63,7 +63,7 @@ class Divisor(NamedTuple):
 
 
 def exact_step(magnet: GaudinMagnet, spins: Any, times: Any) -> Step:
-    """The flow of Σ times_j H_j over time 1. Sites whose times count must be real.
+    """The flow of Σ times_j H_j over time 1.
 
     It is the maps with λ_i = a_near + lams_i and v_i, and a turn about e3, as a part of a revolution. λ_i is counted from the
     site next to it: a double of its place would not do for sites that lie far from 0.
@@ -117,8 +117,8 @@ def _exact_step(magnet: GaudinMagnet, spins: Any, base: float, times: Numbers) -
     sites = [mp.mpmathify(a) for a in magnet.sites]
     centre = mp.fsum(sites[j] for j in moved) / len(moved)
     fine = GaudinMagnet(tuple(a - centre for a in sites), alpha)
-    exactly = np.array([[mp.mpmathify(x) for x in s] for s in np.asarray(spins).tolist()])
-    Q = np.array([c.real for c in spectral_polynomial(fine, exactly)])
+    exactly = numbers(spins)
+    Q = spectral_polynomial(fine, exactly)
     curve = _Curve(Q, alpha, n)
     starts = [_Start(fine, Q, exactly, j, mp.mpf(times[j])) for j in moved]
     doublings = max(start.halvings for start in starts)
@@ -186,10 +186,10 @@ class _Start:
 
     def __init__(self, magnet: GaudinMagnet, Q: Numbers, spins: Numbers, site: int, time: Any):
         n, self.k = len(magnet), len(magnet) // 2
-        self.time, (self.a, self.size) = time, real_spin(magnet, spins, site)
+        self.time, self.a, self.size = time, magnet.sites[site], length(spins[site])
         self.Q = _moved(Q, self.a)
         gaps = (self.a - b for b in magnet.sites if b != self.a)
-        self.root = self.size * mp.fprod(gaps).real  # y at the site
+        self.root = self.size * mp.fprod(gaps)  # y at the site
         self.alpha, self.odd = magnet.alpha, n % 2
         terms = math.ceil(mp.dps / -math.log10(REACH)) + 2 * n + 10
         q = self.Q / self.Q[0]

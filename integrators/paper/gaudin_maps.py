@@ -16,9 +16,7 @@ from lagrange_bench.integrators.paper.phase_space import Numbers, cross, dot
 from lagrange_bench.integrators.paper.two_point import dressing_matrix as two_point_dressing
 
 
-def one_point(
-    magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: int | None = 0, v: Any = None
-) -> Numbers:
+def one_point(magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: int = 0, v: Any = None) -> Numbers:
     """The one-point map, a complex Poisson map: L̃(u) = M L M⁻¹, M = ((u − λ + pq, p), (q, 1)); (5.1.3)–(5.1.8).
 
     p = S-/(2 alpha), q = (A − v)/B = −C/(A + v) at λ, S the total spin. All s_j² and H_j are kept.
@@ -37,12 +35,10 @@ def one_point(
     return _dress(spins, dressing_matrix(p, q, lam, np.array(magnet.sites)))
 
 
-def one_point_inverse(
-    magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: int | None = 0, v: Any = None
-) -> Numbers:
+def one_point_inverse(magnet: GaudinMagnet, spins: Any, lam: Any, v: Any) -> Numbers:
     """The spins that `one_point` sends to `spins`: its mirror image τ B τ, τ: s² → −s², which transposes L."""
     mirror = np.array((1, -1, 1))
-    return one_point(magnet, magnet.check_spins(spins) * mirror, lam, sheet, site, v) * mirror
+    return one_point(magnet, magnet.check_spins(spins) * mirror, lam, v=v) * mirror
 
 
 def two_point_textbook(magnet: GaudinMagnet, spins: Any, lam1: Any, v1: Any, lam2: Any, v2: Any) -> Numbers:
@@ -64,9 +60,7 @@ def two_point_textbook(magnet: GaudinMagnet, spins: Any, lam1: Any, v1: Any, lam
     return _dress(spins, two_point_dressing(x, X, lam1, lam2, np.array(magnet.sites)))
 
 
-def two_point(
-    magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: int | None = 0, v: Any = None
-) -> Numbers:
+def two_point(magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: int = 0, v: Any = None) -> Numbers:
     """The real two-point map of λ and λ̄, without poles: every spin turns about one axis. Sheet −1 is the inverse.
 
     With ℓ(λ) = p + iq, n = Re v p + Im v q − p×q, w = Im λ n/|n| and g_j = a_j − Re λ
@@ -75,10 +69,9 @@ def two_point(
 
     a turn by 2 arg(a_j − λ) about n; M(u) = u − Re λ + i σ·w. |n| = (|v|² + |p|² + |q|²)/2 vanishes only with ℓ(λ).
     It is `two_point_textbook` of (λ, −v), (λ̄, −v̄): there sheet 1 steps backwards.
-    ValueError unless Im λ > 0 and sites and spins are real or conjugate.
+    ValueError unless Im λ > 0 and the spins are real.
     """
-    spins, lam = magnet.check_spins(spins), check_upper(magnet, lam)
-    magnet.check_real(spins)
+    spins, lam = magnet.check_real_spins(spins), check_upper(magnet, lam)
     bar = lam.conjugate()
     if v is None:  # no conjugation of spins: the map is written as a holomorphic function of them
         v, v_bar = (eigenvalue(magnet, spins, u, sheet, site) for u in (lam, bar))
@@ -93,9 +86,7 @@ def two_point(
     g = np.array([a - lam.real for a in magnet.sites])[:, None]
     turned = cross(w, spins)
     image = spins + 2 / (g * g + dot(w, w)) * (cross(w, turned) - g * turned)
-    if spins.dtype == object:
-        return image
-    return (image + image[magnet.partners].conj()) / 2 if spins.dtype.kind == "c" else image.real
+    return image if spins.dtype == object else image.real
 
 
 def _dress(spins: Numbers, M: Numbers) -> Numbers:

@@ -8,8 +8,8 @@ n spins s_j = (s¹, s², s³) at sites a_j, in a field alpha along e3; spins are
     v² = ℓ·ℓ = alpha² + Σ (H_j/(u − a_j) + s_j²/(u − a_j)²)                                          (2.11), (2.12)
     H_j = 2 alpha s_j³ + Σ_{k≠j} 2 s_j·s_k/(a_j − a_k)                                                      (2.13)
 
-The real magnet has real alpha and sites that are real, with real spins, or come in conjugate pairs with conjugate
-spins. Everything here is + − * / and a square root: it runs in double, and in mpmath on object arrays.
+Alpha and sites are real; the spins may be complex. Everything here is + − * / and a square root: it runs in double, and
+in mpmath on object arrays.
 
 Points (λ, v) of the curve are in `gaudin_curve`, the maps that take them in `gaudin_maps`, compiled steps in
 `gaudin_step`, the limit in which two sites become a top in `contraction`.
@@ -46,7 +46,7 @@ class GaudinMagnet:
     Parameters
     ----------
     sites : tuple
-        The λ_k: numbers, also complex or mpmath ones.
+        The a_j: real numbers, also mpmath ones.
     alpha : number
         The field, along e3.
     site : int, optional
@@ -57,8 +57,8 @@ class GaudinMagnet:
     Raises
     ------
     ValueError
-        Sites that coincide, are not finite or not numbers; alpha that is not real and finite; both site and hamiltonian, or one
-        that does not fit the sites.
+        Sites that coincide; sites or alpha that are not real and finite; both site and hamiltonian, or one that does not fit
+        the sites.
     """
 
     sites: tuple[Any, ...]
@@ -67,28 +67,25 @@ class GaudinMagnet:
     hamiltonian: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        sites = check_numbers(self.sites, "sites")
+        sites, alpha = check_reals(self.sites, "sites"), check_reals(self.alpha, "alpha")
         if sites.ndim != 1 or len(sites) == 0:
             raise ValueError(f"sites must be a sequence of one or more numbers; got shape {sites.shape}")
         for j, a in enumerate(sites):
             if any(a == b for b in sites[:j]):
                 raise ValueError(f"sites must be distinct; {a} appears twice")
-        alpha = check_numbers(self.alpha, "alpha")
-        if alpha.ndim or isinstance(alpha[()], (complex, mpmath.mpc)):
-            raise ValueError(f"alpha must be a real number; got {self.alpha!r}")
+        if alpha.ndim:
+            raise ValueError(f"alpha must be one number; got {self.alpha!r}")
         object.__setattr__(self, "sites", tuple(sites.tolist()))
         object.__setattr__(self, "alpha", alpha.tolist())
         if self.hamiltonian is not None:
             if self.site is not None:
                 raise ValueError("give either site or hamiltonian")
-            c = check_numbers(self.hamiltonian, "hamiltonian")
-            if c.shape != sites.shape or c.dtype.kind not in "iuf":
-                raise ValueError(
-                    f"hamiltonian must be {len(sites)} real numbers, one for each site; got {c.tolist()!r}"
-                )
+            c = check_reals(self.hamiltonian, "hamiltonian")
+            if c.shape != sites.shape:
+                raise ValueError(f"hamiltonian must be {len(sites)} numbers, one for each site; got {c.tolist()!r}")
             object.__setattr__(self, "hamiltonian", tuple(c.astype(float).tolist()))
-        elif self.site is not None and check_count(self.site, "site") >= len(sites):
-            raise ValueError(f"site must be from 0 to {len(sites) - 1}; got {self.site}")
+        elif self.site is not None:
+            self.check_site(self.site)
 
     @property
     def flow(self) -> Numbers:
@@ -97,7 +94,7 @@ class GaudinMagnet:
 
     @property
     def problem(self) -> MagnetProblem:
-        """The flow as a `Problem`; ValueError if a site is not real."""
+        """The flow as a `Problem`."""
         return MagnetProblem(self)
 
     def __len__(self) -> int:
@@ -158,19 +155,19 @@ class GaudinMagnet:
             raise ValueError(f"{name} must have shape ({len(self)}, 3), one row for each site; got {array.shape}")
         return array.astype(float) if array.dtype.kind in "iu" else array
 
-    @property
-    def partners(self) -> list[int]:
-        """For each site the place of its conjugate, itself if it is real. ValueError if there is none."""
-        for a in self.sites:
-            if a.conjugate() not in self.sites:
-                raise ValueError(f"sites must be real or conjugate pairs; {a} has no partner")
-        return [self.sites.index(a.conjugate()) for a in self.sites]
+    def check_real_spins(self, spins: Any) -> Numbers:
+        """As `check_spins`; ValueError unless they are real but for round-off."""
+        array = self.check_spins(spins)
+        s = array.astype(complex)
+        if np.max(np.abs(s.imag)) > 1e-12 * np.max(np.abs(s)):
+            raise ValueError(f"spins must be real; got {array.tolist()!r}")
+        return array
 
-    def check_real(self, spins: Any, name: str = "spins") -> None:
-        """ValueError unless spins are real at real sites, conjugate at conjugate ones, but for round-off."""
-        s = np.asarray(spins).astype(complex)
-        if np.max(np.abs(s[self.partners].conj() - s)) > 1e-12 * np.max(np.abs(s)):
-            raise ValueError(f"{name} must be real at real sites and conjugate at conjugate sites")
+    def check_site(self, site: Any) -> int:
+        """The number of a site."""
+        if check_count(site, "site") >= len(self):
+            raise ValueError(f"site must be from 0 to {len(self) - 1}; got {site}")
+        return site
 
 
 def check_numbers(values: Any, name: str) -> Numbers:
@@ -185,6 +182,14 @@ def check_numbers(values: Any, name: str) -> Numbers:
     return array
 
 
+def check_reals(values: Any, name: str) -> Numbers:
+    """The same of real numbers."""
+    array = check_numbers(values, name)
+    if any(isinstance(v, (complex, mpmath.mpc)) for v in array.ravel().tolist()):
+        raise ValueError(f"{name} must be real numbers; got {values!r}")
+    return array
+
+
 def check_parameter(magnet: GaudinMagnet, lam: Any, name: str = "lam") -> Any:
     """λ as one finite number off every site."""
     array = check_numbers(lam, name)
@@ -196,16 +201,15 @@ def check_parameter(magnet: GaudinMagnet, lam: Any, name: str = "lam") -> Any:
 
 
 def check_upper(magnet: GaudinMagnet, lam: Any, name: str = "lam") -> Any:
-    """λ in the upper half-plane, off every site and its conjugate."""
+    """λ in the upper half-plane."""
     lam = check_parameter(magnet, lam, name)
     if not lam.imag > 0:
         raise ValueError(f"{name} must have a positive imaginary part; got {lam}")
-    check_parameter(magnet, lam.conjugate(), f"the conjugate of {name}")
     return lam
 
 
 class MagnetProblem(Problem):
-    """The flow of a magnet with real sites on n spins: what `integrate`, `check` and the experiments see of it.
+    """The flow of a magnet on n real spins: what `integrate`, `check` and the experiments see of it.
 
     H = Σ_j b_j s_j³ + Σ_{j<k} K_jk s_j·s_k, b_j = 2 alpha c_j, is Σ c_j H_j but for a constant. A state is the 3n numbers of
     the spins. The b and K are the parameters of H, so magnets of one size share their kernels. Methods on a tape unroll all
@@ -214,22 +218,13 @@ class MagnetProblem(Problem):
     Attributes
     ----------
     magnet : the magnet, its sites and alpha as doubles. names : H_0 … of its sites, and C1 … Cn, the squares of the spins.
-
-    Raises
-    ------
-    ValueError : a site is not real.
     """
 
     timed, as_top = False, None
 
     def __init__(self, magnet: Any) -> None:
-        if any(a.imag for a in magnet.sites):
-            raise ValueError(
-                "sites must be real numbers for `integrate`; lagrange_bench.integrators.paper takes conjugate pairs too"
-            )
-        sites = tuple(float(a.real) for a in magnet.sites)
-        self.magnet = replace(magnet, sites=sites, alpha=float(magnet.alpha))
-        n, c = len(sites), self.magnet.flow
+        self.magnet = replace(magnet, sites=tuple(map(float, magnet.sites)), alpha=float(magnet.alpha))
+        n, c = len(magnet), self.magnet.flow
         self.pairs = np.argwhere(np.triu(np.ones((n, n)), 1))
         K = self.magnet.bonds(c)[tuple(self.pairs.T)]
         self.name, self.space, self.start = "magnet", Space(f"so3**{n}" if n > 1 else "so3", n), 0.0

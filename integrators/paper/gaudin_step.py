@@ -35,7 +35,7 @@ from lagrange_bench.integrators.interface import StepError, Stepper, Work
 from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue, pade_parameters
 from lagrange_bench.integrators.paper.gaudin_doubling import exact_step
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet, check_upper
-from lagrange_bench.integrators.paper.phase_space import Numbers, dot, root_near
+from lagrange_bench.integrators.paper.phase_space import Numbers, dot, numbers, root_near
 from lagrange_bench.integrators.precision import workdps
 
 PIN = 8  # steps between two corrections of |s_j|
@@ -48,7 +48,7 @@ def axis(s, alpha, g, r, e, v, follow, weight):
     for j in range(s.shape[1]):
         h = g[j] * r
         weight[j] = 1.0 / (h * h + e * e)
-    a1 = a2 = a3 = b1 = b2 = b3 = s[0, 0] * 0.0
+    a1 = a2 = a3 = b1 = b2 = b3 = 0.0
     for j in range(s.shape[1]):
         h = g[j] * r
         x = s[0, j] * weight[j]
@@ -60,13 +60,13 @@ def axis(s, alpha, g, r, e, v, follow, weight):
         b1 += x
         b2 += y
         b3 += z
-    p1 = -r * a1.real
-    p2 = -r * a2.real
-    p3 = alpha - r * a3.real
+    p1 = -r * a1
+    p2 = -r * a2
+    p3 = alpha - r * a3
     f = -r * e
-    q1 = f * b1.real
-    q2 = f * b2.real
-    q3 = f * b3.real
+    q1 = f * b1
+    q2 = f * b2
+    q3 = f * b3
     if follow:  # v of the present state, by a step of Newton's method from the frozen one
         square = complex(
             (p1 * p1 + p2 * p2 + p3 * p3) - (q1 * q1 + q2 * q2 + q3 * q3), 2 * (p1 * q1 + p2 * q2 + p3 * q3)
@@ -112,7 +112,7 @@ def pin(s, square, low):
 @jit
 def run(s, alpha, g, eta, v, follow, rho, edge, square, low, first, last, total, every, out):
     """Steps `first` to `last` of `total` of spins s (3, n), row by row into out; g is (k, n), eta, v, rho, edge (k,)."""
-    weight = np.empty(s.shape[1], g.dtype)
+    weight = np.empty(s.shape[1])
     for step in range(first, last):
         for i in range(len(eta)):
             n1, n2, n3 = axis(s, alpha, g[i], rho[i], edge[i], v[i], follow, weight)
@@ -131,44 +131,30 @@ class MagnetStepper(Stepper):
 
     Parameters
     ----------
-    lams : λ, one or several or none, in the upper half-plane. sheet, site : see `gaudin_curve`; sheet −1 steps backwards.
-    near : the site from which each λ is counted; by default it is counted from 0.
-    v : in place of sheet and site, each v to a few digits. turn : about e3 after the maps, in revolutions.
+    near, lams, v : of each map the site from which its λ is counted, λ less that site, Im λ > 0, and v to a few digits.
+    turn : about e3 after the maps, in revolutions.
     """
 
     def __init__(
-        self, magnet: GaudinMagnet, spins: Any, lams: Any, sheet: int = 1, site: int | None = 0, h: float | None = None,
-        *, near: Sequence[int] | None = None, v: Any = None, turn: Fraction = Fraction(0),
-    ):  # fmt: skip
+        self, magnet: GaudinMagnet, spins: Any, h: float, near: Sequence[int], lams: Numbers, v: Any, turn: Fraction
+    ):
         self.magnet, self.h, self.work = magnet, h, Work()
-        spins = magnet.check_spins(spins)
-        magnet.check_real(spins)
-        sites = np.array(magnet.sites)
-        self.dtype = sites.dtype if sites.dtype.kind == "c" else np.dtype(float)
-        lams = np.array([complex(lam) for lam in np.atleast_1d(lams)], dtype=complex)
-        origins = np.zeros(len(lams)) if near is None else sites[np.array(near, dtype=int)]
+        spins, sites = magnet.check_real_spins(spins), np.array(magnet.sites)
+        origins = sites[np.array(near, dtype=int)]
         self.lams = np.array([check_upper(magnet, lam, "lams") for lam in origins + lams], dtype=complex)
-        self.turn, self.follow = turn, False
+        self.turn, self.follow, points = turn, False, []
         with workdps(34):  # so that what is kept is correctly rounded
-            exactly = np.array([[mp.mpmathify(v) for v in s] for s in spins.tolist()])
-            points = []
-            for i, (origin, lam) in enumerate(zip(origins.tolist(), lams.tolist(), strict=True)):
+            exactly = numbers(spins)
+            for origin, lam, guess in zip(origins.tolist(), lams.tolist(), v, strict=True):
                 fine = GaudinMagnet(tuple(mp.mpmathify(a) - origin for a in magnet.sites), mp.mpmathify(magnet.alpha))
-                if v is None:
-                    points.append(eigenvalue(fine, exactly, mp.mpc(lam), sheet, site))
-                else:
-                    ell = fine.vector(exactly, mp.mpc(lam))
-                    points.append(root_near(dot(ell, ell), v[i]))
+                ell = fine.vector(exactly, mp.mpc(lam))
+                points.append(root_near(dot(ell, ell), guess))
             squares = magnet.casimirs(exactly)
-            self.v = np.array([complex(v) for v in points], dtype=complex)
-            self.square = self._round(squares)
-            self.low = self._round(squares - np.array([mp.mpmathify(c) for c in self.square.tolist()]))
+            self.v = np.array(points, dtype=complex)
+            self.square = squares.astype(float)
+            self.low = (squares - numbers(self.square)).astype(float)
         self.gaps = (sites - origins[:, None]) - lams.real[:, None]
         self.home = magnet.invariants(spins)
-
-    def _round(self, values: Numbers) -> Numbers:
-        rounded = np.array([complex(v) for v in values])
-        return rounded if self.dtype.kind == "c" else rounded.real.copy()
 
     def record(self, spins: Numbers, n: int, every: int) -> Numbers:
         """Spins after 0, every, 2·every, … n steps, (n//every + 1, sites, 3)."""
@@ -177,8 +163,8 @@ class MagnetStepper(Stepper):
         here = self.magnet.invariants(spins)
         if np.max(np.abs(here - self.home)) > OFF_TORUS * np.max(np.abs(self.home)):
             raise StepError("two-point map", "the spins are not on the torus this step was prepared for", h=self.h)
-        s = np.ascontiguousarray(spins.T).astype(self.dtype, copy=True)
-        out = np.empty((n // every + 1, *s.shape), dtype=self.dtype)
+        s = np.ascontiguousarray(spins.T).astype(float, copy=True)
+        out = np.empty((n // every + 1, *s.shape))
         out[0] = s
         rho, edge = np.ones(len(self.lams)), self.lams.imag.copy()
         curve = float(self.magnet.alpha), self.gaps, edge.copy(), self.v, self.follow
@@ -208,18 +194,19 @@ def prepare(magnet: GaudinMagnet, spins: Any, h: float, *, factors: int = 1) -> 
     if magnet.hamiltonian is not None:
         raise ValueError("hamiltonian: a step of finite order follows one H_j only; give the magnet a site")
     spins, site = magnet.check_spins(spins), magnet.site or 0
-    lams = pade_parameters(magnet, spins, abs(h), factors, site)
-    return MagnetStepper(magnet, spins, lams, 1 if h > 0 else -1, site, h, near=[site] * factors)
+    lams, here = pade_parameters(magnet, spins, abs(h), factors, site), magnet.sites[site]
+    centred = GaudinMagnet(tuple(a - here for a in magnet.sites), magnet.alpha)
+    v = [eigenvalue(centred, spins, lam, 1 if h > 0 else -1, site) for lam in lams]
+    return MagnetStepper(magnet, spins, h, [site] * factors, lams, v, Fraction(0))
 
 
 def prepare_exact(magnet: GaudinMagnet, spins: Any, h: float) -> MagnetStepper:
     """The exact step over h, positive or negative: half as many maps as spins, and a turn about e3."""
-    h, spins = check_step(h), magnet.check_spins(spins)
-    magnet.check_real(spins)
+    h, spins = check_step(h), magnet.check_real_spins(spins)
     try:
         near, lams, v, turn = exact_step(magnet, spins, h * magnet.flow)
     except ArithmeticError as error:
         raise StepError("backlund", str(error), h=h) from None
-    stepper = MagnetStepper(magnet, spins, lams, h=h, near=near, v=v, turn=turn)
+    stepper = MagnetStepper(magnet, spins, h, near, lams, v, turn)
     stepper.follow = len(lams) > 1
     return stepper

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from mpmath import mp
 
-from lagrange_bench.integrators.paper import lax
+from lagrange_bench.integrators.paper import lax, phase_space
 from lagrange_bench.integrators.paper.errata import Erratum, draw
 from lagrange_bench.integrators.paper.one_point import gauge
 from lagrange_bench.integrators.paper.phase_space import Numbers, function, invariants, lift, turn_rate, vector_field
@@ -104,7 +104,7 @@ def attitude_angle(top: LagrangeTop, y: Any, lam: Any) -> Any:
     with 2π, g̃ is continuous from g at λ = 0. For a real state, Im λ > 0, sheet 1.
     """
     check_parameter(lam)
-    q = lax.spectral_polynomial(top, _numbers(y))
+    q = lax.spectral_polynomial(top, phase_space.numbers(y))
     r = mp.sqrt(q[0])
 
     def integrand(u: Any, m: Any) -> Any:  # without the cancellation at u = 0
@@ -117,7 +117,7 @@ def hamiltonian(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1) 
     """H_int = ∫_{λ1}^{λ2} μ dλ, (5.6.11) corrected, up to a function of C1 and C2 (the residue of μ at 0)."""
     if lam1 == 0 or lam2 == 0:
         raise ValueError("λ = 0 is the pole of μ")
-    q = lax.spectral_polynomial(top, _numbers(y))
+    q = lax.spectral_polynomial(top, phase_space.numbers(y))
     r = mp.sqrt(q[0])
     b = q[1] / (2 * r)  # √Q = r + b u + …
 
@@ -153,7 +153,7 @@ def interpolated(top: LagrangeTop, y: Any, T: Any, turn: Any) -> Numbers:
 
 def _integral(top: LagrangeTop, y: Any, lam: Any, integrand: Callable[[Any, Any], Any]) -> Any:
     """∫ integrand(u, √Q(u)) du along the segment from 0 to λ."""
-    y, lam = _numbers(y), mp.mpmathify(lam)
+    y, lam = phase_space.numbers(y), mp.mpmathify(lam)
     share = complex(lam) * np.roots([complex(c) for c in lax.spectral_polynomial(top, y)])  # λ/u, Q(u) = 0
     on_the_way = np.any((share.real > 1 + 1e-12) & (abs(share.imag) < 1e-12 * abs(share)))
 
@@ -167,10 +167,6 @@ def _integral(top: LagrangeTop, y: Any, lam: Any, integrand: Callable[[Any, Any]
         if error <= 100 * mp.eps * (1 + abs(integral)):
             return integral * size * lam
     raise ValueError(f"lam = {mp.nstr(lam, 8)}: a root of Q lies on the segment from 0, or too close to it")
-
-
-def _numbers(y: Any) -> Numbers:
-    return np.array([mp.mpmathify(v) for v in y])
 
 
 # ------------------------------------------------------------------------------------------------ misprints
@@ -204,7 +200,7 @@ def _physical_limit(rng: Random, printed: bool) -> float:
     """(5.6.5) at λ2 = iη, η = 1e-25, with the μ2 of (5.6.9), against (i/2u)[σ·x, L(u)], corrected minus that; C1 = 1."""
     top, y, _ = _real_step(rng)
     with workdps(90):
-        state = _numbers(y)
+        state = phase_space.numbers(y)
         state[3:] /= mp.sqrt(sum(v * v for v in state[3:]))
         eta, u = mp.mpf(10) ** -25, mp.mpf(0.5 + rng.random())
         lam, mu = point(top, state, 1j * eta)

@@ -58,6 +58,11 @@ def lift(z: Any, like: Any) -> Any:
     return z + 0 * like
 
 
+def numbers(y: Any) -> Numbers:
+    """An object array of mpmath numbers, the doubles as they are."""
+    return np.frompyfunc(mp.mpmathify, 1, 1)(np.asarray(y))
+
+
 def sqrt(z: Any) -> Any:
     """Principal root of complex or mpmath numbers."""
     z = np.asarray(z)
@@ -80,7 +85,7 @@ def function(name: str, z: Any) -> Any:
 
 def gradient(F: Callable[[Numbers], Any], z: Any) -> Numbers:
     """∂F/∂z, (..., n), at numbers z (n,) by central differences with half as many digits more: good to nearly all of mpmath's."""
-    z, d = np.array([mp.mpmathify(v) for v in z]), mp.mpf(10) ** (-mp.dps // 2)
+    z, d = numbers(z), mp.mpf(10) ** (-mp.dps // 2)
     with mp.workdps(3 * mp.dps // 2):
         return np.stack([(F(z + d * e) - F(z - d * e)) / (2 * d) for e in np.eye(len(z), dtype=int)], axis=-1)
 
