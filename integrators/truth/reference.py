@@ -62,20 +62,8 @@ class Reference:
     error: Array  # (N,): of states + tail, relative to the scales of its vectors; rounding adds 1.1e-16 to that of `states`
     engine: str  # "heyoka" or "mpmath"
 
-    @property
-    def digits(self) -> int:
-        """Decimal digits that the worst of the states has; 0 where a chaotic orbit is lost."""
-        worst = float(np.max(self.error, initial=PAIR))
-        return max(0, math.floor(-math.log10(worst)))
 
-
-def solution(
-    problem: PerturbedTop | Problem,
-    y0: ArrayLike,
-    t: ArrayLike,
-    engine: str | None = None,
-    rest: ArrayLike = 0.0,
-) -> Reference:
+def solution(problem: PerturbedTop | Problem, y0: ArrayLike, t: ArrayLike, engine: str | None = None) -> Reference:
     """States at times t of the motion that is at y0 at t = 0.
 
     Parameters
@@ -83,7 +71,6 @@ def solution(
     problem, y0 : the problem and a state (6,), of a Problem (n,). Their doubles are taken as exact.
     t : times (N,) of any sign, in any order.
     engine : one of `engines()`; None for the first.
-    rest : (N,), what the doubles t leave out of the times, such as `exact.rounded_off(h, n)` of n steps of h.
 
     Returns
     -------
@@ -95,10 +82,9 @@ def solution(
     StepError : the motion runs into a singularity; the potential has corners; t is too far to be reached.
     """
     times = check_times(t)
-    more = np.broadcast_to(np.asarray(rest, dtype=float), times.shape)
     orbit = Orbit(problem, y0, engine)
-    key, n = orbit.key("solution", times.tobytes().hex(), more.tobytes().hex()), len(orbit.y0)
-    table = _kept(key, (len(times), 2 * n + 1), lambda: orbit.compute(times, more))
+    key, n = orbit.key("solution", times.tobytes().hex()), len(orbit.y0)
+    table = _kept(key, (len(times), 2 * n + 1), lambda: orbit.compute(times))
     return Reference(table[:, :n], table[:, n : 2 * n], table[:, 2 * n], orbit.engine)
 
 
@@ -168,15 +154,15 @@ class Orbit:
             program, parameters = equations(self.problem.field.gradient, self.tangent), (*units, *parameters)
         return {"heyoka": Heyoka, "mpmath": Mpmath}[self.engine](program, parameters, tolerance)
 
-    def compute(self, times: Array, more: Array) -> Array:
+    def compute(self, times: Array) -> Array:
         """Rows of states, tails and errors."""
-        rows = np.array([self.run(tolerance, times, more) for tolerance in (TOLERANCE, CHECK)])
+        rows = np.array([self.run(tolerance, times) for tolerance in (TOLERANCE, CHECK)])
         if not np.all(np.isfinite(rows)):
             raise StepError("reference", "the motion leaves the range of doubles")
         difference = np.sum(rows[0] - rows[1], axis=1)  # of the heads, and of the tails
         return np.column_stack((rows[0, :, 0], rows[0, :, 1], scaled_size(self.problem, self.y0, difference) + PAIR))
 
-    def run(self, tolerance: float, times: Array, more: Array) -> Array:
+    def run(self, tolerance: float, times: Array) -> Array:
         """States (N, 2, n), heads and tails."""
         self.check_span(float(np.max(np.abs(times), initial=0.0)))
         start = np.array((np.ldexp(self.y0, -self.exponents), np.zeros(len(self.y0))))
@@ -186,10 +172,9 @@ class Orbit:
         runner = self.runner(tolerance)
         for sign in (1, -1):
             later = np.flatnonzero(sign * times > 0)
-            pairs = np.ldexp((sign * times[later], sign * more[later]), self.clock).T
-            grid, places = np.unique(pairs, axis=0, return_inverse=True)  # in order
+            grid, places = np.unique(np.ldexp(sign * times[later], self.clock), return_inverse=True)  # in order
             if len(grid):
-                out[later] = self.advance(runner, start, sign * grid)[places.ravel()]
+                out[later] = self.advance(runner, start, sign * grid)[places]
         out[times == 0] = start
         with np.errstate(over="ignore"):
             states: Array = np.ldexp(out[:, :, : len(self.y0)], self.exponents)
@@ -220,8 +205,7 @@ class Orbit:
         segments = math.ceil(end / SEGMENT)
         for n in range(1, segments + 1):
             length = SEGMENT if n < segments else end - SEGMENT * (segments - 1)
-            grid = np.array([[math.copysign(length, t), 0.0]])
-            y = self.advance(runner, y, grid, since=math.copysign(SEGMENT * (n - 1), t))[0]
+            y = self.advance(runner, y, np.array([math.copysign(length, t)]), since=math.copysign(SEGMENT * (n - 1), t))[0]
             size = float(np.linalg.norm(y[0, 6:]))
             exponent = math.frexp(size)[1]
             yield math.ldexp(min(n * SEGMENT, end), -self.clock), total + math.log(size)
@@ -253,7 +237,7 @@ def equations(gradient: Program, tangent: bool) -> Program:
     return tape.program((*rates, *tape.along(rates, y[:6], y[6:])) if tangent else rates)
 
 
-# ---------------------------------------------------------------- engines: states (N, 2, n) at times (N, 2), in pairs
+# ---------------------------------------------------------------- engines: states (N, 2, n), heads and tails, at times (N,)
 
 
 @cache
@@ -283,7 +267,7 @@ class Heyoka:
     def states(self, start: Array, times: Array) -> Array:
         """States at `times`, which lead away from 0 in one direction, from `start` at 0."""
         ta = self.integrator
-        grid = np.append(self.real(0.0), self.quadruple(times.T))
+        grid = np.append(0.0, times).astype(self.real)
         ta.time, end = grid[0], grid[-1]
         ta.state[:] = self.quadruple(start)
         ta.pars[:] = self.quadruple((self.parameters[: len(ta.pars)],))  # the last ones may be in no formula
@@ -337,7 +321,7 @@ class Mpmath:
         out = np.empty((len(times), 2, n))
         with workdps(DIGITS):
             y, now = [mpf(a) + mpf(b) for a, b in start.T], mpf(0)
-            wanted = [mpf(a) + mpf(b) for a, b in times]
+            wanted = [mpf(t) for t in times]
             done, backward = 0, wanted[-1] < 0
             while done < len(wanted):
                 try:

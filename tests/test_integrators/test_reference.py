@@ -94,7 +94,6 @@ def test_the_closed_form_of_the_top(engine, name):
     errors = distance(problem, found, exact.solution(named.top, named.state, t, digits=36), named.state)
     assert all(a <= b < 1e-25 for a, b in zip(errors, found.error, strict=True))
     assert found.engine == engine
-    assert found.digits >= 25
     assert found.states[2].tolist() == named.state.tolist()
 
 
@@ -146,17 +145,11 @@ def test_units_do_not_matter(quadruple):
     assert 0 < one.error[0] < 1e-29
 
 
-def test_times_are_whole_numbers_of_steps(quadruple):
-    """n·h for h = 0.1 is not the double next to it: the motion in between is seen in the tail."""
-    h, counts = 0.1, np.array((3, 0, -7, 30, 3))
-    found = reference.solution(QUADRATIC, Y0, h * counts, rest=exact.rounded_off(h, counts.astype(float)))
-    rounded = reference.solution(QUADRATIC, Y0, h * counts)
-    assert largest(distance(QUADRATIC, found, digits(rounded))) > 1e-18
-    one = reference.solution(FREE, Y0, h * counts, rest=exact.rounded_off(h, counts.astype(float)))
-    with mp.workdps(40):
-        times = [mpf(h) * int(n) for n in counts]
-    assert largest(distance(FREE, one, exact.solution(LagrangeTop(1.0), Y0, times, digits=36))) < 1e-29
-    np.testing.assert_array_equal(one.states[0], one.states[4])
+def test_times_may_come_in_any_order_and_twice(quadruple):
+    times = 0.1 * np.array((3, 0, -7, 30, 3))
+    found = reference.solution(FREE, Y0, times)
+    assert largest(distance(FREE, found, exact.solution(LagrangeTop(1.0), Y0, times, digits=36))) < 1e-29
+    np.testing.assert_array_equal(found.states[0], found.states[4])
     assert asked(t=()).states.shape == (0, 6)
 
 
