@@ -299,22 +299,15 @@ def check_times(t: Any, exact: bool = False) -> NDArray[Any]:
     """`t` as an array with 0 or 1 axes of doubles, or if `exact` of mpf; ValueError if it is anything else."""
     try:
         times = np.asarray(t)
-    except ValueError as error:
-        raise ValueError(f"t must be a time or a sequence of times: {error}") from None
-    if times.ndim > 1:
-        raise ValueError(f"t must be a time or a sequence of times; got shape {times.shape}")
-    if times.dtype.kind not in ("iufO" if exact else "iuf") and times.size:
-        raise ValueError(f"t must be real numbers; got dtype {times.dtype}")
-    if not exact:
-        times = times.astype(np.float64)
-        finite = bool(np.all(np.isfinite(times)))
-    else:
-        try:
+        if times.ndim > 1 or (times.size and times.dtype.kind not in ("iufO" if exact else "iuf")):
+            raise ValueError(f"got shape {times.shape}, dtype {times.dtype}")
+        if not exact:
+            times = times.astype(np.float64)
+        else:
             kept = [v if isinstance(v, mpf) else mpf(v) for v in times.ravel().tolist()]  # mpf(v) would round v
             times = np.array(kept, dtype=object).reshape(times.shape)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"t must be real numbers: {error}") from None
-        finite = all(map(mp.isfinite, times.flat))
-    if not finite:
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"t must be a time or a sequence of times, real numbers: {error}") from None
+    if not (all(map(mp.isfinite, times.flat)) if exact else np.all(np.isfinite(times))):
         raise ValueError(f"t must be finite; got {t!r}")
     return times
