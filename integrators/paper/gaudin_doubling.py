@@ -1,10 +1,10 @@
 """The exact flow of a Gaudin magnet over any time as one step: two-point maps and a turn about e3, by time doubling.
 
 A step of k = ⌊n/2⌋ maps with the points (λ_i, m_i) of the curve m² = Q(λ), m = v Π(λ − a_j), is held as a pair of real
-polynomials (Mumford's form): U = Π |u − λ_i|², and V of lower degree with V(λ_i) = i m_i, so that U divides V² + Q. All
-steps commute. One step after another is
+polynomials (Mumford's form): U = Π |u − λ_i|², and V of lower degree with V(λ_i) = i m_i, so that U divides V² + Q. A
+step after itself is
 
-- composition: U = U1 U2, V ≡ V1 mod U1, V ≡ V2 mod U2; for a step with itself V = V1 mod U1², which one division gives;
+- composition: U = U1², V ≡ V1 mod U1 such that U divides V² + Q, which one division gives;
 - reduction: real A, B with A ≡ B V mod U, deg A ≤ 3k, deg B ≤ 3k − n, by Euclid's algorithm. A − iBy then vanishes at
   all points of both steps, and the other zeros of its norm, of the positive polynomial
 
@@ -30,7 +30,6 @@ That reduction never fails, and that a good phase always exists, is measured and
 import math
 from collections.abc import Iterator
 from fractions import Fraction
-from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,8 +61,8 @@ class Divisor(NamedTuple):
     angle: Any
 
 
-def exact_step(magnet: GaudinMagnet, spins: Any, times: Any) -> Step:
-    """The flow of Σ times_j H_j over time 1.
+def exact_step(magnet: GaudinMagnet, spins: Any, h: float) -> Step:
+    """The flow of H_site over a time h.
 
     It is the maps with λ_i = a_near + lams_i and v_i, and a turn about e3, as a part of a revolution. λ_i is counted from the
     site next to it: a double of its place would not do for sites that lie far from 0.
@@ -73,15 +72,11 @@ def exact_step(magnet: GaudinMagnet, spins: Any, times: Any) -> Step:
         raise ValueError(
             f"spins: the exact step is for at most {MOST_SPINS}; got {len(magnet)}. backlund_paper takes any number"
         )
-    # a common time is a turn about e3: the most frequent of `times`, the smallest of several
-    values, counts = np.unique(np.asarray(times, dtype=float), return_counts=True)
-    base = float(min(values[counts == counts.max()], key=abs))
-    times = np.asarray(times, dtype=float) - base
     digits, before = DIGITS + 2 * len(magnet), None
     while digits <= MOST_DIGITS:
         try:
             with workdps(digits):
-                found = _exact_step(magnet, spins, base, times)
+                found = _exact_step(magnet, spins, h)
         except ArithmeticError:  # so few digits that a polynomial lost its positivity
             found = None
         if before is not None and found is not None and _distance(before, found) <= AGREE:
@@ -107,28 +102,24 @@ def _rounded(lams: list, v: list, angle: Any, sites: tuple) -> Step:
     return near, np.array(lams), np.array([complex(x) for x in v]), turn
 
 
-def _exact_step(magnet: GaudinMagnet, spins: Any, base: float, times: Numbers) -> tuple[list, list, Any, tuple]:
-    """λ_i less the centre of the moved sites, v_i, the angle of the turn, and the sites less the centre."""
-    n, alpha = len(magnet), mp.mpf(magnet.alpha)
-    angle = 2 * alpha * mp.mpf(base)
-    moved = [j for j in range(n) if times[j] and np.any(spins[j])]
-    if n == 1 or not moved:
-        return [], [], angle, ()
+def _exact_step(magnet: GaudinMagnet, spins: Any, h: float) -> tuple[list, list, Any, tuple]:
+    """λ_i less a_site, v_i, the angle of the turn, and the sites less a_site."""
+    n, alpha, site = len(magnet), mp.mpf(magnet.alpha), magnet.site or 0
+    if n == 1:
+        return [], [], 2 * alpha * mp.mpf(h), ()
+    if not np.any(spins[site]):
+        return [], [], mp.mpf(0), ()
     sites = [mp.mpmathify(a) for a in magnet.sites]
-    centre = mp.fsum(sites[j] for j in moved) / len(moved)
-    fine = GaudinMagnet(tuple(a - centre for a in sites), alpha)
+    fine = GaudinMagnet(tuple(a - sites[site] for a in sites), alpha, site)
     exactly = numbers(spins)
     Q = spectral_polynomial(fine, exactly)
-    curve = _Curve(Q, alpha, n)
-    starts = [_Start(fine, Q, exactly, j, mp.mpf(times[j])) for j in moved]
-    doublings = max(start.halvings for start in starts)
-    first, *others = (start.divisor(doublings) for start in starts)
-    step = reduce(curve.compose, others, first)
-    for i in range(doublings):
-        step = curve.compose(step, step, last=i == doublings - 1)
+    curve, start = _Curve(Q, alpha, n), _Start(fine, Q, exactly, mp.mpf(h))
+    step = start.divisor()
+    for i in range(start.halvings):
+        step = curve.double(step, last=i == start.halvings - 1)
     lams = upper_roots(step.U)
     v = [horner(step.V, x) / (1j * mp.fprod(x - a for a in fine.sites)) for x in lams]
-    return lams, v, angle + step.angle, fine.sites
+    return lams, v, step.angle, fine.sites
 
 
 class _Curve:
@@ -137,15 +128,12 @@ class _Curve:
     def __init__(self, Q: Numbers, alpha: Any, n: int):
         self.Q, self.alpha, self.n, self.k = Q, alpha, n, n // 2
 
-    def compose(self, one: Divisor, other: Divisor, last: bool = False) -> Divisor:
-        """Both steps as one; `last`: with the best of many phases."""
-        U, V = one.U, one.V
-        if other is one:
-            rest = polydiv(-polyadd(np.convolve(V, V), self.Q), U)[0]
-            added: Numbers = polydiv(np.convolve(rest, inverse(2 * V, U)), U)[1]
-        else:
-            added = polydiv(np.convolve(polyadd(other.V, -V), inverse(U, other.U)), other.U)[1]
-        return self._reduce(np.convolve(U, other.U), polyadd(V, np.convolve(U, added)), one.angle + other.angle, last)
+    def double(self, step: Divisor, last: bool) -> Divisor:
+        """Two such steps as one; `last`: with the best of many phases."""
+        U, V, angle = step
+        rest = polydiv(-polyadd(np.convolve(V, V), self.Q), U)[0]
+        added: Numbers = polydiv(np.convolve(rest, inverse(2 * V, U)), U)[1]
+        return self._reduce(np.convolve(U, U), polyadd(V, np.convolve(U, added)), 2 * angle, last)
 
     def _reduce(self, U: Numbers, V: Numbers, angle: Any, last: bool) -> Divisor:
         rows = euclid(U, V, 3 * self.k)
@@ -182,17 +170,15 @@ class _Curve:
 
 
 class _Start:
-    """A short enough part 2^−halvings of the flow of H_site over a time, from the power series of ∫ du/√Q at a_site."""
+    """A short enough part 2^−halvings of the flow of H_site over a time, from the power series of ∫ du/√Q at a_site = 0."""
 
-    def __init__(self, magnet: GaudinMagnet, Q: Numbers, spins: Numbers, site: int, time: Any):
+    def __init__(self, magnet: GaudinMagnet, Q: Numbers, spins: Numbers, time: Any):
         n, self.k = len(magnet), len(magnet) // 2
-        self.time, self.a, self.size = time, magnet.sites[site], length(spins[site])
-        self.Q = _moved(Q, self.a)
-        gaps = (self.a - b for b in magnet.sites if b != self.a)
-        self.root = self.size * mp.fprod(gaps)  # y at the site
+        self.time, self.size, self.Q = time, length(spins[magnet.site]), Q
+        self.root = self.size * mp.fprod(-b for b in magnet.sites if b)  # y at the site
         self.alpha, self.odd = magnet.alpha, n % 2
         terms = math.ceil(mp.dps / -math.log10(REACH)) + 2 * n + 10
-        q = self.Q / self.Q[0]
+        q = Q / Q[0]
         g = [mp.mpf(1)]  # of y(a_site)/y, from 2 Q f' = −Q' f
         for m in range(1, terms):
             g.append(-mp.fsum(q[j] * (1 - mp.mpf(j) / (2 * m)) * g[m - j] for j in range(1, min(m, 2 * n) + 1)))
@@ -202,16 +188,15 @@ class _Start:
         reach = float(self.size * abs(time)) * float(np.max(np.abs(self.guess))) * rate
         self.halvings = max(0, math.ceil(math.log2(reach / REACH)))
 
-    def divisor(self, halvings: int) -> Divisor:
+    def divisor(self) -> Divisor:
         """The step over time · 2^−halvings: U, V and the turn."""
-        length = self.size * abs(self.time) / 2**halvings  # the scale of λ − a_site
+        length = self.size * abs(self.time) / 2**self.halvings  # the scale of λ − a_site
         z, excess = self._solve([x * length**i for i, x in enumerate(self.series)])
         sign = 1 if self.time > 0 else -1
         U, V = np.array([mp.mpf(1)]), np.array([mp.mpf(0)])
-        for w in (length * x for x in z):
-            y = mp.sqrt(horner(self.Q, w))
+        for lam in (length * x for x in z):
+            y = mp.sqrt(horner(self.Q, lam))
             y = sign * (y if (y * self.root).real > 0 else -y)
-            lam = w + self.a
             value = (1j * y - horner(V, lam)) / horner(U, lam)
             slope = value.imag / lam.imag
             V = polyadd(V, np.convolve(U, np.array([value.real - slope * lam.real, slope])))
@@ -294,12 +279,3 @@ def upper_roots(U: Numbers) -> list:
 
 def _coefficient(p: Numbers, power: int) -> Any:
     return p[power] if 0 <= power < len(p) else mp.mpf(0)
-
-
-def _moved(p: Numbers, a: Any) -> Numbers:
-    """p(u + a) as a polynomial in u."""
-    p = p.copy()
-    for i in range(len(p) - 1 if a else 0):
-        for j in range(len(p) - 2, i - 1, -1):
-            p[j] += a * p[j + 1]
-    return p

@@ -51,20 +51,16 @@ class GaudinMagnet:
         The field, along e3.
     site : int, optional
         Follow the flow of H_site; by default of H_0.
-    hamiltonian : tuple, optional
-        Numbers c: follow the flow of Σ c_j H_j instead.
 
     Raises
     ------
     ValueError
-        Sites that coincide; sites or alpha that are not real and finite; both site and hamiltonian, or one that does not fit
-        the sites.
+        Sites that coincide; sites or alpha that are not real and finite; there is no such site.
     """
 
     sites: tuple[Any, ...]
     alpha: Any = 1.0
     site: int | None = None
-    hamiltonian: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         sites, alpha = check_reals(self.sites, "sites"), check_reals(self.alpha, "alpha")
@@ -77,20 +73,13 @@ class GaudinMagnet:
             raise ValueError(f"alpha must be one number; got {self.alpha!r}")
         object.__setattr__(self, "sites", tuple(sites.tolist()))
         object.__setattr__(self, "alpha", alpha.tolist())
-        if self.hamiltonian is not None:
-            if self.site is not None:
-                raise ValueError("give either site or hamiltonian")
-            c = check_reals(self.hamiltonian, "hamiltonian")
-            if c.shape != sites.shape:
-                raise ValueError(f"hamiltonian must be {len(sites)} numbers, one for each site; got {c.tolist()!r}")
-            object.__setattr__(self, "hamiltonian", tuple(c.astype(float).tolist()))
-        elif self.site is not None:
+        if self.site is not None:
             self.check_site(self.site)
 
     @property
     def flow(self) -> Numbers:
         """The c, shape (n,), with which the magnet moves by Σ c_j H_j."""
-        return np.eye(len(self))[self.site or 0] if self.hamiltonian is None else np.array(self.hamiltonian)
+        return np.eye(len(self))[self.site or 0]
 
     @property
     def problem(self) -> MagnetProblem:

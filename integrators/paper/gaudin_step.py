@@ -190,10 +190,7 @@ class MagnetStepper(Stepper):
 
 def prepare(magnet: GaudinMagnet, spins: Any, h: float, *, factors: int = 1) -> MagnetStepper:
     """The step of order 2·factors over h, positive or negative, for the flow of H_site."""
-    h = check_step(h)
-    if magnet.hamiltonian is not None:
-        raise ValueError("hamiltonian: a step of finite order follows one H_j only; give the magnet a site")
-    spins, site = magnet.check_spins(spins), magnet.site or 0
+    h, spins, site = check_step(h), magnet.check_spins(spins), magnet.site or 0
     lams, here = pade_parameters(magnet, spins, abs(h), factors, site), magnet.sites[site]
     centred = GaudinMagnet(tuple(a - here for a in magnet.sites), magnet.alpha)
     v = [eigenvalue(centred, spins, lam, 1 if h > 0 else -1, site) for lam in lams]
@@ -204,7 +201,7 @@ def prepare_exact(magnet: GaudinMagnet, spins: Any, h: float) -> MagnetStepper:
     """The exact step over h, positive or negative: half as many maps as spins, and a turn about e3."""
     h, spins = check_step(h), magnet.check_real_spins(spins)
     try:
-        near, lams, v, turn = exact_step(magnet, spins, h * magnet.flow)
+        near, lams, v, turn = exact_step(magnet, spins, h)
     except ArithmeticError as error:
         raise StepError("backlund", str(error), h=h) from None
     stepper = MagnetStepper(magnet, spins, h, near, lams, v, turn)

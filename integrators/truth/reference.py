@@ -205,7 +205,9 @@ class Orbit:
         segments = math.ceil(end / SEGMENT)
         for n in range(1, segments + 1):
             length = SEGMENT if n < segments else end - SEGMENT * (segments - 1)
-            y = self.advance(runner, y, np.array([math.copysign(length, t)]), since=math.copysign(SEGMENT * (n - 1), t))[0]
+            y = self.advance(
+                runner, y, np.array([math.copysign(length, t)]), since=math.copysign(SEGMENT * (n - 1), t)
+            )[0]
             size = float(np.linalg.norm(y[0, 6:]))
             exponent = math.frexp(size)[1]
             yield math.ldexp(min(n * SEGMENT, end), -self.clock), total + math.log(size)

@@ -112,9 +112,6 @@ MAGNETS = [
     ("factors", lambda: prepare(MAGNET, SPINS, 0.1, factors=99)),
     ("site", lambda: replace(MAGNET, site=4)),
     ("site", lambda: prepare(MAGNET, SPINS * STILL, 0.1)),
-    ("hamiltonian", lambda: prepare(replace(MAGNET, hamiltonian=(1, 2)), SPINS, 0.1)),
-    ("hamiltonian", lambda: replace(MAGNET, hamiltonian=(1, 2, 3))),
-    ("either", lambda: replace(MAGNET, site=1, hamiltonian=(1, 2))),
 ]
 
 
