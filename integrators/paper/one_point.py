@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.paper.errata import Erratum, draw
-from lagrange_bench.integrators.paper.lax import adjugate, check_sheet, eigenvalue, from_pauli, pauli, root, square
+from lagrange_bench.integrators.paper.lax import check_sheet, eigenvalue, root, square
 from lagrange_bench.integrators.paper.phase_space import Numbers, cartesian, components, invariants, ladder, lift
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
@@ -109,23 +109,6 @@ def k_value(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None) 
     J3, Jm, *_ = ladder(y)
     _, q = parameters(top, y, lam, sheet, mu)
     return _m(top, y, lam, sheet, mu) - lam * (J3 + lift(lam, q) * top.alpha - q * Jm)
-
-
-def sheet_exchange(top: LagrangeTop, y: Any) -> Numbers:
-    """T = B_(λ,−μ) ∘ B_(λ,μ), the same for every λ: not the identity, against section 5.5.
-
-    L → N L N⁻¹ with N(u) = u E11 + ((a, b), (c, 0)), b = J-/(2 alpha), c = −1/b, a = J3/alpha − x-/J-.
-    ValueError where J- = 0 or alpha = 0.
-    """
-    J3, Jm, _, _, xm, _ = ladder(y)
-    if top.alpha == 0 or np.any(Jm == 0):
-        raise ValueError("alpha = 0 or J- = 0: the composition of the two sheets is singular")
-    a, b = J3 / top.alpha - xm / Jm, Jm / (2 * top.alpha)
-    K = square(a, b, -1 / b, 0 * b)
-    K_inverse, E11 = adjugate(K), np.array(((1, 0), (0, 0)))
-    J, x = pauli(np.asarray(y)[..., :3]), pauli(np.asarray(y)[..., 3:])
-    x_new = K @ x @ K_inverse
-    return from_pauli((E11 @ x + K @ J - x_new @ E11) @ K_inverse, x_new)
 
 
 def gauge(y: Any, d: Any) -> Numbers:

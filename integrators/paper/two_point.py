@@ -89,19 +89,14 @@ def dressing_matrix(x: Any, X: Any, lam1: Any, lam2: Any, u: Any) -> Numbers:
     return lax.square(u - lam1 + x * X, X, x * (lam1 - lam2 - x * X), u - lam2 - x * X)
 
 
-def explicit(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:
-    """The map by components, (5.5.9) corrected."""
-    return cartesian(*_ladder_image(top, y, first, second))
-
-
-def _ladder_image(top: LagrangeTop, y: Any, first: Point, second: Point, printed: bool = False) -> tuple[Any, ...]:
-    """J̃3, J̃-, J̃+, x̃3, x̃-, x̃+ of (5.5.9), corrected or as the paper prints them."""
+def explicit(top: LagrangeTop, y: Any, first: Point, second: Point, printed: bool = False) -> Numbers:
+    """The map by components, (5.5.9), corrected or as the paper prints it."""
     (J3, Jm, Jp, x3, xm, xp), (x, X) = ladder(y), parameters(top, y, first, second)
     gap, mean, product = first[0] - second[0], (first[0] + second[0]) / 2, x * X
     rest, twist, lever, a = x * (gap - product), 2 * product - gap, x * (gap - product), top.alpha
     if printed:
         twist, lever, a = 2 * product + gap, top.alpha * (gap - product), 1.0
-    return (
+    return cartesian(
         J3 + 0 * x,
         Jm - 2 * a * X,
         Jp + 2 * a * rest,
@@ -111,13 +106,11 @@ def _ladder_image(top: LagrangeTop, y: Any, first: Point, second: Point, printed
     )
 
 
-def real_generators(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:
-    """The map in J1, J2, J3, x1, x2, x3, (5.5.10) with the label 145–150, corrected."""
-    return np.stack(_real_image(top, y, first, second), axis=-1)
+def real_generators(top: LagrangeTop, y: Any, first: Point, second: Point, printed: bool = False) -> Numbers:
+    """The map in J1, J2, J3, x1, x2, x3, (5.5.10) with the label 145–150.
 
-
-def _real_image(top: LagrangeTop, y: Any, first: Point, second: Point, printed: bool = False) -> tuple[Any, ...]:
-    """J̃1 … x̃3 of (5.5.10), corrected or as the paper prints them: without alpha, and with the braces exchanged."""
+    Corrected, or as the paper prints it: without alpha, and with the braces exchanged.
+    """
     (J1, J2, J3, x1, x2, x3), (x, X) = components(y), parameters(top, y, first, second)
     gap, mean, a = first[0] - second[0], (first[0] + second[0]) / 2, top.alpha
     even, odd = x * gap - X * (1 + x * x), x * gap + X * (1 - x * x)
@@ -126,7 +119,7 @@ def _real_image(top: LagrangeTop, y: Any, first: Point, second: Point, printed: 
     brace2 = x * X**2 * (1 + x * x) + X * (low - x * x * high) + x * gap * (mean + gap / 2)
     if printed:
         a, brace1, brace2 = 1.0, brace2, brace1
-    return (
+    image = (
         J1 + a * even,
         J2 - 1j * a * odd,
         J3 + 0 * x,
@@ -134,6 +127,7 @@ def _real_image(top: LagrangeTop, y: Any, first: Point, second: Point, printed: 
         x2 + 1j * J1 * twist - 1j * J3 * odd - 1j * a * brace2,
         x3 - J1 * even + 1j * J2 * odd - 2 * a * x * X * (x * X - gap),
     )
+    return np.stack(image, axis=-1)
 
 
 def matrix_form(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:
@@ -192,15 +186,16 @@ def _points(rng: Random, top: LagrangeTop, y: Any) -> tuple[Point, Point]:
     return point(top, y, lams[0], rng.choice((1, -1))), point(top, y, lams[1], rng.choice((1, -1)))
 
 
-def _component(rng: Random, printed: bool, name: str, form: Callable[..., tuple[Any, ...]]) -> float:
+def _component(rng: Random, printed: bool, name: str, form: Callable[..., Numbers]) -> float:
     """One component as printed or as corrected against the pole-free map, over the size of the terms."""
     top, y = draw(rng)
     first, second = _points(rng, top, y)
     m = tuple(1j * lam * lam * mu for lam, mu in (first, second))
     truth = pole_free(top, y, first[0], second[0], m=m)
-    place, right = (REAL.index(name), truth) if form is _real_image else (LADDER.index(name), ladder(truth))
+    names, parts = (REAL, components) if form is real_generators else (LADDER, ladder)
+    claimed, right = (parts(image)[names.index(name)] for image in (form(top, y, first, second, printed), truth))
     x, _ = parameters(top, y, first, second)
-    error = abs(form(top, y, first, second, printed)[place] - right[place])
+    error = abs(claimed - right)
     return float(error / ((1 + abs(x)) * (1 + np.max(np.abs(truth)))))
 
 
@@ -245,7 +240,7 @@ REAL_MISPRINTS = (
 ERRATA = [
     *(
         Erratum(f"({number}) {name}", "5.5", printed, corrected, partial(_component, name=name, form=form))
-        for number, form, misprints in (("5.5.9", _ladder_image, MISPRINTS), ("5.5.10", _real_image, REAL_MISPRINTS))
+        for number, form, misprints in (("5.5.9", explicit, MISPRINTS), ("5.5.10", real_generators, REAL_MISPRINTS))
         for name, printed, corrected in misprints
     ),
     Erratum(

@@ -31,10 +31,10 @@ def image(name, p, y, sheet=None):
         return TWO[name](p.top, y, *ends(p, y, sheet))
     if name == "pole_free":
         return tp.pole_free(p.top, y, p.lam, p.nu, sheet)
-    return op.gauge(y, p.nu) if name == "gauge" else op.sheet_exchange(p.top, y)
+    return op.gauge(y, p.nu)
 
 
-MAPS = (*ONE, *TWO, "pole_free", "gauge", "sheet_exchange")
+MAPS = (*ONE, *TWO, "pole_free", "gauge")
 
 
 def scale_of(name, p, new):
@@ -153,16 +153,6 @@ def test_k_and_its_sign(p):
     at_zero, near = op.one_point(top, y, 0, sheet), op.one_point(top, y, p.tol, sheet)
     p.same(at_zero, near, size(at_zero) ** 3 * 100)
     p.same(invariants(top, at_zero), invariants(top, y), size(at_zero))
-
-
-def test_the_two_sheets_do_not_undo_each_other(p):
-    """Section 5.5 has B_(λ,−μ) as the inverse of B_(λ,μ). Their product is T, independent of λ, not the identity."""
-    T = op.sheet_exchange(p.top, p.y)
-    for lam in (p.lam, p.nu):
-        middle = op.one_point(p.top, p.y, lam)
-        p.same(op.one_point(p.top, middle, lam, -1), T, size(middle, T) ** 3)
-        p.same(op.one_point(p.top, middle, lam, mu=-lax.eigenvalue(p.top, p.y, lam)), T, size(middle, T) ** 3)
-    assert largest(T - p.y) > 1e-2
 
 
 def test_deformation(p):

@@ -32,7 +32,6 @@ MAPS = [
     *(("C1 = 0", lambda f=f: f(TOP, FLAT, 0.3j)) for f in (op.one_point, tp.real_form)),
     *(("sheet must be 1 or -1", lambda s=s: tp.real_form(TOP, STATE, 0.3j, s)) for s in (0, "1")),
     ("sheet must be 1 or -1", lambda: op.one_point(TOP, STATE, 0.3, 0)),
-    ("alpha = 0", lambda: op.sheet_exchange(FREE, STATE)),
     ("to infinity", lambda: op.one_point(TOP, UPRIGHT, 0.7, -1)),
     *(
         ("lam must be finite with a positive imaginary part", lambda lam=lam: tp.real_form(TOP, STATE, lam))
