@@ -150,7 +150,7 @@ def _measure_headline(cell: dict) -> list[dict]:
     runs["backlund"]()  # compiled before the first sample
     repeats = 3 if t >= HEADLINE_TIME * unit else 9  # the ratio of two short runs is noisier
     timed = timing.interleave(runs, repeats=repeats)
-    seconds = {name: t.min for name, t in timed.timings.items()}
+    seconds = {name: t.min for name, t in timed.items()}
     right = {"backlund": exact.after_steps(top, y0, h, [steps])[0], "heyoka": exact.solution(top, y0, t)}
     errors = {name: metrics.scaled_error(top, y0, runs[name](), y) for name, y in right.items()}
     return [
@@ -159,8 +159,8 @@ def _measure_headline(cell: dict) -> list[dict]:
             "steps": steps,
             "backlund_s": rounded(seconds["backlund"]),
             "heyoka_s": rounded(seconds["heyoka"]),
-            "ratio": rounded(float(np.median(timed.ratios("heyoka", "backlund")))),
-            "adapter_ratio": rounded(float(np.median(timed.ratios("adapter", "heyoka")))),
+            "ratio": rounded(float(np.median(timed["heyoka"].ratios(timed["backlund"])))),
+            "adapter_ratio": rounded(float(np.median(timed["adapter"].ratios(timed["heyoka"])))),
             **{f"{name}_error": rounded(float(error)) for name, error in errors.items()},
         }
     ]

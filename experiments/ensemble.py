@@ -181,9 +181,9 @@ def _measure_bound(cell: dict) -> dict:
         "free_bound": lambda: chains(n, 0, 0.7, 0.9, 0.8),
     }
     timed = timing.interleave(functions, repeats=9)
-    row = {f"{name}_ns": rounded(t.min / n * 1e9) for name, t in timed.timings.items()}
+    row = {f"{name}_ns": rounded(t.min / n * 1e9) for name, t in timed.items()}
     for name in ("pinned", "free"):
-        row[f"{name}_ratio"] = rounded(timed.timings[name].min / timed.timings[f"{name}_bound"].min)
+        row[f"{name}_ratio"] = rounded(timed[name].min / timed[f"{name}_bound"].min)
     return row
 
 
@@ -201,7 +201,7 @@ def _measure_tops(cell: dict) -> dict:
 
     few = SHORT + 1  # λ(h) in double-double, as in the long run
     timed = timing.interleave({"long": lambda: run(steps), "short": lambda: run(few)}, repeats=5)
-    long, short = timed.timings["long"].min, timed.timings["short"].min
+    long, short = timed["long"].min, timed["short"].min
     per_step = (long - short) / (steps - few) / cell["tops"] * 1e9
     return {
         "steps": steps,
@@ -306,7 +306,7 @@ def _measure_perturbed(cell: dict) -> dict:
     row = _judged(run, lambda one, y0: reference.solution(one, y0, [span]).states[0], ones, Y, span)
     alone = prepare(ones[0], Y[0], h, method)
     alone.advance(Y[0], 1)
-    timed = timing.interleave({"long": run, "short": lambda: run(1)}, repeats=5).timings
+    timed = timing.interleave({"long": run, "short": lambda: run(1)}, repeats=5)
     short = timed["short"].min / n
     per_kick = (timed["long"].min / n - short) / (steps - 1) / alone.work.rhs_evals
     return {**row, "setup_us": rounded(short * 1e6), "ns_per_kick": rounded(per_kick * 1e9)}

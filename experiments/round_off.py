@@ -296,7 +296,7 @@ def _cost(cell: dict) -> list[dict]:
     h, n = cell["h"] * top.scales(y0)[2], 20_000
     forms = {name: build for name, (of, build) in FORMS.items() if cell["h"] == SIZES[0] or of == "backlund"}
     runs = {name: partial(build(top, y0, h).advance, y0, n) for name, build in forms.items()}
-    timed = timing.interleave(runs, min_time=0.01, repeats=7).timings
+    timed = timing.interleave(runs, min_time=0.01, repeats=7)
     return [
         {
             "form": name,

@@ -45,26 +45,20 @@ class Timing:
         """Whether the samples vary, standard deviation / mean, by more than UNSTABLE."""
         return len(self.samples) > 1 and stdev(self.samples) > UNSTABLE * mean(self.samples)
 
-
-@dataclass(frozen=True)
-class Interleaved:
-    """Timings of several functions taken in turn (ABAB…), so that what the machine does meets all of them."""
-
-    timings: dict[str, Timing]
-
-    def ratios(self, name: str, reference: str) -> NDArray[np.float64]:
-        """Seconds of `name` / seconds of `reference`, round by round."""
-        above, below = self.timings[name].samples, self.timings[reference].samples
-        return np.array(above, dtype=np.float64) / np.array(below, dtype=np.float64)
+    def ratios(self, reference: Timing) -> NDArray[np.float64]:
+        """Seconds over those of another function that was timed in turn with this one, round by round."""
+        return np.array(self.samples) / np.array(reference.samples)
 
 
 def time_call(function: Callable[[], object], min_time: float = 0.02, repeats: int = 7) -> Timing:
     """Times `function()`; see `interleave`."""
-    return interleave({"": function}, min_time, repeats).timings[""]
+    return interleave({"": function}, min_time, repeats)[""]
 
 
-def interleave(functions: Mapping[str, Callable[[], object]], min_time: float = 0.02, repeats: int = 7) -> Interleaved:
-    """Times several functions in one process, one sample of each per round.
+def interleave(
+    functions: Mapping[str, Callable[[], object]], min_time: float = 0.02, repeats: int = 7
+) -> dict[str, Timing]:
+    """Times several functions in one process in turn (ABAB…), so that what the machine does meets all of them.
 
     Every other round takes them in reverse order, so that none of them always comes first. No garbage is collected meanwhile.
 
@@ -83,7 +77,7 @@ def interleave(functions: Mapping[str, Callable[[], object]], min_time: float = 
     for round_ in range(repeats):
         for name in timers if round_ % 2 == 0 else reversed(timers):
             samples[name].append(timers[name].timeit(loops[name]) / loops[name])
-    return Interleaved({name: Timing(loops[name], tuple(samples[name])) for name in functions})
+    return {name: Timing(loops[name], tuple(samples[name])) for name in functions}
 
 
 def _calibrate(timer: timeit.Timer, min_time: float) -> int:

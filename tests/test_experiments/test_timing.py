@@ -43,7 +43,8 @@ def test_samples_are_calibrated_and_the_first_call_is_in_none(work):
 def test_a_slowing_machine_does_not_favour_anyone(work):
     """Every call takes 10 % longer than the one before: what is always first would win by 10 %."""
     function = work(*(0.03 * 1.1**k for k in range(100)))
-    ratios = timing.interleave({"a": function, "b": function}, repeats=6).ratios("b", "a")
+    timed = timing.interleave({"a": function, "b": function}, repeats=6)
+    ratios = timed["b"].ratios(timed["a"])
     assert np.exp(np.mean(np.log(ratios))) == pytest.approx(1, abs=1e-6)
     assert np.max(ratios) > 1.09  # the drift was there
 
@@ -101,7 +102,7 @@ def test_times_are_stored_in_their_units(place, monkeypatch):
         for function in functions.values():
             function()
         seconds = {name: CALL * (2 if name == "long" else 1) for name in functions}
-        return timing.Interleaved({name: timing.Timing(1, (s, s)) for name, s in seconds.items()})
+        return {name: timing.Timing(1, (s, s)) for name, s in seconds.items()}
 
     def prepared(*args, **options):
         stepper = prepare(*args, **options)
