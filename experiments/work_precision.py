@@ -206,19 +206,6 @@ def cheapest(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-@of_part("", "Each method at its best step: times as long as the cheapest, set-up not counted")
-def ratios(rows: pd.DataFrame) -> pd.DataFrame:
-    """Each method at its best step: how many times as long as the cheapest it takes, for each length and error."""
-    table = []
-    for (span, state), group in useful(rows).groupby(APART, sort=False):
-        found = {target: best(group, target).set_index("method").seconds for target in TARGETS}
-        for method in dict.fromkeys(group.method):
-            times = {f"{t:g}": found[t].get(method, np.nan) / found[t].min() for t in TARGETS if len(found[t])}
-            least = float(group[group.method == method].error.min())
-            table.append({"method": method, "span": span, "state": state, **times, "smallest error": least})
-    return pd.DataFrame(table)
-
-
 @of_part("", "Each method at its best step or tolerance")
 def best_steps(rows: pd.DataFrame) -> pd.DataFrame:
     """Each method at its best step, in seconds: the knob, what it costs, and what it counts."""
@@ -382,7 +369,7 @@ def _draw_profile(rows: pd.DataFrame, style):
     return fig
 
 
-tables = tabulated(cheapest, ratios, best_steps, ends)
+tables = tabulated(cheapest, best_steps, ends)
 draw = drawn(time=draw_frontier, profile=_draw_profile)
 
 if __name__ == "__main__":
