@@ -12,7 +12,7 @@ from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet, check_parameter, check_upper
 from lagrange_bench.integrators.paper.lax import adjugate, determinant, from_pauli, pauli
 from lagrange_bench.integrators.paper.one_point import dressing_matrix
-from lagrange_bench.integrators.paper.phase_space import Numbers, cross, dot
+from lagrange_bench.integrators.paper.phase_space import Numbers, cross, dot, refuse
 from lagrange_bench.integrators.paper.two_point import dressing_matrix as two_point_dressing
 
 
@@ -23,14 +23,12 @@ def one_point(magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: 
     v : in place of the one on the curve through the state. ValueError for alpha = 0, λ on a site, or B(λ) = 0 on the
     sheet that is sent to infinity.
     """
-    if magnet.alpha == 0:
-        raise ValueError("alpha = 0: the one-point map does not exist (p and q ~ 1/alpha); the two-point map does")
+    refuse(magnet.alpha, "alpha = 0: the one-point map does not exist (p and q ~ 1/alpha); the two-point map does")
     spins, lam = magnet.check_spins(spins), check_parameter(magnet, lam)
     v = eigenvalue(magnet, spins, lam, sheet, site) if v is None else v
     (A, B), (C, _) = pauli(magnet.vector(spins, lam))
     above, below = (A - v, B) if abs(A - v) > abs(A + v) else (-C, A + v)
-    if below == 0:
-        raise ValueError("B(λ) = 0 on this sheet: the one-point map sends the state to infinity")
+    refuse(below, "B(λ) = 0 on this sheet: the one-point map sends the state to infinity")
     p, q = np.sum(spins[:, 0] - 1j * spins[:, 1]) / (2 * magnet.alpha), above / below
     return _dress(spins, dressing_matrix(p, q, lam, np.array(magnet.sites)))
 
@@ -50,12 +48,10 @@ def two_point_textbook(magnet: GaudinMagnet, spins: Any, lam1: Any, v1: Any, lam
     spins = magnet.check_spins(spins)
     lam1, lam2 = check_parameter(magnet, lam1, "lam1"), check_parameter(magnet, lam2, "lam2")
     (A1, B1), (A2, B2) = (pauli(magnet.vector(spins, lam))[0] for lam in (lam1, lam2))
-    if B1 == 0 or B2 == 0:
-        raise ValueError("B vanishes at lam1 or lam2: use `two_point`, which has no poles")
+    refuse((B1, B2), "B vanishes at lam1 or lam2: use `two_point`, which has no poles")
     x = (A1 - v1) / B1
     gap = x - (A2 + v2) / B2
-    if gap == 0:
-        raise ValueError("(lam1, v1) and (lam2, v2): the map is singular here; use `two_point`, which has no poles")
+    refuse(gap, "(lam1, v1) and (lam2, v2): the map is singular here; use `two_point`, which has no poles")
     X = (lam1 - lam2) / gap
     return _dress(spins, two_point_dressing(x, X, lam1, lam2, np.array(magnet.sites)))
 

@@ -30,8 +30,7 @@ from lagrange_bench.integrators.problem.top import LagrangeTop
 
 def root_k(top: LagrangeTop, lam: Any, c1: Any, old: Pair, new: Pair, near: Any) -> Any:
     """k, k² = c1 + λ x- x̃+ (5.2.6). ValueError for α = 0 and where the chart is singular."""
-    if top.alpha == 0:
-        raise ValueError("alpha = 0: p = J-/2 alpha is infinite, there is no one-point map")
+    refuse(top.alpha, "alpha = 0: p = J-/2 alpha is infinite, there is no one-point map")
     refuse(lam * old[0] * new[0], "λ, x- or x̃+ is 0: the generating function is singular")
     square = c1 + lam * old[0] * new[0]
     refuse(square, "k = 0: a branch point of the generating function")

@@ -40,8 +40,7 @@ def limit_parameters(top: LagrangeTop, y: Any, second: Point) -> tuple[Any, Any]
     """x0 and X0 of x = x0 + O(ε), X = εX0 + O(ε²), ε = iΔλ; (5.6.1), (5.6.2). ValueError where B(λ2) = 0."""
     lam, mu = second
     A, B, _ = lax.entries(top, y, lam)
-    if np.any(B == 0):
-        raise ValueError("B(λ2) = 0: the chart (x, X) of the two-point map is singular")
+    phase_space.refuse(B, "B(λ2) = 0: the chart (x, X) of the two-point map is singular")
     return (A - mu) / B, 1j * B / (2 * mu)
 
 

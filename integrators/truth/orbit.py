@@ -59,9 +59,7 @@ class Nutation(NamedTuple):
 
     J3: Any
     period: Any  # inf on the separatrix
-    t0: Any  # a time at which x3 is smallest
     advance: Any  # angle about e3 that x+ sweeps in a period; nan on the separatrix
-    phase: Any  # psi
     clock: Any  # z = exp(clock |r|): e^{2iv}, or e^{-pi |w|/K'} for the transformed series
     barrier: Any  # u = exp(-barrier)/z: the nome of the transformed series over z; None for the direct ones
     growth_J: Any  # exponential factor of J+
@@ -70,6 +68,8 @@ class Nutation(NamedTuple):
     A: Series
     B: Series
     theta: Series
+    t0: Any = None  # a time at which x3 is smallest
+    phase: Any = None  # psi
 
 
 class Rotation(NamedTuple):
@@ -430,9 +430,7 @@ def direct(state: State, d: Distances, torus: Torus, digits: int) -> Nutation:
     return Nutation(
         J3=real(state.m),
         period=2 * torus.K / torus.kappa,
-        t0=None,
         advance=sweep(d, torus, lam_x * 2 * torus.K / torus.kappa, [mp.pi, mp.pi]),
-        phase=None,
         clock=mp.mpc(0, 2 * unit),
         barrier=None,
         growth_J=mp.mpc(0, lam_J - unit),
@@ -463,9 +461,7 @@ def transformed(state: State, d: Distances, torus: Torus, digits: int) -> Nutati
     return Nutation(
         J3=real(state.m),
         period=period,
-        t0=None,
         advance=sweep(d, torus, lam_x * period, turns) if mp.isfinite(period) else mpf("nan"),
-        phase=None,
         clock=-2 * unit,
         barrier=barrier,
         growth_J=mp.mpc(-unit, lam_J),

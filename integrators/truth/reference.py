@@ -22,6 +22,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache, reduce
 from pathlib import Path
@@ -88,9 +89,7 @@ def solution(problem: PerturbedTop | Problem, y0: ArrayLike, t: ArrayLike, engin
     return Reference(table[:, :n], table[:, n : 2 * n], table[:, 2 * n], orbit.engine)
 
 
-def horizon(
-    problem: PerturbedTop, y0: ArrayLike, tolerance: float, longest: float = 1e4, engine: str | None = None
-) -> float:
+def horizon(problem: PerturbedTop, y0: ArrayLike, tolerance: float, longest: float = 1e4) -> float:
     """The time up to which an error of one ulp in y0 stays below `tolerance`, both relative to the scales of J and x.
 
     An integrator in doubles can be judged by its errors up to here, by what it conserves beyond. The ulp grows as the
@@ -103,7 +102,7 @@ def horizon(
         raise ValueError(f"tolerance must be larger than an ulp, 2^-52; got {tolerance:g}")
     if not longest > 0.0:
         raise ValueError(f"longest must be positive; got {longest:g}")
-    orbit = Orbit(problem, y0, engine, tangent=True)
+    orbit = Orbit(problem, y0, tangent=True)
 
     def compute() -> Array:
         before = 0.0
@@ -432,10 +431,15 @@ def _kept(key: bytes, shape: tuple[int, ...], compute: Callable[[], Array]) -> A
     """
     with ONE_AT_A_TIME:  # the engines have a state
         if key not in _memory:
-            table = _stored(key, shape)
+            folder = cache_folder()
+            place = None if folder is None else folder / "reference" / key.hex()[:32]
+            table = None if place is None else _stored(place, key, shape)
             if table is None:
                 table = np.ascontiguousarray(compute(), dtype="<f8")
-                _store(key, table)
+                payload = table.tobytes()
+                with suppress(OSError):  # a full or read-only disk: the result is there all the same
+                    if place is not None:
+                        write_file(place, hashlib.sha256(key + payload).digest() + payload)
             table.flags.writeable = False
             while len(_memory) >= MOST_KEPT:
                 del _memory[next(iter(_memory))]
@@ -443,27 +447,12 @@ def _kept(key: bytes, shape: tuple[int, ...], compute: Callable[[], Array]) -> A
         return _memory[key]
 
 
-def _place(key: bytes) -> Path | None:
-    folder = cache_folder()
-    return None if folder is None else folder / "reference" / key.hex()[:32]
-
-
-def _stored(key: bytes, shape: tuple[int, ...]) -> Array | None:
-    place = _place(key)
+def _stored(place: Path, key: bytes, shape: tuple[int, ...]) -> Array | None:
     try:
-        content = b"" if place is None else place.read_bytes()
+        content = place.read_bytes()
     except OSError:
         return None
     seal, payload = content[:32], content[32:]
     if seal != hashlib.sha256(key + payload).digest() or len(payload) != 8 * math.prod(shape):
         return None
     return np.frombuffer(payload, dtype="<f8").reshape(shape).copy()
-
-
-def _store(key: bytes, table: Array) -> None:
-    place, payload = _place(key), table.tobytes()
-    if place is not None:
-        try:
-            write_file(place, hashlib.sha256(key + payload).digest() + payload)
-        except OSError:
-            return  # a full or read-only disk: the result is there all the same
