@@ -77,30 +77,32 @@ def measure(cell: dict) -> list[dict]:
 
 def against_steps(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> list[dict]:
     """A row of errors after each of `counts` steps."""
-    times, y = states.sample(top, y0, cell["method"], h, counts, **states.options_of(cell))
-    drift = errors(cell["method"], top, h, np.vstack((y0, y)), times)
+    times, _, drift = followed(cell, top, y0, h, counts)
     return states.as_rows({"t": times * top.scales(y0)[0], **drift})
 
 
 def _largest(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> dict[str, float]:
     """The largest of each error after `counts` steps."""
-    times, y = states.sample(top, y0, cell["method"], h, counts, **states.options_of(cell))
-    drift = errors(cell["method"], top, h, np.vstack((y0, y)), times)
+    _, _, drift = followed(cell, top, y0, h, counts)
     return {name: states.rounded(np.max(np.abs(error))) for name, error in drift.items()}
 
 
-def errors(name: str, top, h: float, y: np.ndarray, times: np.ndarray) -> dict[str, np.ndarray]:
-    """Relative errors of the problem's invariants, and of what the method keeps of its own, after the first state."""
+def followed(
+    cell: dict, top, y0: np.ndarray, h: float, counts: list[int]
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Times, states, and relative errors: of the problem's invariants, and of what the method keeps of its own."""
     from lagrange_bench.integrators import METHODS
 
+    times, after = states.sample(top, y0, cell["method"], h, counts, **states.options_of(cell))
+    y = np.vstack((y0, after))
     values = top.invariants(y, np.concatenate(((0.0,), times)))
     drift = metrics.relative_drift(values, top.invariant_scales(y[0]))
     found = dict(zip(top.names, drift[1:].T, strict=True))
-    own_quantities = METHODS[name].keeps if "uniform" in top.offers else {}  # these hold in a uniform field
+    own_quantities = METHODS[cell["method"]].keeps if "uniform" in top.offers else {}  # these hold in a uniform field
     for own, quantity in own_quantities.items():
         values, size = quantity(top, h, y)
         found[KEPT + own] = (values[1:] - values[0]) / size
-    return found
+    return times, after, found
 
 
 @of_part(

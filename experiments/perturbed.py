@@ -182,9 +182,7 @@ def any_problem(cell: dict) -> dict:
     problem, y0 = states.find(cell["state"])
     method, n = METHODS[cell["method"]], round(SPAN / cell["h"])
     h = SPAN * problem.scales(y0)[2] / n
-    counts = states.places(n)
-    times, y = states.sample(problem, y0, cell["method"], h, counts)
-    moved = drift.errors(cell["method"], problem, h, np.vstack((y0, y)), times)
+    _, y, moved = drift.followed(cell, problem, y0, h, states.places(n))
     keeps = method.kept(problem)
     sizes = {name: float(np.max(np.abs(error))) for name, error in moved.items()}
     kept, others = ([size for name, size in sizes.items() if (name in keeps) is said] for said in (True, False))

@@ -21,23 +21,18 @@ from typing import Any
 
 import numpy as np
 
+from lagrange_bench.integrators.paper import phase_space
 from lagrange_bench.integrators.paper.errata import Erratum, draw
 from lagrange_bench.integrators.paper.lax import check_sheet, eigenvalue, root, square
-from lagrange_bench.integrators.paper.phase_space import (
-    Numbers,
-    cartesian,
-    components,
-    invariants,
-    ladder,
-    lift,
-    refuse,
-)
+from lagrange_bench.integrators.paper.phase_space import Numbers, cartesian, components, invariants, ladder, lift
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 
 def _m(top: LagrangeTop, y: Any, lam: Any, sheet: int, mu: Any) -> Any:
     """sheet · √Q(λ), or −iλ²μ for a given μ: the coordinate of the curve without a pole at λ = 0."""
-    refuse(top.alpha, "alpha = 0: the one-point map does not exist (p and q ~ 1/alpha); the two-point map does")
+    phase_space.refuse(
+        top.alpha, "alpha = 0: the one-point map does not exist (p and q ~ 1/alpha); the two-point map does"
+    )
     return check_sheet(sheet) * root(top, y, lam) if mu is None else -1j * lift(lam, mu) * lam * mu
 
 
@@ -54,7 +49,7 @@ def parameters(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = Non
     a3, am, ap = x3 + lam * J3 + lam * lam * top.alpha, xm + lam * Jm, xp + lam * Jp
     plus = abs(a3 + m) >= abs(a3 - m)
     denominator = np.where(plus, a3 + m, am)
-    refuse(denominator, "B(λ) = 0 on this sheet: the one-point map sends the state to infinity")
+    phase_space.refuse(denominator, "B(λ) = 0 on this sheet: the one-point map sends the state to infinity")
     return Jm / (2 * top.alpha), np.asarray(np.where(plus, -ap, a3 - m) / denominator)[()]
 
 
