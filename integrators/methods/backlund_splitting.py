@@ -42,7 +42,7 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_choice, check_flag, warn_caller
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit, jit_as
-from lagrange_bench.integrators.compiling.expression import put, take
+from lagrange_bench.integrators.compiling.expression import machine_code, put, take
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted, outlined
 from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.compiling.unroll import unrolled
@@ -310,18 +310,14 @@ def map_over(field: Field, level: bool, timed: bool = False) -> Any:
 @cache
 def energies(field: Field) -> Any:
     """(rows, numbers) → H of each row, V included."""
-    potential, numbers = field.potential, take(field.parameters)
-
-    @unrolled(f"energy of V {field.digest}")
-    def energy(x, q):
-        return potential(*x, *q)[0]
+    potential, numbers = machine_code(field.potential), take(field.parameters)
 
     @jit_as(f"energies {field.digest}")
     def run(rows, numbers_of):
         q, found = numbers(numbers_of, 0), np.empty(len(rows))
         for k in range(len(rows)):
             J1, J2, J3, x1, x2, x3 = rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5]
-            found[k] = 0.5 * ((J1 * J1 + J2 * J2) + J3 * J3) + (numbers_of[0] * x3 + energy((x1, x2, x3), q))
+            found[k] = 0.5 * ((J1 * J1 + J2 * J2) + J3 * J3) + (numbers_of[0] * x3 + potential((x1, x2, x3), q)[0])
         return found
 
     return at_first_interpreted(run)

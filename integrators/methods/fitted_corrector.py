@@ -23,9 +23,8 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
-from lagrange_bench.integrators.compiling.expression import take
+from lagrange_bench.integrators.compiling.expression import machine_code, take
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
-from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.methods.backlund_schemes import least_squares
 from lagrange_bench.integrators.problem.field import Field
@@ -117,11 +116,7 @@ def equations(V, ends):
 @cache
 def fit_over(field: Field) -> Any:
     """(y, numbers, h, ends, b) → b_j of the corrector for steps h along the motion from y; False if that is not possible."""
-    potential, numbers = field.potential, take(field.parameters)
-
-    @unrolled(f"V {field.digest}")
-    def value(x, q):
-        return potential(*x, *q)[0]
+    potential, numbers = machine_code(field.potential), take(field.parameters)
 
     @jit_as(f"fit {field.digest}")
     def run(y, numbers_of, h, ends, b):
@@ -129,7 +124,7 @@ def fit_over(field: Field) -> Any:
         R, eta, mr, mi, found = parameter(invariants(s, alpha), s[2], alpha, h / GRID)
         V = np.empty(2 * MARGIN + STEPS * GRID + 1)
         for k in range(len(V)):
-            V[k] = value((s[3], s[4], s[5]), q)
+            V[k] = potential((s[3], s[4], s[5]), q)[0]
             s = move(s, alpha, (R, eta, mr, mi))
         A, size = equations(V, ends)
         if not (found and 0.0 < size < math.inf):
