@@ -20,7 +20,7 @@ near the separatrix, the denominator loses the digits of x3. Such steps are refu
 that of `torus.real_map`: next to the unstable vertical the turn of a nutation is lost.
 
 Set-up, in double-double: p and φ from their power series at h/2^k, then k doublings, t = h in the formulas above. h is taken
-modulo the nutation period; a whole period is a rotation about e3.
+modulo the nutation period; a whole period is a rotation about e3, `time_step.precession`.
 
 Sources: Whittaker & Watson, A Course of Modern Analysis, 20.3 and 23.7; DLMF 23.10, 29.2; matrix form: this project.
 """
@@ -43,7 +43,6 @@ from lagrange_bench.integrators.compiling.double_double import (
     mul,
     neg,
     scale,
-    sqrt,
     sub,
 )
 from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper
@@ -239,43 +238,6 @@ def coefficients(alpha, torus, values, turn):
 
 
 @jit
-def step_dd(alpha, reals, complexes, z, Jp, xp):
-    """`step` in double-double on x3 = z, J+ and x+."""
-    half_n, half_p, half_ap, half_a, d0, d1, d2 = reals
-    g, gx, ge, ge_x, k1, k2, k3, l = complexes
-    v = sub(mul(Jp[0], xp[1]), mul(Jp[1], xp[0]))
-    r = sub(ONE, mul(half_ap, z))
-    e = div(sub(mul(half_n, z), mul(half_p, v)), r)
-    d = div(sub(mul(add(d1, mul(d2, z)), z), mul(half_n, v)), r)
-    d = add(add(d0, mul(half_a, mul(e, e))), d)
-    new = add(z, d)
-    il = (l[1], neg(l[0]))  # −i l
-    a = cadd(cadd(g, cscale(ge, e)), cscale(il, z))
-    b = cadd(cadd(gx, cscale(ge_x, e)), cscale(il, new))
-    k = cadd(k1, cscale(l, e))
-    f = cadd(cscale(k, z), cadd(cscale(k2, d), cscale(k3, neg(v))))
-    return (new, cadd(Jp, cadd(cmul(a, Jp), cscale(cmul(k, xp), dd(-alpha)))), cadd(xp, cadd(cmul(b, xp), cmul(f, Jp))))
-
-
-@jit
-def precession(alpha, y, torus, period):
-    """(cos, sin) of the rotation about e3 that a whole nutation amounts to: two halves of it, from y."""
-    values = functions(torus, scale(period, 0.5))
-    reals, complexes = coefficients(alpha, torus, values, (ONE, ZERO))
-    z, Jp, xp = dd(y[5]), (dd(y[0]), dd(y[1])), (dd(y[3]), dd(y[4]))
-    before = Jp if y[0] * y[0] + y[1] * y[1] > y[3] * y[3] + y[4] * y[4] else xp
-    for _ in range(2):
-        z, Jp, xp = step_dd(alpha, reals, complexes, z, Jp, xp)
-    after = Jp if y[0] * y[0] + y[1] * y[1] > y[3] * y[3] + y[4] * y[4] else xp
-    w = cmul(after, (before[0], neg(before[1])))
-    n = add(mul(w[0], w[0]), mul(w[1], w[1]))
-    if n[0] == 0.0:  # on the vertical: no angle to speak of
-        return ONE, ZERO
-    n = sqrt(n)
-    return div(w[0], n), div(w[1], n)
-
-
-@jit
 def constants(alpha, y, h):
     """The constants of `step` on the torus of y, computed in double-double and rounded once; and the least denominator."""
     torus = cubic(alpha, y)
@@ -285,7 +247,7 @@ def constants(alpha, y, h):
         turns = np.rint(h / period[0])
     if turns != 0.0:
         r = sub(r, mul(period, dd(turns)))
-        c, s = precession(alpha, y, torus, period)
+        c, s = ts.precession(ts.spectral_polynomial(alpha, y), alpha, y, period)
         turn = ts.power(c, s, int(turns))
     reals, complexes = coefficients(alpha, torus, functions(torus, r), turn)
     c = np.zeros(SIZE)

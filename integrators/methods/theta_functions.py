@@ -43,7 +43,7 @@ from lagrange_bench.integrators.methods.lie_group import cross, times
 from lagrange_bench.integrators.problem.body import quaternion_product
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
-from lagrange_bench.integrators.torus.time_step import cubic_root
+from lagrange_bench.integrators.torus.time_step import largest_root
 
 # places of the constants
 KIND, H, TIME_0, PERIOD, PERIOD_LO, TURN, TURN_LO, CLOCK, BARRIER, NOME, SIGN = range(11)
@@ -267,13 +267,6 @@ def pair(product, total):
     half = scale(total, 0.5)
     root = sqrt(sub(mul(half, half), product))
     return add(half, root), sub(half, root)
-
-
-@jit
-def largest_root(c0, c1, c2):
-    """Of 2z³ + c2 z² + c1 z + c0, which is convex there: Newton's method descends to it."""
-    bound = max(abs(c2[0]), math.sqrt(abs(c1[0])), abs(c0[0]) ** (1.0 / 3.0))
-    return cubic_root((c0, c1, c2, TWO), 2.0 * bound + 1e-300)
 
 
 @jit

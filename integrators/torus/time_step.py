@@ -279,6 +279,13 @@ def cubic_root(c, z):
 
 
 @jit
+def largest_root(c0, c1, c2):
+    """Of 2z³ + c2 z² + c1 z + c0, which is convex there: Newton's method descends to it."""
+    bound = max(abs(c2[0]), math.sqrt(abs(c1[0])), abs(c0[0]) ** (1.0 / 3.0))
+    return cubic_root((c0, c1, c2, dd(2.0)), 2.0 * bound + 1e-300)
+
+
+@jit
 def nutation_cubic(alpha, y):
     """c0, c1, c2 of the cubic of nutation, c3 = 2: with ζ = z − z(y), z = alpha x3, ζ'² = 2ζ³ + c2 ζ² + c1 ζ + c0.
 
@@ -311,9 +318,7 @@ def lower_roots(c1, c2, z1):
 def nutation_roots(alpha, y):
     """z1 >= z2 >= z3, the roots of the cubic of nutation, less z at y; z = alpha x3 moves in [z3, z2]."""
     c0, c1, c2 = nutation_cubic(alpha, y)
-    # ζ1 from the right, where the cubic is convex: Newton's method descends monotonically
-    bound = max(abs(c2[0]), math.sqrt(abs(c1[0])), abs(c0[0]) ** (1.0 / 3.0))
-    z1 = cubic_root((c0, c1, c2, dd(2.0)), 2.0 * bound + 1e-300)
+    z1 = largest_root(c0, c1, c2)
     z2, z3 = lower_roots(c1, c2, z1)
     return z1, z2, z3
 
