@@ -16,8 +16,7 @@ e = (n x3 − p x3')/(2 − alpha p x3), all updates are increments of size h, a
 
 Off the torus the map is not the flow and leads further off, exponentially. So the state is moved back onto H, C1 and C2 every
 few steps, in every step if h is long. And where a long step takes Y(h) close to the orbit's largest Y(t), which it can only
-near the separatrix, the denominator loses the digits of x3. Such steps are refused, and so are long ones whose first one is not
-that of `torus.real_map`: next to the unstable vertical the turn of a nutation is lost.
+near the separatrix, the denominator loses the digits of x3. Such steps are refused.
 
 Set-up, in double-double: p and φ from their power series at h/2^k, then k doublings, t = h in the formulas above. h is taken
 modulo the nutation period; a whole period is a rotation about e3, `time_step.precession`.
@@ -26,8 +25,6 @@ Sources: Whittaker & Watson, A Course of Modern Analysis, 20.3 and 23.7; DLMF 23
 """
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 
@@ -51,7 +48,7 @@ from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus import time_step as ts
-from lagrange_bench.integrators.torus.real_map import ALPHA, C1, C1_LO, C2, C2_LO, H_LO, J3_2, H, far_flow
+from lagrange_bench.integrators.torus.real_map import ALPHA, C1, C1_LO, C2, C2_LO, H_LO, J3_2, H
 from lagrange_bench.integrators.torus.real_map import CONSTANTS as TORUS
 from lagrange_bench.integrators.torus.real_map import pin as onto_torus
 
@@ -66,7 +63,6 @@ START = 2.0**-8  # times up to this, in units of 1/(|J| + √(|alpha||x|)) up to
 LONG = 0.5  # |h|, in the same units, from which the state is moved back onto its torus in every step
 UNSTABLE = 1.0  # times up to which no unstable orbit has gone far
 LEAST = 1e-3  # of 1 − Y(t)/Y(h)
-MOST = 1e-11  # that one step may lose: some four digits
 
 ZERO, ONE = (0.0, 0.0), (1.0, 0.0)
 
@@ -268,19 +264,6 @@ def constants(alpha, y, h):
     return c, least
 
 
-@jit
-def lost(alpha, y, h, c):
-    """Distance of one step from the exact step of `real_map`, which knows no poles; relative to the scales of J and x."""
-    found, (there, ok) = step(y, c, c), far_flow(y, alpha, h)
-    if not ok:
-        return 0.0
-    J = x = most_J = most_x = 0.0
-    for k in range(3):
-        J, x = max(J, abs(found[k] - there[k])), max(x, abs(found[k + 3] - there[k + 3]))
-        most_J, most_x = max(most_J, abs(y[k])), max(most_x, abs(y[k + 3]))
-    return max(J / (most_J + math.sqrt(abs(alpha) * most_x)), x / most_x)
-
-
 def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) -> FixedStepper:
     """The exact step over h.
 
@@ -294,8 +277,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
     state, span = units.enter(y0), units.span(name, h)
     block = (8 if abs(span) < LONG else 1) if pin is None else check_count(pin, "pin")
     c, least = constants(units.alpha, tuple(state), span)
-    inexact = abs(span) > UNSTABLE and lost(units.alpha, tuple(state), span, c) > MOST
-    if inexact or not (least >= LEAST and np.all(np.isfinite(c))):
+    if not (least >= LEAST and np.all(np.isfinite(c))):
         raise StepError(name, "h is too long so near the separatrix: the denominator of the map nearly vanishes", h=h)
     return real_map.TorusStepper(name, h, units, c, step, onto_torus if block else None, block or NEVER, lane=True)
 
