@@ -218,7 +218,7 @@ STEPS: dict[str, Step] = {
     "verner9_projected": partial(projected_step, VERNER9),
     **{name: partial(splitting_step, name) for name in splitting.SCHEMES},
     "kahan": partial(kernel_step, kahan.step, half_step),
-    "bobenko_suris": partial(kernel_step, bs.symmetric_step, half_step),
+    "bobenko_suris": partial(kernel_step, bs.step, half_step),
     "implicit_midpoint": partial(collocation_step, 1),
     "collective_midpoint": collective_step,
     **{f"gauss{2 * stages}": partial(collocation_step, stages) for stages in (2, 3, 4, 6)},

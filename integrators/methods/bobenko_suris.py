@@ -30,7 +30,6 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.checks import check_choice
 from lagrange_bench.integrators.compiling.compiled import jit, jit_as
 from lagrange_bench.integrators.compiling.expression import machine_code, take
 from lagrange_bench.integrators.compiling.loops import FixedStepper
@@ -56,68 +55,46 @@ def turn(K1, K2, J3, x, k):
 
 
 @jit
-def symmetric_step(s, c, tally):
+def step(s, c, tally):
     J1, J2, J3, x1, x2, x3 = s
     k, kick = c[HALF], c[KICK]
     d1, d2, d3 = turn(J1 - kick * x2, J2 + kick * x1, J3, (x1, x2, x3), k)
     return J1 - kick * (2.0 * x2 + d2), J2 + kick * (2.0 * x1 + d1), J3, x1 + d1, x2 + d2, x3 + d3
 
 
-@jit
-def lagrange_step(s, c, tally):
-    J1, J2, J3, x1, x2, x3 = s
-    k, kick = c[HALF], 2.0 * c[KICK]
-    K1, K2 = J1 - kick * x2, J2 + kick * x1
-    d1, d2, d3 = turn(K1, K2, J3, (x1, x2, x3), k)
-    return K1, K2, J3, x1 + d1, x2 + d2, x3 + d3
-
-
 @cache
-def kernel_in_field(field: Field, level: bool, form: str) -> Any:
+def kernel_in_field(field: Field, level: bool) -> Any:
     """The step in a field; constants: h, then alpha and the parameters of the potential. `level`: the field keeps J3."""
-    torque, numbers, symmetric = machine_code(field.torque), take(field.parameters), form == "symmetric"
+    torque, numbers = machine_code(field.torque), take(field.parameters)
 
     @jit_as(f"kicked {level}", forceinline=True)
-    def kicked(J, kick, t):
-        return J[0] + kick * t[0], J[1] + kick * t[1], J[2] if level else J[2] + kick * t[2]
+    def kicked(J, k, t):
+        return J[0] + k * t[0], J[1] + k * t[1], J[2] if level else J[2] + k * t[2]
 
-    @jit_as(f"bobenko_suris {field.digest} {level} {form}", forceinline=True)
+    @jit_as(f"bobenko_suris {field.digest} {level}", forceinline=True)
     def step(s, c, tally):
         x, q, k = (s[3], s[4], s[5]), numbers(c, 1), 0.5 * c[0]
-        kick = k if symmetric else c[0]
-        J = kicked((s[0], s[1], s[2]), kick, torque(x, q))
+        J = kicked((s[0], s[1], s[2]), k, torque(x, q))
         v = k * J[0], k * J[1], k * J[2]
         x = rotated(v, 1.0 / (1.0 + dot(v, v)), x)
-        if symmetric:
-            J = kicked(J, kick, torque(x, q))
+        J = kicked(J, k, torque(x, q))
         return J[0], J[1], J[2], x[0], x[1], x[2]
 
     return step
 
 
-KERNELS = {"symmetric": symmetric_step, "lagrange": lagrange_step}
-
-
-def prepare(top: LagrangeTop, y0: Array, h: float, *, form: str = "symmetric") -> FixedStepper:
-    """Any h.
-
-    Parameters
-    ----------
-    form : "symmetric", half a kick on either side of the rotation: what the record describes; "lagrange", the authors'
-        variables, a whole kick before it: of order 1, not symmetric, and its energy is `energy_lagrange`.
-    """
-    check_choice(form, "form", KERNELS)
+def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
+    """Any h."""
     units = Units(top, y0, h)
     half = units.time(h) / 2
     c = np.array((half, half * units.alpha))
-    return FixedStepper("bobenko_suris", h, c, KERNELS[form], enter=units.enter, leave=units.leave, lane=True)
+    return FixedStepper("bobenko_suris", h, c, step, enter=units.enter, leave=units.leave, lane=True)
 
 
-def prepare_in_field(top: PerturbedTop, y0: Array, h: float, *, form: str = "symmetric") -> FixedStepper:
+def prepare_in_field(top: PerturbedTop, y0: Array, h: float) -> FixedStepper:
     """As `prepare`; the kicks are those of the whole potential, and no energy of its own is known."""
-    check_choice(form, "form", KERNELS)
-    step = kernel_in_field(top.field, "J3" in top.conserved, form)
-    return FixedStepper("bobenko_suris", h, np.array((h, *top.numbers)), step, lane=True)
+    kernel = kernel_in_field(top.field, "J3" in top.conserved)
+    return FixedStepper("bobenko_suris", h, np.array((h, *top.numbers)), kernel, lane=True)
 
 
 def energy(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
@@ -126,14 +103,6 @@ def energy(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
     rate, length, _ = top.scales(y[0])
     values = top.invariants(y)[:, 0] - kick * kick / 2 * (y[:, 3] ** 2 + y[:, 4] ** 2)
     return values, (rate * rate + (kick * length) ** 2) / 2
-
-
-def energy_lagrange(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
-    """H + (h/2) alpha (x1 J2 − x2 J1)."""
-    kick = h / 2 * top.alpha
-    rate, length, _ = top.scales(y[0])
-    values = top.invariants(y)[:, 0] + kick * (y[:, 3] * y[:, 1] - y[:, 4] * y[:, 0])
-    return values, rate * rate / 2 + abs(kick) * length * rate
 
 
 METHOD = Method(
