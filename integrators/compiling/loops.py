@@ -3,7 +3,7 @@
 A compiled method is a pair of Numba functions on a tuple of numbers: `step(s, c, tally) -> s` and, where a method
 pins its state, `pin(s, c) -> s`, called before every `block` steps, the first of a call included: what a call returns
 has been stepped since it was pinned. `c` is the method's array of constants, `tally` counts (see below). State lives in
-registers; nothing is allocated. `lanes` has the loop of many tops, `natural` the one of kernels that choose their steps.
+registers; nothing is allocated. `lanes` has the loop of many tops, `methods.dop853` the one of kernels that choose their steps.
 """
 
 from __future__ import annotations

@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_real
-from lagrange_bench.integrators.compiling import natural
-from lagrange_bench.integrators.compiling.compiled import jit, jit_as
+from lagrange_bench.integrators.compiling.compiled import jit, jit_as, jit_over
 from lagrange_bench.integrators.compiling.expression import Program, Tape, take
 from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
+from lagrange_bench.integrators.compiling.numba_internals import column, put_column
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.methods.dense import Problem, Run, dense
@@ -33,6 +33,9 @@ from lagrange_bench.integrators.methods.tableaux import DOP853, DOP853_MORE
 from lagrange_bench.integrators.problem.system import System
 
 RTOL, ATOL, START, NUMBERS = range(4)  # places of the constants; START is the time at the start
+# places in `walk`: where a run on natural steps is, so that it can be resumed, and what it has done
+TIME, STEP, ROW, TAKEN, REJECTED, INTERPOLATED, STUCK, WALK = range(8)  # WALK: the size of it
+SHRINK, GROW = 1.0 / 3.0, 6.0  # a step is at least this many times, and at most this many times, the one before
 LEAST_RTOL = 100 * float(np.finfo(float).eps)  # as SciPy's
 LEAST_SCALE = 2.0**-1022
 LARGEST = 2.0**1000  # of a state: beyond, stages overflow, and steps are cut until they change nothing
@@ -190,33 +193,83 @@ def kernels(system: System) -> Kernels:
     return Kernels(trial, interpolant, value, first_step)
 
 
+@cache
+def compile_loop(trial: Callable, interpolant: Callable, value: Callable, size: int) -> Callable:
+    """The time loop of a kernel of `size` numbers that controls its own error: natural steps, rows at the times asked for.
+
+    `trial(s, t, h, c) -> (new, error, growth, slopes)`: the step is taken if error ≤ 1, and the next is growth·h;
+    `interpolant(s, new, t, h, c, slopes)` prepares what `value(interpolant, theta)` evaluates at s + theta h, 0 < theta < 1.
+    """
+
+    @jit_over(trial, interpolant, value)
+    def run(y, grid, most, c, walk, out):
+        # Up to `most` natural steps towards the last time of `grid`; rows of `out` where a step passes their times. Every h is
+        # the difference of two times, so that times do not add up roundings.
+        s = column(y, 0, size, 1)
+        t, h, row, end = walk[TIME], walk[STEP], int(walk[ROW]), grid[-1]
+        fresh = True  # not the repetition of a rejected step
+        while row < len(grid) and (most > 0 or not fresh):
+            most -= 1
+            last = abs(1.01 * h) >= abs(end - t)  # no tiny step at the end
+            ahead = end if last else t + h
+            h = ahead - t
+            if abs(h) <= 2.0**-50 * abs(t):
+                walk[STUCK] = 1.0
+                break
+            new, error, growth, slopes = trial(s, t, h, c)
+            if error <= 1.0:
+                if abs(grid[row]) < abs(ahead):
+                    walk[INTERPOLATED] += 1.0
+                    f = interpolant(s, new, t, h, c, slopes)
+                    while abs(grid[row]) < abs(ahead):
+                        put_column(out, row * size, value(f, (grid[row] - t) / h), 1)
+                        row += 1
+                s, t = new, ahead
+                if grid[row] == t:
+                    put_column(out, row * size, s, 1)
+                    row += 1
+                walk[TAKEN] += 1.0
+                h *= min(growth, GROW) if fresh else min(growth, 1.0)
+                fresh = True
+            else:
+                walk[REJECTED] += 1.0
+                h *= growth if SHRINK < growth < 1.0 else SHRINK  # the latter if the error is not a number
+                fresh = False
+        walk[TIME], walk[STEP], walk[ROW] = t, h, row
+        put_column(y, 0, s, 1)
+
+    return run
+
+
 def runner(top: Problem, *, rtol: float = 1e-9, atol: float = 1e-12) -> Run:
     """Natural steps with the local error kept below atol + rtol |y_i|, root mean square over the components."""
     rtol, atol = check_tolerances(rtol, atol)
     made, n = kernels(top.system), top.system.size
     c = np.array((rtol, atol, top.start, *top.numbers))
-    loop, first_step = natural.compile_natural_loop(made.trial, made.interpolant, made.value, n), made.first_step
-    loop(np.zeros(n), np.zeros(1), 0, c, np.zeros(natural.WALK), np.zeros((1, n)))  # compile
+    loop, first_step = compile_loop(made.trial, made.interpolant, made.value, n), made.first_step
+    loop(np.zeros(n), np.zeros(1), 0, c, np.zeros(WALK), np.zeros((1, n)))  # compile
     first_step((0.0,) * n, 1.0, c)
 
     def run(y: Array, grid: Array, work: Work) -> Array:
         if not np.max(np.abs(y)) <= LARGEST:
             raise StepError("dop853", "a state this close to the largest double leaves a step no room")
-        state, out, walk = y.copy(), np.empty((len(grid), n)), np.zeros(natural.WALK)
-        walk[natural.STEP] = first_step(tuple(y.tolist()), float(grid[-1]), c)
+        state, out, walk = y.copy(), np.empty((len(grid), n)), np.zeros(WALK)
+        walk[STEP] = first_step(tuple(y.tolist()), float(grid[-1]), c)
         length = math.hypot(*y[-3:])  # a Casimir function
-        while walk[natural.ROW] < len(grid) and not walk[natural.STUCK]:
+        while walk[ROW] < len(grid) and not walk[STUCK]:
             # else it may spin ever faster, in ever smaller steps
             if not 0.5 * length <= math.hypot(*state[-3:]) <= 2.0 * length:
-                reason = f"rtol and atol do not hold this state: a length is off by a factor over 2 at t = {walk[natural.TIME]:g}"
-                raise StepError("dop853", reason, step=int(walk[natural.TAKEN]))
+                reason = (
+                    f"rtol and atol do not hold this state: a length is off by a factor over 2 at t = {walk[TIME]:g}"
+                )
+                raise StepError("dop853", reason, step=int(walk[TAKEN]))
             loop(state, grid, INTERRUPTIBLE, c, walk, out)
-        taken, rejected, interpolated = map(int, walk[[natural.TAKEN, natural.REJECTED, natural.INTERPOLATED]])
+        taken, rejected, interpolated = map(int, walk[[TAKEN, REJECTED, INTERPOLATED]])
         work.steps += taken
         work.rejected += rejected
         work.rhs_evals += 2 + 12 * (taken + rejected) + 4 * interpolated
-        if walk[natural.STUCK]:
-            reason = f"the step fell below the spacing of doubles (t = {walk[natural.TIME]:g})"
+        if walk[STUCK]:
+            reason = f"the step fell below the spacing of doubles (t = {walk[TIME]:g})"
             raise StepError("dop853", reason, step=taken)
         return out
 
