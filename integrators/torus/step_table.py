@@ -64,11 +64,9 @@ def chebyshev(n: int) -> tuple[Array, Array, Array]:
     angles = np.pi * (k + 0.5) / n
     to_chebyshev = 2.0 / n * np.cos(np.outer(k, angles))
     to_chebyshev[0] *= 0.5
-    to_monomials = np.zeros((n, n))  # column k: T_k
-    to_monomials[0, 0] = to_monomials[1, 1] = 1.0
-    for i in range(2, n):
-        to_monomials[1:, i] = 2.0 * to_monomials[:-1, i - 1]
-        to_monomials[:, i] -= to_monomials[:, i - 2]
+    to_monomials = np.zeros((n, n))  # column i: T_i
+    for i in range(n):
+        to_monomials[: i + 1, i] = np.polynomial.chebyshev.cheb2poly(np.eye(n)[i])
     return np.cos(angles), to_chebyshev, to_monomials
 
 
