@@ -192,28 +192,14 @@ class Program:
         exec(f"def function({inputs}):\n{''.join(lines)}    return ({outputs})\n", room)
         return room["function"]  # type: ignore[no-any-return]
 
-    def roots(self, count: int) -> list[int]:
-        """Numbers of the lines that take a root of something that depends on one of the first `count` inputs."""
-        moving = self._moving(count)
-        return [i for i, line in enumerate(self.lines) if line[0] == "sqrt" and self.inputs + i in moving]
-
-    def _moving(self, count: int) -> set[int]:
-        """Places of what depends on one of the first `count` inputs."""
-        moving = set(range(count))
-        for place, (_, *arguments) in enumerate(self.lines, self.inputs):
-            if moving.intersection(argument for argument in arguments if isinstance(argument, int)):
-                moving.add(place)
-        return moving
-
     def corners(self, count: int) -> list[int]:
-        """Of `roots` those that are |w| or an odd power of it, where w may change its sign: no series goes on there.
+        """Numbers of the lines, roots, that are |w| or an odd power of it where w may change its sign: no series goes on.
 
-        Found by the factors of what the root is taken of: w must be squared as it stands, not multiplied out.
+        w depends on one of the first `count` inputs. It is found by the factors of what the root is taken of: it must be
+        squared as it stands, not multiplied out.
         """
-        moving, positive = self._moving(count), set[Any]()
-        powers: dict[Any, Counter[Any]] = {
-            i: Counter({i: 1}) for i in range(self.inputs)
-        }  # of the factors of each place
+        moving, positive = set[Any](range(count)), set[Any]()
+        powers: dict[Any, Counter[Any]] = {i: Counter({i: 1}) for i in range(self.inputs)}  # of factors, of each place
 
         def factors(place: Any) -> Counter[Any]:
             return Counter({"sign": int(place[1] < 0)}) if isinstance(place, tuple) else powers[place]
@@ -222,6 +208,8 @@ class Program:
             return all(n % 2 == 0 or base in positive for base, n in factors(place).items())
 
         for place, (operation, *arguments) in enumerate(self.lines, self.inputs):
+            if moving.intersection(arguments):
+                moving.add(place)
             found: Counter[Any] = Counter({place: 1})
             if operation in ("mul", "div", "neg"):
                 found = factors(arguments[0]).copy()
@@ -233,8 +221,9 @@ class Program:
             powers[place] = found
         return [
             i
-            for i in self.roots(count)
-            if any(n % 4 == 2 and base in moving - positive for base, n in factors(self.lines[i][1]).items())
+            for i, (operation, argument, *_) in enumerate(self.lines)
+            if operation == "sqrt"
+            and any(n % 4 == 2 and base in moving - positive for base, n in factors(argument).items())
         ]
 
     def __reduce__(self) -> tuple[Any, ...]:  # without the function, which cannot be pickled
