@@ -100,6 +100,16 @@ def sqrt(a):
     return quick(x, (((a[0] - p) - e) + a[1]) / (2.0 * x))
 
 
+@jit
+def small_turn(angle, terms):
+    """cos and sin of a small angle: so many terms of exp(i angle) = 1 + i angle/1 (1 + i angle/2 (…))."""
+    cos, sin = dd(1.0), dd(0.0)
+    for k in range(terms, 0, -1):
+        a = div(angle, dd(float(k)))
+        cos, sin = sub(dd(1.0), mul(a, sin)), mul(a, cos)
+    return cos, sin
+
+
 # complex numbers are pairs (real, imaginary) of double-doubles
 
 

@@ -40,6 +40,7 @@ from lagrange_bench.integrators.compiling.double_double import (
     mul,
     neg,
     scale,
+    small_turn,
     sub,
 )
 from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper
@@ -146,12 +147,7 @@ def start(torus, h):
         P, F = add(mul(P, hh), (p[j, 0], p[j, 1])), add(mul(F, hh), (f[j, 0], f[j, 1]))
         dP = add(mul(dP, hh), mul((p[j, 0], p[j, 1]), dd(2.0 * j)))
         dF = add(mul(dF, hh), mul((f[j, 0], f[j, 1]), dd(2.0 * j)))
-    angle = scale(mul(m, h), 0.5)
-    turn = (ONE, ZERO)
-    for k in range(TERMS + 4, 0, -1):  # exp(i angle) = 1 + i angle/1 (1 + i angle/2 (…))
-        a = div(angle, dd(float(k)))
-        turn = (sub(ONE, mul(a, turn[1])), mul(a, turn[0]))
-    return mul(P, hh), mul(dP, h), mul(F, hh), mul(dF, h), turn
+    return mul(P, hh), mul(dP, h), mul(F, hh), mul(dF, h), small_turn(scale(mul(m, h), 0.5), TERMS + 4)
 
 
 @jit

@@ -31,7 +31,8 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_real
-from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
+from lagrange_bench.integrators.compiling.compiled import jit, jit_as
+from lagrange_bench.integrators.compiling.expression import take
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, FixedStepper
 from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.methods import lie_group
@@ -48,11 +49,7 @@ NOT_CONVERGED = lie_group.TURNED + 1
 UNSOLVED = f"the equations of the step are not solved after {LIMIT} iterations; take a smaller |h|"
 FAILURES = {**lie_group.FAILURES, NOT_CONVERGED: UNSOLVED}
 ZERO = (0.0, 0.0, 0.0)
-
-
-@inlined
-def vector(c, first):
-    return c[first], c[first + 1], c[first + 2]
+vector = take(3)
 
 
 @jit

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.double_double import add, cmul, dd, div, mul, neg, sqrt, sub
+from lagrange_bench.integrators.compiling.double_double import add, cmul, dd, div, mul, neg, small_turn, sqrt, sub
 from lagrange_bench.integrators.problem.body import quaternion_product
 from lagrange_bench.integrators.torus import time_step as ts
 
@@ -48,16 +48,7 @@ def first_spin(q, lam):
     for k in range(len(g) - 1, 0, -1):
         term = (div((g[k, 0], g[k, 1]), dd(float(k))), dd(0.0))
         s = cmul((add(s[0], term[0]), s[1]), lam)
-    small = neg(mul(sqrt(q[0]), s[1]))
-    # cos and sin of an angle of order λ by their series
-    c, d, term = dd(1.0), dd(0.0), dd(1.0)
-    for k in range(1, len(g) + 4):
-        term = div(mul(term, small), dd(float(k)))
-        signed = neg(term) if k & 2 else term
-        if k & 1:
-            d = add(d, signed)
-        else:
-            c = add(c, signed)
+    c, d = small_turn(neg(mul(sqrt(q[0]), s[1])), len(g) + 3)
     direction = unit(lam)
     return cmul((neg(c), neg(d)), (direction[0], neg(direction[1])))  # the sign that has g → +1 for h → 0
 

@@ -21,7 +21,7 @@ reach. |m| falls towards a double root of Q, next to the separatrix, and for a n
 error of T grows like C1/|m|². Elsewhere `time_step` is right. Lengths and rates may have any size from 1e-70 to 1e70. h < 0
 takes the inverse map; alpha may have either sign or be 0.
 
-In a kernel of one top: `R, eta, mr, mi, ok = plain_step(s, alpha, h)`, then `move(s, alpha, (R, eta, mr, mi))`. In SIMD lanes:
+In a kernel of one top: `R, eta, mr, mi, ok = parameter(invariants(s, alpha), s[2], alpha, h)`, then `move`. In SIMD lanes:
 `solve`, free of branches, with as many doublings as the top that needs most of them; and `move` in a loop of its own.
 """
 
@@ -271,12 +271,6 @@ def move(s, alpha, lam):
     J1, J2, J3, x1, x2, x3 = s
     d1, d2, e1, e2, e3 = increments(s, step_constants(alpha, J3, lam[0], lam[1], lam[2], lam[3]))
     return J1 + d1, J2 + d2, J3, x1 + e1, x2 + e2, x3 + e3
-
-
-@jit
-def plain_step(s, alpha, h):
-    """(Re λ, Im λ, Re m, Im m, ok) of the exact step over h from the state s = (J1, J2, J3, x1, x2, x3), in any units."""
-    return parameter(invariants(s, alpha), s[2], alpha, h)
 
 
 # ---------------------------------------------------------------- whole nutations
