@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from fractions import Fraction
 from functools import cache, partial
 from typing import Any, NamedTuple
 
@@ -29,7 +30,7 @@ from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.methods.dense import Problem, Run, dense
 from lagrange_bench.integrators.methods.runge_kutta import floats, stages, weigh
-from lagrange_bench.integrators.methods.tableaux import DOP853, DOP853_MORE
+from lagrange_bench.integrators.methods.tableaux import DOP853
 from lagrange_bench.integrators.problem.system import System
 
 RTOL, ATOL, START, NUMBERS = range(4)  # places of the constants; START is the time at the start
@@ -44,10 +45,23 @@ NEGLIGIBLE = 1e-16  # an error that lets the step grow as much as it may
 
 A = tuple(map(floats, DOP853.a))
 B = floats(DOP853.b)
-E5 = floats(DOP853_MORE["e5"])
-E3 = tuple(float(b - e) for b, e in zip(DOP853.b, DOP853_MORE["e3"], strict=True))
-AHEAD = (B, *(floats(DOP853_MORE[str(i)]) for i in (14, 15, 16)))  # stages 13 to 16
-D = tuple(floats(DOP853_MORE[f"d{i}"]) for i in (4, 5, 6, 7))
+# what the error estimate of order 3 takes off the weights
+LESS = {
+    0: "0.244094488188976377952755905512",
+    8: "0.733846688281611857341361741547",
+    11: "0.0220588235294117647058823529412",
+}
+E3 = tuple(float(b - Fraction(LESS.get(i, 0))) for i, b in enumerate(DOP853.b))
+
+
+@cache
+def more() -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...], tuple[tuple[float, ...], ...]]:
+    """The error estimate of order 5, stages 13 to 16, and the weights d4 … d7 of the interpolant: those that SciPy has."""
+    import scipy.integrate  # of all methods that import this module only one waits for it
+
+    program = scipy.integrate.DOP853
+    ahead = tuple(tuple(row[: 13 + i].tolist()) for i, row in enumerate(program.A_EXTRA))
+    return tuple(program.E5[:12].tolist()), (B, *ahead), tuple(map(tuple, program.D.tolist()))
 
 
 @unrolled("nested")
@@ -78,7 +92,7 @@ def kernels(system: System) -> Kernels:
     """For any system. Slopes have the components that move; constants: RTOL, ATOL, the time at the start, parameters."""
     places, n, name = system.moving, system.size, system.digest
     numbered, numbers = tuple(enumerate(places)), take(system.parameters)
-    count = len(places)
+    count, (E5, AHEAD, D) = len(places), more()
 
     def recorded(formula: Callable[..., Any], slopes: int = 0) -> Program:
         """`formula(follow, slopes, increment)` as a program of t, s, these, h and parameters; their products come first."""
