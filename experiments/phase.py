@@ -330,7 +330,7 @@ def _draw_theory(rows: pd.DataFrame, style):
             return
         predicted, measured = np.hypot(run.predicted_time, run.predicted_angle), np.hypot(run.time, run.angle)
         dots = {"linestyle": "none", "marker": "o", "markersize": 2.6, "label": "_measured"}
-        dotted = {"linewidth": 0.5, "linestyle": ":", "marker": "none", "label": "_left"}
+        dotted = {"linewidth": 0.9, "linestyle": (0, (1, 2)), "marker": "none", "label": "_left"}
         ax.loglog(run.t, predicted, **{**look, "linestyle": "-", "marker": "none"})
         ax.loglog(run.t, measured, **{**look, **dots})
         ax.loglog(run.t, run.left.cummax(), **{**look, **dotted})
