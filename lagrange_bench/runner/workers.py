@@ -5,6 +5,7 @@ by `Local`, on a cluster by `cluster.Cluster`, whose workers have a `Local` each
 """
 
 import faulthandler
+import gc
 import multiprocessing
 import os
 import signal
@@ -219,6 +220,7 @@ def _serve(pipe: Any) -> None:
     """Computes the cells that come through a pipe."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     memory.restrain()
+    gc.set_threshold(10_000)  # Numba makes many objects: looking for garbage is a twentieth of a compilation
     os.dup2(2, 1)  # stdout belongs to the data; compiled libraries print warnings there
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(EOFError, OSError):  # the parent is gone
