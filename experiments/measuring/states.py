@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.interface import Method, Stepper
-from lagrange_bench.integrators.problem.top import Array, LagrangeTop
+from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
+from lagrange_bench.integrators.problem.top import TOPS, Array, LagrangeTop
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from lagrange_bench.integrators.truth import truths
 from lagrange_bench.integrators.words import suggestion
@@ -51,7 +52,11 @@ def find(name: str) -> tuple[Any, Array]:
     whose `random()` never changes. The wide ones have either sign of alpha and |J|²/(|alpha||x|) from 1e-3 to 1e3. The close
     ones are on the separatrix but for a part of 1e-1 to 1e-8 of J. ValueError : no such name.
     """
-    if name in NAMED_TOPS:
+    if name in TOPS:
+        return TOPS[name].top, TOPS[name].state
+    if name in PERTURBED_TOPS:
+        return PERTURBED_TOPS[name].top, PERTURBED_TOPS[name].state
+    if name in NAMED_TOPS:  # of a package
         return NAMED_TOPS[name].top, NAMED_TOPS[name].state
     if name in PROBLEMS:
         return problem(name)
