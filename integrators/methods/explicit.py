@@ -36,10 +36,7 @@ def explicit_stepper(name: str, problem: Any, h: float, increment: Increment) ->
         One step per h; the right-hand sides that it counts are calls of `rates`.
     """
     system = problem.system
-    try:
-        split, calls = _recorded(increment, system)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name}: increment: {error}") from None
+    split, calls = _recorded(increment, system)
     step = stepping(f"explicit {split.moving.digest}", split, system)
     return stepper(name, problem, h, split, step, calls)
 
@@ -57,7 +54,7 @@ def _recorded(increment: Increment, system: System) -> tuple[Split, int]:
 
         total = tuple(increment(rates, t, y, h))
         if len(total) != system.size:
-            raise ValueError(f"it gives {len(total)} numbers; a state has {system.size}")
+            raise ValueError(f"increment gives {len(total)} numbers; a state has {system.size}")
         return [total[i] for i in system.moving]
 
     return system.split(formula), calls

@@ -4,9 +4,9 @@ Test what a method claims: its order, its symmetry, whether a step is a Poisson 
 that every stepper must follow. Prints a verdict per claim. Pass and fail are about what the method claims. "Not
 claimed" has no bound: it is measured for your information. "Not judged" could not be measured, and the reason follows
 the table. Drifts of invariants are relative: 1 is as large as the invariant's terms. "Largest at" names the top and the
-step, in units of the top's time scale, with the largest value. A method that takes tops in a
-potential is tested there, too ("in a field: …"). A method that cannot take its first step gets one verdict, with the
-line of its code that fails, or what Numba says of its kernel.
+step with the largest value, the step in units of the top's time scale. A method that takes tops in a potential is
+tested there, too ("in a field: …"). A method that cannot take its first step gets one verdict, with the line of its
+code that fails, or what Numba says of its kernel.
 
 With --problem the claims are tested on that problem at a state and at states near it, and nowhere else.
 
@@ -40,13 +40,12 @@ def run(options: argparse.Namespace) -> Answer:
 
     method = find_method(options.method)
     verdicts = checks.check(options.method, quick=options.quick, problem=_problem(options), y0=options.state)
-    rows = [("verdict", "claim", "measured", "bound", "largest at", *(["how"] if options.verbose else []))]
-    reasons = []
+    rows, reasons = [("verdict", "claim", "measured", "bound", "how" if options.verbose else "largest at")], []
     for verdict in verdicts:
         measured = "" if verdict.measured is None else f"{verdict.measured:.3g}"
         how = " ".join(verdict.how.split())
-        row = (verdict.word, verdict.claim, measured, verdict.bound, verdict.at)
-        rows.append((*row, *([how] if options.verbose else [])))
+        last = how if options.verbose else verdict.at * bool(verdict.measured)
+        rows.append((verdict.word, verdict.claim, measured, verdict.bound, last))
         if verdict.word in ("fail", "not judged"):
             reasons.append(f"{verdict.word}: {verdict.claim}: {how}")
     if ":" in options.method and method.name in METHODS.built_in:

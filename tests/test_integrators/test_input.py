@@ -302,7 +302,7 @@ OTHERS = [  # a call, words in the message
     (lambda: lb.kirchhoff_body((1.0, 2.0), (0.1, 0.1, -0.2), (0.6, 0.6, 0.9)), ".*three numbers each"),
     (
         lambda: lb.explicit_stepper("short", TOP, 0.1, lambda rates, t, y, h: y[:3]),
-        "short: increment: it gives 3 numbers; .* 6",
+        ".*increment gives 3 numbers; .* 6",
     ),
     (lambda: integrate(TOPS["generic"], Y0, 0.1, 10), r".*pass named\.top, named\.state"),
     (lambda: RUN.sol([0.3]), "sol: strang steps on a grid only"),
