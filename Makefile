@@ -8,7 +8,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 help:
 	@echo "make setup   set up and nothing else; then: source .venv/bin/activate"
-	@echo "make bench   set up, run the quick profile (about 5 minutes), draw the report and print where it is"
+	@echo "make bench   set up, run the quick profile (about 4 minutes), draw the report and print where it is"
 	@echo "make test    set up, run the tests (about 5 minutes)"
 	@echo "make test-all  the slow tests, too: clusters, pages in a browser, engines, oldest packages, mutations, stress (about two hours)"
 	@echo "make stress  repeat the tests that start processes beside busy loops (hours); ROUNDS=30"
