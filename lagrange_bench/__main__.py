@@ -1,7 +1,7 @@
 """Benchmarks of geometric integrators for the symmetric Lagrange top, judged by its exact solution.
 
 examples:
-  lagrange-bench run --profile quick            measure everything, in about five minutes
+  lagrange-bench run --profile quick            measure everything, in about three minutes
   lagrange-bench report                         figures, tables and the page of the published results
   lagrange-bench integrate --top figure1 --h 0.1 --steps 10000
 
