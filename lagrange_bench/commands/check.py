@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> Answer:
     for verdict in verdicts:
         measured = "" if verdict.measured is None else f"{verdict.measured:.3g}"
         how = " ".join(verdict.how.split())
-        last = how if options.verbose else verdict.at * bool(verdict.measured)
+        last = how if options.verbose else (verdict.at if verdict.measured else "")
         rows.append((verdict.word, verdict.claim, measured, verdict.bound, last))
         if verdict.word in ("fail", "not judged"):
             reasons.append(f"{verdict.word}: {verdict.claim}: {how}")

@@ -125,6 +125,7 @@ def test_an_ensemble_is_an_array_of_what_was_recorded():
     assert np.array_equal(rows.invariants()[:, 1], LagrangeTop(2.0).invariants(rows.y[:, 1]))
     sent = pickle.loads(pickle.dumps(end))
     assert np.array_equal(sent.motion(1).sol([0.4]), integrate(LagrangeTop(2.0), NAMED.state, t=[0.4]).y)
+    assert np.array_equal(sent.motion(1).sol(0.4), sent.motion(1).sol([0.4])[0])
 
 
 def test_motions_of_bodies_are_bodies():

@@ -144,6 +144,7 @@ def test_check_a_method_that_does_not(run):
 def test_check_says_why_a_claim_fails_and_with_verbose_how_every_one_was_measured(run, monkeypatch):
     monkeypatch.setattr(check, "CHECKS", (check.symmetric, check.order))
     out = run("check", "toys.lies:METHOD", "--quick")[1]
+    assert re.search(r"^fail +symmetric .* \w+, h = 3$", out, re.MULTILINE)  # in the table
     assert re.search(r"^fail: symmetric: a step and its inverse, .*; largest on \w+, h = 3$", out, re.MULTILINE)
     assert "one step against the exact solution" not in out
     assert "one step against the exact solution" in run("check", "toys.lies:METHOD", "--quick", "--verbose")[1]
