@@ -41,7 +41,7 @@ LOOSEST, TIGHTEST = 2, 15  # decades of tolerance
 OURS = "backlund"  # the exact step
 USEFUL = 0.1  # an error above this is no solution: its time is not measured
 COARSE, FLOOR_RUNS = 1e-4, 3  # below this error, runs in a row that do not lower the least one so far end a curve
-TRIALS = 4  # short runs, at most, that tell how long a run would take
+TRIALS = 4  # short runs, each once and twice as long, that tell how long a run would take
 SAMPLE = 0.005  # s, the least length of a timing sample: shorter runs are repeated in one
 
 
@@ -120,7 +120,7 @@ def _run(cell: dict) -> dict:
 
 
 def _predicted(cell: dict, method, stepper, h: float, n: int, options: dict) -> float:
-    """Seconds of the whole run, from the quickest of short ones: a hiccup of the machine must not end a curve."""
+    """Seconds of the whole run, from the quickest of short ones: a hiccup must neither end a curve nor let it go on."""
     top, y0 = states.find(cell["state"])
     trial, steps = max(cell["span"] / 2**14, min(cell["span"], 10.0)), 1
     if method.knob == "h":
@@ -131,10 +131,7 @@ def _predicted(cell: dict, method, stepper, h: float, n: int, options: dict) -> 
     once = twice = np.inf
     for _ in range(TRIALS):
         once, twice = min(once, _seconds(stepper, y0, steps)), min(twice, _seconds(stepper, y0, 2 * steps))
-        predicted = once + max(twice - once, 0.0) * (share - 1)  # what a call costs whatever its length is paid once
-        if predicted <= cell["longest"]:
-            break
-    return predicted
+    return once + max(twice - once, 0.0) * (share - 1)  # what a call costs whatever its length is paid once
 
 
 def _seconds(stepper, y0, n) -> float:
@@ -144,6 +141,8 @@ def _seconds(stepper, y0, n) -> float:
 
 
 APART = ["span", "state"]  # runs that are compared have these in common
+SHADED = "Shaded: the time of one call from Python, which every run pays. "
+SHORT = 100.0  # the quickest run up to this length takes hardly longer than the call
 WALL = "wall time of the run, s"
 TARGETS = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 
@@ -262,12 +261,14 @@ def draw_frontier(rows: pd.DataFrame, style):
     fig, axes = style.panels(
         titles, min(len(spans), 2), (0.4, 2.7), WALL, "largest error, last fifth of the run", sharey=True
     )
+    short = good[good.span <= SHORT]
     for ax, span in zip(axes, spans, strict=True):
         here = good[good.span == span]
         front = here.iloc[metrics.pareto_front(here.seconds, here.error)]
         draw_runs(ax, here, {*champions(here), *front.method}, style)
         draw_front(ax, here.seconds, here.error)
-        shade_calls(ax, float(good.seconds.min()), style)
+        if len(short):
+            shade_calls(ax, float(short.seconds.min()), style)
         tried = rows[rows.span == span].method.unique()
         for method in (name for name in named if name in tried and name not in set(here.method)):
             style.failed_label(ax, method)
@@ -279,8 +280,8 @@ def draw_frontier(rows: pd.DataFrame, style):
         f"Largest error in the last fifth of the run against the wall time of the run on “{label}”; down and to the left is "
         "better. Each curve shows a method's Pareto-optimal runs. "
         f"{style.naming(good.method, bold)}. Wide "
-        "and pale: the efficient frontier, runs that no other run beats in both. Shaded: the time of one call from "
-        "Python, which every run pays. A cross before a name: no run is within the limits of time and of error. "
+        f"and pale: the efficient frontier, runs that no other run beats in both. {SHADED if len(short) else ''}"
+        "A cross before a name: no run is within the limits of time and of error. "
         "Set-up and compilation are not included here; the tables count set-up too."
     )
     return fig

@@ -6,8 +6,6 @@ formulas, and printed in powers of ten, so that the same bytes come out every ti
 
 from __future__ import annotations
 
-import base64
-import gzip
 import os
 import re
 import shlex
@@ -28,7 +26,7 @@ from lagrange_bench.experiments.measuring import errata
 from lagrange_bench.integrators.files import write_file
 from lagrange_bench.report import chooser, claims, fairness, lists, live, origin, panels, promises
 from lagrange_bench.report.origin import PUBLISHED, Origin
-from lagrange_bench.report.sections import OPENED, Drawn, Section, compute_all, described, draw, place, stored_rows
+from lagrange_bench.report.sections import OPENED, Drawn, Section, compute_all, described, draw, packed, place
 from lagrange_bench.report.sections import write as write_section
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
@@ -93,7 +91,8 @@ def assemble(
     names = [*own, *EXPERIMENTS]
     jobs: list[Callable[[], Any]] = [partial(_published, None if choice else beside)]
     jobs += [partial(draw, name, stored) for name in names]
-    (published, beside_words), *sections = compute_all(jobs, stored, processes, drawn, modules)
+    jobs.append(partial(_errata, not choice and stored.path("paper").exists()))
+    (published, beside_words), *sections, (wrong, broken) = compute_all(jobs, stored, processes, drawn, modules)
     whole = not choice and (any(len(s.rows) for s in sections if s.experiment in EXPERIMENTS) or not own)
     if not whole:
         sections = [s for s in sections if len(s.rows) or s.experiment in own or s.errors]
@@ -106,14 +105,16 @@ def assemble(
     errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
     report = Report(sections, drawn_from, whole, errors, old)
     if whole:
-        _judge(report, source, stored.path("paper").exists())
+        report.errata = wrong
+        _judge(report, source)
+        report.errors += broken
         report.beside = beside_words
         for judged, verdict in zip(report.claims, published, strict=False):
             judged.beside = verdict
     return report
 
 
-def _judge(report: Report, source: Origin, paper: bool) -> None:
+def _judge(report: Report, source: Origin) -> None:
     """Adds what only the bench's own page has. Rows of another version cost a part of it, not the page."""
     rows = {section.experiment: section.rows for section in report.sections}
     for section in report.sections:
@@ -125,7 +126,6 @@ def _judge(report: Report, source: Origin, paper: bool) -> None:
         "fairness": lambda: fairness.assemble(rows),
         "panels": lambda: panels.script(rows),
         "answers": lambda: chooser.answers(rows),
-        **({"errata": _errata} if paper else {}),
     }
     for name, make in parts.items():
         try:
@@ -208,15 +208,19 @@ def _linked(output: Path) -> set[Path]:
     return {output / link for link in LINK.findall(text)}
 
 
-def _errata() -> pd.DataFrame:
-    """The errata of the paper with the magnitudes of their residuals."""
+def _errata(wanted: bool) -> tuple[pd.DataFrame, list[str]]:
+    """The errata of the paper with the magnitudes of their residuals; and why there are none, if they should be there."""
     names = ("section", "equation", "wrong", "as printed", "misses by", "corrected", "then misses by")
+    try:
+        measured = errata.measure() if wanted else ()
+    except Exception as error:
+        return pd.DataFrame(), [f"errata: cannot be made: {described(error)}"]
     rows = []
-    for e in errata.measure():
+    for e in measured:
         printed, corrected = errata.magnitude(e.printed), errata.magnitude(e.corrected)
         wrong = "sentence" if e.prose else "formula"
         rows.append((e.section, e.equation, wrong, e.printed_text, printed, e.corrected_text, corrected))
-    return pd.DataFrame(rows, columns=names)
+    return pd.DataFrame(rows, columns=names), []
 
 
 # ---------------------------------------------------------------- to files
@@ -295,14 +299,8 @@ def _typeset(text: str) -> Markup:
     return Markup(POWER.sub(r"<sup>\1\2</sup>", str(escape(tables.numbers_in(text)))))
 
 
-def packed(text: str) -> Markup:
-    """A long text for a script of the page to unpack: gzip, as base64. Empty if there is none."""
-    return Markup(base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode() if text else "")
-
-
-def _packed_rows(sections: list[Section]) -> dict[str, Markup]:
-    packs = {section.experiment: packed(stored_rows(section)) for section in sections if len(section.rows)}
-    return {experiment: pack for experiment, pack in packs.items() if len(pack) < HEAVY}
+def _packed_rows(sections: list[Section]) -> dict[str, str]:
+    return {section.experiment: section.packed for section in sections if 0 < len(section.packed) < HEAVY}
 
 
 def _packed_phones(sections: list[Section]) -> dict[str, Markup]:

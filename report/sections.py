@@ -1,5 +1,7 @@
 """One experiment as it is stored and drawn: from its journal to a section of the page, and to files."""
 
+import base64
+import gzip
 import os
 import re
 import shlex
@@ -16,6 +18,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 import pandas as pd
+from markupsafe import Markup
 
 from lagrange_bench.experiments import PROFILES
 from lagrange_bench.experiments.catalogue import UnknownExperiment, load, load_stored
@@ -58,6 +61,7 @@ class Section:
     title: str = ""
     about: str = ""
     rows: pd.DataFrame = field(default_factory=pd.DataFrame)
+    packed: str = ""  # the rows as CSV, see `packed`
     figures: list[DrawnFigure] = field(default_factory=list)
     tables: list[DrawnTable] = field(default_factory=list)
     failures: pd.DataFrame = field(default_factory=pd.DataFrame)
@@ -180,7 +184,10 @@ def draw(experiment: str, store: Store) -> Section:
         read(section, store, module)
     except StoreError as error:
         section.errors.append(str(error).replace(f"{store.folder}{os.sep}", ""))
-    if module is None or section.rows.empty:
+    if section.rows.empty:
+        return section
+    section.packed = packed(stored_rows(section))
+    if module is None:
         return section
     try:
         section.figures = draw_figures(module, section.rows, store.choice.highlight)
@@ -280,3 +287,8 @@ def write_experiment(experiment: str, results: Path, output: Path, choice: Choic
 def stored_rows(section: Section) -> str:
     """The rows of an experiment as CSV, every digit: what its figures are drawn from. Columns without a value left out."""
     return tables.csv(section.rows.drop(columns="key", errors="ignore").dropna(axis="columns", how="all"))
+
+
+def packed(text: str) -> Markup:
+    """A long text for a script of the page to unpack: gzip, as base64. Empty if there is none."""
+    return Markup(base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode() if text else "")

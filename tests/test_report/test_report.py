@@ -32,6 +32,7 @@ NASTY = "50 % of a_b & <script>alert(1)</script> | α"
 TOYS = ("toy.good", "toy.broken", "toy.empty")
 TOY_METHODS, STEPS = ("backlund", "rk45", "somebody_elses"), (0.01, 0.1, 1.0)
 DRIFT = [1e-12 * h**i for i in range(3) for h in STEPS]
+OF_CELL = sources.of_cell
 
 
 def toy(name):
@@ -203,6 +204,7 @@ def test_drawn_in_two_processes_it_is_the_same(tmp_path, monkeypatch):
         return ProcessPoolExecutor(*args, **more)
 
     monkeypatch.setattr(page, "EXPERIMENTS", ("ensemble", "paper", "no_such_experiment"))
+    monkeypatch.setattr(sources, "of_cell", OF_CELL)  # in the other processes no fixture has replaced it
     monkeypatch.setattr(sections, "ProcessPoolExecutor", pool)
     alone = page.assemble(tmp_path)
     monkeypatch.setattr(sections, "WORTH", 1)
