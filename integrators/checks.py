@@ -107,7 +107,7 @@ def check_options(
 ) -> None:
     """ValueError for an option that `function`, of the method `name`, does not have.
 
-    other : the method's function for the other kind of runs, which `runs` names.
+    other : the method's function for the other kind of runs of the same problem, which `runs` names; None if there are none.
     """
     known = keyword_options(function) if options else ()
     for option in options:
@@ -115,7 +115,7 @@ def check_options(
             elsewhere = other is not None and option in keyword_options(other)
             hint = f": it belongs to {runs}." if elsewhere else suggestion(option, known)
             offered = ", ".join(known) if known else "none"
-            raise ValueError(f"unknown option {option!r} of {name}{hint} Its options: {offered}")
+            raise ValueError(f"unknown option {option!r} of {name}{hint} Options here: {offered}")
 
 
 def check_grid(n: Any, every: Any = None, name: str = "n") -> tuple[int, int]:

@@ -296,7 +296,8 @@ class Method:
         if reason := self.takes(problem):
             raise ValueError(f"method: {reason}")
         build = self._special_for(problem) or self._for_form(problem, self.prepare)
-        check_options(self.name, build, options or {}, self.evaluate, "runs to given times t")
+        at_times = self.evaluate if self._follows(problem) else None
+        check_options(self.name, build, options or {}, at_times, "runs to given times t")
         return build
 
     def evaluate_for(
@@ -313,8 +314,8 @@ class Method:
             raise ValueError(f"method: {reason}")
         if self.evaluate is None or not self._follows(problem):
             return None
-        evaluate = self._for_form(problem, self.evaluate)
-        check_options(f"{self.name} at given times", evaluate, options or {}, self.prepare, "runs by h and steps")
+        evaluate, by_steps = self._for_form(problem, self.evaluate), self._special_for(problem) or self.prepare
+        check_options(f"{self.name} at given times", evaluate, options or {}, by_steps, "runs by h and steps")
         return evaluate
 
     def _for_form(self, problem: Any, function: Callable[..., Any]) -> Callable[..., Any]:

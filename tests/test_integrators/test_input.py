@@ -312,6 +312,7 @@ OTHERS = [  # a call, words in the message
         ".*'tol' .* belongs to runs to given times t",
     ),
     (lambda: integrate(TIDE, Y0, t=[1.0], method="backlund_splitting", scheme="strang"), ".*runs by h and steps"),
+    (lambda: integrate(*central_spin(7), 0.1, 4, "scipy_dop853", atol=1.0), ".*'atol' .* mean 'rtol'.* here: rtol$"),
     (lambda: HeavyTop(1.0, 1.0, 9.81, 0.5, 0.1), "A = 0.5 is less than mass · distance² = 1: .* about the fixed point"),
     (lambda: PerturbedTop(TOP, "tide", (1.0,)), r"potential must be a Potential, such as POTENTIALS\['tide'\]"),
     (lambda: integrate(TIDE, Y0, 0.1, 4), ".*torus of an integrable top; backlund_splitting does"),
