@@ -315,7 +315,7 @@ OTHERS = [  # a call, words in the message
     (lambda: integrate(*central_spin(7), 0.1, 4, "scipy_dop853", atol=1.0), ".*'atol' .* mean 'rtol'.* here: rtol$"),
     (lambda: HeavyTop(1.0, 1.0, 9.81, 0.5, 0.1), "A = 0.5 is less than mass · distance² = 1: .* about the fixed point"),
     (lambda: PerturbedTop(TOP, "tide", (1.0,)), r"potential must be a Potential, such as POTENTIALS\['tide'\]"),
-    (lambda: integrate(TIDE, Y0, 0.1, 4), ".*torus of an integrable top; backlund_splitting does"),
+    (lambda: integrate(TIDE, Y0, 0.1, 4), ".*torus of an integrable top; in a potential take backlund_splitting$"),
     (lambda: RUN.plot("axis", ax=Figure().subplots()), ".*projection='3d'"),
     (lambda: RUN.plot("energy"), "what must be one of 'components', "),
     (lambda: SPUN.plot("axis"), ".*no axis x"),
