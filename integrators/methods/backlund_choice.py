@@ -21,14 +21,14 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_real
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.loops import MEMORY
-from lagrange_bench.integrators.interface import Array, StepError, Work
+from lagrange_bench.integrators.interface import Array, StepError, Stepper, Work
 from lagrange_bench.integrators.methods.dense import at_times
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.torus import time_step
@@ -63,14 +63,24 @@ class ChosenWork(Work):
     expected: float = 0.0  # error at the last time, the larger one if there are times on both sides of 0
 
 
+class Watched(Stepper, Protocol):
+    """A stepper that says how far H moves."""
+
+    h: float
+    tally: Array
+
+    def moves(self, rows: Array, tally: Array) -> Array: ...
+    def least_move(self, n: int) -> float: ...
+
+
 # (y, h, parts) → the state after a time h, by so many small steps, and how many kicks that took
 Shorter = Callable[[Array, float, int], tuple[Array, int]]
 
 
 class Candidate(NamedTuple):
-    """What may be chosen: `build(h, table)`, an `ExactSplittingStepper`; `cost` in kicks; `widest` step in nutations."""
+    """What may be chosen: `build(h, table)` makes the stepper; `cost` in kicks; `widest` step in nutations."""
 
-    build: Callable[[float, bool], Any]
+    build: Callable[[float, bool], Watched]
     cost: float
     widest: float
 
@@ -83,7 +93,7 @@ class Moves(NamedTuple):
     least: float
 
 
-Track = tuple[Array, Any]  # states along a run, the first one included, and the stepper that took it
+Track = tuple[Array, Watched]  # states along a run, the first one included, and the stepper that took it
 
 
 class Choice(NamedTuple):
@@ -191,7 +201,7 @@ def _guarded(
 
 
 def _rows(
-    build: Callable[[float, bool], Any], h: float, *, y: Array, grid: Array, work: Work, tol: float, shorter: Shorter,
+    build: Callable[[float, bool], Watched], h: float, *, y: Array, grid: Array, work: Work, tol: float, shorter: Shorter,
     scales: Array,
 ) -> tuple[Array, float, Moves]:  # fmt: skip
     """The states at the times of `grid`, by steps of h or a little less; the step; how far H moved."""
@@ -212,14 +222,14 @@ def _rows(
     return rows, stepper.h, moves
 
 
-def _moves(stepper: Any, track: Array, n: int, tally: Array | None = None) -> Moves:
+def _moves(stepper: Watched, track: Array, n: int, tally: Array | None = None) -> Moves:
     found = stepper.moves(track, stepper.tally if tally is None else tally)
     mean = float(found[: max(len(found) - 1, 1)].mean())  # the last is at the strongest kick
     return Moves(max(mean, 2.0**-54), float(found.max()), stepper.least_move(n))
 
 
 def _at_any(
-    stepper: Any, y: Array, grid: Array, work: Work, tol: float, shorter: Shorter, scales: Array
+    stepper: Watched, y: Array, grid: Array, work: Work, tol: float, shorter: Shorter, scales: Array
 ) -> tuple[Array, Moves]:
     """Whole steps, then one shorter step to each time, made of as many parts as it needs."""
     parts, h = 1, stepper.h
