@@ -6,11 +6,11 @@ step after itself is
 
 - composition: U = U1², V ≡ V1 mod U1 such that U divides V² + Q, which one division gives;
 - reduction: real A, B with A ≡ B V mod U, deg A ≤ 3k, deg B ≤ 3k − n, by Euclid's algorithm. A − iBy then vanishes at
-  all points of both steps, and the other zeros of its norm, of the positive polynomial
+  all points of the step, twice at each, and the other zeros of its norm, of the positive polynomial
 
       U' = (A² + B² Q)/U,   V' = −A/B mod U',
 
-  are the λ' of the step that does the work of both, up to a turn about e3 (below).
+  are the λ' of the step that does the work of two, up to a turn about e3 (below).
 
 At the two points at infinity A − iBy takes two values. The phase of their ratio is ∓2 arg(a + i alpha b), where a is
 the coefficient of u^3k in A, and b that of u^(3k − n) in B. The divisor is trivial but for a turn about e3 by that
