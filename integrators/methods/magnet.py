@@ -15,7 +15,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -32,45 +31,18 @@ from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
 ITERATIONS = 200  # of an implicit step, at most
 
 
-class SpinStepper(Stepper):
-    """A stepper of spins (n, 3) as one of the 3n numbers of a state.
-
-    spins : the stepper of the spins.
-    """
-
-    def __init__(self, spins: Any) -> None:
-        self.spins, self.work, self.from_start = spins, spins.work, spins.from_start
-
-    def record(self, y: Array, n: int, every: int) -> Array:
-        check_grid(n, every)
-        rows: Array = self.spins.record(np.reshape(y, (-1, 3)), n, every)
-        return np.ascontiguousarray(rows).reshape(len(rows), -1)
-
-
-def of_spins(build: Callable[..., Any]) -> Callable[..., SpinStepper]:
-    """A builder (problem, y0, h, **options) from one of spins, (magnet, spins (n, 3), h, **options)."""
-
-    @wraps(build)
-    def prepare(problem: Any, y0: Array, h: float, **options: Any) -> SpinStepper:
-        return SpinStepper(build(problem.magnet, y0.reshape(-1, 3), h, **options))
-
-    return prepare
-
-
-@of_spins
-def prepare_exact(magnet: Any, spins: Array, h: float) -> Any:
+def prepare_exact(problem: Any, y0: Array, h: float) -> Any:
     """The exact step: half as many two-point maps as spins, and a turn about e3, see `paper.gaudin_step`."""
     from lagrange_bench.integrators.paper import gaudin_step  # with mpmath: a top does not wait for it
 
-    return gaudin_step.prepare_exact(magnet, spins, h)
+    return gaudin_step.prepare_exact(problem.magnet, y0, h)
 
 
-@of_spins
-def prepare_paper(magnet: Any, spins: Array, h: float, *, factors: int = 1) -> Any:
+def prepare_paper(problem: Any, y0: Array, h: float, *, factors: int = 1) -> Any:
     """The two-point maps of order 2·factors, see `paper.gaudin_step`."""
     from lagrange_bench.integrators.paper import gaudin_step
 
-    return gaudin_step.prepare(magnet, spins, h, factors=factors)
+    return gaudin_step.prepare(problem.magnet, y0, h, factors=factors)
 
 
 def terms(magnet: Any) -> tuple[Array, NDArray[np.int64], Array]:
@@ -84,15 +56,13 @@ def terms(magnet: Any) -> tuple[Array, NDArray[np.int64], Array]:
 class _CompiledStepper(Stepper):
     """Advances real spins by a compiled loop: run(s, b, pairs, K, h, *constants, first, last, every, out) → failed step."""
 
-    def __init__(self, name: str, run: Callable, magnet: Any, spins: Array, h: float, *constants: Any):
-        magnet.check_spins(spins)
+    def __init__(self, name: str, run: Callable, magnet: Any, h: float, *constants: Any):
         self.name, self.run, self.magnet, self.h, self.work = name, run, magnet, check_step(h), Work()
         self.constants = (*terms(magnet), self.h, *constants)
 
-    def record(self, spins: Array, n: int, every: int) -> Array:
-        """Spins after 0, every, 2·every, … n steps, (n//every + 1, sites, 3)."""
+    def record(self, y: Array, n: int, every: int) -> Array:
         check_grid(n, every)
-        s = np.array(self.magnet.check_spins(spins), dtype=float)
+        s = np.array(self.magnet.check_spins(y), dtype=float)
         out = np.empty((n // every + 1, *s.shape))
         out[0] = s
         b, _, K, *_ = self.constants
@@ -107,7 +77,7 @@ class _CompiledStepper(Stepper):
         if not np.all(np.isfinite(s)):
             raise StepError(self.name, "the spins left the range of floating-point numbers", h=self.h, step=n)
         self.work.steps += n
-        return out
+        return out.reshape(len(out), -1)
 
 
 # ------------------------------------------------------------------------------------------ splitting by pairs
@@ -259,9 +229,9 @@ def dop853_runner(problem: Any, *, rtol: float = 3e-14) -> Run:
     return run
 
 
-def of_loop(name: str, run: Callable, *constants: Any) -> Callable[..., SpinStepper]:
+def of_loop(name: str, run: Callable, *constants: Any) -> Callable[..., Stepper]:
     """The builder of a compiled loop with these constants."""
-    return of_spins(lambda magnet, spins, h: _CompiledStepper(name, run, magnet, spins, h, *constants))
+    return lambda problem, y0, h: _CompiledStepper(name, run, problem.magnet, h, *constants)
 
 
 # builders by the names of the methods that have them: general kernels unroll all pairs of spins, these loop over any number

@@ -138,8 +138,10 @@ class GaudinMagnet:
         return poisson_tensor(*spins)
 
     def check_spins(self, spins: Any, name: str = "spins") -> Numbers:
-        """`spins` as an array (n, 3) of its own; ValueError naming the argument if they are anything else."""
+        """`spins`, (n, 3) or (3n,), as an array (n, 3) of its own; ValueError naming the argument if they are anything else."""
         array = check_numbers(spins, name)
+        if array.shape == (3 * len(self),):
+            array = array.reshape(-1, 3)
         if array.shape != (len(self), 3):
             raise ValueError(f"{name} must have shape ({len(self)}, 3), one row for each site; got {array.shape}")
         return array.astype(float) if array.dtype.kind in "iu" else array
@@ -255,8 +257,7 @@ class MagnetProblem(Problem):
 
     def check_state(self, y: Any, name: str = "y0") -> Array:
         """Spins (n, 3) or (3n,) as a fresh array (3n,). ValueError: they are none."""
-        shape = np.shape(y)
-        spins = self.magnet.check_spins(np.reshape(y, (-1, 3)) if len(shape) == 1 and shape[0] % 3 == 0 else y, name)
+        spins = self.magnet.check_spins(y, name)
         if spins.dtype.kind != "f":
             raise ValueError(f"{name} must be real numbers; got dtype {spins.dtype}")
         return np.array(spins, dtype=float).ravel()

@@ -157,9 +157,9 @@ class MagnetStepper(Stepper):
         self.home = magnet.invariants(spins)
 
     def record(self, spins: Numbers, n: int, every: int) -> Numbers:
-        """Spins after 0, every, 2·every, … n steps, (n//every + 1, sites, 3)."""
+        """Spins after 0, every, 2·every, … n steps, each in the shape of `spins`, (sites, 3) or (3 sites,)."""
         check_grid(n, every)
-        spins = self.magnet.check_spins(spins)
+        shape, spins = np.shape(spins), self.magnet.check_spins(spins)
         here = self.magnet.invariants(spins)
         if np.max(np.abs(here - self.home)) > OFF_TORUS * np.max(np.abs(self.home)):
             raise StepError("two-point map", "the spins are not on the torus this step was prepared for", h=self.h)
@@ -176,7 +176,7 @@ class MagnetStepper(Stepper):
         if not np.all(np.isfinite(rows[-1])):
             raise StepError("two-point map", "the spins left the range of floating-point numbers", h=self.h, step=n)
         self.work.steps += n
-        return rows if self.turn == 0 else self._turned(rows, every)
+        return (rows if self.turn == 0 else self._turned(rows, every)).reshape(-1, *shape)
 
     def _turned(self, rows: Numbers, every: int) -> Numbers:
         """Row r turned about e3 by r · every times the turn of a step; row 0 is left alone."""

@@ -93,7 +93,7 @@ MAGNETS = [
         for a in ((1.0, 2.0, 1.0), (), (1.0, np.nan), ("a", 1.0), ((1, 2), (3, 4)), (0.0, 1j))
     ),
     *(("alpha", lambda alpha=alpha: GaudinMagnet((1.0,), alpha)) for alpha in (np.inf, 1j, mpc(1, 1))),
-    ("spins", lambda: MAGNET.check_spins(np.zeros(6))),
+    ("spins", lambda: MAGNET.check_spins(np.zeros(5))),
     *(
         ("spins", lambda s=s: two_point(MAGNET, s, 1j + 1))
         for s in (SPINS[:1], SPINS * np.nan, SPINS * (1 + 1j), SPINS * STILL)
