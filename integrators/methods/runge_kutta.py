@@ -340,9 +340,8 @@ def prepare_projected(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
 
     energy, half, product = lacking(units.enter(y0))
     c[ENERGY], c[C1], c[C2] = -energy, -2.0 * half, -product
-    span, system = units.time(h), top.system
-    first = (top.start, span, *increment_of(VERNER9, system).constants(span, units.alpha))
-    step = followed_by(VERNER9, system, projected)
+    first = constants_of(VERNER9, LagrangeTop(units.alpha), units.time(h))
+    step = followed_by(VERNER9, top.system, projected)
     return _on_torus(h, np.array((*first, *c)), step, lacking, units.enter, leave=units.leave)
 
 

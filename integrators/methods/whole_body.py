@@ -37,7 +37,7 @@ from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMO
 from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.methods import lie_group
 from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
-from lagrange_bench.integrators.methods.runge_kutta import constants_of, kernel
+from lagrange_bench.integrators.methods.runge_kutta import constants_of, followed_by
 from lagrange_bench.integrators.methods.tableaux import RK4
 from lagrange_bench.integrators.problem.whole_body import WholeBody
 
@@ -284,22 +284,16 @@ def prepare_alpha(body: WholeBody, y0: Array, h: float, *, rho: float = 0.9) -> 
     return stepper
 
 
-@cache
-def normalized(step: Callable[..., Any], digest: str) -> Any:
-    """The step, and its quaternion made a unit."""
-
-    @jit_as(f"normalized {digest}")
-    def both(s, c, tally):
-        s = step(s, c, tally)
-        r = 1.0 / math.sqrt((s[0] * s[0] + s[1] * s[1]) + (s[2] * s[2] + s[3] * s[3]))
-        return r * s[0], r * s[1], r * s[2], r * s[3], s[4], s[5], s[6]
-
-    return both
+@jit
+def normalized(s, c, tally):
+    """The state, its quaternion made a unit."""
+    r = 1.0 / math.sqrt((s[0] * s[0] + s[1] * s[1]) + (s[2] * s[2] + s[3] * s[3]))
+    return r * s[0], r * s[1], r * s[2], r * s[3], s[4], s[5], s[6]
 
 
 def prepare_normalized(body: WholeBody, y0: Array, h: float) -> FixedStepper:
     """RK4 on the seven numbers."""
-    step = normalized(kernel(RK4, body.system), body.system.digest)
+    step = followed_by(RK4, body.system, normalized)
     return FixedStepper("rk4_normalized", h, constants_of(RK4, body, h), step, rhs_per_step=4, size=7)
 
 
