@@ -126,7 +126,6 @@ ARGUMENTS = [  # name, values that it must not have, calls
     ("sheet", [0, 2, None, "1", 1.5], lambda v: lb.two_point(TOP, Y0, 1j, v)),
     ("pin", [-1, 1.0, True, None], option("backlund", "pin"), lambda v: ensemble(pin=v)),
     ("tol", TOLERANCES, option("taylor", "tol"), at_times("taylor", "tol"), at_times("backlund_splitting", "tol")),
-    ("high_accuracy", [1, "yes", None], option("taylor", "high_accuracy"), at_times("taylor", "high_accuracy")),
     ("order", [0, -1, 61, 20.0, True, None, "20"], option("taylor_fixed", "order")),
     ("rtol", [1e-14, *TOLERANCES[:2], *TOLERANCES[3:]], *(option(m, "rtol") for m in DENSE), at_times("rk45", "rtol")),
     ("atol", [-1e-3, NAN, INF, "0", None], *(option(m, "atol") for m in DENSE), at_times("rk45", "atol")),
