@@ -23,7 +23,7 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_real
 from lagrange_bench.integrators.compiling.compiled import jit, jit_as, jit_over
-from lagrange_bench.integrators.compiling.expression import Program, Tape, take
+from lagrange_bench.integrators.compiling.expression import Program, Tape, machine_code, take
 from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
 from lagrange_bench.integrators.compiling.numba_internals import column, put_column
 from lagrange_bench.integrators.compiling.unroll import unrolled
@@ -127,7 +127,7 @@ def kernels(system: System) -> Kernels:
         return [v for part in (bend, twist, *(moving(weigh(d, slopes)) for d in D)) for v in part]
 
     attempt_program, polynomial_program = recorded(attempt_of), recorded(polynomial_of, 12)
-    slope_program = system.record(lambda *inputs: moving(system.rates(*inputs)))
+    slope = machine_code(system.record(lambda *inputs: moving(system.rates(*inputs))))
 
     def in_rows(flat: Any) -> Any:
         return tuple(flat[i : i + count] for i in range(0, len(flat), count))
@@ -141,10 +141,6 @@ def kernels(system: System) -> Kernels:
     def polynomial(s, increment, t, q, h, slopes):
         made = (v for slope in slopes for v in slope)
         return moving(s), increment, *in_rows(polynomial_program(t, *s, *made, *increment, h, *q))
-
-    @unrolled(f"slope {name}")
-    def slope(s, t, q):
-        return slope_program(t, *s, *q)
 
     @unrolled(f"replaced {name}")
     def replaced(s, parts):
@@ -192,12 +188,13 @@ def kernels(system: System) -> Kernels:
     @jit_as(f"first step {name}")
     def first_step(s, end, c):
         """A step whose error should be a hundredth of the tolerance, from f and from its change along an Euler step."""
-        f = slope(s, c[START], numbers(c, NUMBERS))
+        q = numbers(c, NUMBERS)
+        f = slope((c[START],) + s, q)  # noqa: RUF005 - compiled code does not unpack
         d0, d1 = size(parts(s), s, c), size(f, s, c)
         h = 0.01 * d0 / d1 if min(d0, d1) > 1e-5 else 1e-6
         h = math.copysign(min(h, abs(end)), end)
         if h != 0.0:
-            g = slope(moved(s, h, f), c[START] + h, numbers(c, NUMBERS))
+            g = slope((c[START] + h,) + moved(s, h, f), q)  # noqa: RUF005
             d2 = size(difference(g, f), s, c) / abs(h)
             steepest = max(d1, d2)
             best = eighth_root(0.01 / steepest) if steepest > 1e-15 else max(1e-6, 1e-3 * abs(h))

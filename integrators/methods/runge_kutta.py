@@ -105,8 +105,8 @@ def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
     name, count = f"{size} {moving}", len(moving)
     get, keep = take(count), put(max(count, 1))
 
-    @unrolled(f"add {name}")
-    def add(s, d):
+    @unrolled(f"plain {name}")
+    def plain(s, d, tally):
         return tuple(s[i] + d[moving.index(i)] if i in moving else s[i] for i in range(size))
 
     @unrolled(f"sums {name}")
@@ -114,10 +114,6 @@ def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
         changes = [change + low for change, low in zip(d, lost, strict=True)]
         totals, lows = two_sums([s[i] for i in moving], changes)
         return tuple(totals[moving.index(i)] if i in moving else s[i] for i in range(size)), tuple(lows)
-
-    @jit_as(f"plain {name}")
-    def plain(s, d, tally):
-        return add(s, d)
 
     @jit_as(f"compensated {name}")
     def carrying(s, d, tally):
@@ -225,11 +221,6 @@ def projected(s, c, tally):
     return J1, J2, J3, x1, x2, x3
 
 
-@jit
-def moved(s, d):
-    return s[0] + d[0], s[1] + d[1], s[2] + d[2], s[3] + d[3], s[4] + d[4], s[5] + d[5]
-
-
 IN_ENERGY, IN_C1, IN_C2, PER_RATE, PER_LENGTH, NUMBERS = range(6)  # places of the constants of the projection
 
 
@@ -240,7 +231,7 @@ def projected_in_field(field: Field, level: bool) -> tuple[Callable[..., Any], C
     `c`: the places above, then the numbers. The state is the user's; what is projected is the state in units of order one.
     """
     potential, gradient, numbers = field.potential, field.gradient, take(field.parameters)
-    name = f"{field.digest} {level}"
+    name, moved = f"{field.digest} {level}", adding(6, tuple(range(6)), False)
 
     @unrolled(f"scaled {name}")
     def scaled(s, q, per_rate, per_length):
@@ -280,7 +271,7 @@ def projected_in_field(field: Field, level: bool) -> tuple[Callable[..., Any], C
             J, x, g, (g1, g2, g3) = lacking(s, c)
             a11, a12, a13, a22, a23, a33 = products(J, x, g)
             l1, l2, l3 = multipliers(a11, a12, a13, a22, a23, a33, g1, g2, g3)
-            s = moved(s, correction(J, x, g, l1, l2, l3, c[PER_RATE], c[PER_LENGTH]))
+            s = moved(s, correction(J, x, g, l1, l2, l3, c[PER_RATE], c[PER_LENGTH]), tally)
             square = l1 * g1 + l2 * g2 + l3 * g3
             if square <= TINY:
                 break
