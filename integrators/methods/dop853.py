@@ -17,7 +17,7 @@ import math
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -78,18 +78,12 @@ def eighth_root(a):
     return math.sqrt(math.sqrt(math.sqrt(a)))
 
 
-class Kernels(NamedTuple):
-    """What the loop of natural steps runs on, and `first_step(s, end, c)`."""
-
-    trial: Callable[..., Any]
-    interpolant: Callable[..., Any]
-    value: Callable[..., Any]
-    first_step: Callable[..., Any]
-
-
 @cache
-def kernels(system: System) -> Kernels:
-    """For any system. Slopes have the components that move; constants: RTOL, ATOL, the time at the start, parameters."""
+def kernels(system: System) -> tuple[Callable[..., Any], ...]:
+    """Of any system: trial, interpolant and value, on which `compile_loop` runs, and first_step(s, end, c).
+
+    Slopes have the components that move; constants: RTOL, ATOL, the time at the start, parameters.
+    """
     places, n, name = system.moving, system.size, system.digest
     numbered, numbers = tuple(enumerate(places)), take(system.parameters)
     count, (E5, AHEAD, D) = len(places), more()
@@ -201,7 +195,7 @@ def kernels(system: System) -> Kernels:
             h = math.copysign(min(100.0 * abs(h), best, abs(end)), end)
         return h if h != 0.0 else 1e-6 * end  # the control finds its step from anywhere
 
-    return Kernels(trial, interpolant, value, first_step)
+    return trial, interpolant, value, first_step
 
 
 @cache
@@ -255,9 +249,8 @@ def compile_loop(trial: Callable, interpolant: Callable, value: Callable, size: 
 def runner(top: Problem, *, rtol: float = 1e-9, atol: float = 1e-12) -> Run:
     """Natural steps with the local error kept below atol + rtol |y_i|, root mean square over the components."""
     rtol, atol = check_tolerances(rtol, atol)
-    made, n = kernels(top.system), top.system.size
-    c = np.array((rtol, atol, top.start, *top.numbers))
-    loop, first_step = compile_loop(made.trial, made.interpolant, made.value, n), made.first_step
+    (*made, first_step), n = kernels(top.system), top.system.size
+    c, loop = np.array((rtol, atol, top.start, *top.numbers)), compile_loop(*made, n)
     loop(np.zeros(n), np.zeros(1), 0, c, np.zeros(WALK), np.zeros((1, n)))  # compile
     first_step((0.0,) * n, 1.0, c)
 
