@@ -396,19 +396,19 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 COLOURS = ("#1A1A1A", "#0072B2", "#56B4E9", "#D55E00", "#009E73", "#CC79A7", "#C78900", "#7A5400")
+NEUTRAL = "#8F8F8F"  # of an engine that has rows, and is no longer listed
 MARKERS = ("o", "s", "D", "^", "v")
 
 
 def looks(rows: pd.DataFrame, style) -> dict[tuple[str, str], dict]:
     """Of each engine and integrator: the bench's methods, the best and the defaults bold and named, others thin."""
-    found = {}
+    found, colours = {}, dict(zip(ENGINES, COLOURS, strict=False))
     for (name, kind), group in rows.groupby(["engine", "integrator"], sort=False):
-        place = list(ENGINES).index(name) if name in ENGINES else 0
         setting, ours = group.setting.iloc[0], name == OURS
         text = style.label(kind) if ours else f"{name}, {kind}"
-        look = {"color": COLOURS[place], "linestyle": "--" if setting == DEFAULT else "-"}
+        look = {"color": colours.get(name, NEUTRAL), "linestyle": "--" if setting == DEFAULT else "-"}
         if ours or setting:
-            kinds = METHODS if ours else tuple(ENGINES[name].integrators)
+            kinds = METHODS if ours else tuple(ENGINES[name].integrators) if name in ENGINES else ()
             marker = MARKERS[kinds.index(kind) % len(MARKERS)] if kind in kinds else "none"
             found[name, kind] = {**look, "label": style.plain(text), "marker": marker, "markersize": 3.0}
         else:

@@ -135,6 +135,12 @@ def test_cells_of_an_engine_that_is_not_there_are_skipped(monkeypatch, tmp_path)
         verify.verify(tmp_path, 10, seed=0, longest=3.0, jobs=None, show=False, old=False)
 
 
+def test_rows_of_an_engine_that_is_no_longer_listed_are_drawn():
+    row = {**ABSENT, "setting": engines.BEST, "position": 1.0, "ns_per_step": 1.0, "status": "done"}
+    figure = engines.draw(pd.DataFrame([row]))["steps"]
+    assert {line.get_color() for line in figure.axes[0].get_lines()} == {engines.NEUTRAL}
+
+
 ORDERS = [
     ("MuJoCo", "RK4", 4),
     ("MuJoCo 3", "RK4", 2),
