@@ -48,7 +48,7 @@ STEPS = {"quick": 10**4, "full": 10**6}
 SPAN = 32.0  # of the order part
 SIZES = {"quick": tuple(2.0**-k for k in range(0, 6, 2)), "full": tuple(2.0**-k for k in range(-1, 9))}
 QUICK, QUICK_TOLERANCE = ("weak_tide",), ("random tides", 1e-8)  # each field and tolerance has kernels of its own
-SLOW = ("gauss6", "gauss12")  # to compile, and like gauss4 and gauss8: not in the quick profile
+SLOW = ("gauss6", "gauss12")  # to compile: left out of the quick profile, where gauss4 and gauss8 stand for them
 # span: longest run in s; steps to an octave, decades of tolerance between two
 WORK = {"quick": {1e3: 0.02}, "full": {1e3: 0.1, 1e4: 0.4, 1e5: 1.5}}
 RACES = ("tide_1e-6", "weak_tide", "moderate_tide", "strong_tide", "fast_tide", "magnet")  # full profile
