@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lagrange_bench import testing
 from lagrange_bench.experiments.measuring import check
-from lagrange_bench.experiments.measuring import drifts as drift
 from lagrange_bench.integrators import METHODS, LagrangeTop
 from lagrange_bench.integrators.paper.gaudin_model import central_spin
 from lagrange_bench.testing import assert_drift, assert_order
@@ -33,7 +33,7 @@ def test_a_bound_that_is_exceeded_names_top_step_and_value():
 
 
 def test_drift_is_in_ulps_of_the_scale():
-    (run,) = drift.drifts(MINE, drift.find_all(["generic"]), 0.1, 64)
+    (run,) = testing.drifts(MINE, testing.find_all(["generic"]), 0.1, 64)
     top, y0 = check.find("generic")
     y = METHODS["strang"].prepare_for(top)(top, y0, 0.1 * top.scales(y0)[2]).record(y0, 64, 1)
     scale = top.invariant_scales(y0)[0]
@@ -65,7 +65,7 @@ def test_a_run_that_ends_early_or_is_not_finite():
         AssertionError, match=r"^rk4 on generic, h = 30, in 100 steps: the state left the range of .* or before it"
     ):
         assert_drift("rk4", tops=["generic"], h=30, steps=100, J3=0)
-    run = drift.Run("generic", 0.1, [1, 2, 3], np.array([[1.0] * 4, [np.nan] * 4, [2.0] * 4]), ("H",))
+    run = testing.Run("generic", 0.1, [1, 2, 3], np.array([[1.0] * 4, [np.nan] * 4, [2.0] * 4]), ("H",))
     assert run.largest("H")[1] == 2
     assert not run.largest("H")[0] <= 1e300
     worst = check.Worst().or_(1.0, "a", 0.1).or_(np.nan, "b", 0.2).or_(2.0, "c", 0.3)
