@@ -2,8 +2,8 @@
 
 Kernels use + − × ÷ and √ only, which IEEE 754 rounds correctly, in an order that no compiler may change (no fastmath, no
 contraction into fused multiply-adds). So a state after a million steps is the same on every machine. The constants of a
-step come from set-up code, some of it with the C library's functions: where they differ, the states must, and the verdict
-says "constants". Methods with a library behind them promise no bits and are not here.
+step come from set-up code, some of it with the C library's functions: where they differ, the states must. Methods with a
+library behind them promise no bits and are not here.
 """
 
 import hashlib
@@ -11,7 +11,7 @@ import json
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from lagrange_bench.experiments.measuring.states import find
 from lagrange_bench.integrators import METHODS, prepare
@@ -27,15 +27,6 @@ LIBRARY = ("theta_functions",)  # not a map that is iterated: each state is made
 STEP = 0.125  # in units of the top's time scale
 
 Hashes = dict[str, dict[str, str]]  # "method" or "method compensated" → "state constants" or "state steps" → digest
-
-
-class Verdict(NamedTuple):
-    """One kernel. `first` is the first count of steps, or "constants", at which its bits are not the golden ones."""
-
-    kernel: str
-    passed: bool | None  # None: there is nothing to compare with
-    first: str
-    compared: int
 
 
 def kernels(only: Iterable[str] | None = None) -> list[tuple[str, str, dict[str, Any]]]:
@@ -83,18 +74,6 @@ def digest(numbers: Array) -> str:
 
 def golden() -> Hashes:
     return json.loads(GOLDEN.read_text(encoding="utf-8"))
-
-
-def compare(expected: Hashes, found: Hashes) -> list[Verdict]:
-    """A verdict for each kernel found; the constants of a state are looked at before its steps."""
-    verdicts = []
-    for kernel, hashes in found.items():
-        known = expected.get(kernel, {})
-        common = [place for place in hashes if place in known]
-        wrong = [place for place in common if hashes[place] != known[place]]
-        passed = not wrong if common else None
-        verdicts.append(Verdict(kernel, passed, wrong[0] if wrong else "", len(common)))
-    return verdicts
 
 
 def write(found: Hashes) -> None:

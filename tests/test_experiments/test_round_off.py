@@ -78,26 +78,29 @@ def test_forms_of_long_steps_are_one_map(fraction):
     assert max(metrics.scaled_error(top, y0, y, truth) for y in ends) < 1e-10
 
 
+def differing(found):
+    """Where bits are not the golden ones, the constants of a state before its steps."""
+    golden = bits.golden()
+    return [f"{name} {where}" for name in found for where in found[name] if found[name][where] != golden[name][where]]
+
+
 def test_compiled_kernels_have_the_golden_bits():
-    verdicts = bits.compare(bits.golden(), bits.measured(bits.COUNTS[1]))
-    assert [v for v in verdicts if not v.passed] == []
-    assert {v.kernel for v in verdicts} == set(bits.golden()), "golden.json has every kernel and no other"
-    assert {"backlund", "implicit_midpoint", "rk45_fixed"} <= {v.kernel for v in verdicts}
-    assert {v.kernel.partition(" ")[0] for v in verdicts} <= set(METHODS)
-    assert all(v.compared == 3 * len(bits.STATES) for v in verdicts)
+    found = bits.measured(bits.COUNTS[1])
+    assert set(found) == set(bits.golden()), "golden.json has every kernel and no other"
+    assert differing(found) == []
+    assert {"backlund", "implicit_midpoint", "rk45_fixed"} <= set(found)
+    assert {kernel.partition(" ")[0] for kernel in found} <= set(METHODS)
+    assert {len(hashes) for hashes in found.values()} == {3 * len(bits.STATES)}
 
 
-def test_one_ulp_is_seen_and_what_nobody_wrote_down_is_not_judged(monkeypatch):
+def test_one_ulp_is_seen(monkeypatch):
     """Negative control: of the constants, and of a state, in one of three states."""
-    golden, find = bits.golden(), bits.find
+    find = bits.find
     off = {"figure1": 1 + 2.0**-52}
     monkeypatch.setattr(bits, "find", lambda name: (find(name)[0], find(name)[1] * off.get(name, 1.0)))
-    (verdict,) = bits.compare(golden, bits.measured(1000, ["kahan"]))
-    assert verdict == bits.Verdict("kahan", False, verdict.first, 6)
-    assert verdict.first.startswith("figure1")
+    wrong = differing(bits.measured(1000, ["kahan"]))
+    assert {where.split()[1] for where in wrong} == {"figure1"}
     assert bits.digest(np.array((1.0, 2.0))) != bits.digest(np.array((1.0, np.nextafter(2.0, 3.0))))
-    (verdict,) = bits.compare({}, {"new": {"generic 1000": "0"}})
-    assert verdict.passed is None
 
 
 def test_the_bits_of_a_new_method_are_written_and_no_others(monkeypatch, tmp_path):
