@@ -1,19 +1,9 @@
 """Experiments: each file asks one question of the methods, measures rows, and draws them."""
 
 EXPERIMENTS = (
-    "drift",
-    "phase",
-    "cost",
-    "work_precision",
-    "perturbed",
-    "driven",
-    "round_off",
-    "ensemble",
-    "engines",
-    "heavy_top",
-    "paper",
-    "gaudin",
-)
+    "drift", "phase", "cost", "work_precision", "perturbed", "driven",
+    "round_off", "ensemble", "engines", "heavy_top", "paper", "gaudin",
+)  # fmt: skip
 
 PROFILES = ("quick", "full")
 SWEEP = "sweep_"  # how the names of experiments begin that a TOML file describes
