@@ -8,6 +8,7 @@ reported and skipped; it is never repaired in place. Of several records of a cel
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import json
 import math
@@ -24,11 +25,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.results import provenance, sources
 from lagrange_bench.results.choice import ALL, Choice
-
-try:
-    import fcntl
-except ImportError:  # no file locks on this platform: one process per store then
-    fcntl = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -422,7 +418,6 @@ def _sync_folder(folder: Path) -> None:
 
 
 def _lock(file: int, exclusive: bool) -> None:
-    """Until the file is closed; where the platform and the file system know locks."""
-    if fcntl is not None:
-        with contextlib.suppress(OSError):  # some network file systems have none
-            fcntl.flock(file, fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH)
+    """Until the file is closed; where the file system knows locks."""
+    with contextlib.suppress(OSError):  # some network file systems have none
+        fcntl.flock(file, fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH)
