@@ -53,22 +53,15 @@ _cells: dict[str, list[Cell]] = {}  # of the files read in this process, by expe
 # ---------------------------------------------------------------- the file
 
 
-def _table(value: Any, name: str) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise ValueError(f"{name} must be a table; got {value!r}")
+def _of_kind(kind: type, what: str, value: Any, name: str) -> Any:
+    """`value`, if it is of this kind and no empty list."""
+    if not isinstance(value, kind) or value == []:
+        raise ValueError(f"{name} must be a {what}; got {value!r}")
     return value
 
 
-def _list(value: Any, name: str) -> list[Any]:
-    if not isinstance(value, list) or not value:
-        raise ValueError(f"{name} must be a list with something in it, as […]; got {value!r}")
-    return value
-
-
-def _word(value: Any, name: str) -> str:
-    if not isinstance(value, str):
-        raise ValueError(f"{name} must be a name; got {value!r}")
-    return value
+_table, _word = partial(_of_kind, dict, "table"), partial(_of_kind, str, "name")
+_list = partial(_of_kind, list, "list with something in it, as […]")
 
 
 def _words(value: Any, name: str) -> list[str]:
