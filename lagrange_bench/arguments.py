@@ -121,7 +121,7 @@ def choice_of(options: argparse.Namespace, results: Path | None = None) -> Any:
     choice.include()
     if results is not None:
         store = Store(results)
-        choice.check(record["cell"] for name in store.experiments() for record in store.latest(name))
+        choice.check(record["cell"] for name in store.experiments() for record in store.open(name).latest)
     return choice
 
 

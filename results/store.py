@@ -271,7 +271,7 @@ class Store:
     folder : str or Path
         Where they are.
     choice : Choice
-        The cells that `open`, `latest` and `rows` give; all that is written is.
+        The cells that `open` and `rows` give; all that is written is.
     """
 
     def __init__(self, folder: str | Path, choice: Choice = ALL):
@@ -344,7 +344,7 @@ class Store:
         return {r["key"]: r.get("sources") for r in shown if r["status"] == "done"}, problems
 
     def open(self, experiment: str) -> Journal:
-        """What is stored of an experiment now, read once."""
+        """What is stored of an experiment now, read once: its VERSION, the cells in their order; see the function `latest`."""
         records, problems = self.read(experiment)
         shown = [r for r in latest(records, sources.declared(experiment, "VERSION")) if self.choice.takes(r["cell"])]
         if len({record["version"] for record in records}) > 1:
@@ -353,10 +353,6 @@ class Store:
             left_out = f"{len(older)} cells of another VERSION of the experiment are left out"
             problems += [f"{self.path(experiment)}: {left_out}"] if older else []
         return Journal(shown, problems)
-
-    def latest(self, experiment: str) -> list[Record]:
-        """One record per cell of the experiment's VERSION, in the order of its cells; see the function `latest`."""
-        return self.open(experiment).latest
 
     def rows(self, experiment: str) -> pd.DataFrame:
         """What was measured; see `Journal.rows`."""

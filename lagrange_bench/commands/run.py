@@ -107,4 +107,4 @@ def _draw(name: str, results: Path, choice: Any) -> list[Path]:
     from lagrange_bench.results.store import Store
 
     output = results if name.startswith(SWEEP) else results / "page"
-    return sections.write_experiment(name, results, output, choice) if Store(results, choice).latest(name) else []
+    return sections.write_experiment(name, results, output, choice) if Store(results, choice).open(name).latest else []

@@ -128,7 +128,7 @@ def _sample(
                 group = (experiment, str(cell.get("part", "")), str(cell.get("method") or cell.get("variant", "")))
                 groups.setdefault(group, []).append(record)
     if outdated:
-        again = " && ".join(origin.again(store.folder, name, store.latest(name)) for name in sorted(outdated))
+        again = " && ".join(origin.again(store.folder, name, store.open(name).latest) for name in sorted(outdated))
         changed = ", ".join(sorted(outdated))
         raise StoreError(f"{store.folder}: {changed} changed (VERSION) since this was stored: {again}")
     if absent:

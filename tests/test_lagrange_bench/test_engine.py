@@ -74,7 +74,7 @@ def test_warnings_and_chatter_are_kept_out_of_the_way(hard):
     _, err, store = hard
     assert "chatter" in err
     assert "toy warning" not in err
-    (warned,) = (record for record in store.latest(TOY) if record["cell"]["do"] == "warn")
+    (warned,) = (record for record in store.open(TOY).latest if record["cell"]["do"] == "warn")
     assert warned["warnings"] == ["RuntimeWarning: toy warning"]
 
 
@@ -88,7 +88,7 @@ def test_cells_that_die_hang_or_ask_for_too_much_memory_fail_alone(hard):
         "memory": "MemoryError: more than 0.5 GB; LAGRANGE_BENCH_MEMORY in the environment, in GB, allows more",
     }
     assert summary["experiments"][TOY]["computed"] == 10
-    assert all(0 <= record["seconds"] < 30 for record in store.latest(TOY))
+    assert all(0 <= record["seconds"] < 30 for record in store.open(TOY).latest)
     assert engine.TIME_LIMITS.keys() == set(PROFILES)
 
 
@@ -152,7 +152,7 @@ def test_an_interrupt_while_cells_are_stored_waits_until_they_are_counted(toy, i
     monkeypatch.setattr(Store, "append", append)
     with pytest.raises(KeyboardInterrupt) as caught:
         toy(squares(1, 2, 3))
-    stored = len(toy.store.latest(TOY))
+    stored = len(toy.store.open(TOY).latest)
     assert str(caught.value).startswith(f"interrupted: {stored} of 3 cells are stored in ")
     assert stored > 0
 

@@ -358,7 +358,7 @@ ROWS = [{"error": 1.0}]
 def test_what_is_chosen_is_shown(tmp_path, names, taken, leaves_out):
     choice = Choice(**names)
     Store(tmp_path).append(*(make_record("toy", 1, i, cell, rows=ROWS) for i, cell in enumerate(CELLS)))
-    assert [record["position"] for record in Store(tmp_path, choice).latest("toy")] == taken
+    assert [record["position"] for record in Store(tmp_path, choice).open("toy").latest] == taken
     assert bool(choice) is leaves_out
     choice.check(CELLS)
 
