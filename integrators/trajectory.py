@@ -87,7 +87,8 @@ class Table:
 
     def _origin(self) -> dict[str, Any]:
         """What a file says of the run."""
-        return {"top": repr(self.top)}
+        parameters = getattr(self.top, "parameters", ())
+        return {"top": repr(self.top), **({"parameters": parameters} if len(parameters) else {})}
 
     @property
     def states(self) -> Array:
@@ -180,7 +181,7 @@ class Trajectory(Table):
     follow : callable, optional
         () → (N, 4), the attitudes, where the start has one; called when they are first asked for.
     start : Start, optional
-        What a state of a `RigidTop` says beside its six numbers.
+        How the run began.
     """
 
     top: Any
@@ -364,6 +365,9 @@ class RigidTrajectory(Trajectory):
     body: RigidTop = field(kw_only=True)
     spin: float | None = field(default=None, kw_only=True)  # rad/s, about the axis
 
+    def _origin(self) -> dict[str, Any]:
+        return {**super()._origin(), "body": repr(self.body)}
+
     @property
     def position(self) -> Array:
         """The centre of mass in the world's frame, m, shape (N, 3)."""
@@ -505,8 +509,8 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
 
 
 def _text(value: Any) -> str:
-    """JSON; what that cannot hold, such as a complex option, as Python writes it."""
-    return json.dumps(value, ensure_ascii=False, default=repr)
+    """JSON; what that cannot hold, such as a complex option, as Python writes it, but numbers of NumPy as numbers."""
+    return json.dumps(value, ensure_ascii=False, default=lambda v: v.tolist() if hasattr(v, "tolist") else repr(v))
 
 
 def _parquet(frame: pd.DataFrame, facts: Mapping[str, Any]) -> bytes:

@@ -64,9 +64,9 @@ class WholeBody(Problem):
     def __init__(
         self, mass: float, com: ArrayLike, inertia_com: ArrayLike, gravity: ArrayLike = (0.0, 0.0, -9.81)
     ) -> None:
-        self.facts = mass, com, inertia_com, gravity
         mass, field, at = check_real(mass, "mass"), real_array(gravity, "gravity", (3,)), real_array(com, "com", (3,))
         moments = real_array(inertia_com, "inertia_com", (3,), (3, 3))
+        self.facts = {"mass": mass, "com": at.tolist(), "inertia_com": moments.tolist(), "gravity": field.tolist()}
         matrix = np.diag(moments) if moments.ndim == 1 else moments
         if mass <= 0:
             raise ValueError(f"mass must be positive; got {mass}")
@@ -82,6 +82,9 @@ class WholeBody(Problem):
         if (axis := self.axis) is not None:
             invariants["C2"] = lambda t, y, p: y[4 + axis]
         super().__init__("whole_body", "body", self._hamiltonian, numbers, invariants=invariants, frame="body")
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={value}' for name, value in self.facts.items())})"
 
     @classmethod
     def of(cls, top: RigidTop) -> WholeBody:

@@ -1,5 +1,6 @@
 """Real tops with their attitude, any axis and any gravity, the named cases, whole bodies: against Taylor series in integers."""
 
+import json
 import math
 import pickle
 from fractions import Fraction
@@ -99,12 +100,13 @@ def test_energy_and_momenta_of_a_run_are_those_of_the_body():
     np.testing.assert_allclose(run.position, run.rotation.apply(case.top.com), atol=1e-13)
 
 
-def test_a_heavy_top_is_a_rigid_top():
+def test_a_heavy_top_is_a_rigid_top(tmp_path):
     """The same body by its moments about the fixed point; the state from Euler angles has the rotation too."""
     rigid = RigidTop(0.1, (0, 0, 0.03), (1e-4, 1e-4, 6e-5))
     heavy = HeavyTop(mass=0.1, distance=0.03, gravity=9.81, A=rigid.A, C=rigid.C)
     state = heavy.state((0.4, 0.3, 0.1), (0.2, 1.5, 120.0))
     run = integrate(heavy, state, h=0.5, steps=4, every=1)
+    assert json.loads(str(np.load(run.save(tmp_path / "a.npz"))["metadata"]))["body"] == repr(heavy)
     sent = integrate(eval(repr(heavy)), pickle.loads(pickle.dumps(state)), h=0.5, steps=4, every=1)
     assert np.array_equal(sent.rotation.as_quat(), run.rotation.as_quat())
     same = integrate(rigid, rigid.state(rotation=state.rotation, omega_world=run.omega_world[0]), t=run.t)
@@ -214,7 +216,8 @@ PUBLISHED = {
 @pytest.mark.parametrize("body", [SKEW, ROUND], ids=["skew", "round"])
 def test_any_body_in_any_gravity_against_integers(body):
     times = [0.5, 2.0]
-    R, omega = motion(body.facts, WHOLE["rotation"], WHOLE["omega_body"], times)
+    assert np.array_equal(eval(repr(body)).numbers, body.numbers)
+    R, omega = motion(body.facts.values(), WHOLE["rotation"], WHOLE["omega_body"], times)
     run = integrate(body, body.state(**WHOLE), t=times, method="dop853", rtol=1e-13, atol=1e-13)
     assert np.max(np.abs(run.rotation.as_matrix() - R)) < 1e-11
     assert np.max(np.abs(run.omega_body - omega)) < 1e-11
