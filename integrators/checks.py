@@ -82,11 +82,14 @@ def check_step(h: Any, name: str = "h") -> float:
     return step
 
 
-def check_times(t: Any) -> Array:
-    """`t` as a one-dimensional array of finite floats."""
-    times = np.asarray(t)
-    if times.ndim != 1 or times.dtype.kind not in "iuf" or not np.all(np.isfinite(times)):
-        raise ValueError("t must be a one-dimensional array of finite real times")
+def check_times(t: Any, single: bool = False) -> Array:
+    """`t` as a one-dimensional array of finite floats; with `single` one time will do, and has no axis."""
+    try:
+        times = np.asarray(t)
+    except ValueError:  # rows of different lengths
+        times = np.array(None)
+    if times.ndim not in (1, 1 - single) or times.dtype.kind not in "iuf" or not np.all(np.isfinite(times)):
+        raise ValueError(f"t must be {'a time or ' if single else ''}a one-dimensional array of finite real times")
     return times.astype(np.float64)
 
 

@@ -244,12 +244,12 @@ class Trajectory(Table):
         ValueError
             The method steps on a grid only, or its dense output lacks an option of the run.
         """
-        start, times = self._started("sol"), check_times(np.atleast_1d(t))
+        start, times = self._started("sol"), check_times(t, single=True)
         evaluate = start.method.evaluate_for(self.problem, start.options)
         if evaluate is None:
             raise ValueError(f"sol: {self.method} steps on a grid only; record more states with `every`")
-        states, _ = evaluate(self.problem, start.state, times, **start.options)
-        return states.reshape(*np.shape(t), *self.y.shape[1:])
+        states, _ = evaluate(self.problem, start.state, np.atleast_1d(times), **start.options)
+        return states.reshape(*times.shape, *self.y.shape[1:])
 
     def _origin(self) -> dict[str, Any]:
         if self.start is None:

@@ -82,7 +82,7 @@ HEAVY = HeavyTop(mass=0.1, distance=0.03, gravity=9.81, A=1.5e-4, C=6e-5)
 TILTED = HEAVY.state((0.5, 0.0, 0.0), (0.0, 1.0, 3.0))
 LONGER = TILTED * (1, 1, 1, 2, 2, 2)  # of a real top the axis has the length one
 OTHER_DISKS = {"inertia_com": (0.2, 0.3, 0.2)}, {"com": (0, -1, 0)}, {"gravity": (0, 9.81, 0)}
-OUTPUTS = [1.0, [[1.0]], ["1"], [True], [1j], [NAN], [INF], [None]]
+OUTPUTS = [1.0, [[1.0]], [1.0, [2.0, 3.0]], ["1"], [True], [1j], [NAN], [INF], [None]]
 NO_TOPS = [None, 1.0, "generic", LagrangeTop, TOPS["generic"]]
 ROTATIONS = [np.eye(3) * 1.001, -np.eye(3), Rotation.identity(2)]
 TIMES = ["1", [[1.0]], NAN, INF, [1.0, None], 1j, [True], object()]
@@ -117,6 +117,7 @@ ARGUMENTS = [  # name, values that it must not have, calls
     ("on_failure", ["ignore"], lambda v: ensemble(on_failure=v)),
     *(("t", OUTPUTS, lambda v, m=m: integrate(TOP, Y0, t=v, method=m)) for m in ("backlund", "rk45")),
     ("t", OUTPUTS, lambda v: ensemble(t=v, h=None, steps=None)),
+    ("t must be a time or", [None, *OUTPUTS[1:]], lambda v: integrate(TOP, Y0, 0.1, 1).sol(v)),
     ("top", NO_TOPS, lambda v: integrate(v, Y0, 0.1, 10), lambda v: prepare(v, Y0, 0.1)),
     ("top", NO_TOPS, lambda v: lb.two_point(v, Y0, 1j), lambda v: ensemble(top=v)),
     ("alpha", ALPHAS, LagrangeTop),
