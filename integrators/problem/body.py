@@ -215,12 +215,12 @@ class HeavyTop(RigidTop):
     gravity : float
         In m/s².
     A, C : float
-        In kg m², moments of inertia about the fixed point, across and along the axis; C <= 2A for a rigid body.
+        In kg m², moments of inertia about the fixed point, across and along the axis; C <= 2 (A − mass distance²).
 
     Raises
     ------
     ValueError
-        A number that is not finite, mass, A or C not positive, A < mass distance², or C > 2A.
+        A number that is not finite, mass, A or C not positive, A < mass distance², or C > 2 (A − mass distance²).
     """
 
     def __init__(self, mass: float, distance: float, gravity: float, A: float, C: float) -> None:
@@ -235,8 +235,11 @@ class HeavyTop(RigidTop):
                 f"A = {A} is less than mass · distance² = {mass * distance * distance:.6g}: A is the moment of inertia about the "
                 "fixed point, not about the centre of mass"
             )
-        if C > 2 * A:
-            raise ValueError(f"C = {C} > 2 A = {2 * A}: no rigid body has such moments of inertia")
+        if C - 2 * across > SYMMETRIC * A:
+            raise ValueError(
+                f"C = {C} is more than 2 (A − mass · distance²) = {2 * across:.6g}: no rigid body has such moments of inertia "
+                "about its centre of mass"
+            )
 
     def __repr__(self) -> str:
         facts = f"mass={self.mass}, distance={self.distance}, gravity={self.weight}, A={self.A}, C={self.C}"

@@ -134,7 +134,7 @@ ARGUMENTS = [  # name, values that it must not have, calls
     ("compensated", [1, "yes", None], *(option(m, "compensated") for m in ("gauss4", "rk4", "strang"))),
     *((name, [NAN, INF, "1", None, True, 1j], real(name)) for name in REAL),
     *((name, [0.0, -1.0], real(name)) for name in ("mass", "A", "C")),
-    ("C", [2.1e-3], real("C")),
+    ("C", [4.1e-4], real("C")),
     *((name, TRIPLES, real(name)) for name in MOTION),
     ("rates", [(0.0, 1.7e308, 1.7e308)], lambda v: HEAVY.state((1.0, 0.0, 0.0), v)),
     ("mass", [0], lambda v: disk(mass=v)),
