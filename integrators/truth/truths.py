@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from decimal import ROUND_DOWN, Context
 from typing import Any
 
 import numpy as np
@@ -48,8 +49,9 @@ def _found(
         return getattr(exact, which)(problem, y0, *when)
     end, most = np.max(np.abs(times), initial=0.0), longest * problem.scales(y0)[2]
     if end > most:
+        possible = float(Context(prec=4, rounding=ROUND_DOWN).create_decimal_from_float(most))  # not a time beyond it
         raise ValueError(
-            f"t = {end:g} is longer than {longest:g} time scales of the motion: take times up to {most:.4g}"
+            f"t = {end:g} is longer than {longest:g} time scales of the motion: take times up to {possible:.4g}"
         )
     return _reference(problem, y0, times, rest)
 

@@ -10,6 +10,7 @@ from matplotlib import pyplot as plt
 
 from lagrange_bench import CASES, PERTURBED_TOPS, TOPS, GaudinMagnet, LagrangeTop, WholeBody, exact, free_body, metrics
 from lagrange_bench.integrators import integrate, integrate_ensemble
+from lagrange_bench.integrators.truth import truths
 
 pytestmark = pytest.mark.interpreted
 NAMED, TIDE = TOPS["generic"], PERTURBED_TOPS["weak_tide"]
@@ -146,6 +147,13 @@ def test_motions_of_bodies_are_bodies():
 @pytest.mark.parametrize("name", RUNS)
 def test_a_run_goes_to_other_processes(runs, name):
     assert np.array_equal(pickle.loads(pickle.dumps(runs[name])).error(), runs[name].error())
+
+
+def test_advice_on_the_length_of_a_run_can_be_followed():
+    _, problem, y0 = RUNS["so3"]
+    with pytest.raises(ValueError, match="take times up to") as caught:
+        truths.solution(problem, y0, [1e5], longest=2.0)
+    truths.solution(problem, y0, [float(str(caught.value).split()[-1])], longest=2.0)
 
 
 def test_no_times_give_no_states_whatever_is_asked():
