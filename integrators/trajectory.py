@@ -493,6 +493,8 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
             Of that motion.
         """
         motions = self.y.shape[1]
+        if not isinstance(place, (int, np.integer)):
+            raise ValueError(f"place must be a whole number, that of one motion; got {place!r}")
         if not -motions <= place < motions:
             raise IndexError(f"place must be below {motions}, the number of motions; got {place}")
         top, start = self.begin(place % motions)

@@ -261,6 +261,7 @@ OTHERS = [  # a call, words in the message
     *((lambda v=v: spin(method="backlund_paper", factors=v), "factors must be") for v in (0, 17, 1.5, True, "2", None)),
     (lambda: spin(lb.MAGNETS["central128"].magnet, lb.MAGNETS["central128"].spins), ".*at most 32"),
     (lambda: spin(lb.GaudinMagnet((0, 1j, -1j, 2), 0.5)), ".*sites"),
+    (lambda: ensemble().motion(slice(2)), r"place must be a whole number, .*; got slice"),
     (lambda: integrate_ensemble(MAGNET, 3, 0.1, 20, "rk4"), "Y0 must be states"),
     (lambda: integrate_ensemble(MAGNET, SPINS[None, :2], 0.1, 20, "rk4"), r"Y0\[0\]"),
     *((lambda v=v: lb.predicted_phase(v, Y0, 0.1), "top") for v in (1.0, TIDE)),
