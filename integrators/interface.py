@@ -98,20 +98,6 @@ class Stepper(Protocol):
         ...
 
 
-def in_one_call(at_once: Callable[..., Array | None]) -> Callable[[Callable[..., Stepper]], Callable[..., Stepper]]:
-    """Decorates a builder with its run in one compiled call, which `integrate` takes where there are no options.
-
-    at_once : (top, y0, h, steps, every) → the rows of the stepper's `record`; or None, as on a failure: then the stepper is
-    asked. It belongs to the builder: a record with another builder does not have it.
-    """
-
-    def decorate(prepare: Callable[..., Stepper]) -> Callable[..., Stepper]:
-        prepare.at_once = at_once  # type: ignore[attr-defined]
-        return prepare
-
-    return decorate
-
-
 # what a method may need of a problem, see `PerturbedTop.offers` and `Problem.offers`, and what is said of one without
 NEEDS = {
     "uniform": "a top in a uniform field, a LagrangeTop",
@@ -164,7 +150,9 @@ class Method:
     source : str
         Citation, equation numbers.
     prepare : callable
-        (problem, y0, h, **options) → Stepper: everything slow happens here, once; see `in_one_call`.
+        (problem, y0, h, **options) → Stepper: everything slow happens here, once. If the function has an attribute `at_once`,
+        `integrate` takes it for short runs without options: (top, y0, h, steps, every) → the rows of the stepper's `record` in
+        one compiled call; or None, as on a failure: then the stepper is asked.
     symmetric : bool
         step(-h) undoes step(h).
     poisson : bool

@@ -27,7 +27,7 @@ from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted, seldom
 from lagrange_bench.integrators.compiling.lanes import run_lanes
 from lagrange_bench.integrators.compiling.loops import NEVER, SIZE, FixedStepper, compile_loop, finite
-from lagrange_bench.integrators.interface import Array, Method, StepError, Work, in_one_call
+from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.methods import magnet
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units, own_units, shift
@@ -89,7 +89,6 @@ def at_once(top: LagrangeTop, y0: Array, h: float, steps: int, every: int) -> Ar
     return out if run(top.alpha, y0, h, steps, every, out) else None
 
 
-@in_one_call(at_once)
 def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN, lam: complex | None = None) -> FixedStepper:
     """The exact step over h, any h ≠ 0; or, with `lam`, the two-point map of that parameter.
 
@@ -101,6 +100,9 @@ def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN, lam:
     """
     pin = check_count(pin, "pin")
     return _exact("backlund", top, y0, h, pin) if lam is None else _plain("backlund", top, y0, h, lam, pin)
+
+
+prepare_exact.at_once = at_once  # type: ignore[attr-defined]
 
 
 def prepare_unpinned(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
