@@ -112,14 +112,11 @@ class RigidTop:
         return f"{type(self).__name__}(mass={self.mass}, com={com}, inertia_com={inertia}, gravity={gravity})"
 
     @property
-    def problem(self) -> LagrangeTop:
-        """What is integrated: `top`."""
-        return self.top
-
-    @property
     def top(self) -> LagrangeTop:
         """The Lagrange top with alpha = m g l / A (1/s²); its J is angular momentum over A (1/s), its |x| is 1."""
         return LagrangeTop(self.mass * self.weight * self.distance / self.A)
+
+    problem = top  # what is integrated
 
     @property
     def inertia(self) -> Array:

@@ -136,6 +136,8 @@ class Problem(Dynamics):
         """The numbers p."""
         return self.numbers
 
+    arguments = parameters
+
     @property
     def _identity(self) -> tuple[Any, ...]:
         return self.system, self.numbers, self.start, self.extra, self.posed
@@ -195,11 +197,6 @@ class Problem(Dynamics):
     def energy(self, y: ArrayLike, t: Any = 0.0) -> Any:
         """H of states (..., n), at the time t from the start."""
         return self._values(self.system.energy, y, t)[..., 0]
-
-    @property
-    def arguments(self) -> tuple[float, ...]:
-        """The parameters."""
-        return self.numbers
 
     @cached_property
     def names(self) -> tuple[str, ...]:
