@@ -18,7 +18,7 @@ import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange_bench.integrators.checks import check_count, check_state
+from lagrange_bench.integrators.checks import check_count, check_state, check_times
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.truth.orbit import Nutation, Orbit, Rotation, Series, find_orbit, position
@@ -57,13 +57,13 @@ def solution(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None)
     """
     key = (top.single(), tuple(check_state(y0).tolist()))
     if digits is None:
-        times = check_times(t)
+        times = check_times(t, single=True)
         y = in_doubles(*prepared(*key), np.atleast_1d(times))
         return y[0] if times.ndim == 0 else y
     digits = check_count(digits, "digits", least=1)
     if digits > MOST_DIGITS:
         raise ValueError(f"digits must be at most {MOST_DIGITS}; got {digits}")
-    times = check_times(t, exact=True)
+    times = exact_times(t)
     states = in_mpmath(*key, list(times.ravel()), digits)
     return np.array(states, dtype=object).reshape(*times.shape, 6)
 
@@ -295,19 +295,15 @@ def in_mpmath_at(orbit: Orbit, t: mpf) -> list[mpf]:
 # ---------------------------------------------------------------- checking the times
 
 
-def check_times(t: Any, exact: bool = False) -> NDArray[Any]:
-    """`t` as an array with 0 or 1 axes of doubles, or if `exact` of mpf; ValueError if it is anything else."""
+def exact_times(t: Any) -> NDArray[Any]:
+    """`t` as an array of mpf with 0 or 1 axes; ValueError if it is anything else."""
     try:
         times = np.asarray(t)
-        if times.ndim > 1 or (times.size and times.dtype.kind not in ("iufO" if exact else "iuf")):
+        if times.ndim > 1 or (times.size and times.dtype.kind not in "iufO"):
             raise ValueError(f"got shape {times.shape}, dtype {times.dtype}")
-        if not exact:
-            times = times.astype(np.float64)
-        else:
-            kept = [v if isinstance(v, mpf) else mpf(v) for v in times.ravel().tolist()]  # mpf(v) would round v
-            times = np.array(kept, dtype=object).reshape(times.shape)
+        kept = [v if isinstance(v, mpf) else mpf(v) for v in times.ravel().tolist()]  # mpf(v) would round v
     except (TypeError, ValueError) as error:
         raise ValueError(f"t must be a time or a sequence of times, real numbers: {error}") from None
-    if not (all(map(mp.isfinite, times.flat)) if exact else np.all(np.isfinite(times))):
+    if not all(map(mp.isfinite, kept)):
         raise ValueError(f"t must be finite; got {t!r}")
-    return times
+    return np.array(kept, dtype=object).reshape(times.shape)
