@@ -142,14 +142,10 @@ class Field:
         """How many numbers follow x: alpha and those of V."""
         return self.potential.inputs - 3
 
-    def _made(self, outputs: Callable[..., Iterable[Any]], vectors: int = 0) -> Program:
-        """A program of x, of more vectors, and of the parameters, from x and g."""
-        tape = Tape()
-        x = [tape.input() for _ in range(3)]
-        more = [tuple(tape.input() for _ in range(3)) for _ in range(vectors)]
-        q = [tape.input() for _ in range(self.parameters)]
-        g = tape.run(self.gradient, *x, *q)
-        return tape.program(outputs(tape, x, g, *more))
+    def _made(self, outputs: Callable[..., Iterable[Any]]) -> Program:
+        """A program of x and the parameters, from x and g."""
+        tape, x, q = _inputs(self.parameters)
+        return tape.program(outputs(tape, x, tape.run(self.gradient, *x, *q)))
 
     @cached_property
     def torque(self) -> Program:
