@@ -26,10 +26,6 @@ from lagrange_bench.integrators.problem.field import cross, cross_in, dot
 from lagrange_bench.integrators.problem.system import BODY, Space, System, depends
 
 TINY = 1e-300  # beside the square of a length: keeps 0/0 from a vector that vanishes
-NO_FLOW = (
-    "it is not a function of t and x, nor of components along one axis, nor a multiple of |J|² or s_j·s_k, or it is several "
-    "of these"
-)
 Key = tuple[Any, ...]  # of a part: "kick"; "axis" and which; "square" and the vector; "pair" and both vectors
 
 
@@ -171,17 +167,12 @@ def turned_about(q: Sequence[Any], omega: Sequence[Any], span: Any, body: bool) 
 def closed_flows(system: System, numbers: tuple[float, ...], posed: Iterable[Program] = ()) -> tuple[Part, ...]:
     """The parts of H with these parameters, or those posed by the user; none if an addend has no closed flow."""
     energies = tuple(posed) or (system.energy,)
-    found = [_taken_apart(system, numbers, energy) for energy in energies]
+    found = [taken_apart(system, numbers, energy) for energy in energies]
     return tuple(part for parts in found if parts for part in parts) if None not in found else ()
 
 
-def no_closed_flow(system: System, numbers: tuple[float, ...], energy: Program) -> str:
-    """Why a part that was posed has no closed flow; "" if it has one."""
-    parts = _taken_apart(system, numbers, energy)
-    return NO_FLOW if parts is None or len(parts) > 1 else ""
-
-
-def _taken_apart(system: System, numbers: tuple[float, ...], energy: Program) -> list[Part] | None:
+def taken_apart(system: System, numbers: tuple[float, ...], energy: Program) -> list[Part] | None:
+    """The parts of a function, none of a constant; None if an addend has no closed flow."""
     tape, space = Tape(), system.space
     inputs = [tape.input() for _ in range(energy.inputs)]
     y = inputs[1 : 1 + space.size]

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from lagrange_bench.integrators.checks import Array, check_numbers, check_real
 from lagrange_bench.integrators.compiling.expression import Program, Tape, record_own
 from lagrange_bench.integrators.problem.as_top import as_top, is_top
-from lagrange_bench.integrators.problem.parts import Part, closed_flows, no_closed_flow
+from lagrange_bench.integrators.problem.parts import Part, closed_flows, taken_apart
 from lagrange_bench.integrators.problem.system import Dynamics, System, find_space, make_system, slopes_of
 
 POINTS = 5  # random points at which claims about formulas are tried
@@ -305,8 +305,12 @@ class Problem(Dynamics):
     def _check_parts(self) -> None:
         """The gradients must add up, and each part must have a closed flow."""
         for i, program in enumerate(self.posed):
-            if reason := no_closed_flow(self.system, self.numbers, program):
-                raise ValueError(f"problem {self.name}: parts[{i}] has no closed flow: {reason}")
+            found = taken_apart(self.system, self.numbers, program)
+            if found is None or len(found) > 1:
+                raise ValueError(
+                    f"problem {self.name}: parts[{i}] has no closed flow: it is not a function of t and x, nor of components "
+                    "along one axis, nor a multiple of |J|² or s_j·s_k, or it is several of these"
+                )
 
         def slopes(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
             posed = [tape.gradient(tape.run(program, t, *y, *p)[0], y) for program in self.posed]
