@@ -24,7 +24,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, lru_cache, reduce
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +42,7 @@ from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.units import ldexp, scaled_size
+from lagrange_bench.integrators.truth.orbit import horner
 
 __all__ = ["Reference", "engines", "horizon", "solution"]
 
@@ -334,11 +335,11 @@ class Mpmath:
                     raise Singularity(float(now))
                 while done < len(wanted) and abs(wanted[done] - now) <= h:
                     for i, c in enumerate(series):
-                        value = _sum(c, wanted[done] - now)
+                        value = horner(c, wanted[done] - now)
                         out[done, :, i] = float(value), float(value - float(value))
                     done += 1
                 h = -h if backward else h
-                y, now = [_sum(c, h) for c in series], now + h
+                y, now = [horner(c, h) for c in series], now + h
         return out
 
     def step(self, series: list[list[mpf]]) -> float:
@@ -403,11 +404,6 @@ def _append(operation: str, a: list[mpf], b: list[mpf], c: list[mpf], k: int) ->
     else:
         known = mp.fdot(c[1:], c[:0:-1])
         c.append((a[k] - known) / (2 * c[0]))
-
-
-def _sum(c: list[mpf], t: Any) -> mpf:
-    """The series at t, by Horner's rule."""
-    return reduce(lambda value, term: value * t + term, reversed(c))
 
 
 # ---------------------------------------------------------------- what is kept
