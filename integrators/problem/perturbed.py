@@ -10,6 +10,7 @@ A `PerturbedTop` is a top in a potential (`field`), with numbers. Its nature (`n
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -49,6 +50,7 @@ class PerturbedTop(Top):
     top: LagrangeTop
     potential: Potential
     parameters: tuple[Any, ...] = ()
+    formula: Formula = dataclasses.field(init=False, repr=False)  # V, recorded
 
     def __post_init__(self) -> None:
         if not isinstance(self.top, LagrangeTop):
@@ -61,7 +63,7 @@ class PerturbedTop(Top):
         checked = tuple(check_one_or_many(value, f"parameters[{i}]") for i, value in enumerate(parameters))
         object.__setattr__(self, "parameters", checked)
         formula = self.potential.formula(len(checked))
-        object.__setattr__(self, "_formula", formula)
+        object.__setattr__(self, "formula", formula)
         if formula.given and all(map(np.size, checked)) and (where := _wrong(formula, self.first())):
             raise ValueError(f"potential {self.potential.name}: gradient is not the derivative of value at {where}")
 
@@ -71,11 +73,6 @@ class PerturbedTop(Top):
         return self.field, *super().identity
 
     # ------------------------------------------------------------------ what it is
-
-    @property
-    def formula(self) -> Formula:
-        """V, recorded."""
-        return self._formula  # type: ignore[attr-defined, no-any-return]
 
     @property
     def field(self) -> Field:
@@ -109,11 +106,11 @@ class PerturbedTop(Top):
     def like(self, alpha: float, parameters: tuple[float, ...], nature: Nature | None) -> PerturbedTop:
         """A top in the same potential with other numbers, which are taken as checked; its nature if that is known."""
         other = object.__new__(PerturbedTop)
-        for name, value in (("top", LagrangeTop(alpha)), ("potential", self.potential), ("parameters", parameters)):
-            object.__setattr__(other, name, value)
-        object.__setattr__(other, "_formula", self.formula)
+        vars(other).update(
+            top=LagrangeTop(alpha), parameters=parameters, potential=self.potential, formula=self.formula
+        )
         if nature is not None:
-            object.__setattr__(other, "nature", nature)
+            vars(other)["nature"] = nature
         return other
 
     @cached_property
