@@ -90,8 +90,7 @@ class Stepper(Protocol):
 
     def advance(self, y: Array, n: int) -> Array:
         """State (6,) after time n*h. `y` (6,) is not modified. By default the last row of `record`."""
-        last: Array = self.record(y, n, max(n, 1))[-1]
-        return last
+        return self.record(y, n, max(n, 1))[-1]
 
     def record(self, y: Array, n: int, every: int) -> Array:
         """States after 0, every, 2*every, … n steps, shape (n//every + 1, 6); row 0 is `y`."""
@@ -318,8 +317,7 @@ class Method:
 
     def kept(self, problem: Any) -> frozenset[str]:
         """Of the problem's invariants, such as H, J3, C1, C2, those that the method keeps at round-off; it takes the problem."""
-        kept: frozenset[str] = problem.conserved if self.exact_for in problem.offers else problem.kept_by(self)
-        return kept
+        return problem.conserved if self.exact_for in problem.offers else problem.kept_by(self)
 
     def order_for(self, problem: Any) -> int | None:
         """The order for this problem, which the method takes; None: exact in time."""

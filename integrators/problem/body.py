@@ -122,8 +122,7 @@ class RigidTop:
     def inertia(self) -> Array:
         """(3, 3) kg m², about the fixed point, in the body's frame."""
         along = np.outer(self.axis, self.axis)
-        inertia: Array = self.A * (np.eye(3) - along) + self.C * along
-        return inertia
+        return self.A * (np.eye(3) - along) + self.C * along
 
     def state(
         self,
@@ -167,31 +166,26 @@ class RigidTop:
         if omega_body is not None:
             R, omega = _matrices(motion), np.asarray(omega_body, dtype=float)
             kinetic = np.sum(omega * (omega @ self.inertia), axis=-1) / 2
-            energy: Array = kinetic - self.mass * ((R @ self.com) @ self.gravity)
-            return energy
+            return kinetic - self.mass * ((R @ self.com) @ self.gravity)
         J, x = np.split(np.asarray(motion, dtype=float), 2, axis=-1)
         along = np.sum(J * x, axis=-1)
         kinetic = self.A * (np.sum(J * J, axis=-1) - along**2) / 2 + (self.A * along) ** 2 / (2 * self.C)
-        energy = kinetic + self.mass * self.weight * self.distance * x[..., 2]
-        return energy
+        return kinetic + self.mass * self.weight * self.distance * x[..., 2]
 
     def vertical_momentum(self, rotation: Rotation | ArrayLike, omega_body: ArrayLike) -> Array:
         """Angular momentum about the upward vertical, kg m²/s: constant. Arguments as in `energy`; shape (...,)."""
         momentum = _matrices(rotation) @ (np.asarray(omega_body, dtype=float) @ self.inertia)[..., None]
-        vertical: Array = momentum[..., 0] @ self.world[2]
-        return vertical
+        return momentum[..., 0] @ self.world[2]
 
     def angular_velocity(self, y: ArrayLike, spin: float | None = None) -> Array:
         """ω of states (..., 6) in their frame, rad/s, shape (..., 3); `spin` is that about the axis, where it is known."""
         J, x = np.split(np.asarray(y, dtype=float), 2, axis=-1)
         along = np.einsum("...j,...j->...", J, x)[..., None]
-        omega: Array = (J - along * x) + (self.A / self.C * along if spin is None else spin) * x
-        return omega
+        return (J - along * x) + (self.A / self.C * along if spin is None else spin) * x
 
     def positions(self, y: Array) -> Array:
         """The centre of mass of states (..., 6) in the world's frame, m, shape (..., 3)."""
-        positions: Array = self.distance * np.einsum("...j,jk", y[..., 3:], self.world)
-        return positions
+        return self.distance * np.einsum("...j,jk", y[..., 3:], self.world)
 
     def own_spin(self, y0: Array) -> Fraction:
         """σ, the body's constant angular velocity about its axis relative to the frame that turns with J, rad/s."""
@@ -269,8 +263,7 @@ class HeavyTop(RigidTop):
 def has_unit_axis(states: Array) -> NDArray[np.bool_]:
     """Of states (..., 6): whether |x| is 1."""
     with np.errstate(over="ignore"):
-        unit: NDArray[np.bool_] = np.abs(np.sqrt(np.sum(states[..., 3:] ** 2, axis=-1)) - 1.0) <= UNIT
-    return unit
+        return np.abs(np.sqrt(np.sum(states[..., 3:] ** 2, axis=-1)) - 1.0) <= UNIT
 
 
 # ------------------------------------------------------------------------------------------------ what users pass in
@@ -313,8 +306,7 @@ def as_motion(rotation: Any, omega_body: Any, omega_world: Any) -> tuple[Rotatio
 
 def _matrices(rotation: Any) -> Array:
     """Of a Rotation, or the matrices themselves."""
-    matrices: Array = rotation.as_matrix() if hasattr(rotation, "as_matrix") else np.asarray(rotation, dtype=float)
-    return matrices
+    return rotation.as_matrix() if hasattr(rotation, "as_matrix") else np.asarray(rotation, dtype=float)
 
 
 def _body_state(y: Array, rotation: Rotation, spin: Fraction) -> BodyState:
@@ -424,8 +416,7 @@ def check_attitude(g0: Any, y0: Array) -> Rotation:
 def direction(x: Array) -> Array:
     """x (..., 3) over its length, whatever that is."""
     x = x / np.max(np.abs(x), axis=-1, keepdims=True)
-    unit: Array = x / np.linalg.norm(x, axis=-1, keepdims=True)
-    return unit
+    return x / np.linalg.norm(x, axis=-1, keepdims=True)
 
 
 @jit

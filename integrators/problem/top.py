@@ -67,8 +67,7 @@ class Top(Dynamics):
     def kept_by(self, claims: Any) -> frozenset[str]:
         """Those of `conserved` that a method keeps at round-off, by its claims for a top in any field."""
         quadratic = claims.if_quadratic if "quadratic" in self.offers else frozenset()
-        kept: frozenset[str] = (claims.conserves | quadratic) & self.conserved
-        return kept
+        return (claims.conserves | quadratic) & self.conserved
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
         """Scales of J, of x and of time that errors are judged by, at one state (6,)."""

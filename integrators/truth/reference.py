@@ -177,8 +177,7 @@ class Orbit:
                 out[later] = self.advance(runner, start, sign * grid)[places]
         out[times == 0] = start
         with np.errstate(over="ignore"):
-            states: Array = np.ldexp(out[:, :, : len(self.y0)], self.exponents)
-        return states
+            return np.ldexp(out[:, :, : len(self.y0)], self.exponents)
 
     def check_span(self, t: float) -> None:
         """StepError if a time is too far to be reached."""
@@ -285,8 +284,7 @@ class Heyoka:
 
     def quadruple(self, parts: Sequence[Array] | Array) -> NDArray[Any]:
         """The sum of arrays of doubles."""
-        total: NDArray[Any] = np.sum([part.astype(self.real) for part in parts], axis=0)
-        return total
+        return np.sum([part.astype(self.real) for part in parts], axis=0)
 
 
 @lru_cache(maxsize=16)
