@@ -6,11 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from lagrange_bench import METHODS, TOPS, FixedStepper, LagrangeTop, exact, integrate, metrics, prepare, two_point
+from lagrange_bench import METHODS, TOPS, FixedStepper, LagrangeTop, exact, integrate, prepare, two_point
 from lagrange_bench.experiments.drift import FRACTIONS
 from lagrange_bench.experiments.measuring.states import WIDE, find
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus import time_step as ts
 from tests.reference import drift, turned
@@ -109,19 +108,6 @@ def test_next_to_a_root_of_q_the_map_keeps_the_invariants(name, lam):
     named = TOPS[name]
     image = two_point(named.top, named.state, lam)
     assert np.max(drift(named.top, named.state, image)) < 4e-15
-
-
-def test_freezing_mu_is_not_poisson():
-    """The trap: with m taken from one torus and used on its neighbours the map is not Poisson."""
-    top, y = TOPS["generic"].top, TOPS["generic"].state
-    c = prepare(top, y, 1.0, lam=0.3 + 0.4j, pin=0).constants
-    tally = np.zeros(5)
-    units = Units(top, y, 1.0)
-
-    def frozen(z):
-        return units.leave(np.array(real_map.step(tuple(units.enter(z)), c, tally)))
-
-    assert metrics.poisson_defect(frozen, top, y).defect > 1e-3
 
 
 def test_papers_figures():
