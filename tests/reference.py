@@ -61,14 +61,6 @@ def _step(alpha, y, h, bits):
     return [sum(c) for c in series]
 
 
-def horner(coefficients, u):
-    """Polynomial by ascending coefficients."""
-    value = mpf(0)
-    for c in reversed(coefficients):
-        value = value * u + c
-    return value
-
-
 def real(z):
     """The number that is the sum of two doubles."""
     return mpf(z[0]) + mpf(z[1])

@@ -9,22 +9,10 @@ from mpmath import mp, mpc, mpf
 
 from lagrange_bench import TOPS, LagrangeTop, compiled, exact, prepare
 from lagrange_bench.integrators.paper import lax
-from lagrange_bench.integrators.paper.two_point import pole_free
 from lagrange_bench.integrators.torus import plain_step as ps
 from lagrange_bench.integrators.torus import time_step as ts
-from tests.reference import flows, horner, largest, real, turned
-
-
-def image(top, y, lam, m):
-    """The two-point map in any precision, as in the paper and not as compiled."""
-    return np.array([v.real for v in pole_free(top, y, lam, lam.conjugate(), m=(m, m.conjugate()))])
-
-
-def step_mp(top, y, h):
-    """The exact step with the compiled λ(h), carried out in mpmath."""
-    lam, m, rotation = (mpc(real(z[0]), real(z[1])) for z in ts.time_step(*ts.torus(top.alpha, y, abs(h)), h))
-    state = np.array([mpf(v) for v in y])
-    return turned(rotation.real, rotation.imag, image(top, state, lam, m) if lam.imag > 0 else state)
+from tests.reference import flows, largest
+from tests.test_integrators.paper.test_interpolating_flow import constants, image, step
 
 
 @pytest.mark.parametrize("name", TOPS)
@@ -34,7 +22,7 @@ def test_one_step_is_the_flow_to_25_digits(name, h):
     h = h / named.top.scales(named.state)[0]
     with mp.workdps(40):
         expected = flows(named.alpha, named.y0, [h], digits=34)[0]
-        got = step_mp(named.top, named.y0, h)
+        got = step(named.alpha, named.y0, constants(named.alpha, named.y0, h))
         error = largest([a - b for a, b in zip(got, expected, strict=True)])
         assert error <= 1e-25 * (1 + largest(expected))
 
@@ -47,7 +35,7 @@ def test_doubling_is_two_steps_at_50_digits():
             top, y = LagrangeTop(draw.uniform(-2, 2)), np.array([mpf(draw.gauss(0, 1)) for _ in range(6)])
             alpha, Q = mpf(top.alpha), lax.spectral_polynomial(top, y)
             lam = mpc(draw.uniform(-0.2, 0.2), draw.uniform(0.05, 0.3))
-            m = mp.sqrt(horner(Q, lam))
+            m = mp.sqrt(np.polyval(Q[::-1], lam))
             g = sum(k * Q[k] * lam ** (k - 1) for k in range(1, 5)) / (2 * m)
             eta = lam.imag
             a1, b0 = m.real / eta, g.real / (2 * eta)
@@ -61,7 +49,7 @@ def test_doubling_is_two_steps_at_50_digits():
             twice = image(top, image(top, y, lam, m), lam, m)
             once = image(top, y, lam2, m2)
             assert largest([a - b for a, b in zip(twice, once, strict=True)]) < 1e-50
-            assert abs(m2**2 - horner(Q, lam2)) < 1e-48 * (1 + abs(m2) ** 2)
+            assert abs(m2**2 - np.polyval(Q[::-1], lam2)) < 1e-48 * (1 + abs(m2) ** 2)
 
 
 def random_torus(draw):

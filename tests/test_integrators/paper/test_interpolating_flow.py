@@ -204,15 +204,20 @@ def test_the_attitude_follows_the_step():
 
 def constants(alpha, y, h):
     """λ(h), m and the rotation (cos, sin) of whole nutations, of the torus of y."""
-    lam, m, rotation = ts.time_step(*ts.torus(alpha, tuple(y), abs(h)), h)
-    return [mpc(reference.real(z[0]), reference.real(z[1])) for z in (lam, m, rotation)]
+    return [mpc(*map(reference.real, z)) for z in ts.time_step(*ts.torus(alpha, tuple(y), abs(h)), h)]
+
+
+def image(top, y, lam, m):
+    """The two-point map in any precision, as in the paper and not as compiled."""
+    return np.array([v.real for v in tp.pole_free(top, y, lam, lam.conjugate(), m=(m, m.conjugate()))])
 
 
 def step(alpha, y, constants):
     """The step with these constants, in mpmath, from doubles."""
     lam, m, rotation = constants
-    image = tp.pole_free(LagrangeTop(alpha), [mpf(v) for v in y.tolist()], lam, lam.conjugate(), m=(m, m.conjugate()))
-    return np.array(reference.turned(rotation.real, rotation.imag, [v.real for v in image]))
+    state = np.array([mpf(v) for v in y])
+    moved = image(LagrangeTop(alpha), state, lam, m) if lam.imag > 0 else state
+    return np.array(reference.turned(rotation.real, rotation.imag, moved))
 
 
 def derivative(f, y, levels=6):
