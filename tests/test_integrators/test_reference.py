@@ -10,6 +10,7 @@ from mpmath import mp, mpf
 
 from lagrange_bench import POTENTIALS, TOPS, LagrangeTop, PerturbedTop, Potential, Problem, StepError, cos, exact, exp
 from lagrange_bench.integrators import log, reference, sin, sqrt
+from lagrange_bench.integrators.problem.system import invariants_of
 from tests.reference import as_mpf, errors, largest
 
 Y0 = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
@@ -107,13 +108,9 @@ def test_a_dipole_is_another_vertical(engine):
 
 def invariants(problem, found):
     """H, C1, C2 to 40 digits."""
-    values = []
+    values = invariants_of(problem.formulas, ("H", "C1", "C2"), ())
     with mp.workdps(40):
-        for J1, J2, J3, x1, x2, x3 in digits(found):
-            (U,) = problem.field.potential(x1, x2, x3, *map(mpf, problem.numbers))
-            H = (J1**2 + J2**2 + J3**2) / 2 + U
-            values.append((H, x1**2 + x2**2 + x3**2, J1 * x1 + J2 * x2 + J3 * x3))
-    return values
+        return [values(0.0, *y, *map(mpf, problem.numbers)) for y in digits(found)]
 
 
 EVERYTHING = top("everything", 1.0, (0.7,))
