@@ -2,8 +2,6 @@
 
 import os
 import resource
-import subprocess
-import sys
 
 import numba
 import numpy as np
@@ -13,6 +11,7 @@ from lagrange_bench.integrators.compiling import interpreted, numba_internals
 from lagrange_bench.integrators.compiling.compiled import compiled
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.loops import FixedStepper, KernelError
+from tests import faults
 
 pytestmark = [
     pytest.mark.processes,
@@ -28,10 +27,7 @@ def python(code, *words, cache, cwd=None, limit=None, **settings):
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
     environment = {**os.environ, "LAGRANGE_BENCH_CACHE": str(cache), **settings}
-    done = subprocess.run(
-        [sys.executable, "-c", code, *words],
-        env=environment, cwd=cwd, capture_output=True, text=True, preexec_fn=restrict, check=False, timeout=300,
-    )  # fmt: skip
+    done = faults.python("-c", code, *words, env=environment, cwd=cwd, preexec_fn=restrict, timeout=300)
     assert done.returncode == 0, done.stderr
     assert not limit or done.stderr == ""
     return done.stdout

@@ -6,7 +6,6 @@ import json
 import math
 import os
 import re
-import subprocess
 import sys
 import time
 import warnings
@@ -25,6 +24,7 @@ from lagrange_bench.integrators import available, exact, integrate, prepare
 from lagrange_bench.integrators.checks import keyword_options
 from lagrange_bench.integrators.problem.potentials import CHARGE, TIDE
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
+from tests.faults import python
 from tests.installed import FOR_TOPS, installed
 
 EPS = float(np.finfo(float).eps)
@@ -223,11 +223,9 @@ def ends(everything):
 @pytest.mark.parametrize("everything", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["some", "all"])
 def test_without_compilation_each_method_has_the_same_bits(everything):
     """Numba rearranges nothing; and no kernel leaves its arrays, for NumPy would refuse it."""
-    done = subprocess.run(
-        [sys.executable, "-c", f"import json, test_laws; print(json.dumps(test_laws.ends({everything})))"],
-        env={**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(Path(__file__).parents[2])},
-        cwd=Path(__file__).parent, capture_output=True, text=True, check=False, timeout=300,
-    )  # fmt: skip
+    code = f"import json, test_laws; print(json.dumps(test_laws.ends({everything})))"
+    settings = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = python("-c", code, env=settings, cwd=Path(__file__).parent, timeout=300)
     assert done.returncode == 0, done.stderr
     interpreted = json.loads(done.stdout)
     assert len(interpreted) > (90 if everything else 44)
