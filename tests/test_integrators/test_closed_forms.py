@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from lagrange_bench import TOPS, LagrangeTop, StepError, exact, integrate, metrics, prepare
+from lagrange_bench.experiments.measuring.states import WIDE, find
 from lagrange_bench.integrators.methods import theta_functions as th
 from tests.reference import drift
-from tests.test_integrators.test_exact import random_top
 
 GENERIC = TOPS["generic"]
 UNSTABLE = ("sleeping_unstable", "near_separatrix", "homoclinic")
@@ -15,8 +15,8 @@ UNSTABLE = ("sleeping_unstable", "near_separatrix", "homoclinic")
 @pytest.mark.parametrize("h", [0.03, -0.7, 300.0])
 def test_map_follows_the_exact_solution(h):
     """The promise of the exact Bäcklund step, over 1000 steps; named tops, and random ones. Beyond T/2 by whole periods."""
-    tops = [(t.top, t.state) for name, t in TOPS.items() if name not in UNSTABLE]
-    for top, y0 in (*tops, *map(random_top, range(5))):
+    for name in (*set(TOPS).difference(UNSTABLE), *WIDE[:5]):
+        top, y0 = find(name)
         rate = top.scales(y0)[0]
         run = integrate(top, y0, h / rate, 1000, "addition_theorem", every=100)
         assert np.all(run.error() <= 1e-13 + 2e-15 * np.abs(run.t) * rate)
@@ -71,10 +71,10 @@ def worst(top, y0):
     return np.max(integrate(top, y0, t=times, method="theta_functions").error())
 
 
-@pytest.mark.parametrize("top", [*TOPS.values(), *range(10)], ids=lambda top: getattr(top, "name", top))
-def test_theta_functions_at_any_time(top):
+@pytest.mark.parametrize("name", [*TOPS, *WIDE[:10]])
+def test_theta_functions_at_any_time(name):
     """On the separatrix too; 4e-15 is the bound of the truth itself, up to t = 10⁶; and random tops."""
-    assert worst(*random_top(top)) < 6e-15 if isinstance(top, int) else worst(top.top, top.state) < 4e-15
+    assert worst(*find(name)) < (4e-15 if name in TOPS else 6e-15)
 
 
 @pytest.mark.parametrize("kick", [1e-3, 1e-20, 1e-100])

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from mpmath import mp, mpf
 
 from lagrange_bench import TOPS, LagrangeTop, exact, prepare
+from lagrange_bench.experiments.measuring.states import WIDE, find
 from tests.reference import errors, flows, largest, turned
 
 BOUND = 4e-15  # of the scales: what exact.solution promises in doubles, 18 eps
@@ -17,14 +18,6 @@ EVALUATION = mp.dps  # the tests leave mpmath's precision alone
 
 NUTATING = [t for t in TOPS.values() if exact.regime(t.top, t.state) == "elliptic"]
 NUMBER = st.floats(-1e300, 1e300)
-
-
-def random_top(seed):
-    """A top with alpha of either sign, |x| in 0.3 … 6, J normal with deviation 2."""
-    rng = np.random.default_rng(seed)
-    x = rng.normal(size=3)
-    x *= rng.uniform(0.3, 6.0) / np.linalg.norm(x)
-    return LagrangeTop(2 * rng.normal()), np.concatenate((2 * rng.normal(size=3), x))
 
 
 def error(top, y0, y, truth):
@@ -61,7 +54,7 @@ SPECIAL = {  # alpha, state: each on or next to a place where a formula could br
 
 STATES = {
     **{name: (named.alpha, named.y0) for name, named in TOPS.items()},
-    **{f"{seed} at random": (top.alpha, tuple(y0)) for seed, (top, y0) in enumerate(map(random_top, range(8)))},
+    **{name: (find(name)[0].alpha, tuple(find(name)[1])) for name in WIDE[:8]},
     **SPECIAL,
 }
 
@@ -127,10 +120,10 @@ def test_after_a_nutation_period_everything_has_turned_by_the_precession(named):
     assert np.sum(np.diff(rising[rising != 0]) != 0) in (1, 2)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_mirrors_and_units_that_are_powers_of_two_change_nothing(seed):
+@pytest.mark.parametrize("name", WIDE[:4])
+def test_mirrors_and_units_that_are_powers_of_two_change_nothing(name):
     """Gravity and axis reversed together; J in units of 2^-100, x in units of 2^6."""
-    top, y0 = random_top(seed)
+    top, y0 = find(name)
     mirror, units, times = np.repeat((1, -1), 3), np.repeat((2.0**-100, 2.0**6), 3), np.array([1.0, -7.0])
     y = exact.solution(top, y0, times)
     np.testing.assert_array_equal(exact.solution(LagrangeTop(-top.alpha), mirror * y0, times), mirror * y)

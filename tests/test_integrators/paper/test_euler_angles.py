@@ -4,21 +4,16 @@ import numpy as np
 import pytest
 from mpmath import mp, mpf
 
+from lagrange_bench.experiments.measuring.states import WIDE, find
 from lagrange_bench.integrators import TOPS, LagrangeTop
 from lagrange_bench.integrators.paper.euler_angles import angles, from_angles, hamiltonian, rates, states, to_angles
 from lagrange_bench.integrators.paper.phase_space import gradient, invariants, poisson_tensor, vector_field
 from lagrange_bench.integrators.truth import exact
 from tests.test_integrators.paper.tools import CANONICAL, largest
-from tests.test_integrators.test_exact import random_top
 
 ELLIPTIC = [name for name, top in TOPS.items() if exact.regime(top.top, top.y0) == "elliptic"]
 POLES = {"planar", "planar_rotation", "through_pole"}
 TIMES = (0.0, -2.9, 11.3)
-
-
-def case_of(name):
-    """A named top, or a random one with alpha of either sign and |x| between 0.3 and 6."""
-    return (TOPS[name].top, TOPS[name].state) if isinstance(name, str) else random_top(name)
 
 
 def test_there_and_back(p):
@@ -40,10 +35,10 @@ def test_canonical(fine):
     assert largest(D @ rates(fine.top.alpha, q, *leaf) - vector_field(fine.top, y)) < mpf(10) ** -30
 
 
-@pytest.mark.parametrize("case", [*ELLIPTIC, *range(4)])
+@pytest.mark.parametrize("case", [*ELLIPTIC, *WIDE[:4]])
 def test_sigma_form_and_angles_are_the_exact_solution(case):
     """J+, x+, x3 by ℘, ζ, σ, and corrected (4.5): θ, φ mod 2π, p_θ, p_φ: 30 digits, and round-off in double."""
-    top, y = case_of(case)
+    top, y = find(case)
     scale, rate = max(top.scales(y)[:2]), max(1, top.scales(y)[0])
     with mp.workdps(40):
         truth = exact.solution(top, y, TIMES, digits=38)
@@ -55,10 +50,10 @@ def test_sigma_form_and_angles_are_the_exact_solution(case):
                 assert largest(error) < bound_of_angles * rate
 
 
-@pytest.mark.parametrize("case", ["figure2", "inverted", 0, 1])
+@pytest.mark.parametrize("case", ["figure2", "inverted", *WIDE[:2]])
 def test_phi_is_continuous(case):
     """φ(t + T) − φ(t) is minus the precession per nutation, which counts the turns."""
-    top, y = case_of(case)
+    top, y = find(case)
     period, swept = exact.nutation_period(top, y), exact.precession_per_nutation(top, y)
     phi = angles(top, y, [0.25, 0.25 + period, 0.25 + 7 * period])[:, 1]
     np.testing.assert_allclose((phi[1:] - phi[0]) / -swept, (1, 7), rtol=1e-12)
