@@ -2,6 +2,7 @@
 
 import os
 import resource
+from functools import partial
 
 import numba
 import numpy as np
@@ -21,12 +22,8 @@ pytestmark = [
 
 def python(code, *words, cache, cwd=None, limit=None, **settings):
     """What a process of its own prints; `limit` on the size of files."""
-
-    def restrict():
-        if limit:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
     environment = {**os.environ, "LAGRANGE_BENCH_CACHE": str(cache), **settings}
+    restrict = limit and partial(resource.setrlimit, resource.RLIMIT_FSIZE, (limit, limit))
     done = faults.python("-c", code, *words, env=environment, cwd=cwd, preexec_fn=restrict, timeout=300)
     assert done.returncode == 0, done.stderr
     assert not limit or done.stderr == ""

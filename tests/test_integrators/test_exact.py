@@ -155,17 +155,11 @@ def test_precession_past_a_pole_jumps_by_a_turn():
         assert exact.precession_per_nutation(TOPS[name].top, TOPS[name].state) == pytest.approx(expected, abs=1e-15)
 
 
+WEIGHTLESS = (1.0, 0.5, 0.25, 0.75, 0.5, 0.25), (0.25, 0, 2.0, 0.75, 0, 1.0), (0, 0, -2.0, 0.75, 0, 1.0)
 LIMITS = [  # alpha and state where there is no nutation or no weight; next to it; how close the periods are
     (1.0, TOPS["regular"].y0, 1.0, (1.5, 2.0**-20, 2.5, 0.75, 0.0, 1.0), 1e-11),
     *((1.0, (0, 0, J, 0, 0, x), 1.0, (0, 0, J, 1e-9, 0, x), 1e-14) for J, x in ((3, 1), (1, -1), (0, -1))),
-    *(
-        (0.0, y0, 1e-30, y0, 1e-15)
-        for y0 in (
-            (1.0, 0.5, 0.25, 0.75, 0.5, 0.25),
-            (0.25, 0.0, 2.0, 0.75, 0.0, 1.0),
-            (0.0, 0.0, -2.0, 0.75, 0.0, 1.0),
-        )
-    ),
+    *((0.0, y0, 1e-30, y0, 1e-15) for y0 in WEIGHTLESS),
 ]
 
 

@@ -18,8 +18,7 @@ EPS = np.finfo(float).eps
 def rotated(x, v, digits=50):
     """x turned by 2|v| about v."""
     with mp.workdps(digits):
-        generator = mp.matrix([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-        return list(mp.expm(2 * generator) * mp.matrix(list(map(mpf, x))))
+        return list(mp.expm(2 * mp.matrix(hat(v))) * mp.matrix(list(map(mpf, x))))
 
 
 @pytest.mark.parametrize("compensated", [False, True])
