@@ -84,18 +84,14 @@ def test_heyoka_compiles_once_for_each_formula(monkeypatch):
     assert taylor.compile_integrator.cache_info().misses == 2
 
 
-def many_tops(n):
-    draw = np.random.default_rng(n)
-    return draw.normal(size=n), draw.normal(size=(n, 6))
-
-
 def batches(alphas, Y0, times, tol=taylor.EPS):
     return taylor._batches(None, alphas[:, None], Y0, np.array(times, dtype=float), tol, 4)
 
 
 def test_taylor_batch_in_pieces_meets_its_tolerance_and_says_which_top_failed(monkeypatch):
     installed("taylor")
-    alphas, Y0 = many_tops(6)
+    draw = np.random.default_rng(6)
+    alphas, Y0 = draw.normal(size=6), draw.normal(size=(6, 6))
     grids = [30.0], [10.0, 20.0, 30.0]
     whole = [batches(alphas, Y0, t) for t in grids]
     monkeypatch.setattr(taylor, "INTERRUPTIBLE", 7)
