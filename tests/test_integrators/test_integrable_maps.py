@@ -77,10 +77,6 @@ def symmetric_map(alpha, h, y):
 MAPS = {"kahan": kahan_map, "bobenko_suris": symmetric_map}
 
 
-def of_the_top(alpha, y):
-    return dict(zip(("H", "J3", "C1", "C2"), invariants(SimpleNamespace(alpha=alpha), y), strict=True))
-
-
 def kept_by_kahan(alpha, h, y):
     J, x = y[:3], y[3:]
     eps = alpha * h * h / 4
@@ -91,8 +87,8 @@ def kept_by_kahan(alpha, h, y):
 
 
 def kept_by_symmetric(alpha, h, y):
-    I = of_the_top(alpha, y)
-    return I | {"H": I["H"] - h * h / 8 * alpha**2 * (y[3] ** 2 + y[4] ** 2)}
+    H, J3, C1, C2 = invariants(SimpleNamespace(alpha=alpha), y)
+    return {"H": H - h * h / 8 * alpha**2 * (y[3] ** 2 + y[4] ** 2), "J3": J3, "C1": C1, "C2": C2}
 
 
 def kept_by_lagrange(alpha, h, y):
