@@ -9,9 +9,7 @@ from lagrange_bench.integrators.paper import separation as sep
 from lagrange_bench.integrators.paper.phase_space import gradient, invariants, poisson_tensor, vector_field
 from tests.test_integrators.paper.tools import CANONICAL, largest
 
-SEPARATED = np.array(
-    ((0, -1, 0, 0), (1, 0, 0, 0), (0, 0, 0, -1), (0, 0, 1, 0))
-)  # {v_k, u_l} = δ_kl of (u1, v1, u2, v2)
+SEPARATED = np.kron(np.eye(2, dtype=int), ((0, -1), (1, 0)))  # {v_k, u_l} = δ_kl of (u1, v1, u2, v2)
 CHARTS = {
     "separated": (sep.separate, sep.unseparate, SEPARATED),
     "darboux": (sep.to_darboux, sep.from_darboux, CANONICAL),

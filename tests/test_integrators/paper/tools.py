@@ -58,6 +58,4 @@ def poisson_defect(f, y):
     return largest(D @ poisson_tensor(y) @ D.T - poisson_tensor(f(y))), 1 + largest(D)
 
 
-CANONICAL = np.array(
-    ((0, 0, 1, 0), (0, 0, 0, 1), (-1, 0, 0, 0), (0, -1, 0, 0))
-)  # {q_k, p_l} = δ_kl of (q1, q2, p1, p2)
+CANONICAL = np.kron(((0, 1), (-1, 0)), np.eye(2, dtype=int))  # {q_k, p_l} = δ_kl of (q1, q2, p1, p2)
