@@ -10,7 +10,6 @@ import random
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -18,7 +17,6 @@ import pytest
 from faults import HERE, TOY, comparable, nobody_left, python, session, squares, start, wait_for_lines
 from test_cli import STUDY
 
-from lagrange_bench.integrators import interrupts
 from lagrange_bench.results.store import Store, make_record
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for left-over processes in /proc")
@@ -159,24 +157,6 @@ def test_a_page_in_the_making_is_given_up_at_once(tmp_path):
     assert (run.returncode, "Traceback" in err) == (130, False), err
     assert not (tmp_path / "page" / "index.html").exists()
     assert nobody_left(run.pid)
-
-
-def test_interrupt_is_held_back_whichever_thread_catches_it():
-    """Libraries have threads that do not block the signal; Python acts on it in the main thread all the same."""
-    ended = threading.Event()
-    thread = threading.Thread(target=ended.wait)
-    thread.start()
-    reached = False
-    with pytest.raises(KeyboardInterrupt):  # noqa: PT012
-        with interrupts.interrupt_held_back():
-            signal.pthread_kill(thread.ident, signal.SIGINT)
-            time.sleep(0.05)
-            reached = True
-        pytest.fail("the interrupt was lost")
-    ended.set()
-    thread.join()
-    assert reached
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_a_damaged_journal_is_mended_by_the_next_run(toy, in_process):
