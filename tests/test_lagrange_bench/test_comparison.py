@@ -93,6 +93,16 @@ def test_errors_of_a_whole_body():
     assert (frame.h_scaled > frame.h).all()
 
 
+def made(methods=("rk4", "strang"), tops=("generic", "fast")):
+    h = 2.0 ** -np.arange(6)
+    rows = [
+        pd.DataFrame({"method": m, "top": top, "h_scaled": h, "error": h ** (k + 1), "H": 0.0, "height": np.sin(9 * h)})
+        for k, m in enumerate(methods)
+        for top in tops
+    ]
+    return Comparison(pd.concat(rows, ignore_index=True).assign(status="done", evals=7))
+
+
 BAD = {
     "^methods must be a list": lambda: drift("rk4"),
     "methods: give at least one": lambda: drift([]),
@@ -117,11 +127,19 @@ BAD = {
     "^longest must be positive": lambda: work_precision(["rk4"], longest=0),
     "no run has an error below": lambda: work_precision(["rk4"], longest=1e-9),
     "of a body of your own ask": lambda: heavy_top(["rk4"], "nobody"),
+    "did you mean 'h_scaled'": lambda: made().plot(x="hscaled"),
+    "^y must be a column of numbers": lambda: made().plot(y="method"),
+    "'rk44'; did you mean 'rk4'": lambda: made().plot(methods=["rk44"]),
+    "There are generic, fast": lambda: made().plot(tops=["slow"]),
+    "give one, or one for each of 2": lambda: made().plot(ax=plt.subplots(1, 3)[1]),
+    "a, b; choose one": lambda: Comparison(pd.concat([made().frame.assign(part=part) for part in "ab"])).plot(),
+    "no row has both": lambda: Comparison(made().frame.assign(error=np.nan)).plot(),
+    "there are 13; choose at most": lambda: made(tops=[f"random{i:03d}" for i in range(13)]).plot(),
 }
 
 
 @pytest.mark.parametrize("words", BAD)
-def test_what_cannot_be_asked(words):
+def test_what_cannot_be_asked_or_drawn(words):
     with pytest.raises(ValueError, match=words):
         BAD[words]()
 
@@ -137,16 +155,6 @@ def test_tops_by_name_and_by_object():
         ((GENERIC.top, GENERIC.state), ["LagrangeTop(alpha=1.0)"]),
     ):
         assert drift(["rk4"], tops, steps=1).to_frame().top.tolist() == names
-
-
-def made(methods=("rk4", "strang"), tops=("generic", "fast")):
-    h = 2.0 ** -np.arange(6)
-    rows = [
-        pd.DataFrame({"method": m, "top": top, "h_scaled": h, "error": h ** (k + 1), "H": 0.0, "height": np.sin(9 * h)})
-        for k, m in enumerate(methods)
-        for top in tops
-    ]
-    return Comparison(pd.concat(rows, ignore_index=True).assign(status="done", evals=7))
 
 
 def test_any_column_against_any_other_a_panel_for_each_top():
@@ -202,23 +210,6 @@ def test_rows_without_a_method_are_called_by_what_was_measured():
     (line,) = Comparison(frame).plot().get_lines()
     assert line.get_label() == "rapier"
     assert "rapier" in repr(Comparison(frame))
-
-
-def test_what_cannot_be_drawn():
-    frame, tops = made().frame, [f"random{i:03d}" for i in range(13)]
-    parts = pd.concat([frame.assign(part=part) for part in "ab"])
-    for comparison, words, message in (
-        (made(), {"x": "hscaled"}, "did you mean 'h_scaled'"),
-        (made(), {"y": "method"}, "^y must be a column of numbers"),
-        (made(), {"methods": ["rk44"]}, "did you mean 'rk4'"),
-        (made(), {"tops": ["slow"]}, "There are generic, fast"),
-        (made(), {"ax": plt.subplots(1, 3)[1]}, "give one, or one for each of 2"),
-        (Comparison(parts), {}, "a, b; choose one"),
-        (Comparison(frame.assign(error=np.nan)), {}, "no row has both"),
-        (made(tops=tops), {}, "there are 13; choose at most"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            comparison.plot(**words)
 
 
 ROWS = [{"error": 1e-3, "off": 1e-4}]
