@@ -10,11 +10,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import tomllib
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from queue import SimpleQueue
 from time import perf_counter
 from typing import Any
 
@@ -82,20 +82,16 @@ def main(names: list[str]) -> int:
     table = [mutant for mutant in mutants() if not names or mutant["name"] in names]
     if not table:
         sys.exit(f"no mutation is called {' or '.join(names)}: see tests/mutants.toml")
-    words, passing = [], dict[tuple[str, ...], bool]()
-    workers = min(os.cpu_count() or 1, len(table))
-    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(workers) as pool:
-        homes = SimpleQueue[Path]()
-        for number in range(workers):
-            homes.put(copy(Path(folder) / str(number)))
+    words, passing, own = [], dict[tuple[str, ...], bool](), threading.local()
 
-        def one(mutant: dict[str, Any]) -> tuple[str, float]:
-            home, start = homes.get(), perf_counter()
-            try:
-                return outcome(home, mutant, passing), perf_counter() - start
-            finally:
-                homes.put(home)
+    def begin() -> None:
+        own.home = copy(Path(tempfile.mkdtemp(dir=folder)))
 
+    def one(mutant: dict[str, Any]) -> tuple[str, float]:
+        start = perf_counter()
+        return outcome(own.home, mutant, passing), perf_counter() - start
+
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(os.cpu_count(), initializer=begin) as pool:
         for number, (mutant, (word, seconds)) in enumerate(zip(table, pool.map(one, table), strict=True), 1):
             words.append(word)
             print(f"{number}/{len(table)} {word}: {mutant['name']} ({seconds:.0f} s)", flush=True)
