@@ -142,30 +142,24 @@ def test_another_schema_is_an_error_that_says_so(filled):
         filled.read("toy")
 
 
-def test_the_last_success_counts(tmp_path):
-    results = Store(tmp_path)
-    results.append(record(1, "failed"), record(1), record(2), record(3, i=1, position=1), record(9, "failed", i=1))
-    table = results.rows("toy")
-    assert table["i"].tolist() == [1, 2]  # in the order of the cells
-    assert table["square"].tolist() == [9, 4]
-    assert results.open("toy").failures().empty
-    assert len(results.done("toy")[0]) == 2
-
-
 @pytest.mark.parametrize("field", ["key", "sources"])
-def test_another_environment_or_source_replaces_even_by_failure(tmp_path, field):
+def test_the_last_success_counts_but_for_what_another_environment_or_source_made(tmp_path, field):
     """What worked with others is not shown for what fails with these, nor after a change back, and is computed again."""
     results = Store(tmp_path)
-    for status, value, shown in (
-        ("done", "a", "done"),
-        ("failed", "a", "done"),
-        ("failed", "b", "failed"),
-        ("done", "b", "done"),
-        ("failed", "a", "failed"),
-    ):
-        results.append({**record(1, status), field: value})
-        assert results.rows("toy")["status"].tolist() == [shown]
-        assert len(results.done("toy")[0]) == (shown == "done")
+    for attempt, (status, value, shown) in enumerate((
+        ("failed", "a", None),
+        ("done", "a", 1),
+        ("done", "a", 2),
+        ("failed", "a", 2),
+        ("failed", "b", None),
+        ("done", "b", 5),
+        ("failed", "a", None),
+    )):  # fmt: skip
+        results.append({**record(attempt, status, i=1), field: value})
+        (row,) = results.rows("toy").to_dict("records")
+        assert (row["status"], row.get("square")) == (("done", shown**2) if shown else ("failed", None))
+        assert len(results.open("toy").failures()) == (shown is None)
+        assert len(results.done("toy")[0]) == (shown is not None)
 
 
 def test_failures_are_rows(tmp_path):
