@@ -85,7 +85,7 @@ CLAIMS = [
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    """Results of three toys: one in order (with a declined cell and a torn line), one that cannot be drawn, one empty."""
+    """Results of three toys: one in order (with a declined cell), one that cannot be drawn, one empty."""
     folder = tmp_path_factory.mktemp("results")
     with pytest.MonkeyPatch.context() as patch:
         for name in TOYS:
@@ -97,8 +97,6 @@ def results(tmp_path_factory):
             for i, drift in enumerate(DRIFT):
                 method, h = TOY_METHODS[i // 3], STEPS[i % 3]
                 put(folder, name, i, method, h, *([] if (method, h) == ("rk45", 1.0) else [drift]))
-        with (folder / "toy.good.jsonl").open("ab") as file:
-            file.write(b'{"torn')
         yield folder
 
 
@@ -222,7 +220,6 @@ def test_what_is_missing_is_said_in_its_place(report, text):
     assert "run</span> <span>toy.empty</span>" in parts["missing"]
     found, away = parts["claims"].split("About experiments that are not stored here")
     assert ("claim-holds" in found, "claim-unstored" in found, "claim-unstored" in away) == (True, False, True)
-    assert "toy.good.jsonl, line 10" in parts["toy.good"]
     assert "Newton gave up &lt;here&gt;" in parts["failures"]
     assert np.__version__ in parts["environment"]
     assert report.errors == ["toy.broken: figures cannot be drawn: ZeroDivisionError: <b>no luck</b>"]
