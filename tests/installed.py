@@ -13,9 +13,8 @@ def in_uniform_fields(method, **changes):
     return replace(alone, **changes)
 
 
-FOR_TOPS = {
-    name: method for name, method in METHODS.items() if method.takes(LagrangeTop()) is None
-}  # not for bodies only
+# not those for bodies only
+FOR_TOPS = {name: method for name, method in METHODS.items() if method.takes(LagrangeTop()) is None}
 
 
 def installed(name):
