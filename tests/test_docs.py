@@ -22,6 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 NOTEBOOK = DOCS / "notebook" / "the-top.ipynb"
+TESTS = [path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py")]
 
 
 def script(path: Path):
@@ -118,14 +119,9 @@ def test_links_resolve_and_commands_exist(page):
     for target in re.findall(r"(?:`|^ +|^)make (\w+)(?:`| {2,}|$)", text, re.MULTILINE):
         assert f"\n{target}:" in makefile, target
     for test in re.findall(r"`(?:test_\w+\.)?(test_\w+)`", text):
-        assert any(f"def {test}(" in code for code in sources()) or (ROOT / "tests" / f"{test}.py").exists(), test
+        assert any(f"def {test}(" in code for code in TESTS) or (ROOT / "tests" / f"{test}.py").exists(), test
     for file in re.findall(r"`((?:tests|experiments|integrators|report|docs)/[\w/.-]+)`", text):
         assert (ROOT / file).exists(), file
-
-
-@cache
-def sources() -> list[str]:
-    return [path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py")]
 
 
 def test_an_unknown_command_is_found_out():

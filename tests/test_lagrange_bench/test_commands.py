@@ -27,7 +27,7 @@ from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import CASES, METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from lagrange_bench.integrators.truth import truths
-from tests.test_docs import commands
+from tests.test_docs import ROOT, commands
 
 
 def test_tables_fit_a_terminal(run, monkeypatch):
@@ -102,9 +102,6 @@ def test_methods_of_a_top(run, answer):
     assert "refuses" not in answer("methods")[0]
 
 
-REFERENCE = Path(__file__).parents[2] / "docs" / "cases"
-
-
 def test_a_file_of_doubles(run, tmp_path):
     path = tmp_path / "ref.csv"
     assert run("case", "bruels", "--until", "2", "--every", "0.1", "--output", str(path))[0] == 0
@@ -118,8 +115,8 @@ def test_a_file_of_doubles(run, tmp_path):
 
 @pytest.mark.parametrize("name", CASES)
 def test_the_reference_files(name, run):
-    text, sums = (REFERENCE / f"{name}.csv").read_bytes(), (REFERENCE / "SHA256SUMS").read_text("utf-8")
-    assert f"{hashlib.sha256(text).hexdigest()}  {name}.csv" in sums.splitlines()
+    text, sums = ((ROOT / "docs" / "cases" / file).read_bytes() for file in (f"{name}.csv", "SHA256SUMS"))
+    assert f"{hashlib.sha256(text).hexdigest()}  {name}.csv" in sums.decode().splitlines()
     lines = text.decode().splitlines()
     code, out, _ = run("case", name, "--until", lines[8].split(",")[0], "--digits", "25")
     assert code == 0
@@ -317,9 +314,6 @@ def test_a_potential_on_any_top(run, answer, tmp_path):
     named = (*IN_A_FIELD, "--steps", "5", "--top", "strong_tide")
     assert "tide (k = 0.1, n1 = 1, n2 = 0, n3 = 0)" in run(*named)[1]
     assert [name for name, v in answer(*named)["invariants"].items() if not v["conserved"]] == ["J3"]
-
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)

@@ -25,8 +25,7 @@ from lagrange_bench.results.choice import Choice
 from lagrange_bench.results.store import Store, make_record
 from lagrange_bench.testing import assert_drift
 
-ROOT = Path(__file__).resolve().parents[2]
-EXAMPLE = ROOT / "docs" / "example_plugin"
+EXAMPLE = Path(__file__).resolve().parents[2] / "docs" / "example_plugin"
 OWN = """
 from lagrange_bench import NamedTop, Potential
 WELL = Potential("well", lambda x1, x2, x3, p: -p[0] / (2 + x1 * x1), parameters=("k",), note="a well")
