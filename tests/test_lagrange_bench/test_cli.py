@@ -290,9 +290,6 @@ def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, on
     assert (code, out, replaced in err) == (0, "my_study.energy_squares.svg\n", False)
     assert replaced in run(*words)[2].splitlines()
     assert run(*words, "--quiet")[2] == ""
-    (folder / "file").write_text("in the way")
-    code, _, err = run(*words, "--output", "file/z.svg")
-    assert (code, "file" in err, ".z.svg" in err) == (2, True, False)
 
 
 def test_figures_are_listed_in_the_order_of_the_page_and_completed(run, swept, tmp_path, monkeypatch):
