@@ -82,7 +82,8 @@ def main(names: list[str]) -> int:
     table = [mutant for mutant in mutants() if not names or mutant["name"] in names]
     if not table:
         sys.exit(f"no mutation is called {' or '.join(names)}: see tests/mutants.toml")
-    words, passing, own = [], dict[tuple[str, ...], bool](), threading.local()
+    words, passing = [], dict[tuple[str, ...], bool]()
+    own, cores = threading.local(), os.cpu_count()
 
     def begin() -> None:
         own.home = copy(Path(tempfile.mkdtemp(dir=folder)))
@@ -91,7 +92,7 @@ def main(names: list[str]) -> int:
         start = perf_counter()
         return outcome(own.home, mutant, passing), perf_counter() - start
 
-    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(os.cpu_count(), initializer=begin) as pool:
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(cores, initializer=begin) as pool:
         for number, (mutant, (word, seconds)) in enumerate(zip(table, pool.map(one, table), strict=True), 1):
             words.append(word)
             print(f"{number}/{len(table)} {word}: {mutant['name']} ({seconds:.0f} s)", flush=True)
